@@ -17,7 +17,7 @@ from sketchterrain.render import Quality, Weather, render_picture
 from sketchterrain.resources import preset_names
 from sketchterrain.sketch import load_sketch
 from sketchterrain.terrain import build
-from sketchterrain.whole_files import write_whole
+from sketchterrain.whole_files import write_atomic
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -70,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _write(path: Path, picture: Image.Image) -> None:
     stream = io.BytesIO()
     picture.save(stream, format="PNG")
-    write_whole(path, stream.getvalue())
+    write_atomic(path, stream.getvalue())
 
 
 if __name__ == "__main__":

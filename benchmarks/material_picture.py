@@ -15,7 +15,7 @@ from PIL import Image
 
 from sketchterrain.compute import ComputeContext
 from sketchterrain.look.texture_maker import LAYERS, embossed, painted_layer
-from sketchterrain.whole_files import write_whole
+from sketchterrain.whole_files import write_atomic
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -65,7 +65,7 @@ def main(arguments: list[str]) -> int:
     """Write the picture into the file that is named."""
     stream = io.BytesIO()
     draw_materials(ComputeContext()).save(stream, format="jpeg", quality=88)
-    write_whole(Path(arguments[0]), stream.getvalue())
+    write_atomic(Path(arguments[0]), stream.getvalue())
     return 0
 
 

@@ -16,7 +16,7 @@ from sketchterrain.benchmarks.grounds import open_ground
 from sketchterrain.benchmarks.timing import TimedContext
 from sketchterrain.export.mesh import adaptive_mesh
 from sketchterrain.export.sampled import Grid, sample
-from sketchterrain.whole_files import write_whole
+from sketchterrain.whole_files import write_atomic
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -76,7 +76,7 @@ def main(arguments: Sequence[str] | None = None, *, side: int = 257) -> int:
     picture = io.BytesIO()
     kind = "PNG" if path.suffix == ".png" else "JPEG"
     Image.open(stream).convert("RGB").save(picture, format=kind, quality=78)
-    write_whole(path, picture.getvalue())
+    write_atomic(path, picture.getvalue())
     return 0
 
 

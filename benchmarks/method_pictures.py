@@ -19,7 +19,7 @@ from sketchterrain.resources import preset_names
 from sketchterrain.sketch import load_sketch
 from sketchterrain.terrain import Terrain, build
 from sketchterrain.terrain.materials import MATERIALS
-from sketchterrain.whole_files import write_whole
+from sketchterrain.whole_files import write_atomic
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -66,7 +66,7 @@ def main(arguments: list[str]) -> int:
         for name, draw in PICTURES.items():
             stream = io.BytesIO()
             draw(context).savefig(stream, format="png")
-            write_whole(folder / f"{name}.png", _small(stream.getvalue()))
+            write_atomic(folder / f"{name}.png", _small(stream.getvalue()))
     return 0
 
 

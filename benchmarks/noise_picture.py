@@ -15,7 +15,7 @@ import numpy as np
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.octaves import NoiseStack, octave_table
 from sketchterrain.terrain.reference_noise import fbm, gradients, ridged
-from sketchterrain.whole_files import write_whole
+from sketchterrain.whole_files import write_atomic
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -98,7 +98,7 @@ def main(arguments: list[str]) -> int:
     """Write the picture into the file that is named."""
     stream = io.BytesIO()
     draw_noise().savefig(stream, format="png", dpi=85)
-    write_whole(Path(arguments[0]), stream.getvalue())
+    write_atomic(Path(arguments[0]), stream.getvalue())
     return 0
 
 

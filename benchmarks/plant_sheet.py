@@ -20,7 +20,7 @@ from sketchterrain.render import Camera, Quality, Sun, Weather
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.snapshot import canvas, read_picture
 from sketchterrain.terrain.plant import PLANT
-from sketchterrain.whole_files import write_whole
+from sketchterrain.whole_files import write_atomic
 
 if TYPE_CHECKING:
     from collections.abc import Generator
@@ -90,7 +90,7 @@ def main(arguments: list[str]) -> int:
             sheet.paste(Image.fromarray(read_picture(texture)), (0, level * SIZE[1]))
     stream = io.BytesIO()
     sheet.save(stream, format="JPEG", quality=88, optimize=True)
-    write_whole(folder / "trees.jpg", stream.getvalue())
+    write_atomic(folder / "trees.jpg", stream.getvalue())
     return 0
 
 

@@ -17,7 +17,7 @@ from sketchterrain.sketch import Sketch, load_sketch
 from sketchterrain.terrain import build
 from sketchterrain.terrain.evaluation import MASKS, Evaluator
 from sketchterrain.terrain.lattice import to_lattice
-from sketchterrain.whole_files import write_whole
+from sketchterrain.whole_files import write_atomic
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -47,7 +47,7 @@ def main(arguments: list[str]) -> int:
             drawn, small = io.BytesIO(), io.BytesIO()
             draw(context).savefig(drawn, format="png")
             Image.open(drawn).convert("L").save(small, format="png", optimize=True)
-            write_whole(folder / f"{name}.png", small.getvalue())
+            write_atomic(folder / f"{name}.png", small.getvalue())
     return 0
 
 

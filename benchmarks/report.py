@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from sketchterrain.benchmarks import charts
 from sketchterrain.benchmarks.tables import markdown
-from sketchterrain.whole_files import telling_failure, write_whole
+from sketchterrain.whole_files import wrap_os_errors, write_atomic
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -104,15 +104,15 @@ class Report:
             If the folder can't be made or written to.
         """
         pictures: dict[str, list[str]] = {}
-        with telling_failure(folder):
+        with wrap_os_errors(folder):
             folder.mkdir(parents=True, exist_ok=True)
         for benchmark, outcome in self.outcomes:
             for suffix, image in charts.draw(benchmark.name, outcome).items():
-                write_whole(folder / f"{benchmark.name}{suffix}", image)
+                write_atomic(folder / f"{benchmark.name}{suffix}", image)
                 if suffix.endswith(".png"):
                     pictures.setdefault(benchmark.name, []).append(f"{benchmark.name}{suffix}")
-        write_whole(folder / "bench.json", (self.json() + "\n").encode())
-        write_whole(folder / "bench.md", self.page(pictures).encode())
+        write_atomic(folder / "bench.json", (self.json() + "\n").encode())
+        write_atomic(folder / "bench.md", self.page(pictures).encode())
         return charts.available()
 
 

@@ -19,7 +19,7 @@ from sketchterrain.benchmarks.point_ways import own
 from sketchterrain.benchmarks.spectrum import HIGHEST, LOWEST, SETS, SIDE, spectrum_of
 from sketchterrain.benchmarks.timing import TimedContext
 from sketchterrain.terrain.poisson import TRIALS
-from sketchterrain.whole_files import write_whole
+from sketchterrain.whole_files import write_atomic
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -126,7 +126,7 @@ def main(arguments: list[str], *, sets: int = SETS) -> int:
     # Few greys make a small file, and none is missed.
     small = io.BytesIO()
     Image.open(stream).convert("RGB").quantize(48, dither=Image.Dither.NONE).save(small, "PNG", optimize=True)
-    write_whole(Path(arguments[0]), small.getvalue())
+    write_atomic(Path(arguments[0]), small.getvalue())
     return 0
 
 

@@ -15,7 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from sketchterrain.trace.coloured_map import read_map
 from sketchterrain.trace.sheet import Sheet, preview_png
-from sketchterrain.whole_files import write_whole
+from sketchterrain.whole_files import write_atomic
 
 _SIZE: Final = (600, 420)
 _FINER: Final = 4  # times as large it is drawn, then scaled down: antialiased
@@ -68,7 +68,7 @@ def main(arguments: list[str]) -> None:
         path.write_bytes(stream.getvalue())
         read = read_map(path)
         traced = read.traced(Sheet())
-    write_whole(Path(arguments[0]), preview_png(traced.sketch, read.rgba))
+    write_atomic(Path(arguments[0]), preview_png(traced.sketch, read.rgba))
     sys.stdout.writelines(f"{line}\n" for line in traced.notes)
 
 

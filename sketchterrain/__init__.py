@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sketchterrain.lazily import lazily
+from sketchterrain.lazily import lazy_attributes
 
 if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch, load_sketch, new_sketch, save_sketch
@@ -32,4 +32,4 @@ _ROOM = {
     **dict.fromkeys(("MATERIALS", "SPECIES", "Terrain", "Tile", "build"), "terrain"),
 }
 
-__getattr__ = lazily(__name__, _ROOM)
+__getattr__ = lazy_attributes(__name__, _ROOM)

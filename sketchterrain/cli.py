@@ -23,18 +23,18 @@ from sketchterrain.commands.stats import stats
 from sketchterrain.commands.trace import trace
 from sketchterrain.commands.view import view
 from sketchterrain.commands.world import world
-from sketchterrain.exit_codes import DEBUG, INTERRUPTED, PARTIAL, USAGE_ERROR, fail, told
+from sketchterrain.exit_codes import DEBUG, INTERRUPTED, PARTIAL, USAGE_ERROR, describe_error, fail
 from sketchterrain.listings import (
     adherence_lines,
     flown_lines,
     generated_lines,
     legend_lines,
-    say,
-    say_json,
+    print_json,
+    print_lines,
     undescribed_labels,
 )
 from sketchterrain.progress import Stages
-from sketchterrain.termination import ended_at_once, ended_like_ctrl_c
+from sketchterrain.termination import restore_default_sigterm, sigterm_as_interrupt
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -63,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if hasattr(stream, "reconfigure"):  # a terminal that cannot show a sign must not stop the work
             stream.reconfigure(errors="replace")
     try:
-        with ended_like_ctrl_c():
+        with sigterm_as_interrupt():
             command = typer.main.get_command(app)
             code = command.main(arguments, prog_name="sketchterrain", standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
@@ -71,7 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:  # noqa: BLE001 - whatever it is, a person gets one line
         if os.environ.get(DEBUG):
             traceback.print_exc()
-        return fail(*told(error))
+        return fail(*describe_error(error))
     if code == INTERRUPTED:
         return fail("interrupted", INTERRUPTED)
     return code if isinstance(code, int) else 0
@@ -81,7 +81,7 @@ def _show_version(wanted: bool) -> None:
     if wanted:
         from importlib.metadata import version
 
-        say(f"sketchterrain {version('sketchterrain')}")
+        print_lines(f"sketchterrain {version('sketchterrain')}")
         raise typer.Exit
 
 
@@ -121,14 +121,14 @@ def generate(
         raise USAGE_ERROR(f"--grass with --foliage {foliage}: only foliage.ply holds it, take ply or both")
     if not preview:
         given = {"--view": view, "--time": time, "--clouds": clouds}
-        pictured.refuse_together("--no-preview", given, "it is the preview's")
+        pictured.reject_combination("--no-preview", given, "it is the preview's")
     with Stages() as stages:
         document = read_sketch(sketch, seed, stages)
         with stages.stage("program", "Loading the program"):
             from sketchterrain import generate as whole
 
             whole.check_size(document, size)
-            extras = whole.Extras(preview, view or "auto", time, clouds, map_kind)
+            extras = whole.PreviewOptions(preview, view or "auto", time, clouds, map_kind)
         done = whole.generate(
             document,
             output,
@@ -140,9 +140,9 @@ def generate(
             stages=stages,
         )
     if as_json:
-        say_json(done.report | {"folder": str(output)})
+        print_json(done.report | {"folder": str(output)})
     else:
-        say(*generated_lines(done.report, output))
+        print_lines(*generated_lines(done.report, output))
     if done.problem is not None:
         raise typer.Exit(fail(f"no preview, all other files are written: {done.problem}", PARTIAL))
 
@@ -170,16 +170,16 @@ def render(
     if look_at is not None and (eye is None or eye == look_at):
         raise USAGE_ERROR("--look-at needs an --eye at another place")
     if eye is not None:
-        pictured.refuse_together(
+        pictured.reject_combination(
             "--eye", {"--view": view}, "either you or the program chooses where to stand"
         )
     vectors = output.suffix.lower() == ".svg"
     if top_down:
         light = {"--time": time, "--clouds": clouds, "--quality": quality, "--textures": textures}
         others = {"--eye": eye, "--view": view, **light, "--without": without, "--overlay": overlay}
-        pictured.refuse_together("--map", others, "it is for pictures")
+        pictured.reject_combination("--map", others, "it is for pictures")
         if vectors:
-            pictured.refuse_together("--map", {"--size": size}, "an .svg has no pixels")
+            pictured.reject_combination("--map", {"--size": size}, "an .svg has no pixels")
     elif vectors:
         raise USAGE_ERROR(f"expected the name of a .png file, or --map, got {str(output)!r}")
     with Stages() as stages:
@@ -187,7 +187,7 @@ def render(
         with stages.stage("program", "Loading the program"):
             from sketchterrain import still as whole
 
-        still = whole.Still(
+        still = whole.PictureOptions(
             size=size,
             eye=eye,
             look_at=look_at,
@@ -200,8 +200,8 @@ def render(
             textures=textures,
             top_down=top_down,
         )
-        legend = whole.draw(document, output, still, device=device, fast=fast, stages=stages)
-    say(str(output), *legend_lines(legend))
+        legend = whole.render_to_file(document, output, still, device=device, fast=fast, stages=stages)
+    print_lines(str(output), *legend_lines(legend))
 
 
 @app.command()
@@ -233,7 +233,7 @@ def fly(
 
             check_overlays(overlay or ())
             flight = None if path is None else load_flight(path)
-        take = whole.Take(
+        take = whole.FlightOptions(
             size,
             fps,
             seconds,
@@ -245,12 +245,12 @@ def fly(
             without=tuple(without or ()),
             textures=textures,
         )
-        told = whole.fly(document, flight, take, output=output, device=device, fast=fast, stages=stages)
-    told["path"] = None if path is None else str(path)
+        flown = whole.fly(document, flight, take, output=output, device=device, fast=fast, stages=stages)
+    flown["path"] = None if path is None else str(path)
     if as_json:
-        say_json(told)
+        print_json(flown)
     else:
-        say(*flown_lines(told))
+        print_lines(*flown_lines(flown))
 
 
 @app.command()
@@ -265,7 +265,7 @@ def adherence(
     with Stages() as stages:
         document = read_sketch(sketch, seed, stages)
         with stages.stage("program", "Loading the program"):
-            from sketchterrain.jobs import run_job
+            from sketchterrain.jobs import run_with_fallback
             from sketchterrain.terrain import build, measure_adherence
 
         def work(context: ComputeContext, _: tuple[str, ...]) -> tuple[Terrain, Adherence]:
@@ -274,7 +274,7 @@ def adherence(
             with stages.stage("adherence", "Comparing with the sketch"):
                 return terrain, measure_adherence(terrain)
 
-        terrain, found = run_job(work, device=device, stages=stages)
+        terrain, found = run_with_fallback(work, device=device, stages=stages)
         if output is not None:
             from sketchterrain.export import prepare_folder, write_agreement
 
@@ -283,9 +283,9 @@ def adherence(
     entry = {"sketch": document.name, "seed": document.seed, "fidelity": document.fidelity}
     entry |= {**found.as_dict(), "notes": undescribed_labels(document)}
     if as_json:
-        say_json(entry)
+        print_json(entry)
     else:
-        say(*adherence_lines(entry), *([f"picture: {output}"] if output is not None else []))
+        print_lines(*adherence_lines(entry), *([f"picture: {output}"] if output is not None else []))
 
 
 @app.command()
@@ -298,7 +298,7 @@ def edit(
     """Open the desktop program: paint, see the terrain follow, change what was generated."""
     from sketchterrain.ui.app import run
 
-    ended_at_once()  # nothing may be raised amid Qt's work; what is unsaved is recovered at the next start
+    restore_default_sigterm()  # no exceptions inside Qt's event loop; autosave recovers unsaved work
     raise typer.Exit(run(sketch))
 
 

@@ -7,7 +7,7 @@ import shutil
 from pathlib import Path
 
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.whole_files import telling_failure
+from sketchterrain.whole_files import wrap_os_errors
 
 
 def cache_folder() -> Path:
@@ -24,7 +24,7 @@ def cache_folder() -> Path:
     return (given if given.is_absolute() else Path("~/.cache").expanduser()) / "sketchterrain"
 
 
-def disk_left(path: Path) -> int:
+def free_disk_space(path: Path) -> int:
     """Return how many bytes there is room for on the disk of a file or folder, which need not be there yet.
 
     Raises
@@ -32,7 +32,7 @@ def disk_left(path: Path) -> int:
     SketchterrainError
         If the system does not tell.
     """
-    with telling_failure(path):
+    with wrap_os_errors(path):
         there = next(place for place in (path, *path.absolute().parents) if place.is_dir())
         return shutil.disk_usage(there).free
 
@@ -56,12 +56,14 @@ def check_disk(path: Path, needed: float, what: str) -> None:
     SketchterrainError
         If the system does not tell.
     """
-    left = disk_left(path)
+    left = free_disk_space(path)
     if needed > left:
-        raise InputError(f"{what} need up to {amount(needed)}, {one_line(path)} has {amount(left)} left")
+        raise InputError(
+            f"{what} need up to {format_bytes(needed)}, {one_line(path)} has {format_bytes(left)} left"
+        )
 
 
-def amount(count: float) -> str:
+def format_bytes(count: float) -> str:
     """Return bytes as a person reads them, MiB where they are less than one GiB.
 
     >>> amount(3 << 20)

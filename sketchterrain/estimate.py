@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sketchterrain.disk import amount, check_disk, disk_left
+from sketchterrain.disk import check_disk, format_bytes, free_disk_space
 from sketchterrain.errors import InputError
 from sketchterrain.system import physical_memory, proc_memory
 
@@ -34,9 +34,10 @@ class Estimate:
         `what` names what is written, in the plural: "the world's files".
         """
         check_disk(path, self.disk_needed, what)
-        if self.memory > memory_left():
+        if self.memory > free_memory():
             raise InputError(
-                f"{what} need about {amount(self.memory)} of memory at once, {amount(memory_left())} are left"
+                f"{what} need about {format_bytes(self.memory)} of memory at once, "
+                f"{format_bytes(free_memory())} are left"
             )
 
     def as_dict(self, path: Path) -> dict[str, Any]:
@@ -46,49 +47,49 @@ class Estimate:
                 "parts": {name: round(size) for name, size in self.disk.items()},
                 "needed": round(self.disk_needed),
                 "there": round(self.present),
-                "left": disk_left(path),
+                "left": free_disk_space(path),
             },
-            "memory": {"needed": round(self.memory), "left": memory_left()},
+            "memory": {"needed": round(self.memory), "left": free_memory()},
         }
 
     def lines(self, path: Path) -> list[str]:
         """Return it as text: a line for the disk and one for memory."""
-        parts = ", ".join(f"{name} {amount(size)}" for name, size in self.disk.items())
+        parts = ", ".join(f"{name} {format_bytes(size)}" for name, size in self.disk.items())
         parts = f" ({parts})" if len(self.disk) > 1 else ""
-        present = f", {amount(self.present)} are there" if self.present else ""
+        present = f", {format_bytes(self.present)} are there" if self.present else ""
         return [
-            f"disk: up to {amount(sum(self.disk.values()))}{parts}{present}, "
-            f"{amount(disk_left(path))} are left",
-            f"memory: about {amount(self.memory)} at once, {amount(memory_left())} are left",
+            f"disk: up to {format_bytes(sum(self.disk.values()))}{parts}{present}, "
+            f"{format_bytes(free_disk_space(path))} are left",
+            f"memory: about {format_bytes(self.memory)} at once, {format_bytes(free_memory())} are left",
         ]
 
 
-def layer_disk(vertices: float, layers: Iterable[str]) -> dict[str, float]:
+def layer_bytes(vertices: float, layers: Iterable[str]) -> dict[str, float]:
     """Return the bytes on disk of each layer of so many vertices, compressed."""
     return {name: vertices * _LAYER_BYTES[name] for name in layers}
 
 
-def plant_disk(area: float, form: str, *, grass: bool = False) -> float:
+def plant_bytes(area: float, form: str, *, grass: bool = False) -> float:
     """Return the bytes on disk of the plants of so many square metres in a file format."""
     return area * (_WOODY + _GRASS * grass) * _PLANT_BYTES[form]
 
 
-def memory_left() -> int:
+def free_memory() -> int:
     """Return the bytes of memory that are free; all that there are where the system does not tell."""
     free = proc_memory("meminfo", "MemAvailable")
     return physical_memory() if free is None else free
 
 
-def count_text(count: float) -> str:
+def format_count(count: float) -> str:
     """Return a large number as text.
 
-    >>> count_text(12345.6), count_text(1.4e9)
+    >>> format_count(12345.6), format_count(1.4e9)
     ('12 346', '1400 million')
     """
     return f"{count:,.0f}".replace(",", " ") if count < 1e6 else f"{count / 1e6:.4g} million"
 
 
-def duration(seconds: float) -> str:
+def format_duration(seconds: float) -> str:
     """Return seconds as text: ``40 s``, ``12 min``, ``3 h 20 min``."""
     if seconds < 90:
         return f"{max(round(seconds), 1)} s"

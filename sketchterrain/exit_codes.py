@@ -18,7 +18,7 @@ USAGE_ERROR: Any = typer.BadParameter.__base__
 """The base of every usage error of typer, whichever version of click it brings along."""
 
 
-def told(error: Exception) -> tuple[str, int]:
+def describe_error(error: Exception) -> tuple[str, int]:
     """Return what to say of an error, and its exit code."""
     if isinstance(error, USAGE_ERROR):
         return error.format_message(), error.exit_code

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sketchterrain.disk import amount
+from sketchterrain.disk import format_bytes
 from sketchterrain.errors import InputError
 from sketchterrain.export.planning import plan
 from sketchterrain.export.sampled import BYTES_PER_VERTEX
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _BYTES_AT_LEAST = 500 << 20  # the program, what a device compiles, a band of rows
 
 
-def plan_of(sketch: Sketch, target: str, options: ExportOptions) -> Plan:
+def checked_plan(sketch: Sketch, target: str, options: ExportOptions) -> Plan:
     """Return what an export will be, refused where this machine has not the memory for it.
 
     Raises
@@ -33,7 +33,9 @@ def plan_of(sketch: Sketch, target: str, options: ExportOptions) -> Plan:
     needed, there = memory_needed(wanted), physical_memory()
     if needed > there:
         size = f"{wanted.grid.columns} × {wanted.grid.rows} vertices"
-        raise InputError(f"{size} need about {amount(needed)} of memory, this machine has {amount(there)}")
+        raise InputError(
+            f"{size} need about {format_bytes(needed)} of memory, this machine has {format_bytes(there)}"
+        )
     return wanted
 
 

@@ -14,10 +14,10 @@ from sketchterrain.export import move_into, prepare_folder, staging
 from sketchterrain.export.sampled import sample
 from sketchterrain.export.sidecar import replaced_files, write_sidecar
 from sketchterrain.export.target import Export
-from sketchterrain.export_plans import memory_needed, plan_of
-from sketchterrain.jobs import run_job
+from sketchterrain.export_plans import checked_plan, memory_needed
+from sketchterrain.jobs import run_with_fallback
 from sketchterrain.terrain import build
-from sketchterrain.whole_files import telling_failure
+from sketchterrain.whole_files import wrap_os_errors
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -30,14 +30,14 @@ if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain import Terrain
 
-__all__ = ["Exported", "export", "file_name", "memory_needed", "plan_of", "write_export"]
+__all__ = ["ExportResult", "checked_plan", "export", "file_name", "memory_needed", "write_export"]
 
 # No file may be named so on Windows, whatever its ending.
 _RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)")
 
 
 @dataclass(frozen=True)
-class Exported:
+class ExportResult:
     """What was written.
 
     Attributes
@@ -61,7 +61,7 @@ def export(
     device: str | None,
     fast: bool,
     stages: Stages,
-) -> Exported:
+) -> ExportResult:
     """Write a sketch's terrain as a target's files, with a sidecar that says what to type in.
 
     All files come into the folder together, when all of them are there; files of an earlier export of the
@@ -93,9 +93,9 @@ def export(
     SketchterrainError
         If a library is not installed, or a file cannot be written.
     """
-    wanted = plan_of(sketch, target, options)
+    wanted = checked_plan(sketch, target, options)
 
-    def work(context: ComputeContext, restarts: tuple[str, ...]) -> Exported:
+    def work(context: ComputeContext, restarts: tuple[str, ...]) -> ExportResult:
         with _prepared(folder), staging(folder) as hidden:
             with stages.stage("features", "Placing features"):
                 terrain = build(sketch, device=context)
@@ -103,18 +103,18 @@ def export(
             report = done.report | {"restarts": list(restarts)} if restarts else done.report
             outdated = replaced_files(folder, report)
             # Tiles of another cut go, say: an import of all files must find these alone.
-            return Exported(report, move_into(folder, done.files, outdated=outdated))
+            return ExportResult(report, move_into(folder, done.files, outdated=outdated))
 
-    return run_job(work, device=device, fast=fast, stages=stages)
+    return run_with_fallback(work, device=device, fast=fast, stages=stages)
 
 
-def write_export(wanted: Plan, terrain: Terrain, folder: Path, *, stages: Tellable) -> Exported:
+def write_export(wanted: Plan, terrain: Terrain, folder: Path, *, stages: Tellable) -> ExportResult:
     """Sample a terrain and write a target's files and the sidecar.
 
     Parameters
     ----------
     wanted
-        From :func:`plan_of`, of the terrain's sketch.
+        From :func:`checked_plan`, of the terrain's sketch.
     terrain
     folder
         A hidden one: what is there after a failure is no export.
@@ -137,7 +137,7 @@ def write_export(wanted: Plan, terrain: Terrain, folder: Path, *, stages: Tellab
     for file in written.files:  # some libraries leave that to the system
         _flush(file)
     path, told = write_sidecar(job, written, wanted.target.name)
-    return Exported(told, (*written.files, path))
+    return ExportResult(told, (*written.files, path))
 
 
 def file_name(title: str) -> str:
@@ -166,7 +166,7 @@ def _prepared(folder: Path) -> Iterator[None]:
 
 
 def _flush(file: Path) -> None:
-    with telling_failure(file), file.open("rb") as stream:
+    with wrap_os_errors(file), file.open("rb") as stream:
         os.fsync(stream.fileno())
 
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from sketchterrain.export.film import check_film, film
-from sketchterrain.jobs import run_job
+from sketchterrain.jobs import run_with_fallback
 from sketchterrain.listings import device_entry
 from sketchterrain.render import Quality, capture_frames
 from sketchterrain.render.tour import tour
-from sketchterrain.still import weather_at
+from sketchterrain.still import sketch_weather
 from sketchterrain.terrain import build
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ SECONDS = 20.0
 
 
 @dataclass(frozen=True)
-class Take:
+class FlightOptions:
     """How a flight is taken.
 
     Attributes
@@ -74,7 +74,7 @@ class Take:
 def fly(
     sketch: Sketch,
     flight: Flight | None,
-    take: Take,
+    take: FlightOptions,
     *,
     output: Path | None,
     device: str | None,
@@ -115,7 +115,7 @@ def fly(
         If a file cannot be written.
     """
     Quality(without=frozenset(take.without))  # refuses now what there is not
-    weather = weather_at(sketch, take.hour, take.clouds)
+    weather = sketch_weather(sketch, take.hour, take.clouds)
 
     def work(context: ComputeContext, restarts: tuple[str, ...]) -> dict[str, Any]:
         if output is not None:
@@ -144,16 +144,16 @@ def fly(
             "output": None if output is None else str(output),
         }
 
-    return run_job(work, device=device, fast=fast, stages=stages)
+    return run_with_fallback(work, device=device, fast=fast, stages=stages)
 
 
-def _frames(flight: Flight | None, take: Take) -> int:
+def _frames(flight: Flight | None, take: FlightOptions) -> int:
     if flight is None:
         return max(1, round((take.seconds or SECONDS) * take.fps))
     return len(flight.times(take.fps, take.seconds))
 
 
-def _views(terrain: Terrain, flight: Flight | None, take: Take) -> CameraStates:
+def _views(terrain: Terrain, flight: Flight | None, take: FlightOptions) -> CameraStates:
     seconds = take.seconds
     if flight is None:
         seconds = seconds or SECONDS
@@ -164,7 +164,7 @@ def _views(terrain: Terrain, flight: Flight | None, take: Take) -> CameraStates:
 def _shoot(
     terrain: Terrain,
     views: CameraStates,
-    take: Take,
+    take: FlightOptions,
     weather: Weather,
     output: Path | None,
     tell: Callable[[float], None],

@@ -12,11 +12,11 @@ from sketchterrain.errors import DeviceFailedError, SketchterrainError
 from sketchterrain.export import FoliageFiles
 from sketchterrain.export.map import map_sheet
 from sketchterrain.features.memory import ShapeMemory
-from sketchterrain.jobs import Devices
+from sketchterrain.jobs import DeviceFallback
 from sketchterrain.render import check_view
-from sketchterrain.report import REPORT, replaced_files, report_of, rounded, work_of
-from sketchterrain.sizes import LARGEST_SIZE, check_size
-from sketchterrain.still import weather_at
+from sketchterrain.report import REPORT, rounded, run_statistics, stale_files, terrain_report
+from sketchterrain.sizes import MAX_SIZE, check_size
+from sketchterrain.still import sketch_weather
 from sketchterrain.terrain import build, measure_adherence
 
 if TYPE_CHECKING:
@@ -41,19 +41,19 @@ if TYPE_CHECKING:
 
 
 __all__ = [
-    "LARGEST_SIZE",
-    "Extras",
+    "MAX_SIZE",
     "FoliageFiles",
-    "Generated",
-    "Shared",
+    "GenerateResult",
+    "PreviewOptions",
+    "SharedResources",
     "check_size",
     "generate",
-    "preview_of",
+    "render_preview",
 ]
 
 
 @dataclass(frozen=True)
-class Extras:
+class PreviewOptions:
     """Pictures besides the files.
 
     Attributes
@@ -76,7 +76,7 @@ class Extras:
 
 
 @dataclass(frozen=True)
-class Generated:
+class GenerateResult:
     """What :func:`generate` did.
 
     Attributes
@@ -95,7 +95,7 @@ class Generated:
 
 
 @dataclass(frozen=True)
-class Shared:
+class SharedResources:
     """What several terrains that one process makes need only once.
 
     Attributes
@@ -108,7 +108,7 @@ class Shared:
         Takes the previews, as :func:`~sketchterrain.render.render_picture` does, which is the default.
     """
 
-    devices: Devices
+    devices: DeviceFallback
     memory: ShapeMemory = field(default_factory=ShapeMemory)
     take_picture: TakePicture | None = None
 
@@ -121,10 +121,10 @@ def generate(
     fast: bool = False,
     size: int,
     foliage: FoliageFiles | None = None,
-    extras: Extras,
+    extras: PreviewOptions,
     stages: Stages,
-    shared: Shared | None = None,
-) -> Generated:
+    shared: SharedResources | None = None,
+) -> GenerateResult:
     """Write a sketch's terrain: heights, normals, materials, plants, features, a picture and a report.
 
     All files come into the folder together, when all of them are there; those of the last time that this time
@@ -163,10 +163,10 @@ def generate(
         If a file cannot be written.
     """
     check_view(extras.view)
-    weather = weather_at(sketch, extras.hour, extras.clouds)
-    use = shared or Shared(Devices(device, fast=fast))
+    weather = sketch_weather(sketch, extras.hour, extras.clouds)
+    use = shared or SharedResources(DeviceFallback(device, fast=fast))
 
-    def work(context: ComputeContext, restarts: tuple[str, ...]) -> Generated:
+    def work(context: ComputeContext, restarts: tuple[str, ...]) -> GenerateResult:
         export.prepare_folder(folder)
         with export.staging(folder) as hidden:
             done = _generate(
@@ -182,7 +182,7 @@ def generate(
             )
             done.report["restarts"] = list(restarts)
             report = export.write_json(hidden / REPORT, done.report)
-            outdated = replaced_files(folder, done.report)  # the preview of another terrain, say
+            outdated = stale_files(folder, done.report)  # the preview of another terrain, say
             return replace(done, files=export.move_into(folder, (*done.files, report), outdated=outdated))
 
     return use.devices.run(work, stages=stages)
@@ -193,13 +193,13 @@ def _generate(
     folder: Path,
     *,
     context: ComputeContext,
-    shared: Shared,
+    shared: SharedResources,
     size: int,
     foliage: FoliageFiles,
-    extras: Extras,
+    extras: PreviewOptions,
     weather: Weather,
     stages: Stages,
-) -> Generated:
+) -> GenerateResult:
     """Write all files but the report."""
     with _Writer() as writer:
         with stages.stage("features", "Placing features"):
@@ -225,16 +225,16 @@ def _generate(
                 writer.add(name, export.write_sheet, folder / name, map_sheet(terrain))
         if extras.preview:
             with stages.stage("preview", "Preview"):
-                picture, problem = preview_of(terrain, extras.view, weather, shared, rendering)
+                picture, problem = render_preview(terrain, extras.view, weather, shared, rendering)
                 if picture is not None:
                     writer.add("preview.png", export.write_picture, folder / "preview.png", picture)
         with stages.stage("files", "Writing files"):
             files = writer.finish() + plants.files
-    told = report_of(terrain, raster, plants)
+    told = terrain_report(terrain, raster, plants)
     told["adherence"] = adherence.as_dict()
-    told |= work_of(stages, rendering, files)
+    told |= run_statistics(stages, rendering, files)
     told["writing"] = rounded(writer.seconds)
-    return Generated(told, files, problem)
+    return GenerateResult(told, files, problem)
 
 
 class _Writer:
@@ -272,8 +272,8 @@ class _Writer:
         return paths
 
 
-def preview_of(
-    terrain: Terrain, view: str, weather: Weather, shared: Shared, timings: dict[str, float]
+def render_preview(
+    terrain: Terrain, view: str, weather: Weather, shared: SharedResources, timings: dict[str, float]
 ) -> tuple[npt.NDArray[np.uint8] | None, str | None]:
     """Render a preview; a machine without OpenGL still gets all the rest.
 

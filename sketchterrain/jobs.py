@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-def run_job(
+def run_with_fallback(
     work: Callable[[ComputeContext, tuple[str, ...]], T],
     *,
     device: str | None,
@@ -47,10 +47,10 @@ def run_job(
     DeviceError
         If there is no such device, or it has no room.
     """
-    return Devices(device, fast=fast).run(work, stages=stages)
+    return DeviceFallback(device, fast=fast).run(work, stages=stages)
 
 
-class Devices:
+class DeviceFallback:
     """The device that jobs are done on, one after the other or at once; one that failed is left for good.
 
     Parameters
@@ -79,7 +79,7 @@ class Devices:
         return self._chosen
 
     def run(self, work: Callable[[ComputeContext, tuple[str, ...]], T], *, stages: Stages) -> T:
-        """Do work as :func:`run_job` does it, on the device that did not fail in any job yet."""
+        """Do work as :func:`run_with_fallback` does it, on the device that did not fail in any job yet."""
         told: list[str] = []
         while True:
             chosen = self._chosen

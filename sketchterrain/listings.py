@@ -27,14 +27,14 @@ _GL_SHARING = {
 }
 
 
-def say(*lines: str) -> None:
+def print_lines(*lines: str) -> None:
     """Write lines to stdout."""
     sys.stdout.writelines(f"{line}\n" for line in lines)
 
 
-def say_json(value: object) -> None:
+def print_json(value: object) -> None:
     """Write a value to stdout as JSON."""
-    say(json.dumps(value, indent=2, ensure_ascii=False))
+    print_lines(json.dumps(value, indent=2, ensure_ascii=False))
 
 
 def device_entry(device: Device) -> dict[str, Any]:
@@ -53,7 +53,7 @@ def device_entry(device: Device) -> dict[str, Any]:
     }
 
 
-def tested_entry(device: Device, verdict: Verdict, sharing: Sharing) -> dict[str, Any]:
+def device_test_entry(device: Device, verdict: Verdict, sharing: Sharing) -> dict[str, Any]:
     """Return that, what the self-test found, and how vertices really reach OpenGL."""
     return device_entry(device) | {
         "self_test": {"bits": verdict.bits, "detail": verdict.detail},
@@ -105,9 +105,9 @@ def generated_lines(report: dict[str, Any], folder: Path) -> list[str]:
     lines = [
         f"{report['sketch']}, seed {report['seed']}: {size['columns']} × {size['rows']} vertices "
         f"{report['spacing']['x']:.3g} m apart, {heights['minimum']:.1f} to {heights['maximum']:.1f} m high, "
-        f"{counted(sum(counts['features'].values()), 'feature')}, {counted(counts['rivers'], 'river')}, "
-        f"{counted(counts['lakes'], 'lake')}"
-        + (f", {counted(sum(counts['plants'].values()), 'plant')}" if counts["plants"] else ""),
+        f"{pluralize(sum(counts['features'].values()), 'feature')}, {pluralize(counts['rivers'], 'river')}, "
+        f"{pluralize(counts['lakes'], 'lake')}"
+        + (f", {pluralize(sum(counts['plants'].values()), 'plant')}" if counts["plants"] else ""),
         f"in {seconds:.1f} s on {device['name']} ({device['platform']})"
         f"{', with --fast: other bits than without' if report['fast'] else ''}",
         f"files: {folder}: {' '.join(report['files'])}",
@@ -182,13 +182,13 @@ def flown_lines(told: dict[str, Any]) -> list[str]:
     size, frame, device = told["size"], told["frame"], told["device"]
     generation, triangles = told["generation"], told["triangles"]
     lines = [
-        f"{told['sketch']}, seed {told['seed']}: {counted(told['frames'], 'frame')} of {size['width']} × "
+        f"{told['sketch']}, seed {told['seed']}: {pluralize(told['frames'], 'frame')} of {size['width']} × "
         f"{size['height']} pixels, {told['seconds']:.3g} s at {told['fps']} a second",
         f"drawn: {told['frames_per_second']:.1f} frames a second, {1e3 * frame['mean']:.1f} ms a frame, "
         f"{1e3 * frame['worst']:.1f} ms at most; {told['settled']} of {told['frames']} complete",
         f"generation: {1e3 * generation['initial']:.1f} ms at first, then {1e3 * generation['mean']:.2f} ms "
         f"a frame and {1e3 * generation['worst']:.2f} ms at most in "
-        f"{counted(generation['updating_frames'], 'frame')} with new tiles",
+        f"{pluralize(generation['updating_frames'], 'frame')} with new tiles",
         f"triangles: {triangles['mean']:,.0f} a frame, {triangles['most']:,} at most",
         f"in {told['timings']['total']:.1f} s on {device['name']} ({device['platform']})",
     ]
@@ -204,7 +204,7 @@ def legend_lines(legend: Iterable[LegendEntry]) -> list[str]:
     return [f"#{bytes(entry.colour).hex()}  {entry.meaning}" for entry in legend]
 
 
-def counted(count: int, noun: str) -> str:
+def pluralize(count: int, noun: str) -> str:
     """Return a number and what there are so many of: ``1 shape``, ``2 shapes``."""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
@@ -213,7 +213,7 @@ def adherence_lines(told: dict[str, Any]) -> list[str]:
     """Return how far a terrain does what its sketch says, a line a layer and a river, and notes."""
     lines = [
         f"{told['sketch']}, seed {told['seed']}, fidelity {told['fidelity']:g}: "
-        f"{counted(told['lost'], 'shape')} lost"
+        f"{pluralize(told['lost'], 'shape')} lost"
     ]
     lines += [f"{name:<{_NAME}}{_layer_line(layer)}" for name, layer in told["layers"].items()]
     if told["peaks"]["measured"]:
@@ -226,7 +226,7 @@ def adherence_lines(told: dict[str, Any]) -> list[str]:
 
 
 def _layer_line(layer: dict[str, Any]) -> str:
-    line = f"{counted(layer['shapes'], 'shape')}, {layer['lost']} lost"
+    line = f"{pluralize(layer['shapes'], 'shape')}, {layer['lost']} lost"
     narrow = layer["shapes"] - layer["measured"]
     if layer["measured"]:
         line += (
@@ -238,7 +238,7 @@ def _layer_line(layer: dict[str, Any]) -> str:
 
 def _peaks_line(peaks: dict[str, Any]) -> str:
     line = (
-        f"{counted(peaks['measured'], 'mountain')}, reached over asked height: {peaks['least']:.2f} to "
+        f"{pluralize(peaks['measured'], 'mountain')}, reached over asked height: {peaks['least']:.2f} to "
         f"{peaks['most']:.2f}, mean {peaks['mean']:.2f}"
     )
     return line + (f"; {peaks['capped']} too small for the label's height: capped" if peaks["capped"] else "")

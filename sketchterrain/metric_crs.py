@@ -17,7 +17,7 @@ _LONGEST = 20_000  # characters: the longest WKT of EPSG's has about 8000
 _SHOWN = 60
 
 
-def named_crs(text: str) -> CRS:
+def parse_crs(text: str) -> CRS:
     """Return the coordinate reference system that a text names.
 
     Parameters
@@ -47,7 +47,7 @@ def named_crs(text: str) -> CRS:
     )
 
 
-def metric_crs(text: str) -> CRS:
+def parse_metric_crs(text: str) -> CRS:
     """Return the projected coordinate reference system in metres that a text names.
 
     Raises
@@ -55,7 +55,7 @@ def metric_crs(text: str) -> CRS:
     InputError
         If it names none, or one in degrees, in feet, around the Earth's centre, or that counts westward.
     """
-    crs = named_crs(text)
+    crs = parse_crs(text)
     if crs.is_projected:
         unit, metres = crs.linear_units_factor
         if metres != 1.0:

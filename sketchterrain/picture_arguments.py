@@ -144,7 +144,7 @@ Without = Annotated[
 ]
 
 
-def refuse_together(option: str, others: dict[str, object], why: str) -> None:
+def reject_combination(option: str, others: dict[str, object], why: str) -> None:
     """Refuse options that contradict one that was given.
 
     Parameters
@@ -166,7 +166,7 @@ def refuse_together(option: str, others: dict[str, object], why: str) -> None:
             raise typer.BadParameter(f"{name} with {option}: {why}")
 
 
-def camera_at(terrain: TerrainSource, eye: Point | None, target: Point | None) -> Camera | None:
+def camera_from_options(terrain: TerrainSource, eye: Point | None, target: Point | None) -> Camera | None:
     """Return the camera that `--eye` and `--look-at` ask for, None without an eye.
 
     Without a target it looks at the middle of the sketch, and from the middle north. A note on stderr tells

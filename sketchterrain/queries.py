@@ -11,11 +11,11 @@ import typer
 from sketchterrain.arguments import AsJson, DeviceName, Fast
 from sketchterrain.listings import (
     device_lines,
+    device_test_entry,
     preset_entry,
     preset_lines,
-    say,
-    say_json,
-    tested_entry,
+    print_json,
+    print_lines,
 )
 from sketchterrain.progress import Stages
 
@@ -25,7 +25,7 @@ def new(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A new or an 
     from sketchterrain.sketch import new_sketch
 
     new_sketch(folder)
-    say(
+    print_lines(
         f"wrote a starter sketch to {folder}: paint its PNGs, read its sketch.toml, then run",
         f"sketchterrain generate {folder} -o out",
     )
@@ -68,10 +68,10 @@ def devices(as_json: AsJson = False) -> None:
                 sharing = Sharing("none", "it runs no kernel") if failed else probe_sharing(device)
                 tested.append((device, verdict, sharing))
     if as_json:
-        say_json([tested_entry(*each) | {"default": each[0] == chosen} for each in tested])
+        print_json([device_test_entry(*each) | {"default": each[0] == chosen} for each in tested])
         return
     for device, verdict, sharing in tested:
-        say(*device_lines(device, verdict, sharing, chosen=device == chosen))
+        print_lines(*device_lines(device, verdict, sharing, chosen=device == chosen))
 
 
 def presets(as_json: AsJson = False) -> None:
@@ -81,6 +81,6 @@ def presets(as_json: AsJson = False) -> None:
 
     entries = [preset_entry(name, load_sketch(name)) for name in preset_names()]
     if as_json:
-        say_json(entries)
+        print_json(entries)
     else:
-        say(*preset_lines(entries))
+        print_lines(*preset_lines(entries))

@@ -24,12 +24,12 @@ REPORT = "report.json"
 """The file's name."""
 
 
-def report_of(terrain: Terrain, raster: Raster, plants: WrittenFoliage) -> dict[str, Any]:
+def terrain_report(terrain: Terrain, raster: Raster, plants: WrittenFoliage) -> dict[str, Any]:
     """Return what a terrain is and what was counted in its files."""
     rows, columns = raster.height.shape
     features = terrain.features
     kinds = Counter(FEATURE_TYPES[code] for code in features.points["type"].tolist())
-    return said_of(terrain) | {
+    return report_header(terrain) | {
         "extent": terrain.extent,
         "size": {"columns": columns, "rows": rows},
         "spacing": {"x": raster.spacing[0], "y": raster.spacing[1]},
@@ -49,7 +49,7 @@ def report_of(terrain: Terrain, raster: Raster, plants: WrittenFoliage) -> dict[
     }
 
 
-def said_of(terrain: Terrain) -> dict[str, Any]:
+def report_header(terrain: Terrain) -> dict[str, Any]:
     """Return what every report says of a terrain, whatever its files are."""
     sketch, recipe, context = terrain.sketch, terrain.recipe, terrain.context
     return {
@@ -65,7 +65,7 @@ def said_of(terrain: Terrain) -> dict[str, Any]:
     }
 
 
-def work_of(stages: Stages, rendering: dict[str, float], files: Sequence[Path]) -> dict[str, Any]:
+def run_statistics(stages: Stages, rendering: dict[str, float], files: Sequence[Path]) -> dict[str, Any]:
     """Return what every report says of the work.
 
     Parameters
@@ -85,7 +85,7 @@ def work_of(stages: Stages, rendering: dict[str, float], files: Sequence[Path]) 
     }
 
 
-def replaced_files(folder: Path, told: dict[str, Any]) -> list[Path]:
+def stale_files(folder: Path, told: dict[str, Any]) -> list[Path]:
     """Return the files of the last time in a folder that there is none of this time in place of.
 
     Parameters

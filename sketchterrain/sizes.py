@@ -11,7 +11,7 @@ from sketchterrain.system import physical_memory
 if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
 
-LARGEST_SIZE = 16385
+MAX_SIZE = 16385
 """The most vertices along the longer side."""
 
 # Measured at 4097²: heights, normals and weights, once in patches and once joined, take 86.
@@ -47,12 +47,12 @@ def check_size(sketch: Sketch, size: int) -> None:
         With an estimate of the memory, where that is the reason.
     """
     if size < 2:
-        raise InputError(f"size = {size}: expected 2 to {LARGEST_SIZE} vertices")
+        raise InputError(f"size = {size}: expected 2 to {MAX_SIZE} vertices")
     needed = memory_needed(sketch, size)
     there = physical_memory()
-    if size > LARGEST_SIZE:
+    if size > MAX_SIZE:
         raise InputError(
-            f"size = {size}: expected 2 to {LARGEST_SIZE} vertices; this needs about {gibibytes(needed)}"
+            f"size = {size}: expected 2 to {MAX_SIZE} vertices; this needs about {gibibytes(needed)}"
         )
     if needed > there:
         raise InputError(

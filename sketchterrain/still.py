@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sketchterrain.export import prepare_folder, write_map, write_picture
-from sketchterrain.jobs import run_job
-from sketchterrain.picture_arguments import camera_at
+from sketchterrain.jobs import run_with_fallback
+from sketchterrain.picture_arguments import camera_from_options
 from sketchterrain.render import Quality, Weather, check_overlays, check_view, render_picture
 from sketchterrain.render.sunlight import sun_at
 from sketchterrain.terrain import build
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Still:
+class PictureOptions:
     """How a picture is taken.
 
     Attributes
@@ -60,7 +60,7 @@ class Still:
     top_down: bool = False
 
 
-def weather_at(sketch: scene.Sketch, hour: float | None, clouds: float | None) -> Weather:
+def sketch_weather(sketch: scene.Sketch, hour: float | None, clouds: float | None) -> Weather:
     """Return a sketch's weather, with an hour and clouds in place of its own if they are given.
 
     Raises
@@ -74,8 +74,8 @@ def weather_at(sketch: scene.Sketch, hour: float | None, clouds: float | None) -
     return weather
 
 
-def draw(
-    sketch: Sketch, path: Path, still: Still, *, device: str | None, fast: bool, stages: Stages
+def render_to_file(
+    sketch: Sketch, path: Path, still: PictureOptions, *, device: str | None, fast: bool, stages: Stages
 ) -> list[LegendEntry]:
     """Draw a sketch's terrain and write it.
 
@@ -111,7 +111,7 @@ def draw(
     check_overlays(still.overlays)
     check_view(still.view)
     quality = Quality.from_level(still.quality, without=still.without)
-    weather = weather_at(sketch, still.hour, still.clouds)
+    weather = sketch_weather(sketch, still.hour, still.clouds)
 
     def work(context: ComputeContext, _: tuple[str, ...]) -> list[LegendEntry]:
         with stages.stage("features", "Placing features"):
@@ -125,7 +125,7 @@ def draw(
             picture = render_picture(
                 terrain,
                 size=still.size or (1280, 720),
-                camera=camera_at(terrain, still.eye, still.look_at),
+                camera=camera_from_options(terrain, still.eye, still.look_at),
                 view=still.view,
                 weather=weather,
                 textures=still.textures,
@@ -136,4 +136,4 @@ def draw(
             write_picture(path, picture)
         return legend
 
-    return run_job(work, device=device, fast=fast, stages=stages)
+    return run_with_fallback(work, device=device, fast=fast, stages=stages)

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def ended_like_ctrl_c() -> Iterator[None]:
+def sigterm_as_interrupt() -> Iterator[None]:
     """Raise KeyboardInterrupt at a SIGTERM; off the main thread, leave signals as they are."""
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -25,6 +25,6 @@ def ended_like_ctrl_c() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def ended_at_once() -> None:
+def restore_default_sigterm() -> None:
     """Let a SIGTERM end this process as the system does it."""
     signal.signal(signal.SIGTERM, signal.SIG_DFL)

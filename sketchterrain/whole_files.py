@@ -13,7 +13,7 @@ from sketchterrain.errors import SketchterrainError, one_line
 
 
 @contextmanager
-def telling_failure(path: Path) -> Iterator[None]:
+def wrap_os_errors(path: Path) -> Iterator[None]:
     """Let a failure to write say where, in one line, and not name a temporary file.
 
     Raises
@@ -29,7 +29,7 @@ def telling_failure(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def whole_path(path: Path) -> Iterator[Path]:
+def atomic_path(path: Path) -> Iterator[Path]:
     """Yield a path that a library writes a file to; it gets its name once the context has ended well.
 
     Whoever reads that, even after a crash, finds the old content or the new. After an error or Ctrl-C the old
@@ -41,7 +41,7 @@ def whole_path(path: Path) -> Iterator[Path]:
         If the system cannot write it, and in place of any other OSError in the context.
     """
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
-    with telling_failure(path):
+    with wrap_os_errors(path):
         try:
             yield temporary
             with temporary.open("rb") as stream:
@@ -52,19 +52,19 @@ def whole_path(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[BinaryIO]:
-    """Yield a stream to write a file with in pieces; see :func:`whole_path`.
+def atomic_file(path: Path) -> Iterator[BinaryIO]:
+    """Yield a stream to write a file with in pieces; see :func:`atomic_path`.
 
     Raises
     ------
     SketchterrainError
         If the system cannot write it, and in place of any other OSError in the context.
     """
-    with whole_path(path) as temporary, temporary.open("xb") as stream:
+    with atomic_path(path) as temporary, temporary.open("xb") as stream:
         yield stream
 
 
-def write_whole(path: Path, content: bytes) -> Path:
+def write_atomic(path: Path, content: bytes) -> Path:
     """Write a file so that whoever reads it, even after a crash, finds the old content or the new.
 
     Returns
@@ -77,6 +77,6 @@ def write_whole(path: Path, content: bytes) -> Path:
     SketchterrainError
         If the system cannot write it; the old file, if any, is as it was.
     """
-    with whole_file(path) as stream:
+    with atomic_file(path) as stream:
         stream.write(content)
     return path

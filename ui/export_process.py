@@ -37,7 +37,7 @@ def main() -> int:
     except (KeyboardInterrupt, BrokenPipeError):  # cancelled, or the window is gone
         return 130
     except Exception as error:  # noqa: BLE001 - whatever it is, a person gets one line
-        from sketchterrain.exit_codes import told as words_for
+        from sketchterrain.exit_codes import describe_error as words_for
 
         _tell(told, {"failed": one_line(words_for(error)[0])})
         return 1
@@ -89,7 +89,7 @@ def _take(request: TargetRequest, sketch: Sketch, stages: Stages) -> dict[str, A
 
 def _generate(request: ExportRequest, sketch: Sketch, stages: Stages) -> dict[str, Any]:
     with stages.stage("program", "Loading the program"):
-        from sketchterrain.generate import Extras, FoliageFiles, check_size, generate
+        from sketchterrain.generate import FoliageFiles, PreviewOptions, check_size, generate
 
         check_size(sketch, request.size)
     done = generate(
@@ -99,7 +99,7 @@ def _generate(request: ExportRequest, sketch: Sketch, stages: Stages) -> dict[st
         fast=False,
         size=request.size,
         foliage=FoliageFiles(request.foliage, request.grass),
-        extras=Extras(request.preview, request.view, map=request.map),
+        extras=PreviewOptions(request.preview, request.view, map=request.map),
         stages=stages,
     )
     return {

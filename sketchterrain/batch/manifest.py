@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.whole_files import write_whole
+from sketchterrain.whole_files import write_atomic
 
 MANIFEST = "manifest.json"
 # Names come from a file that anyone may have written: none may lead out of the batch's folder.
@@ -68,7 +68,7 @@ class Manifest(msgspec.Struct, forbid_unknown_fields=True):
 
     def write(self, folder: Path) -> None:
         """Write it as a whole; raise SketchterrainError if the system cannot."""
-        write_whole(folder / MANIFEST, msgspec.json.format(msgspec.json.encode(self), indent=1))
+        write_atomic(folder / MANIFEST, msgspec.json.format(msgspec.json.encode(self), indent=1))
 
 
 def read_manifest(folder: Path) -> Manifest | None:

@@ -8,10 +8,10 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from sketchterrain.estimate import plant_disk
+from sketchterrain.estimate import plant_bytes
 from sketchterrain.export.target import ExportOptions
+from sketchterrain.exporting import checked_plan
 from sketchterrain.exporting import memory_needed as export_memory
-from sketchterrain.exporting import plan_of
 from sketchterrain.sizes import check_size, memory_needed
 from sketchterrain.sketch import Sketch
 from sketchterrain.sketch.document import LabelImage
@@ -57,12 +57,12 @@ def needs_of(sketch: Sketch, output: Output) -> Needs:
         check_size(sketch, size)
         vertices = size * (round((size - 1) * min(east, north) / max(east, north)) + 1)
         memory, disk = memory_needed(sketch, size), float(_VERTEX_DISK * vertices)
-        disk += plant_disk(east * north, output.foliage, grass=output.grass)
+        disk += plant_bytes(east * north, output.foliage, grass=output.grass)
     else:
         options = output.options or ExportOptions()
-        wanted = plan_of(sketch, output.target, options)
+        wanted = checked_plan(sketch, output.target, options)
         vertices, memory = wanted.vertices, export_memory(wanted)
-        disk = wanted.target.disk * vertices + plant_disk(east * north, "csv", grass=options.grass)
+        disk = wanted.target.disk * vertices + plant_bytes(east * north, "csv", grass=options.grass)
     return Needs(vertices, memory, disk + output.preview * _PREVIEW_DISK)
 
 

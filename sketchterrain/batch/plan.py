@@ -12,7 +12,7 @@ from typing import Final
 from sketchterrain.batch.settings import Settings, Swept, applies_to, with_settings
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.sketch import Sketch, load_sketch
-from sketchterrain.sketch.parameter import number_text
+from sketchterrain.sketch.parameter import format_number
 
 MOST_ITEMS: Final = 10_000  # the manifest is written after each
 _LONGEST: Final = 120  # characters of a folder's name
@@ -97,7 +97,7 @@ def plan(
 
 def _item(source: Source, seed: int, settings: Settings) -> Item:
     texts = {
-        name: value if isinstance(value, str) else number_text(value) for name, value in settings.items()
+        name: value if isinstance(value, str) else format_number(value) for name, value in settings.items()
     }
     what = "_".join(f"{name}={_safe(text)}" for name, text in texts.items())
     if len(what) > _LONGEST:

@@ -25,18 +25,25 @@ from sketchterrain.batch.sheet import write_sheets
 from sketchterrain.compute import ComputeContext
 from sketchterrain.disk import check_disk
 from sketchterrain.errors import InputError, SketchterrainError, one_line
-from sketchterrain.estimate import Estimate, memory_left
-from sketchterrain.exit_codes import told
+from sketchterrain.estimate import Estimate, free_memory
+from sketchterrain.exit_codes import describe_error
 from sketchterrain.export.target import ExportOptions
-from sketchterrain.exporting import plan_of, write_export
-from sketchterrain.generate import Extras, FoliageFiles, Generated, Shared, generate, preview_of
-from sketchterrain.jobs import Devices
+from sketchterrain.exporting import checked_plan, write_export
+from sketchterrain.generate import (
+    FoliageFiles,
+    GenerateResult,
+    PreviewOptions,
+    SharedResources,
+    generate,
+    render_preview,
+)
+from sketchterrain.jobs import DeviceFallback
 from sketchterrain.progress import Stages
 from sketchterrain.render import check_view
 from sketchterrain.render.studio import SnapshotRenderer
-from sketchterrain.report import REPORT, replaced_files, rounded, said_of, work_of
+from sketchterrain.report import REPORT, report_header, rounded, run_statistics, stale_files
 from sketchterrain.sketch import Sketch
-from sketchterrain.still import weather_at
+from sketchterrain.still import sketch_weather
 from sketchterrain.terrain import Terrain, build, measure_adherence
 from sketchterrain.world.journal import exclusive_run
 
@@ -105,7 +112,7 @@ def estimate_batch(needs: Iterable[object], output: Output, jobs: int) -> tuple[
     known = [each for each in needs if isinstance(each, Needs)]
     one = max((each.memory for each in known), default=1.0)
     previews = PREVIEW_MEMORY if output.preview and known else 0
-    fitting = int((_SHARE * memory_left() - previews) // one)
+    fitting = int((_SHARE * free_memory() - previews) // one)
     jobs = max(min(jobs, fitting, len(known)), 1)
     memory = jobs * one + previews if known else 0.0
     return jobs, Estimate({"terrains": sum(each.disk for each in known)}, memory)
@@ -126,7 +133,7 @@ def run_batch(
     A terrain that fails stops no other one. After Ctrl-C, and after a kill at any moment, what the manifest
     calls done is whole, and a batch that is resumed ends with the same files.
     """
-    devices = Devices(device, fast=output.fast)
+    devices = DeviceFallback(device, fast=output.fast)
     needs = items_needs(items, output)
     check_folder(folder, resume=resume)
     export.prepare_folder(folder)
@@ -143,7 +150,12 @@ class _Batch:
     """A batch while it runs."""
 
     def __init__(
-        self, items: Sequence[Item], folder: Path, output: Output, devices: Devices, progress: BatchProgress
+        self,
+        items: Sequence[Item],
+        folder: Path,
+        output: Output,
+        devices: DeviceFallback,
+        progress: BatchProgress,
     ) -> None:
         self._folder, self._output, self._devices, self._progress = folder, output, devices, progress
         self._items, self._skipped = items, whole_items(items, folder, output, progress)
@@ -202,7 +214,9 @@ class _Batch:
                     self._record(future.result())
 
     def _prepare_thread(self) -> None:
-        self._thread.shared = Shared(self._devices, take_picture=self._render)  # with a cache of placements
+        self._thread.shared = SharedResources(
+            self._devices, take_picture=self._render
+        )  # with a cache of placements
 
     def _make(self, item: Item) -> Entry:
         """Make an item; its entry tells the error if it failed."""
@@ -225,7 +239,7 @@ class _Batch:
                 folder.rmdir()  # which leaves a folder with files
             if isinstance(error, _StoppedError):
                 raise
-            entry = replace(entry, state="failed", error=one_line(" ".join(told(error)[0].split())))
+            entry = replace(entry, state="failed", error=one_line(" ".join(describe_error(error)[0].split())))
         return replace(entry, seconds=round(time.perf_counter() - start, 4), timings=rounded(stages.seconds))
 
     @contextmanager
@@ -272,7 +286,9 @@ def _previews(go_on: Callable[[], None]) -> Iterator[Any]:
                 thread.submit(studio.close).result()
 
 
-def make(sketch: Sketch, folder: Path, output: Output, *, shared: Shared, stages: Stages) -> Generated:
+def make(
+    sketch: Sketch, folder: Path, output: Output, *, shared: SharedResources, stages: Stages
+) -> GenerateResult:
     """Write a terrain's files; they come into the folder together, when all of them are there."""
     if output.target is not None:
         return _export(sketch, folder, output, output.target, shared, stages)
@@ -281,20 +297,20 @@ def make(sketch: Sketch, folder: Path, output: Output, *, shared: Shared, stages
         folder,
         size=output.size or DEFAULT_SIZE,
         foliage=FoliageFiles(output.foliage, output.grass),
-        extras=Extras(output.preview, output.view, map=output.map),
+        extras=PreviewOptions(output.preview, output.view, map=output.map),
         stages=stages,
         shared=shared,
     )
 
 
 def _export(
-    sketch: Sketch, folder: Path, output: Output, target: str, shared: Shared, stages: Stages
-) -> Generated:
+    sketch: Sketch, folder: Path, output: Output, target: str, shared: SharedResources, stages: Stages
+) -> GenerateResult:
     check_view(output.view)
-    weather = weather_at(sketch, None, None)
-    wanted = plan_of(sketch, target, output.options or ExportOptions())
+    weather = sketch_weather(sketch, None, None)
+    wanted = checked_plan(sketch, target, output.options or ExportOptions())
 
-    def work(context: ComputeContext, restarts: tuple[str, ...]) -> Generated:
+    def work(context: ComputeContext, restarts: tuple[str, ...]) -> GenerateResult:
         export.prepare_folder(folder)
         with export.staging(folder) as hidden:
             with stages.stage("features", "Placing features"):
@@ -305,14 +321,16 @@ def _export(
             files, problem, rendering = list(done.files), None, dict[str, float]()
             if output.preview:
                 with stages.stage("preview", "Preview"):
-                    picture, problem = preview_of(terrain, output.view, weather, shared, rendering)
+                    picture, problem = render_preview(terrain, output.view, weather, shared, rendering)
                     if picture is not None:
                         files += export.write_picture(hidden / "preview.png", picture)
-            facts = said_of(terrain) | work_of(stages, rendering, files)
+            facts = report_header(terrain) | run_statistics(stages, rendering, files)
             facts |= {"target": target, "adherence": adherence.as_dict(), "restarts": list(restarts)}
             report = export.write_json(hidden / REPORT, facts)
-            outdated = replaced_files(folder, facts)
-            return Generated(facts, export.move_into(folder, (*files, report), outdated=outdated), problem)
+            outdated = stale_files(folder, facts)
+            return GenerateResult(
+                facts, export.move_into(folder, (*files, report), outdated=outdated), problem
+            )
 
     return shared.devices.run(work, stages=stages)
 

@@ -13,7 +13,7 @@ from sketchterrain.errors import InputError, one_line
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.sketch import LAYERS, SKETCH, TABLES, Parameter, Sketch
 from sketchterrain.sketch.toml_reading import load_toml
-from sketchterrain.sketch.wording import did_you_mean, shown
+from sketchterrain.sketch.wording import did_you_mean, format_value
 
 MOST_SEEDS: Final = 10_000
 MOST_VALUES: Final = 1000
@@ -95,13 +95,13 @@ def parse_seeds(text: str) -> tuple[int, ...]:
         match = _SEEDS.fullmatch(part)
         if match is None or int(match[2] or match[1]) < int(match[1]):
             raise InputError(
-                f"seeds {shown(text)}: expected numbers and rising ranges such as 1-100 or 1,5,9-12"
+                f"seeds {format_value(text)}: expected numbers and rising ranges such as 1-100 or 1,5,9-12"
             )
         first, last = int(match[1]), int(match[2] or match[1])
         if last > highest:
-            raise InputError(f"seeds {shown(text)}: expected seeds from 0 to {highest}")
+            raise InputError(f"seeds {format_value(text)}: expected seeds from 0 to {highest}")
         if len(seeds) + last - first >= MOST_SEEDS:
-            raise InputError(f"seeds {shown(text)}: expected at most {MOST_SEEDS} of them")
+            raise InputError(f"seeds {format_value(text)}: expected at most {MOST_SEEDS} of them")
         seeds |= dict.fromkeys(range(first, last + 1))
     return tuple(seeds)
 
@@ -113,7 +113,7 @@ def parse_settings(texts: Sequence[str], defaults: Sequence[Swept] = ()) -> tupl
         name, equals, values = text.partition("=")
         name = name.strip()
         if not equals:
-            raise InputError(f"{shown(text)}: expected NAME=VALUES, as river.1.width=20,30")
+            raise InputError(f"{format_value(text)}: expected NAME=VALUES, as river.1.width=20,30")
         if name in found:
             raise InputError(f"{name} is set twice: expected all its values at once, as {name}=1,2")
         found[name] = parse_setting(name, values)
@@ -163,7 +163,7 @@ def _declared(name: str) -> Parameter:
         case [layer, label, key] if layer in LAYERS and key in LAYERS[layer].parameters:
             if re.fullmatch(r"[1-9][0-9]{0,2}", label) and int(label) <= 255:
                 return LAYERS[layer].parameters[key]
-            raise InputError(f"{shown(name)}: expected a label from 1 to 255, as in {layer}.1.{key}")
+            raise InputError(f"{format_value(name)}: expected a label from 1 to 255, as in {layer}.1.{key}")
         case [layer, *rest] if rest and layer in LAYERS:
             label = rest[0] if rest[0].isdecimal() else "1"
             known = [f"{layer}.{label}.{key}" for key in LAYERS[layer].parameters]
@@ -172,7 +172,9 @@ def _declared(name: str) -> Parameter:
         case _:
             known = [key for key in SKETCH if key not in _NOT_SWEPT]
             known += [f"{key}.…" for key in TABLES] + [f"{key}.1.…" for key in LAYERS]
-    raise InputError(f"unknown setting {shown(name)}: expected {', '.join(known)}{did_you_mean(name, known)}")
+    raise InputError(
+        f"unknown setting {format_value(name)}: expected {', '.join(known)}{did_you_mean(name, known)}"
+    )
 
 
 def _parse_values(name: str, text: str, parameter: Parameter) -> list[object]:
@@ -182,9 +184,9 @@ def _parse_values(name: str, text: str, parameter: Parameter) -> list[object]:
         return [part if parameter.kind is str else _parse_number(part) for part in parts]
     first, last, step = Decimal(steps[1]), Decimal(steps[2]), Decimal(steps[3] or "1")
     if step <= 0 or last < first:
-        raise InputError(f"{name} = {shown(text)}: expected FROM..TO..STEP that rises")
+        raise InputError(f"{name} = {format_value(text)}: expected FROM..TO..STEP that rises")
     if (last - first) / step >= MOST_VALUES:
-        raise InputError(f"{name} = {shown(text)}: expected at most {MOST_VALUES} values")
+        raise InputError(f"{name} = {format_value(text)}: expected at most {MOST_VALUES} values")
     # In decimals, so that 0.1..0.5..0.1 ends at 0.5.
     return [_parse_number(str(first + step * number)) for number in range(int((last - first) / step) + 1)]
 
@@ -210,4 +212,4 @@ def _refuse_unknown(table: Mapping[str, Any], known: Sequence[str], prefix: str 
     for name in table:
         if name not in known:
             expected = ", ".join(known) + did_you_mean(name, known)
-            raise InputError(f"unknown key {shown(prefix + name)}: expected {expected}")
+            raise InputError(f"unknown key {format_value(prefix + name)}: expected {expected}")

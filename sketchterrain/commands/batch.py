@@ -13,7 +13,7 @@ from sketchterrain import arguments as given
 from sketchterrain import picture_arguments as pictured
 from sketchterrain.commands import target_arguments as asked
 from sketchterrain.exit_codes import PARTIAL, USAGE_ERROR, fail
-from sketchterrain.listings import counted, say, say_json
+from sketchterrain.listings import pluralize, print_json, print_lines
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -158,7 +158,7 @@ def _output(keys: dict[str, Any], options: dict[str, Any], *, fast: bool) -> Out
         if keys[name] is not None:
             raise USAGE_ERROR(f"{name} and a target: it is for the files of `generate`")
     target_named(keys["to"])
-    chosen = asked.options_of(
+    chosen = asked.export_options(
         size=keys["size"],
         grass=bool(keys["grass"]),
         plants=options.pop("plants") is not False,
@@ -196,12 +196,14 @@ def _report_plan(
             }
             for item, state, problem in zip(items, states, problems, strict=True)
         ]
-        say_json({"folder": str(folder), "jobs": jobs, **estimate.as_dict(folder), "items": listed})
+        print_json({"folder": str(folder), "jobs": jobs, **estimate.as_dict(folder), "items": listed})
         return
     width = max(len(item.name) for item in items)
     for item, state, problem in zip(items, states, problems, strict=True):
-        say(f"{item.name:<{width}}  {problem or state}")
-    say(f"{counted(len(to_make), 'terrain')} to make in {folder}, {jobs} at once", *estimate.lines(folder))
+        print_lines(f"{item.name:<{width}}  {problem or state}")
+    print_lines(
+        f"{pluralize(len(to_make), 'terrain')} to make in {folder}, {jobs} at once", *estimate.lines(folder)
+    )
 
 
 def _report_done(done: Done, folder: Path, *, as_json: bool) -> None:
@@ -220,13 +222,13 @@ def _report_done(done: Done, folder: Path, *, as_json: bool) -> None:
             "failed": len(failed),
         }
         facts = {"folder": str(folder), **counts, "seconds": round(done.seconds, 3), "sheets": done.sheets}
-        say_json(facts | {"items": to_builtins(done.entries)})
+        print_json(facts | {"items": to_builtins(done.entries)})
     else:
         count = len(made) + len(partial)
         rate = f", {60.0 * count / done.seconds:.1f} a minute" if count and done.seconds > 0 else ""
         there = f", {len(done.skipped)} were there" if done.skipped else ""
-        say(f"{counted(count, 'terrain')} made in {done.seconds:.1f} s{rate}{there}: {folder}")
-        say(*(f"contact sheet: {folder / name}" for name in done.sheets))
+        print_lines(f"{pluralize(count, 'terrain')} made in {done.seconds:.1f} s{rate}{there}: {folder}")
+        print_lines(*(f"contact sheet: {folder / name}" for name in done.sheets))
     bad = [*failed, *partial]
     if bad:
         width = max(len(entry.name) for entry in bad)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from sketchterrain import arguments as given
 from sketchterrain.commands import target_arguments as asked
 from sketchterrain.commands.sketches import read_sketch
-from sketchterrain.listings import exported_lines, say, say_json, target_entry, target_lines
+from sketchterrain.listings import exported_lines, print_json, print_lines, target_entry, target_lines
 from sketchterrain.progress import Stages
 
 
@@ -32,7 +32,7 @@ def export(
     as_json: given.AsJson = False,
 ) -> None:
     """Take a terrain to an engine, a GIS or a plain format: the right size, the right way up."""
-    options = asked.options_of(
+    options = asked.export_options(
         size=size,
         tiles=tiles,
         overlap=overlap,
@@ -53,9 +53,11 @@ def export(
             from sketchterrain import exporting as whole
         done = whole.export(document, output, target, options, device=device, fast=fast, stages=stages)
     if as_json:
-        say_json(done.report | {"folder": str(output), "timings": stages.seconds | {"total": stages.elapsed}})
+        print_json(
+            done.report | {"folder": str(output), "timings": stages.seconds | {"total": stages.elapsed}}
+        )
     else:
-        say(*exported_lines(done.report, output, stages.elapsed))
+        print_lines(*exported_lines(done.report, output, stages.elapsed))
 
 
 def targets(as_json: given.AsJson = False) -> None:
@@ -64,6 +66,6 @@ def targets(as_json: given.AsJson = False) -> None:
 
     entries = [target_entry(target_named(name)) for name in TARGET_NAMES]
     if as_json:
-        say_json(entries)
+        print_json(entries)
     else:
-        say(*(line for entry in entries for line in target_lines(entry)))
+        print_lines(*(line for entry in entries for line in target_lines(entry)))

@@ -9,7 +9,7 @@ import typer
 
 from sketchterrain.arguments import AsJson
 from sketchterrain.exit_codes import PARTIAL, USAGE_ERROR, fail
-from sketchterrain.listings import say, say_json
+from sketchterrain.listings import print_json, print_lines
 from sketchterrain.progress import Stages
 
 if TYPE_CHECKING:
@@ -54,9 +54,9 @@ def stats(
                 found = statistics_of(stored, level=level or 0, progress=tell)
     if not check:
         if as_json:
-            say_json({"world": str(store), **found.as_dict()})
+            print_json({"world": str(store), **found.as_dict()})
         else:
-            say(*_lines(store, found))
+            print_lines(*_lines(store, found))
         return
     _tell_checked(store, broken, as_json=as_json)
 
@@ -73,13 +73,13 @@ def _tell_checked(store: Path, broken: list[Broken], *, as_json: bool) -> None:
 
     if as_json:
         told = [{"file": each.file, "why": each.why} for each in broken]
-        say_json({"world": str(store), "broken": told})
+        print_json({"world": str(store), "broken": told})
     elif broken:
-        say(*(f"{one_line(each.file)} {each.why}" for each in broken[:_NAMED]))
+        print_lines(*(f"{one_line(each.file)} {each.why}" for each in broken[:_NAMED]))
         if len(broken) > _NAMED:
-            say(f"and {len(broken) - _NAMED} more")
+            print_lines(f"and {len(broken) - _NAMED} more")
     else:
-        say(f"{store}: every file is as it was written")
+        print_lines(f"{store}: every file is as it was written")
     if broken:
         files = "1 file is" if len(broken) == 1 else f"{len(broken)} files are"
         raise typer.Exit(fail(f"{files} missing or broken; `world --resume` mends them", PARTIAL))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sketchterrain.picture_arguments import refuse_together
+from sketchterrain.picture_arguments import reject_combination
 
 if TYPE_CHECKING:
     from sketchterrain.export.target import ExportOptions
@@ -122,7 +122,7 @@ Plants = Annotated[bool, typer.Option("--plants/--no-plants", help="Write trees 
 GrassToo = Annotated[bool, typer.Option("--grass", help="Grass, flowers and ferns too: many.")]
 
 
-def options_of(
+def export_options(
     *,
     size: int | None = None,
     tiles: tuple[int, int] | None = None,
@@ -150,7 +150,7 @@ def options_of(
     if tiles is None or tiles == (1, 1):
         of_tiles: dict[str, object] = {"--overlap": overlap, "--tile-name": tile_name}
         of_tiles |= {"--tile-first": tile_first, "--tiles-from-south": tiles_from_south}
-        refuse_together("no --tiles", of_tiles, "there is one tile")
+        reject_combination("no --tiles", of_tiles, "there is one tile")
     return ExportOptions(
         size=size,
         tiles=tiles or (1, 1),

@@ -9,7 +9,7 @@ import typer
 
 from sketchterrain.arguments import AsJson
 from sketchterrain.exit_codes import USAGE_ERROR
-from sketchterrain.listings import say, say_json
+from sketchterrain.listings import print_json, print_lines
 from sketchterrain.progress import Stages
 
 if TYPE_CHECKING:
@@ -161,13 +161,15 @@ def trace(
             save_sketch(done.sketch, output)
             if preview is not None:
                 from sketchterrain.trace.sheet import preview_png
-                from sketchterrain.whole_files import write_whole
+                from sketchterrain.whole_files import write_atomic
 
-                write_whole(preview, preview_png(done.sketch, source))
+                write_atomic(preview, preview_png(done.sketch, source))
     if as_json:
-        say_json(_entry(done, output, kind))
+        print_json(_entry(done, output, kind))
     else:
-        say(*done.notes, f"sketch: {output}", *([f"picture: {preview}"] if preview is not None else []))
+        print_lines(
+            *done.notes, f"sketch: {output}", *([f"picture: {preview}"] if preview is not None else [])
+        )
 
 
 def _refuse_others(kind: str, given: dict[str, object]) -> None:
@@ -179,10 +181,10 @@ def _refuse_others(kind: str, given: dict[str, object]) -> None:
 
 def _check_places(file: Path, output: Path, preview: Path | None) -> None:
     from sketchterrain.errors import InputError, one_line
-    from sketchterrain.whole_files import telling_failure
+    from sketchterrain.whole_files import wrap_os_errors
 
     place = one_line(output)
-    with telling_failure(output):
+    with wrap_os_errors(output):
         if output.is_dir() and any(output.iterdir()):
             raise InputError(f"{place}: expected a new or an empty folder, this one is not empty")
         if output.exists() and not output.is_dir():

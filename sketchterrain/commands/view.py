@@ -11,9 +11,9 @@ import typer
 from sketchterrain import arguments as given
 from sketchterrain import picture_arguments as pictured
 from sketchterrain.exit_codes import USAGE_ERROR
-from sketchterrain.listings import legend_lines, say
+from sketchterrain.listings import legend_lines, print_lines
 from sketchterrain.progress import Stages
-from sketchterrain.termination import ended_at_once
+from sketchterrain.termination import restore_default_sigterm
 
 
 def _check_picture(path: Path | None) -> Path | None:
@@ -67,20 +67,20 @@ def view(
                 raise USAGE_ERROR(f"{name} needs -o: it is for pictures")
         from sketchterrain.ui.app import run_world
 
-        ended_at_once()
+        restore_default_sigterm()
         raise typer.Exit(run_world(store, device=device))
     if look_at is not None and (eye is None or eye == look_at):
         raise USAGE_ERROR("--look-at needs an --eye at another place")
     if eye is not None:
-        pictured.refuse_together(
+        pictured.reject_combination(
             "--eye", {"--view": kind}, "either you or the program chooses where to stand"
         )
     with Stages() as stages:
         with stages.stage("program", "Loading the program"):
-            from sketchterrain.still import Still
+            from sketchterrain.still import PictureOptions
             from sketchterrain.world.picture import draw_world
 
-        still = Still(
+        still = PictureOptions(
             size=size,
             eye=eye,
             look_at=look_at,
@@ -95,4 +95,4 @@ def view(
         legend, lacks = draw_world(store, output, still, device=device, stages=stages)
     for line in lacks:
         sys.stderr.write(f"sketchterrain: note: {line}\n")
-    say(str(output), *legend_lines(legend))
+    print_lines(str(output), *legend_lines(legend))

@@ -12,8 +12,10 @@ import typer
 from sketchterrain import arguments as given
 from sketchterrain.commands import target_arguments as asked
 from sketchterrain.commands.sketches import read_sketch
+from sketchterrain.disk import format_bytes
+from sketchterrain.estimate import format_count, format_duration
 from sketchterrain.exit_codes import USAGE_ERROR
-from sketchterrain.listings import counted, say, say_json
+from sketchterrain.listings import pluralize, print_json, print_lines
 from sketchterrain.progress import Stages
 
 if TYPE_CHECKING:  # loaded once the arguments are read
@@ -133,9 +135,9 @@ def world(
         estimate = estimate_world(job, workers=workers or 0)
     if dry_run:
         if as_json:
-            say_json(estimate.as_dict())
+            print_json(estimate.as_dict())
         else:
-            say(*estimate.lines())
+            print_lines(*estimate.lines())
         estimate.refuse_impossible()
         return
     sys.stderr.writelines(f"{line}\n" for line in estimate.lines())
@@ -150,12 +152,10 @@ def world(
 
 
 def _report(result: WorldResult, estimate: WorldEstimate, *, as_json: bool) -> None:
-    from sketchterrain.disk import amount
-    from sketchterrain.estimate import count_text, duration
     from sketchterrain.system import peak_memory
 
     if as_json:
-        say_json(
+        print_json(
             {
                 "output": str(estimate.job.output),
                 "tasks": result.tasks,
@@ -171,9 +171,9 @@ def _report(result: WorldResult, estimate: WorldEstimate, *, as_json: bool) -> N
         return
     world = estimate.job.world
     there = f", {result.tasks - result.made} were there" if result.made < result.tasks else ""
-    say(
-        f"{result.made} of {counted(result.tasks, 'shard')} written in {duration(result.seconds)}{there}: "
-        f"{estimate.job.output}",
-        f"{count_text(world.vertices)} vertices on {counted(len(world.levels), 'level')}, "
-        f"{counted(result.files, 'file')}, {amount(result.bytes)}",
+    print_lines(
+        f"{result.made} of {pluralize(result.tasks, 'shard')} written in "
+        f"{format_duration(result.seconds)}{there}: {estimate.job.output}",
+        f"{format_count(world.vertices)} vertices on {pluralize(len(world.levels), 'level')}, "
+        f"{pluralize(result.files, 'file')}, {format_bytes(result.bytes)}",
     )

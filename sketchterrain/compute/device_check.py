@@ -20,7 +20,7 @@ from sketchterrain import resources
 from sketchterrain.child_process import ChildFailedError, ChildTimedOutError, module_result
 from sketchterrain.disk import cache_folder
 from sketchterrain.errors import SketchterrainError
-from sketchterrain.whole_files import write_whole
+from sketchterrain.whole_files import write_atomic
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -118,7 +118,7 @@ def cached_on_disk(
         stored = {"key": key, "result": run()}
         with suppress(OSError, SketchterrainError):  # without a cache the next start takes longer, no more
             path.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(path, json.dumps(stored).encode())
+            write_atomic(path, json.dumps(stored).encode())
     result: dict[str, Any] = stored["result"]
     return result
 

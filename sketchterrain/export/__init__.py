@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sketchterrain.lazily import lazily
+from sketchterrain.lazily import lazy_attributes
 
 if TYPE_CHECKING:
     from sketchterrain.export.agreement import agreement_picture, write_agreement
@@ -56,4 +56,4 @@ _MODULE = {
     "quantised_weights": "weights",
 }
 
-__getattr__ = lazily(__name__, _MODULE)
+__getattr__ = lazy_attributes(__name__, _MODULE)

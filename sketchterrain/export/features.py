@@ -13,7 +13,7 @@ from skimage.measure import find_contours
 
 from sketchterrain.features import FEATURE_TYPES
 from sketchterrain.features.catalogue import conifer_share
-from sketchterrain.whole_files import write_whole
+from sketchterrain.whole_files import write_atomic
 
 if TYPE_CHECKING:
     from sketchterrain.features import Lake, River, ShapeField
@@ -43,7 +43,7 @@ def write_features(folder: Path, features: TerrainFeatures) -> tuple[Path, ...]:
         + _lines(_lake(lake) for lake in features.lakes)
         + "]}\n"
     )
-    return (write_whole(folder / "features.json", text.encode()),)
+    return (write_atomic(folder / "features.json", text.encode()),)
 
 
 def _lines(entries: Iterable[dict[str, Any]]) -> str:

@@ -18,7 +18,7 @@ from PIL import Image
 
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.system import lock_folder, unlock_folder
-from sketchterrain.whole_files import telling_failure, whole_file, whole_path, write_whole
+from sketchterrain.whole_files import atomic_file, atomic_path, wrap_os_errors, write_atomic
 
 _PREFIX: Final = ".sketchterrain-"  # of a staging folder
 # Level 6 takes three times as long to save a tenth of the bytes.
@@ -41,7 +41,7 @@ def prepare_folder(folder: Path) -> None:
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: expected a folder to write into, this is a file")
-    with telling_failure(folder):
+    with wrap_os_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
@@ -59,7 +59,7 @@ def staging(folder: Path) -> Iterator[Path]:
     SketchterrainError
         If the system cannot write there.
     """
-    with telling_failure(folder):
+    with wrap_os_errors(folder):
         hidden, lock = _made(folder)
     try:
         yield hidden
@@ -116,10 +116,10 @@ def move_into(folder: Path, files: Iterable[Path], *, outdated: Iterable[Path] =
     """
     moved = []
     for file in files:
-        with telling_failure(folder / file.name):
+        with wrap_os_errors(folder / file.name):
             moved.append(file.replace(folder / file.name))
     for file in outdated:
-        with telling_failure(file):
+        with wrap_os_errors(file):
             file.unlink()
     return tuple(moved)
 
@@ -131,19 +131,19 @@ def _is_plain(name: str) -> bool:
 def write_json(path: Path, value: Any) -> Path:
     """Write a value as JSON, indented, keys in the order given; NaN and infinities are refused."""
     text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False)
-    return write_whole(path, f"{text}\n".encode())
+    return write_atomic(path, f"{text}\n".encode())
 
 
 def write_png(path: Path, pixels: npt.NDArray[np.uint8]) -> Path:
     """Write a picture, (rows, columns) or (rows, columns, 3 or 4); row 0 is its upper edge."""
-    with whole_path(path) as temporary:
+    with atomic_path(path) as temporary:
         Image.fromarray(pixels).save(temporary, format="PNG", compress_level=_PNG_LEVEL)
     return path
 
 
 def write_values_png(path: Path, values: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> Path:
     """Write values that are no colours, uint8 or grey uint16, as a PNG; row 0 is its upper edge."""
-    with whole_path(path) as temporary:
+    with atomic_path(path) as temporary:
         image = Image.fromarray(values)
         image.save(temporary, format="PNG", compress_level=_PNG_LEVEL, compress_type=_RUN_LENGTHS)
     return path
@@ -173,12 +173,12 @@ def text_rows(line: str, *columns: npt.NDArray[Any]) -> bytes:
 def write_listing(path: Path, head: dict[str, Any], name: str, pieces: Iterable[bytes]) -> Path:
     """Write a JSON object whose last member is a long list, one entry a line."""
     start = json.dumps(head | {name: []}, ensure_ascii=False, allow_nan=False).removesuffix("]}")
-    with whole_file(path) as stream:
+    with atomic_file(path) as stream:
         stream.write(f"{start}\n".encode())
         begun = False
         for piece in pieces:
             if piece:
-                with telling_failure(path):
+                with wrap_os_errors(path):
                     stream.write(b",\n" + piece if begun else piece)
                 begun = True
         stream.write(b"\n]}\n")

@@ -16,7 +16,7 @@ from PIL import Image
 
 from sketchterrain.errors import InputError, SketchterrainError, one_line
 from sketchterrain.export.files import move_into, prepare_folder, staging, write_png
-from sketchterrain.whole_files import telling_failure
+from sketchterrain.whole_files import wrap_os_errors
 
 Frame = npt.NDArray[np.uint8]
 ANIMATED: Final[dict[str, dict[str, Any]]] = {".webp": {"quality": 85, "method": 2}, ".gif": {"loop": 0}}
@@ -121,7 +121,7 @@ def _animation(path: Path, size: tuple[int, int], fps: int) -> Iterator[Callable
     ends = [round(1000 / unit * (number + 1) / fps) * unit for number in range(len(files))]
     durations = [end - before for before, end in zip([0, *ends], ends, strict=False)]
     sequence = _Sequence(files, size)
-    with telling_failure(path):
+    with wrap_os_errors(path):
         sequence.save(path, save_all=True, duration=durations, **ANIMATED[path.suffix.lower()])
 
 

@@ -19,7 +19,7 @@ from sketchterrain.disk import check_disk
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.export.files import text_rows
 from sketchterrain.terrain.plant import STOREYS
-from sketchterrain.whole_files import telling_failure, whole_file
+from sketchterrain.whole_files import atomic_file, wrap_os_errors
 
 Area = tuple[float, float, float, float]
 FOLIAGE = {"csv": ("csv",), "ply": ("ply",), "both": ("csv", "ply"), "none": ()}
@@ -217,13 +217,13 @@ def plant_table(path: Path, species: Sequence[str]) -> Iterator[Callable[[npt.ND
     the context has ended well; it takes a few megabytes of memory however many plants there are.
     """
     names = np.array(species, object)
-    with whole_file(path) as stream:
+    with atomic_file(path) as stream:
         stream.write(_HEADER)
 
         def add(plants: npt.NDArray[np.void]) -> None:
             for first in range(0, len(plants), _AT_ONCE):
                 text = _text(plants[first : first + _AT_ONCE], names)
-                with telling_failure(path):
+                with wrap_os_errors(path):
                     stream.write(text)
 
         yield add
@@ -244,14 +244,14 @@ def plant_cloud(path: Path, species: Sequence[str]) -> Iterator[Callable[[npt.ND
     many plants there are.
     """
     count = 0
-    with whole_file(path) as stream:
+    with atomic_file(path) as stream:
         stream.write(_header(0, species))
 
         def add(plants: npt.NDArray[np.void]) -> None:
             nonlocal count
             for first in range(0, len(plants), _AT_ONCE):
                 rows = _vertices(plants[first : first + _AT_ONCE])
-                with telling_failure(path):
+                with wrap_os_errors(path):
                     stream.write(rows.view(np.uint8).data)
             count += len(plants)
 

@@ -14,7 +14,7 @@ from rasterio.enums import ColorInterp
 from rasterio.io import MemoryFile
 
 from sketchterrain.export.sampled import Grid
-from sketchterrain.whole_files import write_whole
+from sketchterrain.whole_files import write_atomic
 
 if TYPE_CHECKING:  # loads OpenCL
     from sketchterrain.terrain import Raster
@@ -69,7 +69,7 @@ def write_height_tif(folder: Path, raster: Raster) -> tuple[Path, ...]:
             file.set_band_unit(1, "m")
             file.write(raster.height, 1)
         content = memory.read()
-    return (write_whole(folder / "height.tif", content),)
+    return (write_atomic(folder / "height.tif", content),)
 
 
 class Place(NamedTuple):
@@ -133,4 +133,4 @@ def write_cloud_tiff(
                 if unit is not None:
                     file.set_band_unit(index, unit)
                 file.write(band, index)
-        return write_whole(path, memory.getbuffer())
+        return write_atomic(path, memory.getbuffer())

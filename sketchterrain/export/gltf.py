@@ -23,7 +23,7 @@ from sketchterrain.export.mesh_vertices import mesh_normals, mesh_places, mesh_t
 from sketchterrain.export.sampled import Grid
 from sketchterrain.export.target import Export
 from sketchterrain.look.texture_levels import changed_levels, made_levels
-from sketchterrain.whole_files import whole_file
+from sketchterrain.whole_files import atomic_file
 
 if TYPE_CHECKING:  # load OpenCL
     from sketchterrain.compute import ComputeContext
@@ -121,7 +121,7 @@ class Glb:
         length = 12 + 8 + len(text) + 8 + self._length
         if length > LARGEST:
             raise InputError(f"{path.name}: a GLB holds 4 GiB, this one needs {length / (1 << 30):.1f} GiB")
-        with whole_file(path) as stream:
+        with atomic_file(path) as stream:
             stream.write(struct.pack("<4sIII4s", b"glTF", 2, length, len(text), b"JSON") + text)
             stream.write(struct.pack("<I4s", self._length, b"BIN\0"))
             for part in self._parts:

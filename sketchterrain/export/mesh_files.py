@@ -19,7 +19,7 @@ import numpy.typing as npt
 from sketchterrain.errors import InputError
 from sketchterrain.export.files import text_rows
 from sketchterrain.export.mesh import Mesh
-from sketchterrain.whole_files import telling_failure, whole_file, write_whole
+from sketchterrain.whole_files import atomic_file, wrap_os_errors, write_atomic
 
 HEIGHT_DECIMALS: Final = 4
 """Of a metre."""
@@ -43,12 +43,12 @@ class ObjPart(NamedTuple):
 @contextmanager
 def write_obj(path: Path, library: str) -> Iterator[Callable[[ObjPart], None]]:
     """Yield a function that adds an object to an OBJ; the file appears once the context has ended well."""
-    with whole_file(path) as stream:
+    with atomic_file(path) as stream:
         stream.write(f"# x east, y up, z south, metres\nmtllib {library}\n".encode())
         counted = {"v": 1, "vt": 1, "vn": 1}
 
         def add(part: ObjPart) -> None:
-            with telling_failure(path):
+            with wrap_os_errors(path):
                 _write(stream, part, counted)
 
         yield add
@@ -61,7 +61,7 @@ def write_mtl(path: Path, materials: Mapping[str, Mapping[str, str]]) -> Path:
         for name, statements in materials.items()
         for line in (f"newmtl {name}", *(f"{key} {value}" for key, value in statements.items()), "")
     ]
-    return write_whole(path, "\n".join(lines).encode())
+    return write_atomic(path, "\n".join(lines).encode())
 
 
 def _write(stream: BinaryIO, part: ObjPart, counted: dict[str, int]) -> None:
@@ -95,7 +95,7 @@ def write_stl(path: Path, place: npt.NDArray[np.float32], triangles: npt.NDArray
     """Write triangles."""
     if len(triangles) > _MOST:
         raise InputError(f"{path.name}: an STL holds {_MOST} triangles, this one needs {len(triangles)}")
-    with whole_file(path) as stream, telling_failure(path):
+    with atomic_file(path) as stream, wrap_os_errors(path):
         stream.write(_HEADER.ljust(80) + struct.pack("<I", len(triangles)))
         for first in range(0, len(triangles), _AT_ONCE):
             corners = place[triangles[first : first + _AT_ONCE]]

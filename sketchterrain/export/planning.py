@@ -11,7 +11,7 @@ from sketchterrain.export.height_steps import HeightSteps
 from sketchterrain.export.sampled import Grid
 from sketchterrain.export.target import ExportOptions, Target
 from sketchterrain.export.tiling import Tiling
-from sketchterrain.metric_crs import metric_crs
+from sketchterrain.metric_crs import parse_metric_crs
 
 if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
@@ -66,7 +66,7 @@ def plan(sketch: Sketch, target: Target, options: ExportOptions) -> Plan:
     _check_numbers(options)
     tiling = _tiling(target, options)
     if options.crs is not None:
-        metric_crs(options.crs)
+        parse_metric_crs(options.crs)
     if target.check is not None:
         target.check(options)
     grid = _grid(sketch.size, target, tiling, options.size)

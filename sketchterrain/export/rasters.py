@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.whole_files import telling_failure, whole_file, whole_path
+from sketchterrain.whole_files import atomic_file, atomic_path, wrap_os_errors
 
 
 def write_raw(path: Path, values: npt.NDArray[np.generic], kind: str) -> Path:
     """Write numbers row after row without a header; `kind` is NumPy's code, ``<u2`` or ``>u2`` say."""
-    with whole_file(path) as stream:
+    with atomic_file(path) as stream:
         stream.write(np.ascontiguousarray(values, kind).view(np.uint8).data)
     return path
 
 
 def write_npy(path: Path, values: npt.NDArray[np.generic]) -> Path:
     """Write an array as ``numpy.load`` reads it, little-endian."""
-    with whole_file(path) as stream:
+    with atomic_file(path) as stream:
         np.save(stream, np.ascontiguousarray(values, values.dtype.newbyteorder("<")))
     return path
 
@@ -31,13 +31,13 @@ def npy_rows(path: Path, kind: np.dtype[np.void]) -> Iterator[Callable[[npt.NDAr
     """Yield a function that appends rows to a structured array in a file of any length."""
     count, kind = 0, kind.newbyteorder("<")
     head = {"descr": np.lib.format.dtype_to_descr(kind), "fortran_order": False}
-    with whole_file(path) as stream:
+    with atomic_file(path) as stream:
         # NumPy pads the header so that it is equally long for any number of rows.
         np.lib.format.write_array_header_1_0(stream, head | {"shape": (0,)})
 
         def add(rows: npt.NDArray[np.void]) -> None:
             nonlocal count
-            with telling_failure(path):
+            with wrap_os_errors(path):
                 stream.write(rows.astype(kind, order="C").view(np.uint8).data)
             count += len(rows)
 
@@ -53,7 +53,7 @@ def write_exr(path: Path, channels: Mapping[str, npt.NDArray[np.float32]]) -> Pa
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     # The library reads memory in rows whatever an array's strides are.
     planes = {name: np.ascontiguousarray(plane, np.float32) for name, plane in channels.items()}
-    with whole_path(path) as temporary:
+    with atomic_path(path) as temporary:
         try:
             OpenEXR.File(header, planes).write(str(temporary))
         except RuntimeError as error:  # 'Failed to … file "…". No space left on device.'

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sketchterrain.lazily import lazily
+from sketchterrain.lazily import lazy_attributes
 
 if TYPE_CHECKING:
     from sketchterrain.features.catalogue import (
@@ -52,4 +52,4 @@ _MODULE = {
     "sample_catmull_rom": "splines",
 }
 
-__getattr__ = lazily(__name__, _MODULE)
+__getattr__ = lazy_attributes(__name__, _MODULE)

@@ -9,7 +9,7 @@ from typing import Final
 
 from sketchterrain.disk import cache_folder
 from sketchterrain.errors import SketchterrainError
-from sketchterrain.whole_files import write_whole
+from sketchterrain.whole_files import write_atomic
 
 _SUFFIX: Final = ".textures"
 _DIGEST: Final = hashlib.sha256().digest_size
@@ -46,7 +46,7 @@ def kept(
     made = make()
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        write_whole(path, _checksum(made) + made)
+        write_atomic(path, _checksum(made) + made)
         for old in folder.glob(f"{family}-*{_SUFFIX}"):
             if old != path:
                 old.unlink(missing_ok=True)

@@ -11,8 +11,8 @@ import numpy as np
 
 from sketchterrain.errors import InputError
 from sketchterrain.render.flight_motion import Motion
-from sketchterrain.sketch.parameter import Parameter, several, table_of
-from sketchterrain.sketch.wording import shown
+from sketchterrain.sketch.parameter import Parameter, check_items, parameter_table
+from sketchterrain.sketch.wording import format_value
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -38,7 +38,7 @@ HEIGHTS: Final = Parameter(
     choices=("absolute", "above ground"),
 )
 
-KEY: Final[Mapping[str, Parameter]] = table_of(
+KEY: Final[Mapping[str, Parameter]] = parameter_table(
     Parameter("time", float, 0.0, 0.0, 1e6, "s", "when the camera is there"),
     Parameter("eye", float, 0.0, -_FARTHEST, _FARTHEST, "m", "where it is: x, y, z"),
     Parameter(
@@ -79,7 +79,9 @@ class Keyframe:
         for name in ("eye", "target"):
             object.__setattr__(self, name, _point(name, getattr(self, name)))
         if self.eye == self.target:
-            raise InputError(f"target = {shown(list(self.target))}: expected another point than the eye")
+            raise InputError(
+                f"target = {format_value(list(self.target))}: expected another point than the eye"
+            )
 
 
 class CameraStates(NamedTuple):
@@ -117,14 +119,14 @@ class Flight:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "heights", HEIGHTS.check(self.heights))
-        object.__setattr__(self, "keys", several(Keyframe, self.keys, "keys", most=MOST_KEYS))
+        object.__setattr__(self, "keys", check_items(Keyframe, self.keys, "keys", most=MOST_KEYS))
         if len(self.keys) < 2:
             raise InputError(f"{len(self.keys)} keys: expected two or more")
         for number, (before, key) in enumerate(zip(self.keys, self.keys[1:], strict=False), 2):
             if key.time < before.time + _SOONEST:
                 raise InputError(
-                    f"key {number}: time = {shown(key.time)}: expected {_SOONEST:g} s or more after the key "
-                    f"before, which is at {shown(before.time)} s"
+                    f"key {number}: time = {format_value(key.time)}: expected {_SOONEST:g} s or more "
+                    f"after the key before, which is at {format_value(before.time)} s"
                 )
 
     @classmethod
@@ -221,7 +223,7 @@ def _with_places(flight: Flight, places: Floats) -> Flight:
 
 def _point(name: str, value: object) -> tuple[object, ...]:
     if not isinstance(value, list | tuple) or len(value) != 3:
-        raise InputError(f"{name} = {shown(value)}: expected three numbers, x, y and z")
+        raise InputError(f"{name} = {format_value(value)}: expected three numbers, x, y and z")
     return tuple(
         float(KEY[name].check(each, f"{name} {axis}")) for axis, each in zip("xyz", value, strict=True)
     )

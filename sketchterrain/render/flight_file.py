@@ -9,8 +9,8 @@ from typing import Final
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.render.flight import HEIGHTS, KEY, MOST_KEYS, Flight, Keyframe
 from sketchterrain.sketch.toml_reading import load_toml
-from sketchterrain.sketch.wording import did_you_mean, shown
-from sketchterrain.whole_files import write_whole
+from sketchterrain.sketch.wording import did_you_mean, format_value
+from sketchterrain.whole_files import write_atomic
 
 FORMAT: Final = 1
 _LARGEST = 8 << 20  # bytes, of a file
@@ -58,7 +58,7 @@ def save_flight(flight: Flight, path: str | Path) -> Path:
     SketchterrainError
         If the system cannot write there.
     """
-    return write_whole(Path(path), flight_text(flight).encode())
+    return write_atomic(Path(path), flight_text(flight).encode())
 
 
 def parse_flight(data: bytes) -> Flight:
@@ -75,11 +75,13 @@ def parse_flight(data: bytes) -> Flight:
             raise _unknown(name, value, _KNOWN)
     given = document.get("format")
     if isinstance(given, bool) or given != FORMAT:
-        got = "no such key" if given is None else shown(given)
+        got = "no such key" if given is None else format_value(given)
         raise InputError(f"format = {FORMAT} expected, got {got}")
     rows = document.get("key", [])
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
-        raise InputError(f"key = {shown(rows)}: expected tables, each with [[key]] on a line of its own")
+        raise InputError(
+            f"key = {format_value(rows)}: expected tables, each with [[key]] on a line of its own"
+        )
     if len(rows) > MOST_KEYS:
         raise InputError(f"{len(rows)} keys: expected at most {MOST_KEYS}")
     keys = tuple(_key(row, number) for number, row in enumerate(rows, 1))
@@ -109,7 +111,8 @@ def _key(row: Mapping[str, object], number: int) -> Keyframe:
 
 def _unknown(name: str, value: object, known: tuple[str, ...]) -> InputError:
     return InputError(
-        f"unknown key {shown(name)} = {shown(value)}: expected {', '.join(known)}{did_you_mean(name, known)}"
+        f"unknown key {format_value(name)} = {format_value(value)}: expected {', '.join(known)}"
+        f"{did_you_mean(name, known)}"
     )
 
 

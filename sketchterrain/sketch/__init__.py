@@ -15,11 +15,11 @@ from __future__ import annotations
 
 from sketchterrain.sketch.document import Sketch
 from sketchterrain.sketch.edits import ACTIONS, ADDED_BIT, Edit
-from sketchterrain.sketch.files import load_sketch, new_sketch, packed_sketch, save_sketch
+from sketchterrain.sketch.files import load_sketch, new_sketch, pack_sketch, save_sketch
 from sketchterrain.sketch.material_rule import (
     FACTOR,
     INPUTS,
-    MOST_INPUTS,
+    MAX_INPUTS,
     RULE,
     Factor,
     MaterialRule,
@@ -53,7 +53,7 @@ __all__ = [
     "LAYERS",
     "LOOK",
     "MATERIALS",
-    "MOST_INPUTS",
+    "MAX_INPUTS",
     "RULE",
     "SKETCH",
     "TABLES",
@@ -68,7 +68,7 @@ __all__ = [
     "Sketch",
     "load_sketch",
     "new_sketch",
-    "packed_sketch",
+    "pack_sketch",
     "reference_table",
     "resolved_rules",
     "rule_table",

@@ -6,7 +6,7 @@ Box = tuple[int, int, int, int]
 """Top, left, bottom, right: rows and columns of a sketch, the last two exclusive."""
 
 
-def around(a: Box | None, b: Box | None) -> Box | None:
+def union_box(a: Box | None, b: Box | None) -> Box | None:
     """Return the smallest box around two boxes, either of which may be missing."""
     if a is None or b is None:
         return a or b

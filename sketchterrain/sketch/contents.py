@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.sketch.parameters import LAYERS
 from sketchterrain.sketch.safe_zip import too_large
-from sketchterrain.sketch.wording import did_you_mean, shown
+from sketchterrain.sketch.wording import did_you_mean, format_value
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -44,11 +44,11 @@ def sketch_files(names: Iterable[str], place: str) -> list[str]:
         suffix = path.suffix.lower()
         if suffix == ".png" and name not in images:
             raise InputError(
-                f"{place}: unknown layer image {shown(name)}: expected {', '.join(images)}"
+                f"{place}: unknown layer image {format_value(name)}: expected {', '.join(images)}"
                 f"{did_you_mean(name, images)}"
             )
         if suffix in _OTHER_IMAGES and path.stem.lower() in LAYERS:
-            raise InputError(f"{place}: {shown(name)}: expected a PNG file, {path.stem.lower()}.png")
+            raise InputError(f"{place}: {format_value(name)}: expected a PNG file, {path.stem.lower()}.png")
     if SETTINGS not in visible:
         raise InputError(
             f"{place}: no {SETTINGS} in it: expected a sketch (`sketchterrain new DIR` writes a starter)"

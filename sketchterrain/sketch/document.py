@@ -14,24 +14,24 @@ import numpy as np
 from sketchterrain.errors import InputError
 from sketchterrain.sketch.edits import Edit, checked_edits
 from sketchterrain.sketch.label_image import (
-    LARGEST_SIDE,
-    MOST_LABELS,
+    MAX_LABELS,
+    MAX_SIDE,
     LabelImage,
-    checked_image,
-    kept_image,
+    check_image,
+    freeze_image,
     labels_in,
 )
-from sketchterrain.sketch.material_rules import checked_changes
-from sketchterrain.sketch.parameter import Parameter, Properties, Value, named
+from sketchterrain.sketch.material_rules import check_rule_changes
+from sketchterrain.sketch.parameter import Parameter, Properties, Value, find_parameter
 from sketchterrain.sketch.parameters import LAYERS, LOOK, MATERIALS, SKETCH, TABLES, Layer
-from sketchterrain.sketch.wording import did_you_mean, shown
+from sketchterrain.sketch.wording import did_you_mean, format_value
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sketchterrain.sketch.material_rule import RuleChange
 
-__all__ = ["DEFAULT_SIDE", "LARGEST_SIDE", "MOST_LABELS", "LabelImage", "Sketch", "labels_in"]
+__all__ = ["DEFAULT_SIDE", "MAX_LABELS", "MAX_SIDE", "LabelImage", "Sketch", "labels_in"]
 
 DEFAULT_SIDE = 512
 """Pixels along each side of a sketch without any layer image."""
@@ -102,7 +102,7 @@ class Sketch:
         checked["labels"] = _check_labels(self.labels)
         checked["look"] = _check_look(self.look)
         checked["edits"] = checked_edits(self.edits)
-        checked["material_rules"] = checked_changes(self.material_rules)
+        checked["material_rules"] = check_rule_changes(self.material_rules)
         for key, value in checked.items():
             object.__setattr__(self, key, value)
 
@@ -122,9 +122,9 @@ class Sketch:
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Take over fields that were checked when they were first set."""
         size = state.pop("size_px")
-        empty = kept_image(np.zeros(size, dtype=np.uint8))
+        empty = freeze_image(np.zeros(size, dtype=np.uint8))
         layers = {
-            name: kept_image(np.frombuffer(zlib.decompress(packed), dtype=np.uint8).reshape(size))
+            name: freeze_image(np.frombuffer(zlib.decompress(packed), dtype=np.uint8).reshape(size))
             for name, packed in state["layers"].items()
         }
         state["layers"] = {name: layers.get(name, empty) for name in LAYERS}
@@ -199,7 +199,8 @@ class Sketch:
 def _layer(name: str) -> Layer:
     if name not in LAYERS:
         raise InputError(
-            f"unknown layer {shown(name)}: expected {', '.join(LAYERS)}{did_you_mean(str(name), LAYERS)}"
+            f"unknown layer {format_value(name)}: expected {', '.join(LAYERS)}"
+            f"{did_you_mean(str(name), LAYERS)}"
         )
     return LAYERS[name]
 
@@ -212,7 +213,7 @@ def _check_table(
     values: Mapping[str, object], table: Mapping[str, Parameter], where: str, prefix: str
 ) -> dict[str, Value]:
     return {
-        name: named(table, name, value, where).check(value, f"{prefix}{name}")
+        name: find_parameter(table, name, value, where).check(value, f"{prefix}{name}")
         for name, value in values.items()
     }
 
@@ -222,7 +223,9 @@ def _check_look(look: Mapping[str, Mapping[str, object]]) -> Mapping[str, Proper
     for name, values in look.items():
         if name not in MATERIALS:
             near = did_you_mean(name, MATERIALS)
-            raise InputError(f"[look.{shown(name)}]: expected a material, {', '.join(MATERIALS)}{near}")
+            raise InputError(
+                f"[look.{format_value(name)}]: expected a material, {', '.join(MATERIALS)}{near}"
+            )
         table = _check_table(values, LOOK, f"[look.{name}]", f"look.{name}.")
         checked[name] = MappingProxyType(table)
     return MappingProxyType({name: checked[name] for name in MATERIALS if name in checked})
@@ -231,7 +234,7 @@ def _check_look(look: Mapping[str, Mapping[str, object]]) -> Mapping[str, Proper
 def _check_label(layer: str, label: object) -> int:
     number = 0 if isinstance(label, bool) or not isinstance(label, Integral) else int(label)
     if not 1 <= number <= 255:
-        raise InputError(f"[{layer}.{shown(label)}]: expected a label from 1 to 255")
+        raise InputError(f"[{layer}.{format_value(label)}]: expected a label from 1 to 255")
     return number
 
 
@@ -252,7 +255,7 @@ def _check_labels(
 
 
 def _check_layers(layers: Mapping[str, LabelImage]) -> Mapping[str, LabelImage]:
-    images = {_layer(name).name: checked_image(name, image) for name, image in layers.items()}
+    images = {_layer(name).name: check_image(name, image) for name, image in layers.items()}
     first = next(iter(images), None)
     shape = (DEFAULT_SIDE, DEFAULT_SIDE) if first is None else images[first].shape
     for name, image in images.items():
@@ -262,6 +265,6 @@ def _check_layers(layers: Mapping[str, LabelImage]) -> Mapping[str, LabelImage]:
                 f"{shape[1]}×{shape[0]} px: expected one size"
             )
     if len(images) < len(LAYERS):
-        empty = kept_image(np.zeros(shape, dtype=np.uint8))
+        empty = freeze_image(np.zeros(shape, dtype=np.uint8))
         images |= {name: empty for name in LAYERS if name not in images}
     return MappingProxyType({name: images[name] for name in LAYERS})

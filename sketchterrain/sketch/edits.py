@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from sketchterrain.errors import InputError
-from sketchterrain.sketch.parameter import Parameter, Value, named, several, table_of
+from sketchterrain.sketch.parameter import Parameter, Value, check_items, find_parameter, parameter_table
 from sketchterrain.sketch.parameters import LAYERS
-from sketchterrain.sketch.wording import did_you_mean, shown
+from sketchterrain.sketch.wording import did_you_mean, format_value
 
 POINT_TYPES = ("mountain", "hill", "dune", "forest")
 """What can be added and locked; rivers are changed by their control points."""
@@ -23,7 +23,7 @@ POINT_TYPES = ("mountain", "hill", "dune", "forest")
 ADDED_BIT = 1 << 62
 """Set in the id of every feature that a person added."""
 
-MOST_EDITS = 2000
+MAX_EDITS = 2000
 """The most edits of one sketch."""
 
 _FARTHEST = 1e7  # m
@@ -58,7 +58,7 @@ _TYPE = Parameter("type", str, "mountain", 0, 10, "", "what it is", choices=POIN
 _INDEX = Parameter("index", int, 0, 0, 100_000, "", "which control point, 0 at the spring")
 _FEATURE = Parameter("feature", int, 0, 0, 2**64 - 1, "", "id of the feature, as in features.json")
 _SHAPE = (_TYPE, _X, _Y, _RADIUS, _STRENGTH)
-_STYLE = table_of(
+_STYLE = parameter_table(
     LAYERS["mountain"].parameters["peakiness"],
     LAYERS["mountain"].parameters["erosion"],
     LAYERS["mountain"].parameters["gullies"],
@@ -70,18 +70,18 @@ _STYLE = table_of(
 _WIDTH = dataclasses.replace(LAYERS["river"].parameters["width"], low=0.5, help="from bank to bank")
 
 ACTIONS: Mapping[str, Action] = {
-    "move": Action("puts a feature somewhere else", table_of(_X, _Y)),
-    "resize": Action("gives a feature another radius", table_of(_RADIUS)),
-    "strength": Action("gives a feature another strength", table_of(_STRENGTH)),
-    "delete": Action("takes a feature, a river or a lake away", table_of()),
-    "lock": Action("keeps a feature as it is, whatever is painted", table_of(*_SHAPE), _STYLE),
-    "add": Action("adds a feature; its id is made from its values", table_of(*_SHAPE), _STYLE),
+    "move": Action("puts a feature somewhere else", parameter_table(_X, _Y)),
+    "resize": Action("gives a feature another radius", parameter_table(_RADIUS)),
+    "strength": Action("gives a feature another strength", parameter_table(_STRENGTH)),
+    "delete": Action("takes a feature, a river or a lake away", parameter_table()),
+    "lock": Action("keeps a feature as it is, whatever is painted", parameter_table(*_SHAPE), _STYLE),
+    "add": Action("adds a feature; its id is made from its values", parameter_table(*_SHAPE), _STYLE),
     "move_point": Action(
         "puts a control point of a river somewhere else",
-        table_of(_INDEX, _X, _Y),
-        table_of(_FROM_X, _FROM_Y),
+        parameter_table(_INDEX, _X, _Y),
+        parameter_table(_FROM_X, _FROM_Y),
     ),
-    "width": Action("gives a river another width", table_of(_WIDTH)),
+    "width": Action("gives a river another width", parameter_table(_WIDTH)),
 }
 """What can be changed, by name."""
 
@@ -128,7 +128,7 @@ class Edit:
     def __post_init__(self) -> None:
         action = _action(self.action)
         for name, value in self._given().items():
-            parameter = named(action.values, name, value, f"edit {self.action}")
+            parameter = find_parameter(action.values, name, value, f"edit {self.action}")
             object.__setattr__(self, name, parameter.check(value, f"edit {self.action}.{name}"))
         missing = [name for name in action.needs if getattr(self, name) is None]
         if missing:
@@ -159,7 +159,7 @@ class Edit:
         return {name: value for name in fields if (value := getattr(self, name)) is not None}
 
 
-def edit_of(table: Mapping[str, object]) -> Edit:
+def parse_edit(table: Mapping[str, object]) -> Edit:
     """Return the edit that one ``[[edit]]`` table says.
 
     Raises
@@ -176,7 +176,7 @@ def edit_of(table: Mapping[str, object]) -> Edit:
     for key, value in table.items():
         if key not in known:
             raise InputError(
-                f"unknown key {shown(key)} = {shown(value)}: expected {', '.join(known)}"
+                f"unknown key {format_value(key)} = {format_value(value)}: expected {', '.join(known)}"
                 f"{did_you_mean(key, known)}"
             )
     if "feature" in first and "feature" not in table:
@@ -190,15 +190,15 @@ def checked_edits(edits: Iterable[Edit]) -> tuple[Edit, ...]:
     Raises
     ------
     InputError
-        If one is no `Edit`, or there are more than `MOST_EDITS`.
+        If one is no `Edit`, or there are more than `MAX_EDITS`.
     """
-    return several(Edit, edits, "edits", most=MOST_EDITS)
+    return check_items(Edit, edits, "edits", most=MAX_EDITS)
 
 
 def _action(name: object) -> Action:
     if not isinstance(name, str) or name not in ACTIONS:
         raise InputError(
-            f"action = {shown(name)}: expected {', '.join(ACTIONS)}{did_you_mean(str(name), ACTIONS)}"
+            f"action = {format_value(name)}: expected {', '.join(ACTIONS)}{did_you_mean(str(name), ACTIONS)}"
         )
     return ACTIONS[name]
 

@@ -11,13 +11,13 @@ from sketchterrain.errors import InputError, one_line
 from sketchterrain.resources import preset, preset_names
 from sketchterrain.sketch.archive import pack_zip, read_zip
 from sketchterrain.sketch.contents import SETTINGS, read_folder
-from sketchterrain.sketch.folder_save import PLEDGE, read_saved_folder, replace_files
+from sketchterrain.sketch.folder_save import JOURNAL, read_saved_folder, replace_files
 from sketchterrain.sketch.layer_images import decode_layer, encode_layer
 from sketchterrain.sketch.parameters import LAYERS
 from sketchterrain.sketch.starter import starter_sketch
 from sketchterrain.sketch.toml_text import parse_settings, settings_text
-from sketchterrain.sketch.wording import did_you_mean, shown
-from sketchterrain.whole_files import telling_failure, write_whole
+from sketchterrain.sketch.wording import did_you_mean, format_value
+from sketchterrain.whole_files import wrap_os_errors, write_atomic
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -47,7 +47,7 @@ def load_sketch(path_or_preset: str | Path) -> Sketch:
     place = one_line(path)
     try:
         is_file, exists = path.is_file(), path.exists()
-        is_sketch = (path / SETTINGS).is_file() or (path / PLEDGE).is_file()
+        is_sketch = (path / SETTINGS).is_file() or (path / JOURNAL).is_file()
     except OSError as error:
         raise InputError(f"{place}: cannot be read ({error.strerror})") from None
     if is_file:
@@ -59,7 +59,7 @@ def load_sketch(path_or_preset: str | Path) -> Sketch:
         return _read_sketch(read_saved_folder(path, place), place)
     names = preset_names()
     raise InputError(
-        f"no sketch {shown(str(path_or_preset))}: expected a folder, a {_ZIP_SUFFIX} file or a preset "
+        f"no sketch {format_value(str(path_or_preset))}: expected a folder, a {_ZIP_SUFFIX} file or a preset "
         f"({', '.join(names)}){did_you_mean(str(path_or_preset), names)}"
     )
 
@@ -89,7 +89,7 @@ def save_sketch(sketch: Sketch, path: str | Path) -> None:
     if target.is_dir() or target.suffix.lower() != _ZIP_SUFFIX:
         _save_folder(sketch, target)
     else:
-        write_whole(target, packed_sketch(sketch))
+        write_atomic(target, pack_sketch(sketch))
 
 
 def new_sketch(folder: str | Path) -> None:
@@ -103,7 +103,7 @@ def new_sketch(folder: str | Path) -> None:
         If the system cannot write there.
     """
     target = Path(folder)
-    with telling_failure(target):
+    with wrap_os_errors(target):
         if target.is_dir() and any(target.iterdir()):
             raise InputError(f"{one_line(target)}: expected a new or an empty folder, this one is not empty")
     _save_folder(starter_sketch(), target)
@@ -130,7 +130,7 @@ def _check_one_size(images: Mapping[str, LabelImage], name: str) -> None:
         )
 
 
-def packed_sketch(sketch: Sketch, *, beside: Mapping[str, bytes] | None = None) -> bytes:
+def pack_sketch(sketch: Sketch, *, beside: Mapping[str, bytes] | None = None) -> bytes:
     """Return what a ``.sketch`` file of a sketch holds.
 
     Parameters
@@ -158,7 +158,7 @@ def _encoded_layer(name: str, image: LabelImage) -> bytes:
 
 
 def _save_folder(sketch: Sketch, folder: Path) -> None:
-    with telling_failure(folder):
+    with wrap_os_errors(folder):
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{one_line(folder)}: expected a folder or a name that ends in {_ZIP_SUFFIX}")
         files = _encode(sketch)

@@ -16,9 +16,9 @@ from pathlib import Path
 from sketchterrain.errors import InputError
 from sketchterrain.sketch.archive import pack_zip, read_zip
 from sketchterrain.sketch.contents import read_folder
-from sketchterrain.whole_files import write_whole
+from sketchterrain.whole_files import write_atomic
 
-PLEDGE = ".unfinished.sketch"
+JOURNAL = ".unfinished.sketch"
 """What a save that did not come to its end leaves in the folder, until the next one."""
 
 _STALE = 60 * 10**9
@@ -35,16 +35,16 @@ def replace_files(folder: Path, files: Mapping[str, bytes]) -> None:
         put into its place; the pledge is there then.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    pledge = folder / PLEDGE
+    pledge = folder / JOURNAL
     changed = {name: content for name, content in files.items() if not _has(folder / name, content)}
-    _sweep(folder, (*files, PLEDGE))
+    _sweep(folder, (*files, JOURNAL))
     written: dict[str, Path] = {}
     try:
         for name, content in changed.items():
             written[name] = folder / f".{name}.{secrets.token_hex(4)}.tmp"
             _write(written[name], content)
         if len(changed) > 1 or pledge.exists():
-            write_whole(pledge, pack_zip(files))
+            write_atomic(pledge, pack_zip(files))
         for name, temporary in written.items():
             temporary.replace(folder / name)
         pledge.unlink(missing_ok=True)
@@ -61,12 +61,12 @@ def read_saved_folder(folder: Path, place: str) -> dict[str, bytes]:
     InputError
         As `read_folder` and `read_zip`.
     """
-    pledge = folder / PLEDGE
+    pledge = folder / JOURNAL
     promised = _written(pledge)
     if not promised:
         return read_folder(folder, place)
     try:
-        contents = read_zip(pledge, f"{place}/{PLEDGE}")
+        contents = read_zip(pledge, f"{place}/{JOURNAL}")
     except InputError:
         if pledge.exists():
             raise

@@ -13,9 +13,9 @@ from itertools import count
 from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
-from sketchterrain.sketch.box import around
+from sketchterrain.sketch.box import union_box
 from sketchterrain.sketch.document import Sketch
-from sketchterrain.sketch.label_image import LabelImage, kept_image
+from sketchterrain.sketch.label_image import LabelImage, freeze_image
 from sketchterrain.sketch.layer_change import LayerChange
 
 if TYPE_CHECKING:
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
     from sketchterrain.sketch.box import Box
 
-MOST_BYTES = 256 << 20
-MOST_STEPS = 1000
+MAX_BYTES = 256 << 20
+MAX_STEPS = 1000
 
 _STEP_BYTES = 2048
 """Of the settings, about: most of them are those of the step before."""
@@ -59,7 +59,7 @@ class History:
         How many there may be.
     """
 
-    def __init__(self, sketch: Sketch, *, most_bytes: int = MOST_BYTES, most_steps: int = MOST_STEPS) -> None:
+    def __init__(self, sketch: Sketch, *, most_bytes: int = MAX_BYTES, most_steps: int = MAX_STEPS) -> None:
         self._sketch = sketch
         self._keys = count()
         # Which step a sketch was current at, for as long as somebody holds it.
@@ -226,7 +226,7 @@ def _walked(
         for name, change in step.changes.items():
             image = written[name] if name in written else layers[name].copy()
             written[name] = turn(change, image)
-    return {**layers, **{name: kept_image(image) for name, image in written.items()}}
+    return {**layers, **{name: freeze_image(image) for name, image in written.items()}}
 
 
 def _boxes(steps: Sequence[_Step], sketch: Sketch) -> dict[str, Box]:
@@ -236,6 +236,6 @@ def _boxes(steps: Sequence[_Step], sketch: Sketch) -> dict[str, Box]:
         for name, change in step.changes.items():
             resized = change.shapes[0] != change.shapes[1]
             whole = (0, 0, sketch.height_px, sketch.width_px) if resized else None
-            boxes[name] = around(whole, around(boxes.get(name), change.box)) or change.box
+            boxes[name] = union_box(whole, union_box(boxes.get(name), change.box)) or change.box
     height, width = sketch.height_px, sketch.width_px
     return {name: (top, left, min(b, height), min(r, width)) for name, (top, left, b, r) in boxes.items()}

@@ -12,10 +12,10 @@ from sketchterrain.errors import InputError
 
 LabelImage: TypeAlias = npt.NDArray[np.uint8]
 
-LARGEST_SIDE = 16384
+MAX_SIDE = 16384
 """The most pixels along a side of a sketch."""
 
-MOST_LABELS = 16
+MAX_LABELS = 16
 """The most labels in one layer: an image with more looks antialiased."""
 
 _PIXELS_AT_ONCE = 1 << 20
@@ -33,7 +33,7 @@ def labels_in(image: LabelImage) -> tuple[int, ...]:
     return tuple(int(label) for label in np.flatnonzero(seen) if label)
 
 
-def checked_image(name: str, image: LabelImage) -> LabelImage:
+def check_image(name: str, image: LabelImage) -> LabelImage:
     """Return a layer's image, read-only; a writeable array is copied.
 
     Parameters
@@ -53,20 +53,20 @@ def checked_image(name: str, image: LabelImage) -> LabelImage:
     if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 2:
         given = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
         raise InputError(f"layer {name}: expected a uint8 array (height, width), got {given}")
-    if not 1 <= min(image.shape) <= max(image.shape) <= LARGEST_SIDE:
+    if not 1 <= min(image.shape) <= max(image.shape) <= MAX_SIDE:
         raise InputError(
-            f"layer {name} is {image.shape[1]}×{image.shape[0]} px: expected sides of 1 to {LARGEST_SIDE} px"
+            f"layer {name} is {image.shape[1]}×{image.shape[0]} px: expected sides of 1 to {MAX_SIDE} px"
         )
     labels = labels_in(image)
-    if len(labels) > MOST_LABELS:
+    if len(labels) > MAX_LABELS:
         raise InputError(
-            f"layer {name} looks antialiased: it has {len(labels)} labels, expected at most {MOST_LABELS}"
+            f"layer {name} looks antialiased: it has {len(labels)} labels, expected at most {MAX_LABELS}"
         )
     others = image.flags.writeable or not image.flags.c_contiguous or image.base is not None
-    return kept_image(np.array(image, dtype=np.uint8, order="C") if others else image)
+    return freeze_image(np.array(image, dtype=np.uint8, order="C") if others else image)
 
 
-def kept_image(image: LabelImage) -> LabelImage:
+def freeze_image(image: LabelImage) -> LabelImage:
     """Make a label image read-only, and remember that it is one."""
     image.flags.writeable = False
     _known[id(image)] = image

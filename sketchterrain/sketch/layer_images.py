@@ -12,7 +12,7 @@ from PIL import Image
 from PIL.PngImagePlugin import PngImageFile
 
 from sketchterrain.errors import InputError
-from sketchterrain.sketch.document import LARGEST_SIDE, MOST_LABELS, LabelImage, labels_in
+from sketchterrain.sketch.document import MAX_LABELS, MAX_SIDE, LabelImage, labels_in
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _GREY, _PALETTE = 0, 3
@@ -57,9 +57,9 @@ def decode_layer(data: bytes) -> LabelImage:
     except (OSError, SyntaxError, ValueError, EOFError, zlib.error, struct.error) as error:
         raise InputError(f"expected a whole PNG file, this one is damaged ({error})") from None
     labels = labels_in(array)
-    if len(labels) > MOST_LABELS:
+    if len(labels) > MAX_LABELS:
         raise InputError(
-            f"looks antialiased: it has {len(labels)} labels, expected at most {MOST_LABELS}; "
+            f"looks antialiased: it has {len(labels)} labels, expected at most {MAX_LABELS}; "
             "paint with a hard brush, without smoothing"
         )
     array.flags.writeable = False
@@ -120,8 +120,8 @@ def _header(kind: bytes, content: bytes) -> _Header:
 
 
 def _check_header(header: _Header) -> None:
-    if not (1 <= header.width <= LARGEST_SIDE and 1 <= header.height <= LARGEST_SIDE):
-        raise InputError(f"{header.width}×{header.height} px: expected sides of 1 to {LARGEST_SIDE} px")
+    if not (1 <= header.width <= MAX_SIDE and 1 <= header.height <= MAX_SIDE):
+        raise InputError(f"{header.width}×{header.height} px: expected sides of 1 to {MAX_SIDE} px")
     if header.colour_type not in (_GREY, _PALETTE):
         given = _COLOUR_TYPES.get(header.colour_type, f"colour type {header.colour_type}")
         raise InputError(

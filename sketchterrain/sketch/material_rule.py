@@ -10,13 +10,13 @@ from dataclasses import dataclass
 from typing import cast
 
 from sketchterrain.errors import InputError
-from sketchterrain.sketch.parameter import Parameter, Value, several, table_of
+from sketchterrain.sketch.parameter import Parameter, Value, check_items, parameter_table
 from sketchterrain.sketch.parameters import MATERIALS
 
-MOST_FACTORS = 4
+MAX_FACTORS = 4
 """The most factors of a rule."""
 
-MOST_INPUTS = 4
+MAX_INPUTS = 4
 """The most inputs that a factor weighs."""
 
 _FARTHEST = 1e4
@@ -27,7 +27,7 @@ def _weight(name: str, unit: str, text: str) -> Parameter:
     return Parameter(name, float, 0.0, -_FARTHEST, _FARTHEST, unit, text)
 
 
-INPUTS: Mapping[str, Parameter] = table_of(
+INPUTS: Mapping[str, Parameter] = parameter_table(
     _weight("height", "1/m", "weight of the elevation"),
     _weight("above_snow_line", "1/m", "weight of the elevation above [climate] snow_line"),
     _weight("above_tree_line", "1/m", "weight of the elevation above [climate] tree_line"),
@@ -43,7 +43,7 @@ INPUTS: Mapping[str, Parameter] = table_of(
 )
 """What a factor can depend on."""
 
-FACTOR: Mapping[str, Parameter] = table_of(
+FACTOR: Mapping[str, Parameter] = parameter_table(
     Parameter("start", float, 0.0, -_FARTHEST, _FARTHEST, "", "weighted sum of the inputs that gives 0"),
     Parameter(
         "full", float, 1.0, -_FARTHEST, _FARTHEST, "", "weighted sum that gives 1; below start it falls"
@@ -55,7 +55,7 @@ FACTOR: Mapping[str, Parameter] = table_of(
 )
 """Keys of ``[[material_rule.factor]]``."""
 
-RULE: Mapping[str, Parameter] = table_of(
+RULE: Mapping[str, Parameter] = parameter_table(
     Parameter("name", str, "mine", 1, 40, "characters", "one of the table's rules to change, or a new name"),
     Parameter("material", str, "rock", 0, 40, "", "what it lays on the ground", choices=MATERIALS),
     Parameter("cover", float, 1.0, 0.0, 1.0, "", "the most of the ground that it covers; 0 takes it away"),
@@ -105,9 +105,9 @@ class Factor:
             raise InputError(
                 f"factor.full = {self.full!r}: expected at least {_STEEPEST} from start = {self.start!r}"
             )
-        if not 1 <= len(self.weights) <= MOST_INPUTS:
+        if not 1 <= len(self.weights) <= MAX_INPUTS:
             given = ", ".join(self.weights) or "none"
-            raise InputError(f"factor: expected 1 to {MOST_INPUTS} of {', '.join(INPUTS)}, got {given}")
+            raise InputError(f"factor: expected 1 to {MAX_INPUTS} of {', '.join(INPUTS)}, got {given}")
 
     @property
     def weights(self) -> dict[str, float]:
@@ -176,7 +176,9 @@ class RuleChange:
             if value is not None or name == "name":
                 object.__setattr__(self, name, parameter.check(value, name))
         if self.factors is not None:
-            object.__setattr__(self, "factors", several(Factor, self.factors, "factors", most=MOST_FACTORS))
+            object.__setattr__(
+                self, "factors", check_items(Factor, self.factors, "factors", most=MAX_FACTORS)
+            )
 
     @property
     def values(self) -> dict[str, Value]:

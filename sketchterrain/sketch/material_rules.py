@@ -11,10 +11,10 @@ from typing import Any, TypeAlias, cast
 
 from sketchterrain.errors import InputError
 from sketchterrain.sketch.material_rule import FACTOR, RULE, Factor, MaterialRule, RuleChange
-from sketchterrain.sketch.parameter import named
-from sketchterrain.sketch.wording import did_you_mean, shown
+from sketchterrain.sketch.parameter import find_parameter
+from sketchterrain.sketch.wording import did_you_mean, format_value
 
-MOST_RULES = 32
+MAX_RULES = 32
 """The most rules of a sketch, those of the default table included."""
 
 Weights: TypeAlias = dict[str, Any]  # floats by an input's name; mypy takes them for any argument
@@ -103,7 +103,7 @@ def resolved_rules(changes: Iterable[RuleChange]) -> tuple[MaterialRule, ...]:
     Raises
     ------
     InputError
-        If a new rule has no material, ``before`` names no rule, or there are more than `MOST_RULES`.
+        If a new rule has no material, ``before`` names no rule, or there are more than `MAX_RULES`.
     """
     rules = list(DEFAULT_RULES)
     for change in changes:
@@ -111,8 +111,8 @@ def resolved_rules(changes: Iterable[RuleChange]) -> tuple[MaterialRule, ...]:
         if old is None and change.material is None:
             names = [rule.name for rule in rules]
             raise InputError(
-                f"name = {shown(change.name)}: a new rule needs a material; there are {', '.join(names)}"
-                f"{did_you_mean(change.name, names)}"
+                f"name = {format_value(change.name)}: a new rule needs a material; there are "
+                f"{', '.join(names)}{did_you_mean(change.name, names)}"
             )
         at = len(rules) if old is None else rules.index(old)
         given = {key: getattr(change, key) for key in ("material", "cover", "factors")}
@@ -123,12 +123,12 @@ def resolved_rules(changes: Iterable[RuleChange]) -> tuple[MaterialRule, ...]:
         if change.before:
             at = _index_of(change.before, rules)
         rules.insert(at, rule)
-    if len(rules) > MOST_RULES:
-        raise InputError(f"{len(rules)} rules with those of the table: expected at most {MOST_RULES}")
+    if len(rules) > MAX_RULES:
+        raise InputError(f"{len(rules)} rules with those of the table: expected at most {MAX_RULES}")
     return tuple(rules)
 
 
-def checked_changes(changes: Iterable[RuleChange]) -> tuple[RuleChange, ...]:
+def check_rule_changes(changes: Iterable[RuleChange]) -> tuple[RuleChange, ...]:
     """Return changes as a sketch keeps them.
 
     Raises
@@ -139,7 +139,7 @@ def checked_changes(changes: Iterable[RuleChange]) -> tuple[RuleChange, ...]:
     kept = tuple(changes)
     for number, change in enumerate(kept, 1):
         if not isinstance(change, RuleChange):
-            raise InputError(f"material_rules: expected RuleChange values, got {shown(change)}")
+            raise InputError(f"material_rules: expected RuleChange values, got {format_value(change)}")
         try:
             resolved_rules(kept[:number])
         except InputError as error:
@@ -147,7 +147,7 @@ def checked_changes(changes: Iterable[RuleChange]) -> tuple[RuleChange, ...]:
     return kept
 
 
-def change_of(table: Mapping[str, object]) -> RuleChange:
+def parse_rule_change(table: Mapping[str, object]) -> RuleChange:
     """Return what one ``[[material_rule]]`` table says.
 
     Raises
@@ -159,7 +159,7 @@ def change_of(table: Mapping[str, object]) -> RuleChange:
         if key != "factor" and key not in RULE:
             known = [*RULE, "factor"]
             raise InputError(
-                f"unknown key {shown(key)} = {shown(value)}: expected {', '.join(known)}"
+                f"unknown key {format_value(key)} = {format_value(value)}: expected {', '.join(known)}"
                 f"{did_you_mean(key, known)}"
             )
     if "name" not in table:
@@ -172,11 +172,11 @@ def change_of(table: Mapping[str, object]) -> RuleChange:
 def _factors_of(value: object) -> tuple[Factor, ...]:
     if not isinstance(value, list) or not all(isinstance(each, dict) for each in value):
         raise InputError(
-            f"factor = {shown(value)}: expected tables, each with [[material_rule.factor]] above it"
+            f"factor = {format_value(value)}: expected tables, each with [[material_rule.factor]] above it"
         )
     for table in value:
         for key, given in table.items():
-            named(FACTOR, key, given, "[[material_rule.factor]]")
+            find_parameter(FACTOR, key, given, "[[material_rule.factor]]")
     return tuple(Factor(**table) for table in value)
 
 
@@ -184,6 +184,6 @@ def _index_of(name: str, rules: Sequence[MaterialRule]) -> int:
     names = [rule.name for rule in rules]
     if name not in names:
         raise InputError(
-            f"before = {shown(name)}: expected one of {', '.join(names)}{did_you_mean(name, names)}"
+            f"before = {format_value(name)}: expected one of {', '.join(names)}{did_you_mean(name, names)}"
         )
     return names.index(name)

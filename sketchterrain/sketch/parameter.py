@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Any, TypeAlias, TypeVar
 
 from sketchterrain.errors import InputError
-from sketchterrain.sketch.wording import did_you_mean, shown
+from sketchterrain.sketch.wording import did_you_mean, format_value
 
 Value: TypeAlias = int | float | str
 
@@ -62,7 +62,7 @@ class Parameter:
             return " or ".join(repr(choice) for choice in self.choices)
         if self.form[1]:
             return self.form[1]
-        return f"{number_text(self.low)} to {number_text(self.high)}"
+        return f"{format_number(self.low)} to {format_number(self.high)}"
 
     @property
     def expected(self) -> str:
@@ -93,7 +93,7 @@ class Parameter:
         """
         checked = self._convert(value)
         if checked is None:
-            raise InputError(f"{key or self.name} = {shown(value)}: expected {self.expected}")
+            raise InputError(f"{key or self.name} = {format_value(value)}: expected {self.expected}")
         return checked
 
     def _convert(self, value: object) -> Value | None:
@@ -121,12 +121,12 @@ def _real(value: object, *, whole: bool) -> float | None:
     return int(value) if isinstance(value, Integral) else float(value)
 
 
-def number_text(value: float) -> str:
+def format_number(value: float) -> str:
     """Return a number as a person writes it: 600, not 600.0."""
     return str(int(value)) if math.isfinite(value) and value == int(value) else repr(value)
 
 
-def several(kind: type[_T], values: Iterable[object], key: str, *, most: int) -> tuple[_T, ...]:
+def check_items(kind: type[_T], values: Iterable[object], key: str, *, most: int) -> tuple[_T, ...]:
     """Return values that all have to be of one kind.
 
     Raises
@@ -137,19 +137,19 @@ def several(kind: type[_T], values: Iterable[object], key: str, *, most: int) ->
     kept = []
     for value in values:
         if not isinstance(value, kind):
-            raise InputError(f"{key}: expected {kind.__name__} values, got {shown(value)}")
+            raise InputError(f"{key}: expected {kind.__name__} values, got {format_value(value)}")
         kept.append(value)
     if len(kept) > most:
         raise InputError(f"{len(kept)} {key}: expected at most {most}")
     return tuple(kept)
 
 
-def table_of(*parameters: Parameter) -> Mapping[str, Parameter]:
+def parameter_table(*parameters: Parameter) -> Mapping[str, Parameter]:
     """Return parameters by their names."""
     return MappingProxyType({parameter.name: parameter for parameter in parameters})
 
 
-def named(table: Mapping[str, Parameter], name: str, value: object, where: str) -> Parameter:
+def find_parameter(table: Mapping[str, Parameter], name: str, value: object, where: str) -> Parameter:
     """Return the parameter `name` of a table.
 
     Raises
@@ -159,7 +159,7 @@ def named(table: Mapping[str, Parameter], name: str, value: object, where: str) 
     """
     if name not in table:
         raise InputError(
-            f"unknown key {shown(name)} = {shown(value)} in {where}: expected {', '.join(table)}"
-            f"{did_you_mean(name, table)}"
+            f"unknown key {format_value(name)} = {format_value(value)} in {where}: expected "
+            f"{', '.join(table)}{did_you_mean(name, table)}"
         )
     return table[name]

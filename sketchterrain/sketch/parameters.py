@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-from sketchterrain.sketch.parameter import Parameter, table_of
+from sketchterrain.sketch.parameter import Parameter, parameter_table
 
 __all__ = [
     "CLIMATE",
@@ -76,7 +76,7 @@ def _erosion(default: float) -> tuple[Parameter, Parameter]:
     )
 
 
-SKETCH: Mapping[str, Parameter] = table_of(
+SKETCH: Mapping[str, Parameter] = parameter_table(
     Parameter("name", str, "Untitled", 0, 200, "characters", "what the sketch is called"),
     Parameter("extent", float, 4096.0, 1.0, 1e6, "m", "length of the sketch's longer side"),
     Parameter("seed", int, 0, 0, 2**63 - 1, "", "another seed gives another terrain of the same sketch"),
@@ -86,7 +86,7 @@ SKETCH: Mapping[str, Parameter] = table_of(
 )
 """Keys at the top of the file."""
 
-DENSITY: Mapping[str, Parameter] = table_of(
+DENSITY: Mapping[str, Parameter] = parameter_table(
     _density("mountain", "mountains"),
     _density("hill", "hills"),
     _density("dune", "dunes"),
@@ -94,21 +94,21 @@ DENSITY: Mapping[str, Parameter] = table_of(
 )
 """Keys of ``[density]``: what fills the world where nothing is painted."""
 
-GROUND: Mapping[str, Parameter] = table_of(
+GROUND: Mapping[str, Parameter] = parameter_table(
     Parameter("relief", float, 40.0, 0.0, 2000.0, "m", "range of heights of the ground between features"),
     Parameter("wavelength", float, 1600.0, 50.0, 20000.0, "m", "length of the ground's widest waves"),
     Parameter("roughness", float, 0.45, 0.2, 0.7, "", "share of height that each finer octave keeps"),
 )
 """Keys of ``[ground]``: the plain under and between the features."""
 
-CLIMATE: Mapping[str, Parameter] = table_of(
+CLIMATE: Mapping[str, Parameter] = parameter_table(
     Parameter("snow_line", float, 1e4, -1e4, 1e4, "m", "elevation above which snow lies"),
     Parameter("tree_line", float, 1e4, -1e4, 1e4, "m", "elevation above which no tree stands"),
     Parameter("aridity", float, 0.2, 0.0, 1.0, "", "0 is lush, 1 is a desert"),
 )
 """Keys of ``[climate]``: what grows and lies on the ground."""
 
-WEATHER: Mapping[str, Parameter] = table_of(
+WEATHER: Mapping[str, Parameter] = parameter_table(
     Parameter(
         "hour", float, -1.0, -1.0, 24.0, "h", "local solar time; -1 is whichever light shows the ground best"
     ),
@@ -120,7 +120,7 @@ WEATHER: Mapping[str, Parameter] = table_of(
 )
 """Keys of ``[weather]``: what pictures are taken in; the terrain is the same in any."""
 
-LOOK: Mapping[str, Parameter] = table_of(
+LOOK: Mapping[str, Parameter] = parameter_table(
     Parameter(
         "colour",
         str,
@@ -153,7 +153,7 @@ LAYERS: Mapping[str, Layer] = MappingProxyType(
                 "Mountains",
                 (140, 92, 70),
                 "where mountains rise",
-                table_of(
+                parameter_table(
                     Parameter("height", float, 600.0, 1.0, 9000.0, "m", "from foot to summit"),
                     Parameter("peakiness", float, 0.5, 0.0, 1.0, "", "0 is a broad dome, 1 is a sharp peak"),
                     *_erosion(0.7),
@@ -165,7 +165,7 @@ LAYERS: Mapping[str, Layer] = MappingProxyType(
                 "Hills",
                 (122, 160, 72),
                 "where hills roll",
-                table_of(
+                parameter_table(
                     Parameter("height", float, 80.0, 1.0, 2000.0, "m", "from foot to top"),
                     *_erosion(0.3),
                     _multitude(6, "hills"),
@@ -176,7 +176,7 @@ LAYERS: Mapping[str, Layer] = MappingProxyType(
                 "Rivers",
                 (56, 116, 196),
                 "where rivers flow: paint strokes along their courses",
-                table_of(
+                parameter_table(
                     Parameter(
                         "width", float, 12.0, 0.0, 2000.0, "m", "from bank to bank; 0 is as wide as painted"
                     ),
@@ -197,7 +197,7 @@ LAYERS: Mapping[str, Layer] = MappingProxyType(
                 "Dunes",
                 (222, 186, 108),
                 "where the ground is a desert of dunes",
-                table_of(
+                parameter_table(
                     Parameter("height", float, 14.0, 0.5, 300.0, "m", "from trough to crest"),
                     Parameter("wavelength", float, 140.0, 5.0, 2000.0, "m", "from crest to crest"),
                     Parameter(
@@ -211,7 +211,7 @@ LAYERS: Mapping[str, Layer] = MappingProxyType(
                 "Forests",
                 (38, 104, 58),
                 "where trees may stand",
-                table_of(
+                parameter_table(
                     Parameter(
                         "density", float, 0.8, 0.0, 1.0, "", "share of the trees that the ground can carry"
                     ),
@@ -232,14 +232,16 @@ LAYERS: Mapping[str, Layer] = MappingProxyType(
                 "Lakes",
                 (98, 178, 214),
                 "where water stands",
-                table_of(Parameter("depth", float, 6.0, 0.5, 200.0, "m", "greatest depth of the water")),
+                parameter_table(
+                    Parameter("depth", float, 6.0, 0.5, 200.0, "m", "greatest depth of the water")
+                ),
             ),
             Layer(
                 "material",
                 "Materials",
                 (168, 160, 150),
                 "what covers the ground, whatever else would lie there",
-                table_of(
+                parameter_table(
                     Parameter(
                         "material", str, "rock", 0, 40, "", "what lies on the ground", choices=MATERIALS
                     ),

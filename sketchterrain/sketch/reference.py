@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from sketchterrain.sketch.edits import ACTIONS
-from sketchterrain.sketch.material_rule import FACTOR, MOST_FACTORS, MOST_INPUTS, RULE
+from sketchterrain.sketch.material_rule import FACTOR, MAX_FACTORS, MAX_INPUTS, RULE
 from sketchterrain.sketch.material_rules import DEFAULT_RULES
-from sketchterrain.sketch.parameter import Parameter, Value, number_text
+from sketchterrain.sketch.parameter import Parameter, Value, format_number
 from sketchterrain.sketch.parameters import FORMAT, LAYERS, LOOK, MATERIALS, SKETCH, TABLES
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def reference_table() -> str:
 def rule_table(rules: Iterable[MaterialRule] = DEFAULT_RULES) -> str:
     """Return rules by which materials cover the ground as a Markdown table, from below to the top."""
     rows = [
-        f"| {number} | `{rule.name}` | {rule.material} | {number_text(rule.cover)} | "
+        f"| {number} | `{rule.name}` | {rule.material} | {format_number(rule.cover)} | "
         f"{'<br>'.join(map(_factor_text, rule.factors))} |"
         for number, rule in enumerate(rules, 1)
     ]
@@ -79,8 +79,8 @@ def _rules() -> str:
         "[kernels/materials.md](kernels/materials.md). The preset `desert_mountains` has rules of its own."
     )
     about_factors = (
-        f"A ramp over a weighted sum of 1 to {MOST_INPUTS} inputs. A rule covers `cover` times all its "
-        f"factors, at most {MOST_FACTORS}; given ones replace all those of the table's rule, and "
+        f"A ramp over a weighted sum of 1 to {MAX_INPUTS} inputs. A rule covers `cover` times all its "
+        f"factors, at most {MAX_FACTORS}; given ones replace all those of the table's rule, and "
         "`factor = []` takes them away."
     )
     sections = (
@@ -105,4 +105,4 @@ def _edits() -> str:
 
 
 def _toml_like(value: Value) -> str:
-    return f'"{value}"' if isinstance(value, str) else number_text(value)
+    return f'"{value}"' if isinstance(value, str) else format_number(value)

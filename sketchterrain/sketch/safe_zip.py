@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.sketch.wording import shown
+from sketchterrain.sketch.wording import format_value
 
 _MOST_ENTRIES = 1000
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
@@ -122,7 +122,7 @@ def _safe_entries(
     for info in infos:
         problem = "it is there twice" if info.filename in entries else _problem(info, inside)
         if problem:
-            raise InputError(f"{place}: entry {shown(info.orig_filename)} refused: {problem}")
+            raise InputError(f"{place}: entry {format_value(info.orig_filename)} refused: {problem}")
         entries[info.filename] = info
     return entries
 

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, TypeVar
 
 from sketchterrain.errors import InputError
 from sketchterrain.sketch.document import Sketch
-from sketchterrain.sketch.edits import ACTIONS, Edit, edit_of
+from sketchterrain.sketch.edits import ACTIONS, Edit, parse_edit
 from sketchterrain.sketch.material_rule import FACTOR, RULE, RuleChange
-from sketchterrain.sketch.material_rules import change_of
+from sketchterrain.sketch.material_rules import parse_rule_change
 from sketchterrain.sketch.parameters import FORMAT, LAYERS, LOOK, SKETCH, TABLES
 from sketchterrain.sketch.toml_reading import load_toml
-from sketchterrain.sketch.wording import did_you_mean, shown
+from sketchterrain.sketch.wording import did_you_mean, format_value
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -57,13 +57,13 @@ def parse_settings(data: bytes) -> Sketch:
         elif key in SKETCH:
             fields[key] = value
         elif key == "edit":
-            fields["edits"] = _rows(key, value, edit_of)
+            fields["edits"] = _rows(key, value, parse_edit)
         elif key == "material_rule":
-            fields["material_rules"] = _rows(key, value, change_of)
+            fields["material_rules"] = _rows(key, value, parse_rule_change)
         else:
             known = ["format", *SKETCH, *TABLES, *LAYERS, "look", "material_rule", "edit"]
             raise InputError(
-                f"unknown key {shown(key)} = {shown(value)}: expected {', '.join(known)}"
+                f"unknown key {format_value(key)} = {format_value(value)}: expected {', '.join(known)}"
                 f"{did_you_mean(key, known)}"
             )
     return Sketch(**fields, labels=labels)  # type: ignore[arg-type] # Sketch checks every value
@@ -102,7 +102,9 @@ def settings_text(sketch: Sketch) -> str:
 def _rows(key: str, value: object, read: Callable[[Mapping[str, object]], _Row]) -> tuple[_Row, ...]:
     """Return what each of the tables ``[[key]]`` says."""
     if not isinstance(value, list) or not all(isinstance(each, dict) for each in value):
-        raise InputError(f"{key} = {shown(value)}: expected tables, each with [[{key}]] on a line of its own")
+        raise InputError(
+            f"{key} = {format_value(value)}: expected tables, each with [[{key}]] on a line of its own"
+        )
     rows = []
     for number, table in enumerate(value, 1):
         try:
@@ -128,13 +130,13 @@ def _edit_entries(edit: Edit) -> dict[str, Value]:
 
 def _check_format(given: object) -> None:
     if isinstance(given, bool) or given != FORMAT or not isinstance(given, int):
-        got = "no such key" if given is None else shown(given)
+        got = "no such key" if given is None else format_value(given)
         raise InputError(f"format = {FORMAT} expected, got {got}")
 
 
 def _as_table(where: str, value: object) -> Mapping[str, object]:
     if not isinstance(value, dict):
-        raise InputError(f"{where} = {shown(value)}: expected a table, {where} on a line of its own")
+        raise InputError(f"{where} = {format_value(value)}: expected a table, {where} on a line of its own")
     return value
 
 
@@ -144,8 +146,8 @@ def _label_tables(layer: str, value: object) -> list[tuple[int, Mapping[str, obj
         is_label = key.isascii() and key.isdigit() and len(key) <= 3 and not key.startswith("0")
         if not is_label or int(key) > 255:
             raise InputError(
-                f"key {shown(key)} = {shown(properties)} in [{layer}]: expected a table for a label "
-                f"from 1 to 255, for example [{layer}.1]"
+                f"key {format_value(key)} = {format_value(properties)} in [{layer}]: expected a table for a "
+                f"label from 1 to 255, for example [{layer}.1]"
             )
         tables.append((int(key), _as_table(f"[{layer}.{key}]", properties)))
     return tables

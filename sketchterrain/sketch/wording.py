@@ -10,7 +10,7 @@ from sketchterrain.errors import one_line
 _LONGEST = 60
 
 
-def shown(value: object) -> str:
+def format_value(value: object) -> str:
     """Return `value` as it would be written, on one line and cut to a readable length."""
     try:
         text = str(value).lower() if isinstance(value, bool) else one_line(repr(value))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sketchterrain.lazily import lazily
+from sketchterrain.lazily import lazy_attributes
 
 if TYPE_CHECKING:
     from sketchterrain.terrain.adherence import Adherence, measure_adherence
@@ -54,4 +54,4 @@ _MODULE = {
     "VertexStore": "vertices",
 }
 
-__getattr__ = lazily(__name__, _MODULE)
+__getattr__ = lazy_attributes(__name__, _MODULE)

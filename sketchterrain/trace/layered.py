@@ -18,7 +18,7 @@ from sketchterrain.errors import InputError, one_line
 from sketchterrain.sketch import LAYERS
 from sketchterrain.sketch.label_colours import to_oklab
 from sketchterrain.sketch.safe_zip import open_zip
-from sketchterrain.sketch.wording import shown
+from sketchterrain.sketch.wording import format_value
 from sketchterrain.trace.label_image import majority
 from sketchterrain.trace.legend import Meaning, meant_by
 from sketchterrain.trace.picture import (
@@ -76,7 +76,7 @@ def trace_mask(path: Path, layer: str, sheet: Sheet) -> Traced:
     meaning = meant_by(layer)
     if meaning is None:
         raise InputError(
-            f"layer {shown(layer)}: expected {', '.join(LAYERS)}, or one with a label, as river.2"
+            f"layer {format_value(layer)}: expected {', '.join(LAYERS)}, or one with a label, as river.2"
         )
     mask, how = painted_mask(read_picture(path))
     if not mask.any():
@@ -129,11 +129,17 @@ def trace_open_raster(path: Path, sheet: Sheet) -> Traced:
         sheets, notes, total = _Sheets(sheet.size(*size)), [], 0
         for layer, meaning in named:
             if layer.source not in archive.names or layer.source.endswith("/"):
-                raise InputError(f"{place}: layer {shown(layer.name)}: {shown(layer.source)} is not in it")
+                raise InputError(
+                    f"{place}: layer {format_value(layer.name)}: {format_value(layer.source)} is not in it"
+                )
             png = archive.read(layer.source, min(_LARGEST_PNG, _LARGEST - total))
             total += len(png)
-            mask, how = _layer_mask(picture_from(png, f"{place}: layer {shown(layer.name)}"), layer, size)
-            notes.append(f"layer {shown(layer.name)} is {meaning}{_empty(sheets.add(meaning, mask), how)}")
+            mask, how = _layer_mask(
+                picture_from(png, f"{place}: layer {format_value(layer.name)}"), layer, size
+            )
+            notes.append(
+                f"layer {format_value(layer.name)} is {meaning}{_empty(sheets.add(meaning, mask), how)}"
+            )
     notes += [f"hidden, left out: {_listed(hidden)}"] if hidden else []
     notes += [f"no layer of a sketch, left out: {_listed(others)}"] if others else []
     sketch, told = sheet.sketch(sheets.layers, path.stem)
@@ -240,7 +246,7 @@ def _empty(count: int, how: str) -> str:
 
 def _listed(names: Iterable[str]) -> str:
     given = list(names)
-    return ", ".join(shown(name) for name in given[:10]) + (
+    return ", ".join(format_value(name) for name in given[:10]) + (
         f" and {len(given) - 10} more" if len(given) > 10 else ""
     )
 
@@ -315,5 +321,5 @@ def _number(element: ET.Element, key: str, default: float, place: str) -> float:
     except ValueError:
         value = float("nan")
     if not -_FARTHEST <= value <= _FARTHEST:
-        raise InputError(f"{place}: {key}={shown(text)}: expected a number of pixels or a share")
+        raise InputError(f"{place}: {key}={format_value(text)}: expected a number of pixels or a share")
     return value

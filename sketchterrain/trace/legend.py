@@ -14,7 +14,7 @@ from sketchterrain.errors import InputError, one_line
 from sketchterrain.sketch import LAYERS
 from sketchterrain.sketch.label_colours import to_oklab
 from sketchterrain.sketch.toml_reading import load_toml
-from sketchterrain.sketch.wording import did_you_mean, shown
+from sketchterrain.sketch.wording import did_you_mean, format_value
 
 Rgb = tuple[int, int, int]
 
@@ -62,8 +62,10 @@ class Legend:
         for text in texts:
             match = _GIVEN.fullmatch(text)
             if match is None:
-                raise InputError(f"colour {shown(text)}: expected LAYER=#rrggbb or LAYER.LABEL=#rrggbb")
-            where, label = f"colour {shown(text)}", int(match[2]) if match[2] else None
+                raise InputError(
+                    f"colour {format_value(text)}: expected LAYER=#rrggbb or LAYER.LABEL=#rrggbb"
+                )
+            where, label = f"colour {format_value(text)}", int(match[2]) if match[2] else None
             colours.append((_rgb(match[3], where), _meaning(match[1].lower(), label, where)))
         return cls(_checked(colours, "colours"), tolerance)
 
@@ -95,7 +97,7 @@ def _from_toml(read: dict[str, object]) -> dict[Rgb, Meaning]:
     tables = read.get("colour")
     others = [key for key in read if key != "colour"]
     if others:
-        raise InputError(f"unknown key {shown(others[0])}: expected tables [[colour]]")
+        raise InputError(f"unknown key {format_value(others[0])}: expected tables [[colour]]")
     if not isinstance(tables, list) or not all(isinstance(each, dict) for each in tables):
         raise InputError('expected tables [[colour]] with rgb = "#rrggbb" and layer = "river"')
     if len(tables) > _MOST_COLOURS:
@@ -106,12 +108,14 @@ def _from_toml(read: dict[str, object]) -> dict[Rgb, Meaning]:
         for key in table:
             if key not in _KEYS:
                 near = did_you_mean(str(key), _KEYS)
-                raise InputError(f"{where}: unknown key {shown(key)}: expected {', '.join(_KEYS)}{near}")
+                raise InputError(
+                    f"{where}: unknown key {format_value(key)}: expected {', '.join(_KEYS)}{near}"
+                )
         layer, label = table.get("layer"), table.get("label")
         if not isinstance(layer, str):
-            raise InputError(f"{where}: expected layer, a layer's name, got {shown(layer)}")
+            raise InputError(f"{where}: expected layer, a layer's name, got {format_value(layer)}")
         if label is not None and (not isinstance(label, int) or isinstance(label, bool)):
-            raise InputError(f"{where}: expected label, 1 to 255, got {shown(label)}")
+            raise InputError(f"{where}: expected label, 1 to 255, got {format_value(label)}")
         colours.append((_rgb(table.get("rgb"), where), _meaning(layer, label, where)))
     return _checked(colours, "[[colour]]")
 
@@ -119,7 +123,7 @@ def _from_toml(read: dict[str, object]) -> dict[Rgb, Meaning]:
 def _rgb(value: object, where: str) -> Rgb:
     match = _HEX.fullmatch(value) if isinstance(value, str) else None
     if match is None:
-        raise InputError(f'{where}: expected a colour as "#rrggbb", got {shown(value)}')
+        raise InputError(f'{where}: expected a colour as "#rrggbb", got {format_value(value)}')
     digits = match[1] if len(match[1]) == 6 else "".join(2 * digit for digit in match[1])
     return int(digits[:2], 16), int(digits[2:4], 16), int(digits[4:], 16)
 
@@ -133,7 +137,8 @@ def _meaning(layer: str, label: int | None, where: str) -> Meaning:
     if layer not in LAYERS:
         names = (*LAYERS, NOTHING.layer, INK.layer)
         raise InputError(
-            f"{where}: unknown layer {shown(layer)}: expected {', '.join(names)}{did_you_mean(layer, names)}"
+            f"{where}: unknown layer {format_value(layer)}: expected {', '.join(names)}"
+            f"{did_you_mean(layer, names)}"
         )
     if label is not None and not 1 <= label <= 255:
         raise InputError(f"{where}: expected a label from 1 to 255, got {label}")

@@ -20,7 +20,7 @@ from PIL.TiffImagePlugin import TiffImageFile
 from PIL.WebPImagePlugin import WebPImageFile
 
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.sketch.wording import shown
+from sketchterrain.sketch.wording import format_value
 
 Kind = Literal["folder", "picture", "open raster", "vectors"]
 
@@ -89,7 +89,7 @@ def kind_of(path: Path) -> Kind:
             raise InputError(f"{place} is {what}: {instead}")
     if vector_driver(start) is not None:
         return "vectors"
-    begins = f"begins with {shown(start[:12])}" if start else "is empty"
+    begins = f"begins with {format_value(start[:12])}" if start else "is empty"
     raise InputError(f"{place} {begins}: {_EXPECTED}")
 
 

@@ -13,7 +13,7 @@ from PIL import Image
 
 from sketchterrain.errors import InputError
 from sketchterrain.sketch import LAYERS, SKETCH, Sketch
-from sketchterrain.sketch.document import LARGEST_SIDE, MOST_LABELS, labels_in
+from sketchterrain.sketch.document import MAX_LABELS, MAX_SIDE, labels_in
 from sketchterrain.sketch.label_colours import DRAW_ORDER, label_rgb
 from sketchterrain.sketch.parameter import Value
 from sketchterrain.trace.label_image import scaled_size
@@ -45,8 +45,8 @@ class Sheet:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if self.size_px is not None and not 1 <= self.size_px <= LARGEST_SIDE:
-            raise InputError(f"size: expected 1 to {LARGEST_SIDE} px, got {self.size_px}")
+        if self.size_px is not None and not 1 <= self.size_px <= MAX_SIDE:
+            raise InputError(f"size: expected 1 to {MAX_SIDE} px, got {self.size_px}")
         for key in ("extent", "name", "seed"):
             value = getattr(self, key)
             if value is not None:
@@ -63,8 +63,8 @@ class Sheet:
         labels: dict[tuple[str, int], dict[str, Value]] = {}
         for name, image in there.items():
             found = labels_in(image)
-            if len(found) > MOST_LABELS:
-                raise InputError(f"{len(found)} labels on layer {name}: expected at most {MOST_LABELS}")
+            if len(found) > MAX_LABELS:
+                raise InputError(f"{len(found)} labels on layer {name}: expected at most {MAX_LABELS}")
             table = LAYERS[name].parameters
             labels |= {(name, label): {key: table[key].default for key in table} for label in found}
         longest = SKETCH["name"].high

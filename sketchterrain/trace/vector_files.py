@@ -20,8 +20,8 @@ from rasterio.crs import CRS
 
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.gdal_paths import plain_path
-from sketchterrain.metric_crs import named_crs
-from sketchterrain.sketch.wording import shown
+from sketchterrain.metric_crs import parse_crs
+from sketchterrain.sketch.wording import format_value
 from sketchterrain.trace.picture import vector_driver
 from sketchterrain.trace.vector_kinds import READ
 
@@ -64,7 +64,7 @@ def read_vector_layers(path: Path) -> list[VectorLayer]:
         raise InputError(f"{place}: cannot be read ({one_line(error.strerror or error)})") from None
     driver = vector_driver(start)
     if driver is None:
-        raise InputError(f"{place}: expected a vector file, it begins with {shown(start[:20])}")
+        raise InputError(f"{place}: expected a vector file, it begins with {format_value(start[:20])}")
     if size > _LARGEST:
         raise InputError(f"{place}: {size / (1 << 20):.0f} MiB: expected at most {_LARGEST >> 20} MiB")
     if driver == "GeoJSON":  # parsed JSON takes many times its bytes of memory
@@ -81,7 +81,7 @@ def read_vector_layers(path: Path) -> list[VectorLayer]:
             names = [str(name) for name, kind in pyogrio.list_layers(dataset) if kind is not None]
             room = MOST_VERTICES
             for name in names:
-                where = f"{place}: layer {shown(name)}"
+                where = f"{place}: layer {format_value(name)}"
                 if tables is not None and name.lower() not in tables:
                     raise InputError(f"{where}: expected a table, not a view")
                 layers.append(_layer(dataset, driver, name, where, room))
@@ -107,7 +107,9 @@ def _plain_tables(path: Path, place: str) -> set[str]:
             layers = "SELECT table_name, srs_id FROM gpkg_geometry_columns"
             known = "SELECT srs_id FROM gpkg_spatial_ref_sys"
             for name, code in database.execute(f"{layers} WHERE srs_id NOT IN ({known})"):
-                raise InputError(f"{place}: layer {shown(name)}: its CRS {shown(code)} is not in the file")
+                raise InputError(
+                    f"{place}: layer {format_value(name)}: its CRS {format_value(code)} is not in the file"
+                )
     except (sqlite3.Error, UnicodeDecodeError) as error:
         raise InputError(f"{place}: expected a whole GeoPackage ({one_line(error)})") from None
     return tables
@@ -143,7 +145,7 @@ def _crs(text: str | None, where: str) -> CRS | None:
     if text is None or _LOCAL.match(text):
         return None
     try:
-        return named_crs(text)
+        return parse_crs(text)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
 

@@ -14,7 +14,7 @@ from rasterio.crs import CRS
 from rasterio.warp import transform
 
 from sketchterrain.errors import InputError
-from sketchterrain.metric_crs import is_westward, named_crs
+from sketchterrain.metric_crs import is_westward, parse_crs
 from sketchterrain.sketch import SKETCH
 
 Box = Sequence[float]  # west, south, east, north
@@ -79,7 +79,7 @@ def middle_longitude(longitudes: npt.NDArray[np.float64]) -> float:
 
 def to_degrees(crs: CRS, places: Places) -> Places:
     """Return longitude and latitude of (n, 2) places."""
-    return reprojected(places, crs, named_crs("OGC:CRS84"))
+    return reprojected(places, crs, parse_crs("OGC:CRS84"))
 
 
 def metric(crs: CRS, middle: tuple[float, float]) -> CRS:
@@ -88,9 +88,9 @@ def metric(crs: CRS, middle: tuple[float, float]) -> CRS:
         return crs
     longitude, north = to_degrees(crs, np.array([middle]))[0]
     if north > _FARTHEST_NORTH or north < _FARTHEST_SOUTH:
-        return named_crs(f"EPSG:{_UPS_NORTH if north > 0 else _UPS_SOUTH}")
+        return parse_crs(f"EPSG:{_UPS_NORTH if north > 0 else _UPS_SOUTH}")
     zone = int((longitude + 180.0) // 6.0) % 60 + 1
-    return named_crs(f"EPSG:{(_UTM_NORTH if north >= 0 else _UTM_SOUTH) + zone}")
+    return parse_crs(f"EPSG:{(_UTM_NORTH if north >= 0 else _UTM_SOUTH) + zone}")
 
 
 def _true(crs: CRS, middle: tuple[float, float]) -> bool:

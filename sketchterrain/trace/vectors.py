@@ -15,11 +15,11 @@ from rasterio.crs import CRS
 from rasterio.features import rasterize
 
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.metric_crs import metric_crs
+from sketchterrain.metric_crs import parse_metric_crs
 from sketchterrain.sketch import LAYERS, Sketch
-from sketchterrain.sketch.document import LARGEST_SIDE, MOST_LABELS, LabelImage
+from sketchterrain.sketch.document import MAX_LABELS, MAX_SIDE, LabelImage
 from sketchterrain.sketch.parameter import Value
-from sketchterrain.sketch.wording import did_you_mean, shown
+from sketchterrain.sketch.wording import did_you_mean, format_value
 from sketchterrain.trace import vector_place
 from sketchterrain.trace.sheet import Traced
 from sketchterrain.trace.vector_files import Shapes, VectorLayer, read_vector_layers, valid_areas
@@ -91,7 +91,7 @@ def sketch_from_vectors(
         If an option is invalid, or the file is, or nothing of it belongs to a sketch.
     """
     _check(layer, width, bounds, size_px)
-    target = None if crs is None else metric_crs(crs)
+    target = None if crs is None else parse_metric_crs(crs)
     layers = read_vector_layers(path)
     skipped: Counter[str] = sum((each.skipped for each in layers), Counter())
     try:
@@ -132,15 +132,15 @@ def sketch_from_vectors(
 def _check(layer: str | None, width: float | None, bounds: Box | None, size_px: int) -> None:
     if layer is not None and layer not in LAYERS:
         near = did_you_mean(layer, LAYERS)
-        raise InputError(f"unknown layer {shown(layer)}: expected {', '.join(LAYERS)}{near}")
+        raise InputError(f"unknown layer {format_value(layer)}: expected {', '.join(LAYERS)}{near}")
     if width is not None and not (math.isfinite(width) and width >= 0.0):
         raise InputError(f"width: expected metres ≥ 0, got {width}")
     if bounds is not None:
         west, south, east, north = bounds
         if not (all(map(math.isfinite, bounds)) and west < east and south < north):
-            raise InputError(f"bounds: expected west < east and south < north, got {shown(bounds)}")
-    if not 1 <= size_px <= LARGEST_SIDE:
-        raise InputError(f"size: expected 1 to {LARGEST_SIDE} px, got {size_px}")
+            raise InputError(f"bounds: expected west < east and south < north, got {format_value(bounds)}")
+    if not 1 <= size_px <= MAX_SIDE:
+        raise InputError(f"size: expected 1 to {MAX_SIDE} px, got {size_px}")
 
 
 def _chosen(
@@ -292,7 +292,7 @@ def _painted(
         taken += [f"{count} {kind}{'s' if count > 1 else ''} as {name}" for kind, count in kinds.items()]
         wanted = zip(ones.wanted, ones.dimensions, strict=True)
         stated = [_properties(each, dimension, width) for each, dimension in wanted]
-        of, classes, error = classed(stated, MOST_LABELS)
+        of, classes, error = classed(stated, MAX_LABELS)
         order = list(range(len(classes)))
         if name == "river":
             # As wide as painted is wider than any: maps have a line in the middle of a river's area too.
@@ -313,7 +313,7 @@ def _painted(
         if error:
             off = f"their numbers are off by up to {100 * error:.2g} %"
             told = off if math.isfinite(error) else "all have the defaults, for even so there were more"
-            notes.append(f"{name}: {MOST_LABELS} labels at most, so some share one; {told}")
+            notes.append(f"{name}: {MAX_LABELS} labels at most, so some share one; {told}")
     return images, labels, [f"taken: {', '.join(taken)}", *notes, *_guesses(features, area, width)]
 
 

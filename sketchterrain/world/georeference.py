@@ -19,7 +19,7 @@ from rasterio.crs import CRS
 from rasterio.enums import WktVersion
 
 from sketchterrain.export.geotiff import local_metres
-from sketchterrain.metric_crs import metric_crs
+from sketchterrain.metric_crs import parse_metric_crs
 from sketchterrain.world.grid import SHARD, Level, Shard
 from sketchterrain.world.job import Job
 
@@ -44,7 +44,7 @@ class Georeference:
     @cached_property
     def crs(self) -> CRS:
         """The job's coordinate reference system, or local metres that lie nowhere on Earth."""
-        return local_metres() if self.job.crs is None else metric_crs(self.job.crs)
+        return local_metres() if self.job.crs is None else parse_metric_crs(self.job.crs)
 
     def transform(self, level: Level, shard: Shard | None = None) -> Affine:
         """Return the transform of a level or of one of its shards.

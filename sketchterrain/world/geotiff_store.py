@@ -28,9 +28,9 @@ from rasterio.io import MemoryFile
 
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.export.files import prepare_folder
-from sketchterrain.sketch import packed_sketch
+from sketchterrain.sketch import pack_sketch
 from sketchterrain.terrain.materials import MATERIALS
-from sketchterrain.whole_files import telling_failure, whole_path, write_whole
+from sketchterrain.whole_files import atomic_path, wrap_os_errors, write_atomic
 from sketchterrain.world import store
 from sketchterrain.world.georeference import Georeference
 from sketchterrain.world.grid import CHUNK, SHARD, Level, Shard
@@ -78,7 +78,7 @@ class TileStore:
     def create(self) -> tuple[str, ...]:
         """Make the folder of the tiles and write the sketch; see `Store.create`."""
         prepare_folder(self._tiles)
-        store.write_if_changed(self.mark, packed_sketch(self._job.sketch))
+        store.write_if_changed(self.mark, pack_sketch(self._job.sketch))
         return (store.SKETCH,) if self.keeps_shards else ()
 
     def write(self, ground: Ground) -> tuple[str, ...]:
@@ -96,8 +96,8 @@ class TileStore:
 
     def close(self, ledger: str) -> None:
         """Write the ledger, delete what is needed no more; see `Store.close`."""
-        write_whole(self._ledger, ledger.encode())
-        with telling_failure(self.journal):
+        write_atomic(self._ledger, ledger.encode())
+        with wrap_os_errors(self.journal):
             self.journal.unlink(missing_ok=True)
             if not self.keeps_shards:
                 shutil.rmtree(self._tiles)
@@ -136,7 +136,7 @@ class TiffStore(TileStore):
         options["PREDICTOR"] = LAYER_SPECS[layer].predictor
         expected = sum(file.stat().st_size for file in (self._tiles / layer).rglob("*.tif"))
         source = self._tiles / store.vrt_name(layer, 0)
-        with whole_path(path) as temporary:
+        with atomic_path(path) as temporary:
             command = [sys.executable, "-c", _COPY, str(source), str(temporary), json.dumps(options)]
             environment = os.environ | {"GDAL_CACHEMAX": "128"}  # MB
             pipe: dict[str, Any] = {"stderr": subprocess.PIPE, "text": True, "errors": "replace"}

@@ -20,8 +20,8 @@ import filelock
 import msgspec
 
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.sketch import packed_sketch
-from sketchterrain.whole_files import telling_failure, write_whole
+from sketchterrain.sketch import pack_sketch
+from sketchterrain.whole_files import wrap_os_errors, write_atomic
 from sketchterrain.world.job import Job, Task, WrittenFile, fingerprint
 from sketchterrain.world.store import (
     JOURNAL,
@@ -137,9 +137,9 @@ class Journal:
 
     def __init__(self, path: Path, ledger: Ledger) -> None:
         self._path = path
-        with telling_failure(path):
+        with wrap_os_errors(path):
             path.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(path, ledger.text().encode())
+            write_atomic(path, ledger.text().encode())
             self._stream = path.open("ab", buffering=0)
         self._synced = time.monotonic()
 
@@ -151,14 +151,14 @@ class Journal:
 
     def add(self, task: Task, files: tuple[WrittenFile, ...]) -> None:
         """Append a finished task."""
-        with telling_failure(self._path):
+        with wrap_os_errors(self._path):
             self._stream.write(_line(task, files).encode())
         if time.monotonic() - self._synced > _SYNC:
             self.sync()
 
     def sync(self) -> None:
         """Flush to the disk, for a power cut."""
-        with telling_failure(self._path):
+        with wrap_os_errors(self._path):
             os.fsync(self._stream.fileno())
         self._synced = time.monotonic()
 
@@ -167,7 +167,7 @@ class Journal:
 def exclusive_run(output: Path) -> Iterator[None]:
     """Hold the lock of an output; raise InputError if another run holds it."""
     path = output.with_name(f".{output.name}.lock")
-    with telling_failure(path):
+    with wrap_os_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         lock = filelock.FileLock(path)
         try:
@@ -292,7 +292,7 @@ def _is_begun(job: Job, store: Store) -> bool:
     if not store.mark.is_file():
         return False
     content = store.mark.read_bytes()
-    return _ZARR_MARK in content if job.form == "zarr" else content == packed_sketch(job.sketch)
+    return _ZARR_MARK in content if job.form == "zarr" else content == pack_sketch(job.sketch)
 
 
 def _places(job: Job, store: Store) -> Iterator[Path]:

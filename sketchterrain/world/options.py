@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, Final, get_args
 
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.estimate import Estimate, count_text, layer_disk, plant_disk
-from sketchterrain.listings import counted
+from sketchterrain.estimate import Estimate, format_count, layer_bytes, plant_bytes
+from sketchterrain.listings import pluralize
 from sketchterrain.sketch import Sketch
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.recipe import TerrainRecipe
@@ -64,9 +64,9 @@ class WorldOptions:
         if not all(math.isfinite(number) for number in self.origin):
             raise InputError(f"expected a finite origin, got {self.origin}")
         if self.crs is not None:
-            from sketchterrain.metric_crs import metric_crs
+            from sketchterrain.metric_crs import parse_metric_crs
 
-            metric_crs(self.crs)
+            parse_metric_crs(self.crs)
         layers_of(",".join(self.layers))
         if self.workers:
             require("a world by workers", ["distributed"])
@@ -174,8 +174,8 @@ class WorldEstimate:
         done = f", {self.done} of them done" if self.done else ""
         return [
             f"world: {finest.columns} × {finest.rows} vertices {world.cell:g} m apart, "
-            f"{counted(len(world.levels), 'level')}, {count_text(world.vertices)} vertices in all, "
-            f"{counted(self.tasks, 'shard')}{done}",
+            f"{pluralize(len(world.levels), 'level')}, {format_count(world.vertices)} vertices in all, "
+            f"{pluralize(self.tasks, 'shard')}{done}",
             *self.needs.lines(self.job.output),
         ]
 
@@ -186,7 +186,7 @@ def estimate_world(job: Job, *, workers: int = 0) -> WorldEstimate:
     Raises InputError if there is another world at the output.
     """
     world = job.world
-    disk = layer_disk(world.vertices, job.layers)
+    disk = layer_bytes(world.vertices, job.layers)
     if job.step:
         disk["height"] *= 0.4
     if job.form == "tif":
@@ -195,7 +195,7 @@ def estimate_world(job: Job, *, workers: int = 0) -> WorldEstimate:
         east, north = job.sketch.size  # plants grow in the sketch alone
         across = max(min(world.east, east) - max(world.west, 0.0), 0.0)
         down = max(min(world.north, north) - max(world.south, 0.0), 0.0)
-        disk["plants"] = plant_disk(across * down, job.plants, grass=job.grass)
+        disk["plants"] = plant_bytes(across * down, job.plants, grass=job.grass)
     vertices = max(math.prod(level.size_of(Shard(level.number, 0, 0))) for level in world.levels)
     each = _PROCESS + _BYTES_LAUNCHED * min(vertices, _LAUNCHED) + _BYTES_A_VERTEX * vertices
     memory = each * max(workers, 1) + (_PROCESS if workers else 0)

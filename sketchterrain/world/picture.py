@@ -6,24 +6,24 @@ from pathlib import Path
 
 from sketchterrain.compute import ComputeContext
 from sketchterrain.export import prepare_folder, write_picture
-from sketchterrain.jobs import run_job
-from sketchterrain.picture_arguments import camera_at
+from sketchterrain.jobs import run_with_fallback
+from sketchterrain.picture_arguments import camera_from_options
 from sketchterrain.progress import Stages
 from sketchterrain.render import Quality, check_overlays, check_view, render_picture
 from sketchterrain.render.overlays import LegendEntry
-from sketchterrain.still import Still, weather_at
+from sketchterrain.still import PictureOptions, sketch_weather
 from sketchterrain.terrain import build
 from sketchterrain.world.opening import open_world
 from sketchterrain.world.viewed import StoredTerrain
 
 
 def draw_world(
-    store: Path, path: Path, still: Still, *, device: str | None, stages: Stages
+    store: Path, path: Path, still: PictureOptions, *, device: str | None, stages: Stages
 ) -> tuple[list[LegendEntry], list[str]]:
     """Draw a stored world and write the picture; return what colours mean, and what the world lacks.
 
     Places of `still` are metres from the sketch's south-west corner. Raise InputError if there is no such
-    world, overlay or view, or something that is looked at is broken; else as `run_job` does.
+    world, overlay or view, or something that is looked at is broken; else as `run_with_fallback` does.
     """
     check_overlays(still.overlays)
     check_view(still.view)
@@ -44,9 +44,9 @@ def draw_world(
             picture = render_picture(
                 world,
                 size=still.size or (1280, 720),
-                camera=camera_at(world, eye, look_at),
+                camera=camera_from_options(world, eye, look_at),
                 view=still.view,
-                weather=weather_at(world.sketch, still.hour, still.clouds),
+                weather=sketch_weather(world.sketch, still.hour, still.clouds),
                 textures=still.textures,
                 quality=quality,
                 overlays=still.overlays,
@@ -55,4 +55,4 @@ def draw_world(
             write_picture(path, picture)
         return legend, world.lacks
 
-    return run_job(work, device=device, stages=stages)
+    return run_with_fallback(work, device=device, stages=stages)

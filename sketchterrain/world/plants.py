@@ -20,7 +20,7 @@ from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.export.placed_layers import Origin
 from sketchterrain.gdal_paths import plain_path
 from sketchterrain.terrain import Terrain
-from sketchterrain.whole_files import telling_failure, whole_path
+from sketchterrain.whole_files import atomic_path, wrap_os_errors
 from sketchterrain.world.georeference import Georeference
 from sketchterrain.world.grid import SHARD, World
 from sketchterrain.world.job import Job, Task
@@ -53,7 +53,7 @@ class PlantStore:
             else f"r{task.row:04d}_c{task.column:04d}.fgb"
         )
         path = self.folder / name
-        with telling_failure(path):
+        with wrap_os_errors(path):
             path.parent.mkdir(parents=True, exist_ok=True)
         write = _write_parquet if is_parquet else _write_flatgeobuf
         rows = _batches(self._plants(task, terrain), terrain.species_names, Origin(*self._job.origin))
@@ -135,7 +135,7 @@ def _write_parquet(path: Path, batches: Iterator[pa.RecordBatch], crs: CRS) -> N
     """Write GeoParquet 1.1, a row group a batch; floats as BYTE_STREAM_SPLIT take two thirds of the bytes."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     with (
-        whole_path(path) as temporary,
+        atomic_path(path) as temporary,
         pq.ParquetWriter(
             temporary,
             _schema(),
@@ -161,7 +161,7 @@ def _write_flatgeobuf(path: Path, batches: Iterator[pa.RecordBatch], crs: CRS) -
     table = pa.Table.from_batches(batches, _schema()).drop_columns(list(_PLACE))
     species = table["species"].cast(pa.string())  # GDAL takes no dictionaries
     table = table.set_column(table.schema.get_field_index("species"), "species", species)
-    with whole_path(path) as temporary:
+    with atomic_path(path) as temporary:
         named = temporary.with_suffix(".fgb")  # with another ending the driver makes a folder
         try:
             with plain_path(named.parent) as folder:

@@ -16,7 +16,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from sketchterrain.batch.interrupts import Interrupts
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.estimate import duration
+from sketchterrain.estimate import format_duration
 from sketchterrain.world.job import Job, Task, TaskResult, WrittenFile, fingerprint, task_count, tasks_of
 from sketchterrain.world.journal import (
     Broken,
@@ -104,7 +104,7 @@ class ProgressReporter:
         self._show(
             f"{self._done} of {self._tasks} shards",
             self._done / self._tasks,
-            f"about {duration(seconds)} left" if left else "",
+            f"about {format_duration(seconds)} left" if left else "",
         )
 
     def joined(self, share: float) -> None:

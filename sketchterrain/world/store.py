@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, Protocol
 
 from sketchterrain.errors import InputError, SketchterrainError, one_line
-from sketchterrain.whole_files import telling_failure, write_whole
+from sketchterrain.whole_files import wrap_os_errors, write_atomic
 from sketchterrain.world.grid import Shard
 from sketchterrain.world.ground import Ground
 from sketchterrain.world.job import Job
@@ -118,11 +118,11 @@ def parts_folder(world: Path) -> Path:
 
 def write_if_changed(path: Path, content: bytes) -> None:
     """Write a file, whole, and its folder, unless it is there with just these bytes."""
-    with telling_failure(path):
+    with wrap_os_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         same = path.is_file() and path.stat().st_size == len(content) and path.read_bytes() == content
     if not same:
-        write_whole(path, content)
+        write_atomic(path, content)
 
 
 def text_of(path: Path) -> str | None:

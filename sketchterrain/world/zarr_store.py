@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from sketchterrain.sketch import packed_sketch
-from sketchterrain.whole_files import telling_failure
+from sketchterrain.sketch import pack_sketch
+from sketchterrain.whole_files import wrap_os_errors
 from sketchterrain.world.georeference import GRID_MAPPING, Georeference, axis_attributes
 from sketchterrain.world.grid import CHUNK, SHARD, Level, Shard
 from sketchterrain.world.ground import LAYER_SPECS, Ground
@@ -99,7 +99,7 @@ class ZarrStore:
         content = self._metadata(ledger.encode())
         for name in reversed(_CLOSING):
             write_if_changed(self.folder / name, content.get(name, b""))
-        with telling_failure(self.journal):
+        with wrap_os_errors(self.journal):
             self.journal.unlink(missing_ok=True)
 
     def ledger_text(self) -> str | None:
@@ -128,7 +128,7 @@ class ZarrStore:
                 own = {"grid_mapping": GRID_MAPPING, "coordinates": GRID_MAPPING}
                 _create_layer(group, layer, layer, level, LAYER_SPECS[layer].attributes | own)
             _consolidate(group)
-        _write_bytes(root, SKETCH, packed_sketch(job.sketch), _SKETCH_NAME)
+        _write_bytes(root, SKETCH, pack_sketch(job.sketch), _SKETCH_NAME)
         _write_bytes(root, LEDGER, ledger or b"", _LEDGER_NAME)
         if ledger is not None:
             _consolidate(root)

@@ -29,10 +29,10 @@ from sketchterrain.benchmarks.batch_kills import differences, killed
 from sketchterrain.errors import DeviceError, InputError, SketchterrainError
 from sketchterrain.export import move_into, prepare_folder, staging
 from sketchterrain.export.target import ExportOptions
-from sketchterrain.generate import Generated
+from sketchterrain.generate import GenerateResult
 from sketchterrain.progress import Stages
 from sketchterrain.sketch import Sketch, save_sketch
-from sketchterrain.whole_files import write_whole
+from sketchterrain.whole_files import write_atomic
 
 OUTPUT = Output(size=17, preview=False)
 LOCK = threading.Lock()
@@ -66,7 +66,7 @@ class Works:
 
     def __call__(
         self, sketch: Sketch, folder: Path, output: Output, *, shared: object, stages: Stages
-    ) -> Generated:
+    ) -> GenerateResult:
         with LOCK:
             self.at_once += 1
             self.most = max(self.most, self.at_once)
@@ -74,12 +74,12 @@ class Works:
             prepare_folder(folder)
             with staging(folder) as hidden, stages.stage("ground", "Heights"):
                 names = ["height.bin", "report.json"] + (["map.png"] if output.map else [])
-                files = [write_whole(hidden / name, f"{name} {sketch.seed}".encode()) for name in names]
+                files = [write_atomic(hidden / name, f"{name} {sketch.seed}".encode()) for name in names]
                 self.before(sketch.seed)
                 with stages.stage("files", "Writing"):
                     moved = move_into(folder, files)
             self.made.append(sketch.seed)
-            return Generated(
+            return GenerateResult(
                 {"adherence": {"mean_iou": 0.5, "shapes": [1]}, "restarts": []}, moved, self.problem
             )
         finally:
@@ -159,7 +159,7 @@ def test_fewer_terrains_are_in_work_where_there_is_no_memory(monkeypatch):
 
     needs = [small, large, large, large, InputError("no sketch")]
     for terrains, jobs in ((10, 4), (2.5, 2), (0.5, 1)):
-        monkeypatch.setattr(run_module, "memory_left", lambda free=terrains * large.memory: int(free))
+        monkeypatch.setattr(run_module, "free_memory", lambda free=terrains * large.memory: int(free))
         found, estimate = estimate_batch(needs, Output(size=1025, preview=False), 8)
         assert found == jobs
         assert estimate.memory == jobs * large.memory
@@ -169,7 +169,7 @@ def test_fewer_terrains_are_in_work_where_there_is_no_memory(monkeypatch):
 def test_a_disk_without_room_is_refused_before_any_work(works, tmp_path, monkeypatch):
     from sketchterrain import disk
 
-    monkeypatch.setattr(disk, "disk_left", lambda _: 5000)
+    monkeypatch.setattr(disk, "free_disk_space", lambda _: 5000)
     with pytest.raises(InputError, match=r"files of the batch need up to 0\.\d MiB, .* has 0\.0 MiB left"):
         run(tmp_path)
     assert works.made == []
@@ -361,9 +361,9 @@ def test_every_written_manifest_lists_only_complete_items_and_one_that_cannot_be
                 assert (path.parent / item["name"] / file["file"]).stat().st_size == file["bytes"]
         if len(counts) == 10:
             raise SketchterrainError(f"{path}: cannot be written (No space left on device)")
-        return write_whole(path, content)
+        return write_atomic(path, content)
 
-    monkeypatch.setattr(manifest_module, "write_whole", watched)
+    monkeypatch.setattr(manifest_module, "write_atomic", watched)
     run(tmp_path / "a")
     assert counts == [*range(7), 6]  # after each, and with the sheets
     with pytest.raises(SketchterrainError, match="No space left"):

@@ -15,18 +15,18 @@ from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.export import move_into, prepare_folder, staging, write_json
 from sketchterrain.export.files import files_without_successor, text_rows, write_listing, write_values_png
 from sketchterrain.export.sidecar import SIDECAR, Row, replaced_files, typed_rows
-from sketchterrain.whole_files import write_whole
+from sketchterrain.whole_files import write_atomic
 
 
 def test_new_content_replaces_the_old_and_a_failed_write_leaves_it_whole(tmp_path, monkeypatch):
     with pytest.raises(SketchterrainError, match="cannot be written") as caught:
-        write_whole(tmp_path / "no" / "a.bin", b"")
+        write_atomic(tmp_path / "no" / "a.bin", b"")
     assert str(caught.value).isprintable()
     assert ".tmp" not in str(caught.value)
 
     path = tmp_path / "a.bin"
-    write_whole(path, b"new")
-    assert write_whole(path, b"old") == path
+    write_atomic(path, b"new")
+    assert write_atomic(path, b"old") == path
     for failure, told in [
         (OSError(28, "No space left on device"), r"a\.bin: cannot be written \(No space left on device\)$"),
         (KeyboardInterrupt(), "^$"),
@@ -37,7 +37,7 @@ def test_new_content_replaces_the_old_and_a_failed_write_leaves_it_whole(tmp_pat
 
         monkeypatch.setattr(os, "fsync", failing)
         with pytest.raises((SketchterrainError, KeyboardInterrupt), match=told):
-            write_whole(path, b"new")
+            write_atomic(path, b"new")
         assert path.read_bytes() == b"old"
         assert [entry.name for entry in tmp_path.iterdir()] == ["a.bin"]
 
@@ -49,11 +49,11 @@ def run_killed(code, path):
 
 def test_a_killed_process_leaves_the_old_file_whole(tmp_path):
     path = tmp_path / "a.bin"
-    write_whole(path, b"old")
+    write_atomic(path, b"old")
     code = (
-        "from sketchterrain.whole_files import write_whole\n"
+        "from sketchterrain.whole_files import write_atomic\n"
         "os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL)\n"
-        "write_whole(pathlib.Path(sys.argv[1]), b'new')\n"
+        "write_atomic(pathlib.Path(sys.argv[1]), b'new')\n"
     )
     run_killed(code, path)
     assert path.read_bytes() == b"old"

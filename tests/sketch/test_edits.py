@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from sketchterrain.errors import InputError
 from sketchterrain.sketch import ACTIONS, ADDED_BIT, Edit, Sketch
 from sketchterrain.sketch.contents import SETTINGS, file_limit
-from sketchterrain.sketch.edits import MOST_EDITS
+from sketchterrain.sketch.edits import MAX_EDITS
 from sketchterrain.sketch.toml_text import parse_settings, settings_text
 
 HILL = Edit("add", type="hill", x=10.0, y=20.0, radius=30.0, strength=5.0)
@@ -44,14 +44,14 @@ def test_edits_round_trip_through_the_settings(edits):
 def test_refused_edits_and_the_most_fit_the_file():
     text = b'format = 1\n[[edit]]\naction = "move_point"\nfeature = 12\nindex = 3\nx = 5\ny = -2.5\n'
     assert parse_settings(text).edits == (Edit("move_point", 12, index=3, x=5.0, y=-2.5),)
-    with pytest.raises(InputError, match=f"expected at most {MOST_EDITS}"):
-        Sketch(edits=(HILL,) * (MOST_EDITS + 1))
+    with pytest.raises(InputError, match=f"expected at most {MAX_EDITS}"):
+        Sketch(edits=(HILL,) * (MAX_EDITS + 1))
     with pytest.raises(InputError, match="from_x and from_y"):
         Edit("move_point", 4, index=0, x=0.0, y=0.0, from_x=3.0)
 
     third = {name: parameter.high / 3 for name, parameter in ACTIONS["lock"].values.items()}
     lock = Edit("lock", 2**64 - 1, **(third | {"type": "mountain"}))
-    text = settings_text(Sketch(edits=(lock,) * MOST_EDITS)).encode()
+    text = settings_text(Sketch(edits=(lock,) * MAX_EDITS)).encode()
     assert len(text) < 0.6 * file_limit(SETTINGS)
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.resources import preset, preset_names
 from sketchterrain.sketch import LAYERS, Sketch, load_sketch, new_sketch, save_sketch
-from sketchterrain.sketch.folder_save import PLEDGE
+from sketchterrain.sketch.folder_save import JOURNAL
 from sketchterrain.sketch.layer_images import encode_layer
 
 from .conftest import grey, refusal, same
@@ -272,7 +272,7 @@ def test_a_save_that_is_cut_off_leaves_the_old_sketch_or_the_new_one(tmp_path, m
             save_sketch(one(1), folder)
         if before == "an unfinished save":
             assert killed_at(monkeypatch, 22, lambda folder=folder: save_sketch(one(2), folder))
-            assert (folder / PLEDGE).exists()
+            assert (folder / JOURNAL).exists()
             same(load_sketch(folder), one(2))
         killed = killed_at(monkeypatch, moment, lambda folder=folder: save_sketch(one(3), folder))
         try:
@@ -285,7 +285,7 @@ def test_a_save_that_is_cut_off_leaves_the_old_sketch_or_the_new_one(tmp_path, m
             same(sketch, one(sketch.seed))
         save_sketch(one(4), folder)
         same(load_sketch(folder), one(4))
-        assert not (folder / PLEDGE).exists()
+        assert not (folder / JOURNAL).exists()
         if not killed:
             break
     else:

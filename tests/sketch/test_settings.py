@@ -28,8 +28,8 @@ from sketchterrain.sketch import (
     resolved_rules,
 )
 from sketchterrain.sketch.contents import SETTINGS, file_limit
-from sketchterrain.sketch.material_rule import MOST_FACTORS, MOST_INPUTS
-from sketchterrain.sketch.material_rules import MOST_RULES
+from sketchterrain.sketch.material_rule import MAX_FACTORS, MAX_INPUTS
+from sketchterrain.sketch.material_rules import MAX_RULES
 from sketchterrain.sketch.toml_text import parse_settings, settings_text
 
 _TABLES = {
@@ -301,7 +301,7 @@ _WEIGHTS = st.dictionaries(
     st.sampled_from(list(INPUTS)),
     st.floats(-1e4, 1e4).filter(lambda value: value != 0),
     min_size=1,
-    max_size=MOST_INPUTS,
+    max_size=MAX_INPUTS,
 )
 _FACTORS = st.builds(
     lambda start, width, shape, weights: Factor(start, start + width, shape, **weights),
@@ -318,7 +318,7 @@ _CHANGES = st.builds(
     st.sampled_from(MATERIALS),
     st.none() | st.floats(0, 1),
     st.sampled_from(["", _OLD[0], _OLD[-1]]),
-    st.none() | st.lists(_FACTORS, max_size=MOST_FACTORS).map(tuple),
+    st.none() | st.lists(_FACTORS, max_size=MAX_FACTORS).map(tuple),
 ) | st.builds(RuleChange, st.sampled_from(_OLD[1:-1]), st.none(), st.none() | st.floats(0, 1))
 
 
@@ -335,7 +335,7 @@ def test_the_default_rules_hold_to_the_declarations():
     assert [each.name for each in fields(Factor)] == list(FACTOR)
     assert {each.name for each in fields(RuleChange)} == {*RULE, "factors"}
     assert resolved_rules(()) == DEFAULT_RULES
-    assert len(set(_OLD)) == len(_OLD) < MOST_RULES
+    assert len(set(_OLD)) == len(_OLD) < MAX_RULES
     for rule in DEFAULT_RULES:
         change = RuleChange(rule.name, rule.material, rule.cover, factors=rule.factors)
         assert resolved_rules([change]) == DEFAULT_RULES
@@ -361,10 +361,10 @@ def test_changed_rules_keep_what_is_not_given_and_new_ones_lie_on_top_or_before_
 
 def test_the_most_rules_fit_and_no_more():
     ramp = Factor(-1e4 / 3, 1e4 / 3, "straight", above_snow_line=1e4 / 3, wetness=1e4 / 3, mottle=-1e4 / 3)
-    rows = [RuleChange(f"{n:040}", MATERIALS[-1], 1 / 3, "snow", (ramp,) * 4) for n in range(MOST_RULES)]
-    most = tuple(rows[: MOST_RULES - len(DEFAULT_RULES)])
+    rows = [RuleChange(f"{n:040}", MATERIALS[-1], 1 / 3, "snow", (ramp,) * 4) for n in range(MAX_RULES)]
+    most = tuple(rows[: MAX_RULES - len(DEFAULT_RULES)])
     text = settings_text(Sketch(material_rules=most)).encode()
     assert len(text) < file_limit(SETTINGS) / 8
     assert parse_settings(text).material_rules == most
-    with pytest.raises(InputError, match=f"{MOST_RULES + 1} rules with those of the table: expected at most"):
+    with pytest.raises(InputError, match=f"{MAX_RULES + 1} rules with those of the table: expected at most"):
         Sketch(material_rules=rows[: len(most) + 1])

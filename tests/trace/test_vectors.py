@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from sketchterrain.errors import InputError
-from sketchterrain.metric_crs import metric_crs, named_crs
+from sketchterrain.metric_crs import parse_crs, parse_metric_crs
 from sketchterrain.trace.picture import kind_of
 from sketchterrain.trace.vector_kinds import classed
 from sketchterrain.trace.vector_place import area_of, metric, middle_longitude, reprojected
@@ -383,7 +383,7 @@ def test_areas_are_of_whole_pixels() -> None:
 
 
 def test_metres_of_the_zone_are_metres_on_the_ground_and_a_crs_is_a_code_a_urn_or_wkt() -> None:
-    degrees = named_crs("OGC:CRS84")
+    degrees = parse_crs("OGC:CRS84")
     for lon in [-179.5, -60.0, 0.1, 11.0, 179.5]:
         for lat in [-79.0, -33.0, 0.1, 47.0, 83.0]:
             crs = metric(degrees, (lon, lat))
@@ -395,10 +395,10 @@ def test_metres_of_the_zone_are_metres_on_the_ground_and_a_crs_is_a_code_a_urn_o
         off = middle_longitude(np.array(longitudes)) - middle
         assert np.cos(np.radians(off)) == pytest.approx(1.0), longitudes
 
-    crs = metric_crs("EPSG:25832")
+    crs = parse_metric_crs("EPSG:25832")
     for text in ("epsg:25832 ", "urn:ogc:def:crs:EPSG::25832", "+proj=utm +zone=32 +ellps=GRS80"):
-        assert metric_crs(text).is_projected
-    assert metric_crs(crs.to_wkt()) == crs
+        assert parse_metric_crs(text).is_projected
+    assert parse_metric_crs(crs.to_wkt()) == crs
 
 
 LINE = '{"type":"LineString","coordinates":%s}'

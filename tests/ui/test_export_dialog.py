@@ -11,7 +11,7 @@ from PyQt6.QtWidgets import QAbstractButton, QLabel
 from sketchterrain.export.planning import option_names
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.export.targets import TARGET_NAMES, target_named
-from sketchterrain.export_plans import plan_of
+from sketchterrain.export_plans import checked_plan
 from sketchterrain.ui.dialogs.export import ExportDialog
 from sketchterrain.ui.models.preferences import Preferences
 
@@ -65,8 +65,8 @@ def test_every_target_is_offered_with_its_options_and_distinct_letters(opened, s
             controls["columns"].setValue(1)
         assert dialog.target.problem == "", name
         assert dialog._go.isEnabled()
-        usual = plan_of(small, name, ExportOptions())
-        asked = plan_of(small, name, controls.options())
+        usual = checked_plan(small, name, ExportOptions())
+        asked = checked_plan(small, name, controls.options())
         assert (asked.grid, asked.tiling) == (usual.grid, usual.tiling), name
         assert asked.options == usual.options, name
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from sketchterrain.sketch import load_sketch
-from sketchterrain.sketch.folder_save import PLEDGE
+from sketchterrain.sketch.folder_save import JOURNAL
 from sketchterrain.ui.models.autosave import read_recovery
 
 PROGRAM = Path(__file__).with_name("paint_until_killed.py")
@@ -107,10 +107,10 @@ def test_kills_at_random_moments_lose_at_most_what_was_just_done(tmp_path: Path,
         lost.append(min(log.lost(which, killed) for which in survived))
         saves += log.saves
         recoveries += bool(kept)
-        left = [*tmp_path.rglob(".*.tmp"), *tmp_path.rglob(PLEDGE)]
+        left = [*tmp_path.rglob(".*.tmp"), *tmp_path.rglob(JOURNAL)]
         cut_off += bool(left)
         for each in left:
-            if each.name != PLEDGE:
+            if each.name != JOURNAL:
                 each.unlink()
     print(  # noqa: T201
         f"{kills} kills, {cut_off} of them in the middle of writing: {saves} saves, {recoveries} "
@@ -124,4 +124,4 @@ def test_kills_at_random_moments_lose_at_most_what_was_just_done(tmp_path: Path,
 
 def is_whole(folder: Path) -> bool:
     """Whether a first save came far enough for a sketch to be there."""
-    return folder.is_file() or any((folder / name).exists() for name in (PLEDGE, "sketch.toml"))
+    return folder.is_file() or any((folder / name).exists() for name in (JOURNAL, "sketch.toml"))

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.features.splines import sample_catmull_rom
 from sketchterrain.sketch import Sketch
-from sketchterrain.sketch.box import around
+from sketchterrain.sketch.box import union_box
 from sketchterrain.ui.painting.fill import flood_fill, pick
 from sketchterrain.ui.painting.stroke import (
     Stroke,
@@ -221,7 +221,7 @@ def test_each_box_holds_all_that_changed_and_together_they_are_tight():
         for place in [*scribble(seed), None]:
             before = image.copy()
             box = stroke.to(*place) if place else stroke.finish()
-            together = around(together, box)
+            together = union_box(together, box)
             if box is None:
                 assert (image == before).all(), seed
                 continue

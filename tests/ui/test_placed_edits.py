@@ -8,7 +8,7 @@ import pytest
 from sketchterrain.errors import InputError
 from sketchterrain.features.memory import ShapeMemory
 from sketchterrain.sketch import ADDED_BIT, Sketch, load_sketch
-from sketchterrain.sketch.edits import MOST_EDITS
+from sketchterrain.sketch.edits import MAX_EDITS
 from sketchterrain.terrain import make_recipe
 from sketchterrain.ui.commands import placed_edits as edits
 from sketchterrain.ui.commands.placed_edits import (
@@ -253,4 +253,4 @@ def test_a_hundred_random_drags_stay_valid():
             assert np.isfinite(now.points["strength"]).all()
             assert not [each for each in now.orphans if "river" not in each]
     assert len(sketch.edits) < 2 * len(touched) + len(everything)
-    assert len(sketch.edits) <= MOST_EDITS
+    assert len(sketch.edits) <= MAX_EDITS

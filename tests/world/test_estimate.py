@@ -42,6 +42,6 @@ def test_too_little_disk_or_memory_is_refused(
 ) -> None:
     with pytest.raises(InputError, match="the world's files need up to"):
         estimate_world(replace(small_job, world=VAST, output=tmp_path / "w.zarr")).refuse_impossible()
-    monkeypatch.setattr(shared, "memory_left", lambda: 1 << 20)
+    monkeypatch.setattr(shared, "free_memory", lambda: 1 << 20)
     with pytest.raises(InputError, match=r"of memory at once, 1\.0 MiB are left"):
         estimate_world(replace(small_job, output=tmp_path / "w.zarr")).refuse_impossible()

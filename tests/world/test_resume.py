@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from sketchterrain.errors import InputError, SketchterrainError
-from sketchterrain.sketch import packed_sketch
+from sketchterrain.sketch import pack_sketch
 from sketchterrain.world.grid import World
 from sketchterrain.world.journal import (
     OutputLayout,
@@ -346,6 +346,6 @@ def test_only_files_of_a_killed_run_are_removed(form, small_job, tmp_path, tree)
 def test_another_sketch_of_that_name_is_the_users(small_job, tmp_path) -> None:
     job = replace(small_job, output=tmp_path / "world", form="tiles")
     job.output.mkdir()
-    (job.output / "sketch.sketch").write_bytes(packed_sketch(replace(small_job.sketch, seed=99)))
+    (job.output / "sketch.sketch").write_bytes(pack_sketch(replace(small_job.sketch, seed=99)))
     with pytest.raises(InputError, match="there is something else"):
         check_output_unused(job, resume=True)

@@ -10,7 +10,7 @@ from typing import Final, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.sketch.box import Box, around
+from sketchterrain.sketch.box import Box, union_box
 from sketchterrain.sketch.document import LabelImage
 
 Colours: TypeAlias = npt.NDArray[np.uint32]
@@ -78,7 +78,7 @@ class LayerCompositor:
         for (level, row, column), tile in self._tiles.items():
             step, side = 1 << level, _TILE << level
             top, left = row * side, column * side
-            tile.stale = around(
+            tile.stale = union_box(
                 tile.stale,
                 _within(
                     (box[0] - top) // step,

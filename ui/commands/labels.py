@@ -6,7 +6,7 @@ import numpy as np
 
 from sketchterrain.errors import InputError
 from sketchterrain.sketch import LAYERS, Sketch
-from sketchterrain.sketch.document import MOST_LABELS, LabelImage
+from sketchterrain.sketch.document import MAX_LABELS, LabelImage
 from sketchterrain.sketch.parameter import Value
 
 _PIXELS_AT_ONCE = 1 << 20
@@ -30,8 +30,8 @@ def labels_of(sketch: Sketch, layer: str) -> tuple[int, ...]:
 def free_label(sketch: Sketch, layer: str) -> int:
     """Return the smallest label of a layer that is neither painted nor declared."""
     taken = labels_of(sketch, layer)
-    if len(taken) >= MOST_LABELS:
-        raise InputError(f"{LAYERS[layer].title}: a layer has at most {MOST_LABELS} labels")
+    if len(taken) >= MAX_LABELS:
+        raise InputError(f"{LAYERS[layer].title}: a layer has at most {MAX_LABELS} labels")
     return next(label for label in range(1, 256) if label not in taken)
 
 

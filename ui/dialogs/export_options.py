@@ -10,14 +10,14 @@ from typing import Any, Final
 from PyQt6.QtGui import QIntValidator
 from PyQt6.QtWidgets import QWidget
 
-from sketchterrain.disk import amount, gibibytes
+from sketchterrain.disk import format_bytes, gibibytes
 from sketchterrain.errors import InputError, SketchterrainError, one_line
 from sketchterrain.export.planning import Plan, option_names
 from sketchterrain.export.sidecar import SIDECAR
 from sketchterrain.export.target import ExportOptions, Target
 from sketchterrain.export.tiling import Tiling
+from sketchterrain.export_plans import checked_plan
 from sketchterrain.export_plans import memory_needed as memory_of_plan
-from sketchterrain.export_plans import plan_of
 from sketchterrain.sizes import check_size, memory_needed
 from sketchterrain.sketch import Sketch
 from sketchterrain.ui.dialogs.form import Field, Form, Line, note
@@ -325,7 +325,7 @@ class TargetForm(Form):
         self.problem, self._options, told = "", None, ""
         try:
             self._options = self.options()
-            told = plan_line(plan_of(self._sketch, target.name, self._options), self._sketch)
+            told = plan_line(checked_plan(self._sketch, target.name, self._options), self._sketch)
         except SketchterrainError as error:
             self.problem = one_line(error)
         self.note.setText(told)
@@ -344,6 +344,7 @@ def plan_line(plan: Plan, sketch: Sketch) -> str:
     disk = plan.target.disk * columns * rows * tiles
     plants = " besides the plants" if plan.options.plants else ""
     lines.append(
-        f"Takes up to {amount(disk)} of disk{plants} and about {amount(memory_of_plan(plan))} of memory."
+        f"Takes up to {format_bytes(disk)} of disk{plants} and about "
+        f"{format_bytes(memory_of_plan(plan))} of memory."
     )
     return " ".join(lines)

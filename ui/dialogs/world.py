@@ -18,9 +18,9 @@ from PyQt6.QtWidgets import (
     QWidget,
 )
 
-from sketchterrain.disk import amount
+from sketchterrain.disk import format_bytes
 from sketchterrain.errors import InputError, SketchterrainError, one_line
-from sketchterrain.estimate import duration
+from sketchterrain.estimate import format_duration
 from sketchterrain.sketch import Sketch
 from sketchterrain.ui.dialogs.form import (
     Field,
@@ -380,8 +380,8 @@ class WorldDialog(QDialog):
         self._head.setText("Written" if told["made"] else "All of it was there")
         self.bar.setValue(_UNITS)
         self.doing.setText(
-            f"{told['made']} of {told['tasks']} shards in {duration(told['seconds'])}, "
-            f"{told['files']} files, {amount(told['bytes'])}, into\n{self.place}"
+            f"{told['made']} of {told['tasks']} shards in {format_duration(told['seconds'])}, "
+            f"{told['files']} files, {format_bytes(told['bytes'])}, into\n{self.place}"
         )
         self.view.show()
         self._finish()

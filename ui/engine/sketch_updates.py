@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sketchterrain.sketch import LAYERS, Sketch
-from sketchterrain.sketch.box import Box, around
+from sketchterrain.sketch.box import Box, union_box
 from sketchterrain.ui.engine.protocol import LayerPatch, SketchUpdate
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ class UpdateBuilder:
         return LayerPatch(max(top, 0), max(left, 0), pixels if still else pixels.copy())
 
     def _painted(self, layer: str, box: Box) -> None:
-        self._boxes[layer] = around(self._boxes.get(layer), box) or box
+        self._boxes[layer] = union_box(self._boxes.get(layer), box) or box
 
     def _opened(self) -> None:
         self._all = self._fresh = True

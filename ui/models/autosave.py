@@ -15,11 +15,11 @@ from typing import IO
 
 from PyQt6.QtCore import QObject, QTimer, pyqtSignal
 
-from sketchterrain.sketch import Sketch, packed_sketch
+from sketchterrain.sketch import Sketch, pack_sketch
 from sketchterrain.system import lock_file
 from sketchterrain.ui.models.background import Background
 from sketchterrain.ui.models.document import Document
-from sketchterrain.whole_files import write_whole
+from sketchterrain.whole_files import write_atomic
 
 _ABOUT = "recovery.json"
 
@@ -105,7 +105,7 @@ def write_recovery(path: Path, sketch: Sketch, original: Path | None) -> None:
         "when": datetime.now(UTC).isoformat(),
         "original": None if original is None else str(original.absolute()),
     }
-    write_whole(path, packed_sketch(sketch, beside={_ABOUT: json.dumps(about).encode("utf-8")}))
+    write_atomic(path, pack_sketch(sketch, beside={_ABOUT: json.dumps(about).encode("utf-8")}))
 
 
 def read_recovery(path: Path) -> Recovery | None:

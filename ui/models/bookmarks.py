@@ -15,7 +15,7 @@ from PyQt6.QtCore import QObject, pyqtSignal
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.ui.engine.protocol import MODES, Pose
 from sketchterrain.ui.models.document import Document
-from sketchterrain.whole_files import write_whole
+from sketchterrain.whole_files import write_atomic
 
 _LONGEST = 80  # letters of a name
 
@@ -130,7 +130,7 @@ class Bookmarks(QObject):
         table = {"sketch": str(self._path), "bookmarks": [_table(each) for each in self._all]}
         try:
             file.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(file, json.dumps(table, indent=1).encode())
+            write_atomic(file, json.dumps(table, indent=1).encode())
         except (OSError, SketchterrainError) as error:
             self.failed.emit(f"bookmarks cannot be kept: {error}")
 

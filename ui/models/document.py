@@ -10,10 +10,10 @@ from PyQt6.QtCore import QObject, pyqtSignal
 
 from sketchterrain.errors import InputError
 from sketchterrain.sketch import Sketch
-from sketchterrain.sketch.box import Box, around
+from sketchterrain.sketch.box import Box, union_box
 from sketchterrain.sketch.document import LabelImage
 from sketchterrain.sketch.history import History
-from sketchterrain.sketch.label_image import MOST_LABELS, checked_image, kept_image, labels_in
+from sketchterrain.sketch.label_image import MAX_LABELS, check_image, freeze_image, labels_in
 from sketchterrain.sketch.layer_change import LayerChange
 
 
@@ -37,7 +37,7 @@ class Draft:
 
     def touch(self, box: Box) -> None:
         """Tell that pixels in a box are others now."""
-        self.box = around(self.box, box)
+        self.box = union_box(self.box, box)
         self._document.painted.emit(self.layer, box)
         self._document.live_changed.emit()
 
@@ -214,11 +214,11 @@ class Document(QObject):
         if image is None or image() is not before:
             labels = frozenset(labels_in(before))
         labels |= change.new_labels - {0}
-        if len(labels) > MOST_LABELS:  # some of them may have been painted over
-            checked_image(draft.layer, draft.image)
+        if len(labels) > MAX_LABELS:  # some of them may have been painted over
+            check_image(draft.layer, draft.image)
             labels = frozenset(labels_in(draft.image))
         self._labels[draft.layer] = ref(draft.image), labels
-        return kept_image(draft.image)
+        return freeze_image(draft.image)
 
     @property
     def _key(self) -> int | None:

@@ -11,7 +11,7 @@ from typing import Any
 from PyQt6.QtCore import QByteArray, QObject, QSettings, pyqtSignal
 
 from sketchterrain.errors import SketchterrainError
-from sketchterrain.whole_files import write_whole
+from sketchterrain.whole_files import write_atomic
 
 _THEMES = ("system", "light", "dark")
 
@@ -190,7 +190,7 @@ class RecentFiles(QObject):
         self._paths = tuple(paths)
         try:
             self._file.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(self._file, json.dumps([str(path) for path in paths], indent=1).encode("utf-8"))
+            write_atomic(self._file, json.dumps([str(path) for path in paths], indent=1).encode("utf-8"))
             self._is_kept = True
         except (OSError, SketchterrainError):
             self._is_kept = False  # not worth a message

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from sketchterrain.features.splines import cubics
 from sketchterrain.sketch import LAYERS, Sketch
-from sketchterrain.sketch.box import Box, around
+from sketchterrain.sketch.box import Box, union_box
 from sketchterrain.sketch.document import LabelImage
 
 Dab = tuple[float, float, float]
@@ -225,7 +225,7 @@ class Stroke:
         begins = not self._dabs
         node = self._hand.to(self._last)
         box = None if node is None else self._add(node)
-        return around(box, self._sweep([self._last, self._last])) if begins else box
+        return union_box(box, self._sweep([self._last, self._last])) if begins else box
 
     def finish(self) -> Box | None:
         """Paint up to the last place; return the box around the pixels painted, None if none were."""
@@ -233,10 +233,10 @@ class Stroke:
             return None
         box = self._sweep([self._last, self._last])
         for node in self._hand.finish():
-            box = around(box, self._add(node))
+            box = union_box(box, self._add(node))
         near = self._dabs[-3:]
         if len(near) > 1:
-            box = around(box, self._sweep(smooth_dabs(near, len(near) - 2)))
+            box = union_box(box, self._sweep(smooth_dabs(near, len(near) - 2)))
         return box
 
     def _add(self, node: Dab) -> Box | None:
@@ -250,7 +250,7 @@ class Stroke:
     def _sweep(self, path: Sequence[Dab]) -> Box | None:
         box = None
         for start, end in pairwise(path):
-            box = around(box, paint_sweep(self._image, start, end, self._label))
+            box = union_box(box, paint_sweep(self._image, start, end, self._label))
         return box
 
 
@@ -336,7 +336,7 @@ def draw_line(
     path = _path(points, max(snap(0.5 * width), THINNEST))
     box = None
     for start, end in [*pairwise(path), *zip(path[:1] + path[-1:], path[:1] + path[-1:], strict=True)]:
-        box = around(box, paint_sweep(image, start, end, label))
+        box = union_box(box, paint_sweep(image, start, end, label))
     return box
 
 

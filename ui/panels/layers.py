@@ -11,7 +11,7 @@ from PyQt6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from sketchterrain.errors import InputError
 from sketchterrain.sketch import LAYERS, Sketch
-from sketchterrain.sketch.document import MOST_LABELS, LabelImage
+from sketchterrain.sketch.document import MAX_LABELS, LabelImage
 from sketchterrain.ui.commands.labels import (
     clear_layer,
     copy_label,
@@ -267,7 +267,7 @@ class LayersPanel(QWidget):
         self._percent.setText(f"{round(100 * look.opacity)} %")
         with QSignalBlocker(self.opacity):
             self.opacity.setValue(round(look.opacity * WAY))
-        self.add.setEnabled(len(self._labels(layer)) < MOST_LABELS)
+        self.add.setEnabled(len(self._labels(layer)) < MAX_LABELS)
         declared = (layer, label) in self._document.sketch.labels
         self.remove.setEnabled((declared or label in self._areas[layer]) and not look.locked)
         self.clear.setEnabled(bool(self._areas[layer]) and not look.locked)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from sketchterrain.sketch import LAYERS, Parameter
-from sketchterrain.sketch.parameter import number_text
+from sketchterrain.sketch.parameter import format_number
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def help_of(parameter: Parameter) -> str:
     special = special_of(parameter)
     text = parameter.help
     if special is not None:
-        mark = f"{number_text(special.value)} "
+        mark = f"{format_number(special.value)} "
         text = "; ".join(part for part in text.split("; ") if not part.startswith(mark))
     return text[:1].upper() + text[1:]
 

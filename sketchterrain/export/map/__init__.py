@@ -12,7 +12,7 @@ from sketchterrain.export.map.features import draw_forests, draw_lakes, draw_riv
 from sketchterrain.export.map.ground import fit_frame, sample_ground, shaded_relief
 from sketchterrain.export.map.margins import border, grid_lines, grouped, legend, legend_entries, title
 from sketchterrain.terrain import Terrain
-from sketchterrain.whole_files import write_whole
+from sketchterrain.whole_files import write_atomic
 
 MAP_WIDTH: Final = 2400
 """Default width of a map's PNG (px): 8 px/mm."""
@@ -34,9 +34,9 @@ def write_sheet(path: Path, sheet: MapSheet, *, size: tuple[int, int] | None = N
     """
     _check_suffix(path)
     if path.suffix.lower() == ".svg":
-        return (write_whole(path, sheet_svg(sheet).encode()),)
+        return (write_atomic(path, sheet_svg(sheet).encode()),)
     width = MAP_WIDTH if size is None else min(size[0], int(size[1] * sheet.width / sheet.height))
-    return (write_whole(path, sheet_png(sheet, width=max(width, 1))),)
+    return (write_atomic(path, sheet_png(sheet, width=max(width, 1))),)
 
 
 def map_sheet(terrain: Terrain) -> MapSheet:

@@ -21,7 +21,7 @@ from sketchterrain.export.placed_layers import (
     station_layer,
 )
 from sketchterrain.export.target import Export, ExportOptions, Target, Written
-from sketchterrain.metric_crs import metric_crs
+from sketchterrain.metric_crs import parse_metric_crs
 from sketchterrain.terrain.plant import PLANT
 
 _PLANTS_AT_ONCE = 1_000_000
@@ -38,11 +38,11 @@ _LAYERS = {"plants": "woody", "grass": "grass"}  # and the storey in each
 
 def _check(options: ExportOptions) -> None:
     if options.crs is not None:
-        metric_crs(options.crs)
+        parse_metric_crs(options.crs)
 
 
 def _write(export: Export) -> Written:
-    crs = local_metres() if export.options.crs is None else metric_crs(export.options.crs)
+    crs = local_metres() if export.options.crs is None else parse_metric_crs(export.options.crs)
     place = Place(crs, *export.options.origin)
     with export.stages.stage("rasters", "Writing Cloud-Optimised GeoTIFF"):
         files = _rasters(export, place)

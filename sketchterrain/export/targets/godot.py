@@ -14,7 +14,7 @@ from sketchterrain.export.sampled import Grid, Sampled
 from sketchterrain.export.target import Export, ExportOptions, Target, Written
 from sketchterrain.export.tiling import Piece, Tiling
 from sketchterrain.export.weights import control_map, four_of
-from sketchterrain.whole_files import write_whole
+from sketchterrain.whole_files import write_atomic
 
 _REGION: Final = 256  # vertices along a region's side unless a larger one is chosen
 _REGIONS: Final = 32  # each way, at most
@@ -101,7 +101,7 @@ def _write_heights(export: Export, piece: Piece, tile: Sampled, steps: HeightSte
     if steps is None:
         return write_exr(path_of(export, "height", piece, ".exr"), {"R": tile.height})
     numbers = steps.encode(tile.height).astype("<u2")
-    return write_whole(path_of(export, "height", piece, ".r16"), numbers.tobytes())
+    return write_atomic(path_of(export, "height", piece, ".r16"), numbers.tobytes())
 
 
 def _settings(export: Export, steps: HeightSteps | None) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from sketchterrain.export.sampled import Sampled, ground_at
 from sketchterrain.export.target import Export, Target, Written
 from sketchterrain.export.tiling import Piece, Tiling
 from sketchterrain.export.weights import edge_to_edge, four_of
-from sketchterrain.whole_files import write_whole
+from sketchterrain.whole_files import write_atomic
 
 _TREE_ROW: Final = (
     '{"prototypeIndex":%d,"position":{"x":%.8f,"y":%.8f,"z":%.8f},"widthScale":%.3f,"heightScale":%.3f,'
@@ -81,7 +81,7 @@ def write_unity(export: Export) -> Written:
 
 def _images(export: Export, piece: Piece, tile: Sampled, steps: HeightSteps) -> dict[Path, str]:
     numbers = steps.encode(tile.height)[::-1].astype("<u2")
-    raw = write_whole(path_of(export, "", piece, ".raw"), numbers.tobytes())
+    raw = write_atomic(path_of(export, "", piece, ".raw"), numbers.tobytes())
     normal = write_values_png(path_of(export, "normal", piece, ".png"), tile.normal)
     weights = edge_to_edge(tile.weights)
     splats = [

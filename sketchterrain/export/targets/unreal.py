@@ -15,7 +15,7 @@ from sketchterrain.export.sampled import Sampled
 from sketchterrain.export.target import Export, Target, Written
 from sketchterrain.export.tiling import Piece, Tiling
 from sketchterrain.export.weights import normals_down
-from sketchterrain.whole_files import write_whole
+from sketchterrain.whole_files import write_atomic
 
 _CENTIMETRES: Final = 100.0
 _DECIMALS: Final = 6  # of centimetres
@@ -72,7 +72,7 @@ def _images(export: Export, piece: Piece, tile: Sampled, steps: HeightSteps) -> 
 
 def _write_heights(export: Export, piece: Piece, numbers: npt.NDArray[np.uint16]) -> Path:
     if export.options.format == "r16":
-        return write_whole(path_of(export, "height", piece, ".r16"), numbers.astype("<u2").tobytes())
+        return write_atomic(path_of(export, "height", piece, ".r16"), numbers.astype("<u2").tobytes())
     return write_values_png(path_of(export, "height", piece, ".png"), numbers)
 
 

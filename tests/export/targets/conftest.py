@@ -10,7 +10,7 @@ import pytest
 
 import sketchterrain as st
 from sketchterrain.export.target import ExportOptions
-from sketchterrain.exporting import plan_of, write_export
+from sketchterrain.exporting import checked_plan, write_export
 from sketchterrain.progress import Stages
 
 
@@ -63,7 +63,7 @@ def exported(terrain, corner, tmp_path_factory):
         if key not in made:
             folder = tmp_path_factory.mktemp(target)
             done = write_export(
-                plan_of(corner, target, ExportOptions(**options)), terrain, folder, stages=Stages()
+                checked_plan(corner, target, ExportOptions(**options)), terrain, folder, stages=Stages()
             )
             told = json.loads((folder / "terrain.json").read_text(encoding="utf-8"))
             assert told == json.loads(json.dumps(done.report))

@@ -17,7 +17,7 @@ from sketchterrain.export.planning import plan
 from sketchterrain.export.sampled import Grid
 from sketchterrain.export.target import Export, ExportOptions
 from sketchterrain.export.targets import godot, target_named, unreal
-from sketchterrain.exporting import plan_of, write_export
+from sketchterrain.exporting import checked_plan, write_export
 from sketchterrain.progress import Stages
 
 ENGINES = {"unity": {"size": 129}, "unreal": {"size": 253}, "godot": {"format": "exr"}}
@@ -288,7 +288,10 @@ def test_grass_is_a_file_of_its_own(corner, tmp_path):
     meadow = replace(corner, extent=48.0)
     terrain = st.build(meadow)
     write_export(
-        plan_of(meadow, "unreal", ExportOptions(size=127, grass=True)), terrain, tmp_path, stages=Stages()
+        checked_plan(meadow, "unreal", ExportOptions(size=127, grass=True)),
+        terrain,
+        tmp_path,
+        stages=Stages(),
     )
     for kind, storey in (("plants", "woody"), ("grass", "grass")):
         told = json.loads((tmp_path / f"high_corner_{kind}.json").read_text(encoding="utf-8"))
@@ -317,7 +320,7 @@ def test_unreal_components_and_the_z_scale_follow_the_guide(corner, exported, tm
     sizes = (127, 253, 505, 1009, 2017, 4033, 8129)
     assert sizes == unreal.TARGETS[0].sizes
     for size, quads, components in zip(sizes, [63] * 6 + [127], (1, 2, 4, 8, 16, 32, 32), strict=True):
-        made = plan_of(corner, "unreal", ExportOptions(size=size, plants=False))
+        made = checked_plan(corner, "unreal", ExportOptions(size=size, plants=False))
         export = Export(None, "a", made.options, made.grid, made.tiling, None, tmp_path, None)
         settings = unreal._settings(export, HeightSteps(-256.0, 512.0))
         assert settings["Section Size"] == f"{quads}x{quads} Quads", size
@@ -394,9 +397,9 @@ def test_options_that_a_program_cannot_import_are_refused(corner):
         ("geotiff", {"origin": (np.nan, 0.0)}, "expected two finite numbers, m"),
     ]:
         with pytest.raises(InputError, match=says):
-            plan_of(corner, target, ExportOptions(**options))
+            checked_plan(corner, target, ExportOptions(**options))
     with pytest.raises(InputError, match="16384"):
-        plan_of(replace(corner, extent=20000.0), "godot", ExportOptions())
+        checked_plan(replace(corner, extent=20000.0), "godot", ExportOptions())
     with pytest.raises(InputError, match=r"expected one of .* as target, got 'quake'"):
         target_named("quake")
 
@@ -412,7 +415,7 @@ def same_bytes(*folders):
 def test_the_same_terrain_gives_the_same_bytes(terrain, exported, tmp_path, target):
     options = {"size": 65, "crs": "EPSG:25832", "origin": (5e5, 5e6)} if target == "geotiff" else {"size": 65}
     outcome = exported(target, **options)
-    wanted = plan_of(terrain.sketch, target, ExportOptions(**options))
+    wanted = checked_plan(terrain.sketch, target, ExportOptions(**options))
     write_export(wanted, terrain, tmp_path, stages=Stages())
     same_bytes(outcome.folder, tmp_path)
 
@@ -428,7 +431,7 @@ def test_bare_ground_is_exported_to_the_same_bytes_without_water_and_plants(corn
         for folder in folders:
             folder.mkdir()
             wanted = ExportOptions(plants="none" not in folder.name, **options)
-            done = write_export(plan_of(bare.sketch, target, wanted), bare, folder, stages=Stages())
+            done = write_export(checked_plan(bare.sketch, target, wanted), bare, folder, stages=Stages())
         same_bytes(*folders[:2])
         names = {path.name for path in done.files}
         assert not [name for name in names if "plants" in name or "grass.json" in name], target

@@ -12,7 +12,7 @@ import sketchterrain as st
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.export.placed_layers import Origin, VectorLayer, geopackage, lake_layer
 from sketchterrain.export.target import ExportOptions
-from sketchterrain.exporting import plan_of, write_export
+from sketchterrain.exporting import checked_plan, write_export
 from sketchterrain.features.catalogue import Lake
 from sketchterrain.features.shape_fields import ShapeField
 from sketchterrain.progress import Stages
@@ -187,7 +187,7 @@ def lawn():
 
 def test_every_layer_is_written_even_an_empty_one_and_to_the_same_bytes(lawn, tmp_path):
     terrain = st.build(lawn)
-    wanted = plan_of(lawn, "geotiff", ExportOptions(size=9, grass=True))
+    wanted = checked_plan(lawn, "geotiff", ExportOptions(size=9, grass=True))
     done = write_export(wanted, terrain, tmp_path, stages=Stages())
     (tmp_path / "again").mkdir()
     for again in write_export(wanted, terrain, tmp_path / "again", stages=Stages()).files:
@@ -219,7 +219,7 @@ def test_unusable_reference_systems_are_refused(corner, capfd):
         ("EPSG:5773", "is no map's"),
     ]:
         with pytest.raises(InputError) as refused:
-            plan_of(corner, "geotiff", ExportOptions(crs=crs))
+            checked_plan(corner, "geotiff", ExportOptions(crs=crs))
         assert told in str(refused.value), crs
         assert "\n" not in str(refused.value), crs
         assert len(str(refused.value)) < 220, crs

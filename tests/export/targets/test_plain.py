@@ -10,7 +10,7 @@ from PIL import Image
 
 import sketchterrain as st
 from sketchterrain.export.target import ExportOptions
-from sketchterrain.exporting import plan_of, write_export
+from sketchterrain.exporting import checked_plan, write_export
 from sketchterrain.progress import Stages
 
 SIDE = 65
@@ -127,7 +127,7 @@ def test_grass_comes_too_where_it_is_asked_for(tmp_path):
     meadow = st.build(st.Sketch(name="Meadow", extent=64.0, layers={"forest": np.ones((16, 16), np.uint8)}))
     counts = []
     for grass in (False, True):
-        wanted = plan_of(meadow.sketch, "npy", ExportOptions(size=9, grass=grass))
+        wanted = checked_plan(meadow.sketch, "npy", ExportOptions(size=9, grass=grass))
         write_export(wanted, meadow, tmp_path, stages=Stages())
         counts.append(np.bincount(np.load(tmp_path / "foliage.npy")["species"], minlength=8))
     np.testing.assert_array_equal(counts[0][:5], counts[1][:5])

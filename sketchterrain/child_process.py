@@ -30,23 +30,7 @@ class ChildTimedOutError(ChildFailedError):
 def run_child(
     command: Sequence[str], *, name: str, timeout: float, environment: Mapping[str, str] | None = None
 ) -> None:
-    """Run a command and wait for it.
-
-    Parameters
-    ----------
-    command
-    name
-        What failed, for the message: ``"the probe"``.
-    timeout
-        Seconds.
-    environment
-        Of the child; by default that of this process.
-
-    Raises
-    ------
-    ChildFailedError
-        Unless it exits with 0. The reason is the last line on stderr of a child that exits with another code.
-    """
+    """Run a command and wait for it."""
     try:
         child = subprocess.run(  # noqa: S603
             command,
@@ -71,11 +55,6 @@ def module_result(
     """Run a module of the program in a child, and return the bytes that it wrote into the file given last.
 
     Its stdout and stderr are left to drivers.
-
-    Raises
-    ------
-    ChildFailedError
-        As for :func:`run_child`.
     """
     with TemporaryDirectory(prefix="sketchterrain-child-") as folder:
         file = Path(folder) / "result"

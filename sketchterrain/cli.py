@@ -52,13 +52,7 @@ app = typer.Typer(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code; every failure is one line on stderr.
-
-    Parameters
-    ----------
-    arguments
-        By default those of the process.
-    """
+    """Run one command and return its exit code; every failure is one line on stderr."""
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # a terminal that cannot show a sign must not stop the work
             stream.reconfigure(errors="replace")

@@ -14,48 +14,20 @@ def cache_folder() -> Path:
     """Return the folder for what the program can compute again: ``$XDG_CACHE_HOME/sketchterrain``.
 
     Without that variable, or if it is no absolute path, ``~/.cache/sketchterrain``.
-
-    Raises
-    ------
-    RuntimeError
-        If the user has no home folder.
     """
     given = Path(os.environ.get("XDG_CACHE_HOME", ""))
     return (given if given.is_absolute() else Path("~/.cache").expanduser()) / "sketchterrain"
 
 
 def free_disk_space(path: Path) -> int:
-    """Return how many bytes there is room for on the disk of a file or folder, which need not be there yet.
-
-    Raises
-    ------
-    SketchterrainError
-        If the system does not tell.
-    """
+    """Return how many bytes there is room for on the disk of a file or folder, which need not be there yet."""
     with wrap_os_errors(path):
         there = next(place for place in (path, *path.absolute().parents) if place.is_dir())
         return shutil.disk_usage(there).free
 
 
 def check_disk(path: Path, needed: float, what: str) -> None:
-    """Refuse what the disk may have no room for, before any work is done for it.
-
-    Parameters
-    ----------
-    path
-        The file or folder that shall be written; it need not be there yet.
-    needed
-        Bytes, at most.
-    what
-        What needs them, in the plural: "foliage.csv: up to 2e+08 plants".
-
-    Raises
-    ------
-    InputError
-        With what it needs and what is left.
-    SketchterrainError
-        If the system does not tell.
-    """
+    """Refuse what the disk may have no room for, before any work is done for it."""
     left = free_disk_space(path)
     if needed > left:
         raise InputError(

@@ -20,15 +20,7 @@ _BYTES_AT_LEAST = 500 << 20  # the program, what a device compiles, a band of ro
 
 
 def checked_plan(sketch: Sketch, target: str, options: ExportOptions) -> Plan:
-    """Return what an export will be, refused where this machine has not the memory for it.
-
-    Raises
-    ------
-    InputError
-        As :func:`~sketchterrain.exporting.export` says; nothing has been computed yet.
-    SketchterrainError
-        If a library is not installed.
-    """
+    """Return what an export will be, refused where this machine has not the memory for it."""
     wanted = plan(sketch, target_named(target), options)
     needed, there = memory_needed(wanted), physical_memory()
     if needed > there:

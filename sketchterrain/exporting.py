@@ -38,15 +38,7 @@ _RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)")
 
 @dataclass(frozen=True)
 class ExportResult:
-    """What was written.
-
-    Attributes
-    ----------
-    report : dict
-        What the sidecar says.
-    files : tuple of Path
-        The sidecar last.
-    """
+    """What was written."""
 
     report: dict[str, Any]
     files: tuple[Path, ...]
@@ -67,31 +59,6 @@ def export(
     All files come into the folder together, when all of them are there; files of an earlier export of the
     sketch to the target that this one does not have are taken away. Where a device fails everything is done
     again on a CPU device.
-
-    Parameters
-    ----------
-    sketch
-        With the seed that counts.
-    folder
-        Made if it is not there.
-    target
-        One of `TARGET_NAMES`.
-    options
-    device
-        Selector as for :func:`~sketchterrain.compute.choose_device`.
-    fast
-        Whether the kernels may trade bits for speed.
-    stages
-        Told and timed: ``device``, ``features``, ``ground``, and those of the target.
-
-    Raises
-    ------
-    InputError
-        If there is no such target, it does not take what was asked for, or disk or memory have no room.
-    DeviceError
-        If there is no such device, or none that did not fail.
-    SketchterrainError
-        If a library is not installed, or a file cannot be written.
     """
     wanted = checked_plan(sketch, target, options)
 
@@ -109,25 +76,7 @@ def export(
 
 
 def write_export(wanted: Plan, terrain: Terrain, folder: Path, *, stages: Tellable) -> ExportResult:
-    """Sample a terrain and write a target's files and the sidecar.
-
-    Parameters
-    ----------
-    wanted
-        From :func:`checked_plan`, of the terrain's sketch.
-    terrain
-    folder
-        A hidden one: what is there after a failure is no export.
-    stages
-        Told and timed: ``ground``, and those of the target.
-
-    Raises
-    ------
-    InputError
-        If the disk may have no room, or heights do not fit into a range.
-    SketchterrainError
-        If a file cannot be written.
-    """
+    """Sample a terrain and write a target's files and the sidecar."""
     _check_room(wanted, terrain, folder)
     with stages.stage("ground", "Heights and materials") as tell:
         sampled = sample(terrain, wanted.grid, progress=tell)

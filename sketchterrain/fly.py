@@ -35,29 +35,7 @@ SECONDS = 20.0
 
 @dataclass(frozen=True)
 class FlightOptions:
-    """How a flight is taken.
-
-    Attributes
-    ----------
-    size : (int, int)
-        Width and height, pixels.
-    fps : int
-        Frames a second.
-    seconds : float or None
-        How much of the flight; by default all of it, or `SECONDS` where there is no path.
-    quality : float or None
-        0 … 1; by default the best, or with `real_time` what suits the device.
-    real_time : bool
-        Whether frames show what is ready within their budget, as a viewer does; else each one is complete.
-    overlays : tuple of str
-        Names of what is drawn over each frame.
-    hour, clouds : float or None
-        In place of the sketch's.
-    without : tuple of str
-        Parts of the picture that are left out.
-    textures : Path or None
-        A folder of the user's own.
-    """
+    """How a flight is taken."""
 
     size: tuple[int, int] = (1280, 720)
     fps: int = 30
@@ -81,39 +59,7 @@ def fly(
     fast: bool,
     stages: Stages,
 ) -> dict[str, Any]:
-    """Fly over a sketch's terrain.
-
-    Parameters
-    ----------
-    sketch
-        With the seed that counts.
-    flight
-        The path; a round over the sketch's sights by default.
-    take
-        How.
-    output
-        Folder or file of the film, see :func:`~sketchterrain.export.check_film`; none by default.
-    device
-        Selector as for :func:`~sketchterrain.compute.choose_device`.
-    fast
-        Whether the kernels may trade bits for speed.
-    stages
-        Told and timed: ``device``, ``features``, ``path`` and ``frames``.
-
-    Returns
-    -------
-    dict
-        What was flown and what it took, as ``--json`` tells it.
-
-    Raises
-    ------
-    InputError
-        If the film cannot be of that size, there is no such part, or the sun stands too low.
-    DeviceError
-        If there is no such device, none that did not fail, or no OpenGL.
-    SketchterrainError
-        If a file cannot be written.
-    """
+    """Fly over a sketch's terrain."""
     Quality(without=frozenset(take.without))  # refuses now what there is not
     weather = sketch_weather(sketch, take.hour, take.clouds)
 

@@ -14,11 +14,6 @@ def plain_path(path: Path) -> Iterator[Path]:
 
     pyogrio takes a ``!`` for the end of an archive's name, and an ending ``.zip`` for an archive
     (`pyogrio.util.vsi_path`): it would read or write another file. Such a file is reached by a link.
-
-    Parameters
-    ----------
-    path
-        Of a file that is there, or shall be; its folder is there.
     """
     whole = path.absolute()
     if "!" not in str(whole) and whole.suffix != ".zip":

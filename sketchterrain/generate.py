@@ -54,19 +54,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class PreviewOptions:
-    """Pictures besides the files.
-
-    Attributes
-    ----------
-    preview : bool
-        Whether there is a ``preview.png``.
-    view : str
-        What kind of view it shows.
-    hour, clouds : float or None
-        Of its weather, in place of the sketch's.
-    map : str or None
-        ``png`` or ``svg``: there is a ``map.png`` or a ``map.svg``.
-    """
+    """Pictures besides the files."""
 
     preview: bool = True
     view: str = "auto"
@@ -77,17 +65,7 @@ class PreviewOptions:
 
 @dataclass(frozen=True)
 class GenerateResult:
-    """What :func:`generate` did.
-
-    Attributes
-    ----------
-    report : dict
-        What ``report.json`` says.
-    files : tuple of Path
-        What was written, ``report.json`` last.
-    problem : str or None
-        Why there is no preview although one was asked for; all other files are there.
-    """
+    """What :func:`generate` did."""
 
     report: dict[str, Any]
     files: tuple[Path, ...]
@@ -96,17 +74,7 @@ class GenerateResult:
 
 @dataclass(frozen=True)
 class SharedResources:
-    """What several terrains that one process makes need only once.
-
-    Attributes
-    ----------
-    devices : Devices
-        What they are made on.
-    memory : ShapeMemory
-        Of sketches that were placed before; of one thread.
-    take_picture : callable or None
-        Takes the previews, as :func:`~sketchterrain.render.render_picture` does, which is the default.
-    """
+    """What several terrains that one process makes need only once."""
 
     devices: DeviceFallback
     memory: ShapeMemory = field(default_factory=ShapeMemory)
@@ -130,37 +98,6 @@ def generate(
     All files come into the folder together, when all of them are there; those of the last time that this time
     has none in place of are taken away. Where a device fails everything is
     done again on a CPU device: the files are never a mixture.
-
-    Parameters
-    ----------
-    sketch
-        With the seed that counts.
-    folder
-        Made if it is not there.
-    device
-        Selector as for :func:`~sketchterrain.compute.choose_device`.
-    fast
-        Whether the kernels may trade bits for speed.
-    size
-        Vertices along the longer side.
-    foliage
-        Which plants are written, and as what; by default trees and shrubs as ``foliage.csv``.
-    extras
-        What pictures there shall be besides.
-    stages
-        Told and timed: ``device``, ``features``, ``ground``, ``plants``, ``adherence``, ``map``, ``preview``
-        and ``files``.
-    shared
-        In place of a device: what other terrains were or will be made with. The files are the same.
-
-    Raises
-    ------
-    InputError
-        If there is no such view, the sun stands too low, or the disk may have no room for the plants.
-    DeviceError
-        If there is no such device, or none that did not fail.
-    SketchterrainError
-        If a file cannot be written.
     """
     check_view(extras.view)
     weather = sketch_weather(sketch, extras.hour, extras.clouds)
@@ -275,14 +212,7 @@ class _Writer:
 def render_preview(
     terrain: Terrain, view: str, weather: Weather, shared: SharedResources, timings: dict[str, float]
 ) -> tuple[npt.NDArray[np.uint8] | None, str | None]:
-    """Render a preview; a machine without OpenGL still gets all the rest.
-
-    Returns
-    -------
-    picture : (height, width, 3) uint8, or None
-    problem : str or None
-        Why there is none.
-    """
+    """Render a preview; a machine without OpenGL still gets all the rest."""
     from sketchterrain.render import render_picture
 
     take = shared.take_picture or render_picture

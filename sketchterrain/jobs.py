@@ -26,45 +26,12 @@ def run_with_fallback(
     fast: bool = False,
     stages: Stages,
 ) -> T:
-    """Do work on a device, and where that fails all of it again on a CPU device that has not failed yet.
-
-    Parameters
-    ----------
-    work
-        Takes an open device and a line for each device that failed before it; it must have no effect until
-        it is through.
-    device
-        Selector as for :func:`~sketchterrain.compute.choose_device`.
-    fast
-        Whether the kernels may trade bits for speed.
-    stages
-        Told and timed: ``device``.
-
-    Raises
-    ------
-    DeviceFailedError
-        If no device is left.
-    DeviceError
-        If there is no such device, or it has no room.
-    """
+    """Do work on a device, and where that fails all of it again on a CPU device that has not failed yet."""
     return DeviceFallback(device, fast=fast).run(work, stages=stages)
 
 
 class DeviceFallback:
-    """The device that jobs are done on, one after the other or at once; one that failed is left for good.
-
-    Parameters
-    ----------
-    device
-        Selector as for :func:`~sketchterrain.compute.choose_device`.
-    fast
-        Whether the kernels may trade bits for speed.
-
-    Raises
-    ------
-    DeviceError
-        If there is no such device.
-    """
+    """The device that jobs are done on, one after the other or at once; one that failed is left for good."""
 
     def __init__(self, device: str | None, *, fast: bool = False) -> None:
         self.fast = fast

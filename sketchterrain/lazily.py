@@ -8,15 +8,7 @@ from typing import Any
 
 
 def lazy_attributes(package: str, modules: Mapping[str, str]) -> Callable[[str], Any]:
-    """Return a package's ``__getattr__`` (PEP 562).
-
-    Parameters
-    ----------
-    package
-        Its name.
-    modules
-        The module within it that each name stands in.
-    """
+    """Return a package's ``__getattr__`` (PEP 562)."""
 
     def get(name: str) -> Any:
         if name not in modules:

@@ -18,19 +18,7 @@ _SHOWN = 60
 
 
 def parse_crs(text: str) -> CRS:
-    """Return the coordinate reference system that a text names.
-
-    Parameters
-    ----------
-    text
-        ``EPSG:25832`` or another authority's code, a URN of one, WKT, or a PROJ string (`OSRSetFromUserInput`
-        of GDAL reads them); no file and no address.
-
-    Raises
-    ------
-    InputError
-        If it names none.
-    """
+    """Return the coordinate reference system that a text names."""
     from rasterio import Env
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
@@ -48,13 +36,7 @@ def parse_crs(text: str) -> CRS:
 
 
 def parse_metric_crs(text: str) -> CRS:
-    """Return the projected coordinate reference system in metres that a text names.
-
-    Raises
-    ------
-    InputError
-        If it names none, or one in degrees, in feet, around the Earth's centre, or that counts westward.
-    """
+    """Return the projected coordinate reference system in metres that a text names."""
     crs = parse_crs(text)
     if crs.is_projected:
         unit, metres = crs.linear_units_factor

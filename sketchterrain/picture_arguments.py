@@ -145,22 +145,7 @@ Without = Annotated[
 
 
 def reject_combination(option: str, others: dict[str, object], why: str) -> None:
-    """Refuse options that contradict one that was given.
-
-    Parameters
-    ----------
-    option
-        That was given.
-    others
-        What the others were given, by name; None, False and () are nothing.
-    why
-        What the contradiction is.
-
-    Raises
-    ------
-    typer.BadParameter
-        With the first of them.
-    """
+    """Refuse options that contradict one that was given."""
     for name, value in others.items():
         if value is not None and value is not False and value != []:
             raise typer.BadParameter(f"{name} with {option}: {why}")

@@ -23,17 +23,6 @@ class Stages:
     """The stages of one command, in the order they are done.
 
     Use it as a context manager: a bar must be taken off the terminal however the command ends.
-
-    Parameters
-    ----------
-    show
-        Takes the title of a stage that begins and returns a context to do it in, which yields what takes the
-        share that is done; by default stages are told on stderr.
-
-    Attributes
-    ----------
-    seconds : dict of str to float
-        Wall time of each finished stage, by name.
     """
 
     def __init__(self, show: Show | None = None) -> None:
@@ -58,20 +47,7 @@ class Stages:
 
     @contextmanager
     def stage(self, name: str, title: str) -> Iterator[Callable[[float], None]]:
-        """Time what is done within this context and tell that it is being done.
-
-        Parameters
-        ----------
-        name
-            Key in `seconds`.
-        title
-            What a person reads.
-
-        Yields
-        ------
-        callable
-            Takes the share that is done, 0 … 1; a stage that does not know need not call it.
-        """
+        """Time what is done within this context and tell that it is being done."""
         start = time.perf_counter()
         with self._show(title) as tell:
             yield tell

@@ -66,17 +66,7 @@ def report_header(terrain: Terrain) -> dict[str, Any]:
 
 
 def run_statistics(stages: Stages, rendering: dict[str, float], files: Sequence[Path]) -> dict[str, Any]:
-    """Return what every report says of the work.
-
-    Parameters
-    ----------
-    stages
-        That it was done in.
-    rendering
-        What the preview took, s by stage.
-    files
-        All but the report.
-    """
+    """Return what every report says of the work."""
     return {
         "timings": rounded(stages.seconds | {"total": stages.elapsed}),
         "rendering": rounded(rendering),
@@ -86,15 +76,7 @@ def run_statistics(stages: Stages, rendering: dict[str, float], files: Sequence[
 
 
 def stale_files(folder: Path, told: dict[str, Any]) -> list[Path]:
-    """Return the files of the last time in a folder that there is none of this time in place of.
-
-    Parameters
-    ----------
-    folder
-        As it is before the newer files come into it.
-    told
-        What the newer report says; an older one of another format or target is nobody's business here.
-    """
+    """Return the files of the last time in a folder that there is none of this time in place of."""
     try:
         before = json.loads((folder / REPORT).read_bytes())
         if before["format"] != told["format"] or before.get("target") != told.get("target"):

@@ -22,22 +22,6 @@ def source(name: str) -> str:
     """Return the text of a kernel or shader with each ``#include "…"`` put in once.
 
     One rule serves OpenCL and GLSL, and no compiler needs an include path.
-
-    Parameters
-    ----------
-    name
-        File name relative to ``kernels/``, for example ``"terrain.cl"``; ``"baselines/…"`` are those that the
-        benchmarks compare with.
-
-    Returns
-    -------
-    str
-        The whole source; ``#line`` keeps the line numbers of the files it came from.
-
-    Raises
-    ------
-    FileNotFoundError
-        If the file, or one that it includes, does not exist.
     """
     return _inline(name, set())
 
@@ -75,24 +59,12 @@ def preset_names() -> tuple[str, ...]:
 
 
 def preset(name: str) -> Traversable:
-    """Return the folder of a preset.
-
-    Raises
-    ------
-    InputError
-        If there is no preset of that name.
-    """
+    """Return the folder of a preset."""
     if name not in preset_names():
         raise InputError(f"no preset {name!r}; there are: {', '.join(preset_names())}")
     return files("sketchterrain.presets").joinpath(name)
 
 
 def preset_picture(name: str) -> bytes:
-    """Return a picture of a preset's terrain, a JPEG of 480 × 270 px.
-
-    Raises
-    ------
-    InputError
-        If there is no preset of that name.
-    """
+    """Return a picture of a preset's terrain, a JPEG of 480 × 270 px."""
     return preset(name).joinpath("picture.jpg").read_bytes()

@@ -20,32 +20,13 @@ _BYTES_AT_LEAST = 450 << 20
 
 
 def memory_needed(sketch: Sketch, size: int) -> float:
-    """Return about how many bytes it takes to export a terrain.
-
-    Parameters
-    ----------
-    sketch
-    size
-        Vertices along the longer side.
-    """
+    """Return about how many bytes it takes to export a terrain."""
     east, north = sketch.size
     return _BYTES_AT_LEAST + _BYTES_PER_VERTEX * size * size * min(east, north) / max(east, north)
 
 
 def check_size(sketch: Sketch, size: int) -> None:
-    """Refuse a size that is out of range or needs more memory than this machine has.
-
-    Parameters
-    ----------
-    sketch
-    size
-        Vertices along the longer side.
-
-    Raises
-    ------
-    InputError
-        With an estimate of the memory, where that is the reason.
-    """
+    """Refuse a size that is out of range or needs more memory than this machine has."""
     if size < 2:
         raise InputError(f"size = {size}: expected 2 to {MAX_SIZE} vertices")
     needed = memory_needed(sketch, size)

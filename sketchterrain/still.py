@@ -25,27 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PictureOptions:
-    """How a picture is taken.
-
-    Attributes
-    ----------
-    size : (int, int) or None
-        Width and height, pixels.
-    eye, look_at : Point or None
-        Of the camera (m).
-    view : str
-        What kind of view is chosen where there is no eye.
-    hour, clouds : float or None
-        In place of the sketch's.
-    quality : float
-        0 … 1.
-    without, overlays : tuple of str
-        Parts that are left out; names of what is drawn over the picture.
-    textures : Path or None
-        A folder of the user's own.
-    top_down : bool
-        A map instead of all that; only the size counts.
-    """
+    """How a picture is taken."""
 
     size: tuple[int, int] | None = None
     eye: Point | None = None
@@ -61,13 +41,7 @@ class PictureOptions:
 
 
 def sketch_weather(sketch: scene.Sketch, hour: float | None, clouds: float | None) -> Weather:
-    """Return a sketch's weather, with an hour and clouds in place of its own if they are given.
-
-    Raises
-    ------
-    InputError
-        If the sun stands too low at that hour.
-    """
+    """Return a sketch's weather, with an hour and clouds in place of its own if they are given."""
     weather = Weather.of(sketch, hour=hour, clouds=clouds)
     if weather.hour is not None:
         sun_at(weather.hour, weather.latitude)  # now, not when all else is done
@@ -77,37 +51,7 @@ def sketch_weather(sketch: scene.Sketch, hour: float | None, clouds: float | Non
 def render_to_file(
     sketch: Sketch, path: Path, still: PictureOptions, *, device: str | None, fast: bool, stages: Stages
 ) -> list[LegendEntry]:
-    """Draw a sketch's terrain and write it.
-
-    Parameters
-    ----------
-    sketch
-        With the seed that counts.
-    path
-        ``.png``, or for a map ``.svg`` too.
-    still
-        How.
-    device
-        Selector as for :func:`~sketchterrain.compute.choose_device`.
-    fast
-        Whether the kernels may trade bits for speed.
-    stages
-        Told and timed: ``device``, ``features`` and ``picture``.
-
-    Returns
-    -------
-    list of LegendEntry
-        What the overlays' colours mean.
-
-    Raises
-    ------
-    InputError
-        If there is no such overlay, view or part, or the sun stands too low.
-    DeviceError
-        If there is no such device, none that did not fail, or no OpenGL.
-    SketchterrainError
-        If the file cannot be written.
-    """
+    """Draw a sketch's terrain and write it."""
     check_overlays(still.overlays)
     check_view(still.view)
     quality = Quality.from_level(still.quality, without=still.without)

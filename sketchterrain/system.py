@@ -22,15 +22,7 @@ _LOCKED_BYTE = 0x7FFFFFFE
 
 
 def lock_file(descriptor: int, *, wait: bool = False) -> None:
-    """Take an exclusive lock on an open file; it ends when the file is closed.
-
-    Raises
-    ------
-    BlockingIOError
-        If another process holds the lock.
-    OSError
-        If the file system has no locks.
-    """
+    """Take an exclusive lock on an open file; it ends when the file is closed."""
     if sys.platform == "win32":
         os.lseek(descriptor, _LOCKED_BYTE, os.SEEK_SET)
         try:
@@ -42,15 +34,7 @@ def lock_file(descriptor: int, *, wait: bool = False) -> None:
 
 
 def lock_folder(folder: Path, *, wait: bool = False) -> int | None:
-    """Return a descriptor that holds an exclusive lock on a folder, or None where folders have no locks.
-
-    Raises
-    ------
-    BlockingIOError
-        If another process holds the lock.
-    OSError
-        If the folder cannot be opened.
-    """
+    """Return a descriptor that holds an exclusive lock on a folder, or None where folders have no locks."""
     if sys.platform == "win32":
         return None
     else:  # noqa: RET505

@@ -14,13 +14,7 @@ from sketchterrain.errors import SketchterrainError, one_line
 
 @contextmanager
 def wrap_os_errors(path: Path) -> Iterator[None]:
-    """Let a failure to write say where, in one line, and not name a temporary file.
-
-    Raises
-    ------
-    SketchterrainError
-        In place of an OSError.
-    """
+    """Let a failure to write say where, in one line, and not name a temporary file."""
     try:
         yield
     except OSError as error:
@@ -34,11 +28,6 @@ def atomic_path(path: Path) -> Iterator[Path]:
 
     Whoever reads that, even after a crash, finds the old content or the new. After an error or Ctrl-C the old
     file, if any, is as it was.
-
-    Raises
-    ------
-    SketchterrainError
-        If the system cannot write it, and in place of any other OSError in the context.
     """
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
     with wrap_os_errors(path):
@@ -53,30 +42,13 @@ def atomic_path(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def atomic_file(path: Path) -> Iterator[BinaryIO]:
-    """Yield a stream to write a file with in pieces; see :func:`atomic_path`.
-
-    Raises
-    ------
-    SketchterrainError
-        If the system cannot write it, and in place of any other OSError in the context.
-    """
+    """Yield a stream to write a file with in pieces; see :func:`atomic_path`."""
     with atomic_path(path) as temporary, temporary.open("xb") as stream:
         yield stream
 
 
 def write_atomic(path: Path, content: bytes) -> Path:
-    """Write a file so that whoever reads it, even after a crash, finds the old content or the new.
-
-    Returns
-    -------
-    Path
-        `path`.
-
-    Raises
-    ------
-    SketchterrainError
-        If the system cannot write it; the old file, if any, is as it was.
-    """
+    """Write a file so that whoever reads it, even after a crash, finds the old content or the new."""
     with atomic_file(path) as stream:
         stream.write(content)
     return path

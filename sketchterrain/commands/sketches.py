@@ -10,22 +10,7 @@ if TYPE_CHECKING:
 
 
 def read_sketch(name: str, seed: int | None, stages: Stages) -> Sketch:
-    """Read the sketch that a command was given, with another seed if one was asked for.
-
-    Parameters
-    ----------
-    name
-        A folder, a .sketch file or a preset.
-    seed
-        Instead of the sketch's own.
-    stages
-        Told and timed: ``sketch``.
-
-    Raises
-    ------
-    InputError
-        If there is no such sketch, or it is not one.
-    """
+    """Read the sketch that a command was given, with another seed if one was asked for."""
     with stages.stage("sketch", "Reading the sketch"):
         from sketchterrain.sketch import load_sketch  # NumPy and Pillow: not for a command's --help
 

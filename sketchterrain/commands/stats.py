@@ -62,13 +62,7 @@ def stats(
 
 
 def _tell_checked(store: Path, broken: list[Broken], *, as_json: bool) -> None:
-    """Tell what a check found.
-
-    Raises
-    ------
-    Exit
-        With the code for partial results, if not all files are whole.
-    """
+    """Tell what a check found."""
     from sketchterrain.errors import one_line
 
     if as_json:

@@ -138,13 +138,7 @@ def export_options(
     plants: bool = True,
     grass: bool = False,
 ) -> ExportOptions:
-    """Return what was asked for on a command line; what is None is as usual.
-
-    Raises
-    ------
-    BadParameter
-        If something is asked of tiles and there is but one.
-    """
+    """Return what was asked for on a command line; what is None is as usual."""
     from sketchterrain.export.target import ExportOptions
 
     if tiles is None or tiles == (1, 1):

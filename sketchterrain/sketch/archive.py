@@ -19,12 +19,6 @@ def read_zip(path: Path, place: str) -> dict[str, bytes]:
 
     The files may lie at the top or in one folder at the top. What else lies there is looked at by name
     only. No more is ever decompressed than a sketch's files may have, whatever the zip says of itself.
-
-    Raises
-    ------
-    InputError
-        If it is not a zip, or an entry is unsafe (``..``, an absolute path, a link, encrypted, there
-        twice), or it is too large, or a file is missing, unknown or damaged.
     """
     with open_zip(
         path, place, largest=LARGEST_TOTAL, expected="a folder or a whole zip", inside="the sketch"

@@ -31,11 +31,6 @@ def sketch_files(names: Iterable[str], place: str) -> list[str]:
     """Return which of the `names` in a folder are the sketch's: its settings and its layers.
 
     Other files may lie there too, but no image that a person could take for a layer.
-
-    Raises
-    ------
-    InputError
-        If there are no settings, or an image is not a layer's.
     """
     visible = sorted(name for name in names if not name.startswith("."))
     images = [f"{layer}.png" for layer in LAYERS]
@@ -59,21 +54,7 @@ def sketch_files(names: Iterable[str], place: str) -> list[str]:
 def read_folder(
     folder: Traversable, place: str, *, given: Mapping[str, bytes] | None = None
 ) -> dict[str, bytes]:
-    """Return the content of the sketch's files in a folder, by name.
-
-    Parameters
-    ----------
-    folder
-    place
-        How errors name it.
-    given
-        Content that counts in place of what the folder has by that name.
-
-    Raises
-    ------
-    InputError
-        If a file is missing, unknown, too large or cannot be read.
-    """
+    """Return the content of the sketch's files in a folder, by name."""
     contents: dict[str, bytes] = {}
     given = given or {}
     try:

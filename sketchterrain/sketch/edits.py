@@ -88,24 +88,7 @@ ACTIONS: Mapping[str, Action] = {
 
 @dataclass(frozen=True)
 class Edit:
-    """One change of what was generated.
-
-    Parameters
-    ----------
-    action
-        A name in `ACTIONS`; it says which of the values below are given.
-    feature
-        Id of the feature or river that it changes. That of an ``add`` is made from its values, whatever is
-        given here.
-    type, x, y, radius, strength, peakiness, erosion, gullies, wavelength, wind, conifers, index, from_x,
-    from_y, width
-        Values by the names in `ACTIONS`, None where there is none.
-
-    Raises
-    ------
-    InputError
-        If there is no such action, or a value is missing, unknown to the action or out of range.
-    """
+    """One change of what was generated."""
 
     action: str
     feature: int | None = None
@@ -160,13 +143,7 @@ class Edit:
 
 
 def parse_edit(table: Mapping[str, object]) -> Edit:
-    """Return the edit that one ``[[edit]]`` table says.
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    """
+    """Return the edit that one ``[[edit]]`` table says."""
     name = table.get("action")
     if name is None:
         raise InputError(f"no action: expected {', '.join(ACTIONS)}")
@@ -185,13 +162,7 @@ def parse_edit(table: Mapping[str, object]) -> Edit:
 
 
 def checked_edits(edits: Iterable[Edit]) -> tuple[Edit, ...]:
-    """Return edits as a sketch keeps them.
-
-    Raises
-    ------
-    InputError
-        If one is no `Edit`, or there are more than `MAX_EDITS`.
-    """
+    """Return edits as a sketch keeps them."""
     return check_items(Edit, edits, "edits", most=MAX_EDITS)
 
 

@@ -131,14 +131,7 @@ def _check_one_size(images: Mapping[str, LabelImage], name: str) -> None:
 
 
 def pack_sketch(sketch: Sketch, *, beside: Mapping[str, bytes] | None = None) -> bytes:
-    """Return what a ``.sketch`` file of a sketch holds.
-
-    Parameters
-    ----------
-    sketch
-    beside
-        Other files in it, by name; loading the sketch does not look at them.
-    """
+    """Return what a ``.sketch`` file of a sketch holds."""
     return pack_zip({**_encode(sketch), **(beside or {})})
 
 

@@ -26,14 +26,7 @@ _STALE = 60 * 10**9
 
 
 def replace_files(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Replace files of a folder, all of them or none; those that have the same content are not touched.
-
-    Raises
-    ------
-    OSError, SketchterrainError
-        If the system cannot write there. The files are as they were, unless one that was written could not be
-        put into its place; the pledge is there then.
-    """
+    """Replace files of a folder, all of them or none; those that have the same content are not touched."""
     folder.mkdir(parents=True, exist_ok=True)
     pledge = folder / JOURNAL
     changed = {name: content for name, content in files.items() if not _has(folder / name, content)}
@@ -54,13 +47,7 @@ def replace_files(folder: Path, files: Mapping[str, bytes]) -> None:
 
 
 def read_saved_folder(folder: Path, place: str) -> dict[str, bytes]:
-    """Return the content of a sketch's files in a folder, by name, though a save was not finished.
-
-    Raises
-    ------
-    InputError
-        As `read_folder` and `read_zip`.
-    """
+    """Return the content of a sketch's files in a folder, by name, though a save was not finished."""
     pledge = folder / JOURNAL
     promised = _written(pledge)
     if not promised:

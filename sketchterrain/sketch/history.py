@@ -47,17 +47,7 @@ class _Step:
 
 
 class History:
-    """The steps that led to a sketch, and those that were undone.
-
-    Parameters
-    ----------
-    sketch
-        Where it begins.
-    most_bytes
-        What the steps may take; the oldest ones are forgotten first, the last one never.
-    most_steps
-        How many there may be.
-    """
+    """The steps that led to a sketch, and those that were undone."""
 
     def __init__(self, sketch: Sketch, *, most_bytes: int = MAX_BYTES, most_steps: int = MAX_STEPS) -> None:
         self._sketch = sketch
@@ -104,25 +94,7 @@ class History:
         merge: Hashable | None = None,
         known: Mapping[str, LayerChange] | None = None,
     ) -> Mapping[str, Box]:
-        """Add a step; those that were undone are forgotten. A sketch equal to the current one adds none.
-
-        Parameters
-        ----------
-        title
-            What it does, for a person: ``"Paint mountains"``.
-        sketch
-            What it leads to.
-        merge
-            Steps that follow one another with an equal key are one step: a slider that is dragged. No step is
-            left of them when they lead back to where they began.
-        known
-            By layer, how it differs from the current sketch, where the caller knows that already.
-
-        Returns
-        -------
-        mapping of str to Box
-            Where layers differ from what was current until now.
-        """
+        """Add a step; those that were undone are forgotten. A sketch equal to the current one adds none."""
         before = self._sketch
         changes = _changes(before, sketch, known or {})
         boxes = {name: change.box for name, change in changes.items()}
@@ -148,18 +120,7 @@ class History:
         return boxes
 
     def go_to(self, position: int) -> Mapping[str, Box]:
-        """Undo or redo until a step is the last one that is done.
-
-        Returns
-        -------
-        mapping of str to Box
-            By layer, around all that the steps in between changed.
-
-        Raises
-        ------
-        IndexError
-            If there is no such step.
-        """
+        """Undo or redo until a step is the last one that is done."""
         if not 0 <= position < len(self._steps):
             raise IndexError(f"step {position}: expected 0 to {len(self._steps) - 1}")
         back = position < self._at

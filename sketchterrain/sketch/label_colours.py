@@ -41,31 +41,12 @@ _TO_LAB = np.array(
 
 
 def label_rgb(layer: str, label: int) -> tuple[int, int, int]:
-    """Return a label's colour in sRGB, 0 to 255; labels of one layer are shades that differ plainly.
-
-    Parameters
-    ----------
-    layer
-        A name in `LAYERS`.
-    label
-        1 to 255.
-    """
+    """Return a label's colour in sRGB, 0 to 255; labels of one layer are shades that differ plainly."""
     return _shades(layer)[(label - 1) % _SHADES]
 
 
 def to_oklab(colours: npt.ArrayLike) -> Floats:
-    """Return colours in Oklab.
-
-    Parameters
-    ----------
-    colours
-        sRGB, 0 to 1, (…, 3).
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, (…, 3): lightness 0 to 1, and two axes of hue, about −0.4 to 0.4.
-    """
+    """Return colours in Oklab."""
     encoded = np.asarray(colours, dtype=np.float64)
     linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
     return np.asarray(np.cbrt(linear @ _TO_LMS.T) @ _TO_LAB.T)

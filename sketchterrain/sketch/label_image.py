@@ -34,20 +34,7 @@ def labels_in(image: LabelImage) -> tuple[int, ...]:
 
 
 def check_image(name: str, image: LabelImage) -> LabelImage:
-    """Return a layer's image, read-only; a writeable array is copied.
-
-    Parameters
-    ----------
-    name
-        Of the layer, for messages.
-    image
-        uint8, (height, width).
-
-    Raises
-    ------
-    InputError
-        If it is no label image.
-    """
+    """Return a layer's image, read-only; a writeable array is copied."""
     if _known.get(id(image)) is image and not image.flags.writeable:
         return image
     if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 2:

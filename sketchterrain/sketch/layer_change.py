@@ -58,17 +58,7 @@ class _Block:
 
 @dataclass(frozen=True, eq=False)
 class LayerChange:
-    """How a layer differs between two sketches; it leads from either one to the other.
-
-    Attributes
-    ----------
-    box : Box
-        Around the pixels that differ; all of them where the size differs.
-    shapes : ((int, int), (int, int))
-        Rows and columns before and after.
-    bytes : int
-        What it takes to keep this.
-    """
+    """How a layer differs between two sketches; it leads from either one to the other."""
 
     box: Box
     shapes: tuple[tuple[int, int], tuple[int, int]]
@@ -79,19 +69,7 @@ class LayerChange:
     def between(
         cls, before: LabelImage, after: LabelImage, *, within: Box | None = None
     ) -> LayerChange | None:
-        """Compare two images of a layer.
-
-        Parameters
-        ----------
-        before, after : (height, width) uint8
-        within
-            No pixel outside of this box differs; by default any may.
-
-        Returns
-        -------
-        LayerChange or None
-            None if they are equal.
-        """
+        """Compare two images of a layer."""
         shapes = ((before.shape[0], before.shape[1]), (after.shape[0], after.shape[1]))
         if before.shape != after.shape:
             box = (0, 0, *shapes[1])

@@ -32,21 +32,6 @@ def decode_layer(data: bytes) -> LabelImage:
     """Return the label image in a PNG file.
 
     A palette's index is the label. A black and white image of one bit is taken as labels 0 and 1.
-
-    Parameters
-    ----------
-    data
-        The file's content.
-
-    Returns
-    -------
-    numpy.ndarray
-        uint8, (height, width), read-only.
-
-    Raises
-    ------
-    InputError
-        If it is not a whole PNG, not single-channel, not of 8 bits, too large, or looks antialiased.
     """
     _check_header(_read_chunks(data))
     try:
@@ -67,15 +52,7 @@ def decode_layer(data: bytes) -> LabelImage:
 
 
 def encode_layer(image: LabelImage, colour: tuple[int, int, int]) -> bytes:
-    """Return a label image as a palette PNG of 8 bits.
-
-    Parameters
-    ----------
-    image
-        uint8, (height, width).
-    colour
-        Red, green and blue of label 1; the other labels get shades of it.
-    """
+    """Return a label image as a palette PNG of 8 bits."""
     picture = Image.fromarray(image)
     picture.putpalette([channel for label in range(256) for channel in _shade(label, colour)])
     stream = io.BytesIO()

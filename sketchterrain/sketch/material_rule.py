@@ -66,21 +66,7 @@ RULE: Mapping[str, Parameter] = parameter_table(
 
 @dataclass(frozen=True)
 class Factor:
-    """A ramp from 0 to 1 over a weighted sum of inputs: 0 at ``start``, 1 at ``full`` and beyond.
-
-    Parameters
-    ----------
-    start, full, shape
-        As `FACTOR` says.
-    height, above_snow_line, above_tree_line, steepness, hollow, aridity
-    water, wetness, mountain, dune, forest, mottle
-        Weights of the inputs by the names in `INPUTS`.
-
-    Raises
-    ------
-    InputError
-        If a value is out of range, the ramp has no width, or it weighs no input or too many.
-    """
+    """A ramp from 0 to 1 over a weighted sum of inputs: 0 at ``start``, 1 at ``full`` and beyond."""
 
     start: float = cast(float, FACTOR["start"].default)
     full: float = cast(float, FACTOR["full"].default)
@@ -125,19 +111,7 @@ class Factor:
 
 @dataclass(frozen=True)
 class MaterialRule:
-    """Lays a material over what is there: its cover is ``cover`` times all factors.
-
-    Parameters
-    ----------
-    name
-        What it is changed by.
-    material
-        A name in `MATERIALS`.
-    cover
-        0 … 1: the most that it covers.
-    factors
-        None: it covers as much everywhere.
-    """
+    """Lays a material over what is there: its cover is ``cover`` times all factors."""
 
     name: str
     material: str
@@ -147,22 +121,7 @@ class MaterialRule:
 
 @dataclass(frozen=True)
 class RuleChange:
-    """What a sketch says of one rule: one of the table to change, or a new one.
-
-    Parameters
-    ----------
-    name
-        Of the rule; an unknown one makes a new rule.
-    material, cover, factors
-        None: as before; for a new rule the defaults of `RULE`, and no factors. A new one needs a material.
-    before
-        The rule that it is laid before; empty: a new one on top of all, one of the table where it is.
-
-    Raises
-    ------
-    InputError
-        If a value is not as declared.
-    """
+    """What a sketch says of one rule: one of the table to change, or a new one."""
 
     name: str
     material: str | None = None

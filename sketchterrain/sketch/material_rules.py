@@ -98,13 +98,7 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
 
 
 def resolved_rules(changes: Iterable[RuleChange]) -> tuple[MaterialRule, ...]:
-    """Return the table of rules with a sketch's changes, done one after the other.
-
-    Raises
-    ------
-    InputError
-        If a new rule has no material, ``before`` names no rule, or there are more than `MAX_RULES`.
-    """
+    """Return the table of rules with a sketch's changes, done one after the other."""
     rules = list(DEFAULT_RULES)
     for change in changes:
         old = next((rule for rule in rules if rule.name == change.name), None)
@@ -129,13 +123,7 @@ def resolved_rules(changes: Iterable[RuleChange]) -> tuple[MaterialRule, ...]:
 
 
 def check_rule_changes(changes: Iterable[RuleChange]) -> tuple[RuleChange, ...]:
-    """Return changes as a sketch keeps them.
-
-    Raises
-    ------
-    InputError
-        If one is no `RuleChange`, or they can't be done.
-    """
+    """Return changes as a sketch keeps them."""
     kept = tuple(changes)
     for number, change in enumerate(kept, 1):
         if not isinstance(change, RuleChange):
@@ -148,13 +136,7 @@ def check_rule_changes(changes: Iterable[RuleChange]) -> tuple[RuleChange, ...]:
 
 
 def parse_rule_change(table: Mapping[str, object]) -> RuleChange:
-    """Return what one ``[[material_rule]]`` table says.
-
-    Raises
-    ------
-    InputError
-        If a key or a value is not as declared.
-    """
+    """Return what one ``[[material_rule]]`` table says."""
     for key, value in table.items():
         if key != "factor" and key not in RULE:
             known = [*RULE, "factor"]

@@ -23,27 +23,7 @@ Properties: TypeAlias = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Parameter:
-    """One thing that a person can set.
-
-    Parameters
-    ----------
-    name
-        Its key in the sketch file.
-    kind
-        ``int``, ``float`` or ``str``.
-    default
-        The value when the key is missing.
-    low, high
-        The least and greatest value, both allowed; for a ``str`` the least and greatest length.
-    unit
-        Unit of the value, empty for a pure number.
-    help
-        One line for a person.
-    choices
-        The allowed values, where only a few are.
-    form
-        Of a ``str``: a regular expression that all of it matches, unless it is empty, and what to call that.
-    """
+    """One thing that a person can set."""
 
     name: str
     kind: type[int] | type[float] | type[str]
@@ -78,18 +58,6 @@ class Parameter:
         """Return `value` as this parameter's kind.
 
         A whole number is welcome where a number is expected; nothing else is converted.
-
-        Parameters
-        ----------
-        value
-            What was given.
-        key
-            The name that an error tells, for example ``"mountain.1.height"``; by default ``name``.
-
-        Raises
-        ------
-        InputError
-            If `value` is of another type, not finite, out of range or not one of the choices.
         """
         checked = self._convert(value)
         if checked is None:
@@ -127,13 +95,7 @@ def format_number(value: float) -> str:
 
 
 def check_items(kind: type[_T], values: Iterable[object], key: str, *, most: int) -> tuple[_T, ...]:
-    """Return values that all have to be of one kind.
-
-    Raises
-    ------
-    InputError
-        If one is not, or there are more than `most`.
-    """
+    """Return values that all have to be of one kind."""
     kept = []
     for value in values:
         if not isinstance(value, kind):
@@ -150,13 +112,7 @@ def parameter_table(*parameters: Parameter) -> Mapping[str, Parameter]:
 
 
 def find_parameter(table: Mapping[str, Parameter], name: str, value: object, where: str) -> Parameter:
-    """Return the parameter `name` of a table.
-
-    Raises
-    ------
-    InputError
-        If there is none; it tells the `value` given and `where`, for example ``"[density]"``.
-    """
+    """Return the parameter `name` of a table."""
     if name not in table:
         raise InputError(
             f"unknown key {format_value(name)} = {format_value(value)} in {where}: expected "

@@ -36,21 +36,7 @@ MATERIALS = ("grass", "soil", "rock", "scree", "sand", "snow", "river_bed", "for
 
 @dataclass(frozen=True)
 class Layer:
-    """One layer of a sketch: what its painted regions become.
-
-    Parameters
-    ----------
-    name
-        Its key in the sketch file; the image is ``name.png``.
-    title
-        Its name for a person.
-    colour
-        Red, green and blue, 0 to 255, of label 1.
-    help
-        One line for a person.
-    parameters
-        What can be set for each of its labels, by name.
-    """
+    """One layer of a sketch: what its painted regions become."""
 
     name: str
     title: str

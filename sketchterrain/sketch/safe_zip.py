@@ -29,15 +29,7 @@ _BROKEN = (
 
 
 class SafeZip:
-    """The entries of an open zip.
-
-    Attributes
-    ----------
-    place : str
-        How errors name it.
-    names : tuple of str
-        Of all entries, folders' end with ``/``.
-    """
+    """The entries of an open zip."""
 
     def __init__(self, archive: zipfile.ZipFile, place: str, largest: int, inside: str) -> None:
         self.place = place
@@ -46,22 +38,7 @@ class SafeZip:
         self.names = tuple(self._entries)
 
     def read(self, name: str, limit: int, told: str | None = None) -> bytes:
-        """Return what an entry holds; no more is decompressed than `limit` bytes.
-
-        Parameters
-        ----------
-        name
-            One of `names`.
-        limit
-            The most bytes that it may have.
-        told
-            How errors name it, if otherwise.
-
-        Raises
-        ------
-        InputError
-            If it is larger, whatever the zip says of it.
-        """
+        """Return what an entry holds; no more is decompressed than `limit` bytes."""
         info, place = self._entries[name], f"{self.place}/{one_line(told or name)}"
         if info.file_size > limit:
             raise too_large(place, limit)
@@ -74,26 +51,7 @@ class SafeZip:
 
 @contextmanager
 def open_zip(path: Path, place: str, *, largest: int, expected: str, inside: str) -> Iterator[SafeZip]:
-    """Yield the entries of a zip, all of which are safe.
-
-    Parameters
-    ----------
-    path
-    place
-        How errors name it.
-    largest
-        The most bytes of the file, and of its entries together as they say.
-    expected
-        What it should be, for the error that it is damaged.
-    inside
-        What an entry's path should not leave.
-
-    Raises
-    ------
-    InputError
-        If it is not a whole zip, also while it is being read, or an entry is unsafe (``..``, an absolute
-        path, a link, encrypted, there twice), or it is too large.
-    """
+    """Yield the entries of a zip, all of which are safe."""
     try:
         if path.stat().st_size > largest:
             raise too_large(place, largest)

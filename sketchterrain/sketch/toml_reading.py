@@ -10,18 +10,7 @@ _MOST_DOTS = 250
 
 
 def load_toml(data: bytes) -> dict[str, object]:
-    """Read a TOML file of a stranger's.
-
-    Parameters
-    ----------
-    data
-        The file's content: UTF-8, with or without a byte-order mark.
-
-    Raises
-    ------
-    InputError
-        If it is not TOML; it tells the line.
-    """
+    """Read a TOML file of a stranger's."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

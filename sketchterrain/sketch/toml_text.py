@@ -30,18 +30,7 @@ _HEAD = """\
 
 
 def parse_settings(data: bytes) -> Sketch:
-    """Read ``sketch.toml`` into a sketch with nothing painted.
-
-    Parameters
-    ----------
-    data
-        The file's content: UTF-8, with or without a byte-order mark.
-
-    Raises
-    ------
-    InputError
-        If it is not TOML, or a key or a value is not what `parameters` declares.
-    """
+    """Read ``sketch.toml`` into a sketch with nothing painted."""
     document = load_toml(data)
     _check_format(document.pop("format", None))
     fields: dict[str, object] = {}

@@ -1,4 +1,4 @@
-"""Free disk space, bytes as text, and the user's cache folder."""
+"""Free disk space, byte counts as text, and the user's cache folder."""
 
 from __future__ import annotations
 
@@ -11,39 +11,34 @@ from sketchterrain.whole_files import wrap_os_errors
 
 
 def cache_folder() -> Path:
-    """Return the folder for what the program can compute again: ``$XDG_CACHE_HOME/sketchterrain``.
+    """Return ``$XDG_CACHE_HOME/sketchterrain``, or ``~/.cache/sketchterrain`` without an absolute path there.
 
-    Without that variable, or if it is no absolute path, ``~/.cache/sketchterrain``.
+    Raise RuntimeError if the user has no home folder.
     """
-    given = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    return (given if given.is_absolute() else Path("~/.cache").expanduser()) / "sketchterrain"
+    base = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    return (base if base.is_absolute() else Path("~/.cache").expanduser()) / "sketchterrain"
 
 
 def free_disk_space(path: Path) -> int:
-    """Return how many bytes there is room for on the disk of a file or folder, which need not be there yet."""
+    """Return the free bytes on the disk of a file or folder, which need not exist yet."""
     with wrap_os_errors(path):
-        there = next(place for place in (path, *path.absolute().parents) if place.is_dir())
-        return shutil.disk_usage(there).free
+        existing = next(folder for folder in (path, *path.absolute().parents) if folder.is_dir())
+        return shutil.disk_usage(existing).free
 
 
 def check_disk(path: Path, needed: float, what: str) -> None:
-    """Refuse what the disk may have no room for, before any work is done for it."""
-    left = free_disk_space(path)
-    if needed > left:
+    """Raise InputError if the disk of a path has fewer free bytes than `needed` by `what` (a plural noun)."""
+    free = free_disk_space(path)
+    if needed > free:
         raise InputError(
-            f"{what} need up to {format_bytes(needed)}, {one_line(path)} has {format_bytes(left)} left"
+            f"{what} need up to {format_bytes(needed)}, {one_line(path)} has {format_bytes(free)} free"
         )
 
 
 def format_bytes(count: float) -> str:
-    """Return bytes as a person reads them, MiB where they are less than one GiB.
+    """Return a byte count as text, in MiB or GiB.
 
-    >>> amount(3 << 20)
+    >>> format_bytes(3 << 20)
     '3.0 MiB'
     """
-    return gibibytes(count) if count >= 1 << 30 else f"{count / (1 << 20):.1f} MiB"
-
-
-def gibibytes(count: float) -> str:
-    """Return bytes as a person reads them."""
-    return f"{count / (1 << 30):.1f} GiB"
+    return f"{count / (1 << 30):.1f} GiB" if count >= 1 << 30 else f"{count / (1 << 20):.1f} MiB"

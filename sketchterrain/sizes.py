@@ -1,10 +1,10 @@
-"""How large an exported terrain can be, and the memory that it takes: known before anything is loaded."""
+"""Size limits and memory needs of an exported terrain, checked before anything is computed."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sketchterrain.disk import gibibytes
+from sketchterrain.disk import format_bytes
 from sketchterrain.errors import InputError
 from sketchterrain.system import physical_memory
 
@@ -16,26 +16,22 @@ MAX_SIZE = 16385
 
 # Measured at 4097²: heights, normals and weights, once in patches and once joined, take 86.
 _BYTES_PER_VERTEX = 95
-_BYTES_AT_LEAST = 450 << 20
+_BASE_BYTES = 450 << 20
 
 
 def memory_needed(sketch: Sketch, size: int) -> float:
-    """Return about how many bytes it takes to export a terrain."""
+    """Return the approximate bytes that an export takes, `size` vertices along the longer side."""
     east, north = sketch.size
-    return _BYTES_AT_LEAST + _BYTES_PER_VERTEX * size * size * min(east, north) / max(east, north)
+    return _BASE_BYTES + _BYTES_PER_VERTEX * size * size * min(east, north) / max(east, north)
 
 
 def check_size(sketch: Sketch, size: int) -> None:
-    """Refuse a size that is out of range or needs more memory than this machine has."""
+    """Raise InputError if `size` vertices are out of range or need more memory than this machine has."""
     if size < 2:
         raise InputError(f"size = {size}: expected 2 to {MAX_SIZE} vertices")
-    needed = memory_needed(sketch, size)
-    there = physical_memory()
+    needed, physical = memory_needed(sketch, size), physical_memory()
+    about = f"about {format_bytes(needed)}"
     if size > MAX_SIZE:
-        raise InputError(
-            f"size = {size}: expected 2 to {MAX_SIZE} vertices; this needs about {gibibytes(needed)}"
-        )
-    if needed > there:
-        raise InputError(
-            f"size = {size} needs about {gibibytes(needed)} of memory, this machine has {gibibytes(there)}"
-        )
+        raise InputError(f"size = {size}: expected 2 to {MAX_SIZE} vertices; this needs {about}")
+    if needed > physical:
+        raise InputError(f"size = {size} needs {about} of memory, this machine has {format_bytes(physical)}")

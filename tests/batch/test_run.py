@@ -170,7 +170,7 @@ def test_a_disk_without_room_is_refused_before_any_work(works, tmp_path, monkeyp
     from sketchterrain import disk
 
     monkeypatch.setattr(disk, "free_disk_space", lambda _: 5000)
-    with pytest.raises(InputError, match=r"files of the batch need up to 0\.\d MiB, .* has 0\.0 MiB left"):
+    with pytest.raises(InputError, match=r"files of the batch need up to 0\.\d MiB, .* has 0\.0 MiB free"):
         run(tmp_path)
     assert works.made == []
     assert list(tmp_path.iterdir()) == []

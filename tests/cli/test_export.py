@@ -121,7 +121,7 @@ def test_a_disk_without_room_is_found_before_the_work(call, sketch, tmp_path, mo
     monkeypatch.setattr(sketchterrain.exporting, "sample", None)
     done = call("export", sketch, "--to", "raw", "-o", tmp_path / "out")
     assert done.code == 3
-    assert f"{tmp_path / 'out'} has 1.0 MiB left" in done.error
+    assert f"{tmp_path / 'out'} has 1.0 MiB free" in done.error
     assert not (tmp_path / "out").exists()
 
 

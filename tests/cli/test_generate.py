@@ -261,7 +261,7 @@ def test_more_plants_than_the_disk_has_room_for_are_refused_before_they_are_look
     look = ("--size", 9, "--no-preview", "--foliage", "ply", "--grass")
     done = call("generate", tmp_path / "wide", "-o", out, *look)
     assert done.code == 3
-    figures = r"foliage\.ply: up to [\d.e+]+ plants need up to [\d.]+ GiB, (.+) has [\d.]+ GiB left"
+    figures = r"foliage\.ply: up to [\d.e+]+ plants need up to [\d.]+ GiB, (.+) has [\d.]+ GiB free"
     told = re.fullmatch(figures, done.error)
     assert told is not None, done.error
     assert told[1] == str(out)

@@ -10,7 +10,7 @@ from typing import Any, Final
 from PyQt6.QtGui import QIntValidator
 from PyQt6.QtWidgets import QWidget
 
-from sketchterrain.disk import format_bytes, gibibytes
+from sketchterrain.disk import format_bytes
 from sketchterrain.errors import InputError, SketchterrainError, one_line
 from sketchterrain.export.planning import Plan, option_names
 from sketchterrain.export.sidecar import SIDECAR
@@ -188,11 +188,11 @@ class EverythingForm(Form):
         self.enable(values["plants"] in ("ply", "both"), "grass")
         east, north = self._sketch.size
         disk = _DISK * size**2 * min(east, north) / max(east, north) / (1 << 20)
-        room = f"{disk:.0f} MiB" if disk < 1024 else gibibytes(disk * (1 << 20))
+        room = format_bytes(disk * (1 << 20))
         plants = "" if values["plants"] == "none" else " without the plants"
         self.note.setText(
             f"height.tif, height.png, normal.png, materials.png and features.json: about {room}{plants}. "
-            f"Takes about {gibibytes(memory_needed(self._sketch, size))} of memory."
+            f"Takes about {format_bytes(memory_needed(self._sketch, size))} of memory."
         )
 
 

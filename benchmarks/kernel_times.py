@@ -16,7 +16,7 @@ from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.spline_cases import splines_and_places
 from sketchterrain.benchmarks.spline_methods import KERNELS, SplineQueries
 from sketchterrain.benchmarks.timing import alternate, spread
-from sketchterrain.look.texture_maker import LAYERS, embossed, painted_layer
+from sketchterrain.look.texture_maker import LAYERS, emboss, paint_layer
 from sketchterrain.terrain.graded_poisson import GradedPoisson
 from sketchterrain.terrain.lattice import QUADS
 from sketchterrain.terrain.patch_places import sample_stride
@@ -196,7 +196,7 @@ def _textures(context: TimedContext, effort: Effort) -> None:
     """Make every texture of materials, of as many texels as other kernels have points, or fewer."""
     side = 1 << (int(np.sqrt(effort.kernel_points)).bit_length() - 1)
     for index, layer in enumerate(LAYERS.values()):
-        embossed(context, painted_layer(context, index, side), layer)
+        emboss(context, paint_layer(context, index, side), layer)
 
 
 def _points(context: TimedContext, terrain: Terrain, level: int, effort: Effort) -> Callable[[], Lap]:

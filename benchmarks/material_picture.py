@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 from sketchterrain.compute import ComputeContext
-from sketchterrain.look.texture_maker import LAYERS, embossed, painted_layer
+from sketchterrain.look.texture_maker import LAYERS, emboss, paint_layer
 from sketchterrain.whole_files import write_atomic
 
 if TYPE_CHECKING:
@@ -35,8 +35,8 @@ def draw_materials(context: ComputeContext) -> Image.Image:
     rows = -(-len(LAYERS) // _ACROSS)
     picture = Image.new("RGB", (2 * _PANEL * _ACROSS, _PANEL * rows))
     for index, (name, layer) in enumerate(LAYERS.items()):
-        painted = painted_layer(context, index, _SIDE)
-        light = _lit(painted, embossed(context, painted, layer))
+        painted = paint_layer(context, index, _SIDE)
+        light = _lit(painted, emboss(context, painted, layer))
         light *= _EXPOSURE.get(name, _OTHERS_EXPOSURE)
         near = light[: _SIDE // 3, : _SIDE // 3]
         tiled = np.tile(light, (_TILES, _TILES, 1))

@@ -15,7 +15,7 @@ from PIL import Image
 
 from sketchterrain.benchmarks.grounds import BARE, open_ground
 from sketchterrain.compute import ComputeContext
-from sketchterrain.look.trees import HEIGHTS, SPECIES
+from sketchterrain.look.tree_species import HEIGHTS, SPECIES
 from sketchterrain.render import Camera, Quality, Sun, Weather
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.snapshot import canvas, read_picture

@@ -107,7 +107,7 @@ Matter at_octave(int layer, Plane p, int octave, float footprint)
     total = 1.0 / total;
     sum = Matter(sum.albedo * total, sum.height * total, sum.bump * total, sum.roughness * total, sum.open * total);
     // What differs between the hexagons' slopes is roughness of their mean, as in a mipmap.
-    sum.roughness = roughened(sum.roughness, max(square * total - 0.5 * dot(sum.bump, sum.bump), 0.0));
+    sum.roughness = filtered_roughness(sum.roughness, max(square * total - 0.5 * dot(sum.bump, sum.bump), 0.0));
 #endif
     sum.bump *= pow(FLATTER, float(octave));
     return sum;

@@ -11,7 +11,7 @@ const float TWIG = 0.06;         // half the twig's width, of the sheet's
 // Tell whether a place is leaf: above 0 inside.
 //   at:   across the sheet -1..1 and along it 0..1
 //   kind: 0 and 0.125 all of it (bark, and bark with bands), 0.5 pairs of leaves, 1 needles
-float sprig(vec2 at, float kind)
+float leaf_mask(vec2 at, float kind)
 {
     bool needles = kind > 0.75;
     float away = abs(at.x);
@@ -33,7 +33,7 @@ float sprig(vec2 at, float kind)
 
 // Brightness of the leaf that a place lies in, about 1: no two leaves of a spray face the light alike, and their
 // ends are young.
-float sprig_tone(vec2 at, float kind)
+float leaf_tone(vec2 at, float kind)
 {
     bool needles = kind > 0.75;
     float row = (at.y - 0.3 * LEAF_FORWARD * abs(at.x)) * LEAF_PAIRS + (at.x < 0.0 ? 0.5 : 0.0);

@@ -23,8 +23,8 @@ void main()
     vec3 colour = albedo;
 #if SPRIGS
     vec2 on_spray = vec2(cut.x * 2.0 - 1.0, cut.y);
-    if (sprig(on_spray, cut.z) <= 0.0) discard;
-    colour *= leaf_normal.w > 0.5 ? sprig_tone(on_spray, cut.z) : bark_tone(cut.xy, cut.z);
+    if (leaf_mask(on_spray, cut.z) <= 0.0) discard;
+    colour *= leaf_normal.w > 0.5 ? leaf_tone(on_spray, cut.z) : bark_tone(cut.xy, cut.z);
 #endif
     float sun = light.x * cloud_shadow(position) * tree_shade(position + to_sun.xyz * CROWN_EDGE, vec3(0.0));
     vec3 lit = leaf_light(colour, normalize(leaf_normal.xyz), leaf_normal.w, normalize(position), sun, light.y, light.z);

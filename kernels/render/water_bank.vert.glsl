@@ -4,10 +4,10 @@
 
 uniform vec3 anchor; // of all positions, relative to the eye, m
 
-in vec3 place;  // as in water.vert.glsl
-in vec4 course;
+in vec3 local_position;  // as in water.vert.glsl
+in vec4 flow_frame;
 in vec2 shore;
-in vec4 nature;
+in vec4 stream_params;
 
 out vec3 position;  // on the water, m from the eye
 out float wet_room; // m, negative in the bank
@@ -16,7 +16,7 @@ const float LID = 0.75; // m over the water; highest wet ground
 
 void main()
 {
-    position = anchor + place;
+    position = anchor + local_position;
     wet_room = shore.x;
     gl_Position = to_clip * vec4(position + vec3(0.0, 0.0, LID), 1.0);
 }

@@ -22,12 +22,12 @@ from sketchterrain.export.mesh import Mesh
 from sketchterrain.export.mesh_vertices import mesh_normals, mesh_places, mesh_texels, texel_step, waters
 from sketchterrain.export.sampled import Grid
 from sketchterrain.export.target import Export
-from sketchterrain.look.texture_levels import changed_levels, made_levels
+from sketchterrain.look.texture_levels import customized_levels, procedural_levels
 from sketchterrain.whole_files import atomic_file
 
 if TYPE_CHECKING:  # load OpenCL
     from sketchterrain.compute import ComputeContext
-    from sketchterrain.terrain import Terrain
+    from sketchterrain.terrain import TerrainSource
 
 Bytes = npt.NDArray[np.uint8]
 AXES: Final = EngineAxes("east", "up", "south")
@@ -217,7 +217,7 @@ class MaterialLooks(NamedTuple):
     roughness: npt.NDArray[np.float64]  # (materials,) as in glTF: √α of Trowbridge and Reitz's distribution
 
 
-def material_looks(terrain: Terrain) -> MaterialLooks:
+def material_looks(terrain: TerrainSource) -> MaterialLooks:
     """Return what a terrain's materials look like: the program's own, or as its sketch wants them."""
     from sketchterrain import compute  # OpenCL: not for a list of targets
 
@@ -226,7 +226,7 @@ def material_looks(terrain: Terrain) -> MaterialLooks:
     def opened() -> ComputeContext:
         return compute.ComputeContext(device if isinstance(device, compute.Device) else None)
 
-    levels = changed_levels(made_levels(_TEXELS, opened), terrain.sketch.look, {}, opened)
+    levels = customized_levels(procedural_levels(_TEXELS, opened), terrain.sketch.look, {}, opened)
     colour, relief = (part.reshape(-1, 4)[: len(terrain.material_names)] / 255.0 for part in levels[-1])
     return MaterialLooks(colour[:, :3] ** 2, relief[:, 2])
 

@@ -15,7 +15,7 @@ from sketchterrain.export.gltf import Glb
 from sketchterrain.export.sampled import ground_at
 from sketchterrain.export.target import Export
 from sketchterrain.look.plant_variants import plant_chances, plant_variants
-from sketchterrain.look.tree_levels import CUT, DETAILS, VARIANTS, level
+from sketchterrain.look.tree_levels import DETAILS, MASKED_DETAILS, VARIANTS, level
 from sketchterrain.look.tree_species import HEIGHTS, SPECIES
 from sketchterrain.terrain.plant import STOREYS
 
@@ -28,7 +28,7 @@ MOST_PLANTS: Final = 10_000_000
 """That a scene is made of; what it takes of memory is about 130 bytes each."""
 
 _TRIANGLES: Final = 20_000_000  # of all plants together; beyond that models are coarser
-FINEST: Final = CUT
+FINEST: Final = MASKED_DETAILS
 """Of the levels of detail the first one whose leaves are triangles, not sheets that a shader cuts."""
 
 COARSEST: Final = DETAILS - 1
@@ -169,10 +169,10 @@ def variants_of(species: str) -> int:
 @cache
 def woody_model(species: str, variant: int, detail: int) -> Model:
     """Return a tree or shrub."""
-    made = level(species, variant, detail)
-    place = HEIGHTS[SPECIES.index(species)] * made.place
-    light = _SHADE + (1.0 - _SHADE) * made.open[..., None]
-    return _model(place, made.outward, made.albedo * light)
+    triangles = level(species, variant, detail)
+    place = HEIGHTS[SPECIES.index(species)] * triangles.position
+    light = _SHADE + (1.0 - _SHADE) * triangles.openness[..., None]
+    return _model(place, triangles.normal, triangles.albedo * light)
 
 
 class _Herb(NamedTuple):

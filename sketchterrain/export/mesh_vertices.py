@@ -90,19 +90,19 @@ class Water(NamedTuple):
 
 def waters(features: TerrainFeatures, grid: Grid) -> Iterator[Water]:
     """Return each water as far as it lies in a grid's rectangle, lakes first."""
-    from sketchterrain.look.water_surfaces import surfaces  # SciPy: not for a list of targets
+    from sketchterrain.look.water_surfaces import water_surfaces  # SciPy: not for a list of targets
 
     rivers = [river for river in features.rivers if len(river.centreline) > 1]
     names = [f"lake {lake.id}" for lake in features.lakes] + [f"river {river.id}" for river in rivers]
-    for name, surface in zip(names, surfaces(features), strict=True):
+    for name, surface in zip(names, water_surfaces(features), strict=True):
         triangles = surface.triangles.reshape(-1, 3)
-        x, y = surface.place[:, 0], surface.place[:, 1]
+        x, y = surface.position[:, 0], surface.position[:, 1]
         inside = (x >= grid.west) & (x <= grid.east) & (y >= grid.south) & (y <= grid.north)
-        shown = surface.nature[triangles, 2].mean(axis=1) >= _SHOWN
-        place = surface.place.copy()
+        shown = surface.stream[triangles, 2].mean(axis=1) >= _SHOWN
+        place = surface.position.copy()
         # What reaches over the edge ends there.
         np.clip(place[:, :2], (grid.west, grid.south), (grid.east, grid.north), out=place[:, :2])
-        place[:, 2] -= _DIVE * (1.0 - surface.nature[:, 2])
+        place[:, 2] -= _DIVE * (1.0 - surface.stream[:, 2])
         kept = triangles[shown & inside[triangles].any(axis=1) & _has_area(place, triangles)]
         if len(kept):
             used, index = np.unique(kept, return_inverse=True)

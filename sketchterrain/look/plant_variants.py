@@ -1,4 +1,4 @@
-"""Chances of a plant from its place alone, and which plant of its species it is, in pictures and files."""
+"""Pseudo-random numbers and the mesh variant of a plant from its position alone, for pictures and files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def plant_chances(plants: npt.NDArray[np.void]) -> tuple[Floats, Floats]:
-    """Return two numbers in 0..1 for each plant (`PLANT`) from its place alone."""
+    """Return two numbers in 0..1 for each plant (`PLANT`) from its position alone."""
     x, y = ((plants[axis] * 8.0).astype(np.int64) for axis in ("x", "y"))
     seed = x * 73_856_093 ^ y * 19_349_663
     bits = (seed.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(24)

@@ -1,4 +1,4 @@
-"""Made textures kept on disk between runs: a cache that may be lost, broken or forbidden without harm."""
+"""Disk cache of procedural textures; a cache that is missing, corrupt or read-only only costs time."""
 
 from __future__ import annotations
 
@@ -13,49 +13,38 @@ from sketchterrain.whole_files import write_atomic
 
 _SUFFIX: Final = ".textures"
 _DIGEST: Final = hashlib.sha256().digest_size
-"""Bytes of the checksum in front of what is kept."""
 
 
-def kept(
-    family: str, recipe: str, size: int, make: Callable[[], bytes], folder: Path | None = None
+def cached_bytes(
+    family: str, recipe: str, size: int, compute: Callable[[], bytes], folder: Path | None = None
 ) -> bytes | memoryview:
-    """Return bytes that follow from a recipe: from the disk if they are there and whole, else made.
+    """Return `size` bytes that depend on `recipe` alone, from the cache folder or computed and then stored.
 
-    Parameters
-    ----------
-    family
-        Of what they are one. Others of the family are of older recipes, and are deleted when this is written.
-    recipe
-        All that they follow from.
-    size
-        How many they are.
-    make
-        Makes them.
-    folder
-        By default `cache_folder`.
+    Other cache files of the same family are of older recipes and are deleted when this one is written.
     """
     try:
         folder = folder or cache_folder()
-    except RuntimeError:  # there is no home
-        return make()
+    except RuntimeError:  # no home directory
+        return compute()
     name = hashlib.blake2b(recipe.encode(), digest_size=12).hexdigest()
     path = folder / f"{family}-{name}{_SUFFIX}"
-    found = _read(path, size)
-    if found is not None:
-        return found
-    made = make()
+    cached = _read(path, size)
+    if cached is not None:
+        return cached
+    computed = compute()
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        write_atomic(path, _checksum(made) + made)
+        write_atomic(path, hashlib.sha256(computed).digest() + computed)
         for old in folder.glob(f"{family}-*{_SUFFIX}"):
             if old != path:
                 old.unlink(missing_ok=True)
     except (OSError, SketchterrainError):
-        pass  # a disk that is full or read-only costs time, no more
-    return made
+        pass  # a full or read-only disk costs time, no more
+    return computed
 
 
 def _read(path: Path, size: int) -> memoryview | None:
+    """Return the content after its SHA-256, or None if the file is missing or corrupt."""
     try:
         if path.stat().st_size != _DIGEST + size:
             return None
@@ -63,8 +52,4 @@ def _read(path: Path, size: int) -> memoryview | None:
     except OSError:
         return None
     body = memoryview(content)[_DIGEST:]
-    return body if _checksum(body) == content[:_DIGEST] else None
-
-
-def _checksum(content: bytes | memoryview) -> bytes:
-    return hashlib.sha256(content).digest()
+    return body if hashlib.sha256(body).digest() == content[:_DIGEST] else None

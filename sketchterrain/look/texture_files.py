@@ -1,4 +1,4 @@
-"""A person's own textures: pictures in a folder, by material."""
+"""User textures: images in a folder, by material."""
 
 from __future__ import annotations
 
@@ -15,27 +15,17 @@ from sketchterrain.look.texture_maker import LAYERS
 from sketchterrain.look.texture_mips import linear
 
 KINDS: Final = ("", "_height", "_normal", "_roughness")
-"""What follows a material's name: nothing for the colour."""
+"""Suffixes of a material's name; the albedo has none."""
 SUFFIXES: Final = (".png", ".jpg", ".jpeg")
 _STEEPEST: Final = 8.0
-"""Slope that a normal map can give at most."""
+"""Largest slope of a normal map."""
 _LARGEST: Final = 16384
-"""px along a side."""
+"""Largest side, px."""
 
 
 @dataclass(frozen=True, eq=False)
-class Pictures:
-    """What there is for one material, row 0 in the south.
-
-    Attributes
-    ----------
-    albedo : (n, n, 3) or None
-        Linear.
-    height, roughness : (n, n) or None
-        0..1.
-    slopes : (n, n, 2) or None
-        Eastward and northward.
-    """
+class MaterialImages:
+    """Images of a material, row 0 south: linear albedo, height and roughness 0..1, slopes east and north."""
 
     albedo: npt.NDArray[Any] | None = None
     height: npt.NDArray[Any] | None = None
@@ -43,39 +33,27 @@ class Pictures:
     roughness: npt.NDArray[Any] | None = None
 
 
-def read_pictures(folder: Path, size: int) -> dict[str, Pictures]:
-    """Read the pictures of a folder, PNG or JPEG: ``rock.png``, ``rock_height.png``, ``rock_normal.png``.
+def read_material_images(folder: Path, size: int) -> dict[str, MaterialImages]:
+    """Read ``rock.png``, ``rock_height.png``, ``rock_normal.jpg``, …, resized to `size` texels a side.
 
-    Any may be missing. Colours are sRGB; a normal map has x to the right, y up and z to the eye in red, green
-    and blue; heights and roughness are grey, of 8 or 16 bits.
-
-    Parameters
-    ----------
-    folder
-        Where they are. Files of other kinds than pictures are let be.
-    size
-        Texels a side that they are resized to.
-
-    Raises
-    ------
-    InputError
-        If there is no such folder, a picture can't be read, or has a name that means nothing.
+    Colours are sRGB; a normal map has x to the right, y up and z to the eye in red, green and blue; height
+    and roughness are grey, of 8 or 16 bits. Any image may be missing; other files are ignored.
     """
     if not folder.is_dir():
         raise InputError(f"{one_line(folder)}: expected a folder of textures")
     found: dict[str, dict[str, npt.NDArray[Any]]] = {}
     for path in sorted(each for each in folder.iterdir() if each.suffix.lower() in SUFFIXES):
-        material, kind = _meaning(path)
+        material, kind = _split_name(path)
         field = {"": "albedo", "_height": "height", "_normal": "slopes", "_roughness": "roughness"}[kind]
         if field in found.setdefault(material, {}):
             raise InputError(
                 f"{one_line(path)}: expected one picture {path.stem}, got two of different suffixes"
             )
         found[material][field] = _read(path, kind, size)
-    return {material: Pictures(**fields) for material, fields in found.items()}
+    return {material: MaterialImages(**fields) for material, fields in found.items()}
 
 
-def _meaning(path: Path) -> tuple[str, str]:
+def _split_name(path: Path) -> tuple[str, str]:
     for material in LAYERS:
         for kind in KINDS:
             if path.stem == material + kind:

@@ -1,4 +1,4 @@
-"""Procedural textures of materials, by kernels/material_textures.cl: the same bits on every device."""
+"""Procedural material textures by kernels/material_textures.cl: the same bits on every device."""
 
 from __future__ import annotations
 
@@ -13,83 +13,42 @@ if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext
 
 SOURCE: Final = "material_textures.cl"
-"""In `kernels/`."""
 
 
 @dataclass(frozen=True)
-class Layer:
-    """What a material's texture is like beyond its colours.
+class TextureLayer:
+    """Size and relief of a material's texture, besides its colours."""
 
-    Attributes
-    ----------
-    width : float
-        m that it covers where it is laid finest.
-    bump : float
-        How far its highest points stand over its lowest, in texture widths.
-    low, high : float
-        Roughness of its low and its high points.
-    """
-
-    width: float
-    bump: float
-    low: float
-    high: float
+    width: float  # m that it covers where it is laid finest
+    bump: float  # height range, texture widths
+    low: float  # roughness of its lowest points
+    high: float  # roughness of its highest points
 
 
-LAYERS: Final[dict[str, Layer]] = {
-    "grass": Layer(5.0, 0.010, 0.95, 0.80),
-    "soil": Layer(5.0, 0.030, 0.95, 0.85),
-    "rock": Layer(8.0, 0.150, 0.90, 0.75),
-    "scree": Layer(7.0, 0.060, 0.95, 0.80),
-    "sand": Layer(4.0, 0.018, 0.85, 0.75),
-    "snow": Layer(6.0, 0.030, 0.75, 0.55),
-    "river_bed": Layer(5.0, 0.045, 0.60, 0.50),
-    "forest_floor": Layer(4.0, 0.022, 0.95, 0.85),
-    "canopy": Layer(8.0, 0.060, 0.95, 0.85),
+LAYERS: Final[dict[str, TextureLayer]] = {
+    "grass": TextureLayer(5.0, 0.010, 0.95, 0.80),
+    "soil": TextureLayer(5.0, 0.030, 0.95, 0.85),
+    "rock": TextureLayer(8.0, 0.150, 0.90, 0.75),
+    "scree": TextureLayer(7.0, 0.060, 0.95, 0.80),
+    "sand": TextureLayer(4.0, 0.018, 0.85, 0.75),
+    "snow": TextureLayer(6.0, 0.030, 0.75, 0.55),
+    "river_bed": TextureLayer(5.0, 0.045, 0.60, 0.50),
+    "forest_floor": TextureLayer(4.0, 0.022, 0.95, 0.85),
+    "canopy": TextureLayer(8.0, 0.060, 0.95, 0.85),
 }
-"""The terrain's materials in their order, then the forest's canopy for the distance."""
+"""The terrain's materials in their order, then the forest's canopy seen from afar."""
 
 
-def painted_layer(context: ComputeContext, layer: int, size: int) -> npt.NDArray[Any]:
-    """Compute what a material looks like.
-
-    Parameters
-    ----------
-    context
-        What computes it; 32- or 64-bit reals.
-    layer
-        Place in `LAYERS`.
-    size
-        Texels a side, a power of two.
-
-    Returns
-    -------
-    (size, size, 4)
-        Linear albedo, and height 0..1; row 0 is the south.
-    """
+def paint_layer(context: ComputeContext, layer: int, size: int) -> npt.NDArray[Any]:
+    """Return (size, size, 4) linear albedo and height 0..1 of the i-th of `LAYERS`, row 0 south."""
     painted = context.empty((size, size, 4), context.real_dtype)
     texel = context.real_dtype.type(1.0 / size)
     context.launch(SOURCE, "material_paint", (size, size), np.int32(layer), texel, painted)
     return context.download(painted, (size, size, 4), context.real_dtype)
 
 
-def embossed(context: ComputeContext, painted: npt.NDArray[Any], layer: Layer) -> npt.NDArray[Any]:
-    """Compute what follows from a texture's heights.
-
-    Parameters
-    ----------
-    context
-        What computes it.
-    painted : (n, n, 4)
-        As of :func:`painted_layer`; n is a power of two.
-    layer
-        How high the heights are, and how rough.
-
-    Returns
-    -------
-    (n, n, 4)
-        Slope eastward and northward, roughness, openness to the sky.
-    """
+def emboss(context: ComputeContext, painted: npt.NDArray[Any], layer: TextureLayer) -> npt.NDArray[Any]:
+    """Return (n, n, 4) slopes east and north, roughness and openness of a result of :func:`paint_layer`."""
     real = context.real_dtype.type
     given = context.upload(painted.astype(context.real_dtype, copy=False))
     relief = context.empty(painted.shape, context.real_dtype)

@@ -1,8 +1,8 @@
-"""How a plant's wood grows: places for its leaves first, then a trunk and boughs that reach for them.
+"""Branching structure of a plant: a trunk and boughs grown towards points in its crown.
 
-After space colonisation (Runions, Lane & Prusinkiewicz 2007), with one step for each order of branching: the
-crown is filled with points, some of them draw boughs out of the trunk, and twigs reach from the nearest bough
-to each of the rest.
+After space colonisation (Runions, Lane & Prusinkiewicz 2007) with one step for each order of branching: the
+crown is filled with points, some of them attract boughs from the trunk, and a twig leads from the nearest
+bough to each of the rest.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from sketchterrain.look.tree_shape import across, unit
+from sketchterrain.look.tree_shape import perpendicular, unit
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 STEPS = 5
-"""Pieces of a bough; a twig has fewer."""
+"""Segments of a bough."""
 TWIG_STEPS = 2
 
 
 class Wood(NamedTuple):
-    """Curves of the wood, in heights of the plant, with the radii along them."""
+    """Curves of the wood and the radii along them, in heights of the plant."""
 
     trunk: Floats  # (k, 3)
     trunk_radius: Floats  # (k,)
@@ -39,35 +39,35 @@ class Wood(NamedTuple):
 
 
 def grow_crown(crown: Crown, rng: np.random.Generator) -> Wood:
-    """Grow the wood of a plant whose crown is round, see `Crown`."""
+    """Grow the wood of a plant with a round crown."""
     tips = _tips(crown, rng)
     trunk = _trunk(rng, crown.trunk_top, crown.bend, pieces=14)
-    trunk_radius = crown.thick * (1.0 - 0.72 * trunk[:, 2] / crown.trunk_top) ** 0.9
+    trunk_radius = crown.trunk_radius * (1.0 - 0.72 * trunk[:, 2] / crown.trunk_top) ** 0.9
     trunk_radius[0] *= 1.45  # where the roots begin
     ends = _spread_out(tips, crown.boughs, rng)
-    goal = tips[ends]
-    aside = np.linalg.norm(goal[:, :2], axis=1)
-    leave = np.clip(goal[:, 2] - crown.rise * aside, crown.lowest, 0.97 * crown.trunk_top)
+    target = tips[ends]
+    lateral = np.linalg.norm(target[:, :2], axis=1)
+    leave = np.clip(target[:, 2] - crown.rise * lateral, crown.lowest, 0.97 * crown.trunk_top)
     start = _at_height(trunk, leave)
-    middle = start + (goal - start) * 0.55 + [0.0, 0.0, 0.16] * (aside * crown.arch)[:, None]
-    middle += 0.12 * aside[:, None] * rng.standard_normal(middle.shape)
-    boughs = _bent(start, middle, goal, STEPS)
-    thick = 0.62 * np.interp(start[:, 2], trunk[:, 2], trunk_radius)
+    middle = start + (target - start) * 0.55 + [0.0, 0.0, 0.16] * (lateral * crown.arch)[:, None]
+    middle += 0.12 * lateral[:, None] * rng.standard_normal(middle.shape)
+    boughs = _bent(start, middle, target, STEPS)
+    bough_thickness = 0.62 * np.interp(start[:, 2], trunk[:, 2], trunk_radius)
     taper = np.linspace(1.0, 0.22, STEPS + 1)
     bough_of = np.argmin(np.linalg.norm(tips[:, None] - boughs[:, 3], axis=-1), axis=1)
     bough_of[ends] = np.arange(crown.boughs)
     where = rng.uniform(0.45, 0.95, len(tips)) * STEPS
     piece = np.minimum(where.astype(np.int64), STEPS - 1)
     share = (where - piece)[:, None]
-    begin = boughs[bough_of, piece] * (1.0 - share) + boughs[bough_of, piece + 1] * share
-    twig_middle = 0.5 * (begin + tips) + [0.0, 0.0, 0.04 * crown.arch]
-    twigs = _bent(begin, twig_middle, tips, TWIG_STEPS)
-    twig_thick = 0.30 * thick[bough_of]
+    start_point = boughs[bough_of, piece] * (1.0 - share) + boughs[bough_of, piece + 1] * share
+    twig_middle = 0.5 * (start_point + tips) + [0.0, 0.0, 0.04 * crown.arch]
+    twigs = _bent(start_point, twig_middle, tips, TWIG_STEPS)
+    twig_thick = 0.30 * bough_thickness[bough_of]
     return Wood(
         trunk,
         trunk_radius,
         boughs,
-        thick[:, None] * taper,
+        bough_thickness[:, None] * taper,
         twigs,
         twig_thick[:, None] * np.linspace(1.0, 0.3, TWIG_STEPS + 1),
         bough_of,
@@ -75,7 +75,7 @@ def grow_crown(crown: Crown, rng: np.random.Generator) -> Wood:
 
 
 def grow_whorls(whorls: Whorls, rng: np.random.Generator) -> Wood:
-    """Grow a straight trunk with whorls of boughs that hang and rise again at their tips, see `Whorls`."""
+    """Grow a straight trunk with whorls of boughs that hang and rise again at their tips."""
     count = whorls.tiers * whorls.boughs
     tier, bough = np.divmod(np.arange(count), whorls.boughs)
     up = (tier + rng.uniform(-0.35, 0.35, count)) / whorls.tiers
@@ -91,14 +91,14 @@ def grow_whorls(whorls: Whorls, rng: np.random.Generator) -> Wood:
     tip = start + reach[:, None] * (out + [0.0, 0.0, 1.0] * (1.1 * climb)[:, None])
     boughs = _bent(start, middle, tip, STEPS)
     boughs[..., 2] = np.maximum(boughs[..., 2], 0.01)
-    trunk_radius = whorls.thick * np.clip(1.02 - trunk[:, 2], 0.02, 1.0) ** 0.8
+    trunk_radius = whorls.trunk_radius * np.clip(1.02 - trunk[:, 2], 0.02, 1.0) ** 0.8
     trunk_radius[0] *= 1.4
-    thick = 0.26 * whorls.thick * (reach / whorls.spread) ** 0.6
+    bough_thickness = 0.26 * whorls.trunk_radius * (reach / whorls.spread) ** 0.6
     return Wood(
         trunk,
         trunk_radius,
         boughs,
-        thick[:, None] * np.linspace(1.0, 0.25, STEPS + 1),
+        bough_thickness[:, None] * np.linspace(1.0, 0.25, STEPS + 1),
         np.zeros((0, TWIG_STEPS + 1, 3)),
         np.zeros((0, TWIG_STEPS + 1)),
         np.zeros(0, np.int64),
@@ -106,7 +106,7 @@ def grow_whorls(whorls: Whorls, rng: np.random.Generator) -> Wood:
 
 
 def _tips(crown: Crown, rng: np.random.Generator) -> Floats:
-    """Fill a crown with points where leaves will grow: more of them near its border, in lumps."""
+    """Fill a crown with lumps of points for leaves, denser near its border."""
     heights, radii = np.array(crown.profile).T
     fine = np.linspace(heights[0], heights[-1], 200)
     wide = np.interp(fine, heights, radii)
@@ -127,23 +127,23 @@ def _tips(crown: Crown, rng: np.random.Generator) -> Floats:
 
 
 def _spread_out(points: Floats, count: int, rng: np.random.Generator) -> npt.NDArray[np.int64]:
-    """Choose points that lie far from each other."""
-    chosen = [int(rng.integers(len(points)))]
-    away = np.linalg.norm(points - points[chosen[0]], axis=1)
+    """Select points far from each other (farthest-point sampling)."""
+    selected = [int(rng.integers(len(points)))]
+    away = np.linalg.norm(points - points[selected[0]], axis=1)
     for _ in range(count - 1):
-        chosen.append(int(np.argmax(away)))
-        away = np.minimum(away, np.linalg.norm(points - points[chosen[-1]], axis=1))
-    return np.array(chosen, dtype=np.int64)
+        selected.append(int(np.argmax(away)))
+        away = np.minimum(away, np.linalg.norm(points - points[selected[-1]], axis=1))
+    return np.array(selected, dtype=np.int64)
 
 
 def _trunk(rng: np.random.Generator, top: float, bend: float, *, pieces: int) -> Floats:
-    """Return a curve from below the ground to the top that wavers, but stands upright at its foot."""
+    """Return a wavering curve from below the ground to the top, upright at its foot."""
     t = np.linspace(0.0, 1.0, pieces + 1)
     swing, turns = rng.uniform(0.0, 2.0 * np.pi, 2), rng.uniform(0.7, 1.6, 2)
-    aside = bend * t[:, None] * (np.sin(2.0 * np.pi * turns * t[:, None] + swing) - np.sin(swing))
+    lateral = bend * t[:, None] * (np.sin(2.0 * np.pi * turns * t[:, None] + swing) - np.sin(swing))
     lean = bend * rng.uniform(-0.8, 0.8, 2) * t[:, None] ** 2
     z = -0.03 + (top + 0.03) * t
-    return np.concatenate([aside + lean, z[:, None]], axis=1)
+    return np.concatenate([lateral + lean, z[:, None]], axis=1)
 
 
 def _at_height(trunk: Floats, height: Floats) -> Floats:
@@ -160,7 +160,7 @@ def _bent(start: Floats, middle: Floats, end: Floats, steps: int) -> Floats:
 
 
 def frames(curves: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return unit vectors along curves (n, k, 3) and two at right angles to them."""
+    """Return unit tangents of curves (n, k, 3) and two unit vectors perpendicular to them."""
     along = unit(np.gradient(curves, axis=1))
-    aside = across(along)
-    return along, aside, np.cross(aside, along)
+    lateral = perpendicular(along)
+    return along, lateral, np.cross(lateral, along)

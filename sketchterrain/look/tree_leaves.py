@@ -1,4 +1,4 @@
-"""Leaves on a plant's wood, and how open each place in its crown is to sky and sun."""
+"""Leaves on a plant's wood, and the openness of its crown to sky and sun."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ def leaves_of_crown(crown: Crown, wood: Wood, rng: np.random.Generator) -> Leave
     scatter = rng.standard_normal((count, 3))
     along = unit(ball + 0.6 * round_out + 0.55 * scatter - UP * crown.droop)
     facing = unit(0.6 * ball + 0.6 * round_out + 0.5 * UP + 0.55 * rng.standard_normal((count, 3)))
-    aside = unit(np.cross(along, facing) + 1e-6)
+    across = unit(np.cross(along, facing) + 1e-6)
     length, half_width = crown.leaf
     grown = rng.uniform(0.75, 1.3, (count, 1))
-    outward = unit(0.75 * round_out + 0.55 * ball + 0.22 * UP + 0.10 * scatter)
+    normal = unit(0.75 * round_out + 0.55 * ball + 0.22 * UP + 0.10 * scatter)
     root = middle - 0.5 * length * grown * along
     root[:, 2] = np.maximum(root[:, 2], 0.015)
     bough = wood.bough_of[tuft]
@@ -49,11 +49,11 @@ def leaves_of_crown(crown: Crown, wood: Wood, rng: np.random.Generator) -> Leave
     )
     albedo = np.array(crown.colours.leaf) * of_bough[bough] * rng.uniform(0.80, 1.2, (count, 1))
     phase = np.mod(0.618 * bough + 0.13 * tuft, 1.0)
-    return Leaves(root, length * grown * along, half_width * grown * aside, outward, albedo, phase)
+    return Leaves(root, length * grown * along, half_width * grown * across, normal, albedo, phase)
 
 
 def leaves_of_whorls(whorls: Whorls, wood: Wood, rng: np.random.Generator) -> Leaves:
-    """Put needle sprays to both sides of each bough, others that hang from it, and one at its tip."""
+    """Put needle sprays on both sides of each bough, others hanging from it, and one at its tip."""
     reach = np.linalg.norm(wood.boughs[:, -1] - wood.boughs[:, 0], axis=1)
     pairs = np.maximum(np.rint(whorls.sprays * (reach / whorls.spread) ** 0.8), 2)
     bough, step, side = (
@@ -62,23 +62,23 @@ def leaves_of_whorls(whorls: Whorls, wood: Wood, rng: np.random.Generator) -> Le
             np.arange(len(reach)), np.arange(whorls.sprays + 2), np.arange(3), indexing="ij"
         )
     )
-    kept = step < pairs[bough]
-    bough, step, side = bough[kept], step[kept], side[kept]
+    selected = step < pairs[bough]
+    bough, step, side = bough[selected], step[selected], side[selected]
     count = len(bough)
     t = np.clip((step + rng.uniform(0.35, 1.05, count)) / pairs[bough], 0.06, 1.0)
-    ahead, aside, below = frames(wood.boughs)
+    ahead, across, below = frames(wood.boughs)
     where = t * (wood.boughs.shape[1] - 1)
     piece = np.minimum(where.astype(np.int64), wood.boughs.shape[1] - 2)
     share = (where - piece)[:, None]
     root = wood.boughs[bough, piece] * (1.0 - share) + wood.boughs[bough, piece + 1] * share
-    ahead, aside, below = ahead[bough, piece], aside[bough, piece], -below[bough, piece]
+    ahead, across, below = ahead[bough, piece], across[bough, piece], -below[bough, piece]
     below = np.where(below[:, 2:] > 0.0, -below, below)
     turn = np.where(side == 2, 0.0, np.where(side == 0, 1.0, -1.0))[:, None]
     hangs = (side == 2)[:, None]
     open_angle = 0.95 - 0.55 * t[:, None]
     along = unit(
         ahead * np.where(hangs, 0.35, 0.8)
-        + aside * turn * open_angle
+        + across * turn * open_angle
         + below * np.where(hangs, 0.8, 0.22)
         + 0.16 * rng.standard_normal((count, 3))
     )
@@ -90,17 +90,17 @@ def leaves_of_whorls(whorls: Whorls, wood: Wood, rng: np.random.Generator) -> Le
     flat = unit(flat + 0.45 * rng.standard_normal((count, 3)))
     flat = unit(flat - along * np.sum(flat * along, axis=1, keepdims=True))
     middle = root + 0.5 * length * grown[:, None] * along
-    outward = unit(unit(middle * [1.0, 1.0, 0.0]) + 0.5 * UP + 0.2 * rng.standard_normal((count, 3)))
+    normal = unit(unit(middle * [1.0, 1.0, 0.0]) + 0.5 * UP + 0.2 * rng.standard_normal((count, 3)))
     of_bough = rng.uniform(0.85, 1.15, (len(reach), 1))
     albedo = np.array(whorls.colours.leaf) * of_bough[bough] * rng.uniform(0.82, 1.18, (count, 1))
     phase = np.mod(0.618 * bough, 1.0)
     width = half_width * np.sqrt(grown)[:, None] * flat
-    leaves = Leaves(root, length * grown[:, None] * along, width, outward, albedo, phase)
+    leaves = Leaves(root, length * grown[:, None] * along, width, normal, albedo, phase)
     return Leaves(*(np.concatenate(pair) for pair in zip(leaves, _leader(whorls, wood, rng), strict=True)))
 
 
 def _leader(whorls: Whorls, wood: Wood, rng: np.random.Generator) -> Leaves:
-    """Put sprays round the last piece of a trunk, close to it: the plant ends in a point."""
+    """Put sprays close around the last segment of a trunk: the plant ends in a point."""
     count = 18
     up = 0.9 + 0.1 * np.arange(count) / count
     angle = GOLDEN_ANGLE * np.arange(count)
@@ -108,33 +108,27 @@ def _leader(whorls: Whorls, wood: Wood, rng: np.random.Generator) -> Leaves:
     x, y = (np.interp(up, wood.trunk[:, 2], wood.trunk[:, axis]) for axis in (0, 1))
     along = unit(out * (0.9 - 5.0 * (up - 0.9))[:, None] + UP * rng.uniform(0.9, 1.3, (count, 1)))
     length, half_width = whorls.leaf
-    aside = np.stack([-np.sin(angle), np.cos(angle), np.zeros(count)], axis=1)
+    across = np.stack([-np.sin(angle), np.cos(angle), np.zeros(count)], axis=1)
     albedo = np.broadcast_to(whorls.colours.leaf, (count, 3)) * rng.uniform(0.9, 1.2, (count, 1))
     root = np.stack([x, y, up], axis=1)
     return Leaves(
-        root, 0.42 * length * along, 0.5 * half_width * aside, unit(out + 0.5 * UP), albedo, np.zeros(count)
+        root, 0.42 * length * along, 0.5 * half_width * across, unit(out + 0.5 * UP), albedo, np.zeros(count)
     )
 
 
 class Openness:
-    """How open places in a crown are: light from above and four sides falls off through the leaves' areas.
-
-    Parameters
-    ----------
-    leaves
-        What stands in the light.
-    """
+    """Openness of places in a crown: light from above and four sides is attenuated by the leaves' areas."""
 
     CELLS: Final = 20
-    """Along each side of the box that holds all leaves."""
+    """Along each side of the bounding box of all leaves."""
     SHADE: Final = 0.18
-    """Share of the light that a leaf as large as its cell's face takes."""
+    """Share of the light that a leaf as large as its cell's face absorbs."""
 
     def __init__(self, leaves: Leaves) -> None:
         middle = leaves.root + 0.5 * leaves.along
         self._low = middle.min(axis=0) - 1e-3
         self._cell = (middle.max(axis=0) + 1e-3 - self._low) / self.CELLS
-        area = 2.0 * np.linalg.norm(np.cross(leaves.along, leaves.aside), axis=1)
+        area = 2.0 * np.linalg.norm(np.cross(leaves.along, leaves.across), axis=1)
         at = np.ravel_multi_index(tuple(self._at(middle).T), (self.CELLS,) * 3)
         filled = np.bincount(at, area, minlength=self.CELLS**3).reshape((self.CELLS,) * 3)
         light = np.zeros_like(filled)

@@ -1,4 +1,4 @@
-"""What is seen of a plant from afar: the area that it covers and its mean colour."""
+"""Covered area and mean colour of a plant plant_view from the side."""
 
 from __future__ import annotations
 
@@ -16,31 +16,23 @@ if TYPE_CHECKING:
     Floats = npt.NDArray[np.float64]
 
 VIEWS: Final = (0.4, 1.9)
-"""rad; azimuths from which a plant is looked at."""
+"""Azimuths of view, rad."""
 CELLS: Final = 48
-"""Cells of a plant's height."""
+"""Raster cells per plant height."""
 PER_CELL: Final = 5.0
-"""Points on a triangle as large as a cell."""
+"""Sample points on a triangle as large as a cell."""
 
 
-class Seen(NamedTuple):
-    """A plant from aside.
-
-    Attributes
-    ----------
-    area : float
-        Covered, in squares of its height.
-    colour : (3,)
-        Mean of the albedo times the openness of what is in front, weighted by area.
-    """
+class PlantView(NamedTuple):
+    """Covered area (squares of its height) and area-weighted mean of visible albedo · openness (3,)."""
 
     area: float
     colour: Floats
 
 
-def sprig(across: Floats, along: Floats, kind: Floats) -> Floats:
-    """Tell what of a spray is leaf: above 0 inside. As kernels/render/sprig.glsl."""
-    needles = kind > 0.5 * (BROAD + NEEDLES)
+def leaf_mask(across: Floats, along: Floats, mask: Floats) -> Floats:
+    """Return a spray's leaf mask, positive inside leaves; the oracle of kernels/render/sprig.glsl."""
+    needles = mask > 0.5 * (BROAD + NEEDLES)
     away = np.abs(across)
     forward, count = np.where(needles, 0.5, 0.55), np.where(needles, 8.0, 5.0)
     row = (along - 0.3 * forward * away) * count + np.where(across < 0.0, 0.5, 0.0)
@@ -52,24 +44,19 @@ def sprig(across: Floats, along: Floats, kind: Floats) -> Floats:
     out = away / np.maximum(reach * grown, 1e-3)
     full = np.where(needles, 0.36 * (1.0 - 0.5 * out), 0.94 * np.sqrt(np.maximum(out * (1.0 - out), 0.0)))
     leaf = np.where(out < 1.0, full - np.abs(row - np.floor(row) - 0.5), -1.0)
-    return np.where(kind < 0.5 * BROAD, 1.0, np.maximum(leaf, 0.06 - away))
+    return np.where(mask < 0.5 * BROAD, 1.0, np.maximum(leaf, 0.06 - away))
 
 
-def seen(triangles: Triangles, *, views: tuple[float, ...] = VIEWS, points: int = 60_000) -> Seen:
-    """Look at a plant from some sides, level.
+def plant_view(triangles: Triangles, *, views: tuple[float, ...] = VIEWS, points: int = 60_000) -> PlantView:
+    """Rasterise at most `points` samples of a plant from horizontal views (azimuths in rad).
 
-    Parameters
-    ----------
-    triangles
-        Of the plant.
-    views
-        Azimuths (rad).
-    points
-        On all triangles, at most; too few of them leave holes in what is covered.
+    Too few points leave holes in the covered area.
     """
     rng = np.random.default_rng(7)
-    place = triangles.place
-    area = 0.5 * np.linalg.norm(np.cross(place[:, 1] - place[:, 0], place[:, 2] - place[:, 0]), axis=1)
+    position = triangles.position
+    area = 0.5 * np.linalg.norm(
+        np.cross(position[:, 1] - position[:, 0], position[:, 2] - position[:, 0]), axis=1
+    )
     count = area * CELLS**2 * PER_CELL
     count *= min(points / max(count.sum(), 1.0), 1.0)
     of = np.repeat(np.arange(len(area)), np.maximum(np.rint(count).astype(np.int64), 1))
@@ -77,11 +64,11 @@ def seen(triangles: Triangles, *, views: tuple[float, ...] = VIEWS, points: int 
     fold = u + v > 1.0
     u, v = np.where(fold, 1.0 - u, u), np.where(fold, 1.0 - v, v)
     weights = np.stack([1.0 - u - v, u, v], axis=1)[:, None]
-    at = (weights @ triangles.sprig[of])[:, 0]
-    kept = sprig(at[:, 0], at[:, 1], triangles.kind[of]) > 0.0
-    of, weights = of[kept], weights[kept]
-    point = (weights @ place[of])[:, 0]
-    light = (weights @ triangles.open[of][..., None])[:, 0]
+    at = (weights @ triangles.leaf_uv[of])[:, 0]
+    inside = leaf_mask(at[:, 0], at[:, 1], triangles.mask[of]) > 0.0
+    of, weights = of[inside], weights[inside]
+    point = (weights @ position[of])[:, 0]
+    light = (weights @ triangles.openness[of][..., None])[:, 0]
     colour = (weights @ triangles.albedo[of])[:, 0] * light
     covered, total = 0, np.zeros(3)
     for azimuth in views:
@@ -95,4 +82,4 @@ def seen(triangles: Triangles, *, views: tuple[float, ...] = VIEWS, points: int 
         front = front[front >= 0]
         covered += len(front)
         total += colour[front].sum(axis=0)
-    return Seen(covered / (len(views) * CELLS**2), np.asarray(total / max(covered, 1)))
+    return PlantView(covered / (len(views) * CELLS**2), np.asarray(total / max(covered, 1)))

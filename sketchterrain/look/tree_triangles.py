@@ -1,4 +1,4 @@
-"""Triangles of wood and of leaves."""
+"""Triangles of wood and leaves."""
 
 from __future__ import annotations
 
@@ -18,37 +18,25 @@ if TYPE_CHECKING:
     Floats = npt.NDArray[np.float64]
 
 BOUNDS = (-0.02, 1.08)
-"""Heights of the plant between which all leaves lie, however large."""
+"""Range of heights that all leaves are clipped to, however large."""
 ROOT_SHADE = 0.72
-"""Openness of a spray's root, of that of its tip."""
+"""Openness of a spray's root, relative to its tip."""
 
 
-def tubes(
+def bark_tubes(
     curves: Floats,
     radius: Floats,
     *,
     sides: int,
     colours: Colours,
-    opened: Openness,
+    openness: Openness,
     rng: np.random.Generator,
 ) -> Triangles:
-    """Wrap bark around curves.
-
-    Parameters
-    ----------
-    curves
-        (n, k, 3) places along each.
-    radius
-        (n, k) there.
-    sides
-        Of the cross section.
-    colours, opened, rng
-        Of the bark, of the crown that shades it, for its marks.
-    """
-    _, aside, above = frames(curves)
+    """Wrap bark around curves (n, k, 3) of radii (n, k), as bark_tubes with a number of sides."""
+    _, across, above = frames(curves)
     turn = 2.0 * np.pi * np.arange(sides + 1) / sides
-    ring = aside[:, :, None] * np.cos(turn)[:, None] + above[:, :, None] * np.sin(turn)[:, None]
-    place = curves[:, :, None] + radius[:, :, None, None] * ring
+    ring = across[:, :, None] * np.cos(turn)[:, None] + above[:, :, None] * np.sin(turn)[:, None]
+    position = curves[:, :, None] + radius[:, :, None, None] * ring
     height = np.clip(curves[..., 2], 0.0, 1.0)
     up = np.clip((height - 0.30) / 0.25, 0.0, 1.0)[..., None]
     bark = np.array(colours.bark) * (1.0 - up) + np.array(colours.bark_above) * up
@@ -56,9 +44,9 @@ def tubes(
     shade = rng.uniform(0.8, 1.15, dark.shape) * np.where(dark, 0.16, 1.0)
     shade = np.concatenate([shade, shade[:, :, :1]], axis=2)[..., None]
     albedo = bark[:, :, None] * shade
-    light = np.repeat(opened.at(curves)[:, :, None], sides + 1, axis=2)[..., None]
+    light = np.repeat(openness.at(curves)[:, :, None], sides + 1, axis=2)[..., None]
     round_, up_ = np.broadcast_arrays(np.linspace(-1.0, 1.0, sides + 1), height[..., None])
-    grid = np.concatenate([place, ring, albedo, light, round_[..., None], up_[..., None]], axis=-1)
+    grid = np.concatenate([position, ring, albedo, light, round_[..., None], up_[..., None]], axis=-1)
     a, b, c, d = grid[:, :-1, :-1], grid[:, :-1, 1:], grid[:, 1:, 1:], grid[:, 1:, :-1]
     both = np.stack([np.stack([a, b, c], axis=-2), np.stack([a, c, d], axis=-2)], axis=-3)
     rows = both.reshape(-1, 3, grid.shape[-1])
@@ -75,45 +63,52 @@ def tubes(
     )
 
 
-def sheets(leaves: Leaves, kind: float, fresh: Floats, opened: Openness) -> Triangles:
-    """Make each spray a sheet of two triangles, out of which its leaves are cut when it is drawn."""
-    a, b = leaves.root - leaves.aside, leaves.root + leaves.aside
+def leaf_quads(leaves: Leaves, mask: float, fresh: Floats, openness: Openness) -> Triangles:
+    """Return two triangles for each spray, from which its leaves are cut by an alpha mask."""
+    a, b = leaves.root - leaves.across, leaves.root + leaves.across
     c, d = b + leaves.along, a + leaves.along
     at = np.array([[-1.0, 0.0], [1.0, 0.0], [1.0, 1.0], [-1.0, 1.0]])
     first, second = [0, 1, 2], [0, 2, 3]
     corners = np.stack([a, b, c, d], axis=1)
-    place = np.concatenate([corners[:, first], corners[:, second]])
-    sprig = np.concatenate([np.broadcast_to(at[each], (len(a), 3, 2)) for each in (first, second)])
-    return _leafy(leaves, place, sprig, kind, fresh, opened, copies=2)
+    position = np.concatenate([corners[:, first], corners[:, second]])
+    leaf_uv = np.concatenate([np.broadcast_to(at[each], (len(a), 3, 2)) for each in (first, second)])
+    return _leaf_triangles(leaves, position, leaf_uv, mask, fresh, openness, copies=2)
 
 
-def spears(leaves: Leaves, scale: float, fresh: Floats, opened: Openness) -> Triangles:
-    """Make each spray one triangle, `scale` times as large."""
+def single_triangles(leaves: Leaves, scale: float, fresh: Floats, openness: Openness) -> Triangles:
+    """Return one triangle for each spray, `scale` times as large."""
     middle = leaves.root + 0.4 * leaves.along
-    along, aside = scale * leaves.along, scale * leaves.aside
-    place = np.stack(
-        [middle - 0.4 * along - aside, middle - 0.4 * along + aside, middle + 0.6 * along], axis=1
+    along, across = scale * leaves.along, scale * leaves.across
+    position = np.stack(
+        [middle - 0.4 * along - across, middle - 0.4 * along + across, middle + 0.6 * along], axis=1
     )
-    sprig = np.broadcast_to([[-1.0, 0.0], [1.0, 0.0], [0.0, 1.0]], (*place.shape[:2], 2))
-    return _leafy(leaves, place, sprig, SOLID, fresh, opened, copies=1)
+    leaf_uv = np.broadcast_to([[-1.0, 0.0], [1.0, 0.0], [0.0, 1.0]], (*position.shape[:2], 2))
+    return _leaf_triangles(leaves, position, leaf_uv, SOLID, fresh, openness, copies=1)
 
 
-def _leafy(
-    leaves: Leaves, place: Floats, sprig: Floats, kind: float, fresh: Floats, opened: Openness, *, copies: int
+def _leaf_triangles(
+    leaves: Leaves,
+    position: Floats,
+    leaf_uv: Floats,
+    mask: float,
+    fresh: Floats,
+    openness: Openness,
+    *,
+    copies: int,
 ) -> Triangles:
-    place[..., 2] = np.clip(place[..., 2], *BOUNDS)
-    light = opened.at(leaves.root + 0.5 * leaves.along)
+    position[..., 2] = np.clip(position[..., 2], *BOUNDS)
+    light = openness.at(leaves.root + 0.5 * leaves.along)
     albedo = leaves.albedo + fresh * (light**2)[:, None]
-    outward, albedo = (np.tile(each[:, None], (copies, 3, 1)) for each in (leaves.outward, albedo))
-    along = ROOT_SHADE + (1.0 - ROOT_SHADE) * sprig[..., 1]
-    count = len(place)
+    normal, albedo = (np.tile(each[:, None], (copies, 3, 1)) for each in (leaves.normal, albedo))
+    along = ROOT_SHADE + (1.0 - ROOT_SHADE) * leaf_uv[..., 1]
+    count = len(position)
     return Triangles(
-        place,
-        outward,
+        position,
+        normal,
         albedo,
         np.tile(light, copies)[:, None] * along,
-        np.asarray(sprig, dtype=np.float64),
-        np.full(count, kind),
+        np.asarray(leaf_uv, dtype=np.float64),
+        np.full(count, mask),
         np.ones(count),
         np.tile(leaves.phase, copies),
     )

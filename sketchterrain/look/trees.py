@@ -1,4 +1,4 @@
-"""Plants as triangles: one unit high, foot at the origin, grown by rules and fixed seeds."""
+"""Plant meshes: one unit high, foot at the origin, grown from fixed seeds."""
 
 from __future__ import annotations
 
@@ -8,45 +8,30 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.look.tree_levels import CUT, DETAILS, VARIANTS, level
-from sketchterrain.look.tree_species import HEIGHTS, SPECIES
-
-__all__ = ["CUT", "DETAILS", "HEIGHTS", "SPECIES", "VARIANTS", "plant_mesh"]
+from sketchterrain.look.tree_levels import level
 
 VERTEX: Final = np.dtype([("place", "f4", 3), ("outward", "u1", 4), ("colour", "u1", 4), ("sprig", "u1", 4)])
 
 
 @cache
 def plant_mesh(species: str, variant: int, detail: int) -> npt.NDArray[np.void]:
-    """Make a plant.
+    """Return a plant's (3 · triangles,) `VERTEX` array, read-only; `detail` 0 is the finest.
 
-    Parameters
-    ----------
-    species
-        One of `SPECIES`.
-    variant
-        0 … ``VARIANTS - 1``: another plant of the same kind.
-    detail
-        0 for a plant close by … ``DETAILS - 1`` for one of a few pixels.
-
-    Returns
-    -------
-    (3 · triangles,) structured, read-only
-        place (plant heights); outward (unit normal, -1..1; then 1 where it is leaf, 0 where wood); colour
-        (√albedo, openness); sprig (place on its spray: across -1..1, along 0..1; what is cut out of it;
-        phase in the wind). All but the places in 0..255.
+    position: plant heights. normal: unit vector -1..1, then 1 for leaf or 0 for wood. colour: √albedo,
+    openness. leaf_uv: position on its spray, across -1..1 and along 0..1; alpha mask; wind phase. All but
+    positions are in 0..255.
     """
-    made = level(species, variant, detail)
-    mesh = np.empty(made.place.shape[0] * 3, VERTEX)
-    mesh["place"] = made.place.reshape(-1, 3)
-    mesh["outward"][:, :3] = _byte(0.5 + 0.5 * made.outward.reshape(-1, 3))
-    mesh["outward"][:, 3] = _byte(np.repeat(made.leafy, 3))
-    mesh["colour"][:, :3] = _byte(np.sqrt(np.clip(made.albedo.reshape(-1, 3), 0.0, 1.0)))
-    mesh["colour"][:, 3] = _byte(made.open.reshape(-1))
-    mesh["sprig"][:, 0] = _byte(0.5 + 0.5 * made.sprig[..., 0].ravel())
-    mesh["sprig"][:, 1] = _byte(made.sprig[..., 1].ravel())
-    mesh["sprig"][:, 2] = _byte(np.repeat(made.kind, 3))
-    mesh["sprig"][:, 3] = _byte(np.repeat(made.phase, 3))
+    triangles = level(species, variant, detail)
+    mesh = np.empty(triangles.position.shape[0] * 3, VERTEX)
+    mesh["place"] = triangles.position.reshape(-1, 3)
+    mesh["outward"][:, :3] = _byte(0.5 + 0.5 * triangles.normal.reshape(-1, 3))
+    mesh["outward"][:, 3] = _byte(np.repeat(triangles.leafiness, 3))
+    mesh["colour"][:, :3] = _byte(np.sqrt(np.clip(triangles.albedo.reshape(-1, 3), 0.0, 1.0)))
+    mesh["colour"][:, 3] = _byte(triangles.openness.reshape(-1))
+    mesh["sprig"][:, 0] = _byte(0.5 + 0.5 * triangles.leaf_uv[..., 0].ravel())
+    mesh["sprig"][:, 1] = _byte(triangles.leaf_uv[..., 1].ravel())
+    mesh["sprig"][:, 2] = _byte(np.repeat(triangles.mask, 3))
+    mesh["sprig"][:, 3] = _byte(np.repeat(triangles.phase, 3))
     mesh.flags.writeable = False
     return mesh
 

@@ -1,4 +1,4 @@
-"""What is asked of rivers and lakes, and of all that was placed."""
+"""Interfaces of the placed features that water surfaces are built from."""
 
 from __future__ import annotations
 
@@ -11,72 +11,61 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 
-class Reach(Protocol):
-    """A river's centreline: x, y and water surface z (m), springs first, and its width (m)."""
+class RiverGeometry(Protocol):
+    """A river, from its source downstream."""
 
     @property
     def centreline(self) -> npt.NDArray[np.float64]:
-        """(m, 3) x, y, z (m)."""
-        ...
+        """(m, 3) x, y and water surface z (m)."""
 
     @property
     def centreline_width(self) -> npt.NDArray[np.float32]:
-        """(m,) m."""
-        ...
+        """(m,) width (m)."""
 
 
-class Field(Protocol):
-    """Samples of the distance inside a shape's border (m), rows northward, and where they lie (m)."""
+class DistanceRaster(Protocol):
+    """A raster of the distance inside a shape's border, rows northward."""
 
     @property
     def west(self) -> float:
-        """Of the first sample (m)."""
-        ...
+        """Position of the first sample (m)."""
 
     @property
     def south(self) -> float:
-        """Of the first sample (m)."""
-        ...
+        """Position of the first sample (m)."""
 
     @property
     def spacing(self) -> float:
-        """Between samples (m)."""
-        ...
+        """Distance between samples (m)."""
 
     @property
     def inside(self) -> npt.NDArray[np.float32]:
         """(rows, columns) m, negative outside."""
-        ...
 
 
-class Pool(Protocol):
-    """A lake: its shape and the height of its water (m)."""
+class LakeGeometry(Protocol):
+    """A lake."""
 
     @property
-    def shape(self) -> Field:
-        """Where it is."""
-        ...
+    def shape(self) -> DistanceRaster:
+        """Its area."""
 
     @property
     def level(self) -> float:
-        """Height of the water (m)."""
-        ...
+        """Elevation of the water (m)."""
 
 
-class Features(Protocol):
+class PlacedFeatures(Protocol):
     """Placed features."""
 
     @property
     def points(self) -> npt.NDArray[np.void]:
         """Placed point features."""
-        ...
 
     @property
-    def rivers(self) -> Sequence[Reach]:
+    def rivers(self) -> Sequence[RiverGeometry]:
         """Placed rivers."""
-        ...
 
     @property
-    def lakes(self) -> Sequence[Pool]:
+    def lakes(self) -> Sequence[LakeGeometry]:
         """Placed lakes."""
-        ...

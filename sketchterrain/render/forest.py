@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from sketchterrain.look.trees import CUT, DETAILS
+from sketchterrain.look.tree_levels import DETAILS, MASKED_DETAILS
 from sketchterrain.render.plant_cells import (
     ROOM,
     Place,
@@ -43,7 +43,7 @@ HULL: Final = 20.0
 """px; the coarsest detail does for no higher plants, however low the quality."""
 LIT: Final = 4
 """Detail from which on plants are lit at their vertices, by what is found once for each."""
-DRAWN: Final = (range(CUT), range(CUT, LIT), range(LIT, DETAILS))
+DRAWN: Final = (range(MASKED_DETAILS), range(MASKED_DETAILS, LIT), range(LIT, DETAILS))
 """Details that are drawn together. Only fine leaves are cut out: what may be cut hides nothing before it is
 shaded."""
 BAND: Final = 0.08
@@ -235,7 +235,7 @@ def _batch(
     context: moderngl.Context, meshes: PlantMeshes, details: range, defines: Mapping[str, int]
 ) -> PlantBatch:
     far = details.start >= LIT
-    own = {**defines, "SPRIGS": int(details.start < CUT), "FAR": int(far)}
+    own = {**defines, "SPRIGS": int(details.start < MASKED_DETAILS), "FAR": int(far)}
     found = ("ground", "sway", "veil", "clear") if far else ("ground", "sway")
     return meshes.drawn_by(
         build_program(context, "tree.vert.glsl", "lit.frag.glsl" if far else "tree.frag.glsl", defines=own),

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.render.scene import Features, Field, TerrainSource
+    from sketchterrain.look.waters import DistanceRaster, PlacedFeatures
+    from sketchterrain.render.scene import TerrainSource
 
     Floats = npt.NDArray[np.float64]
     Box = tuple[float, float, float, float]
@@ -184,7 +185,7 @@ def _rings(terrain: TerrainSource, known: KnownHeights) -> list[_Part]:
     return parts
 
 
-def _splines(features: Features) -> list[_Part]:
+def _splines(features: PlacedFeatures) -> list[_Part]:
     lines = [river.centreline for river in features.rivers if len(river.centreline) > 1]
     return [_coloured(line[:-1], line[1:], COLOURS["river"]) for line in lines]
 
@@ -193,7 +194,7 @@ def _shores(terrain: TerrainSource) -> list[_Part]:
     return [_coloured(*_shore(lake.shape, lake.level), COLOURS["lake"]) for lake in terrain.features.lakes]
 
 
-def _shore(shape: Field, level: float) -> tuple[Floats, Floats]:
+def _shore(shape: DistanceRaster, level: float) -> tuple[Floats, Floats]:
     """Return the sides of samples inside a shape that have none on their other side."""
     inside = np.pad(shape.inside > 0, 1)
     starts: list[Floats] = []

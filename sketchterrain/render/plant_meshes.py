@@ -9,7 +9,9 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.look.trees import DETAILS, SPECIES, VARIANTS, plant_mesh
+from sketchterrain.look.tree_levels import DETAILS, VARIANTS
+from sketchterrain.look.tree_species import SPECIES
+from sketchterrain.look.trees import plant_mesh
 from sketchterrain.render.programs import set_uniforms
 
 KINDS: Final = len(SPECIES) * VARIANTS

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import moderngl
 import numpy as np
 
-from sketchterrain.look.trees import DETAILS
+from sketchterrain.look.tree_levels import DETAILS
 from sketchterrain.render.allowance import WorkRate
 from sketchterrain.render.plant_cells import Place, cells_near, joined, reach_of
 from sketchterrain.render.plant_meshes import KINDS, Instances, PlantMeshes

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from sketchterrain.look.plant_variants import plant_chances, plant_variants
-from sketchterrain.look.trees import HEIGHTS, VARIANTS
+from sketchterrain.look.tree_levels import VARIANTS
+from sketchterrain.look.tree_species import HEIGHTS
 from sketchterrain.render.thinning import bulk_of, hold_of, whim_of
 
 if TYPE_CHECKING:

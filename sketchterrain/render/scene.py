@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
-from sketchterrain.look.waters import Features, Field, Pool, Reach
+from sketchterrain.look.waters import PlacedFeatures
 from sketchterrain.tiles import QUADS
 
 if TYPE_CHECKING:
@@ -15,18 +15,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.compute import ComputeContext
     from sketchterrain.terrain.vertices import VertexMemory, VertexStore
-
-__all__ = [
-    "BoundedTerrain",
-    "Features",
-    "Field",
-    "Pool",
-    "Reach",
-    "Sketch",
-    "TerrainSource",
-    "TileSource",
-    "visible_rectangle",
-]
 
 
 class Sketch(Protocol):
@@ -49,7 +37,7 @@ class Sketch(Protocol):
 
 
 class TileSource(Protocol):
-    """A terrain that writes tiles where they are drawn from; see `sketchterrain.terrain.Terrain`."""
+    """A terrain that writes tiles where they are drawn from; see `sketchterrain.terrain.TerrainSource`."""
 
     @property
     def extent(self) -> float:
@@ -107,7 +95,7 @@ class TerrainSource(TileSource, Protocol):
         ...
 
     @property
-    def features(self) -> Features:
+    def features(self) -> PlacedFeatures:
         """What the terrain is evaluated from."""
         ...
 

@@ -132,7 +132,7 @@ class Scenery:
         )
         self.cover = GroundCover(context, quality=quality, shading=self.shading)
         self._water = Water(
-            context, self._features, part=quality.includes("water"), defines=self.shading.defines
+            context, self._features, enabled=quality.includes("water"), defines=self.shading.defines
         )
 
     def _lighting(self) -> tuple[Shading, Clouds]:
@@ -165,7 +165,7 @@ class Scenery:
         self.forest.change(terrain, areas)
         self.surface.change()
         self._features = terrain.features
-        self._water.change(self._features)
+        self._water.set_features(self._features)
         self._dress(terrain)
         return change
 
@@ -200,7 +200,7 @@ class Scenery:
         self.shading, self._clouds = self._lighting()
         self.forest.build(self.shading.defines)
         self.cover = GroundCover(self._context, quality=self._quality, shading=self.shading)
-        self._water.build(self._features, self.shading.defines)
+        self._water.rebuild(self._features, self.shading.defines)
 
     def draw(
         self,

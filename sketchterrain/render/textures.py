@@ -9,8 +9,8 @@ import moderngl
 import numpy as np
 
 from sketchterrain.compute import ComputeContext, Device
-from sketchterrain.look.texture_files import read_pictures
-from sketchterrain.look.texture_levels import changed_levels, made_levels
+from sketchterrain.look.texture_files import read_material_images
+from sketchterrain.look.texture_levels import customized_levels, procedural_levels
 from sketchterrain.look.texture_maker import LAYERS
 from sketchterrain.render.gl_functions import gl_function
 
@@ -42,7 +42,7 @@ class MaterialTextures:
     looks
         What a sketch wants otherwise, by material.
     folder
-        Pictures that replace them; see `texture_files`.
+        MaterialImages that replace them; see `texture_files`.
     smooth
         Whether neighbouring mipmaps are blended.
 
@@ -74,8 +74,8 @@ class MaterialTextures:
         def opened() -> ComputeContext:
             return ComputeContext(device)
 
-        pictures = {} if folder is None else read_pictures(folder, size)
-        levels = changed_levels(made_levels(size, opened), looks, pictures, opened)
+        pictures = {} if folder is None else read_material_images(folder, size)
+        levels = customized_levels(procedural_levels(size, opened), looks, pictures, opened)
         # No anisotropic filter: Mesa's software driver hung in one.
         least = moderngl.LINEAR_MIPMAP_LINEAR if smooth else moderngl.LINEAR_MIPMAP_NEAREST
         self.colour, self.relief = (context.texture_array((size, size, len(LAYERS)), 4) for _ in range(2))

@@ -1,4 +1,4 @@
-"""Rivers and lakes of a terrain as OpenGL draws them."""
+"""Rivers and lakes drawn by OpenGL."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final, cast
 import moderngl
 import numpy as np
 
-from sketchterrain.look.water_surfaces import surfaces
+from sketchterrain.look.water_surfaces import water_surfaces
 from sketchterrain.render.programs import build_program, set_uniforms
 from sketchterrain.render.water_waves import LAYERS, wave_layers, wave_phases, wave_texture
 
@@ -16,148 +16,127 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.render.scene import Features
+    from sketchterrain.look.waters import PlacedFeatures
     from sketchterrain.render.targets import RenderTargets
 
-OVER: Final = (moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA)
-UNDER: Final = (moderngl.ONE, moderngl.SRC_ALPHA)
-"""How what is drawn is dimmed and added to: water_bank.frag.glsl."""
-_PARTS: Final = [("3f4", "place"), ("4f4", "course"), ("2f4", "shore"), ("4f4", "nature")]
+ALPHA_BLEND: Final = (moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA)
+DARKEN_AND_ADD: Final = (moderngl.ONE, moderngl.SRC_ALPHA)
+"""Blend function of wet banks: water_bank.frag.glsl."""
+_ATTRIBUTES: Final = (
+    ("3f4", "local_position"),
+    ("4f4", "flow_frame"),
+    ("2f4", "shore"),
+    ("4f4", "stream_params"),
+)
 
 
 class Water:
-    """The surfaces of all rivers and lakes, as one list of triangles.
+    """The surfaces of all rivers and lakes in one vertex buffer; ``MATERIALS`` 1 leaves out wet banks.
 
-    Parameters
-    ----------
-    context
-        Where they are drawn.
-    features
-        What there is.
-    part
-        Whether water is drawn at all.
-    defines
-        The passes' own, of a quality; ``MATERIALS`` 1 leaves out wet banks, and what costs most.
-
-    Attributes
-    ----------
-    textures : dict of str to moderngl.Texture
-        By the names that shaders know them by; to be bound as the passes' own are.
+    `textures` are to be bound for the passes by the names of their samplers.
     """
 
     def __init__(
         self,
         context: moderngl.Context,
-        features: Features,
+        features: PlacedFeatures,
         *,
-        part: bool = True,
+        enabled: bool = True,
         defines: Mapping[str, int] | None = None,
     ) -> None:
         self._context = context
-        self._part, self._defines = part, dict(defines or {})
+        self._enabled, self._defines = enabled, dict(defines or {})
         self._arrays: list[moderngl.VertexArray] = []
         self._programs: list[moderngl.Program] = []
-        self._shown: object = None
+        self._uploaded: object = None
         self._cheap = self._defines.get("MATERIALS") == 1
-        self._layers = 1 if self._cheap else len(LAYERS)
         self.textures: dict[str, moderngl.Texture] = {}
-        self.change(features)
+        self.set_features(features)
 
-    def build(self, features: Features, defines: Mapping[str, int]) -> None:
-        """Draw waters by programs with other macros from now on."""
-        self._defines, self._programs, self._shown = dict(defines), [], None
-        self.change(features)
+    def __bool__(self) -> bool:
+        return bool(self._arrays)
 
-    def change(self, features: Features) -> None:
-        """Draw other waters from now on."""
-        state = _state(features) if self._part else ()
-        if state == self._shown:
+    def rebuild(self, features: PlacedFeatures, defines: Mapping[str, int]) -> None:
+        """Replace the programs by ones with other macros."""
+        self._defines, self._programs, self._uploaded = dict(defines), [], None
+        self.set_features(features)
+
+    def set_features(self, features: PlacedFeatures) -> None:
+        """Replace the rivers and lakes; nothing happens if they are equal."""
+        state = _state(features) if self._enabled else ()
+        if state == self._uploaded:
             return
-        self._shown = state
-        parts = surfaces(features) if self._part else []
+        self._uploaded = state
+        surfaces = water_surfaces(features) if self._enabled else []
         self._arrays = []
-        if not parts:
+        if not surfaces:
             return
-        self._anchor = parts[0].place[0].copy()
+        self._anchor = surfaces[0].position[0].copy()
         vertices, indices, base = [], [], 0
-        for place, course, inside, nature, triangles in parts:
-            shore = np.stack([inside, np.full(len(inside), max(-inside.min(), 0.0))], axis=1)
-            rows = np.concatenate([place - self._anchor, course, shore, nature], axis=1)
-            vertices.append(rows.astype(np.float32))
+        for position, flow, shore_distance, stream, triangles in surfaces:
+            bank = np.full(len(shore_distance), max(-shore_distance.min(), 0.0))
+            columns = (
+                position - self._anchor,
+                flow,
+                shore_distance[:, None],
+                bank[:, None],
+                stream,
+            )
+            vertices.append(np.concatenate(columns, axis=1).astype(np.float32))
             indices.append(triangles + np.uint32(base))
-            base += len(place)
+            base += len(position)
         buffer = self._context.buffer(np.concatenate(vertices).tobytes())
-        order = self._context.buffer(np.concatenate(indices).tobytes())
-        for program in self._built():
-            # A driver takes no attribute that a program does not read.
-            layout = " ".join(size if name in program else _skipped(size) for size, name in _PARTS)
-            names = [name for _, name in _PARTS if name in program]
-            content = [(buffer, layout, *names)]
-            self._arrays.append(self._context.vertex_array(program, content, index_buffer=order))
-
-    def _built(self) -> list[moderngl.Program]:
-        """Return the programs, and have the waves; both are made when there is water for the first time."""
+        index_buffer = self._context.buffer(np.concatenate(indices).tobytes())
         if not self._programs:
             self._programs = [
                 build_program(self._context, f"{name}.vert.glsl", f"{name}.frag.glsl", defines=self._defines)
                 for name in (["water"] if self._cheap else ["water_bank", "water"])
             ]
             self.textures["wave_slopes"] = wave_texture(self._context)
-        return self._programs
-
-    def __bool__(self) -> bool:
-        return bool(self._arrays)
+        for program in self._programs:
+            # Drivers reject attributes that a program does not read: they are skipped as padding.
+            layout = [size if name in program else f"{4 * int(size[0])}x" for size, name in _ATTRIBUTES]
+            names = [name for _, name in _ATTRIBUTES if name in program]
+            content = [(buffer, " ".join(layout), *names)]
+            self._arrays.append(self._context.vertex_array(program, content, index_buffer=index_buffer))
 
     def draw(
         self, eye: tuple[float, float, float], targets: RenderTargets, uniforms: Mapping[str, object]
     ) -> None:
-        """Draw how wet the banks are, and the water, as seen from `eye`, into ``targets.scene``.
+        """Draw wet banks and the water into ``targets.scene``, which holds everything else already.
 
-        Parameters
-        ----------
-        eye
-            World coordinates (m).
-        targets
-            Hold all that is drawn already.
-        uniforms
-            Those of all passes, and ``clock`` (s), ``wind`` (m/s) and ``lift`` (water.vert.glsl).
+        `uniforms` are those of all passes, ``clock`` (s), ``wind`` (m/s) and ``lift`` (water.vert.glsl).
         """
         if not self._arrays:
             return
-        layers = wave_layers(cast("tuple[float, float]", uniforms["wind"]), self._layers)
-        phases = wave_phases(layers, eye, cast(float, uniforms["clock"]))
+        count = 1 if self._cheap else len(LAYERS)
+        layers = wave_layers(cast("tuple[float, float]", uniforms["wind"]), count)
         own = {
             "anchor": tuple(self._anchor - np.asarray(eye)),
-            "wave_layers": _array(layers),
-            "wave_phases": _array(phases),
+            "wave_layers": _uniform_array(layers),
+            "wave_phases": _uniform_array(wave_phases(layers, eye, cast(float, uniforms["clock"]))),
         }
         context = self._context
         context.enable(moderngl.BLEND)
         for array in self._arrays:
-            # Each looks at what was drawn before it.
-            targets.copy_scene()
+            targets.copy_scene()  # each pass reads what was drawn before it
             targets.scene.use()
             water = array is self._arrays[-1]
             targets.scene.depth_mask = water
-            context.blend_func = OVER if water else UNDER
+            context.blend_func = ALPHA_BLEND if water else DARKEN_AND_ADD
             set_uniforms(array.program, {**uniforms, **own})
             array.render()
         context.disable(moderngl.BLEND)
 
 
-def _array(rows: npt.NDArray[np.float64]) -> object:
-    """Return an array of vectors as a uniform's value; one of a single vector is that vector."""
+def _uniform_array(rows: npt.NDArray[np.float64]) -> object:
+    """Return an array of vectors as a uniform's value; for a single vector, that vector."""
     values = [tuple(row) for row in rows.tolist()]
     return values if len(values) > 1 else values[0]
 
 
-def _skipped(size: str) -> str:
-    """Return the format of an attribute that is there and is not read."""
-    return f"{4 * int(size[0])}x"
-
-
-def _state(features: Features) -> tuple[object, ...]:
-    """Return what is equal for the same waters."""
+def _state(features: PlacedFeatures) -> tuple[object, ...]:
+    """Return a value that is equal for equal waters."""
     rivers = [(river.centreline.tobytes(), river.centreline_width.tobytes()) for river in features.rivers]
     lakes = [
         (lake.level, shape.west, shape.south, shape.spacing, shape.inside.shape, shape.inside.tobytes())

@@ -1,4 +1,4 @@
-"""Waves of water as a texture of slopes, and how it is laid: kernels/render/water_waves.glsl."""
+"""Water waves as a repeating texture of slopes, laid in several layers: kernels/render/water_waves.glsl."""
 
 from __future__ import annotations
 
@@ -15,32 +15,21 @@ if TYPE_CHECKING:
 SIZE: Final = 256
 """Texels along a side of the texture."""
 BAND: Final = (3.0, 56.0)
-"""Waves along a side: the longest and the shortest."""
+"""Longest and shortest waves, per side."""
 LAYERS: Final = ((8.0, -0.42, 0.40), (2.3, 0.55, 0.28), (31.0, 0.16, 0.32))
-"""Of each size in which the texture is laid: side (m), turn against the wind (rad), share of slope²."""
+"""Side (m), rotation against the wind (rad) and share of slope² of each layer."""
 GRAVITY: Final = 9.81
 """m/s²."""
 TYPICAL: Final = 7.0
-"""Waves along a side of those whose speed a layer drifts at."""
+"""Waves per side whose phase speed a layer drifts at."""
 
 
 def wave_slopes(size: int = SIZE, *, seed: int = 1954) -> Reals:
-    """Make slopes of a surface of waves on a torus, running along x for the most part.
+    """Return (size, size, 3) slopes along x and y and height in sides of a wave field on a torus.
 
     Waves in a wide band have the same slope² an octave, as short gravity waves have (Phillips 1958), and
-    spread about the wind by cos² (Mitsuyasu 1975), with a part that runs anywhere.
-
-    Parameters
-    ----------
-    size
-        Texels a side.
-    seed
-        Of their phases.
-
-    Returns
-    -------
-    (size, size, 3) float64
-        Slopes along x and y, and the height in units of the texture's side. Mean 0; slope² has the mean 1.
+    spread about the wind (x) by cos² (Mitsuyasu 1975), with an isotropic part. The mean is 0, that of slope²
+    1.
     """
     rng = np.random.default_rng(seed)
     across, along = np.meshgrid(np.fft.fftfreq(size, 1 / size), np.fft.fftfreq(size, 1 / size))
@@ -60,18 +49,7 @@ def wave_slopes(size: int = SIZE, *, seed: int = 1954) -> Reals:
 
 
 def wave_mipmaps(slopes: Reals) -> list[npt.NDArray[np.float32]]:
-    """Average slopes and their squares to ever coarser texels.
-
-    Parameters
-    ----------
-    slopes
-        `wave_slopes`.
-
-    Returns
-    -------
-    list of (n, n, 4) float32
-        From the finest to one texel: both slopes, their squared length, the height.
-    """
+    """Return (n, n, 4) levels of `wave_slopes`: both slopes, their squared length, the height."""
     level = np.concatenate(
         [slopes[..., :2], (slopes[..., :2] ** 2).sum(-1, keepdims=True), slopes[..., 2:]], -1
     )
@@ -83,7 +61,7 @@ def wave_mipmaps(slopes: Reals) -> list[npt.NDArray[np.float32]]:
 
 
 def wave_texture(context: moderngl.Context) -> moderngl.Texture:
-    """Upload `wave_mipmaps`, repeating, RGBA16F."""
+    """Upload `wave_mipmaps` as a repeating RGBA16F texture."""
     levels = wave_mipmaps(wave_slopes())
     texture = context.texture((SIZE, SIZE), 4, dtype="f2")
     texture.build_mipmaps()
@@ -94,19 +72,9 @@ def wave_texture(context: moderngl.Context) -> moderngl.Texture:
 
 
 def wave_layers(wind: tuple[float, float], count: int = len(LAYERS)) -> Reals:
-    """Return how the texture is laid under a wind.
+    """Return (count, 4): the texture's x axis over its side (1/m), √ of the share of slope², 0.
 
-    Parameters
-    ----------
-    wind
-        m/s, east and north; only its direction counts.
-    count
-        How many layers are wanted; the first ones, which then stand for all.
-
-    Returns
-    -------
-    (count, 4) float64
-        The texture's x axis over its side (1/m), the root of the layer's share of slope², 0.
+    Only the direction of the wind (m/s, east and north) counts.
     """
     heading = np.arctan2(wind[1], wind[0])
     side, turn, share = np.array(LAYERS[:count]).T
@@ -116,21 +84,7 @@ def wave_layers(wind: tuple[float, float], count: int = len(LAYERS)) -> Reals:
 
 
 def wave_phases(layers: Reals, eye: tuple[float, float, float], clock: float) -> Reals:
-    """Return where the eye lies in each layer, in [0, 1): waves run downwind at the speed of deep water.
-
-    Parameters
-    ----------
-    layers
-        (n, 4), `wave_layers`.
-    eye
-        World coordinates (m).
-    clock
-        s.
-
-    Returns
-    -------
-    (n, 2) float64
-    """
+    """Return the eye's (n, 2) position in each layer, in [0, 1), at a time (s): waves run downwind."""
     x, y = layers[:, 0], layers[:, 1]
     side = 1.0 / np.hypot(x, y)
     speed = np.sqrt(GRAVITY * side / TYPICAL / (2.0 * np.pi))

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sketchterrain.look.trees import DETAILS
+from sketchterrain.look.tree_levels import DETAILS
 from sketchterrain.render import Camera, Quality, Sun
 from sketchterrain.render.allowance import TimeBudget
 from sketchterrain.render.forest import BAND, GROW, PIXELS, Forest, shares

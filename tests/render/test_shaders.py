@@ -9,7 +9,7 @@ import pytest
 
 from sketchterrain.errors import BuildError
 from sketchterrain.look.texture_maker import LAYERS
-from sketchterrain.look.texture_mips import roughened
+from sketchterrain.look.texture_mips import filtered_roughness
 from sketchterrain.render import (
     Camera,
     Quality,
@@ -166,8 +166,8 @@ def test_layers_show_where_they_stand_higher_and_scatter_roughens_as_in_mipmaps(
     rows[:, 2] = 0.0
     assert (evaluate(gl, ["render/height_blend.glsl"], "vec4(layer_share(a.x, a.y, a.z))", rows) == 0.0).all()
     rows = uniform(500, 0.0, 1.0)
-    got = evaluate(gl, ["render/roughness.glsl"], "vec4(roughened(a.x, a.y))", rows)[:, 0]
-    assert np.abs(got - roughened(rows[:, 0], rows[:, 1])).max() < 1e-5
+    got = evaluate(gl, ["render/roughness.glsl"], "vec4(filtered_roughness(a.x, a.y))", rows)[:, 0]
+    assert np.abs(got - filtered_roughness(rows[:, 0], rows[:, 1])).max() < 1e-5
 
 
 def test_hexagons_over_a_place_are_the_nearest_three_with_continuous_weights(gl):

@@ -10,19 +10,19 @@ from PIL import Image
 from sketchterrain.compute import ComputeContext, list_devices
 from sketchterrain.disk import cache_folder
 from sketchterrain.errors import InputError
-from sketchterrain.look.texture_cache import kept
-from sketchterrain.look.texture_files import read_pictures
-from sketchterrain.look.texture_levels import changed_levels, made_levels
-from sketchterrain.look.texture_maker import LAYERS, Layer, embossed, painted_layer
+from sketchterrain.look.texture_cache import cached_bytes
+from sketchterrain.look.texture_files import read_material_images
+from sketchterrain.look.texture_levels import customized_levels, procedural_levels
+from sketchterrain.look.texture_maker import LAYERS, TextureLayer, emboss, paint_layer
 from sketchterrain.look.texture_mips import (
-    decoded,
-    encoded,
-    halved,
+    decode_level,
+    encode_level,
+    filtered_roughness,
+    halve,
     linear,
-    linear_of,
+    linear_from_hex,
     mipmaps,
     moments,
-    roughened,
 )
 from sketchterrain.render import Camera, Quality, Sun, render_picture
 from sketchterrain.render.texture_places import (
@@ -49,7 +49,7 @@ def context():
 
 @pytest.fixture(scope="module")
 def painted(context):
-    return [painted_layer(context, index, SIDE) for index in range(len(LAYERS))]
+    return [paint_layer(context, index, SIDE) for index in range(len(LAYERS))]
 
 
 def test_the_float_build_is_near_the_double_one(painted):
@@ -58,7 +58,7 @@ def test_the_float_build_is_near_the_double_one(painted):
         pytest.skip("no device with 64-bit floats")
     double = ComputeContext(with_double[0], real="double")
     for index, name in enumerate(LAYERS):
-        off = np.abs(painted[index] - painted_layer(double, index, SIDE)).max(axis=-1)
+        off = np.abs(painted[index] - paint_layer(double, index, SIDE)).max(axis=-1)
         # Where two stones are equally high, or a place lies on a border, either may win.
         assert np.quantile(off, 0.995) < 1e-4, name
         assert off.mean() < 1e-3, name
@@ -71,15 +71,15 @@ def test_all_devices_make_the_same_bits(painted):
     for device in devices[1:]:
         other = ComputeContext(device)
         for index, (mine, layer) in enumerate(zip(painted, LAYERS.values(), strict=True)):
-            theirs = painted_layer(other, index, SIDE)
+            theirs = paint_layer(other, index, SIDE)
             np.testing.assert_array_equal(mine, theirs, err_msg=f"layer {index} on {device.platform}")
-            assert (embossed(ComputeContext(), mine, layer) == embossed(other, mine, layer)).all()
+            assert (emboss(ComputeContext(), mine, layer) == emboss(other, mine, layer)).all()
 
 
 def test_textures_have_no_seam(context):
     for index, name in enumerate(LAYERS):
         # Finer than their finest structure, so that neighbouring texels are near each other.
-        height = painted_layer(context, index, 512)[..., 3]
+        height = paint_layer(context, index, 512)[..., 3]
         for axis in (0, 1):
             step = np.abs(np.roll(height, -1, axis) - height)
             assert step.take(-1, axis).mean() < 1.6 * step.mean(), name
@@ -115,8 +115,8 @@ def test_albedos_and_roughness_are_those_of_measured_ground(painted):
 def test_relief_is_slope_roughness_and_openness_of_the_heights(context):
     rng = np.random.default_rng(3)
     painted = rng.uniform(0.2, 0.8, (32, 32, 4))
-    layer = Layer(1.0, 0.05, 0.9, 0.6)
-    got = embossed(context, painted, layer)
+    layer = TextureLayer(1.0, 0.05, 0.9, 0.6)
+    got = emboss(context, painted, layer)
     height = painted[..., 3]
     steep = 0.05 * 32
     east = 0.5 * steep * (np.roll(height, -1, 1) - np.roll(height, 1, 1))
@@ -130,7 +130,7 @@ def test_relief_is_slope_roughness_and_openness_of_the_heights(context):
         openness += 0.125 / (1.0 + (steep * horizon) ** 2)
     expected = np.stack([east, north, 0.9 - 0.3 * height, openness], axis=-1)
     assert np.abs(got - expected).max() < 2e-6
-    flat = embossed(context, np.full((16, 16, 4), 0.5), Layer(1.0, 0.1, 0.9, 0.7))
+    flat = emboss(context, np.full((16, 16, 4), 0.5), TextureLayer(1.0, 0.1, 0.9, 0.7))
     assert np.allclose(flat, [0.0, 0.0, 0.8, 1.0], atol=1e-6)
 
 
@@ -154,7 +154,7 @@ def block_mean(fields, side):
 def test_every_level_is_the_float64_average_of_the_first_and_decoding_inverts_encoding():
     painted, relief = surface(32, steep=0.3)
     levels = list(mipmaps(painted, relief))
-    for got, expected, bound in zip(decoded(*levels[0]), (painted, relief), (4e-3, 0.03), strict=True):
+    for got, expected, bound in zip(decode_level(*levels[0]), (painted, relief), (4e-3, 0.03), strict=True):
         assert np.abs(got - expected).max() < bound
     assert [len(colour) for colour, _ in levels] == [32, 16, 8, 4, 2, 1]
     slopes = relief[..., :2]
@@ -183,7 +183,7 @@ def test_only_scattered_slopes_get_rougher_and_by_the_formula():
     fields[..., 0] = [[0.5, -0.5], [0.5, -0.5]]
     fields[..., 2] = 0.5
     slopes = moments(np.zeros((2, 2, 4)), fields)[1]
-    _, relief = encoded((np.zeros((1, 1, 4), np.float32), halved(slopes)))
+    _, relief = encode_level((np.zeros((1, 1, 4), np.float32), halve(slopes)))
     # Variance 0.25 in one direction, none in the other.
     assert abs(relief[0, 0, 2] / 255.0 - (0.5**4 + 2 * 0.125) ** 0.25) < BYTE + 1e-6
     assert relief[0, 0, :2].tolist() == [128, 128]
@@ -204,7 +204,7 @@ def test_one_rough_texel_reflects_what_the_fine_ones_do_together():
         together = np.mean([density((x - p) ** 2 + (y - q) ** 2, alpha) for p, q in slopes], axis=0)
         mean = slopes.mean(axis=0)
         around = (x - mean[0]) ** 2 + (y - mean[1]) ** 2
-        rougher = float(roughened(np.array(roughness), slopes.var(axis=0).mean()))
+        rougher = float(filtered_roughness(np.array(roughness), slopes.var(axis=0).mean()))
         filtered, plain = density(around, rougher**2), density(around, alpha)
         error, without = (0.5 * np.abs(each - together).sum() * area for each in (filtered, plain))
         # Half the L1 distance is the share of light that goes elsewhere. A sum of lobes is no lobe of their
@@ -214,9 +214,9 @@ def test_one_rough_texel_reflects_what_the_fine_ones_do_together():
 
 
 def test_srgb_colours_become_linear():
-    assert np.allclose(linear_of("#000000"), 0.0)
-    assert np.allclose(linear_of("#ffffff"), 1.0)
-    assert np.allclose(linear_of("#bc8040"), [0.5029, 0.2159, 0.0513], atol=1e-4)
+    assert np.allclose(linear_from_hex("#000000"), 0.0)
+    assert np.allclose(linear_from_hex("#ffffff"), 1.0)
+    assert np.allclose(linear_from_hex("#bc8040"), [0.5029, 0.2159, 0.0513], atol=1e-4)
     assert linear(np.array(0.04045)) == pytest.approx(0.04045 / 12.92)
 
 
@@ -228,7 +228,7 @@ ROCK = list(LAYERS).index("rock")
 def levels(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        return made_levels(SIZE, ComputeContext)
+        return procedural_levels(SIZE, ComputeContext)
 
 
 def save(folder, name, values, mode=None):
@@ -238,12 +238,12 @@ def save(folder, name, values, mode=None):
 def test_levels_halve_and_a_look_sets_mean_colour_mean_roughness_and_relief(levels):
     assert [colour.shape for colour, _ in levels] == [(len(LAYERS), n, n, 4) for n in (32, 16, 8, 4, 2, 1)]
     assert all(colour.shape == relief.shape for colour, relief in levels)
-    assert changed_levels(levels, {}, {}, ComputeContext) is levels
+    assert customized_levels(levels, {}, {}, ComputeContext) is levels
 
     look = {"rock": {"colour": "#405060", "roughness": 0.5, "bump": 0.0}}
-    colour, relief = changed_levels(levels, look, {}, ComputeContext)[0]
+    colour, relief = customized_levels(levels, look, {}, ComputeContext)[0]
     albedo = (colour[ROCK, ..., :3] / 255.0) ** 2
-    assert np.allclose(albedo.mean(axis=(0, 1)), linear_of("#405060"), rtol=0.03)
+    assert np.allclose(albedo.mean(axis=(0, 1)), linear_from_hex("#405060"), rtol=0.03)
     assert relief[ROCK, ..., 2].mean() / 255.0 == pytest.approx(0.5, abs=0.01)
     assert np.abs(relief[ROCK, ..., :2].astype(int) - 128).max() <= 1
     others = [k for k in range(len(LAYERS)) if k != ROCK]
@@ -257,9 +257,9 @@ def test_pictures_replace_the_maps_they_name(levels, tmp_path):
     save(tmp_path, "rock_normal.png", np.full((8, 8, 3), (192, 128, 240), np.uint8))
     save(tmp_path, "sand_height.png", np.full((4, 4), 65535 // 2, np.uint16))
     (tmp_path / "readme.txt").write_text("not a picture")
-    pictures = read_pictures(tmp_path, SIZE)
+    pictures = read_material_images(tmp_path, SIZE)
     assert set(pictures) == {"rock", "sand"}
-    colour, relief = changed_levels(levels, {}, pictures, ComputeContext)[0]
+    colour, relief = customized_levels(levels, {}, pictures, ComputeContext)[0]
     assert np.allclose((colour[ROCK, ..., :3] / 255.0) ** 2, [0.503, 0.216, 0.0513], atol=0.01)
     assert np.abs(relief[ROCK, ..., 2].astype(int) - 128).max() <= 1
     # The normal leans east, so the ground rises westward.
@@ -274,14 +274,14 @@ def test_heights_are_read_southward_or_follow_the_colour(tmp_path, levels):
     rows = np.zeros((SIZE, SIZE), np.uint8)
     rows[0] = 255
     save(tmp_path, "snow_height.png", rows)
-    height = read_pictures(tmp_path, SIZE)["snow"].height
+    height = read_material_images(tmp_path, SIZE)["snow"].height
     assert (height[-1] == 1.0).all()
     assert (height[:-1] == 0.0).all()
 
     grey = np.zeros((SIZE, SIZE, 3), np.uint8)
     grey[:, SIZE // 2 :] = 255
     save(tmp_path, "rock.jpg", grey)
-    colour, relief = changed_levels(levels, {}, read_pictures(tmp_path, SIZE), ComputeContext)[0]
+    colour, relief = customized_levels(levels, {}, read_material_images(tmp_path, SIZE), ComputeContext)[0]
     assert colour[ROCK, 5, 5, 3] < 10
     assert colour[ROCK, 5, -5, 3] > 245
     assert relief[ROCK, 5, SIZE // 2, 0] < 100
@@ -300,7 +300,7 @@ def test_invalid_folders_are_refused_with_the_name_of_the_file(tmp_path):
         for name in names.split():
             save(folder, name, np.zeros((4, 4), np.uint8))
         with pytest.raises(InputError, match=line) as caught:
-            read_pictures(folder, SIZE)
+            read_material_images(folder, SIZE)
         assert "\n" not in str(caught.value), names
     (tmp_path / "grass.png").write_bytes(b"\x89PNG\r\n\x1a\nnothing more")
     for folder, line in (
@@ -308,7 +308,7 @@ def test_invalid_folders_are_refused_with_the_name_of_the_file(tmp_path):
         (tmp_path / "nowhere", "nowhere: expected a folder of textures"),
     ):
         with pytest.raises(InputError, match=line) as caught:
-            read_pictures(folder, SIZE)
+            read_material_images(folder, SIZE)
         assert "\n" not in str(caught.value), folder
 
 
@@ -357,7 +357,7 @@ class Maker:
 
 
 def ask(maker, folder, recipe="recipe", family="materials-8"):
-    return bytes(kept(family, recipe, len(maker.content), maker, folder))
+    return bytes(cached_bytes(family, recipe, len(maker.content), maker, folder))
 
 
 def test_cached_bytes_are_read_again_until_the_recipe_changes(tmp_path, monkeypatch):

@@ -7,10 +7,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from sketchterrain.look.tree_levels import level
-from sketchterrain.look.tree_measure import seen, sprig
+from sketchterrain.look.tree_levels import DETAILS, VARIANTS, level
+from sketchterrain.look.tree_measure import leaf_mask, plant_view
 from sketchterrain.look.tree_shape import BROAD, NEEDLES, SOLID
-from sketchterrain.look.trees import DETAILS, HEIGHTS, SPECIES, VARIANTS, plant_mesh
+from sketchterrain.look.tree_species import HEIGHTS, SPECIES
+from sketchterrain.look.trees import plant_mesh
 from sketchterrain.render import Camera, Quality, Sun
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.snapshot import canvas, read_picture
@@ -55,7 +56,9 @@ def test_levels_cover_what_the_finest_does_in_its_colour(species):
     views = (0.9, 2.6, 4.1)
     areas = np.zeros((DETAILS, VARIANTS))
     for variant in range(VARIANTS):
-        finest, *coarser = (seen(level(species, variant, detail), views=views) for detail in range(DETAILS))
+        finest, *coarser = (
+            plant_view(level(species, variant, detail), views=views) for detail in range(DETAILS)
+        )
         areas[:, variant] = [each.area for each in (finest, *coarser)]
         for coarse in coarser:
             assert coarse.area == pytest.approx(finest.area, rel=0.15)
@@ -69,7 +72,7 @@ def test_levels_keep_the_outline():
     for species, variant in itertools.product(SPECIES, range(VARIANTS)):
         widths = []
         for detail in range(4):
-            place = level(species, variant, detail).place.reshape(-1, 3)
+            place = level(species, variant, detail).position.reshape(-1, 3)
             away = np.linalg.norm(place[:, :2], axis=1)
             bands = np.clip((place[:, 2] * 3).astype(int), 0, 2)
             widths.append([np.quantile(away[bands == band], 0.95) for band in range(3)])
@@ -79,9 +82,9 @@ def test_levels_keep_the_outline():
 def test_crowns_are_dark_inside():
     for species in ("spruce", "oak", "birch"):
         made = level(species, 0, 0)
-        leafy = made.leafy == 1.0
-        away = np.linalg.norm(made.place[leafy].mean(axis=1)[:, :2], axis=1)
-        opened = made.open[leafy].mean(axis=1)
+        leafy = made.leafiness == 1.0
+        away = np.linalg.norm(made.position[leafy].mean(axis=1)[:, :2], axis=1)
+        opened = made.openness[leafy].mean(axis=1)
         low, high = np.quantile(away, [0.2, 0.8])
         assert opened[away < low].mean() < 0.85 * opened[away > high].mean()
 
@@ -92,10 +95,10 @@ def test_sprays_are_cut_as_they_are_measured(gl):
     across, along = rng.uniform(-1, 1, 4000), rng.uniform(0, 1, 4000)
     for kind in (SOLID, BROAD, NEEDLES):
         rows = np.stack([across, along, np.full(4000, kind), np.zeros(4000)], axis=1).astype(np.float32)
-        got = evaluate(gl, ["render/sprig.glsl"], "vec4(sprig(a.xy, a.z))", rows)[:, 0]
+        got = evaluate(gl, ["render/sprig.glsl"], "vec4(leaf_mask(a.xy, a.z))", rows)[:, 0]
         rows = rows.astype(np.float64)
         edge = np.mod((rows[:, 1] - 0.3 * 0.55 * np.abs(rows[:, 0])) * 5.0 + 0.5 * (rows[:, 0] < 0.0), 1.0)
-        expected = sprig(rows[:, 0], rows[:, 1], rows[:, 2])
+        expected = leaf_mask(rows[:, 0], rows[:, 1], rows[:, 2])
         inner = np.minimum(edge, 1.0 - edge) > 1e-4  # a leaf's neighbour begins there
         assert np.abs(got - expected)[inner].max() < 1e-4, kind
         covered = (expected > 0.0).mean()

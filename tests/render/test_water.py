@@ -8,7 +8,13 @@ import pytest
 from scipy.special import erfc
 from scipy.stats import norm
 
-from sketchterrain.look.water_surfaces import ACROSS, current, sheet, strip, surfaces
+from sketchterrain.look.water_surfaces import (
+    ACROSS,
+    flow_speed_and_slope,
+    lake_surface,
+    river_surface,
+    water_surfaces,
+)
 from sketchterrain.render import Camera
 from sketchterrain.render.frame import FrameBlock
 from sketchterrain.render.water import Water
@@ -209,18 +215,18 @@ def test_waves_run_with_the_wind_and_come_back_after_a_side():
 
 def test_the_speed_of_a_river_follows_mannings_formula():
     line = straight((5.0, 0.0), width=18.0)
-    speed, fall = current(line.centreline, line.centreline_width)
+    speed, fall = flow_speed_and_slope(line.centreline, line.centreline_width)
     np.testing.assert_allclose(fall, 0.005)
     np.testing.assert_allclose(speed, 4 / 3 * np.sqrt(0.005) / 0.042, rtol=1e-9)
     still = straight()
-    speed, fall = current(still.centreline, still.centreline_width)
+    speed, fall = flow_speed_and_slope(still.centreline, still.centreline_width)
     assert (fall == 0).all()
     assert (speed == 0.25).all()
     line = straight((20.0, 0.0), width=18.0)
-    surface = strip(line.centreline, line.centreline_width)
-    assert (surface.nature[:, 3] == 9.0).all()
-    assert (surface.nature[:, 2] == 1.0).all()
-    np.testing.assert_allclose(surface.nature[:, 1], 0.02)
+    surface = river_surface(line.centreline, line.centreline_width)
+    assert (surface.stream[:, 3] == 9.0).all()
+    assert (surface.stream[:, 2] == 1.0).all()
+    np.testing.assert_allclose(surface.stream[:, 1], 0.02)
 
 
 def test_lake_sheet_covers_the_lake_and_faces_up():
@@ -228,7 +234,7 @@ def test_lake_sheet_covers_the_lake_and_faces_up():
         step = np.arange(side) - side // 2
         inside = (0.3 * side - np.hypot(step, step[:, None])) * 4.0
         field = SimpleNamespace(west=100.0, south=-50.0, spacing=4.0, inside=inside.astype(np.float32))
-        place, course, room, _, triangles = sheet(field, 7.5)
+        place, course, room, _, triangles = lake_surface(field, 7.5)
         assert -30.0 < room.min() < 0.0 < room.max()
         assert (place[:, 2] == 7.5).all()
         np.testing.assert_allclose(np.hypot(course[:, 2], course[:, 3]), 1.0)
@@ -243,7 +249,7 @@ def test_lake_sheet_covers_the_lake_and_faces_up():
 
 def test_river_strip_is_as_wide_as_told_and_faces_up():
     line = straight((5.0, 4.0), end=(100.0, 0.0), count=11).centreline
-    place, course, inside, _, triangles = strip(line, np.full(11, 10.0, np.float32))
+    place, course, inside, _, triangles = river_surface(line, np.full(11, 10.0, np.float32))
     assert place[:, 1].max() == pytest.approx(9.0)
     assert np.allclose(course[:, 2:], [1.0, 0.0])
     assert np.allclose(inside, 5.0 - np.abs(place[:, 1]))
@@ -265,19 +271,19 @@ def test_one_of_two_waters_is_shown_where_they_meet():
     lake = SimpleNamespace(shape=field, level=0.0)
     main = straight(width=20.0, count=1001)
     tributary = straight(width=8.0, start=(500.0, 300.0), end=(500.0, 0.0))
-    sheet_, wide, narrow = surfaces(features(main, tributary, lakes=[lake]))
-    assert (sheet_.nature[:, 2] == 1).all()
-    off = np.abs(narrow.place[:, 1])
-    assert (narrow.nature[off >= 10.0, 2] == 1).all()
-    assert (narrow.nature[off <= 5.0, 2] == 0).all()
-    from_middle = np.hypot(*(wide.place[:, :2] - [1000.0, 0.0]).T)
-    assert (wide.nature[from_middle < 50.0, 2] == 0).all()
-    assert (wide.nature[from_middle > 60.0, 2] == 1).all()
+    sheet_, wide, narrow = water_surfaces(features(main, tributary, lakes=[lake]))
+    assert (sheet_.stream[:, 2] == 1).all()
+    off = np.abs(narrow.position[:, 1])
+    assert (narrow.stream[off >= 10.0, 2] == 1).all()
+    assert (narrow.stream[off <= 5.0, 2] == 0).all()
+    from_middle = np.hypot(*(wide.position[:, :2] - [1000.0, 0.0]).T)
+    assert (wide.stream[from_middle < 50.0, 2] == 0).all()
+    assert (wide.stream[from_middle > 60.0, 2] == 1).all()
     # Where one goes on as the other neither gives way.
     first = straight(width=12.0, end=(500.0, 0.0))
     second = straight(width=10.0, start=(500.0, 0.0))
-    for surface in surfaces(features(first, second)):
-        shown = surface.nature[:, 2].reshape(101, -1)
+    for surface in water_surfaces(features(first, second)):
+        shown = surface.stream[:, 2].reshape(101, -1)
         assert (shown[2:-2] == 1).all()
 
 
@@ -314,7 +320,7 @@ def test_a_far_river_fades_by_its_share_of_a_pixel(gl, monkeypatch):
     monkeypatch.setattr("sketchterrain.render.programs.source", plain)
     size = (64, 256)
     far = straight(width=24.0, start=(-4e4, 0.0), end=(4e4, 0.0), count=2001)
-    assert not Water(gl, features(far), part=False)
+    assert not Water(gl, features(far), enabled=False)
     assert not Water(gl, features())
     water = Water(gl, features(far), defines={"MATERIALS": 1})
     array = water._arrays[-1]

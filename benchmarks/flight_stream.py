@@ -11,7 +11,7 @@ import numpy.typing as npt
 from sketchterrain.benchmarks.flight_meshes import Tiles
 from sketchterrain.benchmarks.flight_scene import FINEST_CELL, PICTURE
 from sketchterrain.terrain.vertices import VERTEX
-from sketchterrain.tiles import ScreenError, TileStream, View
+from sketchterrain.tiles import CameraView, ScreenError, TileStream
 
 if TYPE_CHECKING:
     from sketchterrain.benchmarks.flight_scene import Stop
@@ -66,16 +66,16 @@ class OwnTiles:
         )
 
     @property
-    def held(self) -> int:
+    def count(self) -> int:
         """Tiles in the pool."""
-        return self._stream.pool.held
+        return self._stream.pool.count
 
     @property
     def whole(self) -> bool:
         """Whether the pool is large enough for what is asked."""
-        return self._stream.relaxed == 1.0
+        return self._stream.error_factor == 1.0
 
-    def settle(self, view: View) -> OwnFrame:
+    def settle(self, view: CameraView) -> OwnFrame:
         """Generate all that a view wants; seconds count until the last tile that it shows is there.
 
         What is wanted out of the picture, for when the eye turns, comes after it.
@@ -89,7 +89,7 @@ class OwnTiles:
             batches.append((batch, begun, perf_counter()))
             return facts
 
-        draws = self._stream.settle(view, generate)
+        draws = self._stream.generate_all(view, generate)
         shown = set(draws.keys)
         last = max((i for i, (batch, _, _) in enumerate(batches) if shown & set(batch.keys)), default=-1)
         needed = batches[: last + 1]
@@ -98,7 +98,7 @@ class OwnTiles:
         tiles = sum(len(batch.keys) for batch, _, _ in needed)
         return OwnFrame(generation, whole - generation, tiles, draws)
 
-    def frame(self, view: View, *, elapsed: float, budget: float) -> OwnFrame:
+    def frame(self, view: CameraView, *, elapsed: float, budget: float) -> OwnFrame:
         """Go on by a frame: generate what fits into the budget (s)."""
         start = perf_counter()
         batch = self._stream.plan(view, budget=budget)
@@ -107,12 +107,12 @@ class OwnTiles:
         if batch:
             facts = self._terrain.write_tiles(batch.keys, batch.slots, batch.parents, self._store)
             seconds = perf_counter() - chosen
-            self._stream.arrived(batch, facts, seconds=seconds)
+            self._stream.mark_generated(batch, facts, seconds=seconds)
         draws = self._stream.advance(view, elapsed=elapsed)
         return OwnFrame(seconds, perf_counter() - start - seconds, len(batch.keys), draws)
 
 
-def view_of(stop: Stop, extent: float, *, around: bool = False) -> View:
+def view_of(stop: Stop, extent: float, *, around: bool = False) -> CameraView:
     """Return a stop's view of the square world, or of all of it around the eye."""
     camera = stop.camera
     # Nothing is to be seen beyond the world: the other ways have nothing there either.
@@ -120,7 +120,7 @@ def view_of(stop: Stop, extent: float, *, around: bool = False) -> View:
     frustum = camera.frustum(PICTURE.width / PICTURE.height)
     planes = np.array(world) if around else np.concatenate([frustum, world])
     scale = PICTURE.pixels_per_radian(camera)
-    return View(camera.eye, planes, scale, velocity=stop.velocity, draw_distance=2 * extent)
+    return CameraView(camera.eye, planes, scale, velocity=stop.velocity, draw_distance=2 * extent)
 
 
 def within_world(draws: DrawList, quads: int) -> Tiles:

@@ -11,8 +11,8 @@ import numpy as np
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import alternate, lap, spread
 from sketchterrain.features import FEATURE_TYPES, place, trace_rivers
-from sketchterrain.features.memory import ShapeMemory
-from sketchterrain.features.shapes import measured, regions_of
+from sketchterrain.features.memory import PlacementCache
+from sketchterrain.features.shapes import find_regions, measure_shape
 from sketchterrain.features.user_features import user_features
 from sketchterrain.sketch import Sketch
 
@@ -56,7 +56,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     `pixels`: 20 shapes, growing sides. `shapes`: 512 px, growing numbers. `labelling` finds the connected
     regions, `distance maps` measures them, `darts` breaks them into user features, `placement` is what
     `place` does beyond that (rules and densities), `rivers` is `trace_rivers` on flat ground; the whole is
-    `place` and `trace_rivers`. `after a stroke` is `place` again with its `ShapeMemory` after a dab on one
+    `place` and `trace_rivers`. `after a stroke` is `place` again with its `PlacementCache` after a dab on one
     layer, set against `place` alone: rivers are traced when a river is painted. The slope is that of a line
     through all points of the whole on logarithmic axes (time against pixels, or shapes; 1 is linear), the
     last step that between the last two.
@@ -142,8 +142,8 @@ def _row(growing: str, side: int, count: int, rounds: int) -> Row:
 
 def _works(sketch: Sketch) -> dict[str, Callable[[], Lap]]:
     found: list[tuple[str, Region]] = _regions(sketch)
-    shapes = [measured(layer, sketch.layers[layer], region) for layer, region in found]
-    memory, turns = ShapeMemory(), [sketch, _dabbed(sketch)]
+    shapes = [measure_shape(layer, sketch.layers[layer], region) for layer, region in found]
+    memory, turns = PlacementCache(), [sketch, _dabbed(sketch)]
 
     def darts() -> None:
         for shape in shapes:
@@ -153,13 +153,15 @@ def _works(sketch: Sketch) -> dict[str, Callable[[], Lap]]:
     def again() -> Lap:
         """Place what is remembered, untimed, and time what the stroke costs; what it made is forgotten."""
         nonlocal memory
-        memory = ShapeMemory()
+        memory = PlacementCache()
         place(turns[0], seed=SEED, memory=memory)
         return lap(lambda: place(turns[1], seed=SEED, memory=memory))
 
     works: dict[str, Callable[[], object]] = {
         "labelling": lambda: _regions(sketch),
-        "distance maps": lambda: [measured(layer, sketch.layers[layer], region) for layer, region in found],
+        "distance maps": lambda: [
+            measure_shape(layer, sketch.layers[layer], region) for layer, region in found
+        ],
         "darts": darts,
         "place": lambda: place(sketch, seed=SEED),
         "rivers": lambda: trace_rivers(sketch, seed=SEED, ground=_flat),
@@ -168,7 +170,7 @@ def _works(sketch: Sketch) -> dict[str, Callable[[], Lap]]:
 
 
 def _regions(sketch: Sketch) -> list[tuple[str, Region]]:
-    return [(layer, region) for layer in FEATURE_TYPES for region in regions_of(sketch.layers[layer])]
+    return [(layer, region) for layer in FEATURE_TYPES for region in find_regions(sketch.layers[layer])]
 
 
 def _flat(x: Reals, y: Reals) -> Reals:

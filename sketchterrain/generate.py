@@ -11,7 +11,7 @@ from sketchterrain import export
 from sketchterrain.errors import DeviceFailedError, SketchterrainError
 from sketchterrain.export import FoliageFiles
 from sketchterrain.export.map import map_sheet
-from sketchterrain.features.memory import ShapeMemory
+from sketchterrain.features.memory import PlacementCache
 from sketchterrain.jobs import DeviceFallback
 from sketchterrain.render import check_view
 from sketchterrain.report import REPORT, rounded, run_statistics, stale_files, terrain_report
@@ -77,7 +77,7 @@ class SharedResources:
     """What several terrains that one process makes need only once."""
 
     devices: DeviceFallback
-    memory: ShapeMemory = field(default_factory=ShapeMemory)
+    memory: PlacementCache = field(default_factory=PlacementCache)
     take_picture: TakePicture | None = None
 
 

@@ -6,7 +6,7 @@ import sys
 from threading import Lock
 from typing import TYPE_CHECKING, TypeVar
 
-from sketchterrain.compute import ComputeContext, choose_device, spare_device
+from sketchterrain.compute import ComputeContext, choose_device, fallback_device
 from sketchterrain.errors import DeviceFailedError, one_line
 from sketchterrain.terrain import self_test
 
@@ -67,7 +67,7 @@ class DeviceFallback:
             if failed not in self._failed:
                 self._failed.append(failed)
             if self._chosen in self._failed:
-                spare = spare_device(self._failed)
+                spare = fallback_device(self._failed)
                 if spare is None:
                     raise DeviceFailedError(f"{error}; there is no other device to start again on") from error
                 self._chosen = spare

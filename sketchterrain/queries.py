@@ -51,12 +51,12 @@ def bench(
 def devices(as_json: AsJson = False) -> None:
     """List the OpenCL devices, test whether each computes the same bits and how it reaches OpenGL."""
     from sketchterrain.compute import choose_device, list_devices
-    from sketchterrain.compute.device_check import forget_checks
+    from sketchterrain.compute.device_check import clear_check_results
     from sketchterrain.errors import DeviceFailedError
     from sketchterrain.render.sharing_probe import Sharing, probe_sharing
     from sketchterrain.terrain import self_test
 
-    forget_checks()  # what a cached failure asked for may be installed by now
+    clear_check_results()  # what a cached failure asked for may be installed by now
     chosen, tested = None, []
     with suppress(DeviceFailedError):  # the list has the reason
         chosen = choose_device()

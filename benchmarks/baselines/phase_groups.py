@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sketchterrain.features.hashing import hashed
+from sketchterrain.features.hashing import hash_keys
 
 if TYPE_CHECKING:
     from typing import Any
@@ -96,7 +96,7 @@ class PhaseGroups:
             context.write(self._count, start),
         ]
         rng = np.random.default_rng(seed)
-        salt = np.uint32(hashed(seed, "phase groups") & np.uint64(0xFFFFFFFF))
+        salt = np.uint32(hash_keys(seed, "phase groups") & np.uint64(0xFFFFFFFF))
         for number, level in enumerate(self._levels):
             if number:
                 self._refine(self._levels[number - 1], level)

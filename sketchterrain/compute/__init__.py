@@ -1,7 +1,7 @@
 """Devices, contexts, programs and buffers. The only room that imports pyopencl."""
 
 from sketchterrain.compute.context import ComputeContext, KernelTime
-from sketchterrain.compute.device import Device, choose_device, list_devices, spare_device
+from sketchterrain.compute.device import Device, choose_device, fallback_device, list_devices
 from sketchterrain.compute.device_check import is_usable
 
 __all__ = [
@@ -9,7 +9,7 @@ __all__ = [
     "Device",
     "KernelTime",
     "choose_device",
+    "fallback_device",
     "is_usable",
     "list_devices",
-    "spare_device",
 ]

@@ -40,7 +40,7 @@ _WHOLE_NAMES = ("mixed", "scrambled", "a shift", "a long product", "a conversion
 _f = np.float32
 
 
-def wrong_arithmetic(context: ComputeContext) -> tuple[str, ...]:
+def failed_operations(context: ComputeContext) -> tuple[str, ...]:
     """Return the names of the operations of which a device computes other bits; of none where all is well.
 
     Parameters
@@ -149,7 +149,7 @@ def _scrambled(h: Words) -> Words:
 def _main(index: str, file: str) -> None:
     from sketchterrain.compute import ComputeContext, list_devices
 
-    wrong = wrong_arithmetic(ComputeContext(list_devices()[int(index)]))
+    wrong = failed_operations(ComputeContext(list_devices()[int(index)]))
     Path(file).write_text(json.dumps(wrong), encoding="utf-8")
 
 

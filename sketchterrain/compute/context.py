@@ -14,7 +14,7 @@ import pyopencl as cl
 from sketchterrain import resources
 from sketchterrain.compute import gl_interop
 from sketchterrain.compute.device import Device, choose_device
-from sketchterrain.compute.failures import build_failure, call_failure
+from sketchterrain.compute.failures import build_error, call_error
 from sketchterrain.errors import BuildError, DeviceError
 
 if TYPE_CHECKING:
@@ -116,7 +116,7 @@ class ComputeContext:
         if self._launches is not None:
             self._launches.append((kernel, event))
 
-    def most_in_group(self, file: str, kernel: str) -> int:
+    def max_group_size(self, file: str, kernel: str) -> int:
         """Return how many work items a group of a kernel may have; named as for :meth:`launch`."""
         asked = cl.kernel_work_group_info.WORK_GROUP_SIZE
         info = self._kernel(file, kernel).get_work_group_info
@@ -136,25 +136,25 @@ class ComputeContext:
         nbytes = int(np.prod(shape)) * np.dtype(dtype).itemsize
         return self._call("a buffer", cl.Buffer, self._context, cl.mem_flags.READ_WRITE, max(nbytes, 1))
 
-    def over(self, host: npt.NDArray[np.uint8]) -> Any:
+    def wrap_host_memory(self, host: npt.NDArray[np.uint8]) -> Any:
         """Return host memory as a buffer; a CPU device writes it where it stands. See :meth:`show`."""
         flags = cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR
         return self._call("a buffer", cl.Buffer, self._context, flags, hostbuf=host)
 
-    def show(self, buffer: Any, parts: Sequence[tuple[int, int]]) -> None:
+    def synchronize_host(self, buffer: Any, parts: Sequence[tuple[int, int]]) -> None:
         """Wait for the queue and let the host see parts (start, size in bytes) of what :meth:`over` gave."""
         for start, size in parts:
-            self._call("mapping", self._shown, buffer, start, size)
+            self._call("mapping", self._map_range, buffer, start, size)
         self._call("finishing", self._queue.finish)
 
-    def _shown(self, buffer: Any, start: int, size: int) -> None:
+    def _map_range(self, buffer: Any, start: int, size: int) -> None:
         flags = cl.map_flags.READ
         mapped, _ = cl.enqueue_map_buffer(self._queue, buffer, flags, start, (size,), np.uint8)
         mapped.base.release(self._queue)
 
     def from_gl(self, name: int) -> Any:
         """Return OpenGL's buffer of a name as one of this context, which must have been opened beside it."""
-        return self._call("a buffer", gl_interop.buffer_of, self.device, self._context, name)
+        return self._call("a buffer", gl_interop.wrap_gl_buffer, self.device, self._context, name)
 
     def acquire_gl(self, buffer: Any) -> None:
         """Enqueue that a buffer of :meth:`from_gl` is this context's; OpenGL must have finished with it."""
@@ -165,7 +165,7 @@ class ComputeContext:
         self._call("releasing", gl_interop.release, self.device, self._queue, buffer)
         self._call("finishing", self._queue.finish)
 
-    def part(self, buffer: Any, start: int, size: int) -> Any:
+    def sub_buffer(self, buffer: Any, start: int, size: int) -> Any:
         """Return ``size`` bytes of a buffer as one; ``start`` must be as the device aligns them."""
         return self._call("a buffer", buffer.get_sub_region, start, size)
 
@@ -181,9 +181,9 @@ class ComputeContext:
         if array.nbytes:
             self._call("uploading", cl.enqueue_copy, self._queue, buffer, array, dst_offset=start)
 
-    def wait(self, event: Any, *, doing: str = "uploading") -> None:
+    def wait(self, event: Any, *, action: str = "uploading") -> None:
         """Wait for what `write` or `read` enqueued; say what it was in case it fails."""
-        self._call(doing, event.wait)
+        self._call(action, event.wait)
 
     def download(self, buffer: Any, shape: Sequence[int] | int, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
         """Wait for the queue and copy a buffer into a new array."""
@@ -228,20 +228,20 @@ class ComputeContext:
             with _BUILDING:
                 return _built(self._context, resources.source(file), options)
         except cl.Error as error:
-            raise build_failure(self.device, file, options, error) from error
+            raise build_error(self.device, file, options, error) from error
 
-    def _call(self, doing: str, work: Callable[..., T], *given: Any, **named: Any) -> T:
+    def _call(self, action: str, work: Callable[..., T], *given: Any, **named: Any) -> T:
         """Do one call of OpenCL; all of them but builds pass here, and their failures are told alike."""
         try:
             return work(*given, **named)
         except cl.Error as error:
-            raise call_failure(self.device, doing, error) from error
+            raise call_error(self.device, action, error) from error
 
 
 @cache
 def _opened(device: Device, gl: GLHandles | None) -> Any:
     """Return a device's context, one a process: whoever opens it again finds its programs built."""
-    return cl.Context([device.handle]) if gl is None else gl_interop.context_beside(device, gl)
+    return cl.Context([device.handle]) if gl is None else gl_interop.open_shared_context(device, gl)
 
 
 @cache

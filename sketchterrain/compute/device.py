@@ -120,7 +120,7 @@ def choose_device(selector: str | None = None) -> Device:
     return next(filter(is_usable, fitting))
 
 
-def spare_device(failed: Collection[Device]) -> Device | None:
+def fallback_device(failed: Collection[Device]) -> Device | None:
     """Return the CPU device that work starts again on after others failed, None if none is left."""
     spares = (d for d in list_devices() if d.type == "CPU" and d not in failed)
     return next(filter(is_usable, spares), None)

@@ -123,7 +123,7 @@ def cached_on_disk(
     return result
 
 
-def forget_checks() -> None:
+def clear_check_results() -> None:
     """Delete all cached results, so that each device is tested again."""
     check_device.cache_clear()
     with suppress(OSError, RuntimeError):

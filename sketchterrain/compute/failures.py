@@ -21,24 +21,24 @@ _NO_ROOM = {
 _LONGEST = 200  # characters of a log's line
 
 
-def call_failure(device: Device, doing: str, error: cl.Error) -> DeviceError:
+def call_error(device: Device, action: str, error: cl.Error) -> DeviceError:
     """Return what to raise in place of an error of OpenCL.
 
     Parameters
     ----------
     device
-    doing
+    action
         What was being done, for example ``"launching patches"``.
     error
     """
     reason = one_line(" ".join(str(error).split()))
     where = f"{device.name} ({device.platform})"
     if isinstance(error, cl.MemoryError) or _code(error) in _NO_ROOM:
-        return DeviceMemoryError(f"{where} has no memory left for {doing}: {reason}")
-    return DeviceFailedError(f"{where} failed at {doing}: {reason}")
+        return DeviceMemoryError(f"{where} has no memory left for {action}: {reason}")
+    return DeviceFailedError(f"{where} failed at {action}: {reason}")
 
 
-def build_failure(device: Device, file: str, options: tuple[str, ...], error: cl.Error) -> BuildError:
+def build_error(device: Device, file: str, options: tuple[str, ...], error: cl.Error) -> BuildError:
     """Return one line with the kernel's file, the device, the options and the log's first error."""
     return BuildError(
         f"kernels/{file} did not build on {device.name} ({device.platform} {device.driver}) "

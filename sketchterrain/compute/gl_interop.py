@@ -62,7 +62,7 @@ def current_handles() -> GLHandles | None:
     return None
 
 
-def context_beside(device: Device, handles: GLHandles) -> Any:
+def open_shared_context(device: Device, handles: GLHandles) -> Any:
     """Open a context on a device that shares buffers with an OpenGL context.
 
     Parameters
@@ -89,8 +89,8 @@ def context_beside(device: Device, handles: GLHandles) -> Any:
     return cl.Context.from_int_ptr(made, retain=False)
 
 
-def buffer_of(device: Device, context: Any, name: int) -> Any:
-    """Return OpenGL's buffer of a name as a buffer of a context opened by :func:`context_beside`."""
+def wrap_gl_buffer(device: Device, context: Any, name: int) -> Any:
+    """Return OpenGL's buffer of a name as a buffer of a context opened by :func:`open_shared_context`."""
     create = _function("clCreateFromGLBuffer", ctypes.c_void_p)
     status = ctypes.c_int32()
     flags = ctypes.c_uint64(int(cl.mem_flags.READ_WRITE))

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
 
 
-class Room:
+class BufferSet:
     """Named buffers of one borrower; what they hold at first is anything."""
 
     def __init__(self, context: ComputeContext) -> None:
@@ -32,7 +32,7 @@ class Room:
         return buffer
 
 
-class Scratch:
+class BufferPool:
     """Rooms of a device that are lent one after the other, to one thread.
 
     New memory costs a fault a page at its first touch, more than a light kernel does with it.
@@ -44,12 +44,12 @@ class Scratch:
 
     def __init__(self, context: ComputeContext) -> None:
         self._context = context
-        self._free: list[Room] = []
+        self._free: list[BufferSet] = []
 
     @contextmanager
-    def lent(self) -> Iterator[Room]:
+    def borrow(self) -> Iterator[BufferSet]:
         """Lend a room; it is another's after that, so nothing in it may still be waited for."""
-        room = self._free.pop() if self._free else Room(self._context)
+        room = self._free.pop() if self._free else BufferSet(self._context)
         try:
             yield room
         finally:

@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
     Parts = Sequence[tuple[int, int]]
 
-KINDS: Final = ("extension", "mapped", "copy")
+METHODS: Final = ("extension", "mapped", "copy")
 
 
-def kinds_for(context: ComputeContext) -> tuple[str, ...]:
+def sharing_methods(context: ComputeContext) -> tuple[str, ...]:
     """Return the kinds that may work in a context, the best first."""
     kinds = ["extension"] if context.gl is not None else []
     if context.device.type == "CPU":
@@ -44,14 +44,14 @@ class MappedMemory:
     def __init__(self, context: ComputeContext, host: npt.NDArray[np.uint8]) -> None:
         self._context = context
         self.nbytes = host.nbytes
-        self.buffer: Any = context.over(host)
+        self.buffer: Any = context.wrap_host_memory(host)
 
     def acquire(self) -> None:
         """Nothing to do: OpenGL must have finished with what will be written."""
 
     def release(self, parts: Parts) -> None:
         """Wait for the kernels; OpenCL promises that the host sees their work only where it maps it."""
-        self._context.show(self.buffer, parts)
+        self._context.synchronize_host(self.buffer, parts)
 
     def close(self) -> None:
         """Give the device's part of it back."""

@@ -19,7 +19,7 @@ _ALIGNED = 512
 _TURNS = 3
 
 
-class Staging:
+class StagingBuffer:
     """A buffer in parts, each with a name and room for what was ever put there.
 
     Kernels that still read what was put before are not disturbed: the queue is in order. What is put
@@ -38,7 +38,7 @@ class Staging:
         self._whole: Any = None
         self._turns: list[tuple[npt.NDArray[np.uint8], Any]] = []
 
-    def put(self, arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
+    def upload(self, arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
         """Enqueue one transfer of arrays and return the buffer of each, by name.
 
         A buffer holds what was last put under its name; it may be larger than that. The same names at every
@@ -68,7 +68,7 @@ class Staging:
         starts = ends - np.array(list(room.values()))
         start = {name: int(first) for name, first in zip(room, starts, strict=True)}
         whole = self._context.empty(int(ends[-1]), np.uint8)
-        parts = {name: self._context.part(whole, start[name], size) for name, size in room.items()}
+        parts = {name: self._context.sub_buffer(whole, start[name], size) for name, size in room.items()}
         for _, transfer in self._turns:
             if transfer is not None:
                 self._context.wait(transfer)

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.features.lakes import lake_centre, runs_inside
-from sketchterrain.features.shapes import regions_of
+from sketchterrain.features.shapes import find_regions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -65,7 +65,7 @@ class Resolution(NamedTuple):
     y: float
 
 
-def mountain_numbers(sketch: Sketch, regions: Sequence[Region] | None = None) -> Numbers:
+def label_mountains(sketch: Sketch, regions: Sequence[Region] | None = None) -> Numbers:
     """Return for each pixel the number of the mountain shape that it belongs to, from 1; 0 for none.
 
     Parameters
@@ -75,13 +75,13 @@ def mountain_numbers(sketch: Sketch, regions: Sequence[Region] | None = None) ->
         Of the mountain layer, if they are known.
     """
     numbers = np.zeros(sketch.layers["mountain"].shape, dtype=np.int64)
-    found = regions_of(sketch.layers["mountain"]) if regions is None else regions
+    found = find_regions(sketch.layers["mountain"]) if regions is None else regions
     for number, region in enumerate(found, 1):
         numbers[region.rows, region.columns][region.mask] = number
     return numbers
 
 
-def crossings(sketch: Sketch, numbers: Numbers, line: Floats) -> list[Crossing]:
+def mountain_crossings(sketch: Sketch, numbers: Numbers, line: Floats) -> list[Crossing]:
     """Find the runs of a centreline (m, 2) inside mountains, upstream first."""
     under = _at(sketch, numbers, line)
     turns = np.flatnonzero(np.diff(under)) + 1
@@ -93,7 +93,7 @@ def crossings(sketch: Sketch, numbers: Numbers, line: Floats) -> list[Crossing]:
     ]
 
 
-def resolutions(
+def resolve_conflicts(
     sketch: Sketch,
     numbers: Numbers,
     rivers: Sequence[River],
@@ -106,7 +106,7 @@ def resolutions(
     ----------
     sketch : Sketch
     numbers : (height, width) int64
-        As `mountain_numbers` returns them.
+        As `label_mountains` returns them.
     rivers : sequence of River
         Sorted by id; they are counted from 1.
     grounds : sequence of (m,) float64
@@ -117,7 +117,7 @@ def resolutions(
     found: list[Resolution] = []
     for number, (river, ground) in enumerate(zip(rivers, grounds, strict=True), 1):
         line = river.centreline[:, :2]
-        for run in crossings(sketch, numbers, line):
+        for run in mountain_crossings(sketch, numbers, line):
             what = f"river {number} {_met(run, river, ground, rivers)}"
             found.append(_resolved(what, line[_place(run.first, run.last, len(line))]))
         for first, last, at in runs_inside(lakes, line):

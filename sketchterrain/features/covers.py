@@ -6,14 +6,14 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from sketchterrain.features.catalogue import Cover
-from sketchterrain.features.recent import Recent, Same
+from sketchterrain.features.recent import IdentityKey, LRUCache
 from sketchterrain.features.rules import LAYER_CODES
 from sketchterrain.features.shape_fields import shape_field
 from sketchterrain.features.shapes import label_shapes
 from sketchterrain.sketch import MATERIALS
 
 if TYPE_CHECKING:
-    from sketchterrain.features.memory import ShapeMemory
+    from sketchterrain.features.memory import PlacementCache
     from sketchterrain.sketch import Sketch
 
 # Pixels around a cover that its border may take, at fidelity 1 and at 0 (``terrain/field_packing.py``).
@@ -24,10 +24,10 @@ _MARGIN = (1.0, 7.0)
 class CoverMemory:
     """Covers by what they were made from."""
 
-    known: Recent = field(default_factory=lambda: Recent(4))
+    known: LRUCache = field(default_factory=lambda: LRUCache(4))
 
 
-def lay_covers(sketch: Sketch, *, memory: ShapeMemory | None = None) -> tuple[Cover, ...]:
+def create_covers(sketch: Sketch, *, memory: PlacementCache | None = None) -> tuple[Cover, ...]:
     """Return the material layer's shapes that show at all, in reading order of their first pixels.
 
     Shapes of one layer do not overlap; where two borders meet, the later one lies on top.
@@ -35,13 +35,13 @@ def lay_covers(sketch: Sketch, *, memory: ShapeMemory | None = None) -> tuple[Co
     Parameters
     ----------
     sketch : Sketch
-    memory : ShapeMemory, optional
+    memory : PlacementCache, optional
         From the last time. What was not painted since is the very same object.
     """
     if memory is None:
         return _laid(sketch)
     labels = tuple((key, tuple(each.items())) for key, each in sketch.labels.items() if key[0] == "material")
-    key = (Same(sketch.layers["material"]), sketch.extent, sketch.fidelity, labels)
+    key = (IdentityKey(sketch.layers["material"]), sketch.extent, sketch.fidelity, labels)
     covers: tuple[Cover, ...] = memory.part(CoverMemory).known.of(key, lambda: _laid(sketch))
     return covers
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.features.catalogue import FEATURE_TYPES
-from sketchterrain.features.hashing import unit
+from sketchterrain.features.hashing import hash_unit
 
 if TYPE_CHECKING:
     from sketchterrain.features.catalogue import Points
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _LEAST, _MOST = 0.15, 0.45  # half the length of a crest, in ground radii
 
 
-def crests(points: Points) -> npt.NDArray[np.float64]:
+def crest_offsets(points: Points) -> npt.NDArray[np.float64]:
     """Return half the crest of each feature, eastward and northward, in its ground radii.
 
     A function of the id, so that a feature that is moved keeps its crest.
@@ -33,7 +33,7 @@ def crests(points: Points) -> npt.NDArray[np.float64]:
     (n, 2) float64, 0 for what was painted and for all but mountains.
     """
     number = points["id"].astype(np.uint64).view(np.int64)
-    length = _LEAST + (_MOST - _LEAST) * unit(0, "crest length", number)
+    length = _LEAST + (_MOST - _LEAST) * hash_unit(0, "crest length", number)
     length[points["painted"] | (points["type"] != FEATURE_TYPES.index("mountain"))] = 0.0
-    turn = np.pi * unit(0, "crest direction", number)
+    turn = np.pi * hash_unit(0, "crest direction", number)
     return np.stack([length * np.cos(turn), length * np.sin(turn)], axis=-1)

@@ -17,7 +17,7 @@ _WIDER = 1 + 1e-6  # than reach, by more than rounding does
 
 
 @dataclass(frozen=True, eq=False)
-class Named:
+class FeatureSet:
     """Rows of numbers by id.
 
     Attributes
@@ -34,7 +34,7 @@ class Named:
     positions: Floats
     sizes: Floats
 
-    def same(self, other: Named) -> tuple[Flags, npt.NDArray[np.intp]]:
+    def same(self, other: FeatureSet) -> tuple[Flags, npt.NDArray[np.intp]]:
         """Which rows the other has too, bit for bit, and where; where it has not, any row."""
         if len(other.ids) == 0 or self.positions.shape[1:] != other.positions.shape[1:]:
             return np.zeros(len(self.ids), dtype=np.bool_), np.zeros(len(self.ids), dtype=np.intp)
@@ -44,20 +44,20 @@ class Named:
         return equal & (other.positions[row] == self.positions).all(axis=axes), row
 
 
-class DensityMemory:
+class DensityCache:
     """Answers like `DensityField.around`, and remembers the last answer; the bits are the same."""
 
     def __init__(self) -> None:
-        self._last: tuple[Named, Named, Floats] | None = None
+        self._last: tuple[FeatureSet, FeatureSet, Floats] | None = None
 
-    def around(self, features: Named, asked: Named) -> Floats:
+    def around(self, features: FeatureSet, asked: FeatureSet) -> Floats:
         """Sum of the features' sizes around places, each weighted by the cubic kernel.
 
         Parameters
         ----------
-        features : Named
+        features : FeatureSet
             Positions (n, 2) and sizes.
-        asked : Named
+        asked : FeatureSet
             Groups of places, (m, k, 2), and the distance at which a feature no longer counts.
 
         Returns
@@ -81,7 +81,7 @@ class DensityMemory:
         return result
 
 
-def _near_changes(before: Named, after: Named, asked: Named) -> Flags:
+def _near_changes(before: FeatureSet, after: FeatureSet, asked: FeatureSet) -> Flags:
     """Which groups of places anything that came or went may have to do with."""
     changed = np.concatenate(
         [one.positions[~one.same(other)[0]] for one, other in ((before, after), (after, before))]

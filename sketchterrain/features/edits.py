@@ -16,7 +16,7 @@ from sketchterrain.features.catalogue import (
     conifer_code,
     conifer_share,
 )
-from sketchterrain.features.river_edits import concerns_lake, concerns_river
+from sketchterrain.features.river_edits import targets_lake, targets_river
 from sketchterrain.sketch import ACTIONS, LAYERS, Edit
 
 if TYPE_CHECKING:
@@ -39,24 +39,24 @@ class EditedPoints:
     ----------
     points : array of FEATURE
         Sorted by id.
-    asked : array of FEATURE
+    unlocked : array of FEATURE
         The same, but each one that is locked as it would be without its lock, if it would be at all: what
         the others' strengths are solved with, so that locking alone changes nothing.
     locked : (n,) bool
         Which ones keep every value as it is, their strength too.
-    held : (n,) bool
+    lock_only : (n,) bool
         Which of these would not be there without their lock.
-    hidden : array of FEATURE
+    replaced : array of FEATURE
         Those that were there before and are not any more, or are not as they were.
     orphans : tuple of str
         One line for each edit whose feature is not there.
     """
 
     points: Points
-    asked: Points
+    unlocked: Points
     locked: npt.NDArray[np.bool_]
-    held: npt.NDArray[np.bool_]
-    hidden: Points
+    lock_only: npt.NDArray[np.bool_]
+    replaced: Points
     orphans: tuple[str, ...]
 
 
@@ -66,13 +66,13 @@ class EditedFill:
     Parameters
     ----------
     fill : Fill
-    hidden : array of FEATURE
+    replaced : array of FEATURE
         Some of its features.
     """
 
-    def __init__(self, fill: Fill, hidden: Points) -> None:
+    def __init__(self, fill: Fill, replaced: Points) -> None:
         self.fill = fill
-        self.hidden = hidden
+        self.replaced = replaced
         self.max_radius = fill.max_radius
 
     @property
@@ -85,20 +85,20 @@ class EditedFill:
         """Share of conifers in its forests, 0 … 1 or ``BY_ELEVATION``."""
         return self.fill.conifers
 
-    def strongest(self, name: str, radius: float) -> float:
+    def max_strength(self, name: str, radius: float) -> float:
         """Return a strength that no feature of a type, up to a ground radius (m), exceeds."""
-        return self.fill.strongest(name, radius)
+        return self.fill.max_strength(name, radius)
 
     def within(
         self, west: float, south: float, east: float, north: float, *, min_radius: float = 0.0
     ) -> Points:
         """Find the features whose centre lies in a rectangle, as `Fill.within` does."""
         found = self.fill.within(west, south, east, north, min_radius=min_radius)
-        kept: Points = found[~np.isin(found["id"], self.hidden["id"])]
+        kept: Points = found[~np.isin(found["id"], self.replaced["id"])]
         return kept
 
 
-def edited_painted(painted: Points, edits: Iterable[Edit]) -> EditedPoints:
+def apply_painted_edits(painted: Points, edits: Iterable[Edit]) -> EditedPoints:
     """Do a person's edits to what was painted, and add what they added.
 
     Parameters
@@ -111,7 +111,7 @@ def edited_painted(painted: Points, edits: Iterable[Edit]) -> EditedPoints:
     return _edited(painted, [edit for edit in edits if _of_points(edit) and not _of_fill(edit)])
 
 
-def edited_fill(fill: Fill, edits: Iterable[Edit], *, size: tuple[float, float]) -> EditedPoints:
+def apply_fill_edits(fill: Fill, edits: Iterable[Edit], *, size: tuple[float, float]) -> EditedPoints:
     """Do a person's edits to features of unpainted ground.
 
     Parameters
@@ -125,7 +125,7 @@ def edited_fill(fill: Fill, edits: Iterable[Edit], *, size: tuple[float, float])
     Returns
     -------
     EditedPoints
-        Only of the features that were changed; `EditedFill` takes its `hidden` ones out of the fill.
+        Only of the features that were changed; `EditedFill` takes its `replaced` ones out of the fill.
     """
     own = [edit for edit in edits if _of_points(edit) and _of_fill(edit)]
     found = np.zeros(0, dtype=FEATURE)
@@ -135,7 +135,7 @@ def edited_fill(fill: Fill, edits: Iterable[Edit], *, size: tuple[float, float])
     return _edited(found, own)
 
 
-def lock_of(point: np.void) -> Edit:
+def lock_edit(point: np.void) -> Edit:
     """Return the edit that keeps a placed feature exactly as it is."""
     name = FEATURE_TYPES[int(point["type"])]
     keys = ("x", "y", "radius", "strength", *_STYLE.get(name, ()))
@@ -146,7 +146,7 @@ def lock_of(point: np.void) -> Edit:
 
 
 def _of_points(edit: Edit) -> bool:
-    return not concerns_river(edit) and not concerns_lake(edit)
+    return not targets_river(edit) and not targets_lake(edit)
 
 
 def _of_fill(edit: Edit) -> bool:
@@ -159,7 +159,7 @@ def _edited(before: Points, edits: list[Edit]) -> EditedPoints:
     locks = {edit.feature for edit in edits if edit.action == "lock"}
     orphans = []
     for edit in edits:
-        name = cast(int, edit.feature)
+        name = cast("int", edit.feature)
         row = changed[name] if name in changed else _row(before, name)
         if edit.action in ("lock", "add"):
             changed[name] = _stored(edit)
@@ -200,7 +200,7 @@ def _stored(edit: Edit) -> Points:
     """Return the feature that a lock or an addition holds."""
     row = np.zeros(1, dtype=FEATURE)
     row["id"], row["painted"] = edit.feature, not _of_fill(edit)
-    name = cast(str, edit.type)
+    name = cast("str", edit.type)
     row["type"] = FEATURE_TYPES.index(name)
     # What is not given is as the type's own labels have it.
     table = {**ACTIONS[edit.action].values, **LAYERS[name].parameters}
@@ -208,7 +208,7 @@ def _stored(edit: Edit) -> Points:
     for key in ("x", "y", "radius", "strength", *_STYLE.get(name, ())):
         row[key] = given[key]
     if name == "forest":
-        row["peakiness"] = conifer_code(cast(float, given["conifers"]))
+        row["peakiness"] = conifer_code(cast("float", given["conifers"]))
     return row
 
 

@@ -16,13 +16,13 @@ import numpy.typing as npt
 
 from sketchterrain.errors import InputError
 from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, FILL_BIT, STYLE, Points, conifer_code
-from sketchterrain.features.crests import crests
-from sketchterrain.features.fill_home import HomeMemory, home_of
-from sketchterrain.features.fill_proposals import Proposal, proposals_of
-from sketchterrain.features.fill_room import Painted, beaten, distances_of
-from sketchterrain.features.hashing import hashed, unit
-from sketchterrain.features.memory import ShapeMemory
-from sketchterrain.features.recent import Recent
+from sketchterrain.features.crests import crest_offsets
+from sketchterrain.features.fill_home import HomeMemory, cached_bounds
+from sketchterrain.features.fill_proposals import CandidateRule, candidate_rules
+from sketchterrain.features.fill_room import PaintedClearance, distances_to_layers, suppressed_by
+from sketchterrain.features.hashing import hash_keys, hash_unit
+from sketchterrain.features.memory import PlacementCache
+from sketchterrain.features.recent import LRUCache
 from sketchterrain.features.rules import CLEARANCE, SPACING, TYPES
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ class Fill:
     river_distance : callable, optional
         ``river_distance(x, y)``: distance (m) to the nearest painted river, at least out to 2.5 km. By
         default it is measured from the river layer.
-    memory : ShapeMemory, optional
+    memory : PlacementCache, optional
         Of the placing, which knows how far it is to what was painted. The result is the same.
 
     Attributes
@@ -68,20 +68,20 @@ class Fill:
         *,
         seed: int,
         river_distance: Callable[[Floats, Floats], Floats] | None = None,
-        memory: ShapeMemory | None = None,
+        memory: PlacementCache | None = None,
     ) -> None:
         self.sketch = sketch
         self.seed = seed
-        self._proposals = proposals_of(sketch)
+        self._proposals = candidate_rules(sketch)
         self.max_radius = max((proposal.high for proposal in self._proposals.values()), default=0.0)
         self.painted = painted
-        memory = ShapeMemory() if memory is None else memory
-        distances = distances_of(sketch, memory, tuple(self._proposals))
+        memory = PlacementCache() if memory is None else memory
+        distances = distances_to_layers(sketch, memory, tuple(self._proposals))
         self._river_distance = river_distance
         if river_distance is not None:
             distances["river"] = river_distance
-        self._painted = Painted(painted, distances)
-        self._home = home_of(sketch, tuple(self._proposals.values()))
+        self._painted = PaintedClearance(painted, distances)
+        self._home = cached_bounds(sketch, tuple(self._proposals.values()))
         self._at_home: Points | None = None
         self._answers = memory.part(HomeMemory).answers
 
@@ -101,7 +101,7 @@ class Fill:
         """The types that it has features of, in the order in which they give way."""
         return tuple(self._proposals)
 
-    def strongest(self, name: str, radius: float) -> float:
+    def max_strength(self, name: str, radius: float) -> float:
         """Return a strength that no feature of a type, up to a ground radius (m), exceeds; 0 if none."""
         proposal = self._proposals.get(name)
         if proposal is None or radius <= proposal.low:
@@ -110,7 +110,7 @@ class Fill:
         most = properties["density"] if name == "forest" else properties["height"]
         return float(min(most, TYPES[name].fill_slope * min(radius, proposal.high)))
 
-    def heeds(self, name: str, radius: float | None = None) -> dict[str, float]:
+    def influence_radii(self, name: str, radius: float | None = None) -> dict[str, float]:
         """How far (m) from what changed its features of each type may be other ones, at most.
 
         What stands too near gives way, and then what had given way to that may stand.
@@ -123,7 +123,7 @@ class Fill:
             Ground radius (m) of the feature; without it, pixels are meant.
         """
         largest = {own: np.array([proposal.high]) for own, proposal in self._proposals.items()}
-        ways = {own: self.heeded(own, name, high, radius) for own, high in largest.items()}
+        ways = {own: self.candidate_influence(own, name, high, radius) for own, high in largest.items()}
         direct = {own: float(way[0]) for own, way in ways.items() if way is not None}
         far = dict(direct)
         for (rival, own), factor in SPACING.items():
@@ -132,8 +132,10 @@ class Fill:
                 far[own] = max(far.get(own, 0.0), after)
         return far
 
-    def heeded(self, own: str, name: str, radii: Floats, radius: float | None = None) -> Floats | None:
-        """How far (m) candidates of a type, of these radii (m), look for what `heeds` names; None if not."""
+    def candidate_influence(
+        self, own: str, name: str, radii: Floats, radius: float | None = None
+    ) -> Floats | None:
+        """How far (m) candidates of a type, at these radii (m) react to a change; None if never."""
         if radius is not None:
             factor = SPACING.get((name, own), 0.0)
             return factor * (radius + radii) if factor > 0.0 else None
@@ -204,12 +206,12 @@ class Fill:
         return ordered
 
     def _candidates_around(
-        self, box: tuple[float, float, float, float], asked: list[Proposal]
+        self, box: tuple[float, float, float, float], asked: list[CandidateRule]
     ) -> dict[str, Points]:
         """Candidates of each type in a rectangle, and around it as far as they may stand in others' way."""
         near = {}
         # Around the home most is as it was for the sketch before.
-        answers = self._answers if box is self._home else Recent(0)
+        answers = self._answers if box is self._home else LRUCache(0)
         for rival in self._proposals.values():
             ways = [SPACING.get((rival.name, own.name), 0.0) * (rival.high + own.high) for own in asked]
             reach = max(ways, default=0.0)
@@ -220,7 +222,7 @@ class Fill:
 
     def _survivors(
         self,
-        proposal: Proposal,
+        proposal: CandidateRule,
         near: dict[str, Points],
         box: tuple[float, float, float, float],
         min_radius: float,
@@ -233,42 +235,42 @@ class Fill:
             factor = SPACING.get((rival.name, proposal.name), 0.0)
             if factor > 0.0 and len(mine):
                 reach = factor * (rival.high + proposal.high)
-                alive &= ~beaten(mine, near[rival.name], factor, reach, same=rival is proposal)
+                alive &= ~suppressed_by(mine, near[rival.name], factor, reach, same=rival is proposal)
         return mine[alive]
 
     def _candidates(
-        self, proposal: Proposal, box: tuple[float, float, float, float], answers: Recent
+        self, proposal: CandidateRule, box: tuple[float, float, float, float], answers: LRUCache
     ) -> Points:
         """Candidates of a type in a rectangle, without those that stand where something was painted."""
         properties = tuple(self.sketch.properties(proposal.name, 1).items())
         proposed: Points = answers.of(
             ("proposed", self.seed, proposal, box, properties), lambda: self._proposed(proposal, box)
         )
-        return proposed[self._painted.leaves_room(proposal.name, proposed, answers)]
+        return proposed[self._painted.clearance_mask(proposal.name, proposed, answers)]
 
-    def _proposed(self, proposal: Proposal, box: tuple[float, float, float, float]) -> Points:
+    def _proposed(self, proposal: CandidateRule, box: tuple[float, float, float, float]) -> Points:
         name, cell, code = proposal.name, proposal.cell, FEATURE_TYPES.index(proposal.name)
         most = math.ceil(proposal.per_cell)
         column = np.arange(math.floor(box[0] / cell), math.floor(box[2] / cell) + 1)[None, :, None]
         row = np.arange(math.floor(box[1] / cell), math.floor(box[3] / cell) + 1)[:, None, None]
         number = np.arange(most)[None, None, :]
-        wanted = np.floor(proposal.per_cell + unit(self.seed, f"{name} count", column, row))
+        wanted = np.floor(proposal.per_cell + hash_unit(self.seed, f"{name} count", column, row))
         rows, columns, numbers = np.nonzero(number < wanted)
         keys = (column[0, columns, 0], row[rows, 0, 0], numbers)
 
-        x = (keys[0] + unit(self.seed, f"{name} x", *keys)) * cell
-        y = (keys[1] + unit(self.seed, f"{name} y", *keys)) * cell
+        x = (keys[0] + hash_unit(self.seed, f"{name} x", *keys)) * cell
+        y = (keys[1] + hash_unit(self.seed, f"{name} y", *keys)) * cell
         inside = (box[0] <= x) & (x < box[2]) & (box[1] <= y) & (y < box[3])
         keys = (keys[0][inside], keys[1][inside], keys[2][inside])
         result = np.zeros(int(inside.sum()), dtype=FEATURE)
-        result["id"] = FILL_BIT | np.uint64(code << 60) | (hashed(self.seed, name, *keys) >> np.uint64(4))
+        result["id"] = FILL_BIT | np.uint64(code << 60) | (hash_keys(self.seed, name, *keys) >> np.uint64(4))
         result["type"], result["x"], result["y"] = code, x[inside], y[inside]
-        size = unit(self.seed, f"{name} size", *keys)
+        size = hash_unit(self.seed, f"{name} size", *keys)
         result["radius"] = proposal.low * (proposal.high / proposal.low) ** size
-        self._dress(result, proposal, unit(self.seed, f"{name} strength", *keys))
+        self._dress(result, proposal, hash_unit(self.seed, f"{name} strength", *keys))
         return result
 
-    def _dress(self, features: Points, proposal: Proposal, chance: Floats) -> None:
+    def _dress(self, features: Points, proposal: CandidateRule, chance: Floats) -> None:
         """Strength and the rest from the properties of the layer's label 1, lower where it is smaller."""
         properties = self.sketch.properties(proposal.name, 1)
         radius = features["radius"].astype(np.float64)
@@ -277,7 +279,7 @@ class Fill:
         else:
             strength = properties["height"] * (radius / proposal.high) ** 0.8 * (0.8 + 0.2 * chance)
         # A crest leaves less room for the flanks.
-        room = 1.0 - np.hypot(*crests(features).T)
+        room = 1.0 - np.hypot(*crest_offsets(features).T)
         features["strength"] = np.minimum(strength, TYPES[proposal.name].fill_slope * radius) * room
         for key in STYLE:
             features[key] = properties.get(key, 0.0)

@@ -33,19 +33,19 @@ def fill_difference(old: Fill | EditedFill, new: Fill | EditedFill) -> tuple[Poi
     """
     (old, old_hidden), (new, new_hidden) = _parts(old), _parts(new)
     if old is new:
-        return only_in(new_hidden, old_hidden), only_in(old_hidden, new_hidden)
+        return rows_only_in(new_hidden, old_hidden), rows_only_in(old_hidden, new_hidden)
     if old.rules != new.rules:
         return None
-    gone, come = [only_in(new_hidden, old_hidden)], [only_in(old_hidden, new_hidden)]
+    gone, come = [rows_only_in(new_hidden, old_hidden)], [rows_only_in(old_hidden, new_hidden)]
     if new.max_radius > 0:
         for area in _affected(old, new):
             before, after = old.within(*area), new.within(*area)
-            gone.append(only_in(before, after))
-            come.append(only_in(after, before))
+            gone.append(rows_only_in(before, after))
+            come.append(rows_only_in(after, before))
     return np.unique(np.concatenate(gone)), np.unique(np.concatenate(come))
 
 
-def only_in(one: Points, other: Points) -> Points:
+def rows_only_in(one: Points, other: Points) -> Points:
     """Return the rows of one array that the other does not have, bit for bit."""
     there = set(_rows(other))
     found: Points = one[np.array([row not in there for row in _rows(one)], dtype=np.bool_)]
@@ -58,21 +58,21 @@ def _rows(points: Points) -> list[bytes]:
 
 
 def _parts(fill: Fill | EditedFill) -> tuple[Fill, Points]:
-    return (fill.fill, fill.hidden) if isinstance(fill, EditedFill) else (fill, np.zeros(0, dtype=FEATURE))
+    return (fill.fill, fill.replaced) if isinstance(fill, EditedFill) else (fill, np.zeros(0, dtype=FEATURE))
 
 
 def _affected(old: Fill, new: Fill) -> list[Box]:
     """Rectangles outside of which the two fills are the same."""
     found = []
-    points = np.concatenate([only_in(old.painted, new.painted), only_in(new.painted, old.painted)])
+    points = np.concatenate([rows_only_in(old.painted, new.painted), rows_only_in(new.painted, old.painted)])
     for x, y, code, radius in zip(*(points[key] for key in ("x", "y", "type", "radius")), strict=True):
-        reaches = new.heeds(FEATURE_TYPES[code], float(radius)).values()
+        reaches = new.influence_radii(FEATURE_TYPES[code], float(radius)).values()
         found += [_widened((float(x), float(y), float(x), float(y)), reach) for reach in sorted(reaches)[-1:]]
     for name in new.sketch.layers:
-        reaches = new.heeds(name).values()
+        reaches = new.influence_radii(name).values()
         for reach in sorted(reaches)[-1:]:
             found += [_widened(box, reach) for box in _repainted(old.sketch, new.sketch, name)]
-    return joined_boxes(found)
+    return merge_boxes(found)
 
 
 def _widened(box: Box, reach: float) -> Box:
@@ -101,7 +101,7 @@ def _repainted(old: Sketch, new: Sketch, name: str) -> list[Box]:
     return boxes
 
 
-def joined_boxes(boxes: Iterable[Box]) -> list[Box]:
+def merge_boxes(boxes: Iterable[Box]) -> list[Box]:
     """Join rectangles that overlap so much that one around both takes in little else."""
     every = np.array(list(boxes), dtype=np.float64).reshape(-1, 4)
     kept, count = np.zeros_like(every), 0

@@ -20,7 +20,7 @@ _LEAST_CELL, _MOST_CELL = 16.0, 32768.0  # m
 
 
 @dataclass(frozen=True)
-class Proposal:
+class CandidateRule:
     """How candidates of one type are proposed: radii (m), cells (m), candidates a cell."""
 
     name: str
@@ -30,9 +30,9 @@ class Proposal:
     per_cell: float
 
 
-def proposals_of(sketch: Sketch) -> dict[str, Proposal]:
+def candidate_rules(sketch: Sketch) -> dict[str, CandidateRule]:
     """One for each type whose density is not 0, in the order in which types give way."""
-    proposals: dict[str, Proposal] = {}
+    proposals: dict[str, CandidateRule] = {}
     kept: dict[str, tuple[float, float, float]] = {}  # density (1/m²) and radii of the types before
     for name, rule in TYPES.items():
         density = float(sketch.density.get(name, 0.0)) / _KM2
@@ -51,7 +51,7 @@ def proposals_of(sketch: Sketch) -> dict[str, Proposal]:
             rate *= math.exp(min(density_of * math.pi * of_other, 1.0))
         cell = 2.0 ** round(math.log2(1.0 / math.sqrt(rate)))
         cell = min(max(cell, _LEAST_CELL), _MOST_CELL)
-        proposals[name] = Proposal(name, low, high, cell, rate * cell * cell)
+        proposals[name] = CandidateRule(name, low, high, cell, rate * cell * cell)
         kept[name] = (rate, low, high)
     return proposals
 

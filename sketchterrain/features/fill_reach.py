@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     """How far (m) from the change it is felt, type of a placed feature and its radius, or layer and None."""
 
 
-def fill_reach(fill: Fill, changes: Sequence[Change], *, support: float) -> float:
+def fill_influence(fill: Fill, changes: Sequence[Change], *, support: float) -> float:
     """Return how far (m) from what changed inside the sketch the ground of the fill may be other ground.
 
     Parameters
@@ -34,10 +34,12 @@ def fill_reach(fill: Fill, changes: Sequence[Change], *, support: float) -> floa
     support : float
         How many of its radii a feature reaches.
     """
-    heeded = [(start, way) for start, name, radius in changes for way in fill.heeds(name, radius).values()]
-    if not heeded:
+    candidate_influence = [
+        (start, way) for start, name, radius in changes for way in fill.influence_radii(name, radius).values()
+    ]
+    if not candidate_influence:
         return 0.0
-    wide, (east, north) = max(start + way for start, way in heeded), fill.sketch.size
+    wide, (east, north) = max(start + way for start, way in candidate_influence), fill.sketch.size
     around = (-wide, -wide, east + wide, north + wide)
     candidates = {name: fill.candidates(name, around) for name in fill.types}
     pairs = {
@@ -49,7 +51,7 @@ def fill_reach(fill: Fill, changes: Sequence[Change], *, support: float) -> floa
     for start, name, radius in changes:
         felt: dict[str, Floats] = {}
         for own, points in candidates.items():
-            way = fill.heeded(own, name, points["radius"].astype(np.float64), radius)
+            way = fill.candidate_influence(own, name, points["radius"].astype(np.float64), radius)
             if way is not None:
                 felt[own] = np.where(_outside(points, (east, north)) <= start + way, start + way, -np.inf)
                 far.append(float((felt[own] + support * points["radius"]).max(initial=0.0)))

@@ -11,22 +11,22 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from sketchterrain.features.catalogue import FEATURE_TYPES, Points
-from sketchterrain.features.recent import Same
+from sketchterrain.features.recent import IdentityKey
 from sketchterrain.features.rules import CLEARANCE, SPACING
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sketchterrain.features.memory import ShapeMemory
-    from sketchterrain.features.recent import Recent
+    from sketchterrain.features.memory import PlacementCache
+    from sketchterrain.features.recent import LRUCache
     from sketchterrain.sketch.document import Sketch
 
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 
-def distances_of(
-    sketch: Sketch, memory: ShapeMemory, fills: tuple[str, ...]
+def distances_to_layers(
+    sketch: Sketch, memory: PlacementCache, fills: tuple[str, ...]
 ) -> dict[str, Callable[[Floats, Floats], Floats]]:
     """Distance to what is painted in each layer that any of these types keeps away from."""
     return {
@@ -36,14 +36,14 @@ def distances_of(
     }
 
 
-class Painted:
+class PaintedClearance:
     """What was painted, as the fill sees it: places to keep away from."""
 
     def __init__(self, painted: Points, distances: dict[str, Callable[[Floats, Floats], Floats]]) -> None:
         self._distance = distances
         self._placed = {name: painted[painted["type"] == code] for code, name in enumerate(FEATURE_TYPES)}
 
-    def leaves_room(self, name: str, features: Points, answers: Recent) -> Flags:
+    def clearance_mask(self, name: str, features: Points, answers: LRUCache) -> Flags:
         """Which features of a type keep their clearance from paint and their spacing from what it became.
 
         What is remembered of these very features is among the answers.
@@ -53,14 +53,14 @@ class Painted:
             return room
         for layer, distance in self._distance.items():
             if (name, layer) in CLEARANCE:
-                key = ("clear", name, layer, Same(features), Same(distance))
+                key = ("clear", name, layer, IdentityKey(features), IdentityKey(distance))
                 room &= answers.of(key, partial(_clear, features, distance, CLEARANCE[name, layer]))
         for other, placed in self._placed.items():
             factor = SPACING.get((other, name), 0.0)
             if factor > 0.0 and len(placed):
                 reach = factor * float(placed["radius"].max() + features["radius"].max())
-                near = ("spaced", name, other, Same(features), blake2b(placed.tobytes()).digest())
-                made = partial(beaten, features, placed, factor, reach, same=False)
+                near = ("spaced", name, other, IdentityKey(features), blake2b(placed.tobytes()).digest())
+                made = partial(suppressed_by, features, placed, factor, reach, same=False)
                 room &= ~answers.of(near, made)
         return room
 
@@ -70,7 +70,7 @@ def _clear(features: Points, distance: Callable[[Floats, Floats], Floats], facto
     return np.asarray(away > factor * features["radius"].astype(np.float64))
 
 
-def beaten(mine: Points, rivals: Points, factor: float, reach: float, *, same: bool) -> Flags:
+def suppressed_by(mine: Points, rivals: Points, factor: float, reach: float, *, same: bool) -> Flags:
     """Which features have a rival nearer than `factor` times the sum of radii (and, if same, of lower id).
 
     Ids of the fill are hashes: a lower one is as good as a higher priority.

@@ -21,7 +21,7 @@ _MASK = (1 << 64) - 1
 Key = int | npt.NDArray[np.integer[Any]]
 
 
-def hashed(seed: int, stream: str, *keys: Key) -> npt.NDArray[np.uint64]:
+def hash_keys(seed: int, stream: str, *keys: Key) -> npt.NDArray[np.uint64]:
     """Hash integer keys to 64 bits, elementwise.
 
     Parameters
@@ -48,20 +48,22 @@ def hashed(seed: int, stream: str, *keys: Key) -> npt.NDArray[np.uint64]:
     return np.asarray(state, dtype=np.uint64)
 
 
-def unit(seed: int, stream: str, *keys: Key) -> npt.NDArray[np.float64]:
-    """Like `hashed`, as float64 evenly spread over [0, 1)."""
-    return (hashed(seed, stream, *keys) >> np.uint64(11)).astype(np.float64) * 2.0**-53
+def hash_unit(seed: int, stream: str, *keys: Key) -> npt.NDArray[np.float64]:
+    """Like `hash_keys`, as float64 evenly spread over [0, 1)."""
+    return (hash_keys(seed, stream, *keys) >> np.uint64(11)).astype(np.float64) * 2.0**-53
 
 
-def smooth_noise(
+def value_noise(
     seed: int, stream: str, x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
     """Value noise in [0, 1] on the unit lattice: smooth, about one swing per two units."""
     column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
     u, v = x - column, y - row
     u, v = u * u * (3.0 - 2.0 * u), v * v * (3.0 - 2.0 * v)
-    south = (1.0 - u) * unit(seed, stream, column, row) + u * unit(seed, stream, column + 1, row)
-    north = (1.0 - u) * unit(seed, stream, column, row + 1) + u * unit(seed, stream, column + 1, row + 1)
+    south = (1.0 - u) * hash_unit(seed, stream, column, row) + u * hash_unit(seed, stream, column + 1, row)
+    north = (1.0 - u) * hash_unit(seed, stream, column, row + 1) + u * hash_unit(
+        seed, stream, column + 1, row + 1
+    )
     return (1.0 - v) * south + v * north
 
 

@@ -11,20 +11,20 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from sketchterrain.features.catalogue import Lake, ShapeField
-from sketchterrain.features.hashing import smooth_noise
-from sketchterrain.features.recent import Same
+from sketchterrain.features.hashing import value_noise
+from sketchterrain.features.recent import IdentityKey
 from sketchterrain.features.river_path import arc_length
-from sketchterrain.features.river_water import StillWater, falling_levels, joined_levels
+from sketchterrain.features.river_water import LakeReach, join_water_levels, solve_water_levels
 from sketchterrain.features.rounding import rounded
 from sketchterrain.features.rules import LAYER_CODES
 from sketchterrain.features.shape_fields import shape_field
 from sketchterrain.features.shapes import label_shapes
-from sketchterrain.features.water_memory import WaterMemory
+from sketchterrain.features.water_memory import HydrologyCache
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from sketchterrain.features.river_course import Course
+    from sketchterrain.features.river_course import RiverCourse
     from sketchterrain.features.river_shape import Network
     from sketchterrain.sketch.document import Sketch
 
@@ -47,7 +47,7 @@ _BEYOND_BIT = 1 << 47  # in the id of a lake that was not painted
 def painted_lakes(
     sketch: Sketch,
     ground: Callable[[Floats, Floats], npt.NDArray[np.floating]],
-    memory: WaterMemory | None = None,
+    memory: HydrologyCache | None = None,
 ) -> list[Lake]:
     """Lay out what the lake layer paints; each as high as the low parts of its shore allow.
 
@@ -56,17 +56,17 @@ def painted_lakes(
     sketch : Sketch
     ground : callable
         As for `trace_rivers`.
-    memory : WaterMemory, optional
+    memory : HydrologyCache, optional
         Of shapes and shores.
 
     Returns
     -------
     list of Lake, in reading order of their first pixels; rivers may still lower them.
     """
-    memory = WaterMemory() if memory is None else memory
+    memory = HydrologyCache() if memory is None else memory
     image = sketch.layers["lake"]
     outlines: list[_Outline] = memory.images.of(
-        ("lakes", Same(image), sketch.extent, sketch.fidelity), lambda: _outlines(sketch)
+        ("lakes", IdentityKey(image), sketch.extent, sketch.fidelity), lambda: _outlines(sketch)
     )
     if not outlines:
         return []
@@ -108,7 +108,7 @@ def _outlines(sketch: Sketch) -> list[_Outline]:
     return found
 
 
-def mouth_lakes(sketch: Sketch, courses: Sequence[Course], *, seed: int) -> list[Lake]:
+def mouth_lakes(sketch: Sketch, courses: Sequence[RiverCourse], *, seed: int) -> list[Lake]:
     """Make the lakes in which rivers end that ran on beyond the sketch.
 
     Their level is still infinite: it is that of the river. There is none where another river is too near.
@@ -152,7 +152,7 @@ def lake_centre(lake: Lake) -> Floats:
     return np.asarray(np.array([field.west, field.south]) + 0.5 * field.spacing * size)
 
 
-def within(field: ShapeField, at: Floats) -> Floats:
+def distance_inside(field: ShapeField, at: Floats) -> Floats:
     """Return the distance inside a shape (m) at positions (n, 2); far outside it, what its rim says."""
     column = (at[:, 0] - field.west) / field.spacing
     row = (at[:, 1] - field.south) / field.spacing
@@ -166,21 +166,21 @@ def runs_inside(lakes: Sequence[Lake], line: Floats) -> Runs:
     return sorted(
         (first, last, number)
         for number, lake in enumerate(lakes)
-        for first, last in _runs(within(lake.shape, line) > 0.0)
+        for first, last in _runs(distance_inside(lake.shape, line) > 0.0)
     )
 
 
-def still_runs(lakes: Sequence[Lake], line: Floats) -> list[tuple[int, int, int, int]]:
+def lake_reaches(lakes: Sequence[Lake], line: Floats) -> list[tuple[int, int, int, int]]:
     """Find where a centreline comes into lakes' rims, and the runs inside the lakes.
 
     Returns
     -------
     list of (shore, first, last, lake)
-        Upstream first; as in `StillWater`.
+        Upstream first; as in `LakeReach`.
     """
     found = []
     for number, lake in enumerate(lakes):
-        depth = within(lake.shape, line)
+        depth = distance_inside(lake.shape, line)
         rim = _RIM * float(lake.shape.inside[[0, -1]].max())  # below zero: outside
         inside = _runs(depth > 0.0)
         for start, stop in _runs(depth > rim):
@@ -199,7 +199,7 @@ def _runs(there: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(int(a), int(b) - 1) for a, b in zip(turns[::2], turns[1::2], strict=True)]
 
 
-def settled(
+def solve_lake_levels(
     lakes: Sequence[Lake], network: Network, grounds: Sequence[Floats]
 ) -> tuple[list[Lake], list[Floats]]:
     """Lower lakes until no river runs up into one, and let rivers run through them.
@@ -210,9 +210,9 @@ def settled(
     levels : list of (m,) float64
         Water levels along each course.
     """
-    runs = [still_runs(lakes, course.line) for course in network.courses]
+    runs = [lake_reaches(lakes, course.line) for course in network.courses]
     water = np.array([lake.level for lake in lakes])
-    levels = falling_levels(network, grounds, [()] * len(runs))
+    levels = solve_water_levels(network, grounds, [()] * len(runs))
     for _ in range(_ROUNDS):
         before = water.copy()
         for own, level in zip(runs, levels, strict=True):
@@ -221,15 +221,15 @@ def settled(
                     continue  # it only passes by
                 comes = level[first - 1] if first > 0 else level[min(last + 1, len(level) - 1)]
                 water[lake] = min(water[lake], comes)
-        still = [[StillWater(shore, a, b, float(water[lake])) for shore, a, b, lake in own] for own in runs]
-        levels = falling_levels(network, grounds, still)
+        still = [[LakeReach(shore, a, b, float(water[lake])) for shore, a, b, lake in own] for own in runs]
+        levels = solve_water_levels(network, grounds, still)
         if (water == before).all():
             break
     return [
         dataclasses.replace(lake, level=float(level))
         for lake, level in zip(lakes, water, strict=True)
         if np.isfinite(level)
-    ], joined_levels(network, levels)
+    ], join_water_levels(network, levels)
 
 
 def lake_pixels(sketch: Sketch) -> cKDTree | None:
@@ -251,7 +251,7 @@ def _shore(field: ShapeField) -> Floats:
 
 
 def _blob(centre: Floats, radius: float, margin: float, *, seed: int, name: int) -> ShapeField:
-    """Make a rounded shape of hashed outline around a place."""
+    """Make a rounded shape of hash_keys outline around a place."""
     spacing = radius / 12.0
     half = int(np.ceil((1.4 * radius + margin) / spacing)) + 1
     steps = spacing * np.arange(-half, half + 1)
@@ -259,7 +259,7 @@ def _blob(centre: Floats, radius: float, margin: float, *, seed: int, name: int)
     distance = np.hypot(east, north)
     scale = 1.2 / np.maximum(distance, 1e-9)
     key = float(name % 2**20)
-    swing = smooth_noise(seed, "lake beyond the edge", key + 10.0 + scale * east, key + 10.0 + scale * north)
+    swing = value_noise(seed, "lake beyond the edge", key + 10.0 + scale * east, key + 10.0 + scale * north)
     inside = radius * (0.75 + 0.6 * swing) - distance
     return ShapeField(
         west=float(centre[0] - spacing * half),

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.features.density_memory import DensityMemory
+from sketchterrain.features.density_memory import DensityCache
 from sketchterrain.features.painted_distance import PaintedDistance
-from sketchterrain.features.recent import Recent, Same
-from sketchterrain.features.shapes import Region, measured, regions_of
+from sketchterrain.features.recent import IdentityKey, LRUCache
+from sketchterrain.features.shapes import Region, find_regions, measure_shape
 from sketchterrain.features.user_features import USER_FEATURE, user_features
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ class _Seen:
     users: Users
 
 
-class ShapeMemory:
+class PlacementCache:
     """Remembers shapes' user features, distances and densities, so that they need not be worked out again.
 
     The bits are those that would be worked out. Several threads may use it at once: what it holds is never
@@ -51,10 +51,10 @@ class ShapeMemory:
         self._shapes: OrderedDict[bytes, Users] = OrderedDict()
         self._layers: dict[str, _Seen] = {}
         self._distances: dict[str, tuple[LabelImage, float, PaintedDistance]] = {}
-        self._densities: dict[tuple[str, str], DensityMemory] = {}
+        self._densities: dict[tuple[str, str], DensityCache] = {}
         self._parts: dict[type, Any] = {}
-        self._images = Recent(16)
-        self._away = Recent(32)
+        self._images = LRUCache(16)
+        self._away = LRUCache(32)
 
     def __len__(self) -> int:
         return len(self._shapes)
@@ -70,19 +70,19 @@ class ShapeMemory:
 
     def regions(self, image: LabelImage) -> tuple[Region, ...]:
         """Return the connected regions of a layer's image."""
-        regions: tuple[Region, ...] = self._images.of(Same(image), lambda: regions_of(image))
+        regions: tuple[Region, ...] = self._images.of(IdentityKey(image), lambda: find_regions(image))
         return regions
 
     def away_from_paint(self, sketch: Sketch, layer: str, positions: Floats) -> Floats:
         """Return the distance (m) from positions (..., 2) to what is painted in a layer."""
         distance = self.painted_distance(sketch, layer)
-        key = (Same(distance), positions.shape, blake2b(positions.tobytes()).digest())
+        key = (IdentityKey(distance), positions.shape, blake2b(positions.tobytes()).digest())
         away: Floats = self._away.of(key, lambda: distance(positions[..., 0], positions[..., 1]))
         return away
 
-    def density(self, feature: str, term: str) -> DensityMemory:
+    def density(self, feature: str, term: str) -> DensityCache:
         """Return the memory of one term of what a type of feature judges its places by."""
-        return self._densities.setdefault((feature, term), DensityMemory())
+        return self._densities.setdefault((feature, term), DensityCache())
 
     def part(self, kind: type[Part]) -> Part:
         """Return what another stage remembers: one thing of a kind, made when it is first asked for."""
@@ -126,7 +126,7 @@ class ShapeMemory:
         ).digest()
         users = self._shapes.pop(key, None)
         if users is None:
-            shape = measured(layer, image, region)
+            shape = measure_shape(layer, image, region)
             users = user_features(shape, multitude=multitude, fidelity=fidelity, seed=seed)
         self._shapes[key] = users
         if len(self._shapes) > self._most:

@@ -13,10 +13,10 @@ import numpy.typing as npt
 
 from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, STYLE, Points, conifer_code
 from sketchterrain.features.density import cubic
-from sketchterrain.features.density_memory import Named
-from sketchterrain.features.hashing import unit
-from sketchterrain.features.memory import ShapeMemory
-from sketchterrain.features.profiles import shown_at
+from sketchterrain.features.density_memory import FeatureSet
+from sketchterrain.features.hashing import hash_unit
+from sketchterrain.features.memory import PlacementCache
+from sketchterrain.features.profiles import visible_radius
 from sketchterrain.features.rules import PREFERENCES, SUMMIT_SHUNS_SUMMIT, TYPES, Preference
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.sketch.document import Sketch
 
-LOOSENESS = 0.5
+MAX_DISPLACEMENT = 0.5
 """How far a feature may move at fidelity 0, in radii of its disc."""
 
 _PLACES = 8  # places that a feature compares; the first is where it was painted
@@ -39,7 +39,7 @@ def place(
     sketch: Sketch,
     *,
     seed: int,
-    memory: ShapeMemory | None = None,
+    memory: PlacementCache | None = None,
     checkpoint: Callable[[], None] | None = None,
 ) -> Points:
     """Place the features of everything that was painted, rivers apart.
@@ -50,7 +50,7 @@ def place(
         The document; its own seed is not looked at.
     seed : int
         Seed of the terrain.
-    memory : ShapeMemory, optional
+    memory : PlacementCache, optional
         From the last time, so that only what was painted since, and what is near it, is worked out anew. The
         bits are the same.
     checkpoint : callable, optional
@@ -62,7 +62,7 @@ def place(
     Array of ``FEATURE``, sorted by id. Every painted shape has at least one. Nothing painted farther away
     than two of a feature's discs changes it.
     """
-    memory = ShapeMemory() if memory is None else memory
+    memory = PlacementCache() if memory is None else memory
     users = {}
     for name in FEATURE_TYPES:
         if checkpoint is not None:
@@ -82,7 +82,7 @@ def place(
     return ordered
 
 
-def looks_around(sketch: Sketch, *, seed: int, memory: ShapeMemory) -> dict[str, float]:
+def placement_influence(sketch: Sketch, *, seed: int, memory: PlacementCache) -> dict[str, float]:
     """How far (m) from shapes that change features of each type may find other places, as the rules are.
 
     Parameters
@@ -102,7 +102,7 @@ def looks_around(sketch: Sketch, *, seed: int, memory: ShapeMemory) -> dict[str,
                 start = far[preference.of] if preference.what == "final" else 2.0 * sketch.pixel_size
                 seen.append(preference.reach + start / disc)
         # It judges places around where it was painted, and may end in one on the other side.
-        far[name] = (max(seen) + 2.0 * LOOSENESS * (1.0 - sketch.fidelity)) * disc
+        far[name] = (max(seen) + 2.0 * MAX_DISPLACEMENT * (1.0 - sketch.fidelity)) * disc
     return far
 
 
@@ -120,14 +120,14 @@ class _Around:
         sketch: Sketch,
         users: dict[str, npt.NDArray[np.void]],
         placed: dict[str, Points],
-        memory: ShapeMemory,
+        memory: PlacementCache,
     ) -> None:
         self.sketch = sketch
         self.users = users
         self._placed = placed
         self._memory = memory
 
-    def presence(self, preference: Preference, asked: Named) -> Floats:
+    def presence(self, preference: Preference, asked: FeatureSet) -> Floats:
         """How much of what a preference names is near each place: about 1 for one thing of like size.
 
         The places' sizes are the discs of the features that ask.
@@ -142,15 +142,19 @@ class _Around:
         else:
             final = self._placed[preference.of]
             at = np.stack([final["x"], final["y"]], axis=-1)
-            features = Named(final["id"], at, final["radius"].astype(np.float64))
+            features = FeatureSet(final["id"], at, final["radius"].astype(np.float64))
         return self.density(preference.feature, f"{preference.what} {preference.of}", features, asked, reach)
 
-    def painted(self, name: str) -> Named:
+    def painted(self, name: str) -> FeatureSet:
         """User features of a type: where they were painted, and their discs (m)."""
         own = self.users[name]
-        return Named(own["id"], _painted_positions(self.sketch, own), own["disc"] * self.sketch.pixel_size)
+        return FeatureSet(
+            own["id"], _painted_positions(self.sketch, own), own["disc"] * self.sketch.pixel_size
+        )
 
-    def density(self, feature: str, term: str, features: Named, asked: Named, reach: Floats) -> Floats:
+    def density(
+        self, feature: str, term: str, features: FeatureSet, asked: FeatureSet, reach: Floats
+    ) -> Floats:
         """Density of features within reach (m) of each place, over the discs of those that ask."""
         memory = self._memory.density(feature, term)
         return memory.around(features, replace(asked, sizes=reach)) / asked.sizes[:, None]
@@ -159,9 +163,9 @@ class _Around:
 def _preferred(around: _Around, name: str, seed: int) -> Floats:
     own = around.painted(name)
     number = np.arange(_PLACES)
-    angle = 2.0 * np.pi * unit(seed, "place angle", own.ids[:, None], number)
-    distance = np.sqrt(unit(seed, "place distance", own.ids[:, None], number)) * (number > 0)
-    distance *= LOOSENESS * (1.0 - around.sketch.fidelity) * own.sizes[:, None]
+    angle = 2.0 * np.pi * hash_unit(seed, "place angle", own.ids[:, None], number)
+    distance = np.sqrt(hash_unit(seed, "place distance", own.ids[:, None], number)) * (number > 0)
+    distance *= MAX_DISPLACEMENT * (1.0 - around.sketch.fidelity) * own.sizes[:, None]
     offset = np.stack([distance * np.cos(angle), distance * np.sin(angle)], axis=-1)
     places = replace(own, positions=own.positions[:, None, :] + offset)
 
@@ -174,7 +178,7 @@ def _preferred(around: _Around, name: str, seed: int) -> Floats:
     return np.asarray(places.positions[np.arange(len(best)), best])
 
 
-def _other_summits(around: _Around, name: str, own: Named, places: Named) -> Floats:
+def _other_summits(around: _Around, name: str, own: FeatureSet, places: FeatureSet) -> Floats:
     """Density of the other summits of this type, as painted, at each place; 0 for support."""
     summit = np.flatnonzero(around.users[name]["summit"])
     summits, asked = _rows(own, summit), _rows(places, summit)
@@ -186,8 +190,8 @@ def _other_summits(around: _Around, name: str, own: Named, places: Named) -> Flo
     return result
 
 
-def _rows(of: Named, chosen: npt.NDArray[np.intp]) -> Named:
-    return Named(of.ids[chosen], of.positions[chosen], of.sizes[chosen])
+def _rows(of: FeatureSet, chosen: npt.NDArray[np.intp]) -> FeatureSet:
+    return FeatureSet(of.ids[chosen], of.positions[chosen], of.sizes[chosen])
 
 
 def _features(sketch: Sketch, name: str, users: npt.NDArray[np.void], positions: Floats) -> Points:
@@ -209,7 +213,7 @@ def _features(sketch: Sketch, name: str, users: npt.NDArray[np.void], positions:
         # A ridge between summits has no tips of its own.
         result["peakiness"][~users["summit"]] = 0.0
     share = np.maximum(users["share"], _LEAST_SHARE)
-    shown = shown_at(name, share, result["peakiness"].astype(np.float64), sketch.fidelity)
+    shown = visible_radius(name, share, result["peakiness"].astype(np.float64), sketch.fidelity)
     result["radius"] = np.maximum(disc * rule.reach / shown, _LEAST_RADIUS * sketch.pixel_size)
     if name == "forest":
         result["strength"] = np.minimum(result["strength"], 1.0)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
 
-SHOWN: Final = 0.25
+VISIBLE_SHARE: Final = 0.25
 """Share of its label's height at which a shape begins, to the eye and to the measure of adherence."""
 
 _STEEPEST = 0.6  # added to the flank at fidelity 1
@@ -74,7 +74,7 @@ def area_profile(t: Floats) -> Floats:
     return cubic(np.maximum((t - 0.5) / 0.5, 0.0))
 
 
-def shown_at(name: str, share: Floats, peakiness: Floats, fidelity: float) -> Floats:
+def visible_radius(name: str, share: Floats, peakiness: Floats, fidelity: float) -> Floats:
     """Return where a feature shows a quarter of its label's strength, in its ground radii.
 
     Parameters
@@ -95,7 +95,7 @@ def shown_at(name: str, share: Floats, peakiness: Floats, fidelity: float) -> Fl
             profile = hill_profile(middle, flank(fidelity))
         else:
             profile = area_profile(middle)
-        above = share * profile > SHOWN
+        above = share * profile > VISIBLE_SHARE
         low, high = np.where(above, middle, low), np.where(above, high, middle)
     # Valleys between ridges cut into an outline more than spurs add to it, less so near fidelity 1.
     return low / (1.0 + _CUT_IN * (1.0 - fidelity)) if name == "mountain" else low

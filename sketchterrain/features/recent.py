@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 Value = TypeVar("Value")
 
 
-class Same:
+class IdentityKey:
     """Stands in a key for a thing that never changes, which equals nothing but itself."""
 
     __slots__ = ("_thing",)
@@ -19,14 +19,14 @@ class Same:
 
     def __eq__(self, other: object) -> bool:
         """Whether it is the very same thing."""
-        return isinstance(other, Same) and self._thing is other._thing
+        return isinstance(other, IdentityKey) and self._thing is other._thing
 
     def __hash__(self) -> int:
         """By identity: the key holds the thing, so no other can take its place."""
         return id(self._thing)
 
 
-class Recent:
+class LRUCache:
     """Remembers values, so that they need not be made again. Several threads may use it at once.
 
     Parameters

@@ -12,32 +12,32 @@ from scipy.spatial import cKDTree
 from sketchterrain.features.river_path import arc_length
 
 if TYPE_CHECKING:
-    from sketchterrain.features.river_course import Course
+    from sketchterrain.features.river_course import RiverCourse
 
 Floats = npt.NDArray[np.float64]
 
 _CLEARANCE = 2.0  # of the two widths' mean
 
 
-def kept_apart(courses: list[Course], size: tuple[float, float]) -> list[Course]:
+def separate_beyond_edge(courses: list[RiverCourse], size: tuple[float, float]) -> list[RiverCourse]:
     """Shorten what runs on beyond the sketch so that no two rivers cross there.
 
     Parameters
     ----------
-    courses : list of Course
+    courses : list of RiverCourse
         Parents before the courses that join them; an earlier course goes before a later one.
     size : (float, float)
         Metres eastward and northward that the sketch covers.
 
     Returns
     -------
-    list of Course
+    list of RiverCourse
         In the same order; joints and parents are those of the new ones. Those left as they are are the very
         same objects.
     """
-    done: list[Course] = []
+    done: list[RiverCourse] = []
     now: dict[
-        int, tuple[Course, int]
+        int, tuple[RiverCourse, int]
     ] = {}  # by the old course: the new one, and how many points its head lost
     for course in courses:
         head, tail = _beyond(course.line, size)
@@ -64,7 +64,7 @@ def _beyond(line: Floats, size: tuple[float, float]) -> tuple[int, int]:
     return (int(inside[0]), int(inside[-1]) + 1) if len(inside) else (0, len(line))
 
 
-def _free(line: Floats, width: Floats, others: list[Course]) -> int:
+def _free(line: Floats, width: Floats, others: list[RiverCourse]) -> int:
     """Count the points of a river, from the sketch outward, that keep clear of all other rivers."""
     free = len(line)
     for other in others:
@@ -76,7 +76,7 @@ def _free(line: Floats, width: Floats, others: list[Course]) -> int:
     return free
 
 
-def _part(course: Course, first: int, last: int) -> Course:
+def _part(course: RiverCourse, first: int, last: int) -> RiverCourse:
     if first == 0 and last == len(course.line):
         return course
     controls = course.controls[(course.controls > first) & (course.controls < last - 1)] - first

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.features.hashing import unit
+from sketchterrain.features.hashing import hash_unit
 from sketchterrain.features.river_network import exit_normal
-from sketchterrain.features.river_path import BEYOND, arc_length, run_on, smoothed, spaced
+from sketchterrain.features.river_path import EXTENSION_SHARE, arc_length, extend_path, smoothed, spaced
 from sketchterrain.features.river_sizes import painted_sizes
 from sketchterrain.features.rounding import STEP, rounded
-from sketchterrain.features.splines import sample_catmull_rom, without_repeats
+from sketchterrain.features.splines import drop_repeats, sample_catmull_rom
 from sketchterrain.features.user_features import pixel_id
 
 if TYPE_CHECKING:
@@ -34,14 +34,14 @@ _SAGITTA_WIDTHS = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class RiverCourse:
     """A reach on its way to becoming a River, upstream first.
 
     Attributes
     ----------
     id, label : int
         As in River.
-    parent : Course or None
+    parent : RiverCourse or None
         What it joins.
     joint : int
         Index on the parent's centreline; -1 without a parent.
@@ -59,7 +59,7 @@ class Course:
 
     id: int
     label: int
-    parent: Course | None
+    parent: RiverCourse | None
     joint: int
     line: Floats
     controls: npt.NDArray[np.intp]
@@ -80,11 +80,11 @@ def reach_course(
     sketch: Sketch,
     skeleton: Skeleton,
     reach: Reach,
-    parent: Course | None,
+    parent: RiverCourse | None,
     *,
     seed: int,
     lake: cKDTree | None = None,
-) -> Course:
+) -> RiverCourse:
     """Draw a reach as a spline, on beyond the sketch's edge where it leaves the sketch.
 
     An end painted up to a lake (its pixels' rows and columns: `lake`) is carried on into it.
@@ -105,7 +105,7 @@ def reach_course(
 
     name = _id(sketch, skeleton, int(pixels[0]))
     size = (sketch.height_px, sketch.width_px)
-    beyond = BEYOND * max(size) * sketch.pixel_size
+    beyond = EXTENSION_SHARE * max(size) * sketch.pixel_size
     taper = float(arc_length(points)[-1]) / 3.0
     if parent is None and (out := exit_normal(skeleton, pixels, size)):
         points = _lengthened(points, out, length=beyond, interval=interval, seed=seed, name=2 * name)
@@ -117,17 +117,17 @@ def reach_course(
     # Where a river joins another, its end is a point of the other's curve.
     own = len(points) - (parent is not None)
     points[:own, :2] = rounded(points[:own, :2], _step(sketch))
-    course = drawn_course(points, name, label, parent=parent, joint=joint, taper=taper)
+    course = course_through(points, name, label, parent=parent, joint=joint, taper=taper)
     return replace(course, grows=sketch.properties("river", label)["width"] > 0.0)
 
 
-def dab_course(sketch: Sketch, skeleton: Skeleton, pixels: Ints, *, seed: int) -> Course:
+def dab_course(sketch: Sketch, skeleton: Skeleton, pixels: Ints, *, seed: int) -> RiverCourse:
     """Draw a short straight reach over a dab; which end is the spring is not yet known."""
     path = pixel_positions(sketch, skeleton, pixels)
     name = _id(sketch, skeleton, int(np.min(pixels)))
     heading = path[-1] - path[0]
     if not heading.any():
-        angle = 2.0 * np.pi * float(unit(seed, "dab", name))
+        angle = 2.0 * np.pi * float(hash_unit(seed, "dab", name))
         heading = np.array([np.cos(angle), np.sin(angle)])
     heading /= np.hypot(*heading)
     widths, depths, label = painted_sizes(sketch, skeleton, pixels)
@@ -136,7 +136,7 @@ def dab_course(sketch: Sketch, skeleton: Skeleton, pixels: Ints, *, seed: int) -
     positions = 0.5 * (path[0] + path[-1]) + np.array([[-half], [0.0], [half]]) * heading
     positions = rounded(positions, _step(sketch))
     sizes = np.broadcast_to([widths.mean(), depths.mean()], (3, 2))
-    return drawn_course(np.column_stack([positions, sizes]), name, label, parent=None, joint=-1, taper=half)
+    return course_through(np.column_stack([positions, sizes]), name, label, parent=None, joint=-1, taper=half)
 
 
 def _step(sketch: Sketch) -> float:
@@ -144,7 +144,7 @@ def _step(sketch: Sketch) -> float:
     return min(STEP, math.ldexp(1.0, math.frexp(sketch.pixel_size)[1] - 9))
 
 
-def turned(course: Course) -> Course:
+def reversed_course(course: RiverCourse) -> RiverCourse:
     """Return a dab's course the other way round."""
     return replace(
         course,
@@ -179,16 +179,16 @@ def _lengthened(
     points: Floats, out: tuple[float, float], *, length: float, interval: float, seed: int, name: int
 ) -> Floats:
     """Carry a river on from its last point; width and depth stay what they were there."""
-    more = run_on(points[:, :2], out, length=length, interval=interval, seed=seed, name=name)
+    more = extend_path(points[:, :2], out, length=length, interval=interval, seed=seed, name=name)
     sizes = np.broadcast_to(points[-1, 2:], (len(more), 2))
     return np.concatenate([points, np.column_stack([more, sizes])])
 
 
-def drawn_course(
-    points: Floats, name: int, label: int, *, parent: Course | None, joint: int, taper: float
-) -> Course:
+def course_through(
+    points: Floats, name: int, label: int, *, parent: RiverCourse | None, joint: int, taper: float
+) -> RiverCourse:
     """Sample the spline through points of x, y, width and depth."""
-    points = without_repeats(points, of=2)
+    points = drop_repeats(points, of=2)
     step = float(np.clip(0.5 * points[:, 2].min(), 2.0, 12.0))
     # A sketch of a continent has no more shape between two control points than one of a valley.
     spans = np.hypot(*np.diff(points[:, :2], axis=0).T)
@@ -197,7 +197,7 @@ def drawn_course(
     sagitta = _SAGITTA_WIDTHS * float(points[:, 2].min())
     line, u = sample_catmull_rom(points[:, :2], step, sagitta=sagitta, most=_MOST_SAMPLES)
     number = np.arange(len(points))
-    return Course(
+    return RiverCourse(
         id=name,
         label=label,
         parent=parent,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sketchterrain.features.river_course import drawn_course
+from sketchterrain.features.river_course import course_through
 from sketchterrain.features.rules import LAYER_CODES
 from sketchterrain.sketch import Edit
 
@@ -20,27 +20,27 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.features.catalogue import Lake, River
-    from sketchterrain.features.river_course import Course
+    from sketchterrain.features.river_course import RiverCourse
 
 _ACTIONS = frozenset({"move_point", "width", "delete"})
 
 
-def concerns_river(edit: Edit) -> bool:
+def targets_river(edit: Edit) -> bool:
     """Whether an edit names a river, by its action or by the layer in the id."""
     return edit.action in ("move_point", "width") or (edit.feature or 0) >> 48 == LAYER_CODES["river"]
 
 
-def concerns_lake(edit: Edit) -> bool:
+def targets_lake(edit: Edit) -> bool:
     """Whether an edit names a lake, by the layer in the id."""
-    return not concerns_river(edit) and (edit.feature or 0) >> 48 == LAYER_CODES["lake"]
+    return not targets_river(edit) and (edit.feature or 0) >> 48 == LAYER_CODES["lake"]
 
 
-def kept_lakes(lakes: list[Lake], edits: Iterable[Edit]) -> tuple[list[Lake], tuple[str, ...]]:
+def apply_lake_edits(lakes: list[Lake], edits: Iterable[Edit]) -> tuple[list[Lake], tuple[str, ...]]:
     """Return the lakes that a person did not take away, and one line for each edit that finds none."""
     there = {lake.id for lake in lakes}
     taken: set[int] = set()
     orphans = []
-    for edit in filter(concerns_lake, edits):
+    for edit in filter(targets_lake, edits):
         if edit.action != "delete":
             orphans.append(f"{edit.action} of lake {edit.feature}: a lake has only delete")
         elif edit.feature not in there:
@@ -50,7 +50,9 @@ def kept_lakes(lakes: list[Lake], edits: Iterable[Edit]) -> tuple[list[Lake], tu
     return [lake for lake in lakes if lake.id not in taken], tuple(orphans)
 
 
-def edited_courses(courses: list[Course], edits: Iterable[Edit]) -> tuple[list[Course], tuple[str, ...]]:
+def apply_river_edits(
+    courses: list[RiverCourse], edits: Iterable[Edit]
+) -> tuple[list[RiverCourse], tuple[str, ...]]:
     """Return courses as a person changed them, and one line for each edit that finds nothing to change.
 
     A tributary of a river that moved follows it; one of a river that was taken away becomes a river of its
@@ -67,7 +69,7 @@ def edited_courses(courses: list[Course], edits: Iterable[Edit]) -> tuple[list[C
     wanted: dict[int, list[Edit]] = {}
     controls = {course.id: np.array(course.line[course.controls]) for course in courses}
     orphans = []
-    for edit in filter(concerns_river, edits):
+    for edit in filter(targets_river, edits):
         name = edit.feature or 0
         problem = _problem(by_id.get(name), controls.get(name), edit)
         if problem:
@@ -78,7 +80,7 @@ def edited_courses(courses: list[Course], edits: Iterable[Edit]) -> tuple[list[C
             controls[name][_control(controls[name], edit)] = edit.x, edit.y
     if not wanted:
         return courses, tuple(orphans)
-    after: dict[int, Course | None] = {}
+    after: dict[int, RiverCourse | None] = {}
     for course in courses:
         own = wanted.get(course.id, [])
         if any(edit.action == "delete" for edit in own):
@@ -89,7 +91,7 @@ def edited_courses(courses: list[Course], edits: Iterable[Edit]) -> tuple[list[C
     return [course for course in after.values() if course is not None], tuple(orphans)
 
 
-def move_of(river: River, index: int, *, x: float, y: float) -> Edit:
+def move_edit(river: River, index: int, *, x: float, y: float) -> Edit:
     """Return the edit that moves a control point, named by where it is: it is found again in a changed river.
 
     Parameters
@@ -115,7 +117,7 @@ def _control(points: npt.NDArray[np.float64], edit: Edit) -> int | None:
     return nearest if away[nearest] <= beside.max() else None
 
 
-def _problem(course: Course | None, points: npt.NDArray[np.float64] | None, edit: Edit) -> str | None:
+def _problem(course: RiverCourse | None, points: npt.NDArray[np.float64] | None, edit: Edit) -> str | None:
     if course is None or points is None:
         return "there is no such river any more"
     if edit.action not in _ACTIONS:
@@ -128,8 +130,8 @@ def _problem(course: Course | None, points: npt.NDArray[np.float64] | None, edit
 
 
 def _changed(
-    course: Course, parent: Course | None, edits: list[Edit], points: npt.NDArray[np.float64]
-) -> Course:
+    course: RiverCourse, parent: RiverCourse | None, edits: list[Edit], points: npt.NDArray[np.float64]
+) -> RiverCourse:
     joint = -1
     if parent is course.parent and np.array_equal(points, course.line[course.controls]):
         joint = course.joint
@@ -144,8 +146,8 @@ def _changed(
     return dataclasses.replace(course, parent=parent, joint=joint, width=width, grows=grows or bool(widths))
 
 
-def _redrawn(course: Course, points: npt.NDArray[np.float64]) -> Course:
+def _redrawn(course: RiverCourse, points: npt.NDArray[np.float64]) -> RiverCourse:
     sizes = (course.width[course.controls], course.depth[course.controls])
-    return drawn_course(
+    return course_through(
         np.column_stack([points, *sizes]), course.id, course.label, parent=None, joint=-1, taper=course.taper
     )

@@ -22,7 +22,7 @@ _LEAD = 8  # px of a reach that say where its end heads
 _MIDDLE = 4.0  # px farther than a spur that both rivers must go on
 
 
-def without_gaps(
+def close_gaps(
     painted: npt.NDArray[np.uint8],
     rivers: Sequence[tuple[Skeleton, Sequence[RiverEnd]]],
     gap: float,

@@ -12,20 +12,20 @@ import numpy.typing as npt
 
 from sketchterrain.errors import InputError
 from sketchterrain.features.lakes import lake_pixels
-from sketchterrain.features.recent import Same
+from sketchterrain.features.recent import IdentityKey
 from sketchterrain.features.river_course import (
     LAKE_GAP,
-    Course,
+    RiverCourse,
     dab_course,
     pixel_positions,
     reach_course,
-    turned,
+    reversed_course,
 )
-from sketchterrain.features.river_gaps import without_gaps
-from sketchterrain.features.river_network import exit_normal, longest_path, reaches_to, river_ends
+from sketchterrain.features.river_gaps import close_gaps
+from sketchterrain.features.river_network import exit_normal, longest_path, river_ends, split_into_reaches
 from sketchterrain.features.rounding import rounded
-from sketchterrain.features.shapes import regions_of
-from sketchterrain.features.skeleton import in_order, skeleton_of
+from sketchterrain.features.shapes import find_regions
+from sketchterrain.features.skeleton import sort_skeletons, thin_region
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -35,11 +35,11 @@ if TYPE_CHECKING:
     from sketchterrain.features.river_network import RiverEnd
     from sketchterrain.features.shapes import Region
     from sketchterrain.features.skeleton import Skeleton
-    from sketchterrain.features.water_memory import WaterMemory
+    from sketchterrain.features.water_memory import HydrologyCache
     from sketchterrain.sketch.document import Sketch
 
 Floats = npt.NDArray[np.float64]
-Ground: TypeAlias = "Callable[[Floats, Floats], npt.NDArray[np.floating[Any]]]"
+GroundHeight: TypeAlias = "Callable[[Floats, Floats], npt.NDArray[np.floating[Any]]]"
 
 _EDGE_BONUS = (10.0, 0.02)
 """A mouth at the sketch's edge may lie this much higher: metres, and metres for each metre of river."""
@@ -47,14 +47,16 @@ _EDGE_BONUS = (10.0, 0.02)
 _LONGEST_DAB = 2.0  # px; so short a skeleton is a dab, however thin
 
 
-def laid_out(sketch: Sketch, *, seed: int, ground: Ground, memory: WaterMemory) -> list[Course]:
+def lay_out_rivers(
+    sketch: Sketch, *, seed: int, ground: GroundHeight, memory: HydrologyCache
+) -> list[RiverCourse]:
     """Draw the courses of all networks, parents first.
 
     Parameters
     ----------
     sketch, seed, ground
         As for `trace_rivers`.
-    memory : WaterMemory
+    memory : HydrologyCache
         Of skeletons and courses; what is not painted anew is the very same object again.
     """
     found, outlines = _networks(sketch, seed, memory)
@@ -63,22 +65,22 @@ def laid_out(sketch: Sketch, *, seed: int, ground: Ground, memory: WaterMemory) 
     image = sketch.layers["river"]
     rivers = [(bone, each) for bone, each in zip(found, outlines, strict=True) if isinstance(each, tuple)]
     closed = memory.images.of(
-        ("closed", Same(image), *(Same(bone) for bone, _ in rivers)),
-        lambda: without_gaps(image, rivers, LAKE_GAP),
+        ("closed", IdentityKey(image), *(IdentityKey(bone) for bone, _ in rivers)),
+        lambda: close_gaps(image, rivers, LAKE_GAP),
     )
     if closed is not None:
         sketch = sketch.replace(layers={**sketch.layers, "river": closed})
         found, outlines = _networks(sketch, seed, memory)
     lakes = sketch.layers["lake"]
-    lake = memory.images.of(("lake pixels", Same(lakes)), lambda: lake_pixels(sketch))
+    lake = memory.images.of(("lake pixels", IdentityKey(lakes)), lambda: lake_pixels(sketch))
     positions = [_end_positions(sketch, *each) for each in zip(found, outlines, strict=True)]
-    courses: list[Course] = []
+    courses: list[RiverCourse] = []
     for skeleton, outline, heights in zip(found, outlines, heights_at(ground, positions), strict=True):
         courses.extend(_courses(sketch, skeleton, outline, heights, seed, lake, memory))
     return courses
 
 
-def heights_at(ground: Ground, groups: Sequence[Floats]) -> list[Floats]:
+def heights_at(ground: GroundHeight, groups: Sequence[Floats]) -> list[Floats]:
     """Ask for the ground at groups of positions, all at once; heights are rounded to 1/1024 m.
 
     Raises
@@ -100,31 +102,31 @@ def _settings(sketch: Sketch, seed: int) -> tuple[object, ...]:
 
 
 def _networks(
-    sketch: Sketch, seed: int, memory: WaterMemory
-) -> tuple[tuple[Skeleton, ...], list[Course | tuple[RiverEnd, ...]]]:
+    sketch: Sketch, seed: int, memory: HydrologyCache
+) -> tuple[tuple[Skeleton, ...], list[RiverCourse | tuple[RiverEnd, ...]]]:
     """Find the skeletons of what was painted, and of each the dab's course or the ends."""
     image, settings = sketch.layers["river"], _settings(sketch, seed)
     found: tuple[Skeleton, ...] = memory.images.of(
-        ("skeletons", Same(image), settings), lambda: _skeletons(sketch, settings, memory)
+        ("skeletons", IdentityKey(image), settings), lambda: _skeletons(sketch, settings, memory)
     )
     return found, [
         memory.parts.of(
-            ("outline", Same(each), settings, _seen_around(sketch, each)),
+            ("outline", IdentityKey(each), settings, _seen_around(sketch, each)),
             partial(_dab_or_ends, sketch, each, seed),
         )
         for each in found
     ]
 
 
-def _seen_around(sketch: Sketch, skeleton: Skeleton) -> Same | None:
+def _seen_around(sketch: Sketch, skeleton: Skeleton) -> IdentityKey | None:
     """Return what of the layer beside a skeleton matters: all, if its width is as painted; else nothing."""
     image = sketch.layers["river"]
     labels = np.unique(image[skeleton.rows, skeleton.columns])
     as_painted = any(sketch.properties("river", int(label))["width"] == 0.0 for label in labels)
-    return Same(image) if as_painted else None
+    return IdentityKey(image) if as_painted else None
 
 
-def _skeletons(sketch: Sketch, settings: tuple[object, ...], memory: WaterMemory) -> tuple[Skeleton, ...]:
+def _skeletons(sketch: Sketch, settings: tuple[object, ...], memory: HydrologyCache) -> tuple[Skeleton, ...]:
     image = sketch.layers["river"]
     widths = _label_widths(sketch)
 
@@ -133,10 +135,10 @@ def _skeletons(sketch: Sketch, settings: tuple[object, ...], memory: WaterMemory
         corner = (region.rows.start, region.columns.start, window.shape)
         return memory.parts.of(
             ("skeleton", corner, blake2b(window.tobytes()).digest(), settings),
-            lambda: _weighted(sketch, skeleton_of(region, widths[window], image.shape)),
+            lambda: _weighted(sketch, thin_region(region, widths[window], image.shape)),
         )
 
-    return in_order(made(region) for region in regions_of((image > 0).astype(np.uint8)))
+    return sort_skeletons(made(region) for region in find_regions((image > 0).astype(np.uint8)))
 
 
 def _weighted(sketch: Sketch, skeleton: Skeleton) -> Skeleton:
@@ -154,7 +156,7 @@ def _label_widths(sketch: Sketch) -> Floats:
     return widths
 
 
-def _dab_or_ends(sketch: Sketch, skeleton: Skeleton, seed: int) -> Course | tuple[RiverEnd, ...]:
+def _dab_or_ends(sketch: Sketch, skeleton: Skeleton, seed: int) -> RiverCourse | tuple[RiverEnd, ...]:
     path = longest_path(skeleton)
     steps = np.hypot(np.diff(skeleton.rows[path]), np.diff(skeleton.columns[path]))
     if float(steps.sum()) <= max(2.0 * float(skeleton.depth[path].max()), _LONGEST_DAB):
@@ -162,8 +164,8 @@ def _dab_or_ends(sketch: Sketch, skeleton: Skeleton, seed: int) -> Course | tupl
     return river_ends(skeleton)
 
 
-def _end_positions(sketch: Sketch, skeleton: Skeleton, outline: Course | tuple[RiverEnd, ...]) -> Floats:
-    if isinstance(outline, Course):
+def _end_positions(sketch: Sketch, skeleton: Skeleton, outline: RiverCourse | tuple[RiverEnd, ...]) -> Floats:
+    if isinstance(outline, RiverCourse):
         return outline.line[[0, -1]]
     return pixel_positions(sketch, skeleton, np.array([end.pixel for end in outline]))
 
@@ -197,26 +199,26 @@ def _flow(sketch: Sketch, skeleton: Skeleton) -> Floats | None:
 def _courses(
     sketch: Sketch,
     skeleton: Skeleton,
-    outline: Course | tuple[RiverEnd, ...],
+    outline: RiverCourse | tuple[RiverEnd, ...],
     heights: Floats,
     seed: int,
     lake: cKDTree | None,
-    memory: WaterMemory,
-) -> list[Course]:
+    memory: HydrologyCache,
+) -> list[RiverCourse]:
     """Lay out one network, parents first."""
-    key = (Same(skeleton), _settings(sketch, seed))
-    if isinstance(outline, Course):
+    key = (IdentityKey(skeleton), _settings(sketch, seed))
+    if isinstance(outline, RiverCourse):
         dab = outline
         if heights[0] >= heights[1]:
             return [dab]
-        return [memory.parts.of(("turned", *key), lambda: turned(dab))]
+        return [memory.parts.of(("turned", *key), lambda: reversed_course(dab))]
     mouth = _mouth(sketch, skeleton, outline, heights, lake)
 
-    def made() -> list[Course]:
-        courses: list[Course] = []
-        for reach in reaches_to(skeleton, mouth):
+    def made() -> list[RiverCourse]:
+        courses: list[RiverCourse] = []
+        for reach in split_into_reaches(skeleton, mouth):
             parent = courses[reach.parent] if reach.parent >= 0 else None
             courses.append(reach_course(sketch, skeleton, reach, parent, seed=seed, lake=lake))
         return courses
 
-    return memory.parts.of(("courses", *key, mouth, Same(lake), _seen_around(sketch, skeleton)), made)
+    return memory.parts.of(("courses", *key, mouth, IdentityKey(lake), _seen_around(sketch, skeleton)), made)

@@ -33,7 +33,7 @@ class Reach:
     parent: int
 
 
-def reaches_to(skeleton: Skeleton, root: int) -> tuple[Reach, ...]:
+def split_into_reaches(skeleton: Skeleton, root: int) -> tuple[Reach, ...]:
     """Break a skeleton into reaches that all lead to one pixel.
 
     The longest, weighted, is the main stem; each further one is the longest that is left. A branch
@@ -91,7 +91,7 @@ def longest_path(skeleton: Skeleton) -> Ints:
     """Pixels of the longest way through a skeleton, or nearly so (exactly, if it has no loops)."""
     ends = skeleton.ends()
     length, _ = skeleton.paths_from(int(ends[0]) if len(ends) else 0)
-    return reaches_to(skeleton, int(np.argmax(length)))[0].pixels
+    return split_into_reaches(skeleton, int(np.argmax(length)))[0].pixels
 
 
 def river_ends(skeleton: Skeleton) -> tuple[RiverEnd, ...]:
@@ -102,7 +102,7 @@ def river_ends(skeleton: Skeleton) -> tuple[RiverEnd, ...]:
     length, _ = skeleton.paths_from(int(ends[0]))
     root = int(np.argmax(length))
     length, _ = skeleton.paths_from(root)
-    reaches = reaches_to(skeleton, root)
+    reaches = split_into_reaches(skeleton, root)
     starts = [
         RiverEnd(int(each.pixels[0]), each.pixels[::-1], float(length[each.pixels[0]])) for each in reaches
     ]

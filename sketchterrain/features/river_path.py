@@ -7,12 +7,12 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.features.hashing import smooth_noise
+from sketchterrain.features.hashing import value_noise
 from sketchterrain.features.rounding import gaussian_filter
 
 Floats = npt.NDArray[np.float64]
 
-BEYOND = 0.35
+EXTENSION_SHARE = 0.35
 """How far a river runs on beyond the sketch's edge, as a share of the sketch's longer side."""
 
 _WIDEST_EXIT = math.radians(50.0)  # between a river's heading beyond the edge and straight out
@@ -50,7 +50,7 @@ def spaced(path: Floats, interval: float) -> Floats:
     return points
 
 
-def run_on(
+def extend_path(
     path: Floats, normal: tuple[float, float], *, length: float, interval: float, seed: int, name: int
 ) -> Floats:
     """Points that carry a river on beyond the sketch's edge, wandering gently.
@@ -78,7 +78,7 @@ def run_on(
     off = min(max(off, -_WIDEST_EXIT), _WIDEST_EXIT)
     step = np.arange(1, max(round(length / interval), 1) + 1, dtype=np.float64)
     swing = (
-        2.0 * smooth_noise(seed, "river beyond the edge", step / 5.0, np.full_like(step, name % 2**40)) - 1.0
+        2.0 * value_noise(seed, "river beyond the edge", step / 5.0, np.full_like(step, name % 2**40)) - 1.0
     )
     angle = out + off + _WANDER * swing * np.minimum(step / 6.0, 1.0)
     steps = interval * np.stack([np.cos(angle), np.sin(angle)], axis=-1)

@@ -27,7 +27,7 @@ def smoothstep(t: Floats) -> Floats:
     return t * t * (3.0 - 2.0 * t)
 
 
-def width_along(base: Floats, arc: Floats, taper: float, tributaries: list[tuple[int, float]]) -> Floats:
+def river_widths(base: Floats, arc: Floats, taper: float, tributaries: list[tuple[int, float]]) -> Floats:
     """Width of a river along its centreline.
 
     At a confluence the squares of the widths add up, as drained areas do (Leopold & Maddock 1953: width goes
@@ -54,7 +54,7 @@ def width_along(base: Floats, arc: Floats, taper: float, tributaries: list[tuple
     return width
 
 
-def surface_along(
+def water_surface(
     ground: Floats, arc: Floats, *, width: float, depth: float, ceilings: list[tuple[int, float]]
 ) -> Floats:
     """Water level along a river, from the ground that it runs through: falling all the way.
@@ -84,7 +84,7 @@ def surface_along(
     return np.asarray(falling - LEAST_FALL * arc)
 
 
-def no_steeper(level: Floats, arc: Floats, *, width: Floats, depth: Floats) -> Floats:
+def limit_gradient(level: Floats, arc: Floats, *, width: Floats, depth: Floats) -> Floats:
     """Cut back falls, in a gorge if need be: the wider and the shallower a river, the less it falls.
 
     Water falls by at most 1.2 depths over a width, and by at most 0.6 m on every metre of its way: beside a
@@ -97,7 +97,7 @@ def no_steeper(level: Floats, arc: Floats, *, width: Floats, depth: Floats) -> F
     return np.asarray(np.where(level > limit + 1e-9, limit, level))  # the end stays to the bit
 
 
-def joined_to(level: Floats, arc: Floats, *, end: float, width: float) -> Floats:
+def join_level(level: Floats, arc: Floats, *, end: float, width: float) -> Floats:
     """Bend a falling water level so that it ends exactly at `end` and still falls all the way.
 
     Where it lay lower it is raised; where it would arrive too high it comes down over the last 30 widths.
@@ -110,7 +110,7 @@ def joined_to(level: Floats, arc: Floats, *, end: float, width: float) -> Floats
     return np.asarray(np.minimum.accumulate(level))
 
 
-def pooled(level: Floats, arc: Floats, first: float, last: float) -> Floats:
+def level_pool(level: Floats, arc: Floats, first: float, last: float) -> Floats:
     """Make the water from `first` to `last` (m along the river) a pool at the level that it had at its end.
 
     Upstream of the pool, over four times its length, the river falls as much as before and that much earlier.
@@ -145,7 +145,7 @@ class Bends:
     off: Floats
 
 
-def level_in_bends(level: Floats, arc: Floats, bends: Bends, depth: Floats) -> Floats:
+def lower_in_bends(level: Floats, arc: Floats, bends: Bends, depth: Floats) -> Floats:
     """Lower the water above sharp bends, so that it does not stand above its own bank further down.
 
     Parameters

@@ -1,4 +1,4 @@
-"""What follows from the shapes of a network's courses alone: widths, meetings, bends."""
+"""What follows from the shapes of a network's courses alone: widths, confluences, bends."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from sketchterrain.features.recent import Same
+from sketchterrain.features.recent import IdentityKey
 from sketchterrain.features.river_path import arc_length
-from sketchterrain.features.river_profile import Bends, width_along
-from sketchterrain.features.water_memory import WaterMemory
+from sketchterrain.features.river_profile import Bends, river_widths
+from sketchterrain.features.water_memory import HydrologyCache
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sketchterrain.features.river_course import Course
+    from sketchterrain.features.river_course import RiverCourse
 
 Floats = npt.NDArray[np.float64]
 
@@ -28,7 +28,7 @@ _SHOWS = 0.25  # of two rivers' widths' mean: so near, the bed of one shows in t
 
 
 @dataclass(frozen=True, eq=False)
-class Meeting:
+class Confluence:
     """Where a tributary's water overlaps the stem's: one pool of one level.
 
     Attributes
@@ -53,26 +53,26 @@ class Network:
 
     Attributes
     ----------
-    courses : sequence of Course
+    courses : sequence of RiverCourse
         Parents before the courses that join them.
     parents : sequence of int
         Index of the course that each joins; -1 for none.
     arcs : sequence of (m,) float64
         Metres from each spring.
     widths : sequence of (m,) float64
-        Metres, with tributaries counted and neighbours heeded.
-    meetings : sequence of Meeting or None
+        Metres, with tributaries counted and neighbours candidate_influence.
+    confluences : sequence of Confluence or None
     bends : sequence of Bends
     cuts : sequence of sequences of (first, last)
         Runs of points in which neither water nor bed may lie above the straight line from the point before
         to the point after: valleys through mountains.
     """
 
-    courses: Sequence[Course]
+    courses: Sequence[RiverCourse]
     parents: Sequence[int]
     arcs: Sequence[Floats]
     widths: Sequence[Floats]
-    meetings: Sequence[Meeting | None]
+    confluences: Sequence[Confluence | None]
     bends: Sequence[Bends]
     cuts: Sequence[Sequence[tuple[int, int]]]
 
@@ -81,23 +81,23 @@ class Network:
         return [other for other, parent in enumerate(self.parents) if parent == number]
 
 
-def network_of(
-    courses: Sequence[Course],
+def build_network(
+    courses: Sequence[RiverCourse],
     cuts: Sequence[Sequence[tuple[int, int]]],
-    memory: WaterMemory | None = None,
+    memory: HydrologyCache | None = None,
 ) -> Network:
     """Work out how wide rivers are, and where their waters overlap.
 
     Parameters
     ----------
-    courses : sequence of Course
+    courses : sequence of RiverCourse
         Of any number of networks; parents before the courses that join them.
     cuts : sequence of sequences of (first, last)
         As in `Network`.
-    memory : WaterMemory, optional
+    memory : HydrologyCache, optional
         Of bends.
     """
-    memory = WaterMemory() if memory is None else memory
+    memory = HydrologyCache() if memory is None else memory
     number_of = {id(course): number for number, course in enumerate(courses)}
     parents = [-1 if course.parent is None else number_of[id(course.parent)] for course in courses]
     arcs = [arc_length(course.line) for course in courses]
@@ -110,22 +110,22 @@ def network_of(
             if parent == number
         ]
         if course.grows:
-            widths[number] = width_along(course.width, arcs[number], course.taper, tributaries)
-    meetings: list[Meeting | None] = [
+            widths[number] = river_widths(course.width, arcs[number], course.taper, tributaries)
+    confluences: list[Confluence | None] = [
         None
         if parent < 0
         else _meeting(course, courses[parent], arcs[n], arcs[parent], widths[n], widths[parent])
         for n, (course, parent) in enumerate(zip(courses, parents, strict=True))
     ]
-    widths = _beside_neighbours(courses, parents, arcs, widths, meetings)
+    widths = _beside_neighbours(courses, parents, arcs, widths, confluences)
     bends = [
         memory.parts.of(
-            ("bends", Same(course), blake2b(width.tobytes()).digest()),
+            ("bends", IdentityKey(course), blake2b(width.tobytes()).digest()),
             partial(_bends, course.line, arc, width),
         )
         for course, arc, width in zip(courses, arcs, widths, strict=True)
     ]
-    return Network(courses, parents, arcs, widths, meetings, bends, cuts)
+    return Network(courses, parents, arcs, widths, confluences, bends, cuts)
 
 
 def _bends(line: Floats, arc: Floats, width: Floats) -> Bends:
@@ -155,8 +155,13 @@ def _bends(line: Floats, arc: Floats, width: Floats) -> Bends:
 
 
 def _meeting(
-    course: Course, parent: Course, arc: Floats, parent_arc: Floats, width: Floats, parent_width: Floats
-) -> Meeting:
+    course: RiverCourse,
+    parent: RiverCourse,
+    arc: Floats,
+    parent_arc: Floats,
+    width: Floats,
+    parent_width: Floats,
+) -> Confluence:
     """Find the tributary's last run in which its water overlaps its parent's."""
     answer: Any = cKDTree(parent.line).query(course.line)
     distance, nearest = (np.asarray(part) for part in answer)
@@ -167,7 +172,7 @@ def _meeting(
     margin = 0.5 * float(parent_width[course.joint]) + 0.5 * float(width[-1])
     shows = _SHOWS * np.sqrt(width * parent_width[nearest])[first:]
     shown = along[distance[first:] < shows]
-    return Meeting(
+    return Confluence(
         length=max(float(arc[-1] - arc[min(first, len(arc) - 1)]), margin),
         above=max(-float(along.min(initial=0.0)), 0.0) + margin,
         below=max(float(along.max(initial=0.0)), 0.0) + margin,
@@ -179,11 +184,11 @@ def _meeting(
 
 
 def _beside_neighbours(
-    courses: Sequence[Course],
+    courses: Sequence[RiverCourse],
     parents: Sequence[int],
     arcs: Sequence[Floats],
     widths: Sequence[Floats],
-    meetings: Sequence[Meeting | None],
+    confluences: Sequence[Confluence | None],
 ) -> list[Floats]:
     """Narrow rivers where their waters would overlap elsewhere than where they meet."""
     boxes = [
@@ -201,7 +206,7 @@ def _beside_neighbours(
             # Further apart than this nobody is narrowed, so nobody farther is looked for.
             widest = 0.5 * float(widths[number].max() + widths[other].max())
             low, high = boxes[other]
-            asked = _apart(number, other, parents, arcs, courses, meetings)
+            asked = _apart(number, other, parents, arcs, courses, confluences)
             asked &= ((course.line >= low - widest) & (course.line <= high + widest)).all(axis=1)
             if not asked.any():
                 continue
@@ -210,7 +215,7 @@ def _beside_neighbours(
             found = np.isfinite(distance)
             asked[asked], distance, nearest = found, distance[found], nearest[found]
             total = 0.5 * (widths[number][asked] + widths[other][nearest])
-            counts = _apart(other, number, parents, arcs, courses, meetings)[nearest]
+            counts = _apart(other, number, parents, arcs, courses, confluences)[nearest]
             scale = np.where(counts, np.clip(distance / total, 0.05, 1.0), 1.0)
             scales[number][asked] = np.minimum(scales[number][asked], scale)
     return [
@@ -224,15 +229,15 @@ def _apart(
     other: int,
     parents: Sequence[int],
     arcs: Sequence[Floats],
-    courses: Sequence[Course],
-    meetings: Sequence[Meeting | None],
+    courses: Sequence[RiverCourse],
+    confluences: Sequence[Confluence | None],
 ) -> npt.NDArray[np.bool_]:
     """Points of a course that lie outside every confluence that it shares with the other one's family."""
     arc, away = arcs[number], np.ones(len(arcs[number]), dtype=np.bool_)
-    own = meetings[number]
+    own = confluences[number]
     if own is not None and (parents[number] == other or parents[other] == parents[number]):
         away &= arc < arc[-1] - own.length
-    met = meetings[other]
+    met = confluences[other]
     if met is not None and parents[other] == number:
         joint = arc[courses[other].joint]
         away &= (arc < joint - met.above) | (arc > joint + met.below)

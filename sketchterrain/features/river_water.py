@@ -11,19 +11,19 @@ import numpy.typing as npt
 from sketchterrain.features.catalogue import River
 from sketchterrain.features.river_profile import (
     LEAST_FALL,
-    joined_to,
-    level_in_bends,
-    no_steeper,
-    pooled,
+    join_level,
+    level_pool,
+    limit_gradient,
+    lower_in_bends,
     smoothstep,
-    surface_along,
+    water_surface,
 )
 from sketchterrain.features.river_sizes import depth_ratio
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sketchterrain.features.river_course import Course
+    from sketchterrain.features.river_course import RiverCourse
     from sketchterrain.features.river_shape import Network
 
 Floats = npt.NDArray[np.float64]
@@ -34,7 +34,7 @@ _LEAST_DEPTH = 0.05  # m, of water, whatever the beds of neighbours ask
 
 
 @dataclass(frozen=True, eq=False)
-class StillWater:
+class LakeReach:
     """A run of a course at a lake, in it or so near that the lake's ground rules there.
 
     Attributes
@@ -54,8 +54,8 @@ class StillWater:
     level: float
 
 
-def falling_levels(
-    network: Network, grounds: Sequence[Floats], still: Sequence[Sequence[StillWater]]
+def solve_water_levels(
+    network: Network, grounds: Sequence[Floats], still: Sequence[Sequence[LakeReach]]
 ) -> list[Floats]:
     """Find water levels from the springs down: falling all the way, never above what flows in, flat in lakes.
 
@@ -64,43 +64,43 @@ def falling_levels(
     network : Network
     grounds : sequence of (m,) float64
         Height of the ground along each centreline (m).
-    still : sequence of sequences of StillWater
+    still : sequence of sequences of LakeReach
         What each course runs through, upstream first.
     """
     courses, arcs = network.courses, network.arcs
     levels: list[Floats] = list(grounds)
     for number in reversed(range(len(courses))):
         course, joining = courses[number], network.joining(number)
-        level = surface_along(
+        level = water_surface(
             grounds[number],
             arcs[number],
             width=float(course.width.mean()),
             depth=float(course.depth.mean()),
             ceilings=[(courses[other].joint, float(levels[other][-1])) for other in joining],
         )
-        level = no_steeper(level, arcs[number], width=network.widths[number], depth=course.depth)
+        level = limit_gradient(level, arcs[number], width=network.widths[number], depth=course.depth)
         levels[number] = _through_lakes(level, arcs[number], still[number], float(course.width.mean()))
     return levels
 
 
-def joined_levels(network: Network, falling: Sequence[Floats]) -> list[Floats]:
+def join_water_levels(network: Network, falling: Sequence[Floats]) -> list[Floats]:
     """Bring tributaries to their stems; make pools where waters meet and in bends; cut through mountains."""
     courses, arcs, levels = network.courses, network.arcs, list(falling)
     for number, course in enumerate(courses):
-        arc, parent, meeting = arcs[number], network.parents[number], network.meetings[number]
+        arc, parent, meeting = arcs[number], network.parents[number], network.confluences[number]
         level = levels[number]
         if parent >= 0 and meeting is not None:
             width = float(course.width.mean())
-            level = joined_to(level, arc, end=float(levels[parent][course.joint]), width=width)
-            level = pooled(level, arc, float(arc[-1]) - meeting.length, float(arc[-1]))
-        level = no_steeper(level, arc, width=network.widths[number], depth=course.depth)
+            level = join_level(level, arc, end=float(levels[parent][course.joint]), width=width)
+            level = level_pool(level, arc, float(arc[-1]) - meeting.length, float(arc[-1]))
+        level = limit_gradient(level, arc, width=network.widths[number], depth=course.depth)
         level = _held(network, number, level)
         # From the mouth upward: a pool moves the fall above it upstream.
         for other in sorted(network.joining(number), key=lambda each: -courses[each].joint):
-            met = network.meetings[other]
+            met = network.confluences[other]
             if met is not None:
                 joint = float(arc[courses[other].joint])
-                level = pooled(level, arc, joint - met.above, joint + met.below)
+                level = level_pool(level, arc, joint - met.above, joint + met.below)
         level = _held(network, number, level)
         levels[number] = _below_chord(level, arc, network.cuts[number])
     return levels
@@ -111,14 +111,14 @@ def _held(network: Network, number: int, level: Floats) -> Floats:
     course, arc = network.courses[number], network.arcs[number]
     for _ in range(_ROUNDS):
         before = level
-        level = level_in_bends(level, arc, network.bends[number], course.depth)
-        level = no_steeper(level, arc, width=network.widths[number], depth=course.depth)
+        level = lower_in_bends(level, arc, network.bends[number], course.depth)
+        level = limit_gradient(level, arc, width=network.widths[number], depth=course.depth)
         if np.array_equal(level, before):
             break
     return level
 
 
-def _through_lakes(level: Floats, arc: Floats, still: Sequence[StillWater], width: float) -> Floats:
+def _through_lakes(level: Floats, arc: Floats, still: Sequence[LakeReach], width: float) -> Floats:
     for lake in still:
         level = level.copy()
         rim = slice(lake.shore, lake.first)
@@ -127,7 +127,7 @@ def _through_lakes(level: Floats, arc: Floats, still: Sequence[StillWater], widt
             level[rim] = np.minimum(level[rim], lake.level + LEAST_FALL * (arc[first] - arc[rim]))
             if lake.shore > 0:
                 above = slice(0, lake.shore + 1)
-                level[above] = joined_to(level[above], arc[above], end=float(level[lake.shore]), width=width)
+                level[above] = join_level(level[above], arc[above], end=float(level[lake.shore]), width=width)
         level[lake.first : lake.last + 1] = lake.level
         level[lake.last + 1 :] = np.minimum(level[lake.last + 1 :], lake.level)
     return np.asarray(np.minimum.accumulate(level))
@@ -145,7 +145,7 @@ def _below_chord(values: Floats, arc: Floats, runs: Sequence[tuple[int, int]]) -
     return values
 
 
-def rivers_of(network: Network, levels: Sequence[Floats]) -> list[River]:
+def build_rivers(network: Network, levels: Sequence[Floats]) -> list[River]:
     """Give every reach its bed: never rising, and the stem's own where a tributary ends."""
     beds: list[Floats] = []
     rivers = []
@@ -154,7 +154,7 @@ def rivers_of(network: Network, levels: Sequence[Floats]) -> list[River]:
     ):
         depth = course.depth * depth_ratio(np.minimum(width / course.width, _MOST_GROWTH))
         bed = np.minimum.accumulate(level - depth)
-        parent, meeting = network.parents[number], network.meetings[number]
+        parent, meeting = network.parents[number], network.confluences[number]
         if parent >= 0 and meeting is not None:
             end, arc = float(beds[parent][course.joint]), network.arcs[number]
             bed = np.maximum(bed, end)
@@ -172,13 +172,13 @@ def _one_bed(network: Network, number: int, bed: Floats) -> Floats:
     arc = network.arcs[number]
     # From the mouth upward, as with levels.
     for other in sorted(network.joining(number), key=lambda each: -network.courses[each].joint):
-        meeting, joint = network.meetings[other], float(arc[network.courses[other].joint])
+        meeting, joint = network.confluences[other], float(arc[network.courses[other].joint])
         if meeting is not None:
-            bed = pooled(bed, arc, joint - meeting.bed[0], joint + meeting.bed[1])
+            bed = level_pool(bed, arc, joint - meeting.bed[0], joint + meeting.bed[1])
     return bed
 
 
-def _river(course: Course, width: Floats, level: Floats, depth: Floats) -> River:
+def _river(course: RiverCourse, width: Floats, level: Floats, depth: Floats) -> River:
     line = np.column_stack([course.line, level])
     widths, depths = width.astype(np.float32), depth.astype(np.float32)
     return River(

@@ -10,30 +10,30 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.features.contradictions import crossings, mountain_numbers, resolutions
-from sketchterrain.features.lakes import mouth_lakes, painted_lakes, settled
-from sketchterrain.features.memory import ShapeMemory
-from sketchterrain.features.recent import Same
-from sketchterrain.features.river_beyond import kept_apart
-from sketchterrain.features.river_edits import edited_courses, kept_lakes
-from sketchterrain.features.river_layout import heights_at, laid_out
-from sketchterrain.features.river_shape import network_of
-from sketchterrain.features.river_water import rivers_of
-from sketchterrain.features.water_memory import WaterMemory
+from sketchterrain.features.contradictions import label_mountains, mountain_crossings, resolve_conflicts
+from sketchterrain.features.lakes import mouth_lakes, painted_lakes, solve_lake_levels
+from sketchterrain.features.memory import PlacementCache
+from sketchterrain.features.recent import IdentityKey
+from sketchterrain.features.river_beyond import separate_beyond_edge
+from sketchterrain.features.river_edits import apply_lake_edits, apply_river_edits
+from sketchterrain.features.river_layout import heights_at, lay_out_rivers
+from sketchterrain.features.river_shape import build_network
+from sketchterrain.features.river_water import build_rivers
+from sketchterrain.features.water_memory import HydrologyCache
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from sketchterrain.features.catalogue import Lake, River
     from sketchterrain.features.contradictions import Resolution
-    from sketchterrain.features.river_course import Course
-    from sketchterrain.features.river_layout import Ground
+    from sketchterrain.features.river_course import RiverCourse
+    from sketchterrain.features.river_layout import GroundHeight
     from sketchterrain.sketch.document import Sketch
 
 Floats = npt.NDArray[np.float64]
 
 
-def trace_rivers(sketch: Sketch, *, seed: int, ground: Ground) -> tuple[River, ...]:
+def trace_rivers(sketch: Sketch, *, seed: int, ground: GroundHeight) -> tuple[River, ...]:
     """Trace the rivers that were painted.
 
     Painted regions of any label that touch are one network, and so is an end painted a few pixels short of
@@ -62,11 +62,11 @@ def trace_rivers(sketch: Sketch, *, seed: int, ground: Ground) -> tuple[River, .
     InputError
         If `ground` returns something of another shape, or not finite.
     """
-    return trace_waters(sketch, seed=seed, ground=ground).rivers
+    return trace_hydrology(sketch, seed=seed, ground=ground).rivers
 
 
 @dataclass(frozen=True, eq=False)
-class Waters:
+class Hydrology:
     """Rivers, lakes, and what was decided about them.
 
     Attributes
@@ -90,14 +90,14 @@ class Waters:
     grounds: tuple[Floats, ...]
 
 
-def trace_waters(
+def trace_hydrology(
     sketch: Sketch,
     *,
     seed: int,
-    ground: Ground,
-    memory: ShapeMemory | None = None,
+    ground: GroundHeight,
+    memory: PlacementCache | None = None,
     checkpoint: Callable[[], None] | None = None,
-) -> Waters:
+) -> Hydrology:
     """Trace rivers as `trace_rivers` does, and lay out the lakes that they run through and end in.
 
     `ground` is called once more, for the shores of all lakes.
@@ -106,48 +106,48 @@ def trace_waters(
     ----------
     sketch, seed, ground
         As for `trace_rivers`.
-    memory : ShapeMemory, optional
+    memory : PlacementCache, optional
         From the last time. It saves time; the bits are the same.
     checkpoint : callable, optional
         Called between the steps; it may raise to abandon the work.
     """
-    memory = ShapeMemory() if memory is None else memory
-    known = memory.part(WaterMemory)
+    memory = PlacementCache() if memory is None else memory
+    known = memory.part(HydrologyCache)
     pause = _go_on if checkpoint is None else checkpoint
     lakes = painted_lakes(sketch, ground, known)
     pause()
-    drawn = laid_out(sketch, seed=seed, ground=ground, memory=known)
-    courses, orphans = edited_courses(drawn, sketch.edits)
+    drawn = lay_out_rivers(sketch, seed=seed, ground=ground, memory=known)
+    courses, orphans = apply_river_edits(drawn, sketch.edits)
     pause()
     courses = known.parts.of(
-        ("apart", sketch.size, *map(Same, courses)), lambda: kept_apart(courses, sketch.size)
+        ("apart", sketch.size, *map(IdentityKey, courses)), lambda: separate_beyond_edge(courses, sketch.size)
     )
-    lakes, lost = kept_lakes([*lakes, *mouth_lakes(sketch, courses, seed=seed)], sketch.edits)
+    lakes, lost = apply_lake_edits([*lakes, *mouth_lakes(sketch, courses, seed=seed)], sketch.edits)
     pause()
     rivers, lakes, grounds = _with_water(sketch, courses, lakes, ground, memory, pause)
     pause()
-    decided = resolutions(sketch, _mountains(sketch, memory), rivers, grounds, lakes)
-    return Waters(tuple(rivers), tuple(lakes), decided, orphans + lost, tuple(grounds))
+    decided = resolve_conflicts(sketch, _mountains(sketch, memory), rivers, grounds, lakes)
+    return Hydrology(tuple(rivers), tuple(lakes), decided, orphans + lost, tuple(grounds))
 
 
 def _go_on() -> None:
     """Never abandon the work."""
 
 
-def _mountains(sketch: Sketch, memory: ShapeMemory) -> npt.NDArray[np.int64]:
+def _mountains(sketch: Sketch, memory: PlacementCache) -> npt.NDArray[np.int64]:
     image = sketch.layers["mountain"]
-    numbers: npt.NDArray[np.int64] = memory.part(WaterMemory).images.of(
-        ("mountains", Same(image)), lambda: mountain_numbers(sketch, memory.regions(image))
+    numbers: npt.NDArray[np.int64] = memory.part(HydrologyCache).images.of(
+        ("mountains", IdentityKey(image)), lambda: label_mountains(sketch, memory.regions(image))
     )
     return numbers
 
 
 def _with_water(
     sketch: Sketch,
-    courses: list[Course],
+    courses: list[RiverCourse],
     lakes: list[Lake],
-    ground: Ground,
-    memory: ShapeMemory,
+    ground: GroundHeight,
+    memory: PlacementCache,
     pause: Callable[[], None],
 ) -> tuple[list[River], list[Lake], list[Floats]]:
     """Let water flow: rivers sorted by id, lakes at their levels, and the ground along each river."""
@@ -155,29 +155,29 @@ def _with_water(
         return [], lakes, []
     grounds = heights_at(ground, [course.line for course in courses])
     pause()
-    mountains, known = _mountains(sketch, memory), memory.part(WaterMemory)
+    mountains, known = _mountains(sketch, memory), memory.part(HydrologyCache)
     cuts = tuple(
-        tuple((run.first, run.last) for run in crossings(sketch, mountains, course.line))
+        tuple((run.first, run.last) for run in mountain_crossings(sketch, mountains, course.line))
         for course in courses
     )
     shape = known.parts.of(
-        ("network", *map(Same, courses)), lambda: network_of(courses, [()] * len(courses), known)
+        ("network", *map(IdentityKey, courses)), lambda: build_network(courses, [()] * len(courses), known)
     )
-    before = tuple((Same(lake.shape), lake.id, lake.level, lake.depth) for lake in lakes)
+    before = tuple((IdentityKey(lake.shape), lake.id, lake.level, lake.depth) for lake in lakes)
     levels = tuple(each.tobytes() for each in grounds)
     pause()
 
     def flown() -> tuple[list[River], list[Lake]]:
         network = replace(shape, cuts=cuts)
-        filled, levels = settled(lakes, network, grounds)
-        return _same_again(rivers_of(network, levels), known), filled
+        filled, levels = solve_lake_levels(lakes, network, grounds)
+        return _same_again(build_rivers(network, levels), known), filled
 
-    rivers, filled = known.parts.of(("water", Same(shape), cuts, before, levels), flown)
+    rivers, filled = known.parts.of(("water", IdentityKey(shape), cuts, before, levels), flown)
     order = sorted(range(len(rivers)), key=lambda number: rivers[number].id)
     return [rivers[number] for number in order], filled, [grounds[number] for number in order]
 
 
-def _same_again(rivers: Sequence[River], known: WaterMemory) -> list[River]:
+def _same_again(rivers: Sequence[River], known: HydrologyCache) -> list[River]:
     """Return for each river that was there before, bit for bit, the very same object."""
     return [
         known.parts.of(("river", *(_bits(part) for part in vars(river).values())), partial(_itself, river))

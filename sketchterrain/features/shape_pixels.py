@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.features.hashing import hashed
+from sketchterrain.features.hashing import hash_keys
 from sketchterrain.features.rules import LAYER_CODES
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ class Pixels:
     priority: npt.NDArray[np.uint64]  # lowest first
 
     @classmethod
-    def of(cls, shape: Shape, *, most: float, seed: int) -> Pixels:
+    def from_shape(cls, shape: Shape, *, most: float, seed: int) -> Pixels:
         """Measure a shape's pixels; `most` is the radius (px) that no disc exceeds."""
         row, column = np.nonzero(shape.mask)
         depth = shape.depth[row, column]
@@ -44,5 +44,5 @@ class Pixels:
             column=column,
             depth=depth,
             disc=np.maximum(np.minimum(depth, most), LEAST_DISC),
-            priority=hashed(seed, "dart", LAYER_CODES[shape.layer], shape.label, index),
+            priority=hash_keys(seed, "dart", LAYER_CODES[shape.layer], shape.label, index),
         )

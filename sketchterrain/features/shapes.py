@@ -84,10 +84,10 @@ def label_shapes(layer: str, image: npt.NDArray[np.uint8]) -> tuple[Shape, ...]:
     -------
     tuple of Shape, in reading order of their first pixels. Empty for an empty image.
     """
-    return tuple(measured(layer, image, region) for region in regions_of(image))
+    return tuple(measure_shape(layer, image, region) for region in find_regions(image))
 
 
-def regions_of(image: npt.NDArray[np.uint8]) -> tuple[Region, ...]:
+def find_regions(image: npt.NDArray[np.uint8]) -> tuple[Region, ...]:
     """Find the connected regions of a label image, in reading order of their first pixels.
 
     Runs of one label along rows are joined, not pixels: a painted image has few.
@@ -141,7 +141,7 @@ def _touching(
     return sparse.coo_array((ones, (upper[same], lower[same])), shape=(len(row), len(row)))
 
 
-def measured(layer: str, image: npt.NDArray[np.uint8], region: Region) -> Shape:
+def measure_shape(layer: str, image: npt.NDArray[np.uint8], region: Region) -> Shape:
     """Measure a region of a layer's image."""
     _, rows, columns, mask = region
     depth = _depth(mask, rows, columns, image.shape)

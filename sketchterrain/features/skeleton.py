@@ -11,7 +11,7 @@ from scipy import ndimage, sparse
 from scipy.sparse.csgraph import dijkstra
 from skimage.morphology import skeletonize
 
-from sketchterrain.features.shapes import regions_of
+from sketchterrain.features.shapes import find_regions
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -71,18 +71,18 @@ def skeletons(painted: npt.NDArray[np.bool_], weight: Floats | None = None) -> t
     tuple of Skeleton, in reading order of their first pixels.
     """
     weight = np.ones(painted.shape) if weight is None else weight
-    return in_order(
-        skeleton_of(region, weight[region.rows, region.columns], painted.shape)
-        for region in regions_of(painted.astype(np.uint8))
+    return sort_skeletons(
+        thin_region(region, weight[region.rows, region.columns], painted.shape)
+        for region in find_regions(painted.astype(np.uint8))
     )
 
 
-def in_order(found: Iterable[Skeleton]) -> tuple[Skeleton, ...]:
+def sort_skeletons(found: Iterable[Skeleton]) -> tuple[Skeleton, ...]:
     """Return skeletons in reading order of their first pixels."""
     return tuple(sorted(found, key=lambda each: (int(each.rows[0]), int(each.columns[0]))))
 
 
-def skeleton_of(region: Region, weight: Floats, size: tuple[int, ...]) -> Skeleton:
+def thin_region(region: Region, weight: Floats, size: tuple[int, ...]) -> Skeleton:
     """Thin one 8-connected region.
 
     Parameters

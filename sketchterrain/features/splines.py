@@ -10,7 +10,7 @@ from sketchterrain.errors import InputError
 Floats = npt.NDArray[np.float64]
 
 
-def without_repeats(points: Floats, *, of: int | None = None) -> Floats:
+def drop_repeats(points: Floats, *, of: int | None = None) -> Floats:
     """Drop points that equal the one before them: a segment needs two different ends.
 
     Parameters
@@ -45,7 +45,7 @@ def catmull_rom(points: Floats, u: Floats) -> Floats:
         If there are fewer than two points, or two neighbours are equal.
     """
     points = np.asarray(points, dtype=np.float64)
-    if points.ndim != 2 or len(points) < 2 or len(without_repeats(points)) < len(points):
+    if points.ndim != 2 or len(points) < 2 or len(drop_repeats(points)) < len(points):
         raise InputError(
             f"expected two or more points with no two neighbours equal, got an array of shape {points.shape}"
         )

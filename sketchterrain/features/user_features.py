@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.features.darts import throw_spine, throw_summits
-from sketchterrain.features.hashing import smooth_noise, unit
+from sketchterrain.features.hashing import hash_unit, value_noise
 from sketchterrain.features.holes import fill_holes
 from sketchterrain.features.rules import LAYER_CODES, TYPES
 from sketchterrain.features.shape_pixels import LEAST_DISC, Pixels
@@ -74,7 +74,7 @@ def user_features(shape: Shape, *, multitude: int, fidelity: float, seed: int) -
     Array of ``USER_FEATURE``, summits first. Depends on nothing but this shape and the arguments.
     """
     mean = mean_size(shape.area, multitude)
-    pixels = Pixels.of(shape, most=1.25 * mean, seed=seed)
+    pixels = Pixels.from_shape(shape, most=1.25 * mean, seed=seed)
     if shape.area == 1:  # sketches may be sprinkled with thousands of them
         summits = chosen = np.zeros(1, dtype=np.int64)
     else:
@@ -101,12 +101,12 @@ def _shares(shape: Shape, features: npt.NDArray[np.void], fidelity: float, seed:
     largest = float(disc[summit].max())
     size = np.minimum(disc / largest, 1.0) ** rule.size_power
     scale = 2.5 * largest
-    swing = smooth_noise(seed, f"{shape.layer} support", features["column"] / scale, features["row"] / scale)
+    swing = value_noise(seed, f"{shape.layer} support", features["column"] / scale, features["row"] / scale)
     low, high = rule.support
     share = np.where(summit, 1.0, low + (high - low) * swing) * size
     whole = summit & (disc == largest)
     pixel = features["id"].astype(np.uint64)
     # Only summits differ at random: neighbouring discs of a ridge would look like a string of pearls.
-    swing = np.where(summit, rule.variation * (2.0 * unit(seed, "strength", pixel) - 1.0), 0.0)
+    swing = np.where(summit, rule.variation * (2.0 * hash_unit(seed, "strength", pixel) - 1.0), 0.0)
     share = np.where(whole, 1.0, np.minimum(share * (1.0 + swing), 1.0))
     return np.asarray(np.maximum(share, rule.held * fidelity**4))

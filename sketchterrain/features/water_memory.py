@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from sketchterrain.features.recent import Recent
+from sketchterrain.features.recent import LRUCache
 
 
 @dataclass(frozen=True)
-class WaterMemory:
+class HydrologyCache:
     """Values by what they were made from; several threads may share it.
 
     Attributes
     ----------
-    images : Recent
+    images : LRUCache
         What was made of whole layers.
-    parts : Recent
+    parts : LRUCache
         What was made of single rivers and of groups of them.
     """
 
-    images: Recent = field(default_factory=lambda: Recent(16))
-    parts: Recent = field(default_factory=lambda: Recent(256))
+    images: LRUCache = field(default_factory=lambda: LRUCache(16))
+    parts: LRUCache = field(default_factory=lambda: LRUCache(256))

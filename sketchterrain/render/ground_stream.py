@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from sketchterrain.errors import InputError
-from sketchterrain.features.recent import Same
+from sketchterrain.features.recent import IdentityKey
 from sketchterrain.render.ground import TileRenderer
 from sketchterrain.render.kept import ResourceCache
 from sketchterrain.render.quality import Quality
@@ -17,8 +17,8 @@ from sketchterrain.render.sharing_probe import moved_to_context, shared_with_gl
 from sketchterrain.render.stats import StreamStats, TileUpdateStats
 from sketchterrain.render.vertex_memory import GLVertexMemory, open_vertex_memory
 from sketchterrain.terrain.vertices import VERTEX
-from sketchterrain.tiles import ScreenError, TileStream, View
-from sketchterrain.tiles.bounds import EVERYWHERE
+from sketchterrain.tiles import CameraView, ScreenError, TileStream
+from sketchterrain.tiles.bounds import UNBOUNDED
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -114,21 +114,21 @@ class TerrainStream:
             quads=quads,
             slots=slots,
             finest_cell=finest_cell,
-            bounds=bounds or EVERYWHERE,
+            bounds=bounds or UNBOUNDED,
             metric=metric
             or ScreenError(
-                quality.tolerance, quad=QUAD + QUAD_A_PIXEL * quality.tolerance, steep=quality.steep
+                quality.tolerance, quad=QUAD + QUAD_A_PIXEL * quality.tolerance, neighbour_limit=quality.steep
             ),
         )
         self.draws: DrawList | None = None
         self.written = 0
         self.terrain = terrain
         self._timer = timer
-        self._view: View | None = None
+        self._view: CameraView | None = None
         self._kept = kept or ResourceCache()
         self.memory = self._kept.of(
             "vertices",
-            (Same(terrain.context), slots * tile_bytes, memory),
+            (IdentityKey(terrain.context), slots * tile_bytes, memory),
             lambda: open_vertex_memory(context, terrain.context, slots * tile_bytes, kind=memory),
             close=GLVertexMemory.close,
         )
@@ -184,22 +184,22 @@ class TerrainStream:
             self.tiles.jump(view)
         draws = self.tiles.advance(view, elapsed=HURRY * elapsed if hurries else elapsed)
         self._place(self._renewed(view, draws), camera.eye)
-        if self.tiles.settled:
+        if self.tiles.converged:
             self._since_leap = np.inf
         return StreamStats(
             seconds,
             count,
             self.pool.tiles,
             self.pool.triangles,
-            self.tiles.pool.held,
-            self.tiles.settled,
+            self.tiles.pool.count,
+            self.tiles.converged,
             leapt,
         )
 
     def settle(self, camera: Camera, size: tuple[int, int], *, draw_distance: float) -> None:
         """Generate all that a still picture shows; see :meth:`update`."""
         self._view = view = view_of(camera, size, draw_distance=draw_distance)
-        self._place(self.tiles.settle(view, self._write), camera.eye)
+        self._place(self.tiles.generate_all(view, self._write), camera.eye)
         self._eye = np.asarray(camera.eye)
 
     def change(self, terrain: TileSource, areas: Sequence[Box]) -> TileUpdateStats:
@@ -226,19 +226,19 @@ class TerrainStream:
             )
         start, before = self._timer(), self.written
         self.terrain = moved_to_context(terrain, self.terrain.context)
-        dropped = self.tiles.change(areas)
+        dropped = self.tiles.invalidate(areas)
         if self._view is not None and self.draws is not None:
-            self._place(self._renewed(self._view, self.tiles.draws(self._view)), self._view.eye)
+            self._place(self._renewed(self._view, self.tiles.draw_list(self._view)), self._view.eye)
         return TileUpdateStats(self._timer() - start, self.written - before, dropped)
 
-    def _renewed(self, view: View, draws: DrawList) -> DrawList:
+    def _renewed(self, view: CameraView, draws: DrawList) -> DrawList:
         """Write anew what is outdated of what a view is to show; return what it shows then.
 
         TileSource that has sunk may show more that is outdated behind it.
         """
-        while batch := self.tiles.overdue(draws):
-            self.tiles.arrived(batch, self._write(batch), seconds=None)
-            draws = self.tiles.draws(view)
+        while batch := self.tiles.stale_batch(draws):
+            self.tiles.mark_generated(batch, self._write(batch), seconds=None)
+            draws = self.tiles.draw_list(view)
         return draws
 
     def draw(self, eye: tuple[float, float, float]) -> None:
@@ -257,7 +257,7 @@ class TerrainStream:
         self.draws, self._placed_for = draws, eye
         self.pool.place(draws, eye)
 
-    def _generate(self, view: View, budget: float, *, leapt: bool) -> tuple[int, float]:
+    def _generate(self, view: CameraView, budget: float, *, leapt: bool) -> tuple[int, float]:
         """Generate what fits into a budget (s); return how many tiles, and what they took (s)."""
         count, spent, longest = 0, 0.0, 0.0
         for _ in range(_MOST_BATCHES):
@@ -270,7 +270,7 @@ class TerrainStream:
             start = self._timer()
             facts = self._write(batch)
             seconds = self._timer() - start
-            self.tiles.arrived(batch, facts, seconds=seconds)
+            self.tiles.mark_generated(batch, facts, seconds=seconds)
             count, spent = count + len(batch.keys), spent + seconds
             longest = 0.0 if leapt else max(longest, seconds)
         return count, spent
@@ -287,10 +287,10 @@ def view_of(
     *,
     draw_distance: float,
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> View:
+) -> CameraView:
     """Return what tiles need to know of a camera that takes a picture of so many pixels."""
     width, height = size
-    return View(
+    return CameraView(
         camera.eye,
         camera.frustum(width / height),
         height / (2.0 * float(np.tan(np.radians(camera.fov) / 2.0))),

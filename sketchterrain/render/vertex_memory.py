@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 
-from sketchterrain.compute.sharing import CopiedMemory, ExtensionMemory, MappedMemory, kinds_for
+from sketchterrain.compute.sharing import CopiedMemory, ExtensionMemory, MappedMemory, sharing_methods
 from sketchterrain.errors import DeviceError
 from sketchterrain.render.gl_functions import gl_function, wait_for_gl
 
@@ -120,7 +120,7 @@ def open_vertex_memory(
     nbytes
         How much.
     kind
-        One of :data:`~sketchterrain.compute.sharing.KINDS`; None takes the best that works here.
+        One of :data:`~sketchterrain.compute.sharing.METHODS`; None takes the best that works here.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def open_vertex_memory(
     """
     ways = {"extension": _by_extension, "mapped": _mapped, "copy": _copied}
     reasons: list[str] = []
-    for each in (kind,) if kind is not None else kinds_for(context):
+    for each in (kind,) if kind is not None else sharing_methods(context):
         try:
             vertices, written = ways[each](gl, context, nbytes)
         except DeviceError as error:

@@ -10,7 +10,7 @@ import numpy as np
 
 from sketchterrain.features import Fill
 from sketchterrain.features.edits import EditedFill
-from sketchterrain.features.fill_changes import fill_difference, joined_boxes, only_in
+from sketchterrain.features.fill_changes import fill_difference, merge_boxes, rows_only_in
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.packing import pack_features, support_radii
 from sketchterrain.terrain.river_changes import river_areas
@@ -52,13 +52,13 @@ def changed_areas(old: TerrainRecipe, new: TerrainRecipe) -> list[Box]:
     if fills is None:
         return [EVERYWHERE]
     # What was of the fill and now is a person's own, unchanged, is in both.
-    gone = np.concatenate([only_in(old.painted, new.painted), fills[0]])
-    come = np.concatenate([only_in(new.painted, old.painted), fills[1]])
-    boxes = _around_features(old, only_in(gone, come)) + _around_features(new, only_in(come, gone))
+    gone = np.concatenate([rows_only_in(old.painted, new.painted), fills[0]])
+    come = np.concatenate([rows_only_in(new.painted, old.painted), fills[1]])
+    boxes = _around_features(old, rows_only_in(gone, come)) + _around_features(new, rows_only_in(come, gone))
     for one, other in ((old, new), (new, old)):
         boxes += _around_fields(one.lakes, other.lakes)
         boxes += _around_fields(one.covers, other.covers)
-    return joined_boxes([*boxes, *river_areas(old, new)])
+    return merge_boxes([*boxes, *river_areas(old, new)])
 
 
 def touches(areas: Sequence[Box], bounds: Box, *, margin: float = 0.0) -> bool:

@@ -140,7 +140,7 @@ class DetailBound:
         small = recipe.painted[recipe.painted["type"] == FEATURE_TYPES.index(kind)]
         small = small[small["radius"] < 2 * cell]
         gone = small["strength"] * _gone(small["radius"] / cell)
-        strongest, radii = getattr(recipe.fill, "strongest", None), np.linspace(0.0, 2.0, 21)
+        strongest, radii = getattr(recipe.fill, "max_strength", None), np.linspace(0.0, 2.0, 21)
         if strongest is not None:
             # No smaller radius is stronger, and none between two of these is less visible than the lower one.
             of_fill = [strongest(kind, radius * cell) for radius in radii[1:]] * _gone(radii[:-1])

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sketchterrain.features.fill_changes import only_in
+from sketchterrain.features.fill_changes import rows_only_in
 from sketchterrain.terrain.culling import features_near
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.packing import effective_cell, pack_features
@@ -115,7 +115,7 @@ class DryGround:
         if last is None or last.world != self._world:
             return np.zeros(0, dtype=np.int64), np.zeros(0)
         now = self._near(last.block)
-        changed = np.concatenate([only_in(now, last.features), only_in(last.features, now)])
+        changed = np.concatenate([rows_only_in(now, last.features), rows_only_in(last.features, now)])
         packed = pack_features(self._recipe, changed, self._cell)
         good = np.ones(len(last.key), dtype=np.bool_)
         east, north = _places(last.key)

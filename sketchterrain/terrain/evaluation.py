@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sketchterrain.compute.staging import Staging
+from sketchterrain.compute.staging import StagingBuffer
 from sketchterrain.features import FEATURE_TYPES
 from sketchterrain.terrain.batches import Batches
 from sketchterrain.terrain.culling import feature_index, features_near
@@ -62,7 +62,7 @@ class Evaluator:
         self.context = context
         self._arguments = KernelArguments(recipe, context)
         self._launcher = PatchLauncher(self._arguments)
-        self._staged = Staging(context)
+        self._staged = StagingBuffer(context)
         self._kept: SurfaceStore | None = None
         self.vertices = VertexWriter(self._arguments)
         self._detail: DetailBound | None = None
@@ -286,7 +286,7 @@ class Evaluator:
         context, real = self.context, self.context.real_dtype
         blocks, block = _blocks_of(x, y)
         reaching = self._arguments.reaching(blocks, cell_size)
-        lists = self._staged.put(reaching.lists)
+        lists = self._staged.upload(reaching.lists)
         height, masks = context.empty(x.size, real), context.empty(4 * x.size, real)
         context.launch(
             _FILE,

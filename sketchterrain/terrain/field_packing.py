@@ -79,7 +79,7 @@ class PackedLakes:
 
 @dataclass(frozen=True)
 class PackedCovers:
-    """What ``lay_covers`` in ``kernels/materials.clh`` adds to the fields.
+    """What ``create_covers`` in ``kernels/materials.clh`` adds to the fields.
 
     Attributes
     ----------

@@ -9,10 +9,10 @@ import numpy as np
 
 from sketchterrain.compute import ComputeContext
 from sketchterrain.features import Fill, place
-from sketchterrain.features.covers import lay_covers
-from sketchterrain.features.edits import EditedFill, EditedPoints, edited_fill, edited_painted
-from sketchterrain.features.memory import ShapeMemory
-from sketchterrain.features.rivers import trace_waters
+from sketchterrain.features.covers import create_covers
+from sketchterrain.features.edits import EditedFill, EditedPoints, apply_fill_edits, apply_painted_edits
+from sketchterrain.features.memory import PlacementCache
+from sketchterrain.features.rivers import trace_hydrology
 from sketchterrain.sketch import resolved_rules
 from sketchterrain.terrain.balance import BalanceMemory, balanced
 from sketchterrain.terrain.centrelines import valley_reach
@@ -34,7 +34,7 @@ def build(
     *,
     seed: int | None = None,
     device: str | ComputeContext | None = None,
-    memory: ShapeMemory | None = None,
+    memory: PlacementCache | None = None,
 ) -> Terrain:
     """Place a sketch's features and open a device; no part of the terrain is computed yet.
 
@@ -57,7 +57,7 @@ def build(
     context = device if isinstance(device, ComputeContext) else ComputeContext(device)
     if seed is not None:
         sketch = sketch.replace(seed=seed)
-    memory = ShapeMemory() if memory is None else memory
+    memory = PlacementCache() if memory is None else memory
     return Terrain(sketch, make_recipe(sketch, memory=memory), context, memory=memory)
 
 
@@ -89,7 +89,7 @@ def rebuild(
 
 
 def make_recipe(
-    sketch: Sketch, *, memory: ShapeMemory | None = None, checkpoint: Callable[[], None] | None = None
+    sketch: Sketch, *, memory: PlacementCache | None = None, checkpoint: Callable[[], None] | None = None
 ) -> TerrainRecipe:
     """Place the features of a sketch; plain NumPy, no device is needed.
 
@@ -104,12 +104,12 @@ def make_recipe(
     checkpoint
         Called between the steps of the work. It may raise to abandon it: the memory stays good.
     """
-    memory = ShapeMemory() if memory is None else memory
+    memory = PlacementCache() if memory is None else memory
     checkpoint = _go_on if checkpoint is None else checkpoint
     placed = place(sketch, seed=sketch.seed, memory=memory, checkpoint=checkpoint)
-    painted = edited_painted(placed, sketch.edits)
+    painted = apply_painted_edits(placed, sketch.edits)
     fill = Fill(sketch, painted.points, seed=sketch.seed, memory=memory)
-    adopted = edited_fill(fill, sketch.edits, size=sketch.size)
+    adopted = apply_fill_edits(fill, sketch.edits, size=sketch.size)
     dry = TerrainRecipe(
         extent=sketch.extent,
         seed=sketch.seed,
@@ -117,15 +117,15 @@ def make_recipe(
         ground=sketch.ground,
         climate=sketch.climate,
         painted=painted.points,
-        fill=EditedFill(fill, adopted.hidden) if adopted.hidden.size else fill,
-        covers=lay_covers(sketch, memory=memory),
+        fill=EditedFill(fill, adopted.replaced) if adopted.replaced.size else fill,
+        covers=create_covers(sketch, memory=memory),
         material_rules=resolved_rules(sketch.material_rules),
     )
     checkpoint()
     strong = _with_strengths(dry, painted, memory, checkpoint)
     dry = replace(dry, painted=np.concatenate([strong, adopted.points]))
     ground = DryGround(dry, memory.part(GroundMemory))
-    waters = trace_waters(sketch, seed=sketch.seed, ground=ground, memory=memory, checkpoint=checkpoint)
+    waters = trace_hydrology(sketch, seed=sketch.seed, ground=ground, memory=memory, checkpoint=checkpoint)
     ground.remember()
     return replace(
         dry,
@@ -142,11 +142,13 @@ def _go_on() -> None:
 
 
 def _with_strengths(
-    dry: TerrainRecipe, edited: EditedPoints, memory: ShapeMemory, checkpoint: Callable[[], None]
+    dry: TerrainRecipe, edited: EditedPoints, memory: PlacementCache, checkpoint: Callable[[], None]
 ) -> Points:
     """Return the features with their strengths solved for, the locked ones with their own."""
-    asked = replace(dry, painted=edited.asked)
-    solved = balanced(asked, locked=edited.held, memory=memory.part(BalanceMemory), checkpoint=checkpoint)
+    asked = replace(dry, painted=edited.unlocked)
+    solved = balanced(
+        asked, locked=edited.lock_only, memory=memory.part(BalanceMemory), checkpoint=checkpoint
+    )
     points = edited.points.copy()
     points["strength"] = np.where(edited.locked, points["strength"], solved["strength"])
     return points

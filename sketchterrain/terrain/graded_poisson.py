@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from sketchterrain.compute.scratch import Scratch
+from sketchterrain.compute.scratch import BufferPool
 from sketchterrain.errors import InputError
 from sketchterrain.terrain.poisson_cells import (
     GROUP,
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.compute import ComputeContext
-    from sketchterrain.compute.scratch import Room
+    from sketchterrain.compute.scratch import BufferSet
     from sketchterrain.terrain.spacing_raster import SpacingRaster
 
 GRADED: Final = np.dtype([("x", "i8"), ("y", "i8"), ("spacing", "f4"), ("level", "u1")])
@@ -137,7 +137,7 @@ class GradedPoisson:
         self._most, self._levels = most, levels
         self._salts = [salt_of(seed, _STREAM, grid) for grid in range(grids)]
         self._rounds = [schedule(_COARSE_TRIALS if grid else _FINE_TRIALS) for grid in range(grids)]
-        self._scratch = Scratch(context)
+        self._scratch = BufferPool(context)
 
     @property
     def reach(self) -> int:
@@ -167,14 +167,14 @@ class GradedPoisson:
         found = [np.zeros(0, GRADED)]
         for band in bands(area, self._side, window=_WINDOW):
             for part in band:
-                with self._scratch.lent() as room:
+                with self._scratch.borrow() as room:
                     found += yield from self._window_steps(room, part)
                 if sum(map(len, found)) > MOST_POINTS:
                     raise InputError(f"the rectangle holds over {MOST_POINTS} points; ask for parts of it")
         points = np.concatenate(found)
         return points[np.lexsort((points["x"], points["y"]))]
 
-    def _window_steps(self, room: Room, area: Area) -> Generator[None, None, list[npt.NDArray[np.void]]]:
+    def _window_steps(self, room: BufferSet, area: Area) -> Generator[None, None, list[npt.NDArray[np.void]]]:
         """Sample the grids over an area, the coarsest first, and collect the points of each."""
         windows = [Cells.over(area, self._side).wider(self._rim(0))]
         for number in range(1, len(self._salts)):
@@ -232,7 +232,7 @@ class GradedPoisson:
         row, column = np.nonzero(busy)
         return np.stack([first[1][column], first[0][row]], axis=-1).astype(np.int32)
 
-    def _begun(self, room: Room, cells: Cells, number: int, lists: tuple[Any, ...]) -> _Graded:
+    def _begun(self, room: BufferSet, cells: Cells, number: int, lists: tuple[Any, ...]) -> _Graded:
         """Start a grid's window: empty."""
         own = [room.buffer(name, cells.shape, kind) for name, kind in _KINDS.items()]
         # Two sets of lists are enough: they are made of but those before them.
@@ -277,7 +277,7 @@ class GradedPoisson:
             self._launch("accept_graded", size, *window, *grid.points, *grid.candidate)
 
     def _collected(
-        self, room: Room, grid: _Graded, area: Area, raster: tuple[Any, ...]
+        self, room: BufferSet, grid: _Graded, area: Area, raster: tuple[Any, ...]
     ) -> npt.NDArray[np.void]:
         size, where, start, a_row = counted(self._context, room, _FILE, grid, area)
         total = int(a_row.sum())

@@ -134,7 +134,7 @@ class _Packer:
     def ended(self, coming: _Coming) -> GroundBytes:
         """Wait for a band."""
         for event in coming.events:
-            self._context.wait(event, doing="downloading")
+            self._context.wait(event, action="downloading")
         if coming.odd[0]:
             device = self._context.device
             raise DeviceFailedError(

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 from sketchterrain.features import FEATURE_TYPES, Fill
 from sketchterrain.features.edits import EditedFill
-from sketchterrain.features.fill_reach import fill_reach
-from sketchterrain.features.memory import ShapeMemory
-from sketchterrain.features.placement import looks_around
+from sketchterrain.features.fill_reach import fill_influence
+from sketchterrain.features.memory import PlacementCache
+from sketchterrain.features.placement import placement_influence
 from sketchterrain.terrain.centrelines import TOLERANCE_CELLS
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.packing import pack_rivers, support_radii
@@ -42,7 +42,7 @@ def influence(recipe: TerrainRecipe, *, stroke: bool = True) -> float:
     places = dict.fromkeys(FEATURE_TYPES, 0.0)
     changes: list[tuple[float, str, float | None]] = []
     if stroke and isinstance(fill, Fill):
-        places = looks_around(fill.sketch, seed=fill.seed, memory=ShapeMemory())
+        places = placement_influence(fill.sketch, seed=fill.seed, memory=PlacementCache())
         changes += [(0.0, layer, None) for layer in fill.sketch.layers]
     far = _around_waters(recipe)
     for code, name in enumerate(FEATURE_TYPES):
@@ -51,7 +51,7 @@ def influence(recipe: TerrainRecipe, *, stroke: bool = True) -> float:
             far.append(places[name] + float(radii.max()) * support)
             changes.append((places[name], name, float(radii.max())))
     if isinstance(fill, Fill):
-        far.append(fill_reach(fill, changes, support=support))
+        far.append(fill_influence(fill, changes, support=support))
     return max(far, default=0.0) + 3 * metres_per_unit(recipe.extent)
 
 

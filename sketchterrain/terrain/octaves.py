@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.features.hashing import hashed
+from sketchterrain.features.hashing import hash_keys
 from sketchterrain.terrain.lattice import QUADS, metres_per_unit
 
 __all__ = [
@@ -138,7 +138,7 @@ def _octave_table(stacks: tuple[NoiseStack, ...], extent: float, seed: int, cell
             if cell_bits < 1 or wavelength < FINEST_WAVELENGTH or weight == 0:
                 break
             shift = cell_bits + _SKEW_BITS
-            words = hashed(seed, f"noise {stack.name}", octave, np.arange(3))
+            words = hash_keys(seed, f"noise {stack.name}", octave, np.arange(3))
             form.append((shift, int(words[0] & np.uint64(0x7FFFFFFF)), octave & 1, 0))
             offset.append([int(word % _OFFSET_RANGE) << (shift - _OFFSET_CELL_BITS) for word in words[1:]])
             amplitude = weight * (1 - stack.gain) * stack.gain**octave

@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from sketchterrain.features import FEATURE_TYPES
-from sketchterrain.features.crests import crests
+from sketchterrain.features.crests import crest_offsets
 from sketchterrain.terrain.centrelines import as_arcs, course_of, meetings_on, tolerance_cell
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.octaves import band_weight, octave_table
@@ -197,7 +197,7 @@ def pack_features(recipe: TerrainRecipe, features: Points, cell_size: float) -> 
     kept = fade > 0
     features, radius, fade = features[kept], radius[kept], fade[kept]
     shape = np.zeros((features.size, 12))
-    crest = crests(features)
+    crest = crest_offsets(features)
     core = 1 - np.hypot(*crest.T)  # the crest and the flanks around it end where the feature does
     shape[:, 0] = 1 / (core * radius)
     shape[:, 1] = features["strength"] * fade

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sketchterrain.compute.staging import Staging
+from sketchterrain.compute.staging import StagingBuffer
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.octaves import corner_table, fits_patches, whole_step_bits
 
@@ -51,9 +51,9 @@ class PatchLauncher:
         self._arguments = arguments
         self._context = arguments.context
         self._scratch: dict[str, tuple[int, Any]] = {}
-        self._most = lru_cache(maxsize=8)(self._context.most_in_group)
+        self._most = lru_cache(maxsize=8)(self._context.max_group_size)
         self._rows = lru_cache(maxsize=16)(self._whole_rows)
-        self._staged = {name: Staging(self._context) for name in ("whole", "bare")}
+        self._staged = {name: StagingBuffer(self._context) for name in ("whole", "bare")}
 
     def of(self, arguments: KernelArguments) -> PatchLauncher:
         """Return one of another recipe of the same extent on the same device; room on it is shared."""
@@ -174,7 +174,7 @@ class PatchLauncher:
         staging = self._staged["bare" if bare else "whole"]
         if not bare:
             more = {**more, **vertices.inverse, "absent": _in_none(reaching.absent, patches.squares)}
-        small = staging.put({**reaching.lists, **vertices.arrays, **more})
+        small = staging.upload({**reaching.lists, **vertices.arrays, **more})
         launch = _Launch(
             vertices.file,
             reaching,

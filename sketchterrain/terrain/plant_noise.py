@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sketchterrain.features.hashing import smooth_noise, unit
+from sketchterrain.features.hashing import hash_unit, value_noise
 from sketchterrain.terrain.lattice import metres_per_unit
 
 if TYPE_CHECKING:
@@ -32,11 +32,11 @@ class PlantNoise:
 
     def draw(self, stream: str, x: Lattice, y: Lattice) -> Reals:
         """Return one number in [0, 1) for each place (lattice units)."""
-        return unit(self._seed, f"plant {stream}", x, y)
+        return hash_unit(self._seed, f"plant {stream}", x, y)
 
     def at(self, name: str, width: float, x: Lattice, y: Lattice) -> Reals:
         """Return smooth noise, 0 … 1, one swing in about two widths (m), at places (lattice units)."""
-        return smooth_noise(self._seed, _stream(name, width), self._steps(x, width), self._steps(y, width))
+        return value_noise(self._seed, _stream(name, width), self._steps(x, width), self._steps(y, width))
 
     def over(self, name: str, width: float, x: Lattice, y: Lattice) -> Reals:
         """Return the same bits at all places of a grid: y runs over rows, x over columns, both ascending.
@@ -45,7 +45,7 @@ class PlantNoise:
         """
         columns, east, u = _between(self._steps(x, width))
         rows, north, v = _between(self._steps(y, width))
-        corner = unit(self._seed, _stream(name, width), columns[None, :], rows[:, None])
+        corner = hash_unit(self._seed, _stream(name, width), columns[None, :], rows[:, None])
         across = (1.0 - u) * corner[:, east] + u * corner[:, east + 1]
         return np.asarray((1.0 - v[:, None]) * across[north] + v[:, None] * across[north + 1])
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sketchterrain.compute.scratch import Scratch
+from sketchterrain.compute.scratch import BufferPool
 from sketchterrain.errors import InputError
 from sketchterrain.terrain.poisson_cells import (
     GROUP,
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.compute import ComputeContext
-    from sketchterrain.compute.scratch import Room
+    from sketchterrain.compute.scratch import BufferSet
 
 TRIALS = 24
 """Darts a cell throws: over nine tenths of the points a maximal set would have."""
@@ -101,7 +101,7 @@ class PoissonDisk:
         self._side = math.ceil((radius + ROUNDING) / math.sqrt(2.0))
         r2 = math.ceil(((radius + ROUNDING) * SIDE / self._side) ** 2)
         self._r2 = np.int32(min(r2, 2 * SIDE**2))
-        self._scratch = Scratch(context)
+        self._scratch = BufferPool(context)
 
     def within(self, area: Area) -> Points:
         """Return the points of a rectangle, as far as they fit into memory.
@@ -145,13 +145,13 @@ class PoissonDisk:
         """Sample and collect the points of windows side by side."""
         parts = []
         for part in band:
-            with self._scratch.lent() as room:
+            with self._scratch.borrow() as room:
                 sampled = self._sampled(room, part)
                 yield
                 parts.append(self._collected(room, sampled, part))
         return merged(parts)
 
-    def _sampled(self, room: Room, area: Area) -> _Levelled:
+    def _sampled(self, room: BufferSet, area: Area) -> _Levelled:
         """Enqueue the sampling of an area's cells, the coarsest level first."""
         windows = [Cells.over(area, self._side).wider(self._rim)]
         for _ in self._salts[1:]:
@@ -164,7 +164,7 @@ class PoissonDisk:
             self._fill(room, grid, level)
         return grid
 
-    def _begun(self, room: Room, cells: Cells, level: int, coarse: _Levelled | None) -> _Levelled:
+    def _begun(self, room: BufferSet, cells: Cells, level: int, coarse: _Levelled | None) -> _Levelled:
         """Start a window: empty, or with the points of a coarser one that covers it."""
         # Two sets of buffers are enough: a level reads but the one before it.
         kinds = (("x", np.int16), ("y", np.int16), ("level", np.uint8))
@@ -177,7 +177,7 @@ class PoissonDisk:
         self._launch("inherit", size, x, y, of, grid.width, *grid.corner, *given)
         return grid
 
-    def _fill(self, room: Room, grid: _Levelled, level: int) -> None:
+    def _fill(self, room: BufferSet, grid: _Levelled, level: int) -> None:
         """Enqueue a level's rounds; each leaves a wider rim that is not right."""
         kinds = (("candidate x", np.int16), ("candidate y", np.int16), ("time", np.uint32))
         candidate = [room.buffer(name, grid.cells.shape, kind) for name, kind in kinds]
@@ -194,7 +194,7 @@ class PoissonDisk:
             kept = (grid.x, grid.y, grid.level)
             self._launch("accept", _inner(grid, rim), *kept, *candidate, *window, self._r2, np.int32(level))
 
-    def _collected(self, room: Room, grid: _Levelled, area: Area) -> Points:
+    def _collected(self, room: BufferSet, grid: _Levelled, area: Area) -> Points:
         size, where, start, a_row = counted(self.context, room, _FILE, grid, area)
         total = int(a_row.sum())
         point, of = room.buffer("point", (total, 2), np.int64), room.buffer("of", total, np.uint8)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from sketchterrain.features.hashing import hashed
+from sketchterrain.features.hashing import hash_keys
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.compute import ComputeContext
-    from sketchterrain.compute.scratch import Room
+    from sketchterrain.compute.scratch import BufferSet
 
 MOST_POINTS: Final = 40_000_000
 """Points that are given back at once at most."""
@@ -151,7 +151,7 @@ def thrown_by(tries: int) -> str:
 
 def salt_of(seed: int, stream: str, level: int) -> np.uint32:
     """Return what sets the darts of a level apart."""
-    return np.uint32(hashed(seed, stream, level) & np.uint64(0xFFFFFFFF))
+    return np.uint32(hash_keys(seed, stream, level) & np.uint64(0xFFFFFFFF))
 
 
 def rounded_up(count: int) -> int:
@@ -174,7 +174,7 @@ def bands(area: Area, side: int, *, window: int) -> Iterator[list[Area]]:
 
 
 def counted(
-    context: ComputeContext, room: Room, file: str, grid: Grid, area: Area
+    context: ComputeContext, room: BufferSet, file: str, grid: Grid, area: Area
 ) -> tuple[tuple[int, int], tuple[Any, ...], Any, npt.NDArray[np.int64]]:
     """Count the points of a grid, from its rim on, that lie within an area (lattice units).
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from sketchterrain.features.hashing import hashed
+from sketchterrain.features.hashing import hash_keys
 from sketchterrain.terrain.graded_poisson import GradedPoisson
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.meadow import Meadow
@@ -65,7 +65,7 @@ class Storey:
             least=self._rule.least,
             most=self._rule.most,
             levels=LEVELS,
-            seed=int(hashed(recipe.seed, f"plants {name}")),
+            seed=int(hash_keys(recipe.seed, f"plants {name}")),
         )
         self._square = whole_step(_SQUARES[name], recipe.extent)
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.compute import ComputeContext
-    from sketchterrain.features.memory import ShapeMemory
+    from sketchterrain.features.memory import PlacementCache
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain.answers import Band
     from sketchterrain.terrain.changes import Box
@@ -43,7 +43,7 @@ class Terrain:
     sketch : Sketch
     recipe : TerrainRecipe
     context : ComputeContext
-    memory : ShapeMemory or None
+    memory : PlacementCache or None
         What placing worked out, for the next recipe.
     """
 
@@ -53,7 +53,7 @@ class Terrain:
         recipe: TerrainRecipe,
         context: ComputeContext,
         *,
-        memory: ShapeMemory | None = None,
+        memory: PlacementCache | None = None,
     ) -> None:
         self.memory = memory
         self.sketch = sketch

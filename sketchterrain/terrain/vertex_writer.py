@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sketchterrain.compute.staging import Staging
+from sketchterrain.compute.staging import StagingBuffer
 from sketchterrain.errors import DeviceFailedError
 from sketchterrain.terrain.batches import Batches
 from sketchterrain.terrain.lattice import finest_level
@@ -53,7 +53,7 @@ class VertexWriter:
         self._arguments = arguments
         self._context = arguments.context
         self._launcher = PatchLauncher(arguments)
-        self._staged = Staging(self._context)
+        self._staged = StagingBuffer(self._context)
         self._wide = WideErrors(arguments.recipe, self._heights)
         self._at_once: dict[int, Batches] = {}
         self._rooms: dict[str, tuple[int, Any]] = {}
@@ -139,7 +139,7 @@ class VertexWriter:
         if level < finest_level(store.quads) and not self._wide.is_wide(level):
             samples = tile_samples(level, places, cell_size=FINEST_CELL, quads=store.quads)
             sample, sampled = self._launcher.heights(cut(samples)), True
-        slot = self._staged.put({"slot": lives[:, 0]})["slot"]
+        slot = self._staged.upload({"slot": lives[:, 0]})["slot"]
         self._context.launch(
             _FILE,
             "facts",

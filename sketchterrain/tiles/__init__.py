@@ -6,17 +6,17 @@ from sketchterrain.tiles.metrics import QuadLength, ScreenError
 from sketchterrain.tiles.morph import morph_weights
 from sketchterrain.tiles.orders import Batch, DrawList
 from sketchterrain.tiles.stream import QUADS, TileStream
-from sketchterrain.tiles.view import View, inside_frustum
+from sketchterrain.tiles.view import CameraView, inside_frustum
 
 __all__ = [
     "QUADS",
     "Batch",
+    "CameraView",
     "DrawList",
     "QuadLength",
     "ScreenError",
     "TileKey",
     "TileStream",
-    "View",
     "inside_frustum",
     "morph_weights",
     "tile_indices",

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from sketchterrain.tiles.codes import Boxes, place_of
+from sketchterrain.tiles.codes import Boxes, decode
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -15,30 +15,30 @@ if TYPE_CHECKING:
 
     Bounds = tuple[float, float, float, float]
 
-EVERYWHERE: Final = (float("-inf"), float("-inf"), float("inf"), float("inf"))
+UNBOUNDED: Final = (float("-inf"), float("-inf"), float("inf"), float("inf"))
 """West, south, east, north (m) of a world without end."""
 
 
-def places_within(bounds: Bounds, width: float) -> Bounds:
+def tile_range(bounds: Bounds, width: float) -> Bounds:
     """Return the first and last column, first and last row of the tiles of a width (m) that meet bounds."""
     west, south, east, north = (np.array(bounds) / width).tolist()
     return float(np.floor(west)), float(np.ceil(east)) - 1, float(np.floor(south)), float(np.ceil(north)) - 1
 
 
-def meets(codes: Codes, extent: float, bounds: Bounds) -> npt.NDArray[np.bool_]:
+def intersects_bounds(codes: Codes, extent: float, bounds: Bounds) -> npt.NDArray[np.bool_]:
     """Tell which tiles hold ground: those that share more than a border with the bounds; any shape."""
-    if bounds == EVERYWHERE:
+    if bounds == UNBOUNDED:
         return np.ones(codes.shape, np.bool_)
-    level, col, row = place_of(codes)
+    level, col, row = decode(codes)
     width = extent * np.exp2(-level.astype(np.float64))
     west, south, east, north = bounds
     inside = (col * width < east) & ((col + 1) * width > west)
     return np.asarray(inside & (row * width < north) & ((row + 1) * width > south))
 
 
-def clipped(boxes: Boxes, bounds: Bounds) -> Boxes:
+def clip_boxes(boxes: Boxes, bounds: Bounds) -> Boxes:
     """Return the parts of boxes within bounds; what has none lies flat on a border."""
-    if bounds == EVERYWHERE:
+    if bounds == UNBOUNDED:
         return boxes
     low, high = boxes.low.copy(), boxes.high.copy()
     for corners in (low, high):

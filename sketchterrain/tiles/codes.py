@@ -47,7 +47,7 @@ class Boxes(NamedTuple):
     low: Floats
     high: Floats
 
-    def some(self, which: npt.NDArray[Any]) -> Boxes:
+    def subset(self, which: npt.NDArray[Any]) -> Boxes:
         """Return some of the boxes, by number or by flag."""
         return Boxes(self.low[which], self.high[which])
 
@@ -65,7 +65,7 @@ def codes_of(keys: Iterable[TileKey]) -> Codes:
     return code_of(level, col, row)
 
 
-def place_of(codes: Codes) -> tuple[Codes, Codes, Codes]:
+def decode(codes: Codes) -> tuple[Codes, Codes, Codes]:
     """Return level, column and row."""
     return (
         (codes >> (2 * _BITS)) - _LEVELS,
@@ -76,18 +76,18 @@ def place_of(codes: Codes) -> tuple[Codes, Codes, Codes]:
 
 def keys_of(codes: Codes) -> list[TileKey]:
     """Return the keys of codes."""
-    return [TileKey(*place) for place in np.stack(place_of(codes), axis=-1).tolist()]
+    return [TileKey(*place) for place in np.stack(decode(codes), axis=-1).tolist()]
 
 
 def parent_of(codes: Codes) -> Codes:
     """Return the code of each tile's parent."""
-    level, col, row = place_of(codes)
+    level, col, row = decode(codes)
     return code_of(level - 1, col >> 1, row >> 1)
 
 
 def children_of(codes: Codes) -> Codes:
     """Return the four children of each, shape (n, 4): south-west, south-east, north-west, north-east."""
-    level, col, row = (part[:, None] for part in place_of(codes))
+    level, col, row = (part[:, None] for part in decode(codes))
     return code_of(level + 1, 2 * col + _CHILDREN[:, 0], 2 * row + _CHILDREN[:, 1])
 
 
@@ -134,7 +134,7 @@ def contains(found: Codes, codes: Codes) -> npt.NDArray[np.bool_]:
 
 def boxes_of(codes: Codes, extent: float, bottom: Floats, top: Floats) -> Boxes:
     """Return the boxes of tiles whose ground lies between two heights (m)."""
-    level, col, row = place_of(codes)
+    level, col, row = decode(codes)
     width = extent * np.exp2(-level.astype(np.float64))
     west, south = col * width, row * width
     return Boxes(np.stack([west, south, bottom], -1), np.stack([west + width, south + width, top], -1))
@@ -142,7 +142,7 @@ def boxes_of(codes: Codes, extent: float, bottom: Floats, top: Floats) -> Boxes:
 
 def control_codes(codes: Codes) -> Codes:
     """Return the codes of each tile's nine controls, shape (n, 3, 3): row 0 north, column 0 west."""
-    level, col, row = (part[:, None, None] for part in place_of(codes))
+    level, col, row = (part[:, None, None] for part in decode(codes))
     x = 2 * col + np.arange(3)[None, None, :] + (1 << _BITS)
     y = 2 * row + np.arange(2, -1, -1)[None, :, None] + (1 << _BITS)
     return np.asarray(((level + _CONTROL_LEVELS) << (2 * _CONTROL_BITS)) + (x << _CONTROL_BITS) + y, np.int64)

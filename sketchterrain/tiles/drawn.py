@@ -20,10 +20,10 @@ from sketchterrain.tiles.codes import (
     code_of,
     contains,
     control_codes,
+    decode,
     index_in,
     neighbours_of,
     parent_of,
-    place_of,
 )
 from sketchterrain.tiles.wanted import ROOT_LEVEL
 
@@ -46,7 +46,7 @@ _NEAR_CHILD: Final = np.array([1, 0, 0, 1, 0, 3, 2, 2])
 
 
 @dataclass(frozen=True, eq=False)
-class Goals:
+class MorphTargets:
     """Where tiles are to go.
 
     Attributes
@@ -64,7 +64,7 @@ class Goals:
     rates: Floats
 
 
-class DrawnTree:
+class DisplayedTree:
     """Leaves that cover the roots, and the weights of their controls.
 
     Parameters
@@ -123,7 +123,7 @@ class DrawnTree:
         self.codes, self._fresh = leaves[order], np.concatenate(fresh)[order]
         self._relate()
 
-    def move(self, goals: Goals, elapsed: float) -> None:
+    def move(self, goals: MorphTargets, elapsed: float) -> None:
         """Move weights towards their goals.
 
         Parameters
@@ -170,14 +170,14 @@ class DrawnTree:
         stay = contains(splits, self._around)
         as_parent = (self.controls.reshape(-1, 9) == 1) | self._touching(self._finer & stay)
         still = as_parent.all(axis=1) & ~(self._finer & ~stay).any(axis=1)
-        candidates = still & (place_of(self.codes)[0] > ROOT_LEVEL)
+        candidates = still & (decode(self.codes)[0] > ROOT_LEVEL)
         parents, count = np.unique(parent_of(self.codes[candidates]), return_counts=True)
         parents = parents[count == 4]
         return np.asarray(parents[~contains(splits, parents) & (pool.find(parents) >= 0)])
 
     def _wanted_here(self, splits: Codes) -> Flags:
         """Tell which leaves the wanted tree has, or splits."""
-        level, _, _ = place_of(self.codes)
+        level, _, _ = decode(self.codes)
         return np.asarray(contains(splits, parent_of(self.codes)) | (level == ROOT_LEVEL))
 
     def _unfinished(self, splits: Codes) -> bool:
@@ -238,6 +238,6 @@ def _least(at: npt.NDArray[np.intp], values: Floats, count: int, start: float) -
 
 
 def _root_of(codes: Codes) -> Codes:
-    level, col, row = place_of(codes)
+    level, col, row = decode(codes)
     up = level - ROOT_LEVEL
     return code_of(np.full_like(level, ROOT_LEVEL), col >> up, row >> up)

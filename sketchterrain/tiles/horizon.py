@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from sketchterrain.tiles.metrics import across
+from sketchterrain.tiles.metrics import horizontal_distances
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.tiles.codes import Boxes
-    from sketchterrain.tiles.view import View
+    from sketchterrain.tiles.view import CameraView
 
     Floats = npt.NDArray[np.float64]
     Ints = npt.NDArray[np.int64]
@@ -28,7 +28,7 @@ _SHELL: Final = 1.15
 """Ratio of distances up to which tiles are judged by the same horizon."""
 
 
-def behind_ground(view: View, boxes: Boxes, ground: Boxes | None = None) -> npt.NDArray[np.bool_]:
+def occluded(view: CameraView, boxes: Boxes, ground: Boxes | None = None) -> npt.NDArray[np.bool_]:
     """Tell which tiles others hide wholly.
 
     Parameters
@@ -46,10 +46,10 @@ def behind_ground(view: View, boxes: Boxes, ground: Boxes | None = None) -> npt.
     """
     hidden = np.zeros(len(boxes.low), np.bool_)
     eye = np.asarray(view.eye)
-    near, far = across(view, boxes)
+    near, far = horizontal_distances(view, boxes)
     first, last = _bearings(eye, boxes)
     most = _tangent(boxes.high[:, 2] - eye[2], near, far)
-    rising = _Rising(view, boxes if ground is None else ground)
+    rising = _Horizon(view, boxes if ground is None else ground)
     shell = np.floor(np.log(np.maximum(near, 1e-3)) / np.log(_SHELL))
     beside = near > 0.0
     for number in np.unique(shell[beside]):
@@ -63,11 +63,11 @@ def behind_ground(view: View, boxes: Boxes, ground: Boxes | None = None) -> npt.
     return hidden
 
 
-class _Rising:
+class _Horizon:
     """The horizon that ground makes, from near to far."""
 
-    def __init__(self, view: View, ground: Boxes) -> None:
-        near, far = across(view, ground)
+    def __init__(self, view: CameraView, ground: Boxes) -> None:
+        near, far = horizontal_distances(view, ground)
         order = np.argsort(far)
         order = order[near[order] > 0.0]
         first, last = _bearings(np.asarray(view.eye), ground)

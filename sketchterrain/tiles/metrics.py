@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.tiles.codes import Boxes
-    from sketchterrain.tiles.view import View
+    from sketchterrain.tiles.view import CameraView
 
     Floats = npt.NDArray[np.float64]
 
@@ -25,11 +25,11 @@ class Metric(Protocol):
     """Says by how much tiles are too coarse."""
 
     @property
-    def steep(self) -> float:
+    def neighbour_limit(self) -> float:
         """Excess from which on a tile's neighbours are split too."""
         ...
 
-    def excess(self, view: View, boxes: Boxes, errors: Floats, cells: Floats) -> Floats:
+    def excess(self, view: CameraView, boxes: Boxes, errors: Floats, cells: Floats) -> Floats:
         """Return for each tile what should be at most 1; above, it is split.
 
         Parameters
@@ -42,7 +42,7 @@ class Metric(Protocol):
         """
         ...
 
-    def coarser(self, factor: float) -> Self:
+    def relaxed(self, factor: float) -> Self:
         """Return the metric that allows so many times as much."""
         ...
 
@@ -67,7 +67,7 @@ class ScreenError:
 
     tolerance: float = 1.0
     quad: float = 32.0
-    steep: float = 2.0
+    neighbour_limit: float = 2.0
 
     def __post_init__(self) -> None:
         if not (self.tolerance > 0 and self.quad > 0):
@@ -75,13 +75,13 @@ class ScreenError:
                 f"expected a tolerance and a quad > 0 px, got {self.tolerance:g} and {self.quad:g}"
             )
 
-    def excess(self, view: View, boxes: Boxes, errors: Floats, cells: Floats) -> Floats:
+    def excess(self, view: CameraView, boxes: Boxes, errors: Floats, cells: Floats) -> Floats:
         """Return the larger of error over tolerance and quad over its limit; see :class:`Metric`."""
         seen = screen_errors(view, boxes, errors) / self.tolerance
-        distance, _ = nearest(view, boxes)
+        distance, _ = eye_distances(view, boxes)
         return np.maximum(seen, cells * view.pixels_per_radian / distance / self.quad)
 
-    def coarser(self, factor: float) -> Self:
+    def relaxed(self, factor: float) -> Self:
         """Return the metric that allows so many times as much."""
         return replace(self, tolerance=self.tolerance * factor, quad=self.quad * factor)
 
@@ -97,23 +97,23 @@ class QuadLength:
     """
 
     factor: float = 1.0
-    steep: ClassVar[float] = np.inf
+    neighbour_limit: ClassVar[float] = np.inf
 
     def __post_init__(self) -> None:
         if not self.factor > 0:
             raise InputError(f"expected a tessellation factor > 0, got {self.factor:g}")
 
-    def excess(self, view: View, boxes: Boxes, errors: Floats, cells: Floats) -> Floats:
+    def excess(self, view: CameraView, boxes: Boxes, errors: Floats, cells: Floats) -> Floats:
         """Return length over its limit; see :class:`Metric`."""
-        distance, _ = nearest(view, boxes)
+        distance, _ = eye_distances(view, boxes)
         return np.asarray(cells * self.factor / np.sqrt(distance))
 
-    def coarser(self, factor: float) -> Self:
+    def relaxed(self, factor: float) -> Self:
         """Return the metric that allows so many times as much."""
         return replace(self, factor=self.factor / factor)
 
 
-def nearest(view: View, boxes: Boxes) -> tuple[Floats, Floats]:
+def eye_distances(view: CameraView, boxes: Boxes) -> tuple[Floats, Floats]:
     """Return distances (m) from the eye to boxes, and their vertical part; 0.5 m at least."""
     eye = np.asarray(view.eye)
     apart = np.maximum(np.maximum(boxes.low - eye, eye - boxes.high), 0.0)
@@ -121,7 +121,7 @@ def nearest(view: View, boxes: Boxes) -> tuple[Floats, Floats]:
     return np.maximum(np.sqrt(east * east + north * north + above * above), _NEAREST), above
 
 
-def across(view: View, boxes: Boxes) -> tuple[Floats, Floats]:
+def horizontal_distances(view: CameraView, boxes: Boxes) -> tuple[Floats, Floats]:
     """Return the horizontal distances (m) from the eye to the nearest and to the farthest of boxes."""
     eye = np.asarray(view.eye[:2])
     apart = np.maximum(np.maximum(boxes.low[:, :2] - eye, eye - boxes.high[:, :2]), 0.0)
@@ -129,12 +129,12 @@ def across(view: View, boxes: Boxes) -> tuple[Floats, Floats]:
     return np.hypot(apart[:, 0], apart[:, 1]), np.hypot(away[:, 0], away[:, 1])
 
 
-def screen_errors(view: View, boxes: Boxes, errors: Floats) -> Floats:
+def screen_errors(view: CameraView, boxes: Boxes, errors: Floats) -> Floats:
     """Return how many pixels a vertical error (m) in a box can cover, shape (n,).
 
     It is as near as the box's nearest point, and seen as sideways as its farthest corner.
     """
-    distance, above = nearest(view, boxes)
-    _, reach = across(view, boxes)
+    distance, above = eye_distances(view, boxes)
+    _, reach = horizontal_distances(view, boxes)
     sideways = reach / np.hypot(reach, above)
     return np.asarray(errors * view.pixels_per_radian * sideways / distance)

@@ -1,7 +1,7 @@
 """Tiles that show the ground as it was before a change: which they are, and when they are right again.
 
-A tile holds its own vertices and its parent's at the same places. So one that is written anew is right if
-its parent's own vertices are: those of a parent that is not outdated, or that is written by the same batch.
+A tile holds its own vertices and its parent's at the same places. So a rewritten tile is right if
+its parent's own vertices are: those of a parent that is not stale, or that is mark_written by the same batch.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from sketchterrain.tiles.codes import boxes_of, contains, keys_of, parent_of, place_of
+from sketchterrain.tiles.codes import boxes_of, contains, decode, keys_of, parent_of
 from sketchterrain.tiles.orders import Batch
 from sketchterrain.tiles.wanted import ROOT_LEVEL
 
@@ -29,7 +29,7 @@ _MARGIN: Final = 2
 """Quads beyond a tile's border that its parent's normals read."""
 
 
-def outdate(pool: TilePool, areas: Sequence[Box], *, extent: float, quads: int, kept: Codes) -> int:
+def mark_stale(pool: TilePool, areas: Sequence[Box], *, extent: float, quads: int, kept: Codes) -> int:
     """Note that the ground is another one in some areas; return how many tiles are forgotten for it.
 
     Parameters
@@ -43,51 +43,51 @@ def outdate(pool: TilePool, areas: Sequence[Box], *, extent: float, quads: int, 
     quads
         Along a tile's side.
     kept
-        Tiles that are not forgotten, sorted: they are outdated until they are written anew.
+        Tiles that are not forgotten, sorted: they are stale until they are rewritten.
     """
-    codes, slots = pool.all()
+    codes, slots = pool.tiles()
     touched = _touched(codes, areas, extent, quads)
     stays = touched & contains(kept, codes)
-    pool.outdated[slots[stays]] = True
+    pool.stale[slots[stays]] = True
     gone = codes[touched & ~stays]
-    pool.drop(gone)
+    pool.remove(gone)
     return len(gone)
 
 
-def outdated_above(pool: TilePool, codes: Codes) -> Codes:
-    """Return the outdated tiles that some tiles lie in, coarser ones first."""
+def stale_ancestors(pool: TilePool, codes: Codes) -> Codes:
+    """Return the stale tiles that some tiles lie in, coarser ones first."""
     above = codes[:0]
     while codes.size:
-        codes = np.unique(parent_of(codes[place_of(codes)[0] > ROOT_LEVEL]))
+        codes = np.unique(parent_of(codes[decode(codes)[0] > ROOT_LEVEL]))
         above = np.union1d(above, codes)
-    return _outdated(pool, above)
+    return _stale(pool, above)
 
 
-def rewriting(pool: TilePool, codes: Codes) -> Batch:
+def rewrite_batch(pool: TilePool, codes: Codes) -> Batch:
     """Return the batch that writes held tiles anew, with those parents that they read."""
-    above = codes[place_of(codes)[0] > ROOT_LEVEL]
-    codes = np.union1d(codes, _outdated(pool, np.unique(parent_of(above))))
-    codes = codes[np.argsort(place_of(codes)[0], kind="stable")]
-    return batch_of(pool, codes, pool.find(codes))
+    above = codes[decode(codes)[0] > ROOT_LEVEL]
+    codes = np.union1d(codes, _stale(pool, np.unique(parent_of(above))))
+    codes = codes[np.argsort(decode(codes)[0], kind="stable")]
+    return create_batch(pool, codes, pool.find(codes))
 
 
-def batch_of(pool: TilePool, codes: Codes, slots: Slots) -> Batch:
+def create_batch(pool: TilePool, codes: Codes, slots: Slots) -> Batch:
     """Return the batch that writes tiles into slots, parents that are held beside them."""
-    parents = np.where(place_of(codes)[0] > ROOT_LEVEL, pool.find(parent_of(codes)), -1)
+    parents = np.where(decode(codes)[0] > ROOT_LEVEL, pool.find(parent_of(codes)), -1)
     return Batch(tuple(keys_of(codes)), slots, parents)
 
 
-def written(pool: TilePool, batch: Batch) -> None:
-    """Note that a batch was written; what read a parent that is not right stays outdated."""
+def mark_written(pool: TilePool, batch: Batch) -> None:
+    """Note that a batch was mark_written; what read a parent that is not right stays stale."""
     parents = batch.parents
-    wrong = (parents >= 0) & pool.outdated[parents] & ~np.isin(parents, batch.slots)
-    pool.outdated[batch.slots] &= wrong
+    wrong = (parents >= 0) & pool.stale[parents] & ~np.isin(parents, batch.slots)
+    pool.stale[batch.slots] &= wrong
 
 
-def _outdated(pool: TilePool, codes: Codes) -> Codes:
+def _stale(pool: TilePool, codes: Codes) -> Codes:
     slots = pool.find(codes)
     held = slots >= 0
-    return codes[held][pool.outdated[slots[held]]]
+    return codes[held][pool.stale[slots[held]]]
 
 
 def _touched(codes: Codes, areas: Sequence[Box], extent: float, quads: int) -> npt.NDArray[np.bool_]:
@@ -99,5 +99,5 @@ def _touched(codes: Codes, areas: Sequence[Box], extent: float, quads: int) -> n
     low, high = boxes.low[:, None, :2], boxes.high[:, None, :2]
     margin = _MARGIN * (high - low) / quads
     box = np.asarray(areas, np.float64).reshape(1, -1, 4)
-    meets = (box[..., :2] <= high + margin) & (box[..., 2:] >= low - margin)
-    return np.asarray(meets.all(axis=-1).any(axis=-1))
+    intersects_bounds = (box[..., :2] <= high + margin) & (box[..., 2:] >= low - margin)
+    return np.asarray(intersects_bounds.all(axis=-1).any(axis=-1))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sketchterrain.errors import InputError
-from sketchterrain.tiles.bounds import EVERYWHERE, clipped
+from sketchterrain.tiles.bounds import UNBOUNDED, clip_boxes
 from sketchterrain.tiles.codes import boxes_of, index_in
 
 if TYPE_CHECKING:
@@ -37,18 +37,18 @@ class TilePool:
     ----------
     error, bottom, top : (slots,) float64
         Of the tile in a slot: geometric error, lowest and highest ground, m.
-    outdated : (slots,) bool
+    stale : (slots,) bool
         Whether a slot's tile shows the ground as it was before a change.
     """
 
-    def __init__(self, slots: int, *, bounds: tuple[float, float, float, float] = EVERYWHERE) -> None:
+    def __init__(self, slots: int, *, bounds: tuple[float, float, float, float] = UNBOUNDED) -> None:
         if slots < 1:
             raise InputError(f"expected room for 1 tile at least, got {slots}")
         self._bounds = bounds
         self._code = np.full(slots, _FREE, np.int64)
         self._used = np.zeros(slots, np.int64)
         self.error, self.bottom, self.top = (np.zeros(slots) for _ in range(3))
-        self.outdated = np.zeros(slots, np.bool_)
+        self.stale = np.zeros(slots, np.bool_)
         self._sorted: tuple[Codes, Slots] = self._code[:0], self._code[:0]
         self._time = 0
 
@@ -58,18 +58,18 @@ class TilePool:
         return len(self._code)
 
     @property
-    def held(self) -> int:
+    def count(self) -> int:
         """How many tiles there are."""
         return len(self._sorted[0])
 
-    def all(self) -> tuple[Codes, Slots]:
+    def tiles(self) -> tuple[Codes, Slots]:
         """Return all tiles that are held, sorted, and their slots."""
         return self._sorted
 
-    def all_outdated(self) -> Codes:
-        """Return the outdated tiles that are held, coarser ones first."""
+    def stale_tiles(self) -> Codes:
+        """Return the stale tiles that are held, coarser ones first."""
         codes, slots = self._sorted
-        return codes[self.outdated[slots]]
+        return codes[self.stale[slots]]
 
     def find(self, codes: Codes) -> Slots:
         """Return the slot of each tile, -1 where it is not held; any shape."""
@@ -77,17 +77,17 @@ class TilePool:
         at = index_in(known, codes)
         return np.where(at >= 0, slots[at], _FREE) if known.size else at
 
-    def use(self, codes: Codes) -> None:
+    def touch(self, codes: Codes) -> None:
         """Note that tiles are in use now; what is used together goes together."""
         self._time += 1
         slots = self.find(codes)
         self._used[slots[slots >= 0]] = self._time
 
-    def room(self) -> int:
+    def available(self) -> int:
         """Return how many tiles can be taken in without losing one that is in use now."""
         return int(np.count_nonzero((self._code == _FREE) | (self._used < self._time)))
 
-    def take(self, codes: Codes) -> Slots:
+    def acquire(self, codes: Codes) -> Slots:
         """Give new tiles a slot each, and forget those that were used least recently; shape (n,).
 
         The tiles count as held from now on: what is enqueued next is written after them.
@@ -97,23 +97,23 @@ class TilePool:
         InputError
             If that would lose a tile that is in use now.
         """
-        if len(codes) > self.room():
+        if len(codes) > self.available():
             raise InputError(f"no room for {len(codes)} tiles in {self.slots} slots")
         slots = np.lexsort((self._used, self._code != _FREE))[: len(codes)]
         self._code[slots] = codes
         self._used[slots] = self._time
-        self.outdated[slots] = False
+        self.stale[slots] = False
         self._sort()
         return slots
 
-    def drop(self, codes: Codes) -> None:
+    def remove(self, codes: Codes) -> None:
         """Forget tiles, all of which are held."""
         slots = self.find(codes)
         self._code[slots] = _FREE
-        self.outdated[slots] = False
+        self.stale[slots] = False
         self._sort()
 
-    def of(self, slots: Slots) -> Codes:
+    def codes_in(self, slots: Slots) -> Codes:
         """Return the tiles that live in slots."""
         return self._code[slots]
 
@@ -122,7 +122,7 @@ class TilePool:
         order = held[np.argsort(self._code[held])]
         self._sorted = self._code[order], order
 
-    def describe(self, slots: Slots, facts: npt.NDArray[Any]) -> None:
+    def set_properties(self, slots: Slots, facts: npt.NDArray[Any]) -> None:
         """Note what tiles are like: fields ``low``, ``high`` and ``error``, m."""
         self.bottom[slots], self.top[slots], self.error[slots] = facts["low"], facts["high"], facts["error"]
 
@@ -130,10 +130,10 @@ class TilePool:
         """Return the boxes of held tiles, wide enough for their own surface and for the real one."""
         error = self.error[slots]
         boxes = boxes_of(codes, extent, self.bottom[slots] - error, self.top[slots] + error)
-        return clipped(boxes, self._bounds)
+        return clip_boxes(boxes, self._bounds)
 
-    def possible_boxes(self, codes: Codes, slots: Slots, extent: float) -> Boxes:
-        """Return the same, of outdated tiles as high and low as any ground may be."""
-        boxes, unknown = self.boxes(codes, slots, extent), self.outdated[slots]
+    def conservative_boxes(self, codes: Codes, slots: Slots, extent: float) -> Boxes:
+        """Return the same, of stale tiles as high and low as any ground may be."""
+        boxes, unknown = self.boxes(codes, slots, extent), self.stale[slots]
         boxes.low[unknown, 2], boxes.high[unknown, 2] = -_ANY_HEIGHT, _ANY_HEIGHT
         return boxes

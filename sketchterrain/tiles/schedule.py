@@ -43,7 +43,7 @@ class CostModel:
         """Return how many seconds a batch of tiles of some levels will take."""
         return float(_counts(levels)[-1] @ self._cost) if len(levels) else 0.0
 
-    def fitting(self, levels: Codes, budget: float) -> int:
+    def count_within(self, levels: Codes, budget: float) -> int:
         """Return how many tiles, in their order, fit into a budget.
 
         Parameters
@@ -65,7 +65,7 @@ class CostModel:
         seconds = _counts(levels) @ self._cost * self._slow
         return max(1, int(np.searchsorted(seconds, _AIM * budget, side="right")))
 
-    def learn(self, levels: Codes, seconds: float) -> None:
+    def record(self, levels: Codes, seconds: float) -> None:
         """Note what a batch took (s)."""
         self._seen.append((_counts(levels)[-1], max(seconds, _LEAST)))
         counts = np.stack([each for each, _ in self._seen])

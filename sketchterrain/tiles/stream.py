@@ -8,16 +8,22 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from sketchterrain.errors import InputError
-from sketchterrain.tiles.bounds import EVERYWHERE, meets
-from sketchterrain.tiles.codes import children_of, keys_of, parent_of, place_of
-from sketchterrain.tiles.drawn import DrawnTree, Goals
-from sketchterrain.tiles.horizon import behind_ground
-from sketchterrain.tiles.metrics import ScreenError, across, nearest, screen_errors
+from sketchterrain.tiles.bounds import UNBOUNDED, intersects_bounds
+from sketchterrain.tiles.codes import children_of, decode, keys_of, parent_of
+from sketchterrain.tiles.drawn import DisplayedTree, MorphTargets
+from sketchterrain.tiles.horizon import occluded
+from sketchterrain.tiles.metrics import ScreenError, eye_distances, horizontal_distances, screen_errors
 from sketchterrain.tiles.orders import Batch, DrawList
-from sketchterrain.tiles.outdated import batch_of, outdate, outdated_above, rewriting, written
+from sketchterrain.tiles.outdated import (
+    create_batch,
+    mark_stale,
+    mark_written,
+    rewrite_batch,
+    stale_ancestors,
+)
 from sketchterrain.tiles.pool import TilePool
 from sketchterrain.tiles.schedule import CostModel
-from sketchterrain.tiles.wanted import ROOT_LEVEL, UNSEEN, Selection, Wanted
+from sketchterrain.tiles.wanted import ROOT_LEVEL, UNSEEN_URGENCY, TargetTree, TileSelector
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -26,7 +32,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.tiles.codes import Codes
     from sketchterrain.tiles.metrics import Metric
-    from sketchterrain.tiles.view import View
+    from sketchterrain.tiles.view import CameraView
 
     Floats = npt.NDArray[np.float64]
     Ints = npt.NDArray[np.int64]
@@ -58,8 +64,8 @@ class TileStream:
     """Which tiles to generate and to draw, frame by frame; it generates and draws none itself.
 
     Each frame: `plan` says what to generate, `arrived` takes what became of it, `advance` says what to draw.
-    After a change of the ground, `change` and whenever a frame's tiles are known: `overdue` says what must be
-    written anew before it is drawn.
+    After a change of the ground, `invalidate`, then per frame `stale_batch`: tiles that must be
+    rewritten before it is drawn.
 
     Parameters
     ----------
@@ -89,7 +95,7 @@ class TileStream:
         finest_cell: float = 0.2,
         metric: Metric | None = None,
         hide: bool = True,
-        bounds: tuple[float, float, float, float] = EVERYWHERE,
+        bounds: tuple[float, float, float, float] = UNBOUNDED,
     ) -> None:
         if quads < 2 or quads > 256 or quads & (quads - 1):
             raise InputError(f"expected quads to be a power of two, 2 … 256, got {quads}")
@@ -104,21 +110,23 @@ class TileStream:
         self.pool = TilePool(slots, bounds=bounds)
         self._bounds = bounds
         self.finest = finest_level(extent, quads, finest_cell)
-        self._tree = DrawnTree(None if bounds == EVERYWHERE else lambda codes: meets(codes, extent, bounds))
+        self._tree = DisplayedTree(
+            None if bounds == UNBOUNDED else lambda codes: intersects_bounds(codes, extent, bounds)
+        )
         self._cost = CostModel()
-        self._relaxed = 1.0
-        self._lacking = True
+        self._error_factor = 1.0
+        self._missing = True
         self._complete = False
-        self._wanted: tuple[tuple[Any, ...], tuple[Any, ...], Wanted] | None = None
-        self._coasts = False
+        self._wanted: tuple[tuple[Any, ...], tuple[Any, ...], TargetTree] | None = None
+        self._reuses_tree = False
         self._changes = 0
         self._needed: Codes = self._tree.codes
         self._ahead = deque(_AHEAD)
 
     @property
-    def settled(self) -> bool:
+    def converged(self) -> bool:
         """Whether nothing was missing or moving in the last frame."""
-        return not self._lacking and not self._tree.moving
+        return not self._missing and not self._tree.moving
 
     @property
     def complete(self) -> bool:
@@ -126,11 +134,11 @@ class TileStream:
         return self._complete
 
     @property
-    def relaxed(self) -> float:
+    def error_factor(self) -> float:
         """How much more error than asked for is allowed because the pool is too small; 1 is none."""
-        return self._relaxed
+        return self._error_factor
 
-    def plan(self, view: View, *, budget: float) -> Batch:
+    def plan(self, view: CameraView, *, budget: float) -> Batch:
         """Choose tiles to generate now.
 
         Parameters
@@ -146,34 +154,34 @@ class TileStream:
             Most visible first, then what the camera's motion leads to; empty when nothing is lacking.
         """
         # In flight the tree of the last frame does for every second one, and that one looks ahead.
-        self._coasts = any(view.velocity) and not self._coasts
-        wanted = self._want(view)
-        outdated = self.pool.all_outdated()
-        self._lacking = bool(wanted.missing.size or outdated.size)
-        seen = wanted.urgency > UNSEEN
+        self._reuses_tree = any(view.velocity) and not self._reuses_tree
+        wanted = self._target(view)
+        stale = self.pool.stale_tiles()
+        self._missing = bool(wanted.missing.size or stale.size)
+        seen = wanted.urgency > UNSEEN_URGENCY
         self._complete = not seen.any()
-        self._hold(view, wanted)
+        self._protect(view, wanted)
         codes = wanted.missing if self._complete else wanted.missing[seen]
-        if not codes.size and self._coasts:
-            codes = self._selection.wanted(view.after(self._ahead[0]), self.pool).missing
+        if not codes.size and self._reuses_tree:
+            codes = self._selector.wanted(view.extrapolated(self._ahead[0]), self.pool).missing
             self._ahead.rotate()
-        room = self.pool.room()
+        room = self.pool.available()
         if wanted.missing.size > room:
-            self._relaxed = min(self._relaxed * _LOOSER, _MOST_RELAXED)
-        elif self._relaxed > 1 and room > self.pool.slots // 4:
-            self._relaxed = max(self._relaxed * _STRICTER, 1.0)
+            self._error_factor = min(self._error_factor * _LOOSER, _MOST_RELAXED)
+        elif self._error_factor > 1 and room > self.pool.slots // 4:
+            self._error_factor = max(self._error_factor * _STRICTER, 1.0)
         codes = _of_few_levels(codes)[: min(_PER_BATCH, room)]
         # What new tiles lie in comes first, and where nothing is lacking, whatever is out of date.
-        renewed = outdated_above(self.pool, codes) if outdated.size and not self._complete else outdated
+        renewed = stale_ancestors(self.pool, codes) if stale.size and not self._complete else stale
         renewed = renewed[:_PER_BATCH]
         codes = codes[: 0 if self._complete and renewed.size else None]
         both = np.concatenate([renewed, codes])
-        both = both[: self._cost.fitting(place_of(both)[0], budget)]
+        both = both[: self._cost.count_within(decode(both)[0], budget)]
         renewed, codes = both[: len(renewed)], both[len(renewed) :]
-        slots = np.concatenate([self.pool.find(renewed), self.pool.take(codes)])
-        return batch_of(self.pool, both, slots)
+        slots = np.concatenate([self.pool.find(renewed), self.pool.acquire(codes)])
+        return create_batch(self.pool, both, slots)
 
-    def arrived(self, batch: Batch, facts: npt.NDArray[Any], *, seconds: float | None) -> None:
+    def mark_generated(self, batch: Batch, facts: npt.NDArray[Any], *, seconds: float | None) -> None:
         """Take note of tiles that were generated.
 
         Parameters
@@ -185,16 +193,16 @@ class TileStream:
         seconds
             What they took; None where that says nothing about what others will.
         """
-        self.pool.describe(batch.slots, facts)
-        written(self.pool, batch)
+        self.pool.set_properties(batch.slots, facts)
+        mark_written(self.pool, batch)
         if seconds is not None:
-            self._cost.learn(np.array([key.level for key in batch.keys]), seconds)
+            self._cost.record(np.array([key.level for key in batch.keys]), seconds)
         self._changes += 1
 
-    def change(self, areas: Sequence[tuple[float, float, float, float]]) -> int:
+    def invalidate(self, areas: Sequence[tuple[float, float, float, float]]) -> int:
         """Note that the ground is another one; return how many tiles are forgotten for it.
 
-        What is drawn, or soon will be, is kept and written anew: before it is drawn (`overdue`), or when
+        Tiles in use stay and are rewritten before they are drawn (`stale_batch`), or when
         there is time (`plan`).
 
         Parameters
@@ -203,14 +211,14 @@ class TileStream:
             West, south, east and north (m); elsewhere no vertex is another one.
         """
         self._changes += 1
-        return outdate(self.pool, areas, extent=self.extent, quads=self.quads, kept=np.sort(self._needed))
+        return mark_stale(self.pool, areas, extent=self.extent, quads=self.quads, kept=np.sort(self._needed))
 
-    def overdue(self, draws: DrawList) -> Batch:
-        """Return what must be written anew, and told to `arrived`, before these tiles are drawn."""
-        codes = self.pool.of(draws.slots[self.pool.outdated[draws.slots]])
-        return rewriting(self.pool, codes)
+    def stale_batch(self, draws: DrawList) -> Batch:
+        """Return what must be rewritten, and told to `arrived`, before these tiles are drawn."""
+        codes = self.pool.codes_in(draws.slots[self.pool.stale[draws.slots]])
+        return rewrite_batch(self.pool, codes)
 
-    def advance(self, view: View, *, elapsed: float) -> DrawList:
+    def advance(self, view: CameraView, *, elapsed: float) -> DrawList:
         """Go on by a frame.
 
         Parameters
@@ -225,22 +233,22 @@ class TileStream:
         DrawList
             What to draw now.
         """
-        wanted = self._want(view)
-        self._tree.step(self._selection.roots(view), wanted.splits, self.pool)
+        wanted = self._target(view)
+        self._tree.step(self._selector.roots(view), wanted.splits, self.pool)
         self._tree.move(self._goals(view, wanted), elapsed)
-        return self.draws(view)
+        return self.draw_list(view)
 
-    def jump(self, view: View) -> None:
+    def jump(self, view: CameraView) -> None:
         """Show at once the best that what is held allows: for the first picture, and after a leap."""
-        wanted = self._want(view)
-        selection = self._selection
+        wanted = self._target(view)
+        selection = self._selector
         roots = selection.roots(view)
         self._tree.jump(
             roots[self.pool.find(roots) >= 0], selection.reachable(view, wanted.splits, self.pool)
         )
         self._tree.move(self._goals(view, wanted), np.inf)
 
-    def settle(self, view: View, generate: Callable[[Batch], npt.NDArray[Any]]) -> DrawList:
+    def generate_all(self, view: CameraView, generate: Callable[[Batch], npt.NDArray[Any]]) -> DrawList:
         """Generate all that a still picture wants, and return it.
 
         Parameters
@@ -251,56 +259,58 @@ class TileStream:
             Makes a batch and returns its facts, as `arrived` takes them.
         """
         while batch := self._plan_or_relax(view):
-            self.arrived(batch, generate(batch), seconds=None)
+            self.mark_generated(batch, generate(batch), seconds=None)
         self.jump(view)
         return self.advance(view, elapsed=np.inf)
 
-    def _plan_or_relax(self, view: View) -> Batch:
+    def _plan_or_relax(self, view: CameraView) -> Batch:
         """Return the next batch; an empty one only where nothing is lacking."""
         batch = self.plan(view, budget=np.inf)
-        while self._lacking and not batch and self._relaxed < _MOST_RELAXED:
+        while self._missing and not batch and self._error_factor < _MOST_RELAXED:
             batch = self.plan(view, budget=np.inf)
         return batch
 
     @property
-    def _selection(self) -> Selection:
-        metric = self.metric if self._relaxed == 1 else self.metric.coarser(self._relaxed)
-        return Selection(self.extent, self.quads, metric, self.finest, hide=self._hide, bounds=self._bounds)
+    def _selector(self) -> TileSelector:
+        metric = self.metric if self._error_factor == 1 else self.metric.relaxed(self._error_factor)
+        return TileSelector(
+            self.extent, self.quads, metric, self.finest, hide=self._hide, bounds=self._bounds
+        )
 
-    def _want(self, view: View) -> Wanted:
+    def _target(self, view: CameraView) -> TargetTree:
         seen = (view.eye, view.planes.tobytes(), view.draw_distance, view.pixels_per_radian)
-        held = (self._changes, self._relaxed, self.pool.held, self.metric)
+        held = (self._changes, self._error_factor, self.pool.count, self.metric)
         known = self._wanted
-        if known is None or known[1] != held or (known[0] != seen and not self._coasts):
-            self._wanted = known = seen, held, self._selection.wanted(view, self.pool)
+        if known is None or known[1] != held or (known[0] != seen and not self._reuses_tree):
+            self._wanted = known = seen, held, self._selector.wanted(view, self.pool)
         return known[2]
 
-    def _hold(self, view: View, wanted: Wanted) -> None:
+    def _protect(self, view: CameraView, wanted: TargetTree) -> None:
         """Note which tiles may not go: the wanted tree, what is drawn, and all above it."""
-        codes = np.unique(np.concatenate([self._selection.roots(view), self._tree.codes, wanted.splits]))
+        codes = np.unique(np.concatenate([self._selector.roots(view), self._tree.codes, wanted.splits]))
         held = codes
         while held.size:
-            held = np.unique(parent_of(held[place_of(held)[0] > ROOT_LEVEL]))
+            held = np.unique(parent_of(held[decode(held)[0] > ROOT_LEVEL]))
             codes = np.concatenate([codes, held])
         self._needed = np.concatenate([codes, children_of(wanted.splits).ravel()])
-        self.pool.use(self._needed)
+        self.pool.touch(self._needed)
 
-    def _goals(self, view: View, wanted: Wanted) -> Goals:
+    def _goals(self, view: CameraView, wanted: TargetTree) -> MorphTargets:
         """Say how much of its parent each tile should show in its middle, by how much too coarse that is."""
         codes = self._tree.codes
         above, at = np.unique(parent_of(codes), return_inverse=True)
-        excess = wanted.excess.of(above)[at]
-        root = place_of(codes)[0] == ROOT_LEVEL
+        excess = wanted.excess.lookup(above)[at]
+        root = decode(codes)[0] == ROOT_LEVEL
         weights = np.where(root, 0.0, np.clip((_MORPH[1] - excess) / (_MORPH[1] - _MORPH[0]), 0.0, 1.0))
         shown = self._seen(view, above)[at]
         seconds = np.clip(shown / _PIXELS_A_SECOND, *MORPH_SECONDS)
         speed = float(np.linalg.norm(view.velocity))
         if speed > 0:
-            distance, _ = nearest(view, self.pool.boxes(codes, self.pool.find(codes), self.extent))
+            distance, _ = eye_distances(view, self.pool.boxes(codes, self.pool.find(codes), self.extent))
             seconds = np.minimum(seconds, _OF_THE_WAY * distance / speed)
-        return Goals(wanted.splits, weights, 1 / seconds)
+        return MorphTargets(wanted.splits, weights, 1 / seconds)
 
-    def _seen(self, view: View, codes: Codes) -> Floats:
+    def _seen(self, view: CameraView, codes: Codes) -> Floats:
         """Return the screen error of tiles, 0 of those that are not held (px)."""
         slots = self.pool.find(codes)
         held = slots >= 0
@@ -309,18 +319,18 @@ class TileStream:
         seen[held] = screen_errors(view, boxes, self.pool.error[slots[held]])
         return seen
 
-    def draws(self, view: View) -> DrawList:
-        """Return what to draw as the tree is; of outdated tiles all that may be seen."""
+    def draw_list(self, view: CameraView) -> DrawList:
+        """Return what to draw as the tree is; of stale tiles all that may be seen."""
         codes = self._tree.codes
         slots = self.pool.find(codes)
-        boxes = self.pool.possible_boxes(codes, slots, self.extent)
-        distance, _ = across(view, boxes)
+        boxes = self.pool.conservative_boxes(codes, slots, self.extent)
+        distance, _ = horizontal_distances(view, boxes)
         shown = view.sees(boxes) & (distance <= view.draw_distance)
-        shown &= meets(codes, self.extent, self._bounds)
+        shown &= intersects_bounds(codes, self.extent, self._bounds)
         if self._hide:
-            shown[shown] = ~behind_ground(view, boxes.some(shown))
+            shown[shown] = ~occluded(view, boxes.subset(shown))
         codes, slots = codes[shown], slots[shown]
-        level, col, row = place_of(codes)
+        level, col, row = decode(codes)
         width = np.int64(1) << (LATTICE_BITS - level)
         return DrawList(
             tuple(keys_of(codes)),
@@ -336,7 +346,7 @@ class TileStream:
 
 def _of_few_levels(codes: Codes) -> Codes:
     """Return the tiles of those levels that come first, in their order."""
-    level, _, _ = place_of(codes)
+    level, _, _ = decode(codes)
     levels, first = np.unique(level, return_index=True)
     return codes[np.isin(level, levels[np.argsort(first)[:_LEVELS_A_BATCH]])]
 

@@ -15,7 +15,7 @@ Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class CameraView:
     """A camera as the choice of tiles sees it.
 
     Attributes
@@ -37,7 +37,7 @@ class View:
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     draw_distance: float = np.inf
 
-    def after(self, seconds: float) -> View:
+    def extrapolated(self, seconds: float) -> CameraView:
         """Return the view that the same motion leads to."""
         gone = np.asarray(self.velocity) * seconds
         planes = self.planes.copy()

@@ -8,21 +8,21 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from sketchterrain.errors import InputError
-from sketchterrain.tiles.bounds import EVERYWHERE, meets, places_within
+from sketchterrain.tiles.bounds import UNBOUNDED, intersects_bounds, tile_range
 from sketchterrain.tiles.codes import (
     FARTHEST_TILE,
     around,
     children_of,
     code_of,
     contains,
+    decode,
     index_in,
     neighbours_of,
     parent_of,
     parents_around,
-    place_of,
 )
-from sketchterrain.tiles.horizon import behind_ground
-from sketchterrain.tiles.metrics import across
+from sketchterrain.tiles.horizon import occluded
+from sketchterrain.tiles.metrics import horizontal_distances
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -32,14 +32,14 @@ if TYPE_CHECKING:
     from sketchterrain.tiles.codes import Codes
     from sketchterrain.tiles.metrics import Metric
     from sketchterrain.tiles.pool import TilePool
-    from sketchterrain.tiles.view import View
+    from sketchterrain.tiles.view import CameraView
 
     Floats = npt.NDArray[np.float64]
     Range = tuple[int, int, int, int]
 
 ROOT_LEVEL: Final = -4
 """Roots are 16 extents wide: as wide as the farthest draw distance."""
-UNSEEN: Final = 0.5
+UNSEEN_URGENCY: Final = 0.5
 """Urgency that what is not seen stays below."""
 _BALANCED, _ROOTS_AHEAD = 1.25, 1.5
 """Draw distances up to which tiles are balanced, and up to which there are roots."""
@@ -69,7 +69,7 @@ class Excess:
     of_all: Floats
     seen: npt.NDArray[np.bool_]
 
-    def of(self, codes: Codes) -> Floats:
+    def lookup(self, codes: Codes) -> Floats:
         """Return that of some tiles, 0 of those that are unknown."""
         at = index_in(self.codes, codes)
         values = np.zeros(len(codes))
@@ -78,7 +78,7 @@ class Excess:
 
 
 @dataclass(frozen=True, eq=False)
-class Wanted:
+class TargetTree:
     """What a view wants.
 
     Attributes
@@ -88,7 +88,7 @@ class Wanted:
     missing : codes
         Tiles that are not held and whose parents are: most visible first.
     urgency : (missing,) float64
-        Excess of what each of them is to replace; infinite for roots, up to ``UNSEEN`` where it is not seen.
+        Excess of the tile to be replaced; infinite for roots, at most ``UNSEEN_URGENCY`` if not visible.
     excess : Excess
         Of all tiles that are held.
     """
@@ -100,7 +100,7 @@ class Wanted:
 
 
 @dataclass(frozen=True)
-class Selection:
+class TileSelector:
     """How tiles are chosen: pure functions of a view and of what is held.
 
     Attributes
@@ -124,9 +124,9 @@ class Selection:
     metric: Metric
     finest: int
     hide: bool = True
-    bounds: tuple[float, float, float, float] = EVERYWHERE
+    bounds: tuple[float, float, float, float] = UNBOUNDED
 
-    def roots(self, view: View) -> Codes:
+    def roots(self, view: CameraView) -> Codes:
         """Return the codes of the coarsest tiles about the eye.
 
         Raises
@@ -142,25 +142,25 @@ class Selection:
         cols, rows = np.meshgrid(np.arange(west, east + 1), np.arange(south, north + 1))
         return np.sort(code_of(ROOT_LEVEL, cols.ravel(), rows.ravel()))
 
-    def excess(self, view: View, pool: TilePool) -> Excess:
+    def excess(self, view: CameraView, pool: TilePool) -> Excess:
         """Return how much too coarse all tiles are that are held, those that nearer ground hides included."""
-        codes, slots = pool.all()
+        codes, slots = pool.tiles()
         boxes = pool.boxes(codes, slots, self.extent)
-        cells = self.extent * np.exp2(-place_of(codes)[0].astype(np.float64)) / self.quads
+        cells = self.extent * np.exp2(-decode(codes)[0].astype(np.float64)) / self.quads
         excess = self.metric.excess(view, boxes, pool.error[slots], cells)
-        distance, _ = across(view, boxes)
-        there = meets(codes, self.extent, self.bounds)
+        distance, _ = horizontal_distances(view, boxes)
+        there = intersects_bounds(codes, self.extent, self.bounds)
         excess = np.where(there & (distance <= view.draw_distance), excess, 0.0)
         seen = there & view.sees(boxes, margin=_MARGIN * distance)
         every = Excess(codes, np.where(seen, excess, _ASIDE * excess), seen)
         if self.hide:
             coarse = np.flatnonzero(seen & (excess > 1))
             leaves = self._leaves(every)
-            hidden = behind_ground(view, boxes.some(coarse), boxes.some(leaves))
+            hidden = occluded(view, boxes.subset(coarse), boxes.subset(leaves))
             seen[coarse[hidden]] = False
         return Excess(codes, np.where(seen, excess, _ASIDE * excess), seen)
 
-    def wanted(self, view: View, pool: TilePool) -> Wanted:
+    def wanted(self, view: CameraView, pool: TilePool) -> TargetTree:
         """Return the tree that a view wants, as far as what is held says."""
         roots, excess = self.roots(view), self.excess(view, pool)
         coarse = self._descend(excess)
@@ -170,13 +170,13 @@ class Selection:
         ready = np.concatenate([np.ones(len(roots), np.bool_), np.repeat(contains(excess.codes, splits), 4)])
         lacking = np.flatnonzero(ready & ~contains(excess.codes, needed))
         order = lacking[np.lexsort((needed[lacking], -urgent[lacking]))]
-        return Wanted(splits, needed[order], urgent[order], excess)
+        return TargetTree(splits, needed[order], urgent[order], excess)
 
-    def reachable(self, view: View, splits: Codes, pool: TilePool) -> Codes:
+    def reachable(self, view: CameraView, splits: Codes, pool: TilePool) -> Codes:
         """Return those splits that can be shown with what is held, in balance; sorted."""
         roots = self.roots(view)
         ready = splits[(pool.find(children_of(splits)) >= 0).all(axis=1) & (pool.find(splits) >= 0)]
-        level = place_of(ready)[0]
+        level = decode(ready)[0]
         shown = roots[:0]
         for at in range(ROOT_LEVEL, self.finest):
             here = ready[level == at]
@@ -207,17 +207,17 @@ class Selection:
         """Return which tiles are left when those that are too coarse are split, unbalanced."""
         splits = np.sort(np.concatenate(self._descend(excess)))
         codes = excess.codes
-        level, _, _ = place_of(codes)
+        level, _, _ = decode(codes)
         left = contains(codes[splits], parent_of(codes)) | (level == ROOT_LEVEL)
         left[splits] = False
-        return np.flatnonzero(left & meets(codes, self.extent, self.bounds))
+        return np.flatnonzero(left & intersects_bounds(codes, self.extent, self.bounds))
 
-    def _range(self, view: View, level: int, share: float) -> Range:
+    def _range(self, view: CameraView, level: int, share: float) -> Range:
         """Return first and last column and row of a level within bounds and a share of the draw distance."""
         width = self.extent * 2.0**-level
         reach = min(share * view.draw_distance, _MOST_ROOTS * self.extent * 2.0**-ROOT_LEVEL)
         ends = [int(np.floor((at + way * reach) / width)) for at in view.eye[:2] for way in (-1, 1)]
-        most = places_within(self.bounds, width)
+        most = tile_range(self.bounds, width)
         west, east, south, north = (
             int(limit(end, there)) for limit, end, there in zip((max, min, max, min), ends, most, strict=True)
         )
@@ -228,7 +228,7 @@ class Selection:
         return range(ROOT_LEVEL, self.finest + 1)
 
     def _balanced(
-        self, excess: Excess, coarse: list[npt.NDArray[np.intp]], view: View
+        self, excess: Excess, coarse: list[npt.NDArray[np.intp]], view: CameraView
     ) -> tuple[Codes, Floats]:
         """Return all tiles to be split so that no two that touch differ by more than a level; sorted.
 
@@ -236,13 +236,13 @@ class Selection:
         seen those that are not. What is not drawn need not be balanced. Few tiles on many levels: plain
         integers in dictionaries are quicker here than arrays.
         """
-        urgency = np.where(excess.seen, excess.of_all, UNSEEN * np.minimum(excess.of_all, 1e6) / 1e6)
+        urgency = np.where(excess.seen, excess.of_all, UNSEEN_URGENCY * np.minimum(excess.of_all, 1e6) / 1e6)
         forced: dict[int, float] = {}
         parts = []
         for level in range(self.finest - 1, ROOT_LEVEL - 1, -1):
             own = coarse[level - ROOT_LEVEL]
             splits = dict(zip(excess.codes[own].tolist(), urgency[own].tolist(), strict=True))
-            far_too_coarse = own[excess.of_all[own] > self.metric.steep]
+            far_too_coarse = own[excess.of_all[own] > self.metric.neighbour_limit]
             steep = [(code, splits[code]) for code in excess.codes[far_too_coarse].tolist()]
             _raise(splits, forced.items())
             inside = self._range(view, level, _BALANCED)
@@ -265,6 +265,6 @@ def _raise(values: dict[int, float], others: Iterable[tuple[int, float]]) -> Non
 
 def _within(codes: Codes, inside: Range) -> npt.NDArray[np.bool_]:
     """Tell which tiles lie in a range of columns and rows."""
-    _, col, row = place_of(codes)
+    _, col, row = decode(codes)
     west, east, south, north = inside
     return np.asarray((col >= west) & (col <= east) & (row >= south) & (row <= north))

@@ -12,7 +12,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.compute import ComputeContext, Device, choose_device, spare_device
+from sketchterrain.compute import ComputeContext, Device, choose_device, fallback_device
 from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.export.sampled import normal_bytes
 from sketchterrain.export.weights import quantised_weights
@@ -179,7 +179,7 @@ class SerialExecutor:
         if self.own_bits:
             raise DeviceFailedError(f"{error}; another device has other bits, so none can go on") from error
         self._failed.append(self._device)
-        while (spare := spare_device(self._failed)) is not None:
+        while (spare := fallback_device(self._failed)) is not None:
             with suppress(DeviceFailedError):
                 if not own_bits(spare, fast=False):
                     self._note(f"{error}; {spare.name} ({spare.platform}) goes on")

@@ -23,7 +23,7 @@ from sketchterrain.terrain.plant import PLANT
 from sketchterrain.terrain.stepped import finished
 from sketchterrain.terrain.vertex_writer import geometric_error
 from sketchterrain.terrain.vertices import FACTS, VERTEX, VertexMemory, VertexStore
-from sketchterrain.tiles.bounds import meets
+from sketchterrain.tiles.bounds import intersects_bounds
 from sketchterrain.tiles.codes import code_of
 from sketchterrain.world.grid import CHUNK, Level
 from sketchterrain.world.ground import LAYER_SPECS
@@ -325,7 +325,7 @@ class StoredTerrain:
         codes = np.array([code_of(*key) for key in keys], np.int64)
         coarsest = self._bits - LATTICE_BITS + finest_level(store.quads)
         made = []
-        for i in np.flatnonzero(meets(codes, self.extent, self.bounds)).tolist():
+        for i in np.flatnonzero(intersects_bounds(codes, self.extent, self.bounds)).tolist():
             level, column, row = keys[i]
             tile, facts[i] = self._pyramid.tile(
                 coarsest - level, column, row, quads=store.quads, root=bool(roots[i])

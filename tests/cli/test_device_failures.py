@@ -114,7 +114,7 @@ def test_without_another_device_nothing_is_written(call, tiny, tmp_path, monkeyp
     self_test(device, compare=False)
     failing = Failing(monkeypatch, device)
     assert generate(call, tiny, tmp_path / "whole", "--device", device.index).code == 0
-    monkeypatch.setattr(sketchterrain.jobs, "spare_device", lambda failed: None)
+    monkeypatch.setattr(sketchterrain.jobs, "fallback_device", lambda failed: None)
     failing.at_call(range(len(failing.calls))[number])
     done = generate(call, tiny, tmp_path / "out", "--device", device.index)
     assert done.code == 4

@@ -218,7 +218,7 @@ def test_after_a_device_failed_all_is_done_again_on_another(call, sketch, tmp_pa
     words = ("export", sketch, "--to", "raw", "--size", 33, "-o")
     plain = call(*words, tmp_path / "plain")
     monkeypatch.setattr(sketchterrain.exporting, "sample", once)
-    monkeypatch.setattr(sketchterrain.jobs, "spare_device", lambda failed: failed[-1])  # compiled already
+    monkeypatch.setattr(sketchterrain.jobs, "fallback_device", lambda failed: failed[-1])  # compiled already
     done = call(*words, tmp_path / "again")
     assert (plain.code, done.code) == (0, 0), done.err
     assert "started again: the device is gone; all of it is done again on" in done.out

@@ -8,8 +8,8 @@ import pytest
 
 from sketchterrain import resources
 from sketchterrain.compute import ComputeContext, list_devices
-from sketchterrain.compute.arithmetic import wrong_arithmetic
-from sketchterrain.compute.staging import Staging
+from sketchterrain.compute.arithmetic import failed_operations
+from sketchterrain.compute.staging import StagingBuffer
 from sketchterrain.errors import BuildError, DeviceMemoryError
 
 pytestmark = pytest.mark.skipif(not list_devices(), reason="no OpenCL device")
@@ -76,14 +76,14 @@ def test_every_kernel_builds_on_every_device(device, real):
 
 @on_each_device
 def test_the_arithmetic_is_right_and_contraction_is_found(device, monkeypatch):
-    assert wrong_arithmetic(ComputeContext(device)) == ()
+    assert failed_operations(ComputeContext(device)) == ()
     if device.known:  # these compilers fuse where they may
-        assert "inverse_sqrt" in wrong_arithmetic(ComputeContext(device, fast=True))
+        assert "inverse_sqrt" in failed_operations(ComputeContext(device, fast=True))
     text = resources.source("self_test.cl")
     fused = text.replace("a[i] * b[i] + c[i];", "fma(a[i], b[i], c[i]);")
     assert fused != text
     monkeypatch.setattr(resources, "source", lambda _: fused)
-    assert wrong_arithmetic(ComputeContext(device)) == ("a product and a sum",)
+    assert failed_operations(ComputeContext(device)) == ("a product and a sum",)
 
 
 @pytest.mark.parametrize(
@@ -100,20 +100,20 @@ def test_one_wrong_operation_is_named(monkeypatch, right, wrong, name):
     text = resources.source("self_test.cl")
     assert right in text
     monkeypatch.setattr(resources, "source", lambda _: text.replace(right, wrong))
-    assert wrong_arithmetic(ComputeContext()) == (() if name is None else (name,))
+    assert failed_operations(ComputeContext()) == (() if name is None else (name,))
 
 
 @on_each_device
 def test_what_was_put_comes_out(device):
     context, draw = ComputeContext(device), np.random.default_rng(3)
-    staging = Staging(context)
+    staging = StagingBuffer(context)
     for count in (1, 7, 3, 4000, 2, 4001):
         arrays = {
             "reals": draw.normal(size=(count, 4)).astype(np.float32),
             "nothing": np.zeros(0, np.int32),
             "longs": draw.integers(0, 1 << 60, 3 * count),
         }
-        parts = staging.put(arrays)
+        parts = staging.upload(arrays)
         for name, array in arrays.items():
             found = context.download(parts[name], array.shape, array.dtype)
             np.testing.assert_array_equal(found, array)
@@ -121,8 +121,8 @@ def test_what_was_put_comes_out(device):
 
 def test_without_room_what_there_was_still_works(monkeypatch):
     context = ComputeContext()
-    staging = Staging(context)
-    staging.put({"a": np.arange(10)})
+    staging = StagingBuffer(context)
+    staging.upload({"a": np.arange(10)})
 
     def full(*_):
         raise DeviceMemoryError("full")
@@ -130,8 +130,8 @@ def test_without_room_what_there_was_still_works(monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(context, "empty", full)
         with pytest.raises(DeviceMemoryError):
-            staging.put({"a": np.arange(10_000)})
-        small = staging.put({"a": np.arange(20)})
+            staging.upload({"a": np.arange(10_000)})
+        small = staging.upload({"a": np.arange(20)})
     np.testing.assert_array_equal(context.download(small["a"], 20, np.int64), np.arange(20))
-    large = staging.put({"a": np.arange(10_000)})
+    large = staging.upload({"a": np.arange(10_000)})
     np.testing.assert_array_equal(context.download(large["a"], 10_000, np.int64), np.arange(10_000))

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from sketchterrain.features import FEATURE_TYPES, FILL_BIT, Fill, place
-from sketchterrain.features.edits import EditedFill, edited_fill, edited_painted, lock_of
-from sketchterrain.features.river_edits import move_of
+from sketchterrain.features.edits import EditedFill, apply_fill_edits, apply_painted_edits, lock_edit
+from sketchterrain.features.river_edits import move_edit
 from sketchterrain.sketch import Edit, Sketch
 from sketchterrain.terrain.from_sketch import make_recipe
 
@@ -50,7 +50,7 @@ def test_each_edit_changes_its_feature_alone(painted):
         Edit("strength", third, strength=12.0),
         Edit("delete", fourth),
     ]
-    points = edited_painted(painted, edits).points
+    points = apply_painted_edits(painted, edits).points
     assert (_of(points, first)["x"], _of(points, first)["y"]) == (-50.0, 9000.0)
     assert _of(points, first)["radius"] == painted["radius"][0]
     assert _of(points, second)["radius"] == 77.0
@@ -60,29 +60,29 @@ def test_each_edit_changes_its_feature_alone(painted):
     assert (np.diff(points["id"].astype(object)) > 0).all()
     # A forest is never denser than full.
     forest = int(painted[painted["type"] == FEATURE_TYPES.index("forest")]["id"][0])
-    points = edited_painted(painted, [Edit("strength", forest, strength=40.0)]).points
+    points = apply_painted_edits(painted, [Edit("strength", forest, strength=40.0)]).points
     assert _of(points, forest)["strength"] == 1.0
-    unedited = edited_painted(painted, ())
-    assert unedited.points.tobytes() == unedited.asked.tobytes() == painted.tobytes()
+    unedited = apply_painted_edits(painted, ())
+    assert unedited.points.tobytes() == unedited.unlocked.tobytes() == painted.tobytes()
     assert not unedited.locked.any()
-    assert unedited.hidden.size == 0
+    assert unedited.replaced.size == 0
     assert unedited.orphans == ()
 
 
 def test_added_and_locked_features_have_all_their_values(painted):
     dune = Edit("add", type="dune", x=5.0, y=6.0, radius=70.0, strength=3.0, wavelength=20.0)
-    points = edited_painted(painted, [dune, Edit("move", dune.feature, x=1.0, y=2.0)]).points
+    points = apply_painted_edits(painted, [dune, Edit("move", dune.feature, x=1.0, y=2.0)]).points
     added = _of(points, dune.feature)
     assert FEATURE_TYPES[added["type"]] == "dune"
     assert (added["x"], added["y"], added["wavelength"], added["wind"]) == (1.0, 2.0, 20.0, 270.0)
     assert added["painted"]
     assert points["id"][-1] == dune.feature
 
-    locks = [lock_of(point) for point in painted]
-    assert edited_painted(painted[:0], locks).points.tobytes() == painted.tobytes()
+    locks = [lock_edit(point) for point in painted]
+    assert apply_painted_edits(painted[:0], locks).points.tobytes() == painted.tobytes()
     grove = Edit("add", type="forest", x=5.0, y=6.0, radius=70.0, strength=0.5)
     pines = Edit("add", type="forest", x=5.0, y=6.0, radius=70.0, strength=0.5, conifers=0.75)
-    points = edited_painted(painted, [grove, pines]).points
+    points = apply_painted_edits(painted, [grove, pines]).points
     assert _of(points, grove.feature)["peakiness"] == 0.0
     assert _of(points, pines.feature)["peakiness"] == 1.75
 
@@ -101,7 +101,7 @@ def test_edits_survive_painting_elsewhere_and_are_orphans_without_their_feature(
 def test_a_lock_keeps_a_feature_whatever_is_painted(sketch):
     recipe = make_recipe(sketch)
     mountain = recipe.painted[recipe.painted["type"] == 0][0]
-    locked = sketch.with_edit(lock_of(mountain))
+    locked = sketch.with_edit(lock_edit(mountain))
     assert make_recipe(locked).painted.tobytes() == recipe.painted.tobytes()
     for image in (np.zeros((SIDE, SIDE), np.uint8), _image((34, 34, 20)), _image((110, 110, 10))):
         repainted = make_recipe(locked.replace(layers={**sketch.layers, "mountain": image}))
@@ -122,12 +122,12 @@ def test_the_fill_is_edited_and_keeps_clear_of_what_was_moved(sketch, painted):
     there = fill.within(0, 0, *sketch.size)
     first, second, third = (int(name) for name in there["id"][:3])
     edits = [Edit("delete", first), Edit("move", second, x=10.0, y=10.0)]
-    edits += [lock_of(there[2]), Edit("delete", int(FILL_BIT) + 1)]
-    edited = edited_fill(fill, edits, size=sketch.size)
+    edits += [lock_edit(there[2]), Edit("delete", int(FILL_BIT) + 1)]
+    edited = apply_fill_edits(fill, edits, size=sketch.size)
     assert edited.points["id"].tolist() == [second, third]
     assert edited.points[1].tobytes() == there[2].tobytes()
     assert len(edited.orphans) == 1
-    rest = EditedFill(fill, edited.hidden).within(0, 0, *sketch.size)
+    rest = EditedFill(fill, edited.replaced).within(0, 0, *sketch.size)
     assert rest.tobytes() == there[3:].tobytes()
 
 
@@ -163,12 +163,12 @@ def test_a_control_point_named_by_its_place_is_found_in_a_repainted_river(sketch
     stem, _ = _stem_and_tributary(_rivers(sketch)[0])
     index = 16
     x, y = stem.points[index, 0], stem.points[index, 1] + 150.0
-    edited = sketch.with_edit(move_of(stem, index, x=x, y=y))
+    edited = sketch.with_edit(move_edit(stem, index, x=x, y=y))
     after, orphans = _rivers(edited)
     assert orphans == ()
     plain = _rivers(sketch.with_edit(Edit("move_point", stem.id, index=index, x=x, y=y)))[0]
     np.testing.assert_array_equal(after[stem.id].centreline, plain[stem.id].centreline)
-    again = edited.with_edit(move_of(after[stem.id], index, x=x, y=y + 40.0))
+    again = edited.with_edit(move_edit(after[stem.id], index, x=x, y=y + 40.0))
     np.testing.assert_allclose(_rivers(again)[0][stem.id].points[index, :2], (x, y + 40.0))
 
     # With a bow near the spring later control points have other numbers; one that it takes along is gone.

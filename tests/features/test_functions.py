@@ -9,29 +9,35 @@ from scipy import ndimage
 from sketchterrain.errors import InputError
 from sketchterrain.features import PaintedDistance
 from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES
-from sketchterrain.features.crests import crests
+from sketchterrain.features.crests import crest_offsets
 from sketchterrain.features.density import DensityField, cubic
-from sketchterrain.features.hashing import hashed, smooth_noise, unit
-from sketchterrain.features.profiles import SHOWN, flank, hill_profile, mountain_profile, shown_at
-from sketchterrain.features.recent import Recent, Same
+from sketchterrain.features.hashing import hash_keys, hash_unit, value_noise
+from sketchterrain.features.profiles import (
+    VISIBLE_SHARE,
+    flank,
+    hill_profile,
+    mountain_profile,
+    visible_radius,
+)
+from sketchterrain.features.recent import IdentityKey, LRUCache
 from sketchterrain.features.rounding import STEP, gaussian_filter, rounded
-from sketchterrain.features.splines import catmull_rom, sample_catmull_rom, without_repeats
+from sketchterrain.features.splines import catmull_rom, drop_repeats, sample_catmull_rom
 from sketchterrain.sketch import load_sketch
 from sketchterrain.terrain import make_recipe
 
 
 def test_hashes_depend_on_every_key_and_are_even_uncorrelated_and_smooth():
     keys = np.arange(1000)
-    first = hashed(7, "a", keys, 3)
-    np.testing.assert_array_equal(first, hashed(7, "a", keys, 3))
-    np.testing.assert_array_equal(first[500:], hashed(7, "a", keys[500:], 3))
-    for other in (hashed(8, "a", keys, 3), hashed(7, "b", keys, 3), hashed(7, "a", keys, 4)):
+    first = hash_keys(7, "a", keys, 3)
+    np.testing.assert_array_equal(first, hash_keys(7, "a", keys, 3))
+    np.testing.assert_array_equal(first[500:], hash_keys(7, "a", keys[500:], 3))
+    for other in (hash_keys(8, "a", keys, 3), hash_keys(7, "b", keys, 3), hash_keys(7, "a", keys, 4)):
         assert not np.any(first == other)
     keys = np.array([-1, 0, 1, -(2**62), 2**62], dtype=np.int64)
-    assert len(np.unique(hashed(2**63 - 1, "a", keys))) == 5
-    assert hashed(0, "a", -1) == hashed(0, "a", np.array(-1))
+    assert len(np.unique(hash_keys(2**63 - 1, "a", keys))) == 5
+    assert hash_keys(0, "a", -1) == hash_keys(0, "a", np.array(-1))
 
-    values = unit(1, "even", np.arange(100_000))
+    values = hash_unit(1, "even", np.arange(100_000))
     assert 0.0 <= values.min() < values.max() < 1.0
     counts = np.bincount((values * 20).astype(int), minlength=20)
     assert np.abs(counts - 5000).max() < 5 * np.sqrt(5000)
@@ -39,7 +45,7 @@ def test_hashes_depend_on_every_key_and_are_even_uncorrelated_and_smooth():
     assert abs(np.mean(values[1:] * values[:-1])) < 5 / 12 / np.sqrt(1e5)
 
     x = np.linspace(-30.0, 30.0, 60_001)
-    noise = smooth_noise(5, "n", x, np.full_like(x, 0.3))
+    noise = value_noise(5, "n", x, np.full_like(x, 0.3))
     assert 0.0 <= noise.min() < 0.25
     assert 0.75 < noise.max() <= 1.0
     assert np.abs(np.diff(noise)).max() < 1.6e-3  # slope at most 1.5 a unit
@@ -63,11 +69,11 @@ def test_profiles_fall_from_one_to_zero_and_show_a_quarter_of_the_label_where_th
     assert np.abs(slope[foot] - line).max() < 0.04 * slope.max()
 
     share = np.array([0.36, 0.6, 1.0])
-    at = shown_at("hill", share, np.zeros(3), 0.8)
-    assert share * hill_profile(at, flank(0.8)) == pytest.approx(np.full(3, SHOWN), abs=1e-6)
+    at = visible_radius("hill", share, np.zeros(3), 0.8)
+    assert share * hill_profile(at, flank(0.8)) == pytest.approx(np.full(3, VISIBLE_SHARE), abs=1e-6)
     peaks = np.array([0.0, 0.5, 1.0])
-    shown = share * mountain_profile(shown_at("mountain", share, peaks, 1.0), peaks, flank(1.0))
-    assert shown == pytest.approx(np.full(3, SHOWN), abs=1e-6)
+    shown = share * mountain_profile(visible_radius("mountain", share, peaks, 1.0), peaks, flank(1.0))
+    assert shown == pytest.approx(np.full(3, VISIBLE_SHARE), abs=1e-6)
 
 
 def test_density_is_the_plain_sum_also_of_groups_and_of_nothing():
@@ -132,10 +138,10 @@ def points(kind, *, painted, count=2000):
 
 def test_only_unpainted_mountains_have_crests_of_all_lengths_and_directions_that_they_keep():
     for kind in FEATURE_TYPES:
-        assert not crests(points(kind, painted=True)).any()
-        assert crests(points(kind, painted=False)).any() == (kind == "mountain")
+        assert not crest_offsets(points(kind, painted=True)).any()
+        assert crest_offsets(points(kind, painted=False)).any() == (kind == "mountain")
 
-    east, north = crests(points("mountain", painted=False)).T
+    east, north = crest_offsets(points("mountain", painted=False)).T
     length = np.hypot(east, north)
     assert 0.15 <= length.min() < length.max() <= 0.45
     assert abs(length.mean() - 0.3) < 0.01
@@ -145,7 +151,7 @@ def test_only_unpainted_mountains_have_crests_of_all_lengths_and_directions_that
     all_of_them = points("mountain", painted=False)
     moved = all_of_them[700:701].copy()
     moved["x"], moved["radius"] = 5000.0, 3.0
-    np.testing.assert_array_equal(crests(moved), crests(all_of_them)[700:701])
+    np.testing.assert_array_equal(crest_offsets(moved), crest_offsets(all_of_them)[700:701])
 
 
 def test_rounding_keeps_multiples_and_takes_halves_one_way():
@@ -178,7 +184,7 @@ def test_control_points_are_multiples_of_the_step():
 
 
 def test_recent_values_are_cached_by_identity_and_failures_are_not():
-    recent, make = Recent(2), Mock(side_effect=[1, 2, 3, 4])
+    recent, make = LRUCache(2), Mock(side_effect=[1, 2, 3, 4])
     # 2 was the least recent when 3 came.
     assert [recent.of(key, make) for key in (1, 2, 1, 3, 1, 2)] == [1, 2, 1, 3, 1, 4]
     with pytest.raises(KeyError):
@@ -186,10 +192,10 @@ def test_recent_values_are_cached_by_identity_and_failures_are_not():
     assert recent.of("a", lambda: 5) == 5
 
     one, other = [1], [1]
-    assert Same(one) == Same(one) != Same(other)
-    recent = Recent(0)
-    assert recent.of(Same(one), lambda: 1) == 1
-    assert recent.of(Same(one), lambda: 2) == 2
+    assert IdentityKey(one) == IdentityKey(one) != IdentityKey(other)
+    recent = LRUCache(0)
+    assert recent.of(IdentityKey(one), lambda: 1) == 1
+    assert recent.of(IdentityKey(one), lambda: 2) == 2
 
 
 WILD = np.array([[0, 0], [10, 0], [10.5, 0.2], [10.4, 5], [-40, 5], [-40, 5.3], [-39, 60]], float)
@@ -239,8 +245,8 @@ def test_repeated_points_are_refused_and_can_be_dropped():
         catmull_rom(repeated, np.array([0.5]))
     with pytest.raises(InputError, match="two or more points"):
         catmull_rom(WILD[:1], np.array([0.0]))
-    np.testing.assert_array_equal(without_repeats(repeated), WILD[:4])
-    assert np.isfinite(sample_catmull_rom(without_repeats(repeated), 1.0)[0]).all()
+    np.testing.assert_array_equal(drop_repeats(repeated), WILD[:4])
+    assert np.isfinite(sample_catmull_rom(drop_repeats(repeated), 1.0)[0]).all()
 
 
 def test_samples_keep_to_the_spacing_and_to_the_sagitta():

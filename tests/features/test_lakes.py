@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from sketchterrain.features.catalogue import Lake, River, ShapeField
-from sketchterrain.features.contradictions import crossings, mountain_numbers, resolutions
+from sketchterrain.features.contradictions import label_mountains, mountain_crossings, resolve_conflicts
 from sketchterrain.features.lakes import (
+    distance_inside,
     lake_centre,
     lake_pixels,
+    lake_reaches,
     painted_lakes,
     runs_inside,
-    still_runs,
-    within,
 )
 from sketchterrain.sketch.document import Sketch
 
@@ -29,7 +29,7 @@ def disc(x, y, radius, *, margin=50.0):
 
 def test_the_distance_inside_a_disc_is_that_to_its_circle():
     at = np.array([[100.0, 100.0], [110.0, 100.0], [100.0, 65.0], [100.0, 160.0]])
-    np.testing.assert_allclose(within(disc(100, 100, 40).shape, at), [40, 30, 5, -20], atol=0.6)
+    np.testing.assert_allclose(distance_inside(disc(100, 100, 40).shape, at), [40, 30, 5, -20], atol=0.6)
     np.testing.assert_allclose(lake_centre(disc(130, 70, 20)), [130, 70])
 
 
@@ -43,12 +43,12 @@ def test_runs_of_a_line_in_lakes_begin_before_the_shore_and_include_the_rim():
 
     lake = disc(200, 100, 40, margin=50.0)  # its rim: 0.2 of 50 m
     x = np.arange(0.0, 400.0, 1.0)
-    ((shore, first, last, _),) = still_runs([lake], np.column_stack([x, np.full(400, 100.0)]))
+    ((shore, first, last, _),) = lake_reaches([lake], np.column_stack([x, np.full(400, 100.0)]))
     assert (shore, first, last) == pytest.approx((150, 160, 240), abs=2)
-    ((shore, first, last, _),) = still_runs([lake], np.column_stack([x, np.full(400, 145.0)]))
+    ((shore, first, last, _),) = lake_reaches([lake], np.column_stack([x, np.full(400, 145.0)]))
     assert last == first - 1
     assert shore < 200 < last
-    assert still_runs([lake], np.column_stack([x, np.full(400, 155.0)])) == []
+    assert lake_reaches([lake], np.column_stack([x, np.full(400, 155.0)])) == []
 
 
 def test_lakes_are_those_painted_and_stand_below_the_low_parts_of_their_shores():
@@ -91,18 +91,18 @@ def told(plan, line=X, ground=60.0):
 
 
 def resolved(plan, line=X, ground=60.0):
-    return resolutions(plan, mountain_numbers(plan), [river(line)], [np.full(len(line), ground)], [])
+    return resolve_conflicts(plan, label_mountains(plan), [river(line)], [np.full(len(line), ground)], [])
 
 
 def test_crossings_are_the_runs_inside_mountains_numbered_in_reading_order():
-    numbers = mountain_numbers(sketch((5, 10), (20, 30)))
+    numbers = label_mountains(sketch((5, 10), (20, 30)))
     assert numbers[0, [0, 5, 9, 10, 20, 29, 30]].tolist() == [0, 1, 1, 0, 2, 2, 0]
 
     plan = sketch((5, 10), (20, 30))
-    found = crossings(plan, mountain_numbers(plan), river().centreline)
+    found = mountain_crossings(plan, label_mountains(plan), river().centreline)
     assert [(run.first, run.last, run.mountain) for run in found] == [(10, 19, 1), (40, 59, 2)]
     outside = river().centreline + np.array([0.0, 900.0, 0.0])
-    assert crossings(plan, mountain_numbers(plan), outside) == []
+    assert mountain_crossings(plan, label_mountains(plan), outside) == []
 
 
 def test_a_river_crosses_springs_or_ends_in_a_mountain_at_a_position():

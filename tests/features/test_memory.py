@@ -9,7 +9,7 @@ import pytest
 from sketchterrain.features import memory as memory_module
 from sketchterrain.features import place
 from sketchterrain.features.density import DensityField
-from sketchterrain.features.memory import ShapeMemory
+from sketchterrain.features.memory import PlacementCache
 from sketchterrain.sketch.document import Sketch
 from sketchterrain.terrain import make_recipe
 
@@ -31,7 +31,7 @@ def dabbed(sketch, row, column):
 def test_only_the_shapes_of_a_stroke_are_broken_up(monkeypatch):
     broken_up = Mock(side_effect=memory_module.user_features)
     monkeypatch.setattr(memory_module, "user_features", broken_up)
-    sketch, memory = squares(), ShapeMemory()
+    sketch, memory = squares(), PlacementCache()
     for _ in range(2):
         place(sketch, seed=1, memory=memory)
         assert broken_up.call_count == 5
@@ -53,7 +53,7 @@ def test_placing_with_a_memory_is_placing_without():
         {"layers": rolled},
     ]
     for changed in changes:
-        memory = ShapeMemory()
+        memory = PlacementCache()
         place(squares(), seed=1, memory=memory)
         after = squares().replace(**changed)
         for seed in (1, 2):
@@ -62,7 +62,7 @@ def test_placing_with_a_memory_is_placing_without():
 
 
 def test_the_oldest_shapes_are_evicted():
-    memory = ShapeMemory(most=3)
+    memory = PlacementCache(most=3)
     for shift in range(4):
         sketch = squares()
         moved = np.roll(sketch.layers["mountain"], shift, 0)
@@ -94,7 +94,7 @@ def test_only_densities_near_a_stroke_are_summed_again(monkeypatch):
     monkeypatch.setattr(DensityField, "around", counted)
     painted = np.zeros((256, 256), np.uint8)
     painted[6::16, 6::16] = painted[6::16, 7::16] = 1
-    sketch, memory = Sketch(layers={"hill": painted}), ShapeMemory()
+    sketch, memory = Sketch(layers={"hill": painted}), PlacementCache()
     place(sketch, seed=1, memory=memory)
     whole = sum(asked)
     asked.clear()
@@ -131,7 +131,7 @@ LATER = [(1, 0.0), (2, 0.4), (3, 0.8), (5, 1.0)]
     ("seed", "fidelity"), [(0, 0.8), *(pytest.param(*case, marks=pytest.mark.slow) for case in LATER)]
 )
 def test_random_strokes_give_the_bits_of_fresh_placings_and_recipes(seed, fidelity):
-    rng, memory, features = np.random.default_rng(seed), ShapeMemory(), ShapeMemory()
+    rng, memory, features = np.random.default_rng(seed), PlacementCache(), PlacementCache()
     sketch = world(fidelity=fidelity)
     for _ in range(20):
         sketch = painted(sketch, rng)
@@ -154,7 +154,7 @@ class AbandonedError(Exception):
 
 @pytest.mark.slow
 def test_an_abandoned_recipe_leaves_a_good_memory():
-    rng, memory = np.random.default_rng(9), ShapeMemory()
+    rng, memory = np.random.default_rng(9), PlacementCache()
     sketch = world()
     for _ in range(16):
         sketch = painted(sketch, rng)
@@ -176,7 +176,7 @@ def test_an_abandoned_recipe_leaves_a_good_memory():
 
 @pytest.mark.slow
 def test_threads_share_a_memory():
-    rng, memory = np.random.default_rng(12), ShapeMemory()
+    rng, memory = np.random.default_rng(12), PlacementCache()
     sketches = [world()]
     for _ in range(18):
         sketches.append(painted(sketches[-1], rng))

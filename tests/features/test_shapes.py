@@ -8,10 +8,10 @@ import pytest
 from scipy import ndimage
 
 from sketchterrain.features import FEATURE, FEATURE_TYPES, place
-from sketchterrain.features.covers import lay_covers
+from sketchterrain.features.covers import create_covers
 from sketchterrain.features.rules import TYPES
 from sketchterrain.features.shape_fields import shape_field
-from sketchterrain.features.shapes import EDGE_OVERHANG, label_shapes, regions_of
+from sketchterrain.features.shapes import EDGE_OVERHANG, find_regions, label_shapes
 from sketchterrain.features.user_features import mean_size, user_features
 from sketchterrain.sketch import MATERIALS, load_sketch
 from sketchterrain.sketch.document import Sketch
@@ -75,7 +75,7 @@ def check_regions(image):
     for value in (1, 2, 3):
         numbers, count = ndimage.label(image == value, structure=np.ones((3, 3)))
         expected += [(int(np.argmax(numbers == k)), value, numbers == k) for k in range(1, count + 1)]
-    regions = regions_of(image)
+    regions = find_regions(image)
     assert len(regions) == len(expected)
     for region, (_, label, mask) in zip(regions, sorted(expected, key=lambda each: each[0]), strict=True):
         whole = np.zeros(image.shape, np.bool_)
@@ -135,14 +135,14 @@ def test_every_painted_pixel_makes_a_cover():
     image = np.zeros((SIDE, SIDE), np.uint8)
     image[5, 5] = image[50:60, 20:40] = 1
     image[0, 0] = 2
-    covers = lay_covers(painted("material", image, material="sand", strength=0.7))
+    covers = create_covers(painted("material", image, material="sand", strength=0.7))
     assert [(cover.label, cover.material, cover.strength) for cover in covers] == [
         (2, MATERIALS.index("rock"), 1.0),
         (1, MATERIALS.index("sand"), 0.7),
         (1, MATERIALS.index("sand"), 0.7),
     ]
     assert len({cover.id for cover in covers}) == 3
-    assert lay_covers(painted("material", disc(9, 9, 4), strength=0.0)) == ()
+    assert create_covers(painted("material", disc(9, 9, 4), strength=0.0)) == ()
 
 
 ROW, COLUMN = np.mgrid[:160, :240]

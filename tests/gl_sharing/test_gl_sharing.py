@@ -131,7 +131,7 @@ assert (gl_words()[COUNT // 2 :] == np.arange(COUNT // 2, COUNT)).all()  # no ke
 MISUSE = """
 before = gl_words().copy()
 write_words(memory.buffer)
-write_words(context.part(memory.buffer, 0, 2 * COUNT), COUNT // 2)
+write_words(context.sub_buffer(memory.buffer, 0, 2 * COUNT), COUNT // 2)
 context.write(memory.buffer, WORDS).wait()
 context._queue.finish()
 assert (gl_words() == before).all()
@@ -203,11 +203,11 @@ from sketchterrain.sketch import load_sketch
 from sketchterrain.terrain import build
 import numpy as np
 
-kinds_for, kinds = vertex_memory.kinds_for, []
+sharing_methods, kinds = vertex_memory.sharing_methods, []
 def only_kind(context):
-    kinds.append(sys.argv[2] if sys.argv[2] != "best" else kinds_for(context)[0])
+    kinds.append(sys.argv[2] if sys.argv[2] != "best" else sharing_methods(context)[0])
     return kinds[-1:]
-vertex_memory.kinds_for = only_kind
+vertex_memory.sharing_methods = only_kind
 terrain = build(load_sketch("valley_river"), device=ComputeContext(list_devices()[int(sys.argv[1])]))
 quality = replace(Quality.from_level(0.0), tile_memory=32 << 20)
 np.save(sys.argv[3], render_picture(terrain, size=(320, 180), quality=quality))

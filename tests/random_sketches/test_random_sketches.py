@@ -13,7 +13,7 @@ from hypothesis.extra import numpy as arrays
 
 from sketchterrain.features import FEATURE_TYPES, Fill, River, label_shapes, place, trace_rivers
 from sketchterrain.features.catalogue import Points
-from sketchterrain.features.placement import LOOSENESS
+from sketchterrain.features.placement import MAX_DISPLACEMENT
 from sketchterrain.features.profiles import shown_at
 from sketchterrain.features.rules import LAYER_CODES, TYPES
 from sketchterrain.features.shapes import Shape
@@ -369,7 +369,7 @@ def check_points(sketch: Sketch, name: str, own: Points) -> None:
     assert np.all(own["radius"] >= LEAST_RADIUS * pixel / ROUNDING)
 
     away = np.hypot(own["x"] - (column + 0.5) * pixel, own["y"] - (sketch.height_px - row - 0.5) * pixel)
-    assert np.all(away <= LOOSENESS * (1 - sketch.fidelity) * disc + 1e-9 * sketch.extent)
+    assert np.all(away <= MAX_DISPLACEMENT * (1 - sketch.fidelity) * disc + 1e-9 * sketch.extent)
 
     key = "density" if name == "forest" else "height"
     asked = np.zeros(256)

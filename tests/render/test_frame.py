@@ -20,7 +20,7 @@ from sketchterrain.sketch import Sketch
 from sketchterrain.terrain import build, rebuild
 from sketchterrain.terrain.changes import EVERYWHERE
 from sketchterrain.terrain.vertices import VERTEX
-from sketchterrain.tiles.codes import codes_of, keys_of, parent_of, place_of
+from sketchterrain.tiles.codes import codes_of, decode, keys_of, parent_of
 from sketchterrain.tiles.wanted import ROOT_LEVEL
 
 pytestmark = pytest.mark.gl
@@ -126,12 +126,12 @@ def assert_tiles_are_those_of(terrain, renderer):
     held = drawn_vertices(renderer)
     keys = list(held)
     codes = every = codes_of(keys)
-    while (place_of(codes)[0] > ROOT_LEVEL).any():
-        codes = np.unique(parent_of(codes[place_of(codes)[0] > ROOT_LEVEL]))
+    while (decode(codes)[0] > ROOT_LEVEL).any():
+        codes = np.unique(parent_of(codes[decode(codes)[0] > ROOT_LEVEL]))
         every = np.union1d(every, codes)
     store = terrain.vertex_store(len(every), quads=QUALITY.quads)
     above = np.searchsorted(every, parent_of(every))
-    parents = np.where(place_of(every)[0] > ROOT_LEVEL, above, -1)
+    parents = np.where(decode(every)[0] > ROOT_LEVEL, above, -1)
     terrain.write_tiles(list(keys_of(every)), np.arange(len(every)), parents, store)
     wanted = dict(zip(keys_of(every), store.download(), strict=True))
     assert all((held[key] == wanted[key]).all() for key in held)

@@ -13,7 +13,7 @@ from sketchterrain.render.programs import FRAME_BINDING, set_uniforms
 from sketchterrain.resources import source
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.vertices import VERTEX
-from sketchterrain.tiles import ScreenError, TileStream, View
+from sketchterrain.tiles import CameraView, ScreenError, TileStream
 
 from .conftest import Waves
 from .ground_model import (
@@ -101,7 +101,7 @@ class Streamed:
         batch = self.stream.plan(view, budget=budget)
         while batch:
             facts = self.write(batch)
-            self.stream.arrived(batch, facts, seconds=0.001 * len(batch.keys))
+            self.stream.mark_generated(batch, facts, seconds=0.001 * len(batch.keys))
             batch = self.stream.plan(view, budget=budget) if leap or drain else None
         if leap:
             self.stream.jump(view)
@@ -109,7 +109,7 @@ class Streamed:
 
 
 def view_from(eye):
-    return View(tuple(eye), np.zeros((0, 4)), 300.0, draw_distance=REACH)
+    return CameraView(tuple(eye), np.zeros((0, 4)), 300.0, draw_distance=REACH)
 
 
 def spread(groups, values):
@@ -173,7 +173,7 @@ def test_no_magenta_under_the_horizon_while_tiles_stream_and_after(gl, waves):
         assert holes(eye.see(stream, camera), camera, REACH, lowest) == 0
     camera = camera_towards([300.0, 200.0, 400.0], 0.0, 30.0, -40.0, REACH)
     stream.settle(camera, SIZE, draw_distance=REACH)
-    assert stream.tiles.settled
+    assert stream.tiles.converged
     picture = eye.see(stream, camera).copy()
     assert must_be_covered(camera, SIZE, REACH, lowest).all()
     assert holes(picture, camera, REACH, lowest) == 0

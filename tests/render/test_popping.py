@@ -88,7 +88,7 @@ def test_in_flight_no_frame_differs_by_more_than_the_motion(gl, waves):
         camera = camera_towards(place, 0.0, 90.0 + 0.3 * frame, -12.0, REACH)
         if frame:
             view = view_of(camera, SIZE, draw_distance=REACH)
-            stream.pool.place(stream.tiles.draws(view), camera.eye)
+            stream.pool.place(stream.tiles.draw_list(view), camera.eye)
             before = shade.see(camera, REACH)
         stats = stream.update(camera, SIZE, elapsed=1 / RATE, budget=0.006, draw_distance=REACH)
         assert stats.leapt == (frame == 0)
@@ -265,11 +265,11 @@ def test_tiles_are_streamed_only_within_the_bounds_of_a_world(world, ending_terr
     streamed = streamed_of(world)
     for eye, reach in (((1e6, 1e6, 500.0), 3000.0), ((1000.0, -800.0, 500.0), END_REACH)):
         view = view_from(eye)
-        draws = streamed.stream.settle(
+        draws = streamed.stream.generate_all(
             type(view)(view.eye, view.planes, view.pixels_per_radian, draw_distance=reach), streamed.write
         )
         assert bool(draws.keys) == (reach == END_REACH)
-        assert streamed.stream.settled
+        assert streamed.stream.converged
 
 
 @pytest.mark.gl

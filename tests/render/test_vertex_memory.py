@@ -9,7 +9,7 @@ import pytest
 
 from sketchterrain.compute import ComputeContext, gl_interop, list_devices
 from sketchterrain.compute.gl_interop import GLHandles, current_handles
-from sketchterrain.compute.sharing import kinds_for
+from sketchterrain.compute.sharing import sharing_methods
 from sketchterrain.errors import DeviceError, InputError
 from sketchterrain.render import sharing_probe
 from sketchterrain.render.sharing_probe import Sharing, open_device, probe_sharing, shared_with_gl
@@ -71,7 +71,7 @@ def test_all_kinds_of_memory_hold_the_same_bytes(terrain, gl):
     plain = terrain.vertex_store(COUNT)
     terrain.write_tiles(KEYS, SLOTS, PARENTS, plain)
     expected = slots_of(plain.download().tobytes())
-    for kind in kinds_for(terrain.context):
+    for kind in sharing_methods(terrain.context):
         memory, found = write(terrain, gl, kind)
         assert memory.kind == kind
         assert memory.reason == ""
@@ -85,7 +85,7 @@ def test_pixels_drawn_from_it_are_right(terrain, gl):
     """Each vertex drawn as a pixel: what is read back is the tile; and again after it was overwritten."""
     target = gl.simple_framebuffer((65, 65), components=4, dtype="f4")
     program = gl.program(vertex_shader=DRAWN, fragment_shader=PIXEL)
-    for kind in kinds_for(terrain.context):
+    for kind in sharing_methods(terrain.context):
         memory, _ = write(terrain, gl, kind)
         store = terrain.vertex_store(COUNT, memory=memory)
         array = gl.vertex_array(program, [(memory.vertices, "1f4 4x 2i2 4x 16x", "height", "slope")])
@@ -196,7 +196,7 @@ def test_a_driver_without_the_extension_is_not_asked_for_it(gl, device, monkeypa
     assert GLHandles("GLX", 5, 7).properties == (0x2008, 5, 0x200A, 7)
     probe_for_extension("cl_none_sharing", monkeypatch)
     with pytest.raises(DeviceError, match="shares no buffers with OpenGL: no cl_none_sharing"):
-        gl_interop.context_beside(device, handles)
+        gl_interop.open_shared_context(device, handles)
     found = probe_sharing(replace(device, gl_sharing="extension"))
     assert found.kind == "mapped"
     assert "no cl_none_sharing" in found.reason

@@ -8,8 +8,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 from sketchterrain.features import FEATURE_TYPES, FILL_BIT, label_shapes
-from sketchterrain.features.edits import EditedFill, lock_of
-from sketchterrain.features.memory import ShapeMemory
+from sketchterrain.features.edits import EditedFill, lock_edit
+from sketchterrain.features.memory import PlacementCache
 from sketchterrain.sketch import Edit, Sketch, load_sketch
 from sketchterrain.terrain import Terrain, build, make_recipe, rebuild
 from sketchterrain.terrain.centrelines import TOLERANCE_CELLS
@@ -134,7 +134,7 @@ def test_settings_of_the_world_change_it_everywhere(plain, context) -> None:
     # Nor does locking change anything.
     locked = plain.sketch
     for point in plain.features.points[::3]:
-        locked = locked.with_edit(lock_of(point))
+        locked = locked.with_edit(lock_edit(point))
     after = build(locked, device=context)
     assert changed_areas(plain.recipe, after.recipe) == []
     x, y = _samples()
@@ -248,7 +248,7 @@ def pieces(recipe: TerrainRecipe, cell: float) -> dict[bytes, np.ndarray]:
 
 @tiers("preset", PRESETS[:1], PRESETS)
 def test_every_piece_that_changed_lies_in_the_areas(preset) -> None:
-    sketch, memory = load_sketch(preset), ShapeMemory()
+    sketch, memory = load_sketch(preset), PlacementCache()
     old = make_recipe(sketch, memory=memory)
     assert river_areas(old, make_recipe(sketch)) == []
     changed = 0

@@ -12,7 +12,7 @@ import pytest
 import sketchterrain.terrain.device_verdict as verdicts
 from sketchterrain.child_process import ChildFailedError
 from sketchterrain.compute import ComputeContext, device_check, list_devices
-from sketchterrain.compute.device_check import DeviceCheck, check_device, forget_checks
+from sketchterrain.compute.device_check import DeviceCheck, check_device, clear_check_results
 from sketchterrain.errors import DeviceFailedError, DeviceMemoryError
 from sketchterrain.terrain import build, self_test
 from sketchterrain.terrain.batches import Batches
@@ -120,7 +120,7 @@ def test_a_device_that_fails_its_test(right_arithmetic, probe, monkeypatch) -> N
     monkeypatch.setattr(verdicts, "_probe_in_child", in_child)
     failing = {device}
     assert self_test(device).line == "failed: the self-test crashed (SIGSEGV)"
-    forget_checks()
+    clear_check_results()
     self_test.cache_clear()
     failing = set(list_devices()) - {device}
     assert "no other driver to compare with" in self_test(device).line

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.features import ShapeField
-from sketchterrain.features.crests import crests
+from sketchterrain.features.crests import crest_offsets
 from sketchterrain.terrain import TerrainRecipe, packing
 from sketchterrain.terrain.evaluation import MASKS, Evaluator
 from sketchterrain.terrain.lattice import metres_per_unit
@@ -88,7 +88,7 @@ def test_a_mountain_with_a_crest_is_longer_than_wide_and_sags_to_its_ends(
     make_recipe, double_context
 ) -> None:
     recipe = make_recipe(feature("mountain", 2000, 2000, 1200, 900, painted=False), fidelity=1.0)
-    direction = crests(recipe.painted)[0]
+    direction = crest_offsets(recipe.painted)[0]
     length = float(np.hypot(*direction))
     unit, along = metres_per_unit(recipe.extent), np.arange(-1150, 1150, 2.0)
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from sketchterrain.errors import InputError
-from sketchterrain.features.hashing import hashed
+from sketchterrain.features.hashing import hash_keys
 from sketchterrain.terrain.graded_poisson import GradedPoisson
 from sketchterrain.terrain.poisson import GREATEST_DENSITY, PoissonDisk, poisson_disk
 from sketchterrain.terrain.poisson_cells import SIDE, schedule
@@ -155,7 +155,7 @@ def test_every_dart_lands_where_its_hash_says(context) -> None:
     rim = 3
     index = np.arange(-rim, count + rim)
     column, row = np.meshgrid(index, index)
-    salt = np.uint32(hashed(9, "poisson disk", 0) & np.uint64(0xFFFFFFFF))
+    salt = np.uint32(hash_keys(9, "poisson disk", 0) & np.uint64(0xFFFFFFFF))
     bits = _mixed(_cell_hash(column, row, salt))
     x, y, time = bits & (SIDE - 1), (bits >> 12) & (SIDE - 1), _mixed(bits) >> 8
     at = np.stack([column * SIDE + x, row * SIDE + y], axis=-1).reshape(-1, 2).astype(np.int64)

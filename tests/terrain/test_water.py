@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.compute import ComputeContext
 from sketchterrain.features import Cover, Lake, River, ShapeField
-from sketchterrain.features.lakes import within
+from sketchterrain.features.lakes import distance_inside
 from sketchterrain.features.splines import catmull_rom
 from sketchterrain.sketch import Sketch, load_sketch
 from sketchterrain.terrain import Terrain, TerrainRecipe, build
@@ -172,7 +172,7 @@ def every_metre(river: River) -> tuple[np.ndarray, np.ndarray]:
 
 def depth_in_lakes(terrain: Terrain, places: np.ndarray) -> np.ndarray:
     """How far inside the nearest lake (m); negative outside."""
-    distances = [within(lake.shape, places) for lake in terrain.recipe.lakes]
+    distances = [distance_inside(lake.shape, places) for lake in terrain.recipe.lakes]
     return np.max(distances, axis=0) if distances else np.full(len(places), -np.inf)
 
 
@@ -319,11 +319,11 @@ def test_a_river_ends_in_a_lake_at_its_level(context) -> None:
     lake[np.hypot(COLUMN - 102, ROW - 140) < 20] = 1
     terrain = build(Sketch(extent=4000.0, seed=3, layers={"river": river, "lake": lake}), device=context)
     (found,), (water,) = terrain.recipe.rivers, terrain.recipe.lakes
-    assert within(water.shape, found.centreline[-1:, :2])[0] > 0
+    assert distance_inside(water.shape, found.centreline[-1:, :2])[0] > 0
     assert found.centreline[-1, 2] == pytest.approx(water.level, abs=0.05)
     (told,) = terrain.recipe.resolutions
     assert told.line == f"river 1 ends in lake 1: water at {water.level:.1f} m"
-    assert within(water.shape, np.array([[told.x, told.y]]))[0] > 0
+    assert distance_inside(water.shape, np.array([[told.x, told.y]]))[0] > 0
     assert greatest_rise(terrain, found) <= RISE_M
 
 
@@ -334,7 +334,7 @@ def test_a_lake_in_a_mountain_is_a_tarn_with_a_rim(context) -> None:
     (tarn,) = terrain.recipe.lakes
     (told,) = terrain.recipe.resolutions
     assert told.line == f"lake 1 lies in mountain 1: a tarn at {tarn.level:.0f} m"
-    assert within(tarn.shape, np.array([[told.x, told.y]]))[0] > 0
+    assert distance_inside(tarn.shape, np.array([[told.x, told.y]]))[0] > 0
     angle, pixel = np.linspace(0, 2 * np.pi, 200), 5000.0 / SIDE
     middle = np.array([120.5, SIDE - 96.5]) * pixel
     around = middle + 11 * pixel * np.stack([np.cos(angle), np.sin(angle)], axis=-1)

@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from sketchterrain.tiles import TileStream, View, morph_weights, tile_indices
+from sketchterrain.tiles import CameraView, TileStream, morph_weights, tile_indices
 from sketchterrain.tiles.wanted import ROOT_LEVEL
 
 EXTENT = 1024.0
@@ -104,7 +104,9 @@ def view_from(eye, *, heading=0.0, pixels_per_radian=100.0, everywhere=True, **m
     if not everywhere:
         ahead = np.array([np.sin(heading), np.cos(heading), 0.0])
         planes = np.array([[*ahead, -ahead @ eye]])
-    return View(tuple(float(v) for v in eye), planes, pixels_per_radian, draw_distance=16 * EXTENT, **more)
+    return CameraView(
+        tuple(float(v) for v in eye), planes, pixels_per_radian, draw_distance=16 * EXTENT, **more
+    )
 
 
 def new_stream(**more):
@@ -121,7 +123,7 @@ def go(stream, view, *, elapsed=1 / 30, tiles=6):
     made = type(batch)(batch.keys[:tiles], batch.slots[:tiles], batch.parents[:tiles])
     assert len(made.keys) == len(batch.keys) or tiles < len(batch.keys)
     if made:
-        stream.arrived(made, generate(made), seconds=0.5 * 6 / tiles)
+        stream.mark_generated(made, generate(made), seconds=0.5 * 6 / tiles)
     return stream.advance(view, elapsed=elapsed)
 
 
@@ -129,15 +131,15 @@ def rested(stream, view, *, tiles):
     """Frames until a still eye needs no more tiles."""
     for _ in range(250):
         draws = go(stream, view, tiles=tiles)
-        if stream.settled:
+        if stream.converged:
             return draws
     raise AssertionError("it never settled")
 
 
 def limited(stream, tiles):
     """Let a stream believe that just so many tiles fit into a second."""
-    stream._cost.fitting = lambda levels, budget: min(tiles, len(levels))
-    stream._cost.learn = lambda levels, seconds: None
+    stream._cost.count_within = lambda levels, budget: min(tiles, len(levels))
+    stream._cost.record = lambda levels, seconds: None
     return stream
 
 

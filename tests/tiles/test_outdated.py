@@ -6,7 +6,7 @@ import pytest
 from sketchterrain.tiles import ScreenError
 from sketchterrain.tiles.wanted import ROOT_LEVEL
 
-EVERYWHERE = (-math.inf, -math.inf, math.inf, math.inf)
+UNBOUNDED = (-math.inf, -math.inf, math.inf, math.inf)
 
 
 class Written:
@@ -28,17 +28,17 @@ class Written:
             self.parent[slot] = self.own[parent][1] if parent >= 0 else self.now
         assert len(done) == len(batch.keys)
         self.count += len(batch.keys)
-        self._stream.arrived(batch, self._toy.generate(batch), seconds=None)
+        self._stream.mark_generated(batch, self._toy.generate(batch), seconds=None)
 
     def change(self, area):
         self.now += 1
         self.changes.append(area)
-        return self._stream.change([area])
+        return self._stream.invalidate([area])
 
     def renewed(self, draws, view):
-        while batch := self._stream.overdue(draws):
+        while batch := self._stream.stale_batch(draws):
             self.write(batch)
-            draws = self._stream.draws(view)
+            draws = self._stream.draw_list(view)
         return draws
 
     def is_new(self, key, slot):
@@ -75,10 +75,10 @@ def all_new(written, draws):
     return all(written.is_new(key, slot) for key, slot in zip(draws.keys, slots, strict=True))
 
 
-def settled(stream, written, view):
+def converge(stream, written, view):
     for _ in range(400):
         draws = frame(stream, written, view, tiles=100)
-        if stream.settled:
+        if stream.converged:
             return draws
     raise AssertionError("it never settled")
 
@@ -99,13 +99,13 @@ def test_a_moving_eye_sees_only_the_newest_ground(toy, world, seed):
             x, y = rng.uniform(-1500, 1500, 2)
             wide = 10.0 ** rng.uniform(-1, 3)
             area = (x, y, x + wide, y + wide * rng.uniform(0.3, 3))
-            written.change(EVERYWHERE if step % 30 == 9 else area)
-            draws = written.renewed(stream.draws(view), view)
+            written.change(UNBOUNDED if step % 30 == 9 else area)
+            draws = written.renewed(stream.draw_list(view), view)
             assert all_new(written, draws)
-    draws = settled(stream, written, view)
+    draws = converge(stream, written, view)
     assert all_new(written, draws)
-    codes, slots = stream.pool.all()
-    assert not stream.pool.outdated[slots].any()
+    codes, slots = stream.pool.tiles()
+    assert not stream.pool.stale[slots].any()
     assert all(written.is_new(written.own[slot][0], slot) for slot in slots.tolist())
     assert len(codes) <= stream.pool.slots
 
@@ -114,71 +114,71 @@ def test_a_batch_that_is_cut_short_leaves_no_outdated_tile(toy, world):
     """A frame that stops amid a batch leaves nothing wrong: the rest is written anew later."""
     stream, written = world
     view = toy.view_from((300.0, 200.0, 60.0))
-    settled(stream, written, view)
+    converge(stream, written, view)
     for tiles in (1, 2, 5, 64):
         toy.limited(stream, tiles)
-        written.change(EVERYWHERE)
+        written.change(UNBOUNDED)
         for _ in range(600):
             draws = frame(stream, written, view, tiles=tiles)
             assert all_new(written, draws)
-            if stream.settled:
+            if stream.converged:
                 break
-        assert stream.settled
+        assert stream.converged
 
 
 def test_small_changes_write_few_tiles_and_those_out_of_view_later(toy, world):
     stream, written = world
     view = toy.view_from((300.0, 200.0, 60.0), everywhere=False)
-    draws = settled(stream, written, view)
+    draws = converge(stream, written, view)
     before = written.count
     assert written.change((1e6, 1e6, 1e6 + 5, 1e6 + 5)) == 0
-    settled(stream, written, view)
+    converge(stream, written, view)
     assert written.count == before
     written.change((310.0, 300.0, 311.0, 301.0))
-    draws = written.renewed(stream.draws(view), view)
+    draws = written.renewed(stream.draw_list(view), view)
     now = written.count - before
     assert all_new(written, draws)
     assert 0 < now <= 12
     assert now < 0.2 * len(draws.keys)
 
-    settled(stream, written, view)
+    converge(stream, written, view)
     before = written.count
     written.change((200.0, 0.0, 400.0, 100.0))  # behind the eye
-    written.renewed(stream.draws(view), view)
+    written.renewed(stream.draw_list(view), view)
     behind = written.count - before
-    everywhere = written.change(EVERYWHERE)
-    written.renewed(stream.draws(view), view)
+    everywhere = written.change(UNBOUNDED)
+    written.renewed(stream.draw_list(view), view)
     assert everywhere == 0
     assert behind < 0.3 * (written.count - before)
     # One turns round before there was time: it is written before it is drawn.
     south = toy.view_from((300.0, 200.0, 60.0), everywhere=False, heading=np.pi)
-    draws = written.renewed(stream.draws(south), south)
+    draws = written.renewed(stream.draw_list(south), south)
     assert all_new(written, draws)
 
 
 def test_changed_tiles_that_nothing_needs_are_dropped(toy, world):
     stream, written = world
     here, there = (toy.view_from((x, 200.0, 60.0)) for x in (300.0, 12_000.0))
-    settled(stream, written, here)
-    settled(stream, written, there)
-    held = stream.pool.held
-    gone = written.change(EVERYWHERE)
+    converge(stream, written, here)
+    converge(stream, written, there)
+    held = stream.pool.count
+    gone = written.change(UNBOUNDED)
     assert gone > 0
-    assert stream.pool.held == held - gone
-    assert all_new(written, settled(stream, written, here))
+    assert stream.pool.count == held - gone
+    assert all_new(written, converge(stream, written, here))
 
 
 def test_bounds_and_errors_follow_the_changed_ground(toy, world):
     """Boxes and errors are those of what was written last: levels of detail follow."""
     stream, written = world
     view = toy.view_from((300.0, 200.0, 60.0))
-    draws = settled(stream, written, view)
+    draws = converge(stream, written, view)
     few = len(draws.keys)
     written._toy = Raised(toy)
-    written.change(EVERYWHERE)
-    written.renewed(stream.draws(view), view)
-    draws = settled(stream, written, view)
-    fresh = toy.new_stream(metric=ScreenError(6.0, quad=1e9)).settle(view, Raised(toy).generate)
+    written.change(UNBOUNDED)
+    written.renewed(stream.draw_list(view), view)
+    draws = converge(stream, written, view)
+    fresh = toy.new_stream(metric=ScreenError(6.0, quad=1e9)).generate_all(view, Raised(toy).generate)
     assert len(draws.keys) > 1.2 * few
     assert set(draws.keys) == set(fresh.keys)
     assert stream.pool.top[draws.slots].min() > 100.0

@@ -5,7 +5,7 @@ import pytest
 
 from sketchterrain.errors import InputError
 from sketchterrain.tiles import QuadLength, ScreenError, TileStream
-from sketchterrain.tiles.codes import codes_of, contains, keys_of, parent_of, place_of
+from sketchterrain.tiles.codes import codes_of, contains, decode, keys_of, parent_of
 from sketchterrain.tiles.stream import MORPH_SECONDS
 from sketchterrain.tiles.wanted import ROOT_LEVEL
 
@@ -23,13 +23,13 @@ EYES = [(300.0, 200.0, 40.0), (-5000.3, 17.0, 3.0), (1e6 + 0.25, -2e6, 90.0)]
 )
 def test_settled_tiles_cover_the_world_once_in_balance(toy, eye, metric):
     stream = toy.new_stream(metric=metric)
-    draws = stream.settle(replace(toy.view_from(eye), draw_distance=np.inf), toy.generate)
-    assert stream.settled
+    draws = stream.generate_all(replace(toy.view_from(eye), draw_distance=np.inf), toy.generate)
+    assert stream.converged
     codes = np.sort(codes_of(draws.keys))
     width = np.array([4.0 ** -(key.level - ROOT_LEVEL) for key in draws.keys])
     assert width.sum() == 25.0
     above = codes
-    while (level := place_of(above)[0]).max() > ROOT_LEVEL:
+    while (level := decode(above)[0]).max() > ROOT_LEVEL:
         above = np.unique(parent_of(above[level > ROOT_LEVEL]))
         assert not contains(above, codes).any(), "a tile and one that it lies in"
     levels = {key: key.level for key in draws.keys}
@@ -44,7 +44,7 @@ def test_settled_tiles_keep_the_tolerance_with_fewer_tiles_for_a_larger_one(toy)
     counts = []
     for tolerance, eye in ((1.5, EYES[0]), (3.0, EYES[0]), (6.0, EYES[0]), (3.0, EYES[1]), (3.0, EYES[2])):
         stream = toy.new_stream(metric=ScreenError(tolerance, quad=1e9))
-        draws = stream.settle(toy.view_from(eye), toy.generate)
+        draws = stream.generate_all(toy.view_from(eye), toy.generate)
         finest = draws.levels == stream.finest
         assert (draws.screen_errors[~finest] <= tolerance).all(), (tolerance, eye)
         assert draws.screen_errors.max() > tolerance / 3.0, (tolerance, eye)
@@ -60,10 +60,10 @@ def test_no_cracks_and_no_pops_while_it_streams_and_flies(toy, eye):
     first = toy.view_from(eye)
     while (
         not (batch := stream.plan(first, budget=1.0)).keys
-        or len(stream.pool.find(stream._selection.roots(first))) > stream.pool.held
+        or len(stream.pool.find(stream._selector.roots(first))) > stream.pool.count
     ):
-        stream.arrived(batch, toy.generate(batch), seconds=0.1)
-    stream.arrived(batch, toy.generate(batch), seconds=0.1)
+        stream.mark_generated(batch, toy.generate(batch), seconds=0.1)
+    stream.mark_generated(batch, toy.generate(batch), seconds=0.1)
     stream.jump(first)
     near = rng.normal(0, 300.0, (30, 2)) + eye[:2]
     x, y = (near * (toy.LATTICE / toy.EXTENT)).T
@@ -88,7 +88,7 @@ def test_no_cracks_and_no_pops_while_it_streams_and_flies(toy, eye):
         before = now
     assert len(levels) > 4
     draws = toy.rested(stream, toy.view_from(eye), tiles=9)
-    settled = toy.new_stream(metric=ScreenError(6.0, quad=1e9)).settle(toy.view_from(eye), toy.generate)
+    settled = toy.new_stream(metric=ScreenError(6.0, quad=1e9)).generate_all(toy.view_from(eye), toy.generate)
     assert sorted(settled.keys) == sorted(draws.keys), "the way there must not matter"
     order, other = np.argsort(codes_of(settled.keys)), np.argsort(codes_of(draws.keys))
     assert (settled.morph[order] == draws.morph[other]).all()
@@ -97,9 +97,9 @@ def test_no_cracks_and_no_pops_while_it_streams_and_flies(toy, eye):
 def test_tiles_out_of_view_are_coarser_and_those_ahead_are_fetched_before(toy):
     stream = toy.new_stream(metric=ScreenError(1.0, quad=1e9))
     eye = EYES[0]
-    ahead = stream.settle(toy.view_from(eye, heading=0.0, everywhere=False), toy.generate)
+    ahead = stream.generate_all(toy.view_from(eye, heading=0.0, everywhere=False), toy.generate)
     every = toy.new_stream(metric=ScreenError(1.0, quad=1e9))
-    every.settle(toy.view_from(eye), toy.generate)
+    every.generate_all(toy.view_from(eye), toy.generate)
     assert len(stream._tree.codes) < 0.9 * len(every._tree.codes)
     assert len(ahead.keys) < len(stream._tree.codes)
     back = stream.advance(toy.view_from(eye, heading=np.pi, everywhere=False), elapsed=1 / 30)
@@ -109,7 +109,7 @@ def test_tiles_out_of_view_are_coarser_and_those_ahead_are_fetched_before(toy):
     quiet, moving = (toy.new_stream(metric=ScreenError(4.0, quad=1e9)) for _ in range(2))
     view = toy.view_from(EYES[0])
     for stream in (quiet, moving):
-        stream.settle(view, toy.generate)
+        stream.generate_all(view, toy.generate)
     assert not quiet.plan(view, budget=1.0)
     batch = moving.plan(toy.view_from(EYES[0], velocity=(200.0, 0.0, 0.0)), budget=1.0)
     assert batch
@@ -121,12 +121,12 @@ def test_tiles_out_of_view_are_coarser_and_those_ahead_are_fetched_before(toy):
 def test_a_pool_that_is_too_small_allows_more_error_and_never_a_hole(toy):
     stream = toy.new_stream(metric=ScreenError(0.5, quad=1e9), slots=300)
     view = toy.view_from(EYES[0])
-    stream.settle(view, toy.generate)
+    stream.generate_all(view, toy.generate)
     for _ in range(200):
         toy.go(stream, view, tiles=64)
     draws = toy.go(stream, view)
-    assert stream.relaxed > 1
-    assert stream.pool.held <= 300
+    assert stream.error_factor > 1
+    assert stream.pool.count <= 300
     assert toy.is_whole(draws, view)
 
 
@@ -134,13 +134,13 @@ def test_a_pool_that_is_too_small_allows_more_error_and_never_a_hole(toy):
 def test_walking_far_keeps_to_the_slots_and_forgets_what_is_behind(toy):
     stream = toy.limited(toy.new_stream(metric=ScreenError(6.0, quad=1e9), slots=800), 40)
     eye = np.array([0.0, 0.0, 30.0])
-    stream.settle(toy.view_from(eye), toy.generate)
+    stream.generate_all(toy.view_from(eye), toy.generate)
     at_first = len(stream._tree.codes)
     for _ in range(120):
         eye += np.array([500.0, 0.0, 0.0])
         view = toy.view_from(eye)
         draws = toy.go(stream, view, tiles=40)
-    assert stream.pool.held <= 800
+    assert stream.pool.count <= 800
     assert toy.is_whole(draws, view)
     toy.rested(stream, toy.view_from(eye), tiles=40)
     assert 0.5 * at_first < len(stream._tree.codes) < 2 * at_first
@@ -156,8 +156,10 @@ def test_far_from_the_origin_the_same_ground_gives_the_same_tiles(toy):
         facts["error"] = toy.roughness(np.array([key.level for key in batch.keys]))
         return facts
 
-    here = toy.new_stream(metric=ScreenError(4.0)).settle(toy.view_from((100.3, 50.2, 20.0)), flat)
-    there = toy.new_stream(metric=ScreenError(4.0)).settle(toy.view_from((100.3 + shift, 50.2, 20.0)), flat)
+    here = toy.new_stream(metric=ScreenError(4.0)).generate_all(toy.view_from((100.3, 50.2, 20.0)), flat)
+    there = toy.new_stream(metric=ScreenError(4.0)).generate_all(
+        toy.view_from((100.3 + shift, 50.2, 20.0)), flat
+    )
     assert len(here.keys) == len(there.keys)
     assert (here.corners[:, 0] + (2**14 << (24 - ROOT_LEVEL)) == there.corners[:, 0]).all()
     # The eye itself is known to a thousandth of a millimetre there.
@@ -180,7 +182,7 @@ def test_invalid_numbers_are_refused(toy):
 def test_only_tiles_hidden_by_nearer_ground_are_left_out(toy):
     view = toy.view_from((300.0, 200.0, -120.0))
     every, seen = (
-        toy.new_stream(metric=ScreenError(4.0, quad=1e9), hide=hide).settle(view, toy.generate)
+        toy.new_stream(metric=ScreenError(4.0, quad=1e9), hide=hide).generate_all(view, toy.generate)
         for hide in (False, True)
     )
     assert set(seen.keys) < set(every.keys)
@@ -213,11 +215,11 @@ def test_a_long_walk_with_a_short_view_ends_with_the_tiles_of_a_still_eye(toy, w
     def short(eye):
         return replace(toy.view_from(eye), draw_distance=3.0 * toy.EXTENT)
 
-    stream.settle(short(eye), toy.generate)
+    stream.generate_all(short(eye), toy.generate)
     for _ in range(steps):
         eye += np.array(way)
         toy.go(stream, short(eye), tiles=40)
     draws = toy.rested(stream, short(eye), tiles=40)
-    alone = toy.new_stream(metric=metric).settle(short(eye), toy.generate)
+    alone = toy.new_stream(metric=metric).generate_all(short(eye), toy.generate)
     assert sorted(alone.keys) == sorted(draws.keys)
     assert toy.is_whole(draws, short(eye))

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.tiles import QuadLength, ScreenError, View, inside_frustum, morph_weights, tile_indices
+from sketchterrain.tiles import (
+    CameraView,
+    QuadLength,
+    ScreenError,
+    inside_frustum,
+    morph_weights,
+    tile_indices,
+)
 from sketchterrain.tiles.borders import EAST, NORTH, PARENT, SOUTH, WEST
 from sketchterrain.tiles.codes import (
     AROUND,
@@ -19,7 +26,7 @@ from sketchterrain.tiles.codes import (
     parent_of,
     parents_around,
 )
-from sketchterrain.tiles.horizon import behind_ground
+from sketchterrain.tiles.horizon import occluded
 from sketchterrain.tiles.metrics import screen_errors
 from sketchterrain.tiles.schedule import CostModel
 
@@ -38,14 +45,14 @@ def test_frusta_hold_what_touches_them_and_move_with_their_view():
     high = np.array([[-1.0, 1.0, 1.0], [1.0, 1.0, 1.0], [2.0, 1.0, 12.0]])
     assert inside_frustum(planes, low, high).tolist() == [False, True, False]
 
-    view = View((1.0, 2.0, 3.0), np.array([[1.0, 0.0, 0.0, -1.0]]), 500.0, velocity=(10.0, 0.0, -1.0))
-    later = view.after(2.0)
+    view = CameraView((1.0, 2.0, 3.0), np.array([[1.0, 0.0, 0.0, -1.0]]), 500.0, velocity=(10.0, 0.0, -1.0))
+    later = view.extrapolated(2.0)
     assert later.eye == (21.0, 2.0, 1.0)
     assert later.planes[0] @ [*later.eye, 1.0] == pytest.approx(view.planes[0] @ [*view.eye, 1.0])
 
 
 def test_metrics_count_distance_and_slant_in_units_of_their_limits():
-    view = View((0.0, 0.0, 0.0), np.zeros((0, 4)), 1000.0)
+    view = CameraView((0.0, 0.0, 0.0), np.zeros((0, 4)), 1000.0)
     level = boxes((100, 100, 0, 0, 0, 0))
     assert screen_errors(view, level, np.array([2.0])) == pytest.approx(20.0)
     below = boxes((0, 0, 0, 0, -100, -100))
@@ -59,7 +66,7 @@ def test_metrics_count_distance_and_slant_in_units_of_their_limits():
     assert ScreenError(1e9, quad=20.0).excess(view, far, errors, cells) == pytest.approx(1.0)
     assert QuadLength(2.5).excess(view, far, errors, cells) == pytest.approx(1.0)
     for metric in (ScreenError(), QuadLength()):
-        twice = metric.coarser(2.0).excess(view, far, errors, cells)
+        twice = metric.relaxed(2.0).excess(view, far, errors, cells)
         assert twice == pytest.approx(metric.excess(view, far, errors, cells) / 2)
     for metric, option, value in (
         (ScreenError, "tolerance", 0),
@@ -100,7 +107,7 @@ def learnt(batch, level, tile, *, noise=0.0, rounds=100, mixed=True):
     for _ in range(rounds):
         levels = rng.integers(0, 3, rng.integers(1, 12) if mixed else 1)
         seconds = batch + level * len(np.unique(levels)) + tile * len(levels)
-        model.learn(levels, seconds * (1.0 + noise * rng.random()))
+        model.record(levels, seconds * (1.0 + noise * rng.random()))
     return model
 
 
@@ -109,42 +116,42 @@ def test_levels_and_tiles_are_told_apart_and_planned_batches_fit():
     assert model.expected(np.zeros(1)) == pytest.approx(0.0032, rel=0.1)
     assert model.expected(np.zeros(10)) == pytest.approx(0.005, rel=0.1)
     # Four fifths of a budget are planned with.
-    assert model.fitting(np.zeros(64), 0.007 / 0.8) == pytest.approx(20, abs=3)
+    assert model.count_within(np.zeros(64), 0.007 / 0.8) == pytest.approx(20, abs=3)
 
     model = learnt(0.001, 0.002, 0.0004, noise=0.3)
     levels = np.zeros(64, np.int64)
-    count = model.fitting(levels, 0.01)
+    count = model.count_within(levels, 0.01)
     assert 8 <= count <= 17
     assert 1.3 * (0.003 + 0.0004 * count) <= 0.0105
 
     model = learnt(0.0, 0.0025, 0.0003, mixed=False)
     assert model.expected(np.zeros(1)) == pytest.approx(0.0028, rel=0.02)
-    assert model.fitting(np.zeros(64), 0.007) > 2
+    assert model.count_within(np.zeros(64), 0.007) > 2
 
 
 def test_old_and_wide_tiles_make_no_others_dear_and_one_is_always_made():
     model = learnt(0.0, 0.003, 0.002)
     for _ in range(80):
-        model.learn(np.array([1, 1, 2]), 0.0007)
+        model.record(np.array([1, 1, 2]), 0.0007)
     assert model.expected(np.array([1, 1, 2])) == pytest.approx(0.0007, rel=0.1)
 
     model = learnt(0.0, 1.0, 1.0)
-    assert model.fitting(np.zeros(5), 1e-6) == 1
-    assert model.fitting(np.zeros(5), 0.0) == 0
-    assert model.fitting(np.zeros(0), 1.0) == 0
-    assert model.fitting(np.zeros(5), np.inf) == 5
+    assert model.count_within(np.zeros(5), 1e-6) == 1
+    assert model.count_within(np.zeros(5), 0.0) == 0
+    assert model.count_within(np.zeros(0), 1.0) == 0
+    assert model.count_within(np.zeros(5), np.inf) == 5
     with pytest.raises(InputError, match="budget"):
-        model.fitting(np.zeros(5), -1.0)
+        model.count_within(np.zeros(5), -1.0)
 
     rng = np.random.default_rng(4)
     model = CostModel()
     for wide in (True, False) * 40:
         levels = rng.integers(-5, -2, 4) if wide else rng.integers(0, 3, rng.integers(1, 12))
-        model.learn(levels, 0.001 + 0.0004 * len(levels) + 0.006 * 4 * wide)
+        model.record(levels, 0.001 + 0.0004 * len(levels) + 0.006 * 4 * wide)
     assert model.expected(np.full(5, -4)) == pytest.approx(0.033, rel=0.15)
     assert model.expected(np.zeros(10)) == pytest.approx(0.005, rel=0.15)
-    assert model.fitting(np.full(20, -4), 0.02) in (2, 3)
-    assert model.fitting(np.zeros(64), 0.007) >= 10
+    assert model.count_within(np.full(20, -4), 0.02) in (2, 3)
+    assert model.count_within(np.zeros(64), 0.007) >= 10
 
 
 QUADS = (2, 4, 8, 64)
@@ -247,8 +254,8 @@ CASES = {
 
 def test_only_ground_wholly_behind_nearer_ground_is_hidden():
     for name, (height, ground, hidden) in CASES.items():
-        view = View((0.0, 0.0, height), np.zeros((0, 4)), 1000.0)
-        assert behind_ground(view, boxes(*ground)).tolist() == hidden, name
+        view = CameraView((0.0, 0.0, height), np.zeros((0, 4)), 1000.0)
+        assert occluded(view, boxes(*ground)).tolist() == hidden, name
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 6))])
@@ -262,7 +269,7 @@ def test_no_ray_reaches_a_hidden_box(seed):
     top = bottom + 10.0 * rng.random(west.size)
     eye = np.array([rng.uniform(-20, 20), rng.uniform(-20, 20), 30.0])
     ground = boxes(*zip(west, west + width, south, south + width, bottom, top, strict=True))
-    hidden = behind_ground(View(tuple(eye), np.zeros((0, 4)), 1000.0), ground)
+    hidden = occluded(CameraView(tuple(eye), np.zeros((0, 4)), 1000.0), ground)
     assert hidden.sum() > 20
     along = np.linspace(0.0, 1.0, 4000)[1:-1]
     for index in rng.choice(np.flatnonzero(hidden), 20, replace=False):

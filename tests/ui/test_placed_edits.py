@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.features.memory import ShapeMemory
+from sketchterrain.features.memory import PlacementCache
 from sketchterrain.sketch import ADDED_BIT, Sketch, load_sketch
 from sketchterrain.sketch.edits import MAX_EDITS
 from sketchterrain.terrain import make_recipe
@@ -23,7 +23,7 @@ from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.handles import handles_of
 from sketchterrain.ui.models.workspace import Selection
 
-MEMORY = ShapeMemory()
+MEMORY = PlacementCache()
 
 
 def placed_of(sketch: Sketch) -> Placement:

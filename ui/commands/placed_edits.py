@@ -16,8 +16,8 @@ import numpy as np
 from sketchterrain.errors import InputError
 from sketchterrain.features import Lake, River
 from sketchterrain.features.catalogue import FEATURE_TYPES
-from sketchterrain.features.edits import lock_of
-from sketchterrain.features.river_edits import move_of
+from sketchterrain.features.edits import lock_edit
+from sketchterrain.features.river_edits import move_edit
 from sketchterrain.features.rules import TYPES
 from sketchterrain.sketch import ACTIONS, Edit, Parameter, Sketch
 from sketchterrain.ui.engine.protocol import Placement
@@ -156,7 +156,7 @@ def point_moved(sketch: Sketch, placed: Placement, selection: Selection, x: floa
     x, y = _within("move_point", "x", x), _within("move_point", "y", y)
     earlier = _edit_of_point(sketch, river, index)
     if earlier is None:
-        return sketch.with_edit(move_of(river, index, x=x, y=y))
+        return sketch.with_edit(move_edit(river, index, x=x, y=y))
     # It keeps its turn: edits after it may name points by where this one put them.
     edits = list(sketch.edits)
     edits[earlier] = dataclasses.replace(edits[earlier], x=x, y=y)
@@ -188,7 +188,7 @@ def locked(sketch: Sketch, placed: Placement, selection: Selection) -> Sketch:
     point = find_point(placed, selection)
     if point is None or is_locked(sketch, selection):
         return sketch
-    return sketch.with_edit(lock_of(point))
+    return sketch.with_edit(lock_edit(point))
 
 
 def unlocked(sketch: Sketch, selection: Selection) -> Sketch:
@@ -291,7 +291,7 @@ def _said_width(sketch: Sketch, river: River) -> float:
     given = [edit.width for edit in sketch.edits if edit.action == "width" and edit.feature == river.id]
     if given and given[-1] is not None:
         return given[-1]
-    return cast(float, sketch.properties("river", river.label)["width"])
+    return cast("float", sketch.properties("river", river.label)["width"])
 
 
 def _within(action: str, name: str, value: float) -> float:

@@ -77,11 +77,11 @@ class Placer:
     """Follows the window's sketch, places it, and tells the window and the engine."""
 
     def __init__(self, window: Channel, engine: Channel) -> None:
-        from sketchterrain.features.memory import ShapeMemory
+        from sketchterrain.features.memory import PlacementCache
 
         self._window, self._engine = window, engine
         self._mirror = SketchMirror()
-        self._memory = ShapeMemory()
+        self._memory = PlacementCache()
         self._patience = CancellationPolicy(self._newer)
         self._sketch: Sketch | None = None
         self._recipe: TerrainRecipe | None = None

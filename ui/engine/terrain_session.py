@@ -64,13 +64,13 @@ class TerrainSession:
 
         The terrain is made anew there; without another device there is none any more.
         """
-        from sketchterrain.compute import spare_device
+        from sketchterrain.compute import fallback_device
 
         failed = self.device
         self.terrain, self._context = None, None
         if failed is not None:
             self._failed.append(failed)
-        while (spare := spare_device(self._failed)) is not None:
+        while (spare := fallback_device(self._failed)) is not None:
             try:
                 self._context = self._open_device(spare)
                 self._rebuild()

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from sketchterrain.errors import InputError
 from sketchterrain.features import Lake, River
 from sketchterrain.features.catalogue import FEATURE_TYPES
-from sketchterrain.features.lakes import within
+from sketchterrain.features.lakes import distance_inside
 from sketchterrain.features.profiles import area_profile, hill_profile, mountain_profile
 from sketchterrain.sketch import Sketch
 from sketchterrain.ui.commands.placed_edits import (
@@ -120,7 +120,7 @@ def _past_bank(river: River, x: float, y: float) -> float:
 
 
 def _is_in(lake: Lake, x: float, y: float) -> bool:
-    return float(within(lake.shape, np.array([[x, y]]))[0]) > 0.0
+    return float(distance_inside(lake.shape, np.array([[x, y]]))[0]) > 0.0
 
 
 def _makes(points: npt.NDArray[np.void], away: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

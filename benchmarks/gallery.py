@@ -30,7 +30,7 @@ LIGHTS: Final = {
     "noon": {"hour": 12.5, "clouds": 0.4},
     "overcast": {"hour": 10.0, "clouds": 1.0},
 }
-"""What `Weather.of` is given for each."""
+"""What `Weather.from_sketch` is given for each."""
 _THUMBNAIL: Final = (640, 360)
 
 
@@ -40,7 +40,7 @@ def pictures(
     """Yield the view's name, the light's name and the picture, for each of both."""
     for view in VIEWS:
         for light, told in LIGHTS.items():
-            weather = Weather.of(terrain.sketch, **told)
+            weather = Weather.from_sketch(terrain.sketch, **told)
             pixels = render_picture(terrain, size=size, view=view, weather=weather, quality=quality)
             yield view, light, Image.fromarray(pixels)
 

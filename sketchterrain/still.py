@@ -42,7 +42,7 @@ class PictureOptions:
 
 def sketch_weather(sketch: scene.Sketch, hour: float | None, clouds: float | None) -> Weather:
     """Return a sketch's weather, with an hour and clouds in place of its own if they are given."""
-    weather = Weather.of(sketch, hour=hour, clouds=clouds)
+    weather = Weather.from_sketch(sketch, hour=hour, clouds=clouds)
     if weather.hour is not None:
         sun_at(weather.hour, weather.latitude)  # now, not when all else is done
     return weather

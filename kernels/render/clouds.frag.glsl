@@ -8,8 +8,8 @@
 #include "render/clouds.glsl"
 #include "render/cloud_light.glsl"
 
-uniform sampler3D cloud_puffs; // 0..1, billows (render/clouds.py)
-uniform sampler2D hiding;      // depth buffer
+uniform sampler3D billow_noise; // 0..1, billows (render/clouds.py)
+uniform sampler2D scene_depth_buffer;      // depth buffer
 uniform int reduced_width;     // px, of this picture
 
 in vec2 uv;
@@ -17,7 +17,7 @@ out vec4 seen; // rgb: radiance, premultiplied; a: share of the light behind it 
 
 const float THICK = 950.0;      // m, of the layer
 const float EXTINCTION = 0.03;  // 1/m, inside
-const float PUFFS = 2300.0;     // m, after which the billows repeat
+const float BILLOW_PERIOD = 2300.0;     // m, after which the billows repeat
 const float FAR = 60e3;         // m
 const float TALLEST = 2.3;      // of the field, where a cloud fills the layer
 const float FINEST = 20.0;      // m of a step
@@ -26,8 +26,8 @@ const float CLEAR_RUN = 230.0;  // m of clear air for each 1 that the field is b
 
 float billows(vec3 place)
 {
-    vec3 at = vec3(place.xy + eye.xy - cloud_drift, place.z + eye.z) / PUFFS;
-    return 0.65 * textureLod(cloud_puffs, at, 0.0).r + 0.35 * textureLod(cloud_puffs, at * 3.7 + 0.31, 0.0).r;
+    vec3 at = vec3(place.xy + eye.xy - cloud_drift, place.z + eye.z) / BILLOW_PERIOD;
+    return 0.65 * textureLod(billow_noise, at, 0.0).r + 0.35 * textureLod(billow_noise, at * 3.7 + 0.31, 0.0).r;
 }
 
 // 0..1, at a place relative to the eye; `rise` in the layer.
@@ -62,13 +62,13 @@ float depth_to_sun(vec3 place, float up, float lod)
 
 bool hidden()
 {
-    ivec2 size = textureSize(hiding, 0);
+    ivec2 size = textureSize(scene_depth_buffer, 0);
     ivec2 at = ivec2(uv * vec2(size));
     int far = 2 * size.x / reduced_width;
     float nearest = 0.0;
     for (int i = 0; i < 4; ++i) {
         ivec2 step_ = far * ivec2((i & 1) * 2 - 1, (i & 2) - 1);
-        nearest = max(nearest, texelFetch(hiding, clamp(at + step_, ivec2(0), size - 1), 0).r);
+        nearest = max(nearest, texelFetch(scene_depth_buffer, clamp(at + step_, ivec2(0), size - 1), 0).r);
     }
     return nearest < 1.0;
 }

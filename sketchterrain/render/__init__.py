@@ -10,7 +10,7 @@ from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Sun
 from sketchterrain.render.snapshot import render_picture
-from sketchterrain.render.sunlight import find_sun, sun_of
+from sketchterrain.render.sunlight import find_sun, sun_for_view
 from sketchterrain.render.view import VIEWS, check_view, find_view
 from sketchterrain.render.weather import Weather
 
@@ -34,5 +34,5 @@ __all__ = [
     "open_context",
     "render_picture",
     "save_flight",
-    "sun_of",
+    "sun_for_view",
 ]

@@ -1,8 +1,8 @@
-"""The air: what it takes from light and what it adds, as tables after Hillaire 2020.
+"""Atmospheric scattering as precomputed tables after Hillaire 2020.
 
 S. Hillaire, A Scalable and Production Ready Sky and Atmosphere Rendering Technique, EGSR 2020; the parameters
-of the transmittance table and the horizon's part of the sun are Bruneton's (2017). All is NumPy in double
-precision: the tables are small, and take less time than a driver needs to build programs for them.
+of the transmittance table and the sun's visibility at the horizon are Bruneton's (2017). All is NumPy in
+double precision: the tables are small, and take less time than a driver needs to build programs for them.
 """
 
 from __future__ import annotations
@@ -20,45 +20,37 @@ Floats = npt.NDArray[np.float64]
 GROUND: Final = 6360e3
 """Radius of the ground (m)."""
 TOP: Final = 6460e3
-"""Radius up to which there is air (m)."""
+"""Radius of the top of the atmosphere (m)."""
 RAYLEIGH: Final = np.array([5.802e-6, 13.558e-6, 33.1e-6])
 """Scattering by molecules at sea level (1/m), for red, green and blue (680, 550, 440 nm)."""
 RAYLEIGH_HEIGHT: Final = 8000.0
 AEROSOL: Final = 6.8e-5 * (np.array([680.0, 550.0, 440.0]) / 550.0) ** -1.0
 """Scattering by aerosols of a clear day (1/m): vertical optical depth 0.08, Ångström exponent 1."""
 AEROSOL_ABSORBED: Final = 0.1
-"""Of what aerosols scatter, how much they absorb besides."""
+"""Absorption by aerosols over their scattering."""
 AEROSOL_HEIGHT: Final = 1200.0
 FORWARD: Final = 0.76
-"""Mean cosine of the angle by which aerosols scatter."""
+"""Asymmetry parameter g of aerosols (mean cosine of the scattering angle)."""
 OZONE: Final = np.array([1.5e-6, 1.881e-6, 0.085e-6])
-"""Absorption where it is densest, 25 km up (1/m); none is 15 km above or below.
+"""Peak absorption, 25 km up (1/m); none is 15 km above or below.
 
 Red as its mean over 600 to 680 nm: at 680 nm alone there is so little that twilight turns purple.
 """
 GROUND_ALBEDO: Final = np.array([0.13, 0.12, 0.085])
-"""What the ground far around gives back, on average, of the light that falls on it."""
+"""Mean albedo of the ground far around."""
 SUN_RADIUS: Final = np.radians(0.267)
-"""Of the sun's disc (rad)."""
+"""Angular radius of the sun's disc (rad)."""
 
 _HEIGHTS, _ANGLES = 48, 128  # of the transmittance table
 _STEPS = 40
 _PSI_HEIGHTS, _PSI_ANGLES = 12, 24
 _LOWEST_ROOT: Final = 0.3
-"""Of the sun's place in that of Ψ, `_sign_root`: 9° under the horizon."""
+"""`_signed_root` of the sun's lowest cosine in the table of Ψ: 9° under the horizon."""
 _PSI_DIRECTIONS, _PSI_STEPS = 32, 16
 
 
-class Path(NamedTuple):
-    """Light along a path through the air.
-
-    Attributes
-    ----------
-    radiance : (..., 3) float64
-        That is scattered into it, for a sun of irradiance 1.
-    clear : (..., 3) float64
-        Share that gets through it.
-    """
+class PathLight(NamedTuple):
+    """In-scattered radiance and transmittance of a path, (..., 3) each, for a sun of irradiance 1."""
 
     radiance: Floats
     clear: Floats
@@ -66,13 +58,7 @@ class Path(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Air:
-    """Air over bare and level ground.
-
-    Attributes
-    ----------
-    haze : float
-        Aerosols, 1 a clear day.
-    """
+    """Atmosphere over level ground; `haze` scales its aerosols, 1 is a clear day."""
 
     haze: float = 1.0
 
@@ -85,9 +71,9 @@ class Air:
         return rayleigh, aerosol, rayleigh + aerosol * (1.0 + AEROSOL_ABSORBED) + ozone
 
     def sunlight(self, height: Floats, cosine: Floats) -> Floats:
-        """Return the share of sunlight, (..., 3), at heights (m), by the cosine of the sun's zenith angle.
+        """Return transmitted sunlight, (..., 3), at heights (m), by cosine of the sun's zenith angle.
 
-        The part of the disc that stands over the horizon of bare ground counts.
+        Only the part of the disc above the horizon of bare ground counts.
         """
         r = np.maximum(height, 0.0) + GROUND
         dip = -np.sqrt(np.maximum(1.0 - (GROUND / r) ** 2, 0.0))
@@ -96,7 +82,7 @@ class Air:
         return np.asarray(self.transmittance(r, np.maximum(cosine, dip)) * part[..., None])
 
     def transmittance(self, r: Floats, cosine: Floats) -> Floats:
-        """Return what gets from radii (m) to the top of the air, (..., 3), on lines that miss the ground."""
+        """Return transmittance, (..., 3), from radii (m) to space on lines that miss the ground."""
         full = np.sqrt(TOP**2 - GROUND**2)
         rho = np.sqrt(np.maximum(r * r - GROUND**2, 0.0))
         shortest, longest = TOP - r, rho + full
@@ -108,7 +94,7 @@ class Air:
 
     @cached_property
     def _depths(self) -> Floats:
-        """Optical depth to the top, by √(r² − ground²) and the way to the top (Bruneton 2017)."""
+        """Optical depth to the top, by √(r² − ground²) and the distance to the top (Bruneton 2017)."""
         full = np.sqrt(TOP**2 - GROUND**2)
         rho = np.linspace(0.0, full, _HEIGHTS)[:, None]
         r = np.sqrt(rho**2 + GROUND**2)
@@ -127,89 +113,66 @@ class Air:
                 total += share[..., None] * self.scattering(height)[2]
         return total
 
-    def scattered_again(self, height: Floats, cosine: Floats) -> Floats:
-        """Return the radiance, (..., 3), that light scattered before makes, the same in all directions.
-
-        For a sun of irradiance 1: Ψ of Hillaire's equation 10.
-        """
+    def multiple_scattering(self, height: Floats, cosine: Floats) -> Floats:
+        """Return the isotropic radiance, (..., 3), of multiple scattering: Ψ of Hillaire's equation 10."""
         at_height = np.sqrt(np.clip(height / (TOP - GROUND), 0.0, 1.0))
-        at_angle = (_sign_root(cosine) - _LOWEST_ROOT) / (1.0 - _LOWEST_ROOT)
+        at_angle = (_signed_root(cosine) - _LOWEST_ROOT) / (1.0 - _LOWEST_ROOT)
         return np.asarray(np.exp(_bilinear(self._psi, at_height, at_angle)))
 
     @cached_property
     def _psi(self) -> Floats:
-        """Its logarithm: it falls by powers of ten once the sun has set."""
+        """Logarithm of Ψ, which falls by powers of ten once the sun has set."""
         height = np.linspace(0.0, 1.0, _PSI_HEIGHTS) ** 2 * (TOP - GROUND)
         along = 2.0 * np.linspace(_LOWEST_ROOT, 1.0, _PSI_ANGLES) - 1.0
         cosine = along * np.abs(along)
         number = np.arange(_PSI_DIRECTIONS) + 0.5
         z, turn = 1.0 - 2.0 * number / _PSI_DIRECTIONS, number * np.pi * (3.0 - np.sqrt(5.0))
         flat = np.sqrt(1.0 - z * z)
-        ways = np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=-1)
-        psi = self.isotropic(height[:, None], cosine[None, :], ways, steps=_PSI_STEPS)
+        directions = np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=-1)
+        psi = self.multiple_scattering_source(height[:, None], cosine[None, :], directions, steps=_PSI_STEPS)
         return np.asarray(np.log(np.maximum(psi, 1e-12)))
 
-    def isotropic(self, height: Floats, cosine: Floats, ways: Floats, *, steps: int) -> Floats:
-        """Compute Ψ from directions spread evenly over the sphere: Hillaire's equations 5 to 10.
-
-        Parameters
-        ----------
-        height, cosine
-            Where (m), and the cosine of the sun's zenith angle there; broadcast.
-        ways
-            (n, 3) unit vectors.
-        steps
-            Along each.
-        """
+    def multiple_scattering_source(
+        self, height: Floats, cosine: Floats, directions: Floats, *, steps: int
+    ) -> Floats:
+        """Compute Ψ from (n, 3) directions spread evenly over the sphere: Hillaire's equations 5 to 10."""
         height, cosine = np.broadcast_arrays(height, cosine)
         sun = np.stack([np.sqrt(np.maximum(1.0 - cosine**2, 0.0)), np.zeros_like(cosine), cosine], axis=-1)
         r = np.maximum(height, 1.0)[..., None] + GROUND
-        length, hits = _length(r, ways[:, 2])
+        length, hits = _boundary_distance(r, directions[:, 2])
         sun_along = sun[..., None, :]
-        seen = self.path(r - GROUND, ways, sun_along, length, steps=steps, again=False, phases=False)
-        foot = np.sqrt(r * r + length**2 + 2.0 * r * length * ways[:, 2])
-        below = (r * cosine[..., None] + length * (ways * sun_along).sum(axis=-1)) / foot
+        path = self.integrate(
+            r - GROUND, directions, sun_along, length, steps=steps, multiple=False, phases=False
+        )
+        foot = np.sqrt(r * r + length**2 + 2.0 * r * length * directions[:, 2])
+        below = (r * cosine[..., None] + length * (directions * sun_along).sum(axis=-1)) / foot
         lit = self.sunlight(np.zeros_like(below), below) * np.maximum(below, 0.0)[..., None]
-        bounced = seen.clear * lit * (GROUND_ALBEDO / np.pi) * hits[..., None]
-        second = (seen.radiance + bounced).mean(axis=-2)
-        unit = self.path(
-            r - GROUND, ways, sun_along, length, steps=steps, again=False, phases=False, lit=False
+        bounced = path.clear * lit * (GROUND_ALBEDO / np.pi) * hits[..., None]
+        second = (path.radiance + bounced).mean(axis=-2)
+        unit = self.integrate(
+            r - GROUND, directions, sun_along, length, steps=steps, multiple=False, phases=False, lit=False
         )
         return np.asarray(second / (1.0 - unit.radiance.mean(axis=-2) * (4.0 * np.pi)))
 
-    def path(
+    def integrate(
         self,
         height: Floats,
-        ways: Floats,
+        directions: Floats,
         sun: Floats,
         length: Floats,
         *,
         steps: int,
-        again: bool = True,
+        multiple: bool = True,
         phases: bool = True,
         lit: bool = True,
-    ) -> Path:
-        """Follow lines of sight.
+    ) -> PathLight:
+        """Integrate scattering along lines of sight of some length (m), in ever longer steps.
 
-        Parameters
-        ----------
-        height
-            Of the eye (m).
-        ways, sun
-            (..., 3) unit vectors along the lines and towards the sun, z up at the eye.
-        length
-            Of the lines (m).
-        steps
-            Each is longer than the one before.
-        again
-            Whether light counts that is scattered more than once.
-        phases
-            Whether light is scattered as it is by air; else alike in all directions.
-        lit
-            Whether air is lit by the sun; else by 1 everywhere.
+        `multiple` adds multiply scattered light; without `phases` scattering is isotropic; without `lit` the
+        air is lit by 1 everywhere instead of by the sun.
         """
         r = height + GROUND
-        up, sunward = ways[..., 2], (ways * sun).sum(axis=-1)
+        up, sunward = directions[..., 2], (directions * sun).sum(axis=-1)
         by_rayleigh = rayleigh_phase(sunward)[..., None] if phases else 0.25 / np.pi
         by_aerosol = aerosol_phase(sunward)[..., None] if phases else 0.25 / np.pi
         edges = np.linspace(0.0, 1.0, steps + 1) ** 2
@@ -217,45 +180,47 @@ class Air:
         clear: Floats | float = 1.0
         for start, stop in pairwise(edges):
             along = 0.5 * (start + stop) * length
-            here = np.sqrt(r * r + along * along + 2.0 * r * along * up)
-            rayleigh, aerosol, extinction = self.scattering(here - GROUND)
+            radius = np.sqrt(r * r + along * along + 2.0 * r * along * up)
+            rayleigh, aerosol, extinction = self.scattering(radius - GROUND)
             source = rayleigh * by_rayleigh + aerosol * by_aerosol
             if lit:
-                cosine = (r * sun[..., 2] + along * sunward) / here
-                source = source * self.sunlight(here - GROUND, cosine)
-                if again:
-                    source += (rayleigh + aerosol) * self.scattered_again(here - GROUND, cosine)
+                cosine = (r * sun[..., 2] + along * sunward) / radius
+                source = source * self.sunlight(radius - GROUND, cosine)
+                if multiple:
+                    source += (rayleigh + aerosol) * self.multiple_scattering(radius - GROUND, cosine)
             step = np.exp(-extinction * ((stop - start) * length)[..., None])
             radiance = radiance + clear * source * (1.0 - step) / extinction
             clear = clear * step
-        return Path(np.asarray(radiance), np.asarray(clear))
+        return PathLight(np.asarray(radiance), np.asarray(clear))
 
-    def sky(self, height: float, ways: Floats, sun: Floats, *, steps: int, longest: float = np.inf) -> Path:
-        """Follow lines to the top of the air, to the ground, or for a longest way (m); see `path`."""
+    def sky(
+        self, height: float, directions: Floats, sun: Floats, *, steps: int, longest: float = np.inf
+    ) -> PathLight:
+        """Integrate along directions to the top of the air or the ground, or for `longest` m."""
         r = np.asarray(max(height, 1.0) + GROUND)
-        length = np.asarray(np.minimum(_length(r, ways[..., 2])[0], longest))
-        return self.path(r - GROUND, ways, sun, length, steps=steps)
+        length = np.asarray(np.minimum(_boundary_distance(r, directions[..., 2])[0], longest))
+        return self.integrate(r - GROUND, directions, sun, length, steps=steps)
 
 
 @lru_cache(maxsize=4)
-def air_of(haze: float) -> Air:
-    """Return air with so many aerosols; its tables take longest, and are kept for another hour's sky."""
+def air_with_haze(haze: float) -> Air:
+    """Return the air of a haze; its tables are the most expensive part of a sky."""
     return Air(haze)
 
 
 def rayleigh_phase(cosine: Floats) -> Floats:
-    """Share of light that molecules scatter by an angle, 1/sr."""
+    """Evaluate the phase function of molecules, 1/sr."""
     return np.asarray(3.0 / (16.0 * np.pi) * (1.0 + cosine * cosine))
 
 
 def aerosol_phase(cosine: Floats, g: float = FORWARD) -> Floats:
-    """Share of light that aerosols scatter by an angle, 1/sr (Cornette & Shanks 1992)."""
+    """Evaluate the phase function of aerosols, 1/sr (Cornette & Shanks 1992)."""
     share = 3.0 / (8.0 * np.pi) * (1.0 - g * g) / (2.0 + g * g)
     return np.asarray(share * (1.0 + cosine * cosine) / (1.0 + g * g - 2.0 * g * cosine) ** 1.5)
 
 
-def _length(r: Floats, up: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
-    """Return how far it is to the top or the ground (m), and whether it is the ground."""
+def _boundary_distance(r: Floats, up: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
+    """Return the distance to the top of the air or the ground (m), and whether it is the ground."""
     r, up = np.broadcast_arrays(r, up)
     room = r * r * (up * up - 1.0)
     hits = (up < 0.0) & (room + GROUND**2 >= 0.0)
@@ -264,13 +229,13 @@ def _length(r: Floats, up: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
     return np.where(hits, to_ground, to_top), hits
 
 
-def _sign_root(cosine: Floats) -> Floats:
-    """Return 0 … 1 for −1 … 1, finest around 0."""
+def _signed_root(cosine: Floats) -> Floats:
+    """Map cosines −1 … 1 to 0 … 1, finest around 0."""
     return np.asarray(0.5 + 0.5 * np.copysign(np.sqrt(np.abs(cosine)), cosine))
 
 
 def _bilinear(table: Floats, row: Floats, column: Floats) -> Floats:
-    """Look up a (rows, columns, 3) table at shares 0 … 1 of its rows and columns."""
+    """Interpolate a (rows, columns, 3) table at shares 0 … 1 of its rows and columns."""
     rows, columns = table.shape[:2]
     y, x = np.broadcast_arrays(np.clip(row, 0.0, 1.0) * (rows - 1), np.clip(column, 0.0, 1.0) * (columns - 1))
     j = np.minimum(y.astype(np.intp), rows - 2)

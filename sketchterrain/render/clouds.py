@@ -1,4 +1,4 @@
-"""Clouds: where they are, and what the sky shows of them."""
+"""Cloud layer: its noise textures and its ray marching pass."""
 
 from __future__ import annotations
 
@@ -20,36 +20,22 @@ if TYPE_CHECKING:
     from sketchterrain.render.weather import Weather
 
 SIZE: Final = 512
-"""Texels a side of the field, 32 m each."""
-PUFFS: Final = 64
-"""Texels a side of the billows."""
+"""Texels a side of the coverage field, 32 m each."""
+BILLOW_SIZE: Final = 64
+"""Texels a side of the billow noise."""
 PERIOD: Final = 16_384.0
-"""m after which the field repeats: CLOUD_PERIOD in kernels/render/clouds.glsl."""
+"""Period of the field (m): CLOUD_PERIOD in kernels/render/clouds.glsl."""
 HEIGHT: Final = 2500.0
 """m over the haze's base, at which clouds are lit."""
 REDUCED: Final = 2
-"""Pixels of the picture for one of the clouds', along each axis."""
+"""Downscaling of the cloud pass, each axis."""
 SUN_STEPS: Final = 4
 """Steps towards the sun, each about twice as long as the last."""
 WITH_DEPTH: Final = 2
 
 
 class Clouds:
-    """The layer of clouds of one weather.
-
-    Parameters
-    ----------
-    context
-        Where they are drawn.
-    weather
-        Their cover, and the wind.
-    sky
-        Its air lights them.
-    quality
-        Whether they have depth, or are flat, or none.
-    defines
-        As all passes of the picture have them.
-    """
+    """The cloud layer of one weather: volumetric, flat or none, by `cloud_defines`."""
 
     def __init__(
         self,
@@ -64,20 +50,20 @@ class Clouds:
         self._cover: float | None = None
         self._march: moderngl.VertexArray | None = None
         self._view: moderngl.Texture | None = None
-        self.relight(weather, sky)
+        self.set_weather(weather, sky)
         if defines["CLOUDS"] == WITH_DEPTH:
-            puffs = np.round(cloud_puffs() * 255.0).astype(np.uint8)
-            self._puffs = context.texture3d((PUFFS, PUFFS, PUFFS), 1, puffs.tobytes())
+            billows = np.round(billow_noise() * 255.0).astype(np.uint8)
+            self._billows = context.texture3d((BILLOW_SIZE, BILLOW_SIZE, BILLOW_SIZE), 1, billows.tobytes())
             marching = defines | {"STEPS": quality.cloud_steps, "SUN_STEPS": SUN_STEPS}
             self._march = fullscreen_pass(context, "clouds.frag.glsl", defines=marching)
 
-    def relight(self, weather: Weather, sky: Sky) -> None:
-        """Draw the clouds of another weather, under another sky, of the same `cloud_defines`."""
+    def set_weather(self, weather: Weather, sky: Sky) -> None:
+        """Replace weather and sky by others of the same `cloud_defines`."""
         self._drift = weather.drift
         lit = sky.air.sunlight(np.array(HEIGHT), np.array(sky.sun.direction[2])) * SUN_IRRADIANCE
         self._uniforms: dict[str, object] = {
-            "overcast": sky.veil,
-            "cloud_sun": tuple(((1.0 - sky.veil) * lit).tolist()),
+            "overcast": sky.overcast,
+            "cloud_sun": tuple(((1.0 - sky.overcast) * lit).tolist()),
         }
         if weather.clouds == self._cover:
             return
@@ -88,7 +74,7 @@ class Clouds:
         self._field.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
 
     def textures(self, targets: RenderTargets) -> dict[str, moderngl.Texture | moderngl.Texture3D]:
-        """Return what passes read that draw into targets, by the names that shaders know them by."""
+        """Return the textures that passes into targets read, by sampler name."""
         if self._march is None:
             return {"cloud_field": self._field}
         size = (max(targets.size[0] // REDUCED, 1), max(targets.size[1] // REDUCED, 1))
@@ -100,25 +86,12 @@ class Clouds:
         return {
             "cloud_field": self._field,
             "cloud_view": self._view,
-            "cloud_puffs": self._puffs,
-            "hiding": targets.depth,
+            "billow_noise": self._billows,
+            "scene_depth_buffer": targets.depth,
         }
 
     def draw(self, units: dict[str, object], clock: float) -> dict[str, object]:
-        """Draw what the sky shows of clouds at a time (s), over the depth that hides them.
-
-        Parameters
-        ----------
-        units
-            Uniforms of all passes, with the units of `textures`.
-        clock
-            Seconds.
-
-        Returns
-        -------
-        dict
-            Uniforms for all passes after this one.
-        """
+        """Render volumetric clouds at a time (s); return the uniforms of all later passes."""
         drift = tuple(wrap_to_noise_period(speed * clock) for speed in self._drift)
         uniforms = self._uniforms | {"cloud_drift": drift}
         if self._march is not None and self._view is not None:
@@ -131,7 +104,7 @@ class Clouds:
 
 
 def cloud_defines(quality: Quality, weather: Weather) -> dict[str, int]:
-    """Return the macros of kernels/render/clouds.glsl: which clouds there are."""
+    """Return the macros of kernels/render/clouds.glsl."""
     if not quality.includes("clouds") or weather.clouds == 0.0:
         return {"CLOUDS": 0, "GREY": 0}
     kind = WITH_DEPTH if quality.cloud_steps else 1
@@ -139,13 +112,10 @@ def cloud_defines(quality: Quality, weather: Weather) -> dict[str, int]:
 
 
 def cloud_field(cover: float, size: int = SIZE) -> npt.NDArray[np.float32]:
-    """Make the field that says where clouds are, on a torus of `PERIOD`.
+    """Return the (size, size) coverage field on a torus of `PERIOD`, standard deviation 1.
 
-    Returns
-    -------
-    (size, size) float32
-        How far a place is inside a cloud: its share over 0 is the cover. Clouds are about a kilometre wide,
-        in groups; the field's deviation is 1.
+    It is positive inside clouds, on a share `cover` of the area; clouds are about a kilometre wide, in
+    groups.
     """
     rng = np.random.default_rng(20261)
     cycles = np.hypot(np.fft.fftfreq(size)[:, None], np.fft.rfftfreq(size)[None, :]) * size
@@ -165,14 +135,8 @@ def cloud_field(cover: float, size: int = SIZE) -> npt.NDArray[np.float32]:
     return np.asarray(total - edge, np.float32)
 
 
-def cloud_puffs(size: int = PUFFS) -> npt.NDArray[np.float32]:
-    """Make billows on a torus in space: 1 in the middle of round lumps, 0 in the seams between them.
-
-    Returns
-    -------
-    (size, size, size) float32
-        In [0, 1].
-    """
+def billow_noise(size: int = BILLOW_SIZE) -> npt.NDArray[np.float32]:
+    """Return (size, size, size) billow noise in [0, 1] on a torus: 1 inside round lumps, 0 in the seams."""
     rng = np.random.default_rng(20262)
     axis, last = np.fft.fftfreq(size) * size, np.fft.rfftfreq(size) * size
     cycles = np.sqrt(axis[:, None, None] ** 2 + axis[None, :, None] ** 2 + last[None, None, :] ** 2)

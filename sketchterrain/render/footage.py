@@ -11,7 +11,7 @@ from sketchterrain.render.overlays import Overlay, check_overlays
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.snapshot import canvas, check_size, read_picture
-from sketchterrain.render.sunlight import sun_of
+from sketchterrain.render.sunlight import sun_for_view
 from sketchterrain.render.weather import Weather
 
 if TYPE_CHECKING:
@@ -117,8 +117,8 @@ def capture_frames(
             quality = Quality() if complete else Quality.for_renderer(context.info["GL_RENDERER"])
         quality = replace(quality, without=quality.without | frozenset(without))
         cameras = _cameras(views)
-        weather = weather or Weather.of(terrain.sketch)
-        sun = sun or sun_of(terrain, cameras[0], weather)
+        weather = weather or Weather.from_sketch(terrain.sketch)
+        sun = sun or sun_for_view(terrain, cameras[0], weather)
         renderer = Renderer(context, terrain, sun=sun, weather=weather, textures=textures, quality=quality)
         shoot = _complete if complete else _ready
         overlay = Overlay(context, terrain, renderer.ground) if overlays else None

@@ -90,7 +90,7 @@ class Renderer:
         self._context = context
         self._terrain = terrain = shared_with_gl(terrain)
         self._quality = quality = quality or Quality()
-        self._sun, self._weather = sun, weather or Weather.of(terrain.sketch)
+        self._sun, self._weather = sun, weather or Weather.from_sketch(terrain.sketch)
         self._timer = timer
         self._last: Camera | None = None
         self._still, self._turn = 0.0, 0

@@ -194,7 +194,7 @@ class Scenery:
             self.lit.relight(sun)
             self.forest.relight(sun)
         if cloudiness == self._cloudiness:
-            self._clouds.relight(weather, self._sky)
+            self._clouds.set_weather(weather, self._sky)
             return
         self._cloudiness = cloudiness
         self.shading, self._clouds = self._lighting()
@@ -263,7 +263,7 @@ class Scenery:
         eye = camera.eye
         to_clip = camera.to_clip(width / height)
         frame, lit = self._frame_block, self.lit
-        self._sky.look_from(eye[2] - lit.haze_base)
+        self._sky.set_height(eye[2] - lit.haze_base)
         hazy = float(self._quality.includes("haze"))
         frame["to_clip"] = to_clip
         frame["from_clip"] = np.linalg.inv(to_clip)

@@ -1,4 +1,4 @@
-"""The sun and the light of the sky."""
+"""Sun and sky: radiance by direction, irradiance and exposure."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.errors import InputError
-from sketchterrain.render.atmosphere import AEROSOL, AEROSOL_ABSORBED, AEROSOL_HEIGHT, air_of
+from sketchterrain.render.atmosphere import AEROSOL, AEROSOL_ABSORBED, AEROSOL_HEIGHT, air_with_haze
 from sketchterrain.render.sky_light import irradiance_harmonics, sky_irradiance
 
 if TYPE_CHECKING:
@@ -21,44 +21,36 @@ if TYPE_CHECKING:
 LOWEST_SUN: Final = -4.0
 """Degrees: below, in civil twilight, it gets too dark for a picture by the sky alone."""
 SIZE: Final = 64
-"""Texels along the azimuth, and for each half along the elevation: kernels/render/frame.glsl, sky_place."""
+"""Texels along the azimuth, and of each half along the elevation: kernels/render/frame.glsl, sky_place."""
 STEPS: Final = 24
 AIR_STEPS: Final = 16
 LEVELS: Final = (0.0, 600.0, 1800.0, 4000.0)
-"""Heights over the haze's base (m) for which the sky is computed; in between it is blended."""
+"""Heights over the haze's base (m) at which the sky is computed; it is interpolated in between."""
 LONGEST: Final = 30e3
-"""m of air that a direction's haze is taken from,"""
+"""Longest path (m) that the air's light of a direction is integrated over …"""
 RISE: Final = 1500.0
-"""but no further than mountains rise over the eye (m)."""
+"""… up to the height of mountains over the eye (m)."""
 SUN_IRRADIANCE: Final = np.array([20.0, 22.6, 25.4])
-"""Above the air, in the units of all light here; the ratios are a camera's that is balanced for daylight."""
+"""Above the atmosphere, in the unit of all light here; channel ratios are of a daylight white balance."""
 HAZE: Final = AEROSOL * (1.0 + AEROSOL_ABSORBED)
 """Extinction by aerosols on a clear day, at the haze's base (1/m)."""
 SMALL_WORLD: Final = 0.25
-"""Optical depth of an extent at least: small worlds, which end near, end in haze too."""
+"""Smallest optical depth of an extent: small worlds, which end near, end in haze too."""
 SHADED_AIR: Final = 0.4
-"""Share of the air's light that shadows take: a little less than comes from the sun at once."""
+"""Share of in-scattered light removed in shadow: a little less than the single-scattered sunlight."""
 RISING: Final = (0.0, 3.0)
-"""Degrees of elevation in which the sun begins to throw shadows that count."""
+"""Degrees of elevation over which shadows in the air fade in."""
 OVERCAST: Final = (0.6, 1.0)
-"""Cloud covers between which one grey layer comes before the sky and the sun."""
+"""Cloud covers over which a uniform grey layer replaces sky and sun."""
 OVERCAST_CLEAR: Final = np.array([0.33, 0.34, 0.35])
-"""Share of the light on level ground that comes through a closed layer of clouds."""
+"""Transmittance of a closed cloud layer for the light on level ground."""
 
 Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Sun:
-    """Where the sun stands.
-
-    Attributes
-    ----------
-    azimuth : float
-        Compass bearing, degrees clockwise from north.
-    elevation : float
-        Degrees above the horizon, in [-4, 90].
-    """
+    """Direction of the sun: compass bearing and elevation (-4 … 90), degrees."""
 
     azimuth: float
     elevation: float = 30.0
@@ -85,72 +77,52 @@ class Sun:
 MIDDLE: Final = 0.085
 """Albedo of ground that becomes middle grey, 0.18 of white, on a sunny noon."""
 BRIGHT: Final = 17.0
-"""Light of a sunny noon, as `exposure_of` takes it."""
+"""Light of a sunny noon, as computed in `exposure_for`."""
 ADAPTED: Final = 0.88
-"""Share of stops by which an exposure follows where there is less light: a dawn stays a little dark."""
+"""Exponent by which exposure compensates darkness: a dawn stays a little dark."""
 AGAINST_LIGHT: Final = 0.5
-"""The same for a view whose horizon is brighter than horizons are on average."""
+"""The same for a view whose horizon is brighter than the average one."""
 VIEW: Final = 30.0
-"""Degrees to the left and the right that it follows."""
+"""Degrees to the left and the right that count for it."""
 
 
 class Sky:
-    """Radiance of the sky by direction, and the light that it and the sun throw on the ground.
+    """Sky radiance by direction, and the irradiance of sun and sky on the ground.
 
-    Parameters
-    ----------
-    context
-        Where it is looked up.
-    sun
-        Where it stands.
-    weather
-        Its clouds and haze.
-    extent
-        Of the world (m).
-
-    Attributes
-    ----------
-    view : moderngl.Texture
-        64×128 RGBA16F: below the light of the air in all directions, above the sky; see clear_sky and
-        air_light in kernels/render/frame.glsl.
-    sunlight : (3,) float64
-        Irradiance of the sun on a surface that faces it, at the ground.
-    harmonics : (9, 3) float64
-        Irradiance from the whole sky and ground around, see `irradiance_harmonics`.
-    shaded_air : float
-        Share of the air's light that is missing over ground in shadow.
-    haze : (3,) float64
-        Extinction by aerosols at the haze's base (1/m).
+    `view` is a 64×128 RGBA16F texture, see clear_sky and air_light in kernels/render/frame.glsl; `sunlight`
+    (3,) the sun's irradiance on a surface facing it, at the ground; `harmonics` (9, 3), see
+    `irradiance_harmonics`; `shaded_air` the share of the air's light missing over shadow; `haze` (3,) aerosol
+    extinction at its base (1/m).
     """
 
     def __init__(
         self, context: moderngl.Context, sun: Sun, weather: Weather, *, extent: float = np.inf
     ) -> None:
         self.sun = sun
-        self.air = air_of(weather.haze)
+        self.air = air_with_haze(weather.haze)
         self.haze = weather.haze * np.maximum(HAZE, SMALL_WORLD / extent)
         self._levels: dict[int, Floats] = {}
         ground = sky_table(self.air, sun, LEVELS[0])
         shone = self.air.sunlight(np.zeros(()), np.array(sun.direction[2])) * SUN_IRRADIANCE
         clear = irradiance_harmonics(ground[SIZE:], sun, shone)
-        self.veil = _smooth(weather.clouds, *OVERCAST)
+        self.overcast = _smooth(weather.clouds, *OVERCAST)
         level = np.array([0.0, 0.0, 1.0])
         total = shone * max(sun.direction[2], 0.0) + sky_irradiance(clear, level)
-        self._dome = overcast_table(OVERCAST_CLEAR * float(total.mean()))
-        self._levels[0] = ground = self._veiled(ground)
-        self.sunlight = (1.0 - self.veil) * shone
-        self.shaded_air = SHADED_AIR * (1.0 - self.veil) * _smooth(sun.elevation, *RISING)
+        self._overcast_sky = overcast_table(OVERCAST_CLEAR * float(total.mean()))
+        self._levels[0] = ground = self._with_overcast(ground)
+        self.sunlight = (1.0 - self.overcast) * shone
+        self.shaded_air = SHADED_AIR * (1.0 - self.overcast) * _smooth(sun.elevation, *RISING)
         self.harmonics = irradiance_harmonics(ground[SIZE:], sun, self.sunlight)
         up = float(sky_irradiance(self.harmonics, level).mean())
-        self._exposure = exposure_of(float(self.sunlight.mean()), sun.direction[2], up)
+        self._exposure = exposure_for(float(self.sunlight.mean()), sun.direction[2], up)
         self.view = context.texture((SIZE, 2 * SIZE), 4, dtype="f2")
         self.view.repeat_x = self.view.repeat_y = False
         self.view.filter = (moderngl.LINEAR, moderngl.LINEAR)
         self._height = -np.inf
-        self.look_from(0.0)
+        self.set_height(0.0)
 
     def exposure(self, heading: float) -> float:
-        """Return the exposure for a view in a compass direction (degrees): less of it against the light."""
+        """Return the exposure for a view's compass direction (degrees): lower against the light."""
         air = np.log(self._levels[0][SIZE // 2].mean(axis=-1))
         azimuth = np.pi * np.linspace(0.0, 1.0, SIZE) ** 2
         off = np.radians(heading - self.sun.azimuth + np.linspace(-VIEW, VIEW, 33))
@@ -158,32 +130,32 @@ class Sky:
         around = float(np.interp(np.linspace(0.0, np.pi, 91), azimuth, air).mean())
         return self._exposure * float(np.exp(AGAINST_LIGHT * (around - ahead)))
 
-    def look_from(self, height: float) -> None:
-        """Show the sky as it is at a height over the haze's base (m)."""
+    def set_height(self, height: float) -> None:
+        """Update `view` for a height over the haze's base (m)."""
         height = float(np.clip(height, LEVELS[0], LEVELS[-1]))
         if abs(height - self._height) <= 0.01 * max(height, 100.0):
             return
         self._height = height
         table = np.ones((2 * SIZE, SIZE, 4), np.float16)
-        lower, share = between(height)
+        lower, share = level_weight(height)
         low, high = (self._level(number) for number in (lower, lower + 1))
         table[..., :3] = low + share * (high - low)
         self.view.write(table.tobytes())
 
     def _level(self, number: int) -> Floats:
-        """Return the table for a height of `LEVELS`, made when an eye comes near it."""
+        """Return the table for a height of `LEVELS`, computed on first use."""
         if number not in self._levels:
-            self._levels[number] = self._veiled(sky_table(self.air, self.sun, LEVELS[number]))
+            self._levels[number] = self._with_overcast(sky_table(self.air, self.sun, LEVELS[number]))
         return self._levels[number]
 
-    def _veiled(self, table: Floats) -> Floats:
-        return np.asarray(table + self.veil * (self._dome - table))
+    def _with_overcast(self, table: Floats) -> Floats:
+        return np.asarray(table + self.overcast * (self._overcast_sky - table))
 
 
-def exposure_of(sunlight: float, height: float, sky: float) -> float:
-    """Return the exposure for light: of the sun, facing it, the sine of its elevation, and of the sky.
+def exposure_for(sunlight: float, height: float, sky: float) -> float:
+    """Return the exposure for the sun's irradiance, the sine of its elevation and the sky's irradiance.
 
-    Ground of albedo `MIDDLE` is to become middle grey; where there is less light, a part of that stays.
+    Ground of albedo `MIDDLE` becomes middle grey, less so where there is less light.
     """
     light = sunlight * (0.3 + 0.7 * max(height, 0.0)) + sky
     return float(0.18 / MIDDLE * np.pi / BRIGHT * (BRIGHT / light) ** ADAPTED)
@@ -191,20 +163,17 @@ def exposure_of(sunlight: float, height: float, sky: float) -> float:
 
 @lru_cache(maxsize=16)
 def sky_table(air: Air, sun: Sun, height: float) -> Floats:
-    """Compute the sky at a height (m) by direction; kept, for clouds change and the clear sky stays.
+    """Return the clear sky's (128, 64, 3) radiance by direction, read-only, at a height (m).
 
-    Returns
-    -------
-    (128, 64, 3) float64, read-only
-        Radiance. Columns: the angle from the sun's azimuth is 180° times the square of their share 0 … 1.
-        Rows 0 to 63: light of the air, over the share that it takes of what lies behind it; the elevation is
-        ±90° times the square of their share −1 … 1. Rows 64 to 127: the sky; 90° times the square of 0 … 1.
+    Columns: the angle from the sun's azimuth is 180° times the square of their share 0 … 1. Rows 0 to 63:
+    in-scattered light over 1 − transmittance; the elevation is ±90° times the square of their share −1 … 1.
+    Rows 64 to 127: the sky; 90° times the square of 0 … 1.
     """
     share = np.linspace(0.0, 1.0, SIZE)
     azimuth = np.pi * share**2
     around = np.linspace(-1.0, 1.0, SIZE)
     elevation = 0.5 * np.pi * np.concatenate([around * np.abs(around), share**2])[:, None]
-    ways = np.stack(
+    directions = np.stack(
         [
             np.cos(elevation) * np.cos(azimuth),
             np.cos(elevation) * np.sin(azimuth),
@@ -214,18 +183,18 @@ def sky_table(air: Air, sun: Sun, height: float) -> Floats:
     )
     low = np.radians(sun.elevation)
     to_sun = np.array([np.cos(low), 0.0, np.sin(low)])
-    longest = np.minimum(LONGEST, RISE / np.maximum(ways[:SIZE, :, 2], 1e-6))
-    haze = air.sky(height, ways[:SIZE], to_sun, steps=AIR_STEPS, longest=longest)
-    sky = air.sky(height, ways[SIZE:], to_sun, steps=STEPS)
+    longest = np.minimum(LONGEST, RISE / np.maximum(directions[:SIZE, :, 2], 1e-6))
+    haze = air.sky(height, directions[:SIZE], to_sun, steps=AIR_STEPS, longest=longest)
+    sky = air.sky(height, directions[SIZE:], to_sun, steps=STEPS)
     table = np.concatenate([haze.radiance / (1.0 - haze.clear), sky.radiance]) * SUN_IRRADIANCE
     table.flags.writeable = False
     return np.asarray(table)
 
 
 def overcast_table(irradiance: Floats) -> Floats:
-    """Return `sky_table` under a closed layer of clouds that lets an irradiance (3,) through.
+    """Return `sky_table` under a closed cloud layer of a transmitted irradiance (3,).
 
-    The zenith is three times as bright as the horizon (Moon & Spencer 1942, the CIE's overcast sky).
+    The zenith is three times as bright as the horizon (Moon & Spencer 1942, the CIE overcast sky).
     """
     rise = np.concatenate([np.zeros(SIZE), np.sin(0.5 * np.pi * np.linspace(0.0, 1.0, SIZE) ** 2)])
     zenith = irradiance * 9.0 / (7.0 * np.pi)
@@ -233,8 +202,8 @@ def overcast_table(irradiance: Floats) -> Floats:
     return np.broadcast_to(np.asarray(radiance, np.float64), (2 * SIZE, SIZE, 3))
 
 
-def between(height: float) -> tuple[int, float]:
-    """Return the number of the level below a height (m), and the share of the next, as the haze thins out."""
+def level_weight(height: float) -> tuple[int, float]:
+    """Return the level below a height (m) and the weight of the next one, linear in the haze's density."""
     thin = -np.exp(-np.array(LEVELS) / AEROSOL_HEIGHT)
     place = float(np.interp(-np.exp(-height / AEROSOL_HEIGHT), thin, np.arange(len(LEVELS))))
     lower = min(int(place), len(LEVELS) - 2)

@@ -1,4 +1,4 @@
-"""The light that a sky and the ground around throw on matt surfaces, as nine spherical harmonics."""
+"""Irradiance of sky and surrounding ground as nine spherical harmonics."""
 
 from __future__ import annotations
 
@@ -16,22 +16,11 @@ Floats = npt.NDArray[np.float64]
 
 
 def irradiance_harmonics(radiance: Floats, sun: Sun, sunlight: Floats) -> Floats:
-    """Project sky and lit ground onto the nine spherical harmonics that a matt surface can tell apart.
+    """Project sky radiance (n, n, 3) and the lit ground onto (9, 3) irradiance coefficients.
 
-    Parameters
-    ----------
-    radiance
-        (n, n, 3) sky radiance; rows √(elevation / 90°), columns √(angle from the sun's azimuth / 180°).
-    sun
-        Its azimuth turns the sky.
-    sunlight
-        (3,) irradiance of the sun on a surface that faces it.
-
-    Returns
-    -------
-    (9, 3) float64
-        Coefficients c such that the irradiance on normal (x, y, z) is c₀ + c₁y + c₂z + c₃x + c₄xy + c₅yz
-        + c₆(3z²−1) + c₇xz + c₈(x²−y²): Ramamoorthi & Hanrahan 2001 with all constants folded in.
+    Rows of the radiance are √(elevation / 90°), columns √(angle from the sun's azimuth / 180°). Irradiance on
+    a normal (x, y, z) is c₀ + c₁y + c₂z + c₃x + c₄xy + c₅yz + c₆(3z²−1) + c₇xz + c₈(x²−y²): Ramamoorthi &
+    Hanrahan 2001 with all constants folded in.
     """
     size = len(radiance)
     rise = np.linspace(0.0, 1.0, size)
@@ -54,21 +43,21 @@ def irradiance_harmonics(radiance: Floats, sun: Sun, sunlight: Floats) -> Floats
 
 
 def sky_irradiance(harmonics: Floats, normal: Floats) -> Floats:
-    """Evaluate `irradiance_harmonics` for one unit normal, the oracle of ``sky_irradiance`` in frame.glsl."""
+    """Evaluate `irradiance_harmonics` for one unit normal; the oracle of ``sky_irradiance`` in frame.glsl."""
     x, y, z = normal
     terms = np.array([1.0, y, z, x, x * y, y * z, 3 * z * z - 1, x * z, x * x - y * y])
     return np.asarray(terms @ harmonics)
 
 
 def _interpolated(table: Floats, columns: Floats) -> Floats:
-    """Look up a table's columns at places in between."""
+    """Interpolate between a table's columns."""
     left = np.minimum(columns.astype(np.intp), table.shape[1] - 2)
     share = (columns - left)[:, None]
     return np.asarray(table[:, left] + share * (table[:, left + 1] - table[:, left]))
 
 
 def _widths(places: Floats) -> Floats:
-    """Return how much each of ascending places stands for, by the trapezoid rule."""
+    """Return the trapezoid-rule weights of ascending abscissae."""
     gaps = np.diff(places)
     return np.asarray(0.5 * (np.append(gaps, 0.0) + np.append(0.0, gaps)))
 

@@ -12,7 +12,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.render.context import close_context, open_context
 from sketchterrain.render.overlays import Overlay, check_overlays
 from sketchterrain.render.renderer import Renderer
-from sketchterrain.render.sunlight import sun_of
+from sketchterrain.render.sunlight import sun_for_view
 from sketchterrain.render.view import check_view, find_view
 from sketchterrain.render.weather import Weather
 
@@ -90,9 +90,9 @@ def render_picture(
     check_overlays(overlays)
     check_view(view)
     start = time.perf_counter()
-    weather = weather or Weather.of(terrain.sketch)
+    weather = weather or Weather.from_sketch(terrain.sketch)
     camera = camera or find_view(terrain, view, weather=weather)
-    sun = sun or sun_of(terrain, camera, weather)
+    sun = sun or sun_for_view(terrain, camera, weather)
     spent = {"view": time.perf_counter() - start}
     with canvas(size) as (context, texture, framebuffer):
         renderer = Renderer(context, terrain, sun=sun, weather=weather, textures=textures, quality=quality)

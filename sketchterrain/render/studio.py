@@ -10,7 +10,7 @@ from sketchterrain.render.kept import ResourceCache
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sharing_probe import moved_to_context, open_device
 from sketchterrain.render.snapshot import check_size, read_picture
-from sketchterrain.render.sunlight import sun_of
+from sketchterrain.render.sunlight import sun_for_view
 from sketchterrain.render.view import check_view, find_view
 from sketchterrain.render.weather import Weather
 
@@ -74,9 +74,9 @@ class SnapshotRenderer:
         check_view(view)
         start = time.perf_counter()
         terrain = moved_to_context(terrain, self._beside(terrain.context))
-        weather = weather or Weather.of(terrain.sketch)
+        weather = weather or Weather.from_sketch(terrain.sketch)
         camera = find_view(terrain, view, weather=weather)
-        sun = sun_of(terrain, camera, weather)
+        sun = sun_for_view(terrain, camera, weather)
         spent = {"view": time.perf_counter() - start}
         try:
             renderer = Renderer(self._context, terrain, sun=sun, weather=weather, kept=self._kept.borrow())

@@ -1,4 +1,4 @@
-"""Where the sun stands: by the hour, or where it suits a view."""
+"""The sun's position: by the hour, or as it suits a view."""
 
 from __future__ import annotations
 
@@ -27,36 +27,18 @@ TO_THE_SIDE: Final = 108.0
 STEPS: Final = 28
 
 
-def sun_of(terrain: TerrainSource, camera: Camera, weather: Weather) -> Sun:
-    """Return the sun of the weather's hour, or, where it tells none, the one that suits the view.
-
-    Raises
-    ------
-    InputError
-        If the sun stands too low at that hour.
-    """
+def sun_for_view(terrain: TerrainSource, camera: Camera, weather: Weather) -> Sun:
+    """Return the sun at the weather's hour, or the one that suits the view if no hour is set."""
     if weather.hour is None:
         return find_sun(terrain, camera)
     return sun_at(weather.hour, weather.latitude)
 
 
 def sun_at(hour: float, latitude: float) -> Sun:
-    """Return where the sun stands on the day of an equinox.
+    """Return the sun at a local solar time (h) and latitude (degrees north) on the day of an equinox.
 
-    On that day it rises at 6 and sets at 18 wherever one is, and at noon it stands as far from the zenith as
-    the place lies from the equator: neither steep and flat light as in midsummer nor a long twilight.
-
-    Parameters
-    ----------
-    hour
-        Local solar time, in [0, 24]; at 12 the sun culminates.
-    latitude
-        Degrees north of the equator.
-
-    Raises
-    ------
-    InputError
-        If it stands lower than `LOWEST_SUN`.
+    It rises at 6 and sets at 18 everywhere, and its noon zenith angle is the latitude: neither steep and flat
+    light as in midsummer nor a long twilight. Raise `InputError` below `LOWEST_SUN`.
     """
     angle, phi = np.radians((hour - 12.0) * 15.0), np.radians(latitude)
     east, north, up = -np.sin(angle), -np.sin(phi) * np.cos(angle), np.cos(phi) * np.cos(angle)
@@ -76,10 +58,7 @@ def _clock(minutes: float) -> str:
 
 
 def find_sun(terrain: TerrainSource, camera: Camera) -> Sun:
-    """Choose the side, left or right of a camera, from which the sun lights more of what it sees.
-
-    Looks at coarse heights in a fan before the camera. The same input always gives the same sun.
-    """
+    """Return the sun to the left or right of a camera, whichever lights more of its view; deterministic."""
     extent = terrain.extent
     ahead = camera.forward[:2] * 0.5 * extent
     relief = sample_heights(terrain, (camera.eye[0] + ahead[0], camera.eye[1] + ahead[1]), 2.4 * extent, 320)
@@ -101,7 +80,7 @@ def _share_of_picture(height: Floats, eye: float, distance: Floats) -> Floats:
 
 
 def _lit(relief: HeightMap, sun: Sun, x: Floats, y: Floats) -> Floats:
-    """Return the cosine of incidence on the ground, 0 where other ground stands before the sun."""
+    """Return the cosine of incidence on the ground, 0 in the shadow of other ground."""
     east, north, up = sun.direction
     h, d = relief.at(x, y), relief.texel
     slope_x = (relief.at(x + d, y) - relief.at(x - d, y)) / (2 * d)

@@ -1,4 +1,4 @@
-"""What the sky is like while a picture is taken: the hour, the clouds, the wind, the haze."""
+"""Weather of a picture: hour, clouds, wind and haze."""
 
 from __future__ import annotations
 
@@ -14,30 +14,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Weather:
-    """The sky over a terrain.
+    """Sky and wind over a terrain."""
 
-    Attributes
-    ----------
-    hour : float or None
-        Local solar time, in [0, 24]; None: whichever light models the ground best.
-    clouds : float
-        Share of the sky that clouds cover, 0 clear … 1 overcast.
-    wind : float
-        m/s, moves plants and clouds.
-    wind_from : float
-        Compass bearing that the wind blows from, degrees.
-    latitude : float
-        Degrees north of the equator, in [-90, 90].
-    haze : float
-        Particles in the air: 0 none, 1 a clear day, 10 a murky one.
-    """
-
-    hour: float | None = None
-    clouds: float = 0.35
-    wind: float = 4.0
-    wind_from: float = 245.0
-    latitude: float = 45.0
-    haze: float = 1.0
+    hour: float | None = None  # local solar time, 0 … 24; None: the sun that suits the view best
+    clouds: float = 0.35  # cloud cover, 0 clear … 1 overcast
+    wind: float = 4.0  # m/s
+    wind_from: float = 245.0  # compass bearing that it blows from, degrees
+    latitude: float = 45.0  # degrees north
+    haze: float = 1.0  # aerosols: 0 none, 1 a clear day, 10 a murky one
 
     def __post_init__(self) -> None:
         checks = (
@@ -54,12 +38,12 @@ class Weather:
 
     @property
     def drift(self) -> tuple[float, float]:
-        """Where the wind carries what it moves, (east, north) m/s."""
+        """Wind vector, (east, north) m/s."""
         bearing = math.radians(self.wind_from)
         return -self.wind * math.sin(bearing), -self.wind * math.cos(bearing)
 
     @classmethod
-    def of(
+    def from_sketch(
         cls,
         sketch: Sketch,
         *,
@@ -68,13 +52,7 @@ class Weather:
         wind: float | None = None,
         haze: float | None = None,
     ) -> Weather:
-        """Return a sketch's ``[weather]``, with what is given in place of the sketch's.
-
-        Raises
-        ------
-        InputError
-            If a number is out of range.
-        """
+        """Return a sketch's ``[weather]``, overridden by the values given."""
         table = dict(sketch.weather)
         at = table.pop("hour", -1.0)
         weather = cls(hour=at if at >= 0.0 else None, **table)

@@ -162,7 +162,7 @@ def test_a_change_of_everything_is_that_of_a_fresh_renderer(gl, view, camera, be
     view.renderer.change(new, more)
     last, areas = rebuild(new, red_and_dry(new.sketch))
     view.renderer.change(last, areas)
-    sun, weather = Sun(290.0, 20.0), Weather.of(before.sketch, clouds=0.9, haze=3.0)
+    sun, weather = Sun(290.0, 20.0), Weather.from_sketch(before.sketch, clouds=0.9, haze=3.0)
     view.renderer.relight(sun=sun, weather=weather)
     now = view.settled(camera)
     assert not same(now, old)
@@ -193,15 +193,15 @@ def test_each_kind_of_change_is_that_of_a_fresh_renderer_streamed_or_still(gl, v
         assert same(now, first if terrain is before else View(gl, terrain).settled(camera)), number
         old = now
     for sun, weather in (
-        (Sun(290.0, 12.0), Weather.of(before.sketch, haze=3.0, wind=9.0)),
-        (SUN, Weather.of(before.sketch, clouds=0.0)),
-        (SUN, Weather.of(before.sketch, clouds=1.0)),
-        (SUN, Weather.of(before.sketch)),
+        (Sun(290.0, 12.0), Weather.from_sketch(before.sketch, haze=3.0, wind=9.0)),
+        (SUN, Weather.from_sketch(before.sketch, clouds=0.0)),
+        (SUN, Weather.from_sketch(before.sketch, clouds=1.0)),
+        (SUN, Weather.from_sketch(before.sketch)),
     ):
         view.renderer.relight(sun=sun, weather=weather)
         now = view.settled(camera)
         assert same(now, View(gl, before, sun=sun, weather=weather).settled(camera)), weather
-        assert same(now, first) == (weather == Weather.of(before.sketch))
+        assert same(now, first) == (weather == Weather.from_sketch(before.sketch))
 
 
 @pytest.mark.slow

@@ -72,7 +72,7 @@ def drawn(name):
         terrain,
         size=SIZE,
         camera=Camera(scene.eye, scene.target, fov=scene.fov),
-        weather=Weather.of(terrain.sketch, hour=scene.hour, clouds=scene.clouds),
+        weather=Weather.from_sketch(terrain.sketch, hour=scene.hour, clouds=scene.clouds),
         quality=Quality.from_level(scene.quality),
     )
 

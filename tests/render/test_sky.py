@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.render import Camera, Quality, Renderer, Sun, Weather, find_sun, sun_of
+from sketchterrain.render import Camera, Quality, Renderer, Sun, Weather, find_sun, sun_for_view
 from sketchterrain.render.atmosphere import (
     AEROSOL_ABSORBED,
     AEROSOL_HEIGHT,
@@ -19,10 +19,18 @@ from sketchterrain.render.atmosphere import (
     TOP,
     Air,
 )
-from sketchterrain.render.clouds import cloud_defines, cloud_field, cloud_puffs
+from sketchterrain.render.clouds import billow_noise, cloud_defines, cloud_field
 from sketchterrain.render.frame import NOISE_PERIOD, FrameBlock
 from sketchterrain.render.programs import FRAME_BINDING
-from sketchterrain.render.sky import LEVELS, SIZE, SUN_IRRADIANCE, Sky, between, overcast_table, sky_table
+from sketchterrain.render.sky import (
+    LEVELS,
+    SIZE,
+    SUN_IRRADIANCE,
+    Sky,
+    level_weight,
+    overcast_table,
+    sky_table,
+)
 from sketchterrain.render.sky_light import irradiance_harmonics, sky_irradiance
 from sketchterrain.render.sunlight import sun_at
 from sketchterrain.sketch import WEATHER, Sketch
@@ -158,15 +166,15 @@ def test_scattering_agrees_with_many_more_directions_and_steps(air):
     number = np.arange(512) + 0.5
     z, turn = 1.0 - 2.0 * number / 512, number * np.pi * (3.0 - np.sqrt(5.0))
     flat = np.sqrt(1.0 - z * z)
-    ways = np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=-1)
+    directions = np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=-1)
     height, cosine = np.meshgrid([0.0, 500.0, 3000.0, 12_000.0], [0.0, 0.02, 0.3, 0.9])
-    expected = air.isotropic(height, cosine, ways, steps=64)
-    assert np.abs(air.scattered_again(height, cosine) / expected - 1.0).max() < 0.1
-    assert np.abs(air.scattered_again(height, cosine) / expected - 1.0).mean() < 0.03
+    expected = air.multiple_scattering_source(height, cosine, directions, steps=64)
+    assert np.abs(air.multiple_scattering(height, cosine) / expected - 1.0).max() < 0.1
+    assert np.abs(air.multiple_scattering(height, cosine) / expected - 1.0).mean() < 0.03
 
-    ways = way(np.array([0.3, 2.0, 10.0, 45.0, 90.0])[:, None], np.linspace(0.0, 180.0, 9))
+    directions = way(np.array([0.3, 2.0, 10.0, 45.0, 90.0])[:, None], np.linspace(0.0, 180.0, 9))
     for elevation in LOW_SUNS:
-        few, many = (air.sky(20.0, ways, way(elevation), steps=n).radiance for n in (24, 300))
+        few, many = (air.sky(20.0, directions, way(elevation), steps=n).radiance for n in (24, 300))
         assert np.abs(few / many - 1.0).max() < 0.04, elevation
 
 
@@ -208,13 +216,13 @@ def test_skies_between_the_levels_are_blended(air):
     sun = Sun(0.0, 27.0)
     for height in (150.0, 500.0, 2000.0):
         expected = sky_table(air, sun, height)
-        lower, share = between(height)
+        lower, share = level_weight(height)
         low, high = (sky_table(air, sun, LEVELS[number]) for number in (lower, lower + 1))
         gap = np.abs(low + share * (high - low) - expected)
         assert (gap / expected.mean(axis=(0, 1))).mean() < 0.04
-    assert between(LEVELS[0]) == (0, 0.0)
-    assert between(LEVELS[1]) == (1, 0.0)
-    assert between(1e9) == (len(LEVELS) - 2, 1.0)
+    assert level_weight(LEVELS[0]) == (0, 0.0)
+    assert level_weight(LEVELS[1]) == (1, 0.0)
+    assert level_weight(1e9) == (len(LEVELS) - 2, 1.0)
 
 
 def test_irradiance_of_clear_and_overcast_skies_and_suns_below_twilight():
@@ -267,7 +275,7 @@ def looked_up(gl, sky, call, rows, *, eye=50.0):
     frame["air"] = (*RAYLEIGH, RAYLEIGH_HEIGHT)
     frame["reach"] = (1e7, 0.0, 1.0, 1.0)
     frame.upload()
-    sky.look_from(eye)
+    sky.set_height(eye)
 
     def set_up(program):
         program["Frame"].binding = FRAME_BINDING
@@ -285,8 +293,10 @@ def test_the_sky_of_shaders_is_its_table_and_continues_the_air_at_the_horizon(gl
     elevation, turn = np.meshgrid(90.0 * share**2, 180.0 * share**2, indexing="ij")
     flat = np.cos(np.radians(elevation))
     azimuth = np.radians(sun.azimuth + turn)
-    ways = np.stack([flat * np.sin(azimuth), flat * np.cos(azimuth), np.sin(np.radians(elevation))], axis=-1)
-    rows = np.c_[ways.reshape(-1, 3), np.zeros(SIZE * SIZE)]
+    directions = np.stack(
+        [flat * np.sin(azimuth), flat * np.cos(azimuth), np.sin(np.radians(elevation))], axis=-1
+    )
+    rows = np.c_[directions.reshape(-1, 3), np.zeros(SIZE * SIZE)]
     got = looked_up(gl, sky, "clear_sky(a.xyz)", rows, eye=0.0).reshape(SIZE, SIZE, 3)
     expected = sky_table(Air(), sun, 0.0)[SIZE:]
     # Half floats, and a share of a texel by the angles' rounding; at the zenith all azimuths are one.
@@ -314,7 +324,7 @@ def test_aerial_perspective_agrees_with_a_sum_along_the_path(gl, elevation):
         far, up, turn = (grid.ravel() for grid in np.meshgrid(distance, rise, azimuth))
         place = np.stack([far * np.cos(turn), far * np.sin(turn), up], axis=-1)
         length = np.linalg.norm(place, axis=-1)
-        path = air.path(np.array(eye), place / length[:, None], way(elevation), length, steps=200)
+        path = air.integrate(np.array(eye), place / length[:, None], way(elevation), length, steps=200)
         ground = 0.03 * SUN_IRRADIANCE
         expected = path.radiance * SUN_IRRADIANCE + path.clear * ground
         rows, behind = np.c_[place, up], ", ".join(map(str, ground))
@@ -337,11 +347,11 @@ def test_clouds_cover_the_share_asked_for_and_tile_without_a_seam():
     inner = np.abs(np.diff(field, axis=0)).max()
     assert np.abs(field[0] - field[-1]).max() <= inner
     assert np.abs(field[:, 0] - field[:, -1]).max() <= 1.2 * np.abs(np.diff(field, axis=1)).max()
-    puffs = cloud_puffs(32)
-    assert puffs.min() == 0.0
-    assert puffs.max() == 1.0
-    assert 0.3 < puffs.mean() < 0.6
-    assert np.abs(puffs[0] - puffs[-1]).mean() < 1.2 * np.abs(np.diff(puffs, axis=0)).mean()
+    billows = billow_noise(32)
+    assert billows.min() == 0.0
+    assert billows.max() == 1.0
+    assert 0.3 < billows.mean() < 0.6
+    assert np.abs(billows[0] - billows[-1]).mean() < 1.2 * np.abs(np.diff(billows, axis=0)).mean()
 
 
 def test_quality_and_weather_choose_how_clouds_are_drawn():
@@ -434,10 +444,10 @@ def test_the_sun_moves_smoothly_by_day_and_hours_of_the_night_are_refused():
 
 def test_weather_is_of_the_sketch_or_of_arguments_within_its_ranges():
     sketch = Sketch(weather={"hour": 7.5, "clouds": 1.0, "haze": 2.0})
-    assert Weather.of(sketch) == Weather(hour=7.5, clouds=1.0, haze=2.0)
-    assert Weather.of(sketch, hour=12.0, clouds=0.0) == Weather(hour=12.0, clouds=0.0, haze=2.0)
-    assert Weather.of(Sketch()) == Weather()
-    assert Weather.of(SimpleNamespace(weather={})) == Weather()
+    assert Weather.from_sketch(sketch) == Weather(hour=7.5, clouds=1.0, haze=2.0)
+    assert Weather.from_sketch(sketch, hour=12.0, clouds=0.0) == Weather(hour=12.0, clouds=0.0, haze=2.0)
+    assert Weather.from_sketch(Sketch()) == Weather()
+    assert Weather.from_sketch(SimpleNamespace(weather={})) == Weather()
 
     for name, parameter in WEATHER.items():
         low = max(parameter.low, 0.0) if name == "hour" else parameter.low
@@ -450,8 +460,8 @@ def test_weather_is_of_the_sketch_or_of_arguments_within_its_ranges():
 
 def test_the_sun_follows_the_hour_or_the_view_and_drift_follows_the_wind(waves):
     camera = Camera((500.0, 100.0, 130.0), (500.0, 800.0, 60.0))
-    assert sun_of(waves, camera, Weather()) == find_sun(waves, camera)
-    assert sun_of(waves, camera, Weather(hour=12.0, latitude=30.0)) == sun_at(12.0, 30.0)
+    assert sun_for_view(waves, camera, Weather()) == find_sun(waves, camera)
+    assert sun_for_view(waves, camera, Weather(hour=12.0, latitude=30.0)) == sun_at(12.0, 30.0)
 
     assert np.allclose(Weather(wind=3.0, wind_from=270.0).drift, (3.0, 0.0))
     assert np.allclose(Weather(wind=2.0, wind_from=0.0).drift, (0.0, -2.0))

@@ -121,7 +121,7 @@ def _pictured(job: PictureJob) -> PictureWritten:
         size=job.size,
         camera=Camera(job.pose.eye, job.pose.target, fov=job.pose.fov),
         sun=Sun(*job.sun),
-        weather=Weather.of(job.sketch),
+        weather=Weather.from_sketch(job.sketch),
         overlays=job.overlays,
     )
     write_picture(Path(job.path), picture)

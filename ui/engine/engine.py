@@ -265,7 +265,7 @@ class Engine:
             self._eye.be_at(Camera(look.pose.eye, look.pose.target, fov=look.pose.fov))
             return
         self._say("Looking for a view")
-        self._eye.be_at(find_view(terrain, weather=Weather.of(terrain.sketch)))
+        self._eye.be_at(find_view(terrain, weather=Weather.from_sketch(terrain.sketch)))
 
     def _pick(self, pick: Pick) -> None:
         place = None if self._eye is None else self._eye.seen(pick.x, pick.y, aspect=self._view.aspect)

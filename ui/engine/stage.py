@@ -14,7 +14,7 @@ from sketchterrain.render.overlays import OVERLAYS, Overlay
 from sketchterrain.render.picture_target import PictureTarget
 from sketchterrain.render.quality import SOFTWARE
 from sketchterrain.render.sharing_probe import open_device
-from sketchterrain.render.sunlight import find_sun, sun_of
+from sketchterrain.render.sunlight import find_sun, sun_for_view
 from sketchterrain.ui.engine.protocol import ViewState
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ class ViewRenderer:
     def show(self, terrain: TerrainSource, areas: list[Box], camera: Camera) -> str:
         """Draw a terrain from now on."""
         shown = self._shown
-        weather = Weather.of(terrain.sketch)
+        weather = Weather.from_sketch(terrain.sketch)
         if shown is not None and shown.terrain.extent != terrain.extent:
             self.clear()
             shown = None
@@ -102,7 +102,7 @@ class ViewRenderer:
             shown.renderer.change(terrain, areas)
             if shown.overlay is not None:
                 shown.overlay.change(terrain, areas)
-        old = Weather.of(before)
+        old = Weather.from_sketch(before)
         if (weather.hour, weather.latitude) != (old.hour, old.latitude):
             sun, line = _sun(terrain, camera, weather)
         if weather != old:
@@ -149,6 +149,6 @@ def _step_back() -> None:
 def _sun(terrain: TerrainSource, camera: Camera, weather: Weather) -> tuple[Sun, str]:
     """Return where the sun stands; at night, where it would suit the view, and a line that says so."""
     try:
-        return sun_of(terrain, camera, weather), ""
+        return sun_for_view(terrain, camera, weather), ""
     except InputError as error:
         return find_sun(terrain, camera), one_line(error)

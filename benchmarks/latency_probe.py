@@ -49,7 +49,7 @@ class LatencyProbe:
             os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
         from PyQt6.QtCore import Qt, QTimer
 
-        from sketchterrain.ui.application import Garbage
+        from sketchterrain.ui.application import GarbageCollection
         from sketchterrain.ui.engine.link import EngineLink
         from sketchterrain.ui.models.document import Document
         from sketchterrain.ui.models.preferences import Preferences
@@ -73,11 +73,11 @@ class LatencyProbe:
         self._window.show()
         self._link.start()
         self._wait(lambda: self._link.frame is not None)
-        self._garbage = Garbage()
+        self._garbage = GarbageCollection()
 
     def end(self) -> None:
         """Close the window and end the processes."""
-        self._garbage.end()
+        self._garbage.stop()
         self._link.stop()
         self._document.saved(self._document.sketch, Path(self._folder.name))  # or it would ask
         self._window.close()

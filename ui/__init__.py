@@ -1,7 +1,6 @@
-"""The desktop program: paint a sketch, see its terrain, change what was generated.
+"""The desktop program: paint a sketch, view its terrain, edit generated features.
 
-`models` hold what a person works on, `commands` change it and `painting` draws into it, all without
-widgets; `engine` works out and draws the terrain in processes of its own; `canvas`, `view3d`, `panels` and
-`dialogs` show it, `look` says how; `window` puts them together and `app` starts it. Importing this loads no
-Qt.
+`models` hold the state, `commands` and `painting` change it, all without widgets; `engine` computes and
+renders the terrain in processes of its own; `canvas`, `view3d`, `panels` and `dialogs` are the widgets and
+`look` their appearance; `window` assembles them and `app` starts the program. Importing this loads no Qt.
 """

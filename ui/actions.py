@@ -1,4 +1,4 @@
-"""Everything that can be done by menu, button or key: declared once, and made into Qt's actions."""
+"""Commands of menus, buttons and keys: one declaration each, from which Qt actions are created."""
 
 from __future__ import annotations
 
@@ -17,27 +17,13 @@ from sketchterrain.ui.models.workspace import OVERLAYS
 
 @dataclass(frozen=True)
 class Command:
-    """One thing that can be done.
+    """A command of the user interface."""
 
-    Attributes
-    ----------
-    text
-        In a menu; ``&`` stands before the letter that chooses it.
-    tip
-        One line of help.
-    icon
-        Of `ICONS`; empty: none.
-    keys
-        Its shortcuts, the first is shown.
-    kind : {'', 'check', 'tool', 'layer', 'mode'}
-        Whether it can be on and off, and of which group only one is on.
-    """
-
-    text: str
-    tip: str
-    icon: str = ""
-    keys: tuple[str, ...] = ()
-    kind: str = ""
+    text: str  # Menu text with ``&`` before the mnemonic
+    tip: str  # One line of help
+    icon: str = ""  # Name of an icon
+    keys: tuple[str, ...] = ()  # Shortcuts, the displayed one first
+    kind: str = ""  # "check": on or off; "tool", "layer", "mode": one of an exclusive group
 
 
 TOOL_KEYS: Final = {
@@ -50,63 +36,59 @@ TOOL_KEYS: Final = {
     "pan": "H",
 }
 _TOOLS = {
-    "select": ("&Select", "Choose and move what was generated"),
-    "brush": ("&Brush", "Paint with the chosen label; [ and ] change the size"),
-    "eraser": ("&Eraser", "Take paint away from the chosen layer"),
-    "line": ("&Line", "Draw a smooth line, such as a river: click its points, or draw it"),
-    "fill": ("&Fill", "Fill an area with the chosen label"),
-    "pick": ("P&ick", "Take the label from the sketch"),
-    "pan": ("&Hand", "Move the sheet; Space does so with any tool"),
+    "select": ("&Select", "Select and move generated features"),
+    "brush": ("&Brush", "Paint with the active label; [ and ] change the size"),
+    "eraser": ("&Eraser", "Erase paint of the active layer"),
+    "line": ("&Line", "Draw a smooth line, such as a river: click its points, or drag"),
+    "fill": ("&Fill", "Fill an area with the active label"),
+    "pick": ("P&ick", "Pick the label from the sketch"),
+    "pan": ("&Hand", "Move the sketch; Space does so with any tool"),
 }
 _MODES = {
     "orbit": ("&Orbit", "Turn around the terrain with the mouse"),
     "fly": ("&Fly", "Fly freely with W A S D and the mouse"),
     "walk": ("&Walk", "Walk on the ground with W A S D and the mouse"),
 }
-_SHOWN = {
+_OVERLAYS = {
     "relief": ("&Relief beneath the paint", "eye"),
     "features": ("Placed feat&ures and rivers", "target"),
     "contradictions": ("Co&ntradictions", "warning"),
     "adherence": ("&Adherence", "adherence"),
-    "eye": ("Where the 3-D view &looks from", "camera"),
+    "eye": ("Viewpoint of the 3-D &view", "camera"),
 }
 
 COMMANDS: Final[dict[str, Command]] = {
     # file
-    "new": Command("&New…", "Begin a sketch of another size or extent", "new", ("Ctrl+N",)),
+    "new": Command("&New…", "Start a sketch of another size or extent", "new", ("Ctrl+N",)),
     "open": Command("&Open…", "Open a .sketch file", "open", ("Ctrl+O",)),
-    "open-folder": Command("Open &folder…", "Open a sketch that is kept as a folder of images", "open"),
-    "open-world": Command("Open &world…", "Walk and fly in a world that was written", "view"),
+    "open-folder": Command("Open &folder…", "Open a sketch stored as a folder of images", "open"),
+    "open-world": Command("Open &world…", "Walk and fly in a stored world", "view"),
     "trace": Command(
-        "New from pi&cture…", "Begin with a coloured map, a paint program's layers or a GIS's vectors", "pick"
+        "New from pi&cture…",
+        "Start from a coloured map, layers of a paint program or vectors of a GIS",
+        "pick",
     ),
-    "presets": Command("&Presets…", "Begin with one of the program's own sketches", "gallery", ("Ctrl+P",)),
+    "presets": Command("&Presets…", "Start from one of the supplied sketches", "gallery", ("Ctrl+P",)),
     "save": Command("&Save", "Save the sketch", "save", ("Ctrl+S",)),
     "save-as": Command("Save &as…", "Save the sketch under another name", "", ("Ctrl+Shift+S",)),
-    "import": Command(
-        "&Import layer image…", "Take a layer's paint from a PNG of the sketch's size", "layers"
-    ),
+    "import": Command("&Import layer image…", "Import a layer from a PNG of the sketch's size", "layers"),
     "export": Command(
         "&Export terrain…", "Write heights, materials, plants and maps as files", "export", ("Ctrl+E",)
     ),
-    "write-world": Command(
-        "Write wor&ld…", "Write a world of any size, with coarser levels over it", "world"
-    ),
+    "write-world": Command("Write wor&ld…", "Write a world of any size, with overviews", "world"),
     "save-picture": Command(
-        "Save pic&ture…", "Save what the 3-D view shows", "screenshot", ("Ctrl+Shift+P",)
+        "Save pic&ture…", "Save the picture of the 3-D view", "screenshot", ("Ctrl+Shift+P",)
     ),
-    "quit": Command("&Quit", "End the program", "", ("Ctrl+Q",)),
+    "quit": Command("&Quit", "Quit the program", "", ("Ctrl+Q",)),
     # edit
     "undo": Command("&Undo", "Undo the last step", "undo", ("Ctrl+Z",)),
-    "redo": Command("&Redo", "Do the undone step again", "redo", ("Ctrl+Shift+Z", "Ctrl+Y")),
-    "delete-chosen": Command("&Delete", "Delete the selected feature from the terrain", "delete"),
-    "lock-chosen": Command(
-        "&Lock", "Keep the selected feature where it is, whatever is painted", "lock", ("Ctrl+L",), "check"
+    "redo": Command("&Redo", "Redo the undone step", "redo", ("Ctrl+Shift+Z", "Ctrl+Y")),
+    "delete-selection": Command("&Delete", "Delete the selected feature from the terrain", "delete"),
+    "lock-selection": Command(
+        "&Lock", "Leave the selected feature unchanged, whatever is painted", "lock", ("Ctrl+L",), "check"
     ),
-    "reset-chosen": Command(
-        "Undo its &edits", "Make the selected feature again as it was generated", "reset"
-    ),
-    "choose-none": Command("Select &nothing", "Let go of the selected feature", "", ("Ctrl+Shift+A",)),
+    "reset-selection": Command("Reset &edits", "Restore the selected feature as it was generated", "reset"),
+    "select-none": Command("Select &nothing", "Clear the selection", "", ("Ctrl+Shift+A",)),
     "preferences": Command("&Preferences…", "Theme and device", "settings", ("Ctrl+,",)),
     "brush-smaller": Command("Brush s&maller", "Make the brush smaller", "", ("[",)),
     "brush-larger": Command("Brush lar&ger", "Make the brush larger", "", ("]",)),
@@ -122,50 +104,44 @@ COMMANDS: Final[dict[str, Command]] = {
         for number, (name, layer) in enumerate(LAYERS.items(), start=1)
     },
     "new-label": Command(
-        "&New label", "Another kind on this layer, with properties of its own", "add", ("Ctrl+Shift+N",)
+        "&New label", "Another label of this layer, with properties of its own", "add", ("Ctrl+Shift+N",)
     ),
-    "delete-label": Command("&Delete label", "Delete the label with all that is painted with it", "delete"),
-    "clear-layer": Command("&Clear layer", "Take all paint from this layer"),
+    "delete-label": Command("&Delete label", "Delete the label and all of its paint", "delete"),
+    "clear-layer": Command("&Clear layer", "Erase all paint of this layer"),
     "show-layer": Command("&Visible", "Show this layer's paint", "eye", (), "check"),
-    "lock-layer": Command("&Locked", "Keep this layer from being painted on", "lock", (), "check"),
-    "only-layer": Command("Show &only this layer", "Hide the paint of all others", "", (), "check"),
+    "lock-layer": Command("&Locked", "Protect this layer from painting", "lock", (), "check"),
+    "only-layer": Command("Show &only this layer", "Hide the paint of all other layers", "", (), "check"),
     # view
-    "fit": Command("&Fit sheet", "Show the whole sketch", "fit", ("Ctrl+0",)),
+    "fit": Command("&Fit sketch", "Show the whole sketch", "fit", ("Ctrl+0",)),
     "zoom-in": Command("Zoom &in", "Show the sketch larger", "zoom-in", ("Ctrl++", "Ctrl+=")),
     "zoom-out": Command("Zoom ou&t", "Show the sketch smaller", "zoom-out", ("Ctrl+-",)),
-    "actual-size": Command(
-        "&One to one", "A pixel of the sketch on a pixel of the screen", "actual-size", ("Ctrl+1",)
-    ),
+    "actual-size": Command("&One to one", "One sketch pixel a screen pixel", "actual-size", ("Ctrl+1",)),
     **{
         f"overlay-{name}": Command(text, f"Show {OVERLAYS[name]}", icon, (), "check")
-        for name, (text, icon) in _SHOWN.items()
+        for name, (text, icon) in _OVERLAYS.items()
     },
-    "canvas-only": Command("&Canvas only", "Give the whole window to the sketch", "canvas", ("F9",), "check"),
-    "view-only": Command(
-        "&3-D view only", "Give the whole window to the 3-D view", "view", ("F10",), "check"
-    ),
+    "canvas-only": Command("&Canvas only", "Maximise the sketch", "canvas", ("F9",), "check"),
+    "view-only": Command("&3-D view only", "Maximise the 3-D view", "view", ("F10",), "check"),
     "full-screen": Command("Full &screen", "Use the whole screen", "full-screen", ("F11",), "check"),
-    "leave": Command("Leave", "Show the whole window again", "", ("Esc",)),
-    "reset-layout": Command("Reset la&yout", "Put all panels back to their places", "reset"),
+    "leave": Command("Leave", "Restore the window", "", ("Esc",)),
+    "reset-layout": Command("Reset la&yout", "Restore the initial arrangement of panels", "reset"),
     # terrain
     "random-seed": Command("&Another seed", "Another terrain from the same sketch", "dice", ("Ctrl+R",)),
     "measure": Command(
-        "&Measure adherence", "See how far the terrain does what the sketch says", "adherence", ("Ctrl+M",)
+        "&Measure adherence", "Measure how well the terrain follows the sketch", "adherence", ("Ctrl+M",)
     ),
     **{f"mode-{name}": Command(text, tip, name, (), "mode") for name, (text, tip) in _MODES.items()},
-    "look-all": Command("&See the whole terrain", "Look at all of it from the air", "fit"),
-    "look-best": Command("Best &place", "Stand where the terrain looks best", "view"),
-    "look-chosen": Command("See the se&lection", "Look at the selected feature", "target"),
-    "play": Command("Water and &clouds move", "Let water, plants and clouds move", "play", (), "check"),
-    "bookmark": Command("&Bookmark this view", "Remember where the eye is", "bookmark", ("Ctrl+B",)),
+    "look-all": Command("&See the whole terrain", "View all of it from the air", "fit"),
+    "look-best": Command("Best &place", "Go to the best viewpoint", "view"),
+    "look-selection": Command("See the se&lection", "View the selected feature", "target"),
+    "play": Command("Animate water and &clouds", "Animate water, plants and clouds", "play", (), "check"),
+    "bookmark": Command("&Bookmark this view", "Store the current viewpoint", "bookmark", ("Ctrl+B",)),
     **{
-        f"bookmark-{number}": Command(
-            f"View &{number}", f"Be where bookmark {number} was made", "", (f"Alt+{number}",)
-        )
+        f"bookmark-{number}": Command(f"View &{number}", f"Go to bookmark {number}", "", (f"Alt+{number}",))
         for number in range(1, 10)
     },
     "restart": Command(
-        "Start the &engine again", "End what works out the terrain and start it anew", "restart"
+        "Restart the &engine", "Restart the processes that compute and draw the terrain", "restart"
     ),
     # help
     "first-steps": Command("&First steps", "How to paint a terrain, in a minute", "info", ("F1",)),
@@ -173,21 +149,20 @@ COMMANDS: Final[dict[str, Command]] = {
     "find": Command("F&ind a command…", "Type what you want to do", "", ("Ctrl+Shift+F",)),
     "about": Command("&About Sketchterrain", "Version, device, licences"),
 }
-"""Everything, by name."""
-
+"""All commands by name."""
 
 _GROUPS = ("tool", "layer", "mode")
 
 
 class Actions(QObject):
-    """All actions of a window, by the names in `COMMANDS`."""
+    """Actions of a window by the names in `COMMANDS`."""
 
     def __init__(self, window: QMainWindow, names: Iterable[str] = COMMANDS) -> None:
         super().__init__(window)
         groups = {kind: QActionGroup(self) for kind in _GROUPS}
         self._actions: dict[str, QAction] = {}
-        self._plain: dict[str, Callable[[], object]] = {}
-        self._checked: dict[str, Callable[[bool], object]] = {}
+        self._callbacks: dict[str, Callable[[], object]] = {}
+        self._checked_callbacks: dict[str, Callable[[bool], object]] = {}
         for name in names:
             command = COMMANDS[name]
             action = QAction(command.text, self)
@@ -198,10 +173,10 @@ class Actions(QObject):
             if command.icon:
                 action.setIcon(icon(command.icon))
             action.setCheckable(bool(command.kind))
-            action.setIconVisibleInMenu(not command.kind)  # there the tick says more
+            action.setIconVisibleInMenu(not command.kind)  # its place is the tick's
             if command.kind in groups:
                 groups[command.kind].addAction(action)
-            action.triggered.connect(self._do)
+            action.triggered.connect(self._run)
             self._actions[name] = action
             window.addAction(action)
 
@@ -214,26 +189,23 @@ class Actions(QObject):
     def __iter__(self) -> Iterator[QAction]:
         return iter(self._actions.values())
 
-    def bind(self, what: Mapping[str, Callable[[], object]]) -> None:
-        """Say what actions do when they are triggered."""
-        for name, do in what.items():
-            self._actions[name]  # a name that is none is told now, not when it is chosen
-            self._plain[name] = do
+    def bind(self, callbacks: Mapping[str, Callable[[], object]]) -> None:
+        """Set the callbacks of actions by name."""
+        self._callbacks |= {self[name].objectName(): callback for name, callback in callbacks.items()}
 
-    def bind_checked(self, what: Mapping[str, Callable[[bool], object]]) -> None:
-        """Say what actions do when a person switches them on or off."""
-        for name, do in what.items():
-            self._actions[name]
-            self._checked[name] = do
+    def bind_checked(self, callbacks: Mapping[str, Callable[[bool], object]]) -> None:
+        """Set the callbacks of actions that can be on and off."""
+        checked = {self[name].objectName(): callback for name, callback in callbacks.items()}
+        self._checked_callbacks |= checked
 
-    def _do(self, on: bool) -> None:
-        # One bound method for all: it is let go in order when the window is deleted.
+    def _run(self, on: bool) -> None:
+        # One bound method for all is disconnected in order when the window is deleted.
         action = self.sender()
         name = "" if action is None else action.objectName()
-        if name in self._plain:
-            self._plain[name]()
-        elif name in self._checked:
-            self._checked[name](on)
+        if name in self._callbacks:
+            self._callbacks[name]()
+        elif name in self._checked_callbacks:
+            self._checked_callbacks[name](on)
 
 
 def _tool_tip(text: str, tip: str, action: QAction) -> str:
@@ -242,24 +214,20 @@ def _tool_tip(text: str, tip: str, action: QAction) -> str:
     return f"<p><b>{title}</b>{f' &nbsp;{keys}' if keys else ''}<br>{tip}</p>"
 
 
-class OwnKeys(QObject):
-    """Accepts a widget's keys before the window looks for shortcuts.
+class ShortcutOverride(QObject):
+    """Event filter that delivers keys to a widget before the window's shortcuts.
 
-    A filter, and no `event` of the widget's own: that would be running while Qt deletes the widget in it.
+    Not an override of the widget's `event`, which would be running while Qt deletes the widget in it.
     """
 
-    def __init__(self, widget: QWidget, wants: Callable[[QKeyEvent], bool]) -> None:
+    def __init__(self, widget: QWidget, accepts: Callable[[QKeyEvent], bool]) -> None:
         super().__init__(widget)
-        self._wants = wants
+        self._accepts = accepts
         widget.installEventFilter(self)
 
     def eventFilter(self, watched: QObject | None, event: QEvent | None) -> bool:
-        """Take what is the widget's."""
-        if (
-            isinstance(event, QKeyEvent)
-            and event.type() == QEvent.Type.ShortcutOverride
-            and self._wants(event)
-        ):
+        is_override = isinstance(event, QKeyEvent) and event.type() == QEvent.Type.ShortcutOverride
+        if is_override and self._accepts(event):
             event.accept()
             return True
         return False

@@ -1,4 +1,4 @@
-"""The desktop program from its start to its end."""
+"""The desktop program: start-up, crash recovery and shutdown."""
 
 from __future__ import annotations
 
@@ -15,32 +15,31 @@ if TYPE_CHECKING:
 
     from sketchterrain.sketch import Sketch
     from sketchterrain.ui.engine.link import EngineLink
-    from sketchterrain.ui.models.autosave import Autosave, Recovery
+    from sketchterrain.ui.models.autosave import Autosave
     from sketchterrain.ui.models.document import Document
     from sketchterrain.ui.models.preferences import Preferences
     from sketchterrain.ui.window import MainWindow
 
-FIRST = "valley_river"
-"""The preset that a new user sees first."""
+_DEFAULT_PRESET = "valley_river"
 
 
 def run(name: str | None = None) -> int:
-    """Show the window until it is closed."""
+    """Show the main window until it is closed; return the exit code."""
     check_screen()
-    sketch, path = load_sketch(name or FIRST), _path_of(name)
+    sketch, path = load_sketch(name or _DEFAULT_PRESET), _file_of(name)
     from sketchterrain.ui.application import named_application
 
-    app = named_application()  # kept until all of the window's models are gone
-    return _show(app, sketch, path)
+    app = named_application()  # referenced until all models of the window are gone
+    return _run_editor(app, sketch, path)
 
 
 def run_world(path: Path, *, device: str | None = None) -> int:
-    """Show a stored world until its window is closed; errors are those of `run`."""
+    """Show a stored world until its window is closed; return the exit code."""
     check_screen()
     from sketchterrain.world.opening import open_world
 
     open_world(path)
-    from sketchterrain.ui.application import Garbage, delete_window, named_application
+    from sketchterrain.ui.application import GarbageCollection, delete_window, named_application
     from sketchterrain.ui.look.theme import apply_theme
     from sketchterrain.ui.models.preferences import Preferences, config_folder
     from sketchterrain.ui.worlds.window import WorldWindow
@@ -50,18 +49,17 @@ def run_world(path: Path, *, device: str | None = None) -> int:
     apply_theme(app, preferences.theme)
     window = WorldWindow(path.absolute(), device=device or preferences.device)
     window.show()
-    garbage = Garbage()
+    garbage_collection = GarbageCollection()
     code = app.exec()
     window.link.stop()
     delete_window(window)
-    garbage.end()
+    garbage_collection.stop()
     return code
 
 
-def _show(app: QApplication, sketch: Sketch, path: Path | None) -> int:
+def _run_editor(app: QApplication, sketch: Sketch, path: Path | None) -> int:
     from PyQt6.QtCore import QTimer
 
-    from sketchterrain.ui.application import delete_window
     from sketchterrain.ui.engine.link import EngineLink
     from sketchterrain.ui.look.theme import apply_theme
     from sketchterrain.ui.models.document import Document
@@ -76,13 +74,13 @@ def _show(app: QApplication, sketch: Sketch, path: Path | None) -> int:
     link.device = preferences.device
     link.start()  # its processes load their libraries while this one builds the window
     apply_theme(app, preferences.theme)
-    from sketchterrain.ui.application import Garbage
+    from sketchterrain.ui.application import GarbageCollection, delete_window
     from sketchterrain.ui.models.autosave import Autosave
 
     window = new_window(document, link, preferences, state_folder())
     if path is not None:
         window.files.recent.add(path.absolute())
-    window.surprises.catch_all()
+    window.uncaught_exceptions.install()
     autosave = Autosave(document, state_folder() / "recovery")
     autosave.failed.connect(window.warn)
     preferences.theme_changed.connect(partial(apply_theme, app))
@@ -94,33 +92,33 @@ def _show(app: QApplication, sketch: Sketch, path: Path | None) -> int:
 
     preferences.device_changed.connect(change_device)
     window.show()
-    garbage = Garbage()
+    garbage_collection = GarbageCollection()
     QTimer.singleShot(0, lambda: _welcome(window, document, autosave, is_new=is_new))
     code = app.exec()
     window.hide()
     link.stop()
     autosave.close()
-    window.surprises.let_go()
+    window.uncaught_exceptions.uninstall()
     delete_window(window)
-    garbage.end()
+    garbage_collection.stop()
     return code
 
 
 def new_window(document: Document, link: EngineLink, preferences: Preferences, state: Path) -> MainWindow:
-    """Return a window, which remembers recent files and bookmarks in a folder."""
+    """Return a main window that stores recent files and bookmarks in the folder `state`."""
     from sketchterrain.ui.models.background import Saving
     from sketchterrain.ui.models.bookmarks import Bookmarks
     from sketchterrain.ui.models.preferences import RecentFiles
     from sketchterrain.ui.models.workspace import Workspace
     from sketchterrain.ui.window import MainWindow
 
-    recent, bookmarks = RecentFiles(state / "recent"), Bookmarks(document, state / "bookmarks")
+    bookmarks = Bookmarks(document, state / "bookmarks")
     window = MainWindow(
         document,
         Workspace(),
         link,
         preferences=preferences,
-        recent=recent,
+        recent=RecentFiles(state / "recent"),
         saving=Saving(document),
         bookmarks=bookmarks,
     )
@@ -129,35 +127,28 @@ def new_window(document: Document, link: EngineLink, preferences: Preferences, s
 
 
 def _welcome(window: MainWindow, document: Document, autosave: Autosave, *, is_new: bool) -> None:
-    """Offer what a crash left behind; tell a new user where to begin."""
+    """Offer to recover unsaved sketches; point a new user to the first steps."""
     from sketchterrain.ui.banner import Message
 
-    found = autosave.recoverable()
-    if found:
-        _offer(found, window, document, autosave)
+    recoveries = autosave.recoverable()
+    if recoveries:
+        from sketchterrain.ui.dialogs.start import RecoveryDialog
+
+        dialog = RecoveryDialog(recoveries, window)
+        if dialog.exec():
+            recovery = dialog.selected
+            if not dialog.discarded:
+                document.open(load_sketch(recovery.path), recovery.original, modified=True)
+            autosave.discard(recovery)
+        dialog.deleteLater()
     elif is_new:
-        steps = window.actions_by_name["first-steps"].trigger
-        message = Message(
-            "info", "New here? Six steps lead to a terrain.", "welcome", (("First steps", steps),)
-        )
-        window.banner.tell(message)
+        button = ("First steps", window.actions_by_name["first-steps"].trigger)
+        line = "New here? Six steps lead to a terrain."
+        window.banner.show_message(Message("info", line, "welcome", (button,)))
 
 
-def _offer(found: list[Recovery], window: MainWindow, document: Document, autosave: Autosave) -> None:
-    from sketchterrain.ui.dialogs.start import RecoveryDialog
-
-    dialog = RecoveryDialog(found, window)
-    if dialog.exec():
-        recovery = dialog.chosen
-        if not dialog.discarded:
-            sketch = load_sketch(recovery.path)
-            document.open(sketch, recovery.original, modified=True)
-        autosave.discard(recovery)
-    dialog.deleteLater()
-
-
-def _path_of(name: str | None) -> Path | None:
-    """Return where a sketch is saved; None for a preset, which is no file of the person's."""
+def _file_of(name: str | None) -> Path | None:
+    """Return the path of a sketch; None for a preset."""
     if name is None:
         return None
     path = Path(name)

@@ -1,17 +1,21 @@
-"""Qt's application, deletion of its window, and garbage collection on the window's thread."""
+"""Qt application, deferred deletion, single-shot timers and garbage collection on the window's thread."""
 
 from __future__ import annotations
 
 import gc
 import sys
+from collections.abc import Callable
 from typing import Final
 
 from PyQt6.QtCore import QEvent, QObject, QTimer
 from PyQt6.QtWidgets import QApplication, QWidget
 
+_COLLECTION_INTERVAL: Final = 2000  # ms
+_FULL_EVERY: Final = 30  # collections
+
 
 def named_application() -> QApplication:
-    """Return a new application that desktops know by its name."""
+    """Return a new application with the names that desktops show."""
     app = QApplication(sys.argv[:1])
     app.setApplicationName("sketchterrain")
     app.setApplicationDisplayName("Sketchterrain")
@@ -20,40 +24,42 @@ def named_application() -> QApplication:
 
 
 def delete_window(window: QWidget) -> None:
-    """Delete a window now, after the last event: views go before the models that they look at."""
+    """Delete a window at once, so that its views go before their models."""
     window.deleteLater()
     QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete.value)
 
 
-_OFTEN: Final = 2000
-"""ms between two looks."""
-_OLD_EVERY: Final = 30
-"""Looks, after which what is old is searched, too."""
+def single_shot(parent: QObject, milliseconds: int, on_timeout: Callable[[], object]) -> QTimer:
+    """Return a single-shot timer that is not yet started."""
+    timer = QTimer(parent)
+    timer.setSingleShot(True)
+    timer.setInterval(milliseconds)
+    timer.timeout.connect(on_timeout)
+    return timer
 
 
-class Garbage(QObject):
-    """Searches for garbage from time to time, for as long as it lives.
+class GarbageCollection(QObject):
+    """Periodic garbage collection on this thread, in place of Python's automatic one.
 
-    What is there when it is made is left out of every search: of the whole program that takes a tenth of a
-    second, and the window would stall.
+    Existing objects are frozen: collecting the whole program takes 0.1 s and would stall the window.
     """
 
-    def __init__(self, parent: QObject | None = None) -> None:
-        super().__init__(parent)
-        self._looks = 0
+    def __init__(self) -> None:
+        super().__init__()
+        self._count = 0
         gc.disable()
         gc.collect()
         gc.freeze()
         self._timer = QTimer(self)
-        self._timer.timeout.connect(self._look)
-        self._timer.start(_OFTEN)
+        self._timer.timeout.connect(self._collect)
+        self._timer.start(_COLLECTION_INTERVAL)
 
-    def end(self) -> None:
-        """Leave it to Python again."""
+    def stop(self) -> None:
+        """Return to automatic garbage collection."""
         self._timer.stop()
         gc.unfreeze()
         gc.enable()
 
-    def _look(self) -> None:
-        self._looks += 1
-        gc.collect(2 if self._looks % _OLD_EVERY == 0 else 1)
+    def _collect(self) -> None:
+        self._count += 1
+        gc.collect(2 if self._count % _FULL_EVERY == 0 else 1)

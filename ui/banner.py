@@ -1,4 +1,4 @@
-"""Messages that float at the top of the window, and the errors that are reported there."""
+"""Message banner at the top of the window, and reporting of engine errors and uncaught exceptions in it."""
 
 from __future__ import annotations
 
@@ -7,115 +7,104 @@ import threading
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from types import TracebackType
 
-from PyQt6.QtCore import QObject, Qt, QTimer, pyqtSignal
-from PyQt6.QtGui import QColor, QGuiApplication, QPainter, QPaintEvent
+from PyQt6.QtCore import QObject, Qt, pyqtSignal
+from PyQt6.QtGui import QGuiApplication
 from PyQt6.QtWidgets import (
     QDialog,
     QDialogButtonBox,
     QFrame,
-    QHBoxLayout,
     QLabel,
     QPlainTextEdit,
     QPushButton,
     QSizePolicy,
-    QVBoxLayout,
     QWidget,
 )
 
 from sketchterrain.errors import SketchterrainError, one_line
+from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.engine.link import EngineLink
-from sketchterrain.ui.engine.protocol import ErrorReport
-from sketchterrain.ui.look.icons import draw_icon, tool_button
-from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, looks, theme
+from sketchterrain.ui.engine.protocol import Trouble
+from sketchterrain.ui.look.icons import Symbol, tool_button
+from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, column, looks, row, theme
 
-_LONG = 8000  # ms that good news stay
-_MOST = 8  # messages that wait
-_WIDE = 640  # px
+_DURATION = 8000  # ms until information disappears
+_MAX_MESSAGES = 8
+_WIDTH = 640  # px
 
 
 @dataclass(frozen=True)
 class Message:
-    """One line for a person."""
+    """One line for the user; `kind` is good, info, warning or error."""
 
     kind: str
     line: str
-    about: str = ""  # What it is about; `Banner.withdraw` takes it back by that
-    # What a person can do about it
+    topic: str = ""  # A newer message of the topic replaces it; `Banner.withdraw` removes it
     buttons: tuple[tuple[str, Callable[[], object]], ...] = field(default=(), compare=False)
 
 
 class Banner(QFrame):
-    """Shows the last of the messages that were not dismissed; hidden when there is none."""
+    """Shows the newest message that was not dismissed; hidden without one."""
 
     def __init__(self, window: QWidget, *, below: QWidget) -> None:
         super().__init__(window)
         self._window, self._below = window, below
         self._messages: list[Message] = []
+        self._buttons: list[QPushButton] = []
         self.setObjectName("banner")
         self.setAutoFillBackground(True)
-        self._mark = _Mark(self)
-        self._line = QLabel(self)
+        self._symbol = Symbol(20)
+        self._line = QLabel()
         self._line.setTextFormat(Qt.TextFormat.PlainText)
         self._line.setWordWrap(True)
         self._line.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self._line.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Preferred)
-        self._buttons: list[QPushButton] = []
-        close = tool_button("close", "Dismiss this message", tip="Dismiss", side=14, parent=self)
+        close = tool_button("close", "Dismiss this message", tip="Dismiss", side=14)
         close.clicked.connect(self.dismiss)
-        self._row = QHBoxLayout(self)
-        self._row.setContentsMargins(MARGIN, SMALL, SPACING, SMALL)
-        self._row.setSpacing(SPACING)
-        self._row.addWidget(self._mark)
-        self._row.addWidget(self._line, 1)
-        self._row.addWidget(close)
+        self._row = row(self, self._symbol, (self._line, 1), close, margins=(MARGIN, SMALL, SPACING, SMALL))
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
-        self._timer = QTimer(self)
-        self._timer.setSingleShot(True)
-        self._timer.setInterval(_LONG)
-        self._timer.timeout.connect(self.dismiss)
+        self._timer = single_shot(self, _DURATION, self.dismiss)
         self.setAccessibleName("Messages")
+        looks.changed.connect(self._show_symbol)
         self.hide()
 
     @property
     def message(self) -> Message | None:
-        """The one that is shown."""
+        """The visible message."""
         return self._messages[-1] if self._messages else None
 
-    def tell(self, message: Message) -> None:
-        """Show a message; one that says the same, or is about the same thing, gives way to it."""
-        self._messages = [
-            each
-            for each in self._messages
-            if each != message and not (message.about and each.about == message.about)
-        ][1 - _MOST :]
-        self._messages.append(message)
-        self._show()
+    def show_message(self, message: Message) -> None:
+        """Show a message in place of an equal one and of one with the same topic."""
+        others = [each for each in self._messages if each != message]
+        others = [each for each in others if not message.topic or each.topic != message.topic]
+        self._messages = [*others[1 - _MAX_MESSAGES :], message]
+        self._refresh()
 
-    def withdraw(self, about: str) -> None:
-        """Take back what is about something: it is over."""
-        kept = [each for each in self._messages if each.about != about]
-        if len(kept) != len(self._messages):
-            self._messages = kept
-            self._show()
+    def withdraw(self, topic: str) -> None:
+        """Remove the message of a topic."""
+        remaining = [each for each in self._messages if each.topic != topic]
+        if len(remaining) != len(self._messages):
+            self._messages = remaining
+            self._refresh()
 
     def dismiss(self) -> None:
-        """Take away the message that is shown; the one before it is seen again."""
+        """Remove the visible message; the one before it is shown again."""
         if self._messages:
             self._messages.pop()
-            self._show()
+            self._refresh()
 
-    def place(self) -> None:
-        """Keep to the middle of the window; it calls this when its size is another one."""
-        width = min(_WIDE, self._window.width() - 2 * MARGIN)
+    def update_position(self) -> None:
+        """Centre the banner in its window after the window was resized."""
+        width = min(_WIDTH, self._window.width() - 2 * MARGIN)
         bar = self._below
         top = bar.mapTo(self._window, bar.rect().bottomLeft()).y() + 1 if bar.isVisible() else 0
         self._row.activate()
         height = max(self._row.heightForWidth(width), self._row.minimumSize().height())
         self.setGeometry((self._window.width() - width) // 2, top + SPACING, width, height)
 
-    def _show(self) -> None:
+    def _refresh(self) -> None:
         for button in self._buttons:
             self._row.removeWidget(button)
             button.hide()
@@ -124,108 +113,84 @@ class Banner(QFrame):
         self._timer.stop()
         message = self.message
         if message is not None:
-            self._mark.kind = message.kind
-            self._mark.update()
+            self._show_symbol()
             self._line.setText(message.line)
-            for place, (title, _) in enumerate(message.buttons):
+            for index, (title, _) in enumerate(message.buttons):
                 button = QPushButton(title, self)
                 button.setAutoDefault(False)
                 button.clicked.connect(self._press)
-                self._row.insertWidget(2 + place, button)
+                self._row.insertWidget(2 + index, button)
                 self._buttons.append(button)
             if message.kind in ("info", "good"):
                 self._timer.start()
-        self.place()
+        self.update_position()
         self.setVisible(message is not None)
         self.raise_()
 
+    def _show_symbol(self) -> None:
+        colours, kind = theme(), "info" if self.message is None else self.message.kind
+        symbols = {
+            "good": ("check", colours.good),
+            "warning": ("warning", colours.warning),
+            "error": ("error", colours.error),
+        }
+        self._symbol.show_icon(*symbols.get(kind, ("info", colours.accent)))
+
     def _press(self) -> None:
         message = self.message
-        pressed = [place for place, button in enumerate(self._buttons) if button is self.sender()]
+        pressed = [index for index, button in enumerate(self._buttons) if button is self.sender()]
         if message is not None and pressed:
             self.dismiss()
             message.buttons[pressed[0]][1]()
 
 
-class _Mark(QWidget):
-    """What kind of message it is, by shape and colour."""
-
-    def __init__(self, parent: QWidget) -> None:
-        super().__init__(parent)
-        self.kind = "info"
-        self.setFixedSize(20, 20)
-        looks.changed.connect(self.update)
-
-    def paintEvent(self, event: QPaintEvent | None) -> None:
-        colours = theme()
-        name, colour = {
-            "good": ("check", colours.good),
-            "warning": ("warning", colours.warning),
-            "error": ("error", colours.error),
-        }.get(self.kind, ("info", colours.accent))
-        painter = QPainter(self)
-        draw_icon(painter, name, self.rect().toRectF(), QColor(colour))
-        painter.end()
-
-
 class ErrorReporter(QObject):
-    """Tells the engine's troubles in the banner, and takes them back when they are over."""
+    """Shows the engine's errors in the banner and withdraws them once resolved."""
 
     def __init__(self, banner: Banner, link: EngineLink) -> None:
         super().__init__(banner)
-        self._banner = banner
-        self._link = link
-        link.trouble.connect(self._tell)
-        link.placed_changed.connect(self._placed)
-        link.frame_shown.connect(self._drawn)
-        link.facts_changed.connect(self._begun)
+        self._banner, self._link = banner, link
+        link.trouble.connect(self._report)
+        for signal, topic in (
+            (link.placed_changed, "sketch"),
+            (link.frame_shown, "view"),
+            (link.facts_changed, "engine"),
+        ):
+            signal.connect(partial(self._resolve, topic))
 
-    def _placed(self, _: object) -> None:
-        self._banner.withdraw("sketch")
+    def _resolve(self, topic: str, _: object = None) -> None:
+        self._banner.withdraw(topic)
 
-    def _drawn(self, _: object) -> None:
-        self._banner.withdraw("view")
-
-    def _begun(self, _: object) -> None:
-        self._banner.withdraw("engine")
-
-    def _tell(self, trouble: ErrorReport) -> None:
-        if trouble.what == "engine":
-            buttons = (("Start again", self._link.start),)
-            self._banner.tell(Message("error", trouble.line, "engine", buttons))
-        else:
-            kind = "warning" if trouble.what in ("sketch", "view") else "error"
-            self._banner.tell(Message(kind, trouble.line, trouble.what))
+    def _report(self, trouble: Trouble) -> None:
+        kind = "warning" if trouble.what in ("sketch", "view") else "error"
+        buttons = (("Start again", self._link.start),) if trouble.what == "engine" else ()
+        self._banner.show_message(Message(kind, trouble.line, trouble.what, buttons))
 
 
 class UncaughtExceptions(QObject):
-    """Catches errors that nothing else caught: a line in the banner, the rest on request.
+    """Reports exceptions that nothing caught in the banner, with details on request."""
 
-    The window stays, and what was painted stays in it.
-    """
-
-    _happened = pyqtSignal(str, str)
+    _caught = pyqtSignal(str, str)
 
     def __init__(self, banner: Banner, window: QWidget) -> None:
         super().__init__(banner)
-        self._banner = banner
-        self._window = window
-        self._happened.connect(self._tell)  # from any thread, told on the window's
+        self._banner, self._window = banner, window
+        self._caught.connect(self._report)  # from any thread to the window's
 
-    def catch_all(self) -> None:
-        """Be told from now on of every error in this process that is not caught."""
-        sys.excepthook = self.catch
-        threading.excepthook = lambda given: self.catch(
-            given.exc_type, given.exc_value or given.exc_type(), given.exc_traceback
+    def install(self) -> None:
+        """Report every uncaught exception of this process."""
+        sys.excepthook = self.handle
+        threading.excepthook = lambda args: self.handle(
+            args.exc_type, args.exc_value or args.exc_type(), args.exc_traceback
         )
 
-    def let_go(self) -> None:
-        """Be told of no more."""
+    def uninstall(self) -> None:
+        """Restore Python's own hooks."""
         sys.excepthook = sys.__excepthook__
         threading.excepthook = threading.__excepthook__
 
-    def catch(self, kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
-        """Tell an error; one that asks to end the program ends it."""
+    def handle(self, kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+        """Report an exception; KeyboardInterrupt and SystemExit quit the program."""
         if issubclass(kind, (KeyboardInterrupt, SystemExit)):
             app = QGuiApplication.instance()
             if app is not None:
@@ -236,32 +201,28 @@ class UncaughtExceptions(QObject):
         if issubclass(kind, SketchterrainError):
             line = str(error)
         else:
-            line = f"Something went wrong ({kind.__name__}: {one_line(error)}). Your sketch is as it was."
-        self._happened.emit(line, details)
+            line = f"Unexpected error ({kind.__name__}: {one_line(error)}). Your sketch is unchanged."
+        self._caught.emit(line, details)
 
-    def _tell(self, line: str, details: str) -> None:
-        buttons = (("Details…", lambda: self.show_details(details)),)
-        self._banner.tell(Message("error", line, "surprise", buttons))
+    def _report(self, line: str, details: str) -> None:
+        button = ("Details…", partial(self.show_details, details))
+        self._banner.show_message(Message("error", line, "exception", (button,)))
 
     def show_details(self, details: str) -> None:
-        """Show where an error came from."""
+        """Show a traceback."""
         dialog = QDialog(self._window)
-        dialog.setWindowTitle("What went wrong")
+        dialog.setWindowTitle("Error details")
         text = QPlainTextEdit(details)
         text.setReadOnly(True)
-        text.setAccessibleName("Where the error came from")
+        text.setAccessibleName("Traceback")
         buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
         copy = buttons.addButton("Copy", QDialogButtonBox.ButtonRole.ActionRole)
         clipboard = QGuiApplication.clipboard()
         if copy is not None and clipboard is not None:
             copy.clicked.connect(lambda: clipboard.setText(details))
         buttons.rejected.connect(dialog.reject)
-        column = QVBoxLayout(dialog)
-        column.setContentsMargins(MARGIN, MARGIN, MARGIN, MARGIN)
-        column.setSpacing(SPACING)
-        column.addWidget(QLabel("If you report this, please send these lines with it."))
-        column.addWidget(text)
-        column.addWidget(buttons)
+        hint = QLabel("Please include these lines when you report this error.")
+        column(dialog, hint, text, buttons, margins=MARGIN)
         dialog.resize(640, 360)
         dialog.exec()
         dialog.deleteLater()

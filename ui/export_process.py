@@ -1,6 +1,6 @@
-"""Exports a terrain or a world in a process of its own, so that the window can end it at any moment.
+"""Export process of the window, which can be ended at any moment.
 
-Reads one pickled request and sketch on stdin; writes a line of JSON on stdout for each thing that happens.
+Reads one pickled request and sketch on stdin; writes events as lines of JSON on stdout.
 """
 
 from __future__ import annotations
@@ -12,8 +12,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any
 
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.progress import Stages
@@ -23,50 +22,57 @@ from sketchterrain.ui.export_request import ExportRequest, TargetRequest, WorldR
 if TYPE_CHECKING:
     from sketchterrain.world.job import Job
 
+Emit = Callable[[dict[str, Any]], None]
+
 
 def main() -> int:
-    """Export what stdin asks for; 0 if all went well."""
-    # Whatever a driver prints must not get between the lines that the window reads.
-    told = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    """Export what stdin requests; return 0 on success, 130 if cancelled, else 1."""
+    # Messages that a driver prints must not mix with the events.
+    events = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
-    signal.signal(signal.SIGTERM, _end)  # what is half-written is taken away
+
+    def emit(event: dict[str, Any]) -> None:
+        events.write(json.dumps(event) + "\n")
+        events.flush()
+
+    signal.signal(signal.SIGTERM, _cancel)  # partial files are removed
     try:
-        # From the window that started this process, and nobody else.
+        # From the window that started this process.
         request, sketch = pickle.load(sys.stdin.buffer)  # noqa: S301
-        done = _export(request, sketch, told)
+        emit(_export(request, sketch, emit))
     except (KeyboardInterrupt, BrokenPipeError):  # cancelled, or the window is gone
         return 130
-    except Exception as error:  # noqa: BLE001 - whatever it is, a person gets one line
-        from sketchterrain.exit_codes import describe_error as words_for
+    except Exception as error:  # noqa: BLE001 - any failure is reported in one line
+        from sketchterrain.exit_codes import told as words_for
 
-        _tell(told, {"failed": one_line(words_for(error)[0])})
+        emit({"failed": one_line(words_for(error)[0])})
         return 1
-    _tell(told, done)
     return 0
 
 
+def _cancel(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
 def _export(
-    request: ExportRequest | TargetRequest | WorldRequest, sketch: Sketch, told: TextIO
+    request: ExportRequest | TargetRequest | WorldRequest, sketch: Sketch, emit: Emit
 ) -> dict[str, Any]:
-    from sketchterrain.progress import Stages
+    @contextmanager
+    def show(title: str) -> Iterator[Callable[[float], None]]:
+        emit({"stage": title})
+        yield lambda share: emit({"share": share})
 
-    with Stages(_shown_on(told)) as stages:
-        if isinstance(request, WorldRequest):
-            return _world(request, sketch, stages, told)
+    with Stages(show) as stages:
         if isinstance(request, TargetRequest):
-            return _take(request, sketch, stages)
-        return _generate(request, sketch, stages)
+            return _export_target(request, sketch, stages)
+        if isinstance(request, ExportRequest):
+            return _generate(request, sketch, stages)
+        if request.only_estimate:
+            return estimate_world(request, sketch, stages)
+        return write_world(request, sketch, stages, emit)
 
 
-def _world(request: WorldRequest, sketch: Sketch, stages: Stages, told: TextIO) -> dict[str, Any]:
-    from sketchterrain.ui.export_process import estimate_world, write_world
-
-    if request.only_estimate:
-        return estimate_world(request, sketch, stages)
-    return write_world(request, sketch, stages, partial(_tell, told))
-
-
-def _take(request: TargetRequest, sketch: Sketch, stages: Stages) -> dict[str, Any]:
+def _export_target(request: TargetRequest, sketch: Sketch, stages: Stages) -> dict[str, Any]:
     with stages.stage("program", "Loading the program"):
         from sketchterrain.exporting import export
     done = export(
@@ -111,65 +117,42 @@ def _generate(request: ExportRequest, sketch: Sketch, stages: Stages) -> dict[st
     }
 
 
-def _shown_on(told: TextIO) -> Callable[[str], Any]:
-    @contextmanager
-    def show(title: str) -> Iterator[Callable[[float], None]]:
-        _tell(told, {"stage": title})
-        yield lambda share: _tell(told, {"share": share})
-
-    return show
-
-
-def _tell(told: TextIO, what: dict[str, Any]) -> None:
-    told.write(json.dumps(what) + "\n")
-    told.flush()
-
-
-def _end(*_: object) -> None:
-    raise KeyboardInterrupt
-
-
-Tell = Callable[[dict[str, Any]], None]
-
-
 def estimate_world(request: WorldRequest, sketch: Sketch, stages: Stages) -> dict[str, Any]:
-    """Return what a world takes; nothing is written where it will be."""
-    job = _placed(request, sketch, stages)
+    """Return what writing a world takes."""
+    job = _world_job(request, sketch, stages)
     from sketchterrain.world import options
 
-    found = options.estimate_world(job, workers=request.workers)
+    estimate = options.estimate_world(job, workers=request.workers)
     problem = ""
     try:
-        found.refuse_impossible()
+        estimate.refuse_impossible()
     except InputError as error:
         problem = str(error)
-    return {"lines": found.lines(), "problem": problem, "tasks": found.tasks, "done": found.done}
-
-
-def write_world(request: WorldRequest, sketch: Sketch, stages: Stages, tell: Tell) -> dict[str, Any]:
-    """Write or resume a world; `tell` takes ``stage``, ``share`` and ``note`` as it goes on."""
-    job = _placed(request, sketch, stages)
-    from sketchterrain.world.run import ProgressReporter, run_world
-
-    def show(text: str, share: float, left: str) -> None:
-        tell({"stage": f"{text}, {left}" if left else text})
-        tell({"share": share})
-
-    tell({"stage": "Opening the device"})
-    with ProgressReporter(show=show, echo=lambda line: tell({"note": line})) as watcher:
-        done = run_world(
-            job, device=request.device, workers=request.workers or None, resume=True, watcher=watcher
-        )
     return {
-        "tasks": done.tasks,
-        "made": done.made,
-        "files": done.files,
-        "bytes": done.bytes,
-        "seconds": done.seconds,
+        "lines": estimate.lines(),
+        "problem": problem,
+        "tasks": estimate.tasks,
+        "done": estimate.done,
     }
 
 
-def _placed(request: WorldRequest, sketch: Sketch, stages: Stages) -> Job:
+def write_world(request: WorldRequest, sketch: Sketch, stages: Stages, emit: Emit) -> dict[str, Any]:
+    """Write or resume a world; emit ``stage``, ``share`` and ``note`` events."""
+    job = _world_job(request, sketch, stages)
+    from sketchterrain.world.run import ProgressReporter, run_world
+
+    def show(text: str, share: float, left: str) -> None:
+        emit({"stage": f"{text}, {left}" if left else text})
+        emit({"share": share})
+
+    emit({"stage": "Opening the device"})
+    workers = request.workers or None
+    with ProgressReporter(show=show, echo=lambda line: emit({"note": line})) as watcher:
+        done = run_world(job, device=request.device, workers=workers, resume=True, watcher=watcher)
+    return {name: getattr(done, name) for name in ("tasks", "made", "files", "bytes", "seconds")}
+
+
+def _world_job(request: WorldRequest, sketch: Sketch, stages: Stages) -> Job:
     with stages.stage("program", "Loading the program"):
         from sketchterrain.terrain import make_recipe
         from sketchterrain.world.journal import OutputLayout, check_output_unused

@@ -1,4 +1,4 @@
-"""What an export beside the window is asked for: a value that travels to its process."""
+"""Export requests that the window sends to the export process."""
 
 from __future__ import annotations
 
@@ -14,34 +14,34 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ExportRequest:
-    """What shall be exported, as `generate` writes it."""
+    """Files to write as `generate` does."""
 
     folder: Path
     size: int = 1025  # Vertices along the longer side
     foliage: str = "csv"
     grass: bool = False
     preview: bool = True
-    view: str = "auto"  # auto, ground, hill, air: Of the preview
+    view: str = "auto"  # Viewpoint of the preview: auto, ground, hill or air
     map: str | None = None
     device: str | None = None
 
 
 @dataclass(frozen=True)
 class TargetRequest:
-    """What shall be exported to a target."""
+    """Files to write for a target, one of `sketchterrain.export.targets.TARGET_NAMES`."""
 
     folder: Path
-    target: str  # One of `sketchterrain.export.targets.TARGET_NAMES`
+    target: str
     options: ExportOptions
     device: str | None = None
 
 
 @dataclass(frozen=True)
 class WorldRequest:
-    """What world shall be written, or gone on with."""
+    """World to write or resume; its form follows from the output's suffix."""
 
-    output: Path  # Its ending says the form
+    output: Path
     options: WorldOptions
-    workers: int = 0  # Processes that share it; 0: one does it
+    workers: int = 0  # Worker processes; 0: in this process
     device: str | None = None
-    only_estimate: bool = False  # Nothing is written: it is asked what it will take
+    only_estimate: bool = False

@@ -1,17 +1,16 @@
-"""Layout of the window: docks around the sketch, one part alone, the whole screen."""
+"""Layout of the window: dock panels, maximised parts and full screen."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
-from typing import Final
+from itertools import pairwise
+from typing import Final, NamedTuple
 
-from PyQt6.QtCore import QByteArray, QObject, QSize, Qt, QTimer
+from PyQt6.QtCore import QByteArray, QObject, QSize, Qt
 from PyQt6.QtGui import QScreen
 from PyQt6.QtWidgets import (
     QDockWidget,
-    QHBoxLayout,
     QLabel,
     QMainWindow,
     QMenu,
@@ -22,83 +21,61 @@ from PyQt6.QtWidgets import (
 )
 
 from sketchterrain.ui.actions import Actions
+from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.look.icons import tool_button
-from sketchterrain.ui.look.theme import SMALL, SPACING
+from sketchterrain.ui.look.theme import SMALL, SPACING, row
 
 
 class Dock(QDockWidget):
-    """A panel at the side of a window."""
+    """A dock panel."""
 
     def __init__(self, name: str, title: str, content: QWidget, parent: QWidget) -> None:
         super().__init__(title, parent)
         self.setObjectName(f"dock-{name}")
-        self.name = name
         self.setWidget(content)
         self.setFeatures(
             QDockWidget.DockWidgetFeature.DockWidgetMovable
             | QDockWidget.DockWidgetFeature.DockWidgetFloatable
             | QDockWidget.DockWidgetFeature.DockWidgetClosable
         )
-        self._title = _Title(self)
-        self.setTitleBarWidget(self._title)
-        self.topLevelChanged.connect(self._title.show_state)
-
-    def bring_up(self) -> None:
-        """Show it, before others of its tabs."""
-        self.show()
-        self.raise_()
-
-    def show_title(self, shown: bool) -> None:
-        """Have a title above it, or leave that to its tab."""
-        self._title.show_all(shown)
+        self.title_bar = _TitleBar(self)
+        self.setTitleBarWidget(self.title_bar)
 
 
-class _Title(QWidget):
-    """The title and two buttons. Presses beside these are the dock's: it is dragged by them."""
+class _TitleBar(QWidget):
+    """A dock's title and two buttons; elsewhere a press drags the dock."""
 
     def __init__(self, dock: Dock) -> None:
         super().__init__(dock)
-        self._dock = dock
-        row = QHBoxLayout(self)
-        row.setContentsMargins(SPACING, SMALL, SMALL, 0)
-        row.setSpacing(0)
         name = QLabel(dock.windowTitle())
         font = name.font()
         font.setBold(True)
         name.setFont(font)
-        row.addWidget(name)
-        row.addStretch(1)
-        self._float = _button("float", f"Float {dock.windowTitle()}")
-        self._float.clicked.connect(self._float_or_dock)
+        float_button = _button("float", f"Float {dock.windowTitle()}")
+        float_button.clicked.connect(lambda: dock.setFloating(not dock.isFloating()))
         close = _button("close", f"Close {dock.windowTitle()}")
         close.clicked.connect(dock.close)
-        row.addWidget(self._float)
-        row.addWidget(close)
-        self._parts = (name, self._float, close)
-        self._shown = True
+        row(self, name, 1, float_button, close, margins=(SPACING, SMALL, SMALL, 0), spacing=0)
+        self._parts, self._is_expanded = (name, float_button, close), True
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
+        dock.topLevelChanged.connect(
+            lambda floats: float_button.setToolTip(f"{'Dock' if floats else 'Float'} {dock.windowTitle()}")
+        )
 
-    def _float_or_dock(self) -> None:
-        self._dock.setFloating(not self._dock.isFloating())
-
-    def show_state(self, floats: bool) -> None:
-        """Say what the button does now."""
-        what = "Dock" if floats else "Float"
-        self._float.setToolTip(f"{what} {self._dock.windowTitle()}")
-
-    def show_all(self, shown: bool) -> None:
-        if shown != self._shown:
-            self._shown = shown
+    def set_expanded(self, is_expanded: bool) -> None:
+        """Show the title and buttons, or collapse to nothing where a tab shows the title."""
+        if is_expanded != self._is_expanded:
+            self._is_expanded = is_expanded
             for part in self._parts:
-                part.setVisible(shown)
+                part.setVisible(is_expanded)
             self.updateGeometry()
 
     def sizeHint(self) -> QSize:
-        return super().sizeHint() if self._shown else QSize(60, 0)
+        return super().sizeHint() if self._is_expanded else QSize(60, 0)
 
     def minimumSizeHint(self) -> QSize:
-        # A long title must not keep a narrow panel from being narrow.
-        return QSize(60, super().minimumSizeHint().height() if self._shown else 0)
+        # A long title must not widen a narrow panel.
+        return QSize(60, super().minimumSizeHint().height() if self._is_expanded else 0)
 
 
 def _button(name: str, title: str) -> QToolButton:
@@ -108,63 +85,58 @@ def _button(name: str, title: str) -> QToolButton:
     return button
 
 
-_VERSION = 1  # of the panels that there are: a layout of others is not restored
+_VERSION = 1  # of the set of panels: layouts of other versions are not restored
 
 
-@dataclass(frozen=True)
-class Part:
-    """One panel: its title, and which group of tabs it stands in at first."""
+class Panel(NamedTuple):
+    """A panel's title and its initial group of tabs."""
 
     title: str
     group: str
 
 
-PARTS: Final = {
-    "layers": Part("Layers", "left"),
-    "properties": Part("Properties", "left below"),
-    "world": Part("World", "left below"),
-    "light": Part("Light", "left below"),
-    "view": Part("3-D view", "right"),
-    "history": Part("History", "right below"),
-    "adherence": Part("Adherence", "right below"),
-    "contradictions": Part("Contradictions", "right below"),
-    "bookmarks": Part("Bookmarks", "right below"),
+PANELS: Final = {
+    "layers": Panel("Layers", "left"),
+    "properties": Panel("Properties", "left below"),
+    "world": Panel("World", "left below"),
+    "light": Panel("Light", "left below"),
+    "view": Panel("3-D view", "right"),
+    "history": Panel("History", "right below"),
+    "adherence": Panel("Adherence", "right below"),
+    "contradictions": Panel("Contradictions", "right below"),
+    "bookmarks": Panel("Bookmarks", "right below"),
 }
-"""All panels by name, in the order of their tabs."""
-_LEFT = 300  # px
-_BELOW = 190
+"""All panels in the order of their tabs."""
+_LEFT_WIDTH = 300  # px
+_BOTTOM_HEIGHT = 190
 
 
-class Layout(QObject):
-    """The panels of a window."""
+class PanelLayout(QObject):
+    """Arranges the panels of a window."""
 
     def __init__(self, window: QMainWindow, contents: Mapping[str, QWidget]) -> None:
         super().__init__(window)
         self._window = window
-        self._alone = ""
-        self._before: QByteArray | None = None
-        self.docks = {name: Dock(name, part.title, contents[name], window) for name, part in PARTS.items()}
+        self._maximised = ""
+        self._previous: QByteArray | None = None  # state before a part was maximised
+        self.docks = {name: Dock(name, part.title, contents[name], window) for name, part in PANELS.items()}
         for corner in (Qt.Corner.TopLeftCorner, Qt.Corner.BottomLeftCorner):
             window.setCorner(corner, Qt.DockWidgetArea.LeftDockWidgetArea)
         for corner in (Qt.Corner.TopRightCorner, Qt.Corner.BottomRightCorner):
             window.setCorner(corner, Qt.DockWidgetArea.RightDockWidgetArea)
-        self._titles = QTimer(self)
-        self._titles.setSingleShot(True)
-        self._titles.setInterval(0)
-        self._titles.timeout.connect(self._show_titles)
+        self._titles = single_shot(self, 0, self._update_titles)
         for dock in self.docks.values():
-            dock.dockLocationChanged.connect(self._look_soon)
-            dock.topLevelChanged.connect(self._look_soon)
-            dock.visibilityChanged.connect(self._look_soon)
+            for signal in (dock.dockLocationChanged, dock.topLevelChanged, dock.visibilityChanged):
+                signal.connect(self._update_titles_later)
         self.reset()
 
     @property
-    def alone(self) -> str:
-        """What has the window for itself: ``canvas``, ``view`` or, as usual, nothing."""
-        return self._alone
+    def maximised(self) -> str:
+        """The maximised part: ``canvas``, ``view`` or, usually, empty."""
+        return self._maximised
 
     def add_toggles(self, menu: QMenu) -> None:
-        """Put a switch for each panel into a menu."""
+        """Add an action for each panel's visibility to a menu."""
         for dock in self.docks.values():
             action = dock.toggleViewAction()
             if action is not None:
@@ -172,47 +144,45 @@ class Layout(QObject):
                 menu.addAction(action)
 
     def reset(self) -> None:
-        """Put all panels and bars where they are at first."""
-        self.show_alone("")
+        """Restore the initial arrangement of panels and bars."""
+        self.maximise("")
         for bar in self._window.findChildren(QToolBar):
             bar.show()
-        left, right = Qt.DockWidgetArea.LeftDockWidgetArea, Qt.DockWidgetArea.RightDockWidgetArea
         groups: dict[str, list[Dock]] = {}
         for name, dock in self.docks.items():
             dock.setFloating(False)
             self._window.removeDockWidget(dock)
-            groups.setdefault(PARTS[name].group, []).append(dock)
-        for area, above, below in ((left, "left", "left below"), (right, "right", "right below")):
-            first = groups[above][0]
+            groups.setdefault(PANELS[name].group, []).append(dock)
+        areas = Qt.DockWidgetArea
+        for area, side in ((areas.LeftDockWidgetArea, "left"), (areas.RightDockWidgetArea, "right")):
+            first, below = groups[side][0], groups[f"{side} below"]
             self._window.addDockWidget(area, first)
-            self._window.splitDockWidget(first, groups[below][0], Qt.Orientation.Vertical)
-            for earlier, dock in zip(groups[below], groups[below][1:], strict=False):
+            self._window.splitDockWidget(first, below[0], Qt.Orientation.Vertical)
+            for earlier, dock in pairwise(below):
                 self._window.tabifyDockWidget(earlier, dock)
-            for dock in (first, *groups[below]):
+            for dock in (first, *below):
                 dock.show()
-            groups[below][0].raise_()
-        self.share_out()
+            below[0].raise_()
+        self.set_default_sizes()
 
-    def share_out(self) -> None:
-        """Give the panels their usual sizes in the window as it is."""
+    def set_default_sizes(self) -> None:
+        """Give the panels their default sizes in the window's current size."""
         width, height = self._window.width(), self._window.height()
         across, down = Qt.Orientation.Horizontal, Qt.Orientation.Vertical
         layers, properties, view, history = (
             self.docks[name] for name in ("layers", "properties", "view", "history")
         )
-        self._window.resizeDocks([layers, view], [_LEFT, (width - _LEFT) // 2], across)
+        self._window.resizeDocks([layers, view], [_LEFT_WIDTH, (width - _LEFT_WIDTH) // 2], across)
         self._window.resizeDocks([layers, properties], [height * 2 // 5, height * 3 // 5], down)
-        self._window.resizeDocks([view, history], [height - _BELOW, _BELOW], down)
+        self._window.resizeDocks([view, history], [height - _BOTTOM_HEIGHT, _BOTTOM_HEIGHT], down)
 
-    def show_alone(self, part: str) -> None:
-        """Give the window to one part."""
-        if part == self._alone:
-            return
+    def maximise(self, part: str) -> None:
+        """Show only ``canvas`` or ``view``; restore everything for an empty name."""
         canvas = self._window.centralWidget()
-        if canvas is None:
+        if part == self._maximised or canvas is None:
             return
-        if self._before is None:
-            self._before = self._window.saveState(_VERSION)
+        if self._previous is None:
+            self._previous = self._window.saveState(_VERSION)
         if part:
             for name, dock in self.docks.items():
                 dock.setVisible(name == part)
@@ -221,49 +191,48 @@ class Layout(QObject):
             canvas.setVisible(part == "canvas")
         else:
             canvas.show()
-            self._window.restoreState(self._before, _VERSION)
-            self._before = None
-        self._alone = part
+            self._window.restoreState(self._previous, _VERSION)
+            self._previous = None
+        self._maximised = part
         (canvas if part != "view" else self.docks["view"].widget() or canvas).setFocus()
 
     def state(self) -> QByteArray:
-        """Return where everything stands when nothing has the window for itself."""
-        return self._window.saveState(_VERSION) if self._before is None else self._before
+        """Return the arrangement without a maximised part."""
+        return self._window.saveState(_VERSION) if self._previous is None else self._previous
 
-    def restore(self, state: QByteArray) -> bool:
-        """Put everything where it stood; False if that was another program's idea."""
-        done = self._window.restoreState(state, _VERSION)
-        self._titles.start()
-        return done
-
-    def _look_soon(self, *_: object) -> None:
+    def restore(self, state: QByteArray) -> None:
+        """Restore an arrangement of this version."""
+        self._window.restoreState(state, _VERSION)
         self._titles.start()
 
-    def _show_titles(self) -> None:
-        # What is a tab says its name there.
+    def _update_titles_later(self, *_: object) -> None:
+        self._titles.start()
+
+    def _update_titles(self) -> None:
         for dock in self.docks.values():
-            dock.show_title(dock.isFloating() or not self._window.tabifiedDockWidgets(dock))
+            is_tab = not dock.isFloating() and bool(self._window.tabifiedDockWidgets(dock))
+            dock.title_bar.set_expanded(not is_tab)
 
 
-_ALONE: Final = ("canvas", "view")
+_PARTS: Final = ("canvas", "view")
 
 
-class FullViews(QObject):
-    """Binds the actions that make something large, and shows which of them is on."""
+class FullScreenActions(QObject):
+    """Binds the actions for full screen and maximised parts, and shows their state."""
 
-    def __init__(self, window: QMainWindow, actions: Actions, layout: Layout | None = None) -> None:
+    def __init__(self, window: QMainWindow, actions: Actions, layout: PanelLayout | None = None) -> None:
         super().__init__(window)
         self._window, self._actions, self._layout = window, actions, layout
         self._was_maximised = False
         actions.bind({"leave": self.leave})
-        actions.bind_checked({"full-screen": self.fill_screen})
+        actions.bind_checked({"full-screen": self.set_full_screen})
         if layout is not None:
             actions.bind({"reset-layout": self._reset})
-            actions.bind_checked({f"{part}-only": partial(self._show_alone, part) for part in _ALONE})
+            actions.bind_checked({f"{part}-only": partial(self._maximise, part) for part in _PARTS})
         self._refresh()
 
-    def fill_screen(self, on: bool) -> None:
-        """Use the whole screen, or go back to how the window was."""
+    def set_full_screen(self, on: bool) -> None:
+        """Use the whole screen, or return to the window's previous state."""
         if on:
             self._was_maximised = self._window.isMaximized()
             self._window.showFullScreen()
@@ -274,15 +243,15 @@ class FullViews(QObject):
         self._refresh()
 
     def leave(self) -> None:
-        """Go back by one step."""
-        if self._layout is not None and self._layout.alone:
-            self._show_alone("", False)
+        """Leave the maximised part, else full screen."""
+        if self._layout is not None and self._layout.maximised:
+            self._maximise("", False)
         else:
-            self.fill_screen(False)
+            self.set_full_screen(False)
 
-    def _show_alone(self, part: str, on: bool) -> None:
+    def _maximise(self, part: str, on: bool) -> None:
         if self._layout is not None:
-            self._layout.show_alone(part if on else "")
+            self._layout.maximise(part if on else "")
             self._refresh()
 
     def _reset(self) -> None:
@@ -291,18 +260,18 @@ class FullViews(QObject):
             self._refresh()
 
     def _refresh(self) -> None:
-        alone, actions = "", self._actions
+        maximised, actions = "", self._actions
         if self._layout is not None:
-            alone = self._layout.alone
-            for part in _ALONE:
-                actions[f"{part}-only"].setChecked(alone == part)
+            maximised = self._layout.maximised
+            for part in _PARTS:
+                actions[f"{part}-only"].setChecked(maximised == part)
         actions["full-screen"].setChecked(self._window.isFullScreen())
-        # Esc is others' as long as there is nothing to leave.
-        actions["leave"].setEnabled(bool(alone) or self._window.isFullScreen())
+        # Otherwise Esc stays available to tools.
+        actions["leave"].setEnabled(bool(maximised) or self._window.isFullScreen())
 
 
 def fitting_size(size: QSize, screen: QScreen | None) -> QSize:
-    """Return a size that a screen has room for."""
+    """Return a window size reduced to fit a screen."""
     if screen is None:
         return size
     room = screen.availableSize()

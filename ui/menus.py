@@ -1,4 +1,4 @@
-"""Menus and tool bars: what stands where, recent files, context menus."""
+"""Menus, tool bars and context menus."""
 
 from __future__ import annotations
 
@@ -23,55 +23,55 @@ from sketchterrain.ui.models.preferences import RecentFiles
 from sketchterrain.ui.models.workspace import OVERLAYS, TOOLS, Selection, Workspace
 
 
-class DoingMenu(QMenu):
-    """A menu that is gone once it is closed, and does what was chosen."""
+class ContextMenu(QMenu):
+    """A menu that is deleted when it closes."""
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
-        self._dos: dict[str, Callable[[], object]] = {}
+        self._callbacks: dict[str, Callable[[], object]] = {}
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        self.triggered.connect(self._do)
+        self.triggered.connect(self._run)
 
-    def offer(self, name: str, text: str, do: Callable[[], object]) -> QAction:
-        """Add something to do, with an icon of `ui.look.icons` or, for an empty name, none."""
+    def add_command(self, icon_name: str, text: str, callback: Callable[[], object]) -> QAction:
+        """Add an action, with an icon of `ui.look.icons` unless its name is empty."""
         action = QAction(text, self)
-        if name:
-            action.setIcon(icon(name))
-        self._dos[text] = do
+        if icon_name:
+            action.setIcon(icon(icon_name))
+        self._callbacks[text] = callback
         self.addAction(action)
         return action
 
-    def within(self, name: str, text: str) -> DoingMenu:
-        """Add a menu that opens beside this one; it goes with this one."""
-        inner = DoingMenu(self)
+    def add_submenu(self, icon_name: str, text: str) -> ContextMenu:
+        """Add a submenu, deleted with this menu."""
+        inner = ContextMenu(self)
         inner.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose, False)
-        inner.setIcon(icon(name))
+        inner.setIcon(icon(icon_name))
         inner.setTitle(text)
         self.addMenu(inner)
         return inner
 
-    def _do(self, action: QAction) -> None:
-        do = self._dos.get(action.text())
-        if do is not None:  # else it is of a menu within, which does it
-            do()
+    def _run(self, action: QAction) -> None:
+        callback = self._callbacks.get(action.text())
+        if callback is not None:  # else an action of a submenu, which runs it
+            callback()
 
 
-def offer_chosen(
-    menu: DoingMenu, document: Document, workspace: Workspace, placed: Placement, selection: Selection
+def add_selection_commands(
+    menu: ContextMenu, document: Document, workspace: Workspace, placed: Placed, chosen: Chosen
 ) -> None:
-    """Add what can be done with a feature, a river or a lake."""
-    name, sketch = name_of(placed, selection), document.sketch
-    acts: dict[str, Callable[..., None]] = {"reset": reset, "delete": delete}
-    if selection.kind == "feature":
-        acts = ({"unlock": unlock} if is_locked(sketch, selection) else {"lock": lock}) | acts
-    for verb, act in acts.items():
-        do = partial(act, document, workspace, placed, selection)
-        action = menu.offer(verb, f"{verb.capitalize()} {name}", do)
-        action.setEnabled(verb != "reset" or is_edited(sketch, placed, selection))
+    """Add the commands for a feature, a river or a lake to a menu."""
+    name, sketch = name_of(placed, chosen), document.sketch
+    commands: dict[str, Callable[..., None]] = {"reset": reset, "delete": delete}
+    if chosen.kind == "feature":
+        commands = ({"unlock": unlock} if is_locked(sketch, chosen) else {"lock": lock}) | commands
+    for verb, command in commands.items():
+        callback = partial(command, document, workspace, placed, chosen)
+        action = menu.add_command(verb, f"{verb.capitalize()} {name}", callback)
+        action.setEnabled(verb != "reset" or is_edited(sketch, placed, chosen))
 
 
 class RecentMenu(QMenu):
-    """Opens what was open before."""
+    """Menu of recently opened files."""
 
     def __init__(self, recent: RecentFiles, files: Files, parent: QWidget) -> None:
         super().__init__("Open &recent", parent)
@@ -82,16 +82,16 @@ class RecentMenu(QMenu):
     def _fill(self) -> None:
         self.clear()
         for number, path in enumerate(self._recent.paths, start=1):
-            mark = f"&{number} " if number < 10 else ""
-            action = self.addAction(f"{mark}{_short(path)}")
+            mnemonic = f"&{number} " if number < 10 else ""
+            action = self.addAction(f"{mnemonic}{_short(path)}")
             if action is not None:
                 action.setStatusTip(f"Open {path}")
                 action.triggered.connect(partial(self._open, path))
         self.addSeparator()
-        forget = self.addAction("&Forget these")
-        if forget is not None:
-            forget.setStatusTip("Empty this list")
-            forget.triggered.connect(self._recent.clear)
+        clear = self.addAction("&Clear list")
+        if clear is not None:
+            clear.setStatusTip("Empty this list")
+            clear.triggered.connect(self._recent.clear)
         self.setEnabled(bool(self._recent.paths))
 
     def _open(self, path: Path, _: bool = False) -> None:
@@ -99,15 +99,15 @@ class RecentMenu(QMenu):
 
 
 def _short(path: Path) -> str:
-    """Return a path with ``~`` for the home folder; an ampersand in it marks no key."""
+    """Return a path with ``~`` for the home folder and ampersands escaped for menus."""
     home = Path.home()
-    shown = f"~/{path.relative_to(home)}" if path.is_relative_to(home) else str(path)
-    return shown.replace("&", "&&")
+    text = f"~/{path.relative_to(home)}" if path.is_relative_to(home) else str(path)
+    return text.replace("&", "&&")
 
 
 _RULE = "-"
-_TOOLS = tuple(f"tool-{name}" for name in TOOLS)
 _MODES = ("mode-orbit", "mode-fly", "mode-walk")
+_LOOKS = ("look-all", "look-best", "look-selection")
 
 MENUS: Final[dict[str, tuple[str, ...]]] = {
     "&File": (
@@ -115,8 +115,8 @@ MENUS: Final[dict[str, tuple[str, ...]]] = {
         *("save", "save-as", _RULE, "import", "export", "write-world", "save-picture", _RULE, "quit"),
     ),
     "&Edit": (
-        *("undo", "redo", _RULE, ">&Tool", "brush-smaller", "brush-larger", _RULE, "delete-chosen"),
-        *("lock-chosen", "reset-chosen", "choose-none", _RULE, "preferences"),
+        *("undo", "redo", _RULE, ">&Tool", "brush-smaller", "brush-larger", _RULE, "delete-selection"),
+        *("lock-selection", "reset-selection", "select-none", _RULE, "preferences"),
     ),
     "&Layer": (
         *(f"layer-{name}" for name in LAYERS),
@@ -127,29 +127,19 @@ MENUS: Final[dict[str, tuple[str, ...]]] = {
         *(_RULE, "canvas-only", "view-only", "full-screen", _RULE, ">&Panels", "reset-layout"),
     ),
     "&Terrain": (
-        *(
-            "random-seed",
-            "measure",
-            _RULE,
-            *_MODES,
-            "look-all",
-            "look-best",
-            "look-chosen",
-            _RULE,
-            "bookmark",
-        ),
+        *("random-seed", "measure", _RULE, *_MODES, *_LOOKS, _RULE, "bookmark"),
         *(">Go to &view", _RULE, "play", "restart"),
     ),
     "&Help": ("first-steps", "keys", "find", _RULE, "about"),
 }
-"""Names of actions; ``-`` is a line, ``>Title`` a menu of its own."""
+"""Names of actions; ``-`` is a separator, ``>Title`` a submenu."""
 
 _BAR = ("new", "open", "save", _RULE, "undo", "redo", _RULE, "export", "save-picture")
-_VIEW_BAR = ("random-seed", "measure", _RULE, "canvas-only", "view-only", "full-screen")
+_BAR_END = ("random-seed", "measure", _RULE, "canvas-only", "view-only", "full-screen")
 
 
-def add_menus(window: QMainWindow, actions: Actions, inner: Mapping[str, QMenu]) -> None:
-    """Fill a window's menu bar."""
+def add_menus(window: QMainWindow, actions: Actions, submenus: Mapping[str, QMenu]) -> None:
+    """Fill a window's menu bar with those actions of `MENUS` that it has."""
     bar = window.menuBar()
     if bar is None:
         return
@@ -162,17 +152,21 @@ def add_menus(window: QMainWindow, actions: Actions, inner: Mapping[str, QMenu])
         for name in names:
             if name == _RULE:
                 menu.addSeparator()
-            elif name[1:] in inner:
-                menu.addMenu(inner[name[1:]])
+            elif name[1:] in submenus:
+                menu.addMenu(submenus[name[1:]])
             elif name in actions:
                 menu.addAction(actions[name])
 
 
-def add_tool_bars(window: QMainWindow, actions: Actions) -> tuple[QToolBar, QToolBar]:
-    """Give a window its bar of commands at the top and its bar of tools at the left; return both."""
+def add_tool_bars(window: QMainWindow, actions: Actions, options: Iterable[QWidget]) -> QToolBar:
+    """Add the bar of tools and the bar of commands, with `options` in its middle; return the latter."""
     commands, tools = QToolBar("Commands", window), QToolBar("Tools", window)
     _fill(commands, actions, _BAR)
-    _fill(tools, actions, _TOOLS)
+    commands.addSeparator()
+    for widget in options:
+        commands.addWidget(widget)
+    _fill(commands, actions, _BAR_END)
+    _fill(tools, actions, (f"tool-{name}" for name in TOOLS))
     for bar, name in ((commands, "commands"), (tools, "tools")):
         bar.setObjectName(f"bar-{name}")
         bar.setIconSize(QSize(20, 20))
@@ -180,12 +174,7 @@ def add_tool_bars(window: QMainWindow, actions: Actions) -> tuple[QToolBar, QToo
         bar.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonIconOnly)
     window.addToolBar(Qt.ToolBarArea.TopToolBarArea, commands)
     window.addToolBar(Qt.ToolBarArea.LeftToolBarArea, tools)
-    return commands, tools
-
-
-def add_last(bar: QToolBar, actions: Actions) -> None:
-    """Add what stands at the right end of the bar of commands."""
-    _fill(bar, actions, _VIEW_BAR)
+    return commands
 
 
 def _fill(bar: QToolBar, actions: Actions, names: Iterable[str]) -> None:

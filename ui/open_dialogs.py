@@ -1,4 +1,4 @@
-"""The actions that open a dialog, and what comes of each."""
+"""Actions that open dialogs, and what their results do."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from sketchterrain.ui.engine.protocol import RenderPicture
 from sketchterrain.ui.models.background import Background
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from PyQt6.QtGui import QImage
     from PyQt6.QtWidgets import QDialog, QWidget
 
     from sketchterrain.ui.actions import Actions
     from sketchterrain.ui.banner import Banner
-    from sketchterrain.ui.dialogs.export import ExportDialog
-    from sketchterrain.ui.dialogs.world import WorldDialog
     from sketchterrain.ui.engine.link import EngineLink
     from sketchterrain.ui.files import Files
     from sketchterrain.ui.models.document import Document
@@ -30,19 +30,43 @@ if TYPE_CHECKING:
     from sketchterrain.ui.worlds.window import WorldWindow
 
 
-_TRACED = (
+_TRACE_FILTER = (
     "Maps, layers, vectors (*.png *.jpg *.jpeg *.tif *.tiff *.webp *.ora *.geojson *.json *.gpkg"
     " *.fgb *.shp *.pbf)"
     ";;All files (*)"
 )
+_WORLD_FILES = ("zarr.json", "ledger.jsonl")  # which stand for their folder
+_WORLD_FILTER = f"Worlds ({' '.join(_WORLD_FILES)} *.tif *.tiff);;All files (*)"
 
-_WORLD_FILES = ("zarr.json", "ledger.jsonl")
-"""What a world that is a folder is chosen by."""
-_WORLDS = f"Worlds ({' '.join(_WORLD_FILES)} *.tif *.tiff);;All files (*)"
+
+class PictureFile(QObject):
+    """Writes pictures as PNG in the background and reports each in a banner."""
+
+    def __init__(self, banner: Banner, parent: QObject) -> None:
+        super().__init__(parent)
+        self._banner, self._background = banner, Background(self)
+
+    def write(self, picture: QImage, path: Path) -> None:
+        """Write a picture."""
+        self._background.do("picture", partial(_write_png, picture, path), partial(self.report, path))
+
+    def report(self, path: Path, error: str = "") -> None:
+        """Report a written picture, or an error."""
+        if error:
+            self._banner.show_message(Message("error", error, "picture"))
+        else:
+            folder = QUrl.fromLocalFile(str(path.parent))
+            button = ("Open folder", partial(QDesktopServices.openUrl, folder))
+            self._banner.show_message(Message("good", f"The picture is saved: {path}", "picture", (button,)))
+
+
+def _write_png(picture: QImage, path: Path) -> None:
+    if not picture.save(str(path), "PNG"):
+        raise SketchterrainError(f"{path}: cannot be written")
 
 
 class OpenDialogs(QObject):
-    """Opens dialogs over a window. Each is loaded when it is first asked for: the window is there sooner."""
+    """Opens the dialogs of a window; each is imported on first use, so that the window opens sooner."""
 
     def __init__(
         self,
@@ -56,16 +80,11 @@ class OpenDialogs(QObject):
         banner: Banner,
     ) -> None:
         super().__init__(window)
-        self._window = window
-        self._actions = actions
-        self._document = document
-        self._link = link
+        self._window, self._actions, self._banner = window, actions, banner
+        self._document, self._link, self._files = document, link, files
         self._preferences = preferences
-        self._files = files
-        self._banner = banner
-        self._writing = Background(self)
-        self.exporting: ExportDialog | None = None
-        self.writing_world: WorldDialog | None = None
+        self._picture_file = PictureFile(banner, self)
+        self.beside: dict[str, QDialog] = {}  # export and world dialogs, which are not modal
         self.worlds: list[WorldWindow] = []
         actions.bind(
             {
@@ -77,180 +96,139 @@ class OpenDialogs(QObject):
                 "write-world": self.write_world,
                 "save-picture": self.save_picture,
                 "preferences": self.preferences,
-                "first-steps": self.first_steps,
-                "keys": self.keys,
                 "find": self.find,
-                "about": self.about,
+                **{name: partial(self._show_help, name) for name in ("first-steps", "keys", "about")},
             }
         )
-        link.picture_written.connect(self._tell_picture)
+        link.picture_written.connect(lambda path: self._picture_file.report(Path(path)))
 
     def new(self) -> None:
-        """Begin another sketch."""
+        """Ask for size and extent and start a new sketch."""
         from sketchterrain.ui.dialogs.new_sketch import NewSketchDialog
 
         dialog = NewSketchDialog(self._window)
-        if self._run(dialog):
-            self._files.begin(dialog.sketch())
+        if _run(dialog):
+            self._files.start_sketch(dialog.sketch())
 
     def presets(self) -> None:
-        """Begin with a preset."""
+        """Ask for a preset and open it."""
         from sketchterrain.ui.dialogs.start import PresetsDialog
 
         dialog = PresetsDialog(self._window)
-        if self._run(dialog):
+        if _run(dialog):
             self._files.open_preset(dialog.name)
 
     def open_world(self) -> None:
-        """Ask for a written world and show it in a window of its own."""
+        """Ask for a stored world and show it in a window of its own."""
         start = str(self._preferences.last_folder)
-        name, _ = QFileDialog.getOpenFileName(self._window, "Open a world", start, _WORLDS)
+        name, _ = QFileDialog.getOpenFileName(self._window, "Open a world", start, _WORLD_FILTER)
         if name:
             path = Path(name)
             self.show_world(path.parent if path.name in _WORLD_FILES else path)
 
     def show_world(self, path: Path) -> None:
-        """Show a world; what is wrong with it is told in its window."""
+        """Show a stored world; its window reports errors."""
         from sketchterrain.ui.worlds.window import WorldWindow
 
         self._preferences.last_folder = path.absolute().parent
         world = WorldWindow(path.absolute(), device=self._preferences.device)
         self.worlds.append(world)
-        world.closed.connect(partial(self._end_world, world))
+        world.closed.connect(partial(self._delete_world, world))
         world.show()
 
-    def _end_world(self, world: WorldWindow) -> None:
+    def _delete_world(self, world: WorldWindow) -> None:
         self.worlds.remove(world)
         world.deleteLater()
 
     def trace(self) -> None:
-        """Begin with what is in a picture."""
+        """Ask for a picture and trace a new sketch from it."""
         start = str(self._preferences.last_folder)
-        name, _ = QFileDialog.getOpenFileName(self._window, "New from a picture", start, _TRACED)
+        name, _ = QFileDialog.getOpenFileName(self._window, "New from a picture", start, _TRACE_FILTER)
         if name:
             self.trace_file(Path(name))
 
     def trace_file(self, path: Path) -> None:
-        """Ask what a picture's colours become, and begin with that."""
+        """Ask what a picture's colours become and open the traced sketch."""
         from sketchterrain.ui.dialogs.trace import TraceDialog
 
         dialog = TraceDialog(path, self._window)
-        if self._run(dialog):
+        if _run(dialog):
             self._preferences.last_folder = path.absolute().parent
-            self._files.begin(dialog.sketch(), modified=True)
+            self._files.start_sketch(dialog.sketch(), modified=True)
 
     def export(self) -> None:
-        """Export the terrain."""
+        """Show the export dialog beside the window."""
         from sketchterrain.ui.dialogs.export import ExportDialog
 
-        if self.exporting is None:
-            self.exporting = ExportDialog(self._document.sketch, self._preferences, parent=self._window)
-            self.exporting.finished.connect(self._end_export)
-        _show(self.exporting)
+        self._show_beside("export", ExportDialog)
 
     def write_world(self) -> None:
-        """Write a world of any size."""
+        """Show the world dialog beside the window."""
         from sketchterrain.ui.dialogs.world import WorldDialog
 
-        if self.writing_world is None:
-            self.writing_world = WorldDialog(self._document.sketch, self._preferences, parent=self._window)
-            self.writing_world.viewed.connect(self.show_world)
-            self.writing_world.finished.connect(self._end_writing_world)
-        _show(self.writing_world)
+        self._show_beside("world", partial(WorldDialog, view=self.show_world))
 
-    def end(self) -> None:
-        """Close what stands open beside the window; an export is cancelled."""
-        for dialog in (self.exporting, self.writing_world):
-            if dialog is not None:
-                dialog.close()
+    def _show_beside(self, name: str, create: Callable[..., QDialog]) -> None:
+        dialog = self.beside.get(name)
+        if dialog is None:
+            dialog = self.beside[name] = create(self._document.sketch, self._preferences, self._window)
+            dialog.finished.connect(partial(self._delete_dialog, name))
+        dialog.show()
+        dialog.raise_()
+        dialog.activateWindow()
+
+    def _delete_dialog(self, name: str, _: int = 0) -> None:
+        self.beside.pop(name).deleteLater()
+
+    def close_all(self) -> None:
+        """Close dialogs and worlds beside the window; a running export is cancelled."""
+        for dialog in tuple(self.beside.values()):
+            dialog.close()
         for world in tuple(self.worlds):
             world.close()
 
-    def _end_export(self) -> None:
-        dialog, self.exporting = self.exporting, None
-        if dialog is not None:
-            dialog.deleteLater()
-
-    def _end_writing_world(self) -> None:
-        dialog, self.writing_world = self.writing_world, None
-        if dialog is not None:
-            dialog.deleteLater()
-
     def save_picture(self) -> None:
-        """Save what the 3-D view shows."""
+        """Save the 3-D view's picture, as shown or rendered in another size."""
         from sketchterrain.ui.dialogs.new_sketch import PictureDialog
 
-        shown = self._link.picture
-        size = (0, 0) if shown is None else (shown.width(), shown.height())
-        folder = self._preferences.last_folder
-        dialog = PictureDialog(size, folder, self._document.sketch.name or "terrain", self._window)
-        if not self._run(dialog) or dialog.path is None:
+        picture = self._link.picture
+        size = (0, 0) if picture is None else (picture.width(), picture.height())
+        name = self._document.sketch.name or "terrain"
+        dialog = PictureDialog(size, self._preferences.last_folder, name, self._window)
+        if not _run(dialog) or dialog.path is None:
             return
-        wanted = dialog.size_wanted
-        if wanted is not None:
-            self._banner.tell(Message("info", "Drawing the picture …", "picture"))
-            self._link.tell(RenderPicture(str(dialog.path), *wanted))
-        elif shown is not None:
-            path = dialog.path
-            self._writing.do("picture", partial(_write, shown, path), partial(self._written, path))
+        if dialog.render_size is not None:
+            self._banner.show_message(Message("info", "Drawing the picture …", "picture"))
+            self._link.tell(TakePicture(str(dialog.path), *dialog.render_size))
+        elif picture is not None:
+            self._picture_file.write(picture, dialog.path)
 
     def preferences(self) -> None:
-        """Choose theme and device."""
+        """Show the preferences."""
         from sketchterrain.ui.dialogs.preferences import PreferencesDialog
 
-        self._run(PreferencesDialog(self._preferences, self._window))
-
-    def first_steps(self) -> None:
-        """Show how to begin."""
-        from sketchterrain.ui.dialogs.help import FirstStepsDialog
-
-        self._run(FirstStepsDialog(self._window))
-
-    def keys(self) -> None:
-        """Show all keys."""
-        from sketchterrain.ui.dialogs.help import KeysDialog
-
-        self._run(KeysDialog(self._window))
+        _run(PreferencesDialog(self._preferences, self._window))
 
     def find(self) -> None:
-        """Find a command and do it."""
+        """Find a command and run it."""
         from sketchterrain.ui.dialogs.help import FindDialog
 
         dialog = FindDialog(self._actions, self._window)
-        if self._run(dialog) and dialog.chosen is not None:
-            dialog.chosen.trigger()
+        if _run(dialog) and dialog.selected is not None:
+            dialog.selected.trigger()
 
-    def about(self) -> None:
-        """Show what this is."""
-        from sketchterrain.ui.dialogs.help import AboutDialog
+    def _show_help(self, name: str) -> None:
+        from sketchterrain.ui.dialogs.help import AboutDialog, FirstStepsDialog, KeysDialog
 
-        self._run(AboutDialog(self._link.facts, self._window))
-
-    @staticmethod
-    def _run(dialog: QDialog) -> bool:
-        accepted = bool(dialog.exec())
-        dialog.deleteLater()
-        return accepted
-
-    def _written(self, path: Path, problem: str) -> None:
-        if problem:
-            self._banner.tell(Message("error", problem, "picture"))
-        else:
-            self._tell_picture(str(path))
-
-    def _tell_picture(self, path: str) -> None:
-        folder = QUrl.fromLocalFile(str(Path(path).parent))
-        button = ("Open folder", partial(QDesktopServices.openUrl, folder))
-        self._banner.tell(Message("good", f"The picture is saved: {path}", "picture", (button,)))
+        dialogs: dict[str, Callable[[QWidget], QDialog]] = {
+            "first-steps": FirstStepsDialog,
+            "keys": KeysDialog,
+            "about": partial(AboutDialog, self._link.facts),
+        }
+        _run(dialogs[name](self._window))
 
 
-def _show(dialog: QDialog) -> None:
-    """Show a dialog beside the window: one goes on painting."""
-    dialog.show()
-    dialog.raise_()
-    dialog.activateWindow()
-
-
-def _write(picture: QImage, path: Path) -> None:
-    if not picture.save(str(path), "PNG"):
-        raise SketchterrainError(f"{path}: cannot be written")
+def _run(dialog: QDialog) -> bool:
+    accepted = bool(dialog.exec())
+    dialog.deleteLater()
+    return accepted

@@ -1,4 +1,4 @@
-"""Whether a window can be opened at all: Qt ends the process where it cannot, so this is asked before."""
+"""Check that a window can be opened, for Qt would abort the process without a display."""
 
 from __future__ import annotations
 
@@ -15,75 +15,63 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 _PACKAGES = {
-    "libxcb-cursor": "libxcb-cursor0",
     "libxkbcommon-x11": "libxkbcommon-x11-0",
-    "libxkbcommon": "libxkbcommon0",
     "libEGL": "libegl1",
     "libGL": "libgl1",
-    "libxcb-icccm": "libxcb-icccm4",
-    "libxcb-image": "libxcb-image0",
-    "libxcb-keysyms": "libxcb-keysyms1",
-    "libxcb-render-util": "libxcb-render-util0",
-    "libxcb-shape": "libxcb-shape0",
-    "libxcb-xinerama": "libxcb-xinerama0",
     "libdbus-1": "libdbus-1-3",
     "libfontconfig": "libfontconfig1",
     "libglib-2.0": "libglib2.0-0",
 }
-"""What Debian and Ubuntu call the libraries that may lack."""
+"""Packages of Debian and Ubuntu by library; those of other ``libxcb`` libraries are named after them."""
 
 
 def check_screen(environment: Mapping[str, str] = os.environ) -> None:
-    """Make sure that Qt finds a screen."""
-    _check_qt()
-    platform = environment.get("QT_QPA_PLATFORM", "").split(";")[0].split(":")[0]
-    if platform and platform not in ("xcb", "wayland"):
-        return  # such as offscreen: whoever sets this knows
-    display, wayland = environment.get("DISPLAY", ""), environment.get("WAYLAND_DISPLAY", "")
-    if wayland and platform != "xcb" and _wayland_answers(environment, wayland):
-        return
-    if platform == "wayland":
-        raise SketchterrainError("no screen: expected WAYLAND_DISPLAY to name a running compositor")
-    if not display:
-        raise SketchterrainError(
-            "no screen: neither DISPLAY nor WAYLAND_DISPLAY is set; start this in a desktop session, or with "
-            "`xvfb-run sketchterrain edit`"
-        )
-    _check_plugin()
-    if not _x_answers(display):
-        raise SketchterrainError(f"no screen: the X server at DISPLAY={display} does not answer")
-
-
-def _check_qt() -> None:
-    # The C extension tells of a missing library of the system in its error.
+    """Raise `SketchterrainError` unless Qt finds a display."""
     try:
         import PyQt6.QtWidgets  # noqa: F401
     except ModuleNotFoundError:
         raise SketchterrainError("the desktop program needs Qt: pip install PyQt6") from None
-    except ImportError as error:
-        raise SketchterrainError(_told(str(error))) from None
+    except ImportError as error:  # its message names a missing library of the system
+        raise SketchterrainError(_install_hint(str(error))) from None
+    platform = environment.get("QT_QPA_PLATFORM", "").split(";")[0].split(":")[0]
+    if platform and platform not in ("xcb", "wayland"):
+        return  # such as offscreen
+    display, wayland = environment.get("DISPLAY", ""), environment.get("WAYLAND_DISPLAY", "")
+    if wayland and platform != "xcb" and _wayland_answers(environment, wayland):
+        return
+    if platform == "wayland":
+        raise SketchterrainError("no display: expected WAYLAND_DISPLAY to name a running compositor")
+    if not display:
+        raise SketchterrainError(
+            "no display: neither DISPLAY nor WAYLAND_DISPLAY is set; start this in a desktop session, or "
+            "with `xvfb-run sketchterrain edit`"
+        )
+    _check_plugin()
+    if not _x_answers(display):
+        raise SketchterrainError(f"no display: the X server at DISPLAY={display} does not answer")
 
 
 def _check_plugin() -> None:
-    """Try the libraries that Qt's windows need on X; QApplication would end the process without them."""
+    """Load the libraries that Qt's windows need on X; without them QApplication aborts the process."""
     spec = find_spec("PyQt6")
     if spec is None or spec.origin is None:
         return
     plugin = Path(spec.origin).parent / "Qt6/plugins/platforms/libqxcb.so"
     if not plugin.is_file():
-        return  # a distribution's own Qt: its packages bring what it needs
+        return  # a distribution's own Qt: its packages depend on them
     try:
         ctypes.CDLL(str(plugin))
     except OSError as error:
-        raise SketchterrainError(_told(str(error))) from None
+        raise SketchterrainError(_install_hint(str(error))) from None
 
 
-def _told(line: str) -> str:
-    """Return what to do about a library that is not there."""
+def _install_hint(line: str) -> str:
+    """Return an error message for a missing library, with the package to install."""
     match = re.search(r"(lib[\w.+-]+?)\.so", line)
     if match is None:
         return f"Qt cannot be loaded: {line}"
-    package = _PACKAGES.get(match[1])
+    usual = f"{match[1]}0" if match[1].startswith("libxcb-") else ""
+    package = _PACKAGES.get(match[1], usual)
     advice = f"; on Debian and Ubuntu: apt install {package}" if package else ""
     return f"Qt needs {match[1]}, which is not installed{advice}"
 

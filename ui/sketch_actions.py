@@ -1,4 +1,4 @@
-"""The menus Edit, Layer and Terrain at work: what their actions do to the sketch, and when they can."""
+"""Actions of the menus Edit, Layer and Terrain: what they do and when they are enabled."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ from sketchterrain.errors import InputError
 from sketchterrain.sketch import LAYERS
 from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.banner import Banner, Message
-from sketchterrain.ui.commands import placed_edits
 from sketchterrain.ui.commands.labels import labels_of
-from sketchterrain.ui.commands.placed_edits import exists, find_point
+from sketchterrain.ui.commands.placed_edits import is_edited, is_locked, is_there, point_of
 from sketchterrain.ui.commands.settings import WORLD, set_setting
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import Placement
@@ -22,55 +21,58 @@ from sketchterrain.ui.models.chosen_acts import delete, lock, reset, unlock
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import TOOLS, Selection, Workspace
 
-_STEP = 1.25  # by which the brush grows
-_SEEDS = 1_000_000  # short enough to be told to a friend
+_BRUSH_STEP = 1.25
+_SEEDS = 1_000_000  # fewer than there are: short enough to remember
+
+
+def random_seed(current: int | None = None) -> int:
+    """Return a short random seed other than the current one."""
+    seed = random.randrange(_SEEDS - 1)  # noqa: S311 - not cryptographic
+    return seed if current is None else seed + (seed >= current)
 
 
 class SketchActions(QObject):
-    """Binds actions to commands on the sketch, and keeps them as enabled and checked as it is."""
+    """Binds actions to commands on the sketch and updates their state."""
 
     def __init__(
         self, actions: Actions, document: Document, workspace: Workspace, link: EngineLink, banner: Banner
     ) -> None:
         super().__init__(actions)
-        self._actions = actions
-        self._document = document
-        self._workspace = workspace
-        self._link = link
-        self._banner = banner
-        self._hidden: tuple[str, ...] = ()  # by "only this layer"
+        self._actions, self._banner = actions, banner
+        self._document, self._workspace, self._link = document, workspace, link
+        self._hidden: tuple[str, ...] = ()  # layers hidden by "only this layer"
         actions.bind(
             {
                 "undo": document.undo,
                 "redo": document.redo,
-                "delete-chosen": partial(self._act, delete),
-                "reset-chosen": partial(self._act, reset),
-                "choose-none": self._choose_none,
-                "brush-smaller": partial(self._scale_brush, 1.0 / _STEP),
-                "brush-larger": partial(self._scale_brush, _STEP),
-                "random-seed": self.random_seed,
+                "delete-selection": partial(self._apply, delete),
+                "reset-selection": partial(self._apply, reset),
+                "select-none": partial(setattr, workspace, "chosen", None),
+                "brush-smaller": partial(self._scale_brush, 1.0 / _BRUSH_STEP),
+                "brush-larger": partial(self._scale_brush, _BRUSH_STEP),
+                "random-seed": self.set_random_seed,
                 **{f"tool-{name}": partial(setattr, workspace, "tool", name) for name in TOOLS},
                 **{f"layer-{name}": partial(self._use_layer, name) for name in LAYERS},
             }
         )
         actions.bind_checked(
             {
-                "lock-chosen": self._lock_chosen,
+                "lock-selection": lambda on: self._apply(lock if on else unlock),
                 "show-layer": lambda on: workspace.set_look(workspace.layer, visible=on),
                 "lock-layer": lambda on: workspace.set_look(workspace.layer, locked=on),
                 "only-layer": self._show_only,
             }
         )
-        for signal in (document.history_changed, document.sketch_changed, document.opened):
-            signal.connect(self.refresh)
-        for signal in (workspace.tool_changed, workspace.label_changed, workspace.look_changed):
-            signal.connect(self.refresh)
-        for signal in (workspace.selection_changed, link.placed_changed):
+        for signal in (
+            *(document.history_changed, document.sketch_changed, document.opened, link.placed_changed),
+            *(workspace.tool_changed, workspace.label_changed, workspace.look_changed),
+            workspace.chosen_changed,
+        ):
             signal.connect(self.refresh)
         self.refresh()
 
     def refresh(self, *_: object) -> None:
-        """Show what can be done now."""
+        """Update texts, enabled and checked states."""
         actions, history, workspace = self._actions, self._document.history, self._workspace
         actions["undo"].setEnabled(history.position > 0)
         actions["redo"].setEnabled(history.position < len(history.titles) - 1)
@@ -83,50 +85,45 @@ class SketchActions(QObject):
         look = workspace.look(workspace.layer)
         actions["show-layer"].setChecked(look.visible)
         actions["lock-layer"].setChecked(look.locked)
-        others = [name for name in LAYERS if name != workspace.layer]
-        actions["only-layer"].setChecked(
-            look.visible and not any(workspace.look(each).visible for each in others)
-        )
-        self._refresh_chosen()
+        others_visible = any(workspace.look(each).visible for each in self._other_layers())
+        actions["only-layer"].setChecked(look.visible and not others_visible)
+        self._refresh_selection()
 
-    def random_seed(self) -> None:
-        """Make another terrain of the same sketch."""
-        thrown = random.randrange(_SEEDS - 1)  # noqa: S311 - a terrain, no secret
-        seed = thrown + (thrown >= self._document.sketch.seed)  # never the one that it has
+    def set_random_seed(self) -> None:
+        """Give the sketch another random seed."""
         sketch = self._document.sketch
+        seed = random_seed(sketch.seed)
         self._try(lambda: self._document.do(f"Seed {seed}", set_setting(sketch, WORLD, "seed", seed)))
 
-    def _refresh_chosen(self) -> None:
-        selection, placed = self._workspace.selection, self._link.placed
-        there = selection is not None and placed is not None and exists(placed, selection)
-        self._actions["choose-none"].setEnabled(selection is not None)
-        self._actions["delete-chosen"].setEnabled(there)
-        self._actions["look-chosen"].setEnabled(there)
-        can_lock = there and find_point(placed, selection) is not None if placed and selection else False
-        self._actions["lock-chosen"].setEnabled(can_lock)
-        sketch = self._document.sketch
-        locked = selection is not None and placed_edits.is_locked(sketch, selection)
-        self._actions["lock-chosen"].setChecked(can_lock and locked)
-        edited = bool(there and placed and selection and placed_edits.is_edited(sketch, placed, selection))
-        self._actions["reset-chosen"].setEnabled(edited)
+    def _refresh_selection(self) -> None:
+        chosen, placed, sketch = self._workspace.chosen, self._link.placed, self._document.sketch
+        exists = can_lock = locked = edited = False
+        if chosen is not None and placed is not None and is_there(placed, chosen):
+            exists = True
+            can_lock = point_of(placed, chosen) is not None
+            locked = can_lock and is_locked(sketch, chosen)
+            edited = is_edited(sketch, placed, chosen)
+        for name, enabled in (
+            ("select-none", chosen is not None),
+            ("delete-selection", exists),
+            ("look-selection", exists),
+            ("lock-selection", can_lock),
+            ("reset-selection", edited),
+        ):
+            self._actions[name].setEnabled(enabled)
+        self._actions["lock-selection"].setChecked(locked)
 
     def _try(self, change: Callable[[], None]) -> None:
         try:
             change()
         except InputError as error:
-            self._banner.tell(Message("warning", str(error), "command"))
+            self._banner.show_message(Message("warning", str(error), "command"))
 
-    def _act(self, act: Callable[[Document, Workspace, Placement, Selection], None]) -> None:
-        selection, placed = self._workspace.selection, self._link.placed
-        if selection is not None and placed is not None:
-            self._try(lambda: act(self._document, self._workspace, placed, selection))
+    def _apply(self, command: Callable[[Document, Workspace, Placed, Chosen], None]) -> None:
+        chosen, placed = self._workspace.chosen, self._link.placed
+        if chosen is not None and placed is not None:
+            self._try(lambda: command(self._document, self._workspace, placed, chosen))
             self.refresh()
-
-    def _lock_chosen(self, on: bool) -> None:
-        self._act(lock if on else unlock)
-
-    def _choose_none(self) -> None:
-        self._workspace.selection = None
 
     def _scale_brush(self, factor: float) -> None:
         self._workspace.brush *= factor
@@ -136,14 +133,14 @@ class SketchActions(QObject):
             labels = labels_of(self._document.sketch, layer)
             self._workspace.use_label(layer, labels[0] if labels else 1)
 
+    def _other_layers(self) -> list[str]:
+        return [name for name in LAYERS if name != self._workspace.layer]
+
     def _show_only(self, on: bool) -> None:
-        others = [name for name in LAYERS if name != self._workspace.layer]
+        others = self._other_layers()
         if on:
             self._hidden = tuple(name for name in others if self._workspace.look(name).visible)
             self._workspace.set_look(self._workspace.layer, visible=True)
-            for name in others:
-                self._workspace.set_look(name, visible=False)
-        else:
-            for name in self._hidden or others:
-                self._workspace.set_look(name, visible=True)
+        for name in others if on else self._hidden or others:
+            self._workspace.set_look(name, visible=not on)
         self.refresh()

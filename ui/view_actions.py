@@ -1,4 +1,4 @@
-"""Actions of the view: how the camera moves, whether things move, which overlays are shown."""
+"""Actions of the 3-D view: navigation mode, animation and overlays."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from sketchterrain.ui.models.workspace import OVERLAYS, Workspace
 
 
 class ViewActions(QObject):
-    """Binds actions to a source's view and, where there is a sketch, to the workspace's overlays."""
+    """Binds actions to a source's view and, for a sketch, to the workspace's overlays."""
 
     def __init__(self, actions: Actions, link: ViewSource, workspace: Workspace | None = None) -> None:
         super().__init__(actions)
         self._actions, self._link, self._workspace = actions, link, workspace
-        actions.bind({f"mode-{mode}": partial(self._move_by, mode) for mode in MODES})
+        actions.bind({f"mode-{mode}": partial(self._set_mode, mode) for mode in MODES})
         actions.bind_checked({"play": lambda on: link.show(replace(link.view, plays=on))})
         if workspace is not None:
             actions.bind({"measure": partial(self._measure, workspace)})
@@ -31,14 +31,14 @@ class ViewActions(QObject):
         self.refresh()
 
     def refresh(self, *_: object) -> None:
-        """Show what is shown now."""
+        """Update which actions are checked."""
         if self._workspace is not None:
             for name in OVERLAYS:
                 self._actions[f"overlay-{name}"].setChecked(name in self._workspace.overlays)
         self._actions[f"mode-{self._link.view.mode}"].setChecked(True)
         self._actions["play"].setChecked(self._link.view.plays)
 
-    def _move_by(self, mode: str) -> None:
+    def _set_mode(self, mode: str) -> None:
         self._link.show(replace(self._link.view, mode=mode))
 
     def _measure(self, workspace: Workspace) -> None:

@@ -1,8 +1,7 @@
-"""The main window: the sketch, the 3-D view, the panels around them, and what connects them."""
+"""The main window: sketch canvas, 3-D view, panels and their connections."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -16,9 +15,9 @@ from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import GoTo
 from sketchterrain.ui.files import Files
-from sketchterrain.ui.layout import FullViews, Layout, fitting_size
+from sketchterrain.ui.layout import FullScreenActions, PanelLayout, fitting_size
 from sketchterrain.ui.look.icons import app_icon
-from sketchterrain.ui.menus import RecentMenu, add_last, add_menus, add_tool_bars
+from sketchterrain.ui.menus import RecentMenu, add_menus, add_tool_bars
 from sketchterrain.ui.models.background import Saving
 from sketchterrain.ui.models.bookmarks import Bookmarks
 from sketchterrain.ui.models.document import Document
@@ -38,45 +37,12 @@ from sketchterrain.ui.view3d.bookmarks import BookmarksPanel
 from sketchterrain.ui.view3d.view import View3D
 from sketchterrain.ui.view_actions import ViewActions
 
-
-class Parts:
-    """Makes every part once."""
-
-    def __init__(
-        self, document: Document, workspace: Workspace, link: EngineLink, bookmarks: Bookmarks
-    ) -> None:
-        self.canvas = Canvas(document, workspace, link)
-        self.view = View3D(document, workspace, link)
-        self.layers = LayersPanel(document, workspace)
-        self.contradictions = ContradictionsPanel(workspace, link)
-        self.bookmarks = BookmarksPanel(link, bookmarks)
-        self.status = StatusLine(document, workspace, link)
-        self.panels: dict[str, QWidget] = {
-            "layers": self.layers,
-            "properties": PropertiesPanel(document, workspace, link),
-            "world": WorldPanel(document),
-            "light": ViewPanel(document, link),
-            "view": self.view,
-            "history": HistoryPanel(document),
-            "adherence": AdherencePanel(workspace, link),
-            "contradictions": self.contradictions,
-            "bookmarks": self.bookmarks,
-        }
-
-    def tell_by(self, say: Callable[[str], None]) -> None:
-        """Let a function show what parts have to say; the line at the foot shows what the mouse is over."""
-        for part in (self.canvas, self.view):
-            part.hovered.connect(self.status.hover)
-            part.message.connect(say)
-        self.layers.message.connect(say)
-
-
 _SIZE = QSize(1500, 920)
-_LEAST = QSize(720, 480)
+_MIN_SIZE = QSize(720, 480)
 
 
 class MainWindow(QMainWindow):
-    """The program's window."""
+    """The editor's window."""
 
     def __init__(
         self,
@@ -92,9 +58,9 @@ class MainWindow(QMainWindow):
         super().__init__()
         self._document, self._workspace, self._link = document, workspace, link
         self._preferences = preferences
-        self._is_fresh = preferences.layout is None
+        self._needs_default_sizes = preferences.layout is None
         self.setWindowIcon(app_icon())
-        self.setMinimumSize(_LEAST)
+        self.setMinimumSize(_MIN_SIZE)
         self.setAcceptDrops(True)
         self.setDockOptions(
             QMainWindow.DockOption.AnimatedDocks
@@ -104,17 +70,10 @@ class MainWindow(QMainWindow):
         self.setTabPosition(Qt.DockWidgetArea.AllDockWidgetAreas, QTabWidget.TabPosition.North)
         self.resize(fitting_size(_SIZE, self.screen()))
         self.actions_by_name = Actions(self)
-        commands, _ = add_tool_bars(self, self.actions_by_name)
-        commands.addSeparator()
-        commands.addWidget(ToolOptions(document, workspace))
-        commands.addWidget(_stretch())
-        add_last(commands, self.actions_by_name)
+        commands = add_tool_bars(self, self.actions_by_name, (ToolOptions(document, workspace), _stretch()))
         self.banner = Banner(self, below=commands)
-        self.surprises = UncaughtExceptions(self.banner, self)
-        self._parts = Parts(document, workspace, link, bookmarks)
-        self.canvas, self.view = self._parts.canvas, self._parts.view
-        self.setCentralWidget(self.canvas)
-        self.layout_of_parts = Layout(self, self._parts.panels)
+        self.uncaught_exceptions = UncaughtExceptions(self.banner, self)
+        self._add_panels(bookmarks)
         self.files = Files(
             self,
             document=document,
@@ -124,20 +83,43 @@ class MainWindow(QMainWindow):
             banner=self.banner,
         )
         self._add_menus(recent)
-        status = self.statusBar()
-        if status is not None:
-            status.setSizeGripEnabled(False)
-            status.addPermanentWidget(self._parts.status, 1)
         ErrorReporter(self.banner, link)
-        self._parts.tell_by(self._say)
-        self.view.picture_wanted.connect(self.actions_by_name["save-picture"].trigger)
-        self._parts.contradictions.show_place.connect(self._show_place)
         self._bind()
         document.saved_changed.connect(self._show_title)
         document.sketch_changed.connect(self._show_title)
-        document.opened.connect(self._begin)
+        document.opened.connect(self._show_new_sketch)
         self._show_title()
-        self._restore_layout()
+        if preferences.layout is not None:
+            self.restoreGeometry(preferences.layout[0])
+            self.panel_layout.restore(preferences.layout[1])
+
+    def _add_panels(self, bookmarks: Bookmarks) -> None:
+        document, workspace, link = self._document, self._workspace, self._link
+        self.canvas, self.view = Canvas(document, workspace, link), View3D(document, workspace, link)
+        self._layers, self._bookmarks = LayersPanel(document, workspace), BookmarksPanel(link, bookmarks)
+        contradictions, status = ContradictionsPanel(workspace, link), StatusLine(document, workspace, link)
+        self.setCentralWidget(self.canvas)
+        panels: dict[str, QWidget] = {
+            "layers": self._layers,
+            "properties": PropertiesPanel(document, workspace, link),
+            "world": WorldPanel(document),
+            "light": ViewPanel(document, link),
+            "view": self.view,
+            "history": HistoryPanel(document),
+            "adherence": AdherencePanel(workspace, link),
+            "contradictions": contradictions,
+            "bookmarks": self._bookmarks,
+        }
+        self.panel_layout = PanelLayout(self, panels)
+        for part in (self.canvas, self.view):
+            part.hovered.connect(status.show_position)
+            part.message.connect(self._show_hint)
+        self._layers.message.connect(self._show_hint)
+        contradictions.place_activated.connect(self._show_place)
+        bar = self.statusBar()
+        if bar is not None:
+            bar.setSizeGripEnabled(False)
+            bar.addPermanentWidget(status, 1)
 
     def _add_menus(self, recent: RecentFiles) -> None:
         tools, panels, views = (QMenu(title, self) for title in ("&Tool", "&Panels", "Go to &view"))
@@ -146,18 +128,15 @@ class MainWindow(QMainWindow):
                 tools.addAction(action)
             if action.objectName().startswith("bookmark-"):
                 views.addAction(action)
-        self.layout_of_parts.add_toggles(panels)
-        inner = {
-            "Open &recent": RecentMenu(recent, self.files, self),
-            "&Tool": tools,
-            "&Panels": panels,
-            "Go to &view": views,
+        self.panel_layout.add_toggles(panels)
+        submenus = {
+            menu.title(): menu for menu in (RecentMenu(recent, self.files, self), tools, panels, views)
         }
-        add_menus(self, self.actions_by_name, inner)
+        add_menus(self, self.actions_by_name, submenus)
 
     def _bind(self) -> None:
         actions, files = self.actions_by_name, self.files
-        FullViews(self, actions, self.layout_of_parts)
+        FullScreenActions(self, actions, self.panel_layout)
         SketchActions(actions, self._document, self._workspace, self._link, self.banner)
         ViewActions(actions, self._link, self._workspace)
         self.dialogs = OpenDialogs(
@@ -169,6 +148,7 @@ class MainWindow(QMainWindow):
             files=files,
             banner=self.banner,
         )
+        self.view.picture_requested.connect(actions["save-picture"].trigger)
         actions.bind(
             {
                 "open": files.ask_open,
@@ -181,58 +161,54 @@ class MainWindow(QMainWindow):
                 "zoom-in": self.canvas.zoom_in,
                 "zoom-out": self.canvas.zoom_out,
                 "actual-size": self.canvas.actual_size,
-                "new-label": self._parts.layers.new_label,
-                "delete-label": self._parts.layers.delete_label,
-                "clear-layer": self._parts.layers.clear_layer,
+                "new-label": self._layers.new_label,
+                "delete-label": self._layers.delete_label,
+                "clear-layer": self._layers.clear_layer,
                 "look-all": self.view.see_all,
                 "look-best": self.view.see_best,
-                "look-chosen": self.view.see_chosen,
-                "bookmark": self._parts.bookmarks.add,
-                **{
-                    f"bookmark-{number}": partial(self._parts.bookmarks.go_to, number - 1)
-                    for number in range(1, 10)
-                },
+                "look-selection": self.view.see_selection,
+                "bookmark": self._bookmarks.add,
+                **{f"bookmark-{n + 1}": partial(self._bookmarks.go_to, n) for n in range(9)},
                 "restart": self._restart,
             }
         )
 
     def showEvent(self, event: QShowEvent | None) -> None:
-        """Share out the room when there is some for the first time."""
         super().showEvent(event)
-        if self._is_fresh:
-            self._is_fresh = False
-            self.layout_of_parts.share_out()
+        if self._needs_default_sizes:
+            self._needs_default_sizes = False
+            self.panel_layout.set_default_sizes()
 
     def resizeEvent(self, event: QResizeEvent | None) -> None:
-        """Keep messages in the middle."""
         super().resizeEvent(event)
-        self.banner.place()
+        self.banner.update_position()
 
     def dragEnterEvent(self, event: QDragEnterEvent | None) -> None:
-        """Welcome files."""
-        if event is not None and _paths(event):
+        if event is not None and _local_files(event):
             event.acceptProposedAction()
 
     def dropEvent(self, event: QDropEvent | None) -> None:
-        """Open a sketch, or take images as layers."""
         if event is not None:
             event.acceptProposedAction()
-            self.files.take(_paths(event), self._workspace.layer)
+            self.files.open_dropped(_local_files(event), self._workspace.layer)
 
     def closeEvent(self, event: QCloseEvent | None) -> None:
-        """Ask about changes; remember where everything stood."""
         if event is None:
             return
-        if not self.files.may_leave():
+        if not self.files.confirm_close():
             event.ignore()
             return
-        self.dialogs.end()
-        self._preferences.layout = self.saveGeometry(), self.layout_of_parts.state()
+        self.dialogs.close_all()
+        self._preferences.layout = self.saveGeometry(), self.panel_layout.state()
         self._preferences.keep()
         event.accept()
 
-    def _begin(self) -> None:
-        self._workspace.selection = None
+    def warn(self, line: str) -> None:
+        """Report that a file of the program's state cannot be written."""
+        self.banner.show_message(Message("warning", line, "state"))
+
+    def _show_new_sketch(self) -> None:
+        self._workspace.chosen = None
         self.canvas.fit()
 
     def _show_title(self) -> None:
@@ -242,12 +218,8 @@ class MainWindow(QMainWindow):
         self.setWindowModified(self._document.is_modified)
         self.setWindowFilePath(str(path) if path else "")
 
-    def warn(self, line: str) -> None:
-        """Tell of something that could not be kept."""
-        self.banner.tell(Message("warning", line, "keeping"))
-
-    def _say(self, line: str) -> None:
-        self.banner.tell(Message("info", line, "hint"))
+    def _show_hint(self, line: str) -> None:
+        self.banner.show_message(Message("info", line, "hint"))
 
     def _import(self) -> None:
         self.files.ask_import(self._workspace.layer)
@@ -260,12 +232,6 @@ class MainWindow(QMainWindow):
         self._link.stop()
         self._link.start()
 
-    def _restore_layout(self) -> None:
-        layout = self._preferences.layout
-        if layout is not None:
-            self.restoreGeometry(layout[0])
-            self.layout_of_parts.restore(layout[1])
-
 
 def _stretch() -> QWidget:
     space = QWidget()
@@ -273,7 +239,7 @@ def _stretch() -> QWidget:
     return space
 
 
-def _paths(event: QDropEvent) -> list[Path]:
+def _local_files(event: QDropEvent) -> list[Path]:
     data = event.mimeData()
     if data is None:
         return []

@@ -21,7 +21,7 @@ from PyQt6.QtGui import (
 )
 from PyQt6.QtWidgets import QSizePolicy, QWidget
 
-from sketchterrain.ui.actions import OwnKeys
+from sketchterrain.ui.actions import ShortcutOverride
 from sketchterrain.ui.canvas.canvas_input import CanvasInput, Keys, Tips
 from sketchterrain.ui.canvas.decorations import Overlays
 from sketchterrain.ui.canvas.marks import FeatureMarks
@@ -60,7 +60,7 @@ class Canvas(QWidget):
         self._shown = SketchView(self._desk, self)
         self._hands = CanvasInput(self._desk, self._marks, self)
         self._keys = Keys(self._desk, self._hands, self)
-        OwnKeys(self, self._keys.wants)
+        ShortcutOverride(self, self._keys.wants)
         Tips(self._desk, self)
         self._fits = True
         self._shows_focus = False

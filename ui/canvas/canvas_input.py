@@ -15,7 +15,7 @@ from sketchterrain.ui.canvas.paint_tools import BrushTool, FillTool, LineTool, P
 from sketchterrain.ui.canvas.select_tool import SelectTool
 from sketchterrain.ui.canvas.tool_context import Pointer, Tool
 from sketchterrain.ui.engine.protocol import GoTo
-from sketchterrain.ui.menus import DoingMenu, offer_chosen
+from sketchterrain.ui.menus import ContextMenu, add_selection_commands
 from sketchterrain.ui.models.chosen_acts import add
 
 if TYPE_CHECKING:
@@ -28,19 +28,17 @@ if TYPE_CHECKING:
     from sketchterrain.ui.models.workspace import Selection
 
 
-def feature_menu(
-    parent: QWidget, context: ToolContext, selection: Selection | None, x: float, y: float
-) -> DoingMenu:
+def feature_menu(parent: QWidget, desk: ToolContext, chosen: Chosen | None, x: float, y: float) -> ContextMenu:
     """Return the menu for what is chosen and for a place."""
-    menu = DoingMenu(parent)
-    document, workspace, placed = context.document, context.workspace, context.link.placed
-    if selection is not None and placed is not None:
-        offer_chosen(menu, document, workspace, placed, selection)
+    menu = ContextMenu(parent)
+    document, workspace, placed = desk.document, desk.workspace, desk.link.placed
+    if chosen is not None and placed is not None:
+        add_selection_commands(menu, document, workspace, placed, chosen)
         menu.addSeparator()
-    adding = menu.within("add", "Add here")
+    adding = menu.add_submenu("add", "Add here")
     for kind in FEATURE_TYPES:
-        adding.offer("", kind.capitalize(), partial(add, document, workspace, kind, x, y))
-    menu.offer("orbit", "Look here in 3-D", partial(context.link.tell, GoTo(x, y)))
+        adding.add_command("", kind.capitalize(), partial(add, document, workspace, kind, x, y))
+    menu.add_command("orbit", "Look here in 3-D", partial(desk.link.tell, GoTo(x, y)))
     return menu
 
 

@@ -1,1 +1,1 @@
-"""Windows that ask for something and go."""
+"""Dialogs of the main window."""

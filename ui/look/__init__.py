@@ -1,1 +1,1 @@
-"""Colours, icons and spacing."""
+"""Appearance: themes, icons, colours of layers."""

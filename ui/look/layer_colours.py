@@ -1,4 +1,4 @@
-"""How layers and labels look, on the canvas and in lists: colour, hatch, swatch."""
+"""Colours, hatches and swatches of layers and labels."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _HATCH_STRENGTH = 0.42
 
 
 def label_colour(layer: str, label: int) -> QColor:
-    """Return a label's colour; labels of one layer are shades that differ plainly."""
+    """Return a label's colour, a distinct shade of its layer's."""
     return QColor(*label_rgb(layer, label))
 
 
@@ -37,7 +37,7 @@ def layer_pattern(layer: str) -> str:
 
 
 def hatch_colour(layer: str) -> QColor:
-    """Return the colour, with alpha, of the lines of a layer's hatch."""
+    """Return the line colour, with alpha, of a layer's hatch."""
     if layer in LIGHT_HATCH:
         return QColor(255, 255, 255, round(255 * _HATCH_STRENGTH))
     red, green, blue = (round(0.3 * part) for part in LAYERS[layer].colour)
@@ -46,7 +46,7 @@ def hatch_colour(layer: str) -> QColor:
 
 @lru_cache(maxsize=512)
 def swatch(layer: str, label: int, size: int, dpr: float = 1.0) -> QPixmap:
-    """Return a small picture of a label for lists: its colour and its layer's hatch."""
+    """Return a label's swatch (logical px): its colour and its layer's hatch."""
     pixmap = QPixmap(round(size * dpr), round(size * dpr))
     pixmap.setDevicePixelRatio(dpr)
     pixmap.fill(Qt.GlobalColor.transparent)
@@ -56,8 +56,7 @@ def swatch(layer: str, label: int, size: int, dpr: float = 1.0) -> QPixmap:
     outline.addRoundedRect(QRectF(0.5, 0.5, size - 1.0, size - 1.0), 0.2 * size, 0.2 * size)
     colour = label_colour(layer, label)
     painter.fillPath(outline, colour)
-    lines = QBrush(_hatch_image(layer, dpr))
-    painter.fillPath(outline, lines)
+    painter.fillPath(outline, QBrush(_hatch_image(layer, dpr)))
     painter.setPen(QPen(colour.darker(160), 1.0))
     painter.drawPath(outline)
     painter.end()
@@ -79,25 +78,19 @@ def _hatch_image(layer: str, dpr: float) -> QImage:
 Floats = npt.NDArray[np.float32]
 
 PERIOD: Final = 16
-"""Pixels, at a device pixel ratio of 1, after which every hatch repeats."""
+"""Period of every hatch, px at a device pixel ratio of 1."""
 
 _LINE = 1.15  # px, width of a hatch's lines
 
 
 def hatch_period(ratio: float) -> int:
-    """Return the device pixels after which hatches repeat at a device pixel ratio."""
+    """Return the period of hatches in device pixels at a device pixel ratio."""
     return max(round(PERIOD * ratio), 4)
 
 
-def hatch(kind: str, period: int) -> Floats:
-    """Return a hatch."""
-    if kind not in HATCHES:
-        raise ValueError(f"expected a hatch, one of {', '.join(HATCHES)}, got {kind!r}")
-    return _drawn(kind, period)
-
-
 @lru_cache(maxsize=64)
-def _drawn(kind: str, period: int) -> Floats:
+def hatch(kind: str, period: int) -> Floats:
+    """Return the coverage of one period of a hatch, float32, (period, period)."""
     middles = ((np.arange(period) + 0.5) * (PERIOD / period)).astype(np.float32)
     x, y = np.meshgrid(middles, middles)
     distance, half_width = HATCHES[kind](x, y)
@@ -107,7 +100,7 @@ def _drawn(kind: str, period: int) -> Floats:
 
 
 def _from_line(across: Floats, spacing: float) -> Floats:
-    """Distance from the nearest of parallel lines, from a coordinate across them."""
+    """Return the distance from the nearest of parallel lines, given a coordinate across them."""
     return np.asarray(np.abs((across + 0.5 * spacing) % spacing - 0.5 * spacing), np.float32)
 
 
@@ -135,7 +128,7 @@ def _crossed(x: Floats, y: Floats) -> tuple[Floats, float]:
 
 
 def _nearest(x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Offsets from the nearest point of a staggered grid, 8 px apart."""
+    """Return the offsets from the nearest point of a staggered 8 px grid."""
     best = np.full(x.shape, np.inf, np.float32)
     east, south = np.zeros_like(x), np.zeros_like(y)
     for shift_x, shift_y in ((2.0, 2.0), (6.0, 6.0)):
@@ -167,4 +160,4 @@ HATCHES: Final[dict[str, Callable[[Floats, Floats], tuple[Floats, float]]]] = {
     "dots": _dots,
     "trees": _trees,
 }
-"""Each one's distance from its lines (px of `PERIOD`), and half the width of those."""
+"""Distance from a hatch's lines and half their width, px at a device pixel ratio of 1."""

@@ -1,15 +1,16 @@
-"""Colours and spacing, dark and light: Qt's colour scheme, a palette for Fusion and one style sheet."""
+"""Light and dark themes (palette and style sheet for Fusion), and box layouts with standard spacing."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from string import Template
-from typing import Final
+from typing import Final, TypeVar
 
 from PyQt6.QtCore import QObject, Qt, pyqtSignal
 from PyQt6.QtGui import QColor, QFont, QGuiApplication, QPalette
-from PyQt6.QtWidgets import QApplication
+from PyQt6.QtWidgets import QApplication, QBoxLayout, QHBoxLayout, QLayout, QVBoxLayout, QWidget
 
 from sketchterrain.ui.look.icons import MARKS
 
@@ -20,49 +21,34 @@ SPACING: Final = 8
 MARGIN: Final = 12
 """px around a group of controls."""
 CHOICES: Final = {"system": "As the system", "light": "Light", "dark": "Dark"}
-"""Titles of the themes that can be chosen."""
+"""Titles of the selectable themes."""
 _SCHEMES: Final = {
     "system": Qt.ColorScheme.Unknown,
     "light": Qt.ColorScheme.Light,
     "dark": Qt.ColorScheme.Dark,
 }
 
+_Box = TypeVar("_Box", bound=QBoxLayout)
+
 
 @dataclass(frozen=True)
 class Theme:
-    """The colours of one look.
+    """The colours of a theme."""
 
-    Attributes
-    ----------
-    name : {'light', 'dark'}
-    window, base, raised : QColor
-        Behind controls, behind text that is edited, of buttons.
-    line : QColor
-        Between things.
-    text, faint, disabled : QColor
-        Primary and secondary text, and text of disabled controls.
-    accent, on_accent : QColor
-        A selection, and text on it.
-    warning, error, good : QColor
-        Marks, told apart by their shapes too.
-    canvas : QColor
-        Neutral, around a sketch or a picture.
-    """
-
-    name: str
+    name: str  # "light" or "dark"
     window: QColor
-    base: QColor
-    raised: QColor
-    line: QColor
+    base: QColor  # Background of editable text
+    raised: QColor  # Buttons
+    line: QColor  # Borders and separators
     text: QColor
-    faint: QColor
+    faint: QColor  # Secondary text
     disabled: QColor
-    accent: QColor
+    accent: QColor  # Background of a selection
     on_accent: QColor
     warning: QColor
     error: QColor
     good: QColor
-    canvas: QColor
+    canvas: QColor  # Neutral surround of a sketch or a picture
 
 
 def _theme(name: str, colours: str) -> Theme:
@@ -80,7 +66,7 @@ DARK: Final = _theme(
 
 
 class Looks(QObject):
-    """The theme that is shown; `changed` is emitted after another one was applied."""
+    """The active theme; `changed` is emitted after another theme was applied."""
 
     changed = pyqtSignal()
 
@@ -90,7 +76,7 @@ class Looks(QObject):
         self._choice = ""
 
     def choose(self, app: QApplication, choice: str) -> None:
-        """Apply a theme of `CHOICES`; ``system`` follows the desktop's colour scheme from now on."""
+        """Apply a theme of `CHOICES`; ``system`` follows the desktop's colour scheme."""
         if choice not in CHOICES:
             raise ValueError(f"expected a theme, one of {', '.join(CHOICES)}, got {choice!r}")
         hints = QGuiApplication.styleHints()
@@ -122,38 +108,72 @@ looks: Final = Looks()
 
 
 def theme() -> Theme:
-    """Return the theme that is shown."""
+    """Return the active theme."""
     return looks.theme
 
 
 def apply_theme(app: QApplication, choice: str = "system") -> None:
-    """Make an application look as a theme of `CHOICES` says, now and when the system changes."""
+    """Apply a theme of `CHOICES` to an application, now and when the system's scheme changes."""
     looks.choose(app, choice)
 
 
+LayoutItem = QWidget | QLayout | int | tuple[QWidget, int]
+"""A widget, a layout, the factor of a stretch, or a widget and its stretch factor."""
+Margins = int | tuple[int, int, int, int]
+
+
+def column(
+    owner: QWidget | None, *items: LayoutItem, margins: Margins = 0, spacing: int = SPACING
+) -> QVBoxLayout:
+    """Return a vertical layout of items (px; a spacing of -1 is the style's)."""
+    return _filled(QVBoxLayout(owner), items, margins, spacing)
+
+
+def row(
+    owner: QWidget | None, *items: LayoutItem, margins: Margins = 0, spacing: int = SPACING
+) -> QHBoxLayout:
+    """Return a horizontal layout of items (px; a spacing of -1 is the style's)."""
+    return _filled(QHBoxLayout(owner), items, margins, spacing)
+
+
+def _filled(box: _Box, items: Iterable[LayoutItem], margins: Margins, spacing: int) -> _Box:
+    box.setContentsMargins(*((margins,) * 4 if isinstance(margins, int) else margins))
+    box.setSpacing(spacing)
+    for item in items:
+        if isinstance(item, int):
+            box.addStretch(item)
+        elif isinstance(item, QLayout):
+            box.addLayout(item)
+        elif isinstance(item, QWidget):
+            box.addWidget(item)
+        else:
+            box.addWidget(*item)
+    return box
+
+
 def tabular(font: QFont) -> QFont:
-    """Return a font whose digits have one width, so that changing numbers do not jump."""
+    """Return a font with tabular figures, so that changing numbers keep their width."""
     figures = QFont(font)
     figures.setFeature(QFont.Tag("tnum"), 1)
     return figures
 
 
-def _palette(shown: Theme) -> QPalette:
-    palette, role = QPalette(shown.raised, shown.window), QPalette.ColorRole
+def _palette(colours: Theme) -> QPalette:
+    palette, role = QPalette(colours.raised, colours.window), QPalette.ColorRole
     for colour, roles in (
-        (shown.window, (role.Window, role.AlternateBase)),
-        (shown.base, (role.Base,)),
-        (shown.raised, (role.Button, role.ToolTipBase)),
-        (shown.text, (role.WindowText, role.Text, role.ButtonText, role.ToolTipText)),
-        (shown.faint, (role.PlaceholderText, role.LinkVisited)),
-        (shown.error, (role.BrightText,)),
-        (shown.accent, (role.Highlight, role.Accent, role.Link)),
-        (shown.on_accent, (role.HighlightedText,)),
-        (shown.line, (role.Mid,)),
+        (colours.window, (role.Window, role.AlternateBase)),
+        (colours.base, (role.Base,)),
+        (colours.raised, (role.Button, role.ToolTipBase)),
+        (colours.text, (role.WindowText, role.Text, role.ButtonText, role.ToolTipText)),
+        (colours.faint, (role.PlaceholderText, role.LinkVisited)),
+        (colours.error, (role.BrightText,)),
+        (colours.accent, (role.Highlight, role.Accent, role.Link)),
+        (colours.on_accent, (role.HighlightedText,)),
+        (colours.line, (role.Mid,)),
     ):
         for each in roles:
             palette.setColor(each, colour)
     for each in (role.WindowText, role.Text, role.ButtonText, role.HighlightedText):
-        palette.setColor(QPalette.ColorGroup.Disabled, each, shown.disabled)
-    palette.setColor(QPalette.ColorGroup.Disabled, role.Highlight, shown.line)
+        palette.setColor(QPalette.ColorGroup.Disabled, each, colours.disabled)
+    palette.setColor(QPalette.ColorGroup.Disabled, role.Highlight, colours.line)
     return palette

@@ -1,1 +1,1 @@
-"""Lists and forms beside the pictures, each a small file."""
+"""Panels of the main window."""

@@ -1,1 +1,1 @@
-"""The terrain as one walks around it."""
+"""Widget of the 3-D view."""

@@ -1,1 +1,1 @@
-"""The window of a stored world."""
+"""Window of a stored world."""

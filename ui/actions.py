@@ -51,7 +51,7 @@ _MODES = {
 }
 _OVERLAYS = {
     "relief": ("&Relief beneath the paint", "eye"),
-    "features": ("Placed feat&ures and rivers", "target"),
+    "features": ("Placement feat&ures and rivers", "target"),
     "contradictions": ("Co&ntradictions", "warning"),
     "adherence": ("&Adherence", "adherence"),
     "eye": ("Viewpoint of the 3-D &view", "camera"),
@@ -226,8 +226,11 @@ class ShortcutOverride(QObject):
         widget.installEventFilter(self)
 
     def eventFilter(self, watched: QObject | None, event: QEvent | None) -> bool:
-        is_override = isinstance(event, QKeyEvent) and event.type() == QEvent.Type.ShortcutOverride
-        if is_override and self._accepts(event):
+        if (
+            isinstance(event, QKeyEvent)
+            and event.type() == QEvent.Type.ShortcutOverride
+            and self._accepts(event)
+        ):
             event.accept()
             return True
         return False

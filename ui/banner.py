@@ -26,7 +26,7 @@ from PyQt6.QtWidgets import (
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.engine.link import EngineLink
-from sketchterrain.ui.engine.protocol import Trouble
+from sketchterrain.ui.engine.protocol import ErrorReport
 from sketchterrain.ui.look.icons import Symbol, tool_button
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, column, looks, row, theme
 
@@ -161,7 +161,7 @@ class ErrorReporter(QObject):
     def _resolve(self, topic: str, _: object = None) -> None:
         self._banner.withdraw(topic)
 
-    def _report(self, trouble: Trouble) -> None:
+    def _report(self, trouble: ErrorReport) -> None:
         kind = "warning" if trouble.what in ("sketch", "view") else "error"
         buttons = (("Start again", self._link.start),) if trouble.what == "engine" else ()
         self._banner.show_message(Message(kind, trouble.line, trouble.what, buttons))

@@ -43,9 +43,9 @@ def main() -> int:
     except (KeyboardInterrupt, BrokenPipeError):  # cancelled, or the window is gone
         return 130
     except Exception as error:  # noqa: BLE001 - any failure is reported in one line
-        from sketchterrain.exit_codes import told as words_for
+        from sketchterrain.exit_codes import describe_error
 
-        emit({"failed": one_line(words_for(error)[0])})
+        emit({"failed": one_line(describe_error(error)[0])})
         return 1
     return 0
 

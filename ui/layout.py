@@ -200,10 +200,10 @@ class PanelLayout(QObject):
         """Return the arrangement without a maximised part."""
         return self._window.saveState(_VERSION) if self._previous is None else self._previous
 
-    def restore(self, state: QByteArray) -> None:
-        """Restore an arrangement of this version."""
-        self._window.restoreState(state, _VERSION)
+    def restore(self, state: QByteArray) -> bool:
+        """Restore an arrangement; return False if it is of another version."""
         self._titles.start()
+        return self._window.restoreState(state, _VERSION)
 
     def _update_titles_later(self, *_: object) -> None:
         self._titles.start()

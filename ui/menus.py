@@ -57,17 +57,17 @@ class ContextMenu(QMenu):
 
 
 def add_selection_commands(
-    menu: ContextMenu, document: Document, workspace: Workspace, placed: Placed, chosen: Chosen
+    menu: ContextMenu, document: Document, workspace: Workspace, placed: Placement, selection: Selection
 ) -> None:
     """Add the commands for a feature, a river or a lake to a menu."""
-    name, sketch = name_of(placed, chosen), document.sketch
+    name, sketch = name_of(placed, selection), document.sketch
     commands: dict[str, Callable[..., None]] = {"reset": reset, "delete": delete}
-    if chosen.kind == "feature":
-        commands = ({"unlock": unlock} if is_locked(sketch, chosen) else {"lock": lock}) | commands
+    if selection.kind == "feature":
+        commands = ({"unlock": unlock} if is_locked(sketch, selection) else {"lock": lock}) | commands
     for verb, command in commands.items():
-        callback = partial(command, document, workspace, placed, chosen)
+        callback = partial(command, document, workspace, placed, selection)
         action = menu.add_command(verb, f"{verb.capitalize()} {name}", callback)
-        action.setEnabled(verb != "reset" or is_edited(sketch, placed, chosen))
+        action.setEnabled(verb != "reset" or is_edited(sketch, placed, selection))
 
 
 class RecentMenu(QMenu):

@@ -199,7 +199,7 @@ class OpenDialogs(QObject):
             return
         if dialog.render_size is not None:
             self._banner.show_message(Message("info", "Drawing the picture …", "picture"))
-            self._link.tell(TakePicture(str(dialog.path), *dialog.render_size))
+            self._link.tell(RenderPicture(str(dialog.path), *dialog.render_size))
         elif picture is not None:
             self._picture_file.write(picture, dialog.path)
 

@@ -13,7 +13,7 @@ from sketchterrain.sketch import LAYERS
 from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.banner import Banner, Message
 from sketchterrain.ui.commands.labels import labels_of
-from sketchterrain.ui.commands.placed_edits import is_edited, is_locked, is_there, point_of
+from sketchterrain.ui.commands.placed_edits import exists, find_point, is_edited, is_locked
 from sketchterrain.ui.commands.settings import WORLD, set_setting
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import Placement
@@ -47,7 +47,7 @@ class SketchActions(QObject):
                 "redo": document.redo,
                 "delete-selection": partial(self._apply, delete),
                 "reset-selection": partial(self._apply, reset),
-                "select-none": partial(setattr, workspace, "chosen", None),
+                "select-none": partial(setattr, workspace, "selection", None),
                 "brush-smaller": partial(self._scale_brush, 1.0 / _BRUSH_STEP),
                 "brush-larger": partial(self._scale_brush, _BRUSH_STEP),
                 "random-seed": self.set_random_seed,
@@ -66,7 +66,7 @@ class SketchActions(QObject):
         for signal in (
             *(document.history_changed, document.sketch_changed, document.opened, link.placed_changed),
             *(workspace.tool_changed, workspace.label_changed, workspace.look_changed),
-            workspace.chosen_changed,
+            workspace.selection_changed,
         ):
             signal.connect(self.refresh)
         self.refresh()
@@ -96,17 +96,17 @@ class SketchActions(QObject):
         self._try(lambda: self._document.do(f"Seed {seed}", set_setting(sketch, WORLD, "seed", seed)))
 
     def _refresh_selection(self) -> None:
-        chosen, placed, sketch = self._workspace.chosen, self._link.placed, self._document.sketch
-        exists = can_lock = locked = edited = False
-        if chosen is not None and placed is not None and is_there(placed, chosen):
-            exists = True
-            can_lock = point_of(placed, chosen) is not None
-            locked = can_lock and is_locked(sketch, chosen)
-            edited = is_edited(sketch, placed, chosen)
+        selection, placed, sketch = self._workspace.selection, self._link.placed, self._document.sketch
+        is_placed = can_lock = locked = edited = False
+        if selection is not None and placed is not None and exists(placed, selection):
+            is_placed = True
+            can_lock = find_point(placed, selection) is not None
+            locked = can_lock and is_locked(sketch, selection)
+            edited = is_edited(sketch, placed, selection)
         for name, enabled in (
-            ("select-none", chosen is not None),
-            ("delete-selection", exists),
-            ("look-selection", exists),
+            ("select-none", selection is not None),
+            ("delete-selection", is_placed),
+            ("look-selection", is_placed),
             ("lock-selection", can_lock),
             ("reset-selection", edited),
         ):
@@ -119,10 +119,10 @@ class SketchActions(QObject):
         except InputError as error:
             self._banner.show_message(Message("warning", str(error), "command"))
 
-    def _apply(self, command: Callable[[Document, Workspace, Placed, Chosen], None]) -> None:
-        chosen, placed = self._workspace.chosen, self._link.placed
-        if chosen is not None and placed is not None:
-            self._try(lambda: command(self._document, self._workspace, placed, chosen))
+    def _apply(self, command: Callable[[Document, Workspace, Placement, Selection], None]) -> None:
+        selection, placed = self._workspace.selection, self._link.placed
+        if selection is not None and placed is not None:
+            self._try(lambda: command(self._document, self._workspace, placed, selection))
             self.refresh()
 
     def _scale_brush(self, factor: float) -> None:

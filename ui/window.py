@@ -208,7 +208,7 @@ class MainWindow(QMainWindow):
         self.banner.show_message(Message("warning", line, "state"))
 
     def _show_new_sketch(self) -> None:
-        self._workspace.chosen = None
+        self._workspace.selection = None
         self.canvas.fit()
 
     def _show_title(self) -> None:

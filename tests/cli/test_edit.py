@@ -27,7 +27,7 @@ def test_what_lacks_is_one_line_before_any_window(tmp_path):
     wayland = {"QT_QPA_PLATFORM": "wayland", "WAYLAND_DISPLAY": "wayland-7", "XDG_RUNTIME_DIR": str(tmp_path)}
     no_qt = "import sys\nsys.modules['PyQt6'] = None"
     for name, code, environment, status, part in (
-        ("valley_river", "", {}, 1, "no screen: neither DISPLAY nor WAYLAND_DISPLAY is set"),
+        ("valley_river", "", {}, 1, "no display: neither DISPLAY nor WAYLAND_DISPLAY is set"),
         ("valley_river", "", {"DISPLAY": ":4099"}, 1, "the X server at DISPLAY=:4099 does not answer\n"),
         ("valley_river", "", wayland, 1, "expected WAYLAND_DISPLAY to name a running compositor"),
         ("no_such_sketch", "", offscreen | home, 3, "no_such_sketch"),

@@ -86,16 +86,16 @@ def test_the_gallery_shows_every_preset_with_its_picture(made):
 def test_find_matches_words_and_recovery_discards(made, qtbot):
     dialog = made["find"]
     qtbot.keyClicks(dialog.text, "export")
-    assert dialog.chosen.objectName() == "export"
+    assert dialog.selected.objectName() == "export"
     dialog.text.setText("zoom")
-    first = dialog.chosen.objectName()
+    first = dialog.selected.objectName()
     qtbot.keyClick(dialog.text, Qt.Key.Key_Down)
-    assert {first, dialog.chosen.objectName()} == {"zoom-in", "zoom-out"}
+    assert {first, dialog.selected.objectName()} == {"zoom-in", "zoom-out"}
     dialog.text.setText("no such thing")
-    assert dialog.chosen is None
+    assert dialog.selected is None
 
     dialog = made["recovery"]
-    assert dialog.chosen.name == "Mine"
+    assert dialog.selected.name == "Mine"
     assert not dialog.discarded
     dialog._discard()
     assert dialog.discarded

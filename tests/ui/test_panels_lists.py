@@ -87,7 +87,7 @@ def test_contradictions_lead_to_their_places_and_their_marks_are_switched(shown,
     link.placed_changed.emit(link.placed)
     assert texts(panel)[1:] == ["Lake 1 lies high", "Edit without its feature: move of 4711"]
     shown_places = []
-    panel.show_place.connect(lambda x, y: shown_places.append((x, y)))
+    panel.place_activated.connect(lambda x, y: shown_places.append((x, y)))
     for row in range(3):
         place = panel.list.visualRect(panel.list.model().index(row, 0)).topLeft() + QPoint(30, 5)
         QTest.mouseClick(panel.list.viewport(), Qt.MouseButton.LeftButton, pos=place)
@@ -114,17 +114,17 @@ def test_the_status_line_reports_work_device_and_pointer(line, link, document, w
         ((1234.0, 3456.0, None), "1234 E  3456 N"),
         (None, ""),
     ):
-        line.hover(place)
+        line.show_position(place)
         assert line.place.text() == text
     sketch = document.sketch
     row, column = np.argwhere((sketch.layers["mountain"] == 1) & (sketch.layers["river"] == 0))[0]
     place = ((column + 0.5) * sketch.pixel_size, (sketch.height_px - row - 0.5) * sketch.pixel_size, None)
-    line.hover(place)
+    line.show_position(place)
     assert line.paint.text().startswith("Mountains 1")
     workspace.set_look("mountain", visible=False)
-    line.hover(place)
+    line.show_position(place)
     assert "mountains" not in line.paint.text().lower()
-    line.hover((-5.0, 1e9, None))
+    line.show_position((-5.0, 1e9, None))
     assert line.paint.text() == ""
 
 
@@ -139,7 +139,7 @@ def test_figures_keep_their_places(qtbot, line, link, placed):
     link.frame_shown.emit(link.frame)
     link.working = "Measuring how far the terrain does what the sketch says"
     link.working_changed.emit(link.working)
-    line.hover((1.0, 2.0, -3.0))
+    line.show_position((1.0, 2.0, -3.0))
     qtbot.waitUntil(lambda: line.frame.text() == "Frame 80 ms, 12/s", timeout=2000)
     assert (line.placing.text(), line.tiles.text()) == ("Placing 120 ms", "Tiles 21 ms")
     assert line.memory.text().endswith((" MB", " GB"))

@@ -15,7 +15,7 @@ from sketchterrain.ui.canvas.canvas_input import CanvasInput
 from sketchterrain.ui.canvas.sketch_image import SketchView
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.protocol import Fly, GoTo, Look, Pan, Pick, PickResult, Turn, Zoom
-from sketchterrain.ui.menus import DoingMenu
+from sketchterrain.ui.menus import ContextMenu
 from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.view3d.hud import Bar, Card, Compass
 from sketchterrain.ui.view3d.navigation import overview
@@ -221,14 +221,14 @@ def test_a_right_click_opens_the_menu_of_the_place(view, link, document, workspa
         click(view, 320, 240, RIGHT)
         answer(link, place_of(point))
         assert workspace.selection == Selection("feature", int(point["id"]))
-        (menu,) = (each for each in view.findChildren(DoingMenu) if each.isVisible())
+        (menu,) = (each for each in view.findChildren(ContextMenu) if each.isVisible())
         next(each for each in menu.actions() if each.text() == text).trigger()
         menu.close()
         assert document.sketch.edits[-1].action == action
     assert workspace.selection is None
     click(view, 320, 10, RIGHT)
     answer(link, None)
-    assert not [each for each in view.findChildren(DoingMenu) if each.isVisible()]
+    assert not [each for each in view.findChildren(ContextMenu) if each.isVisible()]
 
 
 def test_marks_can_be_clicked_with_the_select_tool(view, link, workspace, placed):

@@ -104,9 +104,9 @@ def test_zoom_brush_and_the_chosen_feature_follow_their_actions_and_all_others_c
     link.placed = placed
     link.placed_changed.emit(placed)
     workspace.selection = Selection("feature", int(placed.points["id"][0]))
-    do(window, "lock-chosen")
+    do(window, "lock-selection")
     assert [edit.action for edit in document.sketch.edits] == ["lock"]
-    do(window, "delete-chosen")
+    do(window, "delete-selection")
     assert [edit.action for edit in document.sketch.edits] == ["delete"]
     assert workspace.selection is None
 
@@ -292,7 +292,7 @@ def test_dropped_sketches_are_opened_and_images_become_layers_in_one_step(window
 
 
 def test_one_part_alone_and_back(window):
-    layout = window.layout_of_parts
+    layout = window.panel_layout
     shown = {name for name, dock in layout.docks.items() if not dock.isHidden()}
     do(window, "view-only")
     assert not window.canvas.isVisible()
@@ -308,11 +308,11 @@ def test_one_part_alone_and_back(window):
 
 
 def test_the_layout_is_remembered_and_can_be_reset(window, open_window, tmp_path):
-    window.layout_of_parts.docks["history"].close()
-    window.layout_of_parts.docks["view"].setFloating(True)
+    window.panel_layout.docks["history"].close()
+    window.panel_layout.docks["view"].setFloating(True)
     assert window.close()
     again = open_window()
-    docks = again.layout_of_parts.docks
+    docks = again.panel_layout.docks
     assert docks["history"].isHidden()
     assert docks["view"].isFloating()
     do(again, "reset-layout")
@@ -322,15 +322,15 @@ def test_the_layout_is_remembered_and_can_be_reset(window, open_window, tmp_path
     assert again.close(), "closed while one part is alone: the whole is remembered"
     again.show()
     do(again, "leave")
-    assert again.layout_of_parts.restore(Preferences(tmp_path / "desktop.ini").layout[1])
+    assert again.panel_layout.restore(Preferences(tmp_path / "desktop.ini").layout[1])
     assert not docks["view"].isHidden()
 
 
 def test_troubles_and_surprises_are_messages_that_wait_for_each_other(window, link, capsys):
     banner = window.banner
-    banner.tell(Message("error", "one", "a"))
-    banner.tell(Message("warning", "two", "b"))
-    banner.tell(Message("warning", "three", "b"))
+    banner.show_message(Message("error", "one", "a"))
+    banner.show_message(Message("warning", "two", "b"))
+    banner.show_message(Message("warning", "three", "b"))
     assert banner.message.line == "three"
     banner.dismiss()
     assert banner.message.line == "one"
@@ -349,7 +349,7 @@ def test_troubles_and_surprises_are_messages_that_wait_for_each_other(window, li
 
     with pytest.raises(ZeroDivisionError) as raised:
         1 / 0  # noqa: B018
-    window.surprises.catch(raised.type, raised.value, raised.tb)
+    window.uncaught_exceptions.handle(raised.type, raised.value, raised.tb)
     assert "division by zero" in window.banner.message.line
     assert window.isVisible()
     assert "Traceback" in capsys.readouterr().err

@@ -160,7 +160,7 @@ def test_a_world_is_estimated_begun_cancelled_and_gone_on_with(qtbot, opened, tm
     assert (done["made"], done["tasks"]) == (3 - there, 3)
     assert open_world(tmp_path / "world.zarr").levels[0].columns == 513
     assert "3 shards" in again.doing.text()
-    with qtbot.waitSignal(again.viewed) as viewed:
+    with qtbot.waitSignal(again.view_requested) as viewed:
         again.view.click()
     assert viewed.args == [tmp_path / "world.zarr"]
 

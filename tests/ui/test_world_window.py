@@ -91,7 +91,7 @@ def test_its_actions_are_those_that_make_sense_without_a_sketch(window, monkeypa
     there = [each.objectName() for menu in window.menuBar().actions() for each in menu.menu().actions()]
     wanted = "save-picture quit full-screen mode-fly look-all play bookmark keys"
     assert set(wanted.split()) <= set(there)
-    assert not {"save", "undo", "measure", "export", "look-chosen", "canvas-only"} & set(there)
+    assert not {"save", "undo", "measure", "export", "look-selection", "canvas-only"} & set(there)
     window.actions_by_name["play"].trigger()
     assert not window.link.view.plays
     window.actions_by_name["bookmark"].trigger()
@@ -124,7 +124,7 @@ def test_the_window_tells_what_it_shows_and_what_is_lost(window):
 def test_a_picture_is_saved(window, tmp_path, monkeypatch, qtbot):
     file = tmp_path / "seen"
     monkeypatch.setattr(worlds.QFileDialog, "getSaveFileName", lambda *_: (str(file), ""))
-    window.view.picture_wanted.emit()
+    window.view.picture_requested.emit()
     qtbot.waitUntil(lambda: file.with_suffix(".png").exists(), timeout=5000)
     qtbot.waitUntil(lambda: "is saved" in window.banner.message.line, timeout=5000)
     assert QImage(str(file.with_suffix(".png"))).size() == window.link.picture.size()

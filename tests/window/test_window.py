@@ -175,20 +175,20 @@ def test_a_tour(person, tmp_path):
     # It is exported.
     out_folder = tmp_path / "out"
     person.key("ctrl+e")
-    person.wait("window.dialogs.exporting is not None")
-    person.focus("window.dialogs.exporting")
-    person.click(*middle_of(person, "window.dialogs.exporting.folder"), times=3)
+    person.wait("'export' in window.dialogs.beside")
+    person.focus("window.dialogs.beside['export']")
+    person.click(*middle_of(person, "window.dialogs.beside['export'].folder"), times=3)
     person.write(str(out_folder))
     person.see(pictures / "export.png")
     person.key("Return")
-    person.wait("window.dialogs.exporting.job is not None")
+    person.wait("window.dialogs.beside['export'].job is not None")
     person.until(lambda: (out_folder / "report.json").exists(), "the export")
-    person.wait("not window.dialogs.exporting.job.is_running")
+    person.wait("not window.dialogs.beside['export'].job.is_running")
     person.see(pictures / "exported.png")
     report = json.loads((out_folder / "report.json").read_text(encoding="utf-8"))
     assert {"height.tif", "foliage.csv", "features.json", "preview.png"} <= set(report["files"])
     person.key("Escape")
-    person.wait("window.dialogs.exporting is None")
+    person.wait("'export' not in window.dialogs.beside")
 
     # It is saved, and opened again.
     person.focus("window")

@@ -28,17 +28,19 @@ if TYPE_CHECKING:
     from sketchterrain.ui.models.workspace import Selection
 
 
-def feature_menu(parent: QWidget, desk: ToolContext, chosen: Chosen | None, x: float, y: float) -> ContextMenu:
+def feature_menu(
+    parent: QWidget, context: ToolContext, selection: Selection | None, x: float, y: float
+) -> ContextMenu:
     """Return the menu for what is chosen and for a place."""
     menu = ContextMenu(parent)
-    document, workspace, placed = desk.document, desk.workspace, desk.link.placed
-    if chosen is not None and placed is not None:
-        add_selection_commands(menu, document, workspace, placed, chosen)
+    document, workspace, placed = context.document, context.workspace, context.link.placed
+    if selection is not None and placed is not None:
+        add_selection_commands(menu, document, workspace, placed, selection)
         menu.addSeparator()
     adding = menu.add_submenu("add", "Add here")
     for kind in FEATURE_TYPES:
         adding.add_command("", kind.capitalize(), partial(add, document, workspace, kind, x, y))
-    menu.add_command("orbit", "Look here in 3-D", partial(desk.link.tell, GoTo(x, y)))
+    menu.add_command("orbit", "Look here in 3-D", partial(context.link.tell, GoTo(x, y)))
     return menu
 
 

@@ -264,7 +264,7 @@ class FindDialog(QDialog):
         self.resize(440, 360)
 
     @property
-    def chosen(self) -> QAction | None:
+    def selected(self) -> QAction | None:
         """The action that is marked."""
         item = self.list.currentItem()
         return None if item is None else self._actions[int(item.data(0, Qt.ItemDataRole.UserRole))]

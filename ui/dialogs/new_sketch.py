@@ -99,7 +99,7 @@ class PictureDialog(QDialog):
         self.setMinimumWidth(420)
 
     @property
-    def size_wanted(self) -> tuple[int, int] | None:
+    def render_size(self) -> tuple[int, int] | None:
         """Width and height of a new picture, px; None: as it is shown."""
         size = [int(side) for side in self.form.values["size"].split()]
         return (size[0], size[1]) if size else None

@@ -133,13 +133,13 @@ class RecoveryDialog(QDialog):
         self.resize(460, 300)
 
     @property
-    def chosen(self) -> Recovery:
+    def selected(self) -> Recovery:
         """The one that is marked."""
         item = self.list.currentItem()
         return self._found[0 if item is None else int(item.data(Qt.ItemDataRole.UserRole))]
 
     def _show(self, *_: object) -> None:
-        later = self.chosen.was_saved_since
+        later = self.selected.was_saved_since
         self._said.setText("The file was saved after this was kept: it is newer." if later else "")
         (self.discard if later else self.recover).setDefault(True)
 

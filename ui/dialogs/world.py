@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -196,11 +196,20 @@ class WorldForm(Form):
 class WorldDialog(QDialog):
     """Writes the world of a sketch as it is now: what it will take is asked for first, then it begins."""
 
-    viewed = pyqtSignal(object)
+    view_requested = pyqtSignal(object)
     """The written world at a path shall be shown."""
 
-    def __init__(self, sketch: Sketch, preferences: Preferences, parent: QWidget | None = None) -> None:
+    def __init__(
+        self,
+        sketch: Sketch,
+        preferences: Preferences,
+        parent: QWidget | None = None,
+        *,
+        view: Callable[[Path], object] | None = None,
+    ) -> None:
         super().__init__(parent)
+        if view is not None:
+            self.view_requested.connect(view)
         self._sketch = sketch
         self._preferences = preferences
         self.job: ExportJob | None = None
@@ -397,7 +406,7 @@ class WorldDialog(QDialog):
         only_close(self.close_)
 
     def _view(self) -> None:
-        self.viewed.emit(self.place)
+        self.view_requested.emit(self.place)
 
     def _open_folder(self) -> None:
         folder = self.place if self.place.is_dir() else self.place.parent

@@ -20,7 +20,7 @@ from PyQt6.QtWidgets import (
 )
 
 from sketchterrain.sketch import LAYERS
-from sketchterrain.ui.actions import OwnKeys
+from sketchterrain.ui.actions import ShortcutOverride
 from sketchterrain.ui.look.icons import draw_icon
 from sketchterrain.ui.look.layer_colours import swatch
 from sketchterrain.ui.look.theme import SMALL, SPACING, tabular
@@ -177,7 +177,7 @@ class LayerList(QTreeWidget):
         self.setAccessibleName("Layers")
         self.setToolTip("What is painted. 1 to 7 choose a layer, Space shows or hides it")
         self._size_columns()
-        OwnKeys(self, self._is_own)
+        ShortcutOverride(self, self._is_own)
         self.currentItemChanged.connect(self._choose)
         self.customContextMenuRequested.connect(self._ask_menu)
 

@@ -22,7 +22,7 @@ from sketchterrain.ui.commands.labels import (
 )
 from sketchterrain.ui.look.icons import tool_button
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, tabular
-from sketchterrain.ui.menus import DoingMenu
+from sketchterrain.ui.menus import ContextMenu
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.panels.layer_list import LayerList, Row
@@ -188,25 +188,25 @@ class LayersPanel(QWidget):
         for name in LAYERS:
             self._workspace.set_look(name, visible=alone or name == layer)
 
-    def menu(self) -> DoingMenu:
+    def menu(self) -> ContextMenu:
         """Return what can be done with the label in use; it goes when it is closed."""
         layer = self._workspace.layer
         look = self._workspace.look(layer)
         title = LAYERS[layer].title.lower()
-        menu = DoingMenu(self)
+        menu = ContextMenu(self)
         for name, text, do, button in (
             ("add", "&New label", self.new_label, self.add),
             ("", "&Copy label", self.copy_label, self.add),
             ("delete", "&Delete label", self.delete_label, self.remove),
             ("eraser", f"C&lear {title}", self.clear_layer, self.clear),
         ):
-            menu.offer(name, text, do).setEnabled(button.isEnabled())
+            menu.add_command(name, text, do).setEnabled(button.isEnabled())
         menu.addSeparator()
         eye = ("eye-off", "&Hide") if look.visible else ("eye", "S&how")
         lock = ("unlock", "Un&lock") if look.locked else ("lock", "Loc&k")
-        menu.offer(eye[0], f"{eye[1]} {title}", partial(self._turn_eye, layer))
-        menu.offer("eye", f"Show &only {title}, or all", partial(self.show_only, layer))
-        menu.offer(lock[0], f"{lock[1]} {title}", partial(self._turn_lock, layer))
+        menu.add_command(eye[0], f"{eye[1]} {title}", partial(self._turn_eye, layer))
+        menu.add_command("eye", f"Show &only {title}, or all", partial(self.show_only, layer))
+        menu.add_command(lock[0], f"{lock[1]} {title}", partial(self._turn_lock, layer))
         return menu
 
     def sizeHint(self) -> QSize:

@@ -173,7 +173,7 @@ _PLACE: Final = Qt.ItemDataRole.UserRole + 9
 class ContradictionsPanel(QWidget):
     """A list of what was decided; a click on a line shows where."""
 
-    show_place = pyqtSignal(float, float)
+    place_activated = pyqtSignal(float, float)
     """A person wants to see a place (m)."""
 
     def __init__(self, workspace: Workspace, link: EngineLink, parent: QWidget | None = None) -> None:
@@ -241,7 +241,7 @@ class ContradictionsPanel(QWidget):
     def _show(self, index: QModelIndex) -> None:
         place = index.data(_PLACE)
         if place is not None:
-            self.show_place.emit(*place)
+            self.place_activated.emit(*place)
 
 
 def _item(line: str, icon: str, place: tuple[float, float] | None) -> QStandardItem:

@@ -65,7 +65,7 @@ class StatusLine(QWidget):
         for fill in (self._fill_work, self._fill_device, self._fill_figures):
             fill()
 
-    def hover(self, place: object) -> None:
+    def show_position(self, place: object) -> None:
         """Show where the pointer is: metres east, north, and up or None; None: it is nowhere."""
         if not isinstance(place, tuple):
             _show(self.place, "")

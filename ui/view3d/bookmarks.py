@@ -22,7 +22,7 @@ from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import Look
 from sketchterrain.ui.look.icons import tool_button
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING
-from sketchterrain.ui.menus import DoingMenu
+from sketchterrain.ui.menus import ContextMenu
 from sketchterrain.ui.models.bookmarks import Bookmark, Bookmarks
 
 _PICTURE: Final = QSize(96, 60)
@@ -167,11 +167,11 @@ class BookmarksPanel(QWidget):
         item = self._list.itemAt(at)
         if item is None:
             return
-        menu = DoingMenu(self)
-        menu.offer("eye", "Look from here", partial(self._go, item))
-        menu.offer("", "Rename", partial(self._list.editItem, item))
-        menu.offer("camera", "Use this view", self.renew_current)
-        menu.offer("delete", "Delete", self.delete_current)
+        menu = ContextMenu(self)
+        menu.add_command("eye", "Look from here", partial(self._go, item))
+        menu.add_command("", "Rename", partial(self._list.editItem, item))
+        menu.add_command("camera", "Use this view", self.renew_current)
+        menu.add_command("delete", "Delete", self.delete_current)
         self._list.setCurrentItem(item)
         menu.popup(self._list.mapToGlobal(at))
 

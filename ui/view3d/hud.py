@@ -65,7 +65,7 @@ class Bar(QFrame):
     mode_chosen = pyqtSignal(str)
     see_all = pyqtSignal()
     see_best = pyqtSignal()
-    picture_wanted = pyqtSignal()
+    picture_requested = pyqtSignal()
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
@@ -83,7 +83,7 @@ class Bar(QFrame):
         for name, tip, what, signal in (
             ("fit", "See the whole sketch (R)", "See the whole sketch", self.see_all),
             ("camera", "Stand where the terrain looks best (C)", "Best view", self.see_best),
-            ("screenshot", "Save a picture…", "Save a picture", self.picture_wanted),
+            ("screenshot", "Save a picture…", "Save a picture", self.picture_requested),
         ):
             button = self._button(name, tip, what)
             button.clicked.connect(signal)

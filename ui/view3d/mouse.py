@@ -14,7 +14,7 @@ from sketchterrain.features.catalogue import FEATURE_TYPES
 from sketchterrain.ui.commands.placed_edits import exists
 from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import GoTo, PickResult, Placement
-from sketchterrain.ui.menus import DoingMenu, offer_chosen
+from sketchterrain.ui.menus import ContextMenu, add_selection_commands
 from sketchterrain.ui.models.chosen_acts import add
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.handles import FeatureDrag, Handle, handles_of, select_at
@@ -130,16 +130,16 @@ def feature_menu(
     *,
     selection: Selection | None,
     place: tuple[float, float] | None,
-) -> DoingMenu:
+) -> ContextMenu:
     """Return the menu of a place."""
-    menu = DoingMenu(parent)
+    menu = ContextMenu(parent)
     if selection is not None and exists(placed, selection):
-        offer_chosen(menu, document, workspace, placed, selection)
+        add_selection_commands(menu, document, workspace, placed, selection)
     if place is not None:
         menu.addSeparator()
         x, y = place
         for kind in FEATURE_TYPES:
-            menu.offer("add", f"Add {kind} here", partial(add, document, workspace, kind, x, y))
+            menu.add_command("add", f"Add {kind} here", partial(add, document, workspace, kind, x, y))
     return menu
 
 

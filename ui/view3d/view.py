@@ -20,7 +20,7 @@ from PyQt6.QtGui import (
 )
 from PyQt6.QtWidgets import QSizePolicy, QWidget
 
-from sketchterrain.ui.actions import OwnKeys
+from sketchterrain.ui.actions import ShortcutOverride
 from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import MODES, ErrorReport, Look
 from sketchterrain.ui.look.theme import looks
@@ -95,7 +95,7 @@ class Keyboard:
         self._link, self._workspace, self._mouse = link, workspace, mouse
         self._commands = commands
         self._keys = Keys()
-        OwnKeys(view, self.is_own)
+        ShortcutOverride(view, self.is_own)
 
     def is_own(self, event: QKeyEvent) -> bool:
         """Whether a key is the view's now; others are the window's."""
@@ -148,7 +148,7 @@ class View3D(QWidget):
     """The ground under the mouse: (x, y, height) in m, or None."""
     message = pyqtSignal(str)
     """A line for the status bar."""
-    picture_wanted = pyqtSignal()
+    picture_requested = pyqtSignal()
     """Its button for saving a picture was pressed."""
 
     def __init__(
@@ -173,12 +173,12 @@ class View3D(QWidget):
         self.setAccessibleName("3-D view")
         self.setAccessibleDescription("The terrain. Arrow keys move, F shows the selection, R all of it.")
         commands: dict[int, Callable[[], None]] = {
-            Qt.Key.Key_F: self.see_chosen,
+            Qt.Key.Key_F: self.see_selection,
             Qt.Key.Key_R: self.see_all,
             Qt.Key.Key_Home: self.see_all,
             Qt.Key.Key_C: self.see_best,
-            Qt.Key.Key_Delete: self.delete_chosen,
-            Qt.Key.Key_Backspace: self.delete_chosen,
+            Qt.Key.Key_Delete: self.delete_selection,
+            Qt.Key.Key_Backspace: self.delete_selection,
             Qt.Key.Key_Menu: self._open_menu,
         }
         self._keyboard = Keyboard(self, link, workspace, self._mouse, commands)
@@ -202,7 +202,7 @@ class View3D(QWidget):
         bar = self._hud.bar
         bar.see_all.connect(self.see_all)
         bar.see_best.connect(self.see_best)
-        bar.picture_wanted.connect(self.picture_wanted)
+        bar.picture_requested.connect(self.picture_requested)
 
     @property
     def bar(self) -> QWidget:
@@ -228,7 +228,7 @@ class View3D(QWidget):
         """Stand where the terrain looks best."""
         self._link.tell(Look(None))
 
-    def see_chosen(self) -> None:
+    def see_selection(self) -> None:
         """Look at what is selected, or at the whole sketch."""
         area = self._link.area()
         motion = (
@@ -239,7 +239,7 @@ class View3D(QWidget):
         else:
             self._link.tell(motion)
 
-    def delete_chosen(self) -> None:
+    def delete_selection(self) -> None:
         """Delete what is selected; a control point of a river goes back to where it was generated."""
         placed, selection = self._link.placed, self._workspace.selection
         if self._document is not None and placed is not None and selection is not None:

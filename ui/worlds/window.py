@@ -16,7 +16,7 @@ from sketchterrain.ui.banner import Banner, Message
 from sketchterrain.ui.dialogs.help import KeysDialog
 from sketchterrain.ui.engine.link import EngineProcesses, ViewSource
 from sketchterrain.ui.engine.protocol import ErrorReport, FrameFacts, Look, ViewState, WorldFacts
-from sketchterrain.ui.layout import Dock, FullViews, fitting_size
+from sketchterrain.ui.layout import Dock, FullScreenActions, fitting_size
 from sketchterrain.ui.look.icons import app_icon
 from sketchterrain.ui.menus import add_menus
 from sketchterrain.ui.models.background import Background
@@ -96,7 +96,7 @@ class WorldWindow(QMainWindow):
         self.link.world_known.connect(self._show_world)
         self.link.frame_shown.connect(self._show_place)
         self.link.trouble.connect(self._report_trouble)
-        self.view.picture_wanted.connect(self.save_picture)
+        self.view.picture_requested.connect(self.save_picture)
         self.resize(fitting_size(QSize(1180, 760), self.screen()))
         self.view.setFocus(Qt.FocusReason.OtherFocusReason)
         self.link.start()
@@ -106,7 +106,7 @@ class WorldWindow(QMainWindow):
         for name in _VISITS:
             views.addAction(actions[name])
         add_menus(self, actions, {"Go to &view": views})
-        FullViews(self, actions)
+        FullScreenActions(self, actions)
         ViewActions(actions, self.link)
         actions.bind(
             {
@@ -141,7 +141,7 @@ class WorldWindow(QMainWindow):
     def resizeEvent(self, event: QResizeEvent | None) -> None:
         """Keep messages in the middle."""
         super().resizeEvent(event)
-        self.banner.place()
+        self.banner.update_position()
 
     def _add_bookmark(self) -> None:
         self._panel.add()
@@ -157,7 +157,7 @@ class WorldWindow(QMainWindow):
         size = f"{length_text(east - west)} × {length_text(north - south)}"
         self._what.setText(f"{size}, {world.cell:g} m between vertices")
         for line in world.lacks:
-            self.banner.tell(Message("info", f"{line[:1].upper()}{line[1:]}.", line))
+            self.banner.show_message(Message("info", f"{line[:1].upper()}{line[1:]}.", line))
 
     def _show_place(self, frame: FrameFacts) -> None:
         corner = (0.0, 0.0) if self.link.world is None else self.link.world.corner
@@ -170,11 +170,11 @@ class WorldWindow(QMainWindow):
             self._lost += 1
             others = f" ({self._lost} parts so far)" if self._lost > 1 else ""
             line = f"{trouble.line.rstrip('.')}{others}. What is known more coarsely is shown there."
-            self.banner.tell(Message("warning", line, "world"))
+            self.banner.show_message(Message("warning", line, "world"))
 
     def _written(self, path: Path, problem: str) -> None:
         kind, line = ("error", problem) if problem else ("good", f"The picture is saved: {path}")
-        self.banner.tell(Message(kind, line, "picture"))
+        self.banner.show_message(Message(kind, line, "picture"))
 
 
 def _write(picture: QImage, path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Devices, contexts, programs and buffers. The only room that imports pyopencl."""
+"""OpenCL devices, contexts, programs and buffers. The only package that imports pyopencl."""
 
 from sketchterrain.compute.context import ComputeContext, KernelTime
 from sketchterrain.compute.device import Device, choose_device, fallback_device, list_devices

@@ -1,7 +1,7 @@
-"""Whether a device adds and multiplies as IEEE 754 says, step by step, and shifts and hashes right.
+"""Device self-test: IEEE 754 additions and products, shifts and hashes, compared with NumPy bit for bit.
 
-What it must compute needs no stored constant: NumPy does the same steps in 32 bits. As a program it tests the
-device with the given index and writes the names of wrong operations into a file, as JSON.
+Expected values are computed with NumPy in 32 bits. As a program it tests the device with the given index and
+writes the names of failed operations to a file, as JSON.
 """
 
 from __future__ import annotations
@@ -41,18 +41,7 @@ _f = np.float32
 
 
 def failed_operations(context: ComputeContext) -> tuple[str, ...]:
-    """Return the names of the operations of which a device computes other bits; of none where all is well.
-
-    Parameters
-    ----------
-    context
-        Of 32-bit reals.
-
-    Raises
-    ------
-    DeviceError, BuildError
-        If the device cannot do them at all.
-    """
+    """Return the names of the operations whose bits differ from IEEE 754; the context has 32-bit reals."""
     given = _operands()
     real, whole = (
         context.empty(len(_REAL_NAMES) * _COUNT, "f4"),
@@ -69,7 +58,7 @@ def failed_operations(context: ComputeContext) -> tuple[str, ...]:
 
 
 def _operands() -> tuple[Floats, Floats, Floats, Floats, Words, npt.NDArray[np.int64]]:
-    """Return what ``kernels/self_test.cl`` takes, in its order."""
+    """Return the arguments of ``kernels/self_test.cl``, in order."""
     draw = np.random.default_rng(_SEED)
     a, b, c = draw.uniform(-2, 2, (3, _COUNT)).astype(_f)
     positive = (2.0 ** draw.uniform(-30, 30, _COUNT)).astype(_f)

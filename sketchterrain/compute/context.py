@@ -1,4 +1,4 @@
-"""An open device: programs, buffers, launches and what they cost."""
+"""OpenCL context of one device: programs, buffers, kernel launches and profiling."""
 
 from __future__ import annotations
 
@@ -35,40 +35,22 @@ _BUILDING = Lock()  # one build at a time: threads need not all build the same, 
 
 @dataclass(frozen=True)
 class KernelTime:
-    """Device time of one launch.
-
-    Attributes
-    ----------
-    kernel : str
-    seconds : float
-        From the profiling events: end minus start.
-    """
+    """Device time (s) of one launch, from the profiling events."""
 
     kernel: str
-    seconds: float
+    seconds: float  # from the profiling events: end minus start
 
 
 class ComputeContext:
     """An OpenCL context with one in-order queue on one device.
 
-    Parameters
-    ----------
-    device
-        The device, or a selector as for :func:`~sketchterrain.compute.choose_device`.
-    real
-        Type that the kernels' ``REAL`` stands for; ``'double'`` builds the same source as its own reference.
-    fast
-        Whether the compiler may trade bits for speed.
-    gl
-        The OpenGL context to share buffers with through ``cl_khr_gl_sharing``.
+    `device` is a device or a selector as for :func:`~sketchterrain.compute.choose_device`; `real` is the type
+    that the kernels' ``REAL`` stands for (``'double'`` builds the same source as its own reference); `fast`
+    lets the compiler trade bits for speed; `gl` is an OpenGL context to share buffers with.
 
-    Raises
-    ------
-    DeviceError
-        If there is no such device, it has no doubles and they are asked for, or it does not share buffers.
-    DeviceFailedError
-        If it is there, but cannot be opened. Each method raises it too where the device fails, and
-        DeviceMemoryError where it has no room; a launch may fail only when its results are fetched.
+    Raises DeviceError if there is no such device, or it lacks doubles or buffer sharing. This and every
+    method raise DeviceFailedError where the device fails and DeviceMemoryError where it is out of memory; the
+    failure of a launch may surface only when its results are downloaded.
     """
 
     def __init__(
@@ -100,16 +82,9 @@ class ComputeContext:
         *arguments: object,
         group: Sequence[int] | None = None,
     ) -> None:
-        """Enqueue one kernel.
+        """Enqueue one kernel with global and local work sizes; builds its file at the first call.
 
-        Parameters
-        ----------
-        file, kernel
-            The ``.cl`` file in ``kernels/`` and the kernel's name in it; built at the first call.
-        size, group
-            Global and local work sizes.
-        arguments
-            Buffers, arrays' scalars (NumPy scalars of the exact type) in the kernel's order.
+        Arguments are buffers and NumPy scalars of the exact type, in the kernel's order.
         """
         shape = (tuple(size), None if group is None else tuple(group))
         event = self._call(f"launching {kernel}", self._kernel(file, kernel), self._queue, *shape, *arguments)
@@ -117,7 +92,7 @@ class ComputeContext:
             self._launches.append((kernel, event))
 
     def max_group_size(self, file: str, kernel: str) -> int:
-        """Return how many work items a group of a kernel may have; named as for :meth:`launch`."""
+        """Return the largest work-group size of a kernel on this device."""
         asked = cl.kernel_work_group_info.WORK_GROUP_SIZE
         info = self._kernel(file, kernel).get_work_group_info
         return int(self._call("asking for a group's size", info, asked, self.device.handle))
@@ -132,17 +107,17 @@ class ComputeContext:
         return self._call("uploading", cl.Buffer, self._context, flags, hostbuf=host)
 
     def empty(self, shape: Sequence[int] | int, dtype: npt.DTypeLike) -> Any:
-        """Make an uninitialised device buffer for an array of this shape."""
+        """Create an uninitialised device buffer for an array of this shape."""
         nbytes = int(np.prod(shape)) * np.dtype(dtype).itemsize
         return self._call("a buffer", cl.Buffer, self._context, cl.mem_flags.READ_WRITE, max(nbytes, 1))
 
     def wrap_host_memory(self, host: npt.NDArray[np.uint8]) -> Any:
-        """Return host memory as a buffer; a CPU device writes it where it stands. See :meth:`show`."""
+        """Return host memory as a buffer; a CPU device writes it in place. See :meth:`synchronize_host`."""
         flags = cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR
         return self._call("a buffer", cl.Buffer, self._context, flags, hostbuf=host)
 
     def synchronize_host(self, buffer: Any, parts: Sequence[tuple[int, int]]) -> None:
-        """Wait for the queue and let the host see parts (start, size in bytes) of what :meth:`over` gave."""
+        """Wait for the queue and make ranges (start, bytes) of wrapped host memory visible to the host."""
         for start, size in parts:
             self._call("mapping", self._map_range, buffer, start, size)
         self._call("finishing", self._queue.finish)
@@ -153,36 +128,33 @@ class ComputeContext:
         mapped.base.release(self._queue)
 
     def from_gl(self, name: int) -> Any:
-        """Return OpenGL's buffer of a name as one of this context, which must have been opened beside it."""
+        """Return an OpenGL buffer, by name, as a buffer of this context, which must share with OpenGL."""
         return self._call("a buffer", gl_interop.wrap_gl_buffer, self.device, self._context, name)
 
     def acquire_gl(self, buffer: Any) -> None:
-        """Enqueue that a buffer of :meth:`from_gl` is this context's; OpenGL must have finished with it."""
+        """Enqueue acquiring a shared OpenGL buffer; OpenGL must have finished with it."""
         self._call("acquiring", gl_interop.acquire, self.device, self._queue, buffer)
 
     def release_gl(self, buffer: Any) -> None:
-        """Give it back to OpenGL and wait for the queue."""
+        """Release a shared buffer to OpenGL and wait for the queue."""
         self._call("releasing", gl_interop.release, self.device, self._queue, buffer)
         self._call("finishing", self._queue.finish)
 
     def sub_buffer(self, buffer: Any, start: int, size: int) -> Any:
-        """Return ``size`` bytes of a buffer as one; ``start`` must be as the device aligns them."""
+        """Return `size` bytes of a buffer as a sub-buffer; `start` must be aligned as the device requires."""
         return self._call("a buffer", buffer.get_sub_region, start, size)
 
     def write(self, buffer: Any, array: npt.NDArray[Any]) -> Any:
-        """Enqueue a copy of a contiguous array to the start of a buffer; return what to `wait` for.
-
-        The array must stay as it is until then.
-        """
+        """Enqueue a copy of a contiguous array to the start of a buffer; return the event."""
         return self._call("uploading", cl.enqueue_copy, self._queue, buffer, array, is_blocking=False)
 
     def upload_into(self, buffer: Any, array: npt.NDArray[Any], *, start: int) -> None:
-        """Copy a contiguous array into a buffer, from a byte on, and wait for it."""
+        """Copy a contiguous array into a buffer at a byte offset, and wait for it."""
         if array.nbytes:
             self._call("uploading", cl.enqueue_copy, self._queue, buffer, array, dst_offset=start)
 
     def wait(self, event: Any, *, action: str = "uploading") -> None:
-        """Wait for what `write` or `read` enqueued; say what it was in case it fails."""
+        """Wait for an event of `write` or `read`; `action` names it in the error message."""
         self._call(action, event.wait)
 
     def download(self, buffer: Any, shape: Sequence[int] | int, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
@@ -192,12 +164,12 @@ class ComputeContext:
         return array
 
     def download_into(self, buffer: Any, array: npt.NDArray[Any], *, start: int = 0) -> None:
-        """Wait for the queue and copy a buffer, from a byte on, into a contiguous array."""
+        """Wait for the queue and copy a buffer, from a byte offset, into a contiguous array."""
         if array.nbytes:
             self._call("downloading", cl.enqueue_copy, self._queue, array, buffer, src_offset=start)
 
     def read(self, buffer: Any, array: npt.NDArray[Any]) -> Any:
-        """Begin to copy the start of a buffer into a contiguous array; return what to `wait` for."""
+        """Enqueue a copy of the start of a buffer into a contiguous array; return the event."""
         event = self._call("downloading", cl.enqueue_copy, self._queue, array, buffer, is_blocking=False)
         self._call("downloading", self._queue.flush)
         return event
@@ -207,7 +179,7 @@ class ComputeContext:
         self._launches = []
 
     def stop_profile(self) -> list[KernelTime]:
-        """Wait for the queue, stop recording and return the device time of each launch since the start."""
+        """Wait for the queue, stop recording and return the device time of each recorded launch."""
         self._call("finishing", self._queue.finish)
         launches, self._launches = self._launches or [], None
         return [KernelTime(name, self._call("profiling", _seconds, event)) for name, event in launches]
@@ -231,7 +203,7 @@ class ComputeContext:
             raise build_error(self.device, file, options, error) from error
 
     def _call(self, action: str, work: Callable[..., T], *given: Any, **named: Any) -> T:
-        """Do one call of OpenCL; all of them but builds pass here, and their failures are told alike."""
+        """Make one OpenCL call; all but builds pass here, so that failures are raised alike."""
         try:
             return work(*given, **named)
         except cl.Error as error:
@@ -240,7 +212,7 @@ class ComputeContext:
 
 @cache
 def _opened(device: Device, gl: GLHandles | None) -> Any:
-    """Return a device's context, one a process: whoever opens it again finds its programs built."""
+    """Return a device's context, one per process, so that its programs stay built."""
     return cl.Context([device.handle]) if gl is None else gl_interop.open_shared_context(device, gl)
 
 

@@ -1,4 +1,4 @@
-"""Which OpenCL devices there are, and which one does the work."""
+"""OpenCL devices: list them, choose one by selector, find a fallback."""
 
 from __future__ import annotations
 
@@ -32,42 +32,24 @@ _INSTALL_HINT = (
 
 @dataclass(frozen=True)
 class Device:
-    """One OpenCL device, as listed by ``sketchterrain devices``.
+    """One OpenCL device, as listed by ``sketchterrain devices``; strings as the driver reports them."""
 
-    Attributes
-    ----------
-    index : int
-        Position in the list, 0 for the preferred device.
-    name, platform, vendor, driver, version : str
-        As the driver reports them.
-    type : {'GPU', 'CPU', 'accelerator'}
-    memory_bytes : int
-        Global memory.
-    compute_units : int
-    has_double : bool
-        Whether it can run the float64 builds of the kernels.
-    gl_sharing : str
-        How vertex buffers reach OpenGL: ``'extension'``, ``'mapped'`` (host memory) or ``'copy'``.
-    handle : object
-        The pyopencl device.
-    """
-
-    index: int
+    index: int  # position in the list, 0 for the preferred device
     name: str
     platform: str
     vendor: str
     driver: str
     version: str
-    type: str
-    memory_bytes: int
+    type: str  # 'GPU', 'CPU' or 'accelerator'
+    memory_bytes: int  # global memory
     compute_units: int
-    has_double: bool
-    gl_sharing: str
-    handle: Any
+    has_double: bool  # can run the float64 builds of the kernels
+    gl_sharing: str  # how vertex buffers reach OpenGL: 'extension', 'mapped' (host memory) or 'copy'
+    handle: Any  # the pyopencl device
 
     @property
     def known(self) -> bool:
-        """Whether the tests hold its driver's bits: Intel's CPU runtime and PoCL on a CPU."""
+        """Whether the tests verify its driver's bits: Intel's CPU runtime and PoCL on a CPU."""
         return self.type == "CPU" and any(name in self.platform for name in _KNOWN)
 
 
@@ -80,23 +62,15 @@ def list_devices() -> tuple[Device, ...]:
 
 
 def choose_device(selector: str | None = None) -> Device:
-    """Return the device to work on: the first that fits and passed its check (:mod:`.device_check`).
+    """Return the first usable device that matches a selector; failing ones are skipped and logged.
 
-    Parameters
-    ----------
-    selector
-        An index of :func:`list_devices`; ``gpu``, ``cpu`` or ``accelerator``; or a part of a platform's,
-        vendor's or device's name, in any case, ``pocl`` too. A platform's name goes before a vendor's, and
-        that before a device's: ``intel`` is Intel's runtime, not PoCL on an Intel processor. ``None`` takes
-        ``PYOPENCL_CTX`` (``"platform"`` or ``"platform:device"``, each a number or a part of a name) if that
-        is set, else the preferred device. A device that fails its check is skipped, with a logged warning.
+    A selector is an index of :func:`list_devices`; ``gpu``, ``cpu`` or ``accelerator``; or part of a
+    platform's, vendor's or device's name, in any case, ``pocl`` too. Platform names are matched before
+    vendors, vendors before devices: ``intel`` is Intel's runtime, not PoCL on an Intel processor. ``None``
+    uses ``PYOPENCL_CTX`` (``"platform"`` or ``"platform:device"``, each a number or part of a name) if set,
+    else the preferred device.
 
-    Raises
-    ------
-    DeviceError
-        If there is no device, or none that fits the selector.
-    DeviceFailedError
-        If all that fit failed their check.
+    Raises DeviceError if no device matches, DeviceFailedError if all that match failed their check.
     """
     devices = list_devices()
     if not devices:
@@ -121,7 +95,7 @@ def choose_device(selector: str | None = None) -> Device:
 
 
 def fallback_device(failed: Collection[Device]) -> Device | None:
-    """Return the CPU device that work starts again on after others failed, None if none is left."""
+    """Return the CPU device to resume work on after others failed, None if none is left."""
     spares = (d for d in list_devices() if d.type == "CPU" and d not in failed)
     return next(filter(is_usable, spares), None)
 
@@ -177,7 +151,7 @@ def _fitting(devices: tuple[Device, ...], selector: str) -> list[Device]:
 
 
 def _by_pyopencl_ctx(setting: str, devices: tuple[Device, ...]) -> list[Device]:
-    """Devices that ``PYOPENCL_CTX`` names, by pyopencl's own numbering of platforms and devices."""
+    """Return devices that ``PYOPENCL_CTX`` names, by pyopencl's own numbering."""
     platform_part, _, device_part = setting.partition(":")
     fitting = []
     for number, platform in enumerate(_PLATFORMS):

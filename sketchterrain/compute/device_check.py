@@ -1,4 +1,4 @@
-"""Whether a device's driver survives its first kernel and computes IEEE 754 arithmetic, cached on disk.
+"""Device check, cached on disk: the driver survives its first kernel and computes IEEE 754 arithmetic.
 
 The check runs in a child process: a driver that aborts, hangs or exits there cannot end the program.
 """
@@ -35,23 +35,15 @@ _LOG = logging.getLogger("sketchterrain")
 
 @dataclass(frozen=True)
 class DeviceCheck:
-    """What the check found.
+    """Result of the check of one device."""
 
-    Attributes
-    ----------
-    failure : str
-        One line: why the device can't be used, and what to install; empty where it can.
-    wrong : tuple of str
-        Operations with other bits than IEEE 754 gives them.
-    """
-
-    failure: str
-    wrong: tuple[str, ...] = ()
+    failure: str  # why the device can't be used and what to install, one line; empty if usable
+    wrong: tuple[str, ...] = ()  # operations whose bits differ from IEEE 754
 
 
 @cache
 def check_device(device: Device) -> DeviceCheck:
-    """Compute the self-test's arithmetic on a device, in a child process the first time."""
+    """Run the self-test on a device, in a child process the first time."""
 
     def check() -> dict[str, Any]:
         # PoCL's cache would give back a kernel without the linker that the next kernel needs.
@@ -78,7 +70,7 @@ def check_device(device: Device) -> DeviceCheck:
 
 
 def is_usable(device: Device) -> bool:
-    """Return whether a device passed its check; log one line, once a process, where it did not."""
+    """Return whether a device passed its check; log one line per process if not."""
     failure = check_device(device).failure
     if failure:
         _log_once(f"{device.name} ({device.platform}) is not used: {failure}")
@@ -93,19 +85,11 @@ def _log_once(line: str) -> None:
 def cached_on_disk(
     test: str, devices: tuple[Device, ...], sources: tuple[str, ...], run: Callable[[], dict[str, Any]]
 ) -> dict[str, Any]:
-    """Return a test's result for a device from the user's cache folder, or run the test and store it there.
+    """Return a test's cached JSON result for a device, or run the test and store the result.
 
-    Parameters
-    ----------
-    test
-        Name of the test.
-    devices
-        The device under test, then those that it is compared with.
-    sources
-        The test's source code. A change of it, of a driver's version or of the linker in the PATH makes the
-        stored result stale.
-    run
-        Runs the test; returns what JSON can hold. A test that raises, as one that timed out, is not stored.
+    `devices` is the tested device, then those it is compared with. A change of `sources`, of a driver's
+    version or of the linker in the PATH makes the stored result stale. A test that raises, as on a timeout,
+    is not stored.
     """
     drivers = [(device.platform, device.name, device.driver, device.version) for device in devices]
     key = _digest([drivers, shutil.which("ld"), *sources])

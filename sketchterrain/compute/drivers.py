@@ -1,8 +1,8 @@
-"""Make the OpenCL CPU runtime of the ``cpu`` extra visible to pyopencl, hiding no other driver.
+"""Visibility of the ``cpu`` extra's OpenCL runtime to pyopencl, beside the system's drivers.
 
-The wheel ``intel-opencl-rt`` puts its libraries where no loader looks. The loader that pyopencl brings along
-reads a folder of ``.icd`` files, one a driver; we hand it a folder with every driver it would have found
-anyway and one more.
+The wheel ``intel-opencl-rt`` puts its libraries where no loader looks. The loader bundled with pyopencl reads
+a folder of ``.icd`` files, one per driver; it gets a folder with every driver it would have found, and this
+one.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ _NEEDED = ("libirng.so", "libimf.so", "libintlc.so.5", "libsvml.so", "libtbb.so.
 
 @contextmanager
 def all_drivers_visible() -> Iterator[None]:
-    """Within this context the first OpenCL call of the process finds the system's drivers and the wheel's.
+    """Make the first OpenCL call within this context find the system's drivers and the wheel's.
 
-    The environment is put back afterwards, so that child processes start as this one did. Without the wheel,
-    or where the system already has that runtime, nothing is changed.
+    The environment is restored afterwards for child processes. Does nothing without the wheel, or where the
+    system has that runtime already.
     """
     library = _wheel_runtime()
     given = _given_icd_files()
@@ -51,7 +51,7 @@ def all_drivers_visible() -> Iterator[None]:
 
 
 def _wheel_runtime() -> Path | None:
-    """Where the wheel's OpenCL driver lies, if it is installed in this environment."""
+    """Return the path of the wheel's OpenCL driver, None if it is not installed."""
     try:
         installed = distribution("intel-opencl-rt").files or []
     except PackageNotFoundError:
@@ -64,7 +64,7 @@ def _wheel_runtime() -> Path | None:
 
 
 def _given_icd_files() -> dict[str, str]:
-    """Every ``.icd`` file the loader would read by itself: of the user's setting or of the system."""
+    """Return name and text of every ``.icd`` file the loader would read by itself."""
     setting = os.environ.get(_VENDORS_VARIABLE)
     place = Path(setting) if setting else _SYSTEM_VENDORS
     if place.is_dir():

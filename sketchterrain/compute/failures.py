@@ -1,4 +1,4 @@
-"""What a device's failures mean, in one line each."""
+"""One-line messages for device failures."""
 
 from __future__ import annotations
 
@@ -22,15 +22,7 @@ _LONGEST = 200  # characters of a log's line
 
 
 def call_error(device: Device, action: str, error: cl.Error) -> DeviceError:
-    """Return what to raise in place of an error of OpenCL.
-
-    Parameters
-    ----------
-    device
-    action
-        What was being done, for example ``"launching patches"``.
-    error
-    """
+    """Return the exception to raise for an OpenCL error; `action` is for example ``"launching patches"``."""
     reason = one_line(" ".join(str(error).split()))
     where = f"{device.name} ({device.platform})"
     if isinstance(error, cl.MemoryError) or _code(error) in _NO_ROOM:

@@ -1,7 +1,7 @@
-"""OpenCL's calls that share buffers with OpenGL, of the very library that pyopencl uses.
+"""OpenCL/OpenGL buffer sharing through ctypes, with the OpenCL library that pyopencl uses.
 
-PyPI's pyopencl is built without them (``cl.have_gl()`` is False there), so they are called through ctypes and
-their results handed to pyopencl.
+PyPI's pyopencl is built without these calls (``cl.have_gl()`` is False), so they go through ctypes and their
+results are handed to pyopencl.
 """
 
 from __future__ import annotations
@@ -28,14 +28,7 @@ _EXTENSION: Final = "cl_khr_gl_sharing"
 
 @dataclass(frozen=True)
 class GLHandles:
-    """The OpenGL context that is current, as OpenCL is told of it.
-
-    Attributes
-    ----------
-    window_system : {'EGL', 'GLX', 'WGL'}
-    context, display : int
-        Addresses.
-    """
+    """Addresses of the current OpenGL context and its display; window system 'EGL', 'GLX' or 'WGL'."""
 
     window_system: str
     context: int
@@ -49,7 +42,7 @@ class GLHandles:
 
 
 def current_handles() -> GLHandles | None:
-    """Return the OpenGL context that is current in this thread, None if there is none to be found."""
+    """Return the OpenGL context that is current in this thread, None if not found."""
     ways = (
         ("EGL", "libEGL.so.1", "eglGetCurrentContext", "eglGetCurrentDisplay"),
         ("GLX", "libGL.so.1", "glXGetCurrentContext", "glXGetCurrentDisplay"),
@@ -63,19 +56,7 @@ def current_handles() -> GLHandles | None:
 
 
 def open_shared_context(device: Device, handles: GLHandles) -> Any:
-    """Open a context on a device that shares buffers with an OpenGL context.
-
-    Parameters
-    ----------
-    device
-    handles
-        From :func:`current_handles`.
-
-    Raises
-    ------
-    DeviceError
-        If the driver does not offer it, or refuses.
-    """
+    """Open a context that shares buffers with an OpenGL context; DeviceError if not supported."""
     if _EXTENSION not in device.handle.extensions.split():
         # Some would make a context all the same, and end the process at the first buffer.
         raise DeviceError(f"{device.name} ({device.platform}) shares no buffers with OpenGL: no {_EXTENSION}")
@@ -90,7 +71,7 @@ def open_shared_context(device: Device, handles: GLHandles) -> Any:
 
 
 def wrap_gl_buffer(device: Device, context: Any, name: int) -> Any:
-    """Return OpenGL's buffer of a name as a buffer of a context opened by :func:`open_shared_context`."""
+    """Return an OpenGL buffer, by name, as a buffer of a context opened by :func:`open_shared_context`."""
     create = _function("clCreateFromGLBuffer", ctypes.c_void_p)
     status = ctypes.c_int32()
     flags = ctypes.c_uint64(int(cl.mem_flags.READ_WRITE))
@@ -100,12 +81,12 @@ def wrap_gl_buffer(device: Device, context: Any, name: int) -> Any:
 
 
 def acquire(device: Device, queue: Any, buffer: Any) -> None:
-    """Enqueue that a shared buffer is OpenCL's; OpenGL must have finished with it."""
+    """Enqueue acquiring a shared buffer for OpenCL; OpenGL must have finished with it."""
     _hand_over(device, "clEnqueueAcquireGLObjects", queue, buffer)
 
 
 def release(device: Device, queue: Any, buffer: Any) -> None:
-    """Enqueue that it is OpenGL's again; finish the queue before OpenGL reads it."""
+    """Enqueue releasing it to OpenGL; finish the queue before OpenGL reads it."""
     _hand_over(device, "clEnqueueReleaseGLObjects", queue, buffer)
 
 
@@ -132,7 +113,7 @@ def _function(name: str, result: Any) -> Any:
 
 @cache
 def _library() -> ctypes.CDLL:
-    """Return the OpenCL library that pyopencl has loaded, not another one that the system may have."""
+    """Return the OpenCL library that pyopencl has loaded, not another one of the system."""
     maps = Path("/proc/self/maps")
     if maps.exists():
         for line in maps.read_text(encoding="utf-8").splitlines():
@@ -143,7 +124,7 @@ def _library() -> ctypes.CDLL:
 
 
 def _address(library: str, function: str) -> int:
-    """Return what a function without arguments returns, 0 where there is none.
+    """Return the result of a library function without arguments, 0 if the library or function is missing.
 
     Loaded with RTLD_GLOBAL: Mesa's rusticl looks EGL and GLX up by ``dlsym`` among global symbols.
     """

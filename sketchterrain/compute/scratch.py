@@ -1,4 +1,4 @@
-"""Buffers that are needed again and again: lent, grown where they are too small, never handed out twice."""
+"""Pool of reusable device buffers."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 
 
 class BufferSet:
-    """Named buffers of one borrower; what they hold at first is anything."""
+    """Named device buffers of one borrower; contents are undefined at first."""
 
     def __init__(self, context: ComputeContext) -> None:
         self._context = context
         self._buffers: dict[str, tuple[int, Any]] = {}
 
     def buffer(self, name: str, shape: Sequence[int] | int, dtype: npt.DTypeLike) -> Any:
-        """Return the buffer of a name, with room for an array at least."""
+        """Return the buffer of a name, large enough for an array of this shape."""
         size = max(int(np.prod(shape)) * np.dtype(dtype).itemsize, 1)
         had, buffer = self._buffers.get(name, (0, None))
         if had < size:
@@ -33,14 +33,7 @@ class BufferSet:
 
 
 class BufferPool:
-    """Rooms of a device that are lent one after the other, to one thread.
-
-    New memory costs a fault a page at its first touch, more than a light kernel does with it.
-
-    Parameters
-    ----------
-    context : ComputeContext
-    """
+    """Buffer sets of a device, for one thread: page faults of new memory cost more than a light kernel."""
 
     def __init__(self, context: ComputeContext) -> None:
         self._context = context
@@ -48,7 +41,7 @@ class BufferPool:
 
     @contextmanager
     def borrow(self) -> Iterator[BufferSet]:
-        """Lend a room; it is another's after that, so nothing in it may still be waited for."""
+        """Lend a buffer set; on return nothing may still be using it."""
         room = self._free.pop() if self._free else BufferSet(self._context)
         try:
             yield room

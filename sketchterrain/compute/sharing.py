@@ -1,8 +1,7 @@
-"""Memory that kernels write and OpenGL draws from, in three kinds.
+"""Vertex memory that kernels write and OpenGL draws from, by three methods.
 
-``extension``: OpenGL's buffer is the device's (``cl_khr_gl_sharing``). ``mapped``: a device that is the CPU
-writes to where OpenGL's buffer is mapped. ``copy``: the device writes to its own memory, and what is new is
-handed to OpenGL.
+``extension``: OpenGL's buffer is the device's (``cl_khr_gl_sharing``). ``mapped``: a CPU device writes to the
+mapped OpenGL buffer. ``copy``: the device writes to its own memory, and changes are copied to OpenGL.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ METHODS: Final = ("extension", "mapped", "copy")
 
 
 def sharing_methods(context: ComputeContext) -> tuple[str, ...]:
-    """Return the kinds that may work in a context, the best first."""
+    """Return the methods that may work in a context, the best first."""
     kinds = ["extension"] if context.gl is not None else []
     if context.device.type == "CPU":
         kinds.append("mapped")
@@ -32,14 +31,7 @@ def sharing_methods(context: ComputeContext) -> tuple[str, ...]:
 
 
 class MappedMemory:
-    """Host memory that OpenGL has mapped for good and that a CPU device's kernels write as it stands.
-
-    Parameters
-    ----------
-    context : ComputeContext
-    host : ndarray of uint8
-        The mapped bytes; they must stay mapped as long as this is used.
-    """
+    """Persistently mapped OpenGL memory (uint8) that a CPU device's kernels write in place."""
 
     def __init__(self, context: ComputeContext, host: npt.NDArray[np.uint8]) -> None:
         self._context = context
@@ -47,27 +39,19 @@ class MappedMemory:
         self.buffer: Any = context.wrap_host_memory(host)
 
     def acquire(self) -> None:
-        """Nothing to do: OpenGL must have finished with what will be written."""
+        """Do nothing: OpenGL must have finished with the ranges to be written."""
 
     def release(self, parts: Parts) -> None:
-        """Wait for the kernels; OpenCL promises that the host sees their work only where it maps it."""
+        """Wait for the kernels; OpenCL guarantees visibility only where the host maps the ranges."""
         self._context.synchronize_host(self.buffer, parts)
 
     def close(self) -> None:
-        """Give the device's part of it back."""
+        """Release the device buffer."""
         self.buffer.release()
 
 
 class CopiedMemory:
-    """The device's own memory; what is written is handed over part by part.
-
-    Parameters
-    ----------
-    context : ComputeContext
-    nbytes : int
-    write : callable
-        Given where a part starts (bytes) and its bytes; puts them into OpenGL's buffer.
-    """
+    """Device memory whose written ranges are copied out by ``write(start, bytes)``."""
 
     def __init__(
         self, context: ComputeContext, nbytes: int, write: Callable[[int, npt.NDArray[np.uint8]], None]
@@ -79,10 +63,10 @@ class CopiedMemory:
         self._host = np.empty(0, np.uint8)
 
     def acquire(self) -> None:
-        """Nothing to do: the buffer is no one else's."""
+        """Do nothing: the buffer is not shared."""
 
     def release(self, parts: Parts) -> None:
-        """Wait for the kernels and hand over what they wrote."""
+        """Wait for the kernels and copy out the ranges they wrote."""
         if not parts:
             return
         most = max(size for _, size in parts)
@@ -94,26 +78,12 @@ class CopiedMemory:
             self._write(start, host)
 
     def close(self) -> None:
-        """Give the device's part of it back."""
+        """Release the device buffer."""
         self.buffer.release()
 
 
 class ExtensionMemory:
-    """OpenGL's buffer itself, shared by the driver.
-
-    Parameters
-    ----------
-    context : ComputeContext
-        Opened beside the OpenGL context that is current.
-    name : int
-        OpenGL's name of the buffer.
-    nbytes : int
-
-    Raises
-    ------
-    DeviceError
-        If the driver refuses.
-    """
+    """An OpenGL buffer, by name, shared by the driver; DeviceError if the driver refuses."""
 
     def __init__(self, context: ComputeContext, name: int, nbytes: int) -> None:
         self._context = context
@@ -121,13 +91,13 @@ class ExtensionMemory:
         self.buffer: Any = context.from_gl(name)
 
     def acquire(self) -> None:
-        """Take the buffer from OpenGL, which must have finished."""
+        """Acquire the buffer from OpenGL, which must have finished."""
         self._context.acquire_gl(self.buffer)
 
     def release(self, parts: Parts) -> None:
-        """Wait for the kernels and give the buffer back."""
+        """Wait for the kernels and release the buffer."""
         self._context.release_gl(self.buffer)
 
     def close(self) -> None:
-        """Give the device's part of it back."""
+        """Release the device buffer."""
         self.buffer.release()

@@ -1,4 +1,4 @@
-"""Small arrays for a device, many in one transfer and none of them a new buffer."""
+"""Staging buffer: many small arrays to a device in one transfer, without new allocations."""
 
 from __future__ import annotations
 
@@ -20,14 +20,10 @@ _TURNS = 3
 
 
 class StagingBuffer:
-    """A buffer in parts, each with a name and room for what was ever put there.
+    """One device buffer divided into named parts, each as large as the largest array uploaded to it.
 
-    Kernels that still read what was put before are not disturbed: the queue is in order. What is put
-    is copied, so the arrays may change at once.
-
-    Parameters
-    ----------
-    context : ComputeContext
+    The queue is in order, so kernels still reading the previous contents are not disturbed. Arrays are copied
+    and may change at once.
     """
 
     def __init__(self, context: ComputeContext) -> None:
@@ -39,11 +35,7 @@ class StagingBuffer:
         self._turns: list[tuple[npt.NDArray[np.uint8], Any]] = []
 
     def upload(self, arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
-        """Enqueue one transfer of arrays and return the buffer of each, by name.
-
-        A buffer holds what was last put under its name; it may be larger than that. The same names at every
-        call cost no allocation once there is room.
-        """
+        """Enqueue one transfer of arrays and return the buffer of each; it may be larger than the array."""
         if any(self._room.get(name, -1) < array.nbytes for name, array in arrays.items()):
             self._make_room(arrays)
         host, transfer = self._turns[0]
@@ -59,7 +51,7 @@ class StagingBuffer:
         return {name: self._parts[name] for name in arrays}
 
     def _make_room(self, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
-        """Make a buffer with room for arrays besides what there was; without room on the device all stays."""
+        """Grow the buffer to fit arrays; on failure nothing changes."""
         room = dict(self._room)
         for name, array in arrays.items():
             if room.get(name, -1) < array.nbytes:

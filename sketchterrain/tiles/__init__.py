@@ -1,4 +1,4 @@
-"""Which tile at what level, frame by frame: pure logic, no GPU and no terrain."""
+"""Quadtree of terrain tiles: level of detail, morphing and streaming. Pure logic, no GPU and no terrain."""
 
 from sketchterrain.tiles.borders import tile_indices
 from sketchterrain.tiles.codes import TileKey

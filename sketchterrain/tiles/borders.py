@@ -1,10 +1,9 @@
-"""Triangles of a tile for each case of its neighbours: along a coarser one every other vertex is left out.
+"""Triangle indices of a tile for each combination of coarser neighbours (stitching without cracks).
 
-A border's odd vertex moves onto its even neighbour, and triangles that have collapsed go. It moves so that
-the parent's diagonals stay edges: westward and eastward along the northern and southern border, northward
-and southward along the western and eastern one. Where two such borders meet at an end of the quads'
-anti-diagonal, that quad is cut the other way: else a triangle without an area would stand between its
-neighbours.
+Along a coarser tile every other border vertex collapses onto its even neighbour, and degenerate triangles are
+dropped. Vertices move so that the parent's diagonals stay edges: westward and eastward along the northern and
+southern border, northward and southward along the western and eastern one. Where two such borders meet at an
+end of the quads' anti-diagonal, that quad is cut the other way, to avoid a triangle without area.
 """
 
 from __future__ import annotations
@@ -32,25 +31,10 @@ CASES: Final = 17
 
 @cache
 def tile_indices(quads: int) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return the triangles of every case, one case after the other.
+    """Return (indices, first, count): the uint32 triangles of every case, and each case's part of them.
 
-    Parameters
-    ----------
-    quads
-        Along a tile's side: even, ≥ 2.
-
-    Returns
-    -------
-    indices : (n,) uint32
-        Three a triangle, counter-clockwise from above, of vertices in rows from north to south, each from
-        west to east. Quads are cut from north-west to south-east.
-    first, count : (17,) int64
-        Which part of `indices` belongs to a case.
-
-    Raises
-    ------
-    InputError
-        If there is no such number of quads.
+    `quads` is the even number of quads along a side. Triangles are counter-clockwise from above; vertices are
+    numbered in rows from north to south, each from west to east; quads are cut from north-west to south-east.
     """
     if quads < 2 or quads % 2:
         raise InputError(f"expected an even number of quads ≥ 2, got {quads}")
@@ -89,7 +73,7 @@ def _case(quads: int, case: int) -> Vertices:
 
 
 def _corners(vertex: Vertices) -> tuple[Vertices, Vertices, Vertices, Vertices]:
-    """Return the vertices of each quad: north-west, north-east, south-west, south-east."""
+    """Return the north-west, north-east, south-west and south-east vertices of each quad."""
     return vertex[:-1, :-1], vertex[:-1, 1:], vertex[1:, :-1], vertex[1:, 1:]
 
 

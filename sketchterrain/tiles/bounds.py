@@ -1,4 +1,4 @@
-"""A world that ends: which tiles meet the rectangle that there is ground in."""
+"""Bounded worlds: which tiles intersect the rectangle that has terrain."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ UNBOUNDED: Final = (float("-inf"), float("-inf"), float("inf"), float("inf"))
 
 
 def tile_range(bounds: Bounds, width: float) -> Bounds:
-    """Return the first and last column, first and last row of the tiles of a width (m) that meet bounds."""
+    """Return first and last column, first and last row of the tiles of a width (m) that intersect bounds."""
     west, south, east, north = (np.array(bounds) / width).tolist()
     return float(np.floor(west)), float(np.ceil(east)) - 1, float(np.floor(south)), float(np.ceil(north)) - 1
 
 
 def intersects_bounds(codes: Codes, extent: float, bounds: Bounds) -> npt.NDArray[np.bool_]:
-    """Tell which tiles hold ground: those that share more than a border with the bounds; any shape."""
+    """Return which tiles share more than a border with the bounds; any shape."""
     if bounds == UNBOUNDED:
         return np.ones(codes.shape, np.bool_)
     level, col, row = decode(codes)
@@ -37,7 +37,7 @@ def intersects_bounds(codes: Codes, extent: float, bounds: Bounds) -> npt.NDArra
 
 
 def clip_boxes(boxes: Boxes, bounds: Bounds) -> Boxes:
-    """Return the parts of boxes within bounds; what has none lies flat on a border."""
+    """Return boxes clipped to bounds; boxes outside become flat."""
     if bounds == UNBOUNDED:
         return boxes
     low, high = boxes.low.copy(), boxes.high.copy()

@@ -1,8 +1,8 @@
-"""Places in the quadtree as single integers, so that sets of tiles are sorted arrays.
+"""Quadtree keys packed into single integers, so that sets of tiles are sorted arrays.
 
-Bits of a code, from the highest: 6 level, 28 column, 28 row, each shifted to be ≥ 0. A neighbour is a sum
-away. A control (morph.py) stands on the grid of half tiles of its level and has a code of its own: 5 bits
-level, 29 and 29 bits place.
+Bits of a code, from the highest: 6 level, 28 column, 28 row, each shifted to be ≥ 0. A neighbour is one
+addition away. A morph control (morph.py) lies on the half-tile grid of its level and has a code of its own: 5
+bits level, 29 and 29 bits position.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _CHILDREN: Final = np.array([[0, 0], [1, 0], [0, 1], [1, 1]])
 
 
 class TileKey(NamedTuple):
-    """A tile's place in the quadtree: level (0 is as wide as the sketch), column east, row north."""
+    """Quadtree key: level (0 is as wide as the sketch), column eastward, row northward."""
 
     level: int
     col: int
@@ -42,13 +42,13 @@ class TileKey(NamedTuple):
 
 
 class Boxes(NamedTuple):
-    """Boxes along the axes: opposite corners, m, shape (n, 3)."""
+    """Axis-aligned boxes: opposite corners (m), shape (n, 3)."""
 
     low: Floats
     high: Floats
 
     def subset(self, which: npt.NDArray[Any]) -> Boxes:
-        """Return some of the boxes, by number or by flag."""
+        """Return some of the boxes, by index or mask."""
         return Boxes(self.low[which], self.high[which])
 
 
@@ -98,7 +98,7 @@ def neighbours_of(codes: Codes) -> Codes:
 
 
 def around(code: int, inside: tuple[int, int, int, int]) -> list[int]:
-    """Return those of a tile's eight neighbours that lie in a range of columns and rows."""
+    """Return those of a tile's eight neighbours inside a range of columns and rows."""
     col, row = ((code >> _BITS) & _MASK) - _MIDDLE, (code & _MASK) - _MIDDLE
     west, east, south, north = inside
     return [
@@ -107,9 +107,9 @@ def around(code: int, inside: tuple[int, int, int, int]) -> list[int]:
 
 
 def parents_around(code: int, inside: tuple[int, int, int, int]) -> list[int]:
-    """Return the parents of a tile and of its neighbours that lie in a range of columns and rows.
+    """Return the parents of a tile and of its neighbours inside a range of columns and rows.
 
-    There are four at most: the tile's own, and those on the two sides that the tile lies at.
+    At most four: the tile's own parent and those across its two outer sides.
     """
     col, row = ((code >> _BITS) & _MASK) - _MIDDLE, (code & _MASK) - _MIDDLE
     west, east, south, north = inside
@@ -120,7 +120,7 @@ def parents_around(code: int, inside: tuple[int, int, int, int]) -> list[int]:
 
 
 def index_in(found: Codes, codes: Codes) -> npt.NDArray[np.intp]:
-    """Return where in a sorted array each code stands, -1 where it does not; any shape."""
+    """Return the index of each code in a sorted array, -1 if missing; any shape."""
     if not found.size:
         return np.full(codes.shape, -1, np.intp)
     at = np.minimum(np.searchsorted(found, codes), found.size - 1)
@@ -128,12 +128,12 @@ def index_in(found: Codes, codes: Codes) -> npt.NDArray[np.intp]:
 
 
 def contains(found: Codes, codes: Codes) -> npt.NDArray[np.bool_]:
-    """Tell which codes are in a sorted array; any shape."""
+    """Return which codes are in a sorted array; any shape."""
     return index_in(found, codes) >= 0
 
 
 def boxes_of(codes: Codes, extent: float, bottom: Floats, top: Floats) -> Boxes:
-    """Return the boxes of tiles whose ground lies between two heights (m)."""
+    """Return the boxes of tiles whose terrain lies between two heights (m)."""
     level, col, row = decode(codes)
     width = extent * np.exp2(-level.astype(np.float64))
     west, south = col * width, row * width

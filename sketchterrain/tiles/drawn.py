@@ -1,10 +1,10 @@
-"""The tree that is drawn: it follows the wanted one in steps that cannot be seen.
+"""Displayed quadtree: follows the target tree in steps without popping.
 
-A tile splits only while it shows nothing of its parent, and its children begin by showing nothing but
-theirs: the picture stays. Four siblings that show nothing but their parent merge into it. In between,
-weights move at a limited rate. A control (morph.py) that touches a coarser tile is held at 1 and one that
-touches a finer tile at 0, so what either side of a border shows is the same; the tree is balanced over
-borders and corners, so no control touches both.
+A tile splits only while it shows nothing of its parent, and its children start out showing only the parent:
+the image does not change. Four siblings that show only their parent merge into it. In between, morph weights
+change at a limited rate. A control (morph.py) that touches a coarser tile is held at 1 and one that touches a
+finer tile at 0, so that both sides of a border agree; the tree is balanced over borders and corners, so no
+control touches both.
 """
 
 from __future__ import annotations
@@ -47,41 +47,20 @@ _NEAR_CHILD: Final = np.array([1, 0, 0, 1, 0, 3, 2, 2])
 
 @dataclass(frozen=True, eq=False)
 class MorphTargets:
-    """Where tiles are to go.
+    """Targets of the morph weights of displayed tiles."""
 
-    Attributes
-    ----------
-    splits : sorted codes
-        Tiles that the wanted tree splits.
-    weights : (n,) float64
-        How much of its parent each tile should show in its middle, 0 … 1.
-    rates : (n,) float64
-        How quickly that may change, 1/s.
-    """
-
-    splits: Codes
-    weights: Floats
-    rates: Floats
+    splits: Codes  # sorted; tiles that the target tree splits
+    weights: Floats  # (n,) share of the parent at each tile's middle, 0 … 1
+    rates: Floats  # (n,) greatest rate of change, 1/s
 
 
 class DisplayedTree:
-    """Leaves that cover the roots, and the weights of their controls.
+    """Leaves that cover the roots, and the morph weights of their controls.
 
-    Parameters
-    ----------
-    there : callable or None
-        Tells which tiles have ground: others are never drawn, no border is fitted to them. None: all have.
-
-    Attributes
-    ----------
-    codes : sorted codes
-        The leaves.
-    controls : (n, 3, 3) float64
-        How much of its parent each shows at its controls; row 0 north, column 0 west.
-    cases : (n,) int64
-        Which of their vertices they show (borders.py).
-    moving : bool
-        Whether weights were not yet where they should be, or a step is left to do.
+    `exists` returns which tiles have terrain: others are not drawn, no border is fitted to them. None: all.
+    `codes` are the sorted leaves, `controls` (n, 3, 3) their parents' shares (row 0 north, column 0 west),
+    `cases` (n,) their borders.py cases; `moving` is true until all weights reach their targets and no step is
+    left.
     """
 
     def __init__(self, there: Callable[[Codes], Flags] | None = None) -> None:
@@ -98,12 +77,12 @@ class DisplayedTree:
         self._relate()
 
     def jump(self, roots: Codes, splits: Codes) -> None:
-        """Show a tree at once; its weights are set by the next `advance` without a limit of time."""
+        """Show a tree at once; the next `advance` without a time limit sets its weights."""
         leaves = np.concatenate([roots, children_of(splits).ravel()])
         self._set(np.sort(leaves[~contains(splits, leaves)]))
 
     def step(self, roots: Codes, splits: Codes, pool: TilePool) -> None:
-        """Split and merge what can be without a change to the picture; follow the roots."""
+        """Split and merge what can be without a change to the image; follow the roots."""
         codes = self.codes
         may_split = self._may_split(splits)
         may_split[may_split] = (pool.find(children_of(codes[may_split])) >= 0).all(axis=1)
@@ -124,15 +103,7 @@ class DisplayedTree:
         self._relate()
 
     def move(self, goals: MorphTargets, elapsed: float) -> None:
-        """Move weights towards their goals.
-
-        Parameters
-        ----------
-        goals
-            For the leaves as they are now.
-        elapsed
-            Seconds; infinite to arrive at once.
-        """
+        """Move weights towards the targets of the current leaves; `elapsed` (s) may be infinite."""
         places, at = self._places
         target = _least(at, np.repeat(goals.weights[:, None], 9, axis=1), len(places), 1.0)
         rate = _least(at, np.repeat(goals.rates[:, None], 9, axis=1), len(places), np.inf)
@@ -151,10 +122,10 @@ class DisplayedTree:
         self.cases = self._cases()
 
     def _may_split(self, splits: Codes) -> Flags:
-        """Tell which leaves are to split and show nothing of their parent.
+        """Return which leaves are to split and show nothing of their parent.
 
-        A coarser neighbour splits first if it is to. If not, it lies where nothing is drawn, and so does what
-        the leaf shows of its parent along it.
+        A coarser neighbour that is to split goes first. One that is not lies outside the drawn area, and then
+        the controls along it do not matter.
         """
         first = contains(splits, parent_of(self._around))
         as_own = (self.controls.reshape(-1, 9) == 0) | self._touching(self._coarser & ~first)
@@ -162,10 +133,10 @@ class DisplayedTree:
         return np.asarray(contains(splits, self.codes) & as_own.all(axis=1) & ~waits)
 
     def _merges(self, splits: Codes, pool: TilePool) -> Codes:
-        """Return the parents that four leaves can merge into, which show nothing else; sorted.
+        """Return the parents that four leaves showing nothing else can merge into; sorted.
 
-        Finer neighbours merge first, unless they are to stay: then they lie where something is drawn, and
-        these where nothing is.
+        Finer neighbours merge first, unless they are to stay: then they lie in the drawn area and these
+        outside.
         """
         stay = contains(splits, self._around)
         as_parent = (self.controls.reshape(-1, 9) == 1) | self._touching(self._finer & stay)
@@ -176,7 +147,7 @@ class DisplayedTree:
         return np.asarray(parents[~contains(splits, parents) & (pool.find(parents) >= 0)])
 
     def _wanted_here(self, splits: Codes) -> Flags:
-        """Tell which leaves the wanted tree has, or splits."""
+        """Return which leaves the target tree contains or splits."""
         level, _, _ = decode(self.codes)
         return np.asarray(contains(splits, parent_of(self.codes)) | (level == ROOT_LEVEL))
 
@@ -184,7 +155,7 @@ class DisplayedTree:
         return bool(np.any(contains(splits, self.codes)) or not np.all(self._wanted_here(splits)))
 
     def _before(self, places: Codes, at: npt.NDArray[np.intp]) -> Floats:
-        """Return what each control weighed in the last frame, or weighs as what its tile begins with."""
+        """Return each control's weight in the last frame, or the initial one of its tile."""
         known, values = self._known
         before = np.zeros(len(places))
         before[at.ravel()] = np.repeat(self._fresh, 9)
@@ -193,7 +164,7 @@ class DisplayedTree:
         return before
 
     def _relate(self) -> None:
-        """Find out which neighbours are coarser and which finer."""
+        """Find coarser and finer neighbours."""
         self._places = _controls(self.codes)
         around = neighbours_of(self.codes)
         same = contains(self.codes, around)
@@ -206,7 +177,7 @@ class DisplayedTree:
         self._around = around
 
     def _cases(self) -> npt.NDArray[np.int64]:
-        """Return which vertices tiles show: every other one where that is the same."""
+        """Return the border case of each tile; every other vertex where that shows the same."""
         as_parent = (self.controls.reshape(-1, 9) == 1).all(axis=1)
         along = self._coarser | contains(self.codes[as_parent], self._around)
         cases = np.zeros(len(self.codes), np.int64)
@@ -216,7 +187,7 @@ class DisplayedTree:
         return cases
 
     def _touching(self, neighbours: Flags) -> Flags:
-        """Tell which controls touch one of the given neighbours, shape (n, 9)."""
+        """Return which controls touch one of the given neighbours, shape (n, 9)."""
         flags = np.zeros((len(neighbours), 9), np.bool_)
         for i, row in enumerate(_TOUCHED):
             for j, ways in enumerate(row):
@@ -225,7 +196,7 @@ class DisplayedTree:
 
 
 def _controls(codes: Codes) -> tuple[Codes, npt.NDArray[np.intp]]:
-    """Return the codes of all controls, sorted, and which of them each leaf has, shape (n, 9)."""
+    """Return the codes of all controls, sorted, and the indices of each leaf's, shape (n, 9)."""
     places, at = np.unique(control_codes(codes).ravel(), return_inverse=True)
     return places, at.reshape(-1, 9)
 

@@ -1,8 +1,7 @@
-"""Which tiles lie behind nearer ground: a horizon about the eye, raised by tiles from near to far.
+"""Horizon culling: tiles hidden behind nearer terrain, by a horizon raised from near to far.
 
-Ground is nowhere lower than its tile's box. So in all directions that lie wholly within a tile, what is
-farther away and lower than the line over the box's bottom cannot be seen. Nothing that can be seen is ever
-called hidden.
+Terrain is nowhere lower than its tile's box. So in all bearings that lie wholly within a tile, everything
+farther away and below the line over the box's bottom is hidden. Conservative: nothing visible is ever culled.
 """
 
 from __future__ import annotations
@@ -29,21 +28,7 @@ _SHELL: Final = 1.15
 
 
 def occluded(view: CameraView, boxes: Boxes, ground: Boxes | None = None) -> npt.NDArray[np.bool_]:
-    """Tell which tiles others hide wholly.
-
-    Parameters
-    ----------
-    view
-        From where; only the eye counts.
-    boxes
-        Of the tiles; each holds its ground.
-    ground
-        Tiles beside one another that may hide them; by default they hide each other.
-
-    Returns
-    -------
-    (n,) bool
-    """
+    """Return which boxes, (n,), are hidden by `ground` boxes side by side (default: by each other)."""
     hidden = np.zeros(len(boxes.low), np.bool_)
     eye = np.asarray(view.eye)
     near, far = horizontal_distances(view, boxes)
@@ -64,7 +49,7 @@ def occluded(view: CameraView, boxes: Boxes, ground: Boxes | None = None) -> npt
 
 
 class _Horizon:
-    """The horizon that ground makes, from near to far."""
+    """Horizon formed by terrain boxes, from near to far."""
 
     def __init__(self, view: CameraView, ground: Boxes) -> None:
         near, far = horizontal_distances(view, ground)
@@ -79,7 +64,7 @@ class _Horizon:
         self._raised = 0
 
     def up_to(self, distance: float) -> Floats:
-        """Return the tangents that ground within a distance (m) hides all below; distances only grow."""
+        """Return the tangents that terrain within a distance (m) hides; distances must not decrease."""
         end = int(np.searchsorted(self._far, distance, side="right"))
         if end > self._raised:
             some = slice(self._raised, end)
@@ -90,7 +75,7 @@ class _Horizon:
 
 
 def _bearings(eye: Floats, boxes: Boxes) -> tuple[Floats, Floats]:
-    """Return between which bearings, in the horizon's steps, boxes lie that the eye is not in."""
+    """Return first and last bearing, in horizon steps, of boxes that the eye is not in."""
     middle = 0.5 * (boxes.low + boxes.high) - eye
     to_middle = np.arctan2(middle[:, 1], middle[:, 0])
     west, east = boxes.low[:, 0] - eye[0], boxes.high[:, 0] - eye[0]
@@ -102,13 +87,13 @@ def _bearings(eye: Floats, boxes: Boxes) -> tuple[Floats, Floats]:
 
 
 def _tangent(height: Floats, when_above: Floats, when_below: Floats) -> Floats:
-    """Return heights over one distance where they are above the eye, over the other where they are below."""
+    """Return heights over one distance where above the eye, over the other where below."""
     distance = np.where(height > 0, when_above, when_below)
     return np.asarray(height / np.maximum(distance, 1e-9))
 
 
 def _spread(first: Floats, last: Floats) -> tuple[Ints, Ints]:
-    """Return the numbers of things and each of the steps first … last - 1 of theirs, on a circle."""
+    """Return (item, step) pairs: each item repeated for its steps first … last - 1, on a circle."""
     count = np.maximum(last - first, 0.0).astype(np.int64)
     tile = np.repeat(np.arange(len(first)), count)
     along = np.arange(len(tile)) - np.repeat(np.cumsum(count) - count, count)

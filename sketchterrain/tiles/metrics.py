@@ -1,4 +1,4 @@
-"""When a tile is too coarse: by the error that it shows on the screen, or by the length of its quads."""
+"""Level-of-detail metrics: screen-space error or quad length."""
 
 from __future__ import annotations
 
@@ -22,52 +22,33 @@ _NEAREST: Final = 0.5
 
 
 class Metric(Protocol):
-    """Says by how much tiles are too coarse."""
+    """Returns the excess of tiles: above 1 a tile is too coarse."""
 
     @property
     def neighbour_limit(self) -> float:
-        """Excess from which on a tile's neighbours are split too."""
+        """Excess above which a tile's neighbours are split too."""
         ...
 
     def excess(self, view: CameraView, boxes: Boxes, errors: Floats, cells: Floats) -> Floats:
-        """Return for each tile what should be at most 1; above, it is split.
-
-        Parameters
-        ----------
-        view
-        boxes
-            Of the tiles' ground.
-        errors, cells
-            Geometric error δ and width of a quad, m, shape (n,).
-        """
+        """Return the excess of tiles, (n,), from geometric errors δ (m) and quad widths (m)."""
         ...
 
     def relaxed(self, factor: float) -> Self:
-        """Return the metric that allows so many times as much."""
+        """Return the metric with `factor` times the tolerance."""
         ...
 
 
 @dataclass(frozen=True)
 class ScreenError:
-    """A tile is split while its error δ may cover more than τ pixels (Rocca et al. 2012, §5.1).
+    """Split a tile while its error δ may cover more than τ pixels (Rocca et al. 2012, §5.1).
 
     δ is vertical, so it counts by the sine of the angle between the line of sight and the vertical. Normals
-    and materials live at vertices too: quads are never wider than `quad` pixels.
-
-    Attributes
-    ----------
-    tolerance : float
-        τ in px, > 0.
-    quad : float
-        Greatest width of a quad in px, > 0, as it would be seen head on.
-    steep : float
-        Excess from which on a tile's neighbours are split too. Along a coarser one its children show the
-        parent's surface, which would be too coarse there by as much.
+    and materials are stored at vertices too: quads are never wider than `quad` pixels.
     """
 
-    tolerance: float = 1.0
-    quad: float = 32.0
-    neighbour_limit: float = 2.0
+    tolerance: float = 1.0  # τ, px, > 0
+    quad: float = 32.0  # greatest width of a quad, px, > 0, seen head on
+    neighbour_limit: float = 2.0  # beside a coarser neighbour a tile's children show the parent's surface
 
     def __post_init__(self) -> None:
         if not (self.tolerance > 0 and self.quad > 0):
@@ -82,21 +63,15 @@ class ScreenError:
         return np.maximum(seen, cells * view.pixels_per_radian / distance / self.quad)
 
     def relaxed(self, factor: float) -> Self:
-        """Return the metric that allows so many times as much."""
+        """Return the metric with `factor` times the tolerance."""
         return replace(self, tolerance=self.tolerance * factor, quad=self.quad * factor)
 
 
 @dataclass(frozen=True)
 class QuadLength:
-    """No quad is longer than √d / (T · F), d being the distance in m (Zaaijer 2013, §2.2).
+    """No quad is longer than √d / (T · F), d being the distance in m (Zaaijer 2013, §2.2)."""
 
-    Attributes
-    ----------
-    factor : float
-        Tessellation T times the features' value F, > 0.
-    """
-
-    factor: float = 1.0
+    factor: float = 1.0  # tessellation T times the features' value F, > 0
     neighbour_limit: ClassVar[float] = np.inf
 
     def __post_init__(self) -> None:
@@ -109,12 +84,12 @@ class QuadLength:
         return np.asarray(cells * self.factor / np.sqrt(distance))
 
     def relaxed(self, factor: float) -> Self:
-        """Return the metric that allows so many times as much."""
+        """Return the metric with `factor` times the tolerance."""
         return replace(self, factor=self.factor / factor)
 
 
 def eye_distances(view: CameraView, boxes: Boxes) -> tuple[Floats, Floats]:
-    """Return distances (m) from the eye to boxes, and their vertical part; 0.5 m at least."""
+    """Return distances (m) from the eye to boxes, at least 0.5 m, and their vertical part."""
     eye = np.asarray(view.eye)
     apart = np.maximum(np.maximum(boxes.low - eye, eye - boxes.high), 0.0)
     east, north, above = apart.T
@@ -122,7 +97,7 @@ def eye_distances(view: CameraView, boxes: Boxes) -> tuple[Floats, Floats]:
 
 
 def horizontal_distances(view: CameraView, boxes: Boxes) -> tuple[Floats, Floats]:
-    """Return the horizontal distances (m) from the eye to the nearest and to the farthest of boxes."""
+    """Return the horizontal distances (m) from the eye to the nearest and farthest points of boxes."""
     eye = np.asarray(view.eye[:2])
     apart = np.maximum(np.maximum(boxes.low[:, :2] - eye, eye - boxes.high[:, :2]), 0.0)
     away = np.maximum(np.abs(boxes.low[:, :2] - eye), np.abs(boxes.high[:, :2] - eye))
@@ -130,9 +105,9 @@ def horizontal_distances(view: CameraView, boxes: Boxes) -> tuple[Floats, Floats
 
 
 def screen_errors(view: CameraView, boxes: Boxes, errors: Floats) -> Floats:
-    """Return how many pixels a vertical error (m) in a box can cover, shape (n,).
+    """Return an upper bound (px) of the projection of a vertical error (m) in each box, shape (n,).
 
-    It is as near as the box's nearest point, and seen as sideways as its farthest corner.
+    The error is as near as the box's nearest point, and seen as sideways as its farthest corner.
     """
     distance, above = eye_distances(view, boxes)
     _, reach = horizontal_distances(view, boxes)

@@ -1,9 +1,9 @@
-"""How much of its parent a tile shows at each vertex: a weight from nine controls.
+"""Geomorphing: the weight of the parent at each vertex of a tile, from nine controls.
 
-The twin of what kernels/render/ground.vert.glsl computes. Controls stand at a tile's corners, in the
-middles of its borders and at its centre. Tiles of one level share those where they touch. A weight goes
-from a border's control to the centre's within a quarter of the tile; so a border shows nothing but its own
-controls, and both tiles along it compute the same bits.
+The twin of kernels/render/ground.vert.glsl. Controls lie at a tile's corners, the middles of its borders and
+its centre. Tiles of one level share those where they touch. A weight changes from a border's control to the
+centre's within a quarter of the tile; so a border depends only on its own controls, and both tiles along it
+compute the same bits.
 """
 
 from __future__ import annotations
@@ -18,19 +18,9 @@ RAMP: Final = 0.25
 
 
 def morph_weights(controls: npt.NDArray[np.float32], quads: int) -> npt.NDArray[np.float32]:
-    """Return the weight of the parent at each vertex.
+    """Return the parent's weight at each vertex, (n, quads + 1, quads + 1) float32, row 0 north.
 
-    Parameters
-    ----------
-    controls
-        (n, 3, 3) in 0 … 1, row 0 north, column 0 west.
-    quads
-        Along a tile's side.
-
-    Returns
-    -------
-    (n, quads + 1, quads + 1) float32
-        0 is the tile's own surface, 1 its parent's; row 0 north.
+    `controls` is (n, 3, 3) in 0 … 1, row 0 north, column 0 west; 0 is the tile's own surface, 1 its parent's.
     """
     along = np.arange(quads + 1, dtype=np.float32) / np.float32(quads)
     near = np.minimum(along, 1 - along) * np.float32(1 / RAMP)

@@ -1,4 +1,4 @@
-"""What a frame is told: tiles to generate, and tiles to draw."""
+"""Per-frame results of the tile stream: tiles to generate and tiles to draw."""
 
 from __future__ import annotations
 
@@ -18,18 +18,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Tiles to generate: parents come before children.
-
-    Attributes
-    ----------
-    keys : tuple of TileKey
-    slots, parents : (n,) int64
-        Where each is to live, and where its parent does, -1 for a root.
-    """
+    """Tiles to generate: parents come before children."""
 
     keys: tuple[TileKey, ...]
-    slots: Ints
-    parents: Ints
+    slots: Ints  # (n,) slot of each tile
+    parents: Ints  # (n,) slot of its parent, -1 for a root
 
     def __bool__(self) -> bool:
         return bool(self.keys)
@@ -37,33 +30,16 @@ class Batch:
 
 @dataclass(frozen=True, eq=False)
 class DrawList:
-    """Tiles to draw.
-
-    Attributes
-    ----------
-    keys : tuple of TileKey
-    slots : (n,) int64
-        Where each lives.
-    corners : (n, 2) int64
-        North-west corner, lattice units from the world's origin, eastward and northward.
-    steps : (n,) int64
-        Lattice units between vertices.
-    cases : (n,) int64
-        Which vertices they show: see borders.py.
-    morph : (n, 3, 3) float32
-        How much of the parent is shown at the controls: see morph.py.
-    errors, screen_errors : (n,) float64
-        Geometric error δ (m) and what it covers on the screen (px).
-    """
+    """Tiles to draw."""
 
     keys: tuple[TileKey, ...]
-    slots: Ints
-    corners: Ints
-    steps: Ints
-    cases: Ints
-    morph: npt.NDArray[np.float32]
-    errors: Floats
-    screen_errors: Floats
+    slots: Ints  # (n,) slot of each tile
+    corners: Ints  # (n, 2) north-west corner, lattice units from the origin, eastward and northward
+    steps: Ints  # (n,) lattice units between vertices
+    cases: Ints  # (n,) border case: borders.py
+    morph: npt.NDArray[np.float32]  # (n, 3, 3) the parent's weight at the controls: morph.py
+    errors: Floats  # (n,) geometric error δ, m
+    screen_errors: Floats  # (n,) its projection, px
 
     @property
     def levels(self) -> Ints:

@@ -1,7 +1,7 @@
-"""Tiles that show the ground as it was before a change: which they are, and when they are right again.
+"""Stale tiles: which ones show the terrain before a change, and when they are valid again.
 
-A tile holds its own vertices and its parent's at the same places. So a rewritten tile is right if
-its parent's own vertices are: those of a parent that is not stale, or that is mark_written by the same batch.
+A tile stores its own vertices and its parent's at the same positions. So a rewritten tile is valid if its
+parent's own vertices are: those of a parent that is not stale, or that is written by the same batch.
 """
 
 from __future__ import annotations
@@ -30,20 +30,10 @@ _MARGIN: Final = 2
 
 
 def mark_stale(pool: TilePool, areas: Sequence[Box], *, extent: float, quads: int, kept: Codes) -> int:
-    """Note that the ground is another one in some areas; return how many tiles are forgotten for it.
+    """Mark tiles stale in `areas` (west, south, east, north, m); return the number removed.
 
-    Parameters
-    ----------
-    pool
-        The tiles that are held.
-    areas
-        West, south, east and north of each (m); elsewhere every vertex stays as it is.
-    extent
-        Width of a tile of level 0 (m).
-    quads
-        Along a tile's side.
-    kept
-        Tiles that are not forgotten, sorted: they are stale until they are rewritten.
+    Tiles in `kept` (sorted) stay in the pool, stale until they are rewritten; other affected tiles are
+    removed.
     """
     codes, slots = pool.tiles()
     touched = _touched(codes, areas, extent, quads)
@@ -55,7 +45,7 @@ def mark_stale(pool: TilePool, areas: Sequence[Box], *, extent: float, quads: in
 
 
 def stale_ancestors(pool: TilePool, codes: Codes) -> Codes:
-    """Return the stale tiles that some tiles lie in, coarser ones first."""
+    """Return the stale ancestors of tiles, coarser ones first."""
     above = codes[:0]
     while codes.size:
         codes = np.unique(parent_of(codes[decode(codes)[0] > ROOT_LEVEL]))
@@ -64,7 +54,7 @@ def stale_ancestors(pool: TilePool, codes: Codes) -> Codes:
 
 
 def rewrite_batch(pool: TilePool, codes: Codes) -> Batch:
-    """Return the batch that writes held tiles anew, with those parents that they read."""
+    """Return the batch that rewrites cached tiles, with the stale parents that they read."""
     above = codes[decode(codes)[0] > ROOT_LEVEL]
     codes = np.union1d(codes, _stale(pool, np.unique(parent_of(above))))
     codes = codes[np.argsort(decode(codes)[0], kind="stable")]
@@ -72,13 +62,13 @@ def rewrite_batch(pool: TilePool, codes: Codes) -> Batch:
 
 
 def create_batch(pool: TilePool, codes: Codes, slots: Slots) -> Batch:
-    """Return the batch that writes tiles into slots, parents that are held beside them."""
+    """Return the batch that writes tiles into slots; their parents are in the pool."""
     parents = np.where(decode(codes)[0] > ROOT_LEVEL, pool.find(parent_of(codes)), -1)
     return Batch(tuple(keys_of(codes)), slots, parents)
 
 
 def mark_written(pool: TilePool, batch: Batch) -> None:
-    """Note that a batch was mark_written; what read a parent that is not right stays stale."""
+    """Clear the stale flag of a batch's tiles, except those that read a stale parent."""
     parents = batch.parents
     wrong = (parents >= 0) & pool.stale[parents] & ~np.isin(parents, batch.slots)
     pool.stale[batch.slots] &= wrong
@@ -91,7 +81,7 @@ def _stale(pool: TilePool, codes: Codes) -> Codes:
 
 
 def _touched(codes: Codes, areas: Sequence[Box], extent: float, quads: int) -> npt.NDArray[np.bool_]:
-    """Tell which tiles have a vertex that may be another one, its normal or its parent's included."""
+    """Return which tiles have a vertex that may change, its normal and its parent's included."""
     if not len(areas) or not len(codes):
         return np.zeros(len(codes), np.bool_)
     flat = np.zeros(len(codes))

@@ -1,4 +1,4 @@
-"""Tiles that are held: which slot each lives in, and which one goes when room is wanted."""
+"""Pool of tile slots with least-recently-used eviction."""
 
 from __future__ import annotations
 
@@ -24,21 +24,11 @@ _ANY_HEIGHT = 1e5
 
 
 class TilePool:
-    """Slots for tiles. Full, it gives away those that were used least recently.
+    """LRU cache of tiles in a fixed number of slots, with each tile's error, height range and stale flag.
 
-    Parameters
-    ----------
-    slots : int
-        How many tiles there is room for, ≥ 1.
-    bounds : (float, float, float, float)
-        West, south, east, north (m) of the world; the ground of tiles is what lies within.
-
-    Attributes
-    ----------
-    error, bottom, top : (slots,) float64
-        Of the tile in a slot: geometric error, lowest and highest ground, m.
-    stale : (slots,) bool
-        Whether a slot's tile shows the ground as it was before a change.
+    Terrain exists within `bounds` (west, south, east, north, m). `error`, `bottom`, `top` (slots,) are the
+    geometric error and the lowest and highest terrain (m) of the tile in each slot; `stale` (slots,) marks
+    tiles that show the terrain before a change.
     """
 
     def __init__(self, slots: int, *, bounds: tuple[float, float, float, float] = UNBOUNDED) -> None:
@@ -54,48 +44,44 @@ class TilePool:
 
     @property
     def slots(self) -> int:
-        """How many tiles there is room for."""
+        """Capacity in tiles."""
         return len(self._code)
 
     @property
     def count(self) -> int:
-        """How many tiles there are."""
+        """Number of cached tiles."""
         return len(self._sorted[0])
 
     def tiles(self) -> tuple[Codes, Slots]:
-        """Return all tiles that are held, sorted, and their slots."""
+        """Return all cached tiles, sorted, and their slots."""
         return self._sorted
 
     def stale_tiles(self) -> Codes:
-        """Return the stale tiles that are held, coarser ones first."""
+        """Return the stale tiles, coarser ones first."""
         codes, slots = self._sorted
         return codes[self.stale[slots]]
 
     def find(self, codes: Codes) -> Slots:
-        """Return the slot of each tile, -1 where it is not held; any shape."""
+        """Return the slot of each tile, -1 if not cached; any shape."""
         known, slots = self._sorted
         at = index_in(known, codes)
         return np.where(at >= 0, slots[at], _FREE) if known.size else at
 
     def touch(self, codes: Codes) -> None:
-        """Note that tiles are in use now; what is used together goes together."""
+        """Mark tiles as in use now; tiles used together are evicted together."""
         self._time += 1
         slots = self.find(codes)
         self._used[slots[slots >= 0]] = self._time
 
     def available(self) -> int:
-        """Return how many tiles can be taken in without losing one that is in use now."""
+        """Return how many tiles can be acquired without evicting one that is in use now."""
         return int(np.count_nonzero((self._code == _FREE) | (self._used < self._time)))
 
     def acquire(self, codes: Codes) -> Slots:
-        """Give new tiles a slot each, and forget those that were used least recently; shape (n,).
+        """Assign a slot to each new tile, evicting the least recently used ones; shape (n,).
 
-        The tiles count as held from now on: what is enqueued next is written after them.
-
-        Raises
-        ------
-        InputError
-            If that would lose a tile that is in use now.
+        The tiles count as cached at once: later commands in the queue run after they are written. Raises
+        InputError if that would evict a tile in use.
         """
         if len(codes) > self.available():
             raise InputError(f"no room for {len(codes)} tiles in {self.slots} slots")
@@ -107,14 +93,14 @@ class TilePool:
         return slots
 
     def remove(self, codes: Codes) -> None:
-        """Forget tiles, all of which are held."""
+        """Remove cached tiles."""
         slots = self.find(codes)
         self._code[slots] = _FREE
         self.stale[slots] = False
         self._sort()
 
     def codes_in(self, slots: Slots) -> Codes:
-        """Return the tiles that live in slots."""
+        """Return the tiles in slots."""
         return self._code[slots]
 
     def _sort(self) -> None:
@@ -123,17 +109,17 @@ class TilePool:
         self._sorted = self._code[order], order
 
     def set_properties(self, slots: Slots, facts: npt.NDArray[Any]) -> None:
-        """Note what tiles are like: fields ``low``, ``high`` and ``error``, m."""
+        """Store the fields ``low``, ``high`` and ``error`` (m) of tiles."""
         self.bottom[slots], self.top[slots], self.error[slots] = facts["low"], facts["high"], facts["error"]
 
     def boxes(self, codes: Codes, slots: Slots, extent: float) -> Boxes:
-        """Return the boxes of held tiles, wide enough for their own surface and for the real one."""
+        """Return the boxes of cached tiles, enclosing their own surface and the exact one."""
         error = self.error[slots]
         boxes = boxes_of(codes, extent, self.bottom[slots] - error, self.top[slots] + error)
         return clip_boxes(boxes, self._bounds)
 
     def conservative_boxes(self, codes: Codes, slots: Slots, extent: float) -> Boxes:
-        """Return the same, of stale tiles as high and low as any ground may be."""
+        """Return the same boxes, with unlimited height for stale tiles."""
         boxes, unknown = self.boxes(codes, slots, extent), self.stale[slots]
         boxes.low[unknown, 2], boxes.high[unknown, 2] = -_ANY_HEIGHT, _ANY_HEIGHT
         return boxes

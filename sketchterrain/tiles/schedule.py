@@ -1,4 +1,4 @@
-"""How many tiles fit into a span of time: what they cost is learnt as they are made."""
+"""Cost model of tile generation, learnt from measured batches: how many tiles fit into a time budget."""
 
 from __future__ import annotations
 
@@ -28,10 +28,9 @@ _LEAST: Final = 1e-6
 
 
 class CostModel:
-    """Time of a batch: so much for itself, for each level in it, for each tile, and more for each wide one.
+    """Seconds of a batch: a constant, and costs per level in it, per tile and per wide tile.
 
-    That is fitted to what the last batches took, by relative errors; plans allow for all but the slowest few
-    of those.
+    Fitted to the last batches by relative errors; plans allow for all but the slowest few of them.
     """
 
     def __init__(self) -> None:
@@ -40,24 +39,11 @@ class CostModel:
         self._slow = 1.0
 
     def expected(self, levels: Codes) -> float:
-        """Return how many seconds a batch of tiles of some levels will take."""
+        """Return the expected seconds of a batch of tiles of these levels."""
         return float(_counts(levels)[-1] @ self._cost) if len(levels) else 0.0
 
     def count_within(self, levels: Codes, budget: float) -> int:
-        """Return how many tiles, in their order, fit into a budget.
-
-        Parameters
-        ----------
-        levels
-            Of the tiles, (n,).
-        budget
-            s; at least one tile is made whatever it is, unless it is 0.
-
-        Raises
-        ------
-        InputError
-            If the budget is negative or no number.
-        """
+        """Return how many of the first tiles fit into a budget (s); at least one unless it is 0."""
         if not budget >= 0:
             raise InputError(f"expected a budget ≥ 0 s, got {budget:g}")
         if budget == 0 or not len(levels):
@@ -66,7 +52,7 @@ class CostModel:
         return max(1, int(np.searchsorted(seconds, _AIM * budget, side="right")))
 
     def record(self, levels: Codes, seconds: float) -> None:
-        """Note what a batch took (s)."""
+        """Record the seconds that a batch took."""
         self._seen.append((_counts(levels)[-1], max(seconds, _LEAST)))
         counts = np.stack([each for each, _ in self._seen])
         took = np.array([each for _, each in self._seen])

@@ -1,4 +1,4 @@
-"""Tiles for a moving camera: what to generate now, what to draw now."""
+"""Tile streaming for a moving camera: which tiles to generate and to draw."""
 
 from __future__ import annotations
 
@@ -61,29 +61,16 @@ _STRICTER, _LOOSER, _MOST_RELAXED = 0.97, 1.1, 1e3
 
 
 class TileStream:
-    """Which tiles to generate and to draw, frame by frame; it generates and draws none itself.
+    """Selects the tiles to generate and to draw, frame by frame; does neither itself.
 
-    Each frame: `plan` says what to generate, `arrived` takes what became of it, `advance` says what to draw.
-    After a change of the ground, `invalidate`, then per frame `stale_batch`: tiles that must be
-    rewritten before it is drawn.
+    Each frame: `plan` returns what to generate, `mark_generated` records the result, `advance` returns what
+    to draw. After a change of the terrain call `invalidate`, and per frame `stale_batch`: tiles to rewrite
+    before they are drawn.
 
-    Parameters
-    ----------
-    extent : float
-        Width of a tile of level 0, m.
-    quads : int
-        Along a tile's side: a power of two, 2 … 256.
-    slots : int
-        How many tiles may be held.
-    finest_cell : float
-        No quad is made narrower than this, m.
-    metric : Metric
-        Which tiles are too coarse; τ = 1 px by default.
-    hide : bool
-        Whether tiles that lie behind nearer ground are left out of what is drawn.
-    bounds : (float, float, float, float)
-        West, south, east, north (m) of the ground; beyond them no tile is drawn, and none is looked at
-        closely, though one that has a brother within is generated.
+    `extent` is the width (m) of a tile of level 0, `quads` a power of two, 2 … 256, along a tile's side,
+    `slots` the capacity of the pool, `finest_cell` the least width (m) of a quad; `hide` culls tiles behind
+    nearer terrain. No tile beyond `bounds` (west, south, east, north, m) is drawn or refined, though one with
+    a sibling inside is generated.
     """
 
     def __init__(
@@ -130,28 +117,18 @@ class TileStream:
 
     @property
     def complete(self) -> bool:
-        """Whether in the last frame's plan nothing was missing that would be seen."""
+        """Whether nothing visible was missing in the last frame's plan."""
         return self._complete
 
     @property
     def error_factor(self) -> float:
-        """How much more error than asked for is allowed because the pool is too small; 1 is none."""
+        """Factor on the tolerated error while the pool is too small for the view; normally 1."""
         return self._error_factor
 
     def plan(self, view: CameraView, *, budget: float) -> Batch:
-        """Choose tiles to generate now.
+        """Return tiles to generate now within a budget (s); empty if none is missing.
 
-        Parameters
-        ----------
-        view
-            The camera.
-        budget
-            Seconds that they may take.
-
-        Returns
-        -------
-        Batch
-            Most visible first, then what the camera's motion leads to; empty when nothing is lacking.
+        Most visible first, then those ahead of the camera's motion.
         """
         # In flight the tree of the last frame does for every second one, and that one looks ahead.
         self._reuses_tree = any(view.velocity) and not self._reuses_tree
@@ -182,17 +159,7 @@ class TileStream:
         return create_batch(self.pool, both, slots)
 
     def mark_generated(self, batch: Batch, facts: npt.NDArray[Any], *, seconds: float | None) -> None:
-        """Take note of tiles that were generated.
-
-        Parameters
-        ----------
-        batch
-            As `plan` gave it.
-        facts
-            (n,) fields ``low``, ``high`` and ``error``, m.
-        seconds
-            What they took; None where that says nothing about what others will.
-        """
+        """Record ``low``, ``high``, ``error`` (m) of a batch, and its cost unless `seconds` is None."""
         self.pool.set_properties(batch.slots, facts)
         mark_written(self.pool, batch)
         if seconds is not None:
@@ -200,46 +167,28 @@ class TileStream:
         self._changes += 1
 
     def invalidate(self, areas: Sequence[tuple[float, float, float, float]]) -> int:
-        """Note that the ground is another one; return how many tiles are forgotten for it.
+        """Invalidate areas (west, south, east, north, m) of the terrain; return how many tiles were removed.
 
-        Tiles in use stay and are rewritten before they are drawn (`stale_batch`), or when
-        there is time (`plan`).
-
-        Parameters
-        ----------
-        areas
-            West, south, east and north (m); elsewhere no vertex is another one.
+        Tiles in use stay and are rewritten before they are drawn (`stale_batch`), or when there is time
+        (`plan`).
         """
         self._changes += 1
         return mark_stale(self.pool, areas, extent=self.extent, quads=self.quads, kept=np.sort(self._needed))
 
     def stale_batch(self, draws: DrawList) -> Batch:
-        """Return what must be rewritten, and told to `arrived`, before these tiles are drawn."""
+        """Return the tiles to rewrite, and to pass to `mark_generated`, before these are drawn."""
         codes = self.pool.codes_in(draws.slots[self.pool.stale[draws.slots]])
         return rewrite_batch(self.pool, codes)
 
     def advance(self, view: CameraView, *, elapsed: float) -> DrawList:
-        """Go on by a frame.
-
-        Parameters
-        ----------
-        view
-            The camera.
-        elapsed
-            Seconds since the last frame; infinite to let all weights arrive at once.
-
-        Returns
-        -------
-        DrawList
-            What to draw now.
-        """
+        """Advance by a frame and return what to draw; `elapsed` (s) may be infinite to finish all morphs."""
         wanted = self._target(view)
         self._tree.step(self._selector.roots(view), wanted.splits, self.pool)
         self._tree.move(self._goals(view, wanted), elapsed)
         return self.draw_list(view)
 
     def jump(self, view: CameraView) -> None:
-        """Show at once the best that what is held allows: for the first picture, and after a leap."""
+        """Show the best that cached tiles allow at once: for the first frame, and after a jump."""
         wanted = self._target(view)
         selection = self._selector
         roots = selection.roots(view)
@@ -249,22 +198,14 @@ class TileStream:
         self._tree.move(self._goals(view, wanted), np.inf)
 
     def generate_all(self, view: CameraView, generate: Callable[[Batch], npt.NDArray[Any]]) -> DrawList:
-        """Generate all that a still picture wants, and return it.
-
-        Parameters
-        ----------
-        view
-            The camera.
-        generate
-            Makes a batch and returns its facts, as `arrived` takes them.
-        """
+        """Generate all tiles of a still view and return them; ``generate(batch)`` returns properties."""
         while batch := self._plan_or_relax(view):
             self.mark_generated(batch, generate(batch), seconds=None)
         self.jump(view)
         return self.advance(view, elapsed=np.inf)
 
     def _plan_or_relax(self, view: CameraView) -> Batch:
-        """Return the next batch; an empty one only where nothing is lacking."""
+        """Return the next batch; empty only if nothing is missing."""
         batch = self.plan(view, budget=np.inf)
         while self._missing and not batch and self._error_factor < _MOST_RELAXED:
             batch = self.plan(view, budget=np.inf)
@@ -286,7 +227,7 @@ class TileStream:
         return known[2]
 
     def _protect(self, view: CameraView, wanted: TargetTree) -> None:
-        """Note which tiles may not go: the wanted tree, what is drawn, and all above it."""
+        """Mark tiles that must not be evicted: the target tree, the displayed one, and their ancestors."""
         codes = np.unique(np.concatenate([self._selector.roots(view), self._tree.codes, wanted.splits]))
         held = codes
         while held.size:
@@ -296,7 +237,7 @@ class TileStream:
         self.pool.touch(self._needed)
 
     def _goals(self, view: CameraView, wanted: TargetTree) -> MorphTargets:
-        """Say how much of its parent each tile should show in its middle, by how much too coarse that is."""
+        """Return morph targets of the displayed tiles from the excess of their parents."""
         codes = self._tree.codes
         above, at = np.unique(parent_of(codes), return_inverse=True)
         excess = wanted.excess.lookup(above)[at]
@@ -311,7 +252,7 @@ class TileStream:
         return MorphTargets(wanted.splits, weights, 1 / seconds)
 
     def _seen(self, view: CameraView, codes: Codes) -> Floats:
-        """Return the screen error of tiles, 0 of those that are not held (px)."""
+        """Return the screen error (px) of tiles, 0 if not cached."""
         slots = self.pool.find(codes)
         held = slots >= 0
         seen = np.zeros(len(codes))
@@ -320,7 +261,7 @@ class TileStream:
         return seen
 
     def draw_list(self, view: CameraView) -> DrawList:
-        """Return what to draw as the tree is; of stale tiles all that may be seen."""
+        """Return what to draw of the displayed tree; every stale tile that may be visible."""
         codes = self._tree.codes
         slots = self.pool.find(codes)
         boxes = self.pool.conservative_boxes(codes, slots, self.extent)
@@ -345,14 +286,14 @@ class TileStream:
 
 
 def _of_few_levels(codes: Codes) -> Codes:
-    """Return the tiles of those levels that come first, in their order."""
+    """Return the tiles of the levels that come first, in their order."""
     level, _, _ = decode(codes)
     levels, first = np.unique(level, return_index=True)
     return codes[np.isin(level, levels[np.argsort(first)[:_LEVELS_A_BATCH]])]
 
 
 def finest_level(extent: float, quads: int, finest_cell: float) -> int:
-    """Return the finest level whose quads are no narrower than a cell (m), as far as the lattice goes."""
+    """Return the finest level whose quads are no narrower than a cell (m), within the lattice."""
     level = int(np.floor(np.log2(extent / quads / finest_cell)))
     # Errors are measured in the middles of quads, which must lie on the lattice.
     return int(np.clip(level, ROOT_LEVEL + 1, LATTICE_BITS - quads.bit_length()))

@@ -1,4 +1,4 @@
-"""What tiles need to know of a camera."""
+"""Camera view as tile selection needs it, with frustum culling."""
 
 from __future__ import annotations
 
@@ -16,29 +16,16 @@ Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class CameraView:
-    """A camera as the choice of tiles sees it.
+    """Camera of the tile selection."""
 
-    Attributes
-    ----------
-    eye : (x, y, z) in m
-    planes : (k, 4) float64
-        a·x + b·y + c·z + d ≥ 0 is inside; unit normals, world coordinates.
-    pixels_per_radian : float
-        Pixels that an angle of 1 covers in the middle of the picture: its height / (2 tan(fov / 2)).
-    velocity : (x, y, z) in m/s
-        How the eye moves: tiles are fetched ahead of it.
-    draw_distance : float
-        Horizontal distance (m) beyond which nothing is drawn.
-    """
-
-    eye: tuple[float, float, float]
-    planes: Floats
-    pixels_per_radian: float
-    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    draw_distance: float = np.inf
+    eye: tuple[float, float, float]  # x, y, z, m
+    planes: Floats  # (k, 4) a·x + b·y + c·z + d ≥ 0 is inside; unit normals, world coordinates
+    pixels_per_radian: float  # at the image centre: height / (2 tan(fov / 2))
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m/s; tiles are fetched ahead of it
+    draw_distance: float = np.inf  # horizontal, m
 
     def extrapolated(self, seconds: float) -> CameraView:
-        """Return the view that the same motion leads to."""
+        """Return the view after some seconds of the same motion."""
         gone = np.asarray(self.velocity) * seconds
         planes = self.planes.copy()
         planes[:, 3] -= planes[:, :3] @ gone
@@ -46,25 +33,15 @@ class CameraView:
         return replace(self, eye=(x, y, z), planes=planes)
 
     def sees(self, boxes: Boxes, *, margin: Floats | float = 0.0) -> npt.NDArray[np.bool_]:
-        """Tell which boxes, `margin` (m) larger on all sides, may be seen; shape (n,)."""
+        """Return which boxes, enlarged by `margin` (m), may be visible; shape (n,)."""
         more = np.broadcast_to(margin, len(boxes.low))[:, None]
         return inside_frustum(self.planes, boxes.low - more, boxes.high + more)
 
 
 def inside_frustum(planes: Floats, low: Floats, high: Floats) -> npt.NDArray[np.bool_]:
-    """Tell which boxes are not wholly outside one of the planes.
+    """Return which boxes (corners `low`, `high` (n, 3), m) are not wholly outside one of the planes (k, 4).
 
-    Parameters
-    ----------
-    planes
-        (k, 4); a·x + b·y + c·z + d ≥ 0 is inside.
-    low, high
-        (n, 3) opposite corners (m).
-
-    Returns
-    -------
-    (n,) bool
-        May be true for a box just outside an edge of the frustum, never false for one that can be seen.
+    Conservative: may be true for a box just outside an edge of the frustum, never false for a visible one.
     """
     inside = np.ones(len(low), dtype=np.bool_)
     for plane in planes:

@@ -1,4 +1,4 @@
-"""The tree that a view wants, balanced so that tiles that touch differ by one level at most."""
+"""Target quadtree of a view, balanced so that touching tiles differ by at most one level."""
 
 from __future__ import annotations
 
@@ -54,23 +54,14 @@ _MARGIN: Final = 0.15
 
 @dataclass(frozen=True, eq=False)
 class Excess:
-    """How much too coarse tiles are.
+    """Level-of-detail excess of cached tiles."""
 
-    Attributes
-    ----------
-    codes : sorted codes
-    of_all : (n,) float64
-        By the metric, 1 being the limit; less where they are not seen, and 0 beyond the draw distance.
-    seen : (n,) bool
-        Whether they lie in the picture, and not behind nearer ground.
-    """
-
-    codes: Codes
-    of_all: Floats
-    seen: npt.NDArray[np.bool_]
+    codes: Codes  # sorted
+    of_all: Floats  # (n,) by the metric, 1 is the limit; reduced if not visible, 0 beyond the draw distance
+    seen: npt.NDArray[np.bool_]  # (n,) in the frustum, and not behind nearer terrain
 
     def lookup(self, codes: Codes) -> Floats:
-        """Return that of some tiles, 0 of those that are unknown."""
+        """Return the excess of some tiles, 0 if unknown."""
         at = index_in(self.codes, codes)
         values = np.zeros(len(codes))
         values[at >= 0] = self.of_all[at[at >= 0]]
@@ -79,61 +70,30 @@ class Excess:
 
 @dataclass(frozen=True, eq=False)
 class TargetTree:
-    """What a view wants.
+    """Tree that a view requires."""
 
-    Attributes
-    ----------
-    splits : sorted codes
-        Tiles whose children are wanted.
-    missing : codes
-        Tiles that are not held and whose parents are: most visible first.
-    urgency : (missing,) float64
-        Excess of the tile to be replaced; infinite for roots, at most ``UNSEEN_URGENCY`` if not visible.
-    excess : Excess
-        Of all tiles that are held.
-    """
-
-    splits: Codes
-    missing: Codes
+    splits: Codes  # sorted; tiles whose children are required
+    missing: Codes  # not cached although their parents are; most visible first
+    # (missing,) excess of the tile each replaces; infinite for roots, at most UNSEEN_URGENCY if not
+    # visible
     urgency: Floats
-    excess: Excess
+    excess: Excess  # of all cached tiles
 
 
 @dataclass(frozen=True)
 class TileSelector:
-    """How tiles are chosen: pure functions of a view and of what is held.
+    """Tile selection: pure functions of a view and of the pool."""
 
-    Attributes
-    ----------
-    extent : float
-        Width of a tile of level 0, m.
-    quads : int
-        Along a tile's side.
-    metric : Metric
-        Which tiles are too coarse.
-    finest : int
-        Level at which splitting ends.
-    hide : bool
-        Whether tiles behind nearer ground count as not seen.
-    bounds : (float, float, float, float)
-        West, south, east, north (m): tiles without ground in there are never too coarse, nor roots.
-    """
-
-    extent: float
-    quads: int
+    extent: float  # width of a tile of level 0, m
+    quads: int  # along a tile's side
     metric: Metric
-    finest: int
-    hide: bool = True
+    finest: int  # level at which splitting ends
+    hide: bool = True  # treat tiles behind nearer terrain as not visible
+    # west, south, east, north, m; tiles outside are never split, nor roots
     bounds: tuple[float, float, float, float] = UNBOUNDED
 
     def roots(self, view: CameraView) -> Codes:
-        """Return the codes of the coarsest tiles about the eye.
-
-        Raises
-        ------
-        InputError
-            If the eye is too far away for the columns and rows of the finest tiles around it.
-        """
+        """Return the coarsest tiles around the eye; InputError if it is too far from the origin."""
         farthest = FARTHEST_TILE * self.extent * 2.0**-self.finest
         if not max(abs(view.eye[0]), abs(view.eye[1])) < farthest:
             x, y, _ = view.eye
@@ -143,7 +103,7 @@ class TileSelector:
         return np.sort(code_of(ROOT_LEVEL, cols.ravel(), rows.ravel()))
 
     def excess(self, view: CameraView, pool: TilePool) -> Excess:
-        """Return how much too coarse all tiles are that are held, those that nearer ground hides included."""
+        """Return the excess of all cached tiles, including those hidden by nearer terrain."""
         codes, slots = pool.tiles()
         boxes = pool.boxes(codes, slots, self.extent)
         cells = self.extent * np.exp2(-decode(codes)[0].astype(np.float64)) / self.quads
@@ -161,7 +121,7 @@ class TileSelector:
         return Excess(codes, np.where(seen, excess, _ASIDE * excess), seen)
 
     def wanted(self, view: CameraView, pool: TilePool) -> TargetTree:
-        """Return the tree that a view wants, as far as what is held says."""
+        """Return the tree that a view requires, as far as known from cached tiles."""
         roots, excess = self.roots(view), self.excess(view, pool)
         coarse = self._descend(excess)
         splits, urgency = self._balanced(excess, coarse, view)
@@ -173,7 +133,7 @@ class TileSelector:
         return TargetTree(splits, needed[order], urgent[order], excess)
 
     def reachable(self, view: CameraView, splits: Codes, pool: TilePool) -> Codes:
-        """Return those splits that can be shown with what is held, in balance; sorted."""
+        """Return those splits that cached tiles can show, in balance; sorted."""
         roots = self.roots(view)
         ready = splits[(pool.find(children_of(splits)) >= 0).all(axis=1) & (pool.find(splits) >= 0)]
         level = decode(ready)[0]
@@ -189,7 +149,7 @@ class TileSelector:
         return shown
 
     def _descend(self, excess: Excess) -> list[npt.NDArray[np.intp]]:
-        """Return which tiles of each level, from the roots, are too coarse as all above them are."""
+        """Return the tiles of each level, from the roots, that are too coarse like all their ancestors."""
         coarse = np.flatnonzero(excess.of_all > 1)
         codes = excess.codes[coarse]
         starts = np.searchsorted(
@@ -204,7 +164,7 @@ class TileSelector:
         return found[:-1]
 
     def _leaves(self, excess: Excess) -> npt.NDArray[np.intp]:
-        """Return which tiles are left when those that are too coarse are split, unbalanced."""
+        """Return the leaves after splitting all tiles that are too coarse, unbalanced."""
         splits = np.sort(np.concatenate(self._descend(excess)))
         codes = excess.codes
         level, _, _ = decode(codes)
@@ -230,11 +190,11 @@ class TileSelector:
     def _balanced(
         self, excess: Excess, coarse: list[npt.NDArray[np.intp]], view: CameraView
     ) -> tuple[Codes, Floats]:
-        """Return all tiles to be split so that no two that touch differ by more than a level; sorted.
+        """Return all tiles to split so that touching tiles differ by at most a level, with urgencies.
 
-        With each comes how urgent that is: the greatest excess that makes it split, and after all that are
-        seen those that are not. What is not drawn need not be balanced. Few tiles on many levels: plain
-        integers in dictionaries are quicker here than arrays.
+        The urgency is the greatest excess that forces the split; those not visible come last. Tiles beyond
+        the drawn area need no balance. Few tiles on many levels: dictionaries of plain integers are quicker
+        here than arrays.
         """
         urgency = np.where(excess.seen, excess.of_all, UNSEEN_URGENCY * np.minimum(excess.of_all, 1e6) / 1e6)
         forced: dict[int, float] = {}
@@ -257,14 +217,14 @@ class TileSelector:
 
 
 def _raise(values: dict[int, float], others: Iterable[tuple[int, float]]) -> None:
-    """Take the greater of the values that two sets have."""
+    """Merge values, keeping the greater one."""
     for code, value in others:
         if values.get(code, 0.0) < value:
             values[code] = value
 
 
 def _within(codes: Codes, inside: Range) -> npt.NDArray[np.bool_]:
-    """Tell which tiles lie in a range of columns and rows."""
+    """Return which tiles lie in a range of columns and rows."""
     _, col, row = decode(codes)
     west, east, south, north = inside
     return np.asarray((col >= west) & (col <= east) & (row >= south) & (row <= north))

@@ -1,14 +1,6 @@
-"""The sketch: what a person painted and set, as a document and as files.
+"""The sketch document: declared settings, label layers, edits, undo history, and its files.
 
-`parameters` declares everything that can be set (each a `parameter`), `material_rule` a rule by which a
-material covers the ground (their table is in `material_rules`), `edits` what can be changed of what was
-generated, and `reference` makes a page of all that. `document` holds it as a value, checked against these
-declarations. `files` reads and writes it as a folder or a ``.sketch`` zip; `toml_text`, `layer_images` and
-`archive` know the three formats involved, `safe_zip` any zip of a stranger's, `folder_save` replaces a
-folder's files as a whole, `contents` knows which files are a sketch's, `starter` the first sketch a person
-gets, `wording` how an error shows what was given, `toml_reading` any TOML, `label_colours` which colour
-stands for a label. `history` holds the steps of undo, each as a `layer_change` of tiles.
-Nothing here knows what becomes of a sketch.
+Nothing here depends on how terrain is computed from a sketch.
 """
 
 from __future__ import annotations

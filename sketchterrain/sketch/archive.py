@@ -1,4 +1,4 @@
-"""A sketch in one file: a zip, read without trust and never unpacked to disk, written with stable bytes."""
+"""``.sketch`` files: a sketch's files in one zip, never unpacked to disk, with reproducible bytes."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ import zipfile
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
-from sketchterrain.sketch.contents import LARGEST_TOTAL, SETTINGS, file_limit, sketch_files
+from sketchterrain.sketch.contents import MAX_TOTAL_BYTES, SETTINGS, file_limit, sketch_files
 from sketchterrain.sketch.safe_zip import open_zip
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
 def read_zip(path: Path, place: str) -> dict[str, bytes]:
-    """Return the content of the sketch's files in a zip, by name.
+    """Return the content of a sketch's files in a zip, by name; they may be in one folder at its top.
 
-    The files may lie at the top or in one folder at the top. What else lies there is looked at by name
-    only. No more is ever decompressed than a sketch's files may have, whatever the zip says of itself.
+    Nothing else is decompressed. Raise InputError if the zip is unsafe, or a file is missing, unknown or
+    damaged.
     """
     with open_zip(
-        path, place, largest=LARGEST_TOTAL, expected="a folder or a whole zip", inside="the sketch"
+        path, place, largest=MAX_TOTAL_BYTES, expected="a folder or a whole zip", inside="the sketch"
     ) as archive:
-        root = _root(archive.names)
+        root = _root_folder(archive.names)
         inner = [name.removeprefix(root) for name in archive.names if name.startswith(root)]
         names = [name for name in inner if name and "/" not in name]
         return {
@@ -32,7 +32,7 @@ def read_zip(path: Path, place: str) -> dict[str, bytes]:
 
 
 def pack_zip(files: Mapping[str, bytes]) -> bytes:
-    """Return a zip of files, by name; the same files give the same bytes."""
+    """Return a zip of files by name; equal files give equal bytes."""
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w") as archive:
         for name in sorted(files):
@@ -43,8 +43,8 @@ def pack_zip(files: Mapping[str, bytes]) -> bytes:
     return stream.getvalue()
 
 
-def _root(entries: Collection[str]) -> str:
-    """Return the one top folder (with its ``/``) that holds the whole sketch, or nothing."""
+def _root_folder(entries: Collection[str]) -> str:
+    """Return the one top folder (with its ``/``) that contains the whole sketch, or an empty text."""
     tops = {name.split("/")[0] for name in entries if not name.startswith((".", "__MACOSX/"))}
     top = f"{tops.pop()}/" if len(tops) == 1 else ""
     return top if f"{top}{SETTINGS}" in entries else ""

@@ -1,4 +1,4 @@
-"""Boxes of pixels: which part of a layer something is about."""
+"""Pixel rectangles of a layer."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ Box = tuple[int, int, int, int]
 
 
 def union_box(a: Box | None, b: Box | None) -> Box | None:
-    """Return the smallest box around two boxes, either of which may be missing."""
+    """Return the bounding box of two boxes, either of which may be missing."""
     if a is None or b is None:
         return a or b
     return min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])

@@ -1,4 +1,4 @@
-"""Which files of a folder or archive belong to a sketch, and how much of them is read."""
+"""Files of a folder or archive that belong to a sketch, and their size limits."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
 
 SETTINGS = "sketch.toml"
-"""The file of settings; each layer's image is ``<layer>.png``."""
+"""The settings file; each layer's image is ``<layer>.png``."""
 
-LARGEST_FILE = 64 << 20
+MAX_FILE_BYTES = 64 << 20
 """The most bytes of one layer image."""
 
-LARGEST_TOTAL = 256 << 20
+MAX_TOTAL_BYTES = 256 << 20
 """The most bytes of all files of a sketch together."""
 
-_LARGEST_SETTINGS = 2 << 20
+_MAX_SETTINGS_BYTES = 2 << 20
 _OTHER_IMAGES = frozenset({".jpg", ".jpeg", ".gif", ".bmp", ".tif", ".tiff", ".webp"})
 
 
 def sketch_files(names: Iterable[str], place: str) -> list[str]:
-    """Return which of the `names` in a folder are the sketch's: its settings and its layers.
+    """Return the sketch's files among the `names` in a folder: its settings and its layers.
 
-    Other files may lie there too, but no image that a person could take for a layer.
+    Raise InputError if the settings are missing, or if an image could be mistaken for a layer.
     """
     visible = sorted(name for name in names if not name.startswith("."))
     images = [f"{layer}.png" for layer in LAYERS]
@@ -52,15 +52,18 @@ def sketch_files(names: Iterable[str], place: str) -> list[str]:
 
 
 def read_folder(
-    folder: Traversable, place: str, *, given: Mapping[str, bytes] | None = None
+    folder: Traversable, place: str, *, overrides: Mapping[str, bytes] | None = None
 ) -> dict[str, bytes]:
-    """Return the content of the sketch's files in a folder, by name."""
+    """Return the content of the sketch's files in a folder, by name; `overrides` replace what is on disk.
+
+    Raise InputError if a file is missing, unknown, too large or unreadable.
+    """
     contents: dict[str, bytes] = {}
-    given = given or {}
+    overrides = overrides or {}
     try:
-        for name in sketch_files({*given, *(entry.name for entry in folder.iterdir())}, place):
-            if name in given:
-                contents[name] = given[name]
+        for name in sketch_files({*overrides, *(entry.name for entry in folder.iterdir())}, place):
+            if name in overrides:
+                contents[name] = overrides[name]
                 continue
             entry, limit = folder.joinpath(name), file_limit(name)
             if not entry.is_file():
@@ -76,4 +79,4 @@ def read_folder(
 
 def file_limit(name: str) -> int:
     """Return the most bytes that the sketch's file `name` may have."""
-    return _LARGEST_SETTINGS if name == SETTINGS else LARGEST_FILE
+    return _MAX_SETTINGS_BYTES if name == SETTINGS else MAX_FILE_BYTES

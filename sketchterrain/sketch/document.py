@@ -1,4 +1,4 @@
-"""The sketch as a value: label layers, what their labels mean, and the settings of the world."""
+"""`Sketch`: label layers, properties of their labels, and settings of the world, as a checked value."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from sketchterrain.errors import InputError
-from sketchterrain.sketch.edits import Edit, checked_edits
+from sketchterrain.sketch.edits import MAX_EDITS, Edit
 from sketchterrain.sketch.label_image import (
     MAX_LABELS,
     MAX_SIDE,
@@ -22,7 +22,7 @@ from sketchterrain.sketch.label_image import (
     labels_in,
 )
 from sketchterrain.sketch.material_rules import check_rule_changes
-from sketchterrain.sketch.parameter import Parameter, Properties, Value, find_parameter
+from sketchterrain.sketch.parameter import Properties, check_items, check_values, defaults
 from sketchterrain.sketch.parameters import LAYERS, LOOK, MATERIALS, SKETCH, TABLES, Layer
 from sketchterrain.sketch.wording import did_you_mean, format_value
 
@@ -39,16 +39,16 @@ DEFAULT_SIDE = 512
 
 @dataclass(frozen=True, eq=False)
 class Sketch:
-    """What a person painted and set.
+    """Painted label layers and settings.
 
-    A sketch is a value: it is checked when it is made and never changes after; `replace` makes
-    another one. Image row 0 is the north edge: the centre of pixel (row, col) lies at
-    x = (col + 0.5)·s, y = (height_px − row − 0.5)·s metres, with s = `pixel_size`.
+    A sketch is immutable; values are checked when it is created, and `replace` returns a changed one. Image
+    row 0 is the north edge: the centre of pixel (row, col) is at x = (col + 0.5)·s,
+    y = (height_px − row − 0.5)·s metres, with s = `pixel_size`.
 
     Parameters
     ----------
     name
-        What it is called.
+        Title.
     extent
         Metres along the longer side.
     seed
@@ -56,25 +56,23 @@ class Sketch:
     fidelity
         0 (a loose guideline) to 1 (exactly where it was painted).
     density, ground, climate, weather
-        Settings by the names in `DENSITY`, `GROUND`, `CLIMATE` and `WEATHER`; missing ones get their
-        defaults.
+        Settings by the names in `DENSITY`, `GROUND`, `CLIMATE` and `WEATHER`; missing ones have defaults.
     layers
         Label images by layer name: uint8, (height, width), 0 is empty. Missing layers are empty. The
         arrays of a sketch are read-only; a writeable array is copied.
     labels
-        The declared properties by (layer name, label); a label may declare only some.
+        Properties by (layer name, label); missing ones have defaults.
     look
-        By material of `MATERIALS`, what it looks like by the names in `LOOK`; only what is given.
+        Appearance of materials: values by the names in `LOOK`, by a name of `MATERIALS`.
     edits
-        What a person changed of what was generated, in the order in which it is done.
+        Changes of generated features, applied in this order.
     material_rules
-        What the sketch changes in the table of rules by which materials cover the ground.
+        Changes of the table of material rules.
 
     Raises
     ------
     InputError
-        If a value is not what `parameters` declares, or a layer is not a label image or not of the
-        others' size.
+        If a value is not as declared, or a layer is no label image or differs in size from the others.
     """
 
     name: str = cast(str, SKETCH["name"].default)
@@ -96,18 +94,18 @@ class Sketch:
             key: parameter.check(getattr(self, key)) for key, parameter in SKETCH.items()
         }
         for key, table in TABLES.items():
-            given = _check_table(getattr(self, key), table, f"[{key}]", f"{key}.")
-            checked[key] = MappingProxyType(_defaults(table) | given)
+            given = check_values(getattr(self, key), table, f"[{key}]", f"{key}.")
+            checked[key] = MappingProxyType(defaults(table) | given)
         checked["layers"] = _check_layers(self.layers)
         checked["labels"] = _check_labels(self.labels)
         checked["look"] = _check_look(self.look)
-        checked["edits"] = checked_edits(self.edits)
+        checked["edits"] = check_items(Edit, self.edits, "edits", most=MAX_EDITS)
         checked["material_rules"] = check_rule_changes(self.material_rules)
         for key, value in checked.items():
             object.__setattr__(self, key, value)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the fields with plain dicts; layers are compressed, empty ones are left out."""
+        """Return the fields as plain dicts, with compressed layers; empty ones are omitted."""
         state = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
         for key in TABLES:
             state[key] = dict(state[key])
@@ -120,7 +118,7 @@ class Sketch:
         return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take over fields that were checked when they were first set."""
+        """Restore fields, which were checked when the sketch was created."""
         size = state.pop("size_px")
         empty = freeze_image(np.zeros(size, dtype=np.uint8))
         layers = {
@@ -156,7 +154,7 @@ class Sketch:
         return self.width_px * self.pixel_size, self.height_px * self.pixel_size
 
     def properties(self, layer: str, label: int) -> Properties:
-        """Return every property of a label: what is declared, and the defaults for the rest.
+        """Return all properties of a label, with defaults for those that are not declared.
 
         Parameters
         ----------
@@ -168,31 +166,31 @@ class Sketch:
         Raises
         ------
         InputError
-            If there is no such layer or label.
+            If the layer or label is invalid.
         """
         table = _layer(layer).parameters
         declared = self.labels.get((layer, _check_label(layer, label)), {})
-        return MappingProxyType(_defaults(table) | dict(declared))
+        return MappingProxyType(defaults(table) | dict(declared))
 
     def replace(self, **changes: Any) -> Sketch:
-        """Return a sketch in which the named fields are others, each as a whole."""
+        """Return a sketch with other values in the named fields, each replaced as a whole."""
         return dataclasses.replace(self, **changes)
 
     def with_edit(self, edit: Edit) -> Sketch:
-        """Return a sketch with one more edit, in place of those that it makes pointless.
+        """Return a sketch with one more edit, without those that it supersedes.
 
-        These are an earlier edit with the same target, and, for a ``delete``, every other one of the feature;
-        what a person had added needs no ``delete`` then.
+        These are an earlier edit with the same target, and for a ``delete`` all others of the feature; an
+        added feature then needs no ``delete`` itself.
         """
         if edit.action != "delete":
-            kept = [each for each in self.edits if each.target != edit.target]
-            return self.replace(edits=(*kept, edit))
-        kept = [each for each in self.edits if each.feature != edit.feature]
+            others = [each for each in self.edits if each.target != edit.target]
+            return self.replace(edits=(*others, edit))
+        others = [each for each in self.edits if each.feature != edit.feature]
         was_added = any(each.action == "add" and each.feature == edit.feature for each in self.edits)
-        return self.replace(edits=tuple(kept) if was_added else (*kept, edit))
+        return self.replace(edits=tuple(others) if was_added else (*others, edit))
 
     def without_edits(self, feature: int) -> Sketch:
-        """Return a sketch in which a feature is again as it was generated, or, if it was added, is gone."""
+        """Return a sketch without the edits of a feature; an added feature disappears."""
         return self.replace(edits=tuple(edit for edit in self.edits if edit.feature != feature))
 
 
@@ -205,19 +203,6 @@ def _layer(name: str) -> Layer:
     return LAYERS[name]
 
 
-def _defaults(table: Mapping[str, Parameter]) -> dict[str, Value]:
-    return {name: parameter.default for name, parameter in table.items()}
-
-
-def _check_table(
-    values: Mapping[str, object], table: Mapping[str, Parameter], where: str, prefix: str
-) -> dict[str, Value]:
-    return {
-        name: find_parameter(table, name, value, where).check(value, f"{prefix}{name}")
-        for name, value in values.items()
-    }
-
-
 def _check_look(look: Mapping[str, Mapping[str, object]]) -> Mapping[str, Properties]:
     checked = {}
     for name, values in look.items():
@@ -226,7 +211,7 @@ def _check_look(look: Mapping[str, Mapping[str, object]]) -> Mapping[str, Proper
             raise InputError(
                 f"[look.{format_value(name)}]: expected a material, {', '.join(MATERIALS)}{near}"
             )
-        table = _check_table(values, LOOK, f"[look.{name}]", f"look.{name}.")
+        table = check_values(values, LOOK, f"[look.{name}]", f"look.{name}.")
         checked[name] = MappingProxyType(table)
     return MappingProxyType({name: checked[name] for name in MATERIALS if name in checked})
 
@@ -248,7 +233,7 @@ def _check_labels(
         label = _check_label(name, given)
         where = f"{name}.{label}"
         checked[name, label] = MappingProxyType(
-            _check_table(values, layer.parameters, f"[{where}]", f"{where}.")
+            check_values(values, layer.parameters, f"[{where}]", f"{where}.")
         )
     ordered = sorted(checked, key=lambda key: (order[key[0]], key[1]))
     return MappingProxyType({key: checked[key] for key in ordered})

@@ -1,55 +1,64 @@
-"""Edits: what a person changed of what was generated, kept with the sketch and done again each time.
+"""Edits: the user's changes of generated features, stored with the sketch and reapplied at each build.
 
-`ACTIONS` declares them as `parameters` declares the rest: their keys in ``[[edit]]``, their validation and
-the reference page are made from it.
+`ACTIONS` declares their keys in ``[[edit]]``.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from sketchterrain.errors import InputError
-from sketchterrain.sketch.parameter import Parameter, Value, check_items, find_parameter, parameter_table
+from sketchterrain.sketch.parameter import Parameter, Value, check_values, parameter_table
 from sketchterrain.sketch.parameters import LAYERS
-from sketchterrain.sketch.wording import did_you_mean, format_value
+from sketchterrain.sketch.wording import did_you_mean, format_value, unknown_key
 
 POINT_TYPES = ("mountain", "hill", "dune", "forest")
-"""What can be added and locked; rivers are changed by their control points."""
+"""Types that can be added and locked; rivers are edited by their control points."""
 
 ADDED_BIT = 1 << 62
-"""Set in the id of every feature that a person added."""
+"""Set in the id of every feature that the user added."""
 
 MAX_EDITS = 2000
 """The most edits of one sketch."""
 
-_FARTHEST = 1e7  # m
+_MAX_COORDINATE = 1e7  # m
 
 
 @dataclass(frozen=True)
 class Action:
-    """A kind of edit: what it does, and the values that it needs and that it may have."""
+    """A kind of edit, with its required and optional values besides the feature."""
 
     help: str
-    needs: Mapping[str, Parameter] = field(hash=False)
-    takes: Mapping[str, Parameter] = field(default_factory=dict, hash=False)
+    required: Mapping[str, Parameter] = field(hash=False)
+    optional: Mapping[str, Parameter] = field(default_factory=dict, hash=False)
 
     @property
     def values(self) -> Mapping[str, Parameter]:
-        """Everything that can be given, the feature apart."""
-        return {**self.needs, **self.takes}
+        """All values, the required ones first."""
+        return {**self.required, **self.optional}
 
 
 def _position(name: str, way: str) -> Parameter:
-    return Parameter(name, float, 0.0, -_FARTHEST, _FARTHEST, "m", f"{way} of the sketch's south-west corner")
+    return Parameter(
+        name, float, 0.0, -_MAX_COORDINATE, _MAX_COORDINATE, "m", f"{way} of the sketch's south-west corner"
+    )
 
 
 _X, _Y = _position("x", "east"), _position("y", "north")
 _FROM_X, _FROM_Y = (
-    Parameter(f"from_{name}", float, 0.0, -_FARTHEST, _FARTHEST, "m", f"where the point was, {way}: names it")
+    Parameter(
+        f"from_{name}",
+        float,
+        0.0,
+        -_MAX_COORDINATE,
+        _MAX_COORDINATE,
+        "m",
+        f"where the point was, {way}: names it",
+    )
     for name, way in (("x", "east"), ("y", "north"))
 )
 _RADIUS = Parameter("radius", float, 100.0, 0.1, 1e5, "m", "ground radius of its support")
@@ -70,25 +79,29 @@ _STYLE = parameter_table(
 _WIDTH = dataclasses.replace(LAYERS["river"].parameters["width"], low=0.5, help="from bank to bank")
 
 ACTIONS: Mapping[str, Action] = {
-    "move": Action("puts a feature somewhere else", parameter_table(_X, _Y)),
-    "resize": Action("gives a feature another radius", parameter_table(_RADIUS)),
-    "strength": Action("gives a feature another strength", parameter_table(_STRENGTH)),
-    "delete": Action("takes a feature, a river or a lake away", parameter_table()),
-    "lock": Action("keeps a feature as it is, whatever is painted", parameter_table(*_SHAPE), _STYLE),
-    "add": Action("adds a feature; its id is made from its values", parameter_table(*_SHAPE), _STYLE),
+    "move": Action("moves a feature", parameter_table(_X, _Y)),
+    "resize": Action("sets a feature's radius", parameter_table(_RADIUS)),
+    "strength": Action("sets a feature's strength", parameter_table(_STRENGTH)),
+    "delete": Action("removes a feature, a river or a lake", parameter_table()),
+    "lock": Action("freezes a feature, whatever is painted", parameter_table(*_SHAPE), _STYLE),
+    "add": Action("adds a feature; its id is a hash of its values", parameter_table(*_SHAPE), _STYLE),
     "move_point": Action(
-        "puts a control point of a river somewhere else",
+        "moves a control point of a river",
         parameter_table(_INDEX, _X, _Y),
         parameter_table(_FROM_X, _FROM_Y),
     ),
-    "width": Action("gives a river another width", parameter_table(_WIDTH)),
+    "width": Action("sets a river's width", parameter_table(_WIDTH)),
 }
-"""What can be changed, by name."""
+"""Kinds of edits by name."""
 
 
 @dataclass(frozen=True)
 class Edit:
-    """One change of what was generated."""
+    """One change of a generated feature; `ACTIONS` says which values an action needs, the others are None.
+
+    ``feature`` is the id of a feature or river; that of an ``add`` is computed from its values. Raise
+    InputError if the action is unknown, or a value is missing, unknown to the action or out of range.
+    """
 
     action: str
     feature: int | None = None
@@ -109,32 +122,30 @@ class Edit:
     width: float | None = None
 
     def __post_init__(self) -> None:
-        action = _action(self.action)
-        for name, value in self._given().items():
-            parameter = find_parameter(action.values, name, value, f"edit {self.action}")
-            object.__setattr__(self, name, parameter.check(value, f"edit {self.action}.{name}"))
-        missing = [name for name in action.needs if getattr(self, name) is None]
+        action, where = _action(self.action), f"edit {self.action}"
+        for name, value in check_values(self._given(), action.values, where, f"{where}.").items():
+            object.__setattr__(self, name, value)
+        missing = [name for name in action.required if getattr(self, name) is None]
         if missing:
-            raise InputError(f"edit {self.action}: expected {', '.join(action.needs)}, no {missing[0]} given")
+            raise InputError(f"{where}: expected {', '.join(action.required)}, no {missing[0]} given")
         if (self.from_x is None) != (self.from_y is None):
-            raise InputError(f"edit {self.action}: expected both from_x and from_y, or none of them")
+            raise InputError(f"{where}: expected both from_x and from_y, or none of them")
         if self.type == "forest" and (self.strength or 0.0) > 1.0:
-            raise InputError(f"edit {self.action}.strength = {self.strength}: expected a share from 0 to 1")
-        if self.action == "add":
-            object.__setattr__(self, "feature", _id_of(self.values))
-        else:
-            object.__setattr__(self, "feature", _FEATURE.check(self.feature, f"edit {self.action}.feature"))
+            raise InputError(f"{where}.strength = {self.strength}: expected a share from 0 to 1")
+        is_added = self.action == "add"
+        feature = _added_id(self.values) if is_added else _FEATURE.check(self.feature, f"{where}.feature")
+        object.__setattr__(self, "feature", feature)
 
     @property
     def values(self) -> dict[str, Value]:
-        """What is given, by name, without action and feature; in the order of the declaration."""
+        """The given values by name, without action and feature, in the order of their declaration."""
         return {
             name: value for name in ACTIONS[self.action].values if (value := getattr(self, name)) is not None
         }
 
     @property
     def target(self) -> tuple[object, ...]:
-        """What it decides; of two edits with one target the later one counts."""
+        """What it sets; of two edits with one target the later one wins."""
         return self.action, self.feature, self.index, self.from_x, self.from_y
 
     def _given(self) -> dict[str, Any]:
@@ -143,27 +154,18 @@ class Edit:
 
 
 def parse_edit(table: Mapping[str, object]) -> Edit:
-    """Return the edit that one ``[[edit]]`` table says."""
+    """Return the edit in one ``[[edit]]`` table; raise InputError if it is invalid."""
     name = table.get("action")
     if name is None:
         raise InputError(f"no action: expected {', '.join(ACTIONS)}")
-    action = _action(name)
-    first = ("action",) if name == "add" else ("action", "feature")
-    known = [*first, *action.values]
+    values = _action(name).values
+    known = ["action", *values] if name == "add" else ["action", "feature", *values]
     for key, value in table.items():
         if key not in known:
-            raise InputError(
-                f"unknown key {format_value(key)} = {format_value(value)}: expected {', '.join(known)}"
-                f"{did_you_mean(key, known)}"
-            )
-    if "feature" in first and "feature" not in table:
+            raise unknown_key(key, value, known)
+    if "feature" in known and "feature" not in table:
         raise InputError(f"no feature: expected {', '.join(known)}")
     return Edit(**table)  # type: ignore[arg-type] # Edit checks every value
-
-
-def checked_edits(edits: Iterable[Edit]) -> tuple[Edit, ...]:
-    """Return edits as a sketch keeps them."""
-    return check_items(Edit, edits, "edits", most=MAX_EDITS)
 
 
 def _action(name: object) -> Action:
@@ -174,7 +176,7 @@ def _action(name: object) -> Action:
     return ACTIONS[name]
 
 
-def _id_of(values: Mapping[str, Value]) -> int:
+def _added_id(values: Mapping[str, Value]) -> int:
     text = "\n".join(f"{name} = {value!r}" for name, value in sorted(values.items()))
     word = int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest(), "big")
     return ADDED_BIT | (word >> 2)

@@ -1,4 +1,4 @@
-"""Sketches on disk: loaded from a folder, a zip or a preset; saved so that no file is ever half-written."""
+"""Loading sketches from folders, ``.sketch`` files and presets, and saving them atomically."""
 
 from __future__ import annotations
 
@@ -26,22 +26,23 @@ if TYPE_CHECKING:
 
 _ZIP_SUFFIX = ".sketch"
 
-_last_written: dict[str, tuple[ref[LabelImage], bytes]] = {}
+_encoded: dict[str, tuple[ref[LabelImage], bytes]] = {}
+"""The last image of each layer and its file: autosave writes most layers unchanged."""
 
 
 def load_sketch(path_or_preset: str | Path) -> Sketch:
-    """Read a sketch.
+    """Load a sketch.
 
     Parameters
     ----------
     path_or_preset
-        A sketch's folder, a zip of one, or the name of a preset. A text that names both a sketch here
-        and a preset means the one here.
+        A sketch's folder, a zip of one, or the name of a preset. A sketch in the working directory takes
+        precedence over a preset of the same name.
 
     Raises
     ------
     InputError
-        If there is no such sketch, or anything in it is not as the sketch's format says.
+        If there is no such sketch, or it is invalid.
     """
     path = Path(path_or_preset)
     place = one_line(path)
@@ -51,12 +52,12 @@ def load_sketch(path_or_preset: str | Path) -> Sketch:
     except OSError as error:
         raise InputError(f"{place}: cannot be read ({error.strerror})") from None
     if is_file:
-        return _read_sketch(read_zip(path, place), place)
+        return _decode(read_zip(path, place), place)
     if isinstance(path_or_preset, str) and not is_sketch and path_or_preset in preset_names():
         place = f"preset {path_or_preset}"
-        return _read_sketch(read_folder(preset(path_or_preset), place), place)
+        return _decode(read_folder(preset(path_or_preset), place), place)
     if exists:
-        return _read_sketch(read_saved_folder(path, place), place)
+        return _decode(read_saved_folder(path, place), place)
     names = preset_names()
     raise InputError(
         f"no sketch {format_value(str(path_or_preset))}: expected a folder, a {_ZIP_SUFFIX} file or a preset "
@@ -65,23 +66,23 @@ def load_sketch(path_or_preset: str | Path) -> Sketch:
 
 
 def save_sketch(sketch: Sketch, path: str | Path) -> None:
-    """Write a sketch: its settings and the image of every layer, painted or not.
+    """Write a sketch: its settings and the image of every layer.
 
-    Loading it again gives the same sketch. It is written as a whole or not at all: whoever loads it, even
-    after a crash, gets the old sketch or the new one. Other files in the folder, and those that need no
-    change, are left alone. The same sketch gives the same bytes.
+    Loading it returns an equal sketch. It is written as a whole or not at all: a reader finds the old or the
+    new sketch, even after a crash. Other files in the folder, and unchanged ones, are not touched. Equal
+    sketches give equal bytes.
 
     Parameters
     ----------
     sketch
-        What to write.
+        The sketch.
     path
-        A folder, made when it is missing, or a file named ``*.sketch``, written as a zip.
+        A folder, created if missing, or a file named ``*.sketch``, written as a zip.
 
     Raises
     ------
     InputError
-        If `path` cannot be a sketch: a file of another name.
+        If `path` is a file of another name.
     SketchterrainError
         If the system cannot write there.
     """
@@ -93,12 +94,12 @@ def save_sketch(sketch: Sketch, path: str | Path) -> None:
 
 
 def new_sketch(folder: str | Path) -> None:
-    """Write a starter sketch: a small painting, and settings in which every line says what it means.
+    """Write a starter sketch: a small painting, and settings with a comment on every line.
 
     Raises
     ------
     InputError
-        If `folder` is a file, or a folder that holds something.
+        If `folder` is a file, or a folder that is not empty.
     SketchterrainError
         If the system cannot write there.
     """
@@ -109,19 +110,24 @@ def new_sketch(folder: str | Path) -> None:
     _save_folder(starter_sketch(), target)
 
 
-def _read_sketch(contents: Mapping[str, bytes], place: str) -> Sketch:
-    with _telling(f"{place}/{SETTINGS}"):
+def pack_sketch(sketch: Sketch, *, extra_files: Mapping[str, bytes] | None = None) -> bytes:
+    """Return the content of a ``.sketch`` file, with extra files by name, which loading ignores."""
+    return pack_zip({**_encode(sketch), **(extra_files or {})})
+
+
+def _decode(contents: Mapping[str, bytes], place: str) -> Sketch:
+    with _prefix_errors(f"{place}/{SETTINGS}"):
         sketch = parse_settings(contents[SETTINGS])
     images: dict[str, LabelImage] = {}
     for name in LAYERS:
         if f"{name}.png" in contents:
-            with _telling(f"{place}/{name}.png"):
+            with _prefix_errors(f"{place}/{name}.png"):
                 images[name] = decode_layer(contents[f"{name}.png"])
-                _check_one_size(images, name)
+                _check_same_size(images, name)
     return sketch.replace(layers=images)
 
 
-def _check_one_size(images: Mapping[str, LabelImage], name: str) -> None:
+def _check_same_size(images: Mapping[str, LabelImage], name: str) -> None:
     first = next(iter(images))
     (height, width), (first_height, first_width) = images[name].shape, images[first].shape
     if (height, width) != (first_height, first_width):
@@ -130,23 +136,17 @@ def _check_one_size(images: Mapping[str, LabelImage], name: str) -> None:
         )
 
 
-def pack_sketch(sketch: Sketch, *, beside: Mapping[str, bytes] | None = None) -> bytes:
-    """Return what a ``.sketch`` file of a sketch holds."""
-    return pack_zip({**_encode(sketch), **(beside or {})})
-
-
 def _encode(sketch: Sketch) -> dict[str, bytes]:
-    files = {f"{name}.png": _encoded_layer(name, sketch.layers[name]) for name in LAYERS}
+    files = {f"{name}.png": _encode_cached(name, sketch.layers[name]) for name in LAYERS}
     return files | {SETTINGS: settings_text(sketch).encode("utf-8")}
 
 
-def _encoded_layer(name: str, image: LabelImage) -> bytes:
-    """Return a layer's file; one that was written last time is still known, for whoever saves often."""
-    known = _last_written.get(name)
-    if known is not None and known[0]() is image:
-        return known[1]
+def _encode_cached(name: str, image: LabelImage) -> bytes:
+    cached = _encoded.get(name)
+    if cached is not None and cached[0]() is image:
+        return cached[1]
     content = encode_layer(image, LAYERS[name].colour)
-    _last_written[name] = ref(image), content
+    _encoded[name] = ref(image), content
     return content
 
 
@@ -154,13 +154,11 @@ def _save_folder(sketch: Sketch, folder: Path) -> None:
     with wrap_os_errors(folder):
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{one_line(folder)}: expected a folder or a name that ends in {_ZIP_SUFFIX}")
-        files = _encode(sketch)
-        replace_files(folder, files)
+        replace_files(folder, _encode(sketch))
 
 
 @contextmanager
-def _telling(place: str) -> Iterator[None]:
-    """Let an error in what is read say where."""
+def _prefix_errors(place: str) -> Iterator[None]:
     try:
         yield
     except InputError as error:

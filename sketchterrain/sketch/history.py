@@ -1,8 +1,6 @@
-"""Undo and redo of everything, one step a stroke, within a limit of memory.
+"""Undo and redo: changed tiles and settings of each step, within a memory limit.
 
-A step keeps the tiles of the layers that it changed, before and after, and the settings by reference. The
-sketch at a step is made anew from the current one when it is asked for; a layer that no step in between
-changed stays the same array.
+The sketch at a step is rebuilt from the current one; unchanged layers stay the same arrays.
 """
 
 from __future__ import annotations
@@ -27,14 +25,14 @@ MAX_BYTES = 256 << 20
 MAX_STEPS = 1000
 
 _STEP_BYTES = 2048
-"""Of the settings, about: most of them are those of the step before."""
+"""Approximate memory of a step's settings: most are shared with the step before."""
 
 _SETTINGS = tuple(each.name for each in dataclasses.fields(Sketch) if each.name != "layers")
 
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """A sketch, as what differs from the one before."""
+    """A sketch as its difference from the one before."""
 
     title: str
     settings: Mapping[str, Any]
@@ -47,12 +45,12 @@ class _Step:
 
 
 class History:
-    """The steps that led to a sketch, and those that were undone."""
+    """Steps that led to a sketch, and those that were undone; the oldest are dropped beyond the limits."""
 
     def __init__(self, sketch: Sketch, *, most_bytes: int = MAX_BYTES, most_steps: int = MAX_STEPS) -> None:
         self._sketch = sketch
         self._keys = count()
-        # Which step a sketch was current at, for as long as somebody holds it.
+        # The step at which a sketch was current, as long as the sketch is referenced.
         self._key_of: WeakKeyDictionary[Sketch, int] = WeakKeyDictionary()
         self._steps = [_Step("Open", _settings(sketch), self._new_key(sketch))]
         self._at = 0
@@ -63,30 +61,25 @@ class History:
 
     @property
     def sketch(self) -> Sketch:
-        """The sketch as it is now."""
+        """The current sketch."""
         return self._sketch
 
     @property
     def titles(self) -> tuple[str, ...]:
-        """What each step did, the first is where it begins; undone ones too."""
+        """The title of each step, the initial one first, undone ones included."""
         return tuple(step.title for step in self._steps)
 
     @property
     def position(self) -> int:
-        """Which of `titles` is the last one that is done."""
+        """Index in `titles` of the current step."""
         return self._at
 
     @property
     def bytes(self) -> int:
-        """What the steps take, the current sketch apart."""
+        """Memory of the steps, without the current sketch."""
         return self._bytes
 
-    @property
-    def capacity(self) -> int:
-        """The most bytes that they may take."""
-        return self._most_bytes
-
-    def do(
+    def record(
         self,
         title: str,
         sketch: Sketch,
@@ -94,46 +87,52 @@ class History:
         merge: Hashable | None = None,
         known: Mapping[str, LayerChange] | None = None,
     ) -> Mapping[str, Box]:
-        """Add a step; those that were undone are forgotten. A sketch equal to the current one adds none."""
+        """Add a step unless it changes nothing, drop undone ones, and return the changed box of each layer.
+
+        Successive steps with an equal `merge` key are one step, as of a slider that is dragged, and none if
+        they lead back to where they began. `known` gives changes of layers that the caller has computed.
+        """
         before = self._sketch
         changes = _changes(before, sketch, known or {})
         boxes = {name: change.box for name, change in changes.items()}
         if self._is_equal(self._at, sketch, changes):
             return boxes
-        self._forget(self._at + 1, len(self._steps))
+        self._drop(self._at + 1, len(self._steps))
         self._sketch = sketch
         if merge is not None and merge == self._merge and self._before_merge is not None:
             title, changes = self._steps[-1].title, _changes(self._before_merge, sketch, {})
-            self._forget(self._at, self._at + 1)
+            self._drop(self._at, self._at + 1)
             self._at -= 1
-            if self._is_equal(self._at, sketch, changes):  # a drag that went back to where it began
+            if self._is_equal(self._at, sketch, changes):  # a drag back to where it began
                 self._key_of[sketch] = self._steps[self._at].key
                 self._merge = self._before_merge = None
                 return boxes
         else:
             self._merge, self._before_merge = merge, None if merge is None else before
-        settings = _shared(_settings(sketch), self._steps[self._at].settings)
+        # Equal settings are stored as one object.
+        last = self._steps[self._at].settings
+        settings = {key: last[key] if last[key] == each else each for key, each in _settings(sketch).items()}
         self._steps.append(_Step(title, settings, self._new_key(sketch), changes))
         self._bytes += self._steps[-1].bytes
         self._at += 1
-        self._keep_within_limits()
+        self._enforce_limits()
         return boxes
 
     def go_to(self, position: int) -> Mapping[str, Box]:
-        """Undo or redo until a step is the last one that is done."""
+        """Undo or redo up to a step, and return the changed box of each layer."""
         if not 0 <= position < len(self._steps):
             raise IndexError(f"step {position}: expected 0 to {len(self._steps) - 1}")
         back = position < self._at
         between = self._steps[self._at : position : -1] if back else self._steps[self._at + 1 : position + 1]
-        layers = _walked(self._sketch.layers, between, LayerChange.undone if back else LayerChange.redone)
+        layers = _replayed(self._sketch.layers, between, LayerChange.revert if back else LayerChange.apply)
         self._sketch = self._sketch.replace(layers=layers, **self._steps[position].settings)
         self._key_of[self._sketch] = self._steps[position].key
         self._at = position
         self._merge = self._before_merge = None
         return _boxes(between, self._sketch)
 
-    def key_of(self, sketch: Sketch) -> int | None:
-        """Return a number that a sketch shares with all that were current at its step, or None."""
+    def step_key(self, sketch: Sketch) -> int | None:
+        """Return a number shared by all sketches that were current at the same step, or None."""
         return self._key_of.get(sketch)
 
     def _is_equal(self, position: int, sketch: Sketch, changes: Mapping[str, LayerChange]) -> bool:
@@ -143,15 +142,15 @@ class History:
         self._key_of[sketch] = next(self._keys)
         return self._key_of[sketch]
 
-    def _forget(self, begin: int, end: int) -> None:
+    def _drop(self, begin: int, end: int) -> None:
         self._bytes -= sum(step.bytes for step in self._steps[begin:end])
         del self._steps[begin:end]
 
-    def _keep_within_limits(self) -> None:
+    def _enforce_limits(self) -> None:
         while self._at > 1 and (self._bytes > self._most_bytes or self._at > self._most_steps):
-            self._forget(0, 1)
+            self._drop(0, 1)
             self._at -= 1
-            # Nothing leads back any more from where it begins now.
+            # The first step has nothing to revert to.
             self._bytes -= self._steps[0].bytes
             self._steps[0] = dataclasses.replace(self._steps[0], changes={})
             self._bytes += self._steps[0].bytes
@@ -159,11 +158,6 @@ class History:
 
 def _settings(sketch: Sketch) -> dict[str, Any]:
     return {key: getattr(sketch, key) for key in _SETTINGS}
-
-
-def _shared(settings: dict[str, Any], before: Mapping[str, Any]) -> dict[str, Any]:
-    """Return settings in which those that are as before are the same objects."""
-    return {key: before[key] if value == before[key] else value for key, value in settings.items()}
 
 
 def _changes(before: Sketch, after: Sketch, known: Mapping[str, LayerChange]) -> dict[str, LayerChange]:
@@ -176,22 +170,22 @@ def _changes(before: Sketch, after: Sketch, known: Mapping[str, LayerChange]) ->
     return changes
 
 
-def _walked(
+def _replayed(
     layers: Mapping[str, LabelImage],
     steps: Sequence[_Step],
-    turn: Callable[[LayerChange, LabelImage], LabelImage],
+    replay: Callable[[LayerChange, LabelImage], LabelImage],
 ) -> dict[str, LabelImage]:
-    """Return the layers after steps were undone or redone; those that no step changed are the same arrays."""
+    """Return the layers after steps were undone or redone; unchanged ones are the same arrays."""
     written: dict[str, LabelImage] = {}
     for step in steps:
         for name, change in step.changes.items():
             image = written[name] if name in written else layers[name].copy()
-            written[name] = turn(change, image)
+            written[name] = replay(change, image)
     return {**layers, **{name: freeze_image(image) for name, image in written.items()}}
 
 
 def _boxes(steps: Sequence[_Step], sketch: Sketch) -> dict[str, Box]:
-    """Return by layer the box around what steps changed, in the sketch that they led to."""
+    """Return the changed box of each layer, within the size of the resulting sketch."""
     boxes: dict[str, Box] = {}
     for step in steps:
         for name, change in step.changes.items():

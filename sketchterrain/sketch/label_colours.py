@@ -1,7 +1,6 @@
-"""Which colour stands for a label, wherever sketches are shown or traced; Oklab, to compare colours.
+"""Display colours of labels, and sRGB to Oklab conversion.
 
-Oklab is the space of colours by Björn Ottosson ("A perceptual color space for image processing", 2020), in
-which equal distances look equally far apart.
+Oklab: Björn Ottosson, "A perceptual color space for image processing", 2020.
 """
 
 from __future__ import annotations
@@ -17,12 +16,12 @@ from sketchterrain.sketch.parameters import LAYERS
 Floats = npt.NDArray[np.float64]
 
 DRAW_ORDER: Final = ("material", "mountain", "hill", "dune", "forest", "lake", "river")
-"""Layers as they lie over one another, the lowest first: what is thin is drawn last."""
+"""Layers from bottom to top; thin shapes are drawn last."""
 
 LIGHT_HATCH: Final = ("forest", "river")
-"""Layers of dark colours, whose hatch is light."""
+"""Dark layers, which have a light hatch."""
 
-_SHADES = 16  # labels that differ; later ones begin again
+_SHADES = 16  # distinct labels; later ones repeat
 
 _TO_LMS = np.array(
     [
@@ -41,12 +40,12 @@ _TO_LAB = np.array(
 
 
 def label_rgb(layer: str, label: int) -> tuple[int, int, int]:
-    """Return a label's colour in sRGB, 0 to 255; labels of one layer are shades that differ plainly."""
+    """Return the sRGB colour, 0 to 255, of a label, 1 to 255: a distinct shade of its layer's colour."""
     return _shades(layer)[(label - 1) % _SHADES]
 
 
 def to_oklab(colours: npt.ArrayLike) -> Floats:
-    """Return colours in Oklab."""
+    """Return sRGB colours in 0 … 1, (…, 3), in Oklab: lightness 0 to 1, and two hue axes, about ±0.4."""
     encoded = np.asarray(colours, dtype=np.float64)
     linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
     return np.asarray(np.cbrt(linear @ _TO_LMS.T) @ _TO_LAB.T)
@@ -54,7 +53,7 @@ def to_oklab(colours: npt.ArrayLike) -> Floats:
 
 @lru_cache(maxsize=16)
 def _shades(layer: str) -> tuple[tuple[int, int, int], ...]:
-    """Colours of the labels 1, 2, …: each as far from those before it as the layer's hues allow."""
+    """Return the colours of labels 1, 2, …: each as far from those before it as the layer's hues allow."""
     light, *_ = base = to_oklab(np.array(LAYERS[layer].colour) / 255.0)
     chroma, hue = np.hypot(base[1], base[2]), np.arctan2(base[2], base[1])
     lights = np.linspace(0.34, 0.66, 5) if layer in LIGHT_HATCH else np.linspace(0.52, 0.88, 6)
@@ -62,15 +61,15 @@ def _shades(layer: str) -> tuple[tuple[int, int, int], ...]:
     chromas = max(chroma, 0.03) * np.array([0.8, 1.25])
     grid = np.stack(np.meshgrid(lights, chromas, hues, indexing="ij"), axis=-1).reshape(-1, 3)
     lab = np.stack([grid[:, 0], grid[:, 1] * np.cos(grid[:, 2]), grid[:, 1] * np.sin(grid[:, 2])], axis=-1)
-    kept = [np.array([light, base[1], base[2]])]
-    # A hue of its own counts less than brightness: that is what colour-blind eyes see.
+    chosen = [np.array([light, base[1], base[2]])]
+    # Hue weighs less than lightness, which colour-blind users see.
     weight = np.array([1.0, 0.6, 0.6])
     nearest = np.full(len(lab), np.inf)
     for _ in range(_SHADES - 1):
-        nearest = np.minimum(nearest, np.sqrt((((lab - kept[-1]) * weight) ** 2).sum(axis=1)))
+        nearest = np.minimum(nearest, np.sqrt((((lab - chosen[-1]) * weight) ** 2).sum(axis=1)))
         score = nearest - 0.12 * np.abs(grid[:, 2] - hue) / np.pi
-        kept.append(lab[int(np.argmax(score))])
-    colours = [LAYERS[layer].colour, *(_rgb(each) for each in kept[1:])]
+        chosen.append(lab[int(np.argmax(score))])
+    colours = [LAYERS[layer].colour, *(_rgb(each) for each in chosen[1:])]
     return tuple((int(r), int(g), int(b)) for r, g, b in colours)
 
 

@@ -1,4 +1,4 @@
-"""A label image: what one layer of a sketch is, checked once and never written to again."""
+"""Label images: the read-only pixel arrays of a sketch's layers."""
 
 from __future__ import annotations
 
@@ -18,24 +18,27 @@ MAX_SIDE = 16384
 MAX_LABELS = 16
 """The most labels in one layer: an image with more looks antialiased."""
 
-_PIXELS_AT_ONCE = 1 << 20
+_BLOCK_PIXELS = 1 << 20
 
-# Images that were checked and made read-only, by identity: the next sketch need not look at them again.
-_known: WeakValueDictionary[int, LabelImage] = WeakValueDictionary()
+# Images that were checked and frozen, by identity: the next sketch need not check them again.
+_checked: WeakValueDictionary[int, LabelImage] = WeakValueDictionary()
 
 
 def labels_in(image: LabelImage) -> tuple[int, ...]:
-    """Return the labels, 1 to 255, that stand in a label image, ascending."""
-    rows = max(1, _PIXELS_AT_ONCE // max(1, image.shape[1]))
-    seen = np.zeros(256, dtype=bool)
+    """Return the labels in an image, 1 to 255, ascending."""
+    rows = max(1, _BLOCK_PIXELS // max(1, image.shape[1]))
+    present = np.zeros(256, dtype=bool)
     for top in range(0, image.shape[0], rows):  # bincount widens its input eightfold
-        seen |= np.bincount(image[top : top + rows].ravel(), minlength=256) > 0
-    return tuple(int(label) for label in np.flatnonzero(seen) if label)
+        present |= np.bincount(image[top : top + rows].ravel(), minlength=256) > 0
+    return tuple(int(label) for label in np.flatnonzero(present) if label)
 
 
 def check_image(name: str, image: LabelImage) -> LabelImage:
-    """Return a layer's image, read-only; a writeable array is copied."""
-    if _known.get(id(image)) is image and not image.flags.writeable:
+    """Return a layer's image, uint8 (height, width), read-only; a writeable array is copied.
+
+    Raise InputError, naming the layer, if it is not a label image.
+    """
+    if _checked.get(id(image)) is image and not image.flags.writeable:
         return image
     if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 2:
         given = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
@@ -49,12 +52,12 @@ def check_image(name: str, image: LabelImage) -> LabelImage:
         raise InputError(
             f"layer {name} looks antialiased: it has {len(labels)} labels, expected at most {MAX_LABELS}"
         )
-    others = image.flags.writeable or not image.flags.c_contiguous or image.base is not None
-    return freeze_image(np.array(image, dtype=np.uint8, order="C") if others else image)
+    shared = image.flags.writeable or not image.flags.c_contiguous or image.base is not None
+    return freeze_image(np.array(image, dtype=np.uint8, order="C") if shared else image)
 
 
 def freeze_image(image: LabelImage) -> LabelImage:
-    """Make a label image read-only, and remember that it is one."""
+    """Make a valid label image read-only and register it as checked."""
     image.flags.writeable = False
-    _known[id(image)] = image
+    _checked[id(image)] = image
     return image

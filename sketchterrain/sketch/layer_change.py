@@ -1,4 +1,4 @@
-"""What a step changed in a layer: the tiles that differ, before and after, as runs of one label."""
+"""Difference of a layer between two sketches: its changed tiles before and after, run-length encoded."""
 
 from __future__ import annotations
 
@@ -16,116 +16,116 @@ if TYPE_CHECKING:
     from sketchterrain.sketch.label_image import LabelImage
 
 TILE = 64
-"""Pixels along a side of the tiles that are kept."""
+"""Pixels along a side of the stored tiles."""
 
-_BLOCK_BYTES = 400  # of the objects themselves
+_BLOCK_BYTES = 400  # overhead of the objects
 
 
 @dataclass(frozen=True, eq=False)
 class _Runs:
-    """Labels one after the other: where each run begins, and of which label it is; or each of them."""
+    """Run-length encoded labels: the start of each run and its label; or plain ones where runs are short."""
 
     length: int
-    begin: npt.NDArray[np.uint32] | None
-    label: npt.NDArray[np.uint8]
+    starts: npt.NDArray[np.uint32] | None
+    labels: npt.NDArray[np.uint8]
 
     @classmethod
-    def of(cls, pixels: LabelImage) -> _Runs:
+    def encode(cls, pixels: LabelImage) -> _Runs:
         flat = pixels.ravel()
-        begin = np.append(0, np.flatnonzero(flat[1:] != flat[:-1]) + 1).astype(np.uint32)
-        if 5 * len(begin) < len(flat):
-            return cls(len(flat), begin, flat[begin])
+        starts = np.append(0, np.flatnonzero(flat[1:] != flat[:-1]) + 1).astype(np.uint32)
+        if 5 * len(starts) < len(flat):
+            return cls(len(flat), starts, flat[starts])
         return cls(len(flat), None, flat.copy())
 
     @property
     def bytes(self) -> int:
-        return self.label.nbytes + (0 if self.begin is None else self.begin.nbytes)
+        return self.labels.nbytes + (0 if self.starts is None else self.starts.nbytes)
 
-    def pixels(self) -> LabelImage:
-        if self.begin is None:
-            return self.label
-        return np.repeat(self.label, np.diff(self.begin, append=np.uint32(self.length)))
+    def decode(self) -> LabelImage:
+        if self.starts is None:
+            return self.labels
+        return np.repeat(self.labels, np.diff(self.starts, append=np.uint32(self.length)))
 
 
 @dataclass(frozen=True, eq=False)
 class _Block:
-    """Tiles side by side that differ."""
+    """A row of adjacent changed tiles."""
 
-    place: Box
+    box: Box
     before: _Runs
     after: _Runs
 
 
 @dataclass(frozen=True, eq=False)
 class LayerChange:
-    """How a layer differs between two sketches; it leads from either one to the other."""
+    """Difference of a layer between two sketches, which can be applied and reverted."""
 
-    box: Box
-    shapes: tuple[tuple[int, int], tuple[int, int]]
-    bytes: int
+    box: Box  # of the changed pixels; the whole layer if its size differs
+    shapes: tuple[tuple[int, int], tuple[int, int]]  # (height, width) before and after
+    bytes: int  # memory of this object
     _blocks: tuple[_Block, ...]
 
     @classmethod
     def between(
         cls, before: LabelImage, after: LabelImage, *, within: Box | None = None
     ) -> LayerChange | None:
-        """Compare two images of a layer."""
+        """Return the difference of two images, (height, width) uint8, or None if they are equal.
+
+        Pixels outside of `within`, if given, are known to be equal.
+        """
         shapes = ((before.shape[0], before.shape[1]), (after.shape[0], after.shape[1]))
         if before.shape != after.shape:
             box = (0, 0, *shapes[1])
-            blocks = [_Block(box, _Runs.of(before), _Runs.of(after))]
+            blocks = [_Block(box, _Runs.encode(before), _Runs.encode(after))]
         else:
-            found = _differing(before, after, within or (0, 0, *shapes[0]))
+            found = _changed_blocks(before, after, within or (0, 0, *shapes[0]))
             if found is None:
                 return None
-            box, places = found
+            box, boxes = found
             blocks = [
-                _Block(
-                    (top, left, bottom, right),
-                    *(_Runs.of(i[top:bottom, left:right]) for i in (before, after)),
-                )
-                for top, left, bottom, right in places
+                _Block(each, *(_Runs.encode(_view(image, each)) for image in (before, after)))
+                for each in boxes
             ]
         size = sum(block.before.bytes + block.after.bytes + _BLOCK_BYTES for block in blocks)
         return cls(box, shapes, size, tuple(blocks))
 
     @property
     def new_labels(self) -> frozenset[int]:
-        """Labels that stand in the changed tiles after, but did not before."""
+        """Labels in the changed tiles after the change that were not in them before."""
         before, after = (
-            {label for runs in sides for label in np.unique(runs.label).tolist()}
+            {label for runs in sides for label in np.unique(runs.labels).tolist()}
             for sides in zip(*((block.before, block.after) for block in self._blocks), strict=True)
         )
         return frozenset(after - before)
 
-    def redone(self, image: LabelImage) -> LabelImage:
-        """Return the layer after the step; `image`, writable, is the layer before and is written into."""
-        return self._turned(image, 1)
+    def apply(self, image: LabelImage) -> LabelImage:
+        """Return the layer after the change; `image`, the layer before it, may be written into."""
+        return self._write(image, 1)
 
-    def undone(self, image: LabelImage) -> LabelImage:
-        """Return the layer before the step; `image`, writable, is the layer after and is written into."""
-        return self._turned(image, 0)
+    def revert(self, image: LabelImage) -> LabelImage:
+        """Return the layer before the change; `image`, the layer after it, may be written into."""
+        return self._write(image, 0)
 
-    def _turned(self, image: LabelImage, side: int) -> LabelImage:
+    def _write(self, image: LabelImage, side: int) -> LabelImage:
         runs = [(block.before, block.after)[side] for block in self._blocks]
         if self.shapes[0] != self.shapes[1]:
-            return runs[0].pixels().reshape(self.shapes[side]).copy()
+            return runs[0].decode().reshape(self.shapes[side]).copy()
         for block, each in zip(self._blocks, runs, strict=True):
-            tiles = _cut(image, block.place)
-            tiles[:] = each.pixels().reshape(tiles.shape)
+            tiles = _view(image, block.box)
+            tiles[:] = each.decode().reshape(tiles.shape)
         return image
 
 
-def _cut(image: LabelImage, place: Box) -> LabelImage:
-    top, left, bottom, right = place
+def _view(image: LabelImage, box: Box) -> LabelImage:
+    top, left, bottom, right = box
     return image[top:bottom, left:right]
 
 
-def _differing(before: LabelImage, after: LabelImage, within: Box) -> tuple[Box, list[Box]] | None:
-    """Return the box around what differs, and blocks of tiles that hold all of it; None: nothing differs."""
+def _changed_blocks(before: LabelImage, after: LabelImage, within: Box) -> tuple[Box, list[Box]] | None:
+    """Return the box of the changed pixels and the tile blocks that contain them; None if equal."""
     height, width = before.shape
     first, last = within[1] // TILE * TILE, min(-(-within[3] // TILE) * TILE, width)
-    # Eight pixels are looked at as one number, so there are whole tiles of them.
+    # Eight pixels are compared as one uint64, so columns are padded to whole tiles.
     differs = np.zeros((TILE, -(-max(last - first, 1) // TILE) * TILE), dtype=np.bool_)
     columns = np.zeros(differs.shape[1], dtype=np.bool_)
     blocks: list[Box] = []
@@ -136,22 +136,24 @@ def _differing(before: LabelImage, after: LabelImage, within: Box) -> tuple[Box,
         np.not_equal(
             before[top:bottom, first:last], after[top:bottom, first:last], out=rows[:, : last - first]
         )
-        seen = np.bitwise_or.reduce(rows.view(np.uint64), axis=0).view(np.bool_)
-        if not seen.any():
+        changed = np.bitwise_or.reduce(rows.view(np.uint64), axis=0).view(np.bool_)
+        if not changed.any():
             continue
-        columns |= seen
+        columns |= changed
         inside = np.flatnonzero(rows.any(axis=1))
         top_row = top_row if blocks else top + int(inside[0])
         bottom_row = top + int(inside[-1]) + 1
-        blocks += [(top, first + begin, bottom, min(first + end, width)) for begin, end in _tile_runs(seen)]
+        blocks += [
+            (top, first + begin, bottom, min(first + end, width)) for begin, end in _tile_runs(changed)
+        ]
     if not blocks:
         return None
     where = np.flatnonzero(columns)
     return (top_row, first + int(where[0]), bottom_row, first + int(where[-1]) + 1), blocks
 
 
-def _tile_runs(seen: npt.NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
-    """Yield the first column of each run of tiles in which something is seen, and the one after its last."""
-    tiles = seen.reshape(-1, TILE).any(axis=1)
+def _tile_runs(changed: npt.NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
+    """Yield the first and the end column of each run of tiles with a changed column."""
+    tiles = changed.reshape(-1, TILE).any(axis=1)
     edges = np.flatnonzero(np.diff(tiles, prepend=False, append=False)) * TILE
     yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)

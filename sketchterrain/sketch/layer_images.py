@@ -1,41 +1,43 @@
-"""Label images as PNG files: one channel, 8 bits, the value of a pixel is its label."""
+"""Label images as 8-bit single-channel PNG files; a pixel's value is its label."""
 
 from __future__ import annotations
 
 import io
 import struct
 import zlib
-from dataclasses import dataclass
 
 import numpy as np
 from PIL import Image
 from PIL.PngImagePlugin import PngImageFile
 
 from sketchterrain.errors import InputError
-from sketchterrain.sketch.document import MAX_LABELS, MAX_SIDE, LabelImage, labels_in
+from sketchterrain.sketch.label_image import MAX_LABELS, MAX_SIDE, LabelImage, labels_in
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _GREY, _PALETTE = 0, 3
 _COLOUR_TYPES = {2: "RGB", 4: "grey with alpha", 6: "RGBA"}
-_PAPER = (0, 0, 0)  # so that empty stays 0 in a paint program that turns colours into greys
-
-
-@dataclass(frozen=True)
-class _Header:
-    width: int
-    height: int
-    depth: int
-    colour_type: int
+_EMPTY = (0, 0, 0)  # black, so that label 0 stays 0 where a paint program converts the palette to greys
 
 
 def decode_layer(data: bytes) -> LabelImage:
-    """Return the label image in a PNG file.
+    """Return the label image in a PNG file, uint8 (height, width), read-only.
 
-    A palette's index is the label. A black and white image of one bit is taken as labels 0 and 1.
+    A palette's index is the label; black and white images of one bit have labels 0 and 1. Raise InputError if
+    it is damaged, not single-channel, not of 8 bits, too large, or looks antialiased.
     """
-    _check_header(_read_chunks(data))
+    width, height, depth, colour_type = _read_header(data)
+    if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE):
+        raise InputError(f"{width}×{height} px: expected sides of 1 to {MAX_SIDE} px")
+    if colour_type not in (_GREY, _PALETTE):
+        given = _COLOUR_TYPES.get(colour_type, f"colour type {colour_type}")
+        raise InputError(
+            f"{given}: expected a single-channel PNG of 8 bits, greyscale or palette, whose values are labels"
+        )
+    # Grey of 2 or 4 bits would be decoded as shades spread over 0 to 255, not as labels.
+    if colour_type == _GREY and depth not in (1, 8):
+        raise InputError(f"{depth} bits a pixel: expected an 8-bit single-channel PNG")
     try:
-        # The class itself: Image.open refuses large images by a limit that is the whole process's.
+        # Not Image.open: its limit on image size is global to the process.
         with PngImageFile(io.BytesIO(data)) as image:
             image.load()
             array = np.asarray(image).astype(np.uint8)
@@ -52,7 +54,7 @@ def decode_layer(data: bytes) -> LabelImage:
 
 
 def encode_layer(image: LabelImage, colour: tuple[int, int, int]) -> bytes:
-    """Return a label image as a palette PNG of 8 bits."""
+    """Return a label image as an 8-bit palette PNG; label 1 has the sRGB `colour`, others shades of it."""
     picture = Image.fromarray(image)
     picture.putpalette([channel for label in range(256) for channel in _shade(label, colour)])
     stream = io.BytesIO()
@@ -62,17 +64,17 @@ def encode_layer(image: LabelImage, colour: tuple[int, int, int]) -> bytes:
 
 def _shade(label: int, colour: tuple[int, int, int]) -> tuple[int, ...]:
     if label == 0:
-        return _PAPER
-    # Steps of the golden ratio keep labels that follow each other apart.
+        return _EMPTY
+    # Golden-ratio steps keep successive labels distinct.
     light = 1.0 - 0.6 * ((label - 1) * 0.618034 % 1.0)
     return tuple(round(channel * light) for channel in colour)
 
 
-def _read_chunks(data: bytes) -> _Header:
-    """Return the header of a PNG file in which every chunk is whole, from the first to the last."""
+def _read_header(data: bytes) -> tuple[int, int, int, int]:
+    """Return width, height, bits and colour type of a PNG file, after checking every chunk."""
     if not data.startswith(_SIGNATURE):
-        raise InputError("expected a PNG file, this is none")
-    header, position, kind = None, len(_SIGNATURE), b""
+        raise InputError("expected a PNG file")
+    header, position, kind = b"", len(_SIGNATURE), b""
     while kind != b"IEND":
         start = data[position : position + 8]
         length = int.from_bytes(start[:4], "big")
@@ -82,28 +84,10 @@ def _read_chunks(data: bytes) -> _Header:
             raise InputError("expected a whole PNG file, this one is truncated")
         if zlib.crc32(memoryview(data)[position + 4 : end]) != int.from_bytes(crc, "big"):
             raise InputError("expected a whole PNG file, this one is damaged (wrong check sum)")
-        if header is None:
-            header = _header(kind, data[position + 8 : end])
+        if not header:
+            header = data[position + 8 : end]
+            if kind != b"IHDR" or len(header) != 13:
+                raise InputError("expected a PNG file, this one has no header")
         position = end + 4
-    if header is None:
-        raise InputError("expected a PNG file, this one has no header")
-    return header
-
-
-def _header(kind: bytes, content: bytes) -> _Header:
-    if kind != b"IHDR" or len(content) != 13:
-        raise InputError("expected a PNG file, this one has no header")
-    return _Header(*struct.unpack(">IIBB", content[:10]))
-
-
-def _check_header(header: _Header) -> None:
-    if not (1 <= header.width <= MAX_SIDE and 1 <= header.height <= MAX_SIDE):
-        raise InputError(f"{header.width}×{header.height} px: expected sides of 1 to {MAX_SIDE} px")
-    if header.colour_type not in (_GREY, _PALETTE):
-        given = _COLOUR_TYPES.get(header.colour_type, f"colour type {header.colour_type}")
-        raise InputError(
-            f"{given}: expected a single-channel PNG of 8 bits, greyscale or palette, whose values are labels"
-        )
-    # Grey of 2 or 4 bits would be read as shades spread over 0 to 255, not as labels.
-    if header.colour_type == _GREY and header.depth not in (1, 8):
-        raise InputError(f"{header.depth} bits a pixel: expected an 8-bit single-channel PNG")
+    width, height, depth, colour_type = struct.unpack(">IIBB", header[:10])
+    return width, height, depth, colour_type

@@ -1,6 +1,6 @@
-"""One rule by which a material covers the ground: what it says, and what a sketch may say of it.
+"""Material rules: ramps over properties of the ground that decide where a material covers it.
 
-`RULE` and `FACTOR` declare what can be set, as `parameters` declares the rest.
+`RULE` and `FACTOR` declare their keys in the sketch file.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ MAX_FACTORS = 4
 """The most factors of a rule."""
 
 MAX_INPUTS = 4
-"""The most inputs that a factor weighs."""
+"""The most inputs of a factor."""
 
-_FARTHEST = 1e4
-_STEEPEST = 1e-4  # a ramp's least width: narrower ones are steps
+_MAX_WEIGHT = 1e4
+_MIN_RAMP = 1e-4  # narrower ramps are steps
 
 
 def _weight(name: str, unit: str, text: str) -> Parameter:
-    return Parameter(name, float, 0.0, -_FARTHEST, _FARTHEST, unit, text)
+    return Parameter(name, float, 0.0, -_MAX_WEIGHT, _MAX_WEIGHT, unit, text)
 
 
 INPUTS: Mapping[str, Parameter] = parameter_table(
@@ -41,12 +41,12 @@ INPUTS: Mapping[str, Parameter] = parameter_table(
     _weight("forest", "", "weight of the share of the places for trees that are taken, 0 to 1"),
     _weight("mottle", "", "weight of the ground cover's noise, about -1 to 1"),
 )
-"""What a factor can depend on."""
+"""Inputs that a factor can depend on."""
 
 FACTOR: Mapping[str, Parameter] = parameter_table(
-    Parameter("start", float, 0.0, -_FARTHEST, _FARTHEST, "", "weighted sum of the inputs that gives 0"),
+    Parameter("start", float, 0.0, -_MAX_WEIGHT, _MAX_WEIGHT, "", "weighted sum of the inputs that gives 0"),
     Parameter(
-        "full", float, 1.0, -_FARTHEST, _FARTHEST, "", "weighted sum that gives 1; below start it falls"
+        "full", float, 1.0, -_MAX_WEIGHT, _MAX_WEIGHT, "", "weighted sum that gives 1; below start it falls"
     ),
     Parameter(
         "shape", str, "smooth", 0, 10, "", "flat at both ends, or a line", choices=("smooth", "straight")
@@ -87,9 +87,9 @@ class Factor:
     def __post_init__(self) -> None:
         for name, parameter in FACTOR.items():
             object.__setattr__(self, name, parameter.check(getattr(self, name), f"factor.{name}"))
-        if abs(self.full - self.start) < _STEEPEST:
+        if abs(self.full - self.start) < _MIN_RAMP:
             raise InputError(
-                f"factor.full = {self.full!r}: expected at least {_STEEPEST} from start = {self.start!r}"
+                f"factor.full = {self.full!r}: expected at least {_MIN_RAMP} from start = {self.start!r}"
             )
         if not 1 <= len(self.weights) <= MAX_INPUTS:
             given = ", ".join(self.weights) or "none"
@@ -102,7 +102,7 @@ class Factor:
 
     @property
     def values(self) -> dict[str, Value]:
-        """What a file says of it, by name."""
+        """The values to write to a file, by name."""
         ramp: dict[str, Value] = {"start": self.start, "full": self.full}
         if self.shape != FACTOR["shape"].default:
             ramp["shape"] = self.shape
@@ -111,7 +111,7 @@ class Factor:
 
 @dataclass(frozen=True)
 class MaterialRule:
-    """Lays a material over what is there: its cover is ``cover`` times all factors."""
+    """A rule that lays a material over those before it: its cover is ``cover`` (0 … 1) times all factors."""
 
     name: str
     material: str
@@ -121,7 +121,11 @@ class MaterialRule:
 
 @dataclass(frozen=True)
 class RuleChange:
-    """What a sketch says of one rule: one of the table to change, or a new one."""
+    """A sketch's change of a rule of the default table, or a new rule, which needs a material.
+
+    None leaves a value as it is. ``before`` names the rule to insert it before: by default a new one is on
+    top, and one of the table where it was.
+    """
 
     name: str
     material: str | None = None
@@ -141,6 +145,5 @@ class RuleChange:
 
     @property
     def values(self) -> dict[str, Value]:
-        """What a file says of it but for its factors, by name."""
-        given = {name: getattr(self, name) for name in RULE}
-        return {name: value for name, value in given.items() if value not in (None, "")}
+        """The values to write to a file, without factors, by name."""
+        return {name: value for name in RULE if (value := getattr(self, name)) not in (None, "")}

@@ -1,6 +1,6 @@
-"""The table of rules by which materials cover the ground, and what a sketch changes in it.
+"""The default table of material rules, and a sketch's changes to it.
 
-Each rule lays its material over what the rules before it left.
+Each rule lays its material over those before it.
 """
 
 from __future__ import annotations
@@ -11,18 +11,17 @@ from typing import Any, TypeAlias, cast
 
 from sketchterrain.errors import InputError
 from sketchterrain.sketch.material_rule import FACTOR, RULE, Factor, MaterialRule, RuleChange
-from sketchterrain.sketch.parameter import find_parameter
-from sketchterrain.sketch.wording import did_you_mean, format_value
+from sketchterrain.sketch.wording import did_you_mean, format_value, unknown_key
 
 MAX_RULES = 32
 """The most rules of a sketch, those of the default table included."""
 
-Weights: TypeAlias = dict[str, Any]  # floats by an input's name; mypy takes them for any argument
+Weights: TypeAlias = dict[str, Any]  # floats by input; Any, since mypy checks ** against every argument
 _DRY: Weights = {"aridity": 1.0, "mottle": 0.12, "wetness": -0.28}
 # Grass thins out on crests and slopes, and holds in hollows and beside water.
 _BARE: Weights = {"mottle": 1.0, "hollow": -3.0, "steepness": 0.4, "wetness": -0.6}
 _ALPINE: Weights = {"above_tree_line": 1.0, "mottle": 90.0}
-# Noise frays the edges of rock; what stands in mountains is harder, and gullies fill up.
+# Noise frays the edges of rock; rock in mountains is harder, and gullies fill up.
 _STONY: Weights = {"steepness": 1.0, "mottle": 0.34, "mountain": 0.25, "hollow": -0.8}
 _IN_MOUNTAINS = Factor(shape="straight", mountain=1.0)
 
@@ -42,7 +41,7 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
         "slope_scree", "scree", 0.85, (Factor(0.05, 0.45, mountain=1.0), Factor(0.64, 0.82, **_STONY))
     ),
     MaterialRule("rock_face", "rock", 1.0, (Factor(0.97, 1.17, **_STONY),)),
-    # What falls from the faces lies in gullies and at their feet, as steep as it can.
+    # Debris from the faces collects in gullies and at their feet, at the angle of repose.
     MaterialRule(
         "scree_fan",
         "scree",
@@ -94,11 +93,15 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
     ),
     MaterialRule("river_bed", "river_bed", 1.0, (Factor(0.6875, 0.75, water=1.0),)),
 )
-"""The table, in the order in which each lies over those before it; below them all is grass."""
+"""The default table; each rule covers those before it, and below them all is grass."""
 
 
 def resolved_rules(changes: Iterable[RuleChange]) -> tuple[MaterialRule, ...]:
-    """Return the table of rules with a sketch's changes, done one after the other."""
+    """Return the default table with changes applied in order.
+
+    Raise InputError if a new rule has no material, ``before`` is no rule's name, or there are more than
+    `MAX_RULES`.
+    """
     rules = list(DEFAULT_RULES)
     for change in changes:
         old = next((rule for rule in rules if rule.name == change.name), None)
@@ -123,42 +126,40 @@ def resolved_rules(changes: Iterable[RuleChange]) -> tuple[MaterialRule, ...]:
 
 
 def check_rule_changes(changes: Iterable[RuleChange]) -> tuple[RuleChange, ...]:
-    """Return changes as a sketch keeps them."""
-    kept = tuple(changes)
-    for number, change in enumerate(kept, 1):
+    """Return changes as a tuple; raise InputError if one is not a `RuleChange` or cannot be applied."""
+    checked = tuple(changes)
+    for number, change in enumerate(checked, 1):
         if not isinstance(change, RuleChange):
             raise InputError(f"material_rules: expected RuleChange values, got {format_value(change)}")
         try:
-            resolved_rules(kept[:number])
+            resolved_rules(checked[:number])
         except InputError as error:
             raise InputError(f"[[material_rule]] number {number}: {error}") from None
-    return kept
+    return checked
 
 
 def parse_rule_change(table: Mapping[str, object]) -> RuleChange:
-    """Return what one ``[[material_rule]]`` table says."""
+    """Return the change in one ``[[material_rule]]`` table; raise InputError for a bad key or value."""
+    known = [*RULE, "factor"]
     for key, value in table.items():
-        if key != "factor" and key not in RULE:
-            known = [*RULE, "factor"]
-            raise InputError(
-                f"unknown key {format_value(key)} = {format_value(value)}: expected {', '.join(known)}"
-                f"{did_you_mean(key, known)}"
-            )
+        if key not in known:
+            raise unknown_key(key, value, known)
     if "name" not in table:
-        raise InputError(f"no name: expected {', '.join(RULE)}, factor")
-    given = {name: value for name, value in table.items() if name != "factor"}
-    factors = _factors_of(table["factor"]) if "factor" in table else None
-    return RuleChange(**given, factors=factors)  # type: ignore[arg-type] # RuleChange checks every value
+        raise InputError(f"no name: expected {', '.join(known)}")
+    values = {name: value for name, value in table.items() if name != "factor"}
+    factors = _parse_factors(table["factor"]) if "factor" in table else None
+    return RuleChange(**values, factors=factors)  # type: ignore[arg-type] # RuleChange checks every value
 
 
-def _factors_of(value: object) -> tuple[Factor, ...]:
+def _parse_factors(value: object) -> tuple[Factor, ...]:
     if not isinstance(value, list) or not all(isinstance(each, dict) for each in value):
         raise InputError(
             f"factor = {format_value(value)}: expected tables, each with [[material_rule.factor]] above it"
         )
     for table in value:
         for key, given in table.items():
-            find_parameter(FACTOR, key, given, "[[material_rule.factor]]")
+            if key not in FACTOR:
+                raise unknown_key(key, given, FACTOR, "[[material_rule.factor]]")
     return tuple(Factor(**table) for table in value)
 
 

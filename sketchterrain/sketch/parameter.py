@@ -1,4 +1,4 @@
-"""One thing that a person can set: what it is called, which values it takes, how a wrong one is refused."""
+"""Declared parameters: name, type, range, unit and help of a setting, and its validation."""
 
 from __future__ import annotations
 
@@ -11,33 +11,33 @@ from types import MappingProxyType
 from typing import Any, TypeAlias, TypeVar
 
 from sketchterrain.errors import InputError
-from sketchterrain.sketch.wording import did_you_mean, format_value
+from sketchterrain.sketch.wording import format_value, unknown_key
 
 Value: TypeAlias = int | float | str
 
 _T = TypeVar("_T")
 
 Properties: TypeAlias = Mapping[str, Any]
-"""Values by the names of their parameters, each of the kind that its parameter declares."""
+"""Values by the names of their parameters, each of its parameter's kind."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One thing that a person can set."""
+    """A setting: its key in the sketch file, its allowed values, and one line of help."""
 
     name: str
     kind: type[int] | type[float] | type[str]
     default: Value
-    low: float
+    low: float  # of a str: its least length
     high: float
-    unit: str
+    unit: str  # empty for a pure number
     help: str
     choices: tuple[Value, ...] = ()
-    form: tuple[str, str] = ("", "")
+    form: tuple[str, str] = ("", "")  # of a str that is not empty: a regular expression, and its name
 
     @property
     def range(self) -> str:
-        """The allowed values in words, for example ``"0 to 1"``."""
+        """The allowed values as text, for example ``"0 to 1"``."""
         if self.choices:
             return " or ".join(repr(choice) for choice in self.choices)
         if self.form[1]:
@@ -46,7 +46,7 @@ class Parameter:
 
     @property
     def expected(self) -> str:
-        """What an error says was expected, for example ``"a number from 1 to 9000 m"``."""
+        """The allowed values for an error, for example ``"a number from 1 to 9000 m"``."""
         if self.choices or self.form[1]:
             return self.range
         if self.kind is str:
@@ -55,9 +55,9 @@ class Parameter:
         return f"{what} from {self.range} {self.unit}".rstrip()
 
     def check(self, value: object, key: str | None = None) -> Value:
-        """Return `value` as this parameter's kind.
+        """Return `value` as this parameter's kind; an int is valid for a float, nothing else is converted.
 
-        A whole number is welcome where a number is expected; nothing else is converted.
+        Raise InputError, naming `key`, if it is of another type, not finite, out of range or not a choice.
         """
         checked = self._convert(value)
         if checked is None:
@@ -67,7 +67,7 @@ class Parameter:
     def _convert(self, value: object) -> Value | None:
         converted = _text(value) if self.kind is str else _real(value, whole=self.kind is int)
         size = len(converted) if isinstance(converted, str) else converted
-        if converted is None or size is None or not self.low <= size <= self.high:  # so is NaN refused
+        if converted is None or size is None or not self.low <= size <= self.high:  # also refuses NaN
             return None
         if self.choices and converted not in self.choices:
             return None
@@ -77,7 +77,7 @@ class Parameter:
 
 
 def _text(value: object) -> str | None:
-    # A lone surrogate has no UTF-8 and so no place in a file.
+    # A lone surrogate cannot be encoded as UTF-8.
     if not isinstance(value, str) or any("\ud800" <= char <= "\udfff" for char in value):
         return None
     return value
@@ -90,32 +90,37 @@ def _real(value: object, *, whole: bool) -> float | None:
 
 
 def format_number(value: float) -> str:
-    """Return a number as a person writes it: 600, not 600.0."""
+    """Return a number without a needless fraction: 600, not 600.0."""
     return str(int(value)) if math.isfinite(value) and value == int(value) else repr(value)
 
 
 def check_items(kind: type[_T], values: Iterable[object], key: str, *, most: int) -> tuple[_T, ...]:
-    """Return values that all have to be of one kind."""
-    kept = []
+    """Return values as a tuple; raise InputError if one is not a `kind` or there are more than `most`."""
+    items = []
     for value in values:
         if not isinstance(value, kind):
             raise InputError(f"{key}: expected {kind.__name__} values, got {format_value(value)}")
-        kept.append(value)
-    if len(kept) > most:
-        raise InputError(f"{len(kept)} {key}: expected at most {most}")
-    return tuple(kept)
+        items.append(value)
+    if len(items) > most:
+        raise InputError(f"{len(items)} {key}: expected at most {most}")
+    return tuple(items)
 
 
 def parameter_table(*parameters: Parameter) -> Mapping[str, Parameter]:
-    """Return parameters by their names."""
+    """Return parameters by name."""
     return MappingProxyType({parameter.name: parameter for parameter in parameters})
 
 
-def find_parameter(table: Mapping[str, Parameter], name: str, value: object, where: str) -> Parameter:
-    """Return the parameter `name` of a table."""
-    if name not in table:
-        raise InputError(
-            f"unknown key {format_value(name)} = {format_value(value)} in {where}: expected "
-            f"{', '.join(table)}{did_you_mean(name, table)}"
-        )
-    return table[name]
+def check_values(
+    values: Mapping[str, object], table: Mapping[str, Parameter], where: str, prefix: str
+) -> dict[str, Value]:
+    """Return checked values of a table; `where` names it and `prefix` its keys in errors."""
+    for name, value in values.items():
+        if name not in table:
+            raise unknown_key(name, value, table, where)
+    return {name: table[name].check(value, f"{prefix}{name}") for name, value in values.items()}
+
+
+def defaults(table: Mapping[str, Parameter]) -> dict[str, Value]:
+    """Return the default of each parameter, by name."""
+    return {name: parameter.default for name, parameter in table.items()}

@@ -1,8 +1,4 @@
-"""The one declaration of everything that a person can set in a sketch.
-
-The sketch file, its validation, the starter's comments and the reference page are all made from the
-tables below; whoever adds a parameter adds it here and nowhere else.
-"""
+"""Declarations of all settings of a sketch; file format, command line, panels and docs use them."""
 
 from __future__ import annotations
 
@@ -12,37 +8,22 @@ from types import MappingProxyType
 
 from sketchterrain.sketch.parameter import Parameter, parameter_table
 
-__all__ = [
-    "CLIMATE",
-    "DENSITY",
-    "FORMAT",
-    "GROUND",
-    "LAYERS",
-    "LOOK",
-    "MATERIALS",
-    "SKETCH",
-    "TABLES",
-    "WEATHER",
-    "Layer",
-    "Parameter",
-]
-
 FORMAT = 1
-"""The format of the sketch file that this program reads and writes."""
+"""Version of the sketch file format."""
 
 MATERIALS = ("grass", "soil", "rock", "scree", "sand", "snow", "river_bed", "forest_floor")
-"""What can cover the ground."""
+"""Materials of the ground."""
 
 
 @dataclass(frozen=True)
 class Layer:
-    """One layer of a sketch: what its painted regions become."""
+    """A layer of a sketch: the kind of feature that its painted regions become."""
 
-    name: str
+    name: str  # key in the sketch file; the image is ``name.png``
     title: str
-    colour: tuple[int, int, int]
+    colour: tuple[int, int, int]  # sRGB of label 1, 0 to 255
     help: str
-    parameters: Mapping[str, Parameter] = field(hash=False)
+    parameters: Mapping[str, Parameter] = field(hash=False)  # of each label, by name
 
 
 def _multitude(default: int, what: str) -> Parameter:
@@ -104,7 +85,7 @@ WEATHER: Mapping[str, Parameter] = parameter_table(
     Parameter("wind_from", float, 245.0, 0.0, 360.0, "°", "where the wind blows from: 0 north, 90 east"),
     Parameter("haze", float, 1.0, 0.0, 10.0, "", "1 is a clear day, 10 a murky one"),
 )
-"""Keys of ``[weather]``: what pictures are taken in; the terrain is the same in any."""
+"""Keys of ``[weather]``: lighting and air of pictures; they do not change the terrain."""
 
 LOOK: Mapping[str, Parameter] = parameter_table(
     Parameter(
@@ -123,12 +104,12 @@ LOOK: Mapping[str, Parameter] = parameter_table(
     Parameter("roughness", float, -1.0, -1.0, 1.0, "", "0 mirrors, 1 is dull; -1 is the program's own"),
     Parameter("bump", float, 1.0, 0.0, 2.0, "", "how high its relief is, over the program's own; 0 is flat"),
 )
-"""Keys of ``[look.MATERIAL]``: what a material looks like; the terrain is the same with any."""
+"""Keys of ``[look.MATERIAL]``: appearance of a material; it does not change the terrain."""
 
 TABLES: Mapping[str, Mapping[str, Parameter]] = MappingProxyType(
     {"density": DENSITY, "ground": GROUND, "climate": CLIMATE, "weather": WEATHER}
 )
-"""The tables of the file that hold one value a key."""
+"""Tables of the file with one value per key."""
 
 LAYERS: Mapping[str, Layer] = MappingProxyType(
     {
@@ -237,4 +218,4 @@ LAYERS: Mapping[str, Layer] = MappingProxyType(
         )
     }
 )
-"""The layers, in the order in which they are listed to a person."""
+"""The layers, in display order."""

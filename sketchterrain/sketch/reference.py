@@ -1,4 +1,4 @@
-"""The reference page of everything that can be set and changed, made from the declarations."""
+"""Markdown reference of all settings and edits, generated from their declarations."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 
 def reference_table() -> str:
-    """Return every parameter as Markdown: one section a table of the sketch file."""
+    """Return every parameter as Markdown: one section per table of the sketch file."""
     sections = [_section("The sketch", f"`format = {FORMAT}` comes first.", SKETCH)]
     about = {
-        "density": "What fills the world where nothing is painted.",
+        "density": "Features where nothing is painted.",
         "ground": "The ground under and between the features.",
-        "climate": "What lies and grows on the ground.",
-        "weather": "What pictures are taken in ([light.md](light.md)); the terrain is the same in any.",
+        "climate": "Snow and vegetation.",
+        "weather": "Lighting and air of pictures ([light.md](light.md)); it does not change the terrain.",
     }
     sections += [_section(f"`[{name}]`", about[name], table) for name, table in TABLES.items()]
     for layer in LAYERS.values():
@@ -33,7 +33,7 @@ def reference_table() -> str:
 
 
 def rule_table(rules: Iterable[MaterialRule] = DEFAULT_RULES) -> str:
-    """Return rules by which materials cover the ground as a Markdown table, from below to the top."""
+    """Return material rules as a Markdown table, from the lowest to the topmost."""
     rows = [
         f"| {number} | `{rule.name}` | {rule.material} | {format_number(rule.cover)} | "
         f"{'<br>'.join(map(_factor_text, rule.factors))} |"
@@ -63,25 +63,24 @@ def _section(title: str, text: str, table: Mapping[str, Parameter]) -> str:
 
 def _look() -> str:
     text = (
-        f"What a material looks like, one table each: {', '.join(MATERIALS)}. Only what is given is another; "
-        "the terrain is the same with any ([textures.md](textures.md))."
+        f"Appearance of a material, one table each: {', '.join(MATERIALS)}. It does not change the terrain "
+        "([textures.md](textures.md))."
     )
     return _section("`[look.grass]`", text, LOOK)
 
 
 def _rules() -> str:
     about_rules = (
-        "A rule by which a material lies on the ground, over what the rules before it left; under them all "
-        "is grass. A name of the table changes that rule: only what is given is another. "
-        "A new name makes a new rule on top."
+        "A rule lays its material over those of the rules before it; below them is grass. A name of the "
+        "table changes only the given values of that rule; a new name adds a rule on top."
         f"\n\n{rule_table()}\n\n"
-        "A factor is 0 at the first number and 1 at the second. How the rules work together: "
+        "A factor is 0 at the first number and 1 at the second. Details: "
         "[kernels/materials.md](kernels/materials.md). The preset `desert_mountains` has rules of its own."
     )
     about_factors = (
         f"A ramp over a weighted sum of 1 to {MAX_INPUTS} inputs. A rule covers `cover` times all its "
-        f"factors, at most {MAX_FACTORS}; given ones replace all those of the table's rule, and "
-        "`factor = []` takes them away."
+        f"factors, at most {MAX_FACTORS}; given ones replace those of the table's rule, and "
+        "`factor = []` removes them."
     )
     sections = (
         _section("`[[material_rule]]`", about_rules, RULE),
@@ -92,13 +91,13 @@ def _rules() -> str:
 
 def _edits() -> str:
     text = (
-        "What was changed by hand after it was generated: one table an edit, done in this order. "
-        "`action` says what, `feature` is an id as in `features.json`."
+        "Changes of generated features, a table each, applied in this order. `feature` is an id as in "
+        "`features.json`."
     )
-    head = ["| action | what it does | needs | may have |", "|---|---|---|---|"]
+    head = ["| action | effect | required | optional |", "|---|---|---|---|"]
     rows = [
-        f"| {name} | {action.help} | {', '.join([*([] if name == 'add' else ['feature']), *action.needs])} "
-        f"| {', '.join(action.takes)} |"
+        f"| {name} | {action.help} | {', '.join([*([] if name == 'add' else ['feature']), *action.required])} "
+        f"| {', '.join(action.optional)} |"
         for name, action in ACTIONS.items()
     ]
     return "\n".join(["### `[[edit]]`", "", text, "", *head, *rows, ""])

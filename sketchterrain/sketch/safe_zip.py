@@ -1,4 +1,4 @@
-"""A stranger's zip, read without trust: each entry is looked at before any is decompressed."""
+"""Untrusted zip archives: every entry is checked before any is decompressed."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from pathlib import Path
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.sketch.wording import format_value
 
-_MOST_ENTRIES = 1000
+_MAX_ENTRIES = 1000
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-_BROKEN = (
+_DAMAGE_ERRORS = (
     zipfile.BadZipFile,
     zlib.error,
     struct.error,
@@ -29,17 +29,20 @@ _BROKEN = (
 
 
 class SafeZip:
-    """The entries of an open zip."""
+    """Checked entries of an open zip; `place` is its name in errors, `names` of folders end with ``/``."""
 
     def __init__(self, archive: zipfile.ZipFile, place: str, largest: int, inside: str) -> None:
         self.place = place
         self._archive = archive
-        self._entries = _safe_entries(archive, place, largest, inside)
+        self._entries = _checked_entries(archive, place, largest, inside)
         self.names = tuple(self._entries)
 
-    def read(self, name: str, limit: int, told: str | None = None) -> bytes:
-        """Return what an entry holds; no more is decompressed than `limit` bytes."""
-        info, place = self._entries[name], f"{self.place}/{one_line(told or name)}"
+    def read(self, name: str, limit: int, label: str | None = None) -> bytes:
+        """Return an entry's content, decompressing at most `limit` bytes whatever size the zip claims.
+
+        Errors name it by `label`, if given.
+        """
+        info, place = self._entries[name], f"{self.place}/{one_line(label or name)}"
         if info.file_size > limit:
             raise too_large(place, limit)
         with self._archive.open(info) as stream:
@@ -51,13 +54,17 @@ class SafeZip:
 
 @contextmanager
 def open_zip(path: Path, place: str, *, largest: int, expected: str, inside: str) -> Iterator[SafeZip]:
-    """Yield the entries of a zip, all of which are safe."""
+    """Yield the checked entries of a zip of at most `largest` bytes, unpacked too.
+
+    `place`, `expected` and `inside` are words for errors. Raise InputError if the zip is damaged, also while
+    it is being read, too large, or has an unsafe entry (``..``, absolute, a link, encrypted, duplicate).
+    """
     try:
         if path.stat().st_size > largest:
             raise too_large(place, largest)
         with zipfile.ZipFile(path) as archive:
             yield SafeZip(archive, place, largest, inside)
-    except _BROKEN as error:
+    except _DAMAGE_ERRORS as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else error
         raise InputError(f"{place}: expected {expected} ({one_line(reason)})") from None
 
@@ -68,17 +75,17 @@ def too_large(place: str, limit: int) -> InputError:
     return InputError(f"{place}: too large: expected at most {size}")
 
 
-def _safe_entries(
+def _checked_entries(
     archive: zipfile.ZipFile, place: str, largest: int, inside: str
 ) -> dict[str, zipfile.ZipInfo]:
     infos = archive.infolist()
-    if len(infos) > _MOST_ENTRIES:
-        raise InputError(f"{place}: {len(infos)} entries: expected at most {_MOST_ENTRIES}")
+    if len(infos) > _MAX_ENTRIES:
+        raise InputError(f"{place}: {len(infos)} entries: expected at most {_MAX_ENTRIES}")
     if sum(info.file_size for info in infos) > largest:
         raise too_large(f"{place}, unpacked", largest)
     entries: dict[str, zipfile.ZipInfo] = {}
     for info in infos:
-        problem = "it is there twice" if info.filename in entries else _problem(info, inside)
+        problem = "duplicate entry" if info.filename in entries else _problem(info, inside)
         if problem:
             raise InputError(f"{place}: entry {format_value(info.orig_filename)} refused: {problem}")
         entries[info.filename] = info
@@ -96,5 +103,5 @@ def _problem(info: zipfile.ZipInfo, inside: str) -> str | None:
     if stat.S_IFMT(info.external_attr >> 16) not in (0, stat.S_IFREG, stat.S_IFDIR):
         return "expected a plain file, not a link or a device"
     if info.compress_type not in _METHODS:
-        return "expected it stored or deflated"
+        return "expected stored or deflated data"
     return None

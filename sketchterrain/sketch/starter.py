@@ -1,4 +1,4 @@
-"""The sketch that a person starts from: a small painting, and every property written out."""
+"""The starter sketch: a small painting with every property written out."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _RIVER: Sequence[_Dab] = (
 
 
 def starter_sketch() -> Sketch:
-    """Return a sketch with one mountain and one river, and label 1 of every layer declared in full."""
+    """Return a sketch of one mountain and one river, with label 1 of every layer declared in full."""
     return Sketch(
         name="My sketch",
         seed=1,
@@ -48,7 +48,7 @@ def starter_sketch() -> Sketch:
 
 
 def _stroke(dabs: Sequence[_Dab]) -> LabelImage:
-    """Return a layer with label 1 along the line through the dabs, as wide as their brush."""
+    """Return a layer with label 1 along the polyline through the dabs, as wide as they are."""
     rows, columns = np.ogrid[:DEFAULT_SIDE, :DEFAULT_SIDE]
     image = np.zeros((DEFAULT_SIDE, DEFAULT_SIDE), dtype=np.uint8)
     for start, end in pairwise(dabs):

@@ -1,4 +1,4 @@
-"""TOML from anywhere: what is wrong with it is one line, and nothing in it takes long to refuse."""
+"""Untrusted TOML: errors on one line, and a bound on the time that parsing takes."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ import tomllib
 
 from sketchterrain.errors import InputError, one_line
 
-_MOST_DOTS = 250
+_MAX_DOTS = 250
 
 
 def load_toml(data: bytes) -> dict[str, object]:
-    """Read a TOML file of a stranger's."""
+    """Parse TOML (UTF-8, with or without a byte-order mark); raise InputError with the line number."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise InputError(f"line {line} is not UTF-8: expected a UTF-8 text file") from None
-    # The reader's time and memory grow with the square of a dotted key's depth.
-    deep = next((n for n, line in enumerate(text.split("\n"), 1) if line.count(".") > _MOST_DOTS), None)
+    # The parser's time and memory grow with the square of a dotted key's depth.
+    deep = next((n for n, line in enumerate(text.split("\n"), 1) if line.count(".") > _MAX_DOTS), None)
     if deep is not None:
-        raise InputError(f"line {deep} has more than {_MOST_DOTS} dots: it is nested too deeply")
+        raise InputError(f"line {deep} has more than {_MAX_DOTS} dots: it is nested too deeply")
     try:
         return tomllib.loads(text)
     except ValueError as error:  # TOMLDecodeError, or an integer of too many digits

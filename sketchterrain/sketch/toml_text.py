@@ -1,4 +1,4 @@
-"""``sketch.toml``: the text of a sketch's settings, read strictly and written with its own explanation."""
+"""``sketch.toml``: strict parsing, and writing with the meaning of each line as a comment."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sketchterrain.sketch.material_rule import FACTOR, RULE, RuleChange
 from sketchterrain.sketch.material_rules import parse_rule_change
 from sketchterrain.sketch.parameters import FORMAT, LAYERS, LOOK, SKETCH, TABLES
 from sketchterrain.sketch.toml_reading import load_toml
-from sketchterrain.sketch.wording import did_you_mean, format_value
+from sketchterrain.sketch.wording import format_value, unknown_key
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -30,7 +30,7 @@ _HEAD = """\
 
 
 def parse_settings(data: bytes) -> Sketch:
-    """Read ``sketch.toml`` into a sketch with nothing painted."""
+    """Return the unpainted sketch in ``sketch.toml``; raise InputError for invalid TOML, keys or values."""
     document = load_toml(data)
     _check_format(document.pop("format", None))
     fields: dict[str, object] = {}
@@ -51,15 +51,12 @@ def parse_settings(data: bytes) -> Sketch:
             fields["material_rules"] = _rows(key, value, parse_rule_change)
         else:
             known = ["format", *SKETCH, *TABLES, *LAYERS, "look", "material_rule", "edit"]
-            raise InputError(
-                f"unknown key {format_value(key)} = {format_value(value)}: expected {', '.join(known)}"
-                f"{did_you_mean(key, known)}"
-            )
+            raise unknown_key(key, value, known)
     return Sketch(**fields, labels=labels)  # type: ignore[arg-type] # Sketch checks every value
 
 
 def settings_text(sketch: Sketch) -> str:
-    """Return the settings of a sketch as TOML, each line with its meaning, range and unit."""
+    """Return a sketch's settings as TOML; a comment on each line gives its meaning, range and unit."""
     lines = [_HEAD, f"format = {FORMAT}"]
     lines += _lines({key: getattr(sketch, key) for key in SKETCH}, SKETCH)
     for key, table in TABLES.items():
@@ -89,7 +86,7 @@ def settings_text(sketch: Sketch) -> str:
 
 
 def _rows(key: str, value: object, read: Callable[[Mapping[str, object]], _Row]) -> tuple[_Row, ...]:
-    """Return what each of the tables ``[[key]]`` says."""
+    """Return the parsed tables ``[[key]]``."""
     if not isinstance(value, list) or not all(isinstance(each, dict) for each in value):
         raise InputError(
             f"{key} = {format_value(value)}: expected tables, each with [[{key}]] on a line of its own"
@@ -154,6 +151,6 @@ def _lines(values: Properties, table: Mapping[str, Parameter]) -> list[str]:
 
 def _written(value: Value) -> str:
     if isinstance(value, str):
-        # JSON's escapes are TOML's too, but for the one control character that JSON lets stand.
+        # JSON's escapes are valid TOML; DEL is the one control character that JSON does not escape.
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     return repr(value)

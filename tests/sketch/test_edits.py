@@ -27,8 +27,8 @@ def _value(parameter):
 def _edits(action):
     declared = ACTIONS[action]
     values = st.fixed_dictionaries(
-        {name: _value(parameter) for name, parameter in declared.needs.items()},
-        optional={name: _value(parameter) for name, parameter in declared.takes.items()},
+        {name: _value(parameter) for name, parameter in declared.required.items()},
+        optional={name: _value(parameter) for name, parameter in declared.optional.items()},
     ).filter(lambda given: ("from_x" in given) == ("from_y" in given))
     return st.builds(lambda feature, given: Edit(action, feature, **given), st.integers(0, 2**64 - 1), values)
 

@@ -136,7 +136,7 @@ def test_refused_files_of_a_folder_and_those_that_may_lie_beside_the_sketch(fold
         assert message in refusal(place), name
         (place / name).unlink()
     for content, message in [
-        (b"JFIF", "hill.png: expected a PNG file, this is none"),
+        (b"JFIF", "hill.png: expected a PNG file"),
         (grey([[0]])[:-20], "hill.png: expected a whole PNG file, this one is truncated"),
     ]:
         (place / "hill.png").write_bytes(content)

@@ -73,7 +73,7 @@ def test_a_random_walk_meets_every_sketch_again_to_the_bit(seed):
             sketch = another(history.sketch, rng)
             merge = "drag" if rng.random() < 0.3 else None
             steps, position = len(history.titles), history.position
-            history.do("Step", sketch, merge=merge)
+            history.record("Step", sketch, merge=merge)
             if history.position < position:  # a drag back to where it began
                 known[position:] = []
             elif history.position == position and len(history.titles) == steps:  # merged, or nothing changed
@@ -104,18 +104,18 @@ def test_a_random_walk_meets_every_sketch_again_to_the_bit(seed):
 def test_a_sketch_that_was_current_has_the_key_of_its_step():
     history = History(Sketch())
     saved = history.sketch.replace(seed=7)
-    history.do("Seed", saved)
-    history.do("Name", saved.replace(name="Alps"))
-    assert history.key_of(history.sketch) != history.key_of(saved)
+    history.record("Seed", saved)
+    history.record("Name", saved.replace(name="Alps"))
+    assert history.step_key(history.sketch) != history.step_key(saved)
     assert history.go_to(1) == {}
-    assert history.key_of(history.sketch) == history.key_of(saved) is not None
-    assert history.key_of(Sketch()) is None
-    history.do("Seed", saved.replace(seed=8))
-    assert history.key_of(history.sketch) not in (None, history.key_of(saved))
+    assert history.step_key(history.sketch) == history.step_key(saved) is not None
+    assert history.step_key(Sketch()) is None
+    history.record("Seed", saved.replace(seed=8))
+    assert history.step_key(history.sketch) not in (None, history.step_key(saved))
     # An equal sketch is no step.
     current, titles = history.sketch, history.titles
     copies = {name: image.copy() for name, image in current.layers.items()}
-    assert history.do("Nothing", current.replace(seed=current.seed, layers=copies)) == {}
+    assert history.record("Nothing", current.replace(seed=current.seed, layers=copies)) == {}
     assert history.titles == titles
     assert history.sketch is current
 
@@ -123,12 +123,12 @@ def test_a_sketch_that_was_current_has_the_key_of_its_step():
 def test_steps_of_one_drag_are_one_step_and_none_if_it_ends_where_it_began():
     history = History(Sketch())
     for seed in range(1, 20):
-        history.do("Drag", history.sketch.replace(seed=seed), merge="a")
-    history.do("Drag", history.sketch.replace(seed=99), merge="b")
+        history.record("Drag", history.sketch.replace(seed=seed), merge="a")
+    history.record("Drag", history.sketch.replace(seed=99), merge="b")
     assert history.titles == ("Open", "Drag", "Drag")
     history.go_to(1)
     assert history.sketch.seed == 19
-    history.do("Drag", history.sketch.replace(seed=5), merge="a")  # after an undo it is another drag
+    history.record("Drag", history.sketch.replace(seed=5), merge="a")  # after an undo it is another drag
     assert history.titles == ("Open", "Drag", "Drag")
     history.go_to(1)
     assert history.sketch.seed == 19
@@ -136,15 +136,15 @@ def test_steps_of_one_drag_are_one_step_and_none_if_it_ends_where_it_began():
     assert history.sketch.seed == 0
 
     history = History(Sketch())
-    history.do("Name", history.sketch.replace(name="Alps"))
+    history.record("Name", history.sketch.replace(name="Alps"))
     before = history.sketch
     for seed in (1, 2, 3):
-        history.do("Drag", before.replace(seed=seed), merge="a")
-    history.do("Drag", before, merge="a")
+        history.record("Drag", before.replace(seed=seed), merge="a")
+    history.record("Drag", before, merge="a")
     assert (history.titles, history.position) == (("Open", "Name"), 1)
     assert history.sketch is before
     for seed in (4, 5):
-        history.do("Drag", before.replace(seed=seed), merge="a")
+        history.record("Drag", before.replace(seed=seed), merge="a")
     assert history.titles == ("Open", "Name", "Drag")
     history.go_to(1)
     assert (history.sketch.seed, history.sketch.name) == (0, "Alps")
@@ -157,7 +157,9 @@ def test_the_number_and_the_bytes_of_steps_are_limited():
     for step in range(40):
         image = rng.integers(0, 9, (512, 512)).astype(np.uint8)
         image[rng.integers(60, 200) :] = 0
-        history.do(f"Noise {step}", history.sketch.replace(layers={**history.sketch.layers, "hill": image}))
+        history.record(
+            f"Noise {step}", history.sketch.replace(layers={**history.sketch.layers, "hill": image})
+        )
         known.append(image)
         assert history.bytes <= 300_000 or len(history.titles) == 2
     assert 2 <= len(history.titles) < 12
@@ -169,7 +171,7 @@ def test_the_number_and_the_bytes_of_steps_are_limited():
 
     history = History(Sketch(), most_steps=5)
     for seed in range(1, 30):
-        history.do(f"Seed {seed}", history.sketch.replace(seed=seed))
+        history.record(f"Seed {seed}", history.sketch.replace(seed=seed))
     assert history.titles == tuple(f"Seed {seed}" for seed in range(24, 30))
     for position in (-1, 6):
         with pytest.raises(IndexError, match="expected 0 to 5"):
@@ -189,8 +191,8 @@ def test_a_change_is_reversible_with_a_tight_box_and_the_new_labels():
         change = LayerChange.between(before, after)
         rows, columns = ((before != after).any(axis=axis).nonzero()[0] for axis in (1, 0))
         assert change.box == (rows[0], columns[0], rows[-1] + 1, columns[-1] + 1)
-        np.testing.assert_array_equal(change.redone(before.copy()), after)
-        np.testing.assert_array_equal(change.undone(after.copy()), before)
+        np.testing.assert_array_equal(change.apply(before.copy()), after)
+        np.testing.assert_array_equal(change.revert(after.copy()), before)
         hinted = LayerChange.between(before, after, within=change.box)
         assert (hinted.box, hinted.bytes) == (change.box, change.bytes)
         assert LayerChange.between(after, after.copy()) is None
@@ -208,6 +210,6 @@ def test_a_stroke_on_a_large_sketch_is_a_quick_and_small_step():
     after[1000:1200, 500:3000] = 1
     sketch = history.sketch.replace(layers={**history.sketch.layers, "hill": after})
     start = time.process_time()
-    history.do("Paint", sketch)
+    history.record("Paint", sketch)
     assert time.process_time() - start < 0.060  # 10 ms on an idle machine
     assert history.bytes < 30_000

@@ -105,7 +105,7 @@ def write_recovery(path: Path, sketch: Sketch, original: Path | None) -> None:
         "when": datetime.now(UTC).isoformat(),
         "original": None if original is None else str(original.absolute()),
     }
-    write_atomic(path, pack_sketch(sketch, beside={_ABOUT: json.dumps(about).encode("utf-8")}))
+    write_atomic(path, pack_sketch(sketch, extra_files={_ABOUT: json.dumps(about).encode("utf-8")}))
 
 
 def read_recovery(path: Path) -> Recovery | None:

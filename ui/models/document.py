@@ -172,7 +172,7 @@ class Document(QObject):
 
         One that was opened before the current one was opened is none of this document's.
         """
-        key = self._history.key_of(sketch)
+        key = self._history.step_key(sketch)
         if key is not None:
             self._saved, self._path = key, path
             self.saved_changed.emit()
@@ -222,7 +222,7 @@ class Document(QObject):
 
     @property
     def _key(self) -> int | None:
-        return self._history.key_of(self.sketch)
+        return self._history.step_key(self.sketch)
 
     def _do(
         self,
@@ -238,7 +238,7 @@ class Document(QObject):
             and sketch.layers[self._draft.layer] is not before.layers[self._draft.layer]
         ):
             self._draft.cancel()  # what it was drawn over is no more
-        boxes = self._history.do(title, sketch, merge=merge, known=known)
+        boxes = self._history.record(title, sketch, merge=merge, known=known)
         if self.sketch is not before:
             self._tell(boxes)
 

@@ -95,11 +95,10 @@ def _edits() -> str:
         "`features.json`."
     )
     head = ["| action | effect | required | optional |", "|---|---|---|---|"]
-    rows = [
-        f"| {name} | {action.help} | {', '.join([*([] if name == 'add' else ['feature']), *action.required])} "
-        f"| {', '.join(action.optional)} |"
-        for name, action in ACTIONS.items()
-    ]
+    rows = []
+    for name, action in ACTIONS.items():
+        required = [*([] if name == "add" else ["feature"]), *action.required]
+        rows.append(f"| {name} | {action.help} | {', '.join(required)} | {', '.join(action.optional)} |")
     return "\n".join(["### `[[edit]]`", "", text, "", *head, *rows, ""])
 
 

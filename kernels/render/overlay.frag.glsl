@@ -1,5 +1,5 @@
 #version 430 core
-// What there is to know of the ground, as colours; premultiplied by their opacity.
+// Diagnostic colours of the terrain, premultiplied by their opacity.
 #include "render/triplanar.glsl"
 
 const int TILES = 0;     // each tile's colour, its borders dark
@@ -8,7 +8,7 @@ const int TRIPLANAR = 2; // red, green, blue: weight of the planes across x, y a
 const int PLAIN = 3;     // each tile's colour, unlit
 const int RELIEF = 4;    // light alone
 
-uniform int shown;
+uniform int mode;
 uniform float opacity;
 uniform vec3 palette[8];
 
@@ -24,14 +24,14 @@ void main()
 {
     vec3 n = normalize(ground_normal);
     vec3 base = tile_tint.rgb;
-    if (shown == MATERIALS) {
+    if (mode == MATERIALS) {
         base = vec3(0.0);
         for (int k = 0; k < 4; ++k) base += weights_low[k] * palette[k] + weights_high[k] * palette[4 + k];
     }
-    if (shown == TRIPLANAR) base = triplanar_weights(n);
-    if (shown == RELIEF) base = vec3(0.92);
-    if (shown != PLAIN) base *= 0.45 + 0.55 * max(dot(n, vec3(-0.5, 0.35, 0.79)), 0.0);
-    if (shown == TILES) {
+    if (mode == TRIPLANAR) base = triplanar_weights(n);
+    if (mode == RELIEF) base = vec3(0.92);
+    if (mode != PLAIN) base *= 0.45 + 0.55 * max(dot(n, vec3(-0.5, 0.35, 0.79)), 0.0);
+    if (mode == TILES) {
         vec2 pixels = min(along, 1.0 - along) / max(fwidth(along), 1e-6);
         base *= mix(0.35, 1.0, smoothstep(0.5, 1.5, min(pixels.x, pixels.y)));
     }

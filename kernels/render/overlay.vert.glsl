@@ -1,5 +1,5 @@
 #version 430 core
-// The ground once more, with a colour a tile.
+// Terrain vertices with a tint per tile.
 #include "render/ground.glsl"
 
 in vec4 tint; // of the tile

@@ -1,5 +1,5 @@
 #version 430 core
-// Lays an overlay, drawn at samples² samples a pixel, over a picture.
+// Composites an overlay with samples² samples per pixel over a picture.
 uniform sampler2D overlay;
 uniform int samples;
 

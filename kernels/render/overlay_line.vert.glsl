@@ -1,5 +1,5 @@
 #version 430 core
-// One end of a line, as wide as it is told on the screen: six vertices are two triangles.
+// A line as two triangles (six vertices) of constant width on the screen.
 #include "render/frame.glsl"
 
 in vec3 from;  // m from the anchor
@@ -9,11 +9,11 @@ in vec4 colour;
 uniform vec3 anchor; // m from the eye
 uniform vec2 size;   // of the framebuffer, px
 uniform float width; // px
-uniform float nearer; // share of the distance by which it is drawn nearer to the eye
+uniform float nearer; // depth offset, as share of the distance to the eye
 
 out vec4 line_colour;
 
-const float NEAREST = 1e-3; // what lies behind the eye is cut off there
+const float NEAREST = 1e-3; // clip w: the part behind the eye is cut off here
 
 void main()
 {

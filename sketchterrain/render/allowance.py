@@ -1,4 +1,4 @@
-"""Time that a frame may spend on what is new, and how much of a kind of work fits into it."""
+"""Time budget of a frame, and estimates of how much work fits into it."""
 
 from __future__ import annotations
 
@@ -6,32 +6,20 @@ import time
 from collections.abc import Callable
 from typing import Final
 
-_LAUNCH: Final = 0.0004
-"""s that a piece of work takes however small it is."""
-_SLOWER: Final = 0.3
-"""How much of one quick measurement is believed; a slow one is believed at once."""
-_HOPE: Final = 0.9
-_AS_MUCH: Final = 0.8
-"""Of the most time that there was, which counts as as much …"""
-_FORGETS: Final = 0.95
-"""… and of which so much is remembered from one time to the next, for budgets may get smaller."""
+_OVERHEAD: Final = 0.0004
+"""s of any piece of work, however small."""
+_SMOOTHING: Final = 0.3
+"""Weight of one fast measurement; a slow one replaces the estimate at once."""
+_OPTIMISM: Final = 0.9
+"""Factor of the estimate after a refusal with (almost) the whole budget left."""
+_WHOLE_BUDGET: Final = 0.8
+"""Share of the largest recent budget that counts as all of it."""
+_BUDGET_DECAY: Final = 0.95
+"""Factor of the largest recent budget from query to query: budgets may shrink."""
 
 
 class TimeBudget:
-    """Seconds that are left of a frame's budget.
-
-    Parameters
-    ----------
-    seconds
-        The budget.
-    timer
-        Seconds that run on; tests give their own.
-
-    Attributes
-    ----------
-    spent : float
-        Seconds since it was made, less those that were not counted.
-    """
+    """Seconds that remain of a frame's budget, counted from construction."""
 
     def __init__(self, seconds: float, *, timer: Callable[[], float] = time.perf_counter) -> None:
         self._seconds = seconds
@@ -45,43 +33,37 @@ class TimeBudget:
 
     @property
     def left(self) -> float:
-        """Seconds that are left, 0 at least."""
+        """Remaining seconds, at least 0."""
         return max(self._seconds - self.spent, 0.0)
 
     def fraction(self, share: float) -> TimeBudget:
-        """Return an allowance for a share of what is left."""
+        """Return a budget of a share of the remaining time."""
         return TimeBudget(share * self.left, timer=self._timer)
 
 
 class WorkRate:
-    """What a unit of a kind of work takes, learnt from what it took.
-
-    Parameters
-    ----------
-    unit
-        Seconds that a unit is expected to take at first.
-    """
+    """Estimated seconds per unit of one kind of work, updated from measurements."""
 
     def __init__(self, unit: float) -> None:
         self.unit = unit
-        self._quickest = unit
-        self._most = 0.0
+        self._fastest = unit
+        self._largest_budget = 0.0
 
-    def steps_within(self, allowance: TimeBudget, *, step: int = 1) -> int:
-        """Return how many steps of so many units are expected to fit into what is left, 0 if none.
+    def steps_within(self, budget: TimeBudget, *, step: int = 1) -> int:
+        """Return how many steps of `step` units are expected to fit into the remaining time, maybe 0.
 
-        Where none does though there is as much time as there ever was, the next answer is more hopeful: one
-        slow moment of the machine must not stop the work for ever.
+        If none fits although the budget is as large as it gets, the estimate is lowered: one slow measurement
+        must not stop the work for ever.
         """
-        left = allowance.left
-        self._most = max(left, _FORGETS * self._most)
-        steps = max(int((left - _LAUNCH) / (self.unit * step)), 0)
-        if not steps and left > max(2.0 * _LAUNCH, _AS_MUCH * self._most):
-            self.unit = max(_HOPE * self.unit, self._quickest)
+        left = budget.left
+        self._largest_budget = max(left, _BUDGET_DECAY * self._largest_budget)
+        steps = max(int((left - _OVERHEAD) / (self.unit * step)), 0)
+        if not steps and left > max(2.0 * _OVERHEAD, _WHOLE_BUDGET * self._largest_budget):
+            self.unit = max(_OPTIMISM * self.unit, self._fastest)
         return steps
 
     def record(self, units: int, seconds: float) -> None:
-        """Learn from a piece of work."""
-        unit = max(seconds - _LAUNCH, 0.1 * seconds, 1e-9) / units
-        self.unit = unit if unit > self.unit else (1.0 - _SLOWER) * self.unit + _SLOWER * unit
-        self._quickest = min(self._quickest, self.unit)
+        """Update the estimate from a measured piece of work."""
+        unit = max(seconds - _OVERHEAD, 0.1 * seconds, 1e-9) / units
+        self.unit = unit if unit > self.unit else (1.0 - _SMOOTHING) * self.unit + _SMOOTHING * unit
+        self._fastest = min(self._fastest, self.unit)

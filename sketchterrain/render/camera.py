@@ -27,15 +27,7 @@ def direction(heading: float, pitch: float) -> Floats:
 
 
 def clip_planes(clearance: float, draw_distance: float) -> tuple[float, float]:
-    """Return clipping distances (m) that cut off nothing and leave depth its precision.
-
-    Parameters
-    ----------
-    clearance
-        How high the eye is above the ground, m. What is nearest is about so far away.
-    draw_distance
-        How far the ground is drawn, m.
-    """
+    """Return clipping distances (m) that cut off nothing and leave depth its precision."""
     near = float(np.clip(0.25 * clearance, *_NEAR))
     return near, max(1.1 * draw_distance, 2.0 * near)
 
@@ -45,15 +37,6 @@ class Camera:
     """Where the picture is taken from.
 
     Everything is computed in float64; only positions relative to the eye ever go to the GPU as float32.
-
-    Attributes
-    ----------
-    eye, target : (x, y, z) in m
-        Position, and a point in the middle of the picture. They must differ.
-    fov : float
-        Vertical field of view, degrees, in (0, 170).
-    near, far : float
-        Clipping distances, m, 0 < near < far.
     """
 
     eye: Vector
@@ -91,15 +74,7 @@ class Camera:
         return float(np.degrees(np.arcsin(np.clip(self.forward[2], -1.0, 1.0))))
 
     def ray(self, x: float, y: float, aspect: float) -> Floats:
-        """Return the unit vector from the eye through a place of the picture.
-
-        Parameters
-        ----------
-        x, y
-            −1 … 1 from the left to the right border, and from the lower to the upper one.
-        aspect
-            Width over height.
-        """
+        """Return the unit vector from the eye through a place of the picture."""
         half = np.tan(np.radians(self.fov) / 2.0)
         along = self.view()[:3, :3].T @ np.array([x * half * aspect, y * half, -1.0])
         return np.asarray(along / np.linalg.norm(along))
@@ -132,13 +107,7 @@ class Camera:
         return self.projection(aspect) @ self.view()
 
     def frustum(self, aspect: float) -> Floats:
-        """Return the six planes of the view in world coordinates.
-
-        Returns
-        -------
-        (6, 4) float64, read-only
-            a·x + b·y + c·z + d ≥ 0 inside, with unit normals: left, right, bottom, top, near, far.
-        """
+        """Return the six planes of the view in world coordinates."""
         return _frustum(self, aspect)
 
 

@@ -1,4 +1,4 @@
-"""OpenGL without a window."""
+"""Standalone OpenGL contexts."""
 
 from __future__ import annotations
 
@@ -9,17 +9,11 @@ import moderngl
 from sketchterrain.errors import DeviceError
 
 VERSION = 430
-"""OpenGL 4.3 core: the ground is drawn by one indirect multi-draw."""
+"""OpenGL 4.3 core, for indirect multi-draw."""
 
 
 def open_context() -> moderngl.Context:
-    """Open a standalone OpenGL context through EGL, which needs no screen.
-
-    Raises
-    ------
-    DeviceError
-        If this machine has no OpenGL of the needed version; one line says what to install.
-    """
+    """Open an OpenGL context through EGL, without a screen; raise DeviceError with what to install."""
     try:
         settings: dict[str, Any] = {"backend": "egl"}
         context = moderngl.create_context(require=VERSION, standalone=True, **settings)
@@ -32,21 +26,21 @@ def open_context() -> moderngl.Context:
 
 
 def close_context(context: moderngl.Context) -> None:
-    """Close a context and all that was made in it.
+    """Close a context and all its objects.
 
-    Buffers and textures that are still referred to go later; they must not delete by number then, for another
-    context that is current would lose its own of the same numbers.
+    Buffers and textures that are still referenced are collected later. They must not be deleted by number
+    then: the current context would lose its own object of that number.
     """
     context.gc_mode = None  # type: ignore[assignment]  # as its documentation says
     context.release()
 
 
 def release_orphans(context: moderngl.Context) -> None:
-    """Delete what died in a context whose ``gc_mode`` is ``context_gc``; what was given back before is left.
+    """Delete the collected objects of a context whose ``gc_mode`` is ``context_gc``.
 
-    moderngl's own way fails at the latter.
+    Objects that were already released are skipped; moderngl's own ``gc`` fails on them.
     """
     while context.objects:
-        dead = context.objects.popleft()
-        if hasattr(dead, "release"):
-            dead.release()
+        orphan = context.objects.popleft()
+        if hasattr(orphan, "release"):
+            orphan.release()

@@ -17,21 +17,13 @@ FARTHEST: Final = 16.0
 
 
 def draw_distance(clearance: float, *, extent: float, reach: float) -> float:
-    """Return how far the ground is drawn (m).
-
-    Parameters
-    ----------
-    clearance
-        Of the eye above the ground (m).
-    extent
-        Of the terrain (m).
-    reach
-        Draw distance at the ground, extents.
-    """
+    """Return how far the ground is drawn (m)."""
     return min(reach * extent + CLIMB * clearance, FARTHEST * extent)
 
 
-def clipped(camera: Camera, clearance: float, *, extent: float, reach: float) -> tuple[Camera, float]:
+def with_clip_planes(
+    camera: Camera, clearance: float, *, extent: float, reach: float
+) -> tuple[Camera, float]:
     """Return a camera with clipping planes that suit its height, and the draw distance (m)."""
     distance = draw_distance(clearance, extent=extent, reach=reach)
     near, far = clip_planes(clearance, distance)

@@ -51,22 +51,7 @@ KEY: Final[Mapping[str, Parameter]] = parameter_table(
 
 @dataclass(frozen=True)
 class Keyframe:
-    """Where the camera is at one time.
-
-    Parameters
-    ----------
-    time
-        s.
-    eye, target
-        Where it is and a point in the middle of the picture, m; different ones.
-    fov
-        Vertical field of view, degrees.
-
-    Raises
-    ------
-    InputError
-        If a value is not what `KEY` declares.
-    """
+    """Where the camera is at one time."""
 
     time: float
     eye: Vector
@@ -100,18 +85,6 @@ class Flight:
     The eye goes along a centripetal Catmull-Rom spline through the keys, which has no loops and no cusps, and
     is at each key at its time; its speed has no jumps. The look turns from one key's direction to that of the
     next, the shorter way.
-
-    Parameters
-    ----------
-    keys
-        Two or more, each at least 1 ms after the one before.
-    heights
-        ``"absolute"``, or ``"above ground"``: then call `over` before anything is asked of it.
-
-    Raises
-    ------
-    InputError
-        If there are too few keys, or they are not in the order of their times.
     """
 
     keys: tuple[Keyframe, ...]
@@ -157,16 +130,7 @@ class Flight:
         return np.arange(max(1, round(length * fps))) / fps
 
     def over(self, ground: Ground, *, clearance: float = 2.0) -> Flight:
-        """Return the flight with absolute heights.
-
-        Parameters
-        ----------
-        ground
-            Heights of the ground.
-        clearance
-            How high above it a flight ``"above ground"`` stays, m. Where it would be lower between two keys,
-            both are raised. A flight with absolute heights stays as it is.
-        """
+        """Return the flight with absolute heights."""
         if self.heights == "absolute":
             return self
         places = np.array([[*key.eye, *key.target] for key in self.keys])
@@ -175,15 +139,7 @@ class Flight:
         return _with_places(self, places).raised(ground, clearance=clearance)
 
     def raised(self, ground: Ground, *, clearance: float) -> Flight:
-        """Return the flight with keys (eye and target) so far raised that it never is under the ground.
-
-        Parameters
-        ----------
-        ground
-            Heights of the ground, asked some times for 240 places a second of the flight.
-        clearance
-            How high above it the eye stays, m, up to what the ground does between two such places.
-        """
+        """Return the flight with keys (eye and target) so far raised that it never is under the ground."""
         flight = self
         times = np.linspace(0.0, self.duration, max(2, round(self.duration * _SAMPLES_PER_SECOND) + 1))
         moments = np.array([key.time for key in self.keys]) - self.keys[0].time

@@ -24,18 +24,7 @@ _HEAD = f"""\
 
 
 def load_flight(path: str | Path) -> Flight:
-    """Read a flight.
-
-    Parameters
-    ----------
-    path
-        A TOML file as `flight_text` writes it.
-
-    Raises
-    ------
-    InputError
-        If there is no such file, or anything in it is not as the format says; one line tells where.
-    """
+    """Read a flight."""
     place = one_line(path)
     try:
         with Path(path).open("rb") as stream:
@@ -51,24 +40,12 @@ def load_flight(path: str | Path) -> Flight:
 
 
 def save_flight(flight: Flight, path: str | Path) -> Path:
-    """Write a flight to a file; reading it again gives the same flight.
-
-    Raises
-    ------
-    SketchterrainError
-        If the system cannot write there.
-    """
+    """Write a flight to a file; reading it again gives the same flight."""
     return write_atomic(Path(path), flight_text(flight).encode())
 
 
 def parse_flight(data: bytes) -> Flight:
-    """Return the flight that the content of a file says.
-
-    Raises
-    ------
-    InputError
-        If it is not TOML, or has an unknown key or a wrong value.
-    """
+    """Return the flight that the content of a file says."""
     document = load_toml(data)
     for name, value in document.items():
         if name not in _KNOWN:

@@ -24,15 +24,6 @@ class Motion:
 
     How far along the curve it is, and where it looks, follow the keys by monotone cubics (Fritsch & Carlson),
     which never overshoot: a camera that halts, halts.
-
-    Parameters
-    ----------
-    times : (n,)
-        s, rising, the first one 0.
-    eyes, targets : (n, 3)
-        m.
-    fovs : (n,)
-        Degrees.
     """
 
     def __init__(self, times: Floats, eyes: Floats, targets: Floats, fovs: Floats) -> None:

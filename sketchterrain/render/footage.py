@@ -29,19 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CapturedFrame:
-    """What a frame took and showed.
-
-    Attributes
-    ----------
-    seconds : float
-        s, all of it, until it was drawn.
-    generation_seconds : float
-        s of that, for tiles.
-    tiles_generated, tiles_drawn, triangles : int
-        Of this frame.
-    settled : bool
-        Whether nothing was missing, and nothing but the camera and water moved.
-    """
+    """What a frame took and showed."""
 
     seconds: float
     generation_seconds: float
@@ -66,50 +54,7 @@ def capture_frames(
     overlays: Sequence[str] = (),
     pixels: bool = True,
 ) -> Generator[tuple[CapturedFrame, npt.NDArray[np.uint8] | None]]:
-    """Draw what a camera sees along a flight, a frame for each of its views.
-
-    Parameters
-    ----------
-    terrain
-        What to draw.
-    views
-        Of a flight, at times 1/fps apart.
-    fps
-        Frames a second: water moves and tiles change by it, however long a frame takes.
-    size
-        Width and height in pixels, 16 to 8192 each.
-    sun
-        Where the sun stands; by default where it does at the weather's hour, for the first view.
-    weather
-        By default the sketch's.
-    textures
-        A folder of pictures that replace the program's own textures.
-    quality
-        What a frame may cost; by default the best if frames shall be complete, else what suits the device.
-    without
-        Parts of the picture that are left out, besides those that the quality leaves out.
-    complete
-        Whether each frame is the picture that `render_picture` gives; else it shows what is ready within its
-        budget, as in a viewer.
-    overlays
-        Drawn over each frame in this order: names of ``OVERLAYS``.
-    pixels
-        Whether the frames are wanted, or only what they took.
-
-    Yields
-    ------
-    CapturedFrame
-        What the frame took.
-    (height, width, 3) uint8 or None
-        sRGB, row 0 on top.
-
-    Raises
-    ------
-    InputError
-        If the size is out of range, there is no such overlay or part, or the weather's hour is in the night.
-    DeviceError
-        If there is no OpenGL.
-    """
+    """Draw what a camera sees along a flight, a frame for each of its views."""
     check_size(size)
     check_overlays(overlays)
     with canvas(size) as (context, texture, framebuffer):
@@ -121,7 +66,7 @@ def capture_frames(
         sun = sun or sun_for_view(terrain, cameras[0], weather)
         renderer = Renderer(context, terrain, sun=sun, weather=weather, textures=textures, quality=quality)
         shoot = _complete if complete else _ready
-        overlay = Overlay(context, terrain, renderer.ground) if overlays else None
+        overlay = Overlay(context, terrain, renderer.stream) if overlays else None
         for number, camera in enumerate(cameras):
             shot = shoot(renderer, camera, framebuffer, elapsed=1.0 / fps, clock=number / fps)
             if overlay is not None:
@@ -140,7 +85,7 @@ def _complete(
 ) -> CapturedFrame:
     """Draw the picture that `render` gives, whatever there was before."""
     del elapsed
-    start, ground = time.perf_counter(), renderer.ground
+    start, ground = time.perf_counter(), renderer.stream
     before = renderer.timings.get("tiles", 0.0), ground.written
     renderer.prepare(camera, framebuffer.size)
     renderer.draw(camera, framebuffer, clock=clock)
@@ -148,7 +93,7 @@ def _complete(
         seconds=time.perf_counter() - start,
         generation_seconds=renderer.timings["tiles"] - before[0],
         tiles_generated=ground.written - before[1],
-        tiles_drawn=ground.pool.tiles,
+        tiles_drawn=ground.tile_renderer.tiles,
         triangles=renderer.triangles,
         settled=True,
     )

@@ -38,13 +38,7 @@ _CLIP_DISTANCES: Final = range(0x3000, 0x3004)  # GL_CLIP_DISTANCE0 …
 
 @cache
 def gl_function(name: str, result: Any, *arguments: Any) -> Any:
-    """Return a function of OpenGL, with the ctypes of its result and arguments.
-
-    Raises
-    ------
-    DeviceError
-        If this machine's OpenGL does not have it.
-    """
+    """Return a function of OpenGL, with the ctypes of its result and arguments."""
     for library in _LIBRARIES:
         with suppress(OSError, AttributeError):
             function = getattr(ctypes.CDLL(library), name)
@@ -61,13 +55,7 @@ def gl_function(name: str, result: Any, *arguments: Any) -> Any:
 
 
 def wait_for_gl() -> None:
-    """Wait until OpenGL has finished with all that it was told so far.
-
-    Raises
-    ------
-    DeviceError
-        If it can't be waited for.
-    """
+    """Wait until OpenGL has finished with all that it was told so far."""
     fence = gl_function("glFenceSync", ctypes.c_void_p, ctypes.c_uint, ctypes.c_uint)(_COMPLETE, 0)
     wait = gl_function("glClientWaitSync", ctypes.c_uint, ctypes.c_void_p, ctypes.c_uint, ctypes.c_uint64)
     if not fence:

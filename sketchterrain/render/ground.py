@@ -1,13 +1,12 @@
-"""The ground: tiles in one vertex buffer, drawn by one indirect multi-draw.
+"""Terrain tiles in one vertex buffer, drawn by one indirect multi-draw.
 
-Positions are integers until the vertex shader: a tile's corner and its step on the lattice of extent/2²⁴ m,
-relative to the lattice place of the eye. Only what is left of the eye beyond that place, less than a unit,
-goes along in floating point.
+Positions are integers until the vertex shader: tile corner and step on the lattice of extent/2²⁴ m, relative
+to the lattice cell of the eye. Only the eye's offset within its cell is passed in floating point.
 """
 
 from __future__ import annotations
 
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 import moderngl
 import numpy as np
@@ -19,67 +18,24 @@ from sketchterrain.render.programs import build_program, set_uniforms
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.tiles import QUADS, borders
 
+if TYPE_CHECKING:
+    from sketchterrain.tiles import DrawList
+
 _VERTEX_ATTRIBUTES: Final = ("4u4 4u4", "ground", "materials")
-"""32 bytes, `sketchterrain.terrain.vertices.VERTEX`; kernels/render/ground.glsl."""
+"""32 bytes: `sketchterrain.terrain.vertices.VERTEX`, kernels/render/ground.glsl."""
 _TILE: Final = np.dtype(
     [("corner", "<i4", 2), ("step", "<i4"), ("centre", "<f4"), ("west", "<f4", 4), ("east", "<f4", 4)]
 )
 _TILE_ATTRIBUTES: Final = ("4i4 4f4 4f4/i", "place_of_tile", "morph_west", "morph_east")
-_FARTHEST_UNIT: Final = 2**31 - 1
-"""From the eye to a tile's vertices."""
-
-
-class Draws(Protocol):
-    """Which tiles to draw and how far each is morphed; see `sketchterrain.tiles`."""
-
-    @property
-    def slots(self) -> npt.NDArray[np.int64]:
-        """(n,) place in the vertex buffer, in tiles."""
-        ...
-
-    @property
-    def corners(self) -> npt.NDArray[np.int64]:
-        """(n, 2) north-west corner, lattice units from the world's origin."""
-        ...
-
-    @property
-    def steps(self) -> npt.NDArray[np.int64]:
-        """(n,) lattice units a quad."""
-        ...
-
-    @property
-    def cases(self) -> npt.NDArray[np.int64]:
-        """(n,) which borders lie at a coarser tile: bits north, south, west, east."""
-        ...
-
-    @property
-    def morph(self) -> npt.NDArray[np.float32]:
-        """(n, 3, 3) share of the parent, row 0 north, column 0 west."""
-        ...
+_MAX_UNITS: Final = 2**31 - 1
+"""Largest lattice distance from the eye to a vertex."""
 
 
 class TileRenderer:
-    """Draws tiles out of one buffer of vertices.
+    """Draws tiles of quads² cells from a buffer with (quads + 1)² `VERTEX` per slot.
 
-    Parameters
-    ----------
-    context
-        Where they are drawn.
-    extent
-        Width of a level-0 tile (m).
-    vertices
-        `sketchterrain.terrain.vertices.VERTEX`, (quads + 1)² a slot.
-    quads
-        Along a tile's side: a power of two ≥ 4.
-    bounds
-        West, south, east, north (m), beyond which nothing is drawn; None: it goes on for ever.
-
-    Attributes
-    ----------
-    tiles : int
-        Tiles of the last `place`.
-    triangles : int
-        Their triangles.
+    `extent` is the width of a level-0 tile (m); nothing is drawn beyond `bounds` (W, S, E, N; m). `tiles` and
+    `triangles` count those of the last `set_tiles`.
     """
 
     def __init__(
@@ -98,77 +54,67 @@ class TileRenderer:
         self._bounds = bounds
         self._eye = np.zeros(2)
         self._vertices = vertices
-        indices, self._first, self._count = borders.tile_indices(quads)
+        indices, self._first_index, self._index_count = borders.tile_indices(quads)
         self._indices = context.buffer(indices.tobytes())
-        room = max(vertices.size // (32 * (quads + 1) ** 2), 1)
-        self._tiles = context.buffer(reserve=_TILE.itemsize * room, dynamic=True)
-        self._commands = context.buffer(reserve=COMMAND.itemsize * room, dynamic=True)
-        self._fraction = (0.0, 0.0)
-        self._draws: Draws | None = None
-        self._writings = np.zeros(room, np.int64)
+        capacity = max(vertices.size // (32 * (quads + 1) ** 2), 1)
+        self._tiles = context.buffer(reserve=_TILE.itemsize * capacity, dynamic=True)
+        self._commands = context.buffer(reserve=COMMAND.itemsize * capacity, dynamic=True)
+        self._eye_fraction = (0.0, 0.0)
+        self._draw_list: DrawList | None = None
+        self._write_counts = np.zeros(capacity, np.int64)
         self._corners = np.zeros((0, 2), np.int64)
-        self._listed = np.zeros(0, COMMAND)
-        self._part = context.buffer(reserve=COMMAND.itemsize * room, dynamic=True)
-        self._array = self.array(self.build("ground.vert.glsl", "ground.frag.glsl"))
+        self._command_list = np.zeros(0, COMMAND)
+        self._selected_commands = context.buffer(reserve=COMMAND.itemsize * capacity, dynamic=True)
+        self._array = self.vertex_array(self.create_program("ground.vert.glsl", "ground.frag.glsl"))
 
     @property
-    def content(self) -> tuple[tuple[object, ...], ...]:
-        """Buffers of the vertices' and of the tiles' attributes, as a vertex array wants them."""
+    def vertex_bindings(self) -> tuple[tuple[object, ...], ...]:
+        """Buffers and attributes of vertices and tiles, in the format of ``Context.vertex_array``."""
         return (
             (self._vertices, *_VERTEX_ATTRIBUTES),
             (self._tiles, *_TILE_ATTRIBUTES),
         )
 
-    def build(self, vertex: str, fragment: str) -> moderngl.Program:
+    def create_program(self, vertex: str, fragment: str) -> moderngl.Program:
         """Build a program whose vertex shader includes ``render/ground.glsl``."""
         defines = {"TILE_QUADS": self._quads} | ({} if self._bounds is None else {"BOUNDED": 1})
         return build_program(self._context, vertex, fragment, defines=defines)
 
-    def array(
-        self, program: moderngl.Program, *, values: tuple[moderngl.Buffer, str] | None = None
+    def vertex_array(
+        self, program: moderngl.Program, *, extra: tuple[moderngl.Buffer, str] | None = None
     ) -> moderngl.VertexArray:
-        """Return the tiles as a program draws them, for :meth:`draw`.
+        """Return a vertex array for `draw`, of a program that `create_program` built.
 
-        Parameters
-        ----------
-        program
-            Of :meth:`build`.
-        values
-            One more attribute a tile, a vec4: a buffer, in the order of the tiles placed, and its name.
+        `extra` is a buffer with one vec4 per tile, and the name of that attribute.
         """
-        content = list(self.content)
-        if values is not None:
-            content.append((values[0], "4f4/i", values[1]))
-        return self._context.vertex_array(program, content, index_buffer=self._indices, skip_errors=True)
+        bindings = list(self.vertex_bindings)
+        if extra is not None:
+            bindings.append((extra[0], "4f4/i", extra[1]))
+        return self._context.vertex_array(program, bindings, index_buffer=self._indices, skip_errors=True)
 
-    def place(self, draws: Draws, eye: tuple[float, float, float]) -> None:
-        """Say which tiles to draw, and from where.
-
-        Raises
-        ------
-        InputError
-            If there are more than slots, or one reaches farther than 2³¹ lattice units (128 extents) away.
-        """
-        count = len(draws.slots)
+    def set_tiles(self, draw_list: DrawList, eye: tuple[float, float, float]) -> None:
+        """Upload the tiles to draw relative to an eye (m); raise InputError for too many or too far ones."""
+        count = len(draw_list.slots)
         self._eye = np.asarray(eye[:2])
-        here = np.floor(self._eye / self._unit)
-        corners = draws.corners - here.astype(np.int64)
+        eye_units = np.floor(self._eye / self._unit)
+        corners = draw_list.corners - eye_units.astype(np.int64)
         if count * _TILE.itemsize > self._tiles.size:
             raise InputError(f"expected at most {self._tiles.size // _TILE.itemsize} tiles, got {count}")
-        ends = corners + np.multiply.outer(draws.steps * self._quads, [1, -1])
-        if count and max(np.abs(corners).max(), np.abs(ends).max()) > _FARTHEST_UNIT:
-            raise InputError(f"expected tiles within {_FARTHEST_UNIT * self._unit:.0f} m of the eye")
-        self._fraction = tuple((self._eye - here * self._unit).tolist())
+        ends = corners + np.multiply.outer(draw_list.steps * self._quads, [1, -1])
+        if count and max(np.abs(corners).max(), np.abs(ends).max()) > _MAX_UNITS:
+            raise InputError(f"expected tiles within {_MAX_UNITS * self._unit:.0f} m of the eye")
+        self._eye_fraction = tuple((self._eye - eye_units * self._unit).tolist())
         tiles = np.empty(count, _TILE)
-        tiles["corner"], tiles["step"] = corners, draws.steps
-        tiles["west"][:, :3], tiles["west"][:, 3] = draws.morph[:, :, 0], draws.morph[:, 0, 1]
-        tiles["east"][:, :3], tiles["east"][:, 3] = draws.morph[:, :, 2], draws.morph[:, 2, 1]
-        tiles["centre"] = draws.morph[:, 1, 1]
+        tiles["corner"], tiles["step"] = corners, draw_list.steps
+        tiles["west"][:, :3], tiles["west"][:, 3] = draw_list.morph[:, :, 0], draw_list.morph[:, 0, 1]
+        tiles["east"][:, :3], tiles["east"][:, 3] = draw_list.morph[:, :, 2], draw_list.morph[:, 2, 1]
+        tiles["centre"] = draw_list.morph[:, 1, 1]
         commands = np.empty(count, COMMAND)
-        commands["count"], commands["first"] = self._count[draws.cases], self._first[draws.cases]
+        commands["count"] = self._index_count[draw_list.cases]
+        commands["first"] = self._first_index[draw_list.cases]
         commands["instances"], commands["base_instance"] = 1, np.arange(count)
-        commands["base_vertex"] = draws.slots * (self._quads + 1) ** 2
-        self._draws, self._corners, self._listed = draws, corners, commands
+        commands["base_vertex"] = draw_list.slots * (self._quads + 1) ** 2
+        self._draw_list, self._corners, self._command_list = draw_list, corners, commands
         self.tiles, self.triangles = count, int(commands["count"].sum()) // 3
         if count:
             self._tiles.orphan()
@@ -177,48 +123,49 @@ class TileRenderer:
             self._commands.write(commands.tobytes())
 
     def tiles_within(self, west: float, south: float, east: float, north: float) -> npt.NDArray[np.intp]:
-        """Return which of the placed tiles meet a rectangle, relative to the eye (m)."""
-        if self._draws is None:
+        """Return indices of the tiles that intersect a rectangle relative to the eye (m)."""
+        if self._draw_list is None:
             return np.zeros(0, np.intp)
-        low = self._corners * self._unit - self._fraction
-        width = self._draws.steps * (self._quads * self._unit)
+        low = self._corners * self._unit - self._eye_fraction
+        width = self._draw_list.steps * (self._quads * self._unit)
         meets = (low[:, 0] < east) & (low[:, 0] + width > west)
         meets &= (low[:, 1] > south) & (low[:, 1] - width < north)
         return np.flatnonzero(meets)
 
-    def rewritten(self, slots: npt.NDArray[np.int64]) -> None:
-        """Note that other vertices are written into slots."""
-        self._writings[slots] += 1
+    def mark_rewritten(self, slots: npt.NDArray[np.int64]) -> None:
+        """Count a rewrite of the vertices of some slots; see `content_key`."""
+        self._write_counts[slots] += 1
 
-    def state_of(self, tiles: npt.NDArray[np.intp]) -> bytes:
-        """Return bytes that are equal as long as some of the placed tiles look the same."""
-        draws = self._draws
-        if draws is None:
+    def content_key(self, tiles: npt.NDArray[np.intp]) -> bytes:
+        """Return bytes that are equal as long as the given tiles look the same."""
+        draw_list = self._draw_list
+        if draw_list is None:
             return b""
-        parts = (draws.corners, draws.steps, draws.cases, draws.morph, self._writings[draws.slots])
+        parts = (
+            draw_list.corners,
+            draw_list.steps,
+            draw_list.cases,
+            draw_list.morph,
+            self._write_counts[draw_list.slots],
+        )
         return b"".join(part[tiles].tobytes() for part in parts)
 
     def draw(
         self, array: moderngl.VertexArray | None = None, *, tiles: npt.NDArray[np.intp] | None = None
     ) -> None:
-        """Draw what was placed; the camera stands in the frame's uniform block.
+        """Draw the tiles, or a subset of them, with the camera of the frame's uniform block.
 
-        Parameters
-        ----------
-        array
-            Of :meth:`array`; by default normals and material weights are drawn, ground.frag.glsl.
-        tiles
-            Which of the placed ones, in their order; all by default.
+        By default normals and material weights are drawn (ground.frag.glsl).
         """
         commands, count = self._commands, self.tiles
         if tiles is not None:
-            commands, count = self._part, len(tiles)
+            commands, count = self._selected_commands, len(tiles)
             commands.orphan()
-            commands.write(self._listed[tiles].tobytes())
+            commands.write(self._command_list[tiles].tobytes())
         if not count:
             return
         array = array or self._array
-        set_uniforms(array.program, {"metres_per_unit": self._unit, "eye_fraction": self._fraction})
+        set_uniforms(array.program, {"metres_per_unit": self._unit, "eye_fraction": self._eye_fraction})
         if self._bounds is None:
             array.render_indirect(commands, moderngl.TRIANGLES, count=count)
             return

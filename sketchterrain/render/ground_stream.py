@@ -1,4 +1,4 @@
-"""Tiles for each frame: chosen, generated within the frame's budget, and drawn."""
+"""Terrain tile streaming: select, generate within a time budget, and draw the tiles of each frame."""
 
 from __future__ import annotations
 
@@ -33,60 +33,31 @@ if TYPE_CHECKING:
 
     Box = tuple[float, float, float, float]
 
-QUAD, QUAD_A_PIXEL = 24.0, 8.0
-"""px; quads are no wider than the first and so much more for each pixel of tolerance."""
-LEAP: Final = 0.1
-"""Extents. An eye that is farther from where it was in the last frame has been put there."""
-LEAP_BUDGET: Final = 0.5
-"""s for the first frame, and for one after a leap: so much goes into a whole picture at once."""
-HURRY_SECONDS: Final = 2.0
-"""So long after a leap at most, until the picture is as good as it gets ..."""
-HURRY: Final = 8.0
-"""... tiles morph so many times as quickly ..."""
-HURRY_SHARE: Final = 0.5
-"""... and may take so much of the time, if that is more than the budget."""
-_MOST_BATCHES: Final = 64
-"""In a frame."""
-_ROOM: Final = 1.5
-"""Times as long as the longest of a frame another batch must have left."""
+QUAD, QUAD_PER_TOLERANCE = 24.0, 8.0
+"""px; largest width of a quad: constant, and per pixel of tolerance."""
+JUMP: Final = 0.1
+"""Extents; a larger motion between two frames is a jump."""
+JUMP_BUDGET: Final = 0.5
+"""s for the first frame and the frame of a jump, which draw a whole picture at once."""
+CATCH_UP_SECONDS: Final = 2.0
+"""s after a jump during which, until the picture is final, ..."""
+MORPH_SPEEDUP: Final = 8.0
+"""... tiles morph this many times faster ..."""
+CATCH_UP_SHARE: Final = 0.5
+"""... and may take this share of the time, if that is more than the budget."""
+_MAX_BATCHES: Final = 64
+"""Per frame."""
+_BATCH_MARGIN: Final = 1.5
+"""Another batch starts if this many times the longest batch of the frame still fits."""
 
 
 class TerrainStream:
-    """The ground as a camera sees it, frame by frame.
+    """Tiles of a terrain for a moving camera.
 
-    Parameters
-    ----------
-    context
-        Where it is drawn.
-    terrain
-        Whose ground.
-    quality
-        How large tiles are, how exact, and how much memory they may take.
-    memory
-        Kind of the vertices' memory, see :func:`open_vertex_memory`; the best that works by default.
-    finest_cell
-        No quad is made narrower than this, m, nor than a ground that is `BoundedTerrain` knows itself.
-    metric
-        Which tiles are too coarse; by default by the quality's tolerance on the screen.
-    timer
-        Seconds that run on, by which the time for tiles is kept.
-    kept
-        Has the vertices' memory, and is closed with this; by default there is nothing else in it.
-
-    Attributes
-    ----------
-    pool : TileRenderer
-        What draws; overlays draw the same tiles by other programs.
-    tiles : TileStream
-        Which tiles there are.
-    draws : DrawList or None
-        What the last frame draws.
-    memory : GLVertexMemory
-        Where the vertices live.
-    terrain : TileSource
-        Whose ground it is, on the device that writes the vertices.
-    written : int
-        Tiles generated so far.
+    `memory` forces a kind of `open_vertex_memory`; `finest_cell` limits the quad width (m); `metric` replaces
+    the quality's screen-space error. `tiles` selects and caches tiles, `tile_renderer` draws them (overlays
+    draw the same tiles with other programs), `draws` is the last frame's list, `written` counts generated
+    tiles.
     """
 
     def __init__(
@@ -99,7 +70,7 @@ class TerrainStream:
         finest_cell: float = 0.2,
         metric: Metric | None = None,
         timer: Callable[[], float] = time.perf_counter,
-        kept: ResourceCache | None = None,
+        resources: ResourceCache | None = None,
     ) -> None:
         quality = quality or Quality()
         terrain = shared_with_gl(terrain)
@@ -117,7 +88,9 @@ class TerrainStream:
             bounds=bounds or UNBOUNDED,
             metric=metric
             or ScreenError(
-                quality.tolerance, quad=QUAD + QUAD_A_PIXEL * quality.tolerance, neighbour_limit=quality.steep
+                quality.tolerance,
+                quad=QUAD + QUAD_PER_TOLERANCE * quality.tolerance,
+                neighbour_limit=quality.steep,
             ),
         )
         self.draws: DrawList | None = None
@@ -125,18 +98,20 @@ class TerrainStream:
         self.terrain = terrain
         self._timer = timer
         self._view: CameraView | None = None
-        self._kept = kept or ResourceCache()
-        self.memory = self._kept.of(
+        self._resources = resources or ResourceCache()
+        self.memory = self._resources.get_or_create(
             "vertices",
             (IdentityKey(terrain.context), slots * tile_bytes, memory),
             lambda: open_vertex_memory(context, terrain.context, slots * tile_bytes, kind=memory),
             close=GLVertexMemory.close,
         )
         self._store = terrain.vertex_store(slots, quads=quads, memory=self.memory)
-        self.pool = TileRenderer(context, terrain.extent, self.memory.vertices, quads=quads, bounds=bounds)
+        self.tile_renderer = TileRenderer(
+            context, terrain.extent, self.memory.vertices, quads=quads, bounds=bounds
+        )
         self._eye: npt.NDArray[np.float64] | None = None
-        self._placed_for: tuple[float, float, float] | None = None
-        self._since_leap = np.inf
+        self._placed_eye: tuple[float, float, float] | None = None
+        self._since_jump = np.inf
 
     def update(
         self,
@@ -147,78 +122,54 @@ class TerrainStream:
         budget: float,
         draw_distance: float,
     ) -> StreamStats:
-        """Go on by a frame: generate what the budget allows, split, merge and morph.
+        """Advance by one frame: generate tiles within `budget` (s), split, merge and morph.
 
-        Parameters
-        ----------
-        camera
-            From where. An eye more than a tenth of an extent away from the last frame's has leapt: a whole
-            picture is made at once, and it becomes as good as it gets within a second or so.
-        size
-            Width and height of the picture, px.
-        elapsed
-            Seconds since the last frame.
-        budget
-            Seconds that tiles may take. The first frame, and one after a leap, begins none after 0.5 s; until
-            the picture is whole, for 2 s at most, half of the time may then go into them.
-        draw_distance
-            Horizontal distance up to which the ground is drawn, m.
+        The first frame and the frame of a jump start no batch after 0.5 s; afterwards, until the picture is
+        final, tiles may take half of `elapsed` (s) for at most 2 s.
         """
         eye = np.asarray(camera.eye)
-        gone = np.inf if self._eye is None else float(np.linalg.norm(eye - self._eye))
-        leapt = gone > LEAP * self.terrain.extent
+        moved = np.inf if self._eye is None else float(np.linalg.norm(eye - self._eye))
+        jumped = moved > JUMP * self.terrain.extent
         velocity = (0.0, 0.0, 0.0)
-        if self._eye is not None and not leapt and elapsed > 0:
+        if self._eye is not None and not jumped and elapsed > 0:
             x, y, z = ((eye - self._eye) / elapsed).tolist()
             velocity = (x, y, z)
         self._eye = eye
-        self._since_leap = 0.0 if leapt else self._since_leap + elapsed
+        self._since_jump = 0.0 if jumped else self._since_jump + elapsed
         self._view = view = view_of(camera, size, draw_distance=draw_distance, velocity=velocity)
-        hurries = self._since_leap < HURRY_SECONDS
-        if leapt:
-            budget = max(LEAP_BUDGET, budget)
-        elif hurries:
-            budget = max(HURRY_SHARE * elapsed, budget)
-        count, seconds = self._generate(view, budget, leapt=leapt)
-        if leapt:
+        catches_up = self._since_jump < CATCH_UP_SECONDS
+        if jumped:
+            budget = max(JUMP_BUDGET, budget)
+        elif catches_up:
+            budget = max(CATCH_UP_SHARE * elapsed, budget)
+        count, seconds = self._generate(view, budget, jumped=jumped)
+        if jumped:
             self.tiles.jump(view)
-        draws = self.tiles.advance(view, elapsed=HURRY * elapsed if hurries else elapsed)
-        self._place(self._renewed(view, draws), camera.eye)
+        draws = self.tiles.advance(view, elapsed=MORPH_SPEEDUP * elapsed if catches_up else elapsed)
+        self._place(self._with_updated_tiles(view, draws), camera.eye)
         if self.tiles.converged:
-            self._since_leap = np.inf
+            self._since_jump = np.inf
         return StreamStats(
             seconds,
             count,
-            self.pool.tiles,
-            self.pool.triangles,
+            self.tile_renderer.tiles,
+            self.tile_renderer.triangles,
             self.tiles.pool.count,
             self.tiles.converged,
-            leapt,
+            jumped,
         )
 
     def settle(self, camera: Camera, size: tuple[int, int], *, draw_distance: float) -> None:
-        """Generate all that a still picture shows; see :meth:`update`."""
+        """Generate all tiles of a still picture; see `update`."""
         self._view = view = view_of(camera, size, draw_distance=draw_distance)
         self._place(self.tiles.generate_all(view, self._write), camera.eye)
         self._eye = np.asarray(camera.eye)
 
-    def change(self, terrain: TileSource, areas: Sequence[Box]) -> TileUpdateStats:
-        """Show another terrain of the same extent from now on.
+    def set_terrain(self, terrain: TileSource, areas: Sequence[Box]) -> TileUpdateStats:
+        """Replace the terrain by another one of the same extent, bit-equal outside `areas` (W, S, E, N; m).
 
-        What the last frame's view may show of the areas is written anew before this returns, so that no frame
-        shows some tiles as they were and some as they are; the rest before it is shown.
-
-        Parameters
-        ----------
-        terrain
-            The other one, on the same device.
-        areas
-            West, south, east, north (m): elsewhere it is the same to the bit.
-
-        Raises
-        ------
-        InputError
-            If the extent is another one.
+        Visible tiles of the areas are rewritten before this returns, so that no frame mixes two terrains; the
+        others before they become visible.
         """
         if terrain.extent != self.terrain.extent:
             raise InputError(
@@ -228,13 +179,15 @@ class TerrainStream:
         self.terrain = moved_to_context(terrain, self.terrain.context)
         dropped = self.tiles.invalidate(areas)
         if self._view is not None and self.draws is not None:
-            self._place(self._renewed(self._view, self.tiles.draw_list(self._view)), self._view.eye)
+            self._place(
+                self._with_updated_tiles(self._view, self.tiles.draw_list(self._view)), self._view.eye
+            )
         return TileUpdateStats(self._timer() - start, self.written - before, dropped)
 
-    def _renewed(self, view: CameraView, draws: DrawList) -> DrawList:
-        """Write anew what is outdated of what a view is to show; return what it shows then.
+    def _with_updated_tiles(self, view: CameraView, draws: DrawList) -> DrawList:
+        """Rewrite outdated tiles of a draw list; return the list afterwards.
 
-        TileSource that has sunk may show more that is outdated behind it.
+        Terrain that was lowered may reveal more outdated tiles behind it, hence the loop.
         """
         while batch := self.tiles.stale_batch(draws):
             self.tiles.mark_generated(batch, self._write(batch), seconds=None)
@@ -242,42 +195,42 @@ class TerrainStream:
         return draws
 
     def draw(self, eye: tuple[float, float, float]) -> None:
-        """Draw the ground; the camera stands in the frame's uniform block, its eye is told once more."""
+        """Draw the tiles with the camera of the frame's uniform block, which has the same eye."""
         if self.draws is not None:
-            if eye != self._placed_for:
+            if eye != self._placed_eye:
                 self._place(self.draws, eye)
-            self.pool.draw()
+            self.tile_renderer.draw()
 
     def release(self) -> None:
-        """Give what is kept back, where it is not lent; nothing can be drawn any more."""
+        """Release the vertex memory unless borrowed; nothing can be drawn afterwards."""
         self.draws = None
-        self._kept.close()
+        self._resources.close()
 
     def _place(self, draws: DrawList, eye: tuple[float, float, float]) -> None:
-        self.draws, self._placed_for = draws, eye
-        self.pool.place(draws, eye)
+        self.draws, self._placed_eye = draws, eye
+        self.tile_renderer.set_tiles(draws, eye)
 
-    def _generate(self, view: CameraView, budget: float, *, leapt: bool) -> tuple[int, float]:
-        """Generate what fits into a budget (s); return how many tiles, and what they took (s)."""
+    def _generate(self, view: CameraView, budget: float, *, jumped: bool) -> tuple[int, float]:
+        """Generate batches within a budget (s); return the number of tiles and the seconds spent."""
         count, spent, longest = 0, 0.0, 0.0
-        for _ in range(_MOST_BATCHES):
+        for _ in range(_MAX_BATCHES):
             left = max(budget - spent, 0.0)
-            if left < _ROOM * longest:
+            if left < _BATCH_MARGIN * longest:
                 break
-            batch = self.tiles.plan(view, budget=np.inf if leapt and left > 0 else left)
+            batch = self.tiles.plan(view, budget=np.inf if jumped and left > 0 else left)
             if not batch:
                 break
             start = self._timer()
-            facts = self._write(batch)
+            statistics = self._write(batch)
             seconds = self._timer() - start
-            self.tiles.mark_generated(batch, facts, seconds=seconds)
+            self.tiles.mark_generated(batch, statistics, seconds=seconds)
             count, spent = count + len(batch.keys), spent + seconds
-            longest = 0.0 if leapt else max(longest, seconds)
+            longest = 0.0 if jumped else max(longest, seconds)
         return count, spent
 
     def _write(self, batch: Batch) -> npt.NDArray[np.void]:
         self.written += len(batch.keys)
-        self.pool.rewritten(batch.slots)
+        self.tile_renderer.mark_rewritten(batch.slots)
         return self.terrain.write_tiles(batch.keys, batch.slots, batch.parents, self._store)
 
 
@@ -288,7 +241,7 @@ def view_of(
     draw_distance: float,
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> CameraView:
-    """Return what tiles need to know of a camera that takes a picture of so many pixels."""
+    """Return the tile selection's view of a camera with a picture of `size` (px); `velocity` in m/s."""
     width, height = size
     return CameraView(
         camera.eye,

@@ -1,4 +1,4 @@
-"""What pictures of different terrains share, so that the second one finds it made."""
+"""Cache of OpenGL resources that renderers of one context share."""
 
 from __future__ import annotations
 
@@ -9,53 +9,42 @@ T = TypeVar("T")
 
 
 class ResourceCache:
-    """One thing of each kind, of one OpenGL context: textures of materials, memory of vertices.
+    """One resource of each kind of one OpenGL context: material textures, vertex memory.
 
-    Whoever asks for it may use it until the next one asks. Whoever made this closes it; who is to use it and
-    not to close it gets it lent.
+    A resource may be used until another one of its kind is requested. The creator of the cache closes it;
+    others get it by `borrow`.
     """
 
     def __init__(self) -> None:
-        self._things: dict[str, tuple[Hashable, object, Callable[[], None] | None]] = {}
-        self._is_lent = False
+        self._entries: dict[str, tuple[Hashable, object, Callable[[], None] | None]] = {}
+        self._is_borrowed = False
 
     def borrow(self) -> ResourceCache:
-        """Return the same things, which stay when what is returned is closed."""
+        """Return a view of the same entries whose `close` has no effect."""
         other = ResourceCache()
-        other._things, other._is_lent = self._things, True
+        other._entries, other._is_borrowed = self._entries, True
         return other
 
-    def of(
-        self, kind: str, key: Hashable, make: Callable[[], T], *, close: Callable[[T], None] | None = None
+    def get_or_create(
+        self, kind: str, key: Hashable, create: Callable[[], T], *, close: Callable[[T], None] | None = None
     ) -> T:
-        """Return the thing of a kind, made if there is none that was made for the key.
-
-        Parameters
-        ----------
-        kind
-        key
-            All that it depends on.
-        make
-            Makes it.
-        close
-            Gives it back, when one for another key takes its place.
-        """
-        known = self._things.get(kind)
-        if known is not None and known[0] == key:
-            thing: T = known[1]  # type: ignore[assignment]  # of the kind that was asked for before
-            return thing
-        self._forget(kind)
-        made = make()
-        self._things[kind] = key, made, None if close is None else lambda: close(made)
-        return made
+        """Return the cached resource of a kind; replace one that was created for another key."""
+        entry = self._entries.get(kind)
+        if entry is not None and entry[0] == key:
+            resource: T = entry[1]  # type: ignore[assignment]  # a kind has one type
+            return resource
+        self._remove(kind)
+        created = create()
+        self._entries[kind] = key, created, None if close is None else lambda: close(created)
+        return created
 
     def close(self) -> None:
-        """Give all of it back, if it is not lent."""
-        if not self._is_lent:
-            for kind in list(self._things):
-                self._forget(kind)
+        """Release all resources unless borrowed."""
+        if not self._is_borrowed:
+            for kind in list(self._entries):
+                self._remove(kind)
 
-    def _forget(self, kind: str) -> None:
-        _, _, close = self._things.pop(kind, (None, None, None))
+    def _remove(self, kind: str) -> None:
+        _, _, close = self._entries.pop(kind, (None, None, None))
         if close is not None:
             close()

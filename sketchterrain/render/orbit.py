@@ -31,21 +31,6 @@ class Orbit:
     What is asked for is a goal; everything relaxes to it exponentially and at one rate, exactly: the way does
     not depend on the frames a second, and a zoom keeps its point where it is in the picture all the while.
     The eye keeps its distance unless that were in the ground: then it is lifted just out of it.
-
-    Parameters
-    ----------
-    ground
-        Heights of the ground, asked for one or two places a call.
-    pivot
-        What is looked at, m.
-    heading
-        Compass bearing from the eye to the pivot, degrees.
-    elevation
-        How high the eye stands over the pivot's horizon, degrees.
-    distance
-        From the pivot to the eye, m.
-    fov
-        Vertical field of view, degrees.
     """
 
     def __init__(
@@ -92,13 +77,7 @@ class Orbit:
         self._limit()
 
     def pan(self, right: float, up: float) -> None:
-        """Move the pivot over the ground.
-
-        Parameters
-        ----------
-        right, up
-            How far, as shares of the picture's height; the pivot rises and falls with the ground.
-        """
+        """Move the pivot over the ground."""
         height = 2.0 * math.tan(math.radians(self.fov) / 2.0) * self._goal[_DISTANCE]
         heading, elevation = self._goal[:2]
         upward = up / max(math.sin(math.radians(elevation)), _FLATTEST)
@@ -108,15 +87,7 @@ class Orbit:
         self._goal[3:] = x, y, self._goal[5] + float(after) - float(before)
 
     def zoom(self, factor: float, about: Vector | None = None) -> None:
-        """Multiply the distance.
-
-        Parameters
-        ----------
-        factor
-            > 0; under 1 goes nearer.
-        about
-            A point (m) that stays where it is in the picture; the pivot by default.
-        """
+        """Multiply the distance."""
         distance = self._goal[_DISTANCE]
         self._goal[_DISTANCE] = distance * factor
         self._limit()

@@ -1,4 +1,4 @@
-"""What an overlay draws of features: rings and posts, the rivers' splines, the shores of lakes."""
+"""Line overlay of features: rings and posts of point features, river centrelines, lake shores."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     Box = tuple[float, float, float, float]
     Colour = tuple[int, int, int]
 
-COLOURS: Final[dict[str, Colour]] = {
+FEATURE_COLOURS: Final[dict[str, Colour]] = {
     "mountain": (230, 60, 40),
     "hill": (250, 190, 40),
     "dune": (225, 90, 220),
@@ -30,37 +30,27 @@ COLOURS: Final[dict[str, Colour]] = {
     "river": (40, 120, 255),
     "lake": (30, 220, 240),
 }
-"""Of features, by type; those that fill unpainted ground are half as strong."""
+"""Colours by feature type; features that fill unpainted areas have half the opacity."""
 _RING: Final = 96
 _POST: Final = 0.12
-"""Height of the post in a feature's middle, in radii."""
-_LEAST_POST: Final = 4.0
-"""m."""
-_OFF: Final = 0.004
-"""Radii by which rings keep off the ground, else they sink into ridges between two of their corners."""
-_HIDDEN: Final = 0.3
-"""Opacity of what the ground hides."""
+"""Height of the post in the centre of a feature, in radii ..."""
+_MIN_POST: Final = 4.0
+"""... and at least, in m."""
+_LIFT: Final = 0.004
+"""Radii by which rings are lifted, otherwise ridges between two vertices hide them."""
+_HIDDEN_OPACITY: Final = 0.3
+"""Opacity of lines hidden by the terrain."""
 _LINE: Final = np.dtype([("from", "<f4", 3), ("to", "<f4", 3), ("colour", "u1", 4)])
 
 
 class FeatureLines:
-    """Lines that lie on the ground, hidden ones fainter.
-
-    Parameters
-    ----------
-    context
-        Where they are drawn.
-    terrain
-        Whose features, and whose ground.
-    known
-        Heights that need not be asked for again.
-    """
+    """Feature lines of a terrain, hidden ones fainter."""
 
     def __init__(
-        self, context: moderngl.Context, terrain: TerrainSource, *, known: KnownHeights | None = None
+        self, context: moderngl.Context, terrain: TerrainSource, *, heights: HeightCache | None = None
     ) -> None:
         self._context = context
-        lines = feature_lines(terrain, known)
+        lines = feature_lines(terrain, heights)
         self._count = len(lines[0])
         self._array: moderngl.VertexArray | None = None
         if not self._count:
@@ -74,17 +64,7 @@ class FeatureLines:
         self._array = context.vertex_array(program, [(buffer, "3f4 3f4 4f1/i", "from", "to", "colour")])
 
     def draw(self, eye: tuple[float, float, float], size: tuple[int, int], *, width: float) -> None:
-        """Draw into the bound framebuffer, which holds the ground's depth.
-
-        Parameters
-        ----------
-        eye
-            m.
-        size
-            Of the framebuffer, px.
-        width
-            Of the lines, px.
-        """
+        """Draw lines `width` px wide into the bound framebuffer of `size` (px) with the terrain's depth."""
         if self._array is None:
             return
         anchor = tuple((self._anchor - np.asarray(eye)).tolist())
@@ -97,28 +77,28 @@ class FeatureLines:
                     "size": size,
                     "width": width,
                     "nearer": 0.0 if hidden else 0.003,
-                    "opacity": _HIDDEN if hidden else 1.0,
+                    "opacity": _HIDDEN_OPACITY if hidden else 1.0,
                 },
             )
             self._array.render(moderngl.TRIANGLES, vertices=6, instances=self._count)
 
 
-class KnownHeights:
+class HeightCache:
     """Heights of features' rings and middles, kept while the ground under them stays as it is."""
 
     def __init__(self) -> None:
         self._rows: dict[bytes, tuple[Box, Floats]] = {}
 
-    def change(self, areas: Sequence[Box]) -> None:
-        """Forget what lies in some areas (west, south, east, north; m)."""
+    def invalidate(self, areas: Sequence[Box]) -> None:
+        """Drop heights inside areas (W, S, E, N; m)."""
         self._rows = {
             row: (box, heights)
             for row, (box, heights) in self._rows.items()
             if not any(w <= box[2] and e >= box[0] and s <= box[3] and n >= box[1] for w, s, e, n in areas)
         }
 
-    def of(self, terrain: TerrainSource, x: Floats, y: Floats) -> Floats:
-        """Return heights (m) at rows of places (m), (rows, n)."""
+    def at(self, terrain: TerrainSource, x: Floats, y: Floats) -> Floats:
+        """Return heights (m) at rows of positions (m), (rows, n), which replace the cached rows."""
         names = [place.tobytes() for place in np.concatenate([x, y], axis=1)]
         new = [number for number, name in enumerate(names) if name not in self._rows]
         heights = terrain.heights(x[new], y[new]).astype(np.float64)
@@ -130,34 +110,27 @@ class KnownHeights:
 
 
 def feature_lines(
-    terrain: TerrainSource, known: KnownHeights | None = None
+    terrain: TerrainSource, heights: HeightCache | None = None
 ) -> tuple[Floats, Floats, npt.NDArray[np.uint8]]:
-    """Return the lines of all features on the sketch.
-
-    Returns
-    -------
-    start, end : (n, 3) float64
-        World coordinates, m.
-    colour : (n, 4) uint8
-    """
-    parts = [*_rings(terrain, known or KnownHeights()), *_splines(terrain.features), *_shores(terrain)]
+    """Return starts and ends (n, 3; m) and colours (n, 4) of the lines of all features."""
+    parts = [*_rings(terrain, heights or HeightCache()), *_centrelines(terrain.features), *_shores(terrain)]
     starts = [np.zeros((0, 3)), *(part[0] for part in parts)]
     ends = [np.zeros((0, 3)), *(part[1] for part in parts)]
     colours = [np.zeros((0, 4), np.uint8), *(part[2] for part in parts)]
     return np.concatenate(starts), np.concatenate(ends), np.concatenate(colours)
 
 
-_Part = tuple["Floats", "Floats", "npt.NDArray[np.uint8]"]
+_Lines = tuple["Floats", "Floats", "npt.NDArray[np.uint8]"]
 
 
-def _coloured(start: Floats, end: Floats, colour: Colour, opacity: npt.ArrayLike = 255) -> _Part:
+def _lines_of(start: Floats, end: Floats, colour: Colour, opacity: npt.ArrayLike = 255) -> _Lines:
     start, end = (np.reshape(each, (-1, 3)) for each in (start, end))
     colours = np.empty((len(start), 4), np.uint8)
     colours[:, :3], colours[:, 3] = colour, opacity
     return start, end, colours
 
 
-def _rings(terrain: TerrainSource, known: KnownHeights) -> list[_Part]:
+def _rings(terrain: TerrainSource, heights: HeightCache) -> list[_Lines]:
     points = terrain.features.points
     if not len(points):
         return []
@@ -167,35 +140,35 @@ def _rings(terrain: TerrainSource, known: KnownHeights) -> list[_Part]:
     y = points["y"][:, None] + radius * np.sin(turn)
     # The last of each row is its middle.
     x, y = (np.column_stack([ring, points[axis]]) for ring, axis in ((x, "x"), (y, "y")))
-    z = known.of(terrain, x, y)
-    z[:, :-1] += _OFF * radius
+    z = heights.at(terrain, x, y)
+    z[:, :-1] += _LIFT * radius
     ring = np.stack([x, y, z], axis=-1)
     foot, ring = ring[:, -1], ring[:, :-1]
-    head = foot + np.concatenate(
-        [np.zeros((len(points), 2)), np.maximum(_POST * radius, _LEAST_POST)], axis=1
-    )
+    head = foot + np.concatenate([np.zeros((len(points), 2)), np.maximum(_POST * radius, _MIN_POST)], axis=1)
     parts = []
     for code, name in enumerate(FEATURE_TYPES):
         of_type = points["type"] == code
         strong = np.where(points["painted"][of_type], 255, 128)
         parts.append(
-            _coloured(ring[of_type, :-1], ring[of_type, 1:], COLOURS[name], np.repeat(strong, _RING))
+            _lines_of(ring[of_type, :-1], ring[of_type, 1:], FEATURE_COLOURS[name], np.repeat(strong, _RING))
         )
-        parts.append(_coloured(foot[of_type], head[of_type], COLOURS[name], strong))
+        parts.append(_lines_of(foot[of_type], head[of_type], FEATURE_COLOURS[name], strong))
     return parts
 
 
-def _splines(features: PlacedFeatures) -> list[_Part]:
+def _centrelines(features: PlacedFeatures) -> list[_Lines]:
     lines = [river.centreline for river in features.rivers if len(river.centreline) > 1]
-    return [_coloured(line[:-1], line[1:], COLOURS["river"]) for line in lines]
+    return [_lines_of(line[:-1], line[1:], FEATURE_COLOURS["river"]) for line in lines]
 
 
-def _shores(terrain: TerrainSource) -> list[_Part]:
-    return [_coloured(*_shore(lake.shape, lake.level), COLOURS["lake"]) for lake in terrain.features.lakes]
+def _shores(terrain: TerrainSource) -> list[_Lines]:
+    return [
+        _lines_of(*_shore(lake.shape, lake.level), FEATURE_COLOURS["lake"]) for lake in terrain.features.lakes
+    ]
 
 
 def _shore(shape: DistanceRaster, level: float) -> tuple[Floats, Floats]:
-    """Return the sides of samples inside a shape that have none on their other side."""
+    """Return starts and ends of the sample edges between inside and outside of a shape."""
     inside = np.pad(shape.inside > 0, 1)
     starts: list[Floats] = []
     ends: list[Floats] = []

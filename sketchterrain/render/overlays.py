@@ -1,4 +1,4 @@
-"""Overlays: what the ground is made of, drawn over a picture of it."""
+"""Diagnostic overlays: tile levels, errors, materials and features drawn over a picture."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import moderngl
 import numpy as np
 
 from sketchterrain.errors import InputError
-from sketchterrain.render.overlay_lines import COLOURS, FeatureLines, KnownHeights
+from sketchterrain.render.overlay_lines import FEATURE_COLOURS, FeatureLines, HeightCache
 from sketchterrain.render.programs import fullscreen_pass, set_uniforms
 
 if TYPE_CHECKING:
@@ -24,15 +24,15 @@ if TYPE_CHECKING:
     Box = tuple[float, float, float, float]
 
 OVERLAYS: Final = {
-    "wireframe": "the triangles that are drawn, coloured by their tile's level",
+    "wireframe": "triangles, coloured by tile level",
     "levels": "tiles, coloured by level",
-    "error": "tiles, coloured by their geometric error δ (m)",
-    "screen-error": "tiles, coloured by what their error covers on the screen (px)",
-    "materials": "the ground's materials",
-    "features": "rings about features, posts in their middles, rivers' splines, lakes' shores",
-    "triplanar": "which planes the ground is textured from",
+    "error": "tiles, coloured by geometric error δ (m)",
+    "screen-error": "tiles, coloured by screen-space error (px)",
+    "materials": "material weights of the terrain",
+    "features": "rings and centre posts of features, river centrelines, lake shores",
+    "triplanar": "weights of the texture planes",
 }
-"""Names and what they show."""
+"""Help texts by name."""
 
 _SAMPLES: Final = 2
 _LEVELS: Final = np.array(
@@ -47,12 +47,12 @@ _LEVELS: Final = np.array(
         (240, 50, 230),
     ]
 )
-"""Tiles of a level and of the eighth below it have one colour."""
+"""Level colours, repeating after eight levels."""
 _RAMP: Final = np.array([(48, 18, 130), (40, 140, 230), (60, 220, 130), (250, 220, 60), (210, 30, 20)])
-_ERRORS: Final = (0.01, 100.0)
-"""m; ends of the ramp, logarithmic."""
-_PIXELS: Final = 2.0
-"""px; the end of the ramp that begins at 0."""
+_ERROR_RANGE: Final = (0.01, 100.0)
+"""m; ends of the logarithmic ramp."""
+_MAX_PIXELS: Final = 2.0
+"""px; end of the ramp that starts at 0."""
 _MATERIALS: Final = {
     "grass": (90, 170, 60),
     "soil": (130, 90, 50),
@@ -66,58 +66,40 @@ _MATERIALS: Final = {
 _PLANES: Final = {"across x": (255, 0, 0), "across y": (0, 255, 0), "across z": (0, 0, 255)}
 _TILES, _WEIGHTS, _TRIPLANAR, _PLAIN, _RELIEF = range(5)
 _OPACITY: Final = 0.8
-_WIRES: Final = 0.65
-"""Opacity of wires: where they are many, the relief still shows."""
+_WIRE_OPACITY: Final = 0.65
+"""Opacity of wires: the relief stays visible where they are dense."""
 
 
 class LegendEntry(NamedTuple):
-    """What a colour of an overlay means."""
+    """Meaning of a colour of an overlay."""
 
     colour: tuple[int, int, int]
     meaning: str
 
 
 class Overlay:
-    """Draws overlays of a ground.
+    """Draws overlays of the tiles that `stream` drew last."""
 
-    Parameters
-    ----------
-    context
-        Where they are drawn.
-    terrain
-        Whose features.
-    ground
-        What is drawn: its tiles as of the last frame.
-    """
-
-    def __init__(self, context: moderngl.Context, terrain: TerrainSource, ground: TerrainStream) -> None:
+    def __init__(self, context: moderngl.Context, terrain: TerrainSource, stream: TerrainStream) -> None:
         self._context = context
         self._terrain = terrain
-        self._ground = ground
-        self._tints = context.buffer(reserve=16 * ground.tiles.pool.slots, dynamic=True)
-        program = ground.pool.build("overlay.vert.glsl", "overlay.frag.glsl")
-        self._tiles = ground.pool.array(program, values=(self._tints, "tint"))
+        self._stream = stream
+        self._tint_buffer = context.buffer(reserve=16 * stream.tiles.pool.slots, dynamic=True)
+        program = stream.tile_renderer.create_program("overlay.vert.glsl", "overlay.frag.glsl")
+        self._tiles = stream.tile_renderer.vertex_array(program, extra=(self._tint_buffer, "tint"))
         self._blend = fullscreen_pass(context, "overlay_blend.frag.glsl")
         self._lines: FeatureLines | None = None
-        self._known = KnownHeights()
+        self._heights = HeightCache()
         self._target: moderngl.Framebuffer | None = None
 
-    def change(self, terrain: TerrainSource, areas: Sequence[Box] | None = None) -> None:
-        """Draw the features of another terrain from now on.
-
-        Parameters
-        ----------
-        terrain
-            The other one.
-        areas
-            West, south, east, north (m): elsewhere its ground is the same; by default it may differ anywhere.
-        """
+    def set_terrain(self, terrain: TerrainSource, areas: Sequence[Box] | None = None) -> None:
+        """Draw the features of another terrain, bit-equal outside `areas` (W, S, E, N; m; None: anywhere)."""
         self._terrain = terrain
         self._lines = None
         if areas is None:
-            self._known = KnownHeights()
+            self._heights = HeightCache()
         else:
-            self._known.change(areas)
+            self._heights.invalidate(areas)
 
     def draw(
         self,
@@ -127,31 +109,14 @@ class Overlay:
         *,
         samples: int = _SAMPLES,
     ) -> None:
-        """Draw one over a picture; the camera stands in the frame's uniform block.
-
-        Parameters
-        ----------
-        name
-            One of ``OVERLAYS``.
-        eye
-            Of the camera, m.
-        framebuffer
-            Which holds the picture.
-        samples
-            A pixel, along each axis; 1 is quicker, for an eye that moves.
-
-        Raises
-        ------
-        InputError
-            If there is no such overlay.
-        """
-        draws = self._ground.draws
+        """Draw an overlay onto a picture with samples² samples a pixel, the frame's camera at `eye` (m)."""
+        draws = self._stream.draws
         check_overlays([name])
         if draws is None or not draws.keys:
             return
-        target = self._sized(framebuffer.size, samples)
-        self._tints.write(_tints(name, draws).tobytes())
-        self._ground.pool.place(draws, eye)
+        target = self._target_for(framebuffer.size, samples)
+        self._tint_buffer.write(_tile_tints(name, draws).tobytes())
+        self._stream.tile_renderer.set_tiles(draws, eye)
         target.use()
         target.clear(0.0, 0.0, 0.0, 0.0, depth=1.0)
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
@@ -171,25 +136,25 @@ class Overlay:
         self._context.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
 
     def legend(self, name: str) -> tuple[LegendEntry, ...]:
-        """Return what the colours of an overlay mean, for the tiles of the last frame."""
+        """Return the legend of an overlay, for the tiles of the last frame."""
         check_overlays([name])
         if name in ("wireframe", "levels"):
-            levels = sorted({key.level for key in self._ground.draws.keys}) if self._ground.draws else []
+            levels = sorted({key.level for key in self._stream.draws.keys}) if self._stream.draws else []
             return tuple(LegendEntry(_rgb(_LEVELS[level % 8]), f"level {level}") for level in levels)
         if name == "error":
-            return _marks(np.geomspace(*_ERRORS, len(_RAMP)), "m")
+            return _ramp_entries(np.geomspace(*_ERROR_RANGE, len(_RAMP)), "m")
         if name == "screen-error":
-            return _marks(np.linspace(0.0, _PIXELS, len(_RAMP)), "px")
-        named = {"materials": _MATERIALS, "triplanar": _PLANES}.get(name, COLOURS)
+            return _ramp_entries(np.linspace(0.0, _MAX_PIXELS, len(_RAMP)), "px")
+        named = {"materials": _MATERIALS, "triplanar": _PLANES}.get(name, FEATURE_COLOURS)
         return tuple(LegendEntry(colour, meaning) for meaning, colour in named.items())
 
-    def _draw_tiles(self, shown: int, opacity: float) -> None:
+    def _draw_tiles(self, mode: int, opacity: float) -> None:
         palette = [tuple(np.divide(colour, 255.0).tolist()) for colour in _MATERIALS.values()]
-        set_uniforms(self._tiles.program, {"shown": shown, "opacity": opacity, "palette": palette})
-        self._ground.pool.draw(self._tiles)
+        set_uniforms(self._tiles.program, {"mode": mode, "opacity": opacity, "palette": palette})
+        self._stream.tile_renderer.draw(self._tiles)
 
     def _draw_wires(self) -> None:
-        """Draw the ground a little behind itself, then its triangles' edges."""
+        """Draw the terrain with a depth offset, then the edges of its triangles."""
         context = self._context
         context.polygon_offset = 1.0, 1.0
         self._draw_tiles(_RELIEF, _OPACITY)
@@ -197,22 +162,22 @@ class Overlay:
         context.enable(moderngl.BLEND)
         context.blend_func = moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA
         context.wireframe = True
-        self._draw_tiles(_PLAIN, _WIRES)
+        self._draw_tiles(_PLAIN, _WIRE_OPACITY)
         context.wireframe = False
 
     def _draw_features(
         self, eye: tuple[float, float, float], target: moderngl.Framebuffer, samples: int
     ) -> None:
         if self._lines is None:
-            self._lines = FeatureLines(self._context, self._terrain, known=self._known)
-        # Of the ground only its depth is wanted: without colours nothing is shaded.
+            self._lines = FeatureLines(self._context, self._terrain, heights=self._heights)
+        # Of the stream only its depth is wanted: without colours nothing is shaded.
         target.color_mask = (False, False, False, False)
         self._draw_tiles(_PLAIN, 0.0)
         target.color_mask = (True, True, True, True)
         self._context.blend_func = moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA
         self._lines.draw(eye, target.size, width=2.0 * samples)
 
-    def _sized(self, size: tuple[int, int], samples: int) -> moderngl.Framebuffer:
+    def _target_for(self, size: tuple[int, int], samples: int) -> moderngl.Framebuffer:
         inner = (samples * size[0], samples * size[1])
         if self._target is None or self._target.size != inner:
             self._colour = self._context.texture(inner, 4)
@@ -221,25 +186,19 @@ class Overlay:
 
 
 def check_overlays(names: Sequence[str]) -> None:
-    """Refuse names that are none of ``OVERLAYS``.
-
-    Raises
-    ------
-    InputError
-        With the names that there are.
-    """
+    """Raise InputError for a name that is not in ``OVERLAYS``."""
     for name in names:
         if name not in OVERLAYS:
             raise InputError(f"no overlay {name!r}; there are: {', '.join(OVERLAYS)}")
 
 
-def _tints(name: str, draws: DrawList) -> npt.NDArray[np.float32]:
-    """Return each tile's colour, (n, 4)."""
+def _tile_tints(name: str, draws: DrawList) -> npt.NDArray[np.float32]:
+    """Return the colours of the tiles, (n, 4)."""
     if name == "error":
-        low, high = np.log(_ERRORS)
-        colours = _ramp((np.log(np.maximum(draws.errors, _ERRORS[0])) - low) / (high - low))
+        low, high = np.log(_ERROR_RANGE)
+        colours = _ramp((np.log(np.maximum(draws.errors, _ERROR_RANGE[0])) - low) / (high - low))
     elif name == "screen-error":
-        colours = _ramp(draws.screen_errors / _PIXELS)
+        colours = _ramp(draws.screen_errors / _MAX_PIXELS)
     else:
         colours = _LEVELS[draws.levels % 8].astype(np.float64)
     tints = np.ones((len(colours), 4), np.float32)
@@ -248,12 +207,12 @@ def _tints(name: str, draws: DrawList) -> npt.NDArray[np.float32]:
 
 
 def _ramp(at: Floats) -> Floats:
-    """Return colours, (n, 3), for places 0 … 1 on the ramp."""
+    """Return colours, (n, 3), for positions 0 … 1 on the ramp."""
     stops = np.linspace(0.0, 1.0, len(_RAMP))
     return np.stack([np.interp(at, stops, channel) for channel in _RAMP.T], axis=-1)
 
 
-def _marks(values: Floats, unit: str) -> tuple[LegendEntry, ...]:
+def _ramp_entries(values: Floats, unit: str) -> tuple[LegendEntry, ...]:
     return tuple(
         LegendEntry(_rgb(colour), f"{value:g} {unit}") for value, colour in zip(values, _RAMP, strict=True)
     )

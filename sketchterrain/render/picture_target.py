@@ -11,13 +11,7 @@ if TYPE_CHECKING:
 
 
 class PictureTarget:
-    """A texture with a framebuffer that draws into it, made anew for another size.
-
-    Parameters
-    ----------
-    context
-        Where they are made.
-    """
+    """A texture with a framebuffer that draws into it, made anew for another size."""
 
     def __init__(self, context: moderngl.Context) -> None:
         self._context = context

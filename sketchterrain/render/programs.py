@@ -16,22 +16,7 @@ FRAME_BINDING = 0
 def build_program(
     context: moderngl.Context, vertex: str, fragment: str, *, defines: Mapping[str, int] | None = None
 ) -> moderngl.Program:
-    """Build a program from two files relative to ``kernels/render``.
-
-    Parameters
-    ----------
-    context
-        Where it is built.
-    vertex, fragment
-        File names.
-    defines
-        Integer macros, put after the ``#version`` line of both.
-
-    Raises
-    ------
-    BuildError
-        With both file names and the driver's log, when it does not compile or link.
-    """
+    """Build a program from two files relative to ``kernels/render``."""
     try:
         program = context.program(
             vertex_shader=_with_defines(source(f"render/{vertex}"), defines),
@@ -50,24 +35,7 @@ def build_transform(
     *,
     defines: Mapping[str, int] | None = None,
 ) -> moderngl.Program:
-    """Build a program that draws nothing: what its vertex shader computes is captured.
-
-    Parameters
-    ----------
-    context
-        Where it is built.
-    vertex
-        File name relative to ``kernels/render``.
-    captured
-        Names of its outputs, in the order in which they lie in memory.
-    defines
-        Integer macros.
-
-    Raises
-    ------
-    BuildError
-        With the file's name and the driver's log, when it does not compile or link.
-    """
+    """Build a program that draws nothing: what its vertex shader computes is captured."""
     try:
         program = context.program(
             vertex_shader=_with_defines(source(f"render/{vertex}"), defines), varyings=tuple(captured)

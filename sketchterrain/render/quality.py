@@ -72,60 +72,6 @@ class Quality:
 
     So the ground's shading reads 2 material texels a pixel at 0, and at 1 mostly 12 to 24, 72 at most.
     Pictures are whole from 0.75 on.
-
-    Attributes
-    ----------
-    tolerance : float
-        Pixels by which the drawn ground may stand from the true one (τ).
-    steep : float
-        How much too coarse the parent of a tile may be along a coarser neighbour, in tolerances.
-    reach : float
-        Draw distance near the ground, in extents; it grows with the eye's height.
-    samples : int
-        Samples a pixel along each axis at which edges are found; 2 smooths them. Shading takes one a pixel.
-    materials, planes, octaves, hexes : int
-        So many of each are read for a pixel of the ground at most; kernels/render/shade_ground.frag.glsl.
-    material_texels : int
-        Side of the materials' textures, a power of two.
-    map_texels : int
-        Side of the height maps that shadows and sky visibility are computed on; a multiple of 64.
-    light_maps : int
-        Of sun and sky on the ground: a far and a near one, a third close to the eye.
-    cloud_steps : int
-        Steps along a line of sight through the layer of clouds; 0: it is flat.
-    shade_maps : int
-        How many maps of the shadows of plants there are: none, a wide one, a sharp one too.
-    shade_texels : int
-        Their side.
-    surface_texels : int
-        Side of both squares of the map of the drawn ground, on which plants stand.
-    woods : float
-        Distance up to which plants are drawn (m).
-    leaves : float
-        Scales the heights in pixels from which plants are drawn by their finer meshes.
-    thin : float
-        Height, in pixels of the whole picture, below which some of a forest's plants go and the others get
-        wider.
-    plants : int
-        Instances of plants in a picture, at most; more are thinned out from nearer on.
-    grass : float
-        Distance up to which blades of grass are drawn (m); beyond, the ground's texture is all. Boulders are
-        drawn farther in proportion. 0: none.
-    blades : float
-        How many plants of the ground and stones there are, over those at the best quality; blades are wider
-        in proportion.
-    moving_scale : float
-        Side of the internal picture, over the whole one's, until the eye rests and nothing is missing.
-    quads : int
-        Quads along the side of a tile.
-    tile_memory : int
-        Bytes that tiles may take.
-    budget : float
-        Seconds a frame that may go into what is new. While light or plants are missing, tiles get four
-        fifths of it in three frames of four, and light and plants what is left, a tenth at least; the fourth
-        frame is theirs: light takes half at most, then shadows, then plants.
-    without : frozenset of str
-        Parts that are left out, names of `PARTS`.
     """
 
     tolerance: float = 1.0
@@ -166,13 +112,7 @@ class Quality:
 
     @classmethod
     def from_level(cls, number: float, *, without: Iterable[str] = ()) -> Quality:
-        """Return the quality of one number, 0 (cheapest) to 1 (best); see the table of the class.
-
-        Raises
-        ------
-        InputError
-            If the number is out of range.
-        """
+        """Return the quality of one number, 0 (cheapest) to 1 (best); see the table of the class."""
         if not 0.0 <= number <= 1.0:
             raise InputError(f"expected a quality from 0 to 1, got {number:g}")
         rich = number >= 0.5

@@ -20,17 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class HeightMap:
-    """Heights on a square grid of texel centres.
-
-    Attributes
-    ----------
-    west, south : float
-        Corner of the square (m).
-    width : float
-        Its side (m).
-    heights : (n, n) float32
-        m, row 0 south, at the centres of n² equal texels.
-    """
+    """Heights on a square grid of texel centres."""
 
     west: float
     south: float
@@ -57,16 +47,7 @@ class HeightMap:
     def rasterized_mask(
         self, places: Sequence[npt.NDArray[Any]], widths: Sequence[npt.NDArray[Any]]
     ) -> HeightMap:
-        """Make a map of the same square that is 1 around the given places and 0 elsewhere.
-
-        Parameters
-        ----------
-        places
-            Arrays (n, 2 or more) of x, y in m.
-        widths
-            Arrays (n,), m, of the squares around the places; those narrower than a texel count for their
-            share of it, but for a third at least.
-        """
+        """Make a map of the same square that is 1 around the given places and 0 elsewhere."""
         n = len(self.heights)
         marks = np.zeros((n, n), np.float32)
         for place, width in zip(places, widths, strict=True):

@@ -1,4 +1,4 @@
-"""All that a picture shows, and the passes that draw it: ground, sky, plants, water."""
+"""Scene of a terrain and its render passes: tiles, light, plants, water, sky, clouds."""
 
 from __future__ import annotations
 
@@ -38,47 +38,17 @@ if TYPE_CHECKING:
     Box = tuple[float, float, float, float]
 
 QUAD: Final = 32.0
-"""px that a quad of the ground is wide at most, where its tolerance is up to 2 px; more in proportion."""
+"""px; largest width of a quad up to a tolerance of 2 px, in proportion to it above."""
 WATER_LIFT: Final = 1.5
-"""Times the ground's tolerance, by which water stands over the ground that may stand too high."""
+"""Tolerances by which water is lifted above terrain that may be drawn too high."""
 
 
 class Scenery:
-    """The ground and all that is upon it and above it.
+    """Terrain tiles, light, plants, ground cover, water, sky and clouds, and the passes that draw them.
 
-    Parameters
-    ----------
-    context
-        OpenGL 4.3 core.
-    terrain
-        What to draw.
-    sun
-        Where the sun stands.
-    weather
-        Clouds, wind and haze.
-    textures
-        A folder of pictures that replace the program's own textures, or None.
-    quality
-        What a picture may cost.
-    timed
-        Told what the start is busy with: ``textures``, ``sky``.
-    kept
-        What other scenery of this context has left, and the next will find; closed with the ground.
-
-    Attributes
-    ----------
-    ground : TerrainStream
-        The tiles.
-    lit : LitGround
-        The light on them.
-    surface : SurfaceMap
-        Them as they are drawn, from above.
-    forest : Forest
-        The plants and their shadows.
-    cover : GroundCover
-        Grass and stones near the eye.
-    shading : Shading
-        The passes over the whole picture.
+    `timed` measures the stages ``textures`` and ``sky`` of the construction. `stream` has the tiles, `lit`
+    the light on them, `surface` a map of the drawn terrain, `forest` plants and their shadow maps, `cover`
+    grass and stones near the eye, `shading` the full-screen passes.
     """
 
     def __init__(
@@ -91,9 +61,9 @@ class Scenery:
         textures: Path | None,
         quality: Quality,
         timed: Callable[[str], AbstractContextManager[None]],
-        kept: ResourceCache | None = None,
+        resources: ResourceCache | None = None,
     ) -> None:
-        kept = kept or ResourceCache()
+        resources = resources or ResourceCache()
         self._context = context
         self._sun = sun
         self._weather = weather
@@ -106,18 +76,18 @@ class Scenery:
         self._aridity = _aridity(terrain)
         self._textures = textures
         with timed("textures"):
-            self._materials = kept.of(
+            self._materials = resources.get_or_create(
                 "materials",
                 (repr(terrain.sketch.look), textures, quality.material_texels, quality.hexes > 1),
-                lambda: MaterialTextures.of(context, terrain, quality, folder=textures),
+                lambda: MaterialTextures.for_terrain(context, terrain, quality, folder=textures),
             )
-            self._noise = kept.of("noise", None, lambda: noise_texture(context))
+            self._noise = resources.get_or_create("noise", None, lambda: noise_texture(context))
         with timed("sky"):
             self._sky = Sky(context, sun, weather, extent=terrain.extent)
             self._cloudiness = cloud_defines(quality, weather)
             self.shading, self._clouds = self._lighting()
         metric = ScreenError(quality.tolerance, QUAD * max(quality.tolerance / 2.0, 1.0))
-        self.ground = TerrainStream(context, terrain, quality, metric=metric, kept=kept)
+        self.stream = TerrainStream(context, terrain, quality, metric=metric, resources=resources)
         self.lit = LitGround(
             context,
             terrain,
@@ -128,7 +98,7 @@ class Scenery:
         )
         self.forest = Forest(context, terrain, sun, quality=quality, defines=self.shading.defines)
         self.surface = SurfaceMap(
-            context, self.ground.pool, texels=quality.surface_texels, reach=self.forest.reach
+            context, self.stream.tile_renderer, texels=quality.surface_texels, reach=self.forest.reach
         )
         self.cover = GroundCover(context, quality=quality, shading=self.shading)
         self._water = Water(
@@ -136,7 +106,7 @@ class Scenery:
         )
 
     def _lighting(self) -> tuple[Shading, Clouds]:
-        """Return the passes and the clouds of the weather."""
+        """Return the full-screen passes and the clouds for the current weather."""
         shading = Shading(
             self._context, self._quality, aridity=self._aridity, look=self._look, clouds=self._cloudiness
         )
@@ -147,50 +117,41 @@ class Scenery:
 
     @property
     def triangles(self) -> int:
-        """Of the ground and of what stands on it, in the last picture."""
-        return self.ground.pool.triangles + self.forest.triangles + self.cover.triangles
+        """Triangles of terrain, plants and ground cover in the last picture."""
+        return self.stream.tile_renderer.triangles + self.forest.triangles + self.cover.triangles
 
-    def change(self, terrain: TerrainSource, areas: Sequence[Box]) -> TileUpdateStats:
-        """Show another terrain from now on: its ground and its water at once, light and plants by and by.
-
-        Parameters
-        ----------
-        terrain
-            The other one, of the same extent, on the same device.
-        areas
-            West, south, east, north (m): elsewhere it is the same to the bit.
-        """
-        change = self.ground.change(terrain, areas)
+    def set_terrain(self, terrain: TerrainSource, areas: Sequence[Box]) -> TileUpdateStats:
+        """Replace the terrain: tiles and water at once, light and plants over the next frames."""
+        tile_stats = self.stream.set_terrain(terrain, areas)
         self.lit.change(terrain, areas)
         self.forest.change(terrain, areas)
-        self.surface.change()
+        self.surface.invalidate()
         self._features = terrain.features
         self._water.set_features(self._features)
-        self._dress(terrain)
-        return change
+        self._update_materials(terrain)
+        return tile_stats
 
-    def _dress(self, terrain: TerrainSource) -> None:
-        """Show materials as a terrain's climate and sketch want them."""
+    def _update_materials(self, terrain: TerrainSource) -> None:
         aridity, look = _aridity(terrain), terrain.sketch.look
         if look != self._look:
-            self._materials = MaterialTextures.of(
+            self._materials = MaterialTextures.for_terrain(
                 self._context, terrain, self._quality, folder=self._textures
             )
         if (aridity, look) != (self._aridity, self._look):
             self._aridity, self._look = aridity, look
-            self.shading.dress(aridity, look)
+            self.shading.set_materials(aridity, look)
 
     def relight(self, sun: Sun, weather: Weather) -> None:
-        """Show everything under another sun and another sky: shadows follow by and by.
+        """Change sun and weather; shadows follow over the next frames.
 
-        Programs are built anew only where clouds come or go, or close.
+        Programs are rebuilt only if clouds appear, disappear or become overcast.
         """
         if (sun, weather) == (self._sun, self._weather):
             return
-        turned, cloudiness = sun != self._sun, cloud_defines(self._quality, weather)
+        sun_moved, cloudiness = sun != self._sun, cloud_defines(self._quality, weather)
         self._sun, self._weather = sun, weather
         self._sky = Sky(self._context, sun, weather, extent=self._extent)
-        if turned:
+        if sun_moved:
             self.lit.relight(sun)
             self.forest.relight(sun)
         if cloudiness == self._cloudiness:
@@ -213,39 +174,25 @@ class Scenery:
         clock: float,
         moving: bool = False,
     ) -> None:
-        """Draw what is there into a framebuffer.
+        """Draw what is ready into a framebuffer, enlarged from `size` (px).
 
-        Parameters
-        ----------
-        camera
-            With the clipping planes that it needs.
-        framebuffer
-            At least 8 bits a channel.
-        size
-            Of the picture (px); it is enlarged where the framebuffer is larger.
-        draw_distance
-            How far the ground is drawn (m).
-        above
-            Height of the eye above the ground (m).
-        clock
-            Seconds, moves water, plants and clouds.
-        moving
-            Whether tiles, light or plants are still coming.
+        The camera has suitable clipping planes; `above` is its height above the terrain (m), `clock` (s)
+        animates water, plants and clouds, `moving` means that tiles, light or plants are incomplete.
         """
         targets = self._targets.get(size)
         if targets is None:
-            kept = list(self._targets.items())[-1:]
+            last_used = dict(list(self._targets.items())[-1:])
             targets = RenderTargets(self._context, size, self._quality.samples)
-            self._targets = {**dict(kept), size: targets}
+            self._targets = {**last_used, size: targets}
         self._set_frame(camera, targets, draw_distance)
         targets.gbuffer.use()
         targets.gbuffer.clear(depth=1.0)
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        self.ground.draw(camera.eye)
+        self.stream.draw(camera.eye)
         self.surface.update(camera.eye, moving=moving)
         units = self._bind(targets) | {"clock": clock} | self.surface.uniforms(camera.eye)
         units |= self._clouds.draw(units, clock)
-        self.shading.light_scene(targets, camera.eye, units)
+        self.shading.shade_scene(targets, camera.eye, units)
         self._context.enable_only(moderngl.DEPTH_TEST)
         targets.scene.use()
         if self.cover:
@@ -273,7 +220,7 @@ class Scenery:
         frame["sky_light"] = self._sky.harmonics
         frame["haze"] = (*(hazy * self._sky.haze), AEROSOL_HEIGHT)
         frame["air"] = (*(hazy * RAYLEIGH), RAYLEIGH_HEIGHT)
-        frame["reach"] = (distance, lit.haze_base, *targets.inner)
+        frame["reach"] = (distance, lit.haze_base, *targets.sample_size)
         for field, value in lit.uniforms(eye).items():
             frame[field] = value
         frame["to_shade"] = self.forest.shade.matrices(eye)
@@ -282,7 +229,7 @@ class Scenery:
         frame.upload()
 
     def _bind(self, targets: RenderTargets) -> dict[str, object]:
-        """Bind all textures that passes share, each to a unit of its own; return the units by name."""
+        """Bind all shared textures to units of their own; return the units by sampler name."""
         textures: dict[str, moderngl.Texture | moderngl.TextureArray | moderngl.Texture3D] = {
             "sky_view": self._sky.view,
             **self.lit.textures,
@@ -307,5 +254,5 @@ def _aridity(terrain: TerrainSource) -> float:
 
 
 def _pixel(camera: Camera, height: int) -> float:
-    """Return the angle (rad) of a pixel in the middle of a picture of a height (px)."""
+    """Return the angle (rad) of a pixel in the centre of a picture `height` px high."""
     return 2.0 * float(np.tan(np.radians(camera.fov) / 2.0)) / height

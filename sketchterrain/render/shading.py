@@ -1,4 +1,4 @@
-"""The passes that make a picture of what is seen: ground, sky, edges, tones."""
+"""Full-screen passes: shading of the terrain, sky, upsampling to samples, tone mapping."""
 
 from __future__ import annotations
 
@@ -18,37 +18,20 @@ if TYPE_CHECKING:
     from sketchterrain.render.quality import Quality
     from sketchterrain.render.targets import RenderTargets
 
-STRAW: Final = np.array([1.5, 1.2, 1.0])
-"""Colour of grass where aridity is 1, over its own."""
-RED: Final = np.array([1.35, 0.98, 0.72])
-"""The same of `REDDENED`,"""
-REDDENS: Final = 0.4
-"""which begins at this aridity."""
-REDDENED: Final = ("soil", "rock", "scree")
+STRAW_TINT: Final = np.array([1.5, 1.2, 1.0])
+"""Tint of grass at aridity 1."""
+RED_TINT: Final = np.array([1.35, 0.98, 0.72])
+"""Tint of `RED_LAYERS` at aridity 1, ..."""
+RED_ARIDITY: Final = 0.4
+"""... from none at this aridity."""
+RED_LAYERS: Final = ("soil", "rock", "scree")
 
 
 class Shading:
-    """Programs of all passes over a whole picture, built for one quality.
+    """Programs of all full-screen passes, built for one quality.
 
-    Parameters
-    ----------
-    context
-        Where they run.
-    quality
-        How much they read; kernels/render/shade_ground.frag.glsl.
-    aridity
-        0 … 1, tints ground and plants.
-    look
-        What a sketch says of materials, by material; a colour that it gives is not tinted.
-    clouds
-        Macros that say which there are, `cloud_defines`.
-
-    Attributes
-    ----------
-    defines : dict of str to int
-        Macros of all programs that light something.
-    tints : dict of str to object
-        The climate's colours of the materials, as uniforms.
+    `look` is the ``[look]`` table of the sketch, by material: a layer with a colour of its own is not tinted.
+    `defines` are the macros of all programs that shade something, `tints` the climate tints as uniforms.
     """
 
     def __init__(
@@ -75,43 +58,43 @@ class Shading:
             "SAMPLES": quality.samples,
         }
         self._ground = fullscreen_pass(context, "shade_ground.frag.glsl", defines=self.defines)
-        self.dress(aridity, look)
+        self.set_materials(aridity, look)
         self._sky = fullscreen_pass(context, "sky.frag.glsl", defines=self.defines)
-        self._spread = (
+        self._upsample = (
             fullscreen_pass(context, "spread.frag.glsl", defines=self.defines)
             if quality.samples > 1
             else None
         )
-        self._develop = fullscreen_pass(context, "picture.frag.glsl", defines=self.defines)
+        self._tonemap = fullscreen_pass(context, "picture.frag.glsl", defines=self.defines)
         self._enlarge = fullscreen_pass(context, "enlarge.frag.glsl")
 
-    def dress(self, aridity: float, look: Mapping[str, Mapping[str, Any]]) -> None:
-        """Show the materials of another climate, and as another sketch wants them."""
-        self.tints = _climate_uniforms(aridity, look)
+    def set_materials(self, aridity: float, look: Mapping[str, Mapping[str, Any]]) -> None:
+        """Set tints and texture sizes from the climate and the sketch's ``[look]`` table."""
+        self.tints = _climate_tints(aridity, look)
         self._widths = texture_widths(look)
         set_uniforms(self._ground.program, self.tints | texture_uniforms(self._widths))
 
-    def light_scene(
+    def shade_scene(
         self, targets: RenderTargets, eye: tuple[float, float, float], units: dict[str, object]
     ) -> None:
-        """Turn what is seen of the ground into light, put the sky behind it: into ``targets.scene``."""
+        """Shade the G-buffer, with the sky behind it, into ``targets.scene``."""
         phases = [tuple(phase) for phase in texture_phases(eye, self._widths).tolist()]
         ground = units | {"phases": phases}
-        if self._spread is None:
-            self._light_once(targets, ground, units)
+        if self._upsample is None:
+            self._shade_single_sample(targets, ground, units)
             return
         self._context.enable_only(moderngl.NOTHING)
         targets.shaded.use()
         _run(self._ground, ground)
         targets.sky.use()
         _run(self._sky, units)
-        targets.spread.use()
-        _run(self._spread, units)
+        targets.upsampled.use()
+        _run(self._upsample, units)
 
-    def _light_once(
+    def _shade_single_sample(
         self, targets: RenderTargets, ground: dict[str, object], units: dict[str, object]
     ) -> None:
-        """With one sample a pixel the depth test tells ground from sky: each is computed only where it is."""
+        """Shade with one sample a pixel: the depth test separates terrain from sky."""
         context = self._context
         targets.copy_scene()
         targets.scene.depth_mask = False
@@ -132,11 +115,11 @@ class Shading:
         *,
         exposure: float,
     ) -> None:
-        """Turn light into a picture, enlarged where the framebuffer is larger than the targets."""
+        """Map radiance to colours, enlarged if the framebuffer is larger than the targets."""
         self._context.enable_only(moderngl.NOTHING)
         whole = framebuffer.size == targets.size
         (framebuffer if whole else targets.tonemapped).use()
-        _run(self._develop, units | {"exposure": exposure})
+        _run(self._tonemap, units | {"exposure": exposure})
         if not whole:
             framebuffer.use()
             _run(self._enlarge, units)
@@ -147,12 +130,12 @@ def _run(array: moderngl.VertexArray, uniforms: dict[str, object]) -> None:
     array.render(vertices=3)
 
 
-def _climate_uniforms(aridity: float, look: Mapping[str, Mapping[str, Any]]) -> dict[str, object]:
-    """Return the colour by which each layer's is multiplied: dry lands have straw and red stone."""
-    red = 1.0 + (RED - 1.0) * max(0.0, aridity - REDDENS) / (1.0 - REDDENS)
-    straw = 1.0 + (STRAW - 1.0) * aridity
+def _climate_tints(aridity: float, look: Mapping[str, Mapping[str, Any]]) -> dict[str, object]:
+    """Return the tint of each layer: arid terrain has straw and red stone."""
+    red = 1.0 + (RED_TINT - 1.0) * max(0.0, aridity - RED_ARIDITY) / (1.0 - RED_ARIDITY)
+    straw = 1.0 + (STRAW_TINT - 1.0) * aridity
     tints = np.ones((len(LAYERS), 3))
     for layer, name in enumerate(LAYERS):
         if not look.get(name, {}).get("colour"):
-            tints[layer] = straw if name == "grass" else red if name in REDDENED else 1.0
+            tints[layer] = straw if name == "grass" else red if name in RED_LAYERS else 1.0
     return {"tints": [tuple(row) for row in tints]}

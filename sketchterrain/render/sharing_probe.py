@@ -25,15 +25,7 @@ _TIMEOUT: Final = 60.0  # s: the first build of a kernel may take a while
 
 @dataclass(frozen=True)
 class Sharing:
-    """How vertices reach OpenGL.
-
-    Attributes
-    ----------
-    kind : {'extension', 'mapped', 'copy', 'none'}
-        The best that was found to work; none where there is no OpenGL.
-    reason : str
-        One line: why it is no better one; empty where nothing failed.
-    """
+    """How vertices reach OpenGL."""
 
     kind: str
     reason: str = ""
@@ -45,12 +37,6 @@ def probe_sharing(device: Device, *, timeout: float = _TIMEOUT) -> Sharing:
 
     Each kind that the device offers is tried in a child, the best first: a kernel writes OpenGL's buffer
     three times, and what OpenGL then holds is compared. What crashes, hangs or differs is not taken.
-
-    Parameters
-    ----------
-    device
-    timeout
-        Seconds for each kind.
     """
     reasons: list[str] = []
     offered = [device.gl_sharing, "mapped", "copy"] if device.type == "CPU" else [device.gl_sharing, "copy"]
@@ -63,13 +49,7 @@ def probe_sharing(device: Device, *, timeout: float = _TIMEOUT) -> Sharing:
 
 
 def open_device(device: Device, *, real: str = "float", fast: bool = False) -> ComputeContext:
-    """Open a device so that it shares buffers with the OpenGL context that is current, where that works.
-
-    Parameters
-    ----------
-    device, real, fast
-        As for :class:`~sketchterrain.compute.ComputeContext`.
-    """
+    """Open a device so that it shares buffers with the OpenGL context that is current, where that works."""
     from sketchterrain.compute import ComputeContext
     from sketchterrain.compute.gl_interop import current_handles
 
@@ -115,13 +95,7 @@ def _command(device: Device, kind: str) -> list[str]:
 
 
 def _probe(index: int, kind: str) -> None:
-    """Try a kind on a device, here.
-
-    Raises
-    ------
-    SketchterrainError
-        If OpenGL does not hold what the kernel wrote.
-    """
+    """Try a kind on a device, here."""
     from sketchterrain.compute import ComputeContext, list_devices
     from sketchterrain.compute.gl_interop import current_handles
     from sketchterrain.render.context import open_context

@@ -20,22 +20,6 @@ def sight(ground: Ground, eye: Vector, along: npt.ArrayLike, *, reach: float) ->
     """Return the first point where a line of sight goes into the ground, None if it does not.
 
     Ridges that are narrower than a hundredth of their distance can be missed.
-
-    Parameters
-    ----------
-    ground
-        Heights of the ground, asked a few times for a few hundred places.
-    eye
-        Where it starts, m.
-    along : (3,)
-        Unit vector.
-    reach
-        How far to look, m, more than 0.5.
-
-    Returns
-    -------
-    (x, y, z) or None
-        m, on the line.
     """
     start, way = np.asarray(eye, np.float64), np.asarray(along, np.float64)
     far = np.concatenate([[0.0], np.geomspace(_NEAREST, reach, _SAMPLES - 1)])

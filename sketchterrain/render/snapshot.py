@@ -47,45 +47,7 @@ def render_picture(
     legend: list[LegendEntry] | None = None,
     timings: dict[str, float] | None = None,
 ) -> npt.NDArray[np.uint8]:
-    """Draw one picture of a terrain.
-
-    Parameters
-    ----------
-    terrain
-        What to draw.
-    size
-        Width and height in pixels, 16 to 8192 each.
-    camera
-        From where; by default `find_view` chooses.
-    view
-        What kind of view it shall choose: ``auto``, ``ground``, ``hill`` or ``air``.
-    sun
-        Where the sun stands; by default where it does at the weather's hour.
-    weather
-        By default the sketch's.
-    textures
-        A folder of pictures that replace the program's own textures.
-    quality
-        What the picture may cost.
-    overlays
-        Drawn over the picture in this order: names of ``OVERLAYS``.
-    legend
-        If given, what the overlays' colours mean is put into it.
-    timings
-        If given, the seconds of each stage are put into it.
-
-    Returns
-    -------
-    (height, width, 3) uint8
-        sRGB, row 0 on top. The same input gives the same bytes on the same driver.
-
-    Raises
-    ------
-    InputError
-        If the size is out of range, there is no such overlay or view, or the weather's hour is in the night.
-    DeviceError
-        If there is no OpenGL.
-    """
+    """Draw one picture of a terrain."""
     check_size(size)
     check_overlays(overlays)
     check_view(view)
@@ -99,7 +61,7 @@ def render_picture(
         renderer.prepare(camera, size)
         renderer.draw(camera, framebuffer)
         if overlays:
-            overlay = Overlay(context, terrain, renderer.ground)
+            overlay = Overlay(context, terrain, renderer.stream)
             for name in overlays:
                 overlay.draw(name, camera.eye, framebuffer)
                 if legend is not None:
@@ -124,13 +86,7 @@ def canvas(
 
 
 def check_size(size: tuple[int, int]) -> None:
-    """Refuse pictures that are too small or too large to be drawn.
-
-    Raises
-    ------
-    InputError
-        If a side is out of range.
-    """
+    """Refuse pictures that are too small or too large to be drawn."""
     width, height = size
     if not (16 <= width <= LARGEST and 16 <= height <= LARGEST):
         raise InputError(f"expected a picture of 16 to {LARGEST} pixels a side, got {width}×{height}")

@@ -64,16 +64,7 @@ class _Sight(NamedTuple):
 
 
 def standing_view(terrain: TerrainSource, light: Light, *, raised: bool) -> Camera:
-    """Choose a camera near the ground.
-
-    Parameters
-    ----------
-    terrain
-    light
-        What the light adds to views by their bearings.
-    raised
-        Whether to stand on a rise.
-    """
+    """Choose a camera near the ground."""
     extent = terrain.extent
     west, south, east, north = visible_rectangle(terrain)
     relief = sample_heights(terrain, ((west + east) / 2, (south + north) / 2), 1.3 * extent, 640)

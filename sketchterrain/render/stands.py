@@ -39,14 +39,7 @@ ROUND: Final = 5.0  # m around the eye in which they always are
 
 
 class Cover:
-    """Where water and forests are.
-
-    Parameters
-    ----------
-    terrain
-    relief
-        Heights of the sketch and what is near.
-    """
+    """Where water and forests are."""
 
     def __init__(self, terrain: TerrainSource, relief: HeightMap) -> None:
         features = terrain.features
@@ -92,17 +85,7 @@ class Cover:
 
 
 def find_viewpoints(terrain: TerrainSource, relief: HeightMap, cover: Cover, *, raised: bool) -> Floats:
-    """Return places (n, 2) x, y (m) where one could stand, at least one.
-
-    Parameters
-    ----------
-    terrain
-    relief
-        Heights of the sketch and what is near.
-    cover
-    raised
-        Whether only rises are wanted; else shores are among them.
-    """
+    """Return places (n, 2) x, y (m) where one could stand, at least one."""
     west, south, east, north = visible_rectangle(terrain)
     side = RISES if raised else GRID
     along = (np.arange(side) + 0.5) / side

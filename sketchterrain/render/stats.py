@@ -1,4 +1,4 @@
-"""What a frame, or a change of what is drawn, took and showed."""
+"""Statistics of frames and of terrain updates."""
 
 from __future__ import annotations
 
@@ -7,95 +7,47 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class FrameStats:
-    """Of one frame of a moving picture.
+    """Statistics of one frame of a moving picture."""
 
-    Attributes
-    ----------
-    generation_seconds : float
-        s for new tiles, waiting for the device included.
-    light_seconds, plant_seconds : float
-        s for parts of the light maps, and of plants and their shadows.
-    draw_seconds : float
-        s until the picture was drawn.
-    tiles_generated, tiles_drawn, resident_tiles : int
-        Tiles of this frame; the last, those that are held.
-    triangles : int
-        Of the ground and the plants.
-    size : (int, int)
-        Of the internal picture (px); smaller than the framebuffer while the eye moves.
-    settled : bool
-        Whether the picture is as good as it gets: nothing is missing, nothing moves but water.
-    """
-
-    generation_seconds: float
-    light_seconds: float
-    plant_seconds: float
+    generation_seconds: float  # for new tiles, including waiting for the device
+    light_seconds: float  # for parts of the light maps
+    plant_seconds: float  # for plants and their shadow maps
     draw_seconds: float
     tiles_generated: int
     tiles_drawn: int
     resident_tiles: int
-    triangles: int
-    size: tuple[int, int]
-    settled: bool
+    triangles: int  # of terrain and plants
+    size: tuple[int, int]  # of the internal picture (px); smaller than the framebuffer during motion
+    settled: bool  # the picture is final: nothing is missing, only water and plants move
 
 
 @dataclass(frozen=True)
 class StreamStats:
-    """What a frame's tiles took.
+    """Statistics of the tiles of one frame."""
 
-    Attributes
-    ----------
-    generation_seconds : float
-        s, waiting for the device included.
-    tiles_generated, tiles_drawn, triangles, resident_tiles : int
-        Of this frame; the last, tiles that are held.
-    settled : bool
-        Whether the picture is as good as it gets: nothing is missing, nothing moves.
-    leapt : bool
-        Whether the eye was put elsewhere, and the frame was given more time.
-    """
-
-    generation_seconds: float
+    generation_seconds: float  # including waiting for the device
     tiles_generated: int
     tiles_drawn: int
     triangles: int
     resident_tiles: int
-    settled: bool
-    leapt: bool
+    settled: bool  # no tile is missing or morphing
+    jumped: bool  # the eye jumped, and the frame got a larger budget
 
 
 @dataclass(frozen=True)
 class TileUpdateStats:
-    """What a change of the ground took.
+    """Cost of replacing the terrain of a tile stream."""
 
-    Attributes
-    ----------
-    seconds : float
-        s, waiting for the device included.
-    tiles_rewritten, tiles_dropped : int
-        Written anew at once, and forgotten.
-    """
-
-    seconds: float
+    seconds: float  # including waiting for the device
     tiles_rewritten: int
     tiles_dropped: int
 
 
 @dataclass(frozen=True)
-class Change:
-    """What a change of the terrain took.
+class TerrainUpdateStats:
+    """Cost of replacing the terrain of a renderer."""
 
-    Attributes
-    ----------
-    tile_seconds : float
-        s until the view's tiles held the new heights.
-    seconds : float
-        s of all that was done at once.
-    tiles_rewritten, tiles_dropped : int
-        Written anew at once, and forgotten.
-    """
-
-    tile_seconds: float
-    seconds: float
+    tile_seconds: float  # until the visible tiles held the new heights
+    seconds: float  # of all work done at once
     tiles_rewritten: int
     tiles_dropped: int

@@ -29,18 +29,6 @@ class SnapshotRenderer:
 
     All of it belongs to the thread that opened it. Terrains may be another thread's: a copy of them is put on
     the same device beside this one's OpenGL, and whoever made them must not change them meanwhile.
-
-    Parameters
-    ----------
-    size
-        Width and height of the pictures, px.
-
-    Raises
-    ------
-    InputError
-        If the size is out of range.
-    DeviceError
-        If there is no OpenGL.
     """
 
     def __init__(self, size: tuple[int, int] = (1280, 720)) -> None:
@@ -79,7 +67,9 @@ class SnapshotRenderer:
         sun = sun_for_view(terrain, camera, weather)
         spent = {"view": time.perf_counter() - start}
         try:
-            renderer = Renderer(self._context, terrain, sun=sun, weather=weather, kept=self._kept.borrow())
+            renderer = Renderer(
+                self._context, terrain, sun=sun, weather=weather, resources=self._kept.borrow()
+            )
             renderer.prepare(camera, self._size)
             renderer.draw(camera, self._framebuffer)
             picture = read_picture(self._texture)

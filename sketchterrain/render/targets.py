@@ -1,4 +1,4 @@
-"""The framebuffers that a picture passes through."""
+"""Framebuffers of the render passes: G-buffer, shading, scene, tone mapping."""
 
 from __future__ import annotations
 
@@ -6,43 +6,28 @@ import moderngl
 
 
 class RenderTargets:
-    """Framebuffers for pictures of one size.
+    """Framebuffers for pictures of `size` (px): visibility at samples² samples a pixel, shading at one.
 
-    What is seen is found out at samples² samples a pixel and shaded at one; see spread.frag.glsl.
-
-    Attributes
-    ----------
-    size, inner : (int, int)
-        Of the picture, and of what is seen (px).
-    depth : moderngl.Texture
-        Of what is seen and of the scene.
-    seen : moderngl.Framebuffer
-        Depth, normal and material weights of the ground, at all samples.
-    shaded, sky : moderngl.Framebuffer
-        Radiance of the ground and of the sky, at one sample a pixel. Only with more than one.
-    spread : moderngl.Framebuffer
-        Radiance at all samples, without depth.
-    scene : moderngl.Framebuffer
-        The same with depth, for what is drawn upon the ground.
-    copy : moderngl.Framebuffer
-        Holds a copy of the scene that water can look into.
-    tonemapped : moderngl.Framebuffer
-        The picture, where it has to be enlarged.
+    `gbuffer` has depth, normal and material weights of the terrain at all samples (`sample_size`, px). With
+    more than one sample `shaded` and `sky` have radiance at one sample a pixel, and `upsampled` receives it
+    at all samples (spread.frag.glsl). `scene` is the same colour buffer with depth, for plants and water,
+    `copy` a copy of it that water reads, `tonemapped` the picture if it is to be enlarged. `textures` has all
+    of them by sampler name.
     """
 
     def __init__(self, context: moderngl.Context, size: tuple[int, int], samples: int) -> None:
         self.size = size
-        inner = (size[0] * samples, size[1] * samples)
-        self.inner = inner
-        self.depth = depth = _depth(context, inner)
-        normal = _colour(context, inner, "f2")
-        low, high = _colour(context, inner, "f1"), _colour(context, inner, "f1")
-        colour = _colour(context, inner, "f2")
-        copy_colour, copy_depth = _colour(context, inner, "f2"), _depth(context, inner)
+        sample_size = (size[0] * samples, size[1] * samples)
+        self.sample_size = sample_size
+        self.depth = depth = _depth(context, sample_size)
+        normal = _colour(context, sample_size, "f2")
+        low, high = _colour(context, sample_size, "f1"), _colour(context, sample_size, "f1")
+        colour = _colour(context, sample_size, "f2")
+        copy_colour, copy_depth = _colour(context, sample_size, "f2"), _depth(context, sample_size)
         tonemapped = _colour(context, size, "f1")
         tonemapped.filter = (moderngl.LINEAR, moderngl.LINEAR)
         self.gbuffer = context.framebuffer([normal, low, high], depth)
-        self.spread = context.framebuffer([colour])
+        self.upsampled = context.framebuffer([colour])
         self.scene = context.framebuffer([colour], depth)
         self.copy = context.framebuffer([copy_colour], copy_depth)
         self.tonemapped = context.framebuffer([tonemapped])
@@ -56,7 +41,6 @@ class RenderTargets:
             "scene_depth": copy_depth,
             "tonemapped": tonemapped,
         }
-        """By the names that shaders know them by."""
         if samples > 1:
             self.textures["shaded"] = _colour(context, size, "f4")
             self.textures["sky"] = _colour(context, size, "f2")
@@ -65,8 +49,8 @@ class RenderTargets:
         self._context = context
 
     def copy_scene(self) -> None:
-        """Copy light and depth, so that passes can read what they draw upon."""
-        self.scene.use()  # a copy is cut by the scissor of whichever framebuffer is in use
+        """Copy radiance and depth of the scene, for passes that read what they draw over."""
+        self.scene.use()  # the copy is clipped by the scissor of the bound framebuffer
         self._context.copy_framebuffer(self.copy, self.scene)
 
 

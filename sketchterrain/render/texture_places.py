@@ -36,13 +36,7 @@ _ALIGNED: Final = {"rock": 0.0, "sand": 0.1, "snow": 0.2}
 
 
 def texture_widths(looks: Mapping[str, Mapping[str, Any]] | None = None) -> npt.NDArray[np.float64]:
-    """Return the width (m) of each layer's texture at octave 0.
-
-    Parameters
-    ----------
-    looks
-        ``[look.…]`` of a sketch by material.
-    """
+    """Return the width (m) of each layer's texture at octave 0."""
     own = {name: layer.width for name, layer in LAYERS.items()}
     wanted = {name: look["size"] for name, look in (looks or {}).items() if look.get("size", 0.0) > 0.0}
     return np.array([{**own, **wanted}[name] for name in LAYERS])
@@ -61,18 +55,6 @@ def texture_phases(eye: Sequence[float], widths: npt.NDArray[np.float64]) -> npt
     """Say where the eye lies in the material textures.
 
     Computed in float64, so that textures stay put however far from the origin the eye is.
-
-    Parameters
-    ----------
-    eye
-        x, y, z (m).
-    widths
-        Of each layer's texture at octave 0 (m).
-
-    Returns
-    -------
-    (layers · 3 · OCTAVES, 2) float32
-        Texture widths, 0..PERIOD, by layer, plane (yz, xz, xy) and octave.
     """
     octave = np.arange(OCTAVES)
     angle = np.multiply.outer(_turns(), octave)[:, None, :]

@@ -29,37 +29,7 @@ _TEXTURE_2D_ARRAY, _RGBA8, _RGBA, _UNSIGNED_BYTE = 0x8C1A, 0x8058, 0x1908, 0x140
 
 
 class MaterialTextures:
-    """Texture arrays with one layer a material, tileable, with mipmaps.
-
-    Parameters
-    ----------
-    context
-        Where they are read.
-    device
-        Computes them, if they are not on the disk.
-    size
-        Texels a side, a power of two.
-    looks
-        What a sketch wants otherwise, by material.
-    folder
-        MaterialImages that replace them; see `texture_files`.
-    smooth
-        Whether neighbouring mipmaps are blended.
-
-    Raises
-    ------
-    InputError
-        If a picture of the folder is none, or its name means nothing.
-
-    Attributes
-    ----------
-    colour : moderngl.TextureArray
-        RGBA8: √albedo and height.
-    relief : moderngl.TextureArray
-        RGBA8: normal x and y, roughness, openness; see `texture_mips`.
-    means : list of (float, float, float)
-        Mean albedo of each layer.
-    """
+    """Texture arrays with one layer a material, tileable, with mipmaps."""
 
     def __init__(
         self,
@@ -88,7 +58,7 @@ class MaterialTextures:
             array.filter = (least, moderngl.LINEAR)
 
     @classmethod
-    def of(
+    def for_terrain(
         cls, context: moderngl.Context, terrain: TerrainSource, quality: Quality, *, folder: Path | None
     ) -> MaterialTextures:
         """Return those of a terrain; where no device computes it, the best one computes them."""
@@ -122,13 +92,7 @@ def noise_texture(context: moderngl.Context) -> moderngl.Texture:
 
 
 def tileable_noise(size: int = NOISE_SIZE) -> npt.NDArray[np.float32]:
-    """Make four independent fields of 1/f noise on a torus.
-
-    Returns
-    -------
-    (size, size, 4) float32
-        Mean 0, standard deviation 0.5; amplitude falls with frequency to the power 1.6, 1.6, 1.35 and 2.0.
-    """
+    """Make four independent fields of 1/f noise on a torus."""
     rng = np.random.default_rng(20131)
     frequency = np.fft.fftfreq(size)[:, None] ** 2 + np.fft.rfftfreq(size)[None, :] ** 2
     frequency[0, 0] = np.inf

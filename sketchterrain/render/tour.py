@@ -51,13 +51,6 @@ def tour(terrain: TerrainSource, *, seconds: float = 20.0) -> Flight:
     """Return a flight over a sketch; the same terrain always has the same round.
 
     The round closes: a longer flight goes around again.
-
-    Parameters
-    ----------
-    terrain
-        Endless, of any sketch.
-    seconds
-        How long it takes at least, s; > 0.
     """
     east, north = terrain.size
     extent = terrain.extent

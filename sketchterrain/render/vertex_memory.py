@@ -42,14 +42,6 @@ class GLVertexMemory:
     """Bytes that a device writes and OpenGL draws from; a ``memory`` for ``Terrain.vertex_store``.
 
     All calls belong to the thread in which the OpenGL context is current.
-
-    Attributes
-    ----------
-    kind : {'extension', 'mapped', 'copy'}
-    vertices : moderngl.Buffer
-        OpenGL's buffer.
-    reason : str
-        Why it is no better kind; empty where there is none.
     """
 
     def __init__(
@@ -109,24 +101,7 @@ class GLVertexMemory:
 def open_vertex_memory(
     gl: moderngl.Context, context: ComputeContext, nbytes: int, *, kind: str | None = None
 ) -> GLVertexMemory:
-    """Make a buffer for vertices that a device's kernels write.
-
-    Parameters
-    ----------
-    gl
-        Current in this thread.
-    context
-        Whose kernels write.
-    nbytes
-        How much.
-    kind
-        One of :data:`~sketchterrain.compute.sharing.METHODS`; None takes the best that works here.
-
-    Raises
-    ------
-    DeviceError
-        If the kind that was asked for does not work.
-    """
+    """Make a buffer for vertices that a device's kernels write."""
     ways = {"extension": _by_extension, "mapped": _mapped, "copy": _copied}
     reasons: list[str] = []
     for each in (kind,) if kind is not None else sharing_methods(context):

@@ -107,23 +107,6 @@ def find_view(terrain: TerrainSource, kind: str = "auto", *, weather: Weather | 
 
     Looks around from many stands, and takes the stand and bearing with the best mix of relief, visible water,
     painted features and open foreground.
-
-    Parameters
-    ----------
-    terrain
-        What to show.
-    kind
-        ``ground``: with the eyes of someone who stands in the open, nothing before them. ``hill``: the same
-        from a rise. ``air``: 250 to 700 m up. ``auto``: over the trees, a hundredth of the extent up, but 20
-        to 190 m.
-    weather
-        If it has an hour and the sun is not behind clouds, views that the sun lights from the side are
-        preferred to those with the sun behind the camera.
-
-    Raises
-    ------
-    InputError
-        If there is no such kind, or the weather's hour is in the night.
     """
     check_view(kind)
     light = sun_preference(weather)
@@ -162,13 +145,7 @@ def find_view(terrain: TerrainSource, kind: str = "auto", *, weather: Weather | 
 
 
 def check_view(kind: str) -> None:
-    """Refuse a kind of view that there is not.
-
-    Raises
-    ------
-    InputError
-        With those that there are.
-    """
+    """Refuse a kind of view that there is not."""
     if kind not in VIEWS:
         raise InputError(f"expected a view, one of {', '.join(VIEWS)}, got {kind!r}")
 

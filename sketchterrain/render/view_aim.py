@@ -32,13 +32,7 @@ FLAT: Final = 0.8
 
 
 def sun_preference(weather: Weather | None) -> Light:
-    """Return what the sun adds to views by their bearings: nothing where there is none, or none to be seen.
-
-    Raises
-    ------
-    InputError
-        If the weather's hour is in the night.
-    """
+    """Return the score that the sun adds to views, by bearing: 0 without a visible sun."""
     if weather is None or weather.hour is None:
         return np.zeros_like
     sun = sun_at(weather.hour, weather.latitude)
@@ -68,23 +62,7 @@ def aim(
     fov: float,
     horizon_at: float,
 ) -> Camera:
-    """Pitch a camera so that the skyline lies high and no peak leaves the picture.
-
-    Parameters
-    ----------
-    eye
-        m.
-    bearing
-        Of the view (rad).
-    horizon
-        Tangents of the skyline's elevation, across the picture.
-    extent
-        Of the sketch (m).
-    fov
-        Vertical, degrees.
-    horizon_at
-        Where the skyline's median should lie, in half heights above the picture's middle.
-    """
+    """Pitch a camera so that the skyline lies high and no peak leaves the picture."""
     half = np.tan(np.radians(fov) / 2.0)
     pitch = max(float(np.median(horizon)) - horizon_at * half, float(horizon.max()) - HIGHEST * half)
     ahead = 0.4 * extent

@@ -36,22 +36,6 @@ class Walk:
 
     Velocity, look and height relax exponentially, and are integrated exactly over steps of at most 1/240 s:
     the way does not depend on how many frames a second there are. Everything is float64.
-
-    Parameters
-    ----------
-    ground
-        Heights of the ground. It is asked up to four times a frame of 1/60 s, for seven places.
-    eye
-        Where it starts (m); it is lifted if that is in the ground.
-    heading, pitch
-        Where it looks: a compass bearing and an elevation, degrees.
-    on_foot
-        Whether the eye keeps to the ground, at `EYE_HEIGHT`; else it flies. Can be changed at any time.
-
-    Attributes
-    ----------
-    velocity : (3,) float64
-        m/s.
     """
 
     def __init__(
@@ -104,17 +88,7 @@ class Walk:
     def advance(
         self, elapsed: float, *, forward: float = 0.0, right: float = 0.0, up: float = 0.0, boost: float = 1.0
     ) -> None:
-        """Let time pass.
-
-        Parameters
-        ----------
-        elapsed
-            s, ≥ 0.
-        forward, right, up
-            Which way to go, −1 … 1 each: along the view (on foot along the ground), across it, vertically.
-        boost
-            Factor of the speed.
-        """
+        """Let time pass."""
         steps = min(max(math.ceil(elapsed / _STEP - 1e-6), 1), _MOST_STEPS)
         if elapsed <= 0.0:
             return

@@ -248,8 +248,8 @@ class Shade:
             fragment_shader=f"{version}\n{source('render/frame.glsl')}{LIT}",
         )
         program["Frame"].binding = FRAME_BINDING
-        self.pool = stream.pool
-        self.array = stream.pool.array(program)
+        self.pool = stream.tile_renderer
+        self.array = stream.tile_renderer.vertex_array(program)
 
     def see(self, camera, reach):
         to_clip = camera.to_clip(self.size[0] / self.size[1])

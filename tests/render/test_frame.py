@@ -13,7 +13,7 @@ from sketchterrain.render import Camera, Quality, Renderer, Sun, Weather
 from sketchterrain.render.draw_distance import FARTHEST
 from sketchterrain.render.frame import NOISE_PERIOD, wrap_to_noise_period
 from sketchterrain.render.gl_functions import gl_function
-from sketchterrain.render.overlay_lines import KnownHeights, feature_lines
+from sketchterrain.render.overlay_lines import HeightCache, feature_lines
 from sketchterrain.render.overlays import Overlay
 from sketchterrain.render.snapshot import read_picture
 from sketchterrain.sketch import Sketch
@@ -114,10 +114,10 @@ def same(picture, other):
 def drawn_vertices(renderer):
     """Of each drawn tile, as OpenGL holds them."""
     quads = QUALITY.quads
-    held = np.frombuffer(renderer.ground.memory.read(), VERTEX)
+    held = np.frombuffer(renderer.stream.memory.read(), VERTEX)
     tile = (quads + 1) ** 2
     held = held[: len(held) // tile * tile].reshape(-1, quads + 1, quads + 1)
-    draws = renderer.ground.draws
+    draws = renderer.stream.draws
     return dict(zip(draws.keys, held[draws.slots], strict=True))
 
 
@@ -141,15 +141,15 @@ def assert_tiles_are_those_of(terrain, renderer):
 def test_tiles_hold_the_new_terrain_when_change_returns(view, camera, before):
     new, areas = painted(before, ("mountain", 50, 44, 7))
     before_change = drawn_vertices(view.renderer)
-    done = view.renderer.change(new, areas)
+    done = view.renderer.set_terrain(new, areas)
     held = assert_tiles_are_those_of(new, view.renderer)
     different = sum((held[key] != before_change[key]).any() for key in held if key in before_change)
-    assert 3 < different <= done.tiles_rewritten < len(view.renderer.ground.tiles.pool.all()[0])
+    assert 3 < different <= done.tiles_rewritten < len(view.renderer.stream.tiles.pool.all()[0])
     assert 0.0 < done.tile_seconds <= done.seconds
     assert view.renderer.terrain.recipe is new.recipe
     other, areas = rebuild(new, new.sketch.replace(ground={**new.sketch.ground, "relief": 260.0}, seed=8))
     assert areas == [EVERYWHERE]
-    view.renderer.change(other, areas)
+    view.renderer.set_terrain(other, areas)
     assert_tiles_are_those_of(other, view.renderer)
 
 
@@ -158,10 +158,10 @@ def test_a_change_of_everything_is_that_of_a_fresh_renderer(gl, view, camera, be
     old = view.settled(camera)
     wet, areas = river(before)
     new, more = painted(wet, ("mountain", 50, 44, 7), ("forest", 72, 50, 6), ("lake", 78, 48, 6))
-    view.renderer.change(wet, areas)
-    view.renderer.change(new, more)
+    view.renderer.set_terrain(wet, areas)
+    view.renderer.set_terrain(new, more)
     last, areas = rebuild(new, red_and_dry(new.sketch))
-    view.renderer.change(last, areas)
+    view.renderer.set_terrain(last, areas)
     sun, weather = Sun(290.0, 20.0), Weather.from_sketch(before.sketch, clouds=0.9, haze=3.0)
     view.renderer.relight(sun=sun, weather=weather)
     now = view.settled(camera)
@@ -174,7 +174,7 @@ def test_each_kind_of_change_is_that_of_a_fresh_renderer_streamed_or_still(gl, v
     still = View(gl, before)
     still.still(camera)
     new, areas = painted(before, ("mountain", 50, 44, 7), ("forest", 72, 50, 6))
-    still.renderer.change(new, areas)
+    still.renderer.set_terrain(new, areas)
     assert same(still.still(camera), View(gl, new).still(camera))
     first = old = view.settled(camera)
     terrain = before
@@ -187,7 +187,7 @@ def test_each_kind_of_change_is_that_of_a_fresh_renderer_streamed_or_still(gl, v
     )
     for number, change in enumerate(changes):
         terrain, areas = change(terrain)
-        view.renderer.change(terrain, [EVERYWHERE] if number == 1 else areas)
+        view.renderer.set_terrain(terrain, [EVERYWHERE] if number == 1 else areas)
         now = view.settled(camera)
         assert not same(now, old), number
         assert same(now, first if terrain is before else View(gl, terrain).settled(camera)), number
@@ -211,7 +211,7 @@ def test_the_newest_of_quick_changes_of_ground_and_hour_is_shown(gl, view, camer
         terrain, areas = painted(
             terrain, ("mountain", 40 + 3 * step, 36 + 4 * step, 4), ("forest", 70, 40 + step, 5)
         )
-        view.renderer.change(terrain, areas)
+        view.renderer.set_terrain(terrain, areas)
         if step % 2:
             view.frame(camera)
             assert_tiles_are_those_of(terrain, view.renderer)
@@ -222,13 +222,13 @@ def test_the_newest_of_quick_changes_of_ground_and_hour_is_shown(gl, view, camer
 
 def test_changes_out_of_view_keep_the_picture_and_another_extent_is_refused(view, camera, before):
     old = view.settled(camera)
-    done = view.renderer.change(before, [(1200.0, -900.0, 1800.0, 100.0)])  # behind the eye
+    done = view.renderer.set_terrain(before, [(1200.0, -900.0, 1800.0, 100.0)])  # behind the eye
     assert done.tiles_rewritten <= 20
     view.frame(camera)
     assert (view.settled(camera) == old).all()
     other = build(before.sketch.replace(extent=2 * EXTENT))
     with pytest.raises(InputError, match="same extent, 3072 m, got 6144 m"):
-        view.renderer.change(other, [EVERYWHERE])
+        view.renderer.set_terrain(other, [EVERYWHERE])
 
 
 @pytest.mark.slow
@@ -237,7 +237,7 @@ def test_plants_go_with_their_forest_and_the_others_stay(view, camera, before):
     many = forest.count
     assert many > 50
     new, areas = painted(before, ("mountain", 60, 40, 3))
-    view.renderer.change(new, areas)
+    view.renderer.set_terrain(new, areas)
     counts = []
     for _ in range(40):  # not one frame is without those that stay
         done = view.frame(camera, elapsed=0.05).settled
@@ -246,11 +246,11 @@ def test_plants_go_with_their_forest_and_the_others_stay(view, camera, before):
             break
     assert min(counts) > 0.5 * many
     bare, areas = painted(before, ("forest", 66, 40, 12, 0))
-    view.renderer.change(bare, [EVERYWHERE])
+    view.renderer.set_terrain(bare, [EVERYWHERE])
     view.frame(camera)
     view.settled(camera)
     assert forest.count < 0.2 * many
-    view.renderer.change(before, areas)
+    view.renderer.set_terrain(before, areas)
     view.settled(camera)
     assert forest.count > 0.8 * many
 
@@ -267,7 +267,7 @@ def test_a_view_at_rest_stays_sharp_if_that_is_quick_and_sharpens_again_if_not(g
     view = View(gl, before, quality=replace(QUALITY, budget=50.0), timer=timer)
     view.settled(camera)
     new, areas = painted(before, ("mountain", 50, 44, 7))
-    view.renderer.change(new, areas)
+    view.renderer.set_terrain(new, areas)
     sizes = []
     for _ in range(60):
         stats = view.frame(camera, elapsed=0.05)
@@ -291,19 +291,19 @@ def alive(what):
 
 @pytest.mark.slow
 def test_the_overlay_of_features_follows(gl, view, camera, before):
-    overlay = Overlay(gl, before, view.renderer.ground)
-    known = KnownHeights()
-    feature_lines(before, known)
+    overlay = Overlay(gl, before, view.renderer.stream)
+    cache = HeightCache()
+    feature_lines(before, cache)
     terrain = before
     for step in range(4):
         terrain, areas = painted(terrain, ("mountain", 48 + step, 36 + 5 * step, 4))
-        view.renderer.change(terrain, areas)
-        overlay.change(terrain, areas)
-        known.change(areas)
-        for kept, fresh in zip(feature_lines(terrain, known), feature_lines(terrain), strict=True):
+        view.renderer.set_terrain(terrain, areas)
+        overlay.set_terrain(terrain, areas)
+        cache.invalidate(areas)
+        for kept, fresh in zip(feature_lines(terrain, cache), feature_lines(terrain), strict=True):
             np.testing.assert_array_equal(kept, fresh)
     pictures = []
-    for each in (overlay, Overlay(gl, terrain, view.renderer.ground)):
+    for each in (overlay, Overlay(gl, terrain, view.renderer.stream)):
         view.settled(camera)
         each.draw("features", camera.eye, view.framebuffer, samples=1)
         pictures.append(view.picture())
@@ -318,7 +318,7 @@ def test_changes_leave_no_opengl_objects_behind(view, camera, before):
     terrains = [wet, before]
     counts = []
     for step in range(steps):
-        view.renderer.change(terrains[step % 2], areas)
+        view.renderer.set_terrain(terrains[step % 2], areas)
         if step % 10 == 0:
             view.frame(camera)
         if step in (9, steps - 1):
@@ -331,7 +331,7 @@ def test_light_follows_though_the_ground_changes_all_the_time(view, camera, befo
     terrains = [painted(before, ("mountain", 50, 44, 7))[0], before]
     layers = view.renderer.scenery.lit._layers
     for step in range(50):
-        view.renderer.change(terrains[step % 2], [(1000.0, 1000.0, 2000.0, 2000.0)])
+        view.renderer.set_terrain(terrains[step % 2], [(1000.0, 1000.0, 2000.0, 2000.0)])
         view.frame(camera, elapsed=0.05)
     assert all(layer.version > 20 for _, layer in layers)
 
@@ -344,7 +344,7 @@ def test_renderers_leave_no_opengl_objects_behind(gl, camera, before):
         view.frame(camera)
         if step % 4 == 0:
             changed, areas = river(before)
-            view.renderer.change(changed, areas)
+            view.renderer.set_terrain(changed, areas)
             view.frame(camera)
         view.renderer.release()
         del view

@@ -8,7 +8,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.render import Quality
 from sketchterrain.render.frame import FrameBlock
 from sketchterrain.render.ground import TileRenderer
-from sketchterrain.render.ground_stream import LEAP, LEAP_BUDGET, TerrainStream
+from sketchterrain.render.ground_stream import JUMP, JUMP_BUDGET, TerrainStream
 from sketchterrain.render.programs import FRAME_BINDING, set_uniforms
 from sketchterrain.resources import source
 from sketchterrain.terrain.lattice import metres_per_unit
@@ -63,8 +63,8 @@ void main() {
     output = gl.buffer(reserve=24 * SIDE**2)
     for tile in range(len(keys)):
         pool = TileRenderer(gl, waves.extent, gl.buffer(vertices[tile].tobytes()))
-        pool.place(draws.part(tile), eye)
-        gl.vertex_array(program, pool.content, skip_errors=True).transform(
+        pool.set_tiles(draws.part(tile), eye)
+        gl.vertex_array(program, pool.vertex_bindings, skip_errors=True).transform(
             output, moderngl.POINTS, vertices=SIDE**2, instances=1
         )
         got = np.frombuffer(output.read(), np.float32).reshape(SIDE, SIDE, 6)
@@ -78,7 +78,7 @@ def test_tiles_beyond_32_bits_are_refused(gl, waves):
     keys, draws = neighbours(EYES[0])
     pool = TileRenderer(gl, waves.extent, gl.buffer(pack_tiles(waves, keys).tobytes()))
     with pytest.raises(InputError, match="128000 m of the eye"):
-        pool.place(draws, (200_000.0, 0.0, 10.0))
+        pool.set_tiles(draws, (200_000.0, 0.0, 10.0))
 
 
 SLOTS = 600
@@ -227,7 +227,7 @@ def test_frames_that_generate_keep_to_their_budget(gl, slow):
     for _ in range(240):
         eye += [16.0, 10.0, 0.0]
         stats = frame(stream, tuple(eye))
-        assert not stats.leapt
+        assert not stats.jumped
         if stats.tiles_generated:
             took.append(stats.generation_seconds)
             tiles += stats.tiles_generated
@@ -244,23 +244,23 @@ def test_a_leap_gives_a_whole_picture_at_once_and_a_settled_one_within_a_second(
         frame(stream, (300.0, 200.0, 160.0))
     eye = (70_300.0, -30_200.0, 150.0)
     stats = frame(stream, eye)
-    assert stats.leapt
-    assert stats.generation_seconds >= LEAP_BUDGET or stats.settled
-    assert stats.generation_seconds <= LEAP_BUDGET + 0.06  # the batch that was begun in time
+    assert stats.jumped
+    assert stats.generation_seconds >= JUMP_BUDGET or stats.settled
+    assert stats.generation_seconds <= JUMP_BUDGET + 0.06  # the batch that was begun in time
     camera = camera_towards(eye, 0.0, 30.0, -10.0, STREAM_REACH)
     assert holes(seen.see(stream, camera), camera, STREAM_REACH, -100.0) == 0
     for _ in range(int(RATE)):
         stats = frame(stream, eye)
-        assert not stats.leapt
+        assert not stats.jumped
     assert stats.settled
 
 
 @pytest.mark.gl
 def test_only_large_steps_are_leaps_and_a_settled_picture_stays_the_same(gl, slow):
     stream = opened(gl, slow)
-    assert frame(stream, (0.0, 0.0, 160.0)).leapt
-    assert not frame(stream, (0.9 * LEAP * slow.extent, 0.0, 160.0)).leapt
-    assert frame(stream, (2.0 * LEAP * slow.extent, 0.0, 160.0)).leapt
+    assert frame(stream, (0.0, 0.0, 160.0)).jumped
+    assert not frame(stream, (0.9 * JUMP * slow.extent, 0.0, 160.0)).jumped
+    assert frame(stream, (2.0 * JUMP * slow.extent, 0.0, 160.0)).jumped
 
     stream, seen = opened(gl, slow), Eye(gl, STREAM_SIZE)
     camera = camera_towards((300.0, 200.0, 160.0), 0.0, 30.0, -10.0, STREAM_REACH)
@@ -269,6 +269,6 @@ def test_only_large_steps_are_leaps_and_a_settled_picture_stays_the_same(gl, slo
     for _ in range(5):
         stats = frame(stream, camera.eye)
         assert stats.settled
-        assert not stats.leapt
+        assert not stats.jumped
         assert stats.tiles_generated == 0
     assert (seen.see(stream, camera) == before).all()

@@ -13,7 +13,7 @@ from sketchterrain.features.catalogue import FEATURE
 from sketchterrain.render import Camera, Quality, capture_frames, render_picture
 from sketchterrain.render.frame import FrameBlock
 from sketchterrain.render.ground_stream import TerrainStream
-from sketchterrain.render.overlay_lines import COLOURS, feature_lines
+from sketchterrain.render.overlay_lines import FEATURE_COLOURS, feature_lines
 from sketchterrain.render.overlays import OVERLAYS, Overlay
 from sketchterrain.render.snapshot import read_picture
 from sketchterrain.tiles import ScreenError
@@ -117,7 +117,7 @@ def test_lines_of_rivers_are_their_centrelines_and_those_of_points_are_rings_wit
     line = waves.features.rivers[0].centreline
     assert (start == line[:-1]).all()
     assert (end == line[1:]).all()
-    assert (colour[:, :3] == COLOURS["river"]).all()
+    assert (colour[:, :3] == FEATURE_COLOURS["river"]).all()
     waves.features.rivers = ()
     points = np.zeros(2, FEATURE)
     points["x"], points["y"], points["radius"] = (100.0, 700.0), (300.0, 800.0), (60.0, 90.0)
@@ -129,10 +129,10 @@ def test_lines_of_rivers_are_their_centrelines_and_those_of_points_are_rings_wit
     assert (np.abs(start[:, 2] - ground) < 0.5).all()
     rings = np.abs(np.hypot(start[:, 0] - 100.0, start[:, 1] - 300.0) - 60.0) < 1e-9
     assert rings.sum() == 96
-    assert (colour[rings] == (*COLOURS["mountain"], 255)).all()
+    assert (colour[rings] == (*FEATURE_COLOURS["mountain"], 255)).all()
     assert {tuple(each) for each in colour[~rings].tolist()} == {
-        (*COLOURS["mountain"], 255),
-        (*COLOURS["forest"], 128),
+        (*FEATURE_COLOURS["mountain"], 255),
+        (*FEATURE_COLOURS["forest"], 128),
     }
     posts = (start[:, :2] == end[:, :2]).all(axis=1)
     assert posts.sum() == 2

@@ -8,7 +8,7 @@ import pytest
 from sketchterrain.compute import ComputeContext, list_devices
 from sketchterrain.render import Camera, Quality, Sun, Weather, render_picture
 from sketchterrain.render.draw_distance import draw_distance
-from sketchterrain.render.ground_stream import LEAP, TerrainStream, view_of
+from sketchterrain.render.ground_stream import JUMP, TerrainStream, view_of
 from sketchterrain.render.scene import BoundedTerrain, visible_rectangle
 from sketchterrain.resources import preset_names
 from sketchterrain.sketch import Sketch, load_sketch
@@ -51,13 +51,13 @@ def test_tiles_morph_without_a_pop_before_a_camera_at_rest(gl, waves, z, pitch):
         camera_towards((300.0, 200.0, z + 400.0), 0.0, 200.0, -20.0, REACH), SIZE, draw_distance=REACH
     )
     camera = camera_towards((350.0, 260.0, z + 350.0), 0.0, 20.0, pitch, REACH)
-    assert np.hypot(np.hypot(50.0, 60.0), 50.0) < LEAP * waves.extent
+    assert np.hypot(np.hypot(50.0, 60.0), 50.0) < JUMP * waves.extent
     biggest = []
     drawn = set()
     first = before = None
     for _ in range(90):
         stats = stream.update(camera, SIZE, elapsed=1 / RATE, budget=0.006, draw_distance=REACH)
-        assert not stats.leapt
+        assert not stats.jumped
         picture = shade.see(camera, REACH)
         if before is None:
             first = picture
@@ -88,10 +88,10 @@ def test_in_flight_no_frame_differs_by_more_than_the_motion(gl, waves):
         camera = camera_towards(place, 0.0, 90.0 + 0.3 * frame, -12.0, REACH)
         if frame:
             view = view_of(camera, SIZE, draw_distance=REACH)
-            stream.pool.place(stream.tiles.draw_list(view), camera.eye)
+            stream.tile_renderer.set_tiles(stream.tiles.draw_list(view), camera.eye)
             before = shade.see(camera, REACH)
         stats = stream.update(camera, SIZE, elapsed=1 / RATE, budget=0.006, draw_distance=REACH)
-        assert stats.leapt == (frame == 0)
+        assert stats.jumped == (frame == 0)
         if frame > 15:  # the first picture has become as good as it gets
             biggest.append(change(before, shade.see(camera, REACH)).max())
             drawn.add(stats.triangles)
@@ -168,7 +168,7 @@ def test_no_pops_before_a_camera_that_stands_still(gl, terrain):
             picture = shade.see(camera, reach)
             assert before is None or change(before, picture).max() < 20.0
             before = picture
-            assert not stats.leapt
+            assert not stats.jumped
 
 
 SLOTS = 500

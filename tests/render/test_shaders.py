@@ -390,7 +390,7 @@ class Scene:
         self.eye = np.asarray(eye, float)
         self.frame["eye"] = (0.0, 0.0, eye[2])
         self.frame.upload()
-        self.pool.place(self.draws, tuple(eye))
+        self.pool.set_tiles(self.draws, tuple(eye))
         self.map.update(tuple(eye), moving=moving)
 
     def texels(self, far):

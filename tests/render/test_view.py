@@ -205,25 +205,25 @@ def test_invalid_input_and_a_missing_opengl_are_refused(terrain, waves, monkeypa
     assert "\n" not in str(caught.value)
 
 
-def test_one_resource_of_each_kind_is_cached_no_failure_and_lent_ones_outlive_their_borrower():
-    kept, closed = ResourceCache(), []
+def test_one_resource_of_each_kind_is_cached_and_borrowed_ones_outlive_their_borrower():
+    cache, closed = ResourceCache(), []
 
-    def made(cache, kind, key, thing):
-        return cache.of(kind, key, lambda: [thing], close=lambda thing: closed.append(thing[0]))
+    def get(cache, kind, key, thing):
+        return cache.get_or_create(kind, key, lambda: [thing], close=lambda thing: closed.append(thing[0]))
 
-    first = made(kept, "a", 1, "first")
-    assert made(kept, "a", 1, "never") is first
-    other = made(kept, "b", 1, "other")
-    assert made(kept, "a", 2, "second") == ["second"]
-    assert (closed, made(kept, "b", 1, "never") is other) == (["first"], True)
-    lent = kept.borrow()
-    thing = made(lent, "c", 1, "third")
-    lent.close()
-    lent.borrow().close()
+    first = get(cache, "a", 1, "first")
+    assert get(cache, "a", 1, "never") is first
+    other = get(cache, "b", 1, "other")
+    assert get(cache, "a", 2, "second") == ["second"]
+    assert (closed, get(cache, "b", 1, "never") is other) == (["first"], True)
+    borrowed = cache.borrow()
+    thing = get(borrowed, "c", 1, "third")
+    borrowed.close()
+    borrowed.borrow().close()
     assert closed == ["first"]
-    assert made(kept, "c", 1, "never") is thing
-    kept.close()
+    assert get(cache, "c", 1, "never") is thing
+    cache.close()
     assert sorted(closed) == ["first", "other", "second", "third"]
     with pytest.raises(ZeroDivisionError):
-        kept.of("a", 2, lambda: 1 / 0)
-    assert made(kept, "a", 2, "made") == ["made"]
+        cache.get_or_create("a", 2, lambda: 1 / 0)
+    assert get(cache, "a", 2, "made") == ["made"]

@@ -65,7 +65,7 @@ class ViewRenderer:
     @property
     def sharing(self) -> str:
         """How heights get here; ``none`` before anything is drawn."""
-        return "none" if self._shown is None else self._shown.renderer.ground.memory.kind
+        return "none" if self._shown is None else self._shown.renderer.stream.memory.kind
 
     @property
     def sun(self) -> Sun | None:
@@ -99,9 +99,9 @@ class ViewRenderer:
         sun, line = shown.sun, ""
         before = shown.terrain.sketch
         if areas or terrain.sketch.look != before.look:
-            shown.renderer.change(terrain, areas)
+            shown.renderer.set_terrain(terrain, areas)
             if shown.overlay is not None:
-                shown.overlay.change(terrain, areas)
+                shown.overlay.set_terrain(terrain, areas)
         old = Weather.from_sketch(before)
         if (weather.hour, weather.latitude) != (old.hour, old.latitude):
             sun, line = _sun(terrain, camera, weather)
@@ -119,7 +119,7 @@ class ViewRenderer:
         if names and shown.overlay is None:
             shown = _Shown(
                 shown.renderer,
-                Overlay(self._context, shown.terrain, shown.renderer.ground),
+                Overlay(self._context, shown.terrain, shown.renderer.stream),
                 shown.terrain,
                 shown.sun,
             )

@@ -62,8 +62,8 @@ class LatencyProbe:
         self._troubles: list[ErrorReport] = []
         self._beats: list[float] = []
         self._link.sent.connect(self._made.__setitem__)
-        self._link.followed.connect(self._followed.append)
-        self._link.trouble.connect(self._troubles.append)
+        self._link.terrain_updated.connect(self._followed.append)
+        self._link.error_reported.connect(self._troubles.append)
         self._heart = QTimer(timerType=Qt.TimerType.PreciseTimer)  # type: ignore[call-arg] # a property
         self._heart.timeout.connect(lambda: self._beats.append(time.monotonic()))
         self._folder = TemporaryDirectory(prefix="sketchterrain-latency-")
@@ -79,7 +79,7 @@ class LatencyProbe:
         """Close the window and end the processes."""
         self._garbage.stop()
         self._link.stop()
-        self._document.saved(self._document.sketch, Path(self._folder.name))  # or it would ask
+        self._document.mark_saved(self._document.sketch, Path(self._folder.name))  # or it would ask
         self._window.close()
         self._window.deleteLater()
         self._application.processEvents()
@@ -106,7 +106,7 @@ class LatencyProbe:
         times = []
         for version, made in sorted(self._made.items()):
             at = next(each for each in self._followed if each.version >= version)
-            times.append((made, at.begun, at.placed, at.ready, at.received, at.shown))
+            times.append((made, at.started, at.placed, at.sent, at.received, at.displayed))
         self._document.undo()
         self._wait(self._is_there)
         return Painted(tuple(times), tuple(stalls.tolist()))

@@ -106,7 +106,7 @@ def _run_editor(app: QApplication, sketch: Sketch, path: Path | None) -> int:
 
 def new_window(document: Document, link: EngineLink, preferences: Preferences, state: Path) -> MainWindow:
     """Return a main window that stores recent files and bookmarks in the folder `state`."""
-    from sketchterrain.ui.models.background import Saving
+    from sketchterrain.ui.models.background import SketchSaver
     from sketchterrain.ui.models.bookmarks import Bookmarks
     from sketchterrain.ui.models.preferences import RecentFiles
     from sketchterrain.ui.models.workspace import Workspace
@@ -119,7 +119,7 @@ def new_window(document: Document, link: EngineLink, preferences: Preferences, s
         link,
         preferences=preferences,
         recent=RecentFiles(state / "recent"),
-        saving=Saving(document),
+        saving=SketchSaver(document),
         bookmarks=bookmarks,
     )
     bookmarks.failed.connect(window.warn)

@@ -150,7 +150,7 @@ class ErrorReporter(QObject):
     def __init__(self, banner: Banner, link: EngineLink) -> None:
         super().__init__(banner)
         self._banner, self._link = banner, link
-        link.trouble.connect(self._report)
+        link.error_reported.connect(self._report)
         for signal, topic in (
             (link.placed_changed, "sketch"),
             (link.frame_shown, "view"),
@@ -162,9 +162,9 @@ class ErrorReporter(QObject):
         self._banner.withdraw(topic)
 
     def _report(self, trouble: ErrorReport) -> None:
-        kind = "warning" if trouble.what in ("sketch", "view") else "error"
-        buttons = (("Start again", self._link.start),) if trouble.what == "engine" else ()
-        self._banner.show_message(Message(kind, trouble.line, trouble.what, buttons))
+        kind = "warning" if trouble.source in ("sketch", "view") else "error"
+        buttons = (("Start again", self._link.start),) if trouble.source == "engine" else ()
+        self._banner.show_message(Message(kind, trouble.line, trouble.source, buttons))
 
 
 class UncaughtExceptions(QObject):

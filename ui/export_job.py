@@ -12,7 +12,7 @@ from PyQt6.QtCore import QObject, QProcess, pyqtSignal
 from sketchterrain.sketch import Sketch
 from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.export_request import ExportRequest, TargetRequest, WorldRequest
-from sketchterrain.ui.models.background import Reading
+from sketchterrain.ui.models.background import BackgroundReader
 
 _GRACE = 5000  # ms from SIGTERM to SIGKILL
 _WORLD_GRACE = 60_000  # a world's pending shards are finished
@@ -32,7 +32,7 @@ class ExportJob(QObject):
     ) -> None:
         super().__init__(parent)
         self._request, self._sketch = request, sketch
-        self._reading = Reading(self)
+        self._reading = BackgroundReader(self)
         self._cancelled = self._is_over = False
         self._buffer = b""
         self._process = QProcess(self)

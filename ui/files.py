@@ -17,7 +17,7 @@ from sketchterrain.sketch.document import LabelImage
 from sketchterrain.sketch.layer_images import decode_layer
 from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.banner import Banner, Message
-from sketchterrain.ui.models.background import Reading, Saving
+from sketchterrain.ui.models.background import BackgroundReader, SketchSaver
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.preferences import Preferences, RecentFiles
 
@@ -37,14 +37,14 @@ class Files(QObject):
         document: Document,
         preferences: Preferences,
         recent: RecentFiles,
-        saving: Saving,
+        saving: SketchSaver,
         banner: Banner,
     ) -> None:
         super().__init__(window)
         self._window, self._document, self._banner = window, document, banner
         self._preferences, self.recent, self._saving = preferences, recent, saving
         self._requested: Path | None = None
-        self.reading = Reading(self)
+        self.reading = BackgroundReader(self)
         self.reading.failed.connect(self._report_read_error)
         self.reading.busy_changed.connect(self._show_reading)
         self._message_timer = single_shot(self, _MESSAGE_DELAY, self._show_reading_message)

@@ -13,7 +13,7 @@ from PyQt6.QtWidgets import QFileDialog
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.ui.banner import Message
 from sketchterrain.ui.engine.protocol import RenderPicture
-from sketchterrain.ui.models.background import Background
+from sketchterrain.ui.models.background import BackgroundQueue
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -44,7 +44,7 @@ class PictureFile(QObject):
 
     def __init__(self, banner: Banner, parent: QObject) -> None:
         super().__init__(parent)
-        self._banner, self._background = banner, Background(self)
+        self._banner, self._background = banner, BackgroundQueue(self)
 
     def write(self, picture: QImage, path: Path) -> None:
         """Write a picture."""
@@ -199,7 +199,7 @@ class OpenDialogs(QObject):
             return
         if dialog.render_size is not None:
             self._banner.show_message(Message("info", "Drawing the picture …", "picture"))
-            self._link.tell(RenderPicture(str(dialog.path), *dialog.render_size))
+            self._link.send(RenderPicture(str(dialog.path), *dialog.render_size))
         elif picture is not None:
             self._picture_file.write(picture, dialog.path)
 

@@ -20,7 +20,7 @@ class ViewActions(QObject):
         super().__init__(actions)
         self._actions, self._link, self._workspace = actions, link, workspace
         actions.bind({f"mode-{mode}": partial(self._set_mode, mode) for mode in MODES})
-        actions.bind_checked({"play": lambda on: link.show(replace(link.view, plays=on))})
+        actions.bind_checked({"play": lambda on: link.set_view(replace(link.view, plays=on))})
         if workspace is not None:
             actions.bind({"measure": partial(self._measure, workspace)})
             actions.bind_checked(
@@ -39,8 +39,8 @@ class ViewActions(QObject):
         self._actions["play"].setChecked(self._link.view.plays)
 
     def _set_mode(self, mode: str) -> None:
-        self._link.show(replace(self._link.view, mode=mode))
+        self._link.set_view(replace(self._link.view, mode=mode))
 
     def _measure(self, workspace: Workspace) -> None:
         workspace.show_overlay("adherence", True)
-        self._link.tell(MeasureAdherence())
+        self._link.send(MeasureAdherence())

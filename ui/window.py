@@ -18,7 +18,7 @@ from sketchterrain.ui.files import Files
 from sketchterrain.ui.layout import FullScreenActions, PanelLayout, fitting_size
 from sketchterrain.ui.look.icons import app_icon
 from sketchterrain.ui.menus import RecentMenu, add_menus, add_tool_bars
-from sketchterrain.ui.models.background import Saving
+from sketchterrain.ui.models.background import SketchSaver
 from sketchterrain.ui.models.bookmarks import Bookmarks
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.preferences import Preferences, RecentFiles
@@ -52,7 +52,7 @@ class MainWindow(QMainWindow):
         *,
         preferences: Preferences,
         recent: RecentFiles,
-        saving: Saving,
+        saving: SketchSaver,
         bookmarks: Bookmarks,
     ) -> None:
         super().__init__()
@@ -200,7 +200,7 @@ class MainWindow(QMainWindow):
             return
         self.dialogs.close_all()
         self._preferences.layout = self.saveGeometry(), self.panel_layout.state()
-        self._preferences.keep()
+        self._preferences.save()
         event.accept()
 
     def warn(self, line: str) -> None:
@@ -226,7 +226,7 @@ class MainWindow(QMainWindow):
 
     def _show_place(self, x: float, y: float) -> None:
         self.canvas.show_place(x, y)
-        self._link.tell(GoTo(x, y))
+        self._link.send(GoTo(x, y))
 
     def _restart(self) -> None:
         self._link.stop()

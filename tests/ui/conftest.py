@@ -22,8 +22,8 @@ class FakeLink(EngineLink):
 
     def __init__(self, document):
         super().__init__(document)
-        self.told, self.running = [], False
-        self.tell = self.told.append
+        self.requests, self.running = [], False
+        self.send = self.requests.append
 
     def start(self):
         self.running = True
@@ -106,7 +106,7 @@ def exporting_into(qapp):
 def open_window(qtbot, document, workspace, link, tmp_path):
     """Open the whole window; each time with the files that the one before left."""
     # Not above: other tests are not to load all of it.
-    from sketchterrain.ui.models.background import Saving
+    from sketchterrain.ui.models.background import SketchSaver
     from sketchterrain.ui.models.bookmarks import Bookmarks
     from sketchterrain.ui.models.preferences import RecentFiles
     from sketchterrain.ui.window import MainWindow
@@ -118,12 +118,12 @@ def open_window(qtbot, document, workspace, link, tmp_path):
             link,
             preferences=Preferences(tmp_path / "desktop.ini"),
             recent=RecentFiles(tmp_path / "recent"),
-            saving=Saving(document),
+            saving=SketchSaver(document),
             bookmarks=Bookmarks(document, tmp_path / "bookmarks"),
         )
         # Closing it at the end must not ask what to do with the test's changes.
         qtbot.addWidget(
-            made, before_close_func=lambda _: document.saved(document.sketch, tmp_path / "end.sketch")
+            made, before_close_func=lambda _: document.mark_saved(document.sketch, tmp_path / "end.sketch")
         )
         made.show()
         return made

@@ -17,7 +17,7 @@ from PyQt6.QtCore import QCoreApplication, QTimer
 from sketchterrain.sketch import LAYERS, Sketch, load_sketch
 from sketchterrain.sketch.toml_text import settings_text
 from sketchterrain.ui.models.autosave import Autosave
-from sketchterrain.ui.models.background import Saving
+from sketchterrain.ui.models.background import SketchSaver
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.painting.stroke import Stroke
 
@@ -39,7 +39,7 @@ class Painter:
         self._random = random.Random(seed)
         self._document = Document(Sketch(layers={"hill": np.zeros((300, 420), dtype=np.uint8)}))
         self._document.sketch_changed.connect(lambda: self._tell("state", self._document.sketch))
-        self._saving = Saving(self._document)
+        self._saving = SketchSaver(self._document)
         self._saving.saved.connect(lambda: self._tell("saved", self._being_saved))
         self._autosave = Autosave(self._document, folder, interval_s=interval_s)
         self._being_saved = self._document.sketch

@@ -11,7 +11,7 @@ import pytest
 
 from sketchterrain.sketch import LAYERS, Sketch, load_sketch, save_sketch
 from sketchterrain.ui.models.autosave import Autosave, Lock, new_recovery_path, write_recovery
-from sketchterrain.ui.models.background import Background, Saving
+from sketchterrain.ui.models.background import BackgroundQueue, SketchSaver
 from sketchterrain.ui.models.preferences import RecentFiles
 
 
@@ -47,7 +47,7 @@ def test_a_modified_document_is_kept_and_dropped_when_it_is_saved(document, auto
     seed(document, 5)
     qtbot.waitUntil(autosave.path.exists)
     assert load_sketch(autosave.path).seed == 5
-    document.saved(document.sketch, tmp_path / "a.sketch")
+    document.mark_saved(document.sketch, tmp_path / "a.sketch")
     qtbot.waitUntil(lambda: not autosave.path.exists())
     seed(document, 6)
     qtbot.waitUntil(autosave.path.exists)
@@ -68,7 +68,7 @@ def test_steps_without_a_pause_are_kept_at_the_interval(document, autosave, qtbo
 def test_a_clean_end_leaves_nothing(document, folder):
     autosave = Autosave(document, folder)
     seed(document, 5)
-    autosave.keep()
+    autosave.save_now()
     autosave.wait()
     assert autosave.path.exists()
     autosave.close()
@@ -167,7 +167,7 @@ def test_an_unwritable_folder_is_reported_once(document, tmp_path):
     autosave.failed.connect(told.append)
     for number in range(3):
         seed(document, 100 + number)
-        autosave.keep()
+        autosave.save_now()
         autosave.wait()
     assert len(told) == 1
     autosave.close()
@@ -175,14 +175,14 @@ def test_an_unwritable_folder_is_reported_once(document, tmp_path):
 
 @pytest.fixture
 def background(qapp):
-    made = Background()
+    made = BackgroundQueue()
     yield made
     made.wait()
 
 
 @pytest.fixture
 def saving(document):
-    made = Saving(document)
+    made = SketchSaver(document)
     yield made
     made.wait()
 

@@ -27,7 +27,7 @@ def test_they_are_kept_by_path(document, folder, tmp_path):
     bookmarks = Bookmarks(document, folder)
     bookmarks.add(Bookmark("Summit", HERE, "walk", b"jpeg"))
     assert not folder.exists(), "the sketch has no path yet"
-    document.saved(document.sketch, one)
+    document.mark_saved(document.sketch, one)
     bookmarks.add(Bookmark("Lake", THERE))
     kept = bookmarks.all
     again = Document()
@@ -38,7 +38,7 @@ def test_they_are_kept_by_path(document, folder, tmp_path):
     again.open(load_sketch("valley_river"), other)
     assert later.all == ()
     again.open(load_sketch("valley_river"), one)
-    again.saved(again.sketch, other)
+    again.mark_saved(again.sketch, other)
     assert later.all == kept, "saved under another name they come along"
     again.open(load_sketch("valley_river"), other)
     assert later.all == kept
@@ -57,7 +57,7 @@ def test_an_unreadable_file_counts_as_empty(document, folder, tmp_path):
     for content in (*broken, *(written(**changes) for changes in wrong)):
         path = tmp_path / "one.sketch"
         bookmarks = Bookmarks(document, folder)
-        document.saved(document.sketch, path)
+        document.mark_saved(document.sketch, path)
         bookmarks.add(Bookmark("a", HERE))
         (file,) = folder.iterdir()
         assert json.loads(file.read_bytes())["sketch"] == str(path), content
@@ -74,7 +74,7 @@ def test_a_folder_that_cannot_be_written_is_told(document, folder, tmp_path):
     bookmarks = Bookmarks(document, folder)
     lines = []
     bookmarks.failed.connect(lines.append)
-    document.saved(document.sketch, tmp_path / "one.sketch")
+    document.mark_saved(document.sketch, tmp_path / "one.sketch")
     bookmarks.add(Bookmark("a", HERE))
     assert "cannot be kept" in lines[0]
     assert len(bookmarks.all) == 1
@@ -117,15 +117,15 @@ def test_a_view_is_kept_with_its_picture_and_gone_to(panel, link):
     shown = rows.item(0).icon().pixmap(96, 60).toImage()
     assert shown.pixelColor(shown.width() // 2, shown.height() // 2).red() > 180
     panel.go_to(0)
-    assert link.told[-1] == Look(HERE)
+    assert link.requests[-1] == Look(HERE)
     rows.itemClicked.emit(rows.item(1))
-    assert link.told[-1] == Look(THERE)
-    link.told.clear()
+    assert link.requests[-1] == Look(THERE)
+    link.requests.clear()
     panel.go_to(5)
-    assert link.told == []
-    link.show(replace(link.view, mode="walk"))
+    assert link.requests == []
+    link.set_view(replace(link.view, mode="walk"))
     panel.add()
-    link.show(replace(link.view, mode="orbit"))
+    link.set_view(replace(link.view, mode="orbit"))
     panel.go_to(2)
     assert link.view.mode == "walk"
 
@@ -141,7 +141,7 @@ def test_they_are_renamed_and_deleted_in_the_list(qtbot, panel, link):
     picture(link, THERE)
     buttons(panel)["Let"].click()
     panel.go_to(0)
-    assert link.told[-1] == Look(THERE)
+    assert link.requests[-1] == Look(THERE)
     rows.setFocus()
     qtbot.keyClick(rows, Qt.Key.Key_Delete)
     assert titles(panel) == ["View 2"]

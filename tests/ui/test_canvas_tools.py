@@ -383,7 +383,7 @@ def test_hovering_highlights_clicks_select_and_double_clicks_move_the_view(
         full._desk.workspace.tool = tool
         qtbot.mouseDClick(full, LEFT, pos=over(full, 2000.0, 1500.0))
         qtbot.mouseRelease(full, LEFT, pos=over(full, 2000.0, 1500.0))
-        told = link.told[-1]
+        told = link.requests[-1]
         assert isinstance(told, GoTo)
         assert (told.x, told.y) == pytest.approx((2000.0, 1500.0), abs=12.0)
 

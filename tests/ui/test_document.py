@@ -110,7 +110,7 @@ def test_modified_follows_undo_late_saves_and_recovery(document, told):
     assert document.is_modified
     saving = document.sketch
     paint(document, "lake", (20, 0, 29, 9))
-    document.saved(saving, path)  # it took a while
+    document.mark_saved(saving, path)  # it took a while
     assert (document.path, document.is_modified) == (path, True)
     document.undo()
     assert not document.is_modified

@@ -46,8 +46,8 @@ def stroke(document, row, column, layer="mountain", label=1):
 class Listener:
     def __init__(self, link):
         self.troubles, self.followed, self.frames, self.picked, self.written = [], [], [], [], []
-        link.trouble.connect(self.troubles.append)
-        link.followed.connect(self.followed.append)
+        link.error_reported.connect(self.troubles.append)
+        link.terrain_updated.connect(self.followed.append)
         link.frame_shown.connect(self.frames.append)
         link.picked.connect(self.picked.append)
         link.picture_written.connect(self.written.append)
@@ -73,7 +73,7 @@ def running(qapp):
     document = Document(sketch())
     link = EngineLink(document)
     listener = Listener(link)
-    link.show(VIEW)
+    link.set_view(VIEW)
     link.start()
     wait(lambda: listener.troubles or settled(link)())
     assert listener.troubles == []
@@ -87,7 +87,7 @@ def test_strokes_are_placed_drawn_picked_and_undone(running):
     document, link, listener = running
     assert all((link.facts.device, link.facts.platform, link.facts.renderer))
     assert link.facts.sharing in ("extension", "mapped", "copy")
-    assert not link.facts.no_device + link.facts.no_picture
+    assert not link.facts.device_error + link.facts.opengl_error
     assert (link.picture.width(), link.picture.height()) == (160, 100)
     assert pixels(link).std() > 5.0  # not one colour
     assert link.relief.step == 1
@@ -129,7 +129,7 @@ def look(link, *, elevation=0.7):
     """Be south of the sketch at an elevation (tangent), and wait for the whole picture."""
     target = np.array([2000.0, 2000.0, 300.0])
     eye = target + 3000.0 * np.array([0.0, -1.0, elevation])
-    link.tell(msg.Look(msg.Pose(tuple(eye.tolist()), tuple(target.tolist()))))
+    link.send(msg.Look(msg.Pose(tuple(eye.tolist()), tuple(target.tolist()))))
     wait(lambda: np.allclose(link.frame.pose.eye, eye, atol=1.0) and link.frame.settled)
 
 
@@ -176,8 +176,8 @@ def test_the_newest_of_many_quick_strokes_wins(running, qapp):
 def test_the_eye_moves_in_every_mode_and_comes_to_rest(running, qapp):
     _, link, listener = running
     before = link.frame.pose
-    link.tell(msg.Turn(30.0, 10.0))
-    link.tell(msg.Zoom(0.5, 0.4, 0.6))
+    link.send(msg.Turn(30.0, 10.0))
+    link.send(msg.Zoom(0.5, 0.4, 0.6))
     listener.frames.clear()
     wait(lambda: len(listener.frames) > 3 and link.frame.settled)
     after = link.frame.pose
@@ -191,15 +191,15 @@ def test_the_eye_moves_in_every_mode_and_comes_to_rest(running, qapp):
     start = np.array(link.frame.pose.eye)
     for mode in ("fly", "orbit"):
         listener.frames.clear()
-        link.show(replace(link.view, mode=mode))
+        link.set_view(replace(link.view, mode=mode))
         wait(lambda: listener.frames)
         assert np.linalg.norm(np.array(link.frame.pose.eye) - start) < 2.0
-    link.show(replace(link.view, mode="fly"))
-    link.tell(msg.Fly(forward=1.0))
+    link.set_view(replace(link.view, mode="fly"))
+    link.send(msg.Fly(forward=1.0))
     wait(lambda: np.linalg.norm(np.array(link.frame.pose.eye) - start) > 100.0)
-    link.tell(msg.Fly())
-    link.show(replace(link.view, mode="orbit"))
-    link.tell(msg.GoTo(1000.0, 1000.0, 1500.0))
+    link.send(msg.Fly())
+    link.set_view(replace(link.view, mode="orbit"))
+    link.send(msg.GoTo(1000.0, 1000.0, 1500.0))
     wait(lambda: np.allclose(link.frame.pose.target[:2], 1000.0, atol=5.0))
     look(link)
 
@@ -207,17 +207,17 @@ def test_the_eye_moves_in_every_mode_and_comes_to_rest(running, qapp):
 @pytest.mark.slow
 def test_size_quality_and_overlays_change_the_picture_and_hidden_it_is_not_drawn(running, qapp):
     document, link, listener = running
-    link.show(replace(VIEW, width=200, height=140))
+    link.set_view(replace(VIEW, width=200, height=140))
     wait(lambda: link.picture.width() == 200 and link.frame.settled)
     plain = pixels(link)
-    link.show(replace(link.view, overlays=("features",)))
+    link.set_view(replace(link.view, overlays=("features",)))
     wait(lambda: not np.array_equal(pixels(link), plain))
-    link.show(replace(VIEW, quality=0.25))
+    link.set_view(replace(VIEW, quality=0.25))
     wait(lambda: link.picture.width() == 160 and link.frame.settled)
-    link.show(VIEW)
+    link.set_view(VIEW)
     wait(lambda: link.frame.settled)
 
-    link.show(replace(VIEW, width=0, height=0))
+    link.set_view(replace(VIEW, width=0, height=0))
     time.sleep(0.5)
     qapp.processEvents()
     listener.frames.clear()
@@ -225,7 +225,7 @@ def test_size_quality_and_overlays_change_the_picture_and_hidden_it_is_not_drawn
     wait(lambda: link.relief.version > 0 and link.relief.height[72:80, 22:30].max() > 100.0)
     assert listener.frames == []
     draft.cancel()
-    link.show(VIEW)
+    link.set_view(VIEW)
     wait(lambda: link.frame.version >= newest(link) and link.frame.settled)
 
 
@@ -259,9 +259,9 @@ def test_adherence_and_a_picture_come_while_frames_go_on(running, tmp_path):
 
     _, link, listener = running
     path = tmp_path / "view.png"
-    link.show(replace(VIEW, plays=True))
-    link.tell(msg.MeasureAdherence())
-    link.tell(msg.RenderPicture(str(path), 320, 200))
+    link.set_view(replace(VIEW, plays=True))
+    link.send(msg.MeasureAdherence())
+    link.send(msg.RenderPicture(str(path), 320, 200))
     listener.frames.clear()
     wait(lambda: listener.written)
     assert listener.written == [str(path)]
@@ -271,13 +271,13 @@ def test_adherence_and_a_picture_come_while_frames_go_on(running, tmp_path):
     painted, shown = link.adherence.images["mountain"]
     assert painted.shape == shown.shape == (SIDE, SIDE)
     assert len(listener.frames) > 5
-    link.show(VIEW)
+    link.set_view(VIEW)
 
 
 @pytest.mark.slow
 def test_another_document_is_shown_from_the_start(running):
     document, link, _ = running
-    link.tell(msg.Zoom(0.2))
+    link.send(msg.Zoom(0.2))
     wait(lambda: link.frame.settled)
     other = Sketch(extent=9000.0, layers={"hill": np.ones((64, SIDE), np.uint8)})
     document.open(other)
@@ -291,9 +291,9 @@ def test_another_document_is_shown_from_the_start(running):
 @pytest.mark.slow
 def test_a_killed_engine_is_told_and_comes_back(running):
     document, link, listener = running
-    os.kill(link._children._processes["engine"].pid, signal.SIGKILL)
+    os.kill(link._processes._processes["engine"].pid, signal.SIGKILL)
     wait(lambda: listener.troubles)
-    assert listener.troubles[0].what == "engine"
+    assert listener.troubles[0].source == "engine"
     assert "signal 9" in listener.troubles[0].line
     listener.troubles.clear()
     listener.frames.clear()
@@ -308,26 +308,26 @@ def test_after_a_second_crash_in_a_row_it_goes_on_without_opengl(running):
     document, link, listener = running
     link.start()  # crashes before do not count
     for _ in range(2):
-        os.kill(link._children._processes["placer"].pid, signal.SIGKILL)
+        os.kill(link._processes._processes["placer"].pid, signal.SIGKILL)
         wait(lambda: listener.troubles)
         listener.troubles.clear()
-    wait(lambda: link.facts.no_picture)
+    wait(lambda: link.facts.opengl_error)
     placed = newest(link)
     stroke(document, 10, 70).commit("Paint mountains")
     wait(lambda: link.relief.version > placed and link.placed.version > placed)
     assert link.relief.height[12:20, 72:80].max() > 100.0
     link.start()
-    wait(lambda: link.facts.renderer and not link.facts.no_picture)
+    wait(lambda: link.facts.renderer and not link.facts.opengl_error)
 
 
 @pytest.mark.slow
 def test_stop_is_quick_and_leaves_nothing(qapp):
     link = EngineLink(Document(sketch()))
-    link.show(VIEW)
+    link.set_view(VIEW)
     open_before = len(list(Path("/proc/self/fd").iterdir()))
     for pause in (0.0, 1.5):
         link.start()
-        children = list(link._children._processes.values())
+        children = list(link._processes._processes.values())
         end = time.monotonic() + pause
         while time.monotonic() < end:
             qapp.processEvents()

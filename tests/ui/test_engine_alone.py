@@ -17,7 +17,7 @@ from sketchterrain.ui.engine import link as link_module
 from sketchterrain.ui.engine import placer as placer_module
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.background import JobQueue
-from sketchterrain.ui.engine.channel import Channel, pickled, unpickled
+from sketchterrain.ui.engine.channel import Channel, pickle_without, unpickle_with
 from sketchterrain.ui.engine.engine import Engine
 from sketchterrain.ui.engine.frames import FrameMemory
 from sketchterrain.ui.engine.link import EngineLink, ViewSource
@@ -28,17 +28,17 @@ from sketchterrain.ui.engine.terrain_session import TerrainSession
 
 def test_a_frame_in_shared_memory_becomes_the_picture_pixel_for_pixel(qapp):
     memory, source, shown, told = FrameMemory(), ViewSource(msg.ViewState()), [], []
-    source.tell = told.append
+    source.send = told.append
     source.frame_shown.connect(shown.append)
-    source._children = SimpleNamespace(frames=memory)
+    source._processes = SimpleNamespace(frames=memory)
     colours = np.random.default_rng(3)
     for place, (width, height) in enumerate([(33, 20), (64, 48)]):
         rgbx = colours.integers(0, 256, (height, width, 4), dtype=np.uint8)
-        start, capacity = memory.place(place, rgbx.nbytes)
+        start, capacity = memory.allocate(place, rgbx.nbytes)
         with memory.view(start, rgbx.nbytes, capacity) as pixels:
             pixels[:] = rgbx.tobytes()
         facts = SimpleNamespace(width=width, height=height)
-        source._take(0, "engine", msg.FrameReady(facts, start, capacity))
+        source._handle(0, "engine", msg.FrameReady(facts, start, capacity))
         with memory.view(start, rgbx.nbytes, capacity) as pixels:
             pixels[:] = bytes(rgbx.nbytes)  # the next frame: the picture is a copy
         picture = source.picture
@@ -71,8 +71,8 @@ class Around:
     def plan(self, column):
         layers = {"hill": blob(column)}
         sketch = Sketch(extent=3000.0, layers=layers)
-        recipe = pickled(make_recipe(sketch), but=sketch)
-        self.other.send(msg.Plan(self.update(sketch, layers), recipe, (EVERYWHERE,), 0.0, 0.0, 0.0))
+        recipe = pickle_without(make_recipe(sketch), sketch)
+        self.other.send(msg.RecipeUpdate(self.update(sketch, layers), recipe, (EVERYWHERE,), 0.0, 0.0, 0.0))
 
     def answer(self, kind):
         """Return the next message of a kind, and those before it."""
@@ -84,7 +84,7 @@ class Around:
     def placed(self, sketch, layers):
         """Send a sketch to the placer and return its answer."""
         self.window.send(self.update(sketch, layers))
-        return self.answer((msg.Placement, msg.PlacementUnchanged, msg.ErrorReport))[0]
+        return self.answer((msg.Placement, msg.Unchanged, msg.ErrorReport))[0]
 
     def end(self):
         self.window.send(msg.Quit())
@@ -99,7 +99,7 @@ class Around:
 
 def around_engine(device=None, pacer=None):
     session = TerrainSession(ComputeContext, device=device)
-    facts = msg.EngineFacts(no_device=session.lacks)
+    facts = msg.EngineFacts(device_error=session.device_error)
     options = {"session": session, "pacer": pacer, "jobs": JobQueue(), "facts": facts}
     around = Around(lambda *its: Engine(*its, **options), patient=True)
     around.session = session
@@ -128,14 +128,14 @@ def around():
 
 
 def test_the_newest_of_plans_that_wait_counts_and_all_their_areas(around, monkeypatch):
-    taken, take, gate = [], around.session.take, threading.Event()
+    taken, take, gate = [], around.session.apply, threading.Event()
 
     def slow(plans):
         gate.wait(20.0)
-        taken.extend(plan.update.version for plan in plans)
+        taken.extend(plan.sketch.version for plan in plans)
         return take(plans)
 
-    monkeypatch.setattr(around.session, "take", slow)
+    monkeypatch.setattr(around.session, "apply", slow)
     for column in (5, 10, 15, 20):
         around.plan(column)
     gate.set()
@@ -149,7 +149,7 @@ def test_the_newest_of_plans_that_wait_counts_and_all_their_areas(around, monkey
 
 def test_without_opengl_there_are_a_relief_picks_and_adherence_once_there_is_a_terrain(around):
     around.window.send(msg.MeasureAdherence())
-    assert "no terrain yet" in around.answer(msg.ErrorReport)[0].line
+    assert "not ready yet" in around.answer(msg.ErrorReport)[0].line
     around.window.send(msg.Pick(1, 0.5, 0.5))
     assert around.answer(msg.PickResult)[0].place is None
     around.plan(20)
@@ -162,7 +162,7 @@ def test_without_opengl_there_are_a_relief_picks_and_adherence_once_there_is_a_t
     relief = reliefs[0] if reliefs else around.answer(msg.Relief)[0]
     assert relief.height[15:25, 22:32].max() > 20.0
     around.window.send(msg.RenderPicture("nowhere.png", 100, 100))
-    assert around.answer(msg.ErrorReport)[0].what == "picture"
+    assert around.answer(msg.ErrorReport)[0].source == "picture"
     around.window.send(msg.MeasureAdherence())
     measured, _ = around.answer(msg.Adherence)
     assert measured.version == 1
@@ -175,7 +175,7 @@ def test_without_opengl_there_are_a_relief_picks_and_adherence_once_there_is_a_t
 
 def test_without_a_device_it_says_what_to_do_and_runs_on():
     around = around_engine("no such device")
-    assert "no such device" in around.answer(msg.EngineFacts)[0].no_device
+    assert "no such device" in around.answer(msg.EngineFacts)[0].device_error
     around.plan(20)
     around.answer(msg.TerrainUpdated)
     around.window.send(msg.MeasureAdherence())
@@ -194,7 +194,7 @@ def test_a_device_that_fails_is_left_for_another_one(around, monkeypatch):
     around.window.send(msg.Pick(1, 0.5, 0.6))
     trouble, _ = around.answer(msg.ErrorReport)
     assert "fell over" in trouble.line
-    assert "goes on with" in trouble.line
+    assert "continuing on" in trouble.line
     again, _ = around.answer(msg.Relief)
     assert around.session.device != failed
     assert np.array_equal(again.height, first.height)
@@ -206,15 +206,15 @@ class FailingPacer:
     """Draws nothing; its next frame raises what it is given."""
 
     def __init__(self):
-        self.stage = SimpleNamespace(is_empty=False, sharing="copy", clear=lambda: None)
-        self.error, self.broken, self.stops = None, False, 0
-        self.expect = lambda *, coming: None
-        self.show = lambda *_: ""
+        self.renderer = SimpleNamespace(is_empty=False, sharing="copy", clear=lambda: None)
+        self.error, self.failed, self.stops = None, False, 0
+        self.set_update_pending = lambda pending: None
+        self.set_terrain = lambda *_: ""
 
     def due(self, *, moving):
         return None if self.error is None else 0.0
 
-    def frame(self, eye):
+    def draw(self, camera):
         error, self.error = self.error, None
         raise error
 
@@ -228,7 +228,7 @@ def test_defects_of_plans_and_frames_are_reported_and_it_ends_when_the_window_is
     around.plan(20)
     around.answer(msg.TerrainUpdated)
     with monkeypatch.context() as patched:
-        patched.setattr(around.session, "take", failing(ZeroDivisionError("oops")))
+        patched.setattr(around.session, "apply", failing(ZeroDivisionError("oops")))
         around.plan(10)
         assert "oops" in around.answer(msg.ErrorReport)[0].line
     assert "ZeroDivisionError" in capsys.readouterr().err
@@ -239,7 +239,7 @@ def test_defects_of_plans_and_frames_are_reported_and_it_ends_when_the_window_is
         pacer.error = error
         around.window.send(msg.Turn(1.0, 0.0))
         trouble, _ = around.answer(msg.ErrorReport)
-        assert trouble.what == "view"
+        assert trouble.source == "view"
         assert str(error) in trouble.line
     assert pacer.stops == before + 2
     assert "ZeroDivisionError" in capsys.readouterr().err
@@ -257,10 +257,10 @@ class FakeChildren:
         self.its = pairs[0][1], pairs[1][1]
         made.append(self)
 
-    def ended(self):
+    def exit_status(self):
         return "the engine crashed (signal 11)"
 
-    def end(self):
+    def close(self):
         for channel in (*self.channels.values(), *self.its):
             channel.close()
         self.frames.close()
@@ -269,19 +269,19 @@ class FakeChildren:
 @pytest.fixture
 def children(monkeypatch):
     made = []
-    monkeypatch.setattr(link_module, "Children", lambda **options: FakeChildren(made, **options))
+    monkeypatch.setattr(link_module, "EngineProcesses", lambda **options: FakeChildren(made, **options))
     return made
 
 
 def test_a_link_starts_crashed_processes_again_at_last_without_opengl(document, qtbot, children):
     link, troubles = EngineLink(document), []
     link.device = "pocl"
-    link.trouble.connect(lambda trouble: troubles.append(trouble.line))
+    link.error_reported.connect(lambda trouble: troubles.append(trouble.line))
     link.start()
     assert children[-1].its[0].receive() == link.view
     assert children[-1].its[0].receive() == msg.UpdatePending(1, fresh=True)
     assert set(children[-1].its[1].receive().layers) == set(LAYERS)
-    ends = ((2, "it is started again."), (3, "without the 3-D view."), (3, "start the program again."))
+    ends = ((2, "restarting."), (3, "restarting without the 3-D view."), (3, "start the program again."))
     for count, line in ends:
         children[-1].its[0].close()
         qtbot.waitUntil(lambda line=line: bool(troubles) and troubles[-1].endswith(line))
@@ -293,7 +293,7 @@ def test_a_link_starts_crashed_processes_again_at_last_without_opengl(document, 
     link.start()
     assert children[-1].draws
     link.stop()
-    link.tell(msg.Turn(1.0, 0.0))
+    link.send(msg.Turn(1.0, 0.0))
     assert len(children) == 4
 
 
@@ -310,15 +310,15 @@ def test_a_link_hands_over_what_the_processes_tell(document, qtbot, placed, chil
         (engine, "", "Placing features"),
     ):
         process.send(msg.Activity(work))
-        qtbot.waitUntil(lambda shown=shown: link.working == shown)
+        qtbot.waitUntil(lambda shown=shown: link.activity == shown)
     placer.send(placed)
-    placer.send(msg.PlacementUnchanged(7))
+    placer.send(msg.Unchanged("placement", 7))
     qtbot.waitUntil(lambda: link.placed is not None and link.placed.version == 7)
     relief = msg.Relief(1, 1, np.zeros((4, 4), np.float32), np.zeros((4, 4), np.uint8))
     facts = msg.EngineFacts(device="a")
     for message in (
         relief,
-        msg.ReliefUnchanged(8),
+        msg.Unchanged("relief", 8),
         msg.PickResult(3, None),
         facts,
         msg.PictureWritten("b.png"),
@@ -329,7 +329,7 @@ def test_a_link_hands_over_what_the_processes_tell(document, qtbot, placed, chil
     assert [name for name, _ in told] == wanted.split()
     assert (link.relief.version, link.facts.device) == (8, "a")
     link.stop()
-    assert link.working == ""
+    assert link.activity == ""
 
 
 class Clock:
@@ -345,14 +345,14 @@ def clock(monkeypatch):
 
 def attempt(policy, clock, seconds) -> bool:
     """Place for so long, with a checkpoint every 10 ms; return whether it was finished."""
-    policy.begin()
+    policy.start()
     try:
         for _ in range(round(seconds / 0.01)):
             clock.now += 0.01
             policy.checkpoint()
     except Superseded:
         return False
-    policy.end()
+    policy.finish()
     return True
 
 
@@ -368,11 +368,11 @@ def test_superseded_work_is_abandoned_unless_short_or_half_done_and_never_twice_
     newer = []
     policy = CancellationPolicy(lambda: bool(newer))
     assert attempt(policy, clock, 0.5)
-    policy.begin()
+    policy.start()
     clock.now += 0.26
     newer.append(1)
     policy.checkpoint()
-    assert policy.end() == pytest.approx(0.26)
+    assert policy.finish() == pytest.approx(0.26)
 
 
 @pytest.fixture
@@ -390,16 +390,16 @@ def test_the_newest_of_many_is_placed_and_plans_add_up(placer):
     assert placer.answer(msg.Placement)[0].version == 20  # all of them waited when it looked first
     plan = placer.other.receive()
     whole = Sketch(extent=4000.0, layers={"mountain": blob(20, row=19)})
-    assert np.array_equal(unpickled(plan.recipe, but=whole).painted, make_recipe(whole).painted)
-    assert plan.update.version == 20
+    assert np.array_equal(unpickle_with(plan.recipe, whole).painted, make_recipe(whole).painted)
+    assert plan.sketch.version == 20
     placed = placer.placed(sketch, {"mountain": blob(30, row=19)})
     assert isinstance(placed, msg.Placement)
     assert placed.version == 21
     plan = placer.other.receive()
     assert plan.areas
     assert all(west < east for west, _, east, _ in plan.areas)
-    assert list(plan.update.layers) == ["mountain"]
-    assert plan.begun <= plan.ready <= time.monotonic()
+    assert list(plan.sketch.layers) == ["mountain"]
+    assert plan.started <= plan.sent <= time.monotonic()
 
 
 def test_looks_change_nothing_that_is_placed(placer):
@@ -408,11 +408,11 @@ def test_looks_change_nothing_that_is_placed(placer):
     assert isinstance(placer.placed(Sketch(), layers), msg.Placement)
     placer.other.receive()
     answer = placer.placed(Sketch(weather={"clouds": 0.9}, name="other"), layers)
-    assert isinstance(answer, msg.PlacementUnchanged)
+    assert isinstance(answer, msg.Unchanged)
     assert answer.version == 2
     plan = placer.other.receive()
     assert (plan.recipe, plan.areas) == (None, ())
-    assert plan.update.settings["weather"]["clouds"] == 0.9
+    assert plan.sketch.settings["weather"]["clouds"] == 0.9
     assert isinstance(placer.placed(Sketch(weather={"clouds": 0.9}, seed=5), layers), msg.Placement)
 
 
@@ -423,7 +423,7 @@ def test_an_invalid_sketch_and_a_defect_are_reported_and_the_next_sketch_is_plac
     layers = {"mountain": blob(20)}
     placer.window.send(msg.SketchUpdate(1, (48, 48), {**settings_of(Sketch()), "seed": -5}, {}))
     trouble, _ = placer.answer(msg.ErrorReport)
-    assert trouble.what == "sketch"
+    assert trouble.source == "sketch"
     assert "seed" in trouble.line
     placer.version = 1
     assert placer.placed(Sketch(), layers).version == 2

@@ -64,7 +64,7 @@ def test_the_first_view_shows_most_of_the_sketch_and_the_horizon(ground):
         eye = begun(ground, aspect)
         camera = eye.camera()
         to_clip = camera.to_clip(aspect)
-        assert eye.seen(0.5, 0.01, aspect=aspect) is None, aspect
+        assert eye.pick(0.5, 0.01, aspect=aspect) is None, aspect
         for place in ((200, 1500), (3800, 1500), (2000, 600), (2000, 3000), (2000, 1500)):
             clip = to_clip @ [*np.subtract((*place, 0.0), camera.eye), 1.0]
             assert abs(clip[0]) < clip[3], aspect
@@ -78,7 +78,7 @@ def test_the_eye_rests_without_motion_and_after_a_turn_at_equal_distance(eye):
     assert eye.camera() is camera
 
     before = distance(eye)
-    eye.take(Turn(90.0, 5.0), aspect=ASPECT)
+    eye.handle(Turn(90.0, 5.0), aspect=ASPECT)
     assert eye.restless
     assert eye.advance(0.05)
     rest(eye)
@@ -87,36 +87,36 @@ def test_the_eye_rests_without_motion_and_after_a_turn_at_equal_distance(eye):
 
 
 def test_a_zoom_keeps_the_place_under_the_mouse(eye):
-    place = eye.seen(0.3, 0.7, aspect=ASPECT)
+    place = eye.pick(0.3, 0.7, aspect=ASPECT)
     before = distance(eye)
-    eye.take(Zoom(0.4, 0.3, 0.7), aspect=ASPECT)
+    eye.handle(Zoom(0.4, 0.3, 0.7), aspect=ASPECT)
     rest(eye)
     assert distance(eye) == pytest.approx(0.4 * before, rel=1e-3)
-    assert np.allclose(eye.seen(0.3, 0.7, aspect=ASPECT), place, atol=5.0)
+    assert np.allclose(eye.pick(0.3, 0.7, aspect=ASPECT), place, atol=5.0)
 
 
 def test_pan_and_keys_move_the_pivot_over_the_ground(eye):
     before = np.array(eye.camera().target)
-    eye.take(Pan(0.0, 0.2), aspect=ASPECT)
+    eye.handle(Pan(0.0, 0.2), aspect=ASPECT)
     rest(eye)
     north = np.array(eye.camera().target)
     assert north[1] > before[1] + 100.0
-    eye.take(Fly(right=1.0), aspect=ASPECT)
+    eye.handle(Fly(right=1.0), aspect=ASPECT)
     advance(eye, 30)
     assert eye.restless  # as long as the key is down
     assert eye.camera().target[0] > north[0] + 100.0
-    eye.take(Fly(), aspect=ASPECT)
+    eye.handle(Fly(), aspect=ASPECT)
     rest(eye)
 
 
 def test_another_mode_leaves_the_eye_where_it_is(ground):
     for modes in [("fly",), ("fly", "orbit"), ("fly", "orbit", "fly"), ("orbit", "fly", "orbit")]:
         eye = begun(ground)
-        eye.take(Turn(35.0, -10.0), aspect=ASPECT)
+        eye.handle(Turn(35.0, -10.0), aspect=ASPECT)
         rest(eye)
         before = eye.camera()
         for mode in modes:
-            eye.use(mode)
+            eye.set_mode(mode)
             eye.advance(0.016)
             camera = eye.camera()
             assert np.allclose(camera.eye, before.eye, atol=0.5), modes
@@ -124,11 +124,11 @@ def test_another_mode_leaves_the_eye_where_it_is(ground):
 
 
 def test_on_foot_it_comes_down_to_the_ground_and_stays_there(eye, ground):
-    eye.use("walk")
+    eye.set_mode("walk")
     rest(eye)
     x, y, z = eye.camera().eye
     assert z - ground.heights(x, y) == pytest.approx(1.7, abs=0.3)
-    eye.take(Fly(forward=1.0, boost=20.0), aspect=ASPECT)
+    eye.handle(Fly(forward=1.0, boost=20.0), aspect=ASPECT)
     for _ in range(200):
         eye.advance(0.016)
         x, y, z = eye.camera().eye
@@ -138,9 +138,9 @@ def test_on_foot_it_comes_down_to_the_ground_and_stays_there(eye, ground):
 def test_it_glides_to_a_place_and_looks_at_it(ground):
     for mode in ["orbit", "fly"]:
         eye = begun(ground)
-        eye.use(mode)
+        eye.set_mode(mode)
         eye.advance(0.016)
-        eye.take(GoTo(1200.0, 2000.0, 900.0), aspect=ASPECT)
+        eye.handle(GoTo(1200.0, 2000.0, 900.0), aspect=ASPECT)
         eye.advance(0.05)
         on_its_way = np.array(eye.camera().eye)
         rest(eye)
@@ -152,17 +152,17 @@ def test_it_glides_to_a_place_and_looks_at_it(ground):
 
 
 def test_flying_goes_where_it_looks_and_a_wheel_towards_what_is_under_the_mouse(eye):
-    eye.use("fly")
+    eye.set_mode("fly")
     start, forward = np.array(eye.camera().eye), eye.camera().forward
-    eye.take(Fly(forward=1.0), aspect=ASPECT)
+    eye.handle(Fly(forward=1.0), aspect=ASPECT)
     advance(eye, 20)
     way = np.array(eye.camera().eye) - start
     assert way @ forward > 0.99 * np.linalg.norm(way) > 1.0
-    eye.take(Fly(), aspect=ASPECT)
+    eye.handle(Fly(), aspect=ASPECT)
     rest(eye)
-    place = np.array(eye.seen(0.3, 0.7, aspect=ASPECT))
+    place = np.array(eye.pick(0.3, 0.7, aspect=ASPECT))
     before = np.linalg.norm(place - eye.camera().eye)
-    eye.take(Zoom(0.5, 0.3, 0.7), aspect=ASPECT)
+    eye.handle(Zoom(0.5, 0.3, 0.7), aspect=ASPECT)
     rest(eye)
     assert np.linalg.norm(place - eye.camera().eye) == pytest.approx(0.5 * before, rel=0.02)
 
@@ -170,9 +170,9 @@ def test_flying_goes_where_it_looks_and_a_wheel_towards_what_is_under_the_mouse(
 def test_it_is_at_once_where_one_puts_it(ground):
     for mode in ["orbit", "fly"]:
         eye = begun(ground)
-        eye.use(mode)
+        eye.set_mode(mode)
         wanted = Camera((500.0, 300.0, 700.0), (2000.0, 1500.0, 0.0), fov=50.0)
-        eye.be_at(wanted)
+        eye.set_camera(wanted)
         eye.advance(0.0)
         assert np.allclose(eye.camera().eye, wanted.eye, atol=0.5), mode
         assert np.allclose(eye.camera().forward, wanted.forward, atol=1e-3), mode
@@ -181,22 +181,22 @@ def test_it_is_at_once_where_one_puts_it(ground):
 def test_ground_that_rises_lifts_it_out(ground):
     for mode in ["orbit", "fly", "walk"]:
         eye = begun(ground)
-        eye.use(mode)
+        eye.set_mode(mode)
         rest(eye)
         z = eye.camera().eye[2]
         higher = Hills()
         higher.lift = z + 500.0
-        eye.follow(higher)
+        eye.set_terrain(higher)
         rest(eye)
         x, y, z = eye.camera().eye
         assert z > higher.heights(x, y), mode
 
 
 def test_the_sky_is_no_place(eye):
-    eye.use("fly")
-    eye.take(Turn(0.0, 80.0), aspect=ASPECT)
+    eye.set_mode("fly")
+    eye.handle(Turn(0.0, 80.0), aspect=ASPECT)
     rest(eye)
-    assert eye.seen(0.5, 0.1, aspect=ASPECT) is None
-    eye.use("orbit")  # around something before it all the same
+    assert eye.pick(0.5, 0.1, aspect=ASPECT) is None
+    eye.set_mode("orbit")  # around something before it all the same
     rest(eye)
     assert np.isfinite(eye.camera().eye).all()

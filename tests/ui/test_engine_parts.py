@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.sketch import LAYERS, Sketch
-from sketchterrain.ui.engine.channel import Channel, pickled, ready, unpickled
+from sketchterrain.ui.engine.channel import Channel, pickle_without, ready, unpickle_with
 from sketchterrain.ui.engine.frames import FrameMemory
 from sketchterrain.ui.engine.protocol import LayerPatch, Turn
 from sketchterrain.ui.engine.relief import LARGEST, ReliefBuilder, hill_shade
@@ -94,9 +94,9 @@ def test_closing_ends_a_thread_that_reads_and_one_that_writes():
 
 def test_a_part_may_be_left_out_and_is_put_back_as_another_process_has_it():
     part, mine = np.zeros(100_000), np.ones(3)
-    data = pickled({"part": part, "more": [part, 1, None]}, but=part)
+    data = pickle_without({"part": part, "more": [part, 1, None]}, part)
     assert len(data) < 1000
-    got = unpickled(data, but=mine)
+    got = unpickle_with(data, mine)
     assert got["part"] is got["more"][0] is mine
     assert got["more"][1:] == [1, None]
 
@@ -105,7 +105,7 @@ def test_frames_are_shared_grow_and_do_not_overlap():
     memory = FrameMemory()
     other = FrameMemory(os.dup(memory.number))
     for index, size in ((0, 1000), (1, 1000), (1, 5_000_000), (0, 5_000_000)):
-        start, capacity = memory.place(index, size)
+        start, capacity = memory.allocate(index, size)
         with memory.view(start, size, capacity) as view:
             np.frombuffer(view, np.uint8)[:] = index + 1
         with other.view(start, size, capacity) as view:
@@ -114,9 +114,9 @@ def test_frames_are_shared_grow_and_do_not_overlap():
     other.close()
 
     memory, size = FrameMemory(), 3_333_333
-    first, second = memory.place(0, size)[0], memory.place(1, size)[0]
+    first, second = memory.allocate(0, size)[0], memory.allocate(1, size)[0]
     assert second >= first + size
-    assert memory.place(1, size)[1] >= second + size
+    assert memory.allocate(1, size)[1] >= second + size
     memory.close()
 
 
@@ -245,7 +245,7 @@ def expected(ground):
 def relief_of(ground, version=1):
     """Return a maker, and the whole relief that it made of a ground."""
     maker = ReliefBuilder()
-    maker.follow(ground, version, [EVERYWHERE])
+    maker.set_terrain(ground, version, [EVERYWHERE])
     return maker, finish(maker)
 
 
@@ -256,28 +256,28 @@ def test_heights_stand_at_pixel_centres_and_another_size_restarts():
     assert np.array_equal(made.height, expected(ground))
     assert made.shade.shape == made.height.shape
 
-    maker.follow(ground, 4, [EVERYWHERE])
+    maker.set_terrain(ground, 4, [EVERYWHERE])
     maker.work(0.0)
-    maker.follow(other, 5, [EVERYWHERE])
+    maker.set_terrain(other, 5, [EVERYWHERE])
     assert np.array_equal(finish(maker).height, expected(other))
 
 
 def test_a_version_that_differs_nowhere_is_taken_over_while_one_is_made():
     maker, ground = ReliefBuilder(), Bumpy()
-    maker.follow(ground, 3, [EVERYWHERE])
+    maker.set_terrain(ground, 3, [EVERYWHERE])
     maker.work(0.0)
     asked = ground.asked
-    maker.follow(ground, 4, [])
+    maker.set_terrain(ground, 4, [])
     assert finish(maker).version == 4
     assert ground.asked < asked + ground.sketch.width_px * ground.sketch.height_px
-    maker.follow(ground, 5, [])
+    maker.set_terrain(ground, 5, [])
     assert not maker.busy
 
 
 def test_only_what_changed_is_asked_again_and_the_shading_is_that_of_the_whole():
     maker, first = relief_of(Bumpy())
     bumped = Bumpy(bump=40.0)
-    maker.follow(bumped, 2, [BUMP])
+    maker.set_terrain(bumped, 2, [BUMP])
     second = finish(maker)
     assert bumped.asked < 0.2 * first.height.size
     assert np.array_equal(second.height, expected(Bumpy(bump=40.0)))
@@ -288,11 +288,11 @@ def test_only_what_changed_is_asked_again_and_the_shading_is_that_of_the_whole()
 def test_each_relief_is_of_one_version_even_if_others_come_meanwhile():
     maker = ReliefBuilder()
     grounds = [Bumpy(bump=10.0 * number) for number in range(6)]
-    maker.follow(grounds[0], 0, [EVERYWHERE])
+    maker.set_terrain(grounds[0], 0, [EVERYWHERE])
     made = []
     for number in range(1, 6):
         made.append(maker.work(0.0))
-        maker.follow(grounds[number], number, [BUMP])
+        maker.set_terrain(grounds[number], number, [BUMP])
     while maker.busy:
         made.append(maker.work(0.0))
     made = [each for each in made if each is not None]

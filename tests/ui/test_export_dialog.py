@@ -167,7 +167,7 @@ def test_choices_are_remembered_and_unusable_ones_count_as_never_chosen(opened, 
     choose(dialog, "unity")
     assert controls["rows"].value() == 3
     dialog._remember()
-    dialog.preferences.keep()
+    dialog.preferences.save()
     again = opened()
     assert again.targets.currentData() == "unity"
     assert again.target.options() == controls.options() != usual

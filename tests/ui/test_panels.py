@@ -82,7 +82,7 @@ def test_showing_any_state_or_another_document_changes_nothing(panel, document, 
     assert [workspace.look(name) for name in document.sketch.layers] == looks
     assert (workspace.tool, workspace.brush, workspace.overlays) == (tool, brush, overlays)
     assert link.view == view
-    assert link.told == []
+    assert link.requests == []
 
     for name in ("alpine_range", "desert_mountains", "rolling_hills"):
         sketch = load_sketch(name)

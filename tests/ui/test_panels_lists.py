@@ -44,7 +44,7 @@ def test_history_marks_the_current_step_and_goes_where_one_clicks(shown, documen
 def test_adherence_is_measured_on_demand_and_again_after_a_failure(shown, workspace, link):
     panel = shown(AdherencePanel(workspace, link))
     panel.measure.click()
-    link.trouble.emit(msg.ErrorReport("engine", "it ended"))
+    link.error_reported.emit(msg.ErrorReport("engine", "it ended"))
     panel.measure.click()
     assert link.told == [msg.MeasureAdherence()] * 2
     link.adherence = msg.Adherence(1, {**FIGURES, "peaks": PEAKS})
@@ -101,8 +101,8 @@ def line(shown, document, workspace, link):
 
 def test_the_status_line_reports_work_device_and_pointer(line, link, document, workspace):
     for working in ("Placing features", ""):
-        link.working = working
-        link.working_changed.emit(working)
+        link.activity = working
+        link.activity_changed.emit(working)
         assert line.work.text() == line.work.accessibleName() == (working or "Ready")
         assert line.busy.isVisible() == bool(working)
     link.facts = msg.EngineFacts(device="EPYC", platform="PoCL", renderer="llvmpipe", sharing="mapped")
@@ -137,8 +137,8 @@ def test_figures_keep_their_places(qtbot, line, link, placed):
     link.placed = dataclasses.replace(placed, seconds=0.12)
     link.frame = msg.FrameFacts(800, 600, 1, pose, (0.0,) * 16, 0.08, 0.021, 120, 400_000, True, 500_000_000)
     link.frame_shown.emit(link.frame)
-    link.working = "Measuring how far the terrain does what the sketch says"
-    link.working_changed.emit(link.working)
+    link.activity = "Measuring how far the terrain does what the sketch says"
+    link.activity_changed.emit(link.activity)
     line.show_position((1.0, 2.0, -3.0))
     qtbot.waitUntil(lambda: line.frame.text() == "Frame 80 ms, 12/s", timeout=2000)
     assert (line.placing.text(), line.tiles.text()) == ("Placing 120 ms", "Tiles 21 ms")

@@ -379,8 +379,8 @@ def test_weather_is_the_sketchs_and_quality_the_views(qtbot, view, document, lin
     view.quality.check.click()
     view.quality.slider.setValue(300)
     view.quality.slider.setValue(800)
-    assert link.told == [], "until the slider rests"
-    qtbot.waitUntil(lambda: link.told == [ViewState(quality=0.8)], timeout=2000)
+    assert link.requests == [], "until the slider rests"
+    qtbot.waitUntil(lambda: link.requests == [ViewState(quality=0.8)], timeout=2000)
     view.quality.reset.click()
     qtbot.waitUntil(lambda: link.view.quality is None, timeout=2000)
     assert view.quality.check.isChecked()
@@ -393,7 +393,7 @@ def test_overlays_and_motion_are_told_and_shown(view, link):
     view.plays.click()
     assert link.view.overlays == ("features", "wireframe")
     assert not link.view.plays
-    link.show(ViewState(overlays=("levels",), quality=0.25))
+    link.set_view(ViewState(overlays=("levels",), quality=0.25))
     boxes = (view.overlays["levels"], view.overlays["features"], view.plays, view.quality.check)
     assert [box.isChecked() for box in boxes] == [True, False, True, False]
     assert view.quality.box.value() == 0.25

@@ -55,12 +55,12 @@ def bare(shown, document, workspace, link):
 def view(qtbot, bare, document, link, placed):
     show_picture(link, document, placed)
     qtbot.waitUntil(lambda: link.view.width > 0)
-    link.told.clear()
+    link.requests.clear()
     return bare
 
 
 def motions(link):
-    return [each for each in link.told if not isinstance(each, Pick)]
+    return [each for each in link.requests if not isinstance(each, Pick)]
 
 
 def grips(view):
@@ -69,7 +69,7 @@ def grips(view):
 
 def answer(link, place):
     """Let the engine answer the newest pick."""
-    link.picked.emit(PickResult(link.told[-1].token, place))
+    link.picked.emit(PickResult(link.requests[-1].token, place))
 
 
 def place_of(point):
@@ -89,10 +89,10 @@ def test_drags_turn_move_and_look_around(view, link):
     assert sum(each.up for each in turns) == pytest.approx(9.0)
 
     for button, modifiers in [(RIGHT, events.NO_KEYS), (events.MIDDLE, events.NO_KEYS), (events.LEFT, SHIFT)]:
-        link.told.clear()
+        link.requests.clear()
         drag(view, (300, 200), (348, 200), (348, 248), button=button, modifiers=modifiers)
         assert motions(link) == [Pan(-0.1, 0.0), Pan(0.0, 0.1)], (button, modifiers)
-    link.told.clear()
+    link.requests.clear()
     link.view = replace(link.view, mode="fly")
     drag(view, (300, 200), (400, 200), (400, 160))
     assert motions(link) == [Turn(15.0, 0.0), Turn(0.0, 6.0)]
@@ -101,23 +101,23 @@ def test_drags_turn_move_and_look_around(view, link):
 def test_clicks_pick_wheels_zoom_and_double_clicks_go_to_the_ground(view, link):
     wheel(view, 160, 120, 1)
     wheel(view, 480, 360, -2)
-    nearer, farther = link.told
+    nearer, farther = link.requests
     assert nearer == Zoom(pytest.approx(0.85), 0.25, 0.25)
     assert farther == Zoom(pytest.approx(0.85**-2), 0.75, 0.75)
-    link.told.clear()
+    link.requests.clear()
     drag(view, (300, 200), (302, 201))
-    assert [type(each) for each in link.told] == [Pick]
+    assert [type(each) for each in link.requests] == [Pick]
 
     click(view, 320, 240)
-    link.told.clear()
+    link.requests.clear()
     double_click(view, 320, 240)
-    (pick,) = link.told
+    (pick,) = link.requests
     assert pick == Pick(pick.token, 0.5, 0.5)
     answer(link, (10.0, 20.0, 5.0))
-    assert link.told[-1] == GoTo(10.0, 20.0)
+    assert link.requests[-1] == GoTo(10.0, 20.0)
     double_click(view, 320, 10)
     answer(link, None)
-    assert isinstance(link.told[-1], Pick), "there is no way into the sky"
+    assert isinstance(link.requests[-1], Pick), "there is no way into the sky"
 
 
 def test_the_newest_click_selects_what_stands_there_and_the_sky_nothing(view, link, workspace, placed):
@@ -131,9 +131,9 @@ def test_the_newest_click_selects_what_stands_there_and_the_sky_nothing(view, li
 
     points = placed.points[placed.points["painted"]][:2]
     click(view, 320, 240)
-    old = link.told[-1].token
+    old = link.requests[-1].token
     click(view, 330, 240)
-    new = link.told[-1].token
+    new = link.requests[-1].token
     for token, point in ((new, points[1]), (old, points[0])):
         link.picked.emit(PickResult(token, place_of(point)))
     assert workspace.selection == Selection("feature", int(points[1]["id"]))
@@ -236,10 +236,10 @@ def test_marks_can_be_clicked_with_the_select_tool(view, link, workspace, placed
     workspace.tool = "select"
     dots = [each for each in view._scene.marks(WIDTH, HEIGHT).dots if 60 < each.y < 400]
     assert dots
-    link.told.clear()
+    link.requests.clear()
     click(view, dots[0].x, dots[0].y)
     assert workspace.selection == dots[0].selection
-    assert link.told == []
+    assert link.requests == []
 
 
 def test_keys_move_the_eye_until_they_are_let_go_or_the_view_is_left(view, link):
@@ -251,12 +251,12 @@ def test_keys_move_the_eye_until_they_are_let_go_or_the_view_is_left(view, link)
         key(view, code, up=True)
     told, both = motions(link), Fly(forward=1.0, right=1.0)
     assert told == [Fly(forward=1.0), both, replace(both, boost=4.0), Fly(right=1.0, boost=4.0), Fly()]
-    link.told.clear()
+    link.requests.clear()
     key(view, Qt.Key.Key_Up)
     key(view, Qt.Key.Key_Q)
     QApplication.sendEvent(view, QFocusEvent(QEvent.Type.FocusOut))
     assert motions(link) == [Fly(forward=1.0), Fly(forward=1.0, up=-1.0), Fly()]
-    link.told.clear()
+    link.requests.clear()
     key(view, Qt.Key.Key_A)
     key(view, Qt.Key.Key_D)
     assert motions(link) == [Fly(right=-1.0), Fly()]
@@ -275,16 +275,16 @@ def test_home_sees_everything_and_f_the_selection(view, link, document, workspac
     key(view, Qt.Key.Key_Home)
     key(view, Qt.Key.Key_F)
     point = placed.points[placed.points["id"] == selection.id][0]
-    assert link.told[0] == Look(overview((0.0, 0.0, *document.sketch.size), 0.0, aspect=WIDTH / HEIGHT))
-    assert (link.told[1].x, link.told[1].y) == (point["x"], point["y"])
-    assert 2.0 * point["radius"] < link.told[1].distance < 6.0 * point["radius"]
+    assert link.requests[0] == Look(overview((0.0, 0.0, *document.sketch.size), 0.0, aspect=WIDTH / HEIGHT))
+    assert (link.requests[1].x, link.requests[1].y) == (point["x"], point["y"])
+    assert 2.0 * point["radius"] < link.requests[1].distance < 6.0 * point["radius"]
     workspace.selection = Selection("river", placed.rivers[0].id)
     key(view, Qt.Key.Key_F)
-    assert 0.0 <= link.told[2].x <= document.sketch.size[0]
+    assert 0.0 <= link.requests[2].x <= document.sketch.size[0]
     workspace.selection = None
     key(view, Qt.Key.Key_F)
     key(view, Qt.Key.Key_C)
-    assert link.told[3:] == [link.told[0], Look(None)]
+    assert link.requests[3:] == [link.requests[0], Look(None)]
 
 
 def test_the_compass_and_the_modes_follow_keys_and_buttons(view, link, document, placed):
@@ -292,10 +292,10 @@ def test_the_compass_and_the_modes_follow_keys_and_buttons(view, link, document,
     show_picture(link, document, placed, eye=(0.0, 0.0, 100.0), target=(500.0, 500.0, 0.0))
     assert compass.heading == pytest.approx(45.0)
     compass.click()
-    assert link.told[-1] == Turn(pytest.approx(45.0), 0.0)
+    assert link.requests[-1] == Turn(pytest.approx(45.0), 0.0)
     link.view = replace(link.view, mode="walk")
     compass.click()
-    assert link.told[-1] == Turn(pytest.approx(-45.0), 0.0)
+    assert link.requests[-1] == Turn(pytest.approx(-45.0), 0.0)
 
     bar = view.findChildren(Bar)[0]
     buttons = {each.accessibleName(): each for each in bar.findChildren(QToolButton)}
@@ -305,7 +305,7 @@ def test_the_compass_and_the_modes_follow_keys_and_buttons(view, link, document,
         assert buttons[mode.capitalize()].isChecked()
     buttons["Walk"].click()
     assert link.view.mode == "walk"
-    link.show(replace(link.view, mode="fly"))
+    link.set_view(replace(link.view, mode="fly"))
     assert buttons["Fly"].isChecked()
 
 
@@ -313,15 +313,15 @@ def test_a_picture_is_asked_for_once_the_size_rests_and_none_while_hidden(qtbot,
     for width in range(500, 600, 10):
         view.resize(width, 400)
         qtbot.wait(5)
-    assert [each for each in link.told if isinstance(each, msg.ViewState)] == []
+    assert [each for each in link.requests if isinstance(each, msg.ViewState)] == []
     qtbot.waitUntil(lambda: link.view.width == 590, timeout=2000)
-    states = [each for each in link.told if isinstance(each, msg.ViewState)]
+    states = [each for each in link.requests if isinstance(each, msg.ViewState)]
     assert [(each.width, each.height) for each in states] == [(590, 400)]
 
     key(view, Qt.Key.Key_W)
     view.hide()
     assert (link.view.width, link.view.height) == (0, 0)
-    assert Fly() in link.told, "nobody would see the key let go"
+    assert Fly() in link.requests, "nobody would see the key let go"
     view.show()
     qtbot.waitUntil(lambda: link.view.width == 590)
 
@@ -350,8 +350,8 @@ def texts(view) -> str:
 
 def test_without_a_picture_a_card_tells_progress_or_what_to_do(bare, link, document, placed):
     assert "Preparing" in texts(bare)
-    link.working = "Placing features"
-    link.working_changed.emit(link.working)
+    link.activity = "Placing features"
+    link.activity_changed.emit(link.activity)
     assert "Placing features …" in texts(bare)
     show_picture(link, document, placed)
     assert texts(bare) == ""
@@ -364,15 +364,15 @@ def test_without_opengl_or_a_device_a_card_that_fits_says_what_to_do(bare, link)
         link.facts_changed.emit(link.facts)
         return texts(bare)
 
-    assert "install mesa" in say(device="cpu", no_picture="no OpenGL 4.3: install mesa's drivers")
+    assert "install mesa" in say(device="cpu", opengl_error="no OpenGL 4.3: install mesa's drivers")
     assert bare.findChildren(Bar)[0].isHidden()
     button = bare.findChildren(Card)[0].findChildren(QPushButton)[0]
     assert not button.isHidden()
     button.click()
     assert link.running
 
-    assert "install pocl" in say(no_device="no OpenCL device: install pocl")
-    say(no_picture="a rather long reason that needs some lines in such a small view " * 2)
+    assert "install pocl" in say(device_error="no OpenCL device: install pocl")
+    say(opengl_error="a rather long reason that needs some lines in such a small view " * 2)
     for size in ((160, 120), (300, 200), (900, 700)):
         bare.resize(*size)
         card = bare.findChildren(Card)[0].geometry()
@@ -380,16 +380,16 @@ def test_without_opengl_or_a_device_a_card_that_fits_says_what_to_do(bare, link)
 
 
 def test_a_stopped_engine_can_be_started_again(view, link, document, placed):
-    link.trouble.emit(msg.ErrorReport("engine", "it crashed (signal 11)"))
+    link.error_reported.emit(msg.ErrorReport("engine", "it crashed (signal 11)"))
     assert "signal 11" in texts(view)
     view.grab()
     view.findChildren(Card)[0].findChildren(QPushButton)[0].click()
     assert link.running
     assert texts(view) == ""
-    link.trouble.emit(msg.ErrorReport("engine", "again"))
+    link.error_reported.emit(msg.ErrorReport("engine", "again"))
     show_picture(link, document, placed)
     assert texts(view) == "", "a picture came: all is well"
-    link.trouble.emit(msg.ErrorReport("sketch", "a river has no end"))
+    link.error_reported.emit(msg.ErrorReport("sketch", "a river has no end"))
     assert texts(view) == ""
 
 

@@ -110,7 +110,7 @@ def test_zoom_brush_and_the_chosen_feature_follow_their_actions_and_all_others_c
     assert [edit.action for edit in document.sketch.edits] == ["delete"]
     assert workspace.selection is None
 
-    document.saved(document.sketch, tmp_path / "a.sketch")
+    document.mark_saved(document.sketch, tmp_path / "a.sketch")
     for action in window.actions_by_name:
         if action.objectName() not in UNTRIGGERED and action.isEnabled():
             closer = DialogCloser()
@@ -141,7 +141,7 @@ def test_tools_layers_overlays_and_the_engine_follow_their_actions(window, works
     assert workspace.look(workspace.layer).locked
 
     do(window, "measure")
-    assert MeasureAdherence() in link.told
+    assert MeasureAdherence() in link.requests
     assert "adherence" in workspace.overlays
     assert window.actions_by_name["overlay-adherence"].isChecked()
 
@@ -228,7 +228,7 @@ def test_pictures_are_saved_as_shown_or_asked_of_the_engine(window, link, tmp_pa
         do(window, "save-picture")
 
     save_as(tmp_path / "best.png")
-    assert RenderPicture(str(tmp_path / "best.png"), 1280, 720) in link.told
+    assert RenderPicture(str(tmp_path / "best.png"), 1280, 720) in link.requests
     window.banner.dismiss()
 
     link.picture = QImage(40, 30, QImage.Format.Format_RGB32)
@@ -251,7 +251,7 @@ def test_changes_are_not_lost_by_closing_and_without_any_nothing_is_asked(
         window.show()
         document.open(Sketch())
         save_sketch(document.sketch, path)
-        document.saved(document.sketch, path)
+        document.mark_saved(document.sketch, path)
         paint(document)
         asked = answer(monkeypatch, button)
         assert window.close() is leaves, button
@@ -338,7 +338,7 @@ def test_troubles_and_surprises_are_messages_that_wait_for_each_other(window, li
     assert banner.message is None
     assert banner.isHidden()
 
-    link.trouble.emit(ErrorReport("engine", "The engine ended (signal 9)."))
+    link.error_reported.emit(ErrorReport("engine", "The engine ended (signal 9)."))
     message = window.banner.message
     assert message.line == "The engine ended (signal 9)."
     assert not window.banner.isHidden()

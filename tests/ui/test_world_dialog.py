@@ -124,7 +124,7 @@ def test_what_was_asked_for_is_there_again(opened):
     dialog.form["cell"].setValue(8.0)
     dialog.form["materials"].setChecked(False)
     dialog.preferences.set_export_options("world", dialog.form.values)
-    dialog.preferences.keep()
+    dialog.preferences.save()
     again = opened()
     assert again.form.options() == replace(WorldOptions(), cell=8.0, layers=("height", "normal"))
     assert again.form.values["form"] == "tiles"

@@ -32,13 +32,13 @@ class Silent(WorldLink):
     starts = 0
 
     def start(self):
-        self.told, self.starts = [], self.starts + 1
+        self.requests, self.starts = [], self.starts + 1
 
     def stop(self):
         pass
 
-    def tell(self, message):
-        self.told.append(message)
+    def send(self, message):
+        self.requests.append(message)
 
 
 @pytest.fixture
@@ -58,7 +58,7 @@ def window(qtbot, tmp_path, monkeypatch):
     to_clip = tuple(Camera(pose.eye, pose.target).to_clip(1.6).ravel().tolist())
     link.frame = protocol.FrameFacts(320, 200, 0, pose, to_clip, 0.02, 0.01, 9, 1000, True, 1 << 20)
     link.frame_shown.emit(link.frame)
-    link.told.clear()
+    link.requests.clear()
     return shown
 
 
@@ -67,21 +67,21 @@ def test_it_flies_walks_goes_to_places_and_selects_nothing(window):
     assert link.view.mode == "fly"
     key(view, Qt.Key.Key_W)
     key(view, Qt.Key.Key_W, up=True)
-    assert [told for told in link.told if isinstance(told, Fly)] == [Fly(forward=1.0), Fly()]
+    assert [told for told in link.requests if isinstance(told, Fly)] == [Fly(forward=1.0), Fly()]
     key(view, Qt.Key.Key_3)
     assert link.view.mode == "walk"
     assert window.actions_by_name["mode-walk"].isChecked()
     key(view, Qt.Key.Key_R)
-    (look,) = [told for told in link.told if isinstance(told, Look)]
+    (look,) = [told for told in link.requests if isinstance(told, Look)]
     assert look.pose.target == (2000.0, -1000.0, 120.0), "the middle, in viewing coordinates"
     assert look.pose.eye[1] < -2000.0 < look.pose.eye[2]
     mouse(view, DOUBLE, 300, 200)
     mouse(view, RELEASE, 300, 200)
-    link.picked.emit(PickResult(link.told[-1].token, (70.0, -90.0, 12.0)))
-    assert link.told[-1] == GoTo(70.0, -90.0)
+    link.picked.emit(PickResult(link.requests[-1].token, (70.0, -90.0, 12.0)))
+    assert link.requests[-1] == GoTo(70.0, -90.0)
     for button in (Qt.MouseButton.LeftButton, RIGHT):
         click(view, 300, 200, button)
-        link.picked.emit(PickResult(link.told[-1].token, (70.0, -90.0, 12.0)))
+        link.picked.emit(PickResult(link.requests[-1].token, (70.0, -90.0, 12.0)))
     for code in (Qt.Key.Key_Delete, Qt.Key.Key_F, Qt.Key.Key_Menu):
         key(view, code)
     assert not view.grab().isNull()
@@ -96,7 +96,7 @@ def test_its_actions_are_those_that_make_sense_without_a_sketch(window, monkeypa
     assert not window.link.view.plays
     window.actions_by_name["bookmark"].trigger()
     window.actions_by_name["bookmark-1"].trigger()
-    assert window.link.told[-1] == Look(window.link.frame.pose)
+    assert window.link.requests[-1] == Look(window.link.frame.pose)
     pages = []
     monkeypatch.setattr(QDialog, "exec", lambda it: pages.append(it.findChild(QTextBrowser).toPlainText()))
     window.actions_by_name["keys"].trigger()
@@ -111,11 +111,11 @@ def test_the_window_tells_what_it_shows_and_what_is_lost(window):
     assert "Eye at 1010, 4980 m, 300 m high" in window._where.text()
     assert window.banner.message.line == "The world holds no sketch."
     for chunk in range(2):
-        window.link.trouble.emit(ErrorReport("world", f"height {chunk}: broken"))
+        window.link.error_reported.emit(ErrorReport("world", f"height {chunk}: broken"))
     assert window.banner.message.kind == "warning"
     assert "height 1: broken (2 parts so far)" in window.banner.message.line
     assert not card.isVisible(), "the picture stays"
-    window.link.trouble.emit(ErrorReport("engine", "no such device"))
+    window.link.error_reported.emit(ErrorReport("engine", "no such device"))
     assert card.notice.line == "no such device"
     card.pressed.emit()
     assert window.link.starts == 2
@@ -153,29 +153,29 @@ def world(tmp_path_factory):
 def test_the_process_draws_tells_and_ends(world, qapp):
     link, troubles = WorldLink(world), []
     link.view = replace(link.view, width=160, height=100, quality=0.0, plays=False)
-    link.trouble.connect(troubles.append)
+    link.error_reported.connect(troubles.append)
     try:
         link.start()
         wait(lambda: link.frame is not None)
         assert link.world.bounds == (0.0, -1024.0, 1024.0, 0.0)
         assert link.picture.size().width() == 160
         # Near the broken part it is looked at closely.
-        link.tell(Look(Pose((200.0, -200.0, 60.0), (60.0, -60.0, 0.0))))
+        link.send(Look(Pose((200.0, -200.0, 60.0), (60.0, -60.0, 0.0))))
         wait(lambda: any("height" in each.line for each in troubles))
         wait(lambda: link.frame.settled)
-        assert all(each.what == "world" for each in troubles)
+        assert all(each.source == "world" for each in troubles)
         x = link.frame.pose.eye[0]
-        link.tell(Fly(right=1.0))
+        link.send(Fly(right=1.0))
         wait(lambda: abs(link.frame.pose.eye[0] - x) > 1.0)
         troubles.clear()
-        link._children._processes["engine"].kill()
+        link._processes._processes["engine"].kill()
         wait(lambda: troubles)
-        assert (troubles[0].what, troubles[0].line) == ("engine", "The engine crashed (signal 9).")
+        assert (troubles[0].source, troubles[0].line) == ("engine", "The engine crashed (signal 9).")
         link.frame_shown.connect(troubles.append)
         link.start()
         wait(lambda: len(troubles) > 1)
         assert abs(link.frame.pose.eye[0] - x) < 2000.0, "the eye stays where it was"
-        child = link._children._processes["engine"]
+        child = link._processes._processes["engine"]
     finally:
         link.stop()
     assert child.poll() is not None
@@ -184,9 +184,9 @@ def test_the_process_draws_tells_and_ends(world, qapp):
 @pytest.mark.slow
 def test_what_is_no_world_is_told_by_the_process(tmp_path, qapp):
     link, troubles = WorldLink(tmp_path), []
-    link.trouble.connect(troubles.append)
+    link.error_reported.connect(troubles.append)
     link.start()
     wait(lambda: troubles)
     link.stop()
-    assert [each.what for each in troubles] == ["engine"]
+    assert [each.source for each in troubles] == ["engine"]
     assert "no world" in troubles[0].line

@@ -40,7 +40,7 @@ def feature_menu(
     adding = menu.add_submenu("add", "Add here")
     for kind in FEATURE_TYPES:
         adding.add_command("", kind.capitalize(), partial(add, document, workspace, kind, x, y))
-    menu.add_command("orbit", "Look here in 3-D", partial(context.link.tell, GoTo(x, y)))
+    menu.add_command("orbit", "Look here in 3-D", partial(context.link.send, GoTo(x, y)))
     return menu
 
 
@@ -75,7 +75,7 @@ class PanTool(Tool):
 
     def double(self, pointer: Pointer) -> None:
         """Bring the 3-D view there."""
-        self.context.link.tell(GoTo(*self.context.metres(pointer.x, pointer.y)))
+        self.context.link.send(GoTo(*self.context.metres(pointer.x, pointer.y)))
 
 
 class CanvasInput(QObject):

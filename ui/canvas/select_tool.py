@@ -82,7 +82,7 @@ class SelectTool(Tool):
         self.finish()
         doubled, self._doubled = self._doubled, None
         if doubled is not None and math.dist(doubled, (pointer.x, pointer.y)) * self.context.scale <= _DRAG:
-            self.context.link.tell(GoTo(*self.context.metres(*doubled)))
+            self.context.link.send(GoTo(*self.context.metres(*doubled)))
 
     def double(self, pointer: Pointer) -> None:
         """Begin as with any press: who clicks and at once drags means the drag."""

@@ -89,8 +89,8 @@ def _facts(facts: EngineFacts) -> dict[str, str]:
     said = {
         "OpenCL": f"{facts.device} ({facts.platform})"
         if facts.device
-        else facts.no_device or "not yet known",
-        "OpenGL": facts.renderer or facts.no_picture or "not yet known",
+        else facts.device_error or "not yet known",
+        "OpenGL": facts.renderer or facts.opengl_error or "not yet known",
         "Heights travel by": sharing.get(facts.sharing, ""),
         "Python, Qt": f"PyQt {PYQT_VERSION_STR}, Qt {qVersion()}",
     }

@@ -36,7 +36,7 @@ from sketchterrain.ui.dialogs.form import EXTENT, NAME, Field, Form, button_row,
 from sketchterrain.ui.dialogs.trace_source import TracedShown, TraceSource, read_source, trace_source
 from sketchterrain.ui.look.layer_colours import swatch
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, tabular
-from sketchterrain.ui.models.background import Reading
+from sketchterrain.ui.models.background import BackgroundReader
 
 _LEAST = QSize(320, 220)
 
@@ -174,7 +174,7 @@ class TraceDialog(QDialog):
         super().__init__(parent)
         self._source: TraceSource | None = None
         self._made: TracedShown | None = None
-        self._reading = Reading(self)
+        self._reading = BackgroundReader(self)
         self._reading.failed.connect(self._refuse)
         self._rest = QTimer(self)
         self._rest.setSingleShot(True)

@@ -1,1 +1,1 @@
-"""The terrain and its pictures, in processes of their own; only `link` knows Qt, and of it only signals."""
+"""The engine processes that place, draw and measure terrain, and the window's connection to them."""

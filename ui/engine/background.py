@@ -1,4 +1,4 @@
-"""The process for long jobs (adherence, pictures of the best quality), and the queue of jobs for it."""
+"""The background process for adherence and pictures of the highest quality, and its job queue."""
 
 from __future__ import annotations
 
@@ -8,102 +8,95 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.system import lower_priority
-from sketchterrain.ui.engine.channel import Channel, unpickled
+from sketchterrain.ui.engine.channel import Channel, start_process, unpickle_with
 from sketchterrain.ui.engine.protocol import Adherence, ErrorReport, MeasureJob, PictureJob, PictureWritten
 
 if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain import Terrain
 
-_MODULE: Final = "sketchterrain.ui.engine.background"
-_NAMES: Final = {MeasureJob: "Comparing with the sketch", PictureJob: "Rendering the picture"}
+_Job: TypeAlias = MeasureJob | PictureJob
+_Answer: TypeAlias = Adherence | PictureWritten | ErrorReport
+
+_TITLES: Final = {MeasureJob: "Comparing with the sketch", PictureJob: "Rendering the picture"}
+_SOURCES: Final = {MeasureJob: "engine", PictureJob: "picture"}
 
 
 class JobQueue:
-    """Jobs for a process of their own, which is started when it is needed first.
-
-    Of measurements that wait only the newest is done.
-    """
+    """Jobs for a process that starts with the first one; a newer measurement replaces a pending one."""
 
     def __init__(self) -> None:
         self._child: subprocess.Popen[bytes] | None = None
-        self._channel: Channel | None = None
-        self._waiting: list[Any] = []
-        self._doing: Any = None
-
-    @property
-    def channel(self) -> Channel | None:
-        """Where answers come from, while there is a process."""
-        return self._channel
+        self._pending: list[_Job] = []
+        self._running: _Job | None = None
+        self.channel: Channel | None = None  # answers, while the process runs
 
     @property
     def pid(self) -> int | None:
-        """Of the process, if there is one."""
+        """Process id; None while it does not run."""
         return None if self._child is None else self._child.pid
 
     @property
-    def doing(self) -> str:
-        """What it is busy with, for a person; empty: nothing."""
-        return "" if self._doing is None else _NAMES[type(self._doing)]
+    def activity(self) -> str:
+        """Title of the running job; empty: idle."""
+        return "" if self._running is None else _TITLES[type(self._running)]
 
-    def add(self, job: MeasureJob | PictureJob) -> None:
-        """Do a job as soon as can be."""
+    def add(self, job: _Job) -> None:
+        """Queue a job."""
         if isinstance(job, MeasureJob):
-            self._waiting = [each for each in self._waiting if not isinstance(each, MeasureJob)]
-        self._waiting.append(job)
-        self._go_on()
+            self._pending = [each for each in self._pending if not isinstance(each, MeasureJob)]
+        self._pending.append(job)
+        self._send_next()
 
-    def receive(self) -> Adherence | PictureWritten | ErrorReport:
-        """Return an answer that is there, and begin the next job."""
-        assert self._channel is not None  # noqa: S101 # who asks saw that it has something to say
+    def receive(self) -> _Answer:
+        """Return the available answer, and start the next job."""
+        assert self.channel is not None  # noqa: S101 # the caller saw that it is ready
         try:
-            answer: Adherence | PictureWritten | ErrorReport = self._channel.receive()
+            answer: _Answer = self.channel.receive()
         except EOFError:
-            what = "picture" if isinstance(self._doing, PictureJob) else "engine"
-            answer = ErrorReport(what, f"{self.doing or 'what takes long'}: the process that does it ended")
+            source = "engine" if self._running is None else _SOURCES[type(self._running)]
+            answer = ErrorReport(source, f"{self.activity or 'background work'}: its process ended")
             self.close()
-        self._doing = None
-        self._go_on()
+        self._running = None
+        self._send_next()
         return answer
 
     def close(self) -> None:
-        """End the process, whatever it is doing."""
-        if self._channel is not None:
-            self._channel.close()
+        """Kill the process."""
+        if self.channel is not None:
+            self.channel.close()
         if self._child is not None:
             self._child.kill()
             self._child.wait()
-        self._channel, self._child = None, None
+        self.channel, self._child = None, None
 
-    def _go_on(self) -> None:
-        if self._doing is not None or not self._waiting:
+    def _send_next(self) -> None:
+        if self._running is not None or not self._pending:
             return
-        if self._channel is None:
-            mine, its = socket.socketpair()
-            command = [sys.executable, "-m", _MODULE, str(its.fileno())]
-            self._child = subprocess.Popen(command, pass_fds=[its.fileno()], stdin=subprocess.DEVNULL)  # noqa: S603
-            its.close()
-            self._channel = Channel(mine, patient=False)
-        self._doing = self._waiting.pop(0)
-        self._channel.send(self._doing)
+        if self.channel is None:
+            ours, theirs = socket.socketpair()
+            self._child = start_process("background", [str(theirs.fileno())], [theirs])
+            self.channel = Channel(ours, patient=False)
+        self._running = self._pending.pop(0)
+        self.channel.send(self._running)
 
 
-def answer_to(job: MeasureJob | PictureJob) -> Adherence | PictureWritten | ErrorReport:
-    """Do a job; what goes wrong is an answer too."""
-    what = "picture" if isinstance(job, PictureJob) else "engine"
+def run_job(job: _Job) -> _Answer:
+    """Run a job; an exception becomes an `ErrorReport`."""
     try:
-        return _measured(job) if isinstance(job, MeasureJob) else _pictured(job)
+        return _measure(job) if isinstance(job, MeasureJob) else _render(job)
     except SketchterrainError as error:
-        return ErrorReport(what, one_line(error))
-    except Exception as error:  # noqa: BLE001 # one job that fails must not take the next with it
-        return ErrorReport(what, one_line(f"{type(error).__name__}: {error}"))
+        line = one_line(error)
+    except Exception as error:  # noqa: BLE001 # later jobs must still run
+        line = one_line(f"{type(error).__name__}: {error}")
+    return ErrorReport(_SOURCES[type(job)], line)
 
 
-def _measured(job: MeasureJob) -> Adherence:
+def _measure(job: MeasureJob) -> Adherence:
     from sketchterrain.terrain import measure_adherence
 
     found = measure_adherence(_terrain(job.sketch, job.recipe))
@@ -111,13 +104,12 @@ def _measured(job: MeasureJob) -> Adherence:
     return Adherence(job.version, found.as_dict(), images)
 
 
-def _pictured(job: PictureJob) -> PictureWritten:
+def _render(job: PictureJob) -> PictureWritten:
     from sketchterrain.export import write_picture
     from sketchterrain.render import Camera, Sun, Weather, render_picture
 
-    terrain = _terrain(job.sketch, job.recipe)
     picture = render_picture(
-        terrain,
+        _terrain(job.sketch, job.recipe),
         size=job.size,
         camera=Camera(job.pose.eye, job.pose.target, fov=job.pose.fov),
         sun=Sun(*job.sun),
@@ -132,26 +124,26 @@ def _terrain(sketch: Sketch, recipe: bytes) -> Terrain:
     from sketchterrain.compute import ComputeContext
     from sketchterrain.terrain import Terrain
 
-    return Terrain(sketch, unpickled(recipe, but=sketch), ComputeContext())
+    return Terrain(sketch, unpickle_with(recipe, sketch), ComputeContext())
 
 
 def _main(number: int) -> None:
-    channel, jobs = Channel.of(number), list[Any]()
-    there = threading.Semaphore(0)
+    channel, jobs = Channel.from_descriptor(number), list[Any]()
+    available = threading.Semaphore(0)
 
     def read() -> None:
-        # A job may take long: if whoever asked is gone meanwhile, nobody wants the answer.
+        # Jobs take long: end at once when the engine is gone, nobody wants the answer.
         while True:
             try:
                 jobs.append(channel.receive())
             except EOFError:
                 os._exit(0)
-            there.release()
+            available.release()
 
     threading.Thread(target=read, daemon=True).start()
     while True:
-        there.acquire()
-        channel.send(answer_to(jobs.pop(0)))
+        available.acquire()
+        channel.send(run_job(jobs.pop(0)))
 
 
 if __name__ == "__main__":

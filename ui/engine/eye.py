@@ -1,4 +1,4 @@
-"""Where one looks from: an orbit, a flight or a walk over the ground, and how one becomes the other."""
+"""Camera control of the 3-D view: orbit, flight and walk, and the transitions between them."""
 
 from __future__ import annotations
 
@@ -21,25 +21,26 @@ if TYPE_CHECKING:
     from sketchterrain.render.camera import Vector
     from sketchterrain.render.scene import TerrainSource
 
-FOV: Final = 50.0
-"""Degrees, vertical."""
-REACH: Final = 8.0
-"""Extents, how far lines of sight are followed."""
-_START: Final = (0.74, 22.0)  # extents from the middle, degrees over it: most of the sketch, and the sky
-_WIDE: Final = 1.4  # width over height of the narrowest picture for which that holds
+_FOV: Final = 50.0  # degrees, vertical
+_RANGE: Final = 8.0  # of rays, in extents
+_START_VIEW: Final = (
+    0.74,
+    22.0,
+)  # distance in extents, elevation in degrees: most of the sketch, and the sky
+_LEAST_ASPECT: Final = 1.4  # narrowest image for which that holds
 _GLIDE: Final = 0.5  # s
-_STILL: Final = 2e-5  # of the distance to what is looked at; smaller motions are none
-_KEYS: Final = 0.7  # heights of the picture a second, as keys move an orbit's pivot
-_RISE: Final = 0.9  # e-foldings of its distance a second
+_STILLNESS: Final = 2e-5  # of the distance to the target; smaller motions are ignored
+_PAN_RATE: Final = 0.7  # image heights a second, of keys that move an orbit's pivot
+_ZOOM_RATE: Final = 0.9  # e-foldings of its distance a second
 
 
 class CameraController:
-    """Follows what a person does with mouse and keys, in any mode; without OpenGL."""
+    """Moves the camera by the user's motions, in any mode; independent of OpenGL."""
 
-    def __init__(self, terrain: TerrainSource, *, aspect: float = _WIDE) -> None:
+    def __init__(self, terrain: TerrainSource, *, aspect: float = _LEAST_ASPECT) -> None:
         self._terrain = terrain
-        self._near = NearGround(terrain)
-        self._way = Fly()
+        self._near_surface = NearGround(terrain)
+        self._motion = Fly()
         self._glide: _Glide | None = None
         self._camera: Camera | None = None
         self.mode = "orbit"
@@ -47,37 +48,37 @@ class CameraController:
         self.size = terrain.size
         west, south, east, north = visible_rectangle(terrain)
         x, y = (west + east) / 2, (south + north) / 2
-        self._orbit = self._circling(
+        self._orbit = self._create_orbit(
             (x, y, float(terrain.heights(x, y))),
-            distance=_START[0] * terrain.extent * max(_WIDE / aspect, 1.0),
-            elevation=_START[1],
+            distance=_START_VIEW[0] * terrain.extent * max(_LEAST_ASPECT / aspect, 1.0),
+            elevation=_START_VIEW[1],
         )
         self._walk: Walk | None = None
 
-    def follow(self, terrain: TerrainSource) -> None:
-        """Move above another terrain from now on; the eye stays where it is, unless that is in the ground."""
+    def set_terrain(self, terrain: TerrainSource) -> None:
+        """Move over another terrain from now on; the camera stays, unless it would be below ground."""
         self._terrain = terrain
-        self._near = NearGround(terrain)
+        self._near_surface = NearGround(terrain)
         self.restless = True
 
-    def use(self, mode: str) -> None:
-        """Move in another mode, from where the eye is."""
+    def set_mode(self, mode: str) -> None:
+        """Change between orbit, fly and walk, starting from the current camera."""
         if mode == self.mode:
             return
         camera = self.camera()
         self.mode, self._glide, self.restless = mode, None, True
         if mode == "orbit":
-            self._orbit_from(camera)
+            self._start_orbit(camera)
         elif self._walk is None:
-            self._walk = self._walking(camera)
+            self._walk = self._create_walk(camera)
         else:
             self._walk.on_foot = mode == "walk"
 
-    def take(self, motion: Turn | Pan | Zoom | Fly | GoTo, *, aspect: float) -> None:
-        """Do what a person asks for; `aspect` is the picture's width over its height."""
+    def handle(self, motion: Turn | Pan | Zoom | Fly | GoTo, *, aspect: float) -> None:
+        """Apply a motion; `aspect` is the image's width over its height."""
         self.restless = True
         if isinstance(motion, Fly):
-            self._way = motion
+            self._motion = motion
         elif isinstance(motion, Turn):
             self._turn(motion)
         elif isinstance(motion, Pan):
@@ -85,31 +86,31 @@ class CameraController:
         elif isinstance(motion, Zoom):
             self._zoom(motion, aspect)
         else:
-            self._go_to(motion)
+            self._glide_to(motion)
 
-    def be_at(self, camera: Camera) -> None:
-        """Be somewhere else at once."""
+    def set_camera(self, camera: Camera) -> None:
+        """Jump to a camera."""
         self._glide, self.restless = None, True
         if self._walk is None:
-            self._orbit_from(camera)
+            self._start_orbit(camera)
         else:
             self._walk.jump(camera.eye, heading=camera.heading, pitch=camera.pitch)
 
     def advance(self, elapsed: float) -> bool:
-        """Let time (s) pass; return whether the eye moved."""
+        """Advance time by `elapsed` s; return whether the camera moved."""
         if self._walk is None:
             self._move_orbit(elapsed)
             self._orbit.advance(elapsed)
         elif self._glide is not None:
             self._glide.advance(self._walk, elapsed)
-            self._glide = None if self._glide.over else self._glide
+            self._glide = None if self._glide.done else self._glide
         else:
-            way = self._way
-            self._walk.advance(elapsed, forward=way.forward, right=way.right, up=way.up, boost=way.boost)
+            fly = self._motion
+            self._walk.advance(elapsed, forward=fly.forward, right=fly.right, up=fly.up, boost=fly.boost)
         self._keep_inside()
-        before, after = self._camera, self._moved()
-        if before is not None and _is_near(before, after):
-            self.restless = self._way != Fly(boost=self._way.boost) or self._glide is not None
+        before, after = self._camera, self._current_camera()
+        if before is not None and _nearly_equal(before, after):
+            self.restless = self._motion != Fly(boost=self._motion.boost) or self._glide is not None
             return False
         self._camera = after
         return True
@@ -117,34 +118,34 @@ class CameraController:
     def camera(self) -> Camera:
         """Return the camera as of the last `advance`."""
         if self._camera is None:
-            self._camera = self._moved()
+            self._camera = self._current_camera()
         return self._camera
 
     def pose(self) -> Pose:
-        """Return where it is, and a point of the ground that it looks at, or one before it."""
+        """Return the camera's position, target and field of view."""
         camera = self.camera()
         return Pose(camera.eye, camera.target, camera.fov)
 
-    def seen(self, x: float, y: float, *, aspect: float) -> Vector | None:
-        """Return what ground is seen at a place of the picture (shares, from its upper left corner), m."""
+    def pick(self, x: float, y: float, *, aspect: float) -> Vector | None:
+        """Return the terrain position (m) at an image position (fractions from the upper left corner)."""
         camera = self.camera()
         along = camera.ray(2.0 * x - 1.0, 1.0 - 2.0 * y, aspect)
-        return sight(self._heights, camera.eye, along, reach=REACH * self._terrain.extent)
+        return sight(self._heights, camera.eye, along, reach=_RANGE * self._terrain.extent)
 
     def _heights(self, x: npt.ArrayLike, y: npt.ArrayLike) -> npt.NDArray[np.float32]:
         return self._terrain.heights(x, y)
 
-    def _ground(self, x: npt.ArrayLike, y: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        return self._near(x, y)
+    def _surface_height(self, x: npt.ArrayLike, y: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        return self._near_surface(x, y)  # of the current terrain
 
-    def _moved(self) -> Camera:
-        far = REACH * self._terrain.extent
+    def _current_camera(self) -> Camera:
+        far = _RANGE * self._terrain.extent
         if self._walk is None:
             return self._orbit.camera(draw_distance=far)
-        return self._walk.camera(draw_distance=far, fov=FOV)
+        return self._walk.camera(draw_distance=far, fov=_FOV)
 
     def _keep_inside(self) -> None:
-        """Nobody walks off the end of a world that has one."""
+        """Clamp a walk to the bounds of a stored world."""
         walk = self._walk
         if walk is None or not walk.on_foot or not isinstance(self._terrain, BoundedTerrain):
             return
@@ -167,28 +168,28 @@ class CameraController:
         camera = self.camera()
         height = 2.0 * math.tan(math.radians(camera.fov) / 2.0) * max(self._walk.clearance, 10.0)
         right, up, _ = camera.view()[:3, :3]
-        self._shift(height * (motion.right * right + motion.up * up))
+        self._glide_by(height * (motion.right * right + motion.up * up))
 
     def _zoom(self, motion: Zoom, aspect: float) -> None:
-        place = self.seen(motion.x, motion.y, aspect=aspect)
+        place = self.pick(motion.x, motion.y, aspect=aspect)
         if self._walk is None:
             self._orbit.zoom(motion.factor, place)
             return
         camera = self.camera()
         if place is None:
             ray = camera.ray(2.0 * motion.x - 1.0, 1.0 - 2.0 * motion.y, aspect)
-            way = 10.0 * max(self._walk.clearance, 10.0) * ray
+            offset = 10.0 * max(self._walk.clearance, 10.0) * ray
         else:
-            way = np.subtract(place, camera.eye)
-        self._shift((1.0 - min(motion.factor, 2.0)) * way)
+            offset = np.subtract(place, camera.eye)
+        self._glide_by((1.0 - min(motion.factor, 2.0)) * offset)
 
-    def _shift(self, way: npt.NDArray[np.float64]) -> None:
+    def _glide_by(self, offset: npt.NDArray[np.float64]) -> None:
         walk = self._walk
-        assert walk is not None  # noqa: S101 # an orbit has ways of its own
-        x, y, z = (np.asarray(walk.eye) + way).tolist()
+        assert walk is not None  # noqa: S101 # an orbit pans and zooms by itself
+        x, y, z = (np.asarray(walk.eye) + offset).tolist()
         self._glide = _Glide(walk, (x, y, z), walk.heading, walk.pitch, seconds=0.12)
 
-    def _go_to(self, motion: GoTo) -> None:
+    def _glide_to(self, motion: GoTo) -> None:
         place = (motion.x, motion.y, float(self._terrain.heights(motion.x, motion.y)))
         if self._walk is None:
             self._orbit.glide(place, distance=motion.distance)
@@ -202,62 +203,64 @@ class CameraController:
         self._glide = _Glide(self._walk, (x, y, z), aimed.heading, aimed.pitch, seconds=_GLIDE)
 
     def _move_orbit(self, elapsed: float) -> None:
-        way = self._way
-        step = _KEYS * way.boost * min(elapsed, 0.2)
-        if way.forward or way.right:
-            self._orbit.pan(step * way.right, step * way.forward)
-        if way.up:
-            self._orbit.zoom(math.exp(_RISE * way.boost * way.up * min(elapsed, 0.2)))
+        motion = self._motion
+        step = _PAN_RATE * motion.boost * min(elapsed, 0.2)
+        if motion.forward or motion.right:
+            self._orbit.pan(step * motion.right, step * motion.forward)
+        if motion.up:
+            self._orbit.zoom(math.exp(_ZOOM_RATE * motion.boost * motion.up * min(elapsed, 0.2)))
 
-    def _circling(
-        self, pivot: Vector, *, distance: float, heading: float = 0.0, elevation: float, fov: float = FOV
+    def _create_orbit(
+        self, pivot: Vector, *, distance: float, heading: float = 0.0, elevation: float, fov: float = _FOV
     ) -> Orbit:
-        return Orbit(self._ground, pivot, heading=heading, elevation=elevation, distance=distance, fov=fov)
+        return Orbit(
+            self._surface_height, pivot, heading=heading, elevation=elevation, distance=distance, fov=fov
+        )
 
-    def _orbit_from(self, camera: Camera) -> None:
-        """Go around what lies in the picture's middle."""
-        place = sight(self._heights, camera.eye, camera.forward, reach=REACH * self._terrain.extent)
+    def _start_orbit(self, camera: Camera) -> None:
+        """Orbit the terrain position in the image centre; if it is sky, a point in front of the camera."""
+        place = sight(self._heights, camera.eye, camera.forward, reach=_RANGE * self._terrain.extent)
         if place is None:  # into the sky: around what is before one
             x, y, z = (np.asarray(camera.eye) + 0.3 * self._terrain.extent * camera.forward).tolist()
             place = (x, y, z)
         distance = float(np.linalg.norm(np.subtract(place, camera.eye)))
         self._walk = None
-        self._orbit = self._circling(
+        self._orbit = self._create_orbit(
             place, distance=distance, heading=camera.heading, elevation=-camera.pitch, fov=camera.fov
         )
 
-    def _walking(self, camera: Camera) -> Walk:
-        walk = Walk(self._ground, camera.eye, heading=camera.heading, pitch=camera.pitch)
+    def _create_walk(self, camera: Camera) -> Walk:
+        walk = Walk(self._surface_height, camera.eye, heading=camera.heading, pitch=camera.pitch)
         walk.on_foot = self.mode == "walk"
         return walk
 
 
 class _Glide:
-    """A walk's way to a place, with another look there."""
+    """An eased motion of a walk to another position and direction."""
 
     def __init__(self, walk: Walk, eye: Vector, heading: float, pitch: float, *, seconds: float) -> None:
         turn = (heading - walk.heading + 180.0) % 360.0 - 180.0
         self._start = np.array([*walk.eye, walk.heading, walk.pitch])
-        self._way = np.array([*eye, walk.heading + turn, pitch]) - self._start
+        self._motion = np.array([*eye, walk.heading + turn, pitch]) - self._start
         self._seconds, self._spent = seconds, 0.0
 
     @property
-    def over(self) -> bool:
-        """Whether it is there."""
+    def done(self) -> bool:
+        """Whether it has arrived."""
         return self._spent >= self._seconds
 
     def advance(self, walk: Walk, elapsed: float) -> None:
-        """Go on for a time (s)."""
+        """Advance by `elapsed` s."""
         self._spent += elapsed
         share = min(self._spent / self._seconds, 1.0)
-        x, y, z, heading, pitch = (self._start + share * share * (3.0 - 2.0 * share) * self._way).tolist()
+        x, y, z, heading, pitch = (self._start + share * share * (3.0 - 2.0 * share) * self._motion).tolist()
         walk.jump((x, y, z), heading=heading, pitch=pitch)
 
 
-def _is_near(one: Camera, other: Camera) -> bool:
-    """Whether nobody sees the difference: motion fades out and would keep a picture from coming to rest."""
+def _nearly_equal(one: Camera, other: Camera) -> bool:
+    """Return whether the motion is imperceptible: it decays and would keep the image from settling."""
     length = float(np.linalg.norm(np.subtract(other.target, other.eye)))
     moved = (
         np.abs(np.subtract(one.eye, other.eye)).max() + np.abs(np.subtract(one.target, other.target)).max()
     )
-    return bool(moved < _STILL * length) and one.fov == other.fov
+    return bool(moved < _STILLNESS * length) and one.fov == other.fov

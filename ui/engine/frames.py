@@ -1,4 +1,4 @@
-"""Frames of the 3-D view: shared memory for them, and when the next one is drawn."""
+"""Frames of the 3-D view: shared memory for their pixels, and the schedule of drawing them."""
 
 from __future__ import annotations
 
@@ -20,35 +20,35 @@ if TYPE_CHECKING:
     from sketchterrain.ui.engine.eye import CameraController
     from sketchterrain.ui.engine.stage import ViewRenderer
 
-PLACES: Final = 2
-"""Pictures that the memory holds."""
-_GRAIN: Final = 1 << 20  # bytes; sizes are rounded up to it, so that a window that is resized asks rarely
+SLOTS: Final = 2
+"""Frames that the shared memory holds."""
+_GRAIN: Final = 1 << 20  # bytes; sizes are rounded up to it, so that resizing the window rarely reallocates
 
 
 class FrameMemory:
-    """A nameless file in memory, mapped; it is gone with the last process that has it open."""
+    """An anonymous shared-memory file, freed with the last process that has it open."""
 
     def __init__(self, number: int | None = None) -> None:
-        self.number = _nameless() if number is None else number
+        self.number = _anonymous_file() if number is None else number  # file descriptor
         self._map: mmap.mmap | None = None
 
-    def place(self, index: int, nbytes: int) -> tuple[int, int]:
-        """Make room for pictures of a size (bytes); return where the place begins, and bytes in all."""
+    def allocate(self, slot: int, nbytes: int) -> tuple[int, int]:
+        """Ensure room for frames of a size; return the slot's first byte, and the memory's size."""
         each = -(-nbytes // _GRAIN) * _GRAIN
-        capacity = PLACES * each
+        capacity = SLOTS * each
         if os.fstat(self.number).st_size < capacity:
             os.ftruncate(self.number, capacity)
-        return index * each, os.fstat(self.number).st_size
+        return slot * each, os.fstat(self.number).st_size
 
     def view(self, start: int, nbytes: int, capacity: int) -> memoryview:
-        """Return bytes of the memory, of which there are `capacity`; it must be released after use."""
+        """Map the memory (`capacity` bytes) and return a part of it; it must be released after use."""
         if self._map is None or len(self._map) < capacity:
             self._unmap()
             self._map = mmap.mmap(self.number, capacity)
         return memoryview(self._map)[start : start + nbytes]
 
     def close(self) -> None:
-        """Give it back; nothing of it may be in use."""
+        """Free the memory; no view may be in use."""
         self._unmap()
         os.close(self.number)
 
@@ -58,128 +58,122 @@ class FrameMemory:
             self._map = None
 
 
-def _nameless() -> int:
+def _anonymous_file() -> int:
     if sys.platform == "linux":
         return os.memfd_create("frames")
-    else:  # noqa: RET505 # mypy knows only branches to belong to a platform
+    else:  # noqa: RET505 # mypy narrows platforms only by branches
         with tempfile.TemporaryFile() as file:
             return os.dup(file.fileno())
 
 
-_QUICKEST: Final = 1.0 / 60.0
-"""s from frame to frame at least."""
-_PLAYING: Final = 0.1
-"""s from frame to frame where the CPU draws, and only water, plants and clouds move."""
-_SHARE: Final = 2.0
-"""Times what the last frame took, for these: half of the time the CPU is free for other things."""
-_LONGEST: Final = 0.1
-"""s that pass for the eye and the clock in a frame at most: after a pause nothing jumps."""
-_HOLD: Final = (0.12, 0.6)
-"""s for which a picture that only gets better, or only plays, waits for a terrain that is being placed."""
+_FRAME_TIME: Final = 1.0 / 60.0  # least s between frames
+_ANIMATION_TIME: Final = 0.1  # … with a software renderer, while only water, plants and clouds move
+_SOFTWARE_FACTOR: Final = (
+    2.0  # … and at least this times the last frame's duration: half of the CPU stays free
+)
+_LONGEST_STEP: Final = 0.1  # s by which a frame advances camera and clock at most: no jump after a pause
+_HOLD: Final = (0.12, 0.6)  # s for which refinement, and animation, wait for a pending terrain
 
 
 class FramePacer:
-    """Draws frames when something moves or is missing, and hands them to the window."""
+    """Draws frames while something moves or is out of date, and hands them to the window."""
 
-    def __init__(self, stage: ViewRenderer, memory: FrameMemory, *, held: Callable[[], int]) -> None:
-        self.stage = stage
-        self.broken = False
-        self._memory, self._held = memory, held
+    def __init__(self, renderer: ViewRenderer, memory: FrameMemory, *, used_bytes: Callable[[], int]) -> None:
+        self.renderer = renderer
+        self.failed = False
+        self._memory, self._used_bytes = memory, used_bytes
         self._view = ViewState()
         self._version = -1
-        self._on_their_way = 0
-        self._place, self._size = 0, (0, 0)
-        self._drawn = 0.0
-        self._took = 0.0
+        self._in_flight = 0
+        self._slot, self._size = 0, (0, 0)
+        self._drawn_at = 0.0
+        self._duration = 0.0
         self._clock = 0.0
         self._stale = True
         self._settled = False
-        self._coming: float | None = None
+        self._pending_since: float | None = None
 
-    @property
-    def view(self) -> ViewState:
-        """What is shown."""
-        return self._view
+    def set_view(self, view: ViewState) -> None:
+        """Apply size, quality, mode and overlays."""
+        self.renderer.set_view(view)
+        self._view, self._stale, self.failed = view, True, False
 
-    def look(self, view: ViewState) -> None:
-        """Show things otherwise from now on."""
-        self.stage.look(view)
-        self._view, self._stale, self.broken = view, True, False
-
-    def show(self, terrain: TerrainSource, version: int, areas: list[Box], eye: CameraController) -> str:
-        """Draw a terrain from now on, which differs from the one before in areas (m)."""
-        self.broken = False
+    def set_terrain(
+        self, terrain: TerrainSource, version: int, areas: list[Box], camera: CameraController
+    ) -> str:
+        """Display a terrain that differs from the previous one in areas (m); return a warning or nothing."""
+        self.failed = False
         self._stale, self._version = True, version
-        return self.stage.show(terrain, areas, eye.camera())
+        return self.renderer.set_terrain(terrain, areas, camera.camera())
 
-    def expect(self, *, coming: bool) -> None:
-        """Be told whether another terrain is on its way."""
-        self._coming = time.monotonic() if coming else None
+    def set_update_pending(self, pending: bool) -> None:
+        """Note whether another terrain is being placed."""
+        self._pending_since = time.monotonic() if pending else None
 
-    def taken(self) -> None:
-        """Be told that the window has shown a frame."""
-        self._on_their_way = max(self._on_their_way - 1, 0)
+    def acknowledge_frame(self) -> None:
+        """Free the slot of a frame that the window has displayed."""
+        self._in_flight = max(self._in_flight - 1, 0)
 
     def stop(self) -> None:
-        """Draw nothing until there is another terrain or view: it failed, and then all is made anew."""
-        self.broken = True
-        with contextlib.suppress(Exception):  # what failed may fail at being given back, too
-            self.stage.clear()
+        """Free the renderer after an error; the next terrain or view starts it again."""
+        self.failed = True
+        with contextlib.suppress(Exception):  # after an error releasing may fail too
+            self.renderer.clear()
 
     def due(self, *, moving: bool) -> float | None:
-        """Return in how many s a frame is to be drawn, from now; None if there is nothing to draw."""
+        """Return the s until the next frame; None: nothing to draw."""
         visible = self._view.width > 0 and self._view.height > 0
-        if self.broken or not visible or self._on_their_way >= PLACES or self._version < 0:
+        if self.failed or not visible or self._in_flight >= SLOTS or self._version < 0:
             return None
         now = time.monotonic()
-        since = now - self._drawn
+        since = now - self._drawn_at
         if moving:
-            return max(_QUICKEST - since, 0.0)
-        half = _SHARE * self._took if self.stage.is_software else _QUICKEST
-        if self._stale:  # where another one is on its way, placing it goes before drawing
-            return max((_QUICKEST if self._coming is None else half) - since, 0.0)
-        waited = _HOLD[1] if self._coming is None else now - self._coming
+            return max(_FRAME_TIME - since, 0.0)
+        polite = _SOFTWARE_FACTOR * self._duration if self.renderer.is_software else _FRAME_TIME
+        if self._stale:  # placing a pending terrain goes before drawing
+            return max((_FRAME_TIME if self._pending_since is None else polite) - since, 0.0)
+        waited = _HOLD[1] if self._pending_since is None else now - self._pending_since
         if not self._settled:
-            return max(_QUICKEST - since, _HOLD[0] - waited, 0.0)
+            return max(_FRAME_TIME - since, _HOLD[0] - waited, 0.0)
         if not self._view.plays:
             return None
-        often = max(_PLAYING, half) if self.stage.is_software else _QUICKEST
-        return max(often - since, _HOLD[1] - waited, 0.0)
+        interval = max(_ANIMATION_TIME, polite) if self.renderer.is_software else _FRAME_TIME
+        return max(interval - since, _HOLD[1] - waited, 0.0)
 
-    def frame(self, eye: CameraController) -> FrameReady | None:
-        """Draw a frame, if anything of it is another one than in the last; return where it lies."""
+    def draw(self, controller: CameraController) -> FrameReady | None:
+        """Draw a frame unless it would equal the last one; return its place in shared memory."""
         now = time.monotonic()
-        elapsed = min(now - self._drawn, _LONGEST)
-        moved = eye.advance(elapsed)
+        elapsed = min(now - self._drawn_at, _LONGEST_STEP)
+        moved = controller.advance(elapsed)
         plays = self._view.plays
         if not (moved or self._stale or plays or not self._settled):
             return None
         size = (self._view.width, self._view.height)
-        if size != self._size and self._on_their_way:
-            return None  # the places are laid out anew: what lies there must have been shown
-        self._drawn, self._stale = now, False
+        if size != self._size and self._in_flight:
+            return None  # slots move with the size: earlier frames must have been displayed
+        self._drawn_at, self._stale = now, False
         self._clock += elapsed if plays else 0.0
-        camera = eye.camera()
-        stats = self.stage.frame(camera, elapsed=elapsed, clock=self._clock)
+        camera = controller.camera()
+        stats = self.renderer.draw(camera, elapsed=elapsed, clock=self._clock)
         self._settled, self._size = stats.settled, size
-        self._place = (self._place + 1) % PLACES
+        self._slot = (self._slot + 1) % SLOTS
         nbytes = 4 * size[0] * size[1]
-        start, capacity = self._memory.place(self._place, nbytes)
+        start, capacity = self._memory.allocate(self._slot, nbytes)
         with self._memory.view(start, nbytes, capacity) as pixels:
-            self.stage.pixels(pixels)
-        self._on_their_way += 1
-        self._took = time.monotonic() - now
+            self.renderer.read_pixels(pixels)
+        self._in_flight += 1
+        self._duration = time.monotonic() - now
         facts = FrameFacts(
             width=size[0],
             height=size[1],
             version=self._version,
-            pose=eye.pose(),
+            pose=controller.pose(),
             to_clip=tuple(camera.to_clip(size[0] / size[1]).ravel().tolist()),
-            seconds=self._took,
+            seconds=self._duration,
             generation_seconds=stats.generation_seconds,
             tiles=stats.tiles_drawn,
             triangles=stats.triangles,
             settled=stats.settled,
-            memory=self._held(),
+            memory=self._used_bytes(),
         )
         return FrameReady(facts, start, capacity)

@@ -1,4 +1,4 @@
-"""The process that places features: the newest sketch becomes a recipe of the terrain."""
+"""The placer process: turns the newest sketch into a terrain recipe for the engine."""
 
 from __future__ import annotations
 
@@ -9,16 +9,8 @@ from dataclasses import fields
 from typing import TYPE_CHECKING, Final
 
 from sketchterrain.errors import SketchterrainError, one_line
-from sketchterrain.ui.engine.channel import Channel, pickled
-from sketchterrain.ui.engine.protocol import (
-    Activity,
-    ErrorReport,
-    Placement,
-    PlacementUnchanged,
-    Plan,
-    Quit,
-    SketchUpdate,
-)
+from sketchterrain.ui.engine import protocol as msg
+from sketchterrain.ui.engine.channel import Channel, pickle_without
 from sketchterrain.ui.engine.sketch_updates import SketchMirror
 
 if TYPE_CHECKING:
@@ -27,54 +19,52 @@ if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain import TerrainRecipe
 
-SHORT: Final = 0.1
-"""s; work that will probably be done sooner is finished in any case."""
+_SHORT: Final = 0.1  # s; a placement expected to end sooner is finished in any case
 
 
-class Superseded(Exception):  # noqa: N818 # nothing is wrong
-    """There is a newer sketch to place."""
+class Superseded(Exception):  # noqa: N818 # not an error
+    """A newer sketch is waiting."""
 
 
 class CancellationPolicy:
-    """Decides whether to go on placing when something newer waits.
+    """Decides whether to cancel a placement when a newer sketch is waiting.
 
-    Whoever paints without a pause must see the terrain follow: of two attempts in a row one is finished, and
-    so is what is more than half done, by what the last one took.
+    The terrain must follow a long stroke: of two attempts in a row one is finished, and so is any placement
+    that is more than half done, judged by the duration of the last one.
     """
 
-    def __init__(self, newer: Callable[[], bool]) -> None:
-        self._newer = newer
-        self._usual = 0.0
-        self._begun = 0.0
-        self._given_up = False
+    def __init__(self, is_superseded: Callable[[], bool]) -> None:
+        self._is_superseded = is_superseded
+        self._expected = 0.0
+        self._started = 0.0
+        self._cancelled_last = False
 
-    def begin(self) -> None:
-        """Begin to place a sketch."""
-        self._begun = time.monotonic()
+    def start(self) -> None:
+        """Note the start of a placement."""
+        self._started = time.monotonic()
 
     def checkpoint(self) -> None:
-        """Go on, or raise."""
-        spent = time.monotonic() - self._begun
-        if self._given_up or spent > 0.5 * self._usual or self._usual - spent < SHORT:
+        """Return, or raise `Superseded`."""
+        spent = time.monotonic() - self._started
+        if self._cancelled_last or spent > 0.5 * self._expected or self._expected - spent < _SHORT:
             return
-        if self._newer():
-            self._given_up = True
+        if self._is_superseded():
+            self._cancelled_last = True
             raise Superseded
 
-    def end(self) -> float:
-        """Remember how long it took; return it, s."""
-        self._usual = time.monotonic() - self._begun
-        self._given_up = False
-        return self._usual
+    def finish(self) -> float:
+        """Record and return the duration of the finished placement, s."""
+        self._expected = time.monotonic() - self._started
+        self._cancelled_last = False
+        return self._expected
 
 
-_LOOKS: Final = frozenset({"name", "weather", "look"})
-"""Settings that change nothing of the terrain's shape."""
-_LONG: Final = 0.3  # s, after which a person is told that something is being worked out
+_APPEARANCE: Final = frozenset({"name", "weather", "look"})  # settings that do not affect placement
+_REPORT_AFTER: Final = 0.3  # s, after which the window shows that features are being placed
 
 
 class Placer:
-    """Follows the window's sketch, places it, and tells the window and the engine."""
+    """Follows the window's sketch, places it, and reports to the window and the engine."""
 
     def __init__(self, window: Channel, engine: Channel) -> None:
         from sketchterrain.features.memory import PlacementCache
@@ -82,118 +72,101 @@ class Placer:
         self._window, self._engine = window, engine
         self._mirror = SketchMirror()
         self._memory = PlacementCache()
-        self._patience = CancellationPolicy(self._newer)
+        self._policy = CancellationPolicy(window.has_message)
         self._sketch: Sketch | None = None
         self._recipe: TerrainRecipe | None = None
-        self._told = False
+        self._reported = False
+        self._started = 0.0
 
     def run(self) -> None:
-        """Work until there is nothing more to do."""
+        """Serve until `Quit`, or until the window has ended."""
         try:
-            while self._take():
+            while self._receive():
                 if self._mirror.version >= 0:
-                    self._work()
-        except OSError:
-            return  # the window is gone
+                    self._update()
+        except (EOFError, OSError):
+            return
 
-    def _newer(self) -> bool:
-        return self._window.has_message()
+    def _receive(self) -> bool:
+        """Wait for an update and apply all pending ones; return False for `Quit`."""
+        while True:
+            message = self._window.receive()
+            if isinstance(message, msg.Quit):
+                return False
+            if isinstance(message, msg.SketchUpdate):
+                self._mirror.apply(message)
+            if not self._window.has_message():
+                return True
 
-    def _take(self) -> bool:
-        """Wait for an update and take over all that wait; return whether to go on."""
-        try:
-            while True:
-                message = self._window.receive()
-                if isinstance(message, Quit):
-                    return False
-                if isinstance(message, SketchUpdate):
-                    self._mirror.apply(message)
-                if not self._window.has_message():
-                    return True
-        except EOFError:
-            return False
-
-    def _work(self) -> None:
+    def _update(self) -> None:
         try:
             sketch = self._mirror.sketch()
-            if self._recipe is None or self._is_another(sketch):
+            if self._recipe is None or self._affects_placement(sketch):
                 self._place(sketch)
             else:
                 self._sketch = sketch
                 now = time.monotonic()
-                self._engine.send(Plan(self._mirror.changes(), None, (), now, now, now))
-                self._window.send(PlacementUnchanged(self._mirror.version))
+                self._engine.send(msg.RecipeUpdate(self._mirror.changes(), None, (), now, now, now))
+                self._window.send(msg.Unchanged("placement", self._mirror.version))
         except Superseded:
             pass
         except SketchterrainError as error:
-            self._window.send(ErrorReport("sketch", one_line(error)))
+            self._window.send(msg.ErrorReport("sketch", one_line(error)))
         except OSError:
             raise
         except Exception as error:  # noqa: BLE001 # a defect must not end the program: the last terrain stays
             traceback.print_exc()
             line = one_line(f"the sketch could not be placed: {type(error).__name__}: {error}")
-            self._window.send(ErrorReport("sketch", line))
+            self._window.send(msg.ErrorReport("sketch", line))
 
-    def _is_another(self, sketch: Sketch) -> bool:
-        """Whether anything changed of what the terrain's shape depends on."""
+    def _affects_placement(self, sketch: Sketch) -> bool:
         before = self._sketch
         if before is None or any(sketch.layers[name] is not before.layers[name] for name in sketch.layers):
             return True
-        names = [each.name for each in fields(sketch) if each.name not in _LOOKS and each.name != "layers"]
+        names = [each.name for each in fields(sketch) if each.name not in _APPEARANCE | {"layers"}]
         return any(getattr(sketch, name) != getattr(before, name) for name in names)
 
     def _place(self, sketch: Sketch) -> None:
+        from sketchterrain.terrain.answers import TerrainFeatures
         from sketchterrain.terrain.changes import EVERYWHERE, changed_areas
         from sketchterrain.terrain.from_sketch import make_recipe
 
         version = self._mirror.version
-        self._patience.begin()
-        self._begun = time.monotonic()
+        self._policy.start()
+        self._started = started = time.monotonic()
         try:
             recipe = make_recipe(sketch, memory=self._memory, checkpoint=self._checkpoint)
         finally:
-            self._say_done()
+            if self._reported:
+                self._reported = False
+                self._window.send(msg.Activity(""))
         placed = time.monotonic()
         areas = [EVERYWHERE] if self._recipe is None else changed_areas(self._recipe, recipe)
-        seconds = self._patience.end()
-        data = pickled(recipe, but=sketch)
-        self._engine.send(
-            Plan(self._mirror.changes(), data, tuple(areas), self._begun, placed, time.monotonic())
-        )
+        seconds = self._policy.finish()
+        data, changes = pickle_without(recipe, sketch), self._mirror.changes()
+        self._engine.send(msg.RecipeUpdate(changes, data, tuple(areas), started, placed, time.monotonic()))
         self._sketch, self._recipe = sketch, recipe
-        self._window.send(_placed(version, sketch, recipe, seconds))
+        found = TerrainFeatures.of(recipe, sketch.size)
+        self._window.send(
+            msg.Placement(
+                version=version,
+                points=found.points,
+                rivers=found.rivers,
+                lakes=found.lakes,
+                resolutions=recipe.resolutions,
+                orphans=recipe.orphans,
+                seconds=seconds,
+            )
+        )
 
     def _checkpoint(self) -> None:
-        if not self._told and time.monotonic() - self._begun > _LONG:
-            self._told = True
-            self._window.send(Activity("Placing features"))
-        self._patience.checkpoint()
-
-    def _say_done(self) -> None:
-        if self._told:
-            self._told = False
-            self._window.send(Activity(""))
-
-
-def _placed(version: int, sketch: Sketch, recipe: TerrainRecipe, seconds: float) -> Placement:
-    from sketchterrain.terrain.answers import TerrainFeatures
-
-    found = TerrainFeatures.of(recipe, sketch.size)
-    return Placement(
-        version=version,
-        points=found.points,
-        rivers=found.rivers,
-        lakes=found.lakes,
-        resolutions=recipe.resolutions,
-        orphans=recipe.orphans,
-        seconds=seconds,
-    )
-
-
-def _main(window: int, engine: int) -> None:
-    # Its updates may wait, but never hold up the placing.
-    Placer(Channel.of(window), Channel.of(engine, patient=False)).run()
+        if not self._reported and time.monotonic() - self._started > _REPORT_AFTER:
+            self._reported = True
+            self._window.send(msg.Activity("Placing features"))
+        self._policy.checkpoint()
 
 
 if __name__ == "__main__":
-    _main(int(sys.argv[1]), int(sys.argv[2]))
+    # Recipes may queue, but must never delay placement.
+    _window, _engine = (int(each) for each in sys.argv[1:])
+    Placer(Channel.from_descriptor(_window), Channel.from_descriptor(_engine, patient=False)).run()

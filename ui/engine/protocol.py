@@ -1,4 +1,4 @@
-"""Messages between the window, the engine and its other processes: plain values that are pickled."""
+"""Messages between the window, the engine, the placer and the background process: plain, pickled values."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.changes import Box
 
 MODES = ("orbit", "fly", "walk")
-"""How the eye moves: around a point, freely, on foot."""
+"""Camera modes."""
 
 
 @dataclass(frozen=True, eq=False)
 class LayerPatch:
-    """Pixels of a layer that are others now: labels, and the row and column of the first."""
+    """Changed labels of a layer, at the row and column of their first pixel."""
 
     row: int
     column: int
@@ -31,35 +31,42 @@ class LayerPatch:
 
 @dataclass(frozen=True, eq=False)
 class SketchUpdate:
-    """The newest sketch, as what changed since the update before."""
+    """The difference between the newest sketch and the previous update's."""
 
-    version: int  # Counted up; of several that wait, all patches are applied and the newest is worked out
-    # Rows and columns of its layers; another one than before, or the first: all layers begin empty
-    shape: tuple[int, int]
-    settings: Mapping[str, Any]  # Every field of the sketch but its layers
+    version: int  # increases; of several pending updates all patches are applied, the newest is placed
+    shape: tuple[int, int]  # rows, columns; the layers are cleared where it differs from the previous one
+    settings: Mapping[str, Any]  # every field of the sketch except its layers
     layers: Mapping[str, LayerPatch]
 
 
 @dataclass(frozen=True)
-class ViewState:
-    """What the 3-D view shall show."""
+class UpdatePending:
+    """A version of the sketch was sent to the placer; fresh: it belongs to another document."""
 
-    width: int = 0  # px of the screen; 0: the view is hidden, nothing is drawn
+    version: int
+    fresh: bool = False
+
+
+@dataclass(frozen=True)
+class ViewState:
+    """Size, quality, mode and overlays of the 3-D view."""
+
+    width: int = 0  # device px; 0: the view is hidden and nothing is drawn
     height: int = 0
-    quality: float | None = None  # 0 … 1; None: what suits the driver
-    mode: str = "orbit"  # One of `MODES`
-    overlays: tuple[str, ...] = ()  # Names of `sketchterrain.render.OVERLAYS`
-    plays: bool = True  # Whether water, plants and clouds move
+    quality: float | None = None  # 0 … 1; None: the driver's default
+    mode: str = "orbit"  # one of `MODES`
+    overlays: tuple[str, ...] = ()  # names of `sketchterrain.render.OVERLAYS`
+    plays: bool = True  # whether water, plants and clouds are animated
 
     @property
     def aspect(self) -> float:
-        """Width over height of the picture; a usual one while there is none."""
+        """Width over height; 1.6 while the size is unknown."""
         return self.width / self.height if self.width and self.height else 1.6
 
 
 @dataclass(frozen=True)
 class Turn:
-    """Go around the pivot (orbit) or look elsewhere (fly, walk): degrees."""
+    """Orbit the pivot, or turn the camera (fly, walk): degrees."""
 
     right: float
     up: float
@@ -67,7 +74,7 @@ class Turn:
 
 @dataclass(frozen=True)
 class Pan:
-    """Move over the ground: shares of the picture's height."""
+    """Translate the camera over the terrain: fractions of the image height."""
 
     right: float
     up: float
@@ -75,7 +82,7 @@ class Pan:
 
 @dataclass(frozen=True)
 class Zoom:
-    """Multiply the distance; `x`, `y`, shares of the picture from its upper left corner, keep their place."""
+    """Scale the distance about an image position (fractions from the upper left corner)."""
 
     factor: float
     x: float = 0.5
@@ -84,7 +91,7 @@ class Zoom:
 
 @dataclass(frozen=True)
 class Fly:
-    """Which way to go from now on, −1 … 1 each, until another one comes; all 0: stop."""
+    """Direction of continuous motion, −1 … 1 each, until the next one; all 0: stop."""
 
     forward: float = 0.0
     right: float = 0.0
@@ -94,7 +101,7 @@ class Fly:
 
 @dataclass(frozen=True)
 class Pose:
-    """Where a camera is and what it looks at (m), its vertical field of view (degrees)."""
+    """Camera position and target (m), vertical field of view (degrees)."""
 
     eye: tuple[float, float, float]
     target: tuple[float, float, float]
@@ -103,14 +110,14 @@ class Pose:
 
 @dataclass(frozen=True)
 class Look:
-    """Be somewhere else at once. None: the view that shows the terrain best, as `render` finds it."""
+    """Set the camera pose at once; None: the automatic view that `render` picks."""
 
     pose: Pose | None = None
 
 
 @dataclass(frozen=True)
 class GoTo:
-    """Glide until a place of the ground (m) is in the middle, from a distance (m; None: as it is)."""
+    """Glide until a terrain position (m) is in the image centre, at a distance (m; None: unchanged)."""
 
     x: float
     y: float
@@ -119,7 +126,7 @@ class GoTo:
 
 @dataclass(frozen=True)
 class Pick:
-    """Ask what ground is seen at a place of the picture, shares from its upper left corner."""
+    """Request the terrain position at an image position (fractions from the upper left corner)."""
 
     token: int
     x: float
@@ -128,17 +135,17 @@ class Pick:
 
 @dataclass(frozen=True)
 class FrameAcknowledged:
-    """The last frame was shown; the next may be sent."""
+    """The last frame was displayed; its slot in shared memory is free."""
 
 
 @dataclass(frozen=True)
 class MeasureAdherence:
-    """Ask how far the terrain does what the sketch says."""
+    """Request a comparison of the terrain with the sketch."""
 
 
 @dataclass(frozen=True)
 class RenderPicture:
-    """Write a picture of the best quality, from where the eye is, as a PNG."""
+    """Request a PNG of the highest quality from the current camera."""
 
     path: str
     width: int
@@ -147,150 +154,156 @@ class RenderPicture:
 
 @dataclass(frozen=True)
 class Quit:
-    """No more is wanted."""
+    """Terminate."""
 
 
 @dataclass(frozen=True)
 class EngineFacts:
-    """What the engine runs on."""
+    """Device, driver and OpenGL renderer of the engine."""
 
-    device: str = ""  # Of OpenCL; empty where there is none
+    device: str = ""  # OpenCL; empty: none
     platform: str = ""
-    renderer: str = ""  # Of OpenGL; empty where there is none
-    sharing: str = "none"  # How heights reach OpenGL: `extension`, `mapped`, `copy` or `none`
-    no_device: str = ""  # One line each, what is missing and what to do; empty where all is well
-    no_picture: str = ""
+    renderer: str = ""  # OpenGL; empty: none
+    sharing: str = "none"  # path of heights to OpenGL: `extension`, `mapped`, `copy` or `none`
+    device_error: str = ""  # one line each: what is missing and how to fix it
+    opengl_error: str = ""
 
 
 @dataclass(frozen=True)
 class WorldFacts:
-    """A stored world that is shown."""
+    """Properties of the displayed stored world."""
 
-    corner: tuple[float, float]  # its north-west corner, the origin of what is shown: m in the sketch
-    bounds: tuple[float, float, float, float]  # west, south, east, north (m) of what is shown
-    cell: float  # m between its vertices
-    middle: float  # height of the ground in its middle, m
-    lacks: tuple[str, ...] = ()  # a line for each thing that it does not hold
+    corner: tuple[float, float]  # north-west corner, origin of displayed coordinates: m in the sketch
+    bounds: tuple[float, float, float, float]  # west, south, east, north (m), displayed coordinates
+    cell: float  # m between vertices
+    middle: float  # elevation of the centre, m
+    missing: tuple[str, ...] = ()  # a line for each absent part
 
 
 @dataclass(frozen=True)
 class Activity:
-    """What the engine is busy with, for a person; empty: nothing."""
+    """The running task, for the status line; empty: idle."""
 
-    what: str
-
-
-@dataclass(frozen=True, eq=False)
-class Placement:
-    """What was placed for a version of the sketch. The terrain that is shown follows at once."""
-
-    version: int  # Of the `SketchUpdate`
-    points: Points  # Painted features, and those that fill the sketch's unpainted ground
-    rivers: tuple[River, ...]
-    lakes: tuple[Lake, ...]
-    # What was decided where layers contradict each other, and where (m)
-    resolutions: tuple[tuple[str, float, float], ...] = ()
-    orphans: tuple[str, ...] = ()  # A line for each edit whose feature is gone
-    seconds: float = 0.0  # s that placing took
-
-
-@dataclass(frozen=True, eq=False)
-class Relief:
-    """The terrain at the sketch's pixels, for a version of the sketch."""
-
-    version: int
-    step: int  # Pixels of the sketch along a side of a sample: 1, or more for a large sketch
-    height: npt.NDArray[np.float32]  # m, at the samples' middles, row 0 north
-    shade: npt.NDArray[np.uint8]  # Of a hill-shading from the north-west
-
-
-@dataclass(frozen=True)
-class FrameFacts:
-    """A frame that lies in the shared memory."""
-
-    width: int  # px
-    height: int
-    version: int  # Of the sketch that it shows
-    pose: Pose
-    to_clip: tuple[float, ...]  # 16 numbers, row by row: from metres relative to the eye to clip space
-    seconds: float  # s that the frame took, all of it
-    generation_seconds: float  # s of that, for tiles
-    tiles: int
-    triangles: int
-    settled: bool  # Whether the picture is as good as it gets
-    memory: int  # Bytes that the engine's processes hold
-
-
-@dataclass(frozen=True)
-class PickResult:
-    """The answer to `Pick`: a place on the ground (m), None for the sky."""
-
-    token: int
-    place: tuple[float, float, float] | None
-
-
-@dataclass(frozen=True, eq=False)
-class Adherence:
-    """How far the terrain does what the sketch says."""
-
-    version: int
-    figures: Mapping[str, Any]  # As `sketchterrain.terrain.Adherence.as_dict` returns them
-    # By layer, (rows, columns) bool each
-    images: Mapping[str, tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]] = field(default_factory=dict)
+    text: str
 
 
 @dataclass(frozen=True)
 class ErrorReport:
-    """Something failed: a line for a person, and of what: `sketch`, `view`, `picture`, `engine`, `world`."""
+    """A one-line error and its source: `sketch`, `view`, `picture`, `engine` or `world`."""
 
-    what: str
+    source: str
     line: str
 
 
-@dataclass(frozen=True)
-class UpdatePending:
-    """The window to the engine: this version of the sketch is on its way; fresh: another was opened."""
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Features placed for a version of the sketch; the displayed terrain follows at once."""
 
     version: int
-    fresh: bool = False
+    points: Points  # features of painted shapes and of the unpainted area
+    rivers: tuple[River, ...]
+    lakes: tuple[Lake, ...]
+    resolutions: tuple[tuple[str, float, float], ...] = ()  # resolved contradictions: text, x, y (m)
+    orphans: tuple[str, ...] = ()  # a line for each edit whose feature no longer exists
+    seconds: float = 0.0  # duration of the placement
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
-    """The placer to the engine: the next terrain. Times are s of the system's monotonic clock."""
+class Relief:
+    """Heights and hill-shading at the sketch's pixels."""
 
-    update: SketchUpdate  # What changed of the sketch since the plan before
-    recipe: bytes | None  # A `TerrainRecipe`, `pickled` but its sketch; None: that of the plan before
-    areas: tuple[Box, ...]  # m; everywhere else every height has the bits of the plan before
-    begun: float  # when placing began
-    placed: float  # when it ended
-    ready: float  # when this was sent
+    version: int
+    step: int  # sketch pixels along a side of a sample: 1, more for large sketches
+    height: npt.NDArray[np.float32]  # m, at sample centres, row 0 north
+    shade: npt.NDArray[np.uint8]  # hill-shading, light from the north-west
 
 
 @dataclass(frozen=True)
-class TerrainUpdated:
-    """The engine to the window: the view's tiles hold the heights of a version. Times as in `Plan`."""
+class Unchanged:
+    """The last `placement` or `relief` is valid for this version of the sketch too."""
 
+    kind: str
     version: int
-    begun: float
-    placed: float
-    ready: float
-    received: float  # when the engine took the plan
-    shown: float  # when the tiles were written
+
+
+@dataclass(frozen=True)
+class FrameFacts:
+    """Size, camera and statistics of a frame."""
+
+    width: int  # px
+    height: int
+    version: int  # of the sketch
+    pose: Pose
+    to_clip: tuple[float, ...]  # 4 × 4, row-major: metres relative to the eye → clip space
+    seconds: float  # whole frame
+    generation_seconds: float  # tiles, part of `seconds`
+    tiles: int
+    triangles: int
+    settled: bool  # whether further frames would not improve the image
+    memory: int  # bytes held by the engine's processes
 
 
 @dataclass(frozen=True)
 class FrameReady:
-    """The engine to the window: a frame lies in the shared memory from a byte on, RGBX, row 0 on top."""
+    """A frame lies in shared memory from byte `start`: RGBX, row 0 on top."""
 
     facts: FrameFacts
     start: int
     capacity: int
 
 
+@dataclass(frozen=True)
+class PickResult:
+    """Answer to `Pick`: a terrain position (m); None: sky."""
+
+    token: int
+    place: tuple[float, float, float] | None
+
+
+@dataclass(frozen=True)
+class TerrainUpdated:
+    """The view's tiles hold a version's heights. Times: s of the system's monotonic clock."""
+
+    version: int
+    started: float  # placement started
+    placed: float  # placement finished
+    sent: float  # recipe sent to the engine
+    received: float
+    displayed: float  # tiles written
+
+
+@dataclass(frozen=True, eq=False)
+class Adherence:
+    """Agreement of the terrain with the sketch."""
+
+    version: int
+    figures: Mapping[str, Any]  # `sketchterrain.terrain.Adherence.as_dict`
+    # by layer: painted, visible; (rows, columns) bool
+    images: Mapping[str, tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class PictureWritten:
+    """The requested picture was written."""
+
+    path: str
+
+
+@dataclass(frozen=True, eq=False)
+class RecipeUpdate:
+    """The next terrain. Times as in `TerrainUpdated`."""
+
+    sketch: SketchUpdate  # difference to the previous recipe's sketch
+    recipe: bytes | None  # `TerrainRecipe` without its sketch; None: as before
+    areas: tuple[Box, ...]  # m; all heights outside are bit-equal to the previous ones
+    started: float
+    placed: float
+    sent: float
+
+
 @dataclass(frozen=True, eq=False)
 class MeasureJob:
-    """The engine to its side process: measure adherence."""
+    """Measure adherence."""
 
     version: int
     sketch: Sketch
@@ -299,7 +312,7 @@ class MeasureJob:
 
 @dataclass(frozen=True, eq=False)
 class PictureJob:
-    """The engine to its side process: take a picture. Directions of the sun in degrees."""
+    """Render a picture; sun azimuth and elevation in degrees."""
 
     sketch: Sketch
     recipe: bytes
@@ -308,24 +321,3 @@ class PictureJob:
     pose: Pose
     sun: tuple[float, float]
     overlays: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class PictureWritten:
-    """The side process to the engine, and on to the window: a picture lies there."""
-
-    path: str
-
-
-@dataclass(frozen=True)
-class PlacementUnchanged:
-    """The placer to the window: for this version of the sketch all stays placed as it was."""
-
-    version: int
-
-
-@dataclass(frozen=True)
-class ReliefUnchanged:
-    """The engine to the window: for this version of the sketch the relief is the last one."""
-
-    version: int

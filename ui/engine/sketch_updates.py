@@ -1,4 +1,4 @@
-"""Incremental updates of a sketch, sent between processes, and the copies that follow them."""
+"""Incremental sketch updates between processes, and the mirrors that apply them."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
 
 def settings_of(sketch: Sketch) -> dict[str, Any]:
-    """Return every field of a sketch but its layers."""
+    """Return every field of a sketch except its layers."""
     return {each.name: getattr(sketch, each.name) for each in fields(sketch) if each.name != "layers"}
 
 
 class SketchMirror:
-    """The newest sketch, put together from updates.
+    """A copy of the sketch, assembled from updates.
 
-    A layer that an update leaves as it was stays the same array, so that all that is remembered of it holds.
+    Unchanged layers stay the same array, so that caches keyed by identity remain valid.
     """
 
     def __init__(self) -> None:
@@ -36,7 +36,7 @@ class SketchMirror:
         self._changed: set[str] = set()
 
     def apply(self, update: SketchUpdate) -> None:
-        """Take an update over."""
+        """Apply an update."""
         first = next(iter(self._layers.values()), None)
         if first is None or first.shape != update.shape:
             empty = np.zeros(update.shape, np.uint8)
@@ -44,7 +44,7 @@ class SketchMirror:
             self._layers = dict.fromkeys(LAYERS, empty)
             self._changed = set(LAYERS)
         for name, patch in update.layers.items():
-            self._put(name, patch)
+            self._patch(name, patch)
         self._settings = update.settings
         self.version = update.version
 
@@ -53,13 +53,13 @@ class SketchMirror:
         return Sketch(**self._settings, layers=self._layers)
 
     def changes(self) -> SketchUpdate:
-        """Return what another mirror needs to follow, since this was asked last."""
+        """Return the update for another mirror since the last call."""
         shape = next(iter(self._layers.values())).shape
         layers = {name: LayerPatch(0, 0, self._layers[name]) for name in sorted(self._changed)}
         self._changed = set()
         return SketchUpdate(self.version, (shape[0], shape[1]), self._settings, layers)
 
-    def _put(self, name: str, patch: LayerPatch) -> None:
+    def _patch(self, name: str, patch: LayerPatch) -> None:
         image = self._layers[name]
         rows, columns = patch.pixels.shape
         place = (slice(patch.row, patch.row + rows), slice(patch.column, patch.column + columns))
@@ -76,7 +76,7 @@ class SketchMirror:
 
 
 class UpdateBuilder:
-    """Listens to a document, the stroke that is being drawn included."""
+    """Collects a document's changes, including the current stroke's, into updates."""
 
     def __init__(self, document: Document) -> None:
         self._document = document
@@ -84,51 +84,47 @@ class UpdateBuilder:
         self._shape = (0, 0)
         self._boxes: dict[str, Box] = {}
         self._all = self._fresh = True
-        self._tell: Callable[[], None] | None = None
+        self._notify: Callable[[], None] | None = None
 
-    def start(self, tell: Callable[[], None]) -> None:
-        """Call `tell` whenever there is something to send; the next update holds everything."""
+    def start(self, notify: Callable[[], None]) -> None:
+        """Call `notify` on each change; the next update is complete."""
         self._all = True
-        if self._tell is None:
-            self._document.painted.connect(self._painted)
-            self._document.opened.connect(self._opened)
-            self._document.live_changed.connect(tell)
-        self._tell = tell
+        if self._notify is None:
+            self._document.painted.connect(self._on_painted)
+            self._document.opened.connect(self._on_opened)
+            self._document.live_changed.connect(notify)
+        self._notify = notify
 
     def stop(self) -> None:
-        """Listen no more."""
-        if self._tell is not None:
-            self._document.painted.disconnect(self._painted)
-            self._document.opened.disconnect(self._opened)
-            self._document.live_changed.disconnect(self._tell)
-        self._tell = None
+        """Disconnect from the document."""
+        if self._notify is not None:
+            self._document.painted.disconnect(self._on_painted)
+            self._document.opened.disconnect(self._on_opened)
+            self._document.live_changed.disconnect(self._notify)
+        self._notify = None
 
     def next(self) -> tuple[SketchUpdate, bool]:
-        """Return what changed since the last one, and whether it is of another document."""
-        sketch = self._document.sketch
+        """Return the changes since the last update, and whether another document was opened."""
+        sketch, fresh = self._document.sketch, self._fresh
         shape = (sketch.height_px, sketch.width_px)
         if self._all or shape != self._shape:
-            self._shape, fresh = shape, self._fresh
-            # Layers begin empty only where the shape is another one, so empty ones are sent as well.
-            layers = {name: self._patch(name, (0, 0, *shape)) for name in LAYERS}
-        else:
-            fresh = self._fresh
-            layers = {name: self._patch(name, box) for name, box in self._boxes.items()}
+            # Mirrors clear layers only where the shape differs, so empty ones are sent as well.
+            self._boxes = dict.fromkeys(LAYERS, (0, 0, *shape))
+        layers = {name: self._patch(name, box) for name, box in self._boxes.items()}
+        self._shape, self._boxes = shape, {}
         self._all = self._fresh = False
-        self._boxes = {}
         self._version += 1
         return SketchUpdate(self._version, shape, settings_of(sketch), layers), fresh
 
     def _patch(self, name: str, box: Box) -> LayerPatch:
-        top, left, bottom, right = box
+        top, left, bottom, right = max(box[0], 0), max(box[1], 0), box[2], box[3]
         image = self._document.layer(name)
-        pixels = image[max(top, 0) : bottom, max(left, 0) : right]
-        # A sketch's own arrays never change; a stroke's do.
-        still = not image.flags.writeable
-        return LayerPatch(max(top, 0), max(left, 0), pixels if still else pixels.copy())
+        pixels = image[top:bottom, left:right]
+        # A sketch's arrays never change; a stroke's do.
+        return LayerPatch(top, left, pixels.copy() if image.flags.writeable else pixels)
 
-    def _painted(self, layer: str, box: Box) -> None:
+    def _on_painted(self, layer: str, box: Box) -> None:
         self._boxes[layer] = union_box(self._boxes.get(layer), box) or box
 
-    def _opened(self) -> None:
+    def _on_opened(self) -> None:
         self._all = self._fresh = True

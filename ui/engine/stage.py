@@ -1,10 +1,9 @@
-"""What the engine draws: a renderer that follows the terrain and the view, and a picture for each frame."""
+"""The engine's renderer: an OpenGL context that follows the terrain and the view's state."""
 
 from __future__ import annotations
 
 import os
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,128 +25,104 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.changes import Box
 
 _DRAWING_THREADS = "llvmpipe-"
-_NICE = 10
-"""Of the system's priorities, 0 to 19: about a tenth of the time where all want it."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Shown:
-    """What a renderer was made for."""
-
-    renderer: Renderer
-    overlay: Overlay | None
-    terrain: TerrainSource
-    sun: Sun
+_NICENESS = 10  # about a tenth of the CPU under load
 
 
 class ViewRenderer:
-    """An OpenGL context and what is drawn in it."""
+    """An OpenGL context, and the renderer and overlays of the current terrain."""
 
     def __init__(self) -> None:
         self._context = open_context()
         self.name = str(self._context.info["GL_RENDERER"])
         self.is_software = any(part in self.name.lower() for part in SOFTWARE)
         if self.is_software:
-            _step_back()
+            _lower_drawing_threads()
         self._view = ViewState()
-        self._shown: _Shown | None = None
+        self._renderer: Renderer | None = None
+        self._overlay: Overlay | None = None
+        self._terrain: TerrainSource | None = None
+        self.sun: Sun | None = None  # None before the first terrain
         self._target = PictureTarget(self._context)
 
     def open_device(self, device: Device) -> ComputeContext:
-        """Open a device so that it writes where this context draws from."""
+        """Open a device so that it writes to this context's buffers."""
         return open_device(device)
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing is drawn yet, or any more."""
-        return self._shown is None
+        """Whether there is no renderer, before the first terrain or after an error."""
+        return self._renderer is None
 
     @property
     def sharing(self) -> str:
-        """How heights get here; ``none`` before anything is drawn."""
-        return "none" if self._shown is None else self._shown.renderer.stream.memory.kind
+        """How heights reach OpenGL; ``none`` before the first terrain."""
+        return "none" if self._renderer is None else self._renderer.stream.memory.kind
 
-    @property
-    def sun(self) -> Sun | None:
-        """Where the sun stands; None before anything is drawn."""
-        return None if self._shown is None else self._shown.sun
-
-    def look(self, view: ViewState) -> None:
-        """Show things otherwise from now on."""
+    def set_view(self, view: ViewState) -> None:
+        """Apply size, quality and overlays."""
         if view.quality != self._view.quality:
             self.clear()
         self._view = view
 
     def clear(self) -> None:
-        """Forget what is drawn; the next `show` makes all of it anew."""
-        shown, self._shown = self._shown, None
-        if shown is not None:
-            shown.renderer.release()
+        """Release the renderer; the next `set_terrain` creates another one."""
+        renderer, self._renderer = self._renderer, None
+        self._overlay = self._terrain = self.sun = None
+        if renderer is not None:
+            renderer.release()
 
-    def show(self, terrain: TerrainSource, areas: list[Box], camera: Camera) -> str:
-        """Draw a terrain from now on."""
-        shown = self._shown
+    def set_terrain(self, terrain: TerrainSource, areas: list[Box], camera: Camera) -> str:
+        """Display a terrain that differs from the previous one in areas (m); return a warning or nothing."""
         weather = Weather.from_sketch(terrain.sketch)
-        if shown is not None and shown.terrain.extent != terrain.extent:
+        if self._terrain is not None and self._terrain.extent != terrain.extent:
             self.clear()
-            shown = None
-        if shown is None:
-            sun, line = _sun(terrain, camera, weather)
-            renderer = Renderer(self._context, terrain, sun=sun, weather=weather, quality=self._quality())
-            self._shown = _Shown(renderer, None, terrain, sun)
+        before, self._terrain = self._terrain, terrain
+        if self._renderer is None or before is None:
+            self.sun, line = _find_sun(terrain, camera, weather)
+            number = self._view.quality
+            quality = Quality.for_renderer(self.name) if number is None else Quality.from_level(number)
+            self._renderer = Renderer(self._context, terrain, sun=self.sun, weather=weather, quality=quality)
             return line
-        sun, line = shown.sun, ""
-        before = shown.terrain.sketch
-        if areas or terrain.sketch.look != before.look:
-            shown.renderer.set_terrain(terrain, areas)
-            if shown.overlay is not None:
-                shown.overlay.set_terrain(terrain, areas)
-        old = Weather.from_sketch(before)
+        line = ""
+        if areas or terrain.sketch.look != before.sketch.look:
+            self._renderer.set_terrain(terrain, areas)
+            if self._overlay is not None:
+                self._overlay.set_terrain(terrain, areas)
+        old = Weather.from_sketch(before.sketch)
         if (weather.hour, weather.latitude) != (old.hour, old.latitude):
-            sun, line = _sun(terrain, camera, weather)
+            self.sun, line = _find_sun(terrain, camera, weather)
         if weather != old:
-            shown.renderer.relight(sun=sun, weather=weather)
-        self._shown = _Shown(shown.renderer, shown.overlay, terrain, sun)
+            assert self.sun is not None  # noqa: S101 # set with the renderer
+            self._renderer.relight(sun=self.sun, weather=weather)
         return line
 
-    def frame(self, camera: Camera, *, elapsed: float, clock: float) -> FrameStats:
-        """Draw a frame; `pixels` has it."""
-        shown, framebuffer = self._shown, self._target.sized((self._view.width, self._view.height))
-        assert shown is not None  # noqa: S101 # `show` was called before
-        stats = shown.renderer.frame(camera, framebuffer, elapsed=elapsed, clock=clock)
-        names = [name for name in self._view.overlays if name in OVERLAYS]
-        if names and shown.overlay is None:
-            shown = _Shown(
-                shown.renderer,
-                Overlay(self._context, shown.terrain, shown.renderer.stream),
-                shown.terrain,
-                shown.sun,
-            )
-            self._shown = shown
-        for name in names:
-            assert shown.overlay is not None  # noqa: S101 # made just now
-            shown.overlay.draw(name, camera.eye, framebuffer)
+    def draw(self, camera: Camera, *, elapsed: float, clock: float) -> FrameStats:
+        """Draw a frame; see `read_pixels`."""
+        renderer, terrain = self._renderer, self._terrain
+        assert renderer is not None and terrain is not None  # noqa: S101, PT018 # `set_terrain` was called
+        framebuffer = self._target.sized((self._view.width, self._view.height))
+        stats = renderer.frame(camera, framebuffer, elapsed=elapsed, clock=clock)
+        for name in [name for name in self._view.overlays if name in OVERLAYS]:
+            if self._overlay is None:
+                self._overlay = Overlay(self._context, terrain, renderer.stream)
+            self._overlay.draw(name, camera.eye, framebuffer)
         return stats
 
-    def pixels(self, into: memoryview) -> None:
+    def read_pixels(self, into: memoryview) -> None:
         """Copy the last frame: RGBX, row 0 on top."""
         self._target.read_into(into)
 
-    def _quality(self) -> Quality:
-        number = self._view.quality
-        return Quality.for_renderer(self.name) if number is None else Quality.from_level(number)
 
-
-def _step_back() -> None:
-    """Let the threads of a driver that draws on the CPU come after those that place and compute."""
+def _lower_drawing_threads() -> None:
+    """Lower the priority of a software renderer's threads below placement and computation."""
     if sys.platform == "linux":
         for thread in Path("/proc/self/task").glob("*"):
             if (thread / "comm").read_text(encoding="ascii", errors="replace").startswith(_DRAWING_THREADS):
-                os.setpriority(os.PRIO_PROCESS, int(thread.name), _NICE)
+                os.setpriority(os.PRIO_PROCESS, int(thread.name), _NICENESS)
 
 
-def _sun(terrain: TerrainSource, camera: Camera, weather: Weather) -> tuple[Sun, str]:
-    """Return where the sun stands; at night, where it would suit the view, and a line that says so."""
+def _find_sun(terrain: TerrainSource, camera: Camera, weather: Weather) -> tuple[Sun, str]:
+    """Return the sun; at night, one that suits the view, and a line that says so."""
     try:
         return sun_for_view(terrain, camera, weather), ""
     except InputError as error:

@@ -1,11 +1,12 @@
-"""The terrain on a device, of the placer's plans or of a stored world; it changes devices when one fails."""
+"""The engine's terrain on an OpenCL device, from recipes or a stored world; failover to other devices."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, cast
 
 from sketchterrain.errors import DeviceError, one_line
-from sketchterrain.ui.engine.channel import unpickled
+from sketchterrain.ui.engine.channel import unpickle_with
+from sketchterrain.ui.engine.protocol import WorldFacts
 from sketchterrain.ui.engine.sketch_updates import SketchMirror
 
 if TYPE_CHECKING:
@@ -16,54 +17,56 @@ if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain import Terrain, TerrainRecipe
     from sketchterrain.terrain.changes import Box
-    from sketchterrain.ui.engine.protocol import Plan
+    from sketchterrain.ui.engine.protocol import RecipeUpdate
     from sketchterrain.world.viewed import StoredTerrain
 
 
 class TerrainSession:
-    """What the newest plan makes of the sketch."""
+    """The terrain of the newest recipe."""
 
     def __init__(self, open_device: Callable[[Device], ComputeContext], *, device: str | None = None) -> None:
+        from sketchterrain.compute import choose_device
+
         self._open_device = open_device
         self.terrain: Terrain | None = None
         self.sketch: Sketch | None = None
         self.recipe = b""
-        self.lacks = ""  # one line, why there is no device
-        self.dirty_areas: list[Box] = []  # m: heights that differ from what was shown last
+        self.device_error = ""  # one line, why there is no device
+        self.dirty_areas: list[Box] = []  # m: where heights differ from the displayed ones
         self._mirror = SketchMirror()
         self._failed: list[Device] = []
         self._context: ComputeContext | None = None
-        self._open(device)
+        try:
+            self._context = self._open_device(choose_device(device))
+        except DeviceError as error:
+            self.device_error = one_line(error)
 
     @property
     def version(self) -> int:
-        """Of the sketch that it shows; −1 before the first."""
+        """Version of the sketch; −1 before the first."""
         return self._mirror.version
 
     @property
     def device(self) -> Device | None:
-        """What it is computed on; None where there is none."""
+        """The OpenCL device in use."""
         return None if self._context is None else self._context.device
 
-    def take(self, plans: list[Plan]) -> None:
-        """Take plans over, of which only the last one's terrain is made."""
+    def apply(self, updates: list[RecipeUpdate]) -> None:
+        """Apply updates; only the last one's terrain is created."""
         recipe = None
-        for plan in plans:
-            self._mirror.apply(plan.update)
-            self.dirty_areas += plan.areas
-            recipe = plan.recipe or recipe
+        for update in updates:
+            self._mirror.apply(update.sketch)
+            self.dirty_areas += update.areas
+            recipe = update.recipe or recipe
         self.sketch = self._mirror.sketch()
         if recipe is not None:
             self.recipe = recipe
-            self._make(unpickled(recipe, but=self.sketch))
+            self._set_recipe(unpickle_with(recipe, self.sketch))
         elif self.terrain is not None:
-            self._make(self.terrain.recipe)
+            self._set_recipe(self.terrain.recipe)
 
     def switch_device(self) -> str:
-        """Leave the device, which failed, for another one; return a line that says so.
-
-        The terrain is made anew there; without another device there is none any more.
-        """
+        """Re-create the terrain on another device after a failure; return a line that reports which."""
         from sketchterrain.compute import fallback_device
 
         failed = self.device
@@ -77,24 +80,16 @@ class TerrainSession:
             except DeviceError:
                 self._failed.append(spare)
                 continue
-            return f"goes on with {spare.name} ({spare.platform})"
+            return f"continuing on {spare.name} ({spare.platform})"
         self._context = None
-        self.lacks = "every OpenCL device failed: start the program again, or install another driver"
+        self.device_error = "every OpenCL device failed: start the program again, or install another driver"
         return "there is no other device"
-
-    def _open(self, selector: str | None) -> None:
-        from sketchterrain.compute import choose_device
-
-        try:
-            self._context = self._open_device(choose_device(selector))
-        except DeviceError as error:
-            self.lacks = one_line(error)
 
     def _rebuild(self) -> None:
         if self.recipe:
-            self._make(unpickled(self.recipe, but=self.sketch))
+            self._set_recipe(unpickle_with(self.recipe, self.sketch))
 
-    def _make(self, recipe: TerrainRecipe) -> None:
+    def _set_recipe(self, recipe: TerrainRecipe) -> None:
         from sketchterrain.terrain import Terrain
 
         if self._context is None or self.sketch is None:
@@ -106,7 +101,9 @@ class TerrainSession:
 
 
 class WorldSession(TerrainSession):
-    """A stored world in place of a terrain that is evaluated; there is no recipe and no sketch to update."""
+    """A stored world in place of an evaluated terrain, without recipe or updates."""
+
+    version = 0
 
     def __init__(
         self,
@@ -123,10 +120,13 @@ class WorldSession(TerrainSession):
         super().__init__(open_device, device=device)
         self._rebuild()
 
-    @property
-    def version(self) -> int:
-        """Always the same: nothing is edited."""
-        return 0
+    def facts(self) -> WorldFacts:
+        """Return the bounds and missing parts of the world."""
+        world = self.world
+        assert world is not None  # noqa: S101 # asked when there is a device
+        west, south, east, north = world.bounds
+        middle = float(world.heights((west + east) / 2, (south + north) / 2))
+        return WorldFacts(world.corner, world.bounds, world.finest_cell, middle, tuple(world.lacks))
 
     def _rebuild(self) -> None:
         from sketchterrain.terrain import build
@@ -136,4 +136,4 @@ class WorldSession(TerrainSession):
             sketch = self._stored.sketch()
             features = None if sketch is None else build(sketch, device=self._context)
             self.world = StoredTerrain(self._stored, self._context, features, told=self._report)
-            self.terrain = cast("Terrain", self.world)  # for the renderer they are the same
+            self.terrain = cast("Terrain", self.world)  # equivalent for the renderer

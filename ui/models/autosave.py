@@ -17,7 +17,7 @@ from PyQt6.QtCore import QObject, QTimer, pyqtSignal
 
 from sketchterrain.sketch import Sketch, pack_sketch
 from sketchterrain.system import lock_file
-from sketchterrain.ui.models.background import Background
+from sketchterrain.ui.models.background import BackgroundQueue
 from sketchterrain.ui.models.document import Document
 from sketchterrain.whole_files import write_atomic
 
@@ -149,7 +149,7 @@ class Autosave(QObject):
         self._folder = folder
         self._path = new_recovery_path(folder)
         self._lock: Lock | None = None
-        self._background = Background(self)
+        self._background = BackgroundQueue(self)
         self._kept: Sketch | None = None
         self._claimed: dict[Path, Lock] = {}
         self._leaving: list[Path] = []
@@ -158,10 +158,10 @@ class Autosave(QObject):
         for timer, seconds in ((self._interval, interval_s), (self._pause, min(_PAUSE, interval_s))):
             timer.setSingleShot(True)
             timer.setInterval(round(1000 * seconds))
-            timer.timeout.connect(self.keep)
+            timer.timeout.connect(self.save_now)
         document.sketch_changed.connect(self._wait)
         document.saved_changed.connect(self._wait)
-        document.opened.connect(self.keep)
+        document.opened.connect(self.save_now)
 
     @property
     def path(self) -> Path:
@@ -190,7 +190,7 @@ class Autosave(QObject):
         if not self._background.is_busy:
             self._leave()
 
-    def keep(self) -> None:
+    def save_now(self) -> None:
         """Keep the document now, beside the window, or drop what is kept if there is nothing to save."""
         self._interval.stop()
         self._pause.stop()
@@ -211,7 +211,7 @@ class Autosave(QObject):
         """Leave nothing of this program behind, and to others what it did not discard."""
         self._document.sketch_changed.disconnect(self._wait)
         self._document.saved_changed.disconnect(self._wait)
-        self._document.opened.disconnect(self.keep)
+        self._document.opened.disconnect(self.save_now)
         self._interval.stop()
         self._pause.stop()
         self._background.do("keep", partial(self._path.unlink, missing_ok=True), self._finish)
@@ -229,7 +229,7 @@ class Autosave(QObject):
                 self._interval.start()
             self._pause.start()
         else:
-            self.keep()
+            self.save_now()
 
     def _write(self, sketch: Sketch, original: Path | None) -> None:
         self._folder.mkdir(parents=True, exist_ok=True)

@@ -15,7 +15,7 @@ from sketchterrain.sketch import Sketch, save_sketch
 from sketchterrain.ui.models.document import Document
 
 
-class Reading(QObject):
+class BackgroundReader(QObject):
     """Reads one thing at a time; the newest one asked for counts, answers to earlier ones are dropped."""
 
     failed = pyqtSignal(str)
@@ -74,7 +74,7 @@ class Reading(QObject):
 _Job = tuple[Callable[[], object], Callable[[str], None]]
 
 
-class Background(QObject):
+class BackgroundQueue(QObject):
     """Does what it is asked on a thread that lives while there is something to do.
 
     Parameters
@@ -162,7 +162,7 @@ def _failure(work: Callable[[], object]) -> str:
     return ""
 
 
-class Saving(QObject):
+class SketchSaver(QObject):
     """Writes a document's sketch, whole or not at all, while a person works on."""
 
     saved = pyqtSignal(object)
@@ -174,7 +174,7 @@ class Saving(QObject):
     def __init__(self, document: Document, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._document = document
-        self._background = Background(self)
+        self._background = BackgroundQueue(self)
         self._background.busy_changed.connect(self.busy_changed)
         self._worked = True
 
@@ -200,5 +200,5 @@ class Saving(QObject):
         if line:
             self.failed.emit(line)
         else:
-            self._document.saved(sketch, path)
+            self._document.mark_saved(sketch, path)
             self.saved.emit(path)

@@ -167,7 +167,7 @@ class Document(QObject):
         self._tell({})
         self.saved_changed.emit()
 
-    def saved(self, sketch: Sketch, path: Path) -> None:
+    def mark_saved(self, sketch: Sketch, path: Path) -> None:
         """Remember that a sketch, the current one or one that was, is saved at a path.
 
         One that was opened before the current one was opened is none of this document's.

@@ -125,7 +125,7 @@ class Preferences(QObject):
         self._settings.setValue("window/geometry", layout[0])
         self._settings.setValue("window/state", layout[1])
 
-    def keep(self) -> None:
+    def save(self) -> None:
         """Write what was chosen now, not when the program ends."""
         self._settings.sync()
 

@@ -160,11 +160,11 @@ class AdherencePanel(ScrollingPanel):
         self._timer.timeout.connect(self._ask)
         self._link.placed_changed.connect(self._follow)
         self._link.adherence_changed.connect(self._take)
-        self._link.trouble.connect(self._give_up)
+        self._link.error_reported.connect(self._give_up)
 
     def _ask(self) -> None:
         self._waiting = True
-        self._link.tell(MeasureAdherence())
+        self._link.send(MeasureAdherence())
         self._fill()
 
     def _take(self) -> None:

@@ -78,7 +78,7 @@ class StatusLine(QWidget):
 
     def _connect(self) -> None:
         link = self._link
-        link.working_changed.connect(self._fill_work)
+        link.activity_changed.connect(self._fill_work)
         link.facts_changed.connect(self._fill_device)
         link.frame_shown.connect(self._wait)
         link.placed_changed.connect(self._wait)
@@ -89,8 +89,8 @@ class StatusLine(QWidget):
             self._timer.start()
 
     def _fill_work(self) -> None:
-        _show(self.work, self._link.working or "Ready")
-        self.busy.setVisible(bool(self._link.working))
+        _show(self.work, self._link.activity or "Ready")
+        self.busy.setVisible(bool(self._link.activity))
 
     def _painted_at(self, x: float, y: float) -> list[str]:
         """Return the labels that are seen at a place (m), the layer in use first."""
@@ -109,9 +109,9 @@ class StatusLine(QWidget):
     def _fill_device(self) -> None:
         facts = self._link.facts
         _show(self.device, _device_text(facts))
-        lines = [f"Terrain: {facts.device or facts.no_device or 'not known yet'}"]
+        lines = [f"Terrain: {facts.device or facts.device_error or 'not known yet'}"]
         lines += [facts.platform] if facts.platform else []
-        lines += [f"Picture: {facts.renderer or facts.no_picture or 'not known yet'}"]
+        lines += [f"Picture: {facts.renderer or facts.opengl_error or 'not known yet'}"]
         lines += [f"Heights reach the picture: {_SHARING.get(facts.sharing, facts.sharing)}"]
         self.device.setToolTip("\n".join(lines))
 
@@ -143,7 +143,7 @@ def _milliseconds(seconds: float) -> str:
 
 
 def _device_text(facts: EngineFacts) -> str:
-    if facts.no_device:
+    if facts.device_error:
         return "no device"
     if not facts.device:
         return ""

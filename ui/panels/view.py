@@ -83,7 +83,7 @@ class ViewPanel(ScrollingPanel):
         self.quality.edited.connect(self._want_quality)
         self.quality.reset_asked.connect(lambda: self._want_quality(_AUTOMATIC))
         self._timer.timeout.connect(self._show_quality)
-        self.plays.toggled.connect(lambda on: self._link.show(replace(self._link.view, plays=on)))
+        self.plays.toggled.connect(lambda on: self._link.set_view(replace(self._link.view, plays=on)))
         for name, box in self.overlays.items():
             box.toggled.connect(lambda on, name=name: self._show_overlay(name, on))
         self._document.sketch_changed.connect(self._fill_weather)
@@ -116,11 +116,11 @@ class ViewPanel(ScrollingPanel):
         self.quality.show_value(quality)
 
     def _show_quality(self) -> None:
-        self._link.show(replace(self._link.view, quality=self._wanted))
+        self._link.set_view(replace(self._link.view, quality=self._wanted))
 
     def _show_overlay(self, name: str, on: bool) -> None:
         kept = [each for each in OVERLAY_TITLES if (on if each == name else each in self._link.view.overlays)]
-        self._link.show(replace(self._link.view, overlays=tuple(kept)))
+        self._link.set_view(replace(self._link.view, overlays=tuple(kept)))
 
 
 def _box(title: str, tip: str) -> QCheckBox:

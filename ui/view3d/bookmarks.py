@@ -100,8 +100,8 @@ class BookmarksPanel(QWidget):
         """Look from a bookmark's place, counted from 0; nothing happens if there is none."""
         if 0 <= index < len(self._bookmarks.all):
             bookmark = self._bookmarks.all[index]
-            self._link.show(replace(self._link.view, mode=bookmark.mode))
-            self._link.tell(Look(bookmark.pose))
+            self._link.set_view(replace(self._link.view, mode=bookmark.mode))
+            self._link.send(Look(bookmark.pose))
             self._list.setCurrentRow(index)
 
     def add(self) -> None:

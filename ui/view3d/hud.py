@@ -129,18 +129,18 @@ class Notice:
 
 def notice_of(link: ViewSource, trouble: ErrorReport | None) -> Notice | None:
     """Return why there is no picture, or none that is worth looking at; None if all is well."""
-    if trouble is not None and trouble.what == "engine":
+    if trouble is not None and trouble.source == "engine":
         return Notice("error", "The 3-D view stopped", trouble.line, "Start again")
-    if link.facts.no_picture:
-        line = f"{link.facts.no_picture}\n{link.without_view}".strip()
+    if link.facts.opengl_error:
+        line = f"{link.facts.opengl_error}\n{link.without_view}".strip()
         return Notice("warning", "There is no 3-D view", line, "Try again")
     if link.picture is not None:
         return None
-    if link.facts.no_device:
-        return Notice("warning", "There is no device for the terrain", link.facts.no_device, "Try again")
+    if link.facts.device_error:
+        return Notice("warning", "There is no device for the terrain", link.facts.device_error, "Try again")
     if trouble is not None:
         return Notice("error", "The 3-D view cannot be drawn", trouble.line, "Start again")
-    return Notice("", "Preparing the terrain", link.working or "Starting")
+    return Notice("", "Preparing the terrain", link.activity or "Starting")
 
 
 class Card(QFrame):
@@ -349,8 +349,8 @@ class Hud(QObject):
         self._unsettled: float | None = None
         self.bar, self.compass, self.card = Bar(view), Compass(view), Card(view)
         link.frame_shown.connect(self._take_frame)
-        link.trouble.connect(self._take_trouble)
-        link.working_changed.connect(self.show_card)
+        link.error_reported.connect(self._take_trouble)
+        link.activity_changed.connect(self.show_card)
         link.view_changed.connect(self._take_view)
         self.bar.mode_chosen.connect(self.use_mode)
         self.compass.clicked.connect(self._face_north)
@@ -377,11 +377,11 @@ class Hud(QObject):
 
     def use_mode(self, mode: str) -> None:
         """Move in one of `MODES`."""
-        self._link.show(replace(self._link.view, mode=mode))
+        self._link.set_view(replace(self._link.view, mode=mode))
 
     def _face_north(self) -> None:
         heading = (self.compass.heading + 180.0) % 360.0 - 180.0
-        self._link.tell(Turn(heading if self._link.view.mode == "orbit" else -heading, 0.0))
+        self._link.send(Turn(heading if self._link.view.mode == "orbit" else -heading, 0.0))
 
     def _start_again(self) -> None:
         self._trouble = None
@@ -400,7 +400,7 @@ class Hud(QObject):
         self._view.update()
 
     def _take_trouble(self, trouble: ErrorReport) -> None:
-        if trouble.what in ("engine", "view"):
+        if trouble.source in ("engine", "view"):
             self._trouble = trouble
             self.show_card()
             self._view.update()

@@ -261,7 +261,7 @@ class Mouse(QObject):
         projection = self._projection()
         if notches and projection is not None:
             at = event.position()
-            self._link.tell(zoomed(notches, *projection.share(at.x(), at.y())))
+            self._link.send(zoomed(notches, *projection.share(at.x(), at.y())))
 
     def cancel(self) -> bool:
         """Cancel the drag of a handle; return whether there was one."""
@@ -317,7 +317,7 @@ class Mouse(QObject):
         turns = event.buttons() == _Button.LeftButton and not shift
         height = max(self._view.height(), 1)
         motion = dragged(self._link.view.mode, way.x(), way.y(), height=height, pans=not turns)
-        self._link.tell(motion)
+        self._link.send(motion)
 
     def _hover(self, at: QPointF) -> None:
         marks = self._marks()
@@ -361,7 +361,7 @@ class Mouse(QObject):
 
     def _go_to(self, place: Place | None) -> None:
         if place is not None:
-            self._link.tell(GoTo(place[0], place[1]))
+            self._link.send(GoTo(place[0], place[1]))
 
     def _ask(self, kind: str, at: QPointF, then: Callable[[Place | None], None]) -> None:
         projection = self._projection()

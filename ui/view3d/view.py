@@ -65,14 +65,14 @@ class PictureSize(QObject):
     def end(self) -> None:
         """Ask for none any more: the view is hidden."""
         self._timer.stop()
-        self._link.show(replace(self._link.view, width=0, height=0))
+        self._link.set_view(replace(self._link.view, width=0, height=0))
 
     def _ask(self) -> None:
         if self._view.isVisible():
             self._ratio = ratio = self._view.devicePixelRatioF()
             sides = (self._view.width(), self._view.height())
             width, height = (max(round(side * ratio), _LEAST) for side in sides)
-            self._link.show(replace(self._link.view, width=width, height=height))
+            self._link.set_view(replace(self._link.view, width=width, height=height))
 
 
 _Key = Qt.Key
@@ -117,7 +117,7 @@ class Keyboard:
         if key in FLYING_KEYS:
             self._tell(self._keys.press(key))
         elif key in _MODE_KEYS:
-            self._link.show(replace(self._link.view, mode=_MODE_KEYS[_Key(key)]))
+            self._link.set_view(replace(self._link.view, mode=_MODE_KEYS[_Key(key)]))
         elif key in self._commands:
             self._commands[key]()
         elif not self._mouse.cancel():
@@ -138,7 +138,7 @@ class Keyboard:
 
     def _tell(self, motion: object | None) -> None:
         if motion is not None:
-            self._link.tell(motion)
+            self._link.send(motion)
 
 
 class View3D(QWidget):
@@ -187,7 +187,7 @@ class View3D(QWidget):
     def _connect(self) -> None:
         link, workspace = self._link, self._workspace
         link.facts_changed.connect(self._hud.show_card)
-        link.trouble.connect(self._take_trouble)
+        link.error_reported.connect(self._take_trouble)
         for signal in (
             link.placed_changed,
             link.relief_changed,
@@ -222,11 +222,11 @@ class View3D(QWidget):
         if ground is not None:
             height = float(ground.height(0.5 * (west + east), 0.5 * (south + north)))
         aspect = max(self.width(), 1) / max(self.height(), 1)
-        self._link.tell(Look(overview((west, south, east, north), height, aspect=aspect)))
+        self._link.send(Look(overview((west, south, east, north), height, aspect=aspect)))
 
     def see_best(self) -> None:
         """Stand where the terrain looks best."""
-        self._link.tell(Look(None))
+        self._link.send(Look(None))
 
     def see_selection(self) -> None:
         """Look at what is selected, or at the whole sketch."""
@@ -237,7 +237,7 @@ class View3D(QWidget):
         if motion is None:
             self.see_all()
         else:
-            self._link.tell(motion)
+            self._link.send(motion)
 
     def delete_selection(self) -> None:
         """Delete what is selected; a control point of a river goes back to where it was generated."""
@@ -249,7 +249,7 @@ class View3D(QWidget):
         self._mouse.open_menu(QPointF(self.rect().center()), None)
 
     def _take_trouble(self, trouble: ErrorReport) -> None:
-        if trouble.what == "engine":
+        if trouble.source == "engine":
             self._mouse.forget()
 
     def _refresh(self, *_: object) -> None:

@@ -19,7 +19,7 @@ from sketchterrain.ui.engine.protocol import ErrorReport, FrameFacts, Look, View
 from sketchterrain.ui.layout import Dock, FullScreenActions, fitting_size
 from sketchterrain.ui.look.icons import app_icon
 from sketchterrain.ui.menus import add_menus
-from sketchterrain.ui.models.background import Background
+from sketchterrain.ui.models.background import BackgroundQueue
 from sketchterrain.ui.models.bookmarks import Bookmarks
 from sketchterrain.ui.models.preferences import state_folder
 from sketchterrain.ui.models.workspace import Workspace
@@ -37,7 +37,7 @@ _ACTIONS: Final = (
 
 
 class WorldLink(ViewSource):
-    """Draws a stored world. Its `trouble` is of the ``engine``, the ``view``, or a part of the ``world``."""
+    """Renders a stored world; reports errors of the ``engine``, the ``view`` or a part of the ``world``."""
 
     world_known = pyqtSignal(object)
     """`WorldFacts`."""
@@ -52,13 +52,12 @@ class WorldLink(ViewSource):
         return None if self.world is None else (self.world.bounds, self.world.middle)
 
     def start(self) -> None:
-        """Start the process; anew while it runs."""
-        self._end()
-        self._begin(EngineProcesses(device=self.device, world=self.path))
+        """Start or restart the process."""
+        self._run(EngineProcesses(device=self.device, world=self.path))
         if self.frame is None:
-            self.tell(Look())
+            self.send(Look())
 
-    def _take_own(self, message: Any) -> None:
+    def _handle_other(self, message: Any) -> None:
         if isinstance(message, WorldFacts):
             self.world = message
             self.world_known.emit(message)
@@ -92,10 +91,10 @@ class WorldWindow(QMainWindow):
         status.addPermanentWidget(self._what)
         self.banner = Banner(self, below=self.view.bar)
         self._lost = 0
-        self._background = Background(self)
+        self._background = BackgroundQueue(self)
         self.link.world_known.connect(self._show_world)
         self.link.frame_shown.connect(self._show_place)
-        self.link.trouble.connect(self._report_trouble)
+        self.link.error_reported.connect(self._report_trouble)
         self.view.picture_requested.connect(self.save_picture)
         self.resize(fitting_size(QSize(1180, 760), self.screen()))
         self.view.setFocus(Qt.FocusReason.OtherFocusReason)
@@ -156,7 +155,7 @@ class WorldWindow(QMainWindow):
         west, south, east, north = world.bounds
         size = f"{length_text(east - west)} × {length_text(north - south)}"
         self._what.setText(f"{size}, {world.cell:g} m between vertices")
-        for line in world.lacks:
+        for line in world.missing:
             self.banner.show_message(Message("info", f"{line[:1].upper()}{line[1:]}.", line))
 
     def _show_place(self, frame: FrameFacts) -> None:
@@ -166,7 +165,7 @@ class WorldWindow(QMainWindow):
 
     def _report_trouble(self, trouble: ErrorReport) -> None:
         """Report a part that cannot be read; the view itself says why nothing is drawn."""
-        if trouble.what == "world":
+        if trouble.source == "world":
             self._lost += 1
             others = f" ({self._lost} parts so far)" if self._lost > 1 else ""
             line = f"{trouble.line.rstrip('.')}{others}. What is known more coarsely is shown there."

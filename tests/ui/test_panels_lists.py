@@ -46,7 +46,7 @@ def test_adherence_is_measured_on_demand_and_again_after_a_failure(shown, worksp
     panel.measure.click()
     link.error_reported.emit(msg.ErrorReport("engine", "it ended"))
     panel.measure.click()
-    assert link.told == [msg.MeasureAdherence()] * 2
+    assert link.requests == [msg.MeasureAdherence()] * 2
     link.adherence = msg.Adherence(1, {**FIGURES, "peaks": PEAKS})
     link.adherence_changed.emit(link.adherence)
     assert [name for name, bar in panel.bars.items() if bar.isVisible()] == ["mountain"]
@@ -63,16 +63,16 @@ def test_adherence_follows_while_it_lies_over_the_sketch(qtbot, shown, workspace
     link.placed = placed
     link.placed_changed.emit(placed)
     qtbot.wait(700)
-    assert link.told == [], "nobody asked"
+    assert link.requests == [], "nobody asked"
     panel.overlay.click()
     assert "adherence" in workspace.overlays
-    qtbot.waitUntil(lambda: link.told == [msg.MeasureAdherence()], timeout=3000)
+    qtbot.waitUntil(lambda: link.requests == [msg.MeasureAdherence()], timeout=3000)
     link.adherence = msg.Adherence(placed.version, FIGURES)
     link.adherence_changed.emit(link.adherence)
     for version in (2, 3, 4):
         link.placed = dataclasses.replace(placed, version=version)
         link.placed_changed.emit(link.placed)
-    qtbot.waitUntil(lambda: len(link.told) == 2, timeout=3000)
+    qtbot.waitUntil(lambda: len(link.requests) == 2, timeout=3000)
 
 
 def test_contradictions_lead_to_their_places_and_their_marks_are_switched(shown, workspace, link, placed):

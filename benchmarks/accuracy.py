@@ -13,8 +13,8 @@ from sketchterrain.benchmarks.grounds import open_ground, scattered_keys
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
 from sketchterrain.terrain.evaluation import Evaluator
-from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit, tile_axes
-from sketchterrain.terrain.reference import reference_ground
+from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit
+from sketchterrain.terrain.reference import host_samples
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -72,7 +72,7 @@ class _Sample:
         y = np.broadcast_to(self.y[:, :, None], x.shape)
         height = np.stack(
             [
-                reference_ground(self.recipe, a.ravel(), b.ravel(), cell_size=self.cell_size).height.reshape(
+                host_samples(self.recipe, a.ravel(), b.ravel(), cell_size=self.cell_size).height.reshape(
                     side, side
                 )
                 for a, b in zip(x, y, strict=True)
@@ -114,7 +114,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
 
 
 def _sample(terrain: Terrain, level: int, count: int) -> _Sample:
-    axes = [tile_axes(*key) for key in scattered_keys(level, count, terrain, seed=TILE_SEED)]
+    axes = [_tile_axes(*key) for key in scattered_keys(level, count, terrain, seed=TILE_SEED)]
     cell = level_step(level) * metres_per_unit(terrain.extent)
     return _Sample(terrain.recipe, np.stack([x for x, _ in axes]), np.stack([y for _, y in axes]), cell)
 
@@ -161,3 +161,10 @@ def _normal_errors(normal: npt.NDArray[Any], truth: Reals) -> dict[str, float]:
     chord = np.linalg.norm(normal.astype(np.float64) - truth, axis=-1)
     angle = np.degrees(2 * np.arcsin(np.minimum(chord / 2, 1)))
     return {"normal_deg": float(angle.max()), "normal_p99_deg": float(np.percentile(angle, 99))}
+
+
+def _tile_axes(level: int, column: int, row: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return the lattice coordinates of a tile's vertices and of one more vertex beyond each border."""
+    step = level_step(level)
+    offsets = np.arange(-1, QUADS + 2, dtype=np.int64) * step
+    return column * QUADS * step + offsets, (row + 1) * QUADS * step - offsets

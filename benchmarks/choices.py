@@ -19,7 +19,7 @@ from sketchterrain.terrain import surroundings
 from sketchterrain.terrain.evaluation import Evaluator
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit
 from sketchterrain.terrain.packing import pack_features
-from sketchterrain.terrain.reference import reference_ground
+from sketchterrain.terrain.reference import host_samples
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -133,7 +133,7 @@ class _Ground:
         """Return the heights in NumPy float64, m."""
         x, y = (axis[:, 1:-1] for axis in (self.x, self.y))
         grids = [np.meshgrid(a, b) for a, b in zip(x, y, strict=True)]
-        parts = [reference_ground(recipe, a.ravel(), b.ravel(), cell_size=self.cell).height for a, b in grids]
+        parts = [host_samples(recipe, a.ravel(), b.ravel(), cell_size=self.cell).height for a, b in grids]
         return np.stack(parts).reshape(len(x), x.shape[1], x.shape[1])
 
 
@@ -150,7 +150,7 @@ def _octaves(recipe: TerrainRecipe, context: TimedContext, effort: Effort) -> It
 def _normals(context: TimedContext, effort: Effort) -> Iterator[_Way]:
     side = min(effort.noise_side, 512)
     grid = NoiseGrid(context, side)
-    truth = _normal(grid.reference_slope())
+    truth = _normal(grid.host_slope())
 
     def analytic() -> Reals:
         grid.launch_slope()
@@ -176,7 +176,7 @@ def _difference_error(grid: NoiseGrid) -> float:
     height, span = grid.download().astype(np.float64), 2 * grid.spacing
     east = (height[1:-1, 2:] - height[1:-1, :-2]) / span
     north = (height[2:, 1:-1] - height[:-2, 1:-1]) / span
-    truth = _normal(grid.reference_slope()[1:-1, 1:-1])
+    truth = _normal(grid.host_slope()[1:-1, 1:-1])
     return _angle(_normal(np.stack([east, north], axis=-1)), truth)
 
 

@@ -107,8 +107,8 @@ class _World:
         keys = [(corner[0] + i, corner[1] + j) for j in range(_TILES) for i in range(_TILES)]
         patches = tile_patches(_LEVEL, keys, self._extent, up=0)
         blocks, cell = patches.blocks, patches.cell_size
-        first, again = (lap(lambda: self._arguments.reaching(blocks, cell)).wall for _ in range(2))
-        near = len(self._arguments.reaching(blocks, cell).lists["feature_list"]) / len(keys)
+        first, again = (lap(lambda: self._arguments.cull(blocks, cell)).wall for _ in range(2))
+        near = len(self._arguments.cull(blocks, cell).lists["feature_list"]) / len(keys)
         return _Look(first, again, near)
 
 

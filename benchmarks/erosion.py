@@ -18,7 +18,7 @@ from sketchterrain.terrain.evaluation import Evaluator
 from sketchterrain.terrain.from_sketch import make_recipe
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.octaves import NoiseStack, octave_table
-from sketchterrain.terrain.reference import reference_heights, reference_slope
+from sketchterrain.terrain.reference import host_heights, host_slope
 from sketchterrain.terrain.reference_noise import fbm
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def _recipe(**label: float) -> TerrainRecipe:
         key: {**values, **label} for key, values in sketch.labels.items() if key[0] in ("mountain", "hill")
     }
     recipe = make_recipe(sketch.replace(labels={**sketch.labels, **labels}))
-    return replace(recipe, rivers=(), river_reach=(), lakes=())
+    return replace(recipe, rivers=(), valley_radii=(), lakes=())
 
 
 def _noise(recipe: TerrainRecipe, axis: Reals) -> Reals:
@@ -220,7 +220,7 @@ def _normals(recipes: dict[str, TerrainRecipe], axis: Reals) -> list[Row]:
             lattice = (to_lattice(part, recipe.extent) for part in (x, y))
             found = {
                 "finite differences": _differences(recipe, x, y, cell, cell),
-                "analytic": np.stack(reference_slope(recipe, *lattice, cell_size=cell)[1:]),
+                "analytic": np.stack(host_slope(recipe, *lattice, cell_size=cell)[1:]),
             }
             for method, slope in found.items():
                 angle = _angles(slope, true)
@@ -238,12 +238,8 @@ def _normals(recipes: dict[str, TerrainRecipe], axis: Reals) -> list[Row]:
 
 def _differences(recipe: TerrainRecipe, x: Reals, y: Reals, cell: float, step: float) -> Reals:
     step = max(round(step / metres_per_unit(recipe.extent)), 1) * metres_per_unit(recipe.extent)
-    ahead = [
-        reference_heights(recipe, x + step * e, y + step * n, cell_size=cell) for e, n in ((1, 0), (0, 1))
-    ]
-    behind = [
-        reference_heights(recipe, x - step * e, y - step * n, cell_size=cell) for e, n in ((1, 0), (0, 1))
-    ]
+    ahead = [host_heights(recipe, x + step * e, y + step * n, cell_size=cell) for e, n in ((1, 0), (0, 1))]
+    behind = [host_heights(recipe, x - step * e, y - step * n, cell_size=cell) for e, n in ((1, 0), (0, 1))]
     return (np.stack(ahead) - np.stack(behind)) / (2 * step)
 
 

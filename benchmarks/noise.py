@@ -112,7 +112,7 @@ class NoiseGrid:
         """Compute the same in NumPy float64."""
         return fbm(self._octaves, _STACK, *self._vertices())
 
-    def reference_slope(self) -> npt.NDArray[np.float64]:
+    def host_slope(self) -> npt.NDArray[np.float64]:
         """Compute the slopes eastward and northward in NumPy float64, 1/m, shape (side, side, 2)."""
         found = fbm_slope(self._octaves, _STACK, *self._vertices())
         return np.stack([found.east, found.north], axis=-1) / metres_per_unit(_EXTENT)

@@ -68,7 +68,7 @@ def _without(whole: TerrainRecipe) -> Iterator[tuple[str, TerrainRecipe]]:
     if whole.lakes:
         yield "lakes", dataclasses.replace(whole, lakes=())
     if whole.rivers:
-        yield "rivers", dataclasses.replace(whole, rivers=(), river_reach=())
+        yield "rivers", dataclasses.replace(whole, rivers=(), valley_radii=())
     yield "rules", dataclasses.replace(whole, material_rules=())
 
 

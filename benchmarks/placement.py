@@ -12,7 +12,7 @@ from sketchterrain.features import FEATURE_TYPES, label_shapes, place, trace_riv
 from sketchterrain.features.user_features import user_features
 from sketchterrain.sketch import load_sketch
 from sketchterrain.terrain import make_recipe
-from sketchterrain.terrain.reference import reference_heights
+from sketchterrain.terrain.reference import host_heights
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -100,6 +100,6 @@ def _darts(sketch: Sketch, shapes: list[Shape]) -> list[npt.NDArray[np.void]]:
 
 
 def _ground(recipe: TerrainRecipe) -> Callable[[Reals, Reals], Reals]:
-    dry = replace(recipe, rivers=(), river_reach=())
+    dry = replace(recipe, rivers=(), valley_radii=())
     cell = recipe.extent / _RIVER_CELLS_PER_EXTENT
-    return lambda x, y: reference_heights(dry, x, y, cell_size=cell)
+    return lambda x, y: host_heights(dry, x, y, cell_size=cell)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sketchterrain.features.splines import cubics
-from sketchterrain.terrain.arcs import flattened, position
+from sketchterrain.terrain.arcs import flatten, position
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -89,7 +89,7 @@ def pieces_of(cubic: Reals, tolerance: float, *, arcs: bool) -> tuple[npt.NDArra
         Or straight pieces.
     """
     flat = cubic.reshape(-1, 2, 4)
-    found = flattened(flat, tolerance, arcs=arcs)
+    found = flatten(flat, tolerance, arcs=arcs)
     ends = position(flat[found.cubic], np.stack([found.first, found.last], axis=-1))
     chord = ends[:, 1] - ends[:, 0]
     length2 = (chord**2).sum(axis=-1)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.grounds import TileKey
     from sketchterrain.benchmarks.timing import Lap, TimedContext
     from sketchterrain.terrain import Terrain, TerrainRecipe
-    from sketchterrain.terrain.kernel_arguments import Reaching
+    from sketchterrain.terrain.kernel_arguments import CulledInputs
     from sketchterrain.terrain.patch_places import Patches
 
 BYTES = 64
@@ -73,7 +73,7 @@ def counted(terrain: Terrain, context: TimedContext, keys: Sequence[TileKey]) ->
     evaluations = dict.fromkeys(KINDS, 0)
     for up, side in ((0, QUADS + 3), (1, QUADS // 2 + 3)):
         patches = tile_patches(keys[0][0], [key[1:] for key in keys], recipe.extent, up=up)
-        reaching = arguments.reaching(patches.blocks, patches.cell_size)
+        reaching = arguments.cull(patches.blocks, patches.cell_size)
         lists = reaching.lists
         table = arguments.world(patches.cell_size)["table"]
         length = {name: last - first for name, (first, last) in table.ranges.items()}
@@ -107,7 +107,7 @@ def _sampled(patches: Patches) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.in
     return east.reshape(patches.count, -1), north.reshape(patches.count, -1)
 
 
-def _cut(recipe: TerrainRecipe, reaching: Reaching, patches: Patches) -> float:
+def _cut(recipe: TerrainRecipe, reaching: CulledInputs, patches: Patches) -> float:
     """Tiles' worth of vertices that surely lie in a hill or mountain that water cuts."""
     features, lists = reaching.features, reaching.lists
     at, shape = features.packed.at, features.packed.shape
@@ -156,7 +156,7 @@ class Probe:
         arguments = KernelArguments(_probed(bare, kind, many=many), context)
         keys = [key[1:] for key in central_keys(_LEVEL, _TILES)]
         self._patches = tile_patches(_LEVEL, keys, bare.extent, up=0)
-        lists = arguments.reaching(self._patches.blocks, self._patches.cell_size).lists
+        lists = arguments.cull(self._patches.blocks, self._patches.cell_size).lists
         if kind == "gully":
             first, last = arguments.world(self._patches.cell_size)["table"].ranges["gully"]
             number = _TILES * (last - first) * many
@@ -195,7 +195,9 @@ def _probed(bare: TerrainRecipe, kind: str, *, many: bool) -> TerrainRecipe:
         return replace(bare, lakes=(_lake(middle, 0.1 * bare.extent),) * copies)
     if kind == "river":
         rivers = tuple(_river(bare.extent, middle + 10.0 * number) for number in range(copies))
-        return replace(bare, rivers=rivers, river_reach=(np.full(len(rivers[0].centreline), reach),) * copies)
+        return replace(
+            bare, rivers=rivers, valley_radii=(np.full(len(rivers[0].centreline), reach),) * copies
+        )
     painted = np.zeros(copies, FEATURE)
     painted["id"] = np.arange(copies)
     painted["type"] = FEATURE_TYPES.index("hill" if kind == "gully" else kind)

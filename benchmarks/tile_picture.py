@@ -58,7 +58,7 @@ def _reaching(terrain: Terrain) -> npt.NDArray[np.int64]:
     side = 2**_LEVEL
     keys = [(column, row) for row in range(side) for column in range(side)]
     patches = tile_patches(_LEVEL, keys, terrain.extent, up=0)
-    lists = KernelArguments(terrain.recipe, terrain.context).reaching(patches.blocks, patches.cell_size).lists
+    lists = KernelArguments(terrain.recipe, terrain.context).cull(patches.blocks, patches.cell_size).lists
     features = lists["feature_starts"][:, -1] - lists["feature_starts"][:, 0]
     waters = sum(np.diff(lists[f"{name}_starts"]) for name in ("lake", "river"))
     return np.asarray((features + waters).reshape(side, side), np.int64)

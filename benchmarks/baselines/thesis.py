@@ -147,7 +147,7 @@ def _segments(recipe: TerrainRecipe) -> Reals:
 def _reaches(recipe: TerrainRecipe) -> Reals:
     """Return how far the rivers' valleys reach, m, for each piece: as far as this program's."""
     parts = [np.empty(0)]
-    for river, reach in zip(recipe.rivers, recipe.river_reach, strict=True):
+    for river, reach in zip(recipe.rivers, recipe.valley_radii, strict=True):
         apart = river.points[:, None, :2] - river.centreline[None, :, :2]
         far = reach[np.argmin(np.linalg.norm(apart, axis=-1), axis=1)]
         parts.append(np.maximum(far[1:], far[:-1]))

@@ -53,7 +53,7 @@ def agreement_picture(terrain: Terrain, adherence: Adherence) -> Pixels:
     """
     shade = _hillshade(terrain)
     panels = [
-        _panel(shade, images.painted, images.shown, _title(adherence, name))
+        _panel(shade, images.painted, images.affected, _title(adherence, name))
         for name, images in adherence.images.items()
     ]
     panels = panels or [

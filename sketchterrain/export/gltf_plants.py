@@ -24,7 +24,7 @@ INSTANCING: Final = "EXT_mesh_gpu_instancing"
 BYTES_PER_PLANT: Final = 40 + 24
 """As an instance and as a point."""
 
-MOST_PLANTS: Final = 10_000_000
+MAX_PLANTS: Final = 10_000_000
 """That a scene is made of; what it takes of memory is about 130 bytes each."""
 
 _TRIANGLES: Final = 20_000_000  # of all plants together; beyond that models are coarser
@@ -58,9 +58,9 @@ def gathered_plants(export: Export, axes: EngineAxes) -> Planting:
     terrain, sampled = export.terrain, export.sampled
     storeys = storeys_of(export.options)
     many = sum(terrain.foliage_estimate(*sampled.grid.area, storey=storey)[0] for storey in storeys)
-    if many > MOST_PLANTS:
+    if many > MAX_PLANTS:
         raise InputError(
-            f"up to {many:.3g} plants: a GLB takes {MOST_PLANTS:.3g}: expected no grass, or a smaller extent"
+            f"up to {many:.3g} plants: a GLB takes {MAX_PLANTS:.3g}: expected no grass, or a smaller extent"
         )
     parts: list[tuple[npt.NDArray[Any], ...]] = [
         (np.zeros((0, 3)), np.zeros(0, np.float32), np.zeros(0, np.float32), np.zeros(0, np.int64))

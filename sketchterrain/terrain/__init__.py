@@ -1,4 +1,4 @@
-"""From a recipe to heights, normals, materials and plants, on the device and in float64."""
+"""Terrain evaluation: recipe to heights, normals, materials and plants, on a device and in float64."""
 
 from __future__ import annotations
 

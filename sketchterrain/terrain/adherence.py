@@ -1,7 +1,7 @@
-"""How far a terrain does what its sketch says, measured on the terrain's own heights.
+"""Adherence: how closely a terrain follows its sketch, measured on the terrain's own heights.
 
-Areas and heights are measured by leaving one layer's painted features out and looking at what is missing;
-rivers by walking down their centrelines. All is sampled at full detail, areas at the sketch's pixel centres.
+Areas and heights are measured by removing one layer's painted features and comparing heights; rivers by
+walking down their centrelines. Everything is sampled at full detail, areas at the sketch's pixel centres.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sketchterrain.terrain.adherence_areas import AreaImages, Sampled, measure_layer
-from sketchterrain.terrain.adherence_rivers import measure_rivers
+from sketchterrain.terrain.adherence_areas import AreaImages, SampledTerrain, measure_layer
+from sketchterrain.terrain.adherence_rivers import measure_river_adherence
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -27,47 +27,24 @@ AREA_LAYERS = ("mountain", "hill", "dune", "forest", "lake", "river")
 
 @dataclass(frozen=True)
 class LayerSummary:
-    """One layer's shapes in a few numbers.
-
-    Attributes
-    ----------
-    shapes : int
-        Painted shapes.
-    measured : int
-        Those at least six pixels wide, from which the other figures come.
-    lost : int
-        Shapes of which the terrain shows nothing, of any width.
-    iou_mean, iou_median, iou_p10 : float or None
-        Intersection over union of the painted and the risen area: mean, median, 10th percentile; None where
-        nothing is measured.
-    spill : float or None
-        Area that rises beyond the measured shapes, over their painted area.
-    """
+    """Statistics over one layer's shapes; None where no shape is wide enough to be measured."""
 
     shapes: int
-    measured: int
-    lost: int
+    measured: int  # shapes at least six pixels wide, from which the other figures come
+    lost: int  # shapes of any width with no visible effect on the terrain
+    # Intersection over union of the painted area and the area of effect.
     iou_mean: float | None
     iou_median: float | None
     iou_p10: float | None
-    spill: float | None
+    spill: float | None  # area of effect beyond the measured shapes, over their painted area
 
 
 @dataclass(frozen=True)
 class PeakSummary:
-    """Reached over asked-for height of the measured mountains.
-
-    Attributes
-    ----------
-    measured, capped : int
-        Mountains at least six pixels wide, and how many of them are too small for the height that their label
-        asks for: those are asked for inradius · tan 70°.
-    least, mean, most : float or None
-        Ratios.
-    """
+    """Ratio of reached to requested height of the measured mountains."""
 
     measured: int
-    capped: int
+    capped: int  # mountains too small for their label's height: the target is inradius · tan 70°
     least: float | None
     mean: float | None
     most: float | None
@@ -75,20 +52,9 @@ class PeakSummary:
 
 @dataclass(frozen=True, eq=False)
 class Adherence:
-    """What :func:`measure_adherence` found.
+    """Result of :func:`measure_adherence`: by layer, by shape, by river, and pixel by pixel."""
 
-    Attributes
-    ----------
-    layers : mapping of str to LayerSummary
-        Of each painted layer.
-    peaks : PeakSummary
-    shapes : tuple of ShapeAdherence
-    rivers : tuple of RiverAdherence
-    images : mapping of str to AreaImages
-        For each painted layer what was painted and what the terrain shows, pixel by pixel.
-    """
-
-    layers: Mapping[str, LayerSummary]
+    layers: Mapping[str, LayerSummary]  # painted ones
     peaks: PeakSummary
     shapes: tuple[ShapeAdherence, ...]
     rivers: tuple[RiverAdherence, ...]
@@ -96,7 +62,7 @@ class Adherence:
 
     @property
     def lost(self) -> int:
-        """Number of shapes of which the terrain shows nothing."""
+        """Number of shapes with no visible effect on the terrain."""
         return sum(layer.lost for layer in self.layers.values())
 
     @property
@@ -105,8 +71,8 @@ class Adherence:
         return _mean(shape.iou for shape in self.shapes if shape.iou is not None)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return all but the images, ready for JSON; None where nothing was measured."""
-        told = {
+        """Return everything but the images, JSON-serialisable; None where nothing was measured."""
+        report = {
             "lost": self.lost,
             "mean_iou": self.mean_iou,
             "layers": {name: asdict(layer) for name, layer in self.layers.items()},
@@ -114,36 +80,29 @@ class Adherence:
             "shapes": [asdict(shape) for shape in self.shapes],
             "rivers": [asdict(river) for river in self.rivers],
         }
-        return {key: _rounded(value) for key, value in told.items()}
+        return {key: _rounded(value) for key, value in report.items()}
 
 
 def measure_adherence(terrain: Terrain) -> Adherence:
-    """Measure how far a terrain does what its sketch says.
+    """Measure how closely a terrain follows its sketch.
 
-    An area of a layer with heights (mountain, hill, dune) is where the height with that layer's painted
-    features differs from the height without them by more than a quarter of what its label asks for. Forests
-    have no height: theirs is where the share of the ground that carries trees differs by more than a quarter
-    of the label's. Between crests of dunes that are no more than a wavelength apart the troughs count as
-    dunes. Lakes and rivers are where water stands. Ground belongs to the painted shape that is nearest.
-
-    Parameters
-    ----------
-    terrain : Terrain
-        Of any sketch.
-
-    Returns
-    -------
-    Adherence
+    The area of a layer with heights (mountain, hill, dune) is where the height with that layer's painted
+    features differs from the height without them by more than a quarter of its label's. Forests have no
+    height: theirs is where the tree cover differs by more than a quarter of the label's density. Troughs
+    between dune crests at most a wavelength apart count as dunes. Lakes and rivers are where water stands.
+    Every pixel belongs to the nearest painted shape.
     """
-    sampled = Sampled.of(terrain)
-    found = {name: measure_layer(sampled, name) for name in AREA_LAYERS if terrain.sketch.layers[name].any()}
-    shapes = tuple(shape for of_layer, _ in found.values() for shape in of_layer)
+    sampled = SampledTerrain.evaluate(terrain)
+    measured = {
+        name: measure_layer(sampled, name) for name in AREA_LAYERS if terrain.sketch.layers[name].any()
+    }
+    shapes = tuple(shape for layer_shapes, _ in measured.values() for shape in layer_shapes)
     return Adherence(
-        layers={name: _summary(of_layer, images) for name, (of_layer, images) in found.items()},
+        layers={name: _summary(layer_shapes, images) for name, (layer_shapes, images) in measured.items()},
         peaks=_peaks(shapes),
         shapes=shapes,
-        rivers=measure_rivers(terrain),
-        images={name: images for name, (_, images) in found.items()},
+        rivers=measure_river_adherence(terrain),
+        images={name: images for name, (_, images) in measured.items()},
     )
 
 

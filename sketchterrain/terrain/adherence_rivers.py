@@ -1,4 +1,4 @@
-"""Painted courses of rivers against their centrelines, and the ground along these."""
+"""River adherence: painted strokes against their centrelines, and the bed along these."""
 
 from __future__ import annotations
 
@@ -21,76 +21,62 @@ if TYPE_CHECKING:
     Reals = npt.NDArray[np.float64]
 
 _STEP = 1.0  # m along a centreline
-_MOST_STEPS = 50_000
-_RISE = 0.01  # m: what still counts as not rising
-_REACH = 8.0  # px: how far from a painted stroke a centreline can lie and still be its own
+_MAX_STEPS = 50_000
+_RISE = 0.01  # m: tolerance for "not rising"
+_MAX_DISTANCE = 8.0  # px: of a centreline from the painted stroke it belongs to
 
 
 @dataclass(frozen=True)
 class RiverAdherence:
-    """One painted river network (a connected region of the river layer) and its centrelines.
-
-    Attributes
-    ----------
-    label, id, area : int
-        As in :class:`~sketchterrain.features.Shape`.
-    lost : bool
-        Whether no centreline runs near it.
-    mean_distance, greatest_distance : float or None
-        Sketch pixels from the painted skeleton to the centreline and back.
-    descending : float or None
-        Share of the centreline, in steps of a metre, along which the bed rises by no more than a centimetre.
-    deepest_pit : float or None
-        Metres that the bed lies below a place farther downstream; lakes are meant and do not count.
-    """
+    """One painted river network (a connected region of the river layer) and its centrelines; None if lost."""
 
     label: int
     id: int
     area: int
-    lost: bool
-    mean_distance: float | None
+    lost: bool  # no centreline runs near it
+    mean_distance: float | None  # sketch pixels from the painted skeleton to the centreline and back
     greatest_distance: float | None
-    descending: float | None
-    deepest_pit: float | None
+    descending: float | None  # share of the centreline, in 1 m steps, where the bed rises by at most 1 cm
+    deepest_pit: float | None  # m that the bed lies below a point farther downstream, lakes excluded
 
 
-def measure_rivers(terrain: Terrain) -> tuple[RiverAdherence, ...]:
-    """Measure every painted river; labels that touch are one network, told by the label of its first pixel.
+def measure_river_adherence(terrain: Terrain) -> tuple[RiverAdherence, ...]:
+    """Measure every painted river; labels that touch are one network, with the label of its first pixel.
 
-    What a river does beyond the sketch's edge is not measured: nothing is painted there.
+    The river beyond the sketch's edge is not measured: nothing is painted there.
     """
     sketch = terrain.sketch
     painted = sketch.layers["river"] > 0
-    lines = [_inside(terrain, along(river.centreline[:, :2])) for river in terrain.recipe.rivers]
+    lines = [_inside(terrain, resample(river.centreline[:, :2])) for river in terrain.recipe.rivers]
     beds = [_beds(terrain, line) for line in lines]
     bones = [
-        (bone.rows[0] * sketch.width_px + bone.columns[0], _places(terrain, bone.rows, bone.columns))
+        (bone.rows[0] * sketch.width_px + bone.columns[0], _positions(terrain, bone.rows, bone.columns))
         for bone in skeletons(painted)
     ]
     result = []
     for network in label_shapes("river", painted.astype(np.uint8)):
-        own = set(
-            (network.pixels(network.mask)[0] * sketch.width_px + network.pixels(network.mask)[1]).tolist()
-        )
+        rows, columns = network.pixels(network.mask)
+        own = set((rows * sketch.width_px + columns).tolist())
         skeleton = np.concatenate([at for first, at in bones if int(first) in own])
         label = int(sketch.layers["river"].flat[network.id])
-        near = [i for i, line in enumerate(lines) if _is_near(line, skeleton, _REACH * sketch.pixel_size)]
-        result.append(
-            _measured(network, label, skeleton, [(lines[i], beds[i]) for i in near], sketch.pixel_size)
-        )
+        limit = _MAX_DISTANCE * sketch.pixel_size
+        courses = [
+            (line, bed) for line, bed in zip(lines, beds, strict=True) if _is_near(line, skeleton, limit)
+        ]
+        result.append(_measure(network, label, skeleton, courses, sketch.pixel_size))
     return tuple(result)
 
 
-def along(points: Reals, step: float = _STEP) -> Reals:
-    """Return places in even steps (m) along a line through points of shape (n, 2)."""
+def resample(points: Reals, step: float = _STEP) -> Reals:
+    """Return positions in even steps (m) along a polyline of shape (n, 2)."""
     lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    count = min(int(lengths[-1] / step) + 2, _MOST_STEPS)
+    count = min(int(lengths[-1] / step) + 2, _MAX_STEPS)
     at = np.linspace(0.0, lengths[-1], count)
     return np.stack([np.interp(at, lengths, points[:, axis]) for axis in (0, 1)], axis=-1)
 
 
 def _beds(terrain: Terrain, line: Reals) -> list[Reals]:
-    """Heights (m) along a line, without what lies in a lake: its bed is a hollow that is meant."""
+    """Return heights (m) along a line, split at lakes, whose beds are hollows by design."""
     height = terrain.heights(line[:, 0], line[:, 1])
     dry = ~standing_water(terrain.recipe, "lake", line[:, 0], line[:, 1], height)
     starts = np.flatnonzero(np.diff(dry.astype(np.int8), prepend=0) == 1)
@@ -98,7 +84,7 @@ def _beds(terrain: Terrain, line: Reals) -> list[Reals]:
     return [height[start:end].astype(np.float64) for start, end in zip(starts, ends, strict=True)]
 
 
-def _measured(
+def _measure(
     network: Shape, label: int, skeleton: Reals, courses: list[tuple[Reals, list[Reals]]], pixel_size: float
 ) -> RiverAdherence:
     if not courses:
@@ -120,11 +106,11 @@ def _measured(
     )
 
 
-def _is_near(line: Reals, skeleton: Reals, reach: float) -> bool:
-    """Whether most of a line lies near a painted skeleton."""
+def _is_near(line: Reals, skeleton: Reals, limit: float) -> bool:
+    """Return whether most of a line lies near a painted skeleton."""
     if len(line) == 0:
         return False
-    distance, _ = cKDTree(skeleton).query(line, distance_upper_bound=reach)
+    distance, _ = cKDTree(skeleton).query(line, distance_upper_bound=limit)
     return bool(np.mean(np.isfinite(distance)) > 0.5)
 
 
@@ -135,7 +121,7 @@ def _inside(terrain: Terrain, line: Reals) -> Reals:
     return np.asarray(line[inside])
 
 
-def _places(terrain: Terrain, rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64]) -> Reals:
+def _positions(terrain: Terrain, rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64]) -> Reals:
     sketch = terrain.sketch
     x, y = columns + 0.5, sketch.height_px - rows - 0.5
     return np.stack([x, y], axis=-1) * sketch.pixel_size

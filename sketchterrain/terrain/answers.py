@@ -1,4 +1,4 @@
-"""What a terrain answers: a tile, a raster, what was placed."""
+"""Evaluated pieces of a terrain: tile, raster, band of rows, placed features."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Tile:
     cell_size : float
         Metres between vertices.
     detail_bound : float
-        Metres by which heights at full detail differ from those at this level, at most, anywhere in the tile.
+        Upper bound (m) of the difference between heights at full detail and at this level within the tile.
     height : ndarray of float32, shape (65, 65)
         Metres.
     normal : ndarray of float32, shape (65, 65, 3)
@@ -36,7 +36,7 @@ class Tile:
     materials : ndarray of float32, shape (65, 65, 8)
         Weights in the order of ``MATERIALS``; they sum to 1.
     parent_height, parent_normal : ndarray of float32, shapes (65, 65) and (65, 65, 3)
-        What the coarser tile over it holds here: bit-equal at the vertices they share; between two of the
+        Values of the parent tile at these vertices: bit-equal at shared vertices; between two of the
         parent's vertices half their sum, along its edges or its diagonals from north-west to south-east.
     """
 
@@ -55,17 +55,9 @@ class Tile:
 
 @dataclass(frozen=True)
 class Raster:
-    """The whole sketch as images of rows × columns vertices; row 0 is the north edge.
+    """The whole sketch as images of rows × columns vertices; row 0 is the north edge."""
 
-    Attributes
-    ----------
-    spacing : tuple of float
-        Metres between columns and between rows.
-    height, normal, materials : ndarray of float32
-        As in :class:`Tile`.
-    """
-
-    spacing: tuple[float, float]
+    spacing: tuple[float, float]  # m between columns and between rows
     height: npt.NDArray[np.float32]
     normal: npt.NDArray[np.float32]
     materials: npt.NDArray[np.float32]
@@ -73,15 +65,7 @@ class Raster:
 
 @dataclass(frozen=True)
 class Band:
-    """Some rows of a grid of vertices; row 0 is its north edge.
-
-    Attributes
-    ----------
-    top : int
-        The first row's place in the whole grid.
-    height, normal, materials : ndarray of float32
-        As in :class:`Tile`, of (rows, columns) vertices.
-    """
+    """Some rows of a grid of vertices, from row ``top`` of the grid; row 0 is the band's north edge."""
 
     top: int
     height: npt.NDArray[np.float32]
@@ -91,14 +75,9 @@ class Band:
 
 @dataclass(frozen=True)
 class TerrainFeatures:
-    """What was placed.
+    """Placed features: points (mountains, hills, dunes, forests) in and near the sketch by id; rivers.
 
-    Attributes
-    ----------
-    points : structured ndarray
-        Mountains, hills, dunes and forests (dtype ``FEATURE``) in and near the sketch, sorted by id.
-    rivers : tuple of River
-    lakes : tuple of Lake
+    Lakes.
     """
 
     points: Points
@@ -106,7 +85,7 @@ class TerrainFeatures:
     lakes: tuple[Lake, ...] = ()
 
     @classmethod
-    def of(cls, recipe: TerrainRecipe, size: tuple[float, float]) -> TerrainFeatures:
-        """Return what a recipe places: all that is painted, and what fills a sketch of a size (m)."""
+    def from_recipe(cls, recipe: TerrainRecipe, size: tuple[float, float]) -> TerrainFeatures:
+        """Return a recipe's features: all painted ones, and the fill inside a sketch of a size (m)."""
         points = np.concatenate([recipe.painted, recipe.fill.within(0.0, 0.0, *size)])
         return cls(points[np.argsort(points["id"], kind="stable")], recipe.rivers, recipe.lakes)

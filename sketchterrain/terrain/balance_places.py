@@ -1,7 +1,7 @@
-"""Places around the centres of features, paired with all features that reach them.
+"""Sample points around feature centres, paired with all features whose support contains them.
 
-What a place is to a feature depends on the two alone, so that after a stroke only the pairs of what changed
-are worked out anew.
+A pair's values depend on its point and its feature alone, so that after an edit only the pairs of changed
+features are recomputed.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.features.profiles import hill_profile, hill_slope, mountain_profile, mountain_slope
 from sketchterrain.terrain.lattice import to_lattice
-from sketchterrain.terrain.packing import noise_share, support_radii
-from sketchterrain.terrain.reference import relief_of
+from sketchterrain.terrain.packing import noise_weight, support_radii
+from sketchterrain.terrain.reference import relief_noise
 from sketchterrain.terrain.reference_noise import Slope
 from sketchterrain.terrain.reference_relief import Relief, approached, carried
 
@@ -30,21 +30,21 @@ if TYPE_CHECKING:
     Ints = npt.NDArray[np.int64]
     Flags = npt.NDArray[np.bool_]
 
-# Places around a centre where the height is looked for, as ridges may carry the highest point off the centre.
-# How many depends on a feature's own size alone, so that far-away features never change it.
-_PLACES = 240
-_FEWEST_PLACES = 12
-_WIDE = 0.04  # of the extent: ground radius from which on a feature gets all places
+# Samples around a centre, as ridges may move the summit off the centre. Their number depends on the feature's
+# own size alone, so that distant features never change it.
+_POINTS = 240
+_MIN_POINTS = 12
+_WIDE = 0.04  # of the extent: radius from which a feature gets all points
 _TOP = 0.35  # radii around the centre
 _CELLS_PER_EXTENT = 4096
 _GOLDEN_ANGLE = 2.399963229728653
 _SHAPE_FIELDS = ("id", "x", "y", "radius", "peakiness", "erosion", "gullies")
 
 
-def same_features(features: Points, others: Points) -> npt.NDArray[np.intp]:
-    """Return where each feature stands, with the same shape, among others sorted by id; -1 where it does not.
+def match_features(features: Points, others: Points) -> npt.NDArray[np.intp]:
+    """Return each feature's index among others sorted by id if it has the same shape there, else -1.
 
-    Strengths are not looked at.
+    Strengths are ignored.
     """
     if len(others) == 0:
         return np.full(len(features), -1, dtype=np.intp)
@@ -57,54 +57,33 @@ def same_features(features: Points, others: Points) -> npt.NDArray[np.intp]:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Places around features of one type, and the pairs of these places with the features that reach them.
+    """Sample points around features of one type, paired with the features whose support contains them.
 
-    Pairs stand in the order of their edges; an edge is an owner of places and a feature that may reach some
-    of them, in the order of the owners and, for each, of the features.
-
-    Attributes
-    ----------
-    features : (n,) array of FEATURE
-    first, count : (n,) int64
-        Index of each feature's centre among the places, and how many places it owns.
-    at : (places, 2) float64
-        Metres.
-    noise : (15, places) float64
-        The values and slopes of `Relief`: bends, swell, ridge, spur.
-    owner, of : (edges,) int64
-    start : (edges + 1,) int64
-        Index of each edge's first pair.
-    place : (pairs,) int64
-        Counted from the owner's first one.
-    profile, east, north : (pairs,) float64
-        Height per strength, and its slope per metre.
-    settled : (n,) bool
-        Which owners have the places, edges and pairs that they had in what this was made from.
-    origin : (n,) int
-        Where each feature stood there; -1 for new ones.
+    An edge is an owner of points and a feature that may affect some of them; edges are sorted by owner, then
+    by feature. Pairs are in the order of their edges.
     """
 
     features: Points
-    first: Ints
-    count: Ints
-    at: Reals
-    noise: Reals
-    owner: Ints
-    of: Ints
-    start: Ints
-    place: Ints
-    profile: Reals
-    east: Reals
+    first: Ints  # (n,) index of each feature's centre among the points
+    count: Ints  # (n,) points of each feature
+    at: Reals  # (points, 2), m
+    noise: Reals  # (15, points) values and slopes of `ReliefNoise`: bends, swell, ridge, spur
+    owner: Ints  # (edges,)
+    of: Ints  # (edges,)
+    start: Ints  # (edges + 1,) index of each edge's first pair
+    place: Ints  # (pairs,) point, counted from the owner's first
+    profile: Reals  # (pairs,) height over strength
+    east: Reals  # (pairs,) its slope per metre
     north: Reals
-    settled: Flags
-    origin: npt.NDArray[np.intp]
+    settled: Flags  # (n,) owners whose points, edges and pairs are unchanged since the previous sampling
+    origin: npt.NDArray[np.intp]  # (n,) index of each feature there; -1 for new ones
 
     @classmethod
-    def around(
+    def sample(
         cls, recipe: TerrainRecipe, features: Points, name: str, before: Places | None = None
     ) -> Places:
-        """Lay places around features of a type and pair them; from `before` comes what is the same there."""
-        origin = same_features(features, features[:0] if before is None else before.features)
+        """Sample around features of a type and pair the points, reusing unchanged ones of `before`."""
+        origin = match_features(features, features[:0] if before is None else before.features)
         count = _counts(recipe, features)
         first = np.cumsum(count) - count
         known = origin >= 0
@@ -114,19 +93,21 @@ class Places:
             at[new], noise[:, new] = before.at[old], before.noise[:, old]
         if not known.all():
             rows = _ranges(first[~known], count[~known])
-            at[rows] = _laid(features[~known], count[~known])
+            at[rows] = _spiral(features[~known], count[~known])
             x, y = (to_lattice(at[rows, axis], recipe.extent) for axis in (0, 1))
-            noise[:, rows] = _rows(relief_of(recipe, x, y, cell_size=recipe.extent / _CELLS_PER_EXTENT))
+            noise[:, rows] = _rows(relief_noise(recipe, x, y, cell_size=recipe.extent / _CELLS_PER_EXTENT))
         owner, of = _edges(recipe, features)
         reused = np.full(len(owner), -1, dtype=np.int64)
         if before is not None and len(before.owner):
             keys = before.owner * len(before.features) + before.of
-            wanted = np.where(known[owner] & known[of], origin[owner] * len(before.features) + origin[of], -1)
-            row = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-            reused = np.where(keys[row] == wanted, row, -1)
+            requested = np.where(
+                known[owner] & known[of], origin[owner] * len(before.features) + origin[of], -1
+            )
+            row = np.minimum(np.searchsorted(keys, requested), len(keys) - 1)
+            reused = np.where(keys[row] == requested, row, -1)
         fresh = reused < 0
-        made = _pairs(recipe, features, name, (owner[fresh], of[fresh]), (first, count, at, noise))
-        start, pairs = _merged(before, reused, made)
+        new_pairs = _pairs(recipe, features, name, (owner[fresh], of[fresh]), (first, count, at, noise))
+        start, pairs = _merge_pairs(before, reused, new_pairs)
         settled = known.copy()
         settled[owner[fresh]] = False
         if before is not None and known.any():
@@ -136,7 +117,7 @@ class Places:
         return cls(features, first, count, at, noise, owner, of, start, *pairs, settled, origin)
 
     def relief(self, rows: npt.NDArray[np.integer] | slice) -> Relief:
-        """Return what noise makes of the joined heights at some of the places."""
+        """Return the noise that shapes mountains and hills at some of the points."""
         n = self.noise[:, rows]
         parts = [Slope(*n[i : i + 3]) for i in range(0, 15, 3)]
         return Relief((parts[0], parts[1]), parts[2], parts[3], parts[4])
@@ -144,11 +125,11 @@ class Places:
 
 def _counts(recipe: TerrainRecipe, features: Points) -> Ints:
     size = features["radius"].astype(np.float64) / (_WIDE * recipe.extent)
-    return np.clip(_PLACES * size * size, _FEWEST_PLACES, _PLACES).astype(np.int64)
+    return np.clip(_POINTS * size * size, _MIN_POINTS, _POINTS).astype(np.int64)
 
 
-def _laid(features: Points, count: Ints) -> Reals:
-    """Places (m) around each centre, which comes first: a sunflower's seeds."""
+def _spiral(features: Points, count: Ints) -> Reals:
+    """Return points (m) around each centre, centre first, in a sunflower (Vogel) spiral."""
     owner = np.repeat(np.arange(len(features)), count)
     number = np.arange(len(owner)) - (np.cumsum(count) - count)[owner]
     spread = _TOP * features["radius"].astype(np.float64)[owner] * np.sqrt(number / count[owner])
@@ -165,7 +146,7 @@ def _rows(relief: Relief) -> Reals:
 
 
 def _edges(recipe: TerrainRecipe, features: Points) -> tuple[Ints, Ints]:
-    """Owners and the features whose support reaches the circle of their places, sorted by both."""
+    """Return owners and the features whose support overlaps the circle of their points, sorted by both."""
     radius = features["radius"].astype(np.float64)
     centre = np.stack([features["x"], features["y"]], axis=-1)
     wide = radius * support_radii(recipe)
@@ -185,49 +166,50 @@ def _pairs(
     edges: tuple[Ints, Ints],
     places: tuple[Ints, Ints, Reals, Reals],
 ) -> tuple[Ints, Ints, Reals, Reals, Reals]:
-    """Pairs on some edges: the first of each edge, their places, profiles and slopes."""
+    """Return the pairs of some edges: the first of each edge, their points, profiles and slopes."""
     first, count, at, noise = places
     many = count[edges[0]]
     row, of = _ranges(first[edges[0]], many), np.repeat(edges[1], many)
     radius = features["radius"].astype(np.float64)
     centre = np.stack([features["x"], features["y"]], axis=-1)
     offset = (at[row] - centre[of]).T
-    # Most of what an edge proposes is out of reach: that is seen before anything else is worked out.
-    reach = radius * support_radii(recipe) * (1 + 1e-9)
-    near = np.flatnonzero((offset * offset).sum(axis=0) <= (reach * reach)[of])
+    # Most candidate pairs lie outside the support: reject them first.
+    support = radius * support_radii(recipe) * (1 + 1e-9)
+    near = np.flatnonzero((offset * offset).sum(axis=0) <= (support * support)[of])
     edge, row, of, offset = np.repeat(np.arange(len(many)), many)[near], row[near], of[near], offset[:, near]
     n = noise[:, row]
     t, _ = approached(offset, 1 / radius[of], (Slope(*n[:3]), Slope(*n[3:6])))
     if name == "mountain":
-        t = carried(t, Slope(*n[12:]), noise_share(recipe, radius)[of])
+        t = carried(t, Slope(*n[12:]), noise_weight(recipe, radius)[of])
         style = (features["peakiness"][of].astype(np.float64), recipe.flank)
         profile, slope = mountain_profile(t.value, *style), mountain_slope(t.value, *style)
     else:
         profile, slope = hill_profile(t.value, recipe.flank), hill_slope(t.value, recipe.flank)
-    kept = profile > 0.0
-    edge, profile, slope = edge[kept], profile[kept], slope[kept]
+    inside = profile > 0.0
+    edge, profile, slope = edge[inside], profile[inside], slope[inside]
     start = np.concatenate([[0], np.cumsum(np.bincount(edge, minlength=len(many)))])
-    return start, row[kept] - first[edges[0]][edge], profile, slope * t.east[kept], slope * t.north[kept]
+    east, north = slope * t.east[inside], slope * t.north[inside]
+    return start, row[inside] - first[edges[0]][edge], profile, east, north
 
 
-def _merged(
-    before: Places | None, reused: Ints, made: tuple[Ints, Ints, Reals, Reals, Reals]
+def _merge_pairs(
+    before: Places | None, reused: Ints, new_pairs: tuple[Ints, Ints, Reals, Reals, Reals]
 ) -> tuple[Ints, tuple[Ints, Reals, Reals, Reals]]:
-    """First pair of each edge, and the pairs of all: those of reused edges from before, the others made."""
+    """Return each edge's first pair, and all pairs: those of reused edges from before, and the new ones."""
     if before is None or (reused < 0).all():
-        return made[0], made[1:]
+        return new_pairs[0], new_pairs[1:]
     old, fresh, more = before.start, reused < 0, len(before.place)
     begin, length = np.zeros((2, len(reused)), dtype=np.int64)
     begin[~fresh], length[~fresh] = old[reused[~fresh]], np.diff(old)[reused[~fresh]]
-    begin[fresh], length[fresh] = made[0][:-1] + more, np.diff(made[0])
+    begin[fresh], length[fresh] = new_pairs[0][:-1] + more, np.diff(new_pairs[0])
     start = np.concatenate([[0], np.cumsum(length)])
     rows = _ranges(begin, length)
-    parts = zip((before.place, before.profile, before.east, before.north), made[1:], strict=True)
+    parts = zip((before.place, before.profile, before.east, before.north), new_pairs[1:], strict=True)
     place, profile, east, north = (np.concatenate(each)[rows] for each in parts)
     return start, (place, profile, east, north)
 
 
 def _ranges(first: Ints, count: Ints) -> Ints:
-    """``first, first + 1, …`` for `count` numbers each, one after another."""
+    """Return ``first, first + 1, …`` for `count` numbers each, concatenated."""
     starts = np.cumsum(count) - count
     return np.asarray(np.arange(int(count.sum())) + np.repeat(first - starts, count))

@@ -1,4 +1,4 @@
-"""How much a launch takes: as much as allowed, and less where the device has no room."""
+"""Batch sizes that shrink when the device is out of memory."""
 
 from __future__ import annotations
 
@@ -8,47 +8,31 @@ from sketchterrain.errors import DeviceMemoryError
 
 
 class Batches:
-    """Work on many things, some at once.
+    """Process items in slices of at most ``limit``, halved for good each time the device is out of memory."""
 
-    Parameters
-    ----------
-    most : int
-        How many at once, at first. Each time the device has no room it is halved, and stays so.
-    """
-
-    def __init__(self, most: int) -> None:
-        self.most = most
+    def __init__(self, limit: int) -> None:
+        self.limit = limit
 
     def run(
-        self, count: int, work: Callable[[slice], None], *, smaller: Callable[[], None] | None = None
+        self, count: int, work: Callable[[slice], None], *, on_shrink: Callable[[], None] | None = None
     ) -> None:
-        """Do the work on all of ``count`` things, in order.
+        """Call ``work`` on slices of ``count`` items in order, retrying smaller ones after DeviceMemoryError.
 
-        Parameters
-        ----------
-        count
-        work
-            Takes a slice of them; it is called again for a smaller one where it raised DeviceMemoryError.
-        smaller
-            Called before that, to give back what was allocated for larger batches.
-
-        Raises
-        ------
-        DeviceMemoryError
-            If not even one has room.
+        ``on_shrink`` is called in between to release larger allocations. A batch of one that fails is an
+        error.
         """
         first = 0
         while first < count:
-            end = min(first + self.most, count)
+            end = min(first + self.limit, count)
             try:
                 work(slice(first, end))
             except DeviceMemoryError as error:
                 if end - first == 1:
-                    raise DeviceMemoryError(f"{error}; the smallest batch has no room either") from error
-                self.most = (end - first) // 2
+                    raise DeviceMemoryError(f"{error}; not even a batch of one fits") from error
+                self.limit = (end - first) // 2
             else:
                 first = end
                 continue
             # Not in the handler: the error would keep the work's buffers alive.
-            if smaller is not None:
-                smaller()
+            if on_shrink is not None:
+                on_shrink()

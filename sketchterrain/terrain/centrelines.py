@@ -1,4 +1,4 @@
-"""River centrelines as few arcs, and how far their valleys reach."""
+"""River centrelines flattened to few arcs, and the width of their valleys."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy.ndimage import maximum_filter1d
 
 from sketchterrain.features.rounding import gaussian_filter, rounded
 from sketchterrain.features.splines import catmull_rom, cubics
-from sketchterrain.terrain.arcs import flattened, position
+from sketchterrain.terrain.arcs import flatten, position
 from sketchterrain.terrain.recipe import FINEST_CELL
 
 if TYPE_CHECKING:
@@ -19,142 +19,120 @@ if TYPE_CHECKING:
 
     from sketchterrain.features import River
 
-_CELL_SHARE = 0.01  # of a cell: how near arcs stay to the spline
-_MOST_DOUBLINGS = 8  # of the finest cell: arcs for coarser ones would be hardly fewer
+_CELL_SHARE = 0.01  # of a cell: tolerance between arcs and spline
+_MAX_DOUBLINGS = 8  # of the finest cell: arcs for coarser ones would be hardly fewer
 _SAME = 1e-6  # m
-# How near a straight course of levels, widths and depths stays to what they are, as a share of the width.
+# Tolerance of piecewise linear levels, widths and depths, as a share of the width.
 _WIDTH_SHARE = 0.01
-_SMALLEST_TOLERANCE = 0.02  # m
+_MIN_TOLERANCE = 0.02  # m
 _BED_TOLERANCE = 0.004  # m
 # A river is steep where it falls by this share of its depth over its width, and so many widths around.
 _STEEP_DEPTHS = 0.2
 _STEEP_WIDTHS = 3.0
 _FLOODPLAIN_WIDTHS = 4.0
-_LEAST_WIDTHS = 3.0  # whatever the largest reach
-_SMALLEST_REACH = 30.0  # m
+_MIN_WIDTHS = 3.0  # takes precedence over _MAX_RADIUS
+_MIN_RADIUS = 30.0  # m
 _VALLEY_RUN_PER_DEPTH = 1.7  # about 30° for the steepest part of a valley's side
-_LARGEST_REACH = 900.0  # m
+_MAX_RADIUS = 900.0  # m
 
 
-def valley_reach(river: River, ground: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return how far a river shapes the ground on each side, at each point of its centreline.
+def valley_radius(river: River, ground: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return how far (m) a river shapes the terrain on each side, at each point of its centreline, (m,).
 
-    Parameters
-    ----------
-    river
-    ground
-        Height of the ground without rivers along the centreline, shape (m,), m. The deeper the river lies
-        below it, the wider the valley.
-
-    Returns
-    -------
-    ndarray of float64, shape (m,)
-        Metres.
+    The deeper it lies below the terrain without rivers along the centreline, the wider the valley.
     """
     cut = np.maximum(ground - river.centreline[:, 2], 0)
     width = river.centreline_width.astype(np.float64)
-    reach = np.maximum(_FLOODPLAIN_WIDTHS * width, _SMALLEST_REACH) + _VALLEY_RUN_PER_DEPTH * cut
+    radius = np.maximum(_FLOODPLAIN_WIDTHS * width, _MIN_RADIUS) + _VALLEY_RUN_PER_DEPTH * cut
     step = float(np.median(np.hypot(*np.diff(river.centreline[:, :2], axis=0).T)))
-    sigma = max(float(np.median(reach)) / max(step, 1e-3) / 2, 1.0)
-    smooth = rounded(gaussian_filter(reach, sigma, mode="reflect"))
-    return np.maximum(np.minimum(smooth, _LARGEST_REACH), _LEAST_WIDTHS * width)
+    sigma = max(float(np.median(radius)) / max(step, 1e-3) / 2, 1.0)
+    smooth = rounded(gaussian_filter(radius, sigma, mode="reflect"))
+    return np.maximum(np.minimum(smooth, _MAX_RADIUS), _MIN_WIDTHS * width)
 
 
 @dataclass(frozen=True)
-class Reach:
-    """A river's centreline as arcs.
+class ArcCentreline:
+    """A river's centreline as arcs."""
 
-    Attributes
-    ----------
-    points : ndarray of float64, shape (k, 6)
-        Ends of the arcs: x, y (m), water surface (m), half width (m), depth (m), reach (m); upstream first.
-    bend : ndarray of float64, shape (k - 1,)
-        Of each arc; see `sketchterrain.terrain.arcs.nearest_on_arc`.
-    """
-
+    # (k, 6), ends of the arcs, upstream first: x, y (m), water surface (m), half width (m), depth (m), valley
+    # radius (m).
     points: npt.NDArray[np.float64]
-    bend: npt.NDArray[np.float64]
+    bend: npt.NDArray[np.float64]  # (k - 1,), see `sketchterrain.terrain.arcs.nearest_on_arc`
 
 
 def tolerance_cell(cell_size: float) -> float:
-    """Return the cell size (m) that centrelines are flattened for: few enough of them that all can be kept.
+    """Return the cell size (m) that centrelines are flattened for.
 
-    The finest cell times a power of two, not above the cell size.
+    The finest cell times a power of two, rounded down.
+
+    Few enough values that the arcs for all of them can be cached.
     """
     doublings = math.floor(math.log2(max(cell_size, FINEST_CELL) / FINEST_CELL) + 1e-9)
-    return FINEST_CELL * 2.0 ** min(doublings, _MOST_DOUBLINGS)
+    return FINEST_CELL * 2.0 ** min(doublings, _MAX_DOUBLINGS)
 
 
-TOLERANCE_CELLS = tuple(FINEST_CELL * 2.0**doublings for doublings in range(_MOST_DOUBLINGS + 1))
-"""Every value of `tolerance_cell`."""
+TOLERANCE_CELLS = tuple(FINEST_CELL * 2.0**doublings for doublings in range(_MAX_DOUBLINGS + 1))
+"""All values of `tolerance_cell`."""
 
-LARGEST_TOLERANCE = _CELL_SHARE * TOLERANCE_CELLS[-1]
-"""How far (m) arcs are from the spline at most."""
+MAX_TOLERANCE = _CELL_SHARE * TOLERANCE_CELLS[-1]
+"""Greatest distance (m) of any arc from its spline."""
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
-    """What of a river's centreline its arcs need whatever the cell size; made by `course_of`."""
+class PreparedCentreline:
+    """What flattening a river's centreline needs at every cell size; see `prepare_centreline`."""
 
     river: River
     line: npt.NDArray[np.float64]
     curve: npt.NDArray[np.float64]
     along: npt.NDArray[np.float64]
-    kept: npt.NDArray[np.bool_]
+    anchors: npt.NDArray[np.bool_]  # samples that are ends of arcs
     steep: npt.NDArray[np.bool_]
 
 
-def course_of(
-    river: River, reach: npt.NDArray[np.float64], meeting: npt.NDArray[np.float64] | None = None
-) -> Course:
-    """Prepare a river's centreline to be flattened.
+def prepare_centreline(
+    river: River, radii: npt.NDArray[np.float64], meeting: npt.NDArray[np.float64] | None = None
+) -> PreparedCentreline:
+    """Prepare a river's centreline with its valley radii for flattening.
 
-    Parameters
-    ----------
-    river
-    reach
-        As `valley_reach` returns it.
-    meeting
-        Positions (m) where rivers end, shape (n, 2): those on this centreline are kept, so that where
-        two rivers meet both have one level.
+    Points of the centreline where other rivers end (``meeting``, (n, 2), m) stay ends of arcs, so that both
+    rivers have the same level there.
     """
     line = np.column_stack(
-        [river.centreline, river.centreline_width / 2.0, river.centreline_depth.astype(np.float64), reach]
+        [river.centreline, river.centreline_width / 2.0, river.centreline_depth.astype(np.float64), radii]
     )
     curve, along = _curve(river)
-    return Course(river, line, curve, along, _kept(river, line, meetings_on(river, meeting)), _steep(river))
+    return PreparedCentreline(
+        river, line, curve, along, _profile_anchors(river, line, meetings_on(river, meeting)), _steep(river)
+    )
 
 
-def as_arcs(course: Course, *, cell_size: float = FINEST_CELL, least: float = 0.0) -> Reach:
-    """Flatten a river's spline to arcs within 1 % of a cell.
+def flatten_to_arcs(
+    course: PreparedCentreline, *, cell_size: float = FINEST_CELL, least: float = 0.0
+) -> ArcCentreline:
+    """Flatten a river's spline to arcs within 1 % of a cell (one of `TOLERANCE_CELLS`, m).
 
-    Parameters
-    ----------
-    course
-    cell_size
-        Metres between the samples that the terrain is wanted at: one of `TOLERANCE_CELLS`.
-    least
-        Metres that ends of arcs are rounded to anyway: a finer tolerance would be no better.
+    ``least`` is the rounding (m) of arc ends: a finer tolerance would gain nothing.
     """
-    curve, u, kept = course.curve, course.along, course.kept
+    curve, u, anchors = course.curve, course.along, course.anchors
     if float(course.river.centreline_width.max()) > 2.0 * cell_size:
-        kept = kept | course.steep  # else there is no channel that water could leave
-    cuts = np.union1d(u[kept], np.arange(len(curve) + 1.0))
+        anchors = anchors | course.steep  # otherwise there is no channel for water to spill from
+    cuts = np.union1d(u[anchors], np.arange(len(curve) + 1.0))
     cubic = np.minimum(cuts[:-1].astype(np.intp), len(curve) - 1)
     tolerance = max(_CELL_SHARE * cell_size - 0.75 * least, 0.5 * _CELL_SHARE * cell_size)
-    pieces = flattened(curve, tolerance, spans=(cubic, cuts[:-1] - cubic, cuts[1:] - cubic))
+    pieces = flatten(curve, tolerance, spans=(cubic, cuts[:-1] - cubic, cuts[1:] - cubic))
     at = np.append(pieces.cubic + pieces.first, float(len(curve)))
     points = np.stack([np.interp(at, u, column) for column in course.line.T], axis=-1)
     between = np.flatnonzero(~np.isin(at, u))
-    # What was sampled stays to the bit, so that rivers that meet there have one point.
+    # Samples stay bit-equal, so that rivers that meet there share one point.
     points[between, :2] = position(curve[pieces.cubic[between]], pieces.first[between, None])[:, 0]
-    return Reach(points, pieces.bend)
+    return ArcCentreline(points, pieces.bend)
 
 
 def _curve(river: River) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Find the cubics of a river's spline, and where on it the centreline's points are.
+    """Return the cubics of a river's spline, and the curve parameters of the centreline's points.
 
-    A centreline that is not the spline through its control points is one through all of its own points.
+    A centreline that is not the spline through its control points gets the spline through all of its points.
     """
     own = np.arange(len(river.centreline), dtype=np.float64)
     ends = {row.tobytes(): number for number, row in enumerate(river.centreline)}
@@ -166,23 +144,25 @@ def _curve(river: River) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float6
     return cubics(river.centreline[:, :2]), own
 
 
-def _kept(river: River, line: npt.NDArray[np.float64], kept: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
-    """Which points of the centreline its level, width, depth and reach need, straight in between."""
+def _profile_anchors(
+    river: River, line: npt.NDArray[np.float64], anchors: npt.NDArray[np.intp]
+) -> npt.NDArray[np.bool_]:
+    """Return the centreline points needed for piecewise linear level, width, depth and valley radius."""
     width, depth = float(river.centreline_width.min()), float(river.centreline_depth.max())
-    # Half a width is one in the bed's parabola: off its line it is shallower by depth * (2 off / width)^2.
+    # The bed is a parabola: off its axis it is shallower by depth * (2 off / width)^2.
     tolerance = min(_WIDTH_SHARE * width, 0.5 * width * math.sqrt(_BED_TOLERANCE / depth))
-    tolerance = max(tolerance, _SMALLEST_TOLERANCE)
-    # Levels must agree where waters meet; the reach only widens a blend.
+    tolerance = max(tolerance, _MIN_TOLERANCE)
+    # Levels must agree where waters meet; the valley radius only widens a blend.
     profile = line[:, 2:] * np.array([20, 1, 20, 0.02]) / tolerance
     steps = np.hypot(*np.diff(line[:, :2], axis=0).T)
-    return _douglas_peucker(np.concatenate([[0.0], np.cumsum(steps)]), profile, kept)
+    return _douglas_peucker(np.concatenate([[0.0], np.cumsum(steps)]), profile, anchors)
 
 
 def _steep(river: River) -> npt.NDArray[np.bool_]:
-    """Return where the water falls so much over its width that it must be shared out evenly.
+    """Return where the water falls so much over its width that arcs must be short and even.
 
-    Ground beside it takes a weighted mean of the levels near; with long pieces on one side and short ones on
-    the other it would lie below the water.
+    The terrain beside it takes a weighted mean of the levels nearby; with long arcs on one side and short
+    ones on the other it would lie below the water.
     """
     steps = np.hypot(*np.diff(river.centreline[:, :2], axis=0).T)
     fall = -np.diff(river.centreline[:, 2]) * river.centreline_width[1:]
@@ -192,13 +172,7 @@ def _steep(river: River) -> npt.NDArray[np.bool_]:
 
 
 def meetings_on(river: River, meeting: npt.NDArray[np.float64] | None) -> npt.NDArray[np.intp]:
-    """Find the indices of the centreline's ends and of its points where another river ends, ascending.
-
-    Parameters
-    ----------
-    river, meeting
-        As for `course_of`.
-    """
+    """Return the indices, ascending, of the centreline's ends and of its points where another river ends."""
     line = river.centreline[:, 0] + 1j * river.centreline[:, 1]
     at = np.zeros(len(line), dtype=bool) if meeting is None else np.isin(line, meeting @ np.array([1, 1j]))
     at[[0, -1]] = True
@@ -206,13 +180,13 @@ def meetings_on(river: River, meeting: npt.NDArray[np.float64] | None) -> npt.ND
 
 
 def _douglas_peucker(
-    arc: npt.NDArray[np.float64], values: npt.NDArray[np.float64], kept: npt.NDArray[np.intp]
+    arc: npt.NDArray[np.float64], values: npt.NDArray[np.float64], anchors: npt.NDArray[np.intp]
 ) -> npt.NDArray[np.bool_]:
-    """Which points to keep so that values straight in between stay within 1 (Douglas & Peucker 1973)."""
-    keep = np.zeros(len(arc), dtype=bool)
-    keep[kept] = True
-    while True:  # all stretches between kept points at once, each split where it strays most
-        ends = np.flatnonzero(keep)
+    """Return which points to retain so that linear interpolation stays within 1 (Douglas & Peucker 1973)."""
+    retained = np.zeros(len(arc), dtype=bool)
+    retained[anchors] = True
+    while True:  # all stretches between retained points at once, each split where it deviates most
+        ends = np.flatnonzero(retained)
         stretch = np.repeat(np.arange(len(ends) - 1), np.diff(ends))
         first, last = ends[stretch], ends[stretch + 1]
         inner = slice(ends[0], ends[-1])
@@ -222,6 +196,6 @@ def _douglas_peucker(
         most = np.maximum.reduceat(off, ends[:-1] - ends[0])
         worst = np.flatnonzero((off == most[stretch]) & (off > 1.0))
         if len(worst) == 0:
-            return keep
+            return retained
         _, where = np.unique(stretch[worst], return_index=True)
-        keep[ends[0] + worst[where]] = True
+        retained[ends[0] + worst[where]] = True

@@ -1,4 +1,4 @@
-"""How much full detail can differ from what a cell size shows: the tail of each series that makes heights."""
+"""Bounds of the detail that a cell size omits, from the tails of the series that heights are made of."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from sketchterrain.features import FEATURE_TYPES
 from sketchterrain.features.profiles import area_profile, hill_profile, mountain_profile
 from sketchterrain.terrain.centrelines import tolerance_cell
 from sketchterrain.terrain.culling import field_index
-from sketchterrain.terrain.detail_parts import Near, Tail
+from sketchterrain.terrain.detail_parts import BlockExtrema, OmittedDetail
 from sketchterrain.terrain.field_packing import pack_fields, pack_lakes
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.octaves import band_weight, octave_table
@@ -21,50 +21,46 @@ from sketchterrain.terrain.recipe import FINEST_CELL
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from sketchterrain.terrain.kernel_arguments import Reaching
+    from sketchterrain.terrain.kernel_arguments import CulledInputs
     from sketchterrain.terrain.recipe import TerrainRecipe
 
     Reals = npt.NDArray[np.float64]
 
 NOISE_PEAK = 1.01
-"""No octave of noise goes farther from 0: a simplex's corners give no more, each with its worst gradient."""
+"""Bound of |noise| in one octave: a simplex's corners give no more, each with its worst gradient."""
 
 _HILL_SWELL = 0.4
-_GULLY_PEAK = 1.25  # an octave of gullies goes no farther from 0, in its own depth
-_GULLY_SLOPE = 13.0  # of such an octave, over its depth and times its wavelength
-_ROCK_OVER_SLOPE = 0.78  # of slope^2 / (slope^2 + 0.7), which rock is rough by
+_GULLY_PEAK = 1.25  # bound of an octave of gullies, over its depth
+_GULLY_SLOPE = 13.0  # bound of its slope, over its depth and times its wavelength
+_ROCK_OVER_SLOPE = 0.78  # greatest derivative of slope^2 / (slope^2 + 0.7), the roughness of rock
 _PLATEAU_SLOPE = 3.0  # of an area's profile, over a radius
 _DUNE_SLOPE, _CREST_SHARE, _VIGOUR_SLOPE = 9.1, 0.9, 1.05
-_LEVELLED = 0.35  # height of dunes whose waves no cell shows, and how far a wave leaves it
+_LEVELLED = 0.35  # height of dunes whose waves are not resolved, and the amplitude of waves around it
 _BANK_RISE = 0.5
-_LEAST_CELLS = 2.0
-# Arcs for a coarser cell: by how much of it, along the banks' slope, and by the fall over how many widths of
-# the river the bed differs. Measured, not proven: blends of arcs shift where these are cut differently.
+_MIN_CELLS = 2.0
+# Difference of the bed by arcs for a coarser cell: in cells along the banks' slope, and in widths along the
+# fall. Measured, not proven: blends of arcs shift where these are split differently.
 _ARC_SLOPES, _ARC_WIDTHS = 0.4, 0.8
 _ROUNDING = 1e-6  # of the height
-_ROCK = (20.0, 100.0)  # m: massifs from which on and to which rock shows
-# So many features of a kind that are lost to the cell size stand in one place at their full height, at most.
-_LOST_TOGETHER = 4.0
+_ROCK = (20.0, 100.0)  # m: heights of massifs between which bare rock appears
+# Most features of a kind, omitted at a cell size, that overlap at their full height.
+_MAX_OVERLAP = 4.0
 _MOUNTAIN, _HILL, _FIRST_DUNE = 0, 1, 3
 _TURNS = np.linspace(0.0, 1.0, 2049)
 
 
 class DetailBound:
-    """Bounds of |height at full detail - height at a cell size| over blocks of ground.
+    """Bounds of |height at full detail - height at a cell size| over blocks of terrain.
 
-    Each noise misses the octaves that the cell size fades out, and none of these goes beyond its amplitude.
-    A noise that bends outlines moves a profile by no more than the profile's steepest slope; one that makes
-    heights swell counts with the height it is multiplied by, which is bounded by how near the features come
-    to the block. Features, lakes and channels that fade out count with what is lost of them.
-
-    Parameters
-    ----------
-    recipe : TerrainRecipe
+    Each noise misses the octaves that the cell size fades out, none of which exceeds its amplitude. A noise
+    that warps outlines moves a profile by no more than the profile's steepest slope; one that scales heights
+    counts with the height it multiplies, bounded by how near the features come to the block. Features, lakes
+    and channels that fade out count with the share that is lost.
     """
 
     def __init__(self, recipe: TerrainRecipe) -> None:
         self._recipe = recipe
-        self._tails = lru_cache(maxsize=64)(self._tail)
+        self._omitted = lru_cache(maxsize=64)(self._omitted_detail)
         self._hill_slope = _steepest(hill_profile(_TURNS, recipe.flank))
         self._mountain_slope = max(
             _steepest(mountain_profile(_TURNS, peak, recipe.flank)) for peak in (0.0, 1.0)
@@ -77,49 +73,39 @@ class DetailBound:
         )
         self._gully_depth, self._crag_depth = (float(world[name]) for name in ("gully_depth", "crag_depth"))
 
-    def of(self, reaching: Reaching, blocks: npt.NDArray[np.int64], cell_size: float) -> Reals:
-        """Return the bound of each block, m, shape (blocks,).
-
-        Parameters
-        ----------
-        reaching
-            What reaches the blocks at the cell size.
-        blocks
-            West, south, east and north, lattice units, shape (n, 4).
-        cell_size
-            Metres between samples.
-        """
-        tail = self._tails(effective_cell(cell_size))
-        near = self._near(reaching, blocks)
-        bound = tail.ground + self._hills(tail, near) + self._mountains(tail, near)
-        bound += self._gullies(tail, near) + self._crags(tail, near)
-        bound += self._dunes(tail, near) + self._lakes(near, blocks, effective_cell(cell_size))
-        bound += self._rivers(reaching, effective_cell(cell_size))
+    def bounds(self, culled: CulledInputs, blocks: npt.NDArray[np.int64], cell_size: float) -> Reals:
+        """Return the bound (n,), m, of blocks (n, 4), from what affects them at the cell size."""
+        omitted = self._omitted(effective_cell(cell_size))
+        near = self._near(culled, blocks)
+        bound = omitted.ground + self._hills(omitted, near) + self._mountains(omitted, near)
+        bound += self._gullies(omitted, near) + self._crags(omitted, near)
+        bound += self._dunes(omitted, near) + self._lakes(near, blocks, effective_cell(cell_size))
+        bound += self._rivers(culled, effective_cell(cell_size))
         rounding = _ROUNDING * (self._relief + near.hill + near.mountain)
         return np.asarray(bound + np.where(bound > 0, rounding, 0.0))
 
-    def _tail(self, cell: float) -> Tail:
+    def _omitted_detail(self, cell: float) -> OmittedDetail:
         recipe, unit = self._recipe, metres_per_unit(self._recipe.extent)
-        full, shown = (
+        full, resolved = (
             octave_table(recipe.stacks, extent=recipe.extent, seed=recipe.seed, cell_size=size)
             for size in (FINEST_CELL, cell)
         )
         amplitude, left = {}, {}
         for name, (first, last) in full.ranges.items():
             amplitude[name] = full.scale[first:last, 0]
-            seen = shown.scale[slice(*shown.ranges[name]), 0]
+            seen = resolved.scale[slice(*resolved.ranges[name]), 0]
             left[name] = np.concatenate([seen, np.zeros(last - first - len(seen))])
         missing = {name: float(np.sum(amplitude[name] - left[name])) * NOISE_PEAK for name in full.ranges}
         warp, ridge = max(missing["warp_u"], missing["warp_v"]), missing["ridge"]
         hills, mountains = self._lost("hill", cell, 0.5), self._lost("mountain", cell, 0.25)
-        # An octave of gullies follows what slopes the ones before it left: from the first that differs on, or
-        # from the first of all where the relief below differs, each counts once in full and once as shown.
+        # An octave of gullies follows the slopes that coarser ones left: from the first that differs, or from
+        # the very first where the relief below differs, each counts once in full and once as resolved.
         differs = amplitude["gully"] > left["gully"]
         moved = warp + ridge + hills + mountains > 0
         turned = (np.cumsum(differs) - differs > 0) | moved
         gullies = np.where(turned, amplitude["gully"] + left["gully"], amplitude["gully"] - left["gully"])
         start, end = full.ranges["gully"]
-        return Tail(
+        return OmittedDetail(
             ground=self._relief * missing["ground"],
             hills=hills,
             mountains=mountains,
@@ -135,28 +121,28 @@ class DetailBound:
         )
 
     def _lost(self, kind: str, cell: float, power: float) -> float:
-        """Return what is lost of features too small for a cell size, where several stand together."""
+        """Return the height lost of features too small for a cell size, where several overlap."""
         recipe = self._recipe
         small = recipe.painted[recipe.painted["type"] == FEATURE_TYPES.index(kind)]
         small = small[small["radius"] < 2 * cell]
-        gone = small["strength"] * _gone(small["radius"] / cell)
+        gone = small["strength"] * _fade_loss(small["radius"] / cell)
         strongest, radii = getattr(recipe.fill, "max_strength", None), np.linspace(0.0, 2.0, 21)
         if strongest is not None:
-            # No smaller radius is stronger, and none between two of these is less visible than the lower one.
-            of_fill = [strongest(kind, radius * cell) for radius in radii[1:]] * _gone(radii[:-1])
+            # Strength and visibility both grow with the radius.
+            of_fill = [strongest(kind, radius * cell) for radius in radii[1:]] * _fade_loss(radii[:-1])
             gone = np.append(gone, of_fill)
-        return float(gone.max(initial=0.0) * _LOST_TOGETHER**power)
+        return float(gone.max(initial=0.0) * _MAX_OVERLAP**power)
 
-    def _near(self, reaching: Reaching, blocks: npt.NDArray[np.int64]) -> Near:
-        recipe, features, lists = self._recipe, reaching.features, reaching.lists
+    def _near(self, culled: CulledInputs, blocks: npt.NDArray[np.int64]) -> BlockExtrema:
+        recipe, features, lists = self._recipe, culled.features, culled.lists
         unit, count = metres_per_unit(recipe.extent), len(blocks)
         starts, member = lists["feature_starts"], lists["feature_list"]
         of_slot = np.diff(starts, axis=-1)
         slots = of_slot.shape[1]
         if not member.size:
-            none = np.zeros(count)
+            zero = np.zeros(count)
             styles = np.zeros((count, slots - _FIRST_DUNE))
-            return Near(none, none, none, none, none, none, styles, styles)
+            return BlockExtrema(zero, zero, zero, zero, zero, zero, styles, styles)
         packed = features.packed
         block, slot = np.divmod(np.repeat(np.arange(count * slots), of_slot.ravel()), slots)
         at, shape = packed.at[member], packed.shape[member]
@@ -173,7 +159,7 @@ class DetailBound:
         hill = power_mean(_HILL, shape[:, 1] * hill_profile(bent, shape[:, 3]), 2)
         peaks = shape[:, 1] * mountain_profile(np.maximum(bent - spur, 0), shape[:, 2], shape[:, 3])
         mountain = power_mean(_MOUNTAIN, peaks, 4)
-        # The same without profiles, for what moves these.
+        # The same without profiles, to bound shifts of the profiles.
         hill_sum, mountain_sum = (
             power_mean(kind, shape[:, 1], power) for kind, power in ((_HILL, 2), (_MOUNTAIN, 4))
         )
@@ -185,43 +171,52 @@ class DetailBound:
         np.add.at(cover, (block, slot), area_profile(bent) ** 4)
         np.maximum.at(dune, (block, slot), shape[:, 1])
         cover = np.minimum(cover**0.25, 1.0)[:, _FIRST_DUNE:]
-        return Near(hill, mountain, hill_sum, mountain_sum, erosion, widest, cover, dune[:, _FIRST_DUNE:])
+        return BlockExtrema(
+            hill, mountain, hill_sum, mountain_sum, erosion, widest, cover, dune[:, _FIRST_DUNE:]
+        )
 
-    def _hills(self, tail: Tail, near: Near) -> Reals:
-        moved = near.hill_sum * self._hill_slope * np.sqrt(2) * self._recipe.warp * tail.warp
-        swollen = _HILL_SWELL * near.hill * tail.warp
-        return np.asarray((1 + _HILL_SWELL) * (moved + tail.hills) + swollen)
+    def _hills(self, omitted: OmittedDetail, near: BlockExtrema) -> Reals:
+        moved = near.hill_sum * self._hill_slope * np.sqrt(2) * self._recipe.warp * omitted.warp
+        swollen = _HILL_SWELL * near.hill * omitted.warp
+        return np.asarray((1 + _HILL_SWELL) * (moved + omitted.hills) + swollen)
 
-    def _mountains(self, tail: Tail, near: Near) -> Reals:
+    def _mountains(self, omitted: OmittedDetail, near: BlockExtrema) -> Reals:
         depth, spur = self._ridge_depth, self._spur
-        bent = np.sqrt(2) * self._recipe.warp * tail.warp * (1 + 2 * spur * NOISE_PEAK)
-        moved = near.mountain_sum * self._mountain_slope * (bent + spur * tail.ridge)
-        swollen = depth * near.mountain * tail.ridge
-        return np.asarray((1 + depth * NOISE_PEAK) * (moved + tail.mountains) + swollen)
+        bent = np.sqrt(2) * self._recipe.warp * omitted.warp * (1 + 2 * spur * NOISE_PEAK)
+        moved = near.mountain_sum * self._mountain_slope * (bent + spur * omitted.ridge)
+        swollen = depth * near.mountain * omitted.ridge
+        return np.asarray((1 + depth * NOISE_PEAK) * (moved + omitted.mountains) + swollen)
 
-    def _crags(self, tail: Tail, near: Near) -> Reals:
-        """Return what rock misses, and how far missing gullies' slopes change what is left of it."""
-        slopes = _GULLY_SLOPE * near.erosion * (self._shown(tail, near) @ (tail.gullies / tail.wavelengths))
-        steeper = np.ones(len(slopes)) if tail.moved else np.minimum(_ROCK_OVER_SLOPE * slopes, 1.0)
-        return np.asarray(_rocky(near.mountain) * (tail.crags + steeper * tail.crags_left))
+    def _crags(self, omitted: OmittedDetail, near: BlockExtrema) -> Reals:
+        """Return the roughness that rock omits, and how far omitted gullies' slopes change the rest of it."""
+        slopes = (
+            _GULLY_SLOPE
+            * near.erosion
+            * (self._resolved(omitted, near) @ (omitted.gullies / omitted.wavelengths))
+        )
+        steeper = np.ones(len(slopes)) if omitted.moved else np.minimum(_ROCK_OVER_SLOPE * slopes, 1.0)
+        return np.asarray(_rocky(near.mountain) * (omitted.crags + steeper * omitted.crags_left))
 
-    def _gullies(self, tail: Tail, near: Near) -> Reals:
-        return np.asarray(near.erosion * (self._shown(tail, near) @ tail.gullies))
+    def _gullies(self, omitted: OmittedDetail, near: BlockExtrema) -> Reals:
+        return np.asarray(near.erosion * (self._resolved(omitted, near) @ omitted.gullies))
 
-    def _shown(self, tail: Tail, near: Near) -> Reals:
-        """Return how much of each octave of gullies features as wide as these show, shape (n, octaves)."""
-        across = np.clip((near.widest[:, None] / tail.wavelengths - 0.5) * 2, 0, 1)
+    def _resolved(self, omitted: OmittedDetail, near: BlockExtrema) -> Reals:
+        """Return the share of each octave of gullies on features of such widths, shape (n, octaves)."""
+        across = np.clip((near.widest[:, None] / omitted.wavelengths - 0.5) * 2, 0, 1)
         return np.asarray(across * across * (3 - 2 * across))
 
-    def _dunes(self, tail: Tail, near: Near) -> Reals:
-        shown = 1 - tail.waves
-        wave = tail.waves * (1 - _LEVELLED)
-        wave = wave + shown * (_DUNE_SLOPE * _CREST_SHARE + _VIGOUR_SLOPE) * tail.crest
-        moved = np.minimum(_PLATEAU_SLOPE * np.sqrt(2) * self._recipe.warp * tail.warp, 1.0)
+    def _dunes(self, omitted: OmittedDetail, near: BlockExtrema) -> Reals:
+        resolved = 1 - omitted.waves
+        wave = omitted.waves * (1 - _LEVELLED)
+        wave = wave + resolved * (_DUNE_SLOPE * _CREST_SHARE + _VIGOUR_SLOPE) * omitted.crest
+        moved = np.minimum(_PLATEAU_SLOPE * np.sqrt(2) * self._recipe.warp * omitted.warp, 1.0)
         return np.asarray(np.sum(near.dune * (near.cover * np.minimum(wave, 1.0) + moved), axis=-1))
 
-    def _lakes(self, near: Near, blocks: npt.NDArray[np.int64], cell: float) -> Reals:
-        """Return what lakes that fade out change at most: ground up to their rims, or down to their beds."""
+    def _lakes(self, near: BlockExtrema, blocks: npt.NDArray[np.int64], cell: float) -> Reals:
+        """Return the greatest change by lakes that fade out.
+
+        Terrain up to their rims, or down to their beds.
+        """
         bound = np.zeros(len(blocks))
         if not self._recipe.lakes:
             return bound
@@ -238,9 +233,9 @@ class DetailBound:
         np.maximum.at(bound, block, lost[lake] * np.maximum(up, down))
         return bound
 
-    def _rivers(self, reaching: Reaching, cell: float) -> Reals:
-        """Return what channels that fade out change, and what arcs that lie a little elsewhere do."""
-        rivers, starts, member = reaching.rivers, reaching.lists["river_starts"], reaching.lists["river_list"]
+    def _rivers(self, culled: CulledInputs, cell: float) -> Reals:
+        """Return the change by channels that fade out, and by arcs flattened for a coarser cell."""
+        rivers, starts, member = culled.rivers, culled.lists["river_starts"], culled.lists["river_list"]
         count = len(starts) - 1
         lost, depth, moved = np.zeros((3, count))
         if not member.size:
@@ -248,8 +243,8 @@ class DetailBound:
         block = np.repeat(np.arange(count), np.diff(starts))
         half_width = np.minimum(rivers.up[:, 1], rivers.down[:, 1])[member]
         deep = np.maximum(rivers.up[:, 2], rivers.down[:, 2])[member]
-        shown = np.clip(2 * half_width / cell / _LEAST_CELLS - 1, 0, 1)
-        np.maximum.at(lost, block, 1 - shown * shown * (3 - 2 * shown))
+        resolved = np.clip(2 * half_width / cell / _MIN_CELLS - 1, 0, 1)
+        np.maximum.at(lost, block, 1 - resolved * resolved * (3 - 2 * resolved))
         np.maximum.at(depth, block, deep)
         tolerance = tolerance_cell(cell)
         if tolerance > FINEST_CELL:
@@ -260,14 +255,14 @@ class DetailBound:
         return np.asarray((1 + _BANK_RISE) * depth * lost + moved)
 
 
-def _gone(cells: Reals) -> Reals:
-    """Return what is lost of features so many cells in radius."""
+def _fade_loss(cells: Reals) -> Reals:
+    """Return the share that is lost of features of a radius in cells."""
     left = np.clip(cells - 1.0, 0.0, 1.0)
     return 1 - left * left * (3 - 2 * left)
 
 
 def _rocky(height: Reals) -> Reals:
-    """Return how much of a mountain massifs up to a height (m) are at most."""
+    """Return the greatest mountain mask of massifs up to a height (m)."""
     t = np.clip((height - _ROCK[0]) / (_ROCK[1] - _ROCK[0]), 0.0, 1.0)
     return np.asarray(t * t * (3 - 2 * t))
 

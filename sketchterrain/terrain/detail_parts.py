@@ -1,4 +1,4 @@
-"""What bounds of lost detail are made of: what a cell size leaves out, and what stands near a block."""
+"""Parts of detail bounds: what a cell size omits, and the greatest effects of features near a block."""
 
 from __future__ import annotations
 
@@ -13,62 +13,32 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Tail:
-    """What one cell size leaves out, wherever it is; metres unless said otherwise.
+class OmittedDetail:
+    """Detail that one cell size omits anywhere; m unless noted."""
 
-    Attributes
-    ----------
-    ground, hills, mountains, crags : float
-        Of the ground's octaves; of hills and mountains that are too small; of bare rock.
-    crags_left : float
-        What is left of bare rock's roughness.
-    moved : bool
-        Whether hills or mountains themselves differ.
-    warp, ridge, crest : float
-        Of those noises, which are multiplied with something: without a unit.
-    gullies : ndarray, shape (octaves,)
-        Of each octave, at full erosion.
-    wavelengths : ndarray, shape (octaves,)
-        Of the gullies.
-    waves : ndarray, shape (styles,)
-        Share of the dunes' waves that is not shown.
-    """
-
-    ground: float
-    hills: float
+    ground: float  # of the ground's octaves
+    hills: float  # of hills that are too small
     mountains: float
-    crags: float
-    crags_left: float
-    moved: bool
-    warp: float
+    crags: float  # of the roughness of bare rock
+    crags_left: float  # resolved part of that roughness
+    moved: bool  # hills or mountains themselves differ
+    warp: float  # of multiplied noises, dimensionless
     ridge: float
     crest: float
-    gullies: Reals
-    wavelengths: Reals
-    waves: Reals
+    gullies: Reals  # (octaves,) at full erosion
+    wavelengths: Reals  # (octaves,) of the gullies
+    waves: Reals  # (styles,) unresolved share of the dunes' waves
 
 
 @dataclass(frozen=True)
-class Near:
-    """What the features that reach blocks can be there at most; arrays a block.
+class BlockExtrema:
+    """Greatest effects of the features near each of n blocks."""
 
-    Attributes
-    ----------
-    hill, mountain : ndarray, shape (n,)
-        Their height without swell or gullies, m.
-    hill_sum, mountain_sum : ndarray, shape (n,)
-        The same as if all of them had their summit in the block, m.
-    erosion, widest : ndarray, shape (n,)
-        0 … 1; width of the widest gullies, m.
-    cover, dune : ndarray, shape (n, styles)
-        0 … 1; height of the highest dunes, m.
-    """
-
-    hill: Reals
+    hill: Reals  # (n,) height without swell or gullies, m
     mountain: Reals
-    hill_sum: Reals
+    hill_sum: Reals  # (n,) the same if all of them had their summit in the block, m
     mountain_sum: Reals
-    erosion: Reals
-    widest: Reals
-    cover: Reals
-    dune: Reals
+    erosion: Reals  # (n,) 0 … 1
+    widest: Reals  # (n,) width of the widest gullies, m
+    cover: Reals  # (n, styles) 0 … 1
+    dune: Reals  # (n, styles) height of the highest dunes, m

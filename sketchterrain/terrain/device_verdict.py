@@ -1,6 +1,6 @@
-"""Whether a device computes the program's bits, tested on a small terrain with every kind of feature.
+"""Self-test: whether a device computes the program's bits, on a small terrain with every kind of feature.
 
-As a program it evaluates that terrain on the device with the given index, and writes it into a file.
+Run as a program, it evaluates that terrain on the device with the given index and writes it to a file.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from sketchterrain.compute.device_check import DeviceCheck, cached_on_disk, chec
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.sketch import Sketch
 from sketchterrain.terrain.from_sketch import make_recipe
-from sketchterrain.terrain.reference import reference_heights
+from sketchterrain.terrain.reference import host_heights
 from sketchterrain.terrain.terrain import Terrain
 
 if TYPE_CHECKING:
@@ -37,8 +37,8 @@ _VERTICES = 33
 _PLANTS = (300.0, 100.0, 620.0, 420.0)  # m: west, south, east, north
 _POINTS = 256
 _TIMEOUT = 180.0  # s: a driver may compile all kernels
-_CLOSE = 10.0  # mm: float32 heights of this terrain are far nearer to float64
-# Rows from the north and columns of what each layer paints.
+_CLOSE = 10.0  # mm: float32 heights of this terrain are far closer to float64
+# Painted rows (from the north) and columns of each layer.
 _PAINTED = {
     "mountain": (slice(3, 12), slice(18, 30)),
     "hill": (slice(4, 12), slice(2, 10)),
@@ -52,28 +52,21 @@ _PAINTED = {
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the self-test found.
+    """Result of the self-test."""
 
-    Attributes
-    ----------
-    bits : {'same', 'other', 'failed'}
-    detail : str
-        What it was compared with, by how much it is off, or what failed.
-    """
-
-    bits: str
-    detail: str
+    bits: str  # 'same', 'other' or 'failed'
+    detail: str  # the comparison, the deviation, or the failure
 
     @property
     def line(self) -> str:
-        """All in one line."""
-        told = {"same": "same bits", "other": "other bits"}.get(self.bits, self.bits)
-        return f"{told} ({self.detail})" if self.bits == "same" else f"{told}: {self.detail}"
+        """Everything in one line."""
+        bits = {"same": "same bits", "other": "other bits"}.get(self.bits, self.bits)
+        return f"{bits} ({self.detail})" if self.bits == "same" else f"{bits}: {self.detail}"
 
 
 @dataclass(frozen=True)
 class _Probe:
-    """What a device makes of the small terrain."""
+    """The small terrain as a device evaluates it."""
 
     height: npt.NDArray[np.float32]
     rest: dict[str, npt.NDArray[np.generic]]
@@ -81,17 +74,11 @@ class _Probe:
 
 @cache
 def self_test(device: Device, *, compare: bool = True) -> Verdict:
-    """Decide whether a device computes the program's bits; cached on disk by the drivers' versions.
+    """Return whether a device computes the program's bits; cached on disk by the drivers' versions.
 
-    Its arithmetic must be that of IEEE 754, step by step. With `compare` a small terrain must also come out
-    as on a CPU driver whose bits the program's tests hold, or where there is no other one, near the float64
-    reference. All of it runs in child processes, which a driver may crash.
-
-    Parameters
-    ----------
-    device
-    compare
-        Whether to evaluate the terrain too.
+    Its arithmetic must be that of IEEE 754, step by step. With `compare` the small terrain must also match a
+    CPU driver whose bits the tests hold, or, without another one, float64 on the host within a tolerance.
+    Everything runs in child processes, which a driver may crash.
     """
     check = check_device(device)
     if check.failure:
@@ -99,7 +86,7 @@ def self_test(device: Device, *, compare: bool = True) -> Verdict:
     if not compare:
         if check.wrong:
             return Verdict("other", _off_in(check.wrong))
-        return Verdict("same", "its arithmetic is right")
+        return Verdict("same", "correct arithmetic")
     others = tuple(
         other
         for other in list_devices()
@@ -126,15 +113,15 @@ def probe_terrain() -> Sketch:
 
 
 @cache
-def _recipe_of_probe() -> TerrainRecipe:
+def _probe_recipe() -> TerrainRecipe:
     return make_recipe(probe_terrain())
 
 
 def _probe(device: Device) -> _Probe:
-    terrain = Terrain(probe_terrain(), _recipe_of_probe(), ComputeContext(device))
+    terrain = Terrain(probe_terrain(), _probe_recipe(), ComputeContext(device))
     raster = terrain.raster(_VERTICES)
     tile = terrain.tile(3, 4, 5)
-    heights = (raster.height, tile.height, tile.parent_height, terrain.heights(*_places()))
+    heights = (raster.height, tile.height, tile.parent_height, terrain.heights(*_points_at()))
     rest = {
         "normals": np.concatenate([part.ravel() for part in (raster.normal, tile.normal)]),
         "materials": np.concatenate([part.ravel() for part in (raster.materials, tile.materials)]),
@@ -143,7 +130,7 @@ def _probe(device: Device) -> _Probe:
     return _Probe(np.concatenate([part.ravel() for part in heights]), rest)
 
 
-def _places() -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _points_at() -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     east = np.linspace(0, _EXTENT, _POINTS)
     return east, (east * 7.3) % _EXTENT
 
@@ -156,7 +143,7 @@ def _compared(device: Device, others: tuple[Device, ...], wrong: tuple[str, ...]
     except ChildFailedError as error:
         return Verdict("failed", str(error))
     for other in others:
-        with suppress(ChildFailedError):  # one that fails is nothing to compare with
+        with suppress(ChildFailedError):  # skip drivers that fail
             return _against(_probe_in_child(other), other.platform, own, wrong)
     return _against_float64(own, wrong)
 
@@ -180,12 +167,12 @@ def _against(expected: _Probe, name: str, own: _Probe, wrong: tuple[str, ...]) -
 
 
 def _against_float64(own: _Probe, wrong: tuple[str, ...]) -> Verdict:
-    exact = reference_heights(_recipe_of_probe(), *_places(), cell_size=0.0)
+    exact = host_heights(_probe_recipe(), *_points_at(), cell_size=0.0)
     off = _millimetres(own.height[-_POINTS:], exact)
-    told = f"off by up to {off:.3g} mm from float64"
+    deviation = f"off by up to {off:.3g} mm from float64"
     if wrong or off > _CLOSE:
-        return Verdict("other", "; ".join([told, *_named(wrong)]))
-    return Verdict("same", f"its arithmetic is right, {told}, no other driver to compare with")
+        return Verdict("other", "; ".join([deviation, *_named(wrong)]))
+    return Verdict("same", f"correct arithmetic, {deviation}, no other driver to compare with")
 
 
 def _millimetres(one: npt.NDArray[np.floating], other: npt.NDArray[np.floating]) -> float:

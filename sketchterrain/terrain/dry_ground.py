@@ -1,4 +1,4 @@
-"""The land that rivers run down, asked at places and remembered from one recipe to the next."""
+"""Terrain heights without water, which rivers follow, cached from one recipe to the next."""
 
 from __future__ import annotations
 
@@ -22,115 +22,97 @@ if TYPE_CHECKING:
     Reals = npt.NDArray[np.float64]
     Lattice = npt.NDArray[np.int64]
 
-# Rivers see the ground as samples so far apart would: its lie, not its stones.
+# Rivers follow the terrain at this coarse cell size, without its small features.
 _CELLS_PER_EXTENT = 256
-_FARTHEST = 2**31  # lattice units: farther places are not remembered
+_MAX_CACHED = 2**31  # lattice units: farther positions are not cached
 
 
 @dataclass(frozen=True, eq=False)
-class _Known:
-    """Heights of one recipe's land.
+class _CachedHeights:
+    """Cached heights of one recipe."""
 
-    Attributes
-    ----------
-    world : tuple
-        Everything that the land depends on but its features.
-    block : (4,) int64
-        Rectangle around all places, lattice units.
-    features : array of FEATURE
-        Those that reach it.
-    key : (n,) int64
-        The places, ascending.
-    height : (n,) float64
-        Metres.
-    """
-
-    world: tuple[object, ...]
-    block: Lattice
-    features: Points
-    key: Lattice
-    height: Reals
+    world: tuple[object, ...]  # everything that heights depend on except features
+    block: Lattice  # (4,) rectangle around all positions, lattice units
+    features: Points  # those that affect it
+    key: Lattice  # (n,) positions, ascending
+    height: Reals  # (n,), m
 
 
 @dataclass
-class GroundMemory:
-    """What was asked of the last recipe's land; several threads may share it."""
+class DryTerrainCache:
+    """Heights evaluated for the previous recipe; several threads may share it."""
 
-    last: _Known | None = None
+    last: _CachedHeights | None = None
 
 
-class DryGround:
-    """Heights of a recipe's land without rivers and lakes, each place asked once.
+class DryTerrain:
+    """Heights of a recipe's terrain without rivers and lakes; each position is evaluated once.
 
-    Parameters
-    ----------
-    recipe : TerrainRecipe
-    memory : GroundMemory
-        Heights of places that nothing changed is near to come from there; the bits are the same.
+    Heights of positions that no changed feature affects come from the cache; the bits are the same.
     """
 
-    def __init__(self, recipe: TerrainRecipe, memory: GroundMemory) -> None:
+    def __init__(self, recipe: TerrainRecipe, memory: DryTerrainCache) -> None:
         self._recipe = recipe
         self._memory = memory
         self._cell = recipe.extent / _CELLS_PER_EXTENT
         settings = (recipe.ground["relief"], recipe.stacks, recipe.dune_styles)
         self._world = (recipe.extent, recipe.seed, recipe.fidelity, *settings)
-        self._asked: Lattice = np.zeros(0, dtype=np.int64)
-        self._key, self._height = self._still_good(memory.last)
+        self._requested: Lattice = np.zeros(0, dtype=np.int64)
+        self._key, self._height = self._still_valid(memory.last)
 
     def __call__(self, x: Reals, y: Reals) -> Reals:
         """Return heights (m) at positions (m), shape (n,)."""
         east, north = (to_lattice(each, self._recipe.extent) for each in (x, y))
-        if len(east) == 0 or max(np.abs(east).max(), np.abs(north).max()) >= _FARTHEST:
+        if len(east) == 0 or max(np.abs(east).max(), np.abs(north).max()) >= _MAX_CACHED:
             return dry_heights(self._recipe, east, north, cell_size=self._cell)
         key, inverse = np.unique((east << 32) + north, return_inverse=True)
         row = np.minimum(np.searchsorted(self._key, key), max(len(self._key) - 1, 0))
-        known = self._key[row] == key if len(self._key) else np.zeros(len(key), dtype=np.bool_)
+        cached = self._key[row] == key if len(self._key) else np.zeros(len(key), dtype=np.bool_)
         height = np.zeros(len(key))
-        height[known] = self._height[row[known]]
-        if not known.all():
-            at = _places(key[~known])
-            height[~known] = dry_heights(self._recipe, *at, cell_size=self._cell)
-            merged = np.concatenate([self._key, key[~known]])
+        height[cached] = self._height[row[cached]]
+        if not cached.all():
+            at = _unpack_keys(key[~cached])
+            height[~cached] = dry_heights(self._recipe, *at, cell_size=self._cell)
+            merged = np.concatenate([self._key, key[~cached]])
             order = np.argsort(merged)
             self._key = merged[order]
-            self._height = np.concatenate([self._height, height[~known]])[order]
-        self._asked = np.union1d(self._asked, key)
+            self._height = np.concatenate([self._height, height[~cached]])[order]
+        self._requested = np.union1d(self._requested, key)
         return np.asarray(height[inverse])
 
-    def remember(self) -> None:
-        """Keep what was asked for the next recipe, all else is forgotten."""
-        if len(self._asked) == 0:
+    def store(self) -> None:
+        """Store the requested heights for the next recipe and drop all others."""
+        if len(self._requested) == 0:
             return
-        row = np.searchsorted(self._key, self._asked)
-        block = _around(self._asked)
-        known = _Known(self._world, block, self._near(block), self._asked, self._height[row])
-        self._memory.last = known
+        row = np.searchsorted(self._key, self._requested)
+        block = _bounding_block(self._requested)
+        cached = _CachedHeights(self._world, block, self._near(block), self._requested, self._height[row])
+        self._memory.last = cached
 
     def _near(self, block: Lattice) -> Points:
         return features_near(self._recipe, block[None], min_radius=effective_cell(self._cell))
 
-    def _still_good(self, last: _Known | None) -> tuple[Lattice, Reals]:
-        """Places, ascending, and heights that are still the same: no feature that changed reaches them."""
+    def _still_valid(self, last: _CachedHeights | None) -> tuple[Lattice, Reals]:
+        """Return positions, ascending, and heights that no changed feature affects."""
         if last is None or last.world != self._world:
             return np.zeros(0, dtype=np.int64), np.zeros(0)
         now = self._near(last.block)
         changed = np.concatenate([rows_only_in(now, last.features), rows_only_in(last.features, now)])
         packed = pack_features(self._recipe, changed, self._cell)
-        good = np.ones(len(last.key), dtype=np.bool_)
-        east, north = _places(last.key)
+        valid = np.ones(len(last.key), dtype=np.bool_)
+        east, north = _unpack_keys(last.key)
         unit = metres_per_unit(self._recipe.extent)
-        for (x, y), reach in zip(packed.at, packed.support, strict=True):
-            good &= np.hypot(east - x, north - y) * unit > reach
-        return last.key[good], last.height[good]
+        for (x, y), support in zip(packed.at, packed.support, strict=True):
+            valid &= np.hypot(east - x, north - y) * unit > support
+        return last.key[valid], last.height[valid]
 
 
-def _places(key: Lattice) -> tuple[Lattice, Lattice]:
-    """Positions by their keys: the one in the high half, the other, signed, in the low half."""
+def _unpack_keys(key: Lattice) -> tuple[Lattice, Lattice]:
+    """Return positions by their keys: x in the high half, signed y in the low half."""
     north = (key & 0xFFFFFFFF).astype(np.uint32).view(np.int32).astype(np.int64)
     return (key - north) >> 32, north
 
 
-def _around(key: Lattice) -> Lattice:
-    east, north = _places(key)
+def _bounding_block(key: Lattice) -> Lattice:
+    east, north = _unpack_keys(key)
     return np.array([east.min(), north.min(), east.max(), north.max()])

@@ -1,4 +1,4 @@
-"""Lakes and covers as the arrays the kernels read (``kernels/fields.clh``)."""
+"""Packing of lakes and covers into the arrays that kernels read (``kernels/fields.clh``)."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from sketchterrain.features import ShapeField
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-# Samples repeated around a field, so that a spline at its rim reads nothing but the rim.
+# Samples repeated around a field, so that a spline at its rim reads the rim only.
 _PAD = 2
-# The margin's end stands a little within the field's rim, so that rounding leaves no effect there.
+# The margin ends slightly inside the field's rim, so that rounding leaves no effect there.
 _WITHIN = 0.999
-# Metres of shelf for each metre of depth, where there is room; slopes of the shore.
+# Metres of shelf per metre of depth, if the lake is wide enough; slopes of the shore.
 _SHELF_RUN = 8.0
 _SHORE_SHARE = 0.5
 _STEEPEST_SHORE = 0.2
@@ -34,66 +34,36 @@ _BORDER_DEPTHS = 0.5
 
 @dataclass(frozen=True)
 class PackedFields:
-    """Fields of distance (``Fields`` of ``kernels/fields.clh``), whatever they stand for.
+    """Distance fields (``Fields`` of ``kernels/fields.clh``) of lakes or covers."""
 
-    Attributes
-    ----------
-    at : ndarray of int64, shape (n, 2)
-        First samples, lattice units.
-    far : ndarray of int64, shape (n, 2)
-        Last samples, lattice units, rounded up.
-    form : ndarray of int32, shape (n, 4)
-        Index of the first sample, columns, rows, 0.
-    scale : ndarray of float64, shape (n,)
-        Samples a lattice unit.
-    margin, depth : ndarray of float64, shape (n,)
-        How far the outermost samples lie outside the shape, and the deepest one inside (m).
-    samples : ndarray of float64
-        Spline coefficients of all fields (m).
-    """
-
-    at: npt.NDArray[np.int64]
-    far: npt.NDArray[np.int64]
-    form: npt.NDArray[np.int32]
-    scale: npt.NDArray[np.float64]
-    margin: npt.NDArray[np.float64]
-    depth: npt.NDArray[np.float64]
-    samples: npt.NDArray[np.float64]
+    at: npt.NDArray[np.int64]  # (n, 2) first samples, lattice units
+    far: npt.NDArray[np.int64]  # (n, 2) last samples, lattice units, rounded up
+    form: npt.NDArray[np.int32]  # (n, 4) index of the first sample, columns, rows, 0
+    scale: npt.NDArray[np.float64]  # (n,) samples per lattice unit
+    margin: npt.NDArray[np.float64]  # (n,) distance of the outermost samples outside the shape, m
+    depth: npt.NDArray[np.float64]  # (n,) greatest distance inside, m
+    samples: npt.NDArray[np.float64]  # spline coefficients of all fields, m
 
 
 @dataclass(frozen=True)
 class PackedLakes:
-    """What ``Lakes`` of ``kernels/lakes.clh`` adds to the fields, for one cell size.
+    """Columns of ``Lakes`` in ``kernels/lakes.clh`` besides the fields, for one cell size."""
 
-    Attributes
-    ----------
-    shape, profile : ndarray of float64, shape (n, 4)
-    shown : ndarray of bool, shape (n,)
-        Whether anything of a lake is left at the cell size.
-    """
-
-    shape: npt.NDArray[np.float64]
-    profile: npt.NDArray[np.float64]
-    shown: npt.NDArray[np.bool_]
+    shape: npt.NDArray[np.float64]  # (n, 4)
+    profile: npt.NDArray[np.float64]  # (n, 4)
+    visible: npt.NDArray[np.bool_]  # (n,) whether anything of a lake is left at the cell size
 
 
 @dataclass(frozen=True)
 class PackedCovers:
-    """What ``create_covers`` in ``kernels/materials.clh`` adds to the fields.
+    """Columns that ``create_covers`` in ``kernels/materials.clh`` adds to the fields."""
 
-    Attributes
-    ----------
-    form : ndarray of int32, shape (n, 4)
-        The fields' form with the material's index in the last place.
-    shape : ndarray of float64, shape (n, 4)
-    """
-
-    form: npt.NDArray[np.int32]
-    shape: npt.NDArray[np.float64]
+    form: npt.NDArray[np.int32]  # (n, 4) the fields' form with the material's index in the last column
+    shape: npt.NDArray[np.float64]  # (n, 4)
 
 
 def pack_fields(recipe: TerrainRecipe, fields: Sequence[ShapeField]) -> PackedFields:
-    """Return the spline coefficients that make each field pass through its samples."""
+    """Return the spline coefficients that make each field interpolate its samples."""
     unit = metres_per_unit(recipe.extent)
     count = len(fields)
     at, far = np.zeros((2, count, 2), np.int64)
@@ -101,7 +71,8 @@ def pack_fields(recipe: TerrainRecipe, fields: Sequence[ShapeField]) -> PackedFi
     scale, margin, depth = np.zeros((3, count))
     samples, first = [np.zeros(0)], 0
     for i, field in enumerate(fields):
-        coefficients = np.pad(_coefficients(field), _PAD, mode="edge")
+        spline = np.asarray(spline_filter(field.inside.astype(np.float64), order=2, mode="mirror"))
+        coefficients = np.pad(spline, _PAD, mode="edge")
         rows, columns = coefficients.shape
         corner = np.array([field.west, field.south]) - _PAD * field.spacing
         at[i] = to_lattice(corner, recipe.extent)
@@ -116,18 +87,14 @@ def pack_fields(recipe: TerrainRecipe, fields: Sequence[ShapeField]) -> PackedFi
     return PackedFields(at, far, form, scale, margin, depth, np.concatenate(samples))
 
 
-def _coefficients(field: ShapeField) -> npt.NDArray[np.float64]:
-    return np.asarray(spline_filter(field.inside.astype(np.float64), order=2, mode="mirror"))
-
-
 def pack_lakes(recipe: TerrainRecipe, fields: PackedFields, cell: float) -> PackedLakes:
-    """Return the lakes' profiles; lakes narrower than two cells fade out and are gone at one.
+    """Return the lakes' profiles; lakes narrower than two cells fade out and vanish at one.
 
-    A lake is no deeper than its greatest distance from the shore, so that its bed can be reached at 45°.
+    A lake is at most as deep as its greatest distance from the shore, so that its bed is no steeper than 45°.
     """
     level = np.array([lake.level for lake in recipe.lakes], dtype=np.float64)
-    asked = np.array([lake.depth for lake in recipe.lakes], dtype=np.float64)
-    deep = np.minimum(asked, _STEEPEST_BED * fields.depth)
+    requested = np.array([lake.depth for lake in recipe.lakes], dtype=np.float64)
+    deep = np.minimum(requested, _STEEPEST_BED * fields.depth)
     shelf = np.minimum(0.9 * fields.depth, _SHELF_RUN * deep)
     shore = np.minimum(_SHORE_SHARE * deep / shelf, _STEEPEST_SHORE)
     # The beach is a parabola over half the margin that starts with the shore's slope.
@@ -140,12 +107,12 @@ def pack_lakes(recipe: TerrainRecipe, fields: PackedFields, cell: float) -> Pack
 
 
 def pack_covers(recipe: TerrainRecipe, fields: PackedFields) -> PackedCovers:
-    """Return the covers' borders: wider the lower the fidelity, and never wider than the fields' margins."""
+    """Return the covers' borders: wider at lower fidelity, and never wider than the fields' margins."""
     spacing = np.array([cover.shape.spacing for cover in recipe.covers], dtype=np.float64)
     sharp, loose = _BORDER
     half = spacing * (loose + (sharp - loose) * recipe.fidelity)
     half = np.minimum(half, np.maximum(_BORDER_DEPTHS * fields.depth, sharp * spacing))
-    # Noise moves the border by as much again as it is wide (``kernels/materials.clh``).
+    # Noise moves the border by up to its own width (``kernels/materials.clh``).
     half = np.minimum(half, fields.margin / 2)
     strength = np.array([cover.strength for cover in recipe.covers], dtype=np.float64)
     form = fields.form.copy()

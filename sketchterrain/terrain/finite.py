@@ -1,4 +1,4 @@
-"""No value that is not a number leaves a terrain."""
+"""Checks for non-finite values from a device."""
 
 from __future__ import annotations
 
@@ -15,23 +15,17 @@ if TYPE_CHECKING:
 
 
 def require_finite(values: npt.NDArray[Any], what: str, device: Device) -> None:
-    """Refuse values of which some are not finite: no recipe gives them, so the device went wrong.
+    """Raise DeviceFailedError if any value is not finite.
 
-    Parameters
-    ----------
-    values
-    what
-        What they are, for example ``"heights"``.
-    device
-        Where they were computed.
-
-    Raises
-    ------
-    DeviceFailedError
-        With how many they are.
+    No recipe gives such values, so the device failed.
     """
     bad = values.size - int(np.count_nonzero(np.isfinite(values)))
     if bad:
-        raise DeviceFailedError(
-            f"{device.name} ({device.platform}) computed {what}, {bad} of {values.size} of them no numbers"
-        )
+        raise non_finite(what, device, f"{bad} of {values.size}")
+
+
+def non_finite(what: str, device: Device, count: str) -> DeviceFailedError:
+    """Return the error for a count of non-finite values, for example ``"3 of 4225"`` ``"heights"``."""
+    return DeviceFailedError(
+        f"{device.name} ({device.platform}) produced non-finite {what} (NaN or Inf): {count}"
+    )

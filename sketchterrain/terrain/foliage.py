@@ -1,4 +1,4 @@
-"""Plants of a terrain: what is asked for, checked, cut into parts that fit, and put into a stable order."""
+"""Plants of a terrain: checked requests, split into bounded parts, in a stable order."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from sketchterrain.errors import InputError
 from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.plant import PLANT, STOREYS
-from sketchterrain.terrain.stepped import finished
+from sketchterrain.terrain.stepped import run_to_completion
 from sketchterrain.terrain.storey import Storey
 
 if TYPE_CHECKING:
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     Area = tuple[int, int, int, int]
     Plants = npt.NDArray[np.void]
 
-MOST_PLANTS: Final = 20_000_000
-"""Plants that are given back at once at most."""
+MAX_PLANTS: Final = 20_000_000
+"""Most plants returned at once."""
 
-_A_PIECE = 2_000_000  # plants at most
+_MAX_PER_PIECE = 2_000_000
 
 
 class FoliageSampler:
@@ -37,46 +37,51 @@ class FoliageSampler:
 
     def within(self, west: float, south: float, east: float, north: float, storey: str = "woody") -> Plants:
         """Return the plants of a rectangle in metres; see :meth:`Terrain.foliage`."""
-        return finished(self.steps(west, south, east, north, storey))
+        return run_to_completion(self.steps(west, south, east, north, storey))
 
     def steps(
         self, west: float, south: float, east: float, north: float, storey: str
     ) -> Generator[None, None, Plants]:
         """Do the same in steps; see :meth:`Terrain.foliage_steps`."""
-        chosen, area = self._asked((west, south, east, north), storey)
-        if chosen.bound(area) > MOST_PLANTS:
+        layer, area = self._validate((west, south, east, north), storey)
+        if layer.bound(area) > MAX_PLANTS:
             most, size = self.estimate(west, south, east, north, storey)
-            if most > MOST_PLANTS:
+            if most > MAX_PLANTS:
                 raise InputError(
                     f"the rectangle may hold {most:.3g} plants ({size / 2**30:.1f} GiB); "
-                    f"at most {MOST_PLANTS} are given back at once, more in pieces"
+                    f"expected at most {MAX_PLANTS} at once, more in pieces"
                 )
-        found = []
-        for part in chosen.parts(area, most=_A_PIECE):
-            plants = yield from chosen.plants_steps(part)
-            found.append(plants)
-        return np.concatenate(found) if found else np.zeros(0, PLANT)
+        parts = []
+        for part in layer.parts(area, most=_MAX_PER_PIECE):
+            plants = yield from layer.plants_steps(part)
+            parts.append(plants)
+        return np.concatenate(parts) if parts else np.zeros(0, PLANT)
 
     def pieces(
         self, west: float, south: float, east: float, north: float, storey: str = "woody"
     ) -> Iterator[Plants]:
         """Return the same piece by piece; see :meth:`Terrain.foliage_pieces`."""
-        chosen, area = self._asked((west, south, east, north), storey)
-        return (finished(chosen.plants_steps(part)) for part in chosen.parts(area, most=_A_PIECE))
+        layer, area = self._validate((west, south, east, north), storey)
+        return (
+            run_to_completion(layer.plants_steps(part)) for part in layer.parts(area, most=_MAX_PER_PIECE)
+        )
 
     def estimate(
         self, west: float, south: float, east: float, north: float, storey: str = "woody"
     ) -> tuple[int, int]:
-        """Return how many there can be, and their bytes; see :meth:`Terrain.foliage_estimate`."""
-        chosen, area = self._asked((west, south, east, north), storey)
-        most = chosen.estimate(area)
+        """Return an upper estimate of the number of plants, and their bytes.
+
+        See :meth:`Terrain.foliage_estimate`.
+        """
+        layer, area = self._validate((west, south, east, north), storey)
+        most = layer.estimate(area)
         return most, most * PLANT.itemsize
 
-    def _asked(self, rectangle: tuple[float, float, float, float], storey: str) -> tuple[Storey, Area]:
+    def _validate(self, rectangle: tuple[float, float, float, float], storey: str) -> tuple[Storey, Area]:
         if storey not in self._storeys:
             raise InputError(f"expected a storey, {' or '.join(STOREYS)}, got {storey!r}")
         west, south, east, north = (int(each) for each in to_lattice(rectangle, self._extent))
         if west > east or south > north:
-            told = ", ".join(f"{each:g}" for each in rectangle)
-            raise InputError(f"expected west ≤ east and south ≤ north, got {told}")
+            given = ", ".join(f"{each:g}" for each in rectangle)
+            raise InputError(f"expected west ≤ east and south ≤ north, got {given}")
         return self._storeys[storey], (west, south, east, north)

@@ -1,4 +1,4 @@
-"""From a sketch to a recipe, and from a recipe to a terrain one can ask."""
+"""From a sketch to a recipe, and from a recipe to a terrain."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from sketchterrain.features.edits import EditedFill, EditedPoints, apply_fill_ed
 from sketchterrain.features.memory import PlacementCache
 from sketchterrain.features.rivers import trace_hydrology
 from sketchterrain.sketch import resolved_rules
-from sketchterrain.terrain.balance import BalanceMemory, balanced
-from sketchterrain.terrain.centrelines import valley_reach
+from sketchterrain.terrain.balance import StrengthCache, solve_strengths
+from sketchterrain.terrain.centrelines import valley_radius
 from sketchterrain.terrain.changes import changed_areas
-from sketchterrain.terrain.dry_ground import DryGround, GroundMemory
+from sketchterrain.terrain.dry_ground import DryTerrain, DryTerrainCache
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.terrain import Terrain
 
@@ -42,12 +42,12 @@ def build(
     ----------
     sketch
     seed
-        In place of the sketch's own.
+        Overrides the sketch's own.
     device
         An open :class:`~sketchterrain.compute.ComputeContext`, or a selector as for
         :func:`~sketchterrain.compute.choose_device`.
     memory
-        Of terrains built before in this thread, of this or of any other sketch: it saves time.
+        Cache of earlier terrains built in this thread, of any sketch; it saves time.
 
     Raises
     ------
@@ -64,48 +64,31 @@ def build(
 def rebuild(
     terrain: Terrain, sketch: Sketch, *, checkpoint: Callable[[], None] | None = None
 ) -> tuple[Terrain, list[Box]]:
-    """Return the terrain of a changed sketch on the same device, and where it may differ.
+    """Return the terrain of a changed sketch on the same device, and the areas where it may differ.
 
-    What the terrain remembers of its placing is used again, and the bits are those of `build`.
-
-    Parameters
-    ----------
-    terrain
-        Before.
-    sketch
-        After.
-    checkpoint
-        As for `make_recipe`.
-
-    Returns
-    -------
-    terrain : Terrain
-    areas : list of (west, south, east, north)
-        As :func:`~sketchterrain.terrain.changed_areas` says them: only tiles that these touch are other ones.
+    Cached placement is reused; the bits are those of `build`. Only tiles that the areas touch have changed,
+    see :func:`~sketchterrain.terrain.changed_areas`. ``checkpoint`` is as for `make_recipe`.
     """
     recipe = make_recipe(sketch, memory=terrain.memory, checkpoint=checkpoint)
     areas = changed_areas(terrain.recipe, recipe)
-    return terrain.after(sketch, recipe, areas), areas
+    return terrain.updated(sketch, recipe, areas), areas
 
 
 def make_recipe(
     sketch: Sketch, *, memory: PlacementCache | None = None, checkpoint: Callable[[], None] | None = None
 ) -> TerrainRecipe:
-    """Place the features of a sketch; plain NumPy, no device is needed.
+    """Place the features of a sketch, in plain NumPy without a device.
 
-    A person's edits come between placing and filling, so that the fill keeps clear of what they moved.
-    Rivers come last: they run down the ground that the other features make.
-
-    Parameters
-    ----------
-    sketch
-    memory
-        Of recipes made before, of this or of any other sketch. It saves time; the bits are the same.
-    checkpoint
-        Called between the steps of the work. It may raise to abandon it: the memory stays good.
+    Edits come between placing and filling, so that the fill avoids moved features. Rivers come last: they
+    follow the terrain that the other features form. ``memory`` caches earlier recipes, of any sketch; the
+    bits are the same. ``checkpoint`` is called between steps; it may raise to cancel, which leaves the cache
+    valid.
     """
     memory = PlacementCache() if memory is None else memory
-    checkpoint = _go_on if checkpoint is None else checkpoint
+    if checkpoint is None:
+
+        def checkpoint() -> None: ...
+
     placed = place(sketch, seed=sketch.seed, memory=memory, checkpoint=checkpoint)
     painted = apply_painted_edits(placed, sketch.edits)
     fill = Fill(sketch, painted.points, seed=sketch.seed, memory=memory)
@@ -122,32 +105,28 @@ def make_recipe(
         material_rules=resolved_rules(sketch.material_rules),
     )
     checkpoint()
-    strong = _with_strengths(dry, painted, memory, checkpoint)
+    strong = _solved_features(dry, painted, memory, checkpoint)
     dry = replace(dry, painted=np.concatenate([strong, adopted.points]))
-    ground = DryGround(dry, memory.part(GroundMemory))
-    waters = trace_hydrology(sketch, seed=sketch.seed, ground=ground, memory=memory, checkpoint=checkpoint)
-    ground.remember()
+    terrain = DryTerrain(dry, memory.part(DryTerrainCache))
+    waters = trace_hydrology(sketch, seed=sketch.seed, ground=terrain, memory=memory, checkpoint=checkpoint)
+    terrain.store()
     return replace(
         dry,
         rivers=waters.rivers,
-        river_reach=tuple(valley_reach(*each) for each in zip(waters.rivers, waters.grounds, strict=True)),
+        valley_radii=tuple(valley_radius(*each) for each in zip(waters.rivers, waters.grounds, strict=True)),
         lakes=waters.lakes,
         resolutions=waters.resolutions,
         orphans=(*painted.orphans, *adopted.orphans, *waters.orphans),
     )
 
 
-def _go_on() -> None:
-    """Never abandon the work."""
-
-
-def _with_strengths(
+def _solved_features(
     dry: TerrainRecipe, edited: EditedPoints, memory: PlacementCache, checkpoint: Callable[[], None]
 ) -> Points:
-    """Return the features with their strengths solved for, the locked ones with their own."""
+    """Return the features with solved strengths, and locked ones with their own."""
     asked = replace(dry, painted=edited.unlocked)
-    solved = balanced(
-        asked, locked=edited.lock_only, memory=memory.part(BalanceMemory), checkpoint=checkpoint
+    solved = solve_strengths(
+        asked, locked=edited.lock_only, memory=memory.part(StrengthCache), checkpoint=checkpoint
     )
     points = edited.points.copy()
     points["strength"] = np.where(edited.locked, points["strength"], solved["strength"])

@@ -1,7 +1,4 @@
-"""Poisson-disk points whose distance varies over the ground, as a function of the world.
-
-``kernels/graded_poisson.cl`` says how.
-"""
+"""Poisson-disk sets whose minimum distance varies over the terrain (``kernels/graded_poisson.cl``)."""
 
 from __future__ import annotations
 
@@ -15,21 +12,21 @@ from sketchterrain.compute.scratch import BufferPool
 from sketchterrain.errors import InputError
 from sketchterrain.terrain.poisson_cells import (
     GROUP,
-    MOST_POINTS,
+    MAX_POINTS,
     ROUNDING,
     SIDE,
     Area,
     Cells,
     Grid,
     bands,
-    counted,
+    count_points,
+    hash_salt,
     rounded_up,
-    salt_of,
     schedule,
-    thrown_by,
+    throw_kernel,
 )
 from sketchterrain.terrain.spacing_raster import SpacingRanges
-from sketchterrain.terrain.stepped import finished
+from sketchterrain.terrain.stepped import run_to_completion
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
@@ -41,16 +38,16 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.spacing_raster import SpacingRaster
 
 GRADED: Final = np.dtype([("x", "i8"), ("y", "i8"), ("spacing", "f4"), ("level", "u1")])
-"""A point: lattice position, distance to others (lattice units), level."""
+"""A point: lattice position, minimum distance (lattice units), level."""
 
 _FILE = "graded_poisson.cl"
 _STREAM = "graded poisson disk"
-_REACH = 3  # cells, as in the kernels
+_REACH = 3  # cells of a conflict, as in the kernels
 _LISTED = 24  # as in the kernels
-_COARSE_TRIALS = 8  # darts a cell of all grids but the finest throws
+_COARSE_TRIALS = 8  # darts a cell, in all grids but the finest
 _FINE_TRIALS = 16
 _BLOCK = (16, 64)  # rows and columns of cells, as in the kernels
-_SPARE = 1.0001  # of distances, when it is asked where there is something to do
+_SLACK = 1.0001  # of distances, in the test of which blocks a grid is active in
 _KINDS: Final = {
     "x": np.int16,
     "y": np.int16,
@@ -62,57 +59,35 @@ _KINDS: Final = {
     "candidate times": np.float32,
     "time": np.uint32,
 }
-_WINDOW = 768  # cells: lists take 96 bytes for each
-_MOST_GRIDS = 16
+_WINDOW = 768  # cells: lists need 96 bytes for each
+_MAX_GRIDS = 16
 
 
 @dataclass(frozen=True)
-class _Graded(Grid):
-    """A grid whose points have half a distance and 2^level.
+class _GradedGrid(Grid):
+    """A grid whose points have half a distance and 2^level."""
 
-    Attributes
-    ----------
-    points, candidate : tuple of Buffer
-        x, y, half the distance and 2^level; of candidates the time too.
-    lists : tuple
-        Of points of coarser grids, and the window that they are for.
-    finer : tuple of Buffer
-        Lists for the next finer grid: points, how many.
-    """
-
-    points: tuple[Any, ...]
-    candidate: tuple[Any, ...]
-    lists: tuple[Any, ...]
-    finer: tuple[Any, ...]
+    points: tuple[Any, ...]  # buffers: x, y, half the distance, 2^level
+    candidate: tuple[Any, ...]  # the same, and the time
+    lists: tuple[Any, ...]  # of points of coarser grids, and the window they cover
+    finer: tuple[Any, ...]  # lists for the next finer grid: points, counts
 
     @property
     def size(self) -> tuple[np.int32, np.int32]:
-        """Columns and rows, as kernels want them."""
+        """Columns and rows, as kernel arguments."""
         return np.int32(self.cells.width), np.int32(self.cells.height)
 
 
 class GradedPoisson:
-    """The world's Poisson-disk set of a distance that varies over it.
+    """The world's Poisson-disk set of a minimum distance that varies over it.
 
-    Two points p, q are no nearer than 2^min(level_p, level_q) · (spacing_p + spacing_q) / 2.
+    Any device gives the same points.
 
-    Parameters
-    ----------
-    context
-        Where it is sampled; any device gives the same points.
-    raster_of
-        Returns the distance between points over a rectangle (west, south, east, north, lattice units), with
-        vertices around all of it. What it says of a place must not depend on the rectangle.
-    least, most
-        Range of the distance, lattice units; nothing stands where it is more.
-    levels
-        Coarser sets within it; fewer where points are far apart, as far as the coarsest grid reaches.
-    seed
-
-    Raises
-    ------
-    InputError
-        If the distances or levels are out of range.
+    Two points p, q are no nearer than 2^min(level_p, level_q) · (spacing_p + spacing_q) / 2. ``raster_of``
+    returns the distance over a rectangle (west, south, east, north, lattice units), with vertices around all
+    of it; its values must not depend on the rectangle. Distances are ``least`` … ``most`` lattice units, and
+    there are no points where it is more. ``levels`` coarser subsets are nested in it, fewer where points are
+    far apart.
     """
 
     def __init__(
@@ -126,74 +101,75 @@ class GradedPoisson:
         seed: int,
     ) -> None:
         if not 2 <= least <= most < math.inf:
-            raise InputError(f"distances must be 2 … ∞ lattice units, least to most, not {least} … {most}")
+            raise InputError(f"expected 2 ≤ least ≤ most < ∞ lattice units, got {least} … {most}")
         self._side = math.floor((least + ROUNDING) / math.sqrt(2.0))
-        doubled = math.log2(_SPARE * (most + ROUNDING) / (math.sqrt(2.0) * self._side))
+        doubled = math.log2(_SLACK * (most + ROUNDING) / (math.sqrt(2.0) * self._side))
         grids = max(math.floor(doubled), levels) + 1
-        if not (levels >= 0 and grids <= _MOST_GRIDS):
-            raise InputError(f"distances and levels may double {_MOST_GRIDS - 1} times at most")
+        if not (levels >= 0 and grids <= _MAX_GRIDS):
+            raise InputError(f"expected distances and levels that double at most {_MAX_GRIDS - 1} times")
         self._context = context
         self._raster_of = raster_of
         self._most, self._levels = most, levels
-        self._salts = [salt_of(seed, _STREAM, grid) for grid in range(grids)]
+        self._salts = [hash_salt(seed, _STREAM, grid) for grid in range(grids)]
         self._rounds = [schedule(_COARSE_TRIALS if grid else _FINE_TRIALS) for grid in range(grids)]
         self._scratch = BufferPool(context)
 
     @property
-    def reach(self) -> int:
-        """How far beyond a rectangle the distance is asked for at most, lattice units."""
+    def halo(self) -> int:
+        """Greatest distance beyond a rectangle at which the raster is read, lattice units."""
         rim = self._rim(0)
         for number in range(1, len(self._salts)):
             rim = -(-rim // 2) + 1 + _REACH + self._rim(number)
         return (rim + 1) * self._side << (len(self._salts) - 1)
 
     def within(self, area: Area) -> npt.NDArray[np.void]:
-        """Return the points of a rectangle (lattice units; its east and north are not in it).
+        """Return the points (n,) of GRADED of a rectangle, lattice units, by y, then x.
 
-        Returns
-        -------
-        ndarray of GRADED, shape (n,)
-            By y, then x. A point that lies in two rectangles is the same in both.
+        East and north are excluded.
 
-        Raises
-        ------
-        InputError
-            If there are over forty million.
+        A point in two rectangles is the same in both. InputError is raised for more than forty million.
         """
-        return finished(self.steps(area))
+        return run_to_completion(self.steps(area))
 
     def steps(self, area: Area) -> Generator[None, None, npt.NDArray[np.void]]:
-        """Do the same in steps: the device works while others go on; the last one returns the points."""
-        found = [np.zeros(0, GRADED)]
+        """Do the same in steps between which the device computes; the generator returns the points."""
+        collected = [np.zeros(0, GRADED)]
         for band in bands(area, self._side, window=_WINDOW):
             for part in band:
                 with self._scratch.borrow() as room:
-                    found += yield from self._window_steps(room, part)
-                if sum(map(len, found)) > MOST_POINTS:
-                    raise InputError(f"the rectangle holds over {MOST_POINTS} points; ask for parts of it")
-        points = np.concatenate(found)
+                    collected += yield from self._window_steps(room, part)
+                if sum(map(len, collected)) > MAX_POINTS:
+                    raise InputError(f"expected at most {MAX_POINTS} points in the rectangle, got more")
+        points = np.concatenate(collected)
         return points[np.lexsort((points["x"], points["y"]))]
 
     def _window_steps(self, room: BufferSet, area: Area) -> Generator[None, None, list[npt.NDArray[np.void]]]:
         """Sample the grids over an area, the coarsest first, and collect the points of each."""
-        windows = [Cells.over(area, self._side).wider(self._rim(0))]
+        windows = [Cells.covering(area, self._side).wider(self._rim(0))]
         for number in range(1, len(self._salts)):
             windows.append(windows[-1].coarser().wider(_REACH + self._rim(number)))
-        raster = self._raster(_ground(windows[-1], self._side << len(windows) - 1))
-        ground, ranges = self._uploaded(raster), SpacingRanges.of(raster)
+        raster = self._raster(_lattice_area(windows[-1], self._side << len(windows) - 1))
+        raster_arguments, ranges = self._upload(raster), SpacingRanges.from_raster(raster)
         yield
-        lists = (ground[0], ground[0], np.int32(0), np.int32(0), np.int64(0), np.int64(0))  # none
-        found = []
+        lists = (
+            raster_arguments[0],
+            raster_arguments[0],
+            np.int32(0),
+            np.int32(0),
+            np.int64(0),
+            np.int64(0),
+        )  # none
+        collected = []
         for number in reversed(range(len(windows))):
-            grid = self._begun(room, windows[number], number, lists)
+            grid = self._create_grid(room, windows[number], number, lists)
             blocks = self._blocks(ranges, grid, number)
             if len(blocks):
-                self._fill(grid, number, ground, blocks)
+                self._enqueue_rounds(grid, number, raster_arguments, blocks)
                 yield
-                found.append(self._collected(room, grid, area, ground))
+                collected.append(self._collect(room, grid, area, raster_arguments))
             if number:
-                lists = self._listed(grid, self._blocks(ranges, grid, number - 1, finer=True))
-        return found
+                lists = self._list_for_finer(grid, self._blocks(ranges, grid, number - 1, finer=True))
+        return collected
 
     def _rim(self, grid: int) -> int:
         return 2 * _REACH * len(self._rounds[grid])
@@ -201,11 +177,11 @@ class GradedPoisson:
     def _raster(self, area: Area) -> SpacingRaster:
         raster = self._raster_of(*area)
         if raster.step & (raster.step - 1):
-            raise InputError(f"a raster's step must be a power of two, not {raster.step}")
+            raise InputError(f"expected a raster's step that is a power of two, got {raster.step}")
         return raster
 
-    def _uploaded(self, raster: SpacingRaster) -> tuple[Any, ...]:
-        """Return the distances over an area, as kernels want them."""
+    def _upload(self, raster: SpacingRaster) -> tuple[Any, ...]:
+        """Return the distances over an area, as kernel arguments."""
         corner = (np.int64(raster.west), np.int64(raster.south))
         shape = (np.int32(raster.spacing.shape[1]), np.int32(raster.step.bit_length() - 1))
         spacing = self._context.upload(np.asarray(raster.spacing, np.float32))
@@ -214,9 +190,9 @@ class GradedPoisson:
     def _blocks(
         self, ranges: SpacingRanges, grid: Grid, number: int, *, finer: bool = False
     ) -> npt.NDArray[np.int32]:
-        """Return the first cells (n, 2) of a window's blocks where a grid has something to do.
+        """Return the first cells (n, 2) of a window's blocks where a grid is active.
 
-        With `finer`, where it or any finer one has: lists are made of lists.
+        With `finer`, it or a finer one.
         """
         first = [np.arange(0, many, size) for many, size in zip(grid.cells.shape, _BLOCK, strict=True)]
         start = [
@@ -224,21 +200,21 @@ class GradedPoisson:
             for at, cell in zip(first, (grid.cells.south, grid.cells.west), strict=True)
         ]
         low, high = ranges.over(start, [size * grid.side for size in _BLOCK])
-        # What is between vertices is between their values; rounding is far below the margin.
-        reach = math.sqrt(2.0) * (self._side << number)
-        busy = (low + ROUNDING < 2.0 * _SPARE * reach) & (low <= self._most)
+        # Interpolated values lie between those of the vertices; rounding is far below the slack.
+        diagonal = math.sqrt(2.0) * (self._side << number)
+        active = (low + ROUNDING < 2.0 * _SLACK * diagonal) & (low <= self._most)
         if not finer:
-            busy &= (high + ROUNDING) * _SPARE * 2**self._levels > reach
-        row, column = np.nonzero(busy)
+            active &= (high + ROUNDING) * _SLACK * 2**self._levels > diagonal
+        row, column = np.nonzero(active)
         return np.stack([first[1][column], first[0][row]], axis=-1).astype(np.int32)
 
-    def _begun(self, room: BufferSet, cells: Cells, number: int, lists: tuple[Any, ...]) -> _Graded:
-        """Start a grid's window: empty."""
+    def _create_grid(self, room: BufferSet, cells: Cells, number: int, lists: tuple[Any, ...]) -> _GradedGrid:
+        """Return an empty grid over a window."""
         own = [room.buffer(name, cells.shape, kind) for name, kind in _KINDS.items()]
-        # Two sets of lists are enough: they are made of but those before them.
+        # Two sets of lists are enough: each is made from the one before.
         near = room.buffer(f"near {number % 2}", (*cells.shape, _LISTED, 4) if number else 1, np.float32)
         listed = room.buffer(f"listed {number % 2}", cells.shape, np.uint8)
-        grid = _Graded(
+        grid = _GradedGrid(
             cells,
             self._side << number,
             self._rim(number),
@@ -253,40 +229,42 @@ class GradedPoisson:
         self._launch("clear", size, own[0], *own[2:5], *own[6:8], listed, grid.width)
         return grid
 
-    def _listed(self, grid: _Graded, blocks: npt.NDArray[np.int32]) -> tuple[Any, ...]:
-        """Enqueue the lists of what a grid and those before it hold, for the next finer one."""
+    def _list_for_finer(self, grid: _GradedGrid, blocks: npt.NDArray[np.int32]) -> tuple[Any, ...]:
+        """Enqueue the lists of the points of a grid and of coarser ones, for the next finer one."""
         if len(blocks):
             given = (np.int32(_REACH), *grid.points, *grid.lists, *grid.finer, *grid.corner)
-            self._launch("list_for_finer", _items(blocks), self._context.upload(blocks), *grid.size, *given)
+            self._launch(
+                "list_for_finer", _work_size(blocks), self._context.upload(blocks), *grid.size, *given
+            )
         return *grid.finer, *grid.size, *grid.corner
 
-    def _fill(
-        self, grid: _Graded, number: int, ground: tuple[Any, ...], blocks: npt.NDArray[np.int32]
+    def _enqueue_rounds(
+        self, grid: _GradedGrid, number: int, raster_arguments: tuple[Any, ...], blocks: npt.NDArray[np.int32]
     ) -> None:
-        """Enqueue a grid's rounds; each leaves a wider rim that is not right."""
-        where, size = self._context.upload(blocks), _items(blocks)
+        """Enqueue a grid's rounds; each widens the invalid rim."""
+        where, size = self._context.upload(blocks), _work_size(blocks)
         scale = np.float32(SIDE / grid.side)
         darts = (*grid.corner, self._salts[number], np.int64(grid.side), scale, np.int32(self._levels))
         for turn, (start, tries) in enumerate(self._rounds[number]):
             rim = (2 * turn + 1) * _REACH
             window = (where, *grid.size, np.int32(rim))
             thrown = (np.int32(start), np.int32(tries))
-            given = (*grid.points, *grid.candidate, *grid.lists, *ground)
-            self._launch(f"{thrown_by(tries)}_graded", size, *given, *window, *darts, *thrown)
+            given = (*grid.points, *grid.candidate, *grid.lists, *raster_arguments)
+            self._launch(f"{throw_kernel(tries)}_graded", size, *given, *window, *darts, *thrown)
             window = (where, *grid.size, np.int32(rim + _REACH))
             self._launch("accept_graded", size, *window, *grid.points, *grid.candidate)
 
-    def _collected(
-        self, room: BufferSet, grid: _Graded, area: Area, raster: tuple[Any, ...]
+    def _collect(
+        self, room: BufferSet, grid: _GradedGrid, area: Area, raster: tuple[Any, ...]
     ) -> npt.NDArray[np.void]:
-        size, where, start, a_row = counted(self._context, room, _FILE, grid, area)
-        total = int(a_row.sum())
+        size, where, start, per_row = count_points(self._context, room, _FILE, grid, area)
+        total = int(per_row.sum())
         result = np.zeros(total, GRADED)
         if total:
             point = room.buffer("point", (total, 2), np.int64)
             of = room.buffer("of", (total, 2), np.float32)
-            found = (start, point, of)
-            self._context.launch(_FILE, "write_graded", size, *grid.points, *where, *raster, *found)
+            collected = (start, point, of)
+            self._context.launch(_FILE, "write_graded", size, *grid.points, *where, *raster, *collected)
             result["x"], result["y"] = self._context.download(point, (total, 2), np.int64).T
             spacing, times = self._context.download(of, (total, 2), np.float32).T
             result["spacing"], result["level"] = spacing, np.rint(np.log2(times))
@@ -296,11 +274,11 @@ class GradedPoisson:
         self._context.launch(_FILE, kernel, size, *arguments, group=(GROUP, 1))
 
 
-def _items(blocks: npt.NDArray[np.int32]) -> tuple[int, int]:
+def _work_size(blocks: npt.NDArray[np.int32]) -> tuple[int, int]:
     return _BLOCK[1], _BLOCK[0] * len(blocks)
 
 
-def _ground(cells: Cells, side: int) -> Area:
-    """Return the lattice units that cells of a side cover."""
+def _lattice_area(cells: Cells, side: int) -> Area:
+    """Return the area in lattice units of cells of a side."""
     west, south, east, north = (each * side for each in cells)
     return west, south, east, north

@@ -1,4 +1,4 @@
-"""Ground as files hold it, packed on the device: a third of the bytes come back, a host rounds nothing."""
+"""Rows of a grid quantized on the device, as raster files store them: a third of the bytes to download."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sketchterrain.errors import DeviceError, DeviceFailedError
+from sketchterrain.errors import DeviceError
+from sketchterrain.terrain.finite import non_finite
 from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.raster_windows import strips, window_axes
 
@@ -25,28 +26,16 @@ _FILE = "ground_bytes.cl"
 
 
 @dataclass(frozen=True, eq=False)
-class GroundBytes:
-    """Some rows of a grid of vertices; row 0 is its north edge.
+class QuantizedBand:
+    """Some rows of a grid of vertices; row 0 is its north edge."""
 
-    Attributes
-    ----------
-    top : int
-        The first row's place in the whole grid.
-    height : (rows, columns) float32
-        m.
-    normal : (3, rows, columns) uint8
-        East, north, up; 0 is −1, 255 is 1.
-    materials : (materials, rows, columns) uint8
-        Weights in the order of ``MATERIALS``, that sum to 255 at each vertex.
-    """
-
-    top: int
-    height: npt.NDArray[np.float32]
-    normal: npt.NDArray[np.uint8]
-    materials: npt.NDArray[np.uint8]
+    top: int  # the first row's index in the whole grid
+    height: npt.NDArray[np.float32]  # (rows, columns), m
+    normal: npt.NDArray[np.uint8]  # (3, rows, columns) east, north, up; 0 is −1, 255 is 1
+    materials: npt.NDArray[np.uint8]  # (materials, rows, columns); weights sum to 255 at each vertex
 
 
-def byte_bands(
+def quantized_bands(
     evaluator: Evaluator,
     corner: tuple[float, float],
     cell: float,
@@ -54,51 +43,42 @@ def byte_bands(
     top: int,
     columns: int,
     rows: int,
-) -> Iterator[GroundBytes]:
-    """Evaluate a window of a grid without ends as :func:`~raster_windows.window_bands` does, and pack it.
+) -> Iterator[QuantizedBand]:
+    """Evaluate a window of an unbounded grid as :func:`~raster_windows.window_bands` does, and quantize it.
 
-    A byte is the one that the values of `window_bands` are rounded to on a host. While a band is taken, the
-    device is at work on the next one.
-
-    Raises
-    ------
-    DeviceError
-        If the device has no 64-bit floats.
-    DeviceFailedError
-        If it computed what is no number.
-    InputError
-        If there are no vertices, or positions are too far away.
+    Bytes equal the host's rounding of `window_bands`. While a band is consumed, the device computes the next
+    one. DeviceError is raised without 64-bit floats, DeviceFailedError for non-finite values.
     """
     if not evaluator.context.device.has_double:
-        raise DeviceError(f"{evaluator.context.device.name} has no 64-bit floats to round weights in")
+        raise DeviceError(f"{evaluator.context.device.name} has no 64-bit floats, needed to round weights")
     axes = window_axes(evaluator.recipe.extent, corner, cell, left, top, columns, rows)
     return _bands(evaluator, axes, cell, columns)
 
 
 def _bands(
     evaluator: Evaluator, axes: tuple[npt.NDArray[np.int64], ...], cell: float, columns: int
-) -> Iterator[GroundBytes]:
-    packer, before = _Packer(evaluator, cell, columns), None
+) -> Iterator[QuantizedBand]:
+    packer, pending = _Packer(evaluator, cell, columns), None
     for strip in strips(*axes):
-        coming = packer.begun(strip)
-        if before is not None:
-            yield packer.ended(before)
-        before = coming
-    if before is not None:
-        yield packer.ended(before)
+        following = packer.enqueue(strip)
+        if pending is not None:
+            yield packer.finish(pending)
+        pending = following
+    if pending is not None:
+        yield packer.finish(pending)
 
 
 @dataclass(frozen=True, eq=False)
-class _Coming:
-    """A band on its way from the device: what it will be, how many odd values it has, what to wait for."""
+class _PendingBand:
+    """A band being computed: its arrays, the count of non-finite values, and the events to wait for."""
 
-    band: GroundBytes
-    odd: npt.NDArray[np.int32]
+    band: QuantizedBand
+    nonfinite: npt.NDArray[np.int32]
     events: list[Any]
 
 
 class _Packer:
-    """Packs bands of one window; the queue is in order, so all of them go through the same buffers."""
+    """Quantizes bands of one window; the queue is in order, so all of them share the same buffers."""
 
     def __init__(self, evaluator: Evaluator, cell: float, columns: int) -> None:
         self._evaluator, self._context = evaluator, evaluator.context
@@ -106,10 +86,10 @@ class _Packer:
         self._rows = 0
         self._planes: list[Any] = []
 
-    def begun(self, strip: Strip) -> _Coming:
-        """Enqueue a band, and that it is read."""
+    def enqueue(self, strip: Strip) -> _PendingBand:
+        """Enqueue a band and its download."""
         context, shape = self._context, (strip.rows, self._columns)
-        band = GroundBytes(
+        band = QuantizedBand(
             strip.top,
             np.empty(shape, context.real_dtype),
             np.empty((3, *shape), np.uint8),
@@ -119,28 +99,25 @@ class _Packer:
         if strip.rows > self._rows:
             self._planes = [context.empty(array.size, array.dtype) for array in arrays]
             self._rows = strip.rows
-        odd = np.zeros(1, np.int32)
-        counter = context.upload(odd, writable=True)
-        self._evaluator.stored(
+        nonfinite = np.zeros(1, np.int32)
+        counter = context.upload(nonfinite, writable=True)
+        self._evaluator.enqueue_surfaces(
             strip.axis_x,
             strip.axis_y,
             cell_size=self._cell,
-            take=partial(self._pack, strip=strip, counter=counter),
+            consume=partial(self._pack, strip=strip, counter=counter),
         )
         events = [context.read(*pair) for pair in zip(self._planes, arrays, strict=True)]
-        events.append(context.read(counter, odd))
-        return _Coming(band, odd, events)
+        events.append(context.read(counter, nonfinite))
+        return _PendingBand(band, nonfinite, events)
 
-    def ended(self, coming: _Coming) -> GroundBytes:
+    def finish(self, pending: _PendingBand) -> QuantizedBand:
         """Wait for a band."""
-        for event in coming.events:
+        for event in pending.events:
             self._context.wait(event, action="downloading")
-        if coming.odd[0]:
-            device = self._context.device
-            raise DeviceFailedError(
-                f"{device.name} ({device.platform}) computed ground, {coming.odd[0]} values of it no numbers"
-            )
-        return coming.band
+        if pending.nonfinite[0]:
+            raise non_finite("values", self._context.device, str(pending.nonfinite[0]))
+        return pending.band
 
     def _pack(self, store: SurfaceStore, part: slice, *, strip: Strip, counter: Any) -> None:
         self._context.launch(

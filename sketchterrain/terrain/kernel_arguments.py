@@ -1,4 +1,4 @@
-"""A recipe on an OpenCL device, and the kernels' arguments that it makes."""
+"""Kernel arguments of a recipe on an OpenCL device, cached by cell size."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from sketchterrain.terrain.culling import field_index, item_lists, river_index
 from sketchterrain.terrain.field_packing import pack_covers, pack_fields, pack_lakes
 from sketchterrain.terrain.material_rules import pack_rules
 from sketchterrain.terrain.packing import effective_cell, pack_rivers, pack_world
-from sketchterrain.terrain.sameness import of_the_world, same
-from sketchterrain.terrain.surroundings import Surroundings
+from sketchterrain.terrain.sameness import bit_equal, global_key
+from sketchterrain.terrain.surroundings import FeatureCache
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Mapping, Sequence
@@ -25,40 +25,30 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.changes import Box
     from sketchterrain.terrain.culling import Lists
     from sketchterrain.terrain.packing import PackedRivers
-    from sketchterrain.terrain.reach_index import ReachIndex
+    from sketchterrain.terrain.reach_index import BoxIndex
     from sketchterrain.terrain.recipe import TerrainRecipe
-    from sketchterrain.terrain.surroundings import Gathered
+    from sketchterrain.terrain.surroundings import FeatureBatch
 
 K = TypeVar("K", bound="Hashable")
 V = TypeVar("V")
 
 _PARTS = ("starts", "list")
-# Lists of a block, as kernels/world.clh counts them.
+# Indices of a block's lists, as in kernels/world.clh.
 _MOUNTAIN, _FOREST, _DUNES = 0, 2, slice(3, None)
-_MOST_WORLDS = 64  # cell sizes
-_MOST_RIVERS = 16  # tolerances
+_MAX_CELL_SIZES = 64
+_MAX_TOLERANCES = 16
 
 
 @dataclass(frozen=True, eq=False)
-class Reaching:
-    """What reaches blocks of ground.
+class CulledInputs:
+    """Features and arcs near some blocks, and which of them affect which block."""
 
-    Attributes
-    ----------
-    features : Gathered
-        Features, of which some do.
-    rivers : PackedRivers
-        Arcs of rivers, of which some do.
-    lists : dict of str to ndarray of int32
-        Which features, lakes and pieces of river reach which block, by the names of the kernels' arguments.
-    """
-
-    features: Gathered
-    rivers: PackedRivers
-    lists: dict[str, npt.NDArray[np.int32]]
+    features: FeatureBatch  # Features, of which some do
+    rivers: PackedRivers  # Arcs of rivers, of which some do
+    lists: dict[str, npt.NDArray[np.int32]]  # by the names of the kernels' arguments
 
     @property
-    def absent(self) -> npt.NDArray[np.int32]:
+    def empty_masks(self) -> npt.NDArray[np.int32]:
         """Bits of the masks that are 0 on all of a block: mountain, dune, forest, water; shape (blocks,)."""
         kind = np.diff(self.lists["feature_starts"], axis=-1) > 0
         water = (np.diff(self.lists["lake_starts"]) > 0) | (np.diff(self.lists["river_starts"]) > 0)
@@ -67,134 +57,105 @@ class Reaching:
 
 
 class KernelArguments:
-    """What a recipe puts on a device once, and what it adds for each launch.
-
-    Parameters
-    ----------
-    recipe : TerrainRecipe
-    context : ComputeContext
-        An open device.
-    """
+    """A recipe's buffers on an open device, and the arguments of each launch."""
 
     def __init__(self, recipe: TerrainRecipe, context: ComputeContext) -> None:
         self.recipe = recipe
         self.context = context
         self.rules = self._upload_rules()
         self._worlds: dict[float, dict[str, Any]] = {}
-        self._put_rivers()
-        self._put_lakes()
-        self._put_covers()
-        self._around = Surroundings(recipe, context)
+        self._reset_rivers()
+        self._reset_lakes()
+        self._reset_covers()
+        self._feature_cache = FeatureCache(recipe, context)
 
     def with_strengths(self, strength: npt.NDArray[np.floating]) -> KernelArguments:
-        """Return those of the same recipe but for the painted features' strengths, shape (n,).
+        """Return those of the same recipe with other strengths (n,) of its painted features.
 
-        It shares what is on the device already, all of which stays the same.
+        It shares everything on the device that stays the same.
         """
         painted = self.recipe.painted.copy()
         painted["strength"] = strength
         other = copy(self)
         other.recipe = replace(self.recipe, painted=painted)
-        other._around = self._around.with_recipe(other.recipe)
+        other._feature_cache = self._feature_cache.with_recipe(other.recipe)
         return other
 
-    def after(self, recipe: TerrainRecipe, areas: Sequence[Box]) -> KernelArguments:
-        """Return those of a changed recipe; what stays the same stays on the device.
-
-        Parameters
-        ----------
-        recipe
-            The changed one.
-        areas
-            Rectangles (m) that hold all that is another one, as `changed_areas` tells them.
-        """
+    def updated(self, recipe: TerrainRecipe, areas: Sequence[Box]) -> KernelArguments:
+        """Return those of a changed recipe, sharing everything that lies outside the `changed_areas` (m)."""
         before = self.recipe
-        if of_the_world(before) != of_the_world(recipe):
+        if global_key(before) != global_key(recipe):
             return KernelArguments(recipe, self.context)
         other = copy(self)
         other.recipe = recipe
         other._worlds = dict(self._worlds)
-        if not same((before.rivers, before.river_reach), (recipe.rivers, recipe.river_reach)):
-            other._put_rivers()
-        if not same(before.lakes, recipe.lakes):
-            other._put_lakes()
-        if not same(before.covers, recipe.covers):
-            other._put_covers()
-        other._around = self._around.after(recipe, areas)
+        if not bit_equal((before.rivers, before.valley_radii), (recipe.rivers, recipe.valley_radii)):
+            other._reset_rivers()
+        if not bit_equal(before.lakes, recipe.lakes):
+            other._reset_lakes()
+        if not bit_equal(before.covers, recipe.covers):
+            other._reset_covers()
+        other._feature_cache = self._feature_cache.updated(recipe, areas)
         return other
 
-    def _put_rivers(self) -> None:
+    def _reset_rivers(self) -> None:
         self._river_sets: dict[float, _Rivers] = {}
 
-    def _put_lakes(self) -> None:
+    def _reset_lakes(self) -> None:
         self._lakes = pack_fields(self.recipe, [lake.shape for lake in self.recipe.lakes])
         self._lake_index = field_index(self._lakes)
         self._lake_samples = self.context.upload(self._lakes.samples.astype(self.context.real_dtype))
         self._lake_worlds: dict[float, dict[str, Any]] = {}
 
-    def _put_covers(self) -> None:
+    def _reset_covers(self) -> None:
         self._covers = pack_fields(self.recipe, [cover.shape for cover in self.recipe.covers])
         self._cover_index = field_index(self._covers)
         self._cover_buffers = self._upload_covers()
 
     def world(self, cell_size: float) -> dict[str, Any]:
-        """Return what does not depend on the place, by the names of the kernels' arguments; kept."""
+        """Return the arguments that do not depend on the position, by name; cached."""
         cell = effective_cell(cell_size)
-        world = _kept(self._worlds, cell, self._upload_world, _MOST_WORLDS)
-        lakes = _kept(self._lake_worlds, cell, self._upload_lakes, _MOST_WORLDS)
+        world = _cached(self._worlds, cell, self._upload_world, _MAX_CELL_SIZES)
+        lakes = _cached(self._lake_worlds, cell, self._upload_lakes, _MAX_CELL_SIZES)
         return {**world, **lakes}
 
     def _rivers(self, tolerance: float) -> _Rivers:
-        return _kept(self._river_sets, tolerance, self._upload_rivers, _MOST_RIVERS)
+        return _cached(self._river_sets, tolerance, self._upload_rivers, _MAX_TOLERANCES)
 
-    def reaching(
+    def cull(
         self,
         blocks: npt.NDArray[np.int64],
         cell_size: float,
         *,
         ground: npt.NDArray[np.int64] | None = None,
-    ) -> Reaching:
-        """Return what reaches blocks of ground.
+    ) -> CulledInputs:
+        """Return what affects blocks (n, 4) of west, south, east and north, lattice units.
 
-        Parameters
-        ----------
-        blocks : (n, 4) int64
-            West, south, east and north of the blocks of ground that are evaluated, lattice units.
-        cell_size : float
-            Metres between samples.
-        ground : (m, 4) int64 or None
-            Fewer blocks that hold all of them, if there are such.
+        ``ground`` (m, 4) are fewer blocks that contain all of them, if any.
         """
-        shown = self.world(cell_size)["lakes_shown"]
+        visible = self.world(cell_size)["lakes_visible"]
         around = blocks if ground is None else ground
-        gathered = self._around.gathered(around, effective_cell(cell_size))
+        features = self._feature_cache.batch(around, effective_cell(cell_size))
         rivers = self._rivers(tolerance_cell(cell_size))
         lists = {
-            "feature": gathered.lists(blocks),
-            "lake": item_lists(self._lake_index, blocks, shown),
+            "feature": features.lists(blocks),
+            "lake": item_lists(self._lake_index, blocks, visible),
             "river": item_lists(rivers.index, blocks),
         }
-        return Reaching(gathered, rivers.packed, _named(lists))
+        return CulledInputs(features, rivers.packed, _named(lists))
 
-    def terrain(self, reaching: Reaching, cell_size: float, lists: Mapping[str, Any]) -> list[Any]:
-        """Return the arguments that ``TERRAIN_ARGUMENTS`` in ``kernels/patches.clh`` names, in its order.
+    def terrain(self, culled: CulledInputs, cell_size: float, lists: Mapping[str, Any]) -> list[Any]:
+        """Return the arguments of ``TERRAIN_ARGUMENTS`` in ``kernels/patches.clh``, in order.
 
-        Parameters
-        ----------
-        reaching
-            Of the blocks that are evaluated.
-        cell_size : float
-            Metres between samples, as it was told there.
-        lists
-            Device buffers of ``reaching.lists``, by their names.
+        ``lists`` are device buffers of ``reaching.lists``, by name.
         """
         world = self.world(cell_size)
         return [
             world["scalars"],
             world["styles"],
             *world["octaves"],
-            reaching.features.at,
-            reaching.features.shape,
+            culled.features.at,
+            culled.features.shape,
             lists["feature_starts"],
             lists["feature_list"],
             *world["lakes"],
@@ -207,11 +168,11 @@ class KernelArguments:
         ]
 
     def cover_lists(self, blocks: npt.NDArray[np.int64]) -> dict[str, npt.NDArray[np.int32]]:
-        """Return which painted materials reach blocks of ground, by the names of the kernel's arguments."""
+        """Return which painted materials affect blocks, by the names of the kernel's arguments."""
         return _named({"cover": item_lists(self._cover_index, blocks)})
 
     def covers(self, lists: Mapping[str, Any]) -> list[Any]:
-        """Return the arguments that name painted materials, given buffers of :meth:`cover_lists`."""
+        """Return the arguments of painted materials, given buffers of :meth:`cover_lists`."""
         return [*self._cover_buffers, lists["cover_starts"], lists["cover_list"]]
 
     def _upload_world(self, cell: float) -> dict[str, Any]:
@@ -229,7 +190,7 @@ class KernelArguments:
         upload, real = self.context.upload, self.context.real_dtype
         lakes = pack_lakes(self.recipe, self._lakes, cell)
         return {
-            "lakes_shown": lakes.shown,
+            "lakes_visible": lakes.visible,
             "lakes": [
                 upload(self._lakes.at),
                 upload(self._lakes.form),
@@ -239,7 +200,7 @@ class KernelArguments:
         }
 
     def _upload_rules(self) -> list[Any]:
-        """Return what ``RULE_ARGUMENTS`` in ``kernels/materials.clh`` names, in its order."""
+        """Return the arguments of ``RULE_ARGUMENTS`` in ``kernels/materials.clh``, in order."""
         upload, real, rules = self.context.upload, self.context.real_dtype, pack_rules(self.recipe)
         return [
             np.int32(rules.count),
@@ -268,11 +229,11 @@ class KernelArguments:
 
 @dataclass(frozen=True, eq=False)
 class _Rivers:
-    """Arcs of rivers for one tolerance: here, on the device, and where they lie."""
+    """Arcs of rivers for one tolerance: packed, on the device, and indexed."""
 
     packed: PackedRivers
     buffers: list[Any]
-    index: ReachIndex
+    index: BoxIndex
 
 
 def _named(lists: Mapping[str, Lists]) -> dict[str, npt.NDArray[np.int32]]:
@@ -283,10 +244,10 @@ def _named(lists: Mapping[str, Lists]) -> dict[str, npt.NDArray[np.int32]]:
     }
 
 
-def _kept(known: dict[K, V], key: K, make: Callable[[K], V], most: int) -> V:
-    """Return what is known under a key, made of it where it is new; so many are known at most."""
-    if key not in known:
-        while len(known) >= most:
-            del known[next(iter(known))]
-        known[key] = make(key)
-    return known[key]
+def _cached(cache: dict[K, V], key: K, create: Callable[[K], V], limit: int) -> V:
+    """Return the cached value of a key, created if missing; the oldest beyond the limit are dropped."""
+    if key not in cache:
+        while len(cache) >= limit:
+            del cache[next(iter(cache))]
+        cache[key] = create(key)
+    return cache[key]

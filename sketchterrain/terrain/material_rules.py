@@ -1,4 +1,4 @@
-"""Materials' rules as the arrays that ``kernels/materials.clh`` reads."""
+"""Packing of material rules into the arrays that ``kernels/materials.clh`` reads."""
 
 from __future__ import annotations
 
@@ -22,32 +22,23 @@ if TYPE_CHECKING:
 _MASKS = ("mountain", "dune", "forest", "water")
 _KERNEL_INPUTS = ("height", "steepness", "hollow", "mottle", *_MASKS, "wetness")
 _ROUNDING = 1e-3
-# What a factor's inputs lie within; the mottle's own range is less than half of this.
+# Ranges of a factor's inputs; the mottle's actual range is less than half of this.
 _RANGES = {"steepness": (0.0, np.inf), "mottle": (-4.0, 4.0), "wetness": (0.0, 1.0)}
 _RANGES |= dict.fromkeys(_MASKS, (0.0, 1.0))
 
 
 @dataclass(frozen=True)
 class PackedRules:
-    """``Rules`` of ``kernels/materials.clh``; at least one row of each, so that there is a buffer.
+    """``Rules`` of ``kernels/materials.clh``; at least one row of each, so that buffers are not empty."""
 
-    Attributes
-    ----------
-    count : int
-        How many rules there are.
-    form : ndarray of int32, shape (rules, 4)
-    cover : ndarray of float64, shape (rules,)
-    ramp : ndarray of float64, shape (factors, 3, 4)
-    """
-
-    count: int
-    form: npt.NDArray[np.int32]
-    cover: npt.NDArray[np.float64]
-    ramp: npt.NDArray[np.float64]
+    count: int  # How many rules there are
+    form: npt.NDArray[np.int32]  # (rules, 4)
+    cover: npt.NDArray[np.float64]  # (rules,)
+    ramp: npt.NDArray[np.float64]  # (factors, 3, 4)
 
 
 def pack_rules(recipe: TerrainRecipe) -> PackedRules:
-    """Return the rules of a recipe, with its climate put into the starts of their ramps."""
+    """Return the rules of a recipe, with its climate added to the starts of their ramps."""
     rules = recipe.material_rules
     factors = [_pack_factor(factor, recipe.climate) for rule in rules for factor in rule.factors]
     form = np.zeros((max(len(rules), 1), 4), np.int32)
@@ -56,7 +47,7 @@ def pack_rules(recipe: TerrainRecipe) -> PackedRules:
     form[1 : len(rules), 1] = ends[:-1]
     form[: len(rules), 2] = ends
     for row in form[: len(rules)]:
-        row[3] = reduce(or_, (_needed(factor) for factor in factors[row[1] : row[2]]), 0)
+        row[3] = reduce(or_, (_required_masks(factor) for factor in factors[row[1] : row[2]]), 0)
     cover = np.zeros(len(form))
     cover[: len(rules)] = [rule.cover for rule in rules]
     ramp = np.array(factors, np.float64).reshape(-1, 3, 4)
@@ -64,9 +55,9 @@ def pack_rules(recipe: TerrainRecipe) -> PackedRules:
 
 
 def _pack_factor(factor: Factor, climate: Mapping[str, float]) -> list[float]:
-    """Return the weights of a factor's inputs, its start, 1 / (full - start), and 1 for a straight ramp."""
+    """Return the weights of a factor's inputs, its start, 1 / (full - start), and 1 for a linear ramp."""
     weights = factor.weights
-    # The climate is one for the whole terrain: what it adds is taken from the ramp's start.
+    # The climate is constant over the terrain: subtract its part from the ramp's start.
     start = factor.start - weights.pop("aridity", 0.0) * climate["aridity"]
     for line in ("snow_line", "tree_line"):
         weight = weights.pop(f"above_{line}", 0.0)
@@ -76,7 +67,7 @@ def _pack_factor(factor: Factor, climate: Mapping[str, float]) -> list[float]:
     return [*(weights.get(name, 0.0) for name in _KERNEL_INPUTS), *ramp]
 
 
-def _needed(factor: list[float]) -> int:
+def _required_masks(factor: list[float]) -> int:
     """Return the bits of the masks without which a packed factor is 0, whatever its other inputs."""
     *weights, start, inverse, _ = factor
     sign = np.sign(inverse)

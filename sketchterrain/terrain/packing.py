@@ -1,4 +1,4 @@
-"""A recipe as the arrays the kernels read (``kernels/world.clh``), for one cell size."""
+"""Packing of a recipe into the arrays that kernels read (``kernels/world.clh``), for one cell size."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from sketchterrain.features import FEATURE_TYPES
 from sketchterrain.features.crests import crest_offsets
-from sketchterrain.terrain.centrelines import as_arcs, course_of, meetings_on, tolerance_cell
+from sketchterrain.terrain.centrelines import flatten_to_arcs, meetings_on, prepare_centreline, tolerance_cell
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.octaves import band_weight, octave_table
 from sketchterrain.terrain.recipe import FINEST_CELL
@@ -20,15 +20,15 @@ if TYPE_CHECKING:
 
     from sketchterrain.features import River
     from sketchterrain.features.catalogue import Points
-    from sketchterrain.terrain.centrelines import Course
+    from sketchterrain.terrain.centrelines import PreparedCentreline
     from sketchterrain.terrain.octaves import OctaveTable
     from sketchterrain.terrain.recipe import TerrainRecipe
 
 # The noise seldom leaves ±0.55 of its bound, so this brings the ground to about the asked relief.
 _GROUND_SPAN = 1.8
-# Ridges push outlines further than the warp does; the noise stays within [-1, 1].
+# Ridges move outlines further than the warp does; the noise stays within [-1, 1].
 _SPUR_WARPS = 1.0
-_SAG = 0.5  # share of its height that a crest as long to both sides as its flanks are wide loses at its ends
+_SAG = 0.5  # share of height lost at the ends of a crest whose half length equals the width of its flanks
 # How far gullies and the roughness of bare rock go up and down, in wavelengths of their own.
 _GULLY_DEPTH = 0.165
 _CRAG_DEPTH = 0.05
@@ -36,79 +36,53 @@ _FRACTION_BITS = 24
 _DIRECTION_BITS = 11
 _SLOTS = ("mountain", "hill", "forest")
 
-# By river: an edit elsewhere leaves it as it was.
-_kept_courses: WeakKeyDictionary[River, tuple[tuple[float, bytes, bytes], Course]] = WeakKeyDictionary()
+# By river: edits elsewhere do not change it.
+_centreline_cache: WeakKeyDictionary[River, tuple[tuple[float, bytes, bytes], PreparedCentreline]] = (
+    WeakKeyDictionary()
+)
 
 
 @dataclass(frozen=True)
 class PackedWorld:
-    """Scalars and octaves for one cell size.
+    """Scalars (1,) and octaves for one cell size."""
 
-    Attributes
-    ----------
-    scalars : structured ndarray, shape (1,)
-        ``World`` of ``kernels/world.clh``.
-    styles : structured ndarray
-        ``DuneStyle``, at least one row.
-    octaves : OctaveTable
-    """
-
-    scalars: npt.NDArray[np.void]
-    styles: npt.NDArray[np.void]
+    scalars: npt.NDArray[np.void]  # ``World`` of ``kernels/world.clh``
+    styles: npt.NDArray[np.void]  # ``DuneStyle``, at least one row
     octaves: OctaveTable
 
 
 @dataclass(frozen=True)
 class PackedFeatures:
-    """Features that may reach the blocks of one launch, in the order of their ids.
+    """Features that may affect the blocks of one launch, in the order of their ids."""
 
-    Attributes
-    ----------
-    at : ndarray of int64, shape (n, 2)
-        Centres, lattice units.
-    shape : ndarray of float64, shape (n, 12)
-        1/radius (1/m), strength, peakiness, flank (see ``hill_profile`` in ``kernels/features.clh``),
-        erosion, widest gully (m), say of the noise, 0, half the crest eastward and
-        northward (in those radii), 1/its length², share of height lost at its ends.
-    support : ndarray of float64, shape (n,)
-        Metres from the centre beyond which there is no effect.
-    slot : ndarray of int64, shape (n,)
-        Kind of feature, the index of its list in a block.
-    """
-
-    at: npt.NDArray[np.int64]
+    at: npt.NDArray[np.int64]  # (n, 2) centres, lattice units
+    # (n, 12): 1/radius (1/m), strength, peakiness, flank (see ``hill_profile`` in ``kernels/features.clh``),
+    # erosion, widest gully (m), noise weight, 0, half the crest eastward and northward (in radii), 1/its
+    # length², share of height lost at its ends.
     shape: npt.NDArray[np.float64]
-    support: npt.NDArray[np.float64]
-    slot: npt.NDArray[np.int64]
+    support: npt.NDArray[np.float64]  # (n,) radius of influence, m
+    slot: npt.NDArray[np.int64]  # (n,) kind of feature: the index of its list in a block
 
 
 @dataclass(frozen=True)
 class PackedRivers:
-    """Arcs of all centrelines (``Rivers`` of ``kernels/world.clh``).
+    """Arcs of all centrelines (``Rivers`` of ``kernels/world.clh``)."""
 
-    Attributes
-    ----------
-    start : ndarray of int64, shape (n, 2)
-        Upstream ends, lattice units.
-    along : ndarray of float64, shape (n, 8)
-    up, down : ndarray of float64, shape (n, 4)
-    """
-
-    start: npt.NDArray[np.int64]
-    along: npt.NDArray[np.float64]
-    up: npt.NDArray[np.float64]
-    down: npt.NDArray[np.float64]
+    start: npt.NDArray[np.int64]  # (n, 2) upstream ends, lattice units
+    along: npt.NDArray[np.float64]  # (n, 8)
+    up: npt.NDArray[np.float64]  # (n, 4)
+    down: npt.NDArray[np.float64]  # (n, 4)
 
     @property
-    def reach(self) -> npt.NDArray[np.float64]:
-        """How far (m) from the box around its two ends a piece has any effect, shape (n,)."""
+    def support(self) -> npt.NDArray[np.float64]:
+        """Greatest distance (m) of any effect of an arc from the box around its two ends, shape (n,)."""
         chord = np.hypot(self.along[:, 0], self.along[:, 1])
         sagitta = 0.5 * np.abs(self.along[:, 4]) * chord
         return np.asarray(np.maximum(self.up[:, 3], self.down[:, 3]) + sagitta)
 
 
 def effective_cell(cell_size: float) -> float:
-    """Return the cell size that is really told apart: not below what shows every octave."""
+    """Return the cell size, but not below the one that resolves every octave."""
     return max(cell_size, FINEST_CELL)
 
 
@@ -151,7 +125,7 @@ def _pack_styles(recipe: TerrainRecipe, cell: float, real: npt.DTypeLike) -> npt
     rows = []
     unit = metres_per_unit(recipe.extent)
     for wavelength, wind in recipe.dune_styles:
-        # Crests stand across the wind. Scale the direction so that a wavelength is a power of two.
+        # Crests run across the wind. Scale the direction so that a wavelength is a power of two.
         units = wavelength / unit
         bits = int(np.ceil(np.log2(units))) + _DIRECTION_BITS
         bits = max(bits, _FRACTION_BITS)
@@ -165,28 +139,28 @@ def _pack_styles(recipe: TerrainRecipe, cell: float, real: npt.DTypeLike) -> npt
 
 
 def support_radii(recipe: TerrainRecipe) -> float:
-    """Return how many of its radii a feature can reach.
+    """Return the radius of influence of features over their radius.
 
     The warp moves a point by up to its length in each direction, and a spur adds to that.
     """
     return float(1 + (np.sqrt(2) + _SPUR_WARPS) * recipe.warp)
 
 
-def noise_share(recipe: TerrainRecipe, radius: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return how much noise has a say in mountains of a ground radius (m).
+def noise_weight(recipe: TerrainRecipe, radius: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return the weight of noise in mountains of a ground radius (m).
 
-    Less in those that are wide beside the noise: it would make warts of ridges.
+    It is less in those wider than the noise, which would cover ridges with bumps.
     """
     return np.asarray(np.minimum((recipe.ridge_wavelength / radius) ** 2, 1.0))
 
 
 def slot_count(recipe: TerrainRecipe) -> int:
-    """Return the number of kinds of feature lists a block has."""
+    """Return the number of kinds of feature lists of a block."""
     return len(_SLOTS) + len(recipe.dune_styles)
 
 
 def pack_features(recipe: TerrainRecipe, features: Points, cell_size: float) -> PackedFeatures:
-    """Return the features as the kernels want them, without those too small for the cell size.
+    """Return the features as kernels read them, without those too small for the cell size.
 
     Features narrower than two cells fade out: strength × (0 at a radius of one cell … 1 at two).
     """
@@ -194,8 +168,8 @@ def pack_features(recipe: TerrainRecipe, features: Points, cell_size: float) -> 
     radius = features["radius"].astype(np.float64)
     fade = np.clip(radius / cell - 1, 0, 1)
     fade = fade * fade * (3 - 2 * fade)
-    kept = fade > 0
-    features, radius, fade = features[kept], radius[kept], fade[kept]
+    visible = fade > 0
+    features, radius, fade = features[visible], radius[visible], fade[visible]
     shape = np.zeros((features.size, 12))
     crest = crest_offsets(features)
     core = 1 - np.hypot(*crest.T)  # the crest and the flanks around it end where the feature does
@@ -205,13 +179,13 @@ def pack_features(recipe: TerrainRecipe, features: Points, cell_size: float) -> 
     shape[:, 3] = np.where(features["painted"], recipe.flank, 1.0)
     shape[:, 4] = features["erosion"]
     shape[:, 5] = features["gullies"] * radius
-    shape[:, 6] = noise_share(recipe, radius)
+    shape[:, 6] = noise_weight(recipe, radius)
     shape[:, 8:10] = crest / core[:, None]
     square = (shape[:, 8:10] ** 2).sum(axis=1)
     shape[:, 11] = _SAG * np.sqrt(square)
     shape[:, 10] = np.divide(1, square, out=np.zeros(len(square)), where=square > 0)
     at = to_lattice(np.stack([features["x"], features["y"]], axis=-1), recipe.extent)
-    # A little more for rounding.
+    # Padded for rounding.
     support = radius * support_radii(recipe) * (1 + 1e-5) + 2 * metres_per_unit(recipe.extent)
     return PackedFeatures(at, shape, support, _slots(recipe, features))
 
@@ -230,13 +204,13 @@ def _slots(recipe: TerrainRecipe, features: Points) -> npt.NDArray[np.int64]:
 def pack_rivers(recipe: TerrainRecipe, cell_size: float = FINEST_CELL) -> PackedRivers:
     """Return the rivers' centrelines as arcs, within 1 % of the cell size of their splines.
 
-    Where rivers meet, both keep the point. A piece's say in a blend is its length, but a long one has no more
-    than one of half a width: a straight river would shout down a winding one beside it.
+    Where rivers meet, both have the same point. An arc's weight in a blend is its length, but at most half a
+    width: otherwise a straight river would dominate a winding one beside it.
     """
     cell, unit = tolerance_cell(cell_size), metres_per_unit(recipe.extent)
     courses, anchors = [], []
-    for anchor, course in courses_of(recipe):
-        courses.append(as_arcs(course, cell_size=cell, least=unit))
+    for anchor, course in prepared_centrelines(recipe):
+        courses.append(flatten_to_arcs(course, cell_size=cell, least=unit))
         anchors.append(np.tile(anchor, (len(courses[-1].bend), 1)))
     if not courses:
         empty = np.zeros((0, 4))
@@ -246,27 +220,30 @@ def pack_rivers(recipe: TerrainRecipe, cell_size: float = FINEST_CELL) -> Packed
     start, end = (to_lattice(each[:, :2], recipe.extent) + anchor for each in (starts, ends))
     vector = (end - start) * unit
     length2 = np.sum(vector**2, axis=1)
-    kept = length2 > 0
-    say = np.minimum(np.sqrt(length2), 0.5 * (starts[:, 3] + ends[:, 3]))
+    valid = length2 > 0
+    weight = np.minimum(np.sqrt(length2), 0.5 * (starts[:, 3] + ends[:, 3]))
     along = np.zeros((len(start), 8))
-    along[:, :2], along[:, 2], along[:, 3] = vector, 1 / np.where(kept, length2, 1), say
+    along[:, :2], along[:, 2], along[:, 3] = vector, 1 / np.where(valid, length2, 1), weight
     along[:, 4] = np.concatenate([course.bend for course in courses])
-    return PackedRivers(start[kept], along[kept], starts[kept, 2:], ends[kept, 2:])
+    return PackedRivers(start[valid], along[valid], starts[valid, 2:], ends[valid, 2:])
 
 
-def courses_of(recipe: TerrainRecipe) -> list[tuple[npt.NDArray[np.int64], Course]]:
-    """Return where each river's spring lies on the lattice, and its course from there; kept by river."""
+def prepared_centrelines(recipe: TerrainRecipe) -> list[tuple[npt.NDArray[np.int64], PreparedCentreline]]:
+    """Return each river's source on the lattice, and its prepared centreline relative to that.
+
+    Cached by river.
+    """
     unit = metres_per_unit(recipe.extent)
     meeting = np.array([river.centreline[-1, :2] for river in recipe.rivers]).reshape(-1, 2)
     found = []
-    for river, reach in zip(recipe.rivers, recipe.river_reach, strict=True):
-        # Arcs are fitted from the spring, wherever that is: far away they would round otherwise.
+    for river, radii in zip(recipe.rivers, recipe.valley_radii, strict=True):
+        # Arcs are fitted relative to the source: far from the origin they would round otherwise.
         anchor = to_lattice(river.centreline[0, :2], recipe.extent)
         away = np.append(anchor * unit, 0.0)
         local = replace(river, points=river.points - away, centreline=river.centreline - away)
         met = meeting - away[:2]
-        key = recipe.extent, reach.tobytes(), meetings_on(local, met).tobytes()
-        if river not in _kept_courses or _kept_courses[river][0] != key:
-            _kept_courses[river] = key, course_of(local, reach, met)
-        found.append((anchor, _kept_courses[river][1]))
+        key = recipe.extent, radii.tobytes(), meetings_on(local, met).tobytes()
+        if river not in _centreline_cache or _centreline_cache[river][0] != key:
+            _centreline_cache[river] = key, prepare_centreline(local, radii, met)
+        found.append((anchor, _centreline_cache[river][1]))
     return found

@@ -1,4 +1,4 @@
-"""Squares of vertices: where they lie, of tiles and of their parents."""
+"""Positions of patches: squares of vertices of tiles, of their parents, and of error samples."""
 
 from __future__ import annotations
 
@@ -21,26 +21,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """Squares of vertices, each with a border of one vertex around it.
+    """Squares of vertices, each with a border of one vertex around it."""
 
-    Attributes
-    ----------
-    axis_x, axis_y : (patches, side) int64
-        Lattice coordinates; x runs west to east, y north to south.
-    cell_size : float
-        Metres between samples.
-    squares : int
-        Along a side: parts of a patch, each of which heeds only what reaches it.
-    """
-
-    axis_x: Lattice
-    axis_y: Lattice
-    cell_size: float
-    squares: int = 1
+    axis_x: Lattice  # (patches, side), west to east
+    axis_y: Lattice  # (patches, side), north to south
+    cell_size: float  # m between samples
+    squares: int = 1  # parts along a side of a patch, culled separately
 
     @property
     def count(self) -> int:
-        """How many patches there are."""
+        """Number of patches."""
         return len(self.axis_x)
 
     @property
@@ -68,7 +58,7 @@ class Patches:
     def square_blocks(self) -> Lattice:
         """West, south, east and north of squares, shape (patches · squares², 4).
 
-        Those of a patch come one after another, from west to east and then from north to south.
+        Squares of a patch are in rows from west to east, from north to south.
         """
         if self.squares == 1:
             return self.blocks
@@ -85,9 +75,9 @@ class Patches:
 
     @cached_property
     def step_bits(self) -> tuple[int, int] | None:
-        """Bits of the step between vertices, and of the longest step that all places are multiples of.
+        """Bits of the step between vertices, and of the longest step that divides all positions.
 
-        Both are powers of two lattice units; None where vertices don't lie so.
+        Both are powers of two lattice units; None where vertices are not spaced so.
         """
         step = int(self.axis_x[0, 1] - self.axis_x[0, 0])
         if step <= 0 or step & (step - 1):
@@ -103,25 +93,9 @@ class Patches:
 
 
 def tile_patches(level: int, keys: Keys, extent: float, *, up: int = 0, quads: int = QUADS) -> Patches:
-    """Return the patches of tiles, or with ``up=1`` those of their parents' vertices on the same ground.
+    """Return the patches of tiles (column, row) of a level; with ``up=1`` their parents' vertices there.
 
-    Parameters
-    ----------
-    level
-        From −12 to the finest, 18 for 64 quads.
-    keys
-        Column and row of each tile.
-    extent
-        Metres along the sketch's longer side.
-    up
-        0 or 1.
-    quads
-        Along a tile's side, a power of two.
-
-    Raises
-    ------
-    InputError
-        If there is no such level.
+    ``quads`` along a side is a power of two; the finest level is 18 for 64 quads.
     """
     step = level_step(level, quads)
     column, row = np.array(keys, np.int64).reshape(-1, 2).T[..., None] * (quads * step)
@@ -130,7 +104,7 @@ def tile_patches(level: int, keys: Keys, extent: float, *, up: int = 0, quads: i
 
 
 def sample_stride(quads: int) -> int:
-    """Return how many quads apart a tile's error is measured: two, and one in a small tile."""
+    """Return the spacing, in quads, of the samples of a tile's error: two, and one in a small tile."""
     return 1 if quads < QUADS else 2
 
 
@@ -141,15 +115,7 @@ def tile_samples(
     cell_size: float,
     quads: int = QUADS,
 ) -> Patches:
-    """Return the middles of quads of tiles, :func:`sample_stride` quads apart, from the first on.
-
-    Parameters
-    ----------
-    level, keys, quads
-        As in :func:`tile_patches`; not the finest level, whose quads have no middle.
-    cell_size
-        Metres between samples that heights are wanted for.
-    """
+    """Return the centres of every :func:`sample_stride`-th quad of tiles; not for the finest level."""
     step = level_step(level, quads)
     corner = np.array(keys, np.int64).reshape(-1, 2) * (quads * step)
     stride = sample_stride(quads)

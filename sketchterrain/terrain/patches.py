@@ -1,4 +1,4 @@
-"""Launch the kernels that evaluate patches: many at once, written where they live."""
+"""Launches of the kernels that evaluate many patches at once into a store."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.terrain.kernel_arguments import KernelArguments, Reaching
+    from sketchterrain.terrain.kernel_arguments import CulledInputs, KernelArguments
     from sketchterrain.terrain.octaves import OctaveTable
     from sketchterrain.terrain.patch_places import Patches
     from sketchterrain.terrain.surfaces import SurfaceStore
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 GROUP = 64
 """Work items of a group."""
 
-# Beyond it, registers get scarce on GPUs.
-_MOST_IN_GROUP = 512
+# Larger groups run short of registers on GPUs.
+_MAX_IN_GROUP = 512
 _PATCH_GROUP = 4 * GROUP
 _ANYWHERE, _WHOLE_STEPS = "terrain.cl", "tiles.cl"
 
@@ -40,102 +40,62 @@ def rounded_up(count: int) -> int:
 
 
 class PatchLauncher:
-    """Evaluates patches of a recipe on a device; nothing comes back but what a store is asked for.
-
-    Parameters
-    ----------
-    arguments : KernelArguments
-    """
+    """Evaluates patches of a recipe on a device, without downloads."""
 
     def __init__(self, arguments: KernelArguments) -> None:
         self._arguments = arguments
         self._context = arguments.context
         self._scratch: dict[str, tuple[int, Any]] = {}
-        self._most = lru_cache(maxsize=8)(self._context.max_group_size)
-        self._rows = lru_cache(maxsize=16)(self._whole_rows)
-        self._staged = {name: StagingBuffer(self._context) for name in ("whole", "bare")}
+        self._max_in_group = lru_cache(maxsize=8)(self._context.max_group_size)
+        self._row_groups = lru_cache(maxsize=16)(self._whole_rows)
+        self._staged = {name: StagingBuffer(self._context) for name in ("all", "heights")}
 
-    def of(self, arguments: KernelArguments) -> PatchLauncher:
-        """Return one of another recipe of the same extent on the same device; room on it is shared."""
+    def with_arguments(self, arguments: KernelArguments) -> PatchLauncher:
+        """Return a launcher of another recipe of the same extent on the same device, with shared buffers."""
         other = copy(self)
         other._arguments = arguments
         return other
 
-    def surfaces(self, patches: Patches, store: SurfaceStore, slots: npt.NDArray[np.integer]) -> Reaching:
-        """Enqueue heights, normals and materials of patches.
-
-        Parameters
-        ----------
-        patches
-            Of the store's side and a border of one.
-        store
-            Where they are written.
-        slots
-            Which place in it each of them has, shape (patches,).
-
-        Returns
-        -------
-        Reaching
-            What reaches the patches.
-        """
+    def surfaces(self, patches: Patches, store: SurfaceStore, slots: npt.NDArray[np.integer]) -> CulledInputs:
+        """Enqueue heights, normals and materials of patches into ``slots`` (patches,) of a store."""
         more = {"slot": np.asarray(slots, np.int32)}
         return self._surfaces("surfaces", patches, more, store.ground, store.materials)
 
-    def vertices(self, patches: Patches, lives: npt.NDArray[np.int32], vertices: Any) -> Reaching:
-        """Enqueue packed vertices of patches, their parents' part included.
+    def vertices(self, patches: Patches, tile_slots: npt.NDArray[np.int32], vertices: Any) -> CulledInputs:
+        """Enqueue packed vertices of tiles into a buffer, with their parents' values.
 
-        Parameters
-        ----------
-        patches
-            Tiles.
-        lives
-            Slot, parent's slot, east half and north half of each, as the kernel ``vertices`` reads them,
-            shape (patches, 4).
-        vertices
-            The buffer they are written to.
-
-        Returns
-        -------
-        Reaching
-            What reaches the patches.
+        ``tile_slots`` (patches, 4) are the slot, parent's slot, east half and north half that the kernel
+        ``vertices`` reads.
         """
-        return self._surfaces("vertices", patches, {"lives": lives}, vertices)
+        return self._surfaces("vertices", patches, {"tile_slots": tile_slots}, vertices)
 
     def _surfaces(
         self, kernel: str, patches: Patches, where: Mapping[str, npt.NDArray[Any]], *written: Any
-    ) -> Reaching:
-        """Enqueue one of the kernels that make surfaces, told in small arrays where patches are written."""
+    ) -> CulledInputs:
+        """Enqueue a kernel that writes surfaces at the destinations given by small arrays."""
         inner = patches.side - 2
         covers = self._arguments.cover_lists(patches.blocks)
-        launch = self._heights(patches, {**where, **covers}, bare=False)
+        launch = self._heights(patches, {**where, **covers}, heights_only=False)
         self._context.launch(
             launch.file,
             kernel,
             (inner, inner, patches.count),
             *self._arguments.rules,
-            *launch.places,
+            *launch.positions,
             *launch.across,
-            launch.small["absent"],
+            launch.small["empty_masks"],
             np.int32(patches.side),
             *launch.results,
             *self._arguments.covers(launch.small),
             *(launch.small[name] for name in where),
             *written,
-            group=self._rows(launch.file, kernel, inner),
+            group=self._row_groups(launch.file, kernel, inner),
         )
-        return launch.reaching
+        return launch.culled
 
     def parents(self, patches: Patches, store: SurfaceStore, slots: npt.NDArray[np.integer]) -> None:
-        """Enqueue what parents hold at their children's vertices.
-
-        Parameters
-        ----------
-        patches
-            The parents' vertices over each child, see :func:`tile_patches`.
-        store, slots
-            As in :meth:`surfaces`.
-        """
-        launch = self._heights(patches, {"slot": np.asarray(slots, np.int32)}, bare=True)
+        """Enqueue the parents' values at their children's vertices, see :func:`tile_patches`."""
+        launch = self._heights(patches, {"slot": np.asarray(slots, np.int32)}, heights_only=True)
         self._context.launch(
             _ANYWHERE,
             "parents",
@@ -145,71 +105,69 @@ class PatchLauncher:
             launch.results[0],
             launch.small["slot"],
             store.parent,
-            group=self._rows(_ANYWHERE, "parents", patches.side - 2),
+            group=self._row_groups(_ANYWHERE, "parents", patches.side - 2),
         )
 
-    def masked(self, patches: Patches) -> tuple[Any, Any]:
-        """Enqueue heights and masks, their border included; return their buffers, which later ones reuse.
+    def heights_and_masks(self, patches: Patches) -> tuple[Any, Any]:
+        """Enqueue heights and masks with their border; return their buffers, which later launches reuse.
 
-        Returns
-        -------
-        height
-            m, (patches, side, side).
-        masks
-            (patches, 4, side, side), in the order of ``MASKS``.
+        Heights are (patches, side, side), m; masks (patches, 4, side, side), in the order of ``MASKS``.
         """
-        height, masks, _ = self._heights(patches, {}, bare=False).results
+        height, masks, _ = self._heights(patches, {}, heights_only=False).results
         return height, masks
 
     def heights(self, patches: Patches) -> Any:
-        """Enqueue heights alone; return their buffer, m, (patches, side, side), which later ones reuse."""
-        return self._heights(patches, {}, bare=True).results[0]
+        """Enqueue heights (patches, side, side), m; return their buffer, which later launches reuse."""
+        return self._heights(patches, {}, heights_only=True).results[0]
 
-    def _heights(self, patches: Patches, more: Mapping[str, npt.NDArray[Any]], *, bare: bool) -> _Launch:
-        """Enqueue heights, masks and mottle with their border; put more small arrays where those go."""
+    def _heights(
+        self, patches: Patches, more: Mapping[str, npt.NDArray[Any]], *, heights_only: bool
+    ) -> _Launch:
+        """Enqueue heights, masks and mottle with their border, staging ``more`` small arrays along."""
         count, side = patches.count, patches.side
-        size = 1 if bare else count * side * side
-        reaching = self._arguments.reaching(patches.square_blocks, patches.cell_size, ground=patches.blocks)
+        size = 1 if heights_only else count * side * side
+        culled = self._arguments.cull(patches.square_blocks, patches.cell_size, ground=patches.blocks)
         vertices = self._vertices(patches)
-        staging = self._staged["bare" if bare else "whole"]
-        if not bare:
-            more = {**more, **vertices.inverse, "absent": _in_none(reaching.absent, patches.squares)}
-        small = staging.upload({**reaching.lists, **vertices.arrays, **more})
+        staging = self._staged["heights" if heights_only else "all"]
+        if not heights_only:
+            empty_masks = _common_bits(culled.empty_masks, patches.squares)
+            more = {**more, **vertices.inverse, "empty_masks": empty_masks}
+        small = staging.upload({**culled.lists, **vertices.arrays, **more})
         launch = _Launch(
             vertices.file,
-            reaching,
+            culled,
             small,
-            [*(small[name] for name in vertices.places), *vertices.step],
+            [*(small[name] for name in vertices.positions), *vertices.step],
             vertices.across or [small[name] for name in vertices.inverse if name in small],
             (
-                # Two rows more than there are: see `parents`.
-                self._room("bare height" if bare else "height", (count * side + 2) * side),
-                self._room("masks", 4 * size),
-                self._room("mottle", size),
+                # Two spare rows: see `parents`.
+                self._buffer("height only" if heights_only else "height", (count * side + 2) * side),
+                self._buffer("masks", 4 * size),
+                self._buffer("mottle", size),
             ),
         )
         items = patches.square_side**2
-        whole = self._most(vertices.file, "patches") >= _PATCH_GROUP and items >= 4 * _PATCH_GROUP
+        whole = self._max_in_group(vertices.file, "patches") >= _PATCH_GROUP and items >= 4 * _PATCH_GROUP
         group = _PATCH_GROUP if whole or items == _PATCH_GROUP else GROUP
         self._context.launch(
             vertices.file,
             "patches",
             (-(-items // group) * group, count * patches.squares**2),
-            *self._arguments.terrain(reaching, patches.cell_size, small),
+            *self._arguments.terrain(culled, patches.cell_size, small),
             *(small[name] for name in vertices.noise),
             *vertices.octaves,
-            *launch.places,
+            *launch.positions,
             np.int32(side),
             np.int32(patches.squares),
             np.int32(patches.square_side),
-            np.int32(bare),
+            np.int32(heights_only),
             *launch.results,
             group=(group, 1),
         )
         return launch
 
     def _vertices(self, patches: Patches) -> _Vertices:
-        """Say where vertices lie, in 32 bits where they do."""
+        """Return the positions of vertices, as 32-bit steps where possible."""
         real = self._context.real_dtype
         octaves: OctaveTable = self._arguments.world(patches.cell_size)["table"]
         between, bits = patches.step_bits or (0, -1)
@@ -234,7 +192,7 @@ class PatchLauncher:
         )
 
     def _inverse_spans(self, axis: Lattice) -> npt.NDArray[np.float64]:
-        """1 / distance between a vertex's two neighbours (1/m); 0 where there is none."""
+        """Return 1 / distance between a vertex's two neighbours (1/m); 0 at the ends."""
         inverse = np.zeros(axis.shape)
         spans = np.maximum(axis[:, 2:] - axis[:, :-2], 1) * metres_per_unit(self._arguments.recipe.extent)
         inverse[:, 1:-1] = 1 / spans
@@ -242,30 +200,30 @@ class PatchLauncher:
 
     def _whole_rows(self, file: str, kernel: str, side: int) -> tuple[int, int, int] | None:
         """Return groups of as many whole rows of a square as fit and divide it; None where none fits."""
-        most = min(self._most(file, kernel), _MOST_IN_GROUP)
+        most = min(self._max_in_group(file, kernel), _MAX_IN_GROUP)
         rows = [number for number in range(1, side + 1) if side % number == 0 and number * side <= most]
         return (side, rows[-1], 1) if rows else None
 
-    def _room(self, name: str, size: int) -> Any:
-        """Return a buffer for ``size`` values; kept, and made anew only where one is too small."""
-        held, buffer = self._scratch.get(name, (0, None))
-        if held < size:
+    def _buffer(self, name: str, size: int) -> Any:
+        """Return a cached buffer for at least ``size`` values."""
+        capacity, buffer = self._scratch.get(name, (0, None))
+        if capacity < size:
             self._scratch.pop(name, None)
             buffer = self._context.empty(size, self._context.real_dtype)
             self._scratch[name] = size, buffer
         return buffer
 
 
-def _in_none(absent: npt.NDArray[np.int32], squares: int) -> npt.NDArray[np.int32]:
-    """Return the bits of what is absent from all squares of a patch, shape (patches,)."""
+def _common_bits(bits: npt.NDArray[np.int32], squares: int) -> npt.NDArray[np.int32]:
+    """Return the bits set in all squares of a patch, shape (patches,)."""
     if squares == 1:
-        return absent
-    return np.asarray(np.bitwise_and.reduce(absent.reshape(-1, squares**2), axis=1), np.int32)
+        return bits
+    return np.asarray(np.bitwise_and.reduce(bits.reshape(-1, squares**2), axis=1), np.int32)
 
 
 @dataclass(frozen=True, eq=False)
 class _Vertices:
-    """Which file's kernels place vertices, and what says where and how far apart, by the kernels' names."""
+    """The file whose kernels place vertices; positions and spacing by the kernels' argument names."""
 
     file: str
     arrays: dict[str, npt.NDArray[Any]]
@@ -276,22 +234,22 @@ class _Vertices:
 
     @property
     def noise(self) -> tuple[str, ...]:
-        """Arrays that noise reads."""
+        """Names of the arrays that noise reads."""
         return tuple(name for name in self.arrays if name == "octave_corner")
 
     @property
-    def places(self) -> tuple[str, ...]:
-        """Arrays that all else reads."""
+    def positions(self) -> tuple[str, ...]:
+        """Names of the other arrays."""
         return tuple(name for name in self.arrays if name != "octave_corner")
 
 
 @dataclass(frozen=True, eq=False)
 class _Launch:
-    """A launch of ``patches``: its file, what it is given, where vertices lie, and what it writes."""
+    """A launch of ``patches``: its file, inputs, positions of vertices, and output buffers."""
 
     file: str
-    reaching: Reaching
+    culled: CulledInputs
     small: dict[str, Any]
-    places: list[Any]
+    positions: list[Any]
     across: list[Any]
     results: tuple[Any, Any, Any]

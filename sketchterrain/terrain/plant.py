@@ -1,4 +1,4 @@
-"""What a plant is, as data: where it stands, its species, size, turn and tint."""
+"""Record of a plant: position, species, size, rotation and tint."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ STOREYS: Final = {
     "woody": ("spruce", "pine", "oak", "birch", "shrub"),
     "grass": ("grass", "flower", "fern"),
 }
-"""Names of the species by storey; each storey keeps distances of its own and ignores the other."""
+"""Names of the species by storey; each storey has its own spacing and ignores the other."""
 
 SPECIES: Final = STOREYS["woody"] + STOREYS["grass"]
 """Names of the species, in the order of the ``species`` field."""
@@ -22,10 +22,13 @@ PLANT: Final = np.dtype(
         ("z", "f4"),  # m, height of the ground
         ("normal", "f4", 3),  # of the ground, a unit vector: east, north, up
         ("species", "u1"),  # index into SPECIES
-        ("level", "u1"),  # those of it and above are a Poisson-disk set at 2^level times the distance
-        ("scale", "f4"),  # 1 is a grown plant
+        (
+            "level",
+            "u1",
+        ),  # plants of this level and above are a Poisson-disk set at 2^level times the distance
+        ("scale", "f4"),  # 1 is a mature plant
         ("rotation", "f4"),  # radians, counter-clockwise seen from above
-        ("tint", "f4"),  # 0 … 1, where its colour lies among its species' colours
+        ("tint", "f4"),  # 0 … 1, position in its species' range of colours
     ]
 )
 """One plant."""

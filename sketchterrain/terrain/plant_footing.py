@@ -1,4 +1,4 @@
-"""What the ground is like where plants stand, at full detail."""
+"""Terrain properties at plants, at full detail."""
 
 from __future__ import annotations
 
@@ -16,36 +16,27 @@ if TYPE_CHECKING:
     Lattice = npt.NDArray[np.int64]
     Reals = npt.NDArray[np.floating]
 
-_FOOT = 0.5  # m over which a plant's ground is taken to be even
+_FOOTPRINT = 0.5  # m over which the terrain at a plant is planar
 
 
-class Footing(NamedTuple):
-    """Places, shape (n,) each.
+class PlantSites(NamedTuple):
+    """Terrain at positions, shape (n,) each."""
 
-    Attributes
-    ----------
-    x, y : int64
-        Lattice units.
-    z : m
-    slope_east, slope_north : rise over run
-    dune, forest, water : masks, 0 … 1
-    """
-
-    x: Lattice
+    x: Lattice  # lattice units
     y: Lattice
-    z: Reals
-    slope_east: Reals
+    z: Reals  # m
+    slope_east: Reals  # rise over run
     slope_north: Reals
-    dune: Reals
+    dune: Reals  # masks, 0 … 1
     forest: Reals
     water: Reals
 
     @classmethod
-    def of(cls, evaluator: Evaluator, x: Lattice, y: Lattice) -> Self:
-        """Evaluate the ground at places (lattice units)."""
+    def evaluate(cls, evaluator: Evaluator, x: Lattice, y: Lattice) -> Self:
+        """Evaluate the terrain at positions (lattice units)."""
         unit = metres_per_unit(evaluator.recipe.extent)
-        step = max(round(_FOOT / unit), 1)
-        # The place, one step east of it and one north.
+        step = max(round(_FOOTPRINT / unit), 1)
+        # The position, one step east of it and one north.
         corners = np.concatenate([x, x + step, x]), np.concatenate([y, y, y + step])
         height, mask = evaluator.points(*corners, cell_size=0.0)
         z, east, north = height.reshape(3, -1).astype(np.float64)
@@ -63,7 +54,7 @@ class Footing(NamedTuple):
         upward = 1 / np.sqrt(1 + self.slope_east**2 + self.slope_north**2)
         return np.stack([-self.slope_east * upward, -self.slope_north * upward, upward], axis=-1)
 
-    def of_those(self, chosen: npt.NDArray[np.bool_]) -> Footing:
-        """Return some of the places."""
+    def subset(self, chosen: npt.NDArray[np.bool_]) -> PlantSites:
+        """Return some of the positions."""
         ground = (each[chosen] for each in self[2:])
-        return Footing(self.x[chosen], self.y[chosen], *ground)
+        return PlantSites(self.x[chosen], self.y[chosen], *ground)

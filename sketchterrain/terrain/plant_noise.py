@@ -1,4 +1,4 @@
-"""Draws and smooth noise that plants depend on, at single places and over whole grids."""
+"""Random numbers and smooth noise for plants, at single positions and over grids."""
 
 from __future__ import annotations
 
@@ -19,46 +19,41 @@ if TYPE_CHECKING:
 
 
 class PlantNoise:
-    """The noise of a recipe's plants: functions of the place and of what they are for.
-
-    Parameters
-    ----------
-    recipe : TerrainRecipe
-    """
+    """Noise of a recipe's plants: functions of the position and of a stream's name."""
 
     def __init__(self, recipe: TerrainRecipe) -> None:
         self._seed = recipe.seed
         self._unit = metres_per_unit(recipe.extent)
 
     def draw(self, stream: str, x: Lattice, y: Lattice) -> Reals:
-        """Return one number in [0, 1) for each place (lattice units)."""
+        """Return one number in [0, 1) for each position (lattice units)."""
         return hash_unit(self._seed, f"plant {stream}", x, y)
 
     def at(self, name: str, width: float, x: Lattice, y: Lattice) -> Reals:
-        """Return smooth noise, 0 … 1, one swing in about two widths (m), at places (lattice units)."""
+        """Return smooth noise, 0 … 1, with a period of about two widths (m), at positions (lattice units)."""
         return value_noise(self._seed, _stream(name, width), self._steps(x, width), self._steps(y, width))
 
-    def over(self, name: str, width: float, x: Lattice, y: Lattice) -> Reals:
-        """Return the same bits at all places of a grid: y runs over rows, x over columns, both ascending.
+    def over_grid(self, name: str, width: float, x: Lattice, y: Lattice) -> Reals:
+        """Return the same bits on a grid: y over rows, x over columns, both ascending.
 
-        The corners between which it swings are hashed once.
+        Corners are hashed once.
         """
-        columns, east, u = _between(self._steps(x, width))
-        rows, north, v = _between(self._steps(y, width))
+        columns, east, u = _cells_and_fractions(self._steps(x, width))
+        rows, north, v = _cells_and_fractions(self._steps(y, width))
         corner = hash_unit(self._seed, _stream(name, width), columns[None, :], rows[:, None])
         across = (1.0 - u) * corner[:, east] + u * corner[:, east + 1]
         return np.asarray((1.0 - v[:, None]) * across[north] + v[:, None] * across[north + 1])
 
     def over_blocks(self, name: str, width: float, x: Lattice, y: Lattice) -> Reals:
         """Return the same over blocks, by their axes of shape (blocks, n); shape (blocks, n, n)."""
-        return np.stack([self.over(name, width, *axes) for axes in zip(x, y, strict=True)])
+        return np.stack([self.over_grid(name, width, *axes) for axes in zip(x, y, strict=True)])
 
     def _steps(self, along: Lattice, width: float) -> Reals:
         return np.asarray(self._unit / width * along.astype(np.float64))
 
 
 def ramp(x: npt.NDArray[np.floating], low: float, high: float) -> npt.NDArray[np.floating]:
-    """Return 0 up to ``low``, 1 from ``high`` on, a straight line between."""
+    """Return 0 up to ``low``, 1 from ``high`` on, linear between."""
     return np.asarray(np.clip((x - low) / (high - low), 0, 1))
 
 
@@ -66,11 +61,8 @@ def _stream(name: str, width: float) -> str:
     return f"plant {name} {width:g}"
 
 
-def _between(at: Reals) -> tuple[Lattice, Lattice, Reals]:
-    """Return whole steps around places, which of them is below each, and how far beyond it, smoothed.
-
-    The one above it comes next.
-    """
+def _cells_and_fractions(at: Reals) -> tuple[Lattice, Lattice, Reals]:
+    """Return steps around positions, the index of the one below each, and smoothed fractions."""
     below = np.floor(at).astype(np.int64)
     u = at - below
     u = u * u * (3.0 - 2.0 * u)

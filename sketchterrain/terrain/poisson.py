@@ -1,4 +1,4 @@
-"""Poisson-disk points with one distance, as a function of the world (``kernels/poisson.cl``)."""
+"""Poisson-disk sets of one distance, as functions of the world (``kernels/poisson.cl``)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sketchterrain.compute.scratch import BufferPool
 from sketchterrain.errors import InputError
 from sketchterrain.terrain.poisson_cells import (
     GROUP,
-    MOST_POINTS,
+    MAX_POINTS,
     ROUNDING,
     SIDE,
     WINDOW,
@@ -21,123 +21,101 @@ from sketchterrain.terrain.poisson_cells import (
     Grid,
     Points,
     bands,
-    counted,
-    joined,
-    merged,
+    count_points,
+    hash_salt,
+    join_bands,
+    merge_windows,
     rounded_up,
-    salt_of,
     schedule,
-    thrown_by,
+    throw_kernel,
 )
-from sketchterrain.terrain.stepped import finished
+from sketchterrain.terrain.stepped import run_to_completion
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterator
-
-    import numpy.typing as npt
 
     from sketchterrain.compute import ComputeContext
     from sketchterrain.compute.scratch import BufferSet
 
 TRIALS = 24
-"""Darts a cell throws: over nine tenths of the points a maximal set would have."""
+"""Darts per cell: enough for over nine tenths of the points of a maximal set."""
 GREATEST_DENSITY = 0.6966
-"""Points a square unit of a maximal set at distance 1, by dart throwing (Wei 2008)."""
+"""Points per square unit of a maximal set at distance 1, by dart throwing (Wei 2008)."""
 
 _FILE = "poisson.cl"
 _STREAM = "poisson disk"
-_REACH = 2  # cells, as in the kernels
-_MOST_RADIUS = 1 << 44  # a cell's side times SIDE stays below 2^63
-_MOST_TRIALS = 255
-_MOST_LEVELS = 12
-_BYTES_A_POINT = 2 * 17  # windows' points and, joined, all
+_REACH = 2  # cells of a conflict, as in the kernels
+_MAX_RADIUS = 1 << 44  # a cell's side times SIDE stays below 2^63
+_MAX_TRIALS = 255
+_MAX_LEVELS = 12
+_BYTES_PER_POINT = 2 * 17  # of windows, and join_bands
 
 
 @dataclass(frozen=True)
-class _Levelled(Grid):
-    """A grid whose points have levels, a byte a cell."""
+class _LevelGrid(Grid):
+    """A grid whose points have levels, a byte per cell."""
 
     level: Any
 
 
 class PoissonDisk:
-    """The world's Poisson-disk set at one distance.
+    """The world's Poisson-disk set of one minimum distance; any device gives the same points.
 
-    Parameters
-    ----------
-    context
-        Where it is sampled; any device gives the same points.
-    radius
-        No two points are nearer than so many lattice units, ≥ 2; from about 1000 on, rounding costs nothing.
-    seed
-    trials
-        Darts a cell of side radius/√2 throws, 1 … 255: the more, the fuller, see docs/kernels/poisson.md.
-    levels
-        Coarser sets that it holds, 0 … 12: the points of level j and above are no nearer than radius · 2^j.
-
-    Raises
-    ------
-    InputError
-        If one of them is out of its range.
+    ``radius`` is the minimum distance, lattice units ≥ 2; rounding is negligible from about 1000. ``trials``
+    (1 … 255) are the darts per cell of side radius/√2: more give a denser set, see docs/kernels/poisson.md.
+    Of the coarser ``levels`` (0 … 12) nested in it, points of level j and above are no nearer than radius ·
+    2^j.
     """
 
     def __init__(
         self, context: ComputeContext, radius: int, *, seed: int, trials: int = TRIALS, levels: int = 0
     ) -> None:
-        if not 2 <= radius <= _MOST_RADIUS:
-            raise InputError(
-                f"the distance between points must be 2 … {_MOST_RADIUS} lattice units, not {radius}"
-            )
-        if not 1 <= trials <= _MOST_TRIALS:
-            raise InputError(f"trials must be 1 … {_MOST_TRIALS}, not {trials}")
-        if not 0 <= levels <= _MOST_LEVELS:
-            raise InputError(f"levels must be 0 … {_MOST_LEVELS}, not {levels}")
+        if not 2 <= radius <= _MAX_RADIUS:
+            raise InputError(f"expected a distance of 2 … {_MAX_RADIUS} lattice units, got {radius}")
+        if not 1 <= trials <= _MAX_TRIALS:
+            raise InputError(f"expected 1 … {_MAX_TRIALS} trials, got {trials}")
+        if not 0 <= levels <= _MAX_LEVELS:
+            raise InputError(f"expected 0 … {_MAX_LEVELS} levels, got {levels}")
         self.context = context
         self.radius = radius
-        self._salts = [salt_of(seed, _STREAM, level) for level in range(levels + 1)]
+        self._salts = [hash_salt(seed, _STREAM, level) for level in range(levels + 1)]
         self._rounds = schedule(trials)
         self._rim = 2 * _REACH * len(self._rounds)
-        # A cell's side, lattice units, and the distance in shares of it: no two points fit into one cell.
+        # A cell's side, lattice units, and the distance relative to it: no two points fit into one cell.
         self._side = math.ceil((radius + ROUNDING) / math.sqrt(2.0))
         r2 = math.ceil(((radius + ROUNDING) * SIDE / self._side) ** 2)
         self._r2 = np.int32(min(r2, 2 * SIDE**2))
         self._scratch = BufferPool(context)
 
     def within(self, area: Area) -> Points:
-        """Return the points of a rectangle, as far as they fit into memory.
-
-        Raises
-        ------
-        InputError
-            If it would hold over forty million points; :meth:`pieces` has no such bound.
-        """
-        return finished(self.steps(area))
+        """Return the points of a rectangle; InputError for over forty million, see :meth:`pieces`."""
+        return run_to_completion(self.steps(area))
 
     def steps(self, area: Area) -> Generator[None, None, Points]:
-        """Do the same in steps: the device works while others go on; the last one returns the points."""
+        """Do the same in steps between which the device computes; the generator returns the points."""
         most = self.expected(area)
-        if most > MOST_POINTS:
-            needed = most * _BYTES_A_POINT / 2**30
+        if most > MAX_POINTS:
+            needed = most * _BYTES_PER_POINT / 2**30
             raise InputError(
                 f"the rectangle would hold about {most:.3g} points ({needed:.1f} GiB); "
-                f"at most {MOST_POINTS} fit"
+                f"at most {MAX_POINTS} fit"
             )
-        found = []
+        parts = []
         for band in bands(area, self._side, window=WINDOW):
             points = yield from self._band_steps(band)
-            found.append(points)
-        return joined(found)
+            parts.append(points)
+        return join_bands(parts)
 
     def pieces(self, area: Area) -> Iterator[Points]:
-        """Return the points of a rectangle of any size band by band, from south to north.
+        """Return the points of a rectangle of any size in bands of 2048 cells from south to north.
 
-        Joined, they are what :meth:`within` returns. A band is 2048 cells high and as wide as the rectangle.
+        Joined, they are those of :meth:`within`.
         """
         for band in bands(area, self._side, window=WINDOW):
-            yield finished(self._band_steps(band))
+            yield run_to_completion(self._band_steps(band))
 
     def expected(self, area: Area) -> float:
-        """Return how many points a rectangle holds, a little too many."""
+        """Return a slight overestimate of the number of points of a rectangle."""
         west, south, east, north = area
         return GREATEST_DENSITY * max(east - west, 0) * max(north - south, 0) / self.radius**2
 
@@ -146,30 +124,32 @@ class PoissonDisk:
         parts = []
         for part in band:
             with self._scratch.borrow() as room:
-                sampled = self._sampled(room, part)
+                sampled = self._sample(room, part)
                 yield
-                parts.append(self._collected(room, sampled, part))
-        return merged(parts)
+                parts.append(self._collect(room, sampled, part))
+        return merge_windows(parts)
 
-    def _sampled(self, room: BufferSet, area: Area) -> _Levelled:
+    def _sample(self, room: BufferSet, area: Area) -> _LevelGrid:
         """Enqueue the sampling of an area's cells, the coarsest level first."""
-        windows = [Cells.over(area, self._side).wider(self._rim)]
+        windows = [Cells.covering(area, self._side).wider(self._rim)]
         for _ in self._salts[1:]:
             windows.append(windows[-1].coarser().wider(self._rim))
         coarsest = len(windows) - 1
-        grid = self._begun(room, windows[coarsest], coarsest, None)
-        self._fill(room, grid, coarsest)
+        grid = self._create_grid(room, windows[coarsest], coarsest, None)
+        self._enqueue_rounds(room, grid, coarsest)
         for level in reversed(range(coarsest)):
-            grid = self._begun(room, windows[level], level, grid)
-            self._fill(room, grid, level)
+            grid = self._create_grid(room, windows[level], level, grid)
+            self._enqueue_rounds(room, grid, level)
         return grid
 
-    def _begun(self, room: BufferSet, cells: Cells, level: int, coarse: _Levelled | None) -> _Levelled:
-        """Start a window: empty, or with the points of a coarser one that covers it."""
-        # Two sets of buffers are enough: a level reads but the one before it.
+    def _create_grid(
+        self, room: BufferSet, cells: Cells, level: int, coarse: _LevelGrid | None
+    ) -> _LevelGrid:
+        """Return a window's grid, empty or with the points of a coarser one that covers it."""
+        # Two sets of buffers are enough: a level reads only the one before it.
         kinds = (("x", np.int16), ("y", np.int16), ("level", np.uint8))
         x, y, of = (room.buffer(f"{name} {level % 2}", cells.shape, kind) for name, kind in kinds)
-        grid = _Levelled(cells, self._side << level, self._rim, x, y, of)
+        grid = _LevelGrid(cells, self._side << level, self._rim, x, y, of)
         parent = coarse or grid
         width = parent.width if coarse else np.int32(0)
         given = (parent.x, parent.y, parent.level, width, *parent.corner)
@@ -177,60 +157,34 @@ class PoissonDisk:
         self._launch("inherit", size, x, y, of, grid.width, *grid.corner, *given)
         return grid
 
-    def _fill(self, room: BufferSet, grid: _Levelled, level: int) -> None:
-        """Enqueue a level's rounds; each leaves a wider rim that is not right."""
+    def _enqueue_rounds(self, room: BufferSet, grid: _LevelGrid, level: int) -> None:
+        """Enqueue a level's rounds; each widens the invalid rim."""
         kinds = (("candidate x", np.int16), ("candidate y", np.int16), ("time", np.uint32))
         candidate = [room.buffer(name, grid.cells.shape, kind) for name, kind in kinds]
         darts = (*grid.corner, self._salts[level], self._r2)
         for number, (start, tries) in enumerate(self._rounds):
             rim = (2 * number + 1) * _REACH
-            bare = not start and level == len(self._salts) - 1
-            kernel = "throw_first" if bare else thrown_by(tries)
+            empty = not start and level == len(self._salts) - 1
+            kernel = "throw_first" if empty else throw_kernel(tries)
             window = (grid.width, np.int32(rim))
             thrown = (np.int32(start), np.int32(tries))
             self._launch(kernel, _inner(grid, rim), grid.x, grid.y, *candidate, *window, *darts, *thrown)
             rim += _REACH
             window = (grid.width, np.int32(rim))
-            kept = (grid.x, grid.y, grid.level)
-            self._launch("accept", _inner(grid, rim), *kept, *candidate, *window, self._r2, np.int32(level))
+            points = (grid.x, grid.y, grid.level)
+            self._launch("accept", _inner(grid, rim), *points, *candidate, *window, self._r2, np.int32(level))
 
-    def _collected(self, room: BufferSet, grid: _Levelled, area: Area) -> Points:
-        size, where, start, a_row = counted(self.context, room, _FILE, grid, area)
-        total = int(a_row.sum())
+    def _collect(self, room: BufferSet, grid: _LevelGrid, area: Area) -> Points:
+        size, where, start, per_row = count_points(self.context, room, _FILE, grid, area)
+        total = int(per_row.sum())
         point, of = room.buffer("point", (total, 2), np.int64), room.buffer("of", total, np.uint8)
-        found = (start, point, of)
-        self.context.launch(_FILE, "write_points", size, grid.x, grid.y, grid.level, *where, *found)
+        parts = (start, point, of)
+        self.context.launch(_FILE, "write_points", size, grid.x, grid.y, grid.level, *where, *parts)
         position = self.context.download(point, (total, 2), np.int64)
-        return Points(position, self.context.download(of, total, np.uint8), a_row)
+        return Points(position, self.context.download(of, total, np.uint8), per_row)
 
     def _launch(self, kernel: str, size: tuple[int, int], *arguments: Any) -> None:
         self.context.launch(_FILE, kernel, size, *arguments, group=(GROUP, 1))
-
-
-def poisson_disk(
-    context: ComputeContext, area: Area, radius: int, *, seed: int, trials: int = TRIALS, levels: int = 0
-) -> npt.NDArray[np.int64]:
-    """Return the points of the world's Poisson-disk set that lie in a rectangle.
-
-    Parameters
-    ----------
-    context, radius, seed, trials, levels
-        See :class:`PoissonDisk`.
-    area
-        West, south, east, north in lattice units; west and south inclusive, east and north exclusive.
-
-    Returns
-    -------
-    ndarray of int64, shape (n, 2)
-        Lattice positions in rows of cells from south to north, in each from west to east. A point that
-        lies in two rectangles is the same in both.
-
-    Raises
-    ------
-    InputError
-        See :class:`PoissonDisk` and :meth:`PoissonDisk.within`.
-    """
-    return PoissonDisk(context, radius, seed=seed, trials=trials, levels=levels).within(area).position
 
 
 def _inner(grid: Grid, rim: int) -> tuple[int, int]:

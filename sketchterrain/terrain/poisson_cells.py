@@ -1,4 +1,4 @@
-"""Cells of Poisson-disk sampling: windows of them on the device, rounds of darts, points in order."""
+"""Cells of Poisson-disk sampling: windows on the device, rounds of darts, ordered points."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext
     from sketchterrain.compute.scratch import BufferSet
 
-MOST_POINTS: Final = 40_000_000
-"""Points that are given back at once at most."""
+MAX_POINTS: Final = 40_000_000
+"""Most points returned at once."""
 ROUNDING: Final = math.sqrt(2.0)
-"""Lattice units that two points may come nearer by rounding them."""
+"""Greatest decrease (lattice units) of a distance by rounding two points."""
 SIDE: Final = 4096
-"""Places along a cell's side; as in the kernels."""
+"""Positions along a cell's side; as in the kernels."""
 GROUP: Final = 64
 """Work items of a group."""
 WINDOW: Final = 2048
-"""Cells along a window's side at most."""
+"""Most cells along a window's side."""
 _PIECE: Final = 256  # cells of a row that one work item collects
 
 Area = tuple[int, int, int, int]
@@ -43,7 +43,7 @@ class Cells(NamedTuple):
     north: int
 
     @classmethod
-    def over(cls, area: Area, side: int) -> Cells:
+    def covering(cls, area: Area, side: int) -> Cells:
         """Return the cells of a side (lattice units) that an area touches."""
         west, south, east, north = area
         return cls(west // side, south // side, (east - 1) // side + 1, (north - 1) // side + 1)
@@ -64,7 +64,7 @@ class Cells(NamedTuple):
         return self.height, self.width
 
     def wider(self, rim: int) -> Cells:
-        """Return it with so many more cells on each side."""
+        """Return it with ``rim`` more cells on each side."""
         return Cells(self.west - rim, self.south - rim, self.east + rim, self.north + rim)
 
     def coarser(self) -> Cells:
@@ -74,33 +74,22 @@ class Cells(NamedTuple):
 
 @dataclass(frozen=True)
 class Grid:
-    """A window's cells on the device, whose points are right but for a rim.
-
-    Attributes
-    ----------
-    cells : Cells
-    side : int
-        Of a cell, lattice units.
-    rim : int
-        Cells at its border that are not sampled to the end.
-    x, y : Buffer
-        See kernels/poisson.cl.
-    """
+    """A window's cells on the device, whose points are valid except in a rim."""
 
     cells: Cells
-    side: int
-    rim: int
-    x: Any
+    side: int  # of a cell, lattice units
+    rim: int  # cells at its border that are not sampled to the end
+    x: Any  # buffers, see kernels/poisson.cl
     y: Any
 
     @property
     def width(self) -> np.int32:
-        """Columns, as kernels want them."""
+        """Columns, as a kernel argument."""
         return np.int32(self.cells.width)
 
     @property
     def corner(self) -> tuple[np.int64, np.int64]:
-        """First column and row, as kernels want them."""
+        """First column and row, as kernel arguments."""
         return np.int64(self.cells.west), np.int64(self.cells.south)
 
 
@@ -112,27 +101,17 @@ class Round(NamedTuple):
 
 
 class Points(NamedTuple):
-    """Points in the order of their cells, row after row from the south, each from the west.
+    """Points in the order of their cells, row after row from the south, each from the west."""
 
-    Attributes
-    ----------
-    position : (n, 2) int64
-        Lattice units.
-    level : (n,) uint8
-        The finest level's is 0.
-    a_row : (rows,) int64
-        How many of them lie in each row of cells.
-    """
-
-    position: npt.NDArray[np.int64]
-    level: npt.NDArray[np.uint8]
-    a_row: npt.NDArray[np.int64]
+    position: npt.NDArray[np.int64]  # (n, 2), lattice units
+    level: npt.NDArray[np.uint8]  # (n,), 0 is the finest
+    per_row: npt.NDArray[np.int64]  # (rows,) points in each row of cells
 
 
 def schedule(trials: int) -> tuple[Round, ...]:
     """Return the rounds of so many darts a cell: each throws about as many as all before it.
 
-    The fuller the ground, the longer until a dart finds room; and a round costs halo, a dart does not.
+    The denser the set, the more darts are needed to add a point; a round needs a halo, a dart does not.
     """
     rounds: list[Round] = []
     thrown = 0
@@ -144,27 +123,27 @@ def schedule(trials: int) -> tuple[Round, ...]:
     return tuple(rounds)
 
 
-def thrown_by(tries: int) -> str:
-    """Return the kernel that throws as many darts at once as go into so many."""
+def throw_kernel(tries: int) -> str:
+    """Return the kernel that throws the most darts at once that divide a number of tries."""
     return "throw_one" if tries == 1 else "throw_two" if tries % 4 else "throw_four"
 
 
-def salt_of(seed: int, stream: str, level: int) -> np.uint32:
-    """Return what sets the darts of a level apart."""
+def hash_salt(seed: int, stream: str, level: int) -> np.uint32:
+    """Return the hash salt of a level's darts."""
     return np.uint32(hash_keys(seed, stream, level) & np.uint64(0xFFFFFFFF))
 
 
 def rounded_up(count: int) -> int:
-    """Return how many work items cover a count in whole groups."""
+    """Return the number of work items in whole groups."""
     return -(-count // GROUP) * GROUP
 
 
 def bands(area: Area, side: int, *, window: int) -> Iterator[list[Area]]:
-    """Cut an area along lines between cells: into bands from south to north, of windows from the west."""
+    """Cut an area along cell borders into bands from south to north, each a list of windows from the west."""
     west, south, east, north = area
     if west >= east or south >= north:
         return
-    cells = Cells.over(area, side)
+    cells = Cells.covering(area, side)
     for bottom in range(cells.south, cells.north, window):
         low, high = max(south, bottom * side), min(north, (bottom + window) * side)
         yield [
@@ -173,21 +152,13 @@ def bands(area: Area, side: int, *, window: int) -> Iterator[list[Area]]:
         ]
 
 
-def counted(
+def count_points(
     context: ComputeContext, room: BufferSet, file: str, grid: Grid, area: Area
 ) -> tuple[tuple[int, int], tuple[Any, ...], Any, npt.NDArray[np.int64]]:
-    """Count the points of a grid, from its rim on, that lie within an area (lattice units).
+    """Count the points of a grid, inside its rim, in an area (lattice units).
 
-    Returns
-    -------
-    size
-        Of the launch that writes them.
-    where : tuple
-        What that wants to know of the window, the area and the pieces.
-    start : Buffer
-        Where each piece starts.
-    a_row : (rows,) int64
-        Points in each row of cells.
+    Returns the launch size of the kernel that writes them, its arguments for window, area and pieces, a
+    buffer of each piece's start, and the points (rows,) in each row of cells.
     """
     inner = grid.cells.wider(-grid.rim)
     size = (-(-inner.width // _PIECE), inner.height)
@@ -200,18 +171,18 @@ def counted(
     return size, where, context.upload(start), many.sum(axis=1, dtype=np.int64)
 
 
-def merged(parts: list[Points]) -> Points:
-    """Put the points of windows side by side into the order of their cells."""
+def merge_windows(parts: list[Points]) -> Points:
+    """Return the points of adjacent windows in the order of their cells."""
     if len(parts) == 1:
         return parts[0]
-    rows = np.concatenate([np.repeat(np.arange(len(part.a_row)), part.a_row) for part in parts])
+    rows = np.concatenate([np.repeat(np.arange(len(part.per_row)), part.per_row) for part in parts])
     order = np.argsort(rows, kind="stable")
     position, level = (np.concatenate(each)[order] for each in list(zip(*parts, strict=True))[:2])
-    return Points(position, level, np.sum([part.a_row for part in parts], axis=0))
+    return Points(position, level, np.sum([part.per_row for part in parts], axis=0))
 
 
-def joined(parts: list[Points]) -> Points:
-    """Put the points of bands one after the other."""
+def join_bands(parts: list[Points]) -> Points:
+    """Return the points of bands, concatenated."""
     if not parts:
         return Points(np.zeros((0, 2), np.int64), np.zeros(0, np.uint8), np.zeros(0, np.int64))
     return Points(*(np.concatenate(each) for each in zip(*parts, strict=True)))

@@ -1,4 +1,4 @@
-"""A wide grid as patches side by side: cut into windows, evaluated band by band, and joined again."""
+"""Wide grids evaluated as adjacent patches, band by band."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.terrain.evaluation import Evaluator
 
-# As many patches as one launch takes: fewer would leave a device idle, more would only take memory.
+# The patches of one launch: fewer would leave a device idle, more would only need memory.
 _PATCHES_PER_BAND = 256
 
 
@@ -30,26 +30,10 @@ def bands(
     cell_size: float,
     progress: Callable[[float], None] | None = None,
 ) -> Iterator[Band]:
-    """Evaluate a grid over a rectangle, some rows at a time, from the north on.
+    """Evaluate a grid over a rectangle (west, south, east, north, m) in bands of rows from the north.
 
-    Positions follow from a vertex's place in the whole grid, so its bits do not depend on the bands.
-
-    Parameters
-    ----------
-    evaluator
-    area
-        West, south, east, north, m; the outermost vertices lie on it.
-    columns, rows
-        Vertices, ≥ 2 each.
-    cell_size
-        Metres between samples; what they can't carry is left out.
-    progress
-        Called with the share that is done, 0 … 1.
-
-    Raises
-    ------
-    InputError
-        If there are fewer vertices, or the rectangle is none.
+    The outermost vertices are on the rectangle's border; ``columns``, ``rows`` ≥ 2. Positions depend only on
+    the index in the whole grid, so no bit depends on the bands.
     """
     west, south, east, north = area
     if columns < 2 or rows < 2:
@@ -70,27 +54,10 @@ def window_bands(
     columns: int,
     rows: int,
 ) -> Iterator[Band]:
-    """Evaluate some vertices of a grid without ends, some rows at a time, from the north on.
+    """Evaluate a window of an unbounded grid in bands of rows from the north.
 
-    Vertex (row j, column i) lies at (west + i·cell, north − j·cell): positions follow from j and i alone, so
-    a vertex has the same bits in whatever window it is asked for.
-
-    Parameters
-    ----------
-    evaluator
-    corner
-        West and north of vertex (0, 0), m.
-    cell
-        Metres between vertices; what they can't carry is left out.
-    left, top
-        The window's first column and row.
-    columns, rows
-        Vertices, ≥ 1 each.
-
-    Raises
-    ------
-    InputError
-        If there are fewer vertices, or positions are too far away.
+    Vertex (row j, column i) is at (west + i·cell, north − j·cell), m, with ``corner`` (west, north):
+    positions depend on j and i alone, so a vertex has the same bits in every window.
     """
     axes = window_axes(evaluator.recipe.extent, corner, cell, left, top, columns, rows)
     return _bands(evaluator, *axes, cell, None)
@@ -99,15 +66,7 @@ def window_bands(
 def window_axes(
     extent: float, corner: tuple[float, float], cell: float, left: int, top: int, columns: int, rows: int
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return lattice coordinates of a window's columns and rows, with one more beyond each end.
-
-    The parameters are those of :func:`window_bands`, and the recipe's extent, m.
-
-    Raises
-    ------
-    InputError
-        If there are no vertices, or positions are too far away.
-    """
+    """Return lattice coordinates of a window's columns and rows, with one more beyond each end."""
     if columns < 1 or rows < 1:
         raise InputError(f"expected at least 1 × 1 vertices, got {columns} × {rows}")
     west, north = corner
@@ -117,26 +76,14 @@ def window_axes(
 
 
 class Strip(NamedTuple):
-    """Some rows of a grid as patches side by side, row after row of them.
+    """Some rows of a grid as adjacent patches, row by row."""
 
-    Attributes
-    ----------
-    top, rows : int
-        The grid's first row of it, and how many.
-    shape : (int, int)
-        Rows and columns of patches.
-    axis_x, axis_y : (patches, QUADS + 3) int64
-        Lattice coordinates of each patch.
-    share : (float, float)
-        Which part of the grid's patches they are.
-    """
-
-    top: int
+    top: int  # its first row in the grid
     rows: int
-    shape: tuple[int, int]
-    axis_x: npt.NDArray[np.int64]
+    shape: tuple[int, int]  # rows and columns of patches
+    axis_x: npt.NDArray[np.int64]  # (patches, QUADS + 3)
     axis_y: npt.NDArray[np.int64]
-    share: tuple[float, float]
+    share: tuple[float, float]  # its part of the grid's patches, 0 … 1
 
 
 def strips(axis_x: npt.NDArray[np.int64], axis_y: npt.NDArray[np.int64]) -> Iterator[Strip]:
@@ -147,7 +94,7 @@ def strips(axis_x: npt.NDArray[np.int64], axis_y: npt.NDArray[np.int64]) -> Iter
         part = down[first : first + at_once]
         shape = (len(part), len(across))
         top = QUADS * first
-        # A strip's last row is the next one's first, except where there is none.
+        # A strip's last row is the next one's first, except in the last strip.
         rows = len(axis_y) - 2 - top if first + len(part) == len(down) else QUADS * len(part)
         yield Strip(
             top,
@@ -170,29 +117,32 @@ def _bands(
     columns = len(axis_x) - 2
     for strip in strips(axis_x, axis_y):
         surface = evaluator.surface(
-            strip.axis_x, strip.axis_y, cell_size=cell_size, progress=_share(progress, *strip.share)
+            strip.axis_x,
+            strip.axis_y,
+            cell_size=cell_size,
+            progress=_partial_progress(progress, *strip.share),
         )
         parts = (surface.height, surface.normal, surface.materials)
-        yield Band(strip.top, *(_joined(each, strip.shape, strip.rows, columns) for each in parts))
+        yield Band(strip.top, *(_join(each, strip.shape, strip.rows, columns) for each in parts))
 
 
 def _axis_of(first: float, last: float, count: int, extent: float) -> npt.NDArray[np.int64]:
-    """Return lattice coordinates of ``count`` vertices between two places, with one more beyond each end."""
+    """Return lattice coordinates of ``count`` vertices from first to last (m), plus one beyond each end."""
     return to_lattice(first + np.arange(-1, count + 1) * ((last - first) / (count - 1)), extent)
 
 
 def _windows_of(axis: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    """Cut an axis into overlapping windows of QUADS + 3; the last is filled up with its last vertex."""
+    """Cut an axis into overlapping windows of QUADS + 3; the last is padded with its last vertex."""
     inner = len(axis) - 2
     starts = range(0, max(inner - 1, 1), QUADS)
     index = np.minimum(np.array(starts)[:, None] + np.arange(QUADS + 3), len(axis) - 1)
     return axis[index]
 
 
-def _joined(
+def _join(
     patches: npt.NDArray[np.floating], shape: tuple[int, int], rows: int, columns: int
 ) -> npt.NDArray[np.float32]:
-    """Put patches side by side; neighbours share a row or column of vertices."""
+    """Join adjacent patches, which share rows and columns of vertices."""
     result = np.empty((rows, columns, *patches.shape[3:]), np.float32)
     for number, patch in enumerate(patches):
         top, left = (QUADS * place for place in divmod(number, shape[1]))
@@ -201,7 +151,7 @@ def _joined(
     return result
 
 
-def _share(
+def _partial_progress(
     progress: Callable[[float], None] | None, first: float, last: float
 ) -> Callable[[float], None] | None:
     return None if progress is None else lambda share: progress(first + share * (last - first))

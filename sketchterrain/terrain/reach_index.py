@@ -1,4 +1,4 @@
-"""Which of many boxes touch a block of ground: a grid of several sizes of cell, built once."""
+"""Spatial index: which of many boxes touch a block; a grid with several cell sizes, built once."""
 
 from __future__ import annotations
 
@@ -11,29 +11,22 @@ if TYPE_CHECKING:
 
     Lattice = npt.NDArray[np.int64]
 
-# Blocks times items up to which comparing them all is quicker than looking them up.
+# Blocks times items up to which brute force is quicker.
 _FEW = 1 << 14
-# Cells of one size are so many times as long as those of the next smaller one, as a power of two.
+# Ratio of successive cell sizes, as a power of two.
 _SIZE_BITS = 2
 
 
-class ReachIndex:
-    """Boxes on the lattice, to be asked which of them touch blocks of ground.
+class BoxIndex:
+    """Index of boxes on the lattice, given by corners (n, 2) and a margin (n,) on all sides, rounded up.
 
-    Each box lies in one cell, by its south-west corner, of a grid whose cells are at least as large as the
-    box: what touches a block stands in its cells or in those just west and south of them. Cells of one row
-    lie beside each other in one sorted array, so that a row of a block is a pair of binary searches.
-
-    Parameters
-    ----------
-    low, high : (n, 2) int64
-        South-west and north-east corners, lattice units.
-    reach : (n,) float64
-        How much farther each box reaches on all sides, lattice units; rounded up.
+    Each box is stored in the cell of its south-west corner, in a grid whose cells are at least as large as
+    the box: boxes that touch a block are in its cells or in those just west and south of them. Cells of one
+    row are adjacent in one sorted array, so that a row of a block is a pair of binary searches.
     """
 
-    def __init__(self, low: Lattice, high: Lattice, reach: npt.NDArray[np.float64]) -> None:
-        grow = np.ceil(reach).astype(np.int64)[:, None]
+    def __init__(self, low: Lattice, high: Lattice, margin: npt.NDArray[np.float64]) -> None:
+        grow = np.ceil(margin).astype(np.int64)[:, None]
         self._low, self._high = low - grow, high + grow
         self._levels: tuple[Lattice, ...] | None = None
 
@@ -41,27 +34,21 @@ class ReachIndex:
         return len(self._low)
 
     def touching(self, blocks: Lattice) -> tuple[Lattice, Lattice]:
-        """Return pairs (block, item) of those that touch, borders included, by block and then by item.
-
-        Parameters
-        ----------
-        blocks : (m, 4) int64
-            West, south, east and north, lattice units.
-        """
+        """Return pairs (block, item) that touch blocks (m, 4), borders included, by block, then by item."""
         if len(self) * len(blocks) <= _FEW:
-            touch = _meet(blocks[:, None], self._low, self._high)
+            touch = _overlap(blocks[:, None], self._low, self._high)
             block, item = np.nonzero(touch)
             return block, item
         block, item = self._candidates(blocks)
-        kept = _meet(blocks[block], self._low[item], self._high[item])
+        touch = _overlap(blocks[block], self._low[item], self._high[item])
         bits = len(self).bit_length()
-        order = np.sort(block[kept] << bits | item[kept])
+        order = np.sort(block[touch] << bits | item[touch])
         return order >> bits, order & ((1 << bits) - 1)
 
     def _candidates(self, blocks: Lattice) -> tuple[Lattice, Lattice]:
-        """Pairs of blocks and items in cells that may hold what touches them."""
+        """Return pairs of blocks and items in cells near them."""
         if self._levels is None:
-            self._levels = self._built()
+            self._levels = self._build()
         bits, origin, width, rows, base, keys, items = self._levels
         # One row of this for every size of cell and block.
         size, block = (np.ravel(part) for part in np.indices((len(bits), len(blocks))))
@@ -76,12 +63,15 @@ class ReachIndex:
         of, place = _runs(end - start)
         return block[part[of]], items[start[of] + place]
 
-    def _built(self) -> tuple[Lattice, ...]:
-        """For each size of cell its bits, columns, rows and first key; all items' keys, sorted, and items."""
+    def _build(self) -> tuple[Lattice, ...]:
+        """Return, for each cell size, bits, columns, rows and first key; the sorted keys of all items.
+
+        The items.
+        """
         low, span = self._low, np.max(self._high - self._low, axis=1)
         origin = low.min(axis=0)
         whole = int((low.max(axis=0) - origin).max()) + 1
-        # No more rows than a few for each item of a row, however small the items.
+        # Limit the number of rows, however small the items.
         least = max(whole // (2 * int(np.sqrt(len(low))) + 1), 1).bit_length()
         needed = np.maximum(np.ceil(np.log2(span + 1.0)).astype(np.int64), least)
         needed = -(-needed // _SIZE_BITS) * _SIZE_BITS
@@ -96,8 +86,8 @@ class ReachIndex:
         return bits, origin, columns, rows, base, keys[items], items
 
 
-def _meet(blocks: Lattice, low: Lattice, high: Lattice) -> npt.NDArray[np.bool_]:
-    """Whether blocks (…, 4) and boxes (…, 2) have a point in common."""
+def _overlap(blocks: Lattice, low: Lattice, high: Lattice) -> npt.NDArray[np.bool_]:
+    """Return whether blocks (…, 4) and boxes (…, 2) have a point in common."""
     return np.asarray(
         (blocks[..., 0] <= high[..., 0])
         & (blocks[..., 2] >= low[..., 0])
@@ -107,6 +97,6 @@ def _meet(blocks: Lattice, low: Lattice, high: Lattice) -> npt.NDArray[np.bool_]
 
 
 def _runs(count: Lattice) -> tuple[Lattice, Lattice]:
-    """For runs of these lengths, one after another: whose each place is, and its number in the run."""
+    """Return, for concatenated runs of these lengths, each element's run and its index in the run."""
     owner = np.repeat(np.arange(len(count)), count)
     return owner, np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)

@@ -77,7 +77,7 @@ class TerrainRecipe:
     fill : FeatureSource
         Features of unpainted ground.
     rivers : tuple of River
-    river_reach : tuple of ndarray
+    valley_radii : tuple of ndarray
         For each river how far its valley reaches from the centreline at each of its points, m.
     lakes : tuple of Lake
     covers : tuple of Cover
@@ -98,7 +98,7 @@ class TerrainRecipe:
     painted: Points
     fill: FeatureSource
     rivers: tuple[River, ...] = ()
-    river_reach: tuple[np.ndarray[tuple[int], np.dtype[np.float64]], ...] = ()
+    valley_radii: tuple[np.ndarray[tuple[int], np.dtype[np.float64]], ...] = ()
     lakes: tuple[Lake, ...] = ()
     covers: tuple[Cover, ...] = ()
     material_rules: tuple[MaterialRule, ...] = DEFAULT_RULES
@@ -146,7 +146,7 @@ class TerrainRecipe:
         return set(getattr(self.fill, "dune_styles", ()))
 
     @cached_property
-    def says_conifers(self) -> bool:
+    def has_conifer_shares(self) -> bool:
         """Whether any forest's share of conifers is not by elevation."""
         forests = self.painted[self.painted["type"] == FEATURE_TYPES.index("forest")]
         shares = (*conifer_share(forests["peakiness"]), getattr(self.fill, "conifers", BY_ELEVATION))

@@ -17,7 +17,7 @@ from sketchterrain.terrain.culling import features_near
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.packing import effective_cell, pack_features, pack_rivers, pack_world
 from sketchterrain.terrain.reference_gullies import crags, gullies
-from sketchterrain.terrain.reference_lakes import lay_lakes
+from sketchterrain.terrain.reference_lakes import apply_lakes
 from sketchterrain.terrain.reference_noise import Slope, fbm, fbm_slope
 from sketchterrain.terrain.reference_relief import (
     Relief,
@@ -25,7 +25,7 @@ from sketchterrain.terrain.reference_relief import (
     Site,
     hills,
     mountains,
-    relief_at,
+    relief_noise_at,
     risen,
 )
 
@@ -40,13 +40,13 @@ if TYPE_CHECKING:
     Lattice = npt.NDArray[np.int64]
 
 __all__ = [
-    "ReferenceGround",
+    "HostSamples",
     "Relief",
     "dry_heights",
-    "reference_ground",
-    "reference_heights",
-    "reference_slope",
-    "relief_of",
+    "host_heights",
+    "host_samples",
+    "host_slope",
+    "relief_noise",
 ]
 
 
@@ -55,7 +55,7 @@ _LEVEL = Rise(Slope(_ZERO, _ZERO, _ZERO), _ZERO, _ZERO)
 
 
 @dataclass(frozen=True)
-class ReferenceGround:
+class HostSamples:
     """Heights (m) and masks (0 … 1) at points; see ``Ground`` in ``kernels/world.clh``."""
 
     height: Reals
@@ -66,10 +66,10 @@ class ReferenceGround:
     lake: Reals
 
 
-def reference_heights(recipe: TerrainRecipe, x: Reals, y: Reals, *, cell_size: float = 0.0) -> Reals:
+def host_heights(recipe: TerrainRecipe, x: Reals, y: Reals, *, cell_size: float = 0.0) -> Reals:
     """Return heights in metres at points given in metres (any shape), in float64."""
     x, y = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
-    ground = reference_ground(
+    ground = host_samples(
         recipe,
         to_lattice(x.ravel(), recipe.extent),
         to_lattice(y.ravel(), recipe.extent),
@@ -78,20 +78,18 @@ def reference_heights(recipe: TerrainRecipe, x: Reals, y: Reals, *, cell_size: f
     return ground.height.reshape(x.shape)
 
 
-def relief_of(recipe: TerrainRecipe, x: Lattice, y: Lattice, *, cell_size: float = 0.0) -> Relief:
+def relief_noise(recipe: TerrainRecipe, x: Lattice, y: Lattice, *, cell_size: float = 0.0) -> Relief:
     """Return what noise makes of mountains and hills at lattice positions of shape (n,)."""
     world = pack_world(recipe, cell_size, real=np.float64)
-    return relief_at(world.scalars[0], world.octaves, x, y)
+    return relief_noise_at(world.scalars[0], world.octaves, x, y)
 
 
-def reference_ground(
-    recipe: TerrainRecipe, x: Lattice, y: Lattice, *, cell_size: float = 0.0
-) -> ReferenceGround:
+def host_samples(recipe: TerrainRecipe, x: Lattice, y: Lattice, *, cell_size: float = 0.0) -> HostSamples:
     """Return the terrain at lattice positions of shape (n,), in float64."""
     world = pack_world(recipe, cell_size, real=np.float64)
     w, octaves = world.scalars[0], world.octaves
     packed = _packed_around(recipe, x, y, cell_size)
-    relief = relief_at(w, octaves, x, y)
+    relief = relief_noise_at(w, octaves, x, y)
     place = Site(x, y, metres_per_unit(recipe.extent), relief.bend)
     height, mountain, dune = _dry(world, packed, place, relief)
     cover, share = _areas(packed, place, slot=2)
@@ -100,19 +98,19 @@ def reference_ground(
     cell = 1 / float(w["inverse_cell"])
     water, lake = np.zeros((2, *x.shape))
     if recipe.lakes:
-        height, water, lake = lay_lakes(recipe, height, x, y, cell=cell)
+        height, water, lake = apply_lakes(recipe, height, x, y, cell=cell)
     rivers = pack_rivers(recipe, cell_size)
     if len(rivers.start):
         carved, river = _carved(height, rivers, place, cell=cell)
         height = carved + (np.minimum(carved, height) - carved) * lake
         water = np.maximum(water, river)
-    return ReferenceGround(height, mountain, dune, forest, water, lake)
+    return HostSamples(height, mountain, dune, forest, water, lake)
 
 
 def dry_heights(recipe: TerrainRecipe, x: Lattice, y: Lattice, *, cell_size: float = 0.0) -> Reals:
     """Return heights (m) of the land without its rivers and lakes at lattice positions of shape (n,)."""
     world = pack_world(recipe, cell_size, real=np.float64)
-    relief = relief_at(world.scalars[0], world.octaves, x, y)
+    relief = relief_noise_at(world.scalars[0], world.octaves, x, y)
     place = Site(x, y, metres_per_unit(recipe.extent), relief.bend)
     return _dry(world, _packed_around(recipe, x, y, cell_size), place, relief)[0]
 
@@ -134,14 +132,14 @@ def _dry(
     return height, mountain, dune
 
 
-def reference_slope(recipe: TerrainRecipe, x: Lattice, y: Lattice, *, cell_size: float = 0.0) -> Slope:
+def host_slope(recipe: TerrainRecipe, x: Lattice, y: Lattice, *, cell_size: float = 0.0) -> Slope:
     """Return heights (m) and slopes of ground, hills and mountains with their gullies, without crags.
 
     The slopes of gullies are taken with the direction of each wave held, as the filter takes them.
     """
     world = pack_world(recipe, cell_size, real=np.float64)
     w, octaves = world.scalars[0], world.octaves
-    relief = relief_at(w, octaves, x, y)
+    relief = relief_noise_at(w, octaves, x, y)
     place = Site(x, y, metres_per_unit(recipe.extent), relief.bend)
     eroded, _ = _eroded(w, octaves, _packed_around(recipe, x, y, cell_size), place, relief)
     ground = fbm_slope(octaves, "ground", x, y)

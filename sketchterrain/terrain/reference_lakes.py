@@ -39,7 +39,7 @@ def _weights(f: Reals) -> tuple[Reals, Reals, Reals]:
     return 0.5 * (0.5 - f) ** 2, 0.75 - f**2, 0.5 * (0.5 + f) ** 2
 
 
-def lay_lakes(
+def apply_lakes(
     recipe: TerrainRecipe, height: Reals, x: Lattice, y: Lattice, *, cell: float
 ) -> tuple[Reals, Reals, Reals]:
     """Return the ground with lakes laid in, and the masks ``water`` and ``lake``, at lattice positions."""
@@ -47,7 +47,7 @@ def lay_lakes(
     packed = pack_lakes(recipe, fields, cell)
     weights, own, top, shown, deepest = np.zeros((5, *height.shape))
     nearest = np.ones(height.shape)
-    for i in np.flatnonzero(packed.shown):
+    for i in np.flatnonzero(packed.visible):
         _, inverse_margin, level, fade = packed.shape[i]
         depth, inverse_shelf, slope, rise = packed.profile[i]
         d = field_distance(fields, int(i), x, y)

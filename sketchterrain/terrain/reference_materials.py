@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.sketch import Factor, MaterialRule
     from sketchterrain.terrain.recipe import TerrainRecipe
-    from sketchterrain.terrain.reference import ReferenceGround
+    from sketchterrain.terrain.reference import HostSamples
 
     Reals = npt.NDArray[np.float64]
     Lattice = npt.NDArray[np.int64]
@@ -80,7 +80,7 @@ def rule_weights(rules: Sequence[MaterialRule], climate: Mapping[str, float], si
 
 
 def patch_weights(
-    recipe: TerrainRecipe, ground: ReferenceGround, x: Lattice, y: Lattice, *, cell_size: float
+    recipe: TerrainRecipe, ground: HostSamples, x: Lattice, y: Lattice, *, cell_size: float
 ) -> Reals:
     """Return the weights at the vertices of a patch inside its border.
 

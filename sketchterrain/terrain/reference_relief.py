@@ -163,7 +163,7 @@ def carried(t: Slope, spur: Slope, share: float | Reals) -> Slope:
     )
 
 
-def relief_at(w: np.void, octaves: OctaveTable, x: Lattice, y: Lattice) -> Relief:
+def relief_noise_at(w: np.void, octaves: OctaveTable, x: Lattice, y: Lattice) -> Relief:
     """Return what noise makes of mountains and hills at lattice positions of shape (n,)."""
     per_metre = float(w["units_per_metre"])
     east, north = (_warp(octaves, name, x, y, per_metre) for name in ("warp_u", "warp_v"))

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sketchterrain.terrain.centrelines import LARGEST_TOLERANCE, TOLERANCE_CELLS, Course
+from sketchterrain.terrain.centrelines import MAX_TOLERANCE, TOLERANCE_CELLS, PreparedCentreline
 from sketchterrain.terrain.lattice import metres_per_unit
-from sketchterrain.terrain.packing import courses_of
+from sketchterrain.terrain.packing import prepared_centrelines
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -31,7 +31,7 @@ def river_areas(old: TerrainRecipe, new: TerrainRecipe) -> list[Box]:
 
     Both are of one extent.
     """
-    courses = [courses_of(recipe) for recipe in (old, new)]
+    courses = [prepared_centrelines(recipe) for recipe in (old, new)]
     unit = metres_per_unit(new.extent)
     kept = {id(course) for _, course in courses[0]} & {id(course) for _, course in courses[1]}
     parts = [_parts([each for each in own if id(each[1]) not in kept], unit) for own in courses]
@@ -50,22 +50,22 @@ def river_areas(old: TerrainRecipe, new: TerrainRecipe) -> list[Box]:
     return list(found)
 
 
-def _parts(courses: list[tuple[npt.NDArray[np.int64], Course]], unit: float) -> dict[bytes, Box]:
+def _parts(courses: list[tuple[npt.NDArray[np.int64], PreparedCentreline]], unit: float) -> dict[bytes, Box]:
     """Return what the pieces between two control points are made from, and where they have any effect."""
     parts: dict[bytes, Box] = {}
     for anchor, course in courses:
         first, last = _spans(course)
-        samples = np.column_stack([course.along, course.line, course.kept, course.steep])
+        samples = np.column_stack([course.along, course.line, course.anchors, course.steep])
         widest = float(course.river.centreline_width.max())
         whole = anchor.tobytes() + bytes(widest > 2.0 * cell for cell in TOLERANCE_CELLS)
-        boxes = _boxes(course, first, last, margin=LARGEST_TOLERANCE + 3.0 * unit) + np.tile(anchor * unit, 2)
+        boxes = _boxes(course, first, last, margin=MAX_TOLERANCE + 3.0 * unit) + np.tile(anchor * unit, 2)
         for number, box in enumerate(boxes.tolist()):
             own = samples[first[number] : last[number] + 1].tobytes()
             parts[whole + course.curve[number].tobytes() + own] = (box[0], box[1], box[2], box[3])
     return parts
 
 
-def _spans(course: Course) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+def _spans(course: PreparedCentreline) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     """First and last sample of the centreline on each cubic of the spline, its two ends included."""
     number = np.arange(len(course.curve), dtype=np.float64)
     return (
@@ -75,7 +75,7 @@ def _spans(course: Course) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
 
 
 def _boxes(
-    course: Course, first: npt.NDArray[np.intp], last: npt.NDArray[np.intp], *, margin: float
+    course: PreparedCentreline, first: npt.NDArray[np.intp], last: npt.NDArray[np.intp], *, margin: float
 ) -> Reals:
     """Rectangles (m, from the course's own origin) around each cubic, as wide as its river reaches."""
     c = course.curve

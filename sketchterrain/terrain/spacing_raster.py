@@ -49,7 +49,7 @@ class SpacingRanges(NamedTuple):
     high: npt.NDArray[np.float32]
 
     @classmethod
-    def of(cls, raster: SpacingRaster) -> SpacingRanges:
+    def from_raster(cls, raster: SpacingRaster) -> SpacingRanges:
         """Return those of a raster."""
         low, high = (_pooled(best, raster.spacing) for best in (np.minimum, np.maximum))
         return cls(raster.west, raster.south, raster.step * _POOLED, low, high)

@@ -12,9 +12,9 @@ from sketchterrain.terrain.graded_poisson import GradedPoisson
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.meadow import Meadow
 from sketchterrain.terrain.plant import PLANT
-from sketchterrain.terrain.plant_footing import Footing
+from sketchterrain.terrain.plant_footing import PlantSites
 from sketchterrain.terrain.plant_noise import PlantNoise
-from sketchterrain.terrain.plant_spacing import BLOCK, FILL, SpacingBlocks, whole_step
+from sketchterrain.terrain.plant_spacing import BLOCK, FILL, SpacingBlocks, power_of_two_step
 from sketchterrain.terrain.poisson import GREATEST_DENSITY
 from sketchterrain.terrain.woods import Woods
 
@@ -67,7 +67,7 @@ class Storey:
             levels=LEVELS,
             seed=int(hash_keys(recipe.seed, f"plants {name}")),
         )
-        self._square = whole_step(_SQUARES[name], recipe.extent)
+        self._square = power_of_two_step(_SQUARES[name], recipe.extent)
 
     def bound(self, area: Area) -> int:
         """Return how many plants an area (lattice units) holds at most if they stand thickest all over it."""
@@ -118,9 +118,9 @@ class Storey:
     def plants_steps(self, area: Area) -> Generator[None, None, Plants]:
         """Find the plants of an area (lattice units) in steps of a few ms; the last one returns them."""
         # Beforehand, for the sampler asks for all it needs at once.
-        halo = self._points.reach
+        halo = self._points.halo
         west, south, east, north = area
-        yield from self._spacing.made_steps(west - halo, south - halo, east + halo, north + halo)
+        yield from self._spacing.prefetch_steps(west - halo, south - halo, east + halo, north + halo)
         points = yield from self._points.steps(area)
         # They come from south to north already, and stay so within the squares.
         points = points[np.lexsort((points["x"] // self._square, points["y"] // self._square))]
@@ -133,9 +133,9 @@ class Storey:
     def _grown(self, points: npt.NDArray[Any]) -> Plants:
         """Return what grows at points, but for those where the ground lets nothing stand."""
         places = (np.ascontiguousarray(points[axis]) for axis in ("x", "y"))
-        foot = Footing.of(self._evaluator, *places)
-        kept = self._rule.kept(foot)
-        points, foot = points[kept], foot.of_those(kept)
+        foot = PlantSites.evaluate(self._evaluator, *places)
+        kept = self._rule.survives(foot)
+        points, foot = points[kept], foot.subset(kept)
         plants = np.zeros(len(points), PLANT)
         if not len(points):
             return plants
@@ -143,7 +143,7 @@ class Storey:
         plants["normal"], plants["level"] = foot.normal, points["level"]
         plants["rotation"] = 2 * np.pi * self._noise.draw("rotation", foot.x, foot.y)
         plants["tint"] = self._noise.draw("tint", foot.x, foot.y)
-        self._rule.fill(plants, foot, points["spacing"] * self._unit)
+        self._rule.assign_species(plants, foot, points["spacing"] * self._unit)
         return plants
 
 

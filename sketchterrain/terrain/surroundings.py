@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.changes import Box
     from sketchterrain.terrain.culling import Lists
     from sketchterrain.terrain.packing import PackedFeatures
-    from sketchterrain.terrain.reach_index import ReachIndex
+    from sketchterrain.terrain.reach_index import BoxIndex
     from sketchterrain.terrain.recipe import TerrainRecipe
 
     Lattice = npt.NDArray[np.int64]
@@ -50,7 +50,7 @@ _ROUNDING = 4  # lattice units
 
 
 @dataclass(frozen=True, eq=False)
-class Gathered:
+class FeatureBatch:
     """Features that may reach some ground, for one cell size, in the order of their ids.
 
     Attributes
@@ -71,7 +71,7 @@ class Gathered:
     shape: Any
     packed: PackedFeatures
     slots: int
-    index: ReachIndex
+    index: BoxIndex
     order: Lattice
     smallest: float
 
@@ -80,12 +80,12 @@ class Gathered:
         return feature_lists(self.index, self.order, self.packed.slot, self.slots, blocks)
 
 
-class Surroundings:
+class FeatureCache:
     """Features of a recipe by the ground they may reach.
 
     The world is cut into square sheets about as wide as features reach. What stands on a sheet is found once;
     blocks of ground are given the features of all sheets around them. Which of those reach a block is for
-    :meth:`Gathered.lists` to say, exactly, so that sheets change no bit.
+    :meth:`FeatureBatch.lists` to say, exactly, so that sheets change no bit.
 
     Parameters
     ----------
@@ -107,16 +107,16 @@ class Surroundings:
         empty = self._margin == 0 and recipe.painted.size == 0
         self._bits = _EVERYWHERE_BITS if empty else width.bit_length()
         self._sheets: OrderedDict[tuple[int, int], Points] = OrderedDict()
-        self._gathered: OrderedDict[tuple[float, bytes], Gathered] = OrderedDict()
+        self._gathered: OrderedDict[tuple[float, bytes], FeatureBatch] = OrderedDict()
 
-    def with_recipe(self, recipe: TerrainRecipe) -> Surroundings:
+    def with_recipe(self, recipe: TerrainRecipe) -> FeatureCache:
         """Return those of a recipe that differs in its painted features' strengths alone."""
         other = copy(self)
         other._recipe = recipe
         other._gathered = OrderedDict()
         return other
 
-    def after(self, recipe: TerrainRecipe, areas: Sequence[Box]) -> Surroundings:
+    def updated(self, recipe: TerrainRecipe, areas: Sequence[Box]) -> FeatureCache:
         """Return those of a changed recipe, which keep what stands where nothing has changed.
 
         Parameters
@@ -126,7 +126,7 @@ class Surroundings:
         areas
             Rectangles (m) that hold all that another feature reaches.
         """
-        other = Surroundings(recipe, self._context)
+        other = FeatureCache(recipe, self._context)
         if other._margin != self._margin or abs(other._bits - self._bits) > 1:
             return other
         other._bits = self._bits
@@ -151,7 +151,7 @@ class Surroundings:
         numbers = np.frombuffer(where, np.int64, offset=1)
         return numbers.reshape(-1, 4) if where[0] else self._ground_of(numbers.reshape(-1, 2))
 
-    def gathered(self, blocks: Lattice, cell: float) -> Gathered:
+    def batch(self, blocks: Lattice, cell: float) -> FeatureBatch:
         """Return the features that may reach any of the blocks.
 
         Parameters
@@ -179,11 +179,11 @@ class Surroundings:
             self._gathered.popitem(last=False)
         return found
 
-    def _packed(self, near: Points, cell: float, smallest: float) -> Gathered:
+    def _packed(self, near: Points, cell: float, smallest: float) -> FeatureBatch:
         packed = pack_features(self._recipe, near, cell)
         index, order = feature_index(self._recipe, packed)
         upload = self._context.upload
-        return Gathered(
+        return FeatureBatch(
             upload(packed.at),
             upload(packed.shape.astype(self._context.real_dtype)),
             packed,

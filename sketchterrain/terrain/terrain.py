@@ -11,7 +11,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.terrain.answers import Raster, TerrainFeatures, Tile
 from sketchterrain.terrain.evaluation import Evaluator
 from sketchterrain.terrain.foliage import FoliageSampler
-from sketchterrain.terrain.ground_bytes import byte_bands
+from sketchterrain.terrain.ground_bytes import quantized_bands
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit, to_lattice
 from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.plant import SPECIES
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain.answers import Band
     from sketchterrain.terrain.changes import Box
-    from sketchterrain.terrain.ground_bytes import GroundBytes
+    from sketchterrain.terrain.ground_bytes import QuantizedBand
     from sketchterrain.terrain.recipe import TerrainRecipe
     from sketchterrain.terrain.surfaces import Surface
     from sketchterrain.terrain.vertices import VertexMemory
@@ -62,7 +62,7 @@ class Terrain:
         self._evaluator = Evaluator(recipe, context)
         self._foliage = FoliageSampler(self._evaluator)
 
-    def after(self, sketch: Sketch, recipe: TerrainRecipe, areas: Sequence[Box]) -> Terrain:
+    def updated(self, sketch: Sketch, recipe: TerrainRecipe, areas: Sequence[Box]) -> Terrain:
         """Return the terrain of a changed recipe on the same device; what stays the same is not made anew.
 
         Its bits are those of a terrain that was never another one. Both stay usable, in one thread.
@@ -78,7 +78,7 @@ class Terrain:
             return Terrain(sketch, recipe, self.context, memory=self.memory)
         other = copy(self)
         other.sketch, other.recipe = sketch, recipe
-        other._evaluator = self._evaluator.after(recipe, areas)
+        other._evaluator = self._evaluator.updated(recipe, areas)
         other._foliage = FoliageSampler(other._evaluator)
         return other
 
@@ -95,7 +95,7 @@ class Terrain:
     @property
     def features(self) -> TerrainFeatures:
         """Painted features, those that fill the sketch's unpainted ground, rivers and lakes."""
-        return TerrainFeatures.of(self.recipe, self.size)
+        return TerrainFeatures.from_recipe(self.recipe, self.size)
 
     def heights(
         self, x: npt.ArrayLike, y: npt.ArrayLike, *, cell_size: float = 0.0
@@ -185,7 +185,7 @@ class Terrain:
         for level in np.unique(levels):
             chosen = np.flatnonzero(levels == level)
             of_level = [keys[int(i)][1:] for i in chosen]
-            bounds[chosen] = self._evaluator.fill(of_level, int(level), store, place[chosen])
+            bounds[chosen] = self._evaluator.write(of_level, int(level), store, place[chosen])
         return bounds
 
     def vertex_store(
@@ -336,7 +336,7 @@ class Terrain:
 
     def window_bytes(
         self, west: float, north: float, *, cell: float, left: int, top: int, columns: int, rows: int
-    ) -> Iterator[GroundBytes]:
+    ) -> Iterator[QuantizedBand]:
         """Return the same vertices as files hold them: normals and weights as bytes, rounded on the device.
 
         The parameters are those of :meth:`window`.
@@ -348,7 +348,7 @@ class Terrain:
         InputError
             If there are no vertices, or they are too far away.
         """
-        return byte_bands(self._evaluator, (west, north), cell, left, top, columns, rows)
+        return quantized_bands(self._evaluator, (west, north), cell, left, top, columns, rows)
 
     def foliage(
         self, west: float, south: float, east: float, north: float, *, storey: str = "woody"

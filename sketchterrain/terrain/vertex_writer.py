@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sketchterrain.compute.staging import StagingBuffer
-from sketchterrain.errors import DeviceFailedError
 from sketchterrain.terrain.batches import Batches
+from sketchterrain.terrain.finite import non_finite
 from sketchterrain.terrain.lattice import finest_level
 from sketchterrain.terrain.patch_places import sample_stride, tile_patches, tile_samples
 from sketchterrain.terrain.patches import PatchLauncher
 from sketchterrain.terrain.recipe import FINEST_CELL
 from sketchterrain.terrain.vertices import FACTS
-from sketchterrain.terrain.wide_errors import WideErrors
+from sketchterrain.terrain.wide_errors import WideTileErrors
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -54,16 +54,16 @@ class VertexWriter:
         self._context = arguments.context
         self._launcher = PatchLauncher(arguments)
         self._staged = StagingBuffer(self._context)
-        self._wide = WideErrors(arguments.recipe, self._heights)
+        self._wide = WideTileErrors(arguments.recipe, self._heights)
         self._at_once: dict[int, Batches] = {}
         self._rooms: dict[str, tuple[int, Any]] = {}
 
-    def after(self, arguments: KernelArguments, areas: Sequence[Box]) -> VertexWriter:
+    def updated(self, arguments: KernelArguments, areas: Sequence[Box]) -> VertexWriter:
         """Return one of a changed recipe on the same device, in areas (m); room on it is shared."""
         other = copy(self)
         other._arguments = arguments
-        other._launcher = self._launcher.of(arguments)
-        other._wide = self._wide.after(arguments.recipe, other._heights, areas)
+        other._launcher = self._launcher.with_arguments(arguments)
+        other._wide = self._wide.updated(arguments.recipe, other._heights, areas)
         return other
 
     def write(
@@ -103,19 +103,19 @@ class VertexWriter:
                     place = first + part.start
                     self._enqueue(keys[some], lives[some], store, found, away, place)
 
-                at_once.run(len(chosen), enqueue, smaller=self._give_back)
+                at_once.run(len(chosen), enqueue, on_shrink=self._give_back)
             parts = self._context.download(found, (len(keys), strips, 4), np.float32)
             apart = self._context.download(away, (len(keys), strips**2), np.float32)
             facts["error"][order] = geometric_error(apart)
             for i in np.flatnonzero([self._wide.is_wide(int(level)) for level in keys[:, 0]]):
                 level, column, row = (int(number) for number in keys[i])
-                apart = self._wide.of(level, column, row, store.heights(int(slots[i])))
+                apart = self._wide.distances(level, column, row, store.heights(int(slots[i])))
                 facts["error"][i] = geometric_error(apart[None])[0]
         finally:
             store.release(slots)
         if not np.isfinite(parts[..., 2]).all():
-            device = self._context.device
-            raise DeviceFailedError(f"{device.name} ({device.platform}) computed heights that are no numbers")
+            count = f"in {np.count_nonzero(~np.isfinite(parts[..., 2]).all(axis=1))} of {len(keys)} tiles"
+            raise non_finite("heights", self._context.device, count)
         facts["low"][order] = parts[..., 0].min(axis=1)
         facts["high"][order] = parts[..., 1].max(axis=1)
         return facts

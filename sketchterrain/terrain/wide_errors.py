@@ -27,7 +27,7 @@ _WIDEST = 17e3  # m
 _MOST_KEPT = 256
 
 
-class WideErrors:
+class WideTileErrors:
     """How far full detail is from wide tiles, at 32 × 32 samples of a square of at most 17 km.
 
     That is where the highest feature that was painted in the tile stands. Ground that nothing was painted on
@@ -47,11 +47,11 @@ class WideErrors:
         self._sampled: dict[tuple[int, int], _Samples] = {}
         self._left_out: dict[float, Floats] = {}
 
-    def after(
+    def updated(
         self, recipe: TerrainRecipe, heights: Callable[[Patches], Floats], areas: Sequence[Box]
-    ) -> WideErrors:
+    ) -> WideTileErrors:
         """Return those of a changed recipe of the same extent, which differs in some areas (m)."""
-        other = WideErrors(recipe, heights)
+        other = WideTileErrors(recipe, heights)
         side = recipe.extent / 2.0**self._square_level
         for (column, row), samples in self._sampled.items():
             square = (column * side, row * side, (column + 1) * side, (row + 1) * side)
@@ -65,7 +65,7 @@ class WideErrors:
         """Whether the tiles of a level are wider than what is looked at."""
         return level < self._square_level
 
-    def of(self, level: int, column: int, row: int, height: Floats) -> Floats:
+    def distances(self, level: int, column: int, row: int, height: Floats) -> Floats:
         """Return how far full detail is from a tile's triangles at the samples, m, shape (samples,).
 
         Parameters

@@ -10,7 +10,7 @@ import numpy as np
 
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.plant_noise import PlantNoise, ramp
-from sketchterrain.terrain.plant_spacing import density_of, whole_step, widened
+from sketchterrain.terrain.plant_spacing import density_of, padded_axes, power_of_two_step
 from sketchterrain.terrain.woody_species import (
     OUTSIDE,
     SHRUB,
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.terrain.evaluation import Evaluator
-    from sketchterrain.terrain.plant_footing import Footing
+    from sketchterrain.terrain.plant_footing import PlantSites
 
     Lattice = npt.NDArray[np.int64]
     Reals = npt.NDArray[np.floating]
@@ -69,7 +69,7 @@ class Woods:
         self._recipe = recipe
         self._noise = PlantNoise(recipe)
         unit = metres_per_unit(recipe.extent)
-        self.step = whole_step(CELL, recipe.extent)
+        self.step = power_of_two_step(CELL, recipe.extent)
         self.least, self.most = round(LEAST / unit), round(MOST / unit)
         self._cell = self.step * unit
         # Vertices that seeds reach the next ones from.
@@ -78,8 +78,8 @@ class Woods:
     def densities(self, x: Lattice, y: Lattice) -> Reals:
         """Return plants on a square metre; see :class:`SpacingRule`."""
         rim = self._rim
-        wide_x, wide_y = (widened(each, self.step, rim=rim) for each in (x, y))
-        height, mask = self._evaluator.masked(wide_x, wide_y[:, ::-1], cell_size=self._cell)
+        wide_x, wide_y = (padded_axes(each, self.step, rim=rim) for each in (x, y))
+        height, mask = self._evaluator.heights_and_masks(wide_x, wide_y[:, ::-1], cell_size=self._cell)
         height, mask = height[:, ::-1], mask[:, :, ::-1]
         inner = (slice(None), slice(rim, -rim), slice(rim, -rim))
         _, dune, forest, water = (mask[:, kind][inner] for kind in range(4))
@@ -98,12 +98,12 @@ class Woods:
             density[some] = np.maximum(wood, lone[some]) + beside[some]
         return np.asarray(density * self._hold(z, steepness))
 
-    def kept(self, foot: Footing) -> npt.NDArray[np.bool_]:
+    def survives(self, foot: PlantSites) -> npt.NDArray[np.bool_]:
         """Tell which plants the exact place lets stand."""
         too_high = foot.z >= self._recipe.climate["tree_line"] + _TREE_LINE
         return np.asarray((foot.steepness < _STEEPEST) & ~too_high & (foot.water < _WATERSIDE))
 
-    def fill(self, plants: npt.NDArray[Any], foot: Footing, spacing: Reals) -> None:
+    def assign_species(self, plants: npt.NDArray[Any], foot: PlantSites, spacing: Reals) -> None:
         """Give plants their species and scale.
 
         Parameters

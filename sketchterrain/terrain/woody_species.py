@@ -133,7 +133,7 @@ def _stands(site: Site, name: str, lean: Reals) -> Reals:
 
 def _conifers(recipe: TerrainRecipe, x: Lattice, y: Lattice, by_elevation: Reals) -> Reals:
     """Share of conifers at places: the mean of the forests there, by how much each covers a place."""
-    if not (by_elevation.size and recipe.says_conifers):
+    if not (by_elevation.size and recipe.has_conifer_shares):
         return by_elevation
     near = features_near(recipe, _around(x, y), min_radius=0.0)
     forests = near[near["type"] == FEATURE_TYPES.index("forest")]

@@ -18,7 +18,7 @@ from sketchterrain.export.sampled import normal_bytes
 from sketchterrain.export.weights import quantised_weights
 from sketchterrain.terrain import self_test
 from sketchterrain.terrain.answers import Band
-from sketchterrain.terrain.ground_bytes import GroundBytes
+from sketchterrain.terrain.ground_bytes import QuantizedBand
 from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.world.grid import SHARD, Shard
@@ -100,15 +100,15 @@ class TaskRunner:
                 ground.materials[:, here] = band.materials
         return ground
 
-    def _window_on_host(self, west: float, north: float, **window: Any) -> Iterator[GroundBytes]:
+    def _window_on_host(self, west: float, north: float, **window: Any) -> Iterator[QuantizedBand]:
         return packed(self.terrain.window(west, north, **window))
 
 
-def packed(bands: Iterator[Band]) -> Iterator[GroundBytes]:
+def packed(bands: Iterator[Band]) -> Iterator[QuantizedBand]:
     """Yield bands as bytes, rounded on the host: the same as a device with 64-bit floats does it."""
     for band in bands:
         normal, weights = normal_bytes(band.normal), quantised_weights(band.materials)
-        yield GroundBytes(band.top, band.height, normal.transpose(2, 0, 1), weights.transpose(2, 0, 1))
+        yield QuantizedBand(band.top, band.height, normal.transpose(2, 0, 1), weights.transpose(2, 0, 1))
 
 
 def rounded(height: npt.NDArray[np.float32], step: float) -> npt.NDArray[np.float32]:

@@ -20,7 +20,7 @@ from sketchterrain.terrain.answers import TerrainFeatures
 from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS, finest_level
 from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.plant import PLANT
-from sketchterrain.terrain.stepped import finished
+from sketchterrain.terrain.stepped import run_to_completion
 from sketchterrain.terrain.vertex_writer import geometric_error
 from sketchterrain.terrain.vertices import FACTS, VERTEX, VertexMemory, VertexStore
 from sketchterrain.tiles.bounds import intersects_bounds
@@ -341,7 +341,7 @@ class StoredTerrain:
 
     def foliage(self, west: float, south: float, east: float, north: float) -> npt.NDArray[np.void]:
         """Return the plants in a rectangle of viewing coordinates (m), on the stored ground."""
-        return finished(self.foliage_steps(west, south, east, north))
+        return run_to_completion(self.foliage_steps(west, south, east, north))
 
     def foliage_steps(
         self, west: float, south: float, east: float, north: float

@@ -12,7 +12,7 @@ from sketchterrain.benchmarks.baselines.dart_thrower import throw_darts
 from sketchterrain.benchmarks.outcome import Outcome
 from sketchterrain.benchmarks.point_ways import fill_of, room_of
 from sketchterrain.benchmarks.spectrum import HIGHEST, LOWEST, SETS, SIDE, spectrum_of
-from sketchterrain.terrain.poisson import GREATEST_DENSITY, TRIALS, PoissonDisk, poisson_disk
+from sketchterrain.terrain.poisson import GREATEST_DENSITY, TRIALS, PoissonDisk
 
 IDEAL = -10.0 * np.log10(SETS)
 RADIUS = 1 << 14  # lattice units
@@ -83,7 +83,9 @@ def test_darts_are_as_dense_as_is_known(darts):
 @pytest.mark.slow
 def test_the_programs_points_have_the_spectrum_of_darts(context, darts):
     area = (0, 0, SIDE * RADIUS, SIDE * RADIUS)
-    own = spectrum_of([poisson_disk(context, area, RADIUS, seed=seed) for seed in range(SETS)], RADIUS)
+    own = spectrum_of(
+        [PoissonDisk(context, RADIUS, seed=seed).within(area).position for seed in range(SETS)], RADIUS
+    )
     # A thrower that stops when it has as many.
     count = round(own.points * (SIDE + 8.0) ** 2 / SIDE**2)
     reference = spectrum_of([points[:count] for points in darts])

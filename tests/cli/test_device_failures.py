@@ -175,7 +175,7 @@ def test_no_room_even_for_one_is_one_line(call, tiny, tmp_path, monkeypatch):
     done = generate(call, tiny, tmp_path / "out")
     assert done.code == 4
     assert "has no memory left for launching patches" in done.error
-    assert "the smallest batch has no room either" in done.error
+    assert "not even a batch of one fits" in done.error
     assert list((tmp_path / "out").iterdir()) == []
 
 

@@ -110,7 +110,7 @@ def recipe_bits(recipe):
     bits = [recipe.painted.tobytes(), recipe.fill.within(-2000, -2000, 10_000, 9000).tobytes()]
     for river in recipe.rivers:
         bits += [each.tobytes() for each in vars(river).values() if isinstance(each, np.ndarray)]
-    bits += [reach.tobytes() for reach in recipe.river_reach]
+    bits += [reach.tobytes() for reach in recipe.valley_radii]
     bits += [lake.shape.inside.tobytes() + repr((lake.level, lake.depth)).encode() for lake in recipe.lakes]
     return [*bits, repr((recipe.resolutions, recipe.orphans)).encode()]
 

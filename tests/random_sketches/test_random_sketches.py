@@ -21,7 +21,7 @@ from sketchterrain.sketch.document import Sketch
 from sketchterrain.sketch.parameters import DENSITY, LAYERS, Parameter
 from sketchterrain.terrain import make_recipe
 from sketchterrain.terrain.recipe import TerrainRecipe
-from sketchterrain.terrain.reference import reference_heights
+from sketchterrain.terrain.reference import host_heights
 
 COUNT = 300
 
@@ -438,5 +438,5 @@ def check_heights(sketch: Sketch, recipe: TerrainRecipe) -> None:
     at = rng.uniform(-0.1, 1.1, (40, 2)) * sketch.size
     if recipe.rivers:
         at = np.concatenate([at, recipe.rivers[0].centreline[::50, :2][:20]])
-    heights = reference_heights(recipe, at[:, 0].copy(), at[:, 1].copy(), cell_size=sketch.extent / 256)
+    heights = host_heights(recipe, at[:, 0].copy(), at[:, 1].copy(), cell_size=sketch.extent / 256)
     assert np.isfinite(heights).all()

@@ -159,7 +159,7 @@ def make_recipe() -> Callable[..., TerrainRecipe]:
             "painted": painted,
             "fill": NoFill(),
             "rivers": rivers,
-            "river_reach": tuple(np.full(len(river.centreline), 160.0) for river in rivers),
+            "valley_radii": tuple(np.full(len(river.centreline), 160.0) for river in rivers),
         }
         return TerrainRecipe(**(values | changes))
 

@@ -315,7 +315,7 @@ def test_a_chain_of_changes_has_the_bits_of_fresh_terrains(plain, seed) -> None:
         else:
             sketch = painted_on(sketch, at) if kind > 17 else _edited(sketch, terrain, kind + 16 * step)
         built, areas = rebuild(terrain, sketch)
-        terrain = terrain.after(sketch, built.recipe, areas)
+        terrain = terrain.updated(sketch, built.recipe, areas)
         fresh = Terrain(sketch, built.recipe, terrain.context)
         for one, other in zip(_tiles(terrain), _tiles(fresh), strict=True):
             assert one.tobytes() == other.tobytes(), step
@@ -329,7 +329,7 @@ def test_a_chain_of_changes_has_the_bits_of_fresh_terrains(plain, seed) -> None:
 def test_a_terrain_of_another_extent_is_built_anew(plain, valley) -> None:
     areas = changed_areas(plain.recipe, valley.recipe)
     assert areas == [EVERYWHERE]
-    after = plain.after(valley.sketch, valley.recipe, areas)
+    after = plain.updated(valley.sketch, valley.recipe, areas)
     assert after.extent == valley.extent
     x, y = np.random.default_rng(3).uniform(0, valley.extent, (2, 300))
     np.testing.assert_array_equal(after.heights(x, y), valley.heights(x, y))
@@ -349,7 +349,7 @@ def test_unchanged_buffers_are_not_uploaded_again(plain, monkeypatch) -> None:
         "upload",
         lambda array, **more: (uploads.append(array.nbytes), upload(array, **more))[1],
     )
-    after = plain.after(sketch, built.recipe, areas)
+    after = plain.updated(sketch, built.recipe, areas)
     assert not uploads
     _tiles(after)
     few = len(uploads)

@@ -131,7 +131,7 @@ def test_spacing_is_independent_of_the_queried_area(valley, rule, origin, monkey
     assert whole.spacing.dtype == np.float32
     assert whole.spacing.min() >= chosen.least
     assert whole.spacing.max() < 1.3 * chosen.most
-    monkeypatch.setattr(plant_spacing, "_KEPT", 3)  # so that blocks are made again
+    monkeypatch.setattr(plant_spacing, "_CACHED", 3)  # so that blocks are evaluated again
     blocks = SpacingBlocks(chosen, valley.extent)
     for u, v in np.random.default_rng(0).integers(0, side - 7 * chosen.step, (12, 2)).tolist():
         part = blocks.raster(west + u, south + v, west + u + 7 * chosen.step, south + v + 5 * chosen.step)
@@ -342,7 +342,7 @@ def test_refused_areas_and_storeys(valley, monkeypatch) -> None:
             next(valley.foliage_steps(*area))
     with pytest.raises(InputError, match="expected a storey, woody or grass, got 'moss'"):
         valley.foliage(0, 0, 1, 1, storey="moss")
-    with pytest.raises(InputError, match=r"may hold .*e\+0\d plants \(\d+\.\d GiB\); at most 20000000"):
+    with pytest.raises(InputError, match=r"may hold .*e\+0\d plants \(\d+\.\d GiB\); expected at most 2"):
         valley.foliage(0, 0, *valley.size, storey="grass")
     monkeypatch.setattr(foliage, "_A_PIECE", 1)
     pieces = valley.foliage_pieces(0, 0, *valley.size, storey="grass")

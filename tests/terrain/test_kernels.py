@@ -13,7 +13,7 @@ from sketchterrain.terrain import TerrainRecipe, packing
 from sketchterrain.terrain.evaluation import MASKS, Evaluator
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.octaves import SKEW_OTHER, SKEW_SAME, OctaveTable, octave_table
-from sketchterrain.terrain.reference import ReferenceGround, reference_ground
+from sketchterrain.terrain.reference import HostSamples, host_samples
 
 from .conftest import CASES, LAKES, cover, feature, lake, river_of, straight_river, tiers
 
@@ -21,7 +21,7 @@ from .conftest import CASES, LAKES, cover, feature, lake, river_of, straight_riv
 HEIGHT_TOLERANCE_M = 3e-3
 MASK_TOLERANCE = 2e-5
 CELLS = (0.0, 8.0, 64.0)
-_EXPECTED: dict[tuple[str, float], ReferenceGround] = {}
+_EXPECTED: dict[tuple[str, float], HostSamples] = {}
 WET = {"river": "water", "lake": "water", "eroded": "mountain", "crest": "mountain"}
 
 
@@ -30,11 +30,11 @@ def places(count: int = 4000, *, far: int = 0) -> tuple[np.ndarray, np.ndarray]:
     return rng.integers(0, 1 << 24, count) + far, rng.integers(0, 1 << 24, count) - far
 
 
-def expected_ground(case: tuple[str, TerrainRecipe], cell_size: float) -> ReferenceGround:
+def expected_ground(case: tuple[str, TerrainRecipe], cell_size: float) -> HostSamples:
     """The reference at `places()`, evaluated once a case and cell size."""
     name, recipe = case
     if (name, cell_size) not in _EXPECTED:
-        _EXPECTED[name, cell_size] = reference_ground(recipe, *places(), cell_size=cell_size)
+        _EXPECTED[name, cell_size] = host_samples(recipe, *places(), cell_size=cell_size)
     return _EXPECTED[name, cell_size]
 
 
@@ -68,7 +68,7 @@ def test_far_from_the_origin_it_is_as_exact_as_near(case, context) -> None:
     name, recipe = case
     x, y = places(far=10**9 << 10)
     height, masks = Evaluator(recipe, context).points(x, y, cell_size=0.0)
-    expected = reference_ground(recipe, x, y)
+    expected = host_samples(recipe, x, y)
     np.testing.assert_allclose(height, expected.height, atol=1e-4, rtol=0)
     assert not masks.any(), name
     assert height.std() > 1
@@ -143,7 +143,7 @@ def test_heights_are_within_a_millimetre_of_numpy(kind, corners, make_recipe, co
         places = middle + np.random.default_rng(2).uniform(-1400, 1400, (6000, 2))
         x, y = (np.rint(axis / unit).astype(np.int64) for axis in places.T)
         height, _ = Evaluator(recipe, context).points(x, y, cell_size=0.0)
-        error = np.abs(height - reference_ground(recipe, x, y).height)
+        error = np.abs(height - host_samples(recipe, x, y).height)
         assert np.ptp(height) > 20
         assert error.max() < HEIGHT_M, corner
         assert np.percentile(error, 99.9) < HEIGHT_M / 2, corner

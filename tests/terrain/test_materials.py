@@ -24,7 +24,7 @@ from sketchterrain.terrain.evaluation import Evaluator
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.material_rules import pack_rules
 from sketchterrain.terrain.materials import MATERIALS
-from sketchterrain.terrain.reference import reference_ground
+from sketchterrain.terrain.reference import host_samples
 from sketchterrain.terrain.reference_materials import Site, patch_weights, rule_weights
 
 from .conftest import CASES, LAKES, cover, straight_river
@@ -150,7 +150,7 @@ def test_surfaces_have_the_weights_of_numpy(cell, make_recipe, context, double_c
     )
     x, y, cell = patch(recipe, cell, 2048 - 33 * cell, 2048 + 33 * cell)
     at_x, at_y = (each.astype(np.int64) for each in np.meshgrid(x, y))
-    ground = reference_ground(recipe, at_x.ravel(), at_y.ravel(), cell_size=cell)
+    ground = host_samples(recipe, at_x.ravel(), at_y.ravel(), cell_size=cell)
     expected = patch_weights(recipe, ground, at_x, at_y, cell_size=cell)
     np.testing.assert_allclose(expected.sum(axis=-1), 1, atol=1e-12)
     for opened, tolerance in ((double_context, 1e-6), (context, 5e-4)):

@@ -12,7 +12,7 @@ from sketchterrain.terrain.evaluation import Evaluator
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.octaves import NoiseStack, OctaveTable, fits_patches, octave_table
 from sketchterrain.terrain.packing import pack_world
-from sketchterrain.terrain.reference import reference_ground, reference_slope
+from sketchterrain.terrain.reference import host_samples, host_slope
 from sketchterrain.terrain.reference_gullies import gullies
 from sketchterrain.terrain.reference_noise import Slope, fbm_slope, gradients, ridged, ridged_slope
 from sketchterrain.terrain.reference_relief import Rise, approached
@@ -246,8 +246,8 @@ def test_no_direction_of_the_lattice_shows(make_recipe) -> None:
 def test_summits_and_feet_stay(make_recipe) -> None:
     eroded, plain = (make_recipe(mountain(erosion=e, gullies=0.5), fidelity=1.0) for e in (1.0, 0.0))
     x, y = grid(120, 24.0, x=600, y=600)
-    change = np.subtract(*(reference_ground(each, x, y, cell_size=8.0).height for each in (eroded, plain)))
-    slope = np.hypot(*reference_slope(plain, x, y, cell_size=8.0)[1:])
+    change = np.subtract(*(host_samples(each, x, y, cell_size=8.0).height for each in (eroded, plain)))
+    slope = np.hypot(*host_slope(plain, x, y, cell_size=8.0)[1:])
     depth = 0.165 * EXTENT / 8 / (1 - 0.45)
     assert np.abs(change).max() < MOST * depth
     assert np.abs(change[slope < 0.1]).max() < 0.15 * np.abs(change).max()
@@ -297,14 +297,14 @@ def test_slopes_are_the_slopes_of_the_heights(make_recipe, double_context) -> No
         feature("hill", 1200, 2500, 600, 150),
     )
     x, y = grid(60, 45.0, x=300, y=300)
-    analytic = np.stack(reference_slope(recipe, x, y, cell_size=8.0)[1:])
+    analytic = np.stack(host_slope(recipe, x, y, cell_size=8.0)[1:])
     error = np.abs(analytic - differences(recipe, double_context, x, y, 0.25))
     assert np.percentile(error, 99) < 1e-3
     assert error.max() < 0.02  # where two curves of a profile meet
     # Those of gullies are close enough to steer by.
     recipe = make_recipe(mountain(erosion=0.7, gullies=0.5))
     x, y = grid(60, 45.0, x=700, y=700)
-    analytic = np.stack(reference_slope(recipe, x, y, cell_size=8.0)[1:])
+    analytic = np.stack(host_slope(recipe, x, y, cell_size=8.0)[1:])
     true = differences(recipe, double_context, x, y, 0.25)
     assert np.corrcoef(analytic.ravel(), true.ravel())[0, 1] > 0.7
 

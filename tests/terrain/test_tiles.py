@@ -14,13 +14,13 @@ from sketchterrain.sketch import load_sketch
 from sketchterrain.terrain import Terrain, build
 from sketchterrain.terrain.culling import features_near
 from sketchterrain.terrain.detail import NOISE_PEAK
-from sketchterrain.terrain.kernel_arguments import KernelArguments, Reaching
+from sketchterrain.terrain.kernel_arguments import CulledInputs, KernelArguments
 from sketchterrain.terrain.lattice import QUADS
 from sketchterrain.terrain.octaves import UNSKEW
 from sketchterrain.terrain.packing import pack_features
 from sketchterrain.terrain.patch_places import tile_patches
-from sketchterrain.terrain.reach_index import ReachIndex
-from sketchterrain.terrain.surroundings import Surroundings
+from sketchterrain.terrain.reach_index import BoxIndex
+from sketchterrain.terrain.surroundings import FeatureCache
 
 from .conftest import CASES, LAKES, assert_same, half_sums, launches, straight_river, tiers
 
@@ -49,7 +49,7 @@ def test_heights_at_vertices_are_those_of_tiles_and_rasters(valley) -> None:
 def test_culling_changes_no_bit(valley, monkeypatch) -> None:
     keys = [(5, 12, 14), (5, 20, 9), (5, 25, 30), (3, 3, 3)]
     culled = valley.tiles(keys)
-    monkeypatch.setattr("sketchterrain.terrain.reach_index.ReachIndex.touching", everything_touches)
+    monkeypatch.setattr("sketchterrain.terrain.reach_index.BoxIndex.touching", everything_touches)
     # A terrain that has gathered nothing yet: all painted features stand in the list of every block.
     uncut = Terrain(valley.sketch, valley.recipe, valley.context)
     for one, two in zip(culled, uncut.tiles(keys), strict=True):
@@ -105,7 +105,7 @@ def test_refused_queries(valley) -> None:
             valley.heights(x, 0.0)
     with pytest.raises(InputError, match="cell_size"):
         valley.heights(0.0, 0.0, cell_size=-1)
-    with pytest.raises(InputError, match="level must be -12 … 18, not 19"):
+    with pytest.raises(InputError, match="expected a tile level of -12 … 18, got 19"):
         valley.tile(19, 0, 0)
     with pytest.raises(InputError, match="at least 2"):
         valley.raster(1)
@@ -199,10 +199,10 @@ def test_rules_that_are_left_out_would_cover_nothing(valley, desert, monkeypatch
         keys = [(5, c, r) for c in range(0, 32, 5) for r in range(0, 32, 5)]
         left_out = terrain.tiles(keys)
         blocks = tile_patches(5, [key[1:] for key in keys], terrain.extent, up=0).blocks
-        absent = KernelArguments(terrain.recipe, terrain.context).reaching(blocks, 4.0).absent
-        assert len(np.unique(absent)) > 2
+        empty_masks = KernelArguments(terrain.recipe, terrain.context).cull(blocks, 4.0).empty_masks
+        assert len(np.unique(empty_masks)) > 2
         with monkeypatch.context() as patch:
-            patch.setattr(Reaching, "absent", np.zeros(len(keys), np.int32))
+            patch.setattr(CulledInputs, "empty_masks", np.zeros(len(keys), np.int32))
             every = terrain.tiles(keys)
         for one, two in zip(left_out, every, strict=True):
             np.testing.assert_array_equal(one.materials, two.materials)
@@ -284,12 +284,12 @@ def test_an_index_finds_what_comparing_finds(monkeypatch) -> None:
         area[0] = [far - 4 * world, far - 4 * world, far + 4 * world, far + 4 * world]
         # One that only shares a corner with the first item.
         area[-1, :2] = area[-1, 2:] = high[0] + int(np.ceil(reach[0]))
-        found = ReachIndex(low, high, reach).touching(area)
+        found = BoxIndex(low, high, reach).touching(area)
         for one, other in zip(found, compared(low, high, reach, area), strict=True):
             np.testing.assert_array_equal(one, other, err_msg=f"seed {seed}, far {far}")
     monkeypatch.undo()
     none = np.zeros((0, 2), np.int64)
-    block, item = ReachIndex(none, none, np.zeros(0)).touching(np.zeros((3, 4), np.int64))
+    block, item = BoxIndex(none, none, np.zeros(0)).touching(np.zeros((3, 4), np.int64))
     assert block.size == item.size == 0
 
 
@@ -302,7 +302,7 @@ def test_surroundings_give_the_lists_of_all_features(valley, level) -> None:
     column, row = rng.integers(-(2**level), 2 ** (level + 1), (2, 5))
     blocks = np.stack([column, row, column + 1, row + 1], axis=-1) * step
     cell = recipe.extent / 2.0**level / 64
-    gathered = Surroundings(recipe, valley.context).gathered(blocks, cell)
+    gathered = FeatureCache(recipe, valley.context).gathered(blocks, cell)
     whole = np.array([[*blocks[:, :2].min(axis=0), *blocks[:, 2:].max(axis=0)]])
     every = features_near(recipe, whole, cell)
     every = np.concatenate([recipe.painted, every[~np.isin(every["id"], recipe.painted["id"])]])

@@ -100,7 +100,7 @@ def _measure(job: MeasureJob) -> Adherence:
     from sketchterrain.terrain import measure_adherence
 
     found = measure_adherence(_terrain(job.sketch, job.recipe))
-    images = {name: (each.painted, each.shown) for name, each in found.images.items()}
+    images = {name: (each.painted, each.affected) for name, each in found.images.items()}
     return Adherence(job.version, found.as_dict(), images)
 
 

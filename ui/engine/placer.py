@@ -146,7 +146,7 @@ class Placer:
         data, changes = pickle_without(recipe, sketch), self._mirror.changes()
         self._engine.send(msg.RecipeUpdate(changes, data, tuple(areas), started, placed, time.monotonic()))
         self._sketch, self._recipe = sketch, recipe
-        found = TerrainFeatures.of(recipe, sketch.size)
+        found = TerrainFeatures.from_recipe(recipe, sketch.size)
         self._window.send(
             msg.Placement(
                 version=version,

@@ -239,7 +239,7 @@ def test_oversized_and_unusable_scenes_are_refused(exported, monkeypatch, tmp_pa
         check_glb(ExportOptions(size=16385))
     check_glb(ExportOptions(size=16385, error=1.0))
 
-    monkeypatch.setattr("sketchterrain.export.gltf_plants.MOST_PLANTS", 100)
+    monkeypatch.setattr("sketchterrain.export.gltf_plants.MAX_PLANTS", 100)
     with pytest.raises(InputError, match="plants: a GLB takes 100: expected no grass"):
         exported("gltf", size=17)
 

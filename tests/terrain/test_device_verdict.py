@@ -68,7 +68,7 @@ def test_known_devices_pass_and_the_verdict_is_cached(device) -> None:
 
 
 def test_the_small_terrain_has_something_of_everything(probe) -> None:
-    recipe = verdicts._recipe_of_probe()
+    recipe = verdicts._probe_recipe()
     assert set(recipe.painted["type"].tolist()) >= set(range(4))
     assert recipe.rivers
     assert recipe.lakes

@@ -310,7 +310,7 @@ def test_pieces_are_the_whole(valley, storey, monkeypatch) -> None:
     width = {"woody": 3000.0, "grass": 300.0}[storey]
     area = (west - width, south - 100.0, east, north)
     whole = valley.foliage(*area, storey=storey)
-    monkeypatch.setattr(foliage, "_A_PIECE", 1)
+    monkeypatch.setattr(foliage, "_MAX_PER_PIECE", 1)
     pieces = list(valley.foliage_pieces(*area, storey=storey))
     assert len(pieces) > 3
     np.testing.assert_array_equal(np.concatenate(pieces), whole)
@@ -344,7 +344,7 @@ def test_refused_areas_and_storeys(valley, monkeypatch) -> None:
         valley.foliage(0, 0, 1, 1, storey="moss")
     with pytest.raises(InputError, match=r"may hold .*e\+0\d plants \(\d+\.\d GiB\); expected at most 2"):
         valley.foliage(0, 0, *valley.size, storey="grass")
-    monkeypatch.setattr(foliage, "_A_PIECE", 1)
+    monkeypatch.setattr(foliage, "_MAX_PER_PIECE", 1)
     pieces = valley.foliage_pieces(0, 0, *valley.size, storey="grass")
     assert len(next(pieces)) > 1000
 

@@ -141,11 +141,11 @@ def test_batches_are_halved_until_there_is_room() -> None:
             done.extend(range(part.start, part.stop))
 
         def smaller(batches: Batches = batches, dropped: list[int] = dropped) -> None:
-            dropped.append(batches.most)
+            dropped.append(batches.limit)
 
-        batches.run(150, work, smaller=smaller)
+        batches.run(150, work, on_shrink=smaller)
         assert done == list(range(150))
-        assert batches.most == most
+        assert batches.limit == most
         assert dropped == halvings
     with pytest.raises(DeviceMemoryError, match="full; not even a batch of one fits"):
         Batches(64).run(5, lambda _: work(slice(0, 999)))

@@ -152,7 +152,7 @@ def test_noise_over_a_grid_is_that_at_its_places(make_recipe) -> None:
     x_at, y_at = (each.ravel() for each in np.meshgrid(x, y))
     for width in (6.0, 55.0, 420.0):
         at = noise.at("group", width, x_at, y_at).reshape(y.size, x.size)
-        np.testing.assert_array_equal(noise.over("group", width, x, y), at)
+        np.testing.assert_array_equal(noise.over_grid("group", width, x, y), at)
 
 
 def test_half_a_forest_stands_at_root_two_times_the_distance(make_recipe, context) -> None:

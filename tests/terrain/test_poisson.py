@@ -342,7 +342,7 @@ def test_the_raster_is_queried_no_farther_than_the_reach(context) -> None:
         own.within(area)
         low, high = np.min(asked, axis=0)[:2], np.max(asked, axis=0)[2:]
         far = max(*(np.array(area[:2]) - low), *(high - np.array(area[2:])))
-        assert 0.9 * own.reach < far <= own.reach, (metres, levels)
+        assert 0.9 * own.halo < far <= own.halo, (metres, levels)
 
 
 def finished(runs: list) -> list:

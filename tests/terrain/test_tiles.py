@@ -302,7 +302,7 @@ def test_surroundings_give_the_lists_of_all_features(valley, level) -> None:
     column, row = rng.integers(-(2**level), 2 ** (level + 1), (2, 5))
     blocks = np.stack([column, row, column + 1, row + 1], axis=-1) * step
     cell = recipe.extent / 2.0**level / 64
-    gathered = FeatureCache(recipe, valley.context).gathered(blocks, cell)
+    gathered = FeatureCache(recipe, valley.context).batch(blocks, cell)
     whole = np.array([[*blocks[:, :2].min(axis=0), *blocks[:, 2:].max(axis=0)]])
     every = features_near(recipe, whole, cell)
     every = np.concatenate([recipe.painted, every[~np.isin(every["id"], recipe.painted["id"])]])

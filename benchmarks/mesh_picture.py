@@ -15,7 +15,7 @@ from PIL import Image
 from sketchterrain.benchmarks.grounds import open_ground
 from sketchterrain.benchmarks.timing import TimedContext
 from sketchterrain.export.mesh import adaptive_mesh
-from sketchterrain.export.sampled import Grid, sample
+from sketchterrain.export.sampled import SampleGrid, sample_terrain
 from sketchterrain.whole_files import write_atomic
 
 if TYPE_CHECKING:
@@ -68,8 +68,8 @@ def main(arguments: Sequence[str] | None = None, *, side: int = 257) -> int:
     (name,) = sys.argv[1:] if arguments is None else arguments
     terrain = open_ground(_PRESET, TimedContext())
     west, south, width = (share * terrain.size[0] for share in _PLACE)
-    grid = Grid(west, south, west + width, south + width, side, side)
-    figure = draw_meshes(sample(terrain, grid).height, grid.spacing[0], (12.0, 3.0))
+    grid = SampleGrid(west, south, west + width, south + width, side, side)
+    figure = draw_meshes(sample_terrain(terrain, grid).height, grid.spacing[0], (12.0, 3.0))
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=95)
     path = Path(name)

@@ -10,8 +10,8 @@ import numpy as np
 from sketchterrain.benchmarks.grounds import open_ground
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import alternate, lap, spread
-from sketchterrain.export.mesh import Mesh, adaptive_mesh, grid_mesh, mesh_error
-from sketchterrain.export.sampled import Grid, sample
+from sketchterrain.export.mesh import GridMesh, adaptive_mesh, full_mesh, mesh_error
+from sketchterrain.export.sampled import SampleGrid, sample_terrain
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -86,7 +86,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     return Outcome((Table(_TITLE, _COLUMNS, tuple(rows)),))
 
 
-def uniform_mesh(rows: int, columns: int, *, least: int) -> Mesh:
+def uniform_mesh(rows: int, columns: int, *, least: int) -> GridMesh:
     """Return evenly spread rows and columns of a grid that make so many triangles or more, if it can."""
     shape, line = np.array([rows, columns]) - 1, 0
     while True:
@@ -94,16 +94,16 @@ def uniform_mesh(rows: int, columns: int, *, least: int) -> Mesh:
         quads = np.minimum(np.ceil(shape * line / shape.max()), shape).astype(int)
         if 2 * quads.prod() >= least or line == shape.max():
             break
-    mesh = grid_mesh(int(quads[1]) + 1, int(quads[0]) + 1)
+    mesh = full_mesh(int(quads[1]) + 1, int(quads[0]) + 1)
     row, column = (
         np.rint(np.linspace(0, each, count + 1)).astype(np.int32)
         for each, count in zip(shape, quads, strict=True)
     )
-    return Mesh(column[mesh.column], row[mesh.row], mesh.triangles)
+    return GridMesh(column[mesh.column], row[mesh.row], mesh.triangles)
 
 
 def _heights(terrain: Terrain, side: int) -> npt.NDArray[np.float32]:
     east, north = terrain.size
     cell = max(east, north) / (side - 1)
     columns, rows = (max(round(length / cell), 1) + 1 for length in (east, north))
-    return sample(terrain, Grid(0.0, 0.0, east, north, columns, rows)).height
+    return sample_terrain(terrain, SampleGrid(0.0, 0.0, east, north, columns, rows)).height

@@ -10,8 +10,8 @@ import numpy as np
 from sketchterrain.benchmarks.grounds import open_ground
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import alternate, lap, spread
-from sketchterrain.export.sampled import normal_bytes
-from sketchterrain.export.weights import quantised_weights
+from sketchterrain.export.sampled import quantise_normals
+from sketchterrain.export.weights import quantise_weights
 from sketchterrain.world.grid import CHUNK
 from sketchterrain.world.ground import LAYER_SPECS
 from sketchterrain.world.task_runner import rounded
@@ -131,8 +131,8 @@ def _chunks(terrain: Terrain) -> dict[str, list[npt.NDArray[Any]]]:
                     0.0, terrain.size[1], cell=_CELL, left=left, top=top, columns=CHUNK, rows=CHUNK
                 )
             )
-            normal = normal_bytes(np.concatenate([band.normal for band in bands]))
-            weights = quantised_weights(np.concatenate([band.materials for band in bands]))
+            normal = quantise_normals(np.concatenate([band.normal for band in bands]))
+            weights = quantise_weights(np.concatenate([band.materials for band in bands]))
             found["height"].append(np.concatenate([band.height for band in bands]))
             found["normal"].append(np.ascontiguousarray(normal.transpose(2, 0, 1)))
             found["materials"].append(np.ascontiguousarray(weights.transpose(2, 0, 1)))

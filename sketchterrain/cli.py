@@ -129,7 +129,7 @@ def generate(
             device=device,
             fast=fast,
             size=size,
-            foliage=whole.FoliageFiles(foliage, grass),
+            foliage=whole.FoliageOptions(foliage, grass),
             extras=extras,
             stages=stages,
         )
@@ -270,10 +270,11 @@ def adherence(
 
         terrain, found = run_with_fallback(work, device=device, stages=stages)
         if output is not None:
-            from sketchterrain.export import prepare_folder, write_agreement
+            from sketchterrain.export.agreement import write_adherence_image
+            from sketchterrain.export.files import prepare_folder
 
             prepare_folder(output.parent)
-            write_agreement(output, terrain, found)
+            write_adherence_image(output, terrain, found)
     entry = {"sketch": document.name, "seed": document.seed, "fidelity": document.fidelity}
     entry |= {**found.as_dict(), "notes": undescribed_labels(document)}
     if as_json:

@@ -6,22 +6,22 @@ from typing import TYPE_CHECKING
 
 from sketchterrain.disk import format_bytes
 from sketchterrain.errors import InputError
-from sketchterrain.export.planning import plan
+from sketchterrain.export.planning import plan_export
 from sketchterrain.export.sampled import BYTES_PER_VERTEX
 from sketchterrain.export.targets import target_named
 from sketchterrain.system import physical_memory
 
 if TYPE_CHECKING:
-    from sketchterrain.export.planning import Plan
+    from sketchterrain.export.planning import ExportPlan
     from sketchterrain.export.target import ExportOptions
     from sketchterrain.sketch import Sketch
 
 _BYTES_AT_LEAST = 500 << 20  # the program, what a device compiles, a band of rows
 
 
-def checked_plan(sketch: Sketch, target: str, options: ExportOptions) -> Plan:
+def checked_plan(sketch: Sketch, target: str, options: ExportOptions) -> ExportPlan:
     """Return what an export will be, refused where this machine has not the memory for it."""
-    wanted = plan(sketch, target_named(target), options)
+    wanted = plan_export(sketch, target_named(target), options)
     needed, there = memory_needed(wanted), physical_memory()
     if needed > there:
         size = f"{wanted.grid.columns} × {wanted.grid.rows} vertices"
@@ -31,6 +31,6 @@ def checked_plan(sketch: Sketch, target: str, options: ExportOptions) -> Plan:
     return wanted
 
 
-def memory_needed(wanted: Plan) -> float:
+def memory_needed(wanted: ExportPlan) -> float:
     """Return about how many bytes of memory an export takes."""
     return _BYTES_AT_LEAST + wanted.vertices * (BYTES_PER_VERTEX + wanted.target.memory)

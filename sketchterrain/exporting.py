@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from sketchterrain.disk import check_disk
-from sketchterrain.export import move_into, prepare_folder, staging
-from sketchterrain.export.sampled import sample
-from sketchterrain.export.sidecar import replaced_files, write_sidecar
+from sketchterrain.export.files import move_files, prepare_folder, staging
+from sketchterrain.export.sampled import sample_terrain
+from sketchterrain.export.sidecar import stale_export_files, write_sidecar
 from sketchterrain.export.target import Export
 from sketchterrain.export_plans import checked_plan, memory_needed
 from sketchterrain.jobs import run_with_fallback
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sketchterrain.compute import ComputeContext
-    from sketchterrain.export.planning import Plan
-    from sketchterrain.export.target import ExportOptions, Tellable
+    from sketchterrain.export.planning import ExportPlan
+    from sketchterrain.export.target import ExportOptions, ProgressStages
     from sketchterrain.progress import Stages
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain import Terrain
@@ -68,18 +68,20 @@ def export(
                 terrain = build(sketch, device=context)
             done = write_export(wanted, terrain, hidden, stages=stages)
             report = done.report | {"restarts": list(restarts)} if restarts else done.report
-            outdated = replaced_files(folder, report)
+            outdated = stale_export_files(folder, report)
             # Tiles of another cut go, say: an import of all files must find these alone.
-            return ExportResult(report, move_into(folder, done.files, outdated=outdated))
+            return ExportResult(report, move_files(folder, done.files, stale=outdated))
 
     return run_with_fallback(work, device=device, fast=fast, stages=stages)
 
 
-def write_export(wanted: Plan, terrain: Terrain, folder: Path, *, stages: Tellable) -> ExportResult:
+def write_export(
+    wanted: ExportPlan, terrain: Terrain, folder: Path, *, stages: ProgressStages
+) -> ExportResult:
     """Sample a terrain and write a target's files and the sidecar."""
     _check_room(wanted, terrain, folder)
     with stages.stage("ground", "Heights and materials") as tell:
-        sampled = sample(terrain, wanted.grid, progress=tell)
+        sampled = sample_terrain(terrain, wanted.grid, progress=tell)
     name = file_name(terrain.sketch.name)
     job = Export(terrain, name, wanted.options, wanted.grid, wanted.tiling, sampled, folder, stages)
     written = wanted.target.write(job)
@@ -119,11 +121,11 @@ def _flush(file: Path) -> None:
         os.fsync(stream.fileno())
 
 
-def _check_room(wanted: Plan, terrain: Terrain, folder: Path) -> None:
+def _check_room(wanted: ExportPlan, terrain: Terrain, folder: Path) -> None:
     """Refuse what the folder's disk may have no room for, before it is computed."""
     options, target = wanted.options, wanted.target
     storeys = (("woody",) if options.plants else ()) + (("grass",) if options.grass else ())
-    plants = sum(terrain.foliage_estimate(*wanted.grid.area, storey=each)[0] for each in storeys)
+    plants = sum(terrain.foliage_estimate(*wanted.grid.bounds, storey=each)[0] for each in storeys)
     columns, rows = wanted.tile_side
     needed = target.disk * columns * rows * wanted.tiling.count + target.bytes_per_plant * plants
     check_disk(folder.parent, needed, f"{wanted.vertices:.3g} vertices and up to {plants:.3g} plants")

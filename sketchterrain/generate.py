@@ -7,14 +7,17 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
-from sketchterrain import export
 from sketchterrain.errors import DeviceFailedError, SketchterrainError
-from sketchterrain.export import FoliageFiles
-from sketchterrain.export.map import map_sheet
+from sketchterrain.export.features import write_features
+from sketchterrain.export.files import move_files, prepare_folder, staging, write_json
+from sketchterrain.export.foliage_files import FoliageOptions, check_disk_space, write_foliage
+from sketchterrain.export.geotiff import write_height_tif
+from sketchterrain.export.images import write_height_png, write_materials, write_normal_png, write_picture
+from sketchterrain.export.map import map_sheet, write_sheet
 from sketchterrain.features.memory import PlacementCache
 from sketchterrain.jobs import DeviceFallback
 from sketchterrain.render import check_view
-from sketchterrain.report import REPORT, rounded, run_statistics, stale_files, terrain_report
+from sketchterrain.report import REPORT, rounded, run_statistics, stale_report_files, terrain_report
 from sketchterrain.sizes import MAX_SIZE, check_size
 from sketchterrain.still import sketch_weather
 from sketchterrain.terrain import build, measure_adherence
@@ -42,7 +45,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "MAX_SIZE",
-    "FoliageFiles",
+    "FoliageOptions",
     "GenerateResult",
     "PreviewOptions",
     "SharedResources",
@@ -88,7 +91,7 @@ def generate(
     device: str | None = None,
     fast: bool = False,
     size: int,
-    foliage: FoliageFiles | None = None,
+    foliage: FoliageOptions | None = None,
     extras: PreviewOptions,
     stages: Stages,
     shared: SharedResources | None = None,
@@ -104,23 +107,23 @@ def generate(
     use = shared or SharedResources(DeviceFallback(device, fast=fast))
 
     def work(context: ComputeContext, restarts: tuple[str, ...]) -> GenerateResult:
-        export.prepare_folder(folder)
-        with export.staging(folder) as hidden:
+        prepare_folder(folder)
+        with staging(folder) as hidden:
             done = _generate(
                 sketch,
                 hidden,
                 context=context,
                 shared=use,
                 size=size,
-                foliage=foliage or FoliageFiles(),
+                foliage=foliage or FoliageOptions(),
                 extras=extras,
                 weather=weather,
                 stages=stages,
             )
             done.report["restarts"] = list(restarts)
-            report = export.write_json(hidden / REPORT, done.report)
-            outdated = stale_files(folder, done.report)  # the preview of another terrain, say
-            return replace(done, files=export.move_into(folder, (*done.files, report), outdated=outdated))
+            report = write_json(hidden / REPORT, done.report)
+            outdated = stale_report_files(folder, done.report)  # the preview of another terrain, say
+            return replace(done, files=move_files(folder, (*done.files, report), stale=outdated))
 
     return use.devices.run(work, stages=stages)
 
@@ -132,7 +135,7 @@ def _generate(
     context: ComputeContext,
     shared: SharedResources,
     size: int,
-    foliage: FoliageFiles,
+    foliage: FoliageOptions,
     extras: PreviewOptions,
     weather: Weather,
     stages: Stages,
@@ -143,28 +146,28 @@ def _generate(
             terrain = build(sketch, device=context, memory=shared.memory)
             features = terrain.features
         area = (0.0, 0.0, *terrain.size)
-        export.check_room(folder, terrain, area, foliage)
+        check_disk_space(folder, terrain, area, foliage)
         with stages.stage("ground", "Heights and materials") as tell:
             raster = terrain.raster(size, progress=tell)
-        writer.add("height.tif", export.write_height_tif, folder, raster)
-        writer.add("height.png", export.write_height_png, folder, raster)
-        writer.add("normal.png", export.write_normals, folder, raster)
-        writer.add("materials", export.write_materials, folder, raster, terrain.material_names)
-        writer.add("features.json", export.write_features, folder, features)
+        writer.add("height.tif", write_height_tif, folder, raster)
+        writer.add("height.png", write_height_png, folder, raster)
+        writer.add("normal.png", write_normal_png, folder, raster)
+        writer.add("materials", write_materials, folder, raster, terrain.material_names)
+        writer.add("features.json", write_features, folder, features)
         with stages.stage("plants", "Plants") as tell:
-            plants = export.write_foliage(folder, terrain, area, foliage, progress=tell)
+            plants = write_foliage(folder, terrain, area, foliage, progress=tell)
         with stages.stage("adherence", "Comparing with the sketch"):
             adherence = measure_adherence(terrain)
         problem, rendering = None, dict[str, float]()
         if extras.map is not None:
             with stages.stage("map", "Drawing the map"):
                 name = f"map.{extras.map}"
-                writer.add(name, export.write_sheet, folder / name, map_sheet(terrain))
+                writer.add(name, write_sheet, folder / name, map_sheet(terrain))
         if extras.preview:
             with stages.stage("preview", "Preview"):
                 picture, problem = render_preview(terrain, extras.view, weather, shared, rendering)
                 if picture is not None:
-                    writer.add("preview.png", export.write_picture, folder / "preview.png", picture)
+                    writer.add("preview.png", write_picture, folder / "preview.png", picture)
         with stages.stage("files", "Writing files"):
             files = writer.finish() + plants.files
     told = terrain_report(terrain, raster, plants)

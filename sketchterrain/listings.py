@@ -121,7 +121,7 @@ def generated_lines(report: dict[str, Any], folder: Path) -> list[str]:
 
 def exported_lines(report: dict[str, Any], folder: Path, seconds: float) -> list[str]:
     """Return what was written, where it lies, and what to type in where it is imported."""
-    from sketchterrain.export.sidecar import typed_rows
+    from sketchterrain.export.sidecar import setting_rows
 
     grid, heights, tiles = report["grid"], report["heights"], report["tiles"]
     cut = f" in {len(tiles)} tiles" if len(tiles) > 1 else ""
@@ -135,7 +135,7 @@ def exported_lines(report: dict[str, Any], folder: Path, seconds: float) -> list
         f"files: {folder}: {' '.join(shown)}",
     ]
     lines += [f"started again: {line}" for line in report.get("restarts", [])]
-    rows = typed_rows(report["import"])
+    rows = setting_rows(report["import"])
     if rows:
         lines.append("to type in where they are imported:")
         width = max(2 * row.depth + len(row.name) for row in rows)
@@ -152,7 +152,7 @@ def target_entry(target: Target) -> dict[str, Any]:
     return {
         "name": target.name,
         "title": target.title,
-        "line": target.line,
+        "line": target.summary,
         "tile_sizes": list(target.sizes) or None,
         "size": target.size if target.spacing is None else None,
         "spacing": target.spacing,

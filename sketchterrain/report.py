@@ -7,7 +7,7 @@ from collections import Counter
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
-from sketchterrain.export.files import files_without_successor
+from sketchterrain.export.files import stale_files
 from sketchterrain.features import FEATURE_TYPES
 from sketchterrain.listings import device_entry, undescribed_labels
 from sketchterrain.system import peak_memory
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from sketchterrain.export import WrittenFoliage
+    from sketchterrain.export.foliage_files import FoliageResult
     from sketchterrain.progress import Stages
     from sketchterrain.terrain import Raster, Terrain
 
@@ -24,7 +24,7 @@ REPORT = "report.json"
 """The file's name."""
 
 
-def terrain_report(terrain: Terrain, raster: Raster, plants: WrittenFoliage) -> dict[str, Any]:
+def terrain_report(terrain: Terrain, raster: Raster, plants: FoliageResult) -> dict[str, Any]:
     """Return what a terrain is and what was counted in its files."""
     rows, columns = raster.height.shape
     features = terrain.features
@@ -75,7 +75,7 @@ def run_statistics(stages: Stages, rendering: dict[str, float], files: Sequence[
     }
 
 
-def stale_files(folder: Path, told: dict[str, Any]) -> list[Path]:
+def stale_report_files(folder: Path, told: dict[str, Any]) -> list[Path]:
     """Return the files of the last time in a folder that there is none of this time in place of."""
     try:
         before = json.loads((folder / REPORT).read_bytes())
@@ -84,7 +84,7 @@ def stale_files(folder: Path, told: dict[str, Any]) -> list[Path]:
         names = [str(name) for name in before["files"]]
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return []  # there is none, or none of ours
-    return files_without_successor(folder, names, told["files"])
+    return stale_files(folder, names, told["files"])
 
 
 def rounded(seconds: dict[str, float]) -> dict[str, float]:

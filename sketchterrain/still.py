@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sketchterrain.export import prepare_folder, write_map, write_picture
+from sketchterrain.export.files import prepare_folder
+from sketchterrain.export.images import write_picture
+from sketchterrain.export.map import write_map
 from sketchterrain.jobs import run_with_fallback
 from sketchterrain.picture_arguments import camera_from_options
 from sketchterrain.render import Quality, Weather, check_overlays, check_view, render_picture

@@ -95,7 +95,7 @@ def _export_target(request: TargetRequest, sketch: Sketch, stages: Stages) -> di
 
 def _generate(request: ExportRequest, sketch: Sketch, stages: Stages) -> dict[str, Any]:
     with stages.stage("program", "Loading the program"):
-        from sketchterrain.generate import FoliageFiles, PreviewOptions, check_size, generate
+        from sketchterrain.generate import FoliageOptions, PreviewOptions, check_size, generate
 
         check_size(sketch, request.size)
     done = generate(
@@ -104,7 +104,7 @@ def _generate(request: ExportRequest, sketch: Sketch, stages: Stages) -> dict[st
         device=request.device,
         fast=False,
         size=request.size,
-        foliage=FoliageFiles(request.foliage, request.grass),
+        foliage=FoliageOptions(request.foliage, request.grass),
         extras=PreviewOptions(request.preview, request.view, map=request.map),
         stages=stages,
     )

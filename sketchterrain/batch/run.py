@@ -15,7 +15,6 @@ import numpy as np
 import numpy.typing as npt
 from msgspec.structs import replace
 
-from sketchterrain import export
 from sketchterrain.batch.interrupts import Interrupts
 from sketchterrain.batch.manifest import MANIFEST, Entry, Manifest, hashed, read_manifest
 from sketchterrain.batch.output import DEFAULT_SIZE, PREVIEW_MEMORY, Needs, Output, fingerprint, needs_of
@@ -27,10 +26,12 @@ from sketchterrain.disk import check_disk
 from sketchterrain.errors import InputError, SketchterrainError, one_line
 from sketchterrain.estimate import Estimate, free_memory
 from sketchterrain.exit_codes import describe_error
+from sketchterrain.export.files import move_files, prepare_folder, staging, write_json
+from sketchterrain.export.images import write_picture
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.exporting import checked_plan, write_export
 from sketchterrain.generate import (
-    FoliageFiles,
+    FoliageOptions,
     GenerateResult,
     PreviewOptions,
     SharedResources,
@@ -41,7 +42,7 @@ from sketchterrain.jobs import DeviceFallback
 from sketchterrain.progress import Stages
 from sketchterrain.render import check_view
 from sketchterrain.render.studio import SnapshotRenderer
-from sketchterrain.report import REPORT, report_header, rounded, run_statistics, stale_files
+from sketchterrain.report import REPORT, report_header, rounded, run_statistics, stale_report_files
 from sketchterrain.sketch import Sketch
 from sketchterrain.still import sketch_weather
 from sketchterrain.terrain import Terrain, build, measure_adherence
@@ -136,7 +137,7 @@ def run_batch(
     devices = DeviceFallback(device, fast=output.fast)
     needs = items_needs(items, output)
     check_folder(folder, resume=resume)
-    export.prepare_folder(folder)
+    prepare_folder(folder)
     with exclusive_run(folder / MANIFEST):
         for partial_file in folder.glob(".*.tmp"):  # of a batch that was killed
             partial_file.unlink(missing_ok=True)
@@ -296,7 +297,7 @@ def make(
         sketch,
         folder,
         size=output.size or DEFAULT_SIZE,
-        foliage=FoliageFiles(output.foliage, output.grass),
+        foliage=FoliageOptions(output.foliage, output.grass),
         extras=PreviewOptions(output.preview, output.view, map=output.map),
         stages=stages,
         shared=shared,
@@ -311,8 +312,8 @@ def _export(
     wanted = checked_plan(sketch, target, output.options or ExportOptions())
 
     def work(context: ComputeContext, restarts: tuple[str, ...]) -> GenerateResult:
-        export.prepare_folder(folder)
-        with export.staging(folder) as hidden:
+        prepare_folder(folder)
+        with staging(folder) as hidden:
             with stages.stage("features", "Placing features"):
                 terrain = build(sketch, device=context, memory=shared.memory)
             done = write_export(wanted, terrain, hidden, stages=stages)
@@ -323,14 +324,12 @@ def _export(
                 with stages.stage("preview", "Preview"):
                     picture, problem = render_preview(terrain, output.view, weather, shared, rendering)
                     if picture is not None:
-                        files += export.write_picture(hidden / "preview.png", picture)
+                        files += write_picture(hidden / "preview.png", picture)
             facts = report_header(terrain) | run_statistics(stages, rendering, files)
             facts |= {"target": target, "adherence": adherence.as_dict(), "restarts": list(restarts)}
-            report = export.write_json(hidden / REPORT, facts)
-            outdated = stale_files(folder, facts)
-            return GenerateResult(
-                facts, export.move_into(folder, (*files, report), outdated=outdated), problem
-            )
+            report = write_json(hidden / REPORT, facts)
+            outdated = stale_report_files(folder, facts)
+            return GenerateResult(facts, move_files(folder, (*files, report), stale=outdated), problem)
 
     return shared.devices.run(work, stages=stages)
 

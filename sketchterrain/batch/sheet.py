@@ -8,7 +8,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from sketchterrain.batch.manifest import Entry
-from sketchterrain.export import write_picture
+from sketchterrain.export.images import write_picture
 
 COLUMNS: Final = 4
 PAGE: Final = 40  # pictures on a page

@@ -138,7 +138,7 @@ def batch(
 def _output(keys: dict[str, Any], options: dict[str, Any], *, fast: bool) -> Output:
     """Return what is written of each terrain, by the keys of a sweep file and of its table ``export``."""
     from sketchterrain.batch.output import Output
-    from sketchterrain.export import FoliageFiles
+    from sketchterrain.export.foliage_files import FoliageOptions
     from sketchterrain.export.targets import target_named
     from sketchterrain.render import check_view
 
@@ -152,7 +152,7 @@ def _output(keys: dict[str, Any], options: dict[str, Any], *, fast: bool) -> Out
         extra = next((name for name, value in options.items() if value is not None), None)
         if extra is not None:
             raise USAGE_ERROR(f"{extra.replace('_', '-')} is a target's: expected --to TARGET with it")
-        files = FoliageFiles(keys["foliage"] or "csv", bool(keys["grass"]))
+        files = FoliageOptions(keys["foliage"] or "csv", bool(keys["grass"]))
         return Output(keys["size"], preview, view, files.kind, files.grass, keys["map"], fast=fast)
     for name in ("foliage", "map"):
         if keys[name] is not None:

@@ -1,4 +1,4 @@
-"""Plants and waters along the axes of an engine, as JSON, and the names of an engine's files."""
+"""Engine coordinate systems, file names of tiles, and plants and water as JSON in engine coordinates."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.export.features import lake_outline
-from sketchterrain.export.files import text_rows, write_json, write_listing
-from sketchterrain.export.foliage_files import Area, Planted
-from sketchterrain.export.sampled import Sampled, ground_at
+from sketchterrain.export.files import format_rows, write_json, write_json_list
+from sketchterrain.export.foliage_files import Bounds
+from sketchterrain.export.sampled import TerrainSamples, interpolate_heights
 from sketchterrain.export.target import Export, ExportOptions
-from sketchterrain.export.tiling import Piece
+from sketchterrain.export.tiling import TileWindow
 
 if TYPE_CHECKING:  # load SciPy and OpenCL
     from sketchterrain.features import Lake, River
-    from sketchterrain.terrain import TerrainFeatures
+    from sketchterrain.terrain import Terrain, TerrainFeatures
 
 Direction = Literal["east", "north", "up", "south"]
 Reals = npt.NDArray[np.floating]
@@ -35,10 +35,10 @@ PLANT_FIELDS: Final = (
     "normal_y",
     "normal_z",
 )
-"""Of a row of plants."""
+"""Columns of a plant's row."""
 
 _PLANT_ROW: Final = "[%d,%.3f,%.3f,%.3f,%.4f,%.3f,%.3f,%.4f,%.4f,%.4f],\n"
-_AT_ONCE: Final = 1 << 12  # plants
+_PLANTS_AT_ONCE: Final = 1 << 12
 _WORLD: Final = {"east": (1, 0, 0), "north": (0, 1, 0), "up": (0, 0, 1), "south": (0, -1, 0)}
 _PLANTS: Final = {"woody": "trees and shrubs", "grass": "grass, flowers and ferns"}
 _DECIMALS: Final = 3
@@ -46,51 +46,44 @@ _DECIMALS: Final = 3
 
 @dataclass(frozen=True)
 class EngineAxes:
-    """A program's coordinate system.
+    """A program's coordinate system."""
 
-    Attributes
-    ----------
-    x, y, z : {'east', 'north', 'up', 'south'}
-        Where each axis points.
-    unit : str
-        Its name, "m" or "cm".
-    per_metre : float
-        Units a metre has.
-    origin : (float, float, float)
-        The program's own origin: east, north and up of the sketch's south-west corner, m.
-    """
-
-    x: Direction
+    x: Direction  # where each axis points
     y: Direction
     z: Direction
-    unit: str = "m"
-    per_metre: float = 1.0
-    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    unit: str = "m"  # or "cm"
+    per_metre: float = 1.0  # units
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of the program: east, north, up in the sketch (m)
 
     @property
-    def turn(self) -> int:
-        """1 where angles about the vertical axis grow counter-clockwise seen from above, else −1."""
+    def rotation_sign(self) -> int:
+        """1 where angles about the vertical axis are counter-clockwise seen from above, else −1."""
         return round(float(np.linalg.det(self._matrix)))
 
     @property
-    def facts(self) -> dict[str, Any]:
-        """What a file says of them."""
+    def metadata(self) -> dict[str, Any]:
+        """Its entry in files and sidecars."""
         return {
             "x": self.x,
             "y": self.y,
             "z": self.z,
             "unit": self.unit,
-            "handed": "right" if self.turn > 0 else "left",
+            "handed": "right" if self.rotation_sign > 0 else "left",
             "origin": dict(zip(("east", "north", "up"), self.origin, strict=True)),
         }
 
-    def places(self, east: Reals, north: Reals, up: Reals) -> Reals:
-        """Return places of the world (m each) as the program has them."""
+    @property
+    def title(self) -> str:
+        """Unit and directions in words."""
+        return f"{self.unit}: x {self.x}, y {self.y}, z {self.z}"
+
+    def points(self, east: Reals, north: Reals, up: Reals) -> Reals:
+        """Return points of the world (m) in the program's coordinates and unit, (n, 3)."""
         world = np.stack([east, north, up], axis=-1).astype(np.float64) - self.origin
         return world @ self._matrix.T * self.per_metre
 
-    def directions(self, vectors: Reals) -> Reals:
-        """Return vectors east, north, up, shape (n, 3), along the program's axes; lengths stay."""
+    def vectors(self, vectors: Reals) -> Reals:
+        """Return vectors east, north, up, (n, 3), along the program's axes; lengths are unchanged."""
         return vectors.astype(np.float64) @ self._matrix.T
 
     @property
@@ -98,117 +91,123 @@ class EngineAxes:
         return np.array([_WORLD[axis] for axis in (self.x, self.y, self.z)], np.float64)
 
 
-def path_of(export: Export, what: str, piece: Piece, ending: str) -> Path:
+def tile_path(export: Export, kind: str, tile: TileWindow, suffix: str) -> Path:
     """Return the path of a tile's file of one kind: ``valley_grass_x0_y0.png``."""
     tiling = export.tiling
-    name = tiling.name("_".join(each for each in (export.name, what) if each), piece)
-    if what and tiling.count > 1 and "{name}" not in tiling.pattern:
-        name = f"{what}_{name}"  # else all kinds would have one name
-    return export.folder / f"{name}{ending}"
+    name = tiling.tile_name("_".join(each for each in (export.name, kind) if each), tile)
+    if kind and tiling.count > 1 and "{name}" not in tiling.pattern:
+        name = f"{kind}_{name}"  # else all kinds would have one name
+    return export.folder / f"{name}{suffix}"
 
 
-def tiles_of(export: Export) -> Iterator[tuple[Piece, Sampled]]:
-    """Return the tiles and what is known at their vertices, from the north-west, row by row."""
-    for piece in export.tiling.pieces(export.grid.columns, export.grid.rows):
-        yield piece, export.sampled.part(piece.left, piece.top, piece.columns, piece.rows)
+def tile_samples(export: Export) -> Iterator[tuple[TileWindow, TerrainSamples]]:
+    """Return the tiles and their samples, from the north-west, row by row."""
+    for tile in export.tiling.tiles(export.grid.columns, export.grid.rows):
+        yield tile, export.samples.window(tile.left, tile.top, tile.columns, tile.rows)
 
 
-def storeys_of(options: ExportOptions) -> dict[str, str]:
-    """Return the storeys of plants that are wanted, and what each is called in files' names."""
-    named = {"woody": ("plants", options.plants), "grass": ("grass", options.grass)}
-    return {storey: name for storey, (name, wanted) in named.items() if wanted}
+def write_tiles(
+    export: Export, stage: str, title: str, write: Callable[[TileWindow, TerrainSamples], dict[Path, str]]
+) -> dict[Path, str]:
+    """Write the files of each tile as a stage of work, and return them with their descriptions."""
+    files: dict[Path, str] = {}
+    with export.stages.stage(stage, title) as progress:
+        for done, (tile, samples) in enumerate(tile_samples(export), start=1):
+            files |= write(tile, samples)
+            progress(done / export.tiling.count)
+    return files
 
 
-def plants_within(terrain: Planted, area: Area, storey: str) -> Iterator[npt.NDArray[np.void]]:
-    """Return the plants of a rectangle in small pieces, none of them empty."""
-    for plants in terrain.foliage_pieces(*area, storey=storey):
-        for first in range(0, len(plants), _AT_ONCE):
-            yield plants[first : first + _AT_ONCE]
+def requested_storeys(options: ExportOptions) -> dict[str, str]:
+    """Return the storeys of plants to write, and the word for each in file names."""
+    names = {"woody": ("plants", options.plants), "grass": ("grass", options.grass)}
+    return {storey: name for storey, (name, requested) in names.items() if requested}
 
 
-def write_all_plants(export: Export, axes: EngineAxes, *, degrees: bool = False) -> dict[Path, str]:
-    """Write the storeys of plants that are wanted, a JSON file each; return the files and what they are."""
-    sampled, files = export.sampled, dict[Path, str]()
+def plant_chunks(terrain: Terrain, bounds: Bounds, storey: str) -> Iterator[npt.NDArray[np.void]]:
+    """Return the plants of a rectangle in small chunks, none of them empty."""
+    for plants in terrain.foliage_pieces(*bounds, storey=storey):
+        for first in range(0, len(plants), _PLANTS_AT_ONCE):
+            yield plants[first : first + _PLANTS_AT_ONCE]
+
+
+def write_plants_json(export: Export, axes: EngineAxes, *, degrees: bool = False) -> dict[Path, str]:
+    """Write the requested storeys of plants, a JSON file each; return the files with their descriptions."""
+    samples, files = export.samples, dict[Path, str]()
     head: dict[str, Any] = {
         "format": 1,
-        "axes": axes.facts,
+        "axes": axes.metadata,
         "rotation": f"{'degrees' if degrees else 'radians'} about the vertical axis",
         "species": list(export.terrain.species_names),
         "fields": list(PLANT_FIELDS),
     }
-    _, south, _, north = sampled.grid.area
-    for storey, kind in storeys_of(export.options).items():
+    _, south, _, north = samples.grid.bounds
+    for storey, kind in requested_storeys(export.options).items():
         path = export.folder / f"{export.name}_{kind}.json"
-        with export.stages.stage(kind, kind.capitalize()) as tell:
+        with export.stages.stage(kind, kind.capitalize()) as progress:
 
-            def rows(storey: str = storey, tell: Callable[[float], None] = tell) -> Iterator[bytes]:
-                for plants in plants_within(export.terrain, sampled.grid.area, storey):
-                    yield plant_rows(plants, sampled, axes, degrees=degrees)
-                    tell(min(1.0, max(0.0, (float(plants["y"].max()) - south) / (north - south))))
+            def rows(storey: str = storey, progress: Callable[[float], None] = progress) -> Iterator[bytes]:
+                for plants in plant_chunks(export.terrain, samples.grid.bounds, storey):
+                    yield _plant_rows(plants, samples, axes, degrees=degrees)
+                    progress(min(1.0, max(0.0, (float(plants["y"].max()) - south) / (north - south))))
 
-            write_listing(path, head, "plants", rows())
-        files[path] = f"{_PLANTS[storey]}, {_along(axes)}"
+            write_json_list(path, head, "plants", rows())
+        files[path] = f"{_PLANTS[storey]}, {axes.title}"
     return files
 
 
-def plant_rows(plants: npt.NDArray[np.void], sampled: Sampled, axes: EngineAxes, *, degrees: bool) -> bytes:
-    """Return a row of :data:`PLANT_FIELDS` for each plant, which stands on the grid's ground.
+def _plant_rows(
+    plants: npt.NDArray[np.void], samples: TerrainSamples, axes: EngineAxes, *, degrees: bool
+) -> bytes:
+    """Return a row of `PLANT_FIELDS` for each plant, on the interpolated terrain of the grid."""
+    height = interpolate_heights(samples, plants["x"], plants["y"])
+    position = axes.points(plants["x"], plants["y"], height)
+    normal = axes.vectors(plants["normal"])
+    full = 360.0 if degrees else 2.0 * np.pi
+    turn = np.mod(axes.rotation_sign * plants["rotation"].astype(np.float64) * (full / (2.0 * np.pi)), full)
+    columns = plants["species"], *position.T, turn, plants["scale"], plants["tint"], *normal.T
+    return format_rows(_PLANT_ROW, *columns).removesuffix(b",\n")
 
-    Rotations are about the vertical axis, positive as the program turns.
-    """
-    place = axes.places(plants["x"], plants["y"], ground_at(sampled, plants["x"], plants["y"]))
-    normal = axes.directions(plants["normal"])
-    whole = 360.0 if degrees else 2.0 * np.pi
-    turn = np.mod(axes.turn * plants["rotation"].astype(np.float64) * (whole / (2.0 * np.pi)), whole)
-    columns = plants["species"], *place.T, turn, plants["scale"], plants["tint"], *normal.T
-    return text_rows(_PLANT_ROW, *columns).removesuffix(b",\n")
 
-
-def write_all_water(export: Export, axes: EngineAxes) -> dict[Path, str]:
-    """Write rivers and lakes; return the file and what it is."""
+def write_water_json(export: Export, axes: EngineAxes) -> dict[Path, str]:
+    """Write rivers and lakes; return the file with its description."""
     path = export.folder / f"{export.name}_water.json"
-    return {write_json(path, water_in(export.terrain.features, axes)): f"rivers and lakes, {_along(axes)}"}
+    write_json(path, water_content(export.terrain.features, axes))
+    return {path: f"rivers and lakes, {axes.title}"}
 
 
-def _along(axes: EngineAxes) -> str:
-    return f"{axes.unit}: x {axes.x}, y {axes.y}, z {axes.z}"
+def water_content(features: TerrainFeatures, axes: EngineAxes) -> dict[str, Any]:
+    """Return all rivers and lakes in the program's coordinates and unit.
 
-
-def water_in(features: TerrainFeatures, axes: EngineAxes) -> dict[str, Any]:
-    """Return all rivers and lakes: places and lengths in the program's unit.
-
-    A river's points are those of its centreline, springs first, on the water; a lake's outline is rings on
-    its level, each closed, islands included.
+    A river is its centreline on the water, from the spring; a lake's outline is closed rings at its level,
+    islands included.
     """
+
+    def river_entry(river: River) -> dict[str, Any]:
+        return {
+            "id": river.id,
+            "label": river.label,
+            "points": _rounded(axes.points(*river.centreline.T)),
+            "width": _rounded(river.centreline_width * axes.per_metre),
+            "depth": _rounded(river.centreline_depth * axes.per_metre),
+        }
+
+    def lake_entry(lake: Lake) -> dict[str, Any]:
+        level = np.float64(lake.level)
+        rings = lake_outline(lake.shape)
+        return {
+            "id": lake.id,
+            "label": lake.label,
+            "level": round(float((level - axes.origin[2]) * axes.per_metre), _DECIMALS),
+            "depth": round(float(lake.depth * axes.per_metre), _DECIMALS),
+            "outline": [_rounded(axes.points(*ring.T, np.full(len(ring), level))) for ring in rings],
+        }
+
     return {
         "format": 1,
-        "axes": axes.facts,
-        "rivers": [_river(river, axes) for river in features.rivers],
-        "lakes": [_lake(lake, axes) for lake in features.lakes],
-    }
-
-
-def _river(river: River, axes: EngineAxes) -> dict[str, Any]:
-    return {
-        "id": river.id,
-        "label": river.label,
-        "points": _rounded(axes.places(*river.centreline.T)),
-        "width": _rounded(river.centreline_width * axes.per_metre),
-        "depth": _rounded(river.centreline_depth * axes.per_metre),
-    }
-
-
-def _lake(lake: Lake, axes: EngineAxes) -> dict[str, Any]:
-    level = np.float64(lake.level)
-    rings = [
-        axes.places(ring[:, 0], ring[:, 1], np.full(len(ring), level)) for ring in lake_outline(lake.shape)
-    ]
-    return {
-        "id": lake.id,
-        "label": lake.label,
-        "level": round(float((level - axes.origin[2]) * axes.per_metre), _DECIMALS),
-        "depth": round(float(lake.depth * axes.per_metre), _DECIMALS),
-        "outline": [_rounded(ring) for ring in rings],
+        "axes": axes.metadata,
+        "rivers": [river_entry(river) for river in features.rivers],
+        "lakes": [lake_entry(lake) for lake in features.lakes],
     }
 
 

@@ -20,9 +20,8 @@ if TYPE_CHECKING:
     from sketchterrain.terrain import TerrainFeatures
 
 
-_CENTIMETRES = 2  # decimals of an outline
-# What only some types have; for the others the field says nothing.
-_ONLY = {
+_OUTLINE_DECIMALS = 2  # centimetres
+_TYPE_COLUMNS = {
     "mountain": ("peakiness", "erosion", "gullies"),
     "hill": ("erosion", "gullies"),
     "dune": ("wavelength", "wind"),
@@ -30,32 +29,29 @@ _ONLY = {
 
 
 def write_features(folder: Path, features: TerrainFeatures) -> tuple[Path, ...]:
-    """Write ``features.json``: point features sorted by id, rivers as splines, lakes as outlines.
+    """Write ``features.json``: point features by id, rivers as splines, lakes as outlines.
 
-    Ids are 64-bit unsigned integers. Lengths are metres, angles degrees.
+    Ids are 64-bit unsigned integers, lengths metres, angles degrees.
     """
     text = (
         '{"format": 1,\n"features": [\n'
-        + _lines(_feature(point) for point in features.points)
+        + _lines(_point_entry(point) for point in features.points)
         + '],\n"splines": [\n'
-        + _lines(_spline(river) for river in features.rivers)
+        + _lines(_river_entry(river) for river in features.rivers)
         + '],\n"lakes": [\n'
-        + _lines(_lake(lake) for lake in features.lakes)
+        + _lines(_lake_entry(lake) for lake in features.lakes)
         + "]}\n"
     )
     return (write_atomic(folder / "features.json", text.encode()),)
 
 
 def _lines(entries: Iterable[dict[str, Any]]) -> str:
-    """One entry a line: a person can read it, and a difference between two files shows what moved."""
-    return "".join(f"{line}\n" for line in _separated([json.dumps(e, allow_nan=False) for e in entries]))
+    """Return one entry a line, so that files can be read and compared."""
+    text = ",\n".join(json.dumps(entry, allow_nan=False) for entry in entries)
+    return text and f"{text}\n"
 
 
-def _separated(lines: list[str]) -> list[str]:
-    return [*(f"{line}," for line in lines[:-1]), *lines[-1:]]
-
-
-def _feature(point: np.void) -> dict[str, Any]:
+def _point_entry(point: np.void) -> dict[str, Any]:
     name = FEATURE_TYPES[int(point["type"])]
     entry = {
         "id": int(point["id"]),
@@ -65,13 +61,13 @@ def _feature(point: np.void) -> dict[str, Any]:
         "radius": _shortest(point["radius"]),
         "strength": _shortest(point["strength"]),
     }
-    entry |= {key: _shortest(point[key]) for key in _ONLY.get(name, ())}
+    entry |= {key: _shortest(point[key]) for key in _TYPE_COLUMNS.get(name, ())}
     if name == "forest":
         entry["conifers"] = round(float(conifer_share(point["peakiness"])), 4)
     return entry | {"painted": bool(point["painted"])}
 
 
-def _spline(river: River) -> dict[str, Any]:
+def _river_entry(river: River) -> dict[str, Any]:
     return {
         "id": river.id,
         "type": "river",
@@ -85,7 +81,7 @@ def _spline(river: River) -> dict[str, Any]:
     }
 
 
-def _lake(lake: Lake) -> dict[str, Any]:
+def _lake_entry(lake: Lake) -> dict[str, Any]:
     return {
         "id": lake.id,
         "type": "lake",
@@ -97,12 +93,12 @@ def _lake(lake: Lake) -> dict[str, Any]:
 
 
 def lake_outline(shape: ShapeField) -> list[npt.NDArray[np.float64]]:
-    """Return closed rings along the shore, islands included."""
+    """Return closed rings (n, 2) of x, y (m) along the shore, islands included."""
     rings = find_contours(shape.inside.astype(np.float64), 0.0, positive_orientation="high")
     corner = np.array([shape.west, shape.south])
-    return [np.round(ring[:, ::-1] * shape.spacing + corner, _CENTIMETRES) for ring in rings]
+    return [np.round(ring[:, ::-1] * shape.spacing + corner, _OUTLINE_DECIMALS) for ring in rings]
 
 
 def _shortest(value: np.float32) -> float:
-    """Return the number with the fewest digits that is this float32: 0.6, not 0.6000000238418579."""
+    """Return the number with the fewest digits that rounds to this float32: 0.6, not 0.6000000238418579."""
     return float(str(value))

@@ -1,4 +1,4 @@
-"""Folders to write into, and encodings that several writers share: JSON, PNG, rows of numbers as text."""
+"""Output folders, staging, and encodings shared by the writers: JSON, PNG, formatted rows of numbers."""
 
 from __future__ import annotations
 
@@ -21,24 +21,13 @@ from sketchterrain.system import lock_folder, unlock_folder
 from sketchterrain.whole_files import atomic_file, atomic_path, wrap_os_errors, write_atomic
 
 _PREFIX: Final = ".sketchterrain-"  # of a staging folder
-# Level 6 takes three times as long to save a tenth of the bytes.
-_PNG_LEVEL: Final = 3
-_RUN_LENGTHS: Final = (
-    3  # zlib's Z_RLE: of filtered values it leaves no more bytes than a search, in less time
-)
+_PNG_LEVEL: Final = 3  # level 6 takes three times as long to save a tenth of the bytes
+_Z_RLE: Final = 3  # zlib strategy: on filtered values as small as a search, and faster
 _FIELD: Final = re.compile(r"%(?:\.(\d)f|[ds])")
 
 
 def prepare_folder(folder: Path) -> None:
-    """Make a folder, and find out now, not after the work, whether files can be written there.
-
-    Raises
-    ------
-    InputError
-        If there is something else in its place.
-    SketchterrainError
-        If the system cannot write there.
-    """
+    """Create a folder, and check now rather than after the work that files can be written to it."""
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: expected a folder to write into, this is a file")
     with wrap_os_errors(folder):
@@ -49,18 +38,19 @@ def prepare_folder(folder: Path) -> None:
 
 @contextmanager
 def staging(folder: Path) -> Iterator[Path]:
-    """Yield a hidden folder inside another, for files that shall come into it together or not at all.
+    """Yield a hidden subfolder for files that are moved into the folder together or not at all.
 
-    What is still there afterwards is deleted, and so is what was left by a process that was killed. Failures
-    to write name the outer folder.
-
-    Raises
-    ------
-    SketchterrainError
-        If the system cannot write there.
+    It is deleted afterwards, and so are those of killed processes. Errors name the outer folder.
     """
     with wrap_os_errors(folder):
-        hidden, lock = _made(folder)
+        # Locked while creating, so that no other process removes a subfolder that is not locked yet.
+        outer = lock_folder(folder, wait=True)
+        try:
+            _remove_abandoned(folder)
+            hidden = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=folder))
+            lock = lock_folder(hidden, wait=True)  # released when its process ends, at the latest
+        finally:
+            unlock_folder(outer)
     try:
         yield hidden
     except SketchterrainError as error:
@@ -72,19 +62,8 @@ def staging(folder: Path) -> Iterator[Path]:
         unlock_folder(lock)
 
 
-def _made(folder: Path) -> tuple[Path, int | None]:
-    """Return a new hidden folder and its lock, which lasts as long as its process at most."""
-    outer = lock_folder(folder, wait=True)  # so that no other process sweeps a folder that is not locked yet
-    try:
-        _sweep(folder)
-        hidden = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=folder))
-        return hidden, lock_folder(hidden, wait=True)
-    finally:
-        unlock_folder(outer)
-
-
-def _sweep(folder: Path) -> None:
-    """Delete hidden folders that no process has locked; none where folders have no locks."""
+def _remove_abandoned(folder: Path) -> None:
+    """Delete staging folders that no process has locked; none where the system cannot lock folders."""
     for hidden in folder.glob(f"{_PREFIX}*"):
         with suppress(OSError):
             lock = lock_folder(hidden)
@@ -93,93 +72,72 @@ def _sweep(folder: Path) -> None:
                 unlock_folder(lock)
 
 
-def files_without_successor(folder: Path, before: Iterable[str], now: Iterable[str]) -> list[Path]:
-    """Return the files of a folder that were written the last time and are not this time."""
-    plain = sorted(name for name in {*before} - {*now} if _is_plain(name))
-    return [folder / name for name in plain if (folder / name).is_file()]
+def stale_files(folder: Path, before: Iterable[str], now: Iterable[str]) -> list[Path]:
+    """Return the existing files of a folder that a previous run wrote and this one does not."""
+    names = (
+        name for name in {*before} - {*now} if name not in ("", ".", "..") and not set(name) & set("/\\\0")
+    )
+    return [folder / name for name in sorted(names) if (folder / name).is_file()]
 
 
-def move_into(folder: Path, files: Iterable[Path], *, outdated: Iterable[Path] = ()) -> tuple[Path, ...]:
-    """Move finished files into a folder of the same file system, over old ones, and return their new paths.
-
-    Parameters
-    ----------
-    folder
-    files
-    outdated
-        Files that go, once all others are there.
-
-    Raises
-    ------
-    SketchterrainError
-        If the system cannot.
-    """
+def move_files(folder: Path, files: Iterable[Path], *, stale: Iterable[Path] = ()) -> tuple[Path, ...]:
+    """Move files into a folder of the same file system, replacing old ones; then delete the stale ones."""
     moved = []
     for file in files:
         with wrap_os_errors(folder / file.name):
             moved.append(file.replace(folder / file.name))
-    for file in outdated:
+    for file in stale:
         with wrap_os_errors(file):
             file.unlink()
     return tuple(moved)
 
 
-def _is_plain(name: str) -> bool:
-    return name not in ("", ".", "..") and not set(name) & set("/\\\0")
-
-
 def write_json(path: Path, value: Any) -> Path:
-    """Write a value as JSON, indented, keys in the order given; NaN and infinities are refused."""
+    """Write indented JSON, keys in the order given; raise `ValueError` for NaN and Inf."""
     text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False)
     return write_atomic(path, f"{text}\n".encode())
 
 
 def write_png(path: Path, pixels: npt.NDArray[np.uint8]) -> Path:
-    """Write a picture, (rows, columns) or (rows, columns, 3 or 4); row 0 is its upper edge."""
+    """Write an image, (rows, columns) or (rows, columns, 3 or 4), row 0 at the top."""
     with atomic_path(path) as temporary:
         Image.fromarray(pixels).save(temporary, format="PNG", compress_level=_PNG_LEVEL)
     return path
 
 
 def write_values_png(path: Path, values: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> Path:
-    """Write values that are no colours, uint8 or grey uint16, as a PNG; row 0 is its upper edge."""
+    """Write non-colour data, uint8 or grey uint16, as a PNG, row 0 at the top."""
     with atomic_path(path) as temporary:
         image = Image.fromarray(values)
-        image.save(temporary, format="PNG", compress_level=_PNG_LEVEL, compress_type=_RUN_LENGTHS)
+        image.save(temporary, format="PNG", compress_level=_PNG_LEVEL, compress_type=_Z_RLE)
     return path
 
 
-def text_rows(line: str, *columns: npt.NDArray[Any]) -> bytes:
-    r"""Return a line of text for each row of columns, as the %-format `line` has it: ``"%d,%.3f\n"``.
+def format_rows(line: str, *columns: npt.NDArray[Any]) -> bytes:
+    r"""Return a line of text for each row of columns in the %-format `line`, such as ``"%d,%.3f\n"``.
 
-    Numbers are rounded in float64 to the decimals of their fields, halves to even, and never are "-0.000".
-
-    Raises
-    ------
-    InputError
-        If a number is not finite.
+    Numbers are rounded in float64 to the decimals of their fields, halves to even; "-0.000" is avoided.
     """
     lists: list[Sequence[Any]] = []
-    for places, column in zip(_FIELD.findall(line), columns, strict=True):
-        if places:
+    for decimals, column in zip(_FIELD.findall(line), columns, strict=True):
+        if decimals:
             if not np.isfinite(column).all():
-                broken = column[~np.isfinite(column)][0]
-                raise InputError(f"expected finite numbers to write as text, got {broken:g}")
-            column = np.round(column.astype(np.float64), int(places)) + 0.0  # no -0.0
+                invalid = column[~np.isfinite(column)][0]
+                raise InputError(f"expected finite numbers to write as text, got {invalid:g}")
+            column = np.round(column.astype(np.float64), int(decimals)) + 0.0  # no -0.0
         lists.append(column.tolist())
     return (line * len(lists[0]) % tuple(chain.from_iterable(zip(*lists, strict=True)))).encode()
 
 
-def write_listing(path: Path, head: dict[str, Any], name: str, pieces: Iterable[bytes]) -> Path:
-    """Write a JSON object whose last member is a long list, one entry a line."""
+def write_json_list(path: Path, head: dict[str, Any], name: str, chunks: Iterable[bytes]) -> Path:
+    """Write a JSON object whose last member is a long list, one entry a line, from encoded chunks of it."""
     start = json.dumps(head | {name: []}, ensure_ascii=False, allow_nan=False).removesuffix("]}")
+    separator = b""
     with atomic_file(path) as stream:
         stream.write(f"{start}\n".encode())
-        begun = False
-        for piece in pieces:
-            if piece:
-                with wrap_os_errors(path):
-                    stream.write(b",\n" + piece if begun else piece)
-                begun = True
+        for chunk in filter(None, chunks):
+            with wrap_os_errors(path):
+                stream.write(separator + chunk)
+            separator = b",\n"
         stream.write(b"\n]}\n")
     return path

@@ -1,4 +1,4 @@
-"""Films: frames in a folder, an animated picture or a video; all of it or nothing."""
+"""Films: frames in a folder, an animated image or a video, written completely or not at all."""
 
 from __future__ import annotations
 
@@ -15,42 +15,26 @@ import numpy.typing as npt
 from PIL import Image
 
 from sketchterrain.errors import InputError, SketchterrainError, one_line
-from sketchterrain.export.files import move_into, prepare_folder, staging, write_png
+from sketchterrain.export.files import move_files, prepare_folder, staging, write_png
 from sketchterrain.whole_files import wrap_os_errors
 
 Frame = npt.NDArray[np.uint8]
 ANIMATED: Final[dict[str, dict[str, Any]]] = {".webp": {"quality": 85, "method": 2}, ".gif": {"loop": 0}}
-"""Endings of animated pictures, with the options that they are written with."""
+"""Suffixes of animated images, and Pillow's options for them."""
 VIDEO: Final = ".mp4"
-"""Ending of a video, which PyAV writes."""
-_CRF = "18"  # x264's constant quality: no loss that one sees
+_CRF = "18"  # constant quality of x264 without visible loss
 _BT709, _LIMITED = 1, 1  # FFmpeg's numbers for the colours of HD video
 _DIGITS = 4
 
 
 def check_film(path: Path, *, size: tuple[int, int], frames: int) -> None:
-    """Refuse now, and not after the work, what could not be written.
+    """Raise now, rather than after the work, if a film could not be written.
 
-    Parameters
-    ----------
-    path
-        A file named as `ANIMATED` or `VIDEO` says, else a folder for ``0000.png`` and so on.
-    size
-        Width and height, pixels.
-    frames
-        How many there will be.
-
-    Raises
-    ------
-    InputError
-        If a video's sides are odd, or the folder holds frames that would not be written over.
-    SketchterrainError
-        If PyAV is missing, or the system cannot write there.
+    `path` has a suffix of `ANIMATED` or `VIDEO`, or is a folder for ``0000.png`` …; `size` is width, height.
     """
-    ending = path.suffix.lower()
-    if path.is_dir() or ending not in {*ANIMATED, VIDEO}:
+    if _is_folder(path):
         prepare_folder(path)
-        last = _name(frames - 1, frames)
+        last = _frame_name(frames - 1, frames)
         old = sorted(each.name for each in path.iterdir() if re.fullmatch(r"\d{4,}\.png", each.name))
         more = [name for name in old if len(name) != len(last) or name > last]
         if more:
@@ -59,7 +43,7 @@ def check_film(path: Path, *, size: tuple[int, int], frames: int) -> None:
                 "name another folder"
             )
         return
-    if ending == VIDEO:
+    if path.suffix.lower() == VIDEO:
         _load_av()
         if size[0] % 2 or size[1] % 2:
             raise InputError(f"expected even sides for an {VIDEO}, got {size[0]}×{size[1]} pixels")
@@ -68,65 +52,47 @@ def check_film(path: Path, *, size: tuple[int, int], frames: int) -> None:
 
 @contextmanager
 def film(path: Path, *, size: tuple[int, int], fps: int, frames: int) -> Iterator[Callable[[Frame], None]]:
-    """Yield what takes the frames one after the other; then all of the film is at its place.
-
-    If anything fails or is interrupted, nothing of it is.
-
-    Parameters
-    ----------
-    path, size, frames
-        As for `check_film`.
-    fps
-        Frames a second.
-
-    Yields
-    ------
-    callable
-        Takes (height, width, 3) uint8, sRGB, row 0 on top.
-
-    Raises
-    ------
-    SketchterrainError
-        If the system cannot write there.
-    """
-    ending = path.suffix.lower()
-    if path.is_dir() or ending not in {*ANIMATED, VIDEO}:
-        prepare_folder(path)
-        with staging(path) as hidden:
-            files: list[Path] = []
-            yield lambda frame: files.append(write_png(hidden / _name(len(files), frames), frame))
-            move_into(path, files)
-        return
-    prepare_folder(path.parent)
-    with staging(path.parent) as hidden:
-        write = _video if ending == VIDEO else _animation
-        with write(hidden / path.name, size, fps) as add:
-            yield add
-        with (hidden / path.name).open("rb") as stream:
-            os.fsync(stream.fileno())
-        move_into(path.parent, [hidden / path.name])
+    """Yield a function that adds frames, (height, width, 3) sRGB; the film appears when all are written."""
+    folder = path if _is_folder(path) else path.parent
+    prepare_folder(folder)
+    with staging(folder) as hidden:
+        files: list[Path] = []
+        if folder == path:
+            yield lambda frame: files.append(write_png(hidden / _frame_name(len(files), frames), frame))
+        else:
+            write = _video if path.suffix.lower() == VIDEO else _animation
+            with write(hidden / path.name, size, fps) as add:
+                yield add
+            files.append(hidden / path.name)
+            with files[0].open("rb") as stream:
+                os.fsync(stream.fileno())
+        move_files(folder, files)
 
 
-def _name(number: int, frames: int) -> str:
+def _is_folder(path: Path) -> bool:
+    return path.is_dir() or path.suffix.lower() not in {*ANIMATED, VIDEO}
+
+
+def _frame_name(number: int, frames: int) -> str:
     return f"{number:0{max(_DIGITS, len(str(frames - 1)))}}.png"
 
 
 @contextmanager
 def _animation(path: Path, size: tuple[int, int], fps: int) -> Iterator[Callable[[Frame], None]]:
-    """Keep the frames as files, then encode them one at a time: all of them need not fit the memory."""
+    """Store the frames as files, then encode them one at a time, in constant memory."""
     files: list[Path] = []
     yield lambda frame: files.append(write_png(path.parent / f"{len(files)}.png", frame))
-    # Formats count whole ms or hundredths of a second: rounding each end keeps the length.
+    # Durations are whole ms or hundredths of a second: rounding the end of each frame preserves the length.
     unit = 10 if path.suffix.lower() == ".gif" else 1
     ends = [round(1000 / unit * (number + 1) / fps) * unit for number in range(len(files))]
     durations = [end - before for before, end in zip([0, *ends], ends, strict=False)]
-    sequence = _Sequence(files, size)
+    sequence = _FileSequence(files, size)
     with wrap_os_errors(path):
         sequence.save(path, save_all=True, duration=durations, **ANIMATED[path.suffix.lower()])
 
 
-class _Sequence(Image.Image):
-    """Image files as the frames of one image, of which Pillow asks for one after the other."""
+class _FileSequence(Image.Image):
+    """Image files as the frames of one Pillow image, loaded when Pillow seeks to them."""
 
     def __init__(self, files: list[Path], size: tuple[int, int]) -> None:
         super().__init__()
@@ -154,13 +120,13 @@ def _video(path: Path, size: tuple[int, int], fps: int) -> Iterator[Callable[[Fr
             stream = container.add_stream("libx264", rate=Fraction(fps), options={"crf": _CRF})
             stream.width, stream.height = size
             stream.pix_fmt = "yuv420p"
-            coder = stream.codec_context
-            coder.colorspace = coder.color_primaries = coder.color_trc = _BT709
-            coder.color_range = _LIMITED
+            codec = stream.codec_context
+            codec.colorspace = codec.color_primaries = codec.color_trc = _BT709
+            codec.color_range = _LIMITED
 
             def add(frame: Frame) -> None:
-                picture = av.VideoFrame.from_ndarray(frame, format="rgb24")
-                container.mux(stream.encode(picture.reformat(format="yuv420p", dst_colorspace=_BT709)))
+                image = av.VideoFrame.from_ndarray(frame, format="rgb24")
+                container.mux(stream.encode(image.reformat(format="yuv420p", dst_colorspace=_BT709)))
 
             yield add
             container.mux(stream.encode(None))
@@ -173,6 +139,6 @@ def _load_av() -> Any:
         import av
     except ImportError as error:
         raise SketchterrainError(
-            f"an {VIDEO} needs PyAV: pip install 'sketchterrain[video]', or take .webp or a folder"
+            f"an {VIDEO} needs PyAV: pip install 'sketchterrain[video]', or use .webp or a folder"
         ) from error
     return av

@@ -1,4 +1,4 @@
-"""Heights as a GeoTIFF, and rasters as Cloud-Optimised GeoTIFF: tiled, with overviews, for GIS."""
+"""GeoTIFF of heights, and Cloud-Optimised GeoTIFF of any rasters: tiled, with overviews, for GIS."""
 
 from __future__ import annotations
 
@@ -13,19 +13,18 @@ from rasterio.crs import CRS
 from rasterio.enums import ColorInterp
 from rasterio.io import MemoryFile
 
-from sketchterrain.export.sampled import Grid
+from sketchterrain.export.sampled import SampleGrid
 from sketchterrain.whole_files import write_atomic
 
 if TYPE_CHECKING:  # loads OpenCL
     from sketchterrain.terrain import Raster
 
 
-NO_DATA = -9999.0
-"""What a height would be where there is none, m; there is one everywhere."""
+NO_DATA = -9999.0  # m, of a missing height; none is missing
 
 _FLOAT_PREDICTOR = 3
 _BLOCK = 256  # samples along the side of a TIFF tile
-# Metres that lie nowhere on Earth: GIS programs then know the unit and ask for no place.
+# GIS programs then know the unit and do not ask for a CRS.
 _LOCAL_METRES = (
     'LOCAL_CS["sketch, metres from its south-west corner",UNIT["metre",1],'
     'AXIS["Easting",EAST],AXIS["Northing",NORTH]]'
@@ -34,17 +33,29 @@ _RGB = (ColorInterp.red, ColorInterp.green, ColorInterp.blue)
 
 
 def local_metres() -> CRS:
-    """Return the coordinate reference system of a sketch that lies nowhere on Earth."""
+    """Return the coordinate reference system of a sketch without georeference."""
     return CRS.from_wkt(_LOCAL_METRES)
 
 
-def write_height_tif(folder: Path, raster: Raster) -> tuple[Path, ...]:
-    """Write ``height.tif``: float32 metres, north up, in a local system of metres.
+class Georeference(NamedTuple):
+    """Position of the sketch's south-west corner, (0, 0), in a coordinate reference system."""
 
-    Samples are vertices (AREA_OR_POINT=Point): the file's tie point puts sample (0, 0) on the north-west
-    vertex, x = 0, y = the sketch's length northward. GDAL's transform always speaks of pixel corners, so
-    what a reader gets from it begins half a spacing further north-west.
-    """
+    crs: CRS
+    east: float
+    north: float
+
+    def transform(self, grid: SampleGrid) -> Affine:
+        """Return GDAL's transform for samples at a grid's vertices.
+
+        It refers to the corners of pixels, so it starts half a spacing north-west of the first vertex.
+        """
+        dx, dy = grid.spacing
+        west, north = self.east + grid.west - 0.5 * dx, self.north + grid.north + 0.5 * dy
+        return Affine(dx, 0.0, west, 0.0, -dy, north)
+
+
+def write_height_tif(folder: Path, raster: Raster) -> tuple[Path, ...]:
+    """Write ``height.tif``: float32 metres, north up, in local metres, samples at vertices (Point)."""
     dx, dy = raster.spacing
     rows, columns = raster.height.shape
     corner = Affine(dx, 0.0, -0.5 * dx, 0.0, -dy, (rows - 1) * dy + 0.5 * dy)
@@ -63,7 +74,7 @@ def write_height_tif(folder: Path, raster: Raster) -> tuple[Path, ...]:
             blockxsize=_BLOCK,
             blockysize=_BLOCK,
         ) as file:
-            # GDAL writes the tie point when the file is closed: by then the samples are points.
+            # GDAL writes the tie point on closing: for points it is the north-west vertex.
             file.update_tags(AREA_OR_POINT="Point")
             file.set_band_description(1, "height")
             file.set_band_unit(1, "m")
@@ -72,40 +83,21 @@ def write_height_tif(folder: Path, raster: Raster) -> tuple[Path, ...]:
     return (write_atomic(folder / "height.tif", content),)
 
 
-class Place(NamedTuple):
-    """Where the world's (0, 0), the sketch's south-west corner, lies in a coordinate reference system."""
-
-    crs: CRS
-    east: float
-    north: float
-
-    def transform(self, grid: Grid) -> Affine:
-        """Return GDAL's transform for samples at a grid's vertices.
-
-        It speaks of the corners of pixels, so it begins half a spacing north-west of the first vertex.
-        """
-        dx, dy = grid.spacing
-        west, north = self.east + grid.west - 0.5 * dx, self.north + grid.north + 0.5 * dy
-        return Affine(dx, 0.0, west, 0.0, -dy, north)
-
-
 def write_cloud_tiff(
     path: Path,
     bands: Sequence[npt.NDArray[np.generic]],
     names: Sequence[str],
     *,
-    grid: Grid,
-    place: Place,
+    grid: SampleGrid,
+    georeference: Georeference,
     unit: str | None = None,
     no_data: float | None = None,
-    picture: bool = False,
+    rgb: bool = False,
 ) -> Path:
-    """Write bands of one size and dtype as a Cloud-Optimised GeoTIFF.
+    """Write bands of one size and dtype as a Cloud-Optimised GeoTIFF, samples at vertices (Point).
 
-    By the driver COG of GDAL (its documentation: "COG -- Cloud Optimized GeoTIFF generator"): deflated in
-    blocks of 256 × 256, each overview the mean of what it covers. Samples are vertices
-    (AREA_OR_POINT=Point). The same input gives the same bytes. What the bands take of memory is needed
-    two more times at most, for GDAL's copy and for the file, which comes to the disk when it is whole.
+    By GDAL's driver COG: deflated blocks of 256 × 256, overviews by averaging. Deterministic. Needs twice the
+    memory of the bands: for GDAL's copy and for the file.
     """
     rows, columns = bands[0].shape
     with Env(), MemoryFile() as memory:
@@ -115,8 +107,8 @@ def write_cloud_tiff(
             height=rows,
             count=len(bands),
             dtype=bands[0].dtype.name,
-            crs=place.crs,
-            transform=place.transform(grid),
+            crs=georeference.crs,
+            transform=georeference.transform(grid),
             nodata=no_data,
             compress="deflate",
             predictor="yes",  # the one for its dtype: differences of floats or of integers
@@ -126,7 +118,7 @@ def write_cloud_tiff(
             statistics="yes",
         ) as file:
             file.update_tags(AREA_OR_POINT="Point")
-            if picture:
+            if rgb:
                 file.colorinterp = _RGB
             for index, (band, name) in enumerate(zip(bands, names, strict=True), start=1):
                 file.set_band_description(index, name)

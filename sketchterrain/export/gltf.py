@@ -1,4 +1,4 @@
-"""Terrains as glTF scenes: the GLB file, the ground in its baked materials, rivers and lakes.
+"""glTF scenes: GLB files, the terrain mesh with baked materials, rivers and lakes.
 
 x east, y up, z south, metres from the sketch's south-west corner at height 0.
 """
@@ -18,23 +18,26 @@ from PIL import Image
 
 from sketchterrain.errors import InputError
 from sketchterrain.export.engines import EngineAxes
-from sketchterrain.export.mesh import Mesh
-from sketchterrain.export.mesh_vertices import mesh_normals, mesh_places, mesh_texels, texel_step, waters
-from sketchterrain.export.sampled import Grid
+from sketchterrain.export.mesh import GridMesh
+from sketchterrain.export.mesh_vertices import (
+    mesh_normals,
+    mesh_positions,
+    mesh_texcoords,
+    texture_stride,
+    water_meshes,
+)
+from sketchterrain.export.sampled import SampleGrid
 from sketchterrain.export.target import Export
 from sketchterrain.look.texture_levels import customized_levels, procedural_levels
 from sketchterrain.whole_files import atomic_file
 
 if TYPE_CHECKING:  # load OpenCL
     from sketchterrain.compute import ComputeContext
-    from sketchterrain.terrain import TerrainSource
+    from sketchterrain.terrain import Terrain
 
 Bytes = npt.NDArray[np.uint8]
 AXES: Final = EngineAxes("east", "up", "south")
-"""Of glTF; the origin is the sketch's south-west corner at height 0."""
-
-LARGEST: Final = (1 << 32) - 1
-"""Bytes of a GLB at most."""
+MAX_BYTES: Final = (1 << 32) - 1  # of a GLB
 
 _COMPONENTS: Final = {
     "float32": pygltflib.FLOAT,
@@ -49,14 +52,14 @@ _WATER: Final = {
     "roughnessFactor": 0.06,
 }
 _PNG_LEVEL: Final = 3
-_TEXELS = 256  # of the textures whose means are taken
+_TEXELS = 256  # along a side of the textures that are averaged
 _ROWS_AT_ONCE = 256
-_WHOLE = 255  # what weights sum to
+_WHOLE = 255  # sum of weights
 _STEPS = 65535
 
 
-class Glb:
-    """A GLB file (glTF 2.0 specification, "Binary glTF Layout"): a scene as JSON, its arrays in one chunk."""
+class GlbWriter:
+    """A GLB file (glTF 2.0 specification, "Binary glTF Layout"): a scene as JSON, arrays in one chunk."""
 
     def __init__(self) -> None:
         asset = pygltflib.Asset(version="2.0", generator="sketchterrain")
@@ -67,10 +70,10 @@ class Glb:
     def attribute(
         self, values: npt.NDArray[Any], *, bounds: bool = False, normalized: bool = False, vertex: bool = True
     ) -> int:
-        """Add an array, a row of a multiple of four bytes a vertex, plant or point; return its accessor.
+        """Add an array of rows of a multiple of four bytes, and return its accessor.
 
-        With `bounds` its least and greatest values are stated, as positions need it. If `normalized`,
-        integers stand for 0 … 1. Only the attributes of vertices are in an array buffer.
+        Positions need their `bounds`; if `normalized`, integers mean 0 … 1; only vertex attributes are in an
+        array buffer.
         """
         rows = values.reshape(len(values), -1)
         ends = {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()} if bounds else {}
@@ -82,7 +85,7 @@ class Glb:
         return self._accessor(triangles.reshape(-1, 1), pygltflib.ELEMENT_ARRAY_BUFFER, normalized=None)
 
     def texture(self, pixels: Bytes, name: str) -> int:
-        """Add an RGB image that is clamped to its edges, and return its texture."""
+        """Add an RGB image, clamped at its edges, and return its texture."""
         stream = io.BytesIO()
         Image.fromarray(pixels).save(stream, format="PNG", compress_level=_PNG_LEVEL)
         view = self._view(np.frombuffer(stream.getbuffer(), np.uint8), None)
@@ -99,27 +102,21 @@ class Glb:
         self.scene.scenes[0].nodes.append(number)
 
     def mesh(self, name: str, attributes: Mapping[str, int], **parts: Any) -> int:
-        """Add a mesh of one primitive, and return its number."""
+        """Add a mesh of one primitive, and return its index."""
         primitive = pygltflib.Primitive(attributes=pygltflib.Attributes(**attributes), **parts)
         return _added(self.scene.meshes, pygltflib.Mesh(name=name, primitives=[primitive]))
 
     def material(self, name: str, **parts: Any) -> int:
-        """Add a material, and return its number."""
+        """Add a material, and return its index."""
         return _added(self.scene.materials, pygltflib.Material(name=name, **parts))
 
     def write(self, path: Path) -> Path:
-        """Write the file in parts; pygltflib would hold three copies of all arrays to do so.
-
-        Raises
-        ------
-        InputError
-            If it would be larger than a GLB can be.
-        """
+        """Write the file chunk by chunk; pygltflib would hold three copies of all arrays."""
         self.scene.buffers = [pygltflib.Buffer(byteLength=self._length)]
         text = self.scene.gltf_to_json(separators=(",", ":"), indent=None).encode()
         text += b" " * (-len(text) % 4)
         length = 12 + 8 + len(text) + 8 + self._length
-        if length > LARGEST:
+        if length > MAX_BYTES:
             raise InputError(f"{path.name}: a GLB holds 4 GiB, this one needs {length / (1 << 30):.1f} GiB")
         with atomic_file(path) as stream:
             stream.write(struct.pack("<4sIII4s", b"glTF", 2, length, len(text), b"JSON") + text)
@@ -149,104 +146,108 @@ class Glb:
 
 
 def _added(entries: list[Any], entry: object) -> int:
-    """Append to a list of the scene, and return the number of the new entry."""
+    """Append to a list of the scene, and return the index of the new entry."""
     entries.append(entry)
     return len(entries) - 1
 
 
-def centre_of(grid: Grid) -> npt.NDArray[np.float64]:
-    """Return the middle of a grid at height 0, (3,), along the scene's axes.
+def grid_centre(grid: SampleGrid) -> npt.NDArray[np.float64]:
+    """Return the centre of a grid at height 0, (3,), in the scene's coordinates.
 
-    Vertices are counted from there, a node's translation is in float64: float32 holds them twice as finely,
-    and heights to the bit.
+    The origin of vertices and a node's float64 translation: float32 then resolves positions twice as finely,
+    and heights exactly.
     """
     middle = np.array([0.5 * (grid.west + grid.east)]), np.array([0.5 * (grid.south + grid.north)])
-    centre: npt.NDArray[np.float64] = AXES.places(*middle, np.zeros(1))[0] + 0.0
+    centre: npt.NDArray[np.float64] = AXES.points(*middle, np.zeros(1))[0] + 0.0
     return centre
 
 
-def add_ground(glb: Glb, mesh: Mesh, export: Export) -> None:
-    """Add the ground, its materials baked into two textures."""
-    grid, sampled = export.grid, export.sampled
-    step = texel_step(grid)
-    looks = material_looks(export.terrain)
-    weights = sampled.weights[::step, ::step]
-    colour = glb.texture(baked_colour(weights, looks), "ground colour")
-    rough = glb.texture(baked_roughness(weights, looks), "ground roughness")
+def add_ground(glb: GlbWriter, mesh: GridMesh, export: Export) -> None:
+    """Add the terrain mesh, its materials baked into two textures."""
+    grid, samples = export.grid, export.samples
+    stride = texture_stride(grid)
+    appearance = material_appearance(export.terrain)
+    weights = samples.weights[::stride, ::stride]
+    colour = glb.texture(bake_colour(weights, appearance), "ground colour")
+    roughness = glb.texture(bake_roughness(weights, appearance), "ground roughness")
     material = glb.material(
         "ground",
         pbrMetallicRoughness={
             "baseColorTexture": {"index": colour},
-            "metallicRoughnessTexture": {"index": rough},
+            "metallicRoughnessTexture": {"index": roughness},
             "metallicFactor": 0.0,
         },
     )
     attributes = {
-        "POSITION": glb.attribute(mesh_places(mesh, sampled, _about(grid)), bounds=True),
-        "NORMAL": glb.attribute(mesh_normals(mesh, sampled, AXES)),
-        "TEXCOORD_0": glb.attribute(mesh_texels(mesh, grid)),
+        "POSITION": glb.attribute(mesh_positions(mesh, samples, _centred_axes(grid)), bounds=True),
+        "NORMAL": glb.attribute(mesh_normals(mesh, samples, AXES)),
+        "TEXCOORD_0": glb.attribute(mesh_texcoords(mesh, grid)),
     }
     ground = glb.mesh("ground", attributes, indices=glb.indices(mesh.triangles), material=material)
-    glb.node("ground", mesh=ground, translation=centre_of(grid).tolist())
+    glb.node("ground", mesh=ground, translation=grid_centre(grid).tolist())
 
 
-def add_water(glb: Glb, export: Export) -> None:
+def add_water(glb: GlbWriter, export: Export) -> None:
     """Add rivers and lakes, a node each."""
     grid = export.grid
     material = None
-    for water in waters(export.terrain.features, grid):
+    for water in water_meshes(export.terrain.features, grid):
         if material is None:
             material = glb.material("water", alphaMode="BLEND", pbrMetallicRoughness=_WATER)
-        place = _about(grid).places(*water.place.T).astype(np.float32)
-        up = np.zeros_like(place)
+        position = _centred_axes(grid).points(*water.position.T).astype(np.float32)
+        up = np.zeros_like(position)
         up[:, 1] = 1.0
-        attributes = {"POSITION": glb.attribute(place, bounds=True), "NORMAL": glb.attribute(up)}
+        attributes = {"POSITION": glb.attribute(position, bounds=True), "NORMAL": glb.attribute(up)}
         number = glb.mesh(water.name, attributes, indices=glb.indices(water.triangles), material=material)
-        glb.node(water.name, mesh=number, translation=centre_of(grid).tolist())
+        glb.node(water.name, mesh=number, translation=grid_centre(grid).tolist())
 
 
-def _about(grid: Grid) -> EngineAxes:
-    east, _, south = centre_of(grid).tolist()
+def _centred_axes(grid: SampleGrid) -> EngineAxes:
+    east, _, south = grid_centre(grid).tolist()
     return EngineAxes("east", "up", "south", origin=(east, -south, 0.0))
 
 
-class MaterialLooks(NamedTuple):
-    """What materials look like from afar."""
+class MaterialAppearance(NamedTuple):
+    """Mean appearance of materials seen from afar."""
 
     albedo: npt.NDArray[np.float64]  # (materials, 3): linear, 0 … 1
-    roughness: npt.NDArray[np.float64]  # (materials,) as in glTF: √α of Trowbridge and Reitz's distribution
+    roughness: npt.NDArray[np.float64]  # (materials,): √α of the Trowbridge-Reitz distribution, as in glTF
 
 
-def material_looks(terrain: TerrainSource) -> MaterialLooks:
-    """Return what a terrain's materials look like: the program's own, or as its sketch wants them."""
+def material_appearance(terrain: Terrain) -> MaterialAppearance:
+    """Return the appearance of a terrain's materials, as changed by its sketch."""
     from sketchterrain import compute  # OpenCL: not for a list of targets
 
     device = terrain.context.device
 
-    def opened() -> ComputeContext:
+    def open_context() -> ComputeContext:
         return compute.ComputeContext(device if isinstance(device, compute.Device) else None)
 
-    levels = customized_levels(procedural_levels(_TEXELS, opened), terrain.sketch.look, {}, opened)
+    levels = customized_levels(
+        procedural_levels(_TEXELS, open_context), terrain.sketch.look, {}, open_context
+    )
     colour, relief = (part.reshape(-1, 4)[: len(terrain.material_names)] / 255.0 for part in levels[-1])
-    return MaterialLooks(colour[:, :3] ** 2, relief[:, 2])
+    return MaterialAppearance(colour[:, :3] ** 2, relief[:, 2])
 
 
-def baked_colour(weights: Bytes, looks: MaterialLooks) -> Bytes:
-    """Return the colours of the ground: materials mixed as light is, then written as sRGB."""
-    steps = np.rint(_STEPS * looks.albedo).astype(np.int64)
-    return _srgb()[_mixed(weights, steps)]
+def bake_colour(weights: Bytes, appearance: MaterialAppearance) -> Bytes:
+    """Return the terrain's colours: materials mixed linearly, encoded as sRGB (IEC 61966-2-1)."""
+    steps = np.rint(_STEPS * appearance.albedo).astype(np.int64)
+    linear = np.arange(_STEPS + 1) / _STEPS
+    srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1.0 / 2.4) - 0.055)
+    return np.rint(255.0 * srgb).astype(np.uint8)[_weighted_mean(weights, steps)]
 
 
-def baked_roughness(weights: Bytes, looks: MaterialLooks) -> Bytes:
-    """Return the roughness of the ground as glTF reads it: in green; blue, the metal in it, is 0."""
-    steps = np.rint(255.0 * looks.roughness).astype(np.int64)[:, None]
+def bake_roughness(weights: Bytes, appearance: MaterialAppearance) -> Bytes:
+    """Return the terrain's roughness as glTF reads it: in green, with 0 for metalness in blue."""
+    steps = np.rint(255.0 * appearance.roughness).astype(np.int64)[:, None]
     image = np.zeros((*weights.shape[:2], 3), np.uint8)
-    image[..., 1] = _mixed(weights, steps)[..., 0]
+    image[..., 1] = _weighted_mean(weights, steps)[..., 0]
     return image
 
 
-def _mixed(weights: Bytes, values: npt.NDArray[np.int64]) -> npt.NDArray[np.uint16]:
-    """Return weighted means in whole numbers, which are the same on every machine."""
+def _weighted_mean(weights: Bytes, values: npt.NDArray[np.int64]) -> npt.NDArray[np.uint16]:
+    """Return weighted means in integers, equal on every machine."""
     result = np.empty((*weights.shape[:2], values.shape[1]), np.uint16)
     for top in range(0, len(weights), _ROWS_AT_ONCE):
         rows = slice(top, top + _ROWS_AT_ONCE)
@@ -256,10 +257,3 @@ def _mixed(weights: Bytes, values: npt.NDArray[np.int64]) -> npt.NDArray[np.uint
                 total += weights[rows, :, material] * np.int32(value)
             result[rows, :, channel] = total // _WHOLE
     return result
-
-
-def _srgb() -> Bytes:
-    """Return the sRGB byte of each linear step (IEC 61966-2-1)."""
-    linear = np.arange(_STEPS + 1) / _STEPS
-    values = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1.0 / 2.4) - 0.055)
-    return np.rint(255.0 * values).astype(np.uint8)

@@ -1,9 +1,9 @@
-"""The ground as triangles: of all vertices of a grid, or as few as an error allows, which is measured.
+"""Terrain as triangles: all vertices of a grid, or an adaptive mesh with a measured error bound.
 
-Garland & Heckbert 1995, "Fast Polygonal Approximation of Terrains and Height Fields": the vertex that is
-furthest off is put into a Delaunay triangulation until none is off by more than the bound. pydelatin does it
-in float32, so the error of its mesh is measured again in float64: which vertices lie in a triangle is found
-in whole numbers, row by row, so none on an edge is missed.
+Garland & Heckbert 1995, "Fast Polygonal Approximation of Terrains and Height Fields": the vertex with the
+largest error is inserted into a Delaunay triangulation until no error exceeds the bound. pydelatin works in
+float32, so the error is measured again in float64 at all vertices of the grid; triangles are clipped by rows
+in integers, so none on an edge is missed.
 """
 
 from __future__ import annotations
@@ -20,127 +20,104 @@ from sketchterrain.export.target import Export, ExportOptions
 
 Ints = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
-FINEST: Final = 0.001
-"""m: the smallest error that can be asked for; float32 holds heights of kilometres about as finely."""
+MIN_ERROR: Final = 0.001  # m; about the precision of float32 for heights of kilometres
 
-_ROUNDING = 4.0 * float(np.finfo(np.float32).eps)  # of a height that is weighed from three others
+_ROUNDING = 4.0 * float(np.finfo(np.float32).eps)  # of a height interpolated from three others
 _TRIANGLES = 1 << 18
 _SAMPLES = 1 << 21  # at once: bounds the memory to a few hundred megabytes
 
 
 @dataclass(frozen=True, eq=False)
-class Mesh:
-    """Some of a grid's vertices, and triangles between them that cover its rectangle once.
+class GridMesh:
+    """Some of a grid's vertices, and triangles between them that cover its rectangle once."""
 
-    Attributes
-    ----------
-    column, row : (n,) int32
-        Of each vertex in the grid; row 0 is the north edge.
-    triangles : (k, 3) uint32
-        Numbers of vertices, counter-clockwise from above.
-    """
+    column: npt.NDArray[np.int32]  # (n,) of each vertex
+    row: npt.NDArray[np.int32]  # (n,); row 0 is the north edge
+    triangles: npt.NDArray[np.uint32]  # (k, 3) indices of vertices, counter-clockwise from above
 
-    column: npt.NDArray[np.int32]
-    row: npt.NDArray[np.int32]
-    triangles: npt.NDArray[np.uint32]
-
-    def of(self, raster: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
-        """Return a raster's values, (rows, columns, …), at the vertices: (n, …)."""
+    def sample(self, raster: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+        """Return the values of a raster, (rows, columns, …), at the vertices: (n, …)."""
         return raster[self.row, self.column]
 
 
-def grid_mesh(columns: int, rows: int) -> Mesh:
-    """Return the mesh of all vertices: two triangles a quad, cut from its south-west to its north-east."""
+class MeasuredMesh(NamedTuple):
+    """A mesh and its measured error (m), the largest at any vertex of the grid."""
+
+    mesh: GridMesh
+    error: float
+
+
+def full_mesh(columns: int, rows: int) -> GridMesh:
+    """Return the mesh of all vertices: two triangles a quad, cut from south-west to north-east."""
     row, column = np.indices((rows, columns), np.int32)
     index = np.arange(columns * rows, dtype=np.uint32).reshape(rows, columns)
     nw, ne, sw, se = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
     quads = np.stack([sw, se, ne, sw, ne, nw], axis=-1)
-    return Mesh(column.ravel(), row.ravel(), quads.reshape(-1, 3))
+    return GridMesh(column.ravel(), row.ravel(), quads.reshape(-1, 3))
 
 
-def check_error(options: ExportOptions) -> None:
-    """Check the error bound of a mesh."""
-    if options.error is None:
-        return
-    if not (FINEST <= options.error < np.inf):
-        raise InputError(f"expected an error of a mesh from {FINEST:g} m on, got {options.error:g}")
+def check_mesh_error(options: ExportOptions) -> None:
+    """Raise `InputError` for an invalid error bound of a mesh."""
+    if options.error is not None and not (MIN_ERROR <= options.error < np.inf):
+        raise InputError(f"expected an error of a mesh from {MIN_ERROR:g} m on, got {options.error:g}")
 
 
-def ground_mesh(export: Export, *, decimals: int | None = None) -> Adapted:
-    """Return the mesh that an export's options ask for, and how far it is off as it is written."""
-    height, error = export.sampled.height, export.options.error
+def export_mesh(export: Export, *, decimals: int | None = None) -> MeasuredMesh:
+    """Return the mesh that an export's options ask for, with its error as written, in so many decimals."""
+    height, error = export.samples.height, export.options.error
     with export.stages.stage("mesh", "Triangles"):
-        lost = 0.0 if decimals is None else 0.5 * 10.0**-decimals
+        rounding = 0.0 if decimals is None else 0.5 * 10.0**-decimals
         if error is None:
-            made = Adapted(grid_mesh(export.grid.columns, export.grid.rows), 0.0)
+            result = MeasuredMesh(full_mesh(export.grid.columns, export.grid.rows), 0.0)
         else:
-            made = adaptive_mesh(height, error - lost)
+            result = adaptive_mesh(height, error - rounding)
         if decimals is None:
-            return made
-        written = np.round(made.mesh.of(height).astype(np.float64), decimals)
-        return Adapted(made.mesh, mesh_error(made.mesh, height, written))
+            return result
+        written = np.round(result.mesh.sample(height).astype(np.float64), decimals)
+        return MeasuredMesh(result.mesh, mesh_error(result.mesh, height, written))
 
 
-def mesh_facts(export: Export, made: Adapted) -> dict[str, Any]:
-    """Return what the sidecar says of a mesh."""
-    asked = {} if export.options.error is None else {"error_asked": export.options.error}
+def mesh_metadata(export: Export, result: MeasuredMesh) -> dict[str, Any]:
+    """Return the sidecar's entry of a mesh."""
+    requested = {} if export.options.error is None else {"error_asked": export.options.error}
     return {
-        "vertices": len(made.mesh.column),
-        "triangles": len(made.mesh.triangles),
-        **asked,
-        "error_measured": made.error,
+        "vertices": len(result.mesh.column),
+        "triangles": len(result.mesh.triangles),
+        **requested,
+        "error_measured": result.error,
         "error_is": "m, the largest vertical distance at any vertex of the grid",
     }
 
 
-class Adapted(NamedTuple):
-    """A mesh, and how far it is off at most, measured, m."""
-
-    mesh: Mesh
-    error: float
-
-
-def adaptive_mesh(height: npt.NDArray[np.float32], error: float) -> Adapted:
-    """Return a mesh that is nowhere further off than asked, at any vertex of the grid."""
+def adaptive_mesh(height: npt.NDArray[np.float32], error: float) -> MeasuredMesh:
+    """Return a mesh of few triangles whose error (m) is within a bound at all vertices of the grid."""
     from pydelatin import Delatin
 
     if not (0.0 < error < np.inf):
         raise InputError(f"expected an error of a mesh above 0 m, got {error:g}")
     rows, columns = height.shape
     heights = np.ascontiguousarray(height, np.float32)
-    aim = error - _ROUNDING * float(np.abs(heights).max())
-    while aim > 0.0:
-        made = Delatin(heights, max_error=aim)
+    bound = error - _ROUNDING * float(np.abs(heights).max())
+    while bound > 0.0:
+        result = Delatin(heights, max_error=bound)
         # Its rows count from the south, so its triangles are counter-clockwise from above.
-        places = made.vertices[:, :2].astype(np.int32)
-        mesh = Mesh(places[:, 0], (rows - 1) - places[:, 1], made.triangles)
-        off = mesh_error(mesh, height)
-        if off <= error:
-            return Adapted(mesh, off)
-        aim -= 2.0 * min(off - error, aim)
-    return Adapted(grid_mesh(columns, rows), 0.0)
+        places = result.vertices[:, :2].astype(np.int32)
+        mesh = GridMesh(places[:, 0], (rows - 1) - places[:, 1], result.triangles)
+        measured = mesh_error(mesh, height)
+        if measured <= error:
+            return MeasuredMesh(mesh, measured)
+        bound -= 2.0 * min(measured - error, bound)
+    return MeasuredMesh(full_mesh(columns, rows), 0.0)
 
 
 def mesh_error(
-    mesh: Mesh, height: npt.NDArray[np.floating], written: npt.NDArray[np.floating] | None = None
+    mesh: GridMesh, height: npt.NDArray[np.floating], written: npt.NDArray[np.floating] | None = None
 ) -> float:
-    """Return the largest vertical distance between a mesh and the grid that it stands for.
+    """Return the largest vertical distance (m) of a mesh from a grid (rows, columns), inf if it has holes.
 
-    Parameters
-    ----------
-    mesh
-    height
-        (rows, columns), m.
-    written
-        (n,) m: heights of the mesh's vertices as a file holds them; the grid's by default.
-
-    Returns
-    -------
-    float
-        m, over all vertices of the grid; infinite if the mesh leaves one of them uncovered.
+    `written`, (n,), are the heights of its vertices as stored in a file, by default the grid's.
     """
-    corners = mesh.of(height) if written is None else written
-    corners = corners.astype(np.float64)
+    corners = (mesh.sample(height) if written is None else written).astype(np.float64)
     missed = np.ones(height.shape, bool)
     worst = 0.0
     for first in range(0, len(mesh.triangles), _TRIANGLES):
@@ -149,8 +126,8 @@ def mesh_error(
         y = mesh.row[index].astype(np.int64)
         origin, slope_x, slope_y = _planes(x, y, corners[index])
         for spans in _pieces(_spans(x, y)):
-            of, row = np.repeat(spans.triangle, spans.many), np.repeat(spans.row, spans.many)
-            column = _counted(spans.first, spans.many)
+            of, row = np.repeat(spans.triangle, spans.count), np.repeat(spans.row, spans.count)
+            column = _ranges(spans.first, spans.count)
             surface = origin[of] + slope_x[of] * (column - x[of, 0]) + slope_y[of] * (row - y[of, 0])
             worst = max(worst, float(np.abs(surface - height[row, column]).max(initial=0.0)))
             missed[row, column] = False
@@ -158,14 +135,14 @@ def mesh_error(
 
 
 class _Spans(NamedTuple):
-    """Vertices of one row in one triangle: from a first column on, so many."""
+    """Runs of grid vertices within triangles, each in one row."""
 
     triangle: Ints
     row: Ints
-    first: Ints
-    many: Ints
+    first: Ints  # column
+    count: Ints
 
-    def some(self, which: slice | npt.NDArray[np.bool_]) -> _Spans:
+    def select(self, which: slice | npt.NDArray[np.bool_]) -> _Spans:
         return _Spans(*(part[which] for part in self))
 
 
@@ -173,21 +150,21 @@ def _planes(x: Ints, y: Ints, z: Floats) -> tuple[Floats, Floats, Floats]:
     """Return each triangle's height at its first corner, and its slopes along columns and rows."""
     (ux, vx), (uy, vy), (uz, vz) = ((part[:, 1:] - part[:, :1]).T for part in (x, y, z))
     area = ux * vy - uy * vx
-    flat = area == 0  # such a triangle is a line: its corners are in its neighbours too
-    whole = np.where(flat, 1, area).astype(np.float64)
-    slope_x, slope_y = (uz * vy - uy * vz) / whole, (ux * vz - uz * vx) / whole
+    flat = area == 0  # a degenerate triangle: its corners are in its neighbours too
+    divisor = np.where(flat, 1, area).astype(np.float64)
+    slope_x, slope_y = (uz * vy - uy * vz) / divisor, (ux * vz - uz * vx) / divisor
     return z[:, 0], np.where(flat, 0.0, slope_x), np.where(flat, 0.0, slope_y)
 
 
 def _spans(x: Ints, y: Ints) -> _Spans:
-    """Return the vertices of the grid in each triangle that is no line, its edges included."""
+    """Return the grid vertices in each non-degenerate triangle, its edges included."""
     order = np.argsort(y, axis=1, kind="stable")
     x0, x1, x2 = np.take_along_axis(x, order, axis=1).T
     y0, y1, y2 = np.take_along_axis(y, order, axis=1).T
     area = (x1 - x0) * (y2 - y0) - (y1 - y0) * (x2 - x0)
     rows = np.where(area == 0, 0, y2 - y0 + 1)
     of = np.repeat(np.arange(len(x)), rows)
-    row = _counted(y0, rows)
+    row = _ranges(y0, rows)
     # The longest edge is crossed in every row, one of the two others besides.
     upper = (row < y1[of]) | (y1 == y2)[of]
     ends = [
@@ -204,18 +181,18 @@ def _spans(x: Ints, y: Ints) -> _Spans:
 
 
 def _pieces(spans: _Spans) -> Iterator[_Spans]:
-    """Yield spans in pieces of a bounded number of vertices; none of them is empty."""
-    spans = spans.some(spans.many > 0)
-    upto = np.cumsum(spans.many)
+    """Yield non-empty spans in batches of a bounded number of vertices."""
+    spans = spans.select(spans.count > 0)
+    upto = np.cumsum(spans.count)
     start = 0
     while start < len(upto):
         before = int(upto[start - 1]) if start else 0
         stop = max(int(np.searchsorted(upto, before + _SAMPLES, side="right")), start + 1)
-        yield spans.some(slice(start, stop))
+        yield spans.select(slice(start, stop))
         start = stop
 
 
-def _counted(first: Ints, count: Ints) -> Ints:
-    """Return first, first + 1 … of each entry, as many as its count."""
+def _ranges(first: Ints, count: Ints) -> Ints:
+    """Return the concatenated ranges first … first + count − 1."""
     before = np.cumsum(count) - count
     return np.asarray(np.arange(int(count.sum())) - np.repeat(before - first, count))

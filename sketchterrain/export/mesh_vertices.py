@@ -1,4 +1,4 @@
-"""Vertices along a program's axes: of ground meshes with normals and texture coordinates, and of waters."""
+"""Vertex positions, normals and texture coordinates of terrain meshes, and water meshes."""
 
 from __future__ import annotations
 
@@ -9,87 +9,80 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.export.engines import EngineAxes
-from sketchterrain.export.mesh import Mesh
-from sketchterrain.export.sampled import Grid, Sampled
+from sketchterrain.export.mesh import GridMesh
+from sketchterrain.export.sampled import SampleGrid, TerrainSamples
 
 if TYPE_CHECKING:  # loads OpenCL
     from sketchterrain.terrain import TerrainFeatures
 
 Singles = npt.NDArray[np.float32]
-LARGEST_TEXTURE = 8192
-"""Texels a side that graphics cards of today take."""
+MAX_TEXTURE_SIDE = 8192  # texels, of today's graphics cards
 
-_AT_ONCE = 1 << 20  # vertices: bounds the memory
-_SHOWN = 0.5  # of a river, less is the lake's or the wider river's that it runs into
-_DIVE = 0.3  # m that it goes below them there: two surfaces in one plane flicker
+_VERTICES_AT_ONCE = 1 << 20  # bounds the memory
+_MIN_RIVER_SHARE = 0.5  # of a river's triangle; with less it belongs to the lake or river it flows into
+_RIVER_OFFSET = 0.3  # m that a river's end is lowered below those, against z-fighting
 
 
-def mesh_places(mesh: Mesh, sampled: Sampled, axes: EngineAxes) -> Singles:
-    """Return where a mesh's vertices are: (n, 3), in the axes' unit."""
-    grid = sampled.grid
+def mesh_positions(mesh: GridMesh, samples: TerrainSamples, axes: EngineAxes) -> Singles:
+    """Return the positions of a mesh's vertices, (n, 3), in the axes' unit."""
+    grid = samples.grid
     dx, dy = grid.spacing
     result = np.empty((len(mesh.column), 3), np.float32)
     for some in _parts(mesh):
         column, row = mesh.column[some], mesh.row[some]
-        height = sampled.height[row, column]
-        result[some] = axes.places(grid.west + column * dx, grid.north - row * dy, height)
+        height = samples.height[row, column]
+        result[some] = axes.points(grid.west + column * dx, grid.north - row * dy, height)
     return result
 
 
-def mesh_normals(mesh: Mesh, sampled: Sampled, axes: EngineAxes) -> Singles:
-    """Return unit normals of the ground, (n, 3), from the heights of each vertex' neighbours in the grid.
-
-    They are those of the grid at any error of the mesh, and finer than the bytes of a normal map.
-    """
-    dx, dy = sampled.grid.spacing
-    height = sampled.height
+def mesh_normals(mesh: GridMesh, samples: TerrainSamples, axes: EngineAxes) -> Singles:
+    """Return unit normals, (n, 3), by central differences of the full grid, whatever the mesh's error."""
+    dx, dy = samples.grid.spacing
+    height = samples.height
     result = np.empty((len(mesh.column), 3), np.float32)
     for some in _parts(mesh):
         column, row = mesh.column[some].astype(np.intp), mesh.row[some].astype(np.intp)
-        west, east = np.maximum(column - 1, 0), np.minimum(column + 1, sampled.grid.columns - 1)
-        north, south = np.maximum(row - 1, 0), np.minimum(row + 1, sampled.grid.rows - 1)
+        west, east = np.maximum(column - 1, 0), np.minimum(column + 1, samples.grid.columns - 1)
+        north, south = np.maximum(row - 1, 0), np.minimum(row + 1, samples.grid.rows - 1)
         slope_east = (height[row, east].astype(np.float64) - height[row, west]) / ((east - west) * dx)
-        fall = height[north, column].astype(np.float64) - height[south, column]
-        slope_north = fall / ((south - north) * dy)
+        rise = height[north, column].astype(np.float64) - height[south, column]
+        slope_north = rise / ((south - north) * dy)
         normal = np.stack([-slope_east, -slope_north, np.ones(len(column))], axis=-1)
         normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-        result[some] = axes.directions(normal)
+        result[some] = axes.vectors(normal)
     return result
 
 
-def texel_step(grid: Grid) -> int:
-    """Return every how many-th vertex has a texel, so that a texture is no larger than `LARGEST_TEXTURE`."""
-    return -(-max(grid.columns, grid.rows) // LARGEST_TEXTURE)
+def texture_stride(grid: SampleGrid) -> int:
+    """Return the vertices per texel along a side, so that textures are at most `MAX_TEXTURE_SIDE`."""
+    return -(-max(grid.columns, grid.rows) // MAX_TEXTURE_SIDE)
 
 
-def mesh_texels(mesh: Mesh, grid: Grid) -> Singles:
-    """Return texture coordinates, (n, 2), 0 … 1 from the west and from the north.
-
-    A vertex that has a texel lies in its middle.
-    """
-    step = texel_step(grid)
-    texels = -(-grid.columns // step), -(-grid.rows // step)
+def mesh_texcoords(mesh: GridMesh, grid: SampleGrid) -> Singles:
+    """Return texture coordinates, (n, 2), 0 … 1 from the north-west; texels are centred on vertices."""
+    stride = texture_stride(grid)
+    texels = -(-grid.columns // stride), -(-grid.rows // stride)
     result = np.empty((len(mesh.column), 2), np.float32)
-    for axis, place in enumerate((mesh.column, mesh.row)):
-        result[:, axis] = np.minimum((place / step + 0.5) / texels[axis], 1.0)
+    for axis, index in enumerate((mesh.column, mesh.row)):
+        result[:, axis] = np.minimum((index / stride + 0.5) / texels[axis], 1.0)
     return result
 
 
-def _parts(mesh: Mesh) -> Iterator[slice]:
-    for first in range(0, len(mesh.column), _AT_ONCE):
-        yield slice(first, first + _AT_ONCE)
+def _parts(mesh: GridMesh) -> Iterator[slice]:
+    for first in range(0, len(mesh.column), _VERTICES_AT_ONCE):
+        yield slice(first, first + _VERTICES_AT_ONCE)
 
 
-class Water(NamedTuple):
-    """One river or lake."""
+class WaterMesh(NamedTuple):
+    """Surface of one river or lake."""
 
     name: str  # "river 7", by its id
-    place: npt.NDArray[np.float64]  # (n, 3): x east, y north, z up, m
+    position: npt.NDArray[np.float64]  # (n, 3): x east, y north, z up, m
     triangles: npt.NDArray[np.uint32]  # (k, 3), counter-clockwise from above
 
 
-def waters(features: TerrainFeatures, grid: Grid) -> Iterator[Water]:
-    """Return each water as far as it lies in a grid's rectangle, lakes first."""
+def water_meshes(features: TerrainFeatures, grid: SampleGrid) -> Iterator[WaterMesh]:
+    """Return each water surface, clipped to a grid's rectangle, lakes first."""
     from sketchterrain.look.water_surfaces import water_surfaces  # SciPy: not for a list of targets
 
     rivers = [river for river in features.rivers if len(river.centreline) > 1]
@@ -98,17 +91,13 @@ def waters(features: TerrainFeatures, grid: Grid) -> Iterator[Water]:
         triangles = surface.triangles.reshape(-1, 3)
         x, y = surface.position[:, 0], surface.position[:, 1]
         inside = (x >= grid.west) & (x <= grid.east) & (y >= grid.south) & (y <= grid.north)
-        shown = surface.stream[triangles, 2].mean(axis=1) >= _SHOWN
-        place = surface.position.copy()
-        # What reaches over the edge ends there.
-        np.clip(place[:, :2], (grid.west, grid.south), (grid.east, grid.north), out=place[:, :2])
-        place[:, 2] -= _DIVE * (1.0 - surface.stream[:, 2])
-        kept = triangles[shown & inside[triangles].any(axis=1) & _has_area(place, triangles)]
-        if len(kept):
-            used, index = np.unique(kept, return_inverse=True)
-            yield Water(name, place[used], index.reshape(-1, 3).astype(np.uint32))
-
-
-def _has_area(place: npt.NDArray[np.float64], triangles: npt.NDArray[np.uint32]) -> npt.NDArray[np.bool_]:
-    (ax, ay), (bx, by), (cx, cy) = (place[triangles[:, k], :2].T for k in range(3))
-    return np.asarray((bx - ax) * (cy - ay) - (by - ay) * (cx - ax) > 0.0)
+        visible = surface.stream[triangles, 2].mean(axis=1) >= _MIN_RIVER_SHARE
+        position = surface.position.copy()
+        np.clip(position[:, :2], (grid.west, grid.south), (grid.east, grid.north), out=position[:, :2])
+        position[:, 2] -= _RIVER_OFFSET * (1.0 - surface.stream[:, 2])
+        (ax, ay), (bx, by), (cx, cy) = (position[triangles[:, k], :2].T for k in range(3))
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        remaining = triangles[visible & inside[triangles].any(axis=1) & (area > 0.0)]
+        if len(remaining):
+            used, index = np.unique(remaining, return_inverse=True)
+            yield WaterMesh(name, position[used], index.reshape(-1, 3).astype(np.uint32))

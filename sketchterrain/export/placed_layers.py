@@ -1,4 +1,4 @@
-"""What was placed in a terrain as layers of points, lines and areas with attributes, in a GeoPackage."""
+"""Vector layers of a terrain's features, rivers, lakes and plants in a GeoPackage."""
 
 from __future__ import annotations
 
@@ -23,37 +23,37 @@ if TYPE_CHECKING:  # load SciPy
     from sketchterrain.features.catalogue import Points
 
 
-# GDAL writes the time of the last change into the file: the same terrain shall be the same bytes.
-_WHEN = {"OGR_CURRENT_DATE": "2000-01-01T00:00:00.000Z"}
+# GDAL writes the time into the file; a fixed one makes files deterministic.
+_FIXED_TIME = {"OGR_CURRENT_DATE": "2000-01-01T00:00:00.000Z"}
 
 
 class Origin(NamedTuple):
-    """What is added to the world's x and y, m."""
+    """Offset of the world's x and y (m)."""
 
     east: float
     north: float
 
 
 class VectorLayer(NamedTuple):
-    """Some features of a layer."""
+    """Features of a layer."""
 
     name: str
-    kind: str  # as OGR names it: ``Point Z``, ``LineString Z``, ``MultiPolygon Z``
-    geometry: npt.NDArray[np.object_]  # (n,) shapely geometries of that kind
+    geometry_type: str  # as OGR names it: ``Point Z``, ``LineString Z``, ``MultiPolygon Z``
+    geometry: npt.NDArray[np.object_]  # (n,) shapely geometries of that type
     fields: Mapping[str, npt.NDArray[Any]]  # attributes, (n,) each: numbers, bool, or object arrays of str
 
 
 class GeoPackage:
-    """A file that layers are added to; made by `geopackage`."""
+    """A GeoPackage open for writing, see `geopackage`."""
 
     def __init__(self, path: Path, crs: str) -> None:
         self._path = path
         self._crs = crs
         self.counts: dict[str, int] = {}  # features of each layer
-        self.indexed: dict[str, int] = {}  # those with a geometry, which are in its spatial index
+        self.indexed: dict[str, int] = {}  # those with a geometry, in its spatial index
 
     def add(self, layer: VectorLayer) -> None:
-        """Write features of a layer, after those it has; a layer without any features is written too."""
+        """Append features to a layer, which is created even if there are none."""
         import pyogrio.raw
         import shapely
 
@@ -65,54 +65,50 @@ class GeoPackage:
                 list(layer.fields),
                 layer=layer.name,
                 driver="GPKG",
-                geometry_type=layer.kind,
+                geometry_type=layer.geometry_type,
                 crs=self._crs,
                 append=self._path.exists(),
                 layer_options={"GEOMETRY_NAME": "geom"},
             )
-        somewhere = int((~shapely.is_empty(layer.geometry)).sum())
+        indexed = int((~shapely.is_empty(layer.geometry)).sum())
         self.counts[layer.name] = self.counts.get(layer.name, 0) + len(layer.geometry)
-        self.indexed[layer.name] = self.indexed.get(layer.name, 0) + somewhere
+        self.indexed[layer.name] = self.indexed.get(layer.name, 0) + indexed
 
 
 @contextmanager
 def geopackage(path: Path, crs: str) -> Iterator[GeoPackage]:
-    """Yield a GeoPackage to add layers to; the same layers give the same bytes.
+    """Yield a GeoPackage to add layers to, each with a spatial index; deterministic.
 
-    By the driver GPKG of GDAL (its documentation: "GPKG -- GeoPackage vector"), with a spatial index a layer.
-    A layer's first million points take 10 s, which are added to it later 16 s.
+    A layer's first million points take 10 s, later ones 16 s.
     """
     import pyogrio
     from pyogrio.errors import DataLayerError, DataSourceError
 
-    before = {key: pyogrio.get_gdal_config_option(key) for key in _WHEN}
-    pyogrio.set_gdal_config_options(_WHEN)
+    before = {key: pyogrio.get_gdal_config_option(key) for key in _FIXED_TIME}
+    pyogrio.set_gdal_config_options(_FIXED_TIME)
     file = GeoPackage(path, crs)
     try:
         yield file
-        _check(path, file)
+        _check_complete(path, file)
     except (DataLayerError, DataSourceError, sqlite3.Error, OSError) as error:
         raise SketchterrainError(f"{one_line(path)}: cannot be written ({one_line(error)})") from error
     finally:
         pyogrio.set_gdal_config_options(before)
 
 
-def _check(path: Path, file: GeoPackage) -> None:
-    """Find out whether all came to the disk: what fails when a layer is closed, GDAL does not tell."""
+def _check_complete(path: Path, file: GeoPackage) -> None:
+    """Check that all rows are on disk: GDAL does not report failures on closing a layer."""
     rows = {f"rtree_{name}_geom_rowid": count for name, count in file.indexed.items()} | file.counts
     with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as connection:
         tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master")}
         for table, count in rows.items():
             counted = f'SELECT count(*) FROM "{table}"'  # noqa: S608 # our own names
             if table not in tables or connection.execute(counted).fetchone() != (count,):
-                raise OSError("not all of it came to the disk")
-
-
-__all__ = ["Origin", "feature_layer", "lake_layer", "plant_layer", "river_layer", "station_layer"]
+                raise OSError("incomplete on disk")
 
 
 def lake_layer(lakes: Sequence[Lake], origin: Origin) -> VectorLayer:
-    """Return the lakes as areas at their level, islands left out."""
+    """Return the lakes as areas at their level, without islands."""
     areas = [_area(lake, origin) for lake in lakes]
     return VectorLayer(
         "lakes",
@@ -128,10 +124,7 @@ def lake_layer(lakes: Sequence[Lake], origin: Origin) -> VectorLayer:
 
 
 def river_layer(rivers: Sequence[River], origin: Origin) -> VectorLayer:
-    """Return the rivers' centrelines, springs first, at the height of the water.
-
-    Widths and depths (m) are the mean along the river and those at its two ends.
-    """
+    """Return the rivers' centrelines from the spring on, at the height of the water."""
     import shapely
 
     ends = {"spring": 0, "mouth": -1}
@@ -152,7 +145,7 @@ def river_layer(rivers: Sequence[River], origin: Origin) -> VectorLayer:
 
 
 def station_layer(rivers: Sequence[River], origin: Origin) -> VectorLayer:
-    """Return every point of the centrelines with the width and depth that the river has there."""
+    """Return every point of the centrelines with the river's width and depth."""
     import shapely
 
     counts = [len(river.centreline) for river in rivers]
@@ -171,19 +164,19 @@ def station_layer(rivers: Sequence[River], origin: Origin) -> VectorLayer:
 
 
 def feature_layer(points: Points, height: npt.NDArray[np.float32], origin: Origin) -> VectorLayer:
-    """Return mountains, hills, dunes and forests as points with what they are made by."""
+    """Return mountains, hills, dunes and forests as points with their parameters."""
     import shapely
 
     names = np.array(FEATURE_TYPES, dtype=object)
     forests = points["type"] == FEATURE_TYPES.index("forest")
-    only = ("peakiness", "wavelength", "wind", "erosion", "gullies")
+    columns = ("peakiness", "wavelength", "wind", "erosion", "gullies")
     fields: dict[str, npt.NDArray[Any]] = {
         "id": _texts(points["id"]),
         "type": names[points["type"]],
         "radius": points["radius"],
         "strength": points["strength"],
     }
-    fields |= {name: np.where(forests, np.float32(0.0), points[name]) for name in only}
+    fields |= {name: np.where(forests, np.float32(0.0), points[name]) for name in columns}
     fields["conifers"] = np.where(forests, conifer_share(points["peakiness"]), -1.0).astype(np.float32)
     fields["painted"] = points["painted"]
     places = np.stack([points["x"] + origin.east, points["y"] + origin.north, height], axis=-1)
@@ -212,7 +205,7 @@ def plant_layer(
 
 
 def _along(river: River) -> npt.NDArray[np.float64]:
-    """Metres along a centreline, seen from above, from the spring to each of its points."""
+    """Return the horizontal distance (m) from the spring to each point of a centreline."""
     steps = np.hypot(*np.diff(river.centreline[:, :2], axis=0).T)
     return np.concatenate([[0.0], np.cumsum(steps)])
 
@@ -228,11 +221,11 @@ def _moved(places: npt.NDArray[np.float64], origin: Origin) -> npt.NDArray[np.fl
 
 
 def _area(lake: Lake, origin: Origin) -> Any:
-    """Return a lake's surface as a shapely area: what an odd number of rings goes around."""
+    """Return a lake's surface, by the even-odd rule of its rings."""
     import shapely
 
     rings = [shapely.linestrings(ring + origin) for ring in lake_outline(lake.shape)]
-    # Rings cut each other nowhere; where one touches itself, an area has to be mended.
+    # Rings do not cross, but one that touches itself is invalid.
     area = shapely.make_valid(shapely.build_area(shapely.multilinestrings(rings)))
     parts = [part for part in shapely.get_parts(area) if part.geom_type == "Polygon"]
     return shapely.force_3d(shapely.multipolygons(parts), lake.level)
@@ -243,7 +236,7 @@ def _joined(parts: Sequence[npt.NDArray[Any]], empty: tuple[int, ...]) -> npt.ND
 
 
 def _texts(numbers: Iterable[Any]) -> npt.NDArray[np.object_]:
-    """64-bit unsigned ids, which a GeoPackage has no numbers for, as texts."""
+    """Return 64-bit unsigned ids as texts: a GeoPackage has no such numbers."""
     return _objects([str(int(number)) for number in numbers])
 
 

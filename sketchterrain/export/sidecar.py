@@ -1,4 +1,4 @@
-"""The sidecar of an export: what its files are, and what to type in where they are imported, also as rows."""
+"""The sidecar of an export, ``terrain.json``: its files, and import settings, also as rows of text."""
 
 from __future__ import annotations
 
@@ -8,128 +8,123 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sketchterrain.export.files import files_without_successor, write_json
+from sketchterrain.export.files import stale_files, write_json
 from sketchterrain.export.images import ORIENTATION
-from sketchterrain.export.sampled import Grid
-from sketchterrain.export.target import Export, Written
+from sketchterrain.export.sampled import SampleGrid
+from sketchterrain.export.target import Export, ExportOutput
 
 SIDECAR = "terrain.json"
-"""The file's name."""
 
-_MOST = 4  # entries of a list; the sidecar has all
-_DIGITS = 10  # of a number that is shown
+_MAX_ENTRIES = 4  # of a list in rows; the sidecar has all
+_DIGITS = 10  # of a number in rows
 
 
-def sidecar(export: Export, written: Written, target: str) -> dict[str, Any]:
-    """Return what the sidecar says; a target's own facts stand in place of those that all have."""
-    height, tiling = export.sampled.height, export.tiling
-    facts = dict(written.facts)
+def sidecar(export: Export, output: ExportOutput, target: str) -> dict[str, Any]:
+    """Return the content of the sidecar; a target's own facts replace the common ones."""
+    height, tiling = export.samples.height, export.tiling
+    facts = dict(output.facts)
     heights = {"minimum": float(height.min()), "maximum": float(height.max()), "units": "m"}
-    told = {
+    content = {
         "format": 1,
         "target": target,
         "program": f"sketchterrain {version('sketchterrain')}",
         "sketch": export.terrain.sketch.name,
         "seed": export.terrain.sketch.seed,
-        "grid": _grid(export.grid),
+        "grid": _grid_entry(export.grid),
         "heights": heights | facts.pop("heights", {}),
         "byte_order": "as the files' formats have it",
         "orientation": ORIENTATION,
     }
     if tiling.count > 1:
-        told["tiling"] = {
+        content["tiling"] = {
             "columns": tiling.columns,
             "rows": tiling.rows,
             "overlap": tiling.overlap,
             "first": tiling.first,
             "y_counts_from": "south" if tiling.from_south else "north",
         }
-    told["tiles"] = [
+    content["tiles"] = [
         {
-            "name": tiling.name(export.name, piece),
-            "x": piece.x,
-            "y": piece.y,
-            "left": piece.left,
-            "top": piece.top,
-            **_grid(export.grid.part(piece.left, piece.top, piece.columns, piece.rows)),
+            "name": tiling.tile_name(export.name, tile),
+            "x": tile.x,
+            "y": tile.y,
+            "left": tile.left,
+            "top": tile.top,
+            **_grid_entry(export.grid.window(tile.left, tile.top, tile.columns, tile.rows)),
         }
-        for piece in tiling.pieces(export.grid.columns, export.grid.rows)
+        for tile in tiling.tiles(export.grid.columns, export.grid.rows)
     ]
-    told |= facts
-    files = [{"file": path.name, "what": what} for path, what in written.files.items()]
-    return told | {"files": [*files, {"file": SIDECAR, "what": "this"}], "import": written.settings}
+    content |= facts
+    files = [{"file": path.name, "what": what} for path, what in output.files.items()]
+    return content | {"files": [*files, {"file": SIDECAR, "what": "this"}], "import": output.settings}
 
 
-def write_sidecar(export: Export, written: Written, target: str) -> tuple[Path, dict[str, Any]]:
-    """Write ``terrain.json`` into the export's folder, and return its path and what it says."""
-    told = sidecar(export, written, target)
-    return write_json(export.folder / SIDECAR, told), told
+def write_sidecar(export: Export, output: ExportOutput, target: str) -> tuple[Path, dict[str, Any]]:
+    """Write ``terrain.json`` into the export's folder, and return its path and content."""
+    content = sidecar(export, output, target)
+    return write_json(export.folder / SIDECAR, content), content
 
 
-def replaced_files(folder: Path, told: dict[str, Any]) -> list[Path]:
-    """Return the files of an earlier export in a folder that a newer one stands in place of, without its own.
-
-    That is one of the same sketch to the same target, by its sidecar; any other's files are nobody's business
-    here, nor is what its sidecar names outside of the folder.
-    """
+def stale_export_files(folder: Path, content: dict[str, Any]) -> list[Path]:
+    """Return files of an earlier export of the same sketch to the same target that a new sidecar lacks."""
     try:
         before = json.loads((folder / SIDECAR).read_bytes())
-        if any(before[key] != told[key] for key in ("format", "target", "sketch")):
+        if any(before[key] != content[key] for key in ("format", "target", "sketch")):
             return []
         names = {str(each["file"]) for each in before["files"]}
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return []  # there is none, or none of ours
-    return files_without_successor(folder, names, (each["file"] for each in told["files"]))
+        return []  # missing, or not ours
+    return stale_files(folder, names, (each["file"] for each in content["files"]))
 
 
-def _grid(grid: Grid) -> dict[str, Any]:
+def _grid_entry(grid: SampleGrid) -> dict[str, Any]:
     dx, dy = grid.spacing
-    west, south, east, north = grid.area
     return {
         "columns": grid.columns,
         "rows": grid.rows,
         "spacing": {"x": dx, "y": dy},
-        "bounds": {"west": west, "south": south, "east": east, "north": north},
+        "bounds": {"west": grid.west, "south": grid.south, "east": grid.east, "north": grid.north},
     }
 
 
-class Row(NamedTuple):
-    """One thing to type in, or a heading over others."""
+class SettingRow(NamedTuple):
+    """One import setting, or a heading (with an empty value) of those below it."""
 
-    depth: int  # 0, or under so many headings
+    depth: int  # number of headings above
     name: str
-    value: str  # empty for a heading
+    value: str
 
 
-def typed_rows(settings: Mapping[str, Any]) -> list[Row]:
-    """Return a target's settings (``import`` in the sidecar) as rows.
+def setting_rows(settings: Mapping[str, Any]) -> list[SettingRow]:
+    """Return a target's import settings as rows.
 
-    >>> typed_rows({"Terrain Size": {"X": 3072.0, "Y": 450.55}, "Flip": False})
-    [Row(depth=0, name='Terrain Size', value='X 3072  Y 450.55'), Row(depth=0, name='Flip', value='no')]
+    >>> setting_rows({"Flip": False})
+    [SettingRow(depth=0, name='Flip', value='no')]
     """
     return list(_rows(settings, 0))
 
 
-def _rows(settings: Mapping[str, Any], depth: int) -> Iterator[Row]:
+def _rows(settings: Mapping[str, Any], depth: int) -> Iterator[SettingRow]:
     for name, value in settings.items():
         if isinstance(value, dict) and not all(isinstance(each, (int, float)) for each in value.values()):
-            yield Row(depth, name, "")
+            yield SettingRow(depth, name, "")
             yield from _rows(value, depth + 1)
         elif isinstance(value, list) and any(isinstance(each, (dict, list)) for each in value):
-            for number, entry in enumerate(value[:_MOST], start=1):
-                yield Row(depth, name.removesuffix("s") + (f" {number}" if len(value) > 1 else ""), "")
+            for number, entry in enumerate(value[:_MAX_ENTRIES], start=1):
+                title = name.removesuffix("s") + (f" {number}" if len(value) > 1 else "")
+                yield SettingRow(depth, title, "")
                 yield from _rows(entry, depth + 1)
-            if len(value) > _MOST:
-                yield Row(depth, name, f"{len(value) - _MOST} more in {SIDECAR}")
+            if len(value) > _MAX_ENTRIES:
+                yield SettingRow(depth, name, f"{len(value) - _MAX_ENTRIES} more in {SIDECAR}")
         else:
-            yield Row(depth, name, _shown(value))
+            yield SettingRow(depth, name, _text(value))
 
 
-def _shown(value: object) -> str:
+def _text(value: object) -> str:
     if isinstance(value, dict):
-        return "  ".join(f"{name} {_shown(each)}" for name, each in value.items())
+        return "  ".join(f"{name} {_text(each)}" for name, each in value.items())
     if isinstance(value, list):
-        return ", ".join(_shown(each) for each in value)
+        return ", ".join(_text(each) for each in value)
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):

@@ -1,4 +1,4 @@
-"""Cutting a grid into tiles: how large they are, what they share, what they are called."""
+"""Tilings of a sample grid: size, overlap, names and numbers of tiles."""
 
 from __future__ import annotations
 
@@ -11,18 +11,17 @@ from typing import NamedTuple
 from sketchterrain.errors import InputError, one_line
 
 _FIELDS = ("name", "x", "y")
-_LONGEST = 120  # letters of a name: what file systems allow, less an ending
-_MOST = 1 << 16  # tiles
-# What Windows allows in no file's name; folders would be another thing than names.
-_FORBIDDEN = re.compile(r'[<>:"/\\|?*]|\.\.|^\.|[. ]$')
+_MAX_NAME = 120  # characters: what file systems allow, less a suffix
+_MAX_TILES = 1 << 16
+_FORBIDDEN = re.compile(r'[<>:"/\\|?*]|\.\.|^\.|[. ]$')  # not allowed in file names on Windows
 
 
-class Piece(NamedTuple):
+class TileWindow(NamedTuple):
     """One tile of a grid."""
 
-    x: int  # its numbers, as in its name
+    x: int  # numbers, as in its name
     y: int
-    left: int  # its first column and row in the whole grid
+    left: int  # first column and row in the whole grid
     top: int
     columns: int  # vertices
     rows: int
@@ -30,32 +29,18 @@ class Piece(NamedTuple):
 
 @dataclass(frozen=True)
 class Tiling:
-    """How a grid is cut.
+    """How a grid is cut into tiles and how these are named."""
 
-    Attributes
-    ----------
-    columns, rows : int
-        Tiles.
-    overlap : int
-        Vertices that neighbours share: 1 is a shared edge, 0 none.
-    pattern : str
-        Names with ``{name}``, ``{x}`` and ``{y}``; ``{x:02}`` is allowed.
-    first : int
-        Number of the first tile each way.
-    from_south : bool
-        Whether y counts from the southern row on.
-    """
-
-    columns: int = 1
+    columns: int = 1  # tiles
     rows: int = 1
-    overlap: int = 1
-    pattern: str = "{name}_x{x}_y{y}"
-    first: int = 0
-    from_south: bool = False
+    overlap: int = 1  # vertices shared by neighbours: 1 is a common edge, 0 none
+    pattern: str = "{name}_x{x}_y{y}"  # of names, also {x:02}
+    first: int = 0  # number of the first tile in x and y
+    from_south: bool = False  # whether y counts from the southern row
 
     def __post_init__(self) -> None:
-        if self.columns < 1 or self.rows < 1 or self.columns * self.rows > _MOST:
-            raise InputError(f"expected 1 to {_MOST} tiles, got {self.columns} × {self.rows}")
+        if self.columns < 1 or self.rows < 1 or self.columns * self.rows > _MAX_TILES:
+            raise InputError(f"expected 1 to {_MAX_TILES} tiles, got {self.columns} × {self.rows}")
         if self.overlap < 0:
             raise InputError(f"expected an overlap of 0 or more vertices, got {self.overlap}")
         if self.first < 0:
@@ -64,14 +49,14 @@ class Tiling:
 
     @property
     def count(self) -> int:
-        """How many tiles there are."""
+        """Number of tiles."""
         return self.columns * self.rows
 
-    def pieces(self, columns: int, rows: int) -> Iterator[Piece]:
+    def tiles(self, columns: int, rows: int) -> Iterator[TileWindow]:
         """Return the tiles of a grid of vertices, from the north-west, row by row."""
-        width, height = self.side(columns, self.columns), self.side(rows, self.rows)
+        width, height = self.tile_side(columns, self.columns), self.tile_side(rows, self.rows)
         return (
-            Piece(
+            TileWindow(
                 x=self.first + column,
                 y=self.first + (self.rows - 1 - row if self.from_south else row),
                 left=column * (width - self.overlap),
@@ -83,25 +68,26 @@ class Tiling:
             for column in range(self.columns)
         )
 
-    def side(self, vertices: int, tiles: int) -> int:
-        """Return how many vertices of a side each of its tiles has."""
+    def tile_side(self, vertices: int, tiles: int) -> int:
+        """Return the vertices along a tile's side for a side of the grid."""
         if tiles == 1:
             return vertices
         step, rest = divmod(vertices - self.overlap, tiles)
         if rest == 0 and step >= 1 and step + self.overlap >= 2:
             return step + self.overlap
         shared = {0: "nothing", 1: "an edge"}.get(self.overlap, f"{self.overlap} vertices")
-        near = " or ".join(str(each) for each in self.nearest(vertices, tiles))
+        nearest = " or ".join(str(each) for each in self.nearest_sides(vertices, tiles))
         raise InputError(
-            f"{vertices} vertices cannot be cut into {tiles} equal tiles that share {shared}; nearest: {near}"
+            f"{vertices} vertices cannot be cut into {tiles} equal tiles that share {shared}; "
+            f"nearest: {nearest}"
         )
 
-    def whole(self, side: int, tiles: int) -> int:
-        """Return how many vertices tiles with so many along a side have together."""
+    def grid_side(self, side: int, tiles: int) -> int:
+        """Return the vertices along the grid's side for a side of a tile."""
         return tiles * (side - self.overlap) + self.overlap if tiles > 1 else side
 
-    def nearest(self, vertices: int, tiles: int) -> tuple[int, ...]:
-        """Return the nearest numbers of vertices below and above (or itself) that can be cut into tiles."""
+    def nearest_sides(self, vertices: int, tiles: int) -> tuple[int, ...]:
+        """Return the nearest sides of a grid, below and above or equal, that can be cut into tiles."""
         if tiles == 1:
             return (vertices,)
         least = max(1, 2 - self.overlap)
@@ -109,42 +95,32 @@ class Tiling:
         below, above = (tiles * max(each, least) + self.overlap for each in (step, step + 1))
         return (vertices,) if below == vertices else tuple(sorted({below, above}))
 
-    def name(self, name: str, piece: Piece) -> str:
-        """Return a tile's name without its ending; `name` itself where there is one tile."""
-        return name if self.count == 1 else self._named(name, piece.x, piece.y)
-
-    def _named(self, name: str, x: int, y: int) -> str:
-        return self.pattern.format(name=name, x=x, y=y)
+    def tile_name(self, name: str, tile: TileWindow) -> str:
+        """Return a tile's file name without suffix; `name` itself if there is only one tile."""
+        return name if self.count == 1 else self.pattern.format(name=name, x=tile.x, y=tile.y)
 
     def _check_pattern(self) -> None:
-        shown = one_line(self.pattern)
+        prefix = f"tile names {one_line(self.pattern)!r}"
         try:
             parts = list(string.Formatter().parse(self.pattern))
         except ValueError as error:
-            raise InputError(f"tile names {shown!r}: no pattern ({error})") from error
+            raise InputError(f"{prefix}: invalid pattern ({error})") from error
         for _, field, width, conversion in parts:
             if field is None:
                 continue
-            plain = not width or (field != "name" and re.fullmatch(r"0?[1-9]", width))
-            if field not in _FIELDS or conversion or not plain:
+            valid_width = not width or (field != "name" and re.fullmatch(r"0?[1-9]", width))
+            if field not in _FIELDS or conversion or not valid_width:
                 raise InputError(
-                    f"tile names {shown!r}: expected only {{name}}, {{x}} and {{y}}, or with digits {{x:02}}"
+                    f"{prefix}: expected only {{name}}, {{x}} and {{y}}, or with digits {{x:02}}"
                 )
         fields = {field for _, field, _, _ in parts}
         if (self.columns > 1 and "x" not in fields) or (self.rows > 1 and "y" not in fields):
-            raise InputError(f"tile names {shown!r}: expected {{x}} and {{y}}, else tiles have the same name")
-        # Digits grow: both ends of the counting, so that no name in between is longer.
-        last = self.first + max(self.columns, self.rows) - 1
-        name = self._named("terrain", last, last)
-        if _FORBIDDEN.search(name) or not name.isprintable() or len(name) > _LONGEST:
-            raise InputError(
-                f"tile names {shown!r}: expected what can be a file's name, got {one_line(name)!r}"
-            )
-        self._check_different(shown)
-
-    def _check_different(self, shown: str) -> None:
-        """{x}{y} calls tile 1, 11 and tile 11, 1 alike."""
+            raise InputError(f"{prefix}: expected {{x}} and {{y}}, else tiles have the same name")
         x, y = (range(self.first, self.first + count) for count in (self.columns, self.rows))
-        names = {self._named("terrain", column, row).casefold() for column in x for row in y}
+        longest = self.pattern.format(name="terrain", x=max(x[-1], y[-1]), y=max(x[-1], y[-1]))
+        if _FORBIDDEN.search(longest) or not longest.isprintable() or len(longest) > _MAX_NAME:
+            raise InputError(f"{prefix}: expected a valid file name, got {one_line(longest)!r}")
+        # {x}{y} gives tile 1, 11 and tile 11, 1 the same name.
+        names = {self.pattern.format(name="terrain", x=i, y=j).casefold() for j in y for i in x}
         if len(names) < self.count:
-            raise InputError(f"tile names {shown!r}: two tiles would have the same name")
+            raise InputError(f"{prefix}: two tiles would have the same name")

@@ -62,19 +62,7 @@ class ColouredMap:
         specks: int = SPECKS,
         narrow: float = 0.0,
     ) -> TracedMap:
-        """Return the sketch; raise `InputError` if no colour stands for a label.
-
-        Parameters
-        ----------
-        sheet
-        meanings
-            In place of what the legend says of each colour; None is nothing.
-        specks
-            Areas of fewer pixels of the sketch take what is beside them.
-        narrow
-            Water narrower than so many pixels of the sketch is a river, other water a lake, whichever colour
-            it has; 0: its colour decides.
-        """
+        """Return the sketch; raise `InputError` if no colour stands for a label."""
         meant = tuple(self.meanings if meanings is None else meanings)
         painted = {each for each in meant if each is not None and each.label}
         if not painted:

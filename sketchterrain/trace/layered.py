@@ -66,13 +66,7 @@ class _Sheets:
 
 
 def trace_mask(path: Path, layer: str, sheet: Sheet) -> Traced:
-    """Return a sketch with one layer (``mountain``, ``river.2``), painted where a picture is.
-
-    Raises
-    ------
-    InputError
-        If there is no such layer, it is no picture, or nothing is painted on it.
-    """
+    """Return a sketch with one layer (``mountain``, ``river.2``), painted where a picture is."""
     meaning = meant_by(layer)
     if meaning is None:
         raise InputError(
@@ -103,11 +97,6 @@ def trace_open_raster(path: Path, sheet: Sheet) -> Traced:
 
     Layers and groups that are hidden, or of no opacity at all, are left out; how faint another is does not
     matter, for people dim what they look through.
-
-    Raises
-    ------
-    InputError
-        If it is none, is unsafe, or no visible layer is named as a sketch's.
     """
     place = one_line(path)
     with open_zip(
@@ -166,11 +155,6 @@ def trace_folder(folder: Path, sheet: Sheet) -> Traced:
     """Return the sketch that lies in a folder's pictures, each called as a layer.
 
     They may have any size, but one shape: ``river.png``, ``forest 2.png``.
-
-    Raises
-    ------
-    InputError
-        If there are none, one of them cannot be read, or their shapes differ.
     """
     place = one_line(folder)
     named, others, unread = _named_files(folder)

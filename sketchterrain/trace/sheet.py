@@ -26,18 +26,7 @@ _TALLEST = 1024  # px of the picture
 
 @dataclass(frozen=True)
 class Sheet:
-    """Options of a traced sketch; raise `InputError` for values that no sketch can have.
-
-    Parameters
-    ----------
-    size_px
-        Pixels along the longer side; by default those of the picture, at most `LONGEST`.
-    extent
-        Metres along the longer side; by default a sketch's own.
-    name
-        By default that of what is traced.
-    seed
-    """
+    """Options of a traced sketch; raise `InputError` for values that no sketch can have."""
 
     size_px: int | None = None
     extent: float | None = None

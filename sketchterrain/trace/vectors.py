@@ -69,26 +69,6 @@ def sketch_from_vectors(
     """Make a sketch of the lines, areas and summits of a map.
 
     They are brought into metres, cut to a rectangle and painted on the layers that their properties ask for.
-
-    Parameters
-    ----------
-    path
-        GeoJSON, a GeoPackage, FlatGeobuf, a Shapefile or OpenStreetMap PBF, known by its first bytes.
-    layer, width
-        For features that say nothing of themselves; m, of lines that say none.
-    bounds
-        West, south, east, north in the file's own coordinates; None: all that is taken.
-    crs
-        In metres; None: the file's own if its metres are such on the ground, else the UTM zone of the middle.
-    size_px
-        Pixels along the sketch's longer side.
-    name
-        Of the sketch; None: that of the file.
-
-    Raises
-    ------
-    InputError
-        If an option is invalid, or the file is, or nothing of it belongs to a sketch.
     """
     _check(layer, width, bounds, size_px)
     target = None if crs is None else parse_metric_crs(crs)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from sketchterrain.compute import ComputeContext
-from sketchterrain.export import prepare_folder, write_picture
+from sketchterrain.export.files import prepare_folder
+from sketchterrain.export.images import write_picture
 from sketchterrain.jobs import run_with_fallback
 from sketchterrain.picture_arguments import camera_from_options
 from sketchterrain.progress import Stages

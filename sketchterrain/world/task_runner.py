@@ -14,8 +14,8 @@ import numpy.typing as npt
 
 from sketchterrain.compute import ComputeContext, Device, choose_device, fallback_device
 from sketchterrain.errors import DeviceFailedError, InputError
-from sketchterrain.export.sampled import normal_bytes
-from sketchterrain.export.weights import quantised_weights
+from sketchterrain.export.sampled import quantise_normals
+from sketchterrain.export.weights import quantise_weights
 from sketchterrain.terrain import self_test
 from sketchterrain.terrain.answers import Band
 from sketchterrain.terrain.ground_bytes import QuantizedBand
@@ -107,7 +107,7 @@ class TaskRunner:
 def packed(bands: Iterator[Band]) -> Iterator[QuantizedBand]:
     """Yield bands as bytes, rounded on the host: the same as a device with 64-bit floats does it."""
     for band in bands:
-        normal, weights = normal_bytes(band.normal), quantised_weights(band.materials)
+        normal, weights = quantise_normals(band.normal), quantise_weights(band.materials)
         yield QuantizedBand(band.top, band.height, normal.transpose(2, 0, 1), weights.transpose(2, 0, 1))
 
 

@@ -27,7 +27,7 @@ from sketchterrain.batch.progress import BatchProgress
 from sketchterrain.batch.run import Done, estimate_batch, run_batch
 from sketchterrain.benchmarks.batch_kills import differences, killed
 from sketchterrain.errors import DeviceError, InputError, SketchterrainError
-from sketchterrain.export import move_into, prepare_folder, staging
+from sketchterrain.export.files import move_files, prepare_folder, staging
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.generate import GenerateResult
 from sketchterrain.progress import Stages
@@ -77,7 +77,7 @@ class Works:
                 files = [write_atomic(hidden / name, f"{name} {sketch.seed}".encode()) for name in names]
                 self.before(sketch.seed)
                 with stages.stage("files", "Writing"):
-                    moved = move_into(folder, files)
+                    moved = move_files(folder, files)
             self.made.append(sketch.seed)
             return GenerateResult(
                 {"adherence": {"mean_iou": 0.5, "shapes": [1]}, "restarts": []}, moved, self.problem

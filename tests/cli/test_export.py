@@ -20,7 +20,7 @@ import sketchterrain.exporting
 import sketchterrain.jobs
 from sketchterrain.commands.target_arguments import TARGETS
 from sketchterrain.errors import DeviceFailedError
-from sketchterrain.export.sampled import Sampled
+from sketchterrain.export.sampled import TerrainSamples
 from sketchterrain.export.targets import TARGET_NAMES, target_named
 from sketchterrain.exporting import file_name
 
@@ -118,7 +118,7 @@ def test_a_folder_that_is_a_file_or_cannot_be_written_into_is_one_line(call, ske
 def test_a_disk_without_room_is_found_before_the_work(call, sketch, tmp_path, monkeypatch):
     usage = shutil.disk_usage(tmp_path)._replace(free=1 << 20)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
-    monkeypatch.setattr(sketchterrain.exporting, "sample", None)
+    monkeypatch.setattr(sketchterrain.exporting, "sample_terrain", None)
     done = call("export", sketch, "--to", "raw", "-o", tmp_path / "out")
     assert done.code == 3
     assert f"{tmp_path / 'out'} has 1.0 MiB free" in done.error
@@ -172,16 +172,16 @@ def test_a_disk_that_gets_full_leaves_nothing_but_the_old_export(call, sketch, t
 def test_a_disk_that_is_really_full(call, sketch, tmp_path, monkeypatch, target):
     """As a process that may write no file larger than 1 KB: libraries must not hide it."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    whole = sketchterrain.exporting.sample
+    whole = sketchterrain.exporting.sample_terrain
 
-    def then_full(*arguments: Any, **options: Any) -> Sampled:
+    def then_full(*arguments: Any, **options: Any) -> TerrainSamples:
         sampled = whole(*arguments, **options)  # before it, drivers write what they compiled
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # as Python has it, until LLVM is loaded
         resource.setrlimit(resource.RLIMIT_FSIZE, (1024, hard))
         return sampled
 
     (tmp_path / "terrain.json").write_text("mine")
-    monkeypatch.setattr(sketchterrain.exporting, "sample", then_full)
+    monkeypatch.setattr(sketchterrain.exporting, "sample_terrain", then_full)
     try:
         done = call("export", sketch, "--to", target, "-o", tmp_path, *smallest(target))
     finally:
@@ -207,9 +207,9 @@ def test_an_interrupted_export_leaves_nothing(call, sketch, tmp_path, monkeypatc
 
 
 def test_after_a_device_failed_all_is_done_again_on_another(call, sketch, tmp_path, monkeypatch):
-    whole, failed = sketchterrain.exporting.sample, []
+    whole, failed = sketchterrain.exporting.sample_terrain, []
 
-    def once(*arguments: Any, **options: Any) -> Sampled:
+    def once(*arguments: Any, **options: Any) -> TerrainSamples:
         if not failed:
             failed.append(True)
             raise DeviceFailedError("the device is gone")
@@ -217,7 +217,7 @@ def test_after_a_device_failed_all_is_done_again_on_another(call, sketch, tmp_pa
 
     words = ("export", sketch, "--to", "raw", "--size", 33, "-o")
     plain = call(*words, tmp_path / "plain")
-    monkeypatch.setattr(sketchterrain.exporting, "sample", once)
+    monkeypatch.setattr(sketchterrain.exporting, "sample_terrain", once)
     monkeypatch.setattr(sketchterrain.jobs, "fallback_device", lambda failed: failed[-1])  # compiled already
     done = call(*words, tmp_path / "again")
     assert (plain.code, done.code) == (0, 0), done.err

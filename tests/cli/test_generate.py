@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import sketchterrain as st
-import sketchterrain.export
 import sketchterrain.generate
 import sketchterrain.render
 from sketchterrain.cli import main
@@ -172,7 +171,7 @@ def test_a_failing_writer_stops_the_rest_and_leaves_old_files_whole(call, sketch
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device", "normal.png")
 
-    monkeypatch.setattr(sketchterrain.export, "write_normals", full)
+    monkeypatch.setattr(sketchterrain.generate, "write_normal_png", full)
     done = call("generate", sketch, "-o", tmp_path, "--size", 9, "--no-preview")
     assert (done.code, done.error) == (1, "normal.png: No space left on device")
     assert (tmp_path / "report.json").read_text() == "old"

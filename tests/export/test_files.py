@@ -12,9 +12,17 @@ import rasterio
 from PIL import Image
 
 from sketchterrain.errors import InputError, SketchterrainError
-from sketchterrain.export import move_into, prepare_folder, staging, write_json
-from sketchterrain.export.files import files_without_successor, text_rows, write_listing, write_values_png
-from sketchterrain.export.sidecar import SIDECAR, Row, replaced_files, typed_rows
+from sketchterrain.export.files import (
+    format_rows,
+    move_files,
+    prepare_folder,
+    staging,
+    stale_files,
+    write_json,
+    write_json_list,
+    write_values_png,
+)
+from sketchterrain.export.sidecar import SIDECAR, SettingRow, setting_rows, stale_export_files
 from sketchterrain.whole_files import write_atomic
 
 
@@ -87,7 +95,7 @@ def test_staged_files_are_moved_together_and_errors_name_the_final_folder(tmp_pa
         assert hidden.parent == tmp_path
         (hidden / "a").write_bytes(b"a")
         (hidden / "unwanted").write_bytes(b"")
-        assert move_into(tmp_path, [hidden / "a"], outdated=[tmp_path / "old"]) == (tmp_path / "a",)
+        assert move_files(tmp_path, [hidden / "a"], stale=[tmp_path / "old"]) == (tmp_path / "a",)
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
     with pytest.raises(SketchterrainError, match="cannot be written") as caught, staging(tmp_path) as hidden:
@@ -99,7 +107,7 @@ def test_staged_files_are_moved_together_and_errors_name_the_final_folder(tmp_pa
 
 def test_folders_of_killed_processes_are_removed_and_folders_in_use_kept(tmp_path):
     code = (
-        "from sketchterrain.export import staging\n"
+        "from sketchterrain.export.files import staging\n"
         "with staging(pathlib.Path(sys.argv[1])) as hidden:\n"
         "    (hidden / 'half').write_bytes(b'half')\n"
         "    os.kill(os.getpid(), signal.SIGKILL)\n"
@@ -122,7 +130,7 @@ def test_only_files_of_an_earlier_export_of_the_same_sketch_are_replaced(tmp_pat
     (tmp_path / "inner").mkdir()
     (tmp_path / "inner" / "d").write_bytes(b"")
     before = ["a", "b", "gone", "inner", "inner/d", "../" + tmp_path.name + "/c", "", "."]
-    assert files_without_successor(tmp_path, before, ["b", "new"]) == [tmp_path / "a"]
+    assert stale_files(tmp_path, before, ["b", "new"]) == [tmp_path / "a"]
 
     def sidecar(*names, target="raw"):
         files = [{"file": name} for name in names]
@@ -131,29 +139,33 @@ def test_only_files_of_an_earlier_export_of_the_same_sketch_are_replaced(tmp_pat
     (tmp_path / "old").write_bytes(b"")
     (tmp_path / "kept").write_bytes(b"")
     told = sidecar("kept", "new")
-    assert replaced_files(tmp_path, told) == []
+    assert stale_export_files(tmp_path, told) == []
     for content in ("[]", "{", json.dumps(sidecar("old", "kept", target="png16"))):
         (tmp_path / SIDECAR).write_text(content)
-        assert replaced_files(tmp_path, told) == [], content
+        assert stale_export_files(tmp_path, told) == [], content
     (tmp_path / SIDECAR).write_text(json.dumps(sidecar("old", "kept")))
-    assert replaced_files(tmp_path, told) == [tmp_path / "old"]
+    assert stale_export_files(tmp_path, told) == [tmp_path / "old"]
 
 
 def test_settings_become_rows_with_headings_and_many_tiles_are_cut_short():
     settings = {"Resolution": 65, "Flip": False, "scale": 1 / 3, "crs": None, "bands": [1, 2]}
-    shown = [(row.name, row.value) for row in typed_rows(settings)]
+    shown = [(row.name, row.value) for row in setting_rows(settings)]
     values = ("65", "no", "0.3333333333", "none", "1, 2")
     assert shown == list(zip(settings, values, strict=True))
     scale = {"Scale": {"X": 100.0, "Y": -2.5, "Z": 87.28125}}
-    assert typed_rows(scale) == [Row(0, "Scale", "X 100  Y -2.5  Z 87.28125")]
+    assert setting_rows(scale) == [SettingRow(0, "Scale", "X 100  Y -2.5  Z 87.28125")]
 
     tiles = [{"file": f"a_{number}.raw", "Position": {"X": 0.5 * number}} for number in range(6)]
-    rows = typed_rows({"tiles": tiles})
-    assert rows[:3] == [Row(0, "tile 1", ""), Row(1, "file", "a_0.raw"), Row(1, "Position", "X 0")]
+    rows = setting_rows({"tiles": tiles})
+    assert rows[:3] == [
+        SettingRow(0, "tile 1", ""),
+        SettingRow(1, "file", "a_0.raw"),
+        SettingRow(1, "Position", "X 0"),
+    ]
     assert len(rows) == 4 * 3 + 1
-    assert rows[-1] == Row(0, "tiles", "2 more in terrain.json")
-    assert typed_rows({"tiles": tiles[:1]})[0] == Row(0, "tile", "")
-    rows = typed_rows({"texture": {"file": "a.exr", "plane": {"size": 1.0, "place": {"x": 1.0}}}})
+    assert rows[-1] == SettingRow(0, "tiles", "2 more in terrain.json")
+    assert setting_rows({"tiles": tiles[:1]})[0] == SettingRow(0, "tile", "")
+    rows = setting_rows({"texture": {"file": "a.exr", "plane": {"size": 1.0, "place": {"x": 1.0}}}})
     assert [(row.depth, row.name) for row in rows] == [
         *((0, "texture"), (1, "file"), (1, "plane"), (2, "size"), (2, "place"))
     ]
@@ -165,37 +177,39 @@ def test_rows_of_numbers_are_formatted_as_python_does():
             values = np.random.default_rng(places).normal(0.0, size, 2000)
             rounded = np.rint(values * 10.0**places) / 10.0**places + 0.0  # halves to even, no negative zero
             expected = "".join(f"{value:.{places}f}\n" for value in rounded)
-            assert text_rows(f"%.{places}f\n", values) == expected.encode(), (places, size)
+            assert format_rows(f"%.{places}f\n", values) == expected.encode(), (places, size)
 
     values = np.array([0.0, -0.0, -0.0004, 0.0006, 9.9996, 10.0, 99999.9996, -99999.9996])
     texts = b"0.000 0.000 0.000 0.001 10.000 10.000 100000.000 -100000.000 "
-    assert text_rows("%.3f ", values) == texts
+    assert format_rows("%.3f ", values) == texts
     single = np.float32([0.1, 1e6 / 3, -7.25])
-    assert text_rows("%.3f ", single).split() == [f"{float(value):.3f}".encode() for value in single]
+    assert format_rows("%.3f ", single).split() == [f"{float(value):.3f}".encode() for value in single]
     names = np.array(["oak tree", "fir"], object)
-    assert text_rows("%d,%s,%.1f\n", np.uint8([7, 255]), names, np.array([1.0, -22.5])) == (
+    assert format_rows("%d,%s,%.1f\n", np.uint8([7, 255]), names, np.array([1.0, -22.5])) == (
         b"7,oak tree,1.0\n255,fir,-22.5\n"
     )
-    assert text_rows("%.3f\n", np.zeros(0)) == b""
+    assert format_rows("%.3f\n", np.zeros(0)) == b""
     for broken in [np.nan, np.inf, -np.inf]:
         with pytest.raises(InputError, match="expected finite numbers to write as text, got"):
-            text_rows("%.3f\n", np.array([1.0, broken, 2.0]))
+            format_rows("%.3f\n", np.array([1.0, broken, 2.0]))
 
 
 def test_long_lists_are_json_and_a_failed_one_leaves_no_file(tmp_path):
     pieces = [b"[1.0,1.0],\n[-22.25,-22.2]", b"", b"[0.0,0.0]"]
-    told = json.loads(write_listing(tmp_path / "a.json", {"format": 1, "é": "ü"}, "rows", pieces).read_text())
+    told = json.loads(
+        write_json_list(tmp_path / "a.json", {"format": 1, "é": "ü"}, "rows", pieces).read_text()
+    )
     assert told == {"format": 1, "é": "ü", "rows": [[1.0, 1.0], [-22.25, -22.2], [0.0, 0.0]]}
-    assert json.loads(write_listing(tmp_path / "b.json", {}, "rows", []).read_text()) == {"rows": []}
+    assert json.loads(write_json_list(tmp_path / "b.json", {}, "rows", []).read_text()) == {"rows": []}
     with pytest.raises(SketchterrainError, match="cannot be written"):
-        write_listing(tmp_path / "gone" / "a.json", {}, "rows", [])
+        write_json_list(tmp_path / "gone" / "a.json", {}, "rows", [])
 
     def failing():
         yield b"[1]"
         raise InputError("no more")
 
     with pytest.raises(InputError, match="no more"):
-        write_listing(tmp_path / "c.json", {"format": 1}, "rows", failing())
+        write_json_list(tmp_path / "c.json", {"format": 1}, "rows", failing())
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.json", "b.json"]
 
 

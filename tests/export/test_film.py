@@ -42,10 +42,10 @@ def test_a_folder_of_frames_is_numbered_and_exact(tmp_path):
         with Image.open(tmp_path / "made" / "frames" / f"{number:04d}.png") as image:
             np.testing.assert_array_equal(np.asarray(image), frame)
 
-    from sketchterrain.export.film import _name
+    from sketchterrain.export.film import _frame_name
 
-    assert [_name(number, 10_001) for number in (0, 10_000)] == ["00000.png", "10000.png"]
-    assert _name(9999, 10_000) == "9999.png"
+    assert [_frame_name(number, 10_001) for number in (0, 10_000)] == ["00000.png", "10000.png"]
+    assert _frame_name(9999, 10_000) == "9999.png"
 
 
 def test_animated_pictures_have_all_frames_and_their_length(tmp_path):

@@ -14,8 +14,15 @@ import pytest
 import trimesh
 
 from sketchterrain.errors import InputError, SketchterrainError
-from sketchterrain.export import FoliageFiles, check_room, write_foliage
-from sketchterrain.export.foliage_files import ROW_BYTES, VERTEX, plant_cloud, plant_table
+from sketchterrain.export.foliage_files import (
+    ROW_BYTES,
+    VERTEX,
+    FoliageOptions,
+    check_disk_space,
+    plant_cloud,
+    plant_table,
+    write_foliage,
+)
 from sketchterrain.terrain.plant import PLANT, SPECIES, STOREYS
 
 AREA = (100.0, 200.0, 500.0, 1000.0)
@@ -187,7 +194,7 @@ def test_only_the_requested_files_are_written_and_contradictions_refused(tmp_pat
         terrain = Plantation(woody=1000, grass=3000)
         folder = tmp_path / kind
         folder.mkdir()
-        done = write_foliage(folder, terrain, AREA, FoliageFiles(kind))
+        done = write_foliage(folder, terrain, AREA, FoliageOptions(kind))
         names = {"csv": ["foliage.csv"], "ply": ["foliage.ply"], "none": []}
         expected = names.get(kind, ["foliage.csv", "foliage.ply"])
         assert [path.name for path in done.files] == expected, kind
@@ -202,13 +209,13 @@ def test_only_the_requested_files_are_written_and_contradictions_refused(tmp_pat
         ("none", True, "expected ply or both for grass, which only foliage.ply holds, got none"),
     ]:
         with pytest.raises(InputError) as caught:
-            FoliageFiles(kind, grass=grass)
+            FoliageOptions(kind, grass=grass)
         assert str(caught.value) == line, kind
 
 
 def test_grass_comes_after_the_trees_and_into_the_cloud_alone(tmp_path):
     told = []
-    terrain, wanted = Plantation(woody=1000, grass=3000), FoliageFiles("both", grass=True)
+    terrain, wanted = Plantation(woody=1000, grass=3000), FoliageOptions("both", grass=True)
     done = write_foliage(tmp_path, terrain, AREA, wanted, progress=told.append)
     assert told == sorted(told)
     assert 0.0 < told[0] < 0.25 == pytest.approx(told[4], abs=1e-3)
@@ -221,7 +228,7 @@ def test_grass_comes_after_the_trees_and_into_the_cloud_alone(tmp_path):
     assert len(lines(tmp_path)) == 1000
     assert {line.split(",")[3] for line in lines(tmp_path)} == set(STOREYS["woody"])
 
-    done = write_foliage(tmp_path, Plantation(), AREA, FoliageFiles("both", grass=True))
+    done = write_foliage(tmp_path, Plantation(), AREA, FoliageOptions("both", grass=True))
     assert len(vertices(tmp_path)) == 0
     assert lines(tmp_path) == []
     assert done.counts == dict.fromkeys(SPECIES, 0)
@@ -231,7 +238,7 @@ def test_many_plants_take_no_more_memory_than_few(tmp_path):
     most = []
     for count in (10_000, 40_000):
         tracemalloc.start()
-        write_foliage(tmp_path, Plantation(woody=count, pieces=count // 5000), AREA, FoliageFiles("both"))
+        write_foliage(tmp_path, Plantation(woody=count, pieces=count // 5000), AREA, FoliageOptions("both"))
         most.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
         assert len(vertices(tmp_path)) == count
@@ -249,7 +256,7 @@ def test_a_stop_between_pieces_leaves_nothing(tmp_path):
                 raise self.reason
 
         with pytest.raises((KeyboardInterrupt, SketchterrainError)):
-            write_foliage(tmp_path, Broken(50_000), AREA, FoliageFiles("both"))
+            write_foliage(tmp_path, Broken(50_000), AREA, FoliageOptions("both"))
         assert list(tmp_path.iterdir()) == [], stop
 
 
@@ -257,7 +264,7 @@ def test_a_full_disk_is_told_of_the_file_that_has_no_room(tmp_path, files_no_lar
     for kind, name in [("csv", "csv"), ("both", "csv"), ("ply", "ply")]:
         told = rf"/foliage\.{name}: cannot be written \(File too large"
         with files_no_larger_than(1 << 20), pytest.raises(SketchterrainError, match=told):
-            write_foliage(tmp_path, Plantation(50_000), AREA, FoliageFiles(kind))
+            write_foliage(tmp_path, Plantation(50_000), AREA, FoliageOptions(kind))
         assert list(tmp_path.iterdir()) == [], kind
 
 
@@ -267,15 +274,15 @@ Usage = namedtuple("Usage", "total used free")
 def test_foliage_beyond_the_free_space_is_refused_with_the_figures(tmp_path, monkeypatch):
     monkeypatch.setattr(shutil, "disk_usage", lambda _: Usage(10**11, 10**10, 10**10))
     for wanted, line in [
-        (FoliageFiles("csv"), r"foliage\.csv: up to 2e\+08 plants need up to 15\.6 GiB, .* 9\.3 GiB left"),
-        (FoliageFiles("both"), r"foliage\.csv and foliage\.ply: up to 2e\+08 plants need up to 24\.2 GiB,"),
-        (FoliageFiles("ply", grass=True), r"foliage\.ply: up to 2\.2e\+09 plants need up to 94\.2 GiB,"),
+        (FoliageOptions("csv"), r"foliage\.csv: up to 2e\+08 plants need up to 15\.6 GiB, .* 9\.3 GiB free"),
+        (FoliageOptions("both"), r"foliage\.csv and foliage\.ply: up to 2e\+08 plants need up to 24\.2 GiB,"),
+        (FoliageOptions("ply", grass=True), r"foliage\.ply: up to 2\.2e\+09 plants need up to 94\.2 GiB,"),
     ]:
         terrain = Plantation(10**8, 10**9)
         with pytest.raises(InputError, match=line) as caught:
-            check_room(tmp_path, terrain, AREA, wanted)
+            check_disk_space(tmp_path, terrain, AREA, wanted)
         assert "\n" not in str(caught.value), line
         assert terrain.asked == [], line
 
-    check_room(tmp_path, Plantation(10**8, 10**12), AREA, FoliageFiles("ply"))
-    check_room(tmp_path, Plantation(10**12, 10**12), AREA, FoliageFiles("none"))
+    check_disk_space(tmp_path, Plantation(10**8, 10**12), AREA, FoliageOptions("ply"))
+    check_disk_space(tmp_path, Plantation(10**12, 10**12), AREA, FoliageOptions("none"))

@@ -11,16 +11,11 @@ from hypothesis import strategies as some
 from PIL import Image
 
 from sketchterrain.errors import InputError
-from sketchterrain.export import (
-    quantised_weights,
-    write_height_png,
-    write_height_tif,
-    write_materials,
-    write_normals,
-)
 from sketchterrain.export.agreement import _hillshade
-from sketchterrain.export.height_steps import HeightSteps
-from sketchterrain.export.weights import control_map, edge_to_edge
+from sketchterrain.export.geotiff import write_height_tif
+from sketchterrain.export.height_steps import HeightQuantisation
+from sketchterrain.export.images import write_height_png, write_materials, write_normal_png
+from sketchterrain.export.weights import control_map, quantise_weights, splat_weights
 from sketchterrain.terrain import Raster
 
 CHANNELS = ("red", "green", "blue", "alpha")
@@ -73,12 +68,12 @@ def test_heights_round_trip_within_half_a_step_and_lie_where_the_json_says(tmp_p
 def test_normals_are_red_east_green_north_blue_up(tmp_path, raster):
     normal = np.float32([[[0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]]])
     flat = np.zeros((1, 5), np.float32)
-    colour = read(write_normals(tmp_path, Raster((1.0, 1.0), flat, normal, flat[..., None]))[0])
+    colour = read(write_normal_png(tmp_path, Raster((1.0, 1.0), flat, normal, flat[..., None]))[0])
     assert colour.dtype == np.uint8
     expected = [[128, 128, 255], [255, 128, 128], [0, 128, 128], [128, 255, 128], [128, 0, 128]]
     assert colour[0].tolist() == expected
 
-    colour = read(write_normals(tmp_path, raster)[0]).astype(np.float64)
+    colour = read(write_normal_png(tmp_path, raster)[0]).astype(np.float64)
     np.testing.assert_allclose(colour / 127.5 - 1, raster.normal, rtol=0, atol=0.5001 / 127.5)
 
 
@@ -136,7 +131,7 @@ def test_the_files_sum_to_255_hold_the_weights_and_are_filled_up_with_zeros(tmp_
 def test_any_weights_sum_to_255_and_are_off_by_less_than_one(rows):
     weights = np.array([rows], np.float32)
     weights[weights.sum(axis=-1) == 0, 0] = 1
-    result = quantised_weights(weights)
+    result = quantise_weights(weights)
     exact = 255 * weights.astype(np.float64) / weights.sum(axis=-1, keepdims=True, dtype=np.float64)
     assert (result.sum(axis=-1, dtype=int) == 255).all()
     assert np.abs(result - exact).max() < 1 + 1e-6
@@ -151,15 +146,15 @@ def test_the_largest_remainders_get_the_missing_steps():
         ([0.25, 0.5, 0.25], [64, 127, 64]),  # 63.75, 127.5, 63.75
         ([0.001, 0.001, 0.998], [0, 0, 255]),  # 0.255, 0.255, 254.49
     ]:
-        assert quantised_weights(np.array([[weights]]))[0, 0].tolist() == expected, weights
+        assert quantise_weights(np.array([[weights]]))[0, 0].tolist() == expected, weights
 
     for bad in [[0.0, 0.0], [-0.1, 1.1], [np.nan, 1.0], [np.inf, 0.0]]:
         with pytest.raises(InputError, match="material weights"):
-            quantised_weights(np.array([[bad]]))
+            quantise_weights(np.array([[bad]]))
 
     row = np.random.default_rng(1).random((1, 3, 8))
     tall = np.broadcast_to(row, (600, 3, 8))
-    assert (quantised_weights(tall) == quantised_weights(row)).all()
+    assert (quantise_weights(tall) == quantise_weights(row)).all()
 
 
 def test_resampled_weights_reach_the_edges_and_agree_between_tiles():
@@ -167,7 +162,7 @@ def test_resampled_weights_reach_the_edges_and_agree_between_tiles():
     weights = np.zeros((33, 33, 3), np.uint8)
     weights[..., 0] = np.rint(ramp * 255 / 32)[None]
     weights[..., 1] = 255 - weights[..., 0]
-    small = edge_to_edge(weights)
+    small = splat_weights(weights)
     assert small.shape == (32, 32, 3)
     assert (small.sum(axis=-1, dtype=int) == 255).all()
     np.testing.assert_array_equal(small[0, :, 0], small[31, :, 0])
@@ -179,7 +174,7 @@ def test_resampled_weights_reach_the_edges_and_agree_between_tiles():
         share = random.dirichlet([0.4] * 5, (65, 129)) * 255
         weights = np.floor(share).astype(np.uint8)
         weights[..., 0] += (255 - weights.sum(axis=-1, dtype=int)).astype(np.uint8)
-        west, east = (edge_to_edge(weights[:, left : left + 65]) for left in (0, 64))
+        west, east = (splat_weights(weights[:, left : left + 65]) for left in (0, 64))
         np.testing.assert_array_equal(west[:, -1], east[:, 0])
 
 
@@ -205,7 +200,7 @@ METRES = some.floats(-12_000.0, 12_000.0, width=32)
 @given(some.lists(METRES, min_size=1, max_size=9))
 def test_heights_round_trip_within_half_a_step(heights):
     height = np.array([heights], np.float32)
-    steps = HeightSteps.of(height)
+    steps = HeightQuantisation.from_heights(height)
     numbers = steps.encode(height)
     assert numbers.dtype == np.uint16
     assert all(float(f"{each:.3f}") == each for each in (steps.low, steps.range))  # whole millimetres
@@ -216,26 +211,26 @@ def test_heights_round_trip_within_half_a_step(heights):
 
 def test_the_whole_range_of_numbers_is_used_and_what_lies_outside_is_refused():
     height = np.float32([[0.0, 1000.0]])
-    ((first, last),) = HeightSteps.of(height).encode(height)
+    ((first, last),) = HeightQuantisation.from_heights(height).encode(height)
     assert first == 0 < 65534 <= last
 
     height = np.full((3, 3), 812.5, np.float32)
-    steps = HeightSteps.of(height)
+    steps = HeightQuantisation.from_heights(height)
     assert (steps.low, steps.range) == (812.5, 1.0)
     assert (steps.encode(height) == 0).all()
 
-    steps = HeightSteps.of(np.array([[10.0, 20.0]], np.float32), (-100.0, 900.0))
+    steps = HeightQuantisation.from_heights(np.array([[10.0, 20.0]], np.float32), (-100.0, 900.0))
     assert (steps.low, steps.range) == (-100.0, 1000.0)
     assert steps.highest == pytest.approx(900.0 - 1000.0 / 65536.0)
     for wanted in [(0.0, 500.0), (11.0, 1000.0), (10.0, 999.98)]:
         with pytest.raises(InputError, match=r"the terrain goes from 10\.00 to 1000\.00 m"):
-            HeightSteps.of(np.array([[10.0, 1000.0]], np.float32), wanted)
+            HeightQuantisation.from_heights(np.array([[10.0, 1000.0]], np.float32), wanted)
 
     for wanted in [(5.0, 5.0), (5.0, 4.0), (float("nan"), 1.0), (0.0, float("inf"))]:
         with pytest.raises(InputError, match="expected the lowest and the highest"):
-            HeightSteps.of(np.zeros((2, 2), np.float32), wanted)
+            HeightQuantisation.from_heights(np.zeros((2, 2), np.float32), wanted)
 
-    steps = HeightSteps(0.0, 100.0)
+    steps = HeightQuantisation(0.0, 100.0)
     for outside in (-0.01, 100.0):
         with pytest.raises(InputError, match="do not fit"):
             steps.encode(np.array([[outside]], np.float32))

@@ -11,15 +11,14 @@ from PIL import Image
 
 import sketchterrain as st
 from sketchterrain.errors import InputError
-from sketchterrain.export import write_map, write_sheet
-from sketchterrain.export.map import map_sheet
+from sketchterrain.export.map import map_sheet, write_map, write_sheet
 from sketchterrain.export.map.contours import INDEX, PENS, WIDTHS, choose_interval, trace_contours
 from sketchterrain.export.map.drawing import Label, LabelSpace, MapSheet, Polygons, Polylines, sheet_png
 from sketchterrain.export.map.features import BANK, FOREST, WATER, prominences, rings_above
 from sketchterrain.export.map.ground import (
     SCALES,
     MapFrame,
-    MapGround,
+    MapSamples,
     fit_frame,
     nearest_round,
     sample_ground,
@@ -84,7 +83,7 @@ def level_ground(height, scale=5000.0):
     cover = np.eye(1, 8, dtype=np.float32) * np.ones((*height.shape, 1), np.float32)
     frame = MapFrame(10.0, 20.0, 1000.0, 1000.0, scale)
     dry = np.full(height.shape, -1.0, np.float32)
-    return MapGround(frame, (spacing, spacing), height, height, spacing, dry, cover)
+    return MapSamples(frame, (spacing, spacing), height, height, spacing, dry, cover)
 
 
 def places(side=201):

@@ -8,10 +8,10 @@ import pydelatin
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.mesh import Mesh, adaptive_mesh, mesh_error
-from sketchterrain.export.mesh_files import border, solid
-from sketchterrain.export.mesh_vertices import waters
-from sketchterrain.export.sampled import Grid
+from sketchterrain.export.mesh import GridMesh, adaptive_mesh, mesh_error
+from sketchterrain.export.mesh_files import boundary, closed_solid
+from sketchterrain.export.mesh_vertices import water_meshes
+from sketchterrain.export.sampled import SampleGrid
 
 
 def rough(rows, columns, seed=3):
@@ -110,16 +110,16 @@ def test_a_solid_is_closed_and_has_the_volume_under_the_ground():
         mesh = adaptive_mesh(height, 0.5).mesh
         place = np.stack([mesh.column, -mesh.row, height[mesh.row, mesh.column]], axis=-1).astype(np.float32)
         base = float(height.min()) - 10.0
-        body = solid(mesh, place, base)
-        edges = np.concatenate([body.triangles[:, [k, (k + 1) % 3]] for k in range(3)]).astype(np.int64)
+        body_position, body_triangles = closed_solid(mesh, place, base)
+        edges = np.concatenate([body_triangles[:, [k, (k + 1) % 3]] for k in range(3)]).astype(np.int64)
         there = {*map(tuple, edges.tolist())}
         assert len(there) == len(edges), ground  # each edge once …
         assert all((b, a) in there for a, b in there), ground  # … and once the other way
-        a, b, c = (body.place[body.triangles[:, k]].astype(np.float64) for k in range(3))
+        a, b, c = (body_position[body_triangles[:, k]].astype(np.float64) for k in range(3))
         upper = (place[mesh.triangles][..., 2].astype(np.float64).mean(axis=1) - base) @ _areas(place, mesh)
         volume = ((a - place[0]) * np.cross(b - place[0], c - place[0])).sum() / 6.0
         assert volume == pytest.approx(upper, rel=1e-6), ground
-        assert len(border(mesh)) == len({*border(mesh).tolist()}), ground
+        assert len(boundary(mesh)) == len({*boundary(mesh).tolist()}), ground
 
 
 def _areas(place, mesh):
@@ -130,7 +130,7 @@ def _areas(place, mesh):
 def two_triangles(columns, rows):
     column = np.array([0, columns - 1, 0, columns - 1], np.int32)
     row = np.array([rows - 1, rows - 1, 0, 0], np.int32)
-    return Mesh(column, row, np.array([[0, 1, 3], [0, 3, 2]], np.uint32))
+    return GridMesh(column, row, np.array([[0, 1, 3], [0, 3, 2]], np.uint32))
 
 
 def test_errors_of_two_triangles_are_analytic():
@@ -146,11 +146,11 @@ def test_errors_of_two_triangles_are_analytic():
     mesh = two_triangles(9, 9)
     assert mesh_error(mesh, height, np.array([3.0, 3.0, 3.0, 3.0])) == 0.25
 
-    half = Mesh(mesh.column, mesh.row, mesh.triangles[:1])
+    half = GridMesh(mesh.column, mesh.row, mesh.triangles[:1])
     assert mesh_error(half, np.zeros((9, 9))) == np.inf
 
 
-GRID = Grid(0.0, 0.0, 400.0, 400.0, 41, 41)
+GRID = SampleGrid(0.0, 0.0, 400.0, 400.0, 41, 41)
 LEVEL = 20.0
 
 
@@ -171,11 +171,11 @@ def found():
     x = np.linspace(-60.0, 250.0, 80)
     line = np.stack([x, np.full(80, 200.0), np.maximum(LEVEL, 32.0 - 0.08 * x)], axis=-1)
     features = SimpleNamespace(lakes=[lake(3, (250.0, 200.0), 90.0)], rivers=[river(7, line, 16.0)])
-    return {water.name: water for water in waters(features, GRID)}
+    return {water.name: water for water in water_meshes(features, GRID)}
 
 
 def areas(water):
-    a, b, c = (water.place[water.triangles[:, k], :2] for k in range(3))
+    a, b, c = (water.position[water.triangles[:, k], :2] for k in range(3))
     return 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
 
 
@@ -183,11 +183,11 @@ def test_waters_face_up_end_at_the_grids_edge_and_never_lie_in_one_plane(found):
     assert list(found) == ["lake 3", "river 7"]
     for water in found.values():
         assert (areas(water) > 0.0).all()
-        assert set(water.triangles.ravel().tolist()) == set(range(len(water.place)))
+        assert set(water.triangles.ravel().tolist()) == set(range(len(water.position)))
     water = found["lake 3"]
-    assert (water.place[:, 2] == LEVEL).all()
+    assert (water.position[:, 2] == LEVEL).all()
     assert 90.0**2 < areas(water).sum() / np.pi < 96.0**2  # it ends within its banks
-    place = found["river 7"].place
+    place = found["river 7"].position
     assert place[:, 0].min() == 0.0
     assert place[:, 0].max() < 250.0 - 90.0 + 20.0
     wet = np.hypot(place[:, 0] - 250.0, place[:, 1] - 200.0) < 90.0 - 1.0
@@ -195,4 +195,4 @@ def test_waters_face_up_end_at_the_grids_edge_and_never_lie_in_one_plane(found):
     assert (place[wet, 2] < LEVEL - 0.02).all()
     assert (place[~wet, 2] > LEVEL - 0.05).all()
     beside = np.stack([np.linspace(0.0, 300.0, 40), np.full(40, 900.0), np.full(40, 5.0)], axis=-1)
-    assert not list(waters(SimpleNamespace(lakes=[], rivers=[river(1, beside, 8.0)]), GRID))
+    assert not list(water_meshes(SimpleNamespace(lakes=[], rivers=[river(1, beside, 8.0)]), GRID))

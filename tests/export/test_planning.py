@@ -1,4 +1,4 @@
-"""Where an export is sampled and how it is cut; a terrain sampled at a grid; its features as JSON."""
+"""Where an export is samples and how it is cut; a terrain samples at a grid; its features as JSON."""
 
 import json
 from dataclasses import replace
@@ -9,18 +9,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 
 from sketchterrain.errors import InputError
-from sketchterrain.export import quantised_weights, write_features
-from sketchterrain.export.planning import option_names, plan
-from sketchterrain.export.sampled import BYTES_PER_VERTEX, Grid, sample
-from sketchterrain.export.target import ExportOptions, Target, Written
+from sketchterrain.export.features import write_features
+from sketchterrain.export.planning import option_names, plan_export
+from sketchterrain.export.sampled import BYTES_PER_VERTEX, SampleGrid, sample_terrain
+from sketchterrain.export.target import ExportOptions, ExportOutput, Target
 from sketchterrain.export.targets import TARGET_NAMES, target_named
-from sketchterrain.export.tiling import Piece, Tiling
+from sketchterrain.export.tiling import TileWindow, Tiling
+from sketchterrain.export.weights import quantise_weights
 from sketchterrain.features import FEATURE, FEATURE_TYPES, Lake, ShapeField
 from sketchterrain.sketch import Sketch
 from sketchterrain.terrain import TerrainFeatures, raster_windows
 
 TILED = frozenset({"tiles", "overlap"})
-PLAIN = Target("plain", "Plain", "…", lambda _: Written({}), knows=TILED, tiling=Tiling())
+PLAIN = Target("plain", "Plain", "…", lambda _: ExportOutput({}), options=TILED, tiling=Tiling())
 SQUARE = replace(PLAIN, square=True, sizes=(33, 65, 129), size=65)
 SPACED = replace(PLAIN, spacing=1.0)
 WIDE, HIGH = (
@@ -30,25 +31,25 @@ WIDE, HIGH = (
 
 
 def grid_of(sketch, target, **options):
-    return plan(sketch, target, ExportOptions(**options)).grid
+    return plan_export(sketch, target, ExportOptions(**options)).grid
 
 
 def test_grids_follow_the_rectangle_the_tiles_and_fixed_spacing():
-    assert grid_of(WIDE, PLAIN, size=65) == Grid(0.0, 0.0, 1024.0, 768.0, 65, 49)
-    assert grid_of(HIGH, PLAIN, size=65) == Grid(0.0, 0.0, 768.0, 1024.0, 49, 65)
+    assert grid_of(WIDE, PLAIN, size=65) == SampleGrid(0.0, 0.0, 1024.0, 768.0, 65, 49)
+    assert grid_of(HIGH, PLAIN, size=65) == SampleGrid(0.0, 0.0, 768.0, 1024.0, 49, 65)
 
     grid = grid_of(WIDE, PLAIN, size=65, tiles=(4, 5))
     assert (grid.columns, grid.rows) == (65, 51)
-    assert grid.area == (0.0, 0.0, 1024.0, 768.0)
+    assert grid.bounds == (0.0, 0.0, 1024.0, 768.0)
 
     assert grid_of(WIDE, PLAIN, tiles=(3, 1)).columns == 1024
     assert grid_of(WIDE, PLAIN, tiles=(4, 3)).columns == 1025
 
-    assert grid_of(WIDE, SQUARE) == Grid(0.0, 0.0, 1024.0, 1024.0, 65, 65)
-    assert grid_of(HIGH, SQUARE, size=33) == Grid(0.0, 0.0, 1024.0, 1024.0, 33, 33)
+    assert grid_of(WIDE, SQUARE) == SampleGrid(0.0, 0.0, 1024.0, 1024.0, 65, 65)
+    assert grid_of(HIGH, SQUARE, size=33) == SampleGrid(0.0, 0.0, 1024.0, 1024.0, 33, 33)
     assert grid_of(WIDE, SQUARE, tiles=(4, 4)).columns == 4 * 64 + 1
 
-    assert grid_of(WIDE, SPACED) == Grid(0.0, 0.0, 1024.0, 768.0, 1025, 769)
+    assert grid_of(WIDE, SPACED) == SampleGrid(0.0, 0.0, 1024.0, 768.0, 1025, 769)
     odd = WIDE.replace(extent=1000.5)
     grid = grid_of(odd, SPACED, tiles=(4, 1))
     assert grid.spacing == (1.0, 1.0)
@@ -57,14 +58,14 @@ def test_grids_follow_the_rectangle_the_tiles_and_fixed_spacing():
     assert grid.north >= odd.size[1]
 
     regions = replace(SPACED, multiple=256)
-    assert grid_of(WIDE, regions) == Grid(0.0, 0.0, 1023.0, 767.0, 1024, 768)
+    assert grid_of(WIDE, regions) == SampleGrid(0.0, 0.0, 1023.0, 767.0, 1024, 768)
     assert grid_of(WIDE.replace(extent=1025.0), regions).columns == 1280
 
 
 @settings(deadline=None)
 @given(some.integers(1, 6), some.integers(1, 6), some.sampled_from([WIDE, HIGH]))
 def test_square_tiles_cover_the_sketch_with_square_quads(columns, rows, sketch):
-    made = plan(sketch, SQUARE, ExportOptions(tiles=(columns, rows)))
+    made = plan_export(sketch, SQUARE, ExportOptions(tiles=(columns, rows)))
     dx, dy = made.grid.spacing
     assert dx == pytest.approx(dy, rel=1e-12)
     assert made.tile_side == (65, 65)
@@ -87,18 +88,18 @@ def test_refusals_name_the_option_and_the_nearest_size():
 def test_every_target_declares_known_options_and_sizes_that_can_be_planned():
     for name in TARGET_NAMES:
         target = target_named(name)
-        assert target.knows <= set(vars(ExportOptions())), name
+        assert target.options <= set(vars(ExportOptions())), name
         assert set(option_names(target)) >= {"plants", "grass"}, name
-        assert (target.tiling is not None) == ("tiles" in target.knows), name
+        assert (target.tiling is not None) == ("tiles" in target.options), name
         assert not target.sizes or target.size in target.sizes, name
         assert target.title, name
-        assert target.line, name
-        assert ("format" in target.knows) == bool(target.formats), name
+        assert target.summary, name
+        assert ("format" in target.options) == bool(target.formats), name
 
     for name in TARGET_NAMES:
         target = target_named(name)
         for size in target.sizes:
-            assert plan(WIDE, target, ExportOptions(size=size)).tile_side == (size, size), (name, size)
+            assert plan_export(WIDE, target, ExportOptions(size=size)).tile_side == (size, size), (name, size)
 
 
 COUNTS = some.integers(1, 9)
@@ -106,18 +107,18 @@ COUNTS = some.integers(1, 9)
 
 def test_tiles_are_counted_and_named():
     tiling = Tiling()
-    assert list(tiling.pieces(33, 17)) == [Piece(0, 0, 0, 0, 33, 17)]
-    assert tiling.name("valley", Piece(0, 0, 0, 0, 33, 17)) == "valley"
+    assert list(tiling.tiles(33, 17)) == [TileWindow(0, 0, 0, 0, 33, 17)]
+    assert tiling.tile_name("valley", TileWindow(0, 0, 0, 0, 33, 17)) == "valley"
 
     tiling = Tiling(2, 3)
-    pieces = list(tiling.pieces(5, 13))
-    assert pieces[:2] == [Piece(0, 0, 0, 0, 3, 5), Piece(1, 0, 2, 0, 3, 5)]
-    assert pieces[-1] == Piece(1, 2, 2, 8, 3, 5)
-    names = [tiling.name("valley", each) for each in pieces[:3]]
+    pieces = list(tiling.tiles(5, 13))
+    assert pieces[:2] == [TileWindow(0, 0, 0, 0, 3, 5), TileWindow(1, 0, 2, 0, 3, 5)]
+    assert pieces[-1] == TileWindow(1, 2, 2, 8, 3, 5)
+    names = [tiling.tile_name("valley", each) for each in pieces[:3]]
     assert names == ["valley_x0_y0", "valley_x1_y0", "valley_x0_y1"]
 
     tiling = Tiling(2, 2, first=1, from_south=True, pattern="{name}_{y:02}_{x}")
-    names = [tiling.name("a", each) for each in tiling.pieces(5, 5)]
+    names = [tiling.tile_name("a", each) for each in tiling.tiles(5, 5)]
     assert names == ["a_02_1", "a_02_2", "a_01_1", "a_01_2"]
 
 
@@ -126,10 +127,10 @@ def test_tiles_are_counted_and_named():
 def test_tiles_cover_the_whole_and_agree_where_they_overlap(columns, rows, overlap, step):
     side = max(step + overlap, 2)
     tiling = Tiling(columns, rows, overlap=overlap)
-    width, height = tiling.whole(side, columns), tiling.whole(side, rows)
+    width, height = tiling.grid_side(side, columns), tiling.grid_side(side, rows)
     whole = np.arange(width * height).reshape(height, width)
     seen = np.zeros_like(whole)
-    for piece in tiling.pieces(width, height):
+    for piece in tiling.tiles(width, height):
         assert (piece.columns, piece.rows) == (side, side)
         part = seen[piece.top : piece.top + side, piece.left : piece.left + side]
         assert part.shape == (side, side)
@@ -143,20 +144,20 @@ def test_tiles_cover_the_whole_and_agree_where_they_overlap(columns, rows, overl
 @given(some.integers(2, 200), some.integers(1, 9), some.integers(0, 5))
 def test_the_nearest_sizes_can_be_cut_and_none_is_nearer(vertices, tiles, overlap):
     tiling = Tiling(tiles, tiles, overlap=overlap)
-    near = tiling.nearest(vertices, tiles)
+    near = tiling.nearest_sides(vertices, tiles)
     for each in near:
-        tiling.side(each, tiles)
+        tiling.tile_side(each, tiles)
     least = min(abs(each - vertices) for each in near)
     for nearer in range(max(vertices - least + 1, 2), vertices + least):
         with pytest.raises(InputError, match="nearest: "):
-            tiling.side(nearer, tiles)
+            tiling.tile_side(nearer, tiles)
 
 
 def test_unusable_patterns_numbers_and_sizes_are_refused_in_one_line():
     patterns = {
         "expected {x} and {y}": ["{name}", "{name}_{x}"],
         "two tiles would have the same name": ["{x}{y}"],
-        "can be a file's name": [
+        "a valid file name": [
             *("../{x}_{y}", "a/{x}_{y}", "a\\{x}_{y}", "..{x}_{y}", ".{x}_{y}", "a{x}_{y}:b", "a\n{x}_{y}"),
             *("a\0{x}_{y}", "{x}_{y}" + "a" * 200),
         ],
@@ -179,9 +180,9 @@ def test_unusable_patterns_numbers_and_sizes_are_refused_in_one_line():
     with pytest.raises(
         InputError, match=r"^1024 vertices .* 2 equal tiles that share an edge.* 1023 or 1025$"
     ):
-        Tiling(2, 2).pieces(1024, 1025)
+        Tiling(2, 2).tiles(1024, 1025)
     with pytest.raises(InputError, match=r"that share nothing; nearest: 1024 or 1026$"):
-        Tiling(2, 2, overlap=0).pieces(1025, 1024)
+        Tiling(2, 2, overlap=0).tiles(1025, 1024)
 
 
 NUMBERS = some.none() | some.integers(-2, 10_000)
@@ -212,7 +213,7 @@ def test_any_options_are_a_plan_or_one_line(name, options):
     for asked in (options, ExportOptions(**heeded)):
         told = None
         try:
-            made = plan(WIDE, target, asked)
+            made = plan_export(WIDE, target, asked)
         except InputError as error:
             told = str(error)
         if told is not None:
@@ -220,26 +221,26 @@ def test_any_options_are_a_plan_or_one_line(name, options):
             continue
         side = made.tile_side
         assert not target.sizes or side[0] == side[1] in target.sizes
-        pieces = list(made.tiling.pieces(made.grid.columns, made.grid.rows))
-        assert len({made.tiling.name("a", each).casefold() for each in pieces}) == len(pieces)
+        pieces = list(made.tiling.tiles(made.grid.columns, made.grid.rows))
+        assert len({made.tiling.tile_name("a", each).casefold() for each in pieces}) == len(pieces)
 
 
 def test_the_sketch_s_rectangle_is_the_raster_to_the_bit(terrain, raster):
-    grid = Grid(0.0, 0.0, *terrain.size, columns=129, rows=97)
-    sampled = sample(terrain, grid)
-    np.testing.assert_array_equal(sampled.height, raster.height)
-    np.testing.assert_array_equal(sampled.weights, quantised_weights(raster.materials))
-    assert np.abs(sampled.normal / 127.5 - 1.0 - raster.normal).max() <= 0.5 / 127.5 + 1e-6
-    kept = (sampled.height, sampled.normal, sampled.weights)
+    grid = SampleGrid(0.0, 0.0, *terrain.size, columns=129, rows=97)
+    samples = sample_terrain(terrain, grid)
+    np.testing.assert_array_equal(samples.height, raster.height)
+    np.testing.assert_array_equal(samples.weights, quantise_weights(raster.materials))
+    assert np.abs(samples.normal / 127.5 - 1.0 - raster.normal).max() <= 0.5 / 127.5 + 1e-6
+    kept = (samples.height, samples.normal, samples.weights)
     assert sum(each.nbytes for each in kept) == BYTES_PER_VERTEX * 129 * 97
 
 
 def test_bands_change_no_bit(terrain, monkeypatch):
-    grid = Grid(-100.0, 50.0, 800.0, 1100.0, columns=150, rows=201)
-    whole = sample(terrain, grid)
+    grid = SampleGrid(-100.0, 50.0, 800.0, 1100.0, columns=150, rows=201)
+    whole = sample_terrain(terrain, grid)
     monkeypatch.setattr(raster_windows, "_PATCHES_PER_BAND", 1)
     told = []
-    banded = sample(terrain, grid, progress=told.append)
+    banded = sample_terrain(terrain, grid, progress=told.append)
     for one, other in zip(vars(whole).values(), vars(banded).values(), strict=True):
         np.testing.assert_array_equal(one, other)
     assert len(told) == 4
@@ -249,19 +250,19 @@ def test_bands_change_no_bit(terrain, monkeypatch):
 
 def test_vertices_and_parts_are_where_the_grid_says(terrain):
     """Whole lattice steps apart, outside of the sketch too."""
-    grid = Grid(-128.0, -64.0, 896.0, 1216.0, columns=65, rows=81)
+    grid = SampleGrid(-128.0, -64.0, 896.0, 1216.0, columns=65, rows=81)
     x = np.linspace(grid.west, grid.east, grid.columns)
     y = np.linspace(grid.north, grid.south, grid.rows)
     expected = terrain.heights(x[None], y[:, None], cell_size=16.0)
-    np.testing.assert_array_equal(sample(terrain, grid).height, expected)
+    np.testing.assert_array_equal(sample_terrain(terrain, grid).height, expected)
 
-    grid = Grid(0.0, 0.0, 1024.0, 768.0, columns=65, rows=49)
-    sampled = sample(terrain, grid)
-    part = sampled.part(16, 8, 33, 25)
-    assert part.height.base is sampled.height
-    np.testing.assert_array_equal(part.height, sampled.height[8:33, 16:49])
-    assert part.grid == Grid(256.0, 256.0, 768.0, 640.0, columns=33, rows=25)
-    np.testing.assert_array_equal(sample(terrain, part.grid).height, part.height)
+    grid = SampleGrid(0.0, 0.0, 1024.0, 768.0, columns=65, rows=49)
+    samples = sample_terrain(terrain, grid)
+    part = samples.window(16, 8, 33, 25)
+    assert part.height.base is samples.height
+    np.testing.assert_array_equal(part.height, samples.height[8:33, 16:49])
+    assert part.grid == SampleGrid(256.0, 256.0, 768.0, 640.0, columns=33, rows=25)
+    np.testing.assert_array_equal(sample_terrain(terrain, part.grid).height, part.height)
 
 
 def test_empty_and_non_finite_rectangles_are_refused(terrain):

@@ -8,7 +8,7 @@ import pytest
 
 from sketchterrain.compute import ComputeContext, list_devices
 from sketchterrain.errors import DeviceError, DeviceFailedError, InputError
-from sketchterrain.export.weights import quantised_weights
+from sketchterrain.export.weights import quantise_weights
 from sketchterrain.terrain import Terrain
 from sketchterrain.terrain.ground_bytes import quantized_bands
 from sketchterrain.world.task_runner import packed
@@ -148,7 +148,7 @@ def test_weights_are_rounded_as_numpy_rounds_them(real) -> None:
         ground = np.zeros((*plane.shape[:2], 4), context.real_dtype)
         _, _, weight, odd = launched(context, patches_of(ground), patches_of(plane))
         assert odd == 0
-        np.testing.assert_array_equal(weight, quantised_weights(plane).transpose(2, 0, 1), err_msg=kind)
+        np.testing.assert_array_equal(weight, quantise_weights(plane).transpose(2, 0, 1), err_msg=kind)
 
 
 def test_bytes_of_unit_vectors(with_double) -> None:

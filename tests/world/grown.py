@@ -3,8 +3,8 @@
 import numpy as np
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.sampled import normal_bytes
-from sketchterrain.export.weights import quantised_weights
+from sketchterrain.export.sampled import quantise_normals
+from sketchterrain.export.weights import quantise_weights
 from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.world.grid import CHUNK, World
 from sketchterrain.world.ground import LAYERS
@@ -38,8 +38,8 @@ class Grown:
                 for name in ("height", "normal", "materials")
             )
             self.data["height", level.number] = height
-            self.data["normal", level.number] = normal_bytes(normal).transpose(2, 0, 1)
-            self.data["materials", level.number] = quantised_weights(weights).transpose(2, 0, 1)
+            self.data["normal", level.number] = quantise_normals(normal).transpose(2, 0, 1)
+            self.data["materials", level.number] = quantise_weights(weights).transpose(2, 0, 1)
             self.data["exact normal", level.number] = normal.transpose(2, 0, 1)
 
     def sketch(self):

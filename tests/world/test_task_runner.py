@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from sketchterrain.compute import ComputeContext
-from sketchterrain.export.sampled import normal_bytes
-from sketchterrain.export.weights import quantised_weights
+from sketchterrain.export.sampled import quantise_normals
+from sketchterrain.export.weights import quantise_weights
 from sketchterrain.world import job as jobs
 from sketchterrain.world.grid import SHARD, Shard, World
 from sketchterrain.world.job import Task, fingerprint, tasks_of
@@ -44,8 +44,8 @@ def test_normals_and_weights_are_those_of_exports(runner) -> None:
     west, north = world.west + SHARD * level.cell, world.north
     east, south = west + (columns - 1) * level.cell, north - (rows - 1) * level.cell
     (band,) = runner.terrain.grid(west, south, east, north, columns=columns, rows=rows)
-    np.testing.assert_array_equal(ground.normal, normal_bytes(band.normal).transpose(2, 0, 1))
-    np.testing.assert_array_equal(ground.materials, quantised_weights(band.materials).transpose(2, 0, 1))
+    np.testing.assert_array_equal(ground.normal, quantise_normals(band.normal).transpose(2, 0, 1))
+    np.testing.assert_array_equal(ground.materials, quantise_weights(band.materials).transpose(2, 0, 1))
 
 
 def test_a_device_without_doubles_leaves_rounding_to_the_host(runner) -> None:

@@ -12,7 +12,7 @@ from PyQt6.QtWidgets import QWidget
 
 from sketchterrain.disk import format_bytes
 from sketchterrain.errors import InputError, SketchterrainError, one_line
-from sketchterrain.export.planning import Plan, option_names
+from sketchterrain.export.planning import ExportPlan, option_names
 from sketchterrain.export.sidecar import SIDECAR
 from sketchterrain.export.target import ExportOptions, Target
 from sketchterrain.export.tiling import Tiling
@@ -215,7 +215,7 @@ class TargetForm(Form):
     def use(self, target: Target, kept: Mapping[str, object]) -> None:
         """Show what a target takes, as it was kept."""
         self._target = target
-        self._head.setText(f"{target.line[:1].upper()}{target.line[1:]}.")
+        self._head.setText(f"{target.summary[:1].upper()}{target.summary[1:]}.")
         tiling = target.tiling or Tiling()
         self._is_filling = True
         self._offer_sides(target)
@@ -271,7 +271,7 @@ class TargetForm(Form):
         tiling = Tiling(columns, rows, overlap=given.get("overlap", (target.tiling or Tiling()).overlap))
         if tiling.count > 1 and tiling.overlap >= side:
             raise InputError(f"tiles of {side} vertices cannot share {tiling.overlap}")
-        return tiling.whole(side, max(columns, rows))
+        return tiling.grid_side(side, max(columns, rows))
 
     def _offer_sides(self, target: Target) -> None:
         sizes = self["size"]
@@ -298,7 +298,9 @@ class TargetForm(Form):
         tiles = int(self["columns" if self._is_wide else "rows"].value())
         tiling = Tiling(overlap=int(self["overlap"].value()))
         sizes = sorted({*_SIZES, target.size})
-        fitting = [min(tiling.nearest(size, tiles), key=lambda each: abs(each - size)) for size in sizes]
+        fitting = [
+            min(tiling.nearest_sides(size, tiles), key=lambda each: abs(each - size)) for size in sizes
+        ]
         if fitting == [box.itemData(row) for row in range(box.count())]:
             return
         text = box.currentText()
@@ -331,7 +333,7 @@ class TargetForm(Form):
         self.note.setText(told)
 
 
-def plan_line(plan: Plan, sketch: Sketch) -> str:
+def plan_line(plan: ExportPlan, sketch: Sketch) -> str:
     """Return what an export will be, for a person: vertices, tiles, the ground they cover, what it takes."""
     grid, (columns, rows), tiles = plan.grid, plan.tile_side, plan.tiling.count
     across, up = grid.spacing

@@ -20,7 +20,7 @@ from PyQt6.QtWidgets import (
     QWidget,
 )
 
-from sketchterrain.export.sidecar import typed_rows
+from sketchterrain.export.sidecar import setting_rows
 from sketchterrain.ui.dialogs.form import heading, note, part, progress_bar
 
 STAGES = {
@@ -147,7 +147,7 @@ class ExportOutcome(QWidget):
         self.told.setText(f"{time.monotonic() - self._began:.0f} s")
 
     def _show_settings(self, settings: dict[str, Any]) -> None:
-        rows = typed_rows(settings)
+        rows = setting_rows(settings)
         self.table.setRowCount(len(rows))
         for row, (depth, name, value) in enumerate(rows):
             for column, text in enumerate((_INDENT * depth + name, value)):

@@ -105,7 +105,7 @@ def _measure(job: MeasureJob) -> Adherence:
 
 
 def _render(job: PictureJob) -> PictureWritten:
-    from sketchterrain.export import write_picture
+    from sketchterrain.export.images import write_picture
     from sketchterrain.render import Camera, Sun, Weather, render_picture
 
     picture = render_picture(

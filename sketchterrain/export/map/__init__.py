@@ -25,13 +25,7 @@ def write_map(path: Path, terrain: Terrain, *, size: tuple[int, int] | None = No
 
 
 def write_sheet(path: Path, sheet: MapSheet, *, size: tuple[int, int] | None = None) -> tuple[Path, ...]:
-    """Write a sheet as .png of `MAP_WIDTH` px, or fitting into a size (px), or as .svg in millimetres.
-
-    Raises
-    ------
-    InputError
-        If the name ends in something else.
-    """
+    """Write a sheet as .png of `MAP_WIDTH` px, or fitting into a size (px), or as .svg in millimetres."""
     _check_suffix(path)
     if path.suffix.lower() == ".svg":
         return (write_atomic(path, sheet_svg(sheet).encode()),)

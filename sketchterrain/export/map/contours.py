@@ -11,7 +11,7 @@ import numpy.typing as npt
 import shapely
 
 from sketchterrain.export.map.drawing import Colour, Label, LabelSpace, Points, Polylines, Shape
-from sketchterrain.export.map.ground import Grid, MapGround, nearest_round
+from sketchterrain.export.map.ground import Grid, MapSamples, nearest_round
 
 INDEX: Final = 5  # every 5th contour is an index contour: heavier, with its height
 STEEP_SHARE: Final = 85.0  # per cent of the ground that is less steep than what the interval is chosen for
@@ -39,7 +39,7 @@ class Contour:
     points: Points
 
 
-def choose_interval(ground: MapGround) -> float:
+def choose_interval(ground: MapSamples) -> float:
     """Return the contour interval (m) for a ground, a round number.
 
     Imhof (Cartographic Relief Presentation, 1965, ch. C): A = n · log₁₀ n · tan α with n = √(scale/100 + 1),
@@ -50,7 +50,7 @@ def choose_interval(ground: MapGround) -> float:
     return nearest_round(max(n * np.log10(n) * slope, float(np.ptp(ground.smooth)) / 100.0, 0.1))
 
 
-def trace_contours(ground: MapGround, interval: float) -> list[Contour]:
+def trace_contours(ground: MapSamples, interval: float) -> list[Contour]:
     """Return the contours of the ground without those too small to be seen."""
     low, high = float(ground.smooth.min()), float(ground.smooth.max())
     numbers = range(int(np.floor(low / interval)) + 1, int(np.ceil(high / interval)))
@@ -64,7 +64,7 @@ def trace_contours(ground: MapGround, interval: float) -> list[Contour]:
 
 
 def contour_lines(
-    contours: Sequence[Contour], ground: MapGround, labels: Sequence[Label], interval: float
+    contours: Sequence[Contour], ground: MapSamples, labels: Sequence[Label], interval: float
 ) -> list[Shape]:
     """Return the lines to draw, one set a pen, with gaps at labels and none on water."""
     kind = pen_numbers(ground)
@@ -85,7 +85,7 @@ def contour_lines(
     return [Polylines(found, colours[pen], WIDTHS[i]) for (i, pen), found in paths.items() if found]
 
 
-def pen_numbers(ground: MapGround) -> Grid:
+def pen_numbers(ground: MapSamples) -> Grid:
     """Return which of the pens belongs to the ground at each sample."""
     stone = ground.share("rock", "scree") > 0.5
     return np.where(ground.share("snow") > 0.5, 2, np.where(stone, 1, 0)).astype(np.float32)
@@ -101,7 +101,7 @@ def pieces(path: Points, code: npt.NDArray[np.int_]) -> Iterator[tuple[Points, i
 
 
 def label_contours(
-    contours: Sequence[Contour], ground: MapGround, space: LabelSpace, interval: float
+    contours: Sequence[Contour], ground: MapSamples, space: LabelSpace, interval: float
 ) -> list[Label]:
     """Return the heights of index contours, the best places first."""
     indexed = (contour for contour in contours if contour.index)
@@ -115,7 +115,7 @@ def label_contours(
     return [label for same in chosen.values() for label in same]
 
 
-def _candidates(contour: Contour, ground: MapGround, interval: float) -> list[tuple[float, Label]]:
+def _candidates(contour: Contour, ground: MapSamples, interval: float) -> list[tuple[float, Label]]:
     """Return places for labels along a contour, each with its score."""
     decimals = max(0, -int(np.floor(np.log10(interval) + 1e-9)))
     text = f"{contour.height:.{decimals}f}"

@@ -11,7 +11,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter, label, maximu
 
 from sketchterrain.export.map.contours import along, arc_lengths, pieces
 from sketchterrain.export.map.drawing import Label, LabelSpace, Points, Polygons, Polylines, Shape
-from sketchterrain.export.map.ground import Grid, MapGround, nearest_round
+from sketchterrain.export.map.ground import Grid, MapSamples, nearest_round
 from sketchterrain.terrain import Terrain
 
 WATER, DEEP = (166, 206, 230), (92, 150, 196)
@@ -30,7 +30,7 @@ APART, MOST = 8.0, 48  # mm between peaks, and their number
 PEAK_SIZE, PEAK_INK, PEAK_HALO = 2.05, (34, 30, 28), (250, 248, 238)  # mm of the digits, and their colours
 
 
-def draw_rivers(terrain: Terrain, ground: MapGround, space: LabelSpace) -> list[Shape]:
+def draw_rivers(terrain: Terrain, ground: MapSamples, space: LabelSpace) -> list[Shape]:
     """Return rivers in their widths, and arrows in the direction they flow."""
     frame = ground.frame
     paths: dict[int, list[Points]] = {}
@@ -77,7 +77,7 @@ def _arrows(path: Points, width: Points, dry: npt.NDArray[np.bool_], space: Labe
     return shapes
 
 
-def draw_lakes(ground: MapGround) -> list[Shape]:
+def draw_lakes(ground: MapSamples) -> list[Shape]:
     """Return lakes, darker where they are deeper, with their shores."""
     deepest = float(ground.depth.max())
     if deepest <= 0.0:
@@ -91,7 +91,7 @@ def draw_lakes(ground: MapGround) -> list[Shape]:
     return [*shapes, Polylines(shores, BANK, SHORE_WIDTH)]
 
 
-def label_lakes(terrain: Terrain, ground: MapGround, space: LabelSpace) -> list[Shape]:
+def label_lakes(terrain: Terrain, ground: MapSamples, space: LabelSpace) -> list[Shape]:
     """Return the height of each lake's water, written where the shore is farthest."""
     shapes: list[Shape] = []
     areas, count = label(ground.depth > 0.0)
@@ -108,7 +108,7 @@ def label_lakes(terrain: Terrain, ground: MapGround, space: LabelSpace) -> list[
     return shapes
 
 
-def draw_forests(ground: MapGround) -> list[Shape]:
+def draw_forests(ground: MapSamples) -> list[Shape]:
     """Return the forests as areas of colour, with their edges."""
     share = gaussian_filter(ground.share("forest_floor"), 1.0)
     (rings,) = rings_above(share, [0.5], ground)
@@ -121,7 +121,7 @@ def forest(rings: list[Points]) -> list[Shape]:
     return [Polygons(rings, FOREST, FOREST_OPACITY), Polylines(rings, FOREST_EDGE, 0.14, 0.8)]
 
 
-def rings_above(field: Grid, levels: list[float], ground: MapGround) -> list[list[Points]]:
+def rings_above(field: Grid, levels: list[float], ground: MapSamples) -> list[list[Points]]:
     """Return closed rings (mm) around where a field is above each level; the map's border closes them."""
     floor = levels[0] - 50.0
     padded = np.pad(np.maximum(field, floor), 1, constant_values=floor)
@@ -129,7 +129,7 @@ def rings_above(field: Grid, levels: list[float], ground: MapGround) -> list[lis
     return [[ground.frame.place(line) for line in of_level] for of_level in lines]
 
 
-def label_peaks(terrain: Terrain, ground: MapGround, space: LabelSpace, interval: float) -> list[Shape]:
+def label_peaks(terrain: Terrain, ground: MapSamples, space: LabelSpace, interval: float) -> list[Shape]:
     """Return a triangle and a height for each summit that there is space for, the most prominent first."""
     shapes: list[Shape] = []
     sides = ((1.1, -1.0, "start"), (-1.1, -1.0, "end"), (0.0, -2.0, "middle"), (1.1, 1.2, "start"))
@@ -149,7 +149,7 @@ def peak_triangle(x: float, y: float) -> list[Shape]:
     return [Polygons([[x, y] + scale * corners], ink) for scale, ink in ((1.35, PEAK_HALO), (1.0, PEAK_INK))]
 
 
-def find_peaks(terrain: Terrain, ground: MapGround, interval: float) -> list[Points]:
+def find_peaks(terrain: Terrain, ground: MapSamples, interval: float) -> list[Points]:
     """Return the summits x, y, z (m) of more prominence than about a contour interval."""
     cell = max(round(CELL / (ground.spacing[0] * ground.frame.mm_per_metre)), 1)
     rows, columns = (length // cell for length in ground.smooth.shape)

@@ -1,4 +1,4 @@
-"""Ground of a map: its frame on the sheet, the terrain sampled for it, and the shaded relief."""
+"""Ground of a map: its frame on the sheet, the terrain samples for it, and the shaded relief."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class MapFrame:
 
 
 @dataclass(frozen=True, eq=False)
-class MapGround:
+class MapSamples:
     """Samples (rows, columns) of the ground at the vertices of a grid over the whole sketch, row 0 north."""
 
     frame: MapFrame
@@ -130,7 +130,7 @@ def nearest_round(number: float, *, steps: tuple[float, ...] = (1.0, 2.0, 5.0), 
     return float(choices[np.argmin(np.abs(np.log(choices / number)))])
 
 
-def sample_ground(terrain: Terrain, frame: MapFrame) -> MapGround:
+def sample_ground(terrain: Terrain, frame: MapFrame) -> MapSamples:
     """Sample a terrain as finely as its map shows it."""
     raster = terrain.raster(max(round(max(frame.box[2:]) / STEP), 64) + 1)
     rows, columns = raster.height.shape
@@ -142,10 +142,10 @@ def sample_ground(terrain: Terrain, frame: MapFrame) -> MapGround:
     for material in range(cover.shape[-1]):
         gaussian_filter(raster.materials[..., material], COVER_SIGMA / STEP, output=cover[..., material])
     depth = _lake_depth(terrain, smooth, x, y)
-    return MapGround(frame, raster.spacing, raster.height, smooth, cell, depth, cover)
+    return MapSamples(frame, raster.spacing, raster.height, smooth, cell, depth, cover)
 
 
-def shaded_relief(ground: MapGround) -> npt.NDArray[np.uint8]:
+def shaded_relief(ground: MapSamples) -> npt.NDArray[np.uint8]:
     """Return the ground's colours, lit from several sides: (rows, columns, 3), row 0 north."""
     tints = np.array([TINTS[name][0] for name in MATERIALS], np.float32)
     colour = ground.cover @ tints / np.maximum(ground.cover.sum(axis=-1, keepdims=True), 1e-6)
@@ -186,7 +186,7 @@ def _rise(height: Grid) -> Grid:
     return np.asarray(0.5 * rank + 0.5 * part, np.float32)
 
 
-def _light(ground: MapGround) -> Grid:
+def _light(ground: MapSamples) -> Grid:
     """Return the mean cosine of incidence of all lights, over the landforms of all sizes."""
     total = np.zeros(ground.height.shape, np.float32)
     up, level = np.sin(ELEVATION), np.cos(ELEVATION)

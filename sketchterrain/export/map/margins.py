@@ -11,7 +11,7 @@ import numpy as np
 from sketchterrain.export.map import contours as c
 from sketchterrain.export.map import features as f
 from sketchterrain.export.map.drawing import PAPER, Label, Points, Polygons, Polylines, Shape, rectangle
-from sketchterrain.export.map.ground import MARGIN, TINTS, MapFrame, MapGround, nearest_round
+from sketchterrain.export.map.ground import MARGIN, TINTS, MapFrame, MapSamples, nearest_round
 
 Entry: TypeAlias = tuple[str, list[Shape]]
 """Meaning and symbol; the symbol's left end is at the origin, at half its height."""
@@ -75,7 +75,11 @@ def title(frame: MapFrame, name: str, subtitle: str) -> list[Shape]:
 
 
 def legend_entries(
-    contours: Sequence[c.Contour], ground: MapGround, interval: float, present: set[str], heights: list[Label]
+    contours: Sequence[c.Contour],
+    ground: MapSamples,
+    interval: float,
+    present: set[str],
+    heights: list[Label],
 ) -> list[Entry]:
     """Return what is on the sheet; `present` has some of river, lake, forest and peak."""
     entries: list[Entry] = []

@@ -1,4 +1,4 @@
-"""Where a terrain can be taken: one module a target, or a family of plain ones."""
+"""Export targets, one module each or per family of plain formats."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from importlib import import_module
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.export.target import Target
 
-# Each in the module here that has it in its TARGETS: what a target needs is loaded when it is asked for.
+# Module of each target, which is loaded on first use.
 _MODULES = {
     "unity": "unity",
     "unreal": "unreal",
@@ -24,19 +24,12 @@ _MODULES = {
 }
 
 TARGET_NAMES = tuple(_MODULES)
-"""All that can be asked for, in the order in which they are listed."""
 
 
 def target_named(name: str) -> Target:
-    """Return a target.
-
-    Raises
-    ------
-    InputError
-        If there is no such target.
-    """
+    """Return a target, or raise `InputError`."""
     if name not in _MODULES:
         raise InputError(f"expected one of {', '.join(TARGET_NAMES)} as target, got {one_line(name)!r}")
     module = import_module(f"{__name__}.{_MODULES[name]}")
-    found: Target = next(each for each in module.TARGETS if each.name == name)
-    return found
+    target: Target = next(each for each in module.TARGETS if each.name == name)
+    return target

@@ -1,4 +1,4 @@
-"""glTF: one GLB with ground, water and plants, and another with the plants as points."""
+"""glTF: one GLB with terrain, water and plants, and another with the plants as points."""
 
 from __future__ import annotations
 
@@ -6,91 +6,90 @@ from pathlib import Path
 from typing import Any, Final
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.engines import write_all_water
-from sketchterrain.export.gltf import AXES, Glb, add_ground, add_water, centre_of
+from sketchterrain.export.engines import write_water_json
+from sketchterrain.export.gltf import AXES, GlbWriter, add_ground, add_water, grid_centre
 from sketchterrain.export.gltf_plants import (
     BYTES_PER_PLANT,
-    Planting,
+    PlantInstances,
     add_instances,
     add_points,
-    gathered_plants,
+    collect_plants,
 )
-from sketchterrain.export.images import ground_images
-from sketchterrain.export.mesh import check_error, ground_mesh, mesh_facts
-from sketchterrain.export.target import Export, ExportOptions, Target, Written
+from sketchterrain.export.images import write_normals_and_weights
+from sketchterrain.export.mesh import check_mesh_error, export_mesh, mesh_metadata
+from sketchterrain.export.target import Export, ExportOptions, ExportOutput, Target
 
-_MOST: Final = 8193  # vertices of 56 bytes, their triangles counted in
+_MAX_SIDE: Final = 8193  # vertices, of 56 bytes including their triangles
 
 
 def check_glb(options: ExportOptions) -> None:
-    """Refuse what fits into no GLB before any work is done."""
-    check_error(options)
-    if options.error is None and (options.size or 0) > _MOST:
+    """Raise `InputError` if a mesh does not fit into a GLB."""
+    check_mesh_error(options)
+    if options.error is None and (options.size or 0) > _MAX_SIDE:
         raise InputError(
-            f"size = {options.size}: a GLB holds 4 GiB, a mesh of all vertices {_MOST} along a side: "
-            "expected fewer, or an error that the mesh may have"
+            f"size = {options.size}: a GLB holds 4 GiB, a mesh of all vertices {_MAX_SIDE} along a side: "
+            "expected fewer vertices, or an error of the mesh"
         )
 
 
-def write_gltf(export: Export) -> Written:
-    """Write what programs that read glTF 2.0 take, and beside it images of the ground."""
+def _write_gltf(export: Export) -> ExportOutput:
     with export.stages.stage("plants", "Plants"):
-        planting = gathered_plants(export, AXES)
-        points = write_points(export, planting)
-    scene, facts = ground_scene(export)
+        plants = collect_plants(export, AXES)
+        points = write_plant_points(export, plants)
+    scene, facts = terrain_scene(export)
     if export.options.plants:
-        facts["plants"] = plant_facts(planting, add_instances(scene, planting))
+        facts["plants"] = plant_metadata(plants, add_instances(scene, plants))
     path = export.folder / f"{export.name}.glb"
     with export.stages.stage("glb", "GLB"):
         scene.write(path)
     files = {path: "ground, water and plants, m: x east, y up, z south"} | points
-    files |= write_all_water(export, AXES) | ground_images(
-        export.folder / export.name, export.sampled, export.terrain.material_names
+    files |= write_water_json(export, AXES) | write_normals_and_weights(
+        export.folder / export.name, export.samples, export.terrain.material_names
     )
     settings: dict[str, Any] = {"up": "+Y", "unit": "1 m", "scale": 1.0}
     if points:
         settings["plants"] = (
-            "instances (EXT_mesh_gpu_instancing); where a program shows one plant of each kind only: "
+            "instances (EXT_mesh_gpu_instancing); where a program shows only one plant of each kind: "
             f"{next(iter(points)).name}, of the same origin"
         )
-    return Written(files, settings, facts)
+    return ExportOutput(files, settings, facts)
 
 
-def ground_scene(export: Export) -> tuple[Glb, dict[str, Any]]:
-    """Return a scene with ground and water, and what the sidecar says of it.
+def terrain_scene(export: Export) -> tuple[GlbWriter, dict[str, Any]]:
+    """Return a scene with terrain and water, and its sidecar entries.
 
-    Vertices are float32 from the middle of the ground on, indices 32 bits (glTF 2.0 specification, "Meshes").
+    Vertices are float32 from the centre of the terrain, indices 32 bits (glTF 2.0 specification, "Meshes").
     """
-    made = ground_mesh(export)
-    scene = Glb()
-    add_ground(scene, made.mesh, export)
+    result = export_mesh(export)
+    scene = GlbWriter()
+    add_ground(scene, result.mesh, export)
     add_water(scene, export)
-    facts = {"heights": {"numbers": "float32"}, "axes": AXES.facts, "byte_order": "little-endian"}
-    return scene, facts | {"mesh": mesh_facts(export, made)}
+    facts = {"heights": {"numbers": "float32"}, "axes": AXES.metadata, "byte_order": "little-endian"}
+    return scene, facts | {"mesh": mesh_metadata(export, result)}
 
 
-def write_points(export: Export, planting: Planting) -> dict[Path, str]:
-    """Write plants as ``NAME_plant_points.glb``, if there are any, and return what it is."""
-    if not len(planting.model):
+def write_plant_points(export: Export, plants: PlantInstances) -> dict[Path, str]:
+    """Write plants as ``NAME_plant_points.glb`` if there are any; return the file with its description."""
+    if not len(plants.model):
         return {}
-    points = Glb()
-    add_points(points, planting, centre_of(export.grid))
+    points = GlbWriter()
+    add_points(points, plants, grid_centre(export.grid))
     path = points.write(export.folder / f"{export.name}_plant_points.glb")
     return {path: "plants as points, a node a species, with _SCALE and _ROTATION"}
 
 
-def plant_facts(planting: Planting, detail: int) -> dict[str, Any]:
-    """Return what the sidecar says of plants."""
-    return {"count": len(planting.model), "level_of_detail": detail}
+def plant_metadata(plants: PlantInstances, detail: int) -> dict[str, Any]:
+    """Return the sidecar's entry of plants."""
+    return {"count": len(plants.model), "level_of_detail": detail}
 
 
 TARGETS: Final = (
     Target(
         name="gltf",
         title="glTF",
-        line="a GLB: mesh with baked materials, water, plants as instances; plants as points besides",
-        write=write_gltf,
-        knows=frozenset({"error"}),
+        summary="a GLB: mesh with baked materials, water, plants as instances; also plants as points",
+        write=_write_gltf,
+        options=frozenset({"error"}),
         check=check_glb,
         disk=80.0,
         memory=150.0,

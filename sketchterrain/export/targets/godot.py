@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.engines import EngineAxes, path_of, tiles_of, write_all_plants, write_all_water
+from sketchterrain.export.engines import (
+    EngineAxes,
+    tile_path,
+    write_plants_json,
+    write_tiles,
+    write_water_json,
+)
 from sketchterrain.export.files import write_values_png
-from sketchterrain.export.height_steps import HeightSteps
-from sketchterrain.export.rasters import write_exr
-from sketchterrain.export.sampled import Grid, Sampled
-from sketchterrain.export.target import Export, ExportOptions, Target, Written
-from sketchterrain.export.tiling import Piece, Tiling
-from sketchterrain.export.weights import control_map, four_of
-from sketchterrain.whole_files import write_atomic
+from sketchterrain.export.height_steps import HeightQuantisation
+from sketchterrain.export.rasters import write_exr, write_raw
+from sketchterrain.export.sampled import SampleGrid, TerrainSamples
+from sketchterrain.export.target import Export, ExportOptions, ExportOutput, Target
+from sketchterrain.export.tiling import TileWindow, Tiling
+from sketchterrain.export.weights import control_map, rgba_weights
 
-_REGION: Final = 256  # vertices along a region's side unless a larger one is chosen
-_REGIONS: Final = 32  # each way, at most
-_MOST: Final = 16384  # vertices along a side that the importer takes
-# The largest region size that so many need: a region that is only begun would lie flat at 0 m.
-_MULTIPLE: Final = _MOST // _REGIONS
+_REGION: Final = 256  # default vertices along a region's side
+_MAX_REGIONS: Final = 32  # along a side
+_MAX_VERTICES: Final = 16384  # along a side, of the importer
+# The largest region size that so many need: an incomplete region would be flat at 0 m.
+_MULTIPLE: Final = _MAX_VERTICES // _MAX_REGIONS
 _FILES: Final = {
     "exr": "heights, m: float32",
     "r16": "heights: 16 bits, little-endian, no header",
@@ -30,86 +36,77 @@ _FILES: Final = {
 }
 
 
-def region_size(grid: Grid) -> int:
-    """Return the smallest region size, from Terrain3D's own 256 on, of which 32 cover the grid each way."""
+def region_size(grid: SampleGrid) -> int:
+    """Return the smallest region size, from Terrain3D's default 256 on, of which 32 × 32 cover the grid."""
     size, longer = _REGION, max(grid.columns, grid.rows)
-    while size * _REGIONS < longer:
+    while size * _MAX_REGIONS < longer:
         size *= 2
     return size
 
 
-def import_position(grid: Grid) -> tuple[int, int]:
-    """Return where the north-west vertex comes to lie, x and z in m: the terrain is about the world's origin.
+def import_position(grid: SampleGrid) -> tuple[int, int]:
+    """Return x and z (m) of the north-west vertex, so that the terrain is centred on the world's origin.
 
-    It is a whole multiple of the region size, to which versions up to 1.0 round it.
+    They are multiples of the region size, to which versions up to 1.0 round them.
     """
     region = region_size(grid)
     x, z = (-region * (vertices // 2 // region) for vertices in (grid.columns, grid.rows))
     return x, z
 
 
-def godot_axes(grid: Grid) -> EngineAxes:
-    """Return Godot's axes, with its origin where :func:`import_position` makes it lie."""
+def godot_axes(grid: SampleGrid) -> EngineAxes:
+    """Return Godot's axes, with the origin that follows from `import_position`."""
     x, z = import_position(grid)
     return EngineAxes("east", "up", "south", origin=(grid.west - x, grid.north + z, 0.0))
 
 
-def write_godot(export: Export) -> Written:
-    """Write what the importer of Terrain3D takes ("Importing & Exporting Data" in its documentation).
+def _write_godot(export: Export) -> ExportOutput:
+    """Write the input of Terrain3D's importer ("Importing & Exporting Data" in its documentation).
 
-    An image's first row is the north edge: z grows southward. EXR images have the one channel R, as
+    An image's first row is the north edge: z grows southward. EXR images have the single channel R, as
     Terrain3D's own exports have; heights are metres. Numbers of r16 are read as
     minimum + number / 65535 · (maximum − minimum).
     """
-    steps = _steps(export)
+    steps = None
+    if export.options.format == "r16":
+        steps = HeightQuantisation.from_heights(export.samples.height, export.options.heights)
     axes = godot_axes(export.grid)
-    files: dict[Path, str] = {}
-    with export.stages.stage("godot", "Heights and control map") as tell:
-        for done, (piece, tile) in enumerate(tiles_of(export), start=1):
-            files |= _images(export, piece, tile, steps)
-            tell(done / export.tiling.count)
-    files |= write_all_plants(export, axes) | write_all_water(export, axes)
+    files = write_tiles(export, "godot", "Heights and control map", partial(_write_images, export, steps))
+    files |= write_plants_json(export, axes) | write_water_json(export, axes)
     facts: dict[str, Any] = {
         "heights": {"numbers": "float32", "channel": "R", "metres": "value"},
-        "axes": axes.facts,
+        "axes": axes.metadata,
         "textures": dict(enumerate(export.terrain.material_names)),
     }
     if steps is not None:
-        facts |= {"heights": {"numbers": "uint16", **steps.facts}, "byte_order": "little-endian"}
-    return Written(files, _settings(export, steps), facts)
+        facts |= {"heights": {"numbers": "uint16", **steps.metadata}, "byte_order": "little-endian"}
+    return ExportOutput(files, _settings(export, steps), facts)
 
 
-def _steps(export: Export) -> HeightSteps | None:
-    if export.options.format != "r16":
-        return None
-    return HeightSteps.of(export.sampled.height, export.options.heights)
-
-
-def _images(export: Export, piece: Piece, tile: Sampled, steps: HeightSteps | None) -> dict[Path, str]:
-    files = {_write_heights(export, piece, tile, steps): _FILES["exr" if steps is None else "r16"]}
-    control = path_of(export, "control", piece, ".exr")
-    files[write_exr(control, {"R": control_map(tile.weights)})] = _FILES["control"]
-    normal = path_of(export, "normal", piece, ".png")
-    files[write_values_png(normal, tile.normal)] = _FILES["normal"]
-    for number, first in enumerate(range(0, tile.weights.shape[-1], 4), start=1):
-        path = path_of(export, f"weights{number}", piece, ".png")
-        files[write_values_png(path, four_of(tile.weights, first))] = _FILES["weights"]
+def _write_images(
+    export: Export, steps: HeightQuantisation | None, tile: TileWindow, samples: TerrainSamples
+) -> dict[Path, str]:
+    if steps is None:
+        path = write_exr(tile_path(export, "height", tile, ".exr"), {"R": samples.height})
+    else:
+        path = write_raw(tile_path(export, "height", tile, ".r16"), steps.encode(samples.height), "<u2")
+    files = {path: _FILES[path.suffix[1:]]}
+    control = tile_path(export, "control", tile, ".exr")
+    files[write_exr(control, {"R": control_map(samples.weights)})] = _FILES["control"]
+    normal = tile_path(export, "normal", tile, ".png")
+    files[write_values_png(normal, samples.normal)] = _FILES["normal"]
+    for number, first in enumerate(range(0, samples.weights.shape[-1], 4), start=1):
+        path = tile_path(export, f"weights{number}", tile, ".png")
+        files[write_values_png(path, rgba_weights(samples.weights, first))] = _FILES["weights"]
     return files
 
 
-def _write_heights(export: Export, piece: Piece, tile: Sampled, steps: HeightSteps | None) -> Path:
-    if steps is None:
-        return write_exr(path_of(export, "height", piece, ".exr"), {"R": tile.height})
-    numbers = steps.encode(tile.height).astype("<u2")
-    return write_atomic(path_of(export, "height", piece, ".r16"), numbers.tobytes())
-
-
-def _settings(export: Export, steps: HeightSteps | None) -> dict[str, Any]:
-    pieces = list(export.tiling.pieces(export.grid.columns, export.grid.rows))
-    ending, r16 = ".exr", dict[str, Any]()
+def _settings(export: Export, steps: HeightQuantisation | None) -> dict[str, Any]:
+    tiles = list(export.tiling.tiles(export.grid.columns, export.grid.rows))
+    suffix, r16 = ".exr", dict[str, Any]()
     if steps is not None:
-        size = {"x": pieces[0].columns, "y": pieces[0].rows}
-        ending, r16 = ".r16", {"r16_range": {"x": steps.low, "y": steps.highest}, "r16_size": size}
+        size = {"x": tiles[0].columns, "y": tiles[0].rows}
+        suffix, r16 = ".r16", {"r16_range": {"x": steps.low, "y": steps.highest}, "r16_size": size}
     x, z = import_position(export.grid)
     return {
         "where": "addons/terrain_3d/tools/importer.tscn",
@@ -120,11 +117,11 @@ def _settings(export: Export, steps: HeightSteps | None) -> dict[str, Any]:
         **r16,
         "tiles": [
             {
-                "height_file_name": path_of(export, "height", piece, ending).name,
-                "control_file_name": path_of(export, "control", piece, ".exr").name,
-                "import_position": {"x": x + piece.left, "y": z + piece.top},
+                "height_file_name": tile_path(export, "height", tile, suffix).name,
+                "control_file_name": tile_path(export, "control", tile, ".exr").name,
+                "import_position": {"x": x + tile.left, "y": z + tile.top},
             }
-            for piece in pieces
+            for tile in tiles
         ],
     }
 
@@ -138,13 +135,13 @@ TARGETS: Final = (
     Target(
         name="godot",
         title="Godot, Terrain3D",
-        line="EXR or r16 heights at 1 m a pixel, control map, plants, water",
-        write=write_godot,
+        summary="EXR or r16 heights at 1 m a pixel, control map, plants, water",
+        write=_write_godot,
         spacing=1.0,
         multiple=_MULTIPLE,
-        most=_MOST,
+        max_vertices=_MAX_VERTICES,
         formats=("exr", "r16"),
-        knows=frozenset({"tiles", "tile_name", "tile_first", "tiles_from_south", "format", "heights"}),
+        options=frozenset({"tiles", "tile_name", "tile_first", "tiles_from_south", "format", "heights"}),
         tiling=Tiling(overlap=0),
         check=_check,
         disk=24.0,

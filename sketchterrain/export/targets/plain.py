@@ -1,4 +1,4 @@
-"""Plain formats: raw numbers, 16-bit PNG, OpenEXR and NumPy arrays, for whatever reads them."""
+"""Plain formats: raw numbers, 16-bit PNG, OpenEXR and NumPy arrays."""
 
 from __future__ import annotations
 
@@ -10,79 +10,81 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.errors import InputError
+from sketchterrain.export.engines import requested_storeys, write_tiles
 from sketchterrain.export.features import write_features
 from sketchterrain.export.files import write_values_png
-from sketchterrain.export.foliage_files import FoliageFiles, write_foliage
-from sketchterrain.export.height_steps import HeightSteps
-from sketchterrain.export.images import ground_images, weights_suffix
+from sketchterrain.export.foliage_files import FoliageOptions, write_foliage
+from sketchterrain.export.height_steps import HeightQuantisation
+from sketchterrain.export.images import weights_suffix, write_normals_and_weights
 from sketchterrain.export.rasters import npy_rows, write_exr, write_npy, write_raw
-from sketchterrain.export.sampled import Sampled
-from sketchterrain.export.target import Export, ExportOptions, Target, Written
-from sketchterrain.export.tiling import Tiling
+from sketchterrain.export.sampled import TerrainSamples
+from sketchterrain.export.target import Export, ExportOptions, ExportOutput, Target
+from sketchterrain.export.tiling import TileWindow, Tiling
 from sketchterrain.export.weights import CHANNELS
 from sketchterrain.terrain.plant import PLANT
 
 Heights = npt.NDArray[np.float32]
-_TILED = frozenset({"tiles", "overlap", "tile_name", "tile_first", "tiles_from_south"})
+_TILE_OPTIONS = frozenset({"tiles", "overlap", "tile_name", "tile_first", "tiles_from_south"})
 _AXES = "x east, y north, z up, metres from the sketch's south-west corner"
-_KINDS = {"r16": "<u2", "r16be": ">u2", "r32": "<f4"}
-_IN_STEPS = frozenset({"r16", "r16be"})
+_DTYPES = {"r16": "<u2", "r16be": ">u2", "r32": "<f4"}
+_QUANTISED = frozenset({"r16", "r16be"})
 
 
 def _check_raw(options: ExportOptions) -> None:
-    if options.heights is not None and options.format not in {None, *_IN_STEPS}:
+    if options.heights is not None and options.format not in {None, *_QUANTISED}:
         raise InputError(f"raw: {options.format} has heights in metres, only 16-bit numbers have a range")
 
 
-def _write_raw(export: Export) -> Written:
+def _write_raw(export: Export) -> ExportOutput:
     form = str(export.options.format)
-    kind = _KINDS[form]
-    steps = _steps(export) if form in _IN_STEPS else None
+    dtype = _DTYPES[form]
+    steps = _quantisation(export) if form in _QUANTISED else None
 
     def write(path: Path, height: Heights) -> Path:
         numbers = height if steps is None else steps.encode(height)
-        return write_raw(path.with_name(f"{path.name}.{form[:3]}"), numbers, kind)
+        return write_raw(path.with_name(f"{path.name}.{form[:3]}"), numbers, dtype)
 
-    order = "big-endian" if kind.startswith(">") else "little-endian"
+    order = "big-endian" if dtype.startswith(">") else "little-endian"
     settings = {"Byte Order": order, "Header": "0 bytes", "First Row": "north"}
-    return _images(export, write, steps, {"byte_order": order}, settings)
+    return _write_images(export, write, steps, {"byte_order": order}, settings)
 
 
-def _write_png16(export: Export) -> Written:
-    steps = _steps(export)
+def _write_png16(export: Export) -> ExportOutput:
+    steps = _quantisation(export)
 
     def write(path: Path, height: Heights) -> Path:
         return write_values_png(path.with_name(f"{path.name}.png"), steps.encode(height))
 
-    return _images(export, write, steps, {}, {"Colour Space": "linear, non-colour data"})
+    return _write_images(export, write, steps, {}, {"Colour Space": "linear, non-colour data"})
 
 
-def _write_exr(export: Export) -> Written:
+def _write_exr(export: Export) -> ExportOutput:
     def write(path: Path, height: Heights) -> Path:
         return write_exr(path.with_name(f"{path.name}.exr"), {"Y": height})
 
-    return _images(export, write, None, {}, {"Colour Space": "linear, non-colour data", "Channel": "Y"})
+    return _write_images(export, write, None, {}, {"Colour Space": "linear, non-colour data", "Channel": "Y"})
 
 
-def _steps(export: Export) -> HeightSteps:
-    return HeightSteps.of(export.sampled.height, export.options.heights)
+def _quantisation(export: Export) -> HeightQuantisation:
+    return HeightQuantisation.from_heights(export.samples.height, export.options.heights)
 
 
-def _images(
+def _write_images(
     export: Export,
     write: Callable[[Path, Heights], Path],
-    steps: HeightSteps | None,
+    steps: HeightQuantisation | None,
     facts: dict[str, Any],
     settings: dict[str, str],
-) -> Written:
-    """Write heights as a format has them, normals and weights as images, plants as a table."""
-    files: dict[Path, str] = {}
+) -> ExportOutput:
+    """Write heights in a format, normals and weights as images, plants as a table."""
     names = export.terrain.material_names
-    with export.stages.stage("files", "Writing files") as tell:
-        for share, stem, part in _parts(export):
-            files[write(stem.with_name(f"{stem.name}_height"), part.height)] = "heights"
-            files |= ground_images(stem, part, names)
-            tell(share)
+
+    def write_tile(tile: TileWindow, samples: TerrainSamples) -> dict[Path, str]:
+        stem = export.folder / export.tiling.tile_name(export.name, tile)
+        path = write(stem.with_name(f"{stem.name}_height"), samples.height)
+        return {path: "heights"} | write_normals_and_weights(stem, samples, names)
+
+    files = write_tiles(export, "files", "Writing files", write_tile)
     materials = [
         {
             "name": name,
@@ -91,129 +93,111 @@ def _images(
         }
         for index, name in enumerate(names)
     ]
-    files |= _plant_table(export) | _features(export)
-    facts |= {"heights": _height_facts(steps), "axes": _AXES, "materials": materials}
-    return Written(files, _image_settings(export, steps) | settings, facts)
+    if export.options.plants:
+        foliage = FoliageOptions("both" if export.options.grass else "csv", export.options.grass)
+        with export.stages.stage("plants", "Plants") as progress:
+            bounds = export.grid.bounds
+            result = write_foliage(export.folder, export.terrain, bounds, foliage, progress=progress)
+        what = {".csv": "trees and shrubs, a line each", ".ply": "plants, grass too, as a point cloud"}
+        files |= {path: what[path.suffix] for path in result.files}
+    files |= _write_features(export)
+    first = next(export.tiling.tiles(export.grid.columns, export.grid.rows))
+    across, up = export.grid.spacing
+    common: dict[str, Any] = {
+        "Width": first.columns,
+        "Height": first.rows,
+        "Spacing": {"X": across, "Y": up},
+    }
+    if steps is None:
+        common |= {"Numbers": "float32, m"}
+    else:
+        common |= {"Numbers": "uint16", "Metres of 0": steps.low, "Metres of 65535": steps.highest}
+    facts |= {"heights": _height_metadata(steps), "axes": _AXES, "materials": materials}
+    return ExportOutput(files, common | settings, facts)
 
 
-def _height_facts(steps: HeightSteps | None) -> dict[str, Any]:
+def _height_metadata(steps: HeightQuantisation | None) -> dict[str, Any]:
     if steps is None:
         return {"numbers": "float32", "metres": "number"}
-    return {"numbers": "uint16", **steps.facts}
+    return {"numbers": "uint16", **steps.metadata}
 
 
-def _image_settings(export: Export, steps: HeightSteps | None) -> dict[str, Any]:
-    """Return what programs ask for that know nothing but numbers."""
-    first = next(export.tiling.pieces(export.grid.columns, export.grid.rows))
-    across, up = export.grid.spacing
-    settings = {"Width": first.columns, "Height": first.rows, "Spacing": {"X": across, "Y": up}}
-    if steps is None:
-        return settings | {"Numbers": "float32, m"}
-    return settings | {"Numbers": "uint16", "Metres of 0": steps.low, "Metres of 65535": steps.highest}
+def _write_npy(export: Export) -> ExportOutput:
+    def write_tile(tile: TileWindow, samples: TerrainSamples) -> dict[Path, str]:
+        name = export.tiling.tile_name(export.name, tile)
+        arrays = {
+            "height": (samples.height, "heights, float32 (rows, columns), m"),
+            "normal": (
+                samples.normal,
+                "normals east, north, up, uint8 (rows, columns, 3); value / 127.5 - 1",
+            ),
+            "materials": (samples.weights, "weights, uint8 (rows, columns, materials), sum 255"),
+        }
+        return {
+            write_npy(export.folder / f"{name}_{what}.npy", values): description
+            for what, (values, description) in arrays.items()
+        }
 
-
-def _write_npy(export: Export) -> Written:
-    files: dict[Path, str] = {}
-    with export.stages.stage("files", "Writing files") as tell:
-        for share, stem, part in _parts(export):
-            for what, values, line in (
-                ("height", part.height, "heights, float32 (rows, columns), m"),
-                (
-                    "normal",
-                    part.normal,
-                    "normals east, north, up, uint8 (rows, columns, 3); value / 127.5 - 1",
-                ),
-                ("materials", part.weights, "weights, uint8 (rows, columns, materials), sum 255"),
-            ):
-                files[write_npy(stem.with_name(f"{stem.name}_{what}.npy"), values)] = line
-            tell(share)
-    files |= _plant_rows(export) | _features(export)
+    files = write_tiles(export, "files", "Writing files", write_tile)
+    if export.options.plants:
+        path = export.folder / "foliage.npy"
+        _, south, _, north = export.grid.bounds
+        with export.stages.stage("plants", "Plants") as progress, npy_rows(path, PLANT) as add:
+            for storey in requested_storeys(export.options):
+                for plants in export.terrain.foliage_pieces(*export.grid.bounds, storey=storey):
+                    add(plants)
+                    if len(plants):  # in rows from south to north
+                        progress(float(plants["y"].max() - south) / (north - south))
+        files[path] = "plants, a structured array; species are indices into the sidecar's species"
+    files |= _write_features(export)
     facts = {
-        "heights": _height_facts(None),
+        "heights": _height_metadata(None),
         "byte_order": "little-endian",
         "axes": _AXES,
         "materials": list(export.terrain.material_names),
         "species": list(export.terrain.species_names),
     }
-    return Written(files, {"Read With": "numpy.load"}, facts)
+    return ExportOutput(files, {"Read With": "numpy.load"}, facts)
 
 
-def _parts(export: Export) -> list[tuple[float, Path, Sampled]]:
-    """Return the tiles: how much is done with each, its path without an ending, and what it holds."""
-    pieces = list(export.tiling.pieces(export.grid.columns, export.grid.rows))
-    return [
-        (
-            number / len(pieces),
-            export.folder / export.tiling.name(export.name, piece),
-            export.sampled.part(piece.left, piece.top, piece.columns, piece.rows),
-        )
-        for number, piece in enumerate(pieces, start=1)
-    ]
-
-
-def _plant_table(export: Export) -> dict[Path, str]:
-    if not export.options.plants:
-        return {}
-    wanted = FoliageFiles("both" if export.options.grass else "csv", export.options.grass)
-    with export.stages.stage("plants", "Plants") as tell:
-        written = write_foliage(export.folder, export.terrain, export.grid.area, wanted, progress=tell)
-    what = {".csv": "trees and shrubs, a line each", ".ply": "plants, grass too, as a point cloud"}
-    return {path: what[path.suffix] for path in written.files}
-
-
-def _plant_rows(export: Export) -> dict[Path, str]:
-    if not export.options.plants:
-        return {}
-    path = export.folder / "foliage.npy"
-    _, south, _, north = export.grid.area
-    with export.stages.stage("plants", "Plants") as tell, npy_rows(path, PLANT) as add:
-        for storey in ("woody", "grass") if export.options.grass else ("woody",):
-            for plants in export.terrain.foliage_pieces(*export.grid.area, storey=storey):
-                add(plants)
-                if len(plants):  # they come in rows from south to north
-                    tell(float(plants["y"].max() - south) / (north - south))
-    return {path: "plants, a structured array; species are indices into the sidecar's species"}
-
-
-def _features(export: Export) -> dict[Path, str]:
+def _write_features(export: Export) -> dict[Path, str]:
     paths = write_features(export.folder, export.terrain.features)
     return dict.fromkeys(paths, "mountains, hills, forests; rivers as centrelines, lakes as outlines")
 
 
-_TILING = Tiling(overlap=1)
 TARGETS = (
     Target(
         name="raw",
         title="Raw numbers",
-        line="heights as 16-bit or float32 numbers without a header, row after row",
+        summary="heights as 16-bit or float32 numbers without a header, row after row",
         write=_write_raw,
         formats=("r16", "r32", "r16be"),
-        knows=_TILED | {"format", "heights"},
-        tiling=_TILING,
+        options=_TILE_OPTIONS | {"format", "heights"},
+        tiling=Tiling(),
         check=_check_raw,
     ),
     Target(
         name="png16",
         title="PNG, 16 bits",
-        line="heights as 16-bit greyscale PNG",
+        summary="heights as 16-bit greyscale PNG",
         write=_write_png16,
-        knows=_TILED | {"heights"},
-        tiling=_TILING,
+        options=_TILE_OPTIONS | {"heights"},
+        tiling=Tiling(),
     ),
     Target(
         name="exr",
         title="OpenEXR",
-        line="heights in metres as float32 OpenEXR",
+        summary="heights in metres as float32 OpenEXR",
         write=_write_exr,
-        knows=_TILED,
-        tiling=_TILING,
+        options=_TILE_OPTIONS,
+        tiling=Tiling(),
     ),
     Target(
         name="npy",
         title="NumPy",
-        line="heights, normals, weights and plants as NumPy arrays",
+        summary="heights, normals, weights and plants as NumPy arrays",
         write=_write_npy,
-        knows=_TILED,
-        tiling=_TILING,
+        options=_TILE_OPTIONS,
+        tiling=Tiling(),
     ),
 )

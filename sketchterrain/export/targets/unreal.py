@@ -1,21 +1,25 @@
-"""Unreal Engine: 16-bit heights, a weight map a layer, normals Y−, plants and water for its landscapes."""
+"""Unreal Engine landscapes: 16-bit heights, a weight map per layer, Y− normals, plants and water."""
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-import numpy.typing as npt
-
-from sketchterrain.export.engines import EngineAxes, path_of, tiles_of, write_all_plants, write_all_water
+from sketchterrain.export.engines import (
+    EngineAxes,
+    tile_path,
+    write_plants_json,
+    write_tiles,
+    write_water_json,
+)
 from sketchterrain.export.files import write_values_png
-from sketchterrain.export.height_steps import HeightSteps
-from sketchterrain.export.sampled import Sampled
-from sketchterrain.export.target import Export, Target, Written
-from sketchterrain.export.tiling import Piece, Tiling
-from sketchterrain.export.weights import normals_down
-from sketchterrain.whole_files import write_atomic
+from sketchterrain.export.height_steps import HeightQuantisation
+from sketchterrain.export.rasters import write_raw
+from sketchterrain.export.sampled import TerrainSamples
+from sketchterrain.export.target import Export, ExportOutput, Target
+from sketchterrain.export.tiling import TileWindow, Tiling
+from sketchterrain.export.weights import flip_green
 
 _CENTIMETRES: Final = 100.0
 _DECIMALS: Final = 6  # of centimetres
@@ -36,55 +40,51 @@ def unreal_axes(export: Export) -> EngineAxes:
     return EngineAxes("east", "south", "up", unit="cm", per_metre=_CENTIMETRES, origin=origin)
 
 
-def write_unreal(export: Export) -> Written:
-    """Write what Unreal's landscapes take.
+def _write_unreal(export: Export) -> ExportOutput:
+    """Write the files of Unreal's landscapes.
 
-    A landscape's first row is its north edge, for its y axis points south. Number 32768 is its own height,
-    and 128 steps are as many centimetres as its Z scale ("Landscape Technical Guide": ±256 m at a scale of
+    A landscape's first row is its north edge, as its y axis points south. Number 32768 is the landscape's own
+    height, and 128 steps are its Z scale in centimetres ("Landscape Technical Guide": ±256 m at a scale of
     100); so the Z scale is the range in m · 100 / 512.
     """
-    steps = HeightSteps.of(export.sampled.height, export.options.heights)
+    steps = HeightQuantisation.from_heights(export.samples.height, export.options.heights)
     axes = unreal_axes(export)
-    files: dict[Path, str] = {}
-    with export.stages.stage("unreal", "Heights and weight maps") as tell:
-        for done, (piece, tile) in enumerate(tiles_of(export), start=1):
-            files |= _images(export, piece, tile, steps)
-            tell(done / export.tiling.count)
-    files |= write_all_plants(export, axes, degrees=True) | write_all_water(export, axes)
+    files = write_tiles(export, "unreal", "Heights and weight maps", partial(_write_images, export, steps))
+    files |= write_plants_json(export, axes, degrees=True) | write_water_json(export, axes)
     facts = {
-        "heights": {"numbers": "uint16", **steps.facts},
+        "heights": {"numbers": "uint16", **steps.metadata},
         "byte_order": "little-endian" if export.options.format == "r16" else "as PNG has it",
-        "axes": axes.facts,
+        "axes": axes.metadata,
         "layers": list(export.terrain.material_names),
     }
-    return Written(files, _settings(export, steps), facts)
+    return ExportOutput(files, _settings(export, steps), facts)
 
 
-def _images(export: Export, piece: Piece, tile: Sampled, steps: HeightSteps) -> dict[Path, str]:
-    files = {_write_heights(export, piece, steps.encode(tile.height)): _FILES[export.options.format or "png"]}
-    normal = path_of(export, "normal", piece, ".png")
-    files[write_values_png(normal, normals_down(tile.normal))] = _FILES["normal"]
+def _write_images(
+    export: Export, steps: HeightQuantisation, tile: TileWindow, samples: TerrainSamples
+) -> dict[Path, str]:
+    numbers = steps.encode(samples.height)
+    if export.options.format == "r16":
+        heights = write_raw(tile_path(export, "height", tile, ".r16"), numbers, "<u2")
+    else:
+        heights = write_values_png(tile_path(export, "height", tile, ".png"), numbers)
+    files = {heights: _FILES[export.options.format or "png"]}
+    normal = tile_path(export, "normal", tile, ".png")
+    files[write_values_png(normal, flip_green(samples.normal))] = _FILES["normal"]
     for index, name in enumerate(export.terrain.material_names):
-        path = path_of(export, f"weight_{name}", piece, ".png")
-        files[write_values_png(path, tile.weights[..., index])] = f"weights of {name}: 255 is all of it"
+        path = tile_path(export, f"weight_{name}", tile, ".png")
+        files[write_values_png(path, samples.weights[..., index])] = f"weights of {name}: 255 is all of it"
     return files
 
 
-def _write_heights(export: Export, piece: Piece, numbers: npt.NDArray[np.uint16]) -> Path:
-    if export.options.format == "r16":
-        return write_atomic(path_of(export, "height", piece, ".r16"), numbers.astype("<u2").tobytes())
-    return write_values_png(path_of(export, "height", piece, ".png"), numbers)
-
-
-def _settings(export: Export, steps: HeightSteps) -> dict[str, Any]:
+def _settings(export: Export, steps: HeightQuantisation) -> dict[str, Any]:
     dx, dy = export.grid.spacing
     tiling = export.tiling
-    pieces = tiling.pieces(export.grid.columns, export.grid.rows)
-    first = next(pieces)
+    first = next(tiling.tiles(export.grid.columns, export.grid.rows))
     quads = _SECTION_QUADS[first.columns]
     components = (first.columns - 1) // (quads * _SECTIONS)
     settings: dict[str, Any] = {
-        "Heightmap File": path_of(export, "height", first, f".{export.options.format}").name,
+        "Heightmap File": tile_path(export, "height", first, f".{export.options.format}").name,
         "Scale": {
             "X": dx * _CENTIMETRES,
             "Y": dy * _CENTIMETRES,
@@ -95,7 +95,7 @@ def _settings(export: Export, steps: HeightSteps) -> dict[str, Any]:
             "Y": 0.0,
             "Z": round((steps.low + steps.range / 2.0) * _CENTIMETRES, _DECIMALS),
         },
-        "Location is": "the Landscape actor's, its north-west corner: to be set once it is there",
+        "Location is": "the Landscape actor's, its north-west corner: set it after the import",
         "Section Size": f"{quads}x{quads} Quads",
         "Sections Per Component": f"{_SECTIONS}x{_SECTIONS} Sections",
         "Number of Components": {"X": components, "Y": components},
@@ -113,13 +113,13 @@ TARGETS: Final = (
     Target(
         name="unreal",
         title="Unreal Engine",
-        line="16-bit PNG or r16 heights, a weight map a layer, normals Y−, plants, water",
-        write=write_unreal,
+        summary="16-bit PNG or r16 heights, a weight map a layer, normals Y−, plants, water",
+        write=_write_unreal,
         sizes=tuple(_SECTION_QUADS),
         size=1009,
         square=True,
         formats=("png", "r16"),
-        knows=frozenset(
+        options=frozenset(
             {"tiles", "overlap", "tile_name", "tile_first", "tiles_from_south", "format", "heights"}
         ),
         tiling=Tiling(pattern="{name}_x{x}_y{y}"),

@@ -12,9 +12,9 @@ from scipy.interpolate import RegularGridInterpolator
 
 import sketchterrain as st
 from sketchterrain.errors import InputError
-from sketchterrain.export.height_steps import HeightSteps
-from sketchterrain.export.planning import plan
-from sketchterrain.export.sampled import Grid
+from sketchterrain.export.height_steps import HeightQuantisation
+from sketchterrain.export.planning import plan_export
+from sketchterrain.export.sampled import SampleGrid
 from sketchterrain.export.target import Export, ExportOptions
 from sketchterrain.export.targets import godot, target_named, unreal
 from sketchterrain.exporting import checked_plan, write_export
@@ -322,7 +322,7 @@ def test_unreal_components_and_the_z_scale_follow_the_guide(corner, exported, tm
     for size, quads, components in zip(sizes, [63] * 6 + [127], (1, 2, 4, 8, 16, 32, 32), strict=True):
         made = checked_plan(corner, "unreal", ExportOptions(size=size, plants=False))
         export = Export(None, "a", made.options, made.grid, made.tiling, None, tmp_path, None)
-        settings = unreal._settings(export, HeightSteps(-256.0, 512.0))
+        settings = unreal._settings(export, HeightQuantisation(-256.0, 512.0))
         assert settings["Section Size"] == f"{quads}x{quads} Quads", size
         assert settings["Sections Per Component"] == "2x2 Sections", size
         assert settings["Number of Components"] == {"X": components, "Y": components}, size
@@ -353,7 +353,7 @@ def test_godot_terrains_fill_whole_regions_around_the_origin(corner, exported):
         (8704, 512, -4096),
         (16384, 512, -8192),
     ]:
-        grid = Grid(0.0, 0.0, side - 1.0, side - 1.0, side, side)
+        grid = SampleGrid(0.0, 0.0, side - 1.0, side - 1.0, side, side)
         assert godot.region_size(grid) == region, side
         assert godot.import_position(grid) == (position, position), side
         assert position % region == side % region == 0, side
@@ -366,7 +366,7 @@ def test_godot_terrains_fill_whole_regions_around_the_origin(corner, exported):
         (1024.0, (3, 3), 1536),
         (9000.0, (2, 2), 9216),
     ]:
-        made = plan(replace(corner, extent=extent), godot.TARGETS[0], ExportOptions(tiles=tiles))
+        made = plan_export(replace(corner, extent=extent), godot.TARGETS[0], ExportOptions(tiles=tiles))
         assert (made.grid.columns, made.grid.rows) == (vertices, vertices), (extent, tiles)
         assert made.grid.spacing == (1.0, 1.0), (extent, tiles)
         assert made.tile_side[0] % godot.region_size(made.grid) == 0, (extent, tiles)

@@ -12,7 +12,7 @@ import trimesh
 from PIL import Image
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.gltf import Glb
+from sketchterrain.export.gltf import GlbWriter
 from sketchterrain.export.gltf_plants import INSTANCING, herb_model
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.export.targets.gltf import check_glb
@@ -191,7 +191,7 @@ def test_models_of_plants_stand_on_their_feet_at_their_size(whole):
 
     for species in ["grass", "flower", "fern"]:
         model = herb_model(species)
-        assert model.place[:, 1].min() == 0.0 < 0.2 < model.place[:, 1].max() < 0.8, species
+        assert model.position[:, 1].min() == 0.0 < 0.2 < model.position[:, 1].max() < 0.8, species
         assert (model.normal[:, 1] > 0.0).all(), species
 
 
@@ -240,11 +240,11 @@ def test_oversized_and_unusable_scenes_are_refused(exported, monkeypatch, tmp_pa
     check_glb(ExportOptions(size=16385, error=1.0))
 
     monkeypatch.setattr("sketchterrain.export.gltf_plants.MAX_PLANTS", 100)
-    with pytest.raises(InputError, match="plants: a GLB takes 100: expected no grass"):
+    with pytest.raises(InputError, match="plants: a GLB holds 100: expected no grass"):
         exported("gltf", size=17)
 
-    monkeypatch.setattr("sketchterrain.export.gltf.LARGEST", 100)
-    glb = Glb()
+    monkeypatch.setattr("sketchterrain.export.gltf.MAX_BYTES", 100)
+    glb = GlbWriter()
     glb.attribute(np.zeros((20, 3), np.float32))
     with pytest.raises(InputError, match="holds 4 GiB"):
         glb.write(tmp_path / "large.glb")

@@ -165,7 +165,7 @@ def test_unusable_patterns_numbers_and_sizes_are_refused_in_one_line():
             *("{x}_{y}_{z}", "{x}_{y}_{}", "{x.real}_{y}", "{x!r}_{y}", "{x:>9}_{y}", "{name:9}_{x}_{y}"),
             "{x}_{y:{x}}",
         ],
-        "expected only|no pattern": ["{x_{y}"],
+        "expected only|invalid pattern": ["{x_{y}"],
         "no pattern": ["{x}_{y}}"],
     }
     for pattern, reason in [(each, reason) for reason, texts in patterns.items() for each in texts]:

@@ -166,7 +166,7 @@ def test_unusable_patterns_numbers_and_sizes_are_refused_in_one_line():
             "{x}_{y:{x}}",
         ],
         "expected only|invalid pattern": ["{x_{y}"],
-        "no pattern": ["{x}_{y}}"],
+        "invalid pattern": ["{x}_{y}}"],
     }
     for pattern, reason in [(each, reason) for reason, texts in patterns.items() for each in texts]:
         with pytest.raises(InputError, match=reason) as caught:

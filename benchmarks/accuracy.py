@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Float64Array
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.terrain import Terrain, TerrainRecipe
     from sketchterrain.terrain.surfaces import Surface
 
-    Reals = npt.NDArray[np.float64]
 
 __all__ = ["DOUBLE", "FLOAT", "NUMPY", "TILE_SEED", "measure"]
 
@@ -65,7 +65,7 @@ class _Sample:
     def kernels(self, evaluator: Evaluator) -> Surface:
         return evaluator.surface(self.x, self.y, cell_size=self.cell_size)
 
-    def reference(self) -> tuple[Reals, Reals]:
+    def reference(self) -> tuple[Float64Array, Float64Array]:
         """Heights and normals in NumPy: central differences of heights that have a border."""
         side = self.x.shape[1]
         x = np.broadcast_to(self.x[:, None, :], (len(self.x), side, side))
@@ -151,12 +151,12 @@ def _compare(
         yield row
 
 
-def _height_errors(height: npt.NDArray[Any], truth: Reals) -> dict[str, float]:
+def _height_errors(height: npt.NDArray[Any], truth: Float64Array) -> dict[str, float]:
     error = np.abs(height - truth) * 1e3
     return {"height_mm": float(error.max()), "height_p99_mm": float(np.percentile(error, 99))}
 
 
-def _normal_errors(normal: npt.NDArray[Any], truth: Reals) -> dict[str, float]:
+def _normal_errors(normal: npt.NDArray[Any], truth: Float64Array) -> dict[str, float]:
     # The chord, not the dot product: the angle's cosine loses what is below 1e-8 of it.
     chord = np.linalg.norm(normal.astype(np.float64) - truth, axis=-1)
     angle = np.degrees(2 * np.arcsin(np.minimum(chord / 2, 1)))

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from sketchterrain.array_types import StructuredArray
     from sketchterrain.benchmarks.effort import Effort
-    from sketchterrain.features.catalogue import Points
     from sketchterrain.terrain import TerrainRecipe
     from sketchterrain.terrain.packing import PackedFeatures
 
@@ -234,7 +234,7 @@ def _shares(recipe: TerrainRecipe, context: TimedContext, effort: Effort) -> Ite
         yield _Way(name, partial(context.lap, work), ground.points, partial(_worst, work, truth))
 
 
-def _cut_short(share: float, recipe: TerrainRecipe, features: Points, cell: float) -> PackedFeatures:
+def _cut_short(share: float, recipe: TerrainRecipe, features: StructuredArray, cell: float) -> PackedFeatures:
     """Pack features as if they reached less far."""
     packed = pack_features(recipe, features, cell)
     return replace(packed, support=packed.support * share)

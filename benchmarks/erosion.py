@@ -24,11 +24,11 @@ from sketchterrain.terrain.reference_noise import fbm
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Float64Array
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.timing import TimedContext
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-    Reals = npt.NDArray[np.float64]
     Integers = npt.NDArray[np.int64]
 
 PRESET = "alpine_range"
@@ -79,7 +79,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     """
     side = effort.noise_side // 2
     eroded, plain = _recipe(), _recipe(erosion=0.0)
-    axis: Reals = 0.5 * eroded.extent + _CELL * (np.arange(side, dtype=np.float64) - 0.5 * side)
+    axis: Float64Array = 0.5 * eroded.extent + _CELL * (np.arange(side, dtype=np.float64) - 0.5 * side)
     heights = {}
     rows: list[Row] = []
     for name, recipe in ((_PLAIN, plain), (_ERODED, eroded)):
@@ -113,14 +113,14 @@ def _recipe(**label: float) -> TerrainRecipe:
     return replace(recipe, rivers=(), valley_radii=(), lakes=())
 
 
-def _noise(recipe: TerrainRecipe, axis: Reals) -> Reals:
+def _noise(recipe: TerrainRecipe, axis: Float64Array) -> Float64Array:
     stack = NoiseStack("plain", 4096.0, 0.5)
     table = octave_table([stack], extent=recipe.extent, seed=recipe.seed, cell_size=_CELL)
     x, y = (to_lattice(each, recipe.extent) for each in np.meshgrid(axis, axis))
     return fbm(table, "plain", x, y)
 
 
-def _simulated(base: Reals) -> Row:
+def _simulated(base: Float64Array) -> Row:
     if find_spec("fastscapelib") is None:
         return {"method": _PEER, "ms": None, "absent": "pip install fastscapelib"}
     peer: Any = import_module("fastscapelib")
@@ -135,7 +135,7 @@ def _simulated(base: Reals) -> Row:
     return _shape(_PEER, height, [time.perf_counter() - began])
 
 
-def _shape(name: str, height: Reals, seconds: list[float]) -> Row:
+def _shape(name: str, height: Float64Array, seconds: list[float]) -> Row:
     north, east = np.gradient(height, _CELL)
     slope = np.hypot(north, east)
     degrees = np.degrees(np.arctan(slope))
@@ -168,7 +168,7 @@ def _shape(name: str, height: Reals, seconds: list[float]) -> Row:
     }
 
 
-def receivers(height: Reals) -> Integers:
+def receivers(height: Float64Array) -> Integers:
     """Return for each cell of a grid, row by row, which neighbour its water runs to: itself in a pit."""
     rows, columns = height.shape
     number = np.arange(height.size).reshape(height.shape)
@@ -184,7 +184,7 @@ def receivers(height: Reals) -> Integers:
     return best.ravel()
 
 
-def catchments(down: Integers) -> Reals:
+def catchments(down: Integers) -> Float64Array:
     """Return how many cells drain through each cell, itself included, given where each one's water runs to.
 
     By doubling: after k rounds a cell has counted what lies less than 2^k steps upstream.
@@ -200,7 +200,7 @@ def catchments(down: Integers) -> Reals:
     return area[:-1]
 
 
-def _by_area(area: Reals, slope: Reals) -> tuple[Reals, Reals]:
+def _by_area(area: Float64Array, slope: Float64Array) -> tuple[Float64Array, Float64Array]:
     bins = np.floor(_AREA_BINS * np.log10(area)).astype(np.int64)
     first = bins.min()
     count = np.bincount(bins - first)
@@ -209,7 +209,7 @@ def _by_area(area: Reals, slope: Reals) -> tuple[Reals, Reals]:
     return 10.0 ** ((np.flatnonzero(kept) + first + 0.5) / _AREA_BINS), total[kept] / count[kept]
 
 
-def _normals(recipes: dict[str, TerrainRecipe], axis: Reals) -> list[Row]:
+def _normals(recipes: dict[str, TerrainRecipe], axis: Float64Array) -> list[Row]:
     rows: list[Row] = []
     places = np.random.default_rng(11).uniform(axis[0], axis[-1], (2, _NORMAL_PLACES))
     for name, recipe in recipes.items():
@@ -236,14 +236,16 @@ def _normals(recipes: dict[str, TerrainRecipe], axis: Reals) -> list[Row]:
     return rows
 
 
-def _differences(recipe: TerrainRecipe, x: Reals, y: Reals, cell: float, step: float) -> Reals:
+def _differences(
+    recipe: TerrainRecipe, x: Float64Array, y: Float64Array, cell: float, step: float
+) -> Float64Array:
     step = max(round(step / metres_per_unit(recipe.extent)), 1) * metres_per_unit(recipe.extent)
     ahead = [host_heights(recipe, x + step * e, y + step * n, cell_size=cell) for e, n in ((1, 0), (0, 1))]
     behind = [host_heights(recipe, x - step * e, y - step * n, cell_size=cell) for e, n in ((1, 0), (0, 1))]
     return (np.stack(ahead) - np.stack(behind)) / (2 * step)
 
 
-def _angles(a: Reals, b: Reals) -> Reals:
+def _angles(a: Float64Array, b: Float64Array) -> Float64Array:
     """Angles (degrees) between the normals of slopes of shape (2, n)."""
     one, other = (np.vstack([-each, np.ones(each.shape[1])]) for each in (a, b))
     across = np.linalg.norm(np.cross(one, other, axis=0), axis=0)

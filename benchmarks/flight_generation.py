@@ -8,8 +8,8 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from sketchterrain.array_types import Int64Array
 from sketchterrain.benchmarks.flight_meshes import height_range
 from sketchterrain.benchmarks.flight_scene import PICTURE, RATE, stops
 from sketchterrain.benchmarks.flight_stream import OwnTiles, view_of, within_world
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.timing import TimedContext
     from sketchterrain.terrain import Terrain
 
-Ints = npt.NDArray[np.int64]
 
 BUDGET: Final = 8e-3
 """s that this program may generate in a frame."""
@@ -196,7 +195,7 @@ def _thesis_flight(terrain: Terrain, path: Sequence[Stop], quads: int, tessellat
     return flown
 
 
-def _triangles_in_view(terrain: Terrain, stop: Stop, chosen: Ints, quads: int) -> int:
+def _triangles_in_view(terrain: Terrain, stop: Stop, chosen: Int64Array, quads: int) -> int:
     """Count the triangles of tiles in the frustum, as far as the world's lowest and highest ground tells."""
     width = terrain.extent * np.exp2(-chosen[:, :1].astype(np.float64))
     corner = chosen[:, 1:3] * width
@@ -210,7 +209,7 @@ def _triangles_in_view(terrain: Terrain, stop: Stop, chosen: Ints, quads: int) -
     return int(count[chosen[seen, 3]].sum()) // 3
 
 
-def _places(terrain: Terrain, stop: Stop, quads: int, tessellation: float) -> Ints:
+def _places(terrain: Terrain, stop: Stop, quads: int, tessellation: float) -> Int64Array:
     tiles = thesis_view(terrain, quads, tessellation).tiles(stop.camera.eye, stop.ground)
     return np.array(tiles, np.int64)
 

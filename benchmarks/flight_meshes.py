@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.benchmarks.screen_error import ScreenSamples, screen_distances
 from sketchterrain.tiles import inside_frustum, morph_weights, tile_indices
 
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.screen_error import Picture
     from sketchterrain.terrain import Terrain
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 _CHUNK = 1 << 20  # vertices evaluated at once
 _LOOKED_AT, _MORE = 129, 100.0  # places a side of the world, and m beyond what was found there
@@ -29,8 +28,8 @@ _LOOKED_AT, _MORE = 129, 100.0  # places a side of the world, and m beyond what 
 class Mesh(NamedTuple):
     """Positions (m), shape (n, 3), and which three make a triangle, shape (m, 3)."""
 
-    vertices: Floats
-    triangles: Ints
+    vertices: Float64Array
+    triangles: Int64Array
 
 
 @dataclass(frozen=True)
@@ -52,8 +51,8 @@ class Tiles:
     """
 
     quads: int
-    places: Ints
-    cases: Ints
+    places: Int64Array
+    cases: Int64Array
     morph: npt.NDArray[np.float32] | None = None
     full: bool = False
 
@@ -76,10 +75,10 @@ class Tiles:
 class Drawn:
     """Tiles in view with their vertices, (tiles, vertices, 3), in parts of one level each."""
 
-    parts: tuple[tuple[Tiles, Floats], ...]
+    parts: tuple[tuple[Tiles, Float64Array], ...]
 
     @property
-    def places(self) -> Ints:
+    def places(self) -> Int64Array:
         """Level, column and row of each tile, (n, 3)."""
         return np.concatenate([tiles.places for tiles, _ in self.parts])
 
@@ -106,7 +105,7 @@ class View(NamedTuple):
     picture: Picture
 
     @property
-    def planes(self) -> Floats:
+    def planes(self) -> Float64Array:
         """Return the frustum's planes; see ``Camera.frustum``."""
         return self.stop.camera.frustum(self.picture.width / self.picture.height)
 
@@ -142,7 +141,7 @@ def drawn(terrain: Terrain, tiles: Tiles, view: View) -> Drawn:
     return Drawn(tuple(parts))
 
 
-def measured(terrain: Terrain, meshes: Iterable[Mesh], view: View, *, every: int) -> Floats:
+def measured(terrain: Terrain, meshes: Iterable[Mesh], view: View, *, every: int) -> Float64Array:
     """Return how many pixels what is seen of triangles stands from the terrain in full detail.
 
     Parameters
@@ -169,7 +168,7 @@ def measured(terrain: Terrain, meshes: Iterable[Mesh], view: View, *, every: int
     return screen_distances(camera, view.picture, points, terrain.heights(points[:, 0], points[:, 1]))
 
 
-def _squares(terrain: Terrain, tiles: Tiles) -> tuple[Floats, Floats, Floats]:
+def _squares(terrain: Terrain, tiles: Tiles) -> tuple[Float64Array, Float64Array, Float64Array]:
     width = terrain.extent * np.exp2(-tiles.places[:, 0].astype(np.float64))
     return tiles.places[:, 1] * width, tiles.places[:, 2] * width, width
 
@@ -183,7 +182,7 @@ def _parts(tiles: Tiles) -> Iterator[Tiles]:
             yield tiles.some(which[start : start + room])
 
 
-def _positions(terrain: Terrain, tiles: Tiles) -> Floats:
+def _positions(terrain: Terrain, tiles: Tiles) -> Float64Array:
     """Return the vertices of tiles of one level, (tiles, vertices, 3)."""
     west, south, width = _squares(terrain, tiles)
     cell = float(width[0]) / tiles.quads
@@ -204,8 +203,8 @@ def _positions(terrain: Terrain, tiles: Tiles) -> Floats:
 
 
 def _heights(
-    terrain: Terrain, west: Floats, south: Floats, quads: int, cell: float, *, full: bool
-) -> tuple[Floats, Floats, Floats]:
+    terrain: Terrain, west: Float64Array, south: Float64Array, quads: int, cell: float, *, full: bool
+) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Return x, y and z of vertices, rows from north to south, (tiles, quads + 1, quads + 1)."""
     along = np.arange(quads + 1) * cell
     x = west[:, None, None] + along[None, None, :]
@@ -214,7 +213,7 @@ def _heights(
     return x, y, z
 
 
-def _refined(coarse: Floats) -> Floats:
+def _refined(coarse: Float64Array) -> Float64Array:
     """Return a surface's heights at twice as many places a side, on its triangles."""
     count, side, _ = coarse.shape
     fine = np.empty((count, 2 * side - 1, 2 * side - 1))

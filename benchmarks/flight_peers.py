@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.array_types import Float32Array, Float64Array
 from sketchterrain.benchmarks.baselines.problem import Absent
 from sketchterrain.benchmarks.flight_meshes import Mesh, height_range
 from sketchterrain.benchmarks.flight_scene import FINEST_CELL
@@ -28,13 +29,11 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.flight_meshes import View
     from sketchterrain.terrain import Terrain
 
-Floats = npt.NDArray[np.float64]
-Heights = npt.NDArray[np.float32]
 
 QUADS = 256
 _BATCH = 16
 
-Thinned = tuple[Floats, Floats, npt.NDArray[np.int64]]
+Thinned = tuple[Float64Array, Float64Array, npt.NDArray[np.int64]]
 
 
 class Square(NamedTuple):
@@ -43,7 +42,7 @@ class Square(NamedTuple):
     west: float
     south: float
     width: float
-    heights: Heights
+    heights: Float32Array
 
 
 @dataclass(frozen=True)
@@ -59,7 +58,7 @@ class Mesher:
     """
 
     name: str
-    prepare: Callable[[Heights], Callable[[float], Thinned]]
+    prepare: Callable[[Float32Array], Callable[[float], Thinned]]
 
     def mesh(self, square: Square, error: float) -> Mesh:
         """Return a square's triangles for an error in metres."""
@@ -156,7 +155,7 @@ def mesher(name: str) -> Mesher | Absent:
         return Absent(name, "not installed: pip install 'sketchterrain[peers]'")
 
 
-def _martini(heights: Heights) -> Callable[[float], Thinned]:
+def _martini(heights: Float32Array) -> Callable[[float], Thinned]:
     from pymartini import Martini
 
     tile = Martini(QUADS + 1).create_tile(heights)
@@ -169,7 +168,7 @@ def _martini(heights: Heights) -> Callable[[float], Thinned]:
     return mesh
 
 
-def _delatin(heights: Heights) -> Callable[[float], Thinned]:
+def _delatin(heights: Float32Array) -> Callable[[float], Thinned]:
     from pydelatin import Delatin
 
     def mesh(error: float) -> Thinned:
@@ -187,7 +186,7 @@ def _reach(west: float, south: float, width: float, x: float, y: float) -> tuple
     return float(near), float(far)
 
 
-MESHERS: dict[str, Callable[[Heights], Callable[[float], Thinned]]] = {
+MESHERS: dict[str, Callable[[Float32Array], Callable[[float], Thinned]]] = {
     "pymartini": _martini,
     "pydelatin": _delatin,
 }

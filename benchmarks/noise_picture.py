@@ -18,9 +18,8 @@ from sketchterrain.terrain.reference_noise import fbm, gradients, ridged
 from sketchterrain.whole_files import write_atomic
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
+    from sketchterrain.array_types import Float64Array
 
-    Reals = npt.NDArray[np.float64]
 
 _EXTENT, _SEED = 4096.0, 7
 _LONGEST, _GAIN = 512.0, 0.5
@@ -63,7 +62,7 @@ def _table(name: str, *, most: int = 7) -> Any:
     return octave_table([NoiseStack(name, _LONGEST, _GAIN, most=most)], extent=_EXTENT, seed=_SEED)
 
 
-def _gradient_power() -> Reals:
+def _gradient_power() -> Float64Array:
     """Power of the gradients' eastward part over wave vectors, 1 on average."""
     cells = np.arange(_CELLS, dtype=np.int64)
     u, v = np.meshgrid(cells, cells)
@@ -72,7 +71,7 @@ def _gradient_power() -> Reals:
     return np.fft.fftshift(np.abs(np.fft.fft2(part)) ** 2 / part.size / part.var())
 
 
-def _power_plane(axes: Any, power: Reals) -> None:
+def _power_plane(axes: Any, power: Float64Array) -> None:
     block = power.reshape(128, _CELLS // 128, 128, _CELLS // 128).mean(axis=(1, 3))
     axes.imshow(block, cmap="gray", vmin=0, vmax=3, extent=(-0.5, 0.5, -0.5, 0.5))
     axes.set_title("power of the gradients over waves, 0 to 3", loc="left", fontsize=10.0)
@@ -80,7 +79,7 @@ def _power_plane(axes: Any, power: Reals) -> None:
     axes.tick_params(labelsize=7.5)
 
 
-def _power_share(axes: Any, power: Reals) -> None:
+def _power_share(axes: Any, power: Float64Array) -> None:
     """Draw the share of modes above a power: e^-p for numbers that know nothing of each other."""
     found = np.sort(power.ravel())[::-1]
     axes.semilogy(

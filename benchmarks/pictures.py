@@ -24,8 +24,7 @@ from sketchterrain.terrain import build
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    import numpy.typing as npt
-
+    from sketchterrain.array_types import UInt8Array
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.timing import TimedContext
     from sketchterrain.compute import ComputeContext
@@ -33,7 +32,6 @@ if TYPE_CHECKING:
     from sketchterrain.render.sky import Sun
     from sketchterrain.terrain import Terrain
 
-    Pixels = npt.NDArray[np.uint8]
 
 BEST: Final = 1.0
 RATE: Final = 30.0
@@ -121,12 +119,12 @@ class _Found:
     prepare: float
     still: list[float]
     moving: list[float]
-    picture: Pixels
-    in_motion: Pixels | None
+    picture: UInt8Array
+    in_motion: UInt8Array | None
     triangles: int
 
 
-def difference(a: Pixels, b: Pixels) -> float:
+def difference(a: UInt8Array, b: UInt8Array) -> float:
     """Return the mean of CIEDE2000 over all pixels of two pictures of one size."""
     return float(np.mean(deltaE_ciede2000(rgb2lab(a), rgb2lab(b))))
 

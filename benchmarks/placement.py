@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Float64Array
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.timing import TimedContext
     from sketchterrain.features import Shape
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain import TerrainRecipe
 
-    Reals = npt.NDArray[np.float64]
 
 _RIVER_CELLS_PER_EXTENT = 256  # as make_recipe shows the ground to rivers
 
@@ -99,7 +99,7 @@ def _darts(sketch: Sketch, shapes: list[Shape]) -> list[npt.NDArray[np.void]]:
     ]
 
 
-def _ground(recipe: TerrainRecipe) -> Callable[[Reals, Reals], Reals]:
+def _ground(recipe: TerrainRecipe) -> Callable[[Float64Array, Float64Array], Float64Array]:
     dry = replace(recipe, rivers=(), valley_radii=())
     cell = recipe.extent / _RIVER_CELLS_PER_EXTENT
     return lambda x, y: host_heights(dry, x, y, cell_size=cell)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.errors import InputError
 
 if TYPE_CHECKING:
@@ -15,8 +16,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.render.camera import Camera
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 _PAIRS = 1 << 20  # of a triangle and a sample, looked at together
 _NEAREST = 1e-6  # m ahead of the eye
@@ -89,14 +88,16 @@ class ScreenSamples:
             kept = kept[self._in_view(at, corners[kept])]
         self._draw(at, corners[kept], first[:, kept], last[:, kept])
 
-    def seen(self) -> Floats:
+    def seen(self) -> Float64Array:
         """Return the points that the samples see, m, shape (k, 3); those that see none have no point."""
         v, u = (axis.ravel() for axis in np.meshgrid(self._v, self._u, indexing="ij"))
         hit = np.isfinite(self._depth)
         ahead = np.stack([u, v, np.ones_like(u)], axis=-1)[hit] * self._depth[hit, None]
         return np.asarray(self._eye + ahead @ self._axes)
 
-    def _bounds(self, at: Floats, behind: npt.NDArray[np.bool_], corners: Ints) -> tuple[Ints, Ints]:
+    def _bounds(
+        self, at: Float64Array, behind: npt.NDArray[np.bool_], corners: Int64Array
+    ) -> tuple[Int64Array, Int64Array]:
         """Return the first and last column and row of samples that each triangle may cover, shape (2, m)."""
         bounds = []
         for which, axis in enumerate((self._u, self._v)):
@@ -112,7 +113,7 @@ class ScreenSamples:
             bounds.append((first, last))
         return np.stack([bounds[0][0], bounds[1][0]]), np.stack([bounds[0][1], bounds[1][1]])
 
-    def _in_view(self, at: Floats, corners: Ints) -> npt.NDArray[np.bool_]:
+    def _in_view(self, at: Float64Array, corners: Int64Array) -> npt.NDArray[np.bool_]:
         """Tell which triangles are not wholly outside one side of the picture, as far as samples go."""
         x, y, w = at[:, 0], at[:, 1], at[:, 2]
         sides = (x - self._u[-1] * w, self._u[0] * w - x, y - self._v[-1] * w, self._v[0] * w - y, -w)
@@ -121,7 +122,7 @@ class ScreenSamples:
             kept &= (side[corners] <= _SLACK * np.abs(side).max(initial=0.0)).any(axis=1)
         return kept
 
-    def _draw(self, at: Floats, corners: Ints, first: Ints, last: Ints) -> None:
+    def _draw(self, at: Float64Array, corners: Int64Array, first: Int64Array, last: Int64Array) -> None:
         wide, high = last - first + 1
         count = wide * high
         a, b, c = (at[corners[:, i]] for i in range(3))
@@ -141,7 +142,7 @@ class ScreenSamples:
             np.minimum.at(self._depth, row[hit] * len(self._u) + column[hit], depth)
 
 
-def _groups(count: Ints) -> Iterator[slice]:
+def _groups(count: Int64Array) -> Iterator[slice]:
     """Yield runs of triangles with about as many samples each as are looked at together."""
     ends = np.cumsum(count)
     start = 0
@@ -152,7 +153,9 @@ def _groups(count: Ints) -> Iterator[slice]:
         start = stop
 
 
-def screen_distances(camera: Camera, picture: Picture, drawn: Floats, heights: npt.ArrayLike) -> Floats:
+def screen_distances(
+    camera: Camera, picture: Picture, drawn: Float64Array, heights: npt.ArrayLike
+) -> Float64Array:
     """Return how far apart in the picture drawn points and the terrain's lie that stand at the same x, y.
 
     Parameters
@@ -203,7 +206,7 @@ class ErrorSummary:
     worst: float
 
     @classmethod
-    def of(cls, distances: Floats) -> ErrorSummary:
+    def of(cls, distances: Float64Array) -> ErrorSummary:
         """Sum up at least one distance, pixels."""
         ordered = np.sort(distances)
         most = float(ordered[-(-999 * ordered.size // 1000) - 1])

@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Float64Array
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.timing import Lap, TimedContext
     from sketchterrain.features.shapes import Region
 
-    Reals = npt.NDArray[np.float64]
 
 SEED = 5
 STAGES = ("labelling", "distance maps", "darts", "placement", "rivers")
@@ -173,7 +173,7 @@ def _regions(sketch: Sketch) -> list[tuple[str, Region]]:
     return [(layer, region) for layer in FEATURE_TYPES for region in find_regions(sketch.layers[layer])]
 
 
-def _flat(x: Reals, y: Reals) -> Reals:
+def _flat(x: Float64Array, y: Float64Array) -> Float64Array:
     return np.zeros(np.broadcast(x, y).shape)
 
 

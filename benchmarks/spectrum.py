@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    Reals = npt.NDArray[np.float64]
+    from sketchterrain.array_types import Float64Array
+
 
 __all__ = ["HIGHEST", "LOWEST", "SETS", "SIDE", "Spectrum", "spectrum_of"]
 
@@ -57,14 +58,14 @@ class Spectrum:
         In a set, on average.
     """
 
-    plane: Reals
-    frequency: Reals
-    power: Reals
-    anisotropy: Reals
-    weight: Reals
+    plane: Float64Array
+    frequency: Float64Array
+    power: Float64Array
+    anisotropy: Float64Array
+    weight: Float64Array
     points: float
 
-    def bands(self) -> tuple[Reals, Reals, Reals]:
+    def bands(self) -> tuple[Float64Array, Float64Array, Float64Array]:
         """Return the bands' middles (waves a distance), mean powers, and anisotropies in dB."""
         edges = np.arange(LOWEST, HIGHEST + 0.5 * _BAND, _BAND)
         band = np.digitize(self.frequency, edges) - 1
@@ -119,13 +120,13 @@ def spectrum_of(sets: Iterable[npt.ArrayLike], distance: float = 1.0) -> Spectru
     return Spectrum(plane, *_rings(half), float(np.mean(counts)))
 
 
-def _waves(place: Reals, first: int) -> npt.NDArray[np.complex64]:
+def _waves(place: Float64Array, first: int) -> npt.NDArray[np.complex64]:
     """Return exp(2πi f p) for every place, and every whole frequency from the first one on."""
     phase = place[:, None] * np.arange(first, _MOST + 1)
     return np.exp(np.float32(2.0 * np.pi) * 1j * (phase % 1.0).astype(np.float32)).astype(np.complex64)
 
 
-def _rings(half: Reals) -> tuple[Reals, Reals, Reals, Reals]:
+def _rings(half: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
     """Return frequency, mean power, anisotropy and number of frequencies of each ring."""
     row, column = np.mgrid[0 : _MOST + 1, -_MOST : _MOST + 1]
     ring = np.rint(np.hypot(row, column)).astype(np.int64)

@@ -11,9 +11,8 @@ from sketchterrain.features.splines import cubics
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import numpy.typing as npt
+    from sketchterrain.array_types import Float64Array
 
-    Reals = npt.NDArray[np.float64]
 
 CONTROLS = 6
 """Control points of each spline."""
@@ -25,22 +24,22 @@ _NEAR = 3.0  # spacings: how far places lie from the curve
 _SAMPLES, _THIRDS, _CHUNK = 256, 60, 64
 
 
-def _random(rng: np.random.Generator, count: int) -> Reals:
+def _random(rng: np.random.Generator, count: int) -> Float64Array:
     return rng.uniform(-1.5, 1.5, (count, CONTROLS, 2))
 
 
-def _river(rng: np.random.Generator, count: int) -> Reals:
+def _river(rng: np.random.Generator, count: int) -> Float64Array:
     """Headings that wander, as a traced river's do."""
     heading = np.cumsum(rng.normal(0, 0.5, (count, CONTROLS)), axis=1) + rng.uniform(0, 2 * np.pi, (count, 1))
     return np.cumsum(np.stack([np.cos(heading), np.sin(heading)], axis=-1), axis=1)
 
 
-def _inflections(rng: np.random.Generator, count: int) -> Reals:
+def _inflections(rng: np.random.Generator, count: int) -> Float64Array:
     swing = rng.uniform(0.05, 1.5, (count, 1)) * np.where(np.arange(CONTROLS) % 2, 1.0, -1.0)
     return np.stack([np.arange(CONTROLS) * rng.uniform(0.3, 1.0, (count, 1)), swing], axis=-1)
 
 
-def _cusps(rng: np.random.Generator, count: int) -> Reals:
+def _cusps(rng: np.random.Generator, count: int) -> Float64Array:
     """Curves that turn back on themselves at control points: the derivative vanishes there, or nearly."""
     a, b = _random(rng, 2 * count)[:, 0].reshape(2, count, 1, 2)
     there = np.where(np.arange(CONTROLS)[:, None] % 2 == 0, a, b)
@@ -48,14 +47,14 @@ def _cusps(rng: np.random.Generator, count: int) -> Reals:
     return np.asarray(there + off * rng.normal(size=(count, CONTROLS, 2)))
 
 
-def _loops(rng: np.random.Generator, count: int) -> Reals:
+def _loops(rng: np.random.Generator, count: int) -> Float64Array:
     turn = rng.uniform(1.0, 1.9, (count, 1)) * 2 * np.pi / (CONTROLS - 1)
     angle = np.arange(CONTROLS) * turn
     radius = 1.0 + rng.uniform(-0.3, 0.3, (count, 1)) * np.arange(CONTROLS) / CONTROLS
     return np.asarray(radius[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
 
 
-def _coincident(rng: np.random.Generator, count: int) -> Reals:
+def _coincident(rng: np.random.Generator, count: int) -> Float64Array:
     """Neighbours that are all but one point, and a later one that is an earlier one."""
     points = _random(rng, count)
     points[:, 2] = points[:, 1] + 10.0 ** rng.uniform(-8, -2, (count, 1)) * rng.normal(size=(count, 2))
@@ -63,7 +62,7 @@ def _coincident(rng: np.random.Generator, count: int) -> Reals:
     return points
 
 
-def _collinear(rng: np.random.Generator, count: int) -> Reals:
+def _collinear(rng: np.random.Generator, count: int) -> Float64Array:
     """On one line, in order or not."""
     along = rng.uniform(-2, 2, (count, CONTROLS))
     along[::2].sort(axis=1)
@@ -71,7 +70,7 @@ def _collinear(rng: np.random.Generator, count: int) -> Reals:
     return np.asarray(along[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
 
 
-def _equidistant(rng: np.random.Generator, count: int) -> Reals:
+def _equidistant(rng: np.random.Generator, count: int) -> Float64Array:
     """Symmetric about the x axis, so that places on it are equally far from two branches."""
     gap = rng.uniform(0.02, 1.0, (count, 1))
     x = np.sort(rng.uniform(0, 2, (count, 3)), axis=1)
@@ -80,7 +79,7 @@ def _equidistant(rng: np.random.Generator, count: int) -> Reals:
     return np.concatenate([branch, branch[:, ::-1] * [1, -1]], axis=1)
 
 
-def _hairpins(rng: np.random.Generator, count: int) -> Reals:
+def _hairpins(rng: np.random.Generator, count: int) -> Float64Array:
     """There and back, closer than a river of 10 m is wide."""
     gap = rng.uniform(1e-3, 0.08, (count, 1))
     x = np.array([0.0, 1.0, 2.0, 2.0, 1.0, 0.0]) + rng.normal(0, 0.02, (count, CONTROLS))
@@ -88,7 +87,7 @@ def _hairpins(rng: np.random.Generator, count: int) -> Reals:
     return np.stack([x, gap * side], axis=-1)
 
 
-KINDS: dict[str, Callable[[np.random.Generator, int], Reals]] = {
+KINDS: dict[str, Callable[[np.random.Generator, int], Float64Array]] = {
     "river": _river,
     "random": _random,
     "inflections": _inflections,
@@ -102,7 +101,7 @@ KINDS: dict[str, Callable[[np.random.Generator, int], Reals]] = {
 """What makes (count, CONTROLS, 2) control points, in spacings, by the name of the trap."""
 
 
-def splines_and_places(kind: str, count: int, *, each: int, seed: int) -> tuple[Reals, Reals]:
+def splines_and_places(kind: str, count: int, *, each: int, seed: int) -> tuple[Float64Array, Float64Array]:
     """Draw splines of a kind and places around them.
 
     Parameters
@@ -144,7 +143,7 @@ def splines_and_places(kind: str, count: int, *, each: int, seed: int) -> tuple[
     return controls * SPACING, places * SPACING
 
 
-def distances(cubic: Reals, places: Reals) -> Reals:
+def distances(cubic: Float64Array, places: Float64Array) -> Float64Array:
     """Compute the distances in float64: minima among many samples, each then searched for by thirds.
 
     Parameters
@@ -164,7 +163,7 @@ def distances(cubic: Reals, places: Reals) -> Reals:
     return np.concatenate(found)
 
 
-def _distances(cubic: Reals, places: Reals) -> Reals:
+def _distances(cubic: Float64Array, places: Float64Array) -> Float64Array:
     count, each = places.shape[:2]
     t = np.linspace(0.0, 1.0, _SAMPLES + 1)
     at = np.einsum("npdk,sk->npsd", cubic, t[:, None] ** np.arange(4)).reshape(count, 1, -1, 2)
@@ -182,7 +181,7 @@ def _distances(cubic: Reals, places: Reals) -> Reals:
     return np.asarray(np.sqrt(best))
 
 
-def _square(cubic: Reals, t: Reals, place: Reals) -> Reals:
+def _square(cubic: Float64Array, t: Float64Array, place: Float64Array) -> Float64Array:
     t = t[:, None]
     at = ((cubic[..., 3] * t + cubic[..., 2]) * t + cubic[..., 1]) * t + cubic[..., 0]
     return np.asarray(((at - place) ** 2).sum(axis=-1))

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Float64Array
     from sketchterrain.compute import ComputeContext
 
-    Reals = npt.NDArray[np.float64]
 
 __all__ = ["ARCS", "FLATTENED", "KERNELS", "SEGMENTS", "SplineQueries", "pieces_of"]
 
@@ -49,7 +49,7 @@ class SplineQueries:
         Where to measure the distance to each spline (m).
     """
 
-    def __init__(self, context: ComputeContext, controls: Reals, places: Reals) -> None:
+    def __init__(self, context: ComputeContext, controls: Float64Array, places: Float64Array) -> None:
         self._context = context
         self.shape = places.shape[:2]
         # As the kernels get them: the error is then the method's and its arithmetic's.
@@ -77,7 +77,9 @@ class SplineQueries:
         return self._context.download(self._out, self.shape, self._context.real_dtype)
 
 
-def pieces_of(cubic: Reals, tolerance: float, *, arcs: bool) -> tuple[npt.NDArray[np.int32], Reals, Reals]:
+def pieces_of(
+    cubic: Float64Array, tolerance: float, *, arcs: bool
+) -> tuple[npt.NDArray[np.int32], Float64Array, Float64Array]:
     """Return flattened splines as ``spline_arcs_distances`` in ``kernels/splines.cl`` reads them.
 
     Parameters

@@ -15,10 +15,10 @@ from sketchterrain.benchmarks.timing import alternate, spread
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Float64Array
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.timing import TimedContext
 
-    Reals = npt.NDArray[np.float64]
 
 SEED = 20131
 EACH = 64
@@ -68,7 +68,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
         {str(case): partial(context.lap, work) for case, work in works.items()}, rounds=effort.rounds
     )
     rows = []
-    found: dict[str, Reals] = {}
+    found: dict[str, Float64Array] = {}
     for method, cell in cases:
         if method in FLATTENED or method not in found:
             found[method] = np.abs(queries.distances(method, cell) - expected)
@@ -93,12 +93,12 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     )
 
 
-def failures(error: Reals, cell_size: float) -> npt.NDArray[np.bool_]:
+def failures(error: Float64Array, cell_size: float) -> npt.NDArray[np.bool_]:
     """Return which errors (m) are failures: above 1 % of the cell size (m), or no number."""
     return np.asarray(~(error <= 0.01 * cell_size))
 
 
-def _errors(error: Reals, cell: float) -> Row:
+def _errors(error: Float64Array, cell: float) -> Row:
     """Worst and mean error, and failures, in all and by kind."""
     failed = failures(error, cell)
     by_kind = failed.reshape(len(KINDS), -1).mean(axis=1) * 100
@@ -112,7 +112,7 @@ def _errors(error: Reals, cell: float) -> Row:
     }
 
 
-def _pieces(cubics: Reals, method: str, cell: float) -> float:
+def _pieces(cubics: Float64Array, method: str, cell: float) -> float:
     if method not in FLATTENED:
         return float(cubics.shape[1])
     starts, *_ = pieces_of(cubics, 0.01 * cell, arcs=method == ARCS)

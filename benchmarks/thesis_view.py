@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.features import FEATURE_TYPES
 from sketchterrain.tiles.borders import EAST, NORTH, SOUTH, WEST
 
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.terrain import TerrainRecipe
 
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 PLAIN = 1.0
 """F where no feature is near."""
@@ -95,9 +94,9 @@ class ThesisView:
             there = _doubled(split)
         return found
 
-    def _splits(self, eye: Floats, ground: float) -> list[Flags]:
+    def _splits(self, eye: Float64Array, ground: float) -> list[BoolArray]:
         """Tell of each level which of its tiles, [row, column], are split."""
-        splits: list[Flags] = []
+        splits: list[BoolArray] = []
         for level in range(self.finest + 1):
             parent = _doubled(splits[-1]) if splits else np.ones((1, 1), np.bool_)
             wanted = parent & (level < self.finest)
@@ -118,14 +117,14 @@ class ThesisView:
             splits[level - 1] |= _halved(needed)
         return splits
 
-    def _distance(self, eye: Floats, ground: float, level: int) -> Floats:
+    def _distance(self, eye: Float64Array, ground: float, level: int) -> Float64Array:
         width = self.extent / 2**level
         corners = np.arange(2**level) * width
         dx, dy = (np.maximum(np.maximum(corners - at, at - corners - width), 0.0) for at in eye[:2])
         return np.asarray(np.sqrt(dx[None, :] ** 2 + dy[:, None] ** 2 + (eye[2] - ground) ** 2))
 
     @cached_property
-    def _factors(self) -> tuple[Floats, ...]:
+    def _factors(self) -> tuple[Float64Array, ...]:
         """F of each level's tiles."""
         factors = []
         for level in range(self.finest + 1):
@@ -152,18 +151,18 @@ def feature_discs(recipe: TerrainRecipe, factor: float) -> tuple[Disc, ...]:
     return tuple(discs)
 
 
-def _doubled(flags: Flags) -> Flags:
+def _doubled(flags: BoolArray) -> BoolArray:
     """Return the children's flags: each its parent's."""
     return np.asarray(flags.repeat(2, axis=0).repeat(2, axis=1))
 
 
-def _halved(flags: Flags) -> Flags:
+def _halved(flags: BoolArray) -> BoolArray:
     """Return the parents' flags: set where one of a parent's children is."""
     side = len(flags) // 2
     return np.asarray(flags.reshape(side, 2, side, 2).any(axis=(1, 3)))
 
 
-def _coarser(there: Flags) -> npt.NDArray[np.int64]:
+def _coarser(there: BoolArray) -> npt.NDArray[np.int64]:
     """Tell on which sides of a level's tiles, rows from south to north, none of this level is."""
     case = np.zeros(there.shape, np.int64)
     case[:-1] |= np.where(there[1:], 0, NORTH)

@@ -12,9 +12,9 @@ from sketchterrain.terrain.octaves import SKEW_OTHER, SKEW_SAME, STRIDES
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Float32Array
     from sketchterrain.benchmarks.baselines.problem import NoiseProblem
 
-    Floats = npt.NDArray[np.float32]
     Words = npt.NDArray[np.uint32]
 
 _UNSKEW = np.float32(0.21138669673055244)
@@ -30,7 +30,7 @@ def rival(problem: NoiseProblem) -> Rival:
     return Rival(f"NumPy {np.__version__}, float32", 1, lambda: _fbm(problem))
 
 
-def _fbm(problem: NoiseProblem) -> Floats:
+def _fbm(problem: NoiseProblem) -> Float32Array:
     step = np.arange(problem.side, dtype=np.int32)
     column, row = step[None, :], step[:, None]
     total = np.zeros((problem.side, problem.side), np.float32)
@@ -42,7 +42,7 @@ def _fbm(problem: NoiseProblem) -> Floats:
     return total
 
 
-def _simplex(u: npt.NDArray[np.int32], v: npt.NDArray[np.int32], seed: np.uint32, bits: int) -> Floats:
+def _simplex(u: npt.NDArray[np.int32], v: npt.NDArray[np.int32], seed: np.uint32, bits: int) -> Float32Array:
     h = seed + (u >> bits).astype(np.uint32) * _STRIDE_U + (v >> bits).astype(np.uint32) * _STRIDE_V
     fu, fv = _fraction(u, bits), _fraction(v, bits)
     lower = fu > fv
@@ -56,11 +56,11 @@ def _simplex(u: npt.NDArray[np.int32], v: npt.NDArray[np.int32], seed: np.uint32
     return total * _SCALE
 
 
-def _fraction(u: npt.NDArray[Any], bits: int) -> Floats:
+def _fraction(u: npt.NDArray[Any], bits: int) -> Float32Array:
     return (((u << (32 - bits)).view(np.uint32)) >> 8).astype(np.float32) * np.float32(2.0**-24)
 
 
-def _corner(h: Words, dx: Floats, dy: Floats) -> Floats:
+def _corner(h: Words, dx: Float32Array, dy: Float32Array) -> Float32Array:
     h = h ^ (h >> _MIX)
     h *= np.uint32(0x735A2D97)
     h ^= h >> _MIX

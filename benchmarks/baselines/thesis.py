@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from sketchterrain.array_types import FloatArray
     from sketchterrain.compute import ComputeContext
     from sketchterrain.terrain import TerrainRecipe
 
-    Reals = npt.NDArray[np.floating]
 
 _FILE = "baselines/thesis.cl"
 _RISING = ("hill", "mountain")
@@ -116,13 +116,13 @@ class ThesisTiles:
             context.launch(_FILE, "thesis_normals", inner, *normals)
         context.download(self._inner, 1, real)
 
-    def heights(self) -> Reals:
+    def heights(self) -> FloatArray:
         """Return the heights of the last launch, m, shape (tiles, quads + 1, quads + 1)."""
         shape = (len(self._tiles), self._inner_side, self._inner_side)
         return self._context.download(self._inner, shape, self._context.real_dtype)
 
 
-def _rising(recipe: TerrainRecipe) -> tuple[Reals, npt.NDArray[np.bool_]]:
+def _rising(recipe: TerrainRecipe) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
     """Return x, y, radius and height of hills, then of mountains, shape (n, 4), and which are hills."""
     parts = [recipe.painted[recipe.painted["type"] == FEATURE_TYPES.index(name)] for name in _RISING]
     rising = np.concatenate(parts)
@@ -132,7 +132,7 @@ def _rising(recipe: TerrainRecipe) -> tuple[Reals, npt.NDArray[np.bool_]]:
     return numbers, np.arange(len(rising)) < len(parts[0])
 
 
-def _segments(recipe: TerrainRecipe) -> Reals:
+def _segments(recipe: TerrainRecipe) -> FloatArray:
     """Return the rivers' control points, four for each piece: x, y, water, half width; shape (n, 4, 4)."""
     pieces = [np.empty((0, 4, 4))]
     for river in recipe.rivers:
@@ -144,7 +144,7 @@ def _segments(recipe: TerrainRecipe) -> Reals:
     return np.concatenate(pieces)
 
 
-def _reaches(recipe: TerrainRecipe) -> Reals:
+def _reaches(recipe: TerrainRecipe) -> FloatArray:
     """Return how far the rivers' valleys reach, m, for each piece: as far as this program's."""
     parts = [np.empty(0)]
     for river, reach in zip(recipe.rivers, recipe.valley_radii, strict=True):
@@ -155,7 +155,7 @@ def _reaches(recipe: TerrainRecipe) -> Reals:
 
 
 def _reaching(
-    centre: Reals, radius: Reals, west: float, south: float, width: float, border: float
+    centre: FloatArray, radius: FloatArray, west: float, south: float, width: float, border: float
 ) -> npt.NDArray[np.bool_]:
     """Return which discs reach a square tile and the border around it."""
     low = np.array([west, south]) - border

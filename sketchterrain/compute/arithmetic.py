@@ -18,9 +18,9 @@ from sketchterrain.errors import SketchterrainError
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Float32Array
     from sketchterrain.compute.context import ComputeContext
 
-    Floats = npt.NDArray[np.float32]
     Words = npt.NDArray[np.uint32]
 
 _COUNT = 1 << 12
@@ -57,7 +57,9 @@ def failed_operations(context: ComputeContext) -> tuple[str, ...]:
     return tuple(name for name, bits in found if not np.array_equal(bits, expected[name].view(np.uint32)))
 
 
-def _operands() -> tuple[Floats, Floats, Floats, Floats, Words, npt.NDArray[np.int64]]:
+def _operands() -> tuple[
+    Float32Array, Float32Array, Float32Array, Float32Array, Words, npt.NDArray[np.int64]
+]:
     """Return the arguments of ``kernels/self_test.cl``, in order."""
     draw = np.random.default_rng(_SEED)
     a, b, c = draw.uniform(-2, 2, (3, _COUNT)).astype(_f)
@@ -67,7 +69,12 @@ def _operands() -> tuple[Floats, Floats, Floats, Floats, Words, npt.NDArray[np.i
 
 
 def _expected(
-    a: Floats, b: Floats, c: Floats, positive: Floats, word: Words, place: npt.NDArray[np.int64]
+    a: Float32Array,
+    b: Float32Array,
+    c: Float32Array,
+    positive: Float32Array,
+    word: Words,
+    place: npt.NDArray[np.int64],
 ) -> dict[str, npt.NDArray[Any]]:
     root = _inverse_sqrt(positive)
     mixed = _mixed(word)
@@ -92,7 +99,7 @@ def _expected(
     return dict(zip((*_REAL_NAMES, *_WHOLE_NAMES), (*reals, *wholes), strict=True))
 
 
-def _chain(a: Floats, b: Floats, c: Floats) -> Floats:
+def _chain(a: Float32Array, b: Float32Array, c: Float32Array) -> Float32Array:
     x, y = a, b
     for _ in range(_STEPS):
         after = np.clip(x * y + c * _f(0.25) - x * x * _f(0.125), _f(-2), _f(2))
@@ -101,7 +108,7 @@ def _chain(a: Floats, b: Floats, c: Floats) -> Floats:
     return np.asarray(x + y)
 
 
-def _inverse_sqrt(x: Floats) -> Floats:
+def _inverse_sqrt(x: Float32Array) -> Float32Array:
     y = (np.int32(0x5F375A86) - (x.view(np.int32) >> 1)).view(_f)
     half = _f(0.5) * x
     for _ in range(4):
@@ -109,17 +116,17 @@ def _inverse_sqrt(x: Floats) -> Floats:
     return np.asarray(y)
 
 
-def _cubic(t: Floats) -> Floats:
+def _cubic(t: Float32Array) -> Float32Array:
     s = np.minimum(t, _f(1))
     return np.asarray(s * s * (_f(2) * s - _f(3)) + _f(1))
 
 
-def _smooth_rise(x: Floats, low: Floats) -> Floats:
+def _smooth_rise(x: Float32Array, low: Float32Array) -> Float32Array:
     t = np.clip((x - low) * _f(0.5), _f(0), _f(1))
     return np.asarray(t * t * (_f(3) - _f(2) * t))
 
 
-def _real_of(n: npt.NDArray[np.int64]) -> Floats:
+def _real_of(n: npt.NDArray[np.int64]) -> Float32Array:
     high, low = (n >> 24).astype(np.int32).astype(_f), (n & 0xFFFFFF).astype(np.int32).astype(_f)
     return np.asarray(high * _f(16777216) + low)
 

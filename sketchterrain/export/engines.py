@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.array_types import Bounds, FloatArray
 from sketchterrain.export.features import lake_outline
 from sketchterrain.export.files import format_rows, write_json, write_json_list
-from sketchterrain.export.foliage_files import Bounds
 from sketchterrain.export.sampled import TerrainSamples, interpolate_heights
 from sketchterrain.export.target import Export, ExportOptions
 from sketchterrain.export.tiling import TileWindow
@@ -22,7 +22,6 @@ if TYPE_CHECKING:  # load SciPy and OpenCL
     from sketchterrain.terrain import Terrain, TerrainFeatures
 
 Direction = Literal["east", "north", "up", "south"]
-Reals = npt.NDArray[np.floating]
 PLANT_FIELDS: Final = (
     "species",
     "x",
@@ -77,12 +76,12 @@ class EngineAxes:
         """Unit and directions in words."""
         return f"{self.unit}: x {self.x}, y {self.y}, z {self.z}"
 
-    def points(self, east: Reals, north: Reals, up: Reals) -> Reals:
+    def points(self, east: FloatArray, north: FloatArray, up: FloatArray) -> FloatArray:
         """Return points of the world (m) in the program's coordinates and unit, (n, 3)."""
         world = np.stack([east, north, up], axis=-1).astype(np.float64) - self.origin
         return world @ self._matrix.T * self.per_metre
 
-    def vectors(self, vectors: Reals) -> Reals:
+    def vectors(self, vectors: FloatArray) -> FloatArray:
         """Return vectors east, north, up, (n, 3), along the program's axes; lengths are unchanged."""
         return vectors.astype(np.float64) @ self._matrix.T
 

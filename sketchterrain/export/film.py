@@ -10,15 +10,13 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-import numpy.typing as npt
 from PIL import Image
 
+from sketchterrain.array_types import UInt8Array
 from sketchterrain.errors import InputError, SketchterrainError, one_line
 from sketchterrain.export.files import move_files, prepare_folder, staging, write_png
 from sketchterrain.whole_files import wrap_os_errors
 
-Frame = npt.NDArray[np.uint8]
 ANIMATED: Final[dict[str, dict[str, Any]]] = {".webp": {"quality": 85, "method": 2}, ".gif": {"loop": 0}}
 """Suffixes of animated images, and Pillow's options for them."""
 VIDEO: Final = ".mp4"
@@ -51,7 +49,9 @@ def check_film(path: Path, *, size: tuple[int, int], frames: int) -> None:
 
 
 @contextmanager
-def film(path: Path, *, size: tuple[int, int], fps: int, frames: int) -> Iterator[Callable[[Frame], None]]:
+def film(
+    path: Path, *, size: tuple[int, int], fps: int, frames: int
+) -> Iterator[Callable[[UInt8Array], None]]:
     """Yield a function that adds frames, (height, width, 3) sRGB; the film appears when all are written."""
     folder = path if _is_folder(path) else path.parent
     prepare_folder(folder)
@@ -78,7 +78,7 @@ def _frame_name(number: int, frames: int) -> str:
 
 
 @contextmanager
-def _animation(path: Path, size: tuple[int, int], fps: int) -> Iterator[Callable[[Frame], None]]:
+def _animation(path: Path, size: tuple[int, int], fps: int) -> Iterator[Callable[[UInt8Array], None]]:
     """Store the frames as files, then encode them one at a time, in constant memory."""
     files: list[Path] = []
     yield lambda frame: files.append(write_png(path.parent / f"{len(files)}.png", frame))
@@ -113,7 +113,7 @@ class _FileSequence(Image.Image):
 
 
 @contextmanager
-def _video(path: Path, size: tuple[int, int], fps: int) -> Iterator[Callable[[Frame], None]]:
+def _video(path: Path, size: tuple[int, int], fps: int) -> Iterator[Callable[[UInt8Array], None]]:
     av = _load_av()
     try:
         with av.open(str(path), "w", format="mp4", options={"movflags": "faststart"}) as container:
@@ -124,7 +124,7 @@ def _video(path: Path, size: tuple[int, int], fps: int) -> Iterator[Callable[[Fr
             codec.colorspace = codec.color_primaries = codec.color_trc = _BT709
             codec.color_range = _LIMITED
 
-            def add(frame: Frame) -> None:
+            def add(frame: UInt8Array) -> None:
                 image = av.VideoFrame.from_ndarray(frame, format="rgb24")
                 container.mux(stream.encode(image.reformat(format="yuv420p", dst_colorspace=_BT709)))
 

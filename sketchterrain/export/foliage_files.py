@@ -1,4 +1,4 @@
-"""Plants as a CSV table or a PLY point cloud, written in chunks of bounded memory.
+"""StructuredArray as a CSV table or a PLY point cloud, written in chunks of bounded memory.
 
 Turk 1994, "The PLY polygon file format": an ASCII header that names the properties, then rows of bytes.
 """
@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from sketchterrain.array_types import Bounds, StructuredArray
 from sketchterrain.disk import check_disk
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.export.files import format_rows
@@ -24,8 +24,6 @@ from sketchterrain.whole_files import atomic_file, wrap_os_errors
 if TYPE_CHECKING:  # loads OpenCL
     from sketchterrain.terrain import Terrain
 
-Bounds = tuple[float, float, float, float]  # west, south, east, north (m)
-Plants = npt.NDArray[np.void]
 FOLIAGE = {"csv": ("csv",), "ply": ("ply",), "both": ("csv", "ply"), "none": ()}
 """File formats of each value of the option."""
 
@@ -125,7 +123,7 @@ def write_foliage(
 
 def _storey_chunks(
     terrain: Terrain, bounds: Bounds, options: FoliageOptions, progress: Callable[[float], None] | None
-) -> Iterator[tuple[str, Plants]]:
+) -> Iterator[tuple[str, StructuredArray]]:
     """Return chunks of plants with their storeys, and report progress."""
     estimate = _max_plants(terrain, bounds, options)
     before, total = 0, max(sum(estimate.values()), 1)
@@ -135,7 +133,7 @@ def _storey_chunks(
         for plants in terrain.foliage_pieces(*bounds, storey=storey):
             yield storey, plants
             if progress is not None and len(plants):
-                # Plants are in rows from south to north: y is the progress.
+                # StructuredArray are in rows from south to north: y is the progress.
                 share = max(share, float(plants["y"].max() - south) / (north - south))
                 progress((before + share * count) / total)
         before += count
@@ -146,7 +144,7 @@ def _max_plants(terrain: Terrain, bounds: Bounds, options: FoliageOptions) -> di
 
 
 @contextmanager
-def plant_table(path: Path, species: Sequence[str]) -> Iterator[Callable[[Plants], None]]:
+def plant_table(path: Path, species: Sequence[str]) -> Iterator[Callable[[StructuredArray], None]]:
     """Yield a function that appends plants to a ``foliage.csv``, one a line.
 
     Columns: x, y, z (m, to the millimetre), species (a name), scale (1 is grown), rotation (radians,
@@ -156,7 +154,7 @@ def plant_table(path: Path, species: Sequence[str]) -> Iterator[Callable[[Plants
     with atomic_file(path) as stream:
         stream.write(_HEADER)
 
-        def add(plants: Plants) -> None:
+        def add(plants: StructuredArray) -> None:
             for first in range(0, len(plants), _PLANTS_AT_ONCE):
                 rows = plants[first : first + _PLANTS_AT_ONCE]
                 position, normal = (rows[axis] for axis in "xyz"), rows["normal"].T
@@ -169,13 +167,13 @@ def plant_table(path: Path, species: Sequence[str]) -> Iterator[Callable[[Plants
 
 
 @contextmanager
-def plant_cloud(path: Path, species: Sequence[str]) -> Iterator[Callable[[Plants], None]]:
+def plant_cloud(path: Path, species: Sequence[str]) -> Iterator[Callable[[StructuredArray], None]]:
     """Yield a function that appends plants to a ``foliage.ply``, binary and little-endian."""
     count = 0
     with atomic_file(path) as stream:
         stream.write(_ply_header(0, species))
 
-        def add(plants: Plants) -> None:
+        def add(plants: StructuredArray) -> None:
             nonlocal count
             for first in range(0, len(plants), _PLANTS_AT_ONCE):
                 rows = _ply_vertices(plants[first : first + _PLANTS_AT_ONCE])
@@ -199,7 +197,7 @@ def _ply_header(count: int, species: Sequence[str]) -> bytes:
     return "\n".join([*lines, "end_header\n"]).encode("ascii")
 
 
-def _ply_vertices(plants: Plants) -> Plants:
+def _ply_vertices(plants: StructuredArray) -> StructuredArray:
     rows = np.empty(len(plants), VERTEX)
     for axis, name in enumerate(("nx", "ny", "nz")):
         rows[name] = plants["normal"][:, axis]

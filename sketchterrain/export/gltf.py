@@ -16,6 +16,7 @@ import numpy.typing as npt
 import pygltflib
 from PIL import Image
 
+from sketchterrain.array_types import UInt8Array
 from sketchterrain.errors import InputError
 from sketchterrain.export.engines import EngineAxes
 from sketchterrain.export.mesh import GridMesh
@@ -35,7 +36,6 @@ if TYPE_CHECKING:  # load OpenCL
     from sketchterrain.compute import ComputeContext
     from sketchterrain.terrain import Terrain
 
-Bytes = npt.NDArray[np.uint8]
 AXES: Final = EngineAxes("east", "up", "south")
 MAX_BYTES: Final = (1 << 32) - 1  # of a GLB
 
@@ -64,7 +64,7 @@ class GlbWriter:
     def __init__(self) -> None:
         asset = pygltflib.Asset(version="2.0", generator="sketchterrain")
         self.scene = pygltflib.GLTF2(asset=asset, scene=0, scenes=[pygltflib.Scene(nodes=[])])
-        self._parts: list[Bytes] = []
+        self._parts: list[UInt8Array] = []
         self._length = 0
 
     def attribute(
@@ -84,7 +84,7 @@ class GlbWriter:
         """Add triangles, (n, 3), and return their accessor."""
         return self._accessor(triangles.reshape(-1, 1), pygltflib.ELEMENT_ARRAY_BUFFER, normalized=None)
 
-    def texture(self, pixels: Bytes, name: str) -> int:
+    def texture(self, pixels: UInt8Array, name: str) -> int:
         """Add an RGB image, clamped at its edges, and return its texture."""
         stream = io.BytesIO()
         Image.fromarray(pixels).save(stream, format="PNG", compress_level=_PNG_LEVEL)
@@ -138,7 +138,7 @@ class GlbWriter:
         )
         return _added(self.scene.accessors, accessor)
 
-    def _view(self, content: Bytes, target: int | None) -> int:
+    def _view(self, content: UInt8Array, target: int | None) -> int:
         view = pygltflib.BufferView(buffer=0, byteOffset=self._length, byteLength=content.size, target=target)
         self._parts.append(content)
         self._length += content.size + -content.size % 4
@@ -230,7 +230,7 @@ def material_appearance(terrain: Terrain) -> MaterialAppearance:
     return MaterialAppearance(colour[:, :3] ** 2, relief[:, 2])
 
 
-def bake_colour(weights: Bytes, appearance: MaterialAppearance) -> Bytes:
+def bake_colour(weights: UInt8Array, appearance: MaterialAppearance) -> UInt8Array:
     """Return the terrain's colours: materials mixed linearly, encoded as sRGB (IEC 61966-2-1)."""
     steps = np.rint(_STEPS * appearance.albedo).astype(np.int64)
     linear = np.arange(_STEPS + 1) / _STEPS
@@ -238,7 +238,7 @@ def bake_colour(weights: Bytes, appearance: MaterialAppearance) -> Bytes:
     return np.rint(255.0 * srgb).astype(np.uint8)[_weighted_mean(weights, steps)]
 
 
-def bake_roughness(weights: Bytes, appearance: MaterialAppearance) -> Bytes:
+def bake_roughness(weights: UInt8Array, appearance: MaterialAppearance) -> UInt8Array:
     """Return the terrain's roughness as glTF reads it: in green, with 0 for metalness in blue."""
     steps = np.rint(255.0 * appearance.roughness).astype(np.int64)[:, None]
     image = np.zeros((*weights.shape[:2], 3), np.uint8)
@@ -246,7 +246,7 @@ def bake_roughness(weights: Bytes, appearance: MaterialAppearance) -> Bytes:
     return image
 
 
-def _weighted_mean(weights: Bytes, values: npt.NDArray[np.int64]) -> npt.NDArray[np.uint16]:
+def _weighted_mean(weights: UInt8Array, values: npt.NDArray[np.int64]) -> npt.NDArray[np.uint16]:
     """Return weighted means in integers, equal on every machine."""
     result = np.empty((*weights.shape[:2], values.shape[1]), np.uint16)
     for top in range(0, len(weights), _ROWS_AT_ONCE):

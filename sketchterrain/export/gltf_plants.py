@@ -9,6 +9,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.errors import InputError
 from sketchterrain.export.engines import EngineAxes, plant_chunks, requested_storeys
 from sketchterrain.export.gltf import GlbWriter
@@ -19,7 +20,6 @@ from sketchterrain.look.tree_levels import DETAILS, MASKED_DETAILS, VARIANTS, le
 from sketchterrain.look.tree_species import HEIGHTS, SPECIES
 from sketchterrain.terrain.plant import STOREYS
 
-Floats = npt.NDArray[np.float64]
 INSTANCING: Final = "EXT_mesh_gpu_instancing"
 BYTES_PER_PLANT: Final = 40 + 24  # as an instance and as a point
 MAX_PLANTS: Final = 10_000_000  # of a scene, about 130 bytes of memory each
@@ -215,7 +215,7 @@ def plant_colour(species: str) -> tuple[float, float, float]:
     return herb.head or herb.albedo
 
 
-def _model(position: Floats, outward: Floats, albedo: Floats) -> PlantModel:
+def _model(position: Float64Array, outward: Float64Array, albedo: Float64Array) -> PlantModel:
     """Orient triangles (k, 3, 3) by their normals, and turn them from z up to y up."""
     facing = np.cross(position[:, 1] - position[:, 0], position[:, 2] - position[:, 0])
     back = (facing * outward.mean(axis=1)).sum(axis=-1) < 0.0
@@ -229,6 +229,6 @@ def _model(position: Floats, outward: Floats, albedo: Floats) -> PlantModel:
     return PlantModel(_y_up(position), _y_up(unit), colour)
 
 
-def _y_up(vectors: Floats) -> npt.NDArray[np.float32]:
+def _y_up(vectors: Float64Array) -> npt.NDArray[np.float32]:
     east, north, up = vectors.reshape(-1, 3).T
     return np.stack([east, up, -north], axis=-1).astype(np.float32)

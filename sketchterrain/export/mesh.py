@@ -15,11 +15,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.errors import InputError
 from sketchterrain.export.target import Export, ExportOptions
 
-Ints = npt.NDArray[np.int64]
-Floats = npt.NDArray[np.float64]
 MIN_ERROR: Final = 0.001  # m; about the precision of float32 for heights of kilometres
 
 _ROUNDING = 4.0 * float(np.finfo(np.float32).eps)  # of a height interpolated from three others
@@ -137,16 +136,16 @@ def mesh_error(
 class _Spans(NamedTuple):
     """Runs of grid vertices within triangles, each in one row."""
 
-    triangle: Ints
-    row: Ints
-    first: Ints  # column
-    count: Ints
+    triangle: Int64Array
+    row: Int64Array
+    first: Int64Array  # column
+    count: Int64Array
 
     def select(self, which: slice | npt.NDArray[np.bool_]) -> _Spans:
         return _Spans(*(part[which] for part in self))
 
 
-def _planes(x: Ints, y: Ints, z: Floats) -> tuple[Floats, Floats, Floats]:
+def _planes(x: Int64Array, y: Int64Array, z: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Return each triangle's height at its first corner, and its slopes along columns and rows."""
     (ux, vx), (uy, vy), (uz, vz) = ((part[:, 1:] - part[:, :1]).T for part in (x, y, z))
     area = ux * vy - uy * vx
@@ -156,7 +155,7 @@ def _planes(x: Ints, y: Ints, z: Floats) -> tuple[Floats, Floats, Floats]:
     return z[:, 0], np.where(flat, 0.0, slope_x), np.where(flat, 0.0, slope_y)
 
 
-def _spans(x: Ints, y: Ints) -> _Spans:
+def _spans(x: Int64Array, y: Int64Array) -> _Spans:
     """Return the grid vertices in each non-degenerate triangle, its edges included."""
     order = np.argsort(y, axis=1, kind="stable")
     x0, x1, x2 = np.take_along_axis(x, order, axis=1).T
@@ -192,7 +191,7 @@ def _pieces(spans: _Spans) -> Iterator[_Spans]:
         start = stop
 
 
-def _ranges(first: Ints, count: Ints) -> Ints:
+def _ranges(first: Int64Array, count: Int64Array) -> Int64Array:
     """Return the concatenated ranges first … first + count − 1."""
     before = np.cumsum(count) - count
     return np.asarray(np.arange(int(count.sum())) - np.repeat(before - first, count))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.array_types import Float32Array
 from sketchterrain.export.engines import EngineAxes
 from sketchterrain.export.mesh import GridMesh
 from sketchterrain.export.sampled import SampleGrid, TerrainSamples
@@ -15,7 +16,6 @@ from sketchterrain.export.sampled import SampleGrid, TerrainSamples
 if TYPE_CHECKING:  # loads OpenCL
     from sketchterrain.terrain import TerrainFeatures
 
-Singles = npt.NDArray[np.float32]
 MAX_TEXTURE_SIDE = 8192  # texels, of today's graphics cards
 
 _VERTICES_AT_ONCE = 1 << 20  # bounds the memory
@@ -23,7 +23,7 @@ _MIN_RIVER_SHARE = 0.5  # of a river's triangle; with less it belongs to the lak
 _RIVER_OFFSET = 0.3  # m that a river's end is lowered below those, against z-fighting
 
 
-def mesh_positions(mesh: GridMesh, samples: TerrainSamples, axes: EngineAxes) -> Singles:
+def mesh_positions(mesh: GridMesh, samples: TerrainSamples, axes: EngineAxes) -> Float32Array:
     """Return the positions of a mesh's vertices, (n, 3), in the axes' unit."""
     grid = samples.grid
     dx, dy = grid.spacing
@@ -35,7 +35,7 @@ def mesh_positions(mesh: GridMesh, samples: TerrainSamples, axes: EngineAxes) ->
     return result
 
 
-def mesh_normals(mesh: GridMesh, samples: TerrainSamples, axes: EngineAxes) -> Singles:
+def mesh_normals(mesh: GridMesh, samples: TerrainSamples, axes: EngineAxes) -> Float32Array:
     """Return unit normals, (n, 3), by central differences of the full grid, whatever the mesh's error."""
     dx, dy = samples.grid.spacing
     height = samples.height
@@ -58,7 +58,7 @@ def texture_stride(grid: SampleGrid) -> int:
     return -(-max(grid.columns, grid.rows) // MAX_TEXTURE_SIDE)
 
 
-def mesh_texcoords(mesh: GridMesh, grid: SampleGrid) -> Singles:
+def mesh_texcoords(mesh: GridMesh, grid: SampleGrid) -> Float32Array:
     """Return texture coordinates, (n, 2), 0 … 1 from the north-west; texels are centred on vertices."""
     stride = texture_stride(grid)
     texels = -(-grid.columns // stride), -(-grid.rows // stride)

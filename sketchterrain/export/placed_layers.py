@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.array_types import StructuredArray
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.export.features import lake_outline
 from sketchterrain.features import FEATURE_TYPES
@@ -20,7 +21,6 @@ from sketchterrain.gdal_paths import plain_path
 
 if TYPE_CHECKING:  # load SciPy
     from sketchterrain.features import Lake, River
-    from sketchterrain.features.catalogue import Points
 
 
 # GDAL writes the time into the file; a fixed one makes files deterministic.
@@ -163,7 +163,7 @@ def station_layer(rivers: Sequence[River], origin: Origin) -> VectorLayer:
     )
 
 
-def feature_layer(points: Points, height: npt.NDArray[np.float32], origin: Origin) -> VectorLayer:
+def feature_layer(points: StructuredArray, height: npt.NDArray[np.float32], origin: Origin) -> VectorLayer:
     """Return mountains, hills, dunes and forests as points with their parameters."""
     import shapely
 

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.export.weights import quantise_weights
 
 if TYPE_CHECKING:  # loads OpenCL
     from sketchterrain.terrain import Terrain
     from sketchterrain.terrain.answers import Band
 
-Reals = npt.NDArray[np.float64]
 BYTES_PER_VERTEX = 15  # height, normal and eight material weights
 
 
@@ -99,7 +99,7 @@ def quantise_normals(normal: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
     return whole
 
 
-def interpolate_heights(samples: TerrainSamples, east: Reals, north: Reals) -> Reals:
+def interpolate_heights(samples: TerrainSamples, east: Float64Array, north: Float64Array) -> Float64Array:
     """Return heights between the vertices of a grid by bilinear interpolation.
 
     A program's two triangles in a quad differ from it by at most a quarter of the quad's twist
@@ -115,12 +115,12 @@ def interpolate_heights(samples: TerrainSamples, east: Reals, north: Reals) -> R
     return _mix(upper, lower, down)
 
 
-def _quad(position: Reals, vertices: int) -> tuple[npt.NDArray[np.intp], Reals]:
+def _quad(position: Float64Array, vertices: int) -> tuple[npt.NDArray[np.intp], Float64Array]:
     """Return the index of the quad along one axis, and the position within it, 0 … 1."""
     inside = np.clip(position, 0.0, vertices - 1.0)
     first = np.minimum(inside.astype(np.intp), vertices - 2)
     return first, inside - first
 
 
-def _mix(a: npt.NDArray[np.floating], b: npt.NDArray[np.floating], share: Reals) -> Reals:
+def _mix(a: npt.NDArray[np.floating], b: npt.NDArray[np.floating], share: Float64Array) -> Float64Array:
     return np.asarray(a * (1.0 - share) + b * share, np.float64)

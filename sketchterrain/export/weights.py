@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.array_types import UInt8Array
 from sketchterrain.errors import InputError
 
-Bytes = npt.NDArray[np.uint8]
 CHANNELS = ("red", "green", "blue", "alpha")
 _WHOLE = 255
 _ROWS_AT_ONCE = 256  # bounds the memory of large grids
@@ -52,7 +52,7 @@ def _largest_remainder(weights: npt.NDArray[np.floating]) -> npt.NDArray[np.uint
     return result
 
 
-def rgba_weights(weights: Bytes, first: int) -> npt.NDArray[np.uint8]:
+def rgba_weights(weights: UInt8Array, first: int) -> npt.NDArray[np.uint8]:
     """Return up to four materials, from a first one, as an RGBA image; unused channels are 0."""
     image = np.zeros((*weights.shape[:2], len(CHANNELS)), np.uint8)
     part = weights[..., first : first + len(CHANNELS)]
@@ -60,7 +60,7 @@ def rgba_weights(weights: Bytes, first: int) -> npt.NDArray[np.uint8]:
     return image
 
 
-def splat_weights(weights: Bytes) -> Bytes:
+def splat_weights(weights: UInt8Array) -> UInt8Array:
     """Return weights for Unity's splat maps: interpolated, one row and column less, the edges still edges.
 
     Unity's terrain has 2ⁿ + 1 heights and 2ⁿ weights along a side, and its shader puts the outermost weights
@@ -89,14 +89,14 @@ def _splat_positions(count: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.f
     return first, (position - first).astype(np.float32)
 
 
-def flip_green(normal: Bytes) -> Bytes:
+def flip_green(normal: UInt8Array) -> UInt8Array:
     """Convert a normal map from Y+ (OpenGL) to Y− (DirectX)."""
     result = normal.copy()
     result[..., 1] = 255 - result[..., 1]
     return result
 
 
-def control_map(weights: Bytes) -> npt.NDArray[np.float32]:
+def control_map(weights: UInt8Array) -> npt.NDArray[np.float32]:
     """Return Terrain3D's control map: the two heaviest materials of each vertex and their blend.
 
     From the highest bit: 5 bits of the base texture, 5 of the overlay texture, 8 of the overlay's share; the
@@ -113,7 +113,7 @@ def control_map(weights: Bytes) -> npt.NDArray[np.float32]:
     return result.view(np.float32)
 
 
-def _control_bits(weights: Bytes) -> npt.NDArray[np.uint32]:
+def _control_bits(weights: UInt8Array) -> npt.NDArray[np.uint32]:
     base = weights.argmax(axis=-1)
     rest = weights.copy()
     np.put_along_axis(rest, base[..., None], 0, axis=-1)

@@ -49,10 +49,6 @@ def conifer_share(code: npt.ArrayLike) -> npt.NDArray[np.float64]:
     return np.asarray(np.asarray(code, dtype=np.float64) - 1.0)
 
 
-Points = npt.NDArray[np.void]
-"""A structured array of dtype ``FEATURE``."""
-
-
 @dataclass(frozen=True, eq=False)
 class River:
     """One reach of a river network, from its spring down to its mouth or its confluence.

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.features.lakes import lake_centre, runs_inside
 from sketchterrain.features.shapes import find_regions
 
@@ -26,9 +26,6 @@ if TYPE_CHECKING:
     from sketchterrain.features.catalogue import Lake, River
     from sketchterrain.features.shapes import Region
     from sketchterrain.sketch.document import Sketch
-
-Floats = npt.NDArray[np.float64]
-Numbers = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -65,7 +62,7 @@ class Resolution(NamedTuple):
     y: float
 
 
-def label_mountains(sketch: Sketch, regions: Sequence[Region] | None = None) -> Numbers:
+def label_mountains(sketch: Sketch, regions: Sequence[Region] | None = None) -> Int64Array:
     """Return for each pixel the number of the mountain shape that it belongs to, from 1; 0 for none.
 
     Parameters
@@ -81,7 +78,7 @@ def label_mountains(sketch: Sketch, regions: Sequence[Region] | None = None) -> 
     return numbers
 
 
-def mountain_crossings(sketch: Sketch, numbers: Numbers, line: Floats) -> list[Crossing]:
+def mountain_crossings(sketch: Sketch, numbers: Int64Array, line: Float64Array) -> list[Crossing]:
     """Find the runs of a centreline (m, 2) inside mountains, upstream first."""
     under = _at(sketch, numbers, line)
     turns = np.flatnonzero(np.diff(under)) + 1
@@ -95,9 +92,9 @@ def mountain_crossings(sketch: Sketch, numbers: Numbers, line: Floats) -> list[C
 
 def resolve_conflicts(
     sketch: Sketch,
-    numbers: Numbers,
+    numbers: Int64Array,
     rivers: Sequence[River],
-    grounds: Sequence[Floats],
+    grounds: Sequence[Float64Array],
     lakes: Sequence[Lake],
 ) -> tuple[Resolution, ...]:
     """Say in one line each what was decided, and where.
@@ -134,7 +131,7 @@ def resolve_conflicts(
     return tuple(found)
 
 
-def _resolved(line: str, at: Floats) -> Resolution:
+def _resolved(line: str, at: Float64Array) -> Resolution:
     return Resolution(line, float(at[0]), float(at[1]))
 
 
@@ -145,7 +142,7 @@ def _place(first: int, last: int, count: int) -> int:
     return (first + last) // 2
 
 
-def _met(run: Crossing, river: River, ground: Floats, rivers: Sequence[River]) -> str:
+def _met(run: Crossing, river: River, ground: Float64Array, rivers: Sequence[River]) -> str:
     inside = slice(run.first, run.last + 1)
     cut = max(float((ground[inside] - river.centreline[inside, 2]).max()), 0.0)
     if run.first == 0:
@@ -158,7 +155,7 @@ def _met(run: Crossing, river: River, ground: Floats, rivers: Sequence[River]) -
     return f"crosses mountain {run.mountain}: valley cut {cut:.0f} m"
 
 
-def _at(sketch: Sketch, numbers: Numbers, line: Floats) -> Numbers:
+def _at(sketch: Sketch, numbers: Int64Array, line: Float64Array) -> Int64Array:
     column = np.floor(line[:, 0] / sketch.pixel_size).astype(np.int64)
     row = np.floor(sketch.height_px - line[:, 1] / sketch.pixel_size).astype(np.int64)
     inside = (row >= 0) & (row < sketch.height_px) & (column >= 0) & (column < sketch.width_px)

@@ -14,12 +14,12 @@ from sketchterrain.features.catalogue import FEATURE_TYPES
 from sketchterrain.features.hashing import hash_unit
 
 if TYPE_CHECKING:
-    from sketchterrain.features.catalogue import Points
+    from sketchterrain.array_types import StructuredArray
 
 _LEAST, _MOST = 0.15, 0.45  # half the length of a crest, in ground radii
 
 
-def crest_offsets(points: Points) -> npt.NDArray[np.float64]:
+def crest_offsets(points: StructuredArray) -> npt.NDArray[np.float64]:
     """Return half the crest of each feature, eastward and northward, in its ground radii.
 
     A function of the id, so that a feature that is moved keeps its crest.

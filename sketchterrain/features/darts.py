@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import ndimage
 
-from sketchterrain.features.shape_pixels import LEAST_DISC, Flags, Floats, Ints, Pixels
+from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
+from sketchterrain.features.shape_pixels import LEAST_DISC, Pixels
 
 if TYPE_CHECKING:
     from sketchterrain.features.shapes import Shape
@@ -20,7 +21,7 @@ _SPINE_SPACING = 0.5  # of a disc's radius, between discs along the medial axis 
 _LEAST_SPINE = 0.3  # of the largest summit's disc: thinner twigs of the axis are a brush's raggedness
 
 
-def throw_summits(shape: Shape, pixels: Pixels, mean: float, multitude: int) -> Ints:
+def throw_summits(shape: Shape, pixels: Pixels, mean: float, multitude: int) -> Int64Array:
     """Throw darts in order of priority: far apart first, then closer until there are enough."""
     depth, deepest = pixels.depth, float(pixels.depth.max())
     highest = ndimage.maximum_filter(shape.depth, size=3, mode="constant")
@@ -51,13 +52,13 @@ def throw_summits(shape: Shape, pixels: Pixels, mean: float, multitude: int) -> 
     return np.asarray(accepted, dtype=np.int64)
 
 
-def _apart(pixels: Pixels, darts: Ints, index: int, spacing: float | Floats) -> Flags:
+def _apart(pixels: Pixels, darts: Int64Array, index: int, spacing: float | Float64Array) -> BoolArray:
     down = pixels.row[darts] - pixels.row[index]
     across = pixels.column[darts] - pixels.column[index]
     return np.asarray(down * down + across * across >= np.maximum(np.square(spacing), 1.0))
 
 
-def throw_spine(shape: Shape, pixels: Pixels, summits: Ints, fidelity: float) -> Ints:
+def throw_spine(shape: Shape, pixels: Pixels, summits: Int64Array, fidelity: float) -> Int64Array:
     """Throw darts at the medial axis, so near to each other that the discs overlap."""
     # A distance map climbs by one a pixel but on the medial axis, where it turns.
     down, across = np.gradient(np.pad(shape.depth, 1))
@@ -81,15 +82,15 @@ def throw_spine(shape: Shape, pixels: Pixels, summits: Ints, fidelity: float) ->
 class _Near:
     """Darts by where they stand, so that one that lands need not be compared with all of them."""
 
-    def __init__(self, shape: Shape, pixels: Pixels, darts: Ints, spacing: Floats) -> None:
+    def __init__(self, shape: Shape, pixels: Pixels, darts: Int64Array, spacing: Float64Array) -> None:
         self._pixels, self._darts, self._spacing = pixels, darts, spacing
         self._reach = math.ceil(float(spacing.max(initial=0.0)))
-        self._turn: Ints | None = None
+        self._turn: Int64Array | None = None
         if len(darts) > (2 * self._reach + 1) ** 2:
             self._turn = np.full(shape.mask.shape, -1, dtype=np.int64)
             self._turn[pixels.row[darts], pixels.column[darts]] = np.arange(len(darts))
 
-    def clear(self, free: Flags, index: int) -> None:
+    def clear(self, free: BoolArray, index: int) -> None:
         """Strike out the darts that are too near to a pixel."""
         if self._turn is None:
             free &= _apart(self._pixels, self._darts, index, self._spacing)

@@ -8,13 +8,14 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-Floats = npt.NDArray[np.float64]
+from sketchterrain.array_types import Float64Array
+
 Ints = npt.NDArray[np.intp]
 
 _WIDER = 1 + 1e-9  # so that rounding leaves out no pair; one too many counts nothing
 
 
-def cubic(t: Floats) -> Floats:
+def cubic(t: Float64Array) -> Float64Array:
     """2t³ - 3t² + 1 for t in [0, 1], 0 beyond: one at the centre, flat at both ends."""
     t = np.clip(t, 0.0, 1.0)
     return (2.0 * t - 3.0) * t * t + 1.0
@@ -31,12 +32,12 @@ class DensityField:
         Weight of each feature, usually its radius in metres.
     """
 
-    def __init__(self, positions: Floats, sizes: Floats) -> None:
+    def __init__(self, positions: Float64Array, sizes: Float64Array) -> None:
         self._positions = positions
         self._sizes = sizes
         self._tree = cKDTree(positions) if len(positions) else None
 
-    def total(self, at: Floats, radius: Floats) -> Floats:
+    def total(self, at: Float64Array, radius: Float64Array) -> Float64Array:
         """Sum of the features' sizes around positions, each weighted by the cubic kernel.
 
         Parameters
@@ -53,7 +54,9 @@ class DensityField:
         position, feature, weight = self._pairs(at, radius)
         return np.bincount(position, weight * self._sizes[feature], minlength=len(at)).astype(np.float64)
 
-    def mean(self, values: Floats, at: Floats, radius: Floats, *, default: float = 0.0) -> Floats:
+    def mean(
+        self, values: Float64Array, at: Float64Array, radius: Float64Array, *, default: float = 0.0
+    ) -> Float64Array:
         """Mean of a property of the features around positions, weighted like `total`.
 
         Parameters
@@ -71,7 +74,7 @@ class DensityField:
         mean = np.bincount(position, weight * values[feature], minlength=len(at))
         return np.where(total > 0.0, mean / np.where(total > 0.0, total, 1.0), default)
 
-    def around(self, places: Floats, radius: Floats) -> Floats:
+    def around(self, places: Float64Array, radius: Float64Array) -> Float64Array:
         """Like `total`, for groups of places that are close together.
 
         Parameters
@@ -95,14 +98,14 @@ class DensityField:
         total = np.bincount(place.ravel(), weight.ravel(), minlength=len(places) * count)
         return total.astype(np.float64).reshape(len(places), count)
 
-    def _pairs(self, at: Floats, radius: Floats) -> tuple[Ints, Ints, Floats]:
+    def _pairs(self, at: Float64Array, radius: Float64Array) -> tuple[Ints, Ints, Float64Array]:
         """Index of the position, index of the feature and kernel weight of each pair within reach."""
         position, feature = self._near(at, radius)
         offset = at[position] - self._positions[feature]
         distance = np.sqrt(offset[:, 0] ** 2 + offset[:, 1] ** 2)
         return position, feature, cubic(distance / np.maximum(radius[position], 1e-9))
 
-    def _near(self, at: Floats, radius: Floats) -> tuple[Ints, Ints]:
+    def _near(self, at: Float64Array, radius: Float64Array) -> tuple[Ints, Ints]:
         """Index of the position and of the feature of each pair within reach, and of some just beyond.
 
         Sorted by position and feature: the order of adding up never depends on how the tree was built.
@@ -116,7 +119,7 @@ class DensityField:
         return position, np.fromiter(chain.from_iterable(found), dtype=np.intp, count=int(counts.sum()))
 
 
-def spread(places: Floats) -> Floats:
+def spread(places: Float64Array) -> Float64Array:
     """Return how far (m) the places of each group, (m, k, 2), lie from its first one, at most."""
     offset = places - places[:, :1]
     return np.asarray(np.sqrt((offset[..., 0] ** 2 + offset[..., 1] ** 2).max(axis=1)))

@@ -8,10 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.features.density import DensityField, spread
-
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 _WIDER = 1 + 1e-6  # than reach, by more than rounding does
 
@@ -31,10 +29,10 @@ class FeatureSet:
     """
 
     ids: npt.NDArray[np.uint64]
-    positions: Floats
-    sizes: Floats
+    positions: Float64Array
+    sizes: Float64Array
 
-    def same(self, other: FeatureSet) -> tuple[Flags, npt.NDArray[np.intp]]:
+    def same(self, other: FeatureSet) -> tuple[BoolArray, npt.NDArray[np.intp]]:
         """Which rows the other has too, bit for bit, and where; where it has not, any row."""
         if len(other.ids) == 0 or self.positions.shape[1:] != other.positions.shape[1:]:
             return np.zeros(len(self.ids), dtype=np.bool_), np.zeros(len(self.ids), dtype=np.intp)
@@ -48,9 +46,9 @@ class DensityCache:
     """Answers like `DensityField.around`, and remembers the last answer; the bits are the same."""
 
     def __init__(self) -> None:
-        self._last: tuple[FeatureSet, FeatureSet, Floats] | None = None
+        self._last: tuple[FeatureSet, FeatureSet, Float64Array] | None = None
 
-    def around(self, features: FeatureSet, asked: FeatureSet) -> Floats:
+    def around(self, features: FeatureSet, asked: FeatureSet) -> Float64Array:
         """Sum of the features' sizes around places, each weighted by the cubic kernel.
 
         Parameters
@@ -81,7 +79,7 @@ class DensityCache:
         return result
 
 
-def _near_changes(before: FeatureSet, after: FeatureSet, asked: FeatureSet) -> Flags:
+def _near_changes(before: FeatureSet, after: FeatureSet, asked: FeatureSet) -> BoolArray:
     """Which groups of places anything that came or went may have to do with."""
     changed = np.concatenate(
         [one.positions[~one.same(other)[0]] for one, other in ((before, after), (after, before))]
@@ -95,7 +93,7 @@ def _near_changes(before: FeatureSet, after: FeatureSet, asked: FeatureSet) -> F
     return np.asarray(distance <= reach)
 
 
-def _in_box(positions: Floats, places: Floats, reach: float) -> Flags:
+def _in_box(positions: Float64Array, places: Float64Array, reach: float) -> BoolArray:
     """Which positions lie in the rectangle around all places, widened by their reach."""
     every = places.reshape(-1, 2)
     low, high = every.min(axis=0) - reach * _WIDER, every.max(axis=0) + reach * _WIDER

@@ -8,14 +8,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.features.catalogue import (
-    FEATURE,
-    FEATURE_TYPES,
-    FILL_BIT,
-    Points,
-    conifer_code,
-    conifer_share,
-)
+from sketchterrain.array_types import StructuredArray
+from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, FILL_BIT, conifer_code, conifer_share
 from sketchterrain.features.river_edits import targets_lake, targets_river
 from sketchterrain.sketch import ACTIONS, LAYERS, Edit
 
@@ -52,11 +46,11 @@ class EditedPoints:
         One line for each edit whose feature is not there.
     """
 
-    points: Points
-    unlocked: Points
+    points: StructuredArray
+    unlocked: StructuredArray
     locked: npt.NDArray[np.bool_]
     lock_only: npt.NDArray[np.bool_]
-    replaced: Points
+    replaced: StructuredArray
     orphans: tuple[str, ...]
 
 
@@ -70,7 +64,7 @@ class EditedFill:
         Some of its features.
     """
 
-    def __init__(self, fill: Fill, replaced: Points) -> None:
+    def __init__(self, fill: Fill, replaced: StructuredArray) -> None:
         self.fill = fill
         self.replaced = replaced
         self.max_radius = fill.max_radius
@@ -91,14 +85,14 @@ class EditedFill:
 
     def within(
         self, west: float, south: float, east: float, north: float, *, min_radius: float = 0.0
-    ) -> Points:
+    ) -> StructuredArray:
         """Find the features whose centre lies in a rectangle, as `Fill.within` does."""
         found = self.fill.within(west, south, east, north, min_radius=min_radius)
-        kept: Points = found[~np.isin(found["id"], self.replaced["id"])]
+        kept: StructuredArray = found[~np.isin(found["id"], self.replaced["id"])]
         return kept
 
 
-def apply_painted_edits(painted: Points, edits: Iterable[Edit]) -> EditedPoints:
+def apply_painted_edits(painted: StructuredArray, edits: Iterable[Edit]) -> EditedPoints:
     """Do a person's edits to what was painted, and add what they added.
 
     Parameters
@@ -153,9 +147,9 @@ def _of_fill(edit: Edit) -> bool:
     return (edit.feature or 0) >= int(FILL_BIT)
 
 
-def _edited(before: Points, edits: list[Edit]) -> EditedPoints:
-    changed: dict[int, Points | None] = {}
-    unlocked: dict[int, Points | None] = {}
+def _edited(before: StructuredArray, edits: list[Edit]) -> EditedPoints:
+    changed: dict[int, StructuredArray | None] = {}
+    unlocked: dict[int, StructuredArray | None] = {}
     locks = {edit.feature for edit in edits if edit.action == "lock"}
     orphans = []
     for edit in edits:
@@ -180,23 +174,23 @@ def _edited(before: Points, edits: list[Edit]) -> EditedPoints:
     return EditedPoints(points, asked, locked, held, hidden, tuple(orphans))
 
 
-def _sorted(parts: list[Points]) -> Points:
+def _sorted(parts: list[StructuredArray]) -> StructuredArray:
     together = np.concatenate(parts)
-    ordered: Points = together[np.argsort(together["id"], kind="stable")]
+    ordered: StructuredArray = together[np.argsort(together["id"], kind="stable")]
     return ordered
 
 
-def _among(points: Points, ids: Iterable[int]) -> npt.NDArray[np.bool_]:
+def _among(points: StructuredArray, ids: Iterable[int]) -> npt.NDArray[np.bool_]:
     return np.isin(points["id"], np.array(list(ids), dtype=np.uint64))
 
 
-def _row(points: Points, name: int) -> Points | None:
+def _row(points: StructuredArray, name: int) -> StructuredArray | None:
     at = int(np.searchsorted(points["id"], np.uint64(name)))
     found = at < len(points) and int(points["id"][at]) == name
     return points[at : at + 1].copy() if found else None
 
 
-def _stored(edit: Edit) -> Points:
+def _stored(edit: Edit) -> StructuredArray:
     """Return the feature that a lock or an addition holds."""
     row = np.zeros(1, dtype=FEATURE)
     row["id"], row["painted"] = edit.feature, not _of_fill(edit)
@@ -212,7 +206,7 @@ def _stored(edit: Edit) -> Points:
     return row
 
 
-def _with_values(row: Points, edit: Edit) -> Points:
+def _with_values(row: StructuredArray, edit: Edit) -> StructuredArray:
     row = row.copy()
     for key in ("x", "y", "radius", "strength"):
         if key in edit.values:

@@ -12,10 +12,10 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array, StructuredArray
 from sketchterrain.errors import InputError
-from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, FILL_BIT, STYLE, Points, conifer_code
+from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, FILL_BIT, STYLE, conifer_code
 from sketchterrain.features.crests import crest_offsets
 from sketchterrain.features.fill_home import HomeMemory, cached_bounds
 from sketchterrain.features.fill_proposals import CandidateRule, candidate_rules
@@ -29,9 +29,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sketchterrain.sketch.document import Sketch
-
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 
 class Fill:
@@ -64,10 +61,10 @@ class Fill:
     def __init__(
         self,
         sketch: Sketch,
-        painted: Points,
+        painted: StructuredArray,
         *,
         seed: int,
-        river_distance: Callable[[Floats, Floats], Floats] | None = None,
+        river_distance: Callable[[Float64Array, Float64Array], Float64Array] | None = None,
         memory: PlacementCache | None = None,
     ) -> None:
         self.sketch = sketch
@@ -82,7 +79,7 @@ class Fill:
             distances["river"] = river_distance
         self._painted = PaintedClearance(painted, distances)
         self._home = cached_bounds(sketch, tuple(self._proposals.values()))
-        self._at_home: Points | None = None
+        self._at_home: StructuredArray | None = None
         self._answers = memory.part(HomeMemory).answers
 
     def __reduce__(self) -> tuple[Callable[..., Fill], tuple[object, ...]]:
@@ -133,8 +130,8 @@ class Fill:
         return far
 
     def candidate_influence(
-        self, own: str, name: str, radii: Floats, radius: float | None = None
-    ) -> Floats | None:
+        self, own: str, name: str, radii: Float64Array, radius: float | None = None
+    ) -> Float64Array | None:
         """How far (m) candidates of a type, at these radii (m) react to a change; None if never."""
         if radius is not None:
             factor = SPACING.get((name, own), 0.0)
@@ -144,7 +141,7 @@ class Fill:
         # Beyond the sketch's edge a distance may be told too short by a factor of up to √2.
         return math.sqrt(2.0) * CLEARANCE[own, name] * radii + 2.0 * self.sketch.pixel_size
 
-    def candidates(self, name: str, box: tuple[float, float, float, float]) -> Points:
+    def candidates(self, name: str, box: tuple[float, float, float, float]) -> StructuredArray:
         """Candidates of a type in a rectangle (west, south, east, north, m), whatever is painted there."""
         return self._proposed(self._proposals[name], box)
 
@@ -164,7 +161,7 @@ class Fill:
 
     def within(
         self, west: float, south: float, east: float, north: float, *, min_radius: float = 0.0
-    ) -> Points:
+    ) -> StructuredArray:
         """Find the features whose centre lies in a rectangle.
 
         Parameters
@@ -193,21 +190,21 @@ class Fill:
             self._at_home = self._found(home, 0.0)
         near = self._at_home
         inside = (box[0] <= near["x"]) & (near["x"] < box[2]) & (box[1] <= near["y"]) & (near["y"] < box[3])
-        kept: Points = near[inside & (near["radius"] >= min_radius)]
+        kept: StructuredArray = near[inside & (near["radius"] >= min_radius)]
         return kept
 
-    def _found(self, box: tuple[float, float, float, float], min_radius: float) -> Points:
+    def _found(self, box: tuple[float, float, float, float], min_radius: float) -> StructuredArray:
         asked = [proposal for proposal in self._proposals.values() if proposal.high >= min_radius]
         near = self._candidates_around(box, asked)
         parts = [np.zeros(0, dtype=FEATURE)]
         parts.extend(self._survivors(proposal, near, box, min_radius) for proposal in asked)
         found = np.concatenate(parts)
-        ordered: Points = found[np.argsort(found["id"], kind="stable")]
+        ordered: StructuredArray = found[np.argsort(found["id"], kind="stable")]
         return ordered
 
     def _candidates_around(
         self, box: tuple[float, float, float, float], asked: list[CandidateRule]
-    ) -> dict[str, Points]:
+    ) -> dict[str, StructuredArray]:
         """Candidates of each type in a rectangle, and around it as far as they may stand in others' way."""
         near = {}
         # Around the home most is as it was for the sketch before.
@@ -223,10 +220,10 @@ class Fill:
     def _survivors(
         self,
         proposal: CandidateRule,
-        near: dict[str, Points],
+        near: dict[str, StructuredArray],
         box: tuple[float, float, float, float],
         min_radius: float,
-    ) -> Points:
+    ) -> StructuredArray:
         mine = near[proposal.name]
         inside = (box[0] <= mine["x"]) & (mine["x"] < box[2]) & (box[1] <= mine["y"]) & (mine["y"] < box[3])
         mine = mine[inside & (mine["radius"] >= min_radius)]
@@ -240,15 +237,15 @@ class Fill:
 
     def _candidates(
         self, proposal: CandidateRule, box: tuple[float, float, float, float], answers: LRUCache
-    ) -> Points:
+    ) -> StructuredArray:
         """Candidates of a type in a rectangle, without those that stand where something was painted."""
         properties = tuple(self.sketch.properties(proposal.name, 1).items())
-        proposed: Points = answers.of(
+        proposed: StructuredArray = answers.of(
             ("proposed", self.seed, proposal, box, properties), lambda: self._proposed(proposal, box)
         )
         return proposed[self._painted.clearance_mask(proposal.name, proposed, answers)]
 
-    def _proposed(self, proposal: CandidateRule, box: tuple[float, float, float, float]) -> Points:
+    def _proposed(self, proposal: CandidateRule, box: tuple[float, float, float, float]) -> StructuredArray:
         name, cell, code = proposal.name, proposal.cell, FEATURE_TYPES.index(proposal.name)
         most = math.ceil(proposal.per_cell)
         column = np.arange(math.floor(box[0] / cell), math.floor(box[2] / cell) + 1)[None, :, None]
@@ -270,7 +267,7 @@ class Fill:
         self._dress(result, proposal, hash_unit(self.seed, f"{name} strength", *keys))
         return result
 
-    def _dress(self, features: Points, proposal: CandidateRule, chance: Floats) -> None:
+    def _dress(self, features: StructuredArray, proposal: CandidateRule, chance: Float64Array) -> None:
         """Strength and the rest from the properties of the layer's label 1, lower where it is smaller."""
         properties = self.sketch.properties(proposal.name, 1)
         radius = features["radius"].astype(np.float64)
@@ -289,10 +286,10 @@ class Fill:
 
 def _made_again(
     sketch: Sketch,
-    painted: Points,
+    painted: StructuredArray,
     seed: int,
-    river_distance: Callable[[Floats, Floats], Floats] | None,
-    at_home: Points | None,
+    river_distance: Callable[[Float64Array, Float64Array], Float64Array] | None,
+    at_home: StructuredArray | None,
 ) -> Fill:
     fill = Fill(sketch, painted, seed=seed, river_distance=river_distance)
     fill._at_home = at_home

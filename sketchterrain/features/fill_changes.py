@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 
-from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, Points
+from sketchterrain.array_types import Bounds, Float64Array, StructuredArray
+from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES
 from sketchterrain.features.edits import EditedFill
 
 if TYPE_CHECKING:
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from sketchterrain.features.fill import Fill
     from sketchterrain.sketch import Sketch
 
-Box = tuple[float, float, float, float]
-Floats = npt.NDArray[np.float64]
 
 _OVERLAP = 0.5  # of the smaller rectangle, beyond what joining adds
 _MOST_REGIONS = 64  # changed regions that are looked at one by one
 
 
-def fill_difference(old: Fill | EditedFill, new: Fill | EditedFill) -> tuple[Points, Points] | None:
+def fill_difference(
+    old: Fill | EditedFill, new: Fill | EditedFill
+) -> tuple[StructuredArray, StructuredArray] | None:
     """Find the features that only one of two fills has.
 
     Returns
@@ -45,23 +45,23 @@ def fill_difference(old: Fill | EditedFill, new: Fill | EditedFill) -> tuple[Poi
     return np.unique(np.concatenate(gone)), np.unique(np.concatenate(come))
 
 
-def rows_only_in(one: Points, other: Points) -> Points:
+def rows_only_in(one: StructuredArray, other: StructuredArray) -> StructuredArray:
     """Return the rows of one array that the other does not have, bit for bit."""
     there = set(_rows(other))
-    found: Points = one[np.array([row not in there for row in _rows(one)], dtype=np.bool_)]
+    found: StructuredArray = one[np.array([row not in there for row in _rows(one)], dtype=np.bool_)]
     return found
 
 
-def _rows(points: Points) -> list[bytes]:
+def _rows(points: StructuredArray) -> list[bytes]:
     data, size = np.ascontiguousarray(points).tobytes(), points.dtype.itemsize
     return [data[start : start + size] for start in range(0, len(data), size)]
 
 
-def _parts(fill: Fill | EditedFill) -> tuple[Fill, Points]:
+def _parts(fill: Fill | EditedFill) -> tuple[Fill, StructuredArray]:
     return (fill.fill, fill.replaced) if isinstance(fill, EditedFill) else (fill, np.zeros(0, dtype=FEATURE))
 
 
-def _affected(old: Fill, new: Fill) -> list[Box]:
+def _affected(old: Fill, new: Fill) -> list[Bounds]:
     """Rectangles outside of which the two fills are the same."""
     found = []
     points = np.concatenate([rows_only_in(old.painted, new.painted), rows_only_in(new.painted, old.painted)])
@@ -75,12 +75,12 @@ def _affected(old: Fill, new: Fill) -> list[Box]:
     return merge_boxes(found)
 
 
-def _widened(box: Box, reach: float) -> Box:
+def _widened(box: Bounds, reach: float) -> Bounds:
     west, south, east, north = box
     return west - reach, south - reach, east + reach, north + reach
 
 
-def _repainted(old: Sketch, new: Sketch, name: str) -> list[Box]:
+def _repainted(old: Sketch, new: Sketch, name: str) -> list[Bounds]:
     """Return rectangles (m) around the pixels of a layer painted in only one of two sketches of one size."""
     image, boxes = new.layers[name], []
     if image is old.layers[name]:
@@ -101,7 +101,7 @@ def _repainted(old: Sketch, new: Sketch, name: str) -> list[Box]:
     return boxes
 
 
-def merge_boxes(boxes: Iterable[Box]) -> list[Box]:
+def merge_boxes(boxes: Iterable[Bounds]) -> list[Bounds]:
     """Join rectangles that overlap so much that one around both takes in little else."""
     every = np.array(list(boxes), dtype=np.float64).reshape(-1, 4)
     kept, count = np.zeros_like(every), 0
@@ -121,6 +121,6 @@ def merge_boxes(boxes: Iterable[Box]) -> list[Box]:
     return [(west, south, east, north) for west, south, east, north in kept[:count].tolist()]
 
 
-def _area(low: Floats, high: Floats) -> Floats:
+def _area(low: Float64Array, high: Float64Array) -> Float64Array:
     size = high - low
     return np.asarray(size[:, 0] * size[:, 1])

@@ -13,10 +13,8 @@ from sketchterrain.features.rules import SPACING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sketchterrain.features.catalogue import Points
+    from sketchterrain.array_types import Float64Array, StructuredArray
     from sketchterrain.features.fill import Fill
-
-    Floats = npt.NDArray[np.float64]
 
     Change = tuple[float, str, float | None]
     """How far (m) from the change it is felt, type of a placed feature and its radius, or layer and None."""
@@ -49,7 +47,7 @@ def fill_influence(fill: Fill, changes: Sequence[Change], *, support: float) -> 
     }
     far = [0.0]
     for start, name, radius in changes:
-        felt: dict[str, Floats] = {}
+        felt: dict[str, Float64Array] = {}
         for own, points in candidates.items():
             way = fill.candidate_influence(own, name, points["radius"].astype(np.float64), radius)
             if way is not None:
@@ -63,8 +61,8 @@ def fill_influence(fill: Fill, changes: Sequence[Change], *, support: float) -> 
 
 
 def _pairs(
-    rivals: Points, own: Points, factor: float
-) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], Floats]:
+    rivals: StructuredArray, own: StructuredArray, factor: float
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], Float64Array]:
     """Pairs of candidates that conflict, and how far apart they are (m)."""
     reach = factor * float(rivals["radius"].max(initial=0.0) + own["radius"].max(initial=0.0))
     trees = [cKDTree(np.stack([points["x"], points["y"]], axis=-1)) for points in (rivals, own)]
@@ -75,7 +73,7 @@ def _pairs(
     return found["i"], found["j"], found["v"]
 
 
-def _outside(points: Points, size: tuple[float, float]) -> Floats:
+def _outside(points: StructuredArray, size: tuple[float, float]) -> Float64Array:
     """Distance (m) from the sketch; 0 inside."""
     across = np.maximum(np.maximum(-points["x"], points["x"] - size[0]), 0.0)
     along = np.maximum(np.maximum(-points["y"], points["y"] - size[1]), 0.0)

@@ -7,10 +7,10 @@ from hashlib import blake2b
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from sketchterrain.features.catalogue import FEATURE_TYPES, Points
+from sketchterrain.array_types import BoolArray, Float64Array, StructuredArray
+from sketchterrain.features.catalogue import FEATURE_TYPES
 from sketchterrain.features.recent import IdentityKey
 from sketchterrain.features.rules import CLEARANCE, SPACING
 
@@ -21,13 +21,10 @@ if TYPE_CHECKING:
     from sketchterrain.features.recent import LRUCache
     from sketchterrain.sketch.document import Sketch
 
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
-
 
 def distances_to_layers(
     sketch: Sketch, memory: PlacementCache, fills: tuple[str, ...]
-) -> dict[str, Callable[[Floats, Floats], Floats]]:
+) -> dict[str, Callable[[Float64Array, Float64Array], Float64Array]]:
     """Distance to what is painted in each layer that any of these types keeps away from."""
     return {
         layer: memory.painted_distance(sketch, layer)
@@ -39,11 +36,15 @@ def distances_to_layers(
 class PaintedClearance:
     """What was painted, as the fill sees it: places to keep away from."""
 
-    def __init__(self, painted: Points, distances: dict[str, Callable[[Floats, Floats], Floats]]) -> None:
+    def __init__(
+        self,
+        painted: StructuredArray,
+        distances: dict[str, Callable[[Float64Array, Float64Array], Float64Array]],
+    ) -> None:
         self._distance = distances
         self._placed = {name: painted[painted["type"] == code] for code, name in enumerate(FEATURE_TYPES)}
 
-    def clearance_mask(self, name: str, features: Points, answers: LRUCache) -> Flags:
+    def clearance_mask(self, name: str, features: StructuredArray, answers: LRUCache) -> BoolArray:
         """Which features of a type keep their clearance from paint and their spacing from what it became.
 
         What is remembered of these very features is among the answers.
@@ -65,12 +66,16 @@ class PaintedClearance:
         return room
 
 
-def _clear(features: Points, distance: Callable[[Floats, Floats], Floats], factor: float) -> Flags:
+def _clear(
+    features: StructuredArray, distance: Callable[[Float64Array, Float64Array], Float64Array], factor: float
+) -> BoolArray:
     away = distance(features["x"], features["y"])
     return np.asarray(away > factor * features["radius"].astype(np.float64))
 
 
-def suppressed_by(mine: Points, rivals: Points, factor: float, reach: float, *, same: bool) -> Flags:
+def suppressed_by(
+    mine: StructuredArray, rivals: StructuredArray, factor: float, reach: float, *, same: bool
+) -> BoolArray:
     """Which features have a rival nearer than `factor` times the sum of radii (and, if same, of lower id).
 
     Ids of the fill are hashes: a lower one is as good as a higher priority.

@@ -9,14 +9,15 @@ import numpy as np
 from scipy import ndimage
 
 if TYPE_CHECKING:
-    from sketchterrain.features.shape_pixels import Floats, Ints, Pixels
+    from sketchterrain.array_types import Float64Array, Int64Array
+    from sketchterrain.features.shape_pixels import Pixels
     from sketchterrain.features.shapes import Shape
 
 _ROUNDS = 8  # of looking for holes
 _LEAST_HOLE = 0.9  # px; what is narrower is the raggedness of a brush, which fidelity 1 keeps
 
 
-def fill_holes(shape: Shape, pixels: Pixels, chosen: Ints, fidelity: float) -> Ints:
+def fill_holes(shape: Shape, pixels: Pixels, chosen: Int64Array, fidelity: float) -> Int64Array:
     """Choose discs for what the chosen ones leave bare, the deepest holes first, until enough is covered."""
     cover = _Cover(shape, pixels)
     for index in chosen:
@@ -75,7 +76,7 @@ class _Cover:
             self.bare -= 1
         return index
 
-    def holes(self, least: float) -> tuple[Ints, Floats]:
+    def holes(self, least: float) -> tuple[Int64Array, Float64Array]:
         """Find the deepest pixels of what is bare and how deep they are (px), deepest first."""
         pixels = self._pixels
         bare = np.zeros(self._number.shape, dtype=np.bool_)
@@ -86,7 +87,7 @@ class _Cover:
         order = np.lexsort((pixels.priority[found], -np.round(4.0 * depth[peak])))
         return found[order], depth[peak][order]
 
-    def _around(self, index: int, radius: float) -> tuple[Ints, Floats]:
+    def _around(self, index: int, radius: float) -> tuple[Int64Array, Float64Array]:
         """Pixels of the shape in a window around one, and how far they are from it."""
         row, column = int(self._pixels.row[index]), int(self._pixels.column[index])
         reach = math.ceil(radius)

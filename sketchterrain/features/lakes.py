@@ -10,6 +10,7 @@ import numpy.typing as npt
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.features.catalogue import Lake, ShapeField
 from sketchterrain.features.hashing import value_noise
 from sketchterrain.features.recent import IdentityKey
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from sketchterrain.features.river_shape import Network
     from sketchterrain.sketch.document import Sketch
 
-Floats = npt.NDArray[np.float64]
 Runs: TypeAlias = list[tuple[int, int, int]]
 """First point, last point and lake (an index) of each run of a course inside a lake, upstream first."""
 
@@ -46,7 +46,7 @@ _BEYOND_BIT = 1 << 47  # in the id of a lake that was not painted
 
 def painted_lakes(
     sketch: Sketch,
-    ground: Callable[[Floats, Floats], npt.NDArray[np.floating]],
+    ground: Callable[[Float64Array, Float64Array], npt.NDArray[np.floating]],
     memory: HydrologyCache | None = None,
 ) -> list[Lake]:
     """Lay out what the lake layer paints; each as high as the low parts of its shore allow.
@@ -85,7 +85,7 @@ def painted_lakes(
     ]
 
 
-def _rim_level(shore: Floats) -> float:
+def _rim_level(shore: Float64Array) -> float:
     """Return the level (m) that the heights along a shore can hold."""
     return float(rounded(np.percentile(shore, _LOW_SHORE))) - _FREEBOARD
 
@@ -96,7 +96,7 @@ class _Outline(NamedTuple):
     id: int
     label: int
     field: ShapeField
-    shore: Floats
+    shore: Float64Array
 
 
 def _outlines(sketch: Sketch) -> list[_Outline]:
@@ -145,14 +145,14 @@ def mouth_lakes(sketch: Sketch, courses: Sequence[RiverCourse], *, seed: int) ->
     return lakes
 
 
-def lake_centre(lake: Lake) -> Floats:
+def lake_centre(lake: Lake) -> Float64Array:
     """Return the middle (m) of the rectangle that a lake's field covers."""
     field = lake.shape
     size = np.array(field.inside.shape[::-1]) - 1
     return np.asarray(np.array([field.west, field.south]) + 0.5 * field.spacing * size)
 
 
-def distance_inside(field: ShapeField, at: Floats) -> Floats:
+def distance_inside(field: ShapeField, at: Float64Array) -> Float64Array:
     """Return the distance inside a shape (m) at positions (n, 2); far outside it, what its rim says."""
     column = (at[:, 0] - field.west) / field.spacing
     row = (at[:, 1] - field.south) / field.spacing
@@ -161,7 +161,7 @@ def distance_inside(field: ShapeField, at: Floats) -> Floats:
     )
 
 
-def runs_inside(lakes: Sequence[Lake], line: Floats) -> Runs:
+def runs_inside(lakes: Sequence[Lake], line: Float64Array) -> Runs:
     """Find the runs of a centreline that lie in lakes."""
     return sorted(
         (first, last, number)
@@ -170,7 +170,7 @@ def runs_inside(lakes: Sequence[Lake], line: Floats) -> Runs:
     )
 
 
-def lake_reaches(lakes: Sequence[Lake], line: Floats) -> list[tuple[int, int, int, int]]:
+def lake_reaches(lakes: Sequence[Lake], line: Float64Array) -> list[tuple[int, int, int, int]]:
     """Find where a centreline comes into lakes' rims, and the runs inside the lakes.
 
     Returns
@@ -200,8 +200,8 @@ def _runs(there: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 
 def solve_lake_levels(
-    lakes: Sequence[Lake], network: Network, grounds: Sequence[Floats]
-) -> tuple[list[Lake], list[Floats]]:
+    lakes: Sequence[Lake], network: Network, grounds: Sequence[Float64Array]
+) -> tuple[list[Lake], list[Float64Array]]:
     """Lower lakes until no river runs up into one, and let rivers run through them.
 
     Returns
@@ -238,11 +238,11 @@ def lake_pixels(sketch: Sketch) -> cKDTree | None:
     return cKDTree(painted) if len(painted) else None
 
 
-def _distance(place: Floats, line: Floats) -> float:
+def _distance(place: Float64Array, line: Float64Array) -> float:
     return float(np.sqrt(((line - place) ** 2).sum(axis=1)).min())
 
 
-def _shore(field: ShapeField) -> Floats:
+def _shore(field: ShapeField) -> Float64Array:
     """Positions (m) of samples just outside a shape; of its least outside ones if there are none."""
     row, column = np.nonzero((field.inside <= 0.0) & (field.inside > -1.5 * field.spacing))
     thin = max(len(row) // _SHORE_POINTS, 1)
@@ -250,7 +250,7 @@ def _shore(field: ShapeField) -> Floats:
     return np.asarray(at + np.array([field.west, field.south]))
 
 
-def _blob(centre: Floats, radius: float, margin: float, *, seed: int, name: int) -> ShapeField:
+def _blob(centre: Float64Array, radius: float, margin: float, *, seed: int, name: int) -> ShapeField:
     """Make a rounded shape of hash_keys outline around a place."""
     spacing = radius / 12.0
     half = int(np.ceil((1.4 * radius + margin) / spacing)) + 1

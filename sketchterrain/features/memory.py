@@ -8,8 +8,8 @@ from hashlib import blake2b
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array, StructuredArray
 from sketchterrain.features.density_memory import DensityCache
 from sketchterrain.features.painted_distance import PaintedDistance
 from sketchterrain.features.recent import IdentityKey, LRUCache
@@ -19,8 +19,6 @@ from sketchterrain.features.user_features import USER_FEATURE, user_features
 if TYPE_CHECKING:
     from sketchterrain.sketch.document import LabelImage, Sketch
 
-Users = npt.NDArray[np.void]
-Floats = npt.NDArray[np.float64]
 Part = TypeVar("Part")
 
 
@@ -30,7 +28,7 @@ class _Seen:
 
     image: LabelImage
     settings: tuple[object, ...]
-    users: Users
+    users: StructuredArray
 
 
 class PlacementCache:
@@ -48,7 +46,7 @@ class PlacementCache:
 
     def __init__(self, *, most: int = 16384) -> None:
         self._most = most
-        self._shapes: OrderedDict[bytes, Users] = OrderedDict()
+        self._shapes: OrderedDict[bytes, StructuredArray] = OrderedDict()
         self._layers: dict[str, _Seen] = {}
         self._distances: dict[str, tuple[LabelImage, float, PaintedDistance]] = {}
         self._densities: dict[tuple[str, str], DensityCache] = {}
@@ -73,11 +71,11 @@ class PlacementCache:
         regions: tuple[Region, ...] = self._images.of(IdentityKey(image), lambda: find_regions(image))
         return regions
 
-    def away_from_paint(self, sketch: Sketch, layer: str, positions: Floats) -> Floats:
+    def away_from_paint(self, sketch: Sketch, layer: str, positions: Float64Array) -> Float64Array:
         """Return the distance (m) from positions (..., 2) to what is painted in a layer."""
         distance = self.painted_distance(sketch, layer)
         key = (IdentityKey(distance), positions.shape, blake2b(positions.tobytes()).digest())
-        away: Floats = self._away.of(key, lambda: distance(positions[..., 0], positions[..., 1]))
+        away: Float64Array = self._away.of(key, lambda: distance(positions[..., 0], positions[..., 1]))
         return away
 
     def density(self, feature: str, term: str) -> DensityCache:
@@ -89,7 +87,7 @@ class PlacementCache:
         found: Part = self._parts.setdefault(kind, kind())
         return found
 
-    def user_features(self, sketch: Sketch, layer: str, *, seed: int) -> Users:
+    def user_features(self, sketch: Sketch, layer: str, *, seed: int) -> StructuredArray:
         """Return the user features of a layer, sorted by id.
 
         Parameters
@@ -118,7 +116,7 @@ class PlacementCache:
 
     def _of(
         self, layer: str, image: LabelImage, region: Region, multitude: int, fidelity: float, seed: int
-    ) -> Users:
+    ) -> StructuredArray:
         box = (region.rows.start, region.rows.stop, region.columns.start, region.columns.stop)
         named = repr((layer, region.label, box, image.shape, multitude, fidelity, seed))
         key = blake2b(

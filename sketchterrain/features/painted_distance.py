@@ -7,7 +7,7 @@ import numpy.typing as npt
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-Floats = npt.NDArray[np.float64]
+from sketchterrain.array_types import Float64Array
 
 _FEW = 64  # pixels for each place asked about: for fewer places than so a map of distances does not pay
 
@@ -36,7 +36,7 @@ class PaintedDistance:
         self._tree: cKDTree | None = None
         self._map: npt.NDArray[np.float32] | None = None
 
-    def __call__(self, x: Floats, y: Floats) -> Floats:
+    def __call__(self, x: Float64Array, y: Float64Array) -> Float64Array:
         """Distance (m) at positions in metres; infinite when nothing is painted, 0 on a painted pixel."""
         column = np.asarray(x, dtype=np.float64) / self._pixel_size
         row = self._height - np.asarray(y, dtype=np.float64) / self._pixel_size

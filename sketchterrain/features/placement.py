@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, STYLE, Points, conifer_code
+from sketchterrain.array_types import Float64Array, StructuredArray
+from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, STYLE, conifer_code
 from sketchterrain.features.density import cubic
 from sketchterrain.features.density_memory import FeatureSet
 from sketchterrain.features.hashing import hash_unit
@@ -32,8 +33,6 @@ _SUMMIT_REACH = 2.0  # discs at which summits of one type keep apart
 _LEAST_RADIUS = 1.5  # px
 _LEAST_SHARE = 0.36  # of its label's strength: a lower feature does not reach farther for being low
 
-Floats = npt.NDArray[np.float64]
-
 
 def place(
     sketch: Sketch,
@@ -41,7 +40,7 @@ def place(
     seed: int,
     memory: PlacementCache | None = None,
     checkpoint: Callable[[], None] | None = None,
-) -> Points:
+) -> StructuredArray:
     """Place the features of everything that was painted, rivers apart.
 
     Parameters
@@ -68,7 +67,7 @@ def place(
         if checkpoint is not None:
             checkpoint()
         users[name] = memory.user_features(sketch, name, seed=seed)
-    placed: dict[str, Points] = {}
+    placed: dict[str, StructuredArray] = {}
     around = _Around(sketch, users, placed, memory)
     for name in TYPES:
         if checkpoint is not None:
@@ -78,7 +77,7 @@ def place(
             positions = _preferred(around, name, seed)
         placed[name] = _features(sketch, name, users[name], positions)
     everything = np.concatenate(list(placed.values()))
-    ordered: Points = everything[np.argsort(everything["id"], kind="stable")]
+    ordered: StructuredArray = everything[np.argsort(everything["id"], kind="stable")]
     return ordered
 
 
@@ -106,7 +105,7 @@ def placement_influence(sketch: Sketch, *, seed: int, memory: PlacementCache) ->
     return far
 
 
-def _painted_positions(sketch: Sketch, users: npt.NDArray[np.void]) -> Floats:
+def _painted_positions(sketch: Sketch, users: npt.NDArray[np.void]) -> Float64Array:
     x = (users["column"] + 0.5) * sketch.pixel_size
     y = (sketch.height_px - users["row"] - 0.5) * sketch.pixel_size
     return np.stack([x, y], axis=-1)
@@ -119,7 +118,7 @@ class _Around:
         self,
         sketch: Sketch,
         users: dict[str, npt.NDArray[np.void]],
-        placed: dict[str, Points],
+        placed: dict[str, StructuredArray],
         memory: PlacementCache,
     ) -> None:
         self.sketch = sketch
@@ -127,7 +126,7 @@ class _Around:
         self._placed = placed
         self._memory = memory
 
-    def presence(self, preference: Preference, asked: FeatureSet) -> Floats:
+    def presence(self, preference: Preference, asked: FeatureSet) -> Float64Array:
         """How much of what a preference names is near each place: about 1 for one thing of like size.
 
         The places' sizes are the discs of the features that ask.
@@ -153,14 +152,14 @@ class _Around:
         )
 
     def density(
-        self, feature: str, term: str, features: FeatureSet, asked: FeatureSet, reach: Floats
-    ) -> Floats:
+        self, feature: str, term: str, features: FeatureSet, asked: FeatureSet, reach: Float64Array
+    ) -> Float64Array:
         """Density of features within reach (m) of each place, over the discs of those that ask."""
         memory = self._memory.density(feature, term)
         return memory.around(features, replace(asked, sizes=reach)) / asked.sizes[:, None]
 
 
-def _preferred(around: _Around, name: str, seed: int) -> Floats:
+def _preferred(around: _Around, name: str, seed: int) -> Float64Array:
     own = around.painted(name)
     number = np.arange(_PLACES)
     angle = 2.0 * np.pi * hash_unit(seed, "place angle", own.ids[:, None], number)
@@ -178,7 +177,7 @@ def _preferred(around: _Around, name: str, seed: int) -> Floats:
     return np.asarray(places.positions[np.arange(len(best)), best])
 
 
-def _other_summits(around: _Around, name: str, own: FeatureSet, places: FeatureSet) -> Floats:
+def _other_summits(around: _Around, name: str, own: FeatureSet, places: FeatureSet) -> Float64Array:
     """Density of the other summits of this type, as painted, at each place; 0 for support."""
     summit = np.flatnonzero(around.users[name]["summit"])
     summits, asked = _rows(own, summit), _rows(places, summit)
@@ -194,7 +193,9 @@ def _rows(of: FeatureSet, chosen: npt.NDArray[np.intp]) -> FeatureSet:
     return FeatureSet(of.ids[chosen], of.positions[chosen], of.sizes[chosen])
 
 
-def _features(sketch: Sketch, name: str, users: npt.NDArray[np.void], positions: Floats) -> Points:
+def _features(
+    sketch: Sketch, name: str, users: npt.NDArray[np.void], positions: Float64Array
+) -> StructuredArray:
     rule = TYPES[name]
     disc = users["disc"] * sketch.pixel_size
     result = np.zeros(len(users), dtype=FEATURE)

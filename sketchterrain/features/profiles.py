@@ -8,9 +8,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
+from sketchterrain.array_types import Float64Array
 
 VISIBLE_SHARE: Final = 0.25
 """Share of its label's height at which a shape begins, to the eye and to the measure of adherence."""
@@ -28,13 +27,13 @@ def flank(fidelity: float) -> float:
     return 1.0 + _STEEPEST * steep * steep * steep
 
 
-def cubic(t: Floats) -> Floats:
+def cubic(t: Float64Array) -> Float64Array:
     """Return 2t³ - 3t² + 1: 1 at 0, 0 from 1 on."""
     s = np.minimum(t, 1.0)
     return np.asarray(2.0 * s**3 - 3.0 * s**2 + 1.0)
 
 
-def hill_profile(t: Floats, steepness: float | Floats) -> Floats:
+def hill_profile(t: Float64Array, steepness: float | Float64Array) -> Float64Array:
     """Return what a hill keeps of its height: all up to 1 - 1/steepness, then down to a hollow foot at 1.
 
     A round top, below it a slope that fades evenly into the ground, so that no edge tells where the foot is:
@@ -44,37 +43,41 @@ def hill_profile(t: Floats, steepness: float | Floats) -> Floats:
     return np.asarray((1.0 - s) ** 2 * (1.0 + s * (2.0 + s * (1.4 * s - 3.0))))
 
 
-def hill_slope(t: Floats, steepness: float | Floats) -> Floats:
+def hill_slope(t: Float64Array, steepness: float | Float64Array) -> Float64Array:
     """Return how a hill's profile changes with the distance."""
     s = np.maximum(1.0 - steepness * (1.0 - np.minimum(t, 1.0)), 0.0)
     swell = 1.0 + s * (2.0 + s * (1.4 * s - 3.0))
     return np.asarray(steepness * (1.0 - s) * ((1.0 - s) * (2.0 + s * (4.2 * s - 6.0)) - 2.0 * swell))
 
 
-def mountain_profile(t: Floats, peakiness: float | Floats, steepness: float | Floats) -> Floats:
+def mountain_profile(
+    t: Float64Array, peakiness: float | Float64Array, steepness: float | Float64Array
+) -> Float64Array:
     """Return what a mountain keeps of its height: a hill's profile and a round tip (1 - t)², by peakiness."""
     share = 0.1 + 0.6 * peakiness
     tip = (1.0 - _rounded(t)) ** 2 / (1.0 - 0.5 * _TIP) ** 2
     return np.asarray((1.0 - share) * hill_profile(t, steepness) + share * tip)
 
 
-def mountain_slope(t: Floats, peakiness: float | Floats, steepness: float | Floats) -> Floats:
+def mountain_slope(
+    t: Float64Array, peakiness: float | Float64Array, steepness: float | Float64Array
+) -> Float64Array:
     """Return how a mountain's profile changes with the distance."""
     share = 0.1 + 0.6 * peakiness
     tip = -2.0 * (1.0 - _rounded(t)) * np.minimum(t / _TIP, 1.0) / (1.0 - 0.5 * _TIP) ** 2
     return np.asarray((1.0 - share) * hill_slope(t, steepness) + share * tip)
 
 
-def _rounded(t: Floats) -> Floats:
+def _rounded(t: Float64Array) -> Float64Array:
     return np.where(t < _TIP, 0.5 * (t * t / _TIP + _TIP), np.minimum(t, 1.0))
 
 
-def area_profile(t: Floats) -> Floats:
+def area_profile(t: Float64Array) -> Float64Array:
     """Return the cover of dunes or of a forest: full up to half a radius, then the cubic."""
     return cubic(np.maximum((t - 0.5) / 0.5, 0.0))
 
 
-def visible_radius(name: str, share: Floats, peakiness: Floats, fidelity: float) -> Floats:
+def visible_radius(name: str, share: Float64Array, peakiness: Float64Array, fidelity: float) -> Float64Array:
     """Return where a feature shows a quarter of its label's strength, in its ground radii.
 
     Parameters

@@ -6,15 +6,14 @@ import dataclasses
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.features.river_path import arc_length
 
 if TYPE_CHECKING:
     from sketchterrain.features.river_course import RiverCourse
 
-Floats = npt.NDArray[np.float64]
 
 _CLEARANCE = 2.0  # of the two widths' mean
 
@@ -58,13 +57,13 @@ def separate_beyond_edge(courses: list[RiverCourse], size: tuple[float, float]) 
     return done
 
 
-def _beyond(line: Floats, size: tuple[float, float]) -> tuple[int, int]:
+def _beyond(line: Float64Array, size: tuple[float, float]) -> tuple[int, int]:
     """Count the points before a river enters the sketch; and find the first one after it has left it."""
     inside = np.flatnonzero(((line >= 0.0) & (line <= np.array(size))).all(axis=1))
     return (int(inside[0]), int(inside[-1]) + 1) if len(inside) else (0, len(line))
 
 
-def _free(line: Floats, width: Floats, others: list[RiverCourse]) -> int:
+def _free(line: Float64Array, width: Float64Array, others: list[RiverCourse]) -> int:
     """Count the points of a river, from the sketch outward, that keep clear of all other rivers."""
     free = len(line)
     for other in others:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.features.hashing import hash_unit
 from sketchterrain.features.river_network import exit_normal
 from sketchterrain.features.river_path import EXTENSION_SHARE, arc_length, extend_path, smoothed, spaced
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
     from sketchterrain.features.skeleton import Skeleton
     from sketchterrain.sketch.document import Sketch
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 LAKE_GAP = 3.0
 """Pixels between a river's painted end and a lake that a person does not mean."""
@@ -61,15 +60,15 @@ class RiverCourse:
     label: int
     parent: RiverCourse | None
     joint: int
-    line: Floats
+    line: Float64Array
     controls: npt.NDArray[np.intp]
-    width: Floats
-    depth: Floats
+    width: Float64Array
+    depth: Float64Array
     taper: float
     grows: bool = True
 
 
-def pixel_positions(sketch: Sketch, skeleton: Skeleton, pixels: Ints) -> Floats:
+def pixel_positions(sketch: Sketch, skeleton: Skeleton, pixels: Int64Array) -> Float64Array:
     """Centres (m) of skeleton pixels, (n, 2)."""
     x = (skeleton.columns[pixels] + 0.5) * sketch.pixel_size
     y = (sketch.height_px - skeleton.rows[pixels] - 0.5) * sketch.pixel_size
@@ -121,7 +120,7 @@ def reach_course(
     return replace(course, grows=sketch.properties("river", label)["width"] > 0.0)
 
 
-def dab_course(sketch: Sketch, skeleton: Skeleton, pixels: Ints, *, seed: int) -> RiverCourse:
+def dab_course(sketch: Sketch, skeleton: Skeleton, pixels: Int64Array, *, seed: int) -> RiverCourse:
     """Draw a short straight reach over a dab; which end is the spring is not yet known."""
     path = pixel_positions(sketch, skeleton, pixels)
     name = _id(sketch, skeleton, int(np.min(pixels)))
@@ -155,7 +154,9 @@ def reversed_course(course: RiverCourse) -> RiverCourse:
     )
 
 
-def _into_lake(drawn: Floats, sketch: Sketch, skeleton: Skeleton, end: int, lake: cKDTree) -> Floats:
+def _into_lake(
+    drawn: Float64Array, sketch: Sketch, skeleton: Skeleton, end: int, lake: cKDTree
+) -> Float64Array:
     """Carry a path on from its last point to a little within the shore, if that is as near as meant."""
     at = np.array([skeleton.rows[end], skeleton.columns[end]], dtype=np.float64)
     gap, nearest = lake.query(at)
@@ -176,8 +177,8 @@ def _id(sketch: Sketch, skeleton: Skeleton, pixel: int) -> int:
 
 
 def _lengthened(
-    points: Floats, out: tuple[float, float], *, length: float, interval: float, seed: int, name: int
-) -> Floats:
+    points: Float64Array, out: tuple[float, float], *, length: float, interval: float, seed: int, name: int
+) -> Float64Array:
     """Carry a river on from its last point; width and depth stay what they were there."""
     more = extend_path(points[:, :2], out, length=length, interval=interval, seed=seed, name=name)
     sizes = np.broadcast_to(points[-1, 2:], (len(more), 2))
@@ -185,7 +186,7 @@ def _lengthened(
 
 
 def course_through(
-    points: Floats, name: int, label: int, *, parent: RiverCourse | None, joint: int, taper: float
+    points: Float64Array, name: int, label: int, *, parent: RiverCourse | None, joint: int, taper: float
 ) -> RiverCourse:
     """Sample the spline through points of x, y, width and depth."""
     points = drop_repeats(points, of=2)

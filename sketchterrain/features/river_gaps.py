@@ -8,14 +8,14 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from sketchterrain.array_types import Float64Array, Int64Array
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from sketchterrain.features.river_network import RiverEnd
     from sketchterrain.features.skeleton import Skeleton
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 _AHEAD = 0.8  # cosine between an end's heading and the way to the stem
 _LEAD = 8  # px of a reach that say where its end heads
@@ -71,7 +71,7 @@ def close_gaps(
     return closed
 
 
-def _heading(bone: Skeleton, end: RiverEnd) -> Floats | None:
+def _heading(bone: Skeleton, end: RiverEnd) -> Float64Array | None:
     """Rows and columns in which an end heads, a unit vector; None if it is too short to say."""
     back = end.lead[-min(max(_LEAD, int(2.0 * bone.depth[end.pixel])), len(end.lead))]
     run = np.array([bone.rows[end.pixel] - bone.rows[back], bone.columns[end.pixel] - bone.columns[back]])
@@ -79,7 +79,9 @@ def _heading(bone: Skeleton, end: RiverEnd) -> Floats | None:
     return run / length if length >= 2.0 else None
 
 
-def _ahead(regions: Ints, own: int, at: Ints, heading: Floats | None, reach: float) -> Ints | None:
+def _ahead(
+    regions: Int64Array, own: int, at: Int64Array, heading: Float64Array | None, reach: float
+) -> Int64Array | None:
     """Find the nearest pixel of another region ahead."""
     if heading is None:
         return None
@@ -93,7 +95,7 @@ def _ahead(regions: Ints, own: int, at: Ints, heading: Floats | None, reach: flo
     return np.asarray(there[meant][int(np.argmin(away[meant]))])
 
 
-def _in_the_middle(bone: Skeleton, ends: Sequence[RiverEnd], at: Ints, length: float) -> bool:
+def _in_the_middle(bone: Skeleton, ends: Sequence[RiverEnd], at: Int64Array, length: float) -> bool:
     """Whether both the river at a place and what joins it there are longer than a spur would be."""
     away = np.hypot(bone.rows - at[0], bone.columns - at[1])
     least = 2.0 * float(bone.depth[int(np.argmin(away))]) + 2.0 + _MIDDLE

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.errors import InputError
 from sketchterrain.features.lakes import lake_pixels
 from sketchterrain.features.recent import IdentityKey
@@ -38,8 +39,7 @@ if TYPE_CHECKING:
     from sketchterrain.features.water_memory import HydrologyCache
     from sketchterrain.sketch.document import Sketch
 
-Floats = npt.NDArray[np.float64]
-GroundHeight: TypeAlias = "Callable[[Floats, Floats], npt.NDArray[np.floating[Any]]]"
+GroundHeight: TypeAlias = "Callable[[Float64Array, Float64Array], npt.NDArray[np.floating[Any]]]"
 
 _EDGE_BONUS = (10.0, 0.02)
 """A mouth at the sketch's edge may lie this much higher: metres, and metres for each metre of river."""
@@ -80,7 +80,7 @@ def lay_out_rivers(
     return courses
 
 
-def heights_at(ground: GroundHeight, groups: Sequence[Floats]) -> list[Floats]:
+def heights_at(ground: GroundHeight, groups: Sequence[Float64Array]) -> list[Float64Array]:
     """Ask for the ground at groups of positions, all at once; heights are rounded to 1/1024 m.
 
     Raises
@@ -147,7 +147,7 @@ def _weighted(sketch: Sketch, skeleton: Skeleton) -> Skeleton:
     return replace(skeleton, weight=np.where(skeleton.weight > 0, skeleton.weight, painted))
 
 
-def _label_widths(sketch: Sketch) -> Floats:
+def _label_widths(sketch: Sketch) -> Float64Array:
     """Width (m) that each label says: wider rivers are main stems; 0 is as painted."""
     widths = np.ones(256)
     for label in np.unique(sketch.layers["river"]):
@@ -164,14 +164,20 @@ def _dab_or_ends(sketch: Sketch, skeleton: Skeleton, seed: int) -> RiverCourse |
     return river_ends(skeleton)
 
 
-def _end_positions(sketch: Sketch, skeleton: Skeleton, outline: RiverCourse | tuple[RiverEnd, ...]) -> Floats:
+def _end_positions(
+    sketch: Sketch, skeleton: Skeleton, outline: RiverCourse | tuple[RiverEnd, ...]
+) -> Float64Array:
     if isinstance(outline, RiverCourse):
         return outline.line[[0, -1]]
     return pixel_positions(sketch, skeleton, np.array([end.pixel for end in outline]))
 
 
 def _mouth(
-    sketch: Sketch, skeleton: Skeleton, ends: tuple[RiverEnd, ...], heights: Floats, lake: cKDTree | None
+    sketch: Sketch,
+    skeleton: Skeleton,
+    ends: tuple[RiverEnd, ...],
+    heights: Float64Array,
+    lake: cKDTree | None,
 ) -> int:
     """Choose the end farthest along the label's flow; or the lowest, rather in a lake or at the edge."""
     flow = _flow(sketch, skeleton)
@@ -188,7 +194,7 @@ def _mouth(
     return ends[int(np.argmin(heights - bonus * favoured))].pixel
 
 
-def _flow(sketch: Sketch, skeleton: Skeleton) -> Floats | None:
+def _flow(sketch: Sketch, skeleton: Skeleton) -> Float64Array | None:
     """Direction (east, north) in which the label of most of a network says it runs; None: downhill."""
     labels = sketch.layers["river"][skeleton.rows, skeleton.columns]
     said = float(sketch.properties("river", int(np.argmax(np.bincount(labels))))["flow"])
@@ -200,7 +206,7 @@ def _courses(
     sketch: Sketch,
     skeleton: Skeleton,
     outline: RiverCourse | tuple[RiverEnd, ...],
-    heights: Floats,
+    heights: Float64Array,
     seed: int,
     lake: cKDTree | None,
     memory: HydrologyCache,

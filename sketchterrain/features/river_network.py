@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
+
+from sketchterrain.array_types import Float64Array, Int64Array
 
 if TYPE_CHECKING:
     from sketchterrain.features.skeleton import Skeleton
 
-Ints = npt.NDArray[np.int64]
-Floats = npt.NDArray[np.float64]
 
 _EDGE_GAP = 2.5  # px between a river's painted end and the sketch's edge that a person does not mean
 
@@ -29,7 +28,7 @@ class Reach:
         Index of the reach that it joins; -1 for a main stem.
     """
 
-    pixels: Ints
+    pixels: Int64Array
     parent: int
 
 
@@ -83,11 +82,11 @@ class RiverEnd:
     """
 
     pixel: int
-    lead: Ints
+    lead: Int64Array
     length: float
 
 
-def longest_path(skeleton: Skeleton) -> Ints:
+def longest_path(skeleton: Skeleton) -> Int64Array:
     """Pixels of the longest way through a skeleton, or nearly so (exactly, if it has no loops)."""
     ends = skeleton.ends()
     length, _ = skeleton.paths_from(int(ends[0]) if len(ends) else 0)
@@ -109,7 +108,7 @@ def river_ends(skeleton: Skeleton) -> tuple[RiverEnd, ...]:
     return (RiverEnd(root, reaches[0].pixels, starts[0].length), *starts)
 
 
-def exit_normal(skeleton: Skeleton, pixels: Ints, size: tuple[int, int]) -> tuple[float, float] | None:
+def exit_normal(skeleton: Skeleton, pixels: Int64Array, size: tuple[int, int]) -> tuple[float, float] | None:
     """Find the sketch's edge that a path runs out over.
 
     Parameters
@@ -144,7 +143,7 @@ def exit_normal(skeleton: Skeleton, pixels: Ints, size: tuple[int, int]) -> tupl
     return steepest[1] if steepest[0] > 0.2 else None
 
 
-def _weighted(skeleton: Skeleton, length: Floats, before: Ints) -> Floats:
+def _weighted(skeleton: Skeleton, length: Float64Array, before: Int64Array) -> Float64Array:
     """Length of each pixel's way to the root with every step weighted."""
     if np.all(skeleton.weight == skeleton.weight[0]):
         return length
@@ -155,7 +154,7 @@ def _weighted(skeleton: Skeleton, length: Floats, before: Ints) -> Floats:
     return total
 
 
-def _path_down(leaf: int, before: Ints, owner: Ints) -> list[int]:
+def _path_down(leaf: int, before: Int64Array, owner: Int64Array) -> list[int]:
     """Pixels from a leaf to the root, or to the first pixel that is already some reach's."""
     path = [leaf]
     while owner[path[-1]] < 0 and before[path[-1]] >= 0:

@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.features.hashing import value_noise
 from sketchterrain.features.rounding import gaussian_filter
-
-Floats = npt.NDArray[np.float64]
 
 EXTENSION_SHARE = 0.35
 """How far a river runs on beyond the sketch's edge, as a share of the sketch's longer side."""
@@ -19,7 +17,7 @@ _WIDEST_EXIT = math.radians(50.0)  # between a river's heading beyond the edge a
 _WANDER = 0.5  # rad to either side
 
 
-def smoothed(path: Floats, sigma: float) -> Floats:
+def smoothed(path: Float64Array, sigma: float) -> Float64Array:
     """Smooth a path with a Gaussian of `sigma` points; its two ends stay where they are, bit for bit.
 
     Beyond its ends the path is continued point-symmetrically, so that it does not shrink.
@@ -34,13 +32,13 @@ def smoothed(path: Floats, sigma: float) -> Floats:
     return smooth
 
 
-def arc_length(path: Floats) -> Floats:
+def arc_length(path: Float64Array) -> Float64Array:
     """Length (m) along a path from its first point to each, from x and y."""
     steps = np.sqrt((np.diff(path[:, :2], axis=0) ** 2).sum(axis=1))
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def spaced(path: Floats, interval: float) -> Floats:
+def spaced(path: Float64Array, interval: float) -> Float64Array:
     """Points about `interval` (m) apart along a path, with its ends; columns beyond x and y come along."""
     arc = arc_length(path)
     count = max(round(float(arc[-1]) / interval), 1) + 1
@@ -51,8 +49,8 @@ def spaced(path: Floats, interval: float) -> Floats:
 
 
 def extend_path(
-    path: Floats, normal: tuple[float, float], *, length: float, interval: float, seed: int, name: int
-) -> Floats:
+    path: Float64Array, normal: tuple[float, float], *, length: float, interval: float, seed: int, name: int
+) -> Float64Array:
     """Points that carry a river on beyond the sketch's edge, wandering gently.
 
     Parameters

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.features.river_path import smoothed
 from sketchterrain.features.rounding import rounded
-
-Floats = npt.NDArray[np.float64]
 
 LEAST_FALL = 1e-4
 """Metres that water falls on every metre of its way."""
@@ -21,13 +20,15 @@ _BEND_ROUNDS = 60
 _WIDEST = 2.0  # times what the label says: confluences widen a river no further
 
 
-def smoothstep(t: Floats) -> Floats:
+def smoothstep(t: Float64Array) -> Float64Array:
     """0 up to 0, 1 from 1 on, smooth between."""
     t = np.clip(t, 0.0, 1.0)
     return t * t * (3.0 - 2.0 * t)
 
 
-def river_widths(base: Floats, arc: Floats, taper: float, tributaries: list[tuple[int, float]]) -> Floats:
+def river_widths(
+    base: Float64Array, arc: Float64Array, taper: float, tributaries: list[tuple[int, float]]
+) -> Float64Array:
     """Width of a river along its centreline.
 
     At a confluence the squares of the widths add up, as drained areas do (Leopold & Maddock 1953: width goes
@@ -55,8 +56,8 @@ def river_widths(base: Floats, arc: Floats, taper: float, tributaries: list[tupl
 
 
 def water_surface(
-    ground: Floats, arc: Floats, *, width: float, depth: float, ceilings: list[tuple[int, float]]
-) -> Floats:
+    ground: Float64Array, arc: Float64Array, *, width: float, depth: float, ceilings: list[tuple[int, float]]
+) -> Float64Array:
     """Water level along a river, from the ground that it runs through: falling all the way.
 
     Parameters
@@ -84,7 +85,9 @@ def water_surface(
     return np.asarray(falling - LEAST_FALL * arc)
 
 
-def limit_gradient(level: Floats, arc: Floats, *, width: Floats, depth: Floats) -> Floats:
+def limit_gradient(
+    level: Float64Array, arc: Float64Array, *, width: Float64Array, depth: Float64Array
+) -> Float64Array:
     """Cut back falls, in a gorge if need be: the wider and the shallower a river, the less it falls.
 
     Water falls by at most 1.2 depths over a width, and by at most 0.6 m on every metre of its way: beside a
@@ -97,7 +100,7 @@ def limit_gradient(level: Floats, arc: Floats, *, width: Floats, depth: Floats) 
     return np.asarray(np.where(level > limit + 1e-9, limit, level))  # the end stays to the bit
 
 
-def join_level(level: Floats, arc: Floats, *, end: float, width: float) -> Floats:
+def join_level(level: Float64Array, arc: Float64Array, *, end: float, width: float) -> Float64Array:
     """Bend a falling water level so that it ends exactly at `end` and still falls all the way.
 
     Where it lay lower it is raised; where it would arrive too high it comes down over the last 30 widths.
@@ -110,7 +113,7 @@ def join_level(level: Floats, arc: Floats, *, end: float, width: float) -> Float
     return np.asarray(np.minimum.accumulate(level))
 
 
-def level_pool(level: Floats, arc: Floats, first: float, last: float) -> Floats:
+def level_pool(level: Float64Array, arc: Float64Array, first: float, last: float) -> Float64Array:
     """Make the water from `first` to `last` (m along the river) a pool at the level that it had at its end.
 
     Upstream of the pool, over four times its length, the river falls as much as before and that much earlier.
@@ -141,11 +144,11 @@ class Bends:
     """
 
     upper: npt.NDArray[np.intp]
-    lower: Floats
-    off: Floats
+    lower: Float64Array
+    off: Float64Array
 
 
-def lower_in_bends(level: Floats, arc: Floats, bends: Bends, depth: Floats) -> Floats:
+def lower_in_bends(level: Float64Array, arc: Float64Array, bends: Bends, depth: Float64Array) -> Float64Array:
     """Lower the water above sharp bends, so that it does not stand above its own bank further down.
 
     Parameters
@@ -175,5 +178,5 @@ def lower_in_bends(level: Floats, arc: Floats, bends: Bends, depth: Floats) -> F
     return level
 
 
-def _blurred(values: Floats, sigma: float) -> Floats:
+def _blurred(values: Float64Array, sigma: float) -> Float64Array:
     return smoothed(values[:, None], max(sigma, 1e-3))[:, 0]

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.features.recent import IdentityKey
 from sketchterrain.features.river_path import arc_length
 from sketchterrain.features.river_profile import Bends, river_widths
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.features.river_course import RiverCourse
 
-Floats = npt.NDArray[np.float64]
 
 _SHOWS = 0.25  # of two rivers' widths' mean: so near, the bed of one shows in the other's centreline
 
@@ -70,8 +70,8 @@ class Network:
 
     courses: Sequence[RiverCourse]
     parents: Sequence[int]
-    arcs: Sequence[Floats]
-    widths: Sequence[Floats]
+    arcs: Sequence[Float64Array]
+    widths: Sequence[Float64Array]
     confluences: Sequence[Confluence | None]
     bends: Sequence[Bends]
     cuts: Sequence[Sequence[tuple[int, int]]]
@@ -101,7 +101,7 @@ def build_network(
     number_of = {id(course): number for number, course in enumerate(courses)}
     parents = [-1 if course.parent is None else number_of[id(course.parent)] for course in courses]
     arcs = [arc_length(course.line) for course in courses]
-    widths: list[Floats] = [course.width for course in courses]
+    widths: list[Float64Array] = [course.width for course in courses]
     for number in reversed(range(len(courses))):
         course = courses[number]
         tributaries = [
@@ -128,7 +128,7 @@ def build_network(
     return Network(courses, parents, arcs, widths, confluences, bends, cuts)
 
 
-def _bends(line: Floats, arc: Floats, width: Floats) -> Bends:
+def _bends(line: Float64Array, arc: Float64Array, width: Float64Array) -> Bends:
     """Find where the ground beside a river, up to 1.6 widths away, is nearest to a place further down."""
     ahead = np.diff(line, axis=0)
     across = np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1) / np.hypot(*ahead.T)[:, None]
@@ -157,10 +157,10 @@ def _bends(line: Floats, arc: Floats, width: Floats) -> Bends:
 def _meeting(
     course: RiverCourse,
     parent: RiverCourse,
-    arc: Floats,
-    parent_arc: Floats,
-    width: Floats,
-    parent_width: Floats,
+    arc: Float64Array,
+    parent_arc: Float64Array,
+    width: Float64Array,
+    parent_width: Float64Array,
 ) -> Confluence:
     """Find the tributary's last run in which its water overlaps its parent's."""
     answer: Any = cKDTree(parent.line).query(course.line)
@@ -186,17 +186,17 @@ def _meeting(
 def _beside_neighbours(
     courses: Sequence[RiverCourse],
     parents: Sequence[int],
-    arcs: Sequence[Floats],
-    widths: Sequence[Floats],
+    arcs: Sequence[Float64Array],
+    widths: Sequence[Float64Array],
     confluences: Sequence[Confluence | None],
-) -> list[Floats]:
+) -> list[Float64Array]:
     """Narrow rivers where their waters would overlap elsewhere than where they meet."""
     boxes = [
         (course.line.min(axis=0) - width.max(), course.line.max(axis=0) + width.max())
         for course, width in zip(courses, widths, strict=True)
     ]
     trees = [cKDTree(course.line) for course in courses]
-    scales: list[Floats] = [np.ones(len(course.line)) for course in courses]
+    scales: list[Float64Array] = [np.ones(len(course.line)) for course in courses]
     for number, course in enumerate(courses):
         for other, tree in enumerate(trees):
             if other == number or (boxes[number][0] > boxes[other][1]).any():
@@ -228,7 +228,7 @@ def _apart(
     number: int,
     other: int,
     parents: Sequence[int],
-    arcs: Sequence[Floats],
+    arcs: Sequence[Float64Array],
     courses: Sequence[RiverCourse],
     confluences: Sequence[Confluence | None],
 ) -> npt.NDArray[np.bool_]:
@@ -244,7 +244,7 @@ def _apart(
     return away
 
 
-def _softened(scale: Floats, arc: Floats, width: float) -> Floats:
+def _softened(scale: Float64Array, arc: Float64Array, width: float) -> Float64Array:
     """Let a narrow place begin some widths before it and end some widths after it."""
     narrow = np.flatnonzero(scale < 1.0)
     if not len(narrow):

@@ -6,9 +6,9 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.features.river_path import arc_length, smoothed
 from sketchterrain.features.rounding import RATIO_STEP, gaussian_filter, rounded
 
@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from sketchterrain.features.skeleton import Skeleton
     from sketchterrain.sketch.document import Sketch
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 _DEPTH_POWER = 0.6  # how depth follows width along a river
 _SMOOTH = 6.0  # px along the course
@@ -26,8 +24,8 @@ _NARROWEST, _WIDEST = 0.5, 2000.0  # m
 
 
 def painted_sizes(
-    sketch: Sketch, skeleton: Skeleton, pixels: Ints, *, joins: bool = False
-) -> tuple[Floats, Floats, int]:
+    sketch: Sketch, skeleton: Skeleton, pixels: Int64Array, *, joins: bool = False
+) -> tuple[Float64Array, Float64Array, int]:
     """Read a river's sizes from its labels, or from the stroke where a label's width is 0.
 
     There the label's depth is that of the stroke's mean width, and the depth follows the width.
@@ -70,12 +68,12 @@ def painted_sizes(
     return widths, depths, main
 
 
-def depth_ratio(width_ratio: Floats) -> Floats:
+def depth_ratio(width_ratio: Float64Array) -> Float64Array:
     """Return how many times deeper a river is that is so many times wider."""
     return rounded(width_ratio**_DEPTH_POWER, RATIO_STEP)
 
 
-def stroke_widths(sketch: Sketch, skeleton: Skeleton, pixels: Ints) -> Floats:
+def stroke_widths(sketch: Sketch, skeleton: Skeleton, pixels: Int64Array) -> Float64Array:
     """Width (m) of the painted stroke at each pixel of a path: its area over its length.
 
     Twice the distance to the border alone is up to a pixel too little.

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.features.catalogue import River
 from sketchterrain.features.river_profile import (
     LEAST_FALL,
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from sketchterrain.features.river_course import RiverCourse
     from sketchterrain.features.river_shape import Network
 
-Floats = npt.NDArray[np.float64]
 
 _MOST_GROWTH = 2.0  # times the label's width: a river that a wider one joins gets no deeper than so
 _ROUNDS = 8
@@ -55,8 +54,8 @@ class LakeReach:
 
 
 def solve_water_levels(
-    network: Network, grounds: Sequence[Floats], still: Sequence[Sequence[LakeReach]]
-) -> list[Floats]:
+    network: Network, grounds: Sequence[Float64Array], still: Sequence[Sequence[LakeReach]]
+) -> list[Float64Array]:
     """Find water levels from the springs down: falling all the way, never above what flows in, flat in lakes.
 
     Parameters
@@ -68,7 +67,7 @@ def solve_water_levels(
         What each course runs through, upstream first.
     """
     courses, arcs = network.courses, network.arcs
-    levels: list[Floats] = list(grounds)
+    levels: list[Float64Array] = list(grounds)
     for number in reversed(range(len(courses))):
         course, joining = courses[number], network.joining(number)
         level = water_surface(
@@ -83,7 +82,7 @@ def solve_water_levels(
     return levels
 
 
-def join_water_levels(network: Network, falling: Sequence[Floats]) -> list[Floats]:
+def join_water_levels(network: Network, falling: Sequence[Float64Array]) -> list[Float64Array]:
     """Bring tributaries to their stems; make pools where waters meet and in bends; cut through mountains."""
     courses, arcs, levels = network.courses, network.arcs, list(falling)
     for number, course in enumerate(courses):
@@ -106,7 +105,7 @@ def join_water_levels(network: Network, falling: Sequence[Floats]) -> list[Float
     return levels
 
 
-def _held(network: Network, number: int, level: Floats) -> Floats:
+def _held(network: Network, number: int, level: Float64Array) -> Float64Array:
     """Lower water that no bank holds: in sharp bends, and where they make it fall too steeply."""
     course, arc = network.courses[number], network.arcs[number]
     for _ in range(_ROUNDS):
@@ -118,7 +117,9 @@ def _held(network: Network, number: int, level: Floats) -> Floats:
     return level
 
 
-def _through_lakes(level: Floats, arc: Floats, still: Sequence[LakeReach], width: float) -> Floats:
+def _through_lakes(
+    level: Float64Array, arc: Float64Array, still: Sequence[LakeReach], width: float
+) -> Float64Array:
     for lake in still:
         level = level.copy()
         rim = slice(lake.shore, lake.first)
@@ -133,7 +134,7 @@ def _through_lakes(level: Floats, arc: Floats, still: Sequence[LakeReach], width
     return np.asarray(np.minimum.accumulate(level))
 
 
-def _below_chord(values: Floats, arc: Floats, runs: Sequence[tuple[int, int]]) -> Floats:
+def _below_chord(values: Float64Array, arc: Float64Array, runs: Sequence[tuple[int, int]]) -> Float64Array:
     """Lower what falls downstream to the straight line between the points before and after each run."""
     for first, last in runs:
         if first > 0 and last < len(values) - 1:
@@ -145,9 +146,9 @@ def _below_chord(values: Floats, arc: Floats, runs: Sequence[tuple[int, int]]) -
     return values
 
 
-def build_rivers(network: Network, levels: Sequence[Floats]) -> list[River]:
+def build_rivers(network: Network, levels: Sequence[Float64Array]) -> list[River]:
     """Give every reach its bed: never rising, and the stem's own where a tributary ends."""
-    beds: list[Floats] = []
+    beds: list[Float64Array] = []
     rivers = []
     for number, (course, width, level) in enumerate(
         zip(network.courses, network.widths, levels, strict=True)
@@ -167,7 +168,7 @@ def build_rivers(network: Network, levels: Sequence[Floats]) -> list[River]:
     return rivers
 
 
-def _one_bed(network: Network, number: int, bed: Floats) -> Floats:
+def _one_bed(network: Network, number: int, bed: Float64Array) -> Float64Array:
     """Make a river's bed level where tributaries end: else theirs would rise at their ends to meet it."""
     arc = network.arcs[number]
     # From the mouth upward, as with levels.
@@ -178,7 +179,7 @@ def _one_bed(network: Network, number: int, bed: Floats) -> Floats:
     return bed
 
 
-def _river(course: RiverCourse, width: Floats, level: Floats, depth: Floats) -> River:
+def _river(course: RiverCourse, width: Float64Array, level: Float64Array, depth: Float64Array) -> River:
     line = np.column_stack([course.line, level])
     widths, depths = width.astype(np.float32), depth.astype(np.float32)
     return River(

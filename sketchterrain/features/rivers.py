@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.features.contradictions import label_mountains, mountain_crossings, resolve_conflicts
 from sketchterrain.features.lakes import mouth_lakes, painted_lakes, solve_lake_levels
 from sketchterrain.features.memory import PlacementCache
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
     from sketchterrain.features.river_course import RiverCourse
     from sketchterrain.features.river_layout import GroundHeight
     from sketchterrain.sketch.document import Sketch
-
-Floats = npt.NDArray[np.float64]
 
 
 def trace_rivers(sketch: Sketch, *, seed: int, ground: GroundHeight) -> tuple[River, ...]:
@@ -87,7 +86,7 @@ class Hydrology:
     lakes: tuple[Lake, ...]
     resolutions: tuple[Resolution, ...]
     orphans: tuple[str, ...]
-    grounds: tuple[Floats, ...]
+    grounds: tuple[Float64Array, ...]
 
 
 def trace_hydrology(
@@ -149,7 +148,7 @@ def _with_water(
     ground: GroundHeight,
     memory: PlacementCache,
     pause: Callable[[], None],
-) -> tuple[list[River], list[Lake], list[Floats]]:
+) -> tuple[list[River], list[Lake], list[Float64Array]]:
     """Let water flow: rivers sorted by id, lakes at their levels, and the ground along each river."""
     if not courses:
         return [], lakes, []

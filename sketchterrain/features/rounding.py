@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    Floats = npt.NDArray[np.float64]
+    from sketchterrain.array_types import Float64Array
+
 
 STEP = 2.0**-10
 """Metres: what river points and water levels are rounded to."""
@@ -30,7 +31,7 @@ _UP_FROM = 0.53
 _WEIGHT_STEP = 2.0**-40
 
 
-def rounded(values: npt.ArrayLike, step: float = STEP) -> Floats:
+def rounded(values: npt.ArrayLike, step: float = STEP) -> Float64Array:
     """Round to multiples of a step, a power of two; multiples keep their bits."""
     return np.asarray(np.floor(np.asarray(values, dtype=np.float64) / step + (1.0 - _UP_FROM)) * step)
 
@@ -42,7 +43,7 @@ def gaussian_filter(
     axes: Sequence[int] = (-1,),
     mode: Literal["nearest", "reflect", "wrap"] = "nearest",
     truncate: float = 4.0,
-) -> Floats:
+) -> Float64Array:
     """Blur along axes as SciPy's `gaussian_filter` does, with weights that are the same on every CPU."""
     radius = int(truncate * sigma + 0.5)
     weights = rounded(np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2), _WEIGHT_STEP)

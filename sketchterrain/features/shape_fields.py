@@ -14,10 +14,10 @@ from sketchterrain.features.shapes import EDGE_OVERHANG
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Float64Array
     from sketchterrain.features.shapes import Shape
     from sketchterrain.sketch import Sketch
 
-    Floats = npt.NDArray[np.float64]
 
 # Standard deviation of the blur that rounds an outline at fidelity 0, pixels.
 _BLUR = 4.0
@@ -58,13 +58,13 @@ def shape_field(sketch: Sketch, shape: Shape, *, margin: float) -> ShapeField:
     )
 
 
-def _signed_distance(mask: npt.NDArray[np.bool_]) -> Floats:
+def _signed_distance(mask: npt.NDArray[np.bool_]) -> Float64Array:
     """Distance of pixel centres from the border, in pixels: positive inside."""
     within, beyond = ndimage.distance_transform_edt(mask), ndimage.distance_transform_edt(~mask)
     return np.asarray(np.where(mask, within - 0.5, 0.5 - beyond), dtype=np.float64)
 
 
-def _rounded(distance: Floats, mask: npt.NDArray[np.bool_], blur: float) -> Floats:
+def _rounded(distance: Float64Array, mask: npt.NDArray[np.bool_], blur: float) -> Float64Array:
     """Blur a distance and shift it so that as many pixels are inside as before."""
     sigma = min(blur, _BLUR_SHARE * float(distance.max()))
     if sigma <= 0:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.features.hashing import hash_keys
 from sketchterrain.features.rules import LAYER_CODES
 
@@ -17,19 +18,15 @@ if TYPE_CHECKING:
 LEAST_DISC = 1.0
 """Radius (px) of the smallest disc: even a lone pixel must show."""
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-Flags = npt.NDArray[np.bool_]
-
 
 @dataclass(frozen=True, eq=False)
 class Pixels:
     """A shape's pixels as columns, in reading order: one entry a pixel."""
 
-    row: Ints  # in the bounding box
-    column: Ints
-    depth: Floats  # px
-    disc: Floats  # px, radius of the user feature that would stand here
+    row: Int64Array  # in the bounding box
+    column: Int64Array
+    depth: Float64Array  # px
+    disc: Float64Array  # px, radius of the user feature that would stand here
     priority: npt.NDArray[np.uint64]  # lowest first
 
     @classmethod

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy import ndimage, sparse
 from scipy.sparse.csgraph import connected_components
 
-Ints = npt.NDArray[np.int64]
+from sketchterrain.array_types import Int64Array
 
 EDGE_OVERHANG = 0.125
 """A shape that touches the sketch's edge is taken to go on beyond it, by this share of the longer side."""
@@ -115,7 +115,7 @@ def find_regions(image: npt.NDArray[np.uint8]) -> tuple[Region, ...]:
     return tuple(found)
 
 
-def _runs(image: npt.NDArray[np.uint8]) -> tuple[Ints, Ints, Ints]:
+def _runs(image: npt.NDArray[np.uint8]) -> tuple[Int64Array, Int64Array, Int64Array]:
     """Row, first column and the column after the last one of each run of one label, in reading order."""
     turns = np.ones(image.shape, dtype=np.bool_)
     np.not_equal(image[:, 1:], image[:, :-1], out=turns[:, 1:])
@@ -127,7 +127,7 @@ def _runs(image: npt.NDArray[np.uint8]) -> tuple[Ints, Ints, Ints]:
 
 
 def _touching(
-    row: Ints, start: Ints, end: Ints, label: npt.NDArray[np.uint8], width: int
+    row: Int64Array, start: Int64Array, end: Int64Array, label: npt.NDArray[np.uint8], width: int
 ) -> sparse.coo_array:
     """Pairs of runs of one label, one a row below the other, of which pixels touch at least at a corner."""
     span = width + 1

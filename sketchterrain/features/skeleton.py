@@ -11,15 +11,13 @@ from scipy import ndimage, sparse
 from scipy.sparse.csgraph import dijkstra
 from skimage.morphology import skeletonize
 
+from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.features.shapes import find_regions
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from sketchterrain.features.shapes import Region
-
-Ints = npt.NDArray[np.int64]
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,24 +37,24 @@ class Skeleton:
         two straight ones lead to the same place, so that a bend is no junction.
     """
 
-    rows: Ints
-    columns: Ints
-    depth: Floats
-    weight: Floats
+    rows: Int64Array
+    columns: Int64Array
+    depth: Float64Array
+    weight: Float64Array
     graph: sparse.csr_array
 
-    def ends(self) -> Ints:
+    def ends(self) -> Int64Array:
         """Pixels with one neighbour, or the only pixel."""
         degree = np.diff(self.graph.indptr)
         return np.flatnonzero(degree <= 1)
 
-    def paths_from(self, root: int) -> tuple[Floats, Ints]:
+    def paths_from(self, root: int) -> tuple[Float64Array, Int64Array]:
         """Length (px) of the shortest path from a pixel to each, and each one's next pixel back (or < 0)."""
         length, before = dijkstra(self.graph, indices=np.array([root]), return_predecessors=True)
         return np.asarray(length[0]), np.asarray(before[0], dtype=np.int64)
 
 
-def skeletons(painted: npt.NDArray[np.bool_], weight: Floats | None = None) -> tuple[Skeleton, ...]:
+def skeletons(painted: npt.NDArray[np.bool_], weight: Float64Array | None = None) -> tuple[Skeleton, ...]:
     """Thin what was painted to lines one pixel wide, one skeleton for each 8-connected region.
 
     Parameters
@@ -82,7 +80,7 @@ def sort_skeletons(found: Iterable[Skeleton]) -> tuple[Skeleton, ...]:
     return tuple(sorted(found, key=lambda each: (int(each.rows[0]), int(each.columns[0]))))
 
 
-def thin_region(region: Region, weight: Floats, size: tuple[int, ...]) -> Skeleton:
+def thin_region(region: Region, weight: Float64Array, size: tuple[int, ...]) -> Skeleton:
     """Thin one 8-connected region.
 
     Parameters
@@ -112,7 +110,7 @@ def _thinned(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     return thin
 
 
-def _depth(region: Region, size: tuple[int, ...]) -> Floats:
+def _depth(region: Region, size: tuple[int, ...]) -> Float64Array:
     """Distance (px) to the border; the image's edge is none."""
     rows, columns = region.rows, region.columns
     sides = ((rows.start == 0, rows.stop == size[0]), (columns.start == 0, columns.stop == size[1]))
@@ -124,7 +122,7 @@ def _depth(region: Region, size: tuple[int, ...]) -> Floats:
     return distance[padding[0][0] :, padding[1][0] :][: region.mask.shape[0], : region.mask.shape[1]]
 
 
-def _graph(thin: npt.NDArray[np.bool_], rows: Ints, columns: Ints) -> sparse.csr_array:
+def _graph(thin: npt.NDArray[np.bool_], rows: Int64Array, columns: Int64Array) -> sparse.csr_array:
     number = np.full((thin.shape[0] + 2, thin.shape[1] + 2), -1, dtype=np.int64)
     number[rows + 1, columns + 1] = np.arange(len(rows))
     starts, stops, lengths = [], [], []

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.errors import InputError
 
-Floats = npt.NDArray[np.float64]
 
-
-def drop_repeats(points: Floats, *, of: int | None = None) -> Floats:
+def drop_repeats(points: Float64Array, *, of: int | None = None) -> Float64Array:
     """Drop points that equal the one before them: a segment needs two different ends.
 
     Parameters
@@ -25,7 +23,7 @@ def drop_repeats(points: Floats, *, of: int | None = None) -> Floats:
     return points[keep]
 
 
-def catmull_rom(points: Floats, u: Floats) -> Floats:
+def catmull_rom(points: Float64Array, u: Float64Array) -> Float64Array:
     """Evaluate the curve through control points.
 
     Parameters
@@ -68,7 +66,7 @@ def catmull_rom(points: Floats, u: Floats) -> Floats:
     return np.asarray(curve)
 
 
-def cubics(points: Floats) -> Floats:
+def cubics(points: Float64Array) -> Float64Array:
     """Return curves through control points as polynomials of the fraction t of each segment.
 
     Parameters
@@ -101,8 +99,8 @@ def cubics(points: Floats) -> Floats:
 
 
 def sample_catmull_rom(
-    points: Floats, step: float, *, sagitta: float = np.inf, most: float = np.inf
-) -> tuple[Floats, Floats]:
+    points: Float64Array, step: float, *, sagitta: float = np.inf, most: float = np.inf
+) -> tuple[Float64Array, Float64Array]:
     """Sample the curve through control points so that neighbours are at most about `step` apart.
 
     Parameters
@@ -136,6 +134,6 @@ def sample_catmull_rom(
     return catmull_rom(points, u), u
 
 
-def _root_chord(a: Floats, b: Floats) -> Floats:
-    squares: Floats = ((b - a) ** 2).sum(axis=1)[:, None]
+def _root_chord(a: Float64Array, b: Float64Array) -> Float64Array:
+    squares: Float64Array = ((b - a) ** 2).sum(axis=1)[:, None]
     return np.sqrt(np.sqrt(squares))

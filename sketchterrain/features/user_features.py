@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.features.darts import throw_spine, throw_summits
 from sketchterrain.features.hashing import hash_unit, value_noise
 from sketchterrain.features.holes import fill_holes
@@ -36,11 +37,8 @@ USER_FEATURE = np.dtype(
 )
 """A user feature; positions are pixels of the sketch."""
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
-
-def pixel_id(layer: str, row: Ints, column: Ints, image_width: int) -> npt.NDArray[np.uint64]:
+def pixel_id(layer: str, row: Int64Array, column: Int64Array, image_width: int) -> npt.NDArray[np.uint64]:
     """Stable id of what stands on a pixel of a layer; its top bit is clear."""
     index = np.asarray(row).astype(np.int64) * image_width + np.asarray(column)
     return np.asarray(index + (LAYER_CODES[layer] << 48)).astype(np.uint64)
@@ -94,7 +92,7 @@ def user_features(shape: Shape, *, multitude: int, fidelity: float, seed: int) -
     return result
 
 
-def _shares(shape: Shape, features: npt.NDArray[np.void], fidelity: float, seed: int) -> Floats:
+def _shares(shape: Shape, features: npt.NDArray[np.void], fidelity: float, seed: int) -> Float64Array:
     """Strength relative to the label's: the largest summit has it whole, and no other has more."""
     rule = TYPES[shape.layer]
     disc, summit = features["disc"], features["summit"]

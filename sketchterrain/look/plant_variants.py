@@ -11,10 +11,10 @@ from sketchterrain.look.tree_levels import VARIANTS
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    Floats = npt.NDArray[np.float64]
+    from sketchterrain.array_types import Float64Array
 
 
-def plant_chances(plants: npt.NDArray[np.void]) -> tuple[Floats, Floats]:
+def plant_chances(plants: npt.NDArray[np.void]) -> tuple[Float64Array, Float64Array]:
     """Return two numbers in 0..1 for each plant (`PLANT`) from its position alone."""
     x, y = ((plants[axis] * 8.0).astype(np.int64) for axis in ("x", "y"))
     seed = x * 73_856_093 ^ y * 19_349_663
@@ -24,6 +24,6 @@ def plant_chances(plants: npt.NDArray[np.void]) -> tuple[Floats, Floats]:
     return first, second
 
 
-def plant_variants(chance: Floats) -> npt.NDArray[Any]:
+def plant_variants(chance: Float64Array) -> npt.NDArray[Any]:
     """Return 0 … `VARIANTS` - 1 for each second chance, as whole numbers in float64."""
     return np.floor(np.minimum(chance * VARIANTS, VARIANTS - 1))

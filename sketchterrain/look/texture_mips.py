@@ -16,9 +16,10 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    Floats = npt.NDArray[np.float32]
+    from sketchterrain.array_types import Float32Array
 
-Moments = tuple["Floats", "Floats"]
+
+Moments = tuple["Float32Array", "Float32Array"]
 """(n, n, 4) linear albedo and height; (n, n, 5) slopes, the mean of both squared slopes, α², openness."""
 
 _STEEPEST: Final = 0.999
@@ -33,7 +34,7 @@ def moments(painted: npt.NDArray[Any], relief: npt.NDArray[Any]) -> Moments:
     return painted.astype(np.float32), np.stack([east, north, square, alpha * alpha, openness], axis=-1)
 
 
-def halve(fields: Floats) -> Floats:
+def halve(fields: Float32Array) -> Float32Array:
     """Average blocks of 2×2 texels; both sides are even."""
     rows = fields[0::2] + fields[1::2]
     return (rows[:, 0::2] + rows[:, 1::2]) * np.float32(0.25)

@@ -16,9 +16,9 @@ from sketchterrain.look.tree_shape import perpendicular, unit
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Float64Array
     from sketchterrain.look.tree_species import Crown, Whorls
 
-    Floats = npt.NDArray[np.float64]
 
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 STEPS = 5
@@ -29,12 +29,12 @@ TWIG_STEPS = 2
 class Wood(NamedTuple):
     """Curves of the wood and the radii along them, in heights of the plant."""
 
-    trunk: Floats  # (k, 3)
-    trunk_radius: Floats  # (k,)
-    boughs: Floats  # (b, steps + 1, 3)
-    bough_radius: Floats  # (b, steps + 1)
-    twigs: Floats  # (t, twig steps + 1, 3), ends are where leaves grow
-    twig_radius: Floats  # (t, twig steps + 1)
+    trunk: Float64Array  # (k, 3)
+    trunk_radius: Float64Array  # (k,)
+    boughs: Float64Array  # (b, steps + 1, 3)
+    bough_radius: Float64Array  # (b, steps + 1)
+    twigs: Float64Array  # (t, twig steps + 1, 3), ends are where leaves grow
+    twig_radius: Float64Array  # (t, twig steps + 1)
     bough_of: npt.NDArray[np.int64]  # (t,)
 
 
@@ -105,7 +105,7 @@ def grow_whorls(whorls: Whorls, rng: np.random.Generator) -> Wood:
     )
 
 
-def _tips(crown: Crown, rng: np.random.Generator) -> Floats:
+def _tips(crown: Crown, rng: np.random.Generator) -> Float64Array:
     """Fill a crown with lumps of points for leaves, denser near its border."""
     heights, radii = np.array(crown.profile).T
     fine = np.linspace(heights[0], heights[-1], 200)
@@ -126,7 +126,7 @@ def _tips(crown: Crown, rng: np.random.Generator) -> Floats:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
 
 
-def _spread_out(points: Floats, count: int, rng: np.random.Generator) -> npt.NDArray[np.int64]:
+def _spread_out(points: Float64Array, count: int, rng: np.random.Generator) -> npt.NDArray[np.int64]:
     """Select points far from each other (farthest-point sampling)."""
     selected = [int(rng.integers(len(points)))]
     away = np.linalg.norm(points - points[selected[0]], axis=1)
@@ -136,7 +136,7 @@ def _spread_out(points: Floats, count: int, rng: np.random.Generator) -> npt.NDA
     return np.array(selected, dtype=np.int64)
 
 
-def _trunk(rng: np.random.Generator, top: float, bend: float, *, pieces: int) -> Floats:
+def _trunk(rng: np.random.Generator, top: float, bend: float, *, pieces: int) -> Float64Array:
     """Return a wavering curve from below the ground to the top, upright at its foot."""
     t = np.linspace(0.0, 1.0, pieces + 1)
     swing, turns = rng.uniform(0.0, 2.0 * np.pi, 2), rng.uniform(0.7, 1.6, 2)
@@ -146,12 +146,12 @@ def _trunk(rng: np.random.Generator, top: float, bend: float, *, pieces: int) ->
     return np.concatenate([lateral + lean, z[:, None]], axis=1)
 
 
-def _at_height(trunk: Floats, height: Floats) -> Floats:
+def _at_height(trunk: Float64Array, height: Float64Array) -> Float64Array:
     x, y = (np.interp(height, trunk[:, 2], trunk[:, axis]) for axis in (0, 1))
     return np.stack([x, y, height], axis=1)
 
 
-def _bent(start: Floats, middle: Floats, end: Floats, steps: int) -> Floats:
+def _bent(start: Float64Array, middle: Float64Array, end: Float64Array, steps: int) -> Float64Array:
     """Return points of quadratic Bézier curves, (n, steps + 1, 3)."""
     t = np.linspace(0.0, 1.0, steps + 1)[:, None]
     return np.asarray(
@@ -159,7 +159,7 @@ def _bent(start: Floats, middle: Floats, end: Floats, steps: int) -> Floats:
     )
 
 
-def frames(curves: Floats) -> tuple[Floats, Floats, Floats]:
+def frames(curves: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Return unit tangents of curves (n, k, 3) and two unit vectors perpendicular to them."""
     along = unit(np.gradient(curves, axis=1))
     lateral = perpendicular(along)

@@ -12,10 +12,10 @@ from sketchterrain.look.tree_shape import Leaves, unit
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Float64Array
     from sketchterrain.look.tree_growth import Wood
     from sketchterrain.look.tree_species import Crown, Whorls
 
-    Floats = npt.NDArray[np.float64]
 
 UP: Final = np.array([0.0, 0.0, 1.0])
 
@@ -147,11 +147,11 @@ class Openness:
         # A leaf at the crown's border has half the world before it: that counts as open.
         self._light = np.minimum(light / np.quantile(light[filled > 0.0], 0.9), 1.0)
 
-    def at(self, places: Floats) -> Floats:
+    def at(self, places: Float64Array) -> Float64Array:
         """Return 0..1 for each of (…, 3) places."""
         x, y, z = np.moveaxis(self._at(places), -1, 0)
         return np.asarray(self._light[x, y, z])
 
-    def _at(self, places: Floats) -> npt.NDArray[np.int64]:
+    def _at(self, places: Float64Array) -> npt.NDArray[np.int64]:
         cell = np.floor((places - self._low) / self._cell).astype(np.int64)
         return np.asarray(np.clip(cell, 0, self.CELLS - 1))

@@ -15,9 +15,8 @@ from sketchterrain.look.tree_species import GROWTH_FORMS, SPECIES, Colours, Crow
 from sketchterrain.look.tree_triangles import bark_tubes, leaf_quads, single_triangles
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
+    from sketchterrain.array_types import Float64Array
 
-    Floats = npt.NDArray[np.float64]
 
 DETAILS: Final = 6
 """Levels of detail, 0 the finest."""
@@ -54,7 +53,7 @@ def _shaped(species: str, variant: int, detail: int) -> Triangles:
     return _hull(plant, size) if detail == DETAILS - 1 else _fewer(plant, detail, size)
 
 
-def _tone(species: str, variant: int, detail: int) -> Floats:
+def _tone(species: str, variant: int, detail: int) -> Float64Array:
     """Return the factor that gives a level the mean colour of the finest one."""
     if detail == 0:
         return np.ones(3)
@@ -62,7 +61,7 @@ def _tone(species: str, variant: int, detail: int) -> Floats:
 
 
 @cache
-def _colour(species: str, variant: int, detail: int) -> Floats:
+def _colour(species: str, variant: int, detail: int) -> Float64Array:
     return plant_view(_shaped(species, variant, detail), points=TONE_POINTS).colour
 
 

@@ -9,11 +9,9 @@ import numpy as np
 from sketchterrain.look.tree_shape import BROAD, NEEDLES
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
+    from sketchterrain.array_types import Float64Array
     from sketchterrain.look.tree_shape import Triangles
 
-    Floats = npt.NDArray[np.float64]
 
 VIEWS: Final = (0.4, 1.9)
 """Azimuths of view, rad."""
@@ -27,10 +25,10 @@ class PlantView(NamedTuple):
     """Covered area (squares of its height) and area-weighted mean of visible albedo · openness (3,)."""
 
     area: float
-    colour: Floats
+    colour: Float64Array
 
 
-def leaf_mask(across: Floats, along: Floats, mask: Floats) -> Floats:
+def leaf_mask(across: Float64Array, along: Float64Array, mask: Float64Array) -> Float64Array:
     """Return a spray's leaf mask, positive inside leaves; the oracle of kernels/render/sprig.glsl."""
     needles = mask > 0.5 * (BROAD + NEEDLES)
     away = np.abs(across)

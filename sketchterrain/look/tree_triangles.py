@@ -10,12 +10,10 @@ from sketchterrain.look.tree_growth import frames
 from sketchterrain.look.tree_shape import BANDED, SOLID, Leaves, Triangles
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
+    from sketchterrain.array_types import Float64Array
     from sketchterrain.look.tree_leaves import Openness
     from sketchterrain.look.tree_species import Colours
 
-    Floats = npt.NDArray[np.float64]
 
 BOUNDS = (-0.02, 1.08)
 """Range of heights that all leaves are clipped to, however large."""
@@ -24,8 +22,8 @@ ROOT_SHADE = 0.72
 
 
 def bark_tubes(
-    curves: Floats,
-    radius: Floats,
+    curves: Float64Array,
+    radius: Float64Array,
     *,
     sides: int,
     colours: Colours,
@@ -63,7 +61,7 @@ def bark_tubes(
     )
 
 
-def leaf_quads(leaves: Leaves, mask: float, fresh: Floats, openness: Openness) -> Triangles:
+def leaf_quads(leaves: Leaves, mask: float, fresh: Float64Array, openness: Openness) -> Triangles:
     """Return two triangles for each spray, from which its leaves are cut by an alpha mask."""
     a, b = leaves.root - leaves.across, leaves.root + leaves.across
     c, d = b + leaves.along, a + leaves.along
@@ -75,7 +73,7 @@ def leaf_quads(leaves: Leaves, mask: float, fresh: Floats, openness: Openness) -
     return _leaf_triangles(leaves, position, leaf_uv, mask, fresh, openness, copies=2)
 
 
-def single_triangles(leaves: Leaves, scale: float, fresh: Floats, openness: Openness) -> Triangles:
+def single_triangles(leaves: Leaves, scale: float, fresh: Float64Array, openness: Openness) -> Triangles:
     """Return one triangle for each spray, `scale` times as large."""
     middle = leaves.root + 0.4 * leaves.along
     along, across = scale * leaves.along, scale * leaves.across
@@ -88,10 +86,10 @@ def single_triangles(leaves: Leaves, scale: float, fresh: Floats, openness: Open
 
 def _leaf_triangles(
     leaves: Leaves,
-    position: Floats,
-    leaf_uv: Floats,
+    position: Float64Array,
+    leaf_uv: Float64Array,
     mask: float,
-    fresh: Floats,
+    fresh: Float64Array,
     openness: Openness,
     *,
     copies: int,

@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Float64Array
     from sketchterrain.look.waters import DistanceRaster, LakeGeometry, PlacedFeatures, RiverGeometry
 
-    Floats = npt.NDArray[np.float64]
 
 ACROSS: Final = 9
 """Vertices from bank to bank."""
@@ -42,10 +42,10 @@ LEVEL: Final = 0.4
 class WaterSurface(NamedTuple):
     """Triangle mesh of a water surface."""
 
-    position: Floats  # (n, 3) world coordinates, m
-    flow: Floats  # (n, 4) m across and along, unit vector downstream
-    shore_distance: Floats  # (n,) m from the shore, negative in the bank
-    stream: Floats  # (n, 4) mid-stream speed (m/s), slope, visible share, half width (m; lake 0)
+    position: Float64Array  # (n, 3) world coordinates, m
+    flow: Float64Array  # (n, 4) m across and along, unit vector downstream
+    shore_distance: Float64Array  # (n,) m from the shore, negative in the bank
+    stream: Float64Array  # (n, 4) mid-stream speed (m/s), slope, visible share, half width (m; lake 0)
     triangles: npt.NDArray[np.uint32]  # (k,) indices, three a triangle, counter-clockwise from above
 
 
@@ -67,7 +67,9 @@ def water_surfaces(features: PlacedFeatures) -> list[WaterSurface]:
     return meshes
 
 
-def flow_speed_and_slope(centreline: Floats, width: npt.NDArray[np.float32]) -> tuple[Floats, Floats]:
+def flow_speed_and_slope(
+    centreline: Float64Array, width: npt.NDArray[np.float32]
+) -> tuple[Float64Array, Float64Array]:
     """Return speed in the middle (m/s) and slope of a river, from its (m, 3) centreline and width (m,).
 
     Manning's formula R^(2/3) √slope / n with the hydraulic radius R from the width, clipped to `SPEEDS`; the
@@ -84,7 +86,7 @@ def flow_speed_and_slope(centreline: Floats, width: npt.NDArray[np.float32]) -> 
     return np.clip(PEAK * mean, *SPEEDS), fall
 
 
-def river_surface(centreline: Floats, width: npt.NDArray[np.float32]) -> WaterSurface:
+def river_surface(centreline: Float64Array, width: npt.NDArray[np.float32]) -> WaterSurface:
     """Widen a (m, 3) centreline, downstream, m ≥ 2, to a mesh of m · ACROSS vertices."""
     flat = centreline[:, :2]
     downstream = np.gradient(flat, axis=0)
@@ -143,11 +145,11 @@ def _quads(index: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32]:
     return np.stack([sw, se, ne, sw, ne, nw], axis=-1)
 
 
-def _arc_length(centreline: Floats) -> Floats:
+def _arc_length(centreline: Float64Array) -> Float64Array:
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(centreline[:, :2], axis=0).T))])
 
 
-def _outside_lakes(position: Floats, lakes: Sequence[LakeGeometry]) -> Floats:
+def _outside_lakes(position: Float64Array, lakes: Sequence[LakeGeometry]) -> Float64Array:
     """Return how visible a river is at places: 1 on land, 0 from `MOUTH` inside a lake's shore on."""
     visible = np.ones(len(position))
     for lake in lakes:
@@ -159,7 +161,7 @@ def _outside_lakes(position: Floats, lakes: Sequence[LakeGeometry]) -> Floats:
     return visible
 
 
-def _outside_rivers(position: Floats, rivers: Sequence[RiverGeometry]) -> Floats:
+def _outside_rivers(position: Float64Array, rivers: Sequence[RiverGeometry]) -> Float64Array:
     """Return how visible a river is at places: 1 at other rivers' banks, 0 halfway to their middle."""
     visible = np.ones(len(position))
     for river in rivers:

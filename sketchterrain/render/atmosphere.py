@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
+from sketchterrain.array_types import Float64Array
 
 GROUND: Final = 6360e3
 """Radius of the ground (m)."""
@@ -52,8 +52,8 @@ _PSI_DIRECTIONS, _PSI_STEPS = 32, 16
 class PathLight(NamedTuple):
     """In-scattered radiance and transmittance of a path, (..., 3) each, for a sun of irradiance 1."""
 
-    radiance: Floats
-    clear: Floats
+    radiance: Float64Array
+    clear: Float64Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ class Air:
 
     haze: float = 1.0
 
-    def scattering(self, height: Floats) -> tuple[Floats, Floats, Floats]:
+    def scattering(self, height: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
         """Return scattering by molecules, by aerosols, and extinction, (..., 3) 1/m, at heights (m)."""
         height = np.maximum(height, 0.0)
         rayleigh = np.exp(height / -RAYLEIGH_HEIGHT)[..., None] * RAYLEIGH
@@ -70,7 +70,7 @@ class Air:
         ozone = np.maximum(0.0, 1.0 - np.abs(height - 25e3) / 15e3)[..., None] * OZONE
         return rayleigh, aerosol, rayleigh + aerosol * (1.0 + AEROSOL_ABSORBED) + ozone
 
-    def sunlight(self, height: Floats, cosine: Floats) -> Floats:
+    def sunlight(self, height: Float64Array, cosine: Float64Array) -> Float64Array:
         """Return transmitted sunlight, (..., 3), at heights (m), by cosine of the sun's zenith angle.
 
         Only the part of the disc above the horizon of bare ground counts.
@@ -81,7 +81,7 @@ class Air:
         part = risen * risen * (3.0 - 2.0 * risen)
         return np.asarray(self.transmittance(r, np.maximum(cosine, dip)) * part[..., None])
 
-    def transmittance(self, r: Floats, cosine: Floats) -> Floats:
+    def transmittance(self, r: Float64Array, cosine: Float64Array) -> Float64Array:
         """Return transmittance, (..., 3), from radii (m) to space on lines that miss the ground."""
         full = np.sqrt(TOP**2 - GROUND**2)
         rho = np.sqrt(np.maximum(r * r - GROUND**2, 0.0))
@@ -93,7 +93,7 @@ class Air:
         return np.asarray(np.exp(-_bilinear(self._depths, rho / full, angle)))
 
     @cached_property
-    def _depths(self) -> Floats:
+    def _depths(self) -> Float64Array:
         """Optical depth to the top, by √(r² − ground²) and the distance to the top (Bruneton 2017)."""
         full = np.sqrt(TOP**2 - GROUND**2)
         rho = np.linspace(0.0, full, _HEIGHTS)[:, None]
@@ -113,14 +113,14 @@ class Air:
                 total += share[..., None] * self.scattering(height)[2]
         return total
 
-    def multiple_scattering(self, height: Floats, cosine: Floats) -> Floats:
+    def multiple_scattering(self, height: Float64Array, cosine: Float64Array) -> Float64Array:
         """Return the isotropic radiance, (..., 3), of multiple scattering: Ψ of Hillaire's equation 10."""
         at_height = np.sqrt(np.clip(height / (TOP - GROUND), 0.0, 1.0))
         at_angle = (_signed_root(cosine) - _LOWEST_ROOT) / (1.0 - _LOWEST_ROOT)
         return np.asarray(np.exp(_bilinear(self._psi, at_height, at_angle)))
 
     @cached_property
-    def _psi(self) -> Floats:
+    def _psi(self) -> Float64Array:
         """Logarithm of Ψ, which falls by powers of ten once the sun has set."""
         height = np.linspace(0.0, 1.0, _PSI_HEIGHTS) ** 2 * (TOP - GROUND)
         along = 2.0 * np.linspace(_LOWEST_ROOT, 1.0, _PSI_ANGLES) - 1.0
@@ -133,8 +133,8 @@ class Air:
         return np.asarray(np.log(np.maximum(psi, 1e-12)))
 
     def multiple_scattering_source(
-        self, height: Floats, cosine: Floats, directions: Floats, *, steps: int
-    ) -> Floats:
+        self, height: Float64Array, cosine: Float64Array, directions: Float64Array, *, steps: int
+    ) -> Float64Array:
         """Compute Ψ from (n, 3) directions spread evenly over the sphere: Hillaire's equations 5 to 10."""
         height, cosine = np.broadcast_arrays(height, cosine)
         sun = np.stack([np.sqrt(np.maximum(1.0 - cosine**2, 0.0)), np.zeros_like(cosine), cosine], axis=-1)
@@ -156,10 +156,10 @@ class Air:
 
     def integrate(
         self,
-        height: Floats,
-        directions: Floats,
-        sun: Floats,
-        length: Floats,
+        height: Float64Array,
+        directions: Float64Array,
+        sun: Float64Array,
+        length: Float64Array,
         *,
         steps: int,
         multiple: bool = True,
@@ -176,8 +176,8 @@ class Air:
         by_rayleigh = rayleigh_phase(sunward)[..., None] if phases else 0.25 / np.pi
         by_aerosol = aerosol_phase(sunward)[..., None] if phases else 0.25 / np.pi
         edges = np.linspace(0.0, 1.0, steps + 1) ** 2
-        radiance: Floats | float = 0.0
-        clear: Floats | float = 1.0
+        radiance: Float64Array | float = 0.0
+        clear: Float64Array | float = 1.0
         for start, stop in pairwise(edges):
             along = 0.5 * (start + stop) * length
             radius = np.sqrt(r * r + along * along + 2.0 * r * along * up)
@@ -194,7 +194,13 @@ class Air:
         return PathLight(np.asarray(radiance), np.asarray(clear))
 
     def sky(
-        self, height: float, directions: Floats, sun: Floats, *, steps: int, longest: float = np.inf
+        self,
+        height: float,
+        directions: Float64Array,
+        sun: Float64Array,
+        *,
+        steps: int,
+        longest: float = np.inf,
     ) -> PathLight:
         """Integrate along directions to the top of the air or the ground, or for `longest` m."""
         r = np.asarray(max(height, 1.0) + GROUND)
@@ -208,18 +214,18 @@ def air_with_haze(haze: float) -> Air:
     return Air(haze)
 
 
-def rayleigh_phase(cosine: Floats) -> Floats:
+def rayleigh_phase(cosine: Float64Array) -> Float64Array:
     """Evaluate the phase function of molecules, 1/sr."""
     return np.asarray(3.0 / (16.0 * np.pi) * (1.0 + cosine * cosine))
 
 
-def aerosol_phase(cosine: Floats, g: float = FORWARD) -> Floats:
+def aerosol_phase(cosine: Float64Array, g: float = FORWARD) -> Float64Array:
     """Evaluate the phase function of aerosols, 1/sr (Cornette & Shanks 1992)."""
     share = 3.0 / (8.0 * np.pi) * (1.0 - g * g) / (2.0 + g * g)
     return np.asarray(share * (1.0 + cosine * cosine) / (1.0 + g * g - 2.0 * g * cosine) ** 1.5)
 
 
-def _boundary_distance(r: Floats, up: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
+def _boundary_distance(r: Float64Array, up: Float64Array) -> tuple[Float64Array, npt.NDArray[np.bool_]]:
     """Return the distance to the top of the air or the ground (m), and whether it is the ground."""
     r, up = np.broadcast_arrays(r, up)
     room = r * r * (up * up - 1.0)
@@ -229,12 +235,12 @@ def _boundary_distance(r: Floats, up: Floats) -> tuple[Floats, npt.NDArray[np.bo
     return np.where(hits, to_ground, to_top), hits
 
 
-def _signed_root(cosine: Floats) -> Floats:
+def _signed_root(cosine: Float64Array) -> Float64Array:
     """Map cosines −1 … 1 to 0 … 1, finest around 0."""
     return np.asarray(0.5 + 0.5 * np.copysign(np.sqrt(np.abs(cosine)), cosine))
 
 
-def _bilinear(table: Floats, row: Floats, column: Floats) -> Floats:
+def _bilinear(table: Float64Array, row: Float64Array, column: Float64Array) -> Float64Array:
     """Interpolate a (rows, columns, 3) table at shares 0 … 1 of its rows and columns."""
     rows, columns = table.shape[:2]
     y, x = np.broadcast_arrays(np.clip(row, 0.0, 1.0) * (rows - 1), np.clip(column, 0.0, 1.0) * (columns - 1))

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     import moderngl
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Float64Array
     from sketchterrain.render.allowance import TimeBudget
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.lit_ground import LitGround
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.sky import Sun
 
-    Floats = npt.NDArray[np.float64]
 
 PIXELS: Final = (170.0, 60.0, 30.0, 14.0, 6.0)
 """Height of a plant in pixels under which the next coarser detail does."""
@@ -245,7 +245,7 @@ def _batch(
 
 
 def shares(
-    pixels: npt.NDArray[np.floating], whim: npt.NDArray[np.floating], steps: Floats
+    pixels: npt.NDArray[np.floating], whim: npt.NDArray[np.floating], steps: Float64Array
 ) -> npt.NDArray[np.float64]:
     """Return how much of each detail is drawn of plants.
 
@@ -278,12 +278,12 @@ def _present(
     return np.asarray(np.clip(np.minimum(gone, come), 0.0, 1.0))
 
 
-def _beside(planes: Floats, place: npt.NDArray[np.floating]) -> npt.NDArray[np.bool_]:
+def _beside(planes: Float64Array, place: npt.NDArray[np.floating]) -> npt.NDArray[np.bool_]:
     """Tell which places relative to the eye lie between the left and the right border of a view."""
     return np.asarray((place @ planes[:2, :3].T.astype(place.dtype) > -ROOM).all(axis=1))
 
 
-def _grouped(stand: Stand, share: Floats, details: range) -> Instances:
+def _grouped(stand: Stand, share: Float64Array, details: range) -> Instances:
     """Put plants in the order of kind and detail, those that are drawn in two of the details twice."""
     detail, plant = np.nonzero(share.T[details.start : details.stop] > 1.0 / 512.0)
     detail += details.start

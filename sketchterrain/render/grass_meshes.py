@@ -15,7 +15,8 @@ from sketchterrain.render.strewn import Mesh
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    Floats = npt.NDArray[np.float64]
+    from sketchterrain.array_types import Float64Array
+
 
 __all__ = ["DETAILS", "KINDS", "LEAF", "PETAL", "STALK", "tuft_mesh"]
 
@@ -33,8 +34,8 @@ blade's own number 0..1, what it is painted as."""
 class _Blade(NamedTuple):
     """One strip: where it starts and leans to, how it narrows, and what it is."""
 
-    base: Floats  # (2,) heights
-    lean: Floats  # (2,) heights that its tip is off its base
+    base: Float64Array  # (2,) heights
+    lean: Float64Array  # (2,) heights that its tip is off its base
     tall: float  # heights
     twist: float  # rad between its lean and its edge's normal
     width: float  # half widths
@@ -127,9 +128,9 @@ def _ears(rng: np.random.Generator, *, count: int) -> list[_Blade]:
 
 
 class _Strip(NamedTuple):
-    place: Floats  # (n, 3)
-    side: Floats  # (n, 3)
-    manner: Floats  # (n, 3)
+    place: Float64Array  # (n, 3)
+    side: Float64Array  # (n, 3)
+    manner: Float64Array  # (n, 3)
     triangles: npt.NDArray[np.int64]  # (m, 3)
 
 
@@ -158,7 +159,7 @@ def _strip(blade: _Blade, steps: tuple[float, ...]) -> _Strip:
     return _Strip(place[rows], side, manner, triangles)
 
 
-def _width(blade: _Blade, t: Floats) -> Floats:
+def _width(blade: _Blade, t: Float64Array) -> Float64Array:
     """Return how wide a blade is at shares of its way up (half widths), leaves widest over their foot."""
     full = 0.7 + 0.6 * np.minimum(t / 0.3, 1.0) if blade.narrow > 1.0 else 1.0
     return np.asarray(blade.width * (1.0 - t**blade.narrow) * full)
@@ -177,7 +178,7 @@ def _flower(rng: np.random.Generator, steps: tuple[float, ...], *, petals: int) 
     return strips
 
 
-def _head(top: Floats, up: Floats, petals: int, tone: float) -> _Strip:
+def _head(top: Float64Array, up: Float64Array, petals: int, tone: float) -> _Strip:
     """Make a shallow cone of petals about a middle; its size goes with the half width."""
     up = up / np.linalg.norm(up)
     first = np.cross(up, [0.0, 1.0, 0.0])
@@ -225,7 +226,7 @@ def _fern(rng: np.random.Generator, *, fronds: int, leaflets: int) -> list[_Stri
     return strips
 
 
-def _arch(t: Floats, out: Floats, reach: float, tall: float) -> Floats:
+def _arch(t: Float64Array, out: Float64Array, reach: float, tall: float) -> Float64Array:
     """Points of a frond's middle line."""
     up = tall * np.sin(0.62 * np.pi * t) * (1.0 - 0.25 * t)
     return np.asarray(np.outer(reach * t, out) + np.outer(up, [0.0, 0.0, 1.0]))

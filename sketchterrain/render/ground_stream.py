@@ -26,12 +26,12 @@ if TYPE_CHECKING:
     import moderngl
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Bounds
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.scene import TileSource
     from sketchterrain.tiles import Batch, DrawList
     from sketchterrain.tiles.metrics import Metric
 
-    Box = tuple[float, float, float, float]
 
 QUAD, QUAD_PER_TOLERANCE = 24.0, 8.0
 """px; largest width of a quad: constant, and per pixel of tolerance."""
@@ -165,7 +165,7 @@ class TerrainStream:
         self._place(self.tiles.generate_all(view, self._write), camera.eye)
         self._eye = np.asarray(camera.eye)
 
-    def set_terrain(self, terrain: TileSource, areas: Sequence[Box]) -> TileUpdateStats:
+    def set_terrain(self, terrain: TileSource, areas: Sequence[Bounds]) -> TileUpdateStats:
         """Replace the terrain by another one of the same extent, bit-equal outside `areas` (W, S, E, N; m).
 
         Visible tiles of the areas are rewritten before this returns, so that no frame mixes two terrains; the

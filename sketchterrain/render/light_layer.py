@@ -12,9 +12,10 @@ from sketchterrain.render.programs import fullscreen_pass, set_uniforms
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from sketchterrain.array_types import Bounds
     from sketchterrain.render.allowance import TimeBudget
     from sketchterrain.render.light_map import LightMap
-    from sketchterrain.render.light_square import Box, Square
+    from sketchterrain.render.light_square import Square
 
 FADE: Final = 0.5
 """s that each step from one map to the next takes, at least."""
@@ -101,7 +102,7 @@ class Layer:
         self.shown, self.coming, self.light = made, None, made.light
         self.window, self.strength, self.step = whole(made.square), 1.0, 0
 
-    def change(self, areas: Sequence[Box]) -> None:
+    def change(self, areas: Sequence[Bounds]) -> None:
         """Note that the ground is another one in some areas (m)."""
         for made in (self.shown, self.coming):
             if made is not None:

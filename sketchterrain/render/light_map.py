@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Final
 import moderngl
 import numpy as np
 
+from sketchterrain.array_types import Bounds
 from sketchterrain.render.allowance import WorkRate
-from sketchterrain.render.light_square import BLOCK, Box, Rectangle, Square, joined, overlap, place_in
+from sketchterrain.render.light_square import BLOCK, Rectangle, Square, joined, overlap, place_in
 from sketchterrain.render.programs import fullscreen_pass, set_uniforms
 from sketchterrain.render.relief import HeightMap
 
@@ -149,7 +150,7 @@ class LightMap:
             texture.repeat_x = texture.repeat_y = False
         self.light.filter = (moderngl.LINEAR, moderngl.LINEAR)
 
-    def change(self, areas: Sequence[Box]) -> None:
+    def change(self, areas: Sequence[Bounds]) -> None:
         """Note that the ground is another one in some areas (m)."""
         self.outdated = joined(self.outdated + self.square.texels_in(areas))
 

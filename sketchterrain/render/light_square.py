@@ -8,11 +8,11 @@ from typing import Final
 
 import numpy as np
 
+from sketchterrain.array_types import Bounds
+
 BLOCK: Final = 64
 """Squares lie on whole blocks of so many texels, so that mipmaps of two squares agree where both lie."""
 
-Box = tuple[float, float, float, float]
-"""West, south, east and north (m)."""
 Rectangle = tuple[int, int, int, int]
 """The same in texels from the world's origin, east and north beyond the last."""
 _WASTE: Final = 1.25
@@ -50,7 +50,7 @@ class Square:
         """All its texels."""
         return self.col, self.row, self.col + self.texels, self.row + self.texels
 
-    def texels_in(self, areas: Sequence[Box]) -> list[Rectangle]:
+    def texels_in(self, areas: Sequence[Bounds]) -> list[Rectangle]:
         """Return those of its texels that areas (m) meet."""
         found = []
         limits = np.array(self.whole, np.float64)

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from sketchterrain.array_types import Bounds
 from sketchterrain.render.light_layer import Layer, whole
 from sketchterrain.render.light_map import LightMaker, LightMap
-from sketchterrain.render.light_square import Box, Square
+from sketchterrain.render.light_square import Square
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -141,7 +142,7 @@ class LitGround:
             "close": (self._near.shown, self._far.shown),
         }[name]
 
-    def change(self, terrain: TerrainSource, areas: Sequence[Box]) -> None:
+    def change(self, terrain: TerrainSource, areas: Sequence[Bounds]) -> None:
         """Light another terrain from now on: what is shown stays until there are new maps.
 
         Parameters

@@ -15,11 +15,10 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Bounds, Float64Array
     from sketchterrain.look.waters import DistanceRaster, PlacedFeatures
     from sketchterrain.render.scene import TerrainSource
 
-    Floats = npt.NDArray[np.float64]
-    Box = tuple[float, float, float, float]
     Colour = tuple[int, int, int]
 
 FEATURE_COLOURS: Final[dict[str, Colour]] = {
@@ -87,9 +86,9 @@ class HeightCache:
     """Heights of features' rings and middles, kept while the ground under them stays as it is."""
 
     def __init__(self) -> None:
-        self._rows: dict[bytes, tuple[Box, Floats]] = {}
+        self._rows: dict[bytes, tuple[Bounds, Float64Array]] = {}
 
-    def invalidate(self, areas: Sequence[Box]) -> None:
+    def invalidate(self, areas: Sequence[Bounds]) -> None:
         """Drop heights inside areas (W, S, E, N; m)."""
         self._rows = {
             row: (box, heights)
@@ -97,7 +96,7 @@ class HeightCache:
             if not any(w <= box[2] and e >= box[0] and s <= box[3] and n >= box[1] for w, s, e, n in areas)
         }
 
-    def at(self, terrain: TerrainSource, x: Floats, y: Floats) -> Floats:
+    def at(self, terrain: TerrainSource, x: Float64Array, y: Float64Array) -> Float64Array:
         """Return heights (m) at rows of positions (m), (rows, n), which replace the cached rows."""
         names = [place.tobytes() for place in np.concatenate([x, y], axis=1)]
         new = [number for number, name in enumerate(names) if name not in self._rows]
@@ -111,7 +110,7 @@ class HeightCache:
 
 def feature_lines(
     terrain: TerrainSource, heights: HeightCache | None = None
-) -> tuple[Floats, Floats, npt.NDArray[np.uint8]]:
+) -> tuple[Float64Array, Float64Array, npt.NDArray[np.uint8]]:
     """Return starts and ends (n, 3; m) and colours (n, 4) of the lines of all features."""
     parts = [*_rings(terrain, heights or HeightCache()), *_centrelines(terrain.features), *_shores(terrain)]
     starts = [np.zeros((0, 3)), *(part[0] for part in parts)]
@@ -120,10 +119,10 @@ def feature_lines(
     return np.concatenate(starts), np.concatenate(ends), np.concatenate(colours)
 
 
-_Lines = tuple["Floats", "Floats", "npt.NDArray[np.uint8]"]
+_Lines = tuple["Float64Array", "Float64Array", "npt.NDArray[np.uint8]"]
 
 
-def _lines_of(start: Floats, end: Floats, colour: Colour, opacity: npt.ArrayLike = 255) -> _Lines:
+def _lines_of(start: Float64Array, end: Float64Array, colour: Colour, opacity: npt.ArrayLike = 255) -> _Lines:
     start, end = (np.reshape(each, (-1, 3)) for each in (start, end))
     colours = np.empty((len(start), 4), np.uint8)
     colours[:, :3], colours[:, 3] = colour, opacity
@@ -167,11 +166,11 @@ def _shores(terrain: TerrainSource) -> list[_Lines]:
     ]
 
 
-def _shore(shape: DistanceRaster, level: float) -> tuple[Floats, Floats]:
+def _shore(shape: DistanceRaster, level: float) -> tuple[Float64Array, Float64Array]:
     """Return starts and ends of the sample edges between inside and outside of a shape."""
     inside = np.pad(shape.inside > 0, 1)
-    starts: list[Floats] = []
-    ends: list[Floats] = []
+    starts: list[Float64Array] = []
+    ends: list[Float64Array] = []
     for axis, side in ((0, (0.5, 0.0)), (1, (0.0, 0.5))):
         cut = np.argwhere(np.diff(inside.astype(np.int8), axis=axis) != 0).astype(np.float64)
         cut[:, axis] += 0.5

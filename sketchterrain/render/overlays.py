@@ -16,12 +16,11 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Bounds, Float64Array
     from sketchterrain.render.ground_stream import TerrainStream
     from sketchterrain.render.scene import TerrainSource
     from sketchterrain.tiles import DrawList
 
-    Floats = npt.NDArray[np.float64]
-    Box = tuple[float, float, float, float]
 
 OVERLAYS: Final = {
     "wireframe": "triangles, coloured by tile level",
@@ -92,7 +91,7 @@ class Overlay:
         self._heights = HeightCache()
         self._target: moderngl.Framebuffer | None = None
 
-    def set_terrain(self, terrain: TerrainSource, areas: Sequence[Box] | None = None) -> None:
+    def set_terrain(self, terrain: TerrainSource, areas: Sequence[Bounds] | None = None) -> None:
         """Draw the features of another terrain, bit-equal outside `areas` (W, S, E, N; m; None: anywhere)."""
         self._terrain = terrain
         self._lines = None
@@ -206,13 +205,13 @@ def _tile_tints(name: str, draws: DrawList) -> npt.NDArray[np.float32]:
     return tints
 
 
-def _ramp(at: Floats) -> Floats:
+def _ramp(at: Float64Array) -> Float64Array:
     """Return colours, (n, 3), for positions 0 … 1 on the ramp."""
     stops = np.linspace(0.0, 1.0, len(_RAMP))
     return np.stack([np.interp(at, stops, channel) for channel in _RAMP.T], axis=-1)
 
 
-def _ramp_entries(values: Floats, unit: str) -> tuple[LegendEntry, ...]:
+def _ramp_entries(values: Float64Array, unit: str) -> tuple[LegendEntry, ...]:
     return tuple(
         LegendEntry(_rgb(colour), f"{value:g} {unit}") for value, colour in zip(values, _RAMP, strict=True)
     )

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Float64Array
     from sketchterrain.render.allowance import TimeBudget
     from sketchterrain.render.scene import TerrainSource
 
-    Floats = npt.NDArray[np.float64]
 
 __all__ = [
     "CELL",
@@ -69,7 +69,7 @@ class Cell:
         Whether they may be others by now.
     """
 
-    corner: Floats
+    corner: Float64Array
     stand: Stand
     low: float
     high: float
@@ -238,7 +238,7 @@ def _near_any(place: Place, areas: Sequence[tuple[float, float, float, float]]) 
     return any(w <= east and e >= west and s <= north and n >= south for w, s, e, n in areas)
 
 
-def in_view(planes: Floats, places: Sequence[Place], bounds: Floats) -> npt.NDArray[np.bool_]:
+def in_view(planes: Float64Array, places: Sequence[Place], bounds: Float64Array) -> npt.NDArray[np.bool_]:
     """Tell which cells a view may show.
 
     Parameters
@@ -274,12 +274,12 @@ def cells_near(x: float, y: float, reach: float) -> list[Place]:
     return [(int(c), int(r)) for c, r in zip(cols[order], rows[order], strict=True)]
 
 
-def reach_of(whim: npt.NDArray[np.float32], reach: float) -> Floats:
+def reach_of(whim: npt.NDArray[np.float32], reach: float) -> Float64Array:
     """Return the distances (m) at which plants go, if the last of all go at `reach`."""
     return np.asarray(reach * (FADE + (1.0 - FADE) * whim), dtype=np.float64)
 
 
-def joined(cells: Sequence[Cell], origin: Floats, counts: Sequence[int] | None = None) -> Stand:
+def joined(cells: Sequence[Cell], origin: Float64Array, counts: Sequence[int] | None = None) -> Stand:
     """Join the plants of cells: x and y from `origin` (m) instead of from each cell's corner.
 
     With `counts`, only so many of each, the first ones.

@@ -16,15 +16,13 @@ from sketchterrain.render.sky import Sun
 from sketchterrain.render.thinning import share_of, width_of
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
+    from sketchterrain.array_types import Float64Array
     from sketchterrain.render.allowance import TimeBudget
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.lit_ground import LitGround
     from sketchterrain.render.plant_cells import Cell, PlantCells
     from sketchterrain.render.quality import Quality
 
-    Floats = npt.NDArray[np.float64]
 
 MAPS: Final = ((0.06, 0.075), (0.45, 0.60))
 """Near and far: where ahead its middle lies and half its side, in reaches of the woods."""
@@ -152,7 +150,7 @@ class PlantShade:
         near, far = self._maps
         return near.share, far.share
 
-    def matrices(self, eye: tuple[float, float, float]) -> list[Floats]:
+    def matrices(self, eye: tuple[float, float, float]) -> list[Float64Array]:
         """Return the (4, 4) matrices from positions relative to the eye to the clip spaces of the maps.
 
         The near and the far one, then those of the maps before them.
@@ -248,12 +246,12 @@ class PlantShade:
         if each.goes_on == batch.count:
             each.swap(each.coming)
 
-    def _matrix(self, place: _Place, eye: tuple[float, float, float]) -> Floats:
+    def _matrix(self, place: _Place, eye: tuple[float, float, float]) -> Float64Array:
         centre = np.array(place.centre) @ sun_axes(place.sun) - eye
         return shade_matrix(place.sun, centre, place.half, HALF_DEPTH)
 
 
-def sun_axes(sun: Sun) -> Floats:
+def sun_axes(sun: Sun) -> Float64Array:
     """Return the axes of a map seen from the sun: unit rows right, up and towards the sun."""
     back = sun.direction
     up = np.array([0.0, 0.0, 1.0]) if back[2] < 0.999 else np.array([0.0, 1.0, 0.0])
@@ -262,7 +260,7 @@ def sun_axes(sun: Sun) -> Floats:
     return np.stack([right, np.cross(back, right), back])
 
 
-def shade_matrix(sun: Sun, centre: Floats, half_width: float, half_depth: float) -> Floats:
+def shade_matrix(sun: Sun, centre: Float64Array, half_width: float, half_depth: float) -> Float64Array:
     """Return the (4, 4) matrix from positions relative to a point to a map seen from the sun.
 
     Parameters

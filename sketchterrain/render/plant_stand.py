@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    Floats = npt.NDArray[np.float64]
+    from sketchterrain.array_types import Float64Array
+
 
 CELL: Final = 256.0
 """m. Smaller ones take as long, larger ones longer than a frame can spare."""
@@ -68,7 +69,7 @@ class Stand(NamedTuple):
         return self.rows[:, 3]
 
 
-def stand_of(plants: npt.NDArray[np.void], corner: Floats) -> Stand:
+def stand_of(plants: npt.NDArray[np.void], corner: Float64Array) -> Stand:
     """Return the plants (`PLANT`) of the cell with a south-west corner (m)."""
     place = np.stack([plants["x"] - corner[0], plants["y"] - corner[1], plants["z"] - SINK], axis=1)
     chance, second = plant_chances(plants)
@@ -87,7 +88,9 @@ def stand_of(plants: npt.NDArray[np.void], corner: Floats) -> Stand:
     return Stand(rows[order], single[0], single[1], single[2], kind.astype(np.uint8)[order])
 
 
-def joined_stands(stands: Sequence[Stand], offsets: Floats, counts: Sequence[int] | None = None) -> Stand:
+def joined_stands(
+    stands: Sequence[Stand], offsets: Float64Array, counts: Sequence[int] | None = None
+) -> Stand:
     """Join plants that are counted from different corners.
 
     Parameters
@@ -107,7 +110,7 @@ def joined_stands(stands: Sequence[Stand], offsets: Floats, counts: Sequence[int
     return whole
 
 
-def _crowding(place: Floats, tall: Floats) -> Floats:
+def _crowding(place: Float64Array, tall: Float64Array) -> Float64Array:
     """Tell how much other trees shade each plant, 0 alone … 1 in a dense forest."""
     trees = np.where(tall > LOW, 1.0, 0.0)
     column, row = np.clip(np.floor(place[:, :2] / PATCH), 0, CELL // PATCH - 1).astype(np.int64).T

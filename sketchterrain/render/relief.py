@@ -13,9 +13,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Float64Array
     from sketchterrain.render.scene import TerrainSource
-
-    Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +31,7 @@ class HeightMap:
         """Width of a texel (m)."""
         return self.width / len(self.heights)
 
-    def at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Floats:
+    def at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Float64Array:
         """Interpolate heights (m); places outside take the border's."""
         n = len(self.heights)
         col = np.clip((np.asarray(x, np.float64) - self.west) / self.texel - 0.5, 0.0, n - 1.001)

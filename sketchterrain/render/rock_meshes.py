@@ -10,10 +10,8 @@ import numpy as np
 from sketchterrain.render.strewn import Mesh
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
+    from sketchterrain.array_types import Float64Array, Int64Array
 
-    Floats = npt.NDArray[np.float64]
-    Triangles = npt.NDArray[np.int64]
 
 VERTEX: Final = np.dtype([("place", "<f4", 3), ("outward", "<f4", 3)])
 """In radii of the stone; a unit normal."""
@@ -58,7 +56,7 @@ def rock_mesh(shape: int, detail: int) -> Mesh:
     return Mesh(vertices, triangles.astype(np.uint32))
 
 
-def _radius(directions: Floats, shape: int) -> Floats:
+def _radius(directions: Float64Array, shape: int) -> Float64Array:
     """Return how far (radii) a stone reaches in unit directions."""
     rng = np.random.default_rng([11, shape])
     form = SHAPES[shape]
@@ -73,7 +71,7 @@ def _radius(directions: Floats, shape: int) -> Floats:
     return np.asarray(cut * (1.0 + rough))
 
 
-def _waves(rng: np.random.Generator, directions: Floats, frequency: float) -> Floats:
+def _waves(rng: np.random.Generator, directions: Float64Array, frequency: float) -> Float64Array:
     """Return noise of a frequency (rad a radius) and deviation 1: plane waves in all directions."""
     ways = _unit(rng.standard_normal((9, 3))) * frequency * rng.uniform(0.7, 1.3, (9, 1))
     phases = rng.uniform(0.0, 2.0 * np.pi, 9)
@@ -81,7 +79,7 @@ def _waves(rng: np.random.Generator, directions: Floats, frequency: float) -> Fl
 
 
 @cache
-def _ball(splits: int) -> tuple[Floats, Triangles]:
+def _ball(splits: int) -> tuple[Float64Array, Int64Array]:
     """Split each triangle of an icosahedron so often; return unit vectors and triangles counter-clockwise."""
     golden = (1.0 + np.sqrt(5.0)) / 2.0
     flat = np.array([[-1, golden], [1, golden], [-1, -golden], [1, -golden]])
@@ -103,11 +101,11 @@ def _ball(splits: int) -> tuple[Floats, Triangles]:
     return points, triangles
 
 
-def _are_near(points: Floats) -> bool:
+def _are_near(points: Float64Array) -> bool:
     return bool(max(np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1)) < 1.1)
 
 
-def _split(points: Floats, triangles: Triangles) -> tuple[Floats, Triangles]:
+def _split(points: Float64Array, triangles: Int64Array) -> tuple[Float64Array, Int64Array]:
     edges = np.sort(
         np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1
     )
@@ -119,5 +117,5 @@ def _split(points: Floats, triangles: Triangles) -> tuple[Floats, Triangles]:
     return np.concatenate([points, middle]), np.concatenate([np.column_stack(part) for part in parts])
 
 
-def _unit(vectors: Floats) -> Floats:
+def _unit(vectors: Float64Array) -> Float64Array:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Float64Array
     from sketchterrain.render.camera import Camera
 
-    Floats = npt.NDArray[np.float64]
 
 BAND: Final = 0.3
 """Over this share of the number of places shown at a distance the last ones come up; as in scatter.glsl."""
@@ -109,14 +109,14 @@ def cells_within(eye: Sequence[float], reach: float, cell: float) -> npt.NDArray
     return cells[order[away[order] < reach]]
 
 
-def away_from(eye: Sequence[float], cells: npt.NDArray[np.int64], cell: float) -> Floats:
+def away_from(eye: Sequence[float], cells: npt.NDArray[np.int64], cell: float) -> Float64Array:
     """Return the horizontal distance (m) of cells' nearest points from an eye."""
     beside = np.maximum(np.abs(cell * (cells + 0.5) - np.asarray(eye[:2])) - 0.5 * cell, 0.0)
     return np.asarray(np.hypot(beside[:, 0], beside[:, 1]))
 
 
 def in_sight(
-    planes: Floats, cells: npt.NDArray[np.int64], cell: float, eye: Sequence[float], above: float
+    planes: Float64Array, cells: npt.NDArray[np.int64], cell: float, eye: Sequence[float], above: float
 ) -> npt.NDArray[np.bool_]:
     """Tell which cells a view may show, where the ground is no steeper than `STEEPEST` on the way there.
 

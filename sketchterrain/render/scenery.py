@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
     from pathlib import Path
 
+    from sketchterrain.array_types import Bounds
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.quality import Quality
     from sketchterrain.render.scene import TerrainSource
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from sketchterrain.render.stats import TileUpdateStats
     from sketchterrain.render.weather import Weather
 
-    Box = tuple[float, float, float, float]
 
 QUAD: Final = 32.0
 """px; largest width of a quad up to a tolerance of 2 px, in proportion to it above."""
@@ -120,7 +120,7 @@ class Scenery:
         """Triangles of terrain, plants and ground cover in the last picture."""
         return self.stream.tile_renderer.triangles + self.forest.triangles + self.cover.triangles
 
-    def set_terrain(self, terrain: TerrainSource, areas: Sequence[Box]) -> TileUpdateStats:
+    def set_terrain(self, terrain: TerrainSource, areas: Sequence[Bounds]) -> TileUpdateStats:
         """Replace the terrain: tiles and water at once, light and plants over the next frames."""
         tile_stats = self.stream.set_terrain(terrain, areas)
         self.lit.change(terrain, areas)

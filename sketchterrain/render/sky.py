@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Final
 
 import moderngl
 import numpy as np
-import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.errors import InputError
 from sketchterrain.render.atmosphere import AEROSOL, AEROSOL_ABSORBED, AEROSOL_HEIGHT, air_with_haze
 from sketchterrain.render.sky_light import irradiance_harmonics, sky_irradiance
@@ -45,8 +45,6 @@ OVERCAST: Final = (0.6, 1.0)
 OVERCAST_CLEAR: Final = np.array([0.33, 0.34, 0.35])
 """Transmittance of a closed cloud layer for the light on level ground."""
 
-Floats = npt.NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Sun:
@@ -62,7 +60,7 @@ class Sun:
             )
 
     @property
-    def direction(self) -> Floats:
+    def direction(self) -> Float64Array:
         """Unit vector towards the sun, x east, y north, z up."""
         azimuth, elevation = np.radians([self.azimuth, self.elevation])
         return np.array(
@@ -101,7 +99,7 @@ class Sky:
         self.sun = sun
         self.air = air_with_haze(weather.haze)
         self.haze = weather.haze * np.maximum(HAZE, SMALL_WORLD / extent)
-        self._levels: dict[int, Floats] = {}
+        self._levels: dict[int, Float64Array] = {}
         ground = sky_table(self.air, sun, LEVELS[0])
         shone = self.air.sunlight(np.zeros(()), np.array(sun.direction[2])) * SUN_IRRADIANCE
         clear = irradiance_harmonics(ground[SIZE:], sun, shone)
@@ -142,13 +140,13 @@ class Sky:
         table[..., :3] = low + share * (high - low)
         self.view.write(table.tobytes())
 
-    def _level(self, number: int) -> Floats:
+    def _level(self, number: int) -> Float64Array:
         """Return the table for a height of `LEVELS`, computed on first use."""
         if number not in self._levels:
             self._levels[number] = self._with_overcast(sky_table(self.air, self.sun, LEVELS[number]))
         return self._levels[number]
 
-    def _with_overcast(self, table: Floats) -> Floats:
+    def _with_overcast(self, table: Float64Array) -> Float64Array:
         return np.asarray(table + self.overcast * (self._overcast_sky - table))
 
 
@@ -162,7 +160,7 @@ def exposure_for(sunlight: float, height: float, sky: float) -> float:
 
 
 @lru_cache(maxsize=16)
-def sky_table(air: Air, sun: Sun, height: float) -> Floats:
+def sky_table(air: Air, sun: Sun, height: float) -> Float64Array:
     """Return the clear sky's (128, 64, 3) radiance by direction, read-only, at a height (m).
 
     Columns: the angle from the sun's azimuth is 180° times the square of their share 0 … 1. Rows 0 to 63:
@@ -191,7 +189,7 @@ def sky_table(air: Air, sun: Sun, height: float) -> Floats:
     return np.asarray(table)
 
 
-def overcast_table(irradiance: Floats) -> Floats:
+def overcast_table(irradiance: Float64Array) -> Float64Array:
     """Return `sky_table` under a closed cloud layer of a transmitted irradiance (3,).
 
     The zenith is three times as bright as the horizon (Moon & Spencer 1942, the CIE overcast sky).

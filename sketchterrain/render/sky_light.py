@@ -5,17 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.render.atmosphere import GROUND_ALBEDO
 
 if TYPE_CHECKING:
     from sketchterrain.render.sky import Sun
 
-Floats = npt.NDArray[np.float64]
 
-
-def irradiance_harmonics(radiance: Floats, sun: Sun, sunlight: Floats) -> Floats:
+def irradiance_harmonics(radiance: Float64Array, sun: Sun, sunlight: Float64Array) -> Float64Array:
     """Project sky radiance (n, n, 3) and the lit ground onto (9, 3) irradiance coefficients.
 
     Rows of the radiance are √(elevation / 90°), columns √(angle from the sun's azimuth / 180°). Irradiance on
@@ -42,27 +40,27 @@ def irradiance_harmonics(radiance: Floats, sun: Sun, sunlight: Floats) -> Floats
     return np.asarray(total * _LOBE[:, None])
 
 
-def sky_irradiance(harmonics: Floats, normal: Floats) -> Floats:
+def sky_irradiance(harmonics: Float64Array, normal: Float64Array) -> Float64Array:
     """Evaluate `irradiance_harmonics` for one unit normal; the oracle of ``sky_irradiance`` in frame.glsl."""
     x, y, z = normal
     terms = np.array([1.0, y, z, x, x * y, y * z, 3 * z * z - 1, x * z, x * x - y * y])
     return np.asarray(terms @ harmonics)
 
 
-def _interpolated(table: Floats, columns: Floats) -> Floats:
+def _interpolated(table: Float64Array, columns: Float64Array) -> Float64Array:
     """Interpolate between a table's columns."""
     left = np.minimum(columns.astype(np.intp), table.shape[1] - 2)
     share = (columns - left)[:, None]
     return np.asarray(table[:, left] + share * (table[:, left + 1] - table[:, left]))
 
 
-def _widths(places: Floats) -> Floats:
+def _widths(places: Float64Array) -> Float64Array:
     """Return the trapezoid-rule weights of ascending abscissae."""
     gaps = np.diff(places)
     return np.asarray(0.5 * (np.append(gaps, 0.0) + np.append(0.0, gaps)))
 
 
-def _basis(x: Floats, y: Floats, z: Floats) -> Floats:
+def _basis(x: Float64Array, y: Float64Array, z: Float64Array) -> Float64Array:
     one = np.ones_like(x)
     return np.stack([one, y, z, x, x * y, y * z, 3 * z * z - 1, x * z, x * x - y * y])
 

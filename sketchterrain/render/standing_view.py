@@ -12,13 +12,11 @@ from sketchterrain.render.stands import Cover, find_viewpoints, topographic_posi
 from sketchterrain.render.view_aim import aim, window
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
+    from sketchterrain.array_types import Float64Array
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.view_aim import Light
 
-    Floats = npt.NDArray[np.float64]
 
 EYE: Final = {False: 2.2, True: 4.0}
 """m above the ground, of one who stands there, and on a rise (of one who climbed a rock)."""
@@ -53,14 +51,14 @@ CLEAR: Final = 14.0
 class _Sight(NamedTuple):
     """What is seen all around, by stand and bearing."""
 
-    horizon: Floats  # tangent of the skyline's elevation
-    near: Floats  # the same of what is near
-    middle: Floats  # share of the picture's height that ground between near and far takes
-    layers: Floats  # ridges one behind the other
-    water: Floats  # apparent size of the water
-    flooded: Floats  # share of water in the ground that is seen
-    woods: Floats  # share of what is seen that is forest
-    inside: Floats  # share of the skyline's rise that lies in the sketch
+    horizon: Float64Array  # tangent of the skyline's elevation
+    near: Float64Array  # the same of what is near
+    middle: Float64Array  # share of the picture's height that ground between near and far takes
+    layers: Float64Array  # ridges one behind the other
+    water: Float64Array  # apparent size of the water
+    flooded: Float64Array  # share of water in the ground that is seen
+    woods: Float64Array  # share of what is seen that is forest
+    inside: Float64Array  # share of the skyline's rise that lies in the sketch
 
 
 def standing_view(terrain: TerrainSource, light: Light, *, raised: bool) -> Camera:
@@ -94,7 +92,7 @@ def standing_view(terrain: TerrainSource, light: Light, *, raised: bool) -> Came
     return aim((x, y, z), angle, skyline, extent, fov=FOV[raised], horizon_at=HORIZON_AT)
 
 
-def _look_around(terrain: TerrainSource, cover: Cover, eyes: Floats, bearings: Floats) -> _Sight:
+def _look_around(terrain: TerrainSource, cover: Cover, eyes: Float64Array, bearings: Float64Array) -> _Sight:
     extent = terrain.extent
     distance = np.geomspace(NEAREST, 1.5 * extent, DISTANCES)
     east = eyes[:, 0, None, None] + np.sin(bearings)[None, :, None] * distance
@@ -128,7 +126,7 @@ def _look_around(terrain: TerrainSource, cover: Cover, eyes: Floats, bearings: F
     )
 
 
-def _score(sight: _Sight, *, raised: bool) -> Floats:
+def _score(sight: _Sight, *, raised: bool) -> Float64Array:
     """Rate each stand and bearing."""
     horizon = window(sight.horizon, IN_VIEW)
     peak = horizon.max(axis=0)

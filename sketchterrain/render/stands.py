@@ -14,10 +14,9 @@ from sketchterrain.render.scene import visible_rectangle
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.array_types import BoolArray, Float64Array
     from sketchterrain.render.scene import TerrainSource
 
-    Floats = npt.NDArray[np.float64]
-    Flags = npt.NDArray[np.bool_]
 
 MOST: Final = 220
 """Stands that are looked from."""
@@ -61,15 +60,15 @@ class Cover:
             for lake in features.lakes
         ]
 
-    def woods(self, x: Floats, y: Floats) -> Floats:
+    def woods(self, x: Float64Array, y: Float64Array) -> Float64Array:
         """Return 1 in forests, 0 elsewhere, at places (m)."""
         return self._woods.at(x, y)
 
-    def wet(self, x: Floats, y: Floats) -> Flags:
+    def wet(self, x: Float64Array, y: Float64Array) -> BoolArray:
         """Tell which places (m) are on a river or a lake."""
         return self.shore(x, y) <= 0.0
 
-    def shore(self, x: Floats, y: Floats) -> Floats:
+    def shore(self, x: Float64Array, y: Float64Array) -> Float64Array:
         """Return about how far places are from water (m), up to 60; negative on it."""
         far = np.full(np.shape(x), 60.0)
         for lake in self._lakes:
@@ -84,7 +83,7 @@ class Cover:
         return far
 
 
-def find_viewpoints(terrain: TerrainSource, relief: HeightMap, cover: Cover, *, raised: bool) -> Floats:
+def find_viewpoints(terrain: TerrainSource, relief: HeightMap, cover: Cover, *, raised: bool) -> Float64Array:
     """Return places (n, 2) x, y (m) where one could stand, at least one."""
     west, south, east, north = visible_rectangle(terrain)
     side = RISES if raised else GRID
@@ -106,14 +105,16 @@ def find_viewpoints(terrain: TerrainSource, relief: HeightMap, cover: Cover, *, 
     return np.asarray(kept[few])
 
 
-def topographic_position(terrain: TerrainSource, relief: HeightMap, places: Floats) -> Floats:
+def topographic_position(terrain: TerrainSource, relief: HeightMap, places: Float64Array) -> Float64Array:
     """Return how high places (n, 2) lie over the mean of what surrounds them (m)."""
     texels = max(round(AROUND * terrain.extent / relief.texel), 3)
     mean = HeightMap(relief.west, relief.south, relief.width, uniform_filter(relief.heights, texels))
     return relief.at(*places.T) - mean.at(*places.T)
 
 
-def unobstructed_distance(terrain: TerrainSource, eye: Floats, bearing: float, *, reach: float) -> float:
+def unobstructed_distance(
+    terrain: TerrainSource, eye: Float64Array, bearing: float, *, reach: float
+) -> float:
     """Return how far ahead the nearest plant is in a view (m), `reach` at most; 0 for one around the eye."""
     x, y = float(eye[0]), float(eye[1])
     plants = terrain.foliage(x - reach, y - reach, x + reach, y + reach)
@@ -126,7 +127,7 @@ def unobstructed_distance(terrain: TerrainSource, eye: Floats, bearing: float, *
     return float(min(ahead.min(initial=reach), reach))
 
 
-def _shores(terrain: TerrainSource) -> Floats:
+def _shores(terrain: TerrainSource) -> Float64Array:
     """Return places beside rivers and lakes."""
     found = [np.zeros((0, 2))]
     for river in terrain.features.rivers:
@@ -149,7 +150,7 @@ def _shores(terrain: TerrainSource) -> Floats:
     return np.concatenate(found)
 
 
-def _stands_well(terrain: TerrainSource, cover: Cover, places: Floats) -> Flags:
+def _stands_well(terrain: TerrainSource, cover: Cover, places: Float64Array) -> BoolArray:
     """Tell where one stands well."""
     x, y = places.T
     west, south, east, north = visible_rectangle(terrain)

@@ -11,14 +11,12 @@ from sketchterrain.render.relief import sample_heights
 from sketchterrain.render.sky import LOWEST_SUN, Sun
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
+    from sketchterrain.array_types import Float64Array
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.relief import HeightMap
     from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.weather import Weather
 
-    Floats = npt.NDArray[np.float64]
 
 ELEVATION: Final = 27.0
 """Degrees: long shadows that model the ground, and still the colours of day."""
@@ -72,14 +70,14 @@ def find_sun(terrain: TerrainSource, camera: Camera) -> Sun:
     return suns[int(np.argmax(lit))]
 
 
-def _share_of_picture(height: Floats, eye: float, distance: Floats) -> Floats:
+def _share_of_picture(height: Float64Array, eye: float, distance: Float64Array) -> Float64Array:
     slope = (height - eye) / distance
     skyline = np.maximum.accumulate(slope, axis=1)
     before = np.concatenate([skyline[:, :1], skyline[:, :-1]], axis=1)
     return np.asarray(np.maximum(slope - before, 0.0))
 
 
-def _lit(relief: HeightMap, sun: Sun, x: Floats, y: Floats) -> Floats:
+def _lit(relief: HeightMap, sun: Sun, x: Float64Array, y: Float64Array) -> Float64Array:
     """Return the cosine of incidence on the ground, 0 in the shadow of other ground."""
     east, north, up = sun.direction
     h, d = relief.at(x, y), relief.texel

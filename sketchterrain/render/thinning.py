@@ -14,7 +14,8 @@ import numpy as np
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    Floats = npt.NDArray[np.floating]
+    from sketchterrain.array_types import FloatArray
+
 
 LEVELS_KEEP: Final = 0.25
 """Share of a level's plants that are of a higher one: as many as stand at twice the distance."""
@@ -36,7 +37,7 @@ NEAR: Final = 1e-3
 """Share by which the scale may be off when it has arrived."""
 
 
-def whim_of(level: npt.NDArray[np.integer], chance: Floats) -> npt.NDArray[np.float64]:
+def whim_of(level: npt.NDArray[np.integer], chance: FloatArray) -> npt.NDArray[np.float64]:
     """Return the share of plants, 0..1, that go before plants of some levels do.
 
     Parameters
@@ -49,22 +50,22 @@ def whim_of(level: npt.NDArray[np.integer], chance: Floats) -> npt.NDArray[np.fl
     return 1.0 - LEVELS_KEEP ** level.astype(np.float64) * (1.0 - (1.0 - LEVELS_KEEP) * chance)
 
 
-def bulk_of(tall: Floats, crowding: Floats) -> npt.NDArray[np.float64]:
+def bulk_of(tall: FloatArray, crowding: FloatArray) -> npt.NDArray[np.float64]:
     """Return how large plants count (m), by their heights (m) and how much others crowd them (0..1)."""
     return np.asarray(np.sqrt(tall * TALL) * (1.0 + LONE * (1.0 - crowding)), np.float64)
 
 
-def hold_of(bulk: Floats, whim: Floats) -> npt.NDArray[np.float64]:
+def hold_of(bulk: FloatArray, whim: FloatArray) -> npt.NDArray[np.float64]:
     """Return at what distance (m) plants go if those of whim 0 go where their bulk is 1 rad."""
     return np.asarray(bulk / np.sqrt(np.maximum(1.0 - whim, 1e-9)), np.float64)
 
 
-def share_of(hold: Floats, away: Floats, angle: float) -> npt.NDArray[np.float64]:
+def share_of(hold: FloatArray, away: FloatArray, angle: float) -> npt.NDArray[np.float64]:
     """Return how much of plants is there, 0..1, where those of whim 0 go at an angle (rad) of their bulk."""
     return np.clip((hold / (np.maximum(away, 1.0) * angle) - 1.0) / SOFT, 0.0, 1.0)
 
 
-def width_of(bulk: Floats, away: Floats, angle: float) -> npt.NDArray[np.float64]:
+def width_of(bulk: FloatArray, away: FloatArray, angle: float) -> npt.NDArray[np.float64]:
     """Return how many times as wide plants are that stay, so that they cover what all did."""
     return np.clip(np.maximum(away, 1.0) * angle / bulk, 1.0, WIDEST)
 
@@ -97,7 +98,7 @@ class Thinning:
         return least if still else max(least, STEP * self.angle)
 
     def follow(
-        self, held: Floats, copies: npt.NDArray[np.integer], *, least: float, elapsed: float | None
+        self, held: FloatArray, copies: npt.NDArray[np.integer], *, least: float, elapsed: float | None
     ) -> None:
         """Go on to what a view needs.
 
@@ -125,7 +126,7 @@ class Thinning:
         self.angle = max(wanted if arrived else angle, allowed)
 
 
-def _fitting(held: Floats, copies: npt.NDArray[np.integer], budgets: list[float]) -> list[float]:
+def _fitting(held: FloatArray, copies: npt.NDArray[np.integer], budgets: list[float]) -> list[float]:
     """Return the angles above which no more instances are than budgets, rising ones, allow; 0 for all."""
     most = int(budgets[-1])
     if copies.sum() <= budgets[0]:

@@ -15,10 +15,10 @@ from sketchterrain.render.view import water_map
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Float64Array
     from sketchterrain.render.relief import HeightMap
     from sketchterrain.render.scene import TerrainSource
 
-    Floats = npt.NDArray[np.float64]
 
 FOV: Final = 50.0
 TEXELS: Final = 256
@@ -78,7 +78,7 @@ def tour(terrain: TerrainSource, *, seconds: float = 20.0) -> Flight:
     return Flight(flight.raised(terrain.heights, clearance=LOW * rise).keys[:wanted])
 
 
-def _round(terrain: TerrainSource, relief: HeightMap) -> Floats:
+def _round(terrain: TerrainSource, relief: HeightMap) -> Float64Array:
     """Return a closed way about the middle, (n, 2) m, that begins before what it likes best."""
     size = np.array(terrain.size)
     angle = 2.0 * np.pi * np.arange(BEARINGS) / BEARINGS
@@ -92,7 +92,7 @@ def _round(terrain: TerrainSource, relief: HeightMap) -> Floats:
     return np.roll(size / 2 + chosen[:, None] * spoke * size, -start, axis=0)
 
 
-def _costs(terrain: TerrainSource, relief: HeightMap, places: Floats) -> Floats:
+def _costs(terrain: TerrainSource, relief: HeightMap, places: Float64Array) -> Float64Array:
     """Return what it costs to fly over places (b, r, 2): heights do, water pays."""
     marks = water_map(terrain, relief)
     water = replace(marks, heights=gaussian_filter(marks.heights, 3.0))
@@ -107,7 +107,7 @@ def _costs(terrain: TerrainSource, relief: HeightMap, places: Floats) -> Floats:
     )
 
 
-def _cheapest(costs: Floats) -> npt.NDArray[np.intp]:
+def _cheapest(costs: Float64Array) -> npt.NDArray[np.intp]:
     """Return the cheapest closed way through costs (b, r), at most one radius nearer or farther a bearing."""
     bearings, radii = costs.shape
     far = np.full((radii, 1), np.inf)
@@ -131,19 +131,19 @@ def _cheapest(costs: Floats) -> npt.NDArray[np.intp]:
     return way
 
 
-def _heights(relief: HeightMap, loop: Floats, rise: float) -> Floats:
+def _heights(relief: HeightMap, loop: Float64Array, rise: float) -> Float64Array:
     """Return how high to fly over the keys of a round: above all that is near, evenly."""
     texels = max(round(rise / relief.texel), 1)
     near = replace(relief, heights=maximum_filter(relief.heights, 2 * texels + 1, mode="nearest"))
     return _smooth(near.at(loop[:, 0], loop[:, 1])) + rise
 
 
-def _smooth(values: Floats) -> Floats:
+def _smooth(values: Float64Array) -> Float64Array:
     """Average neighbours around a circle."""
     return np.asarray(gaussian_filter1d(values, 1.5, mode="wrap"))
 
 
-def _spaced(loop: Floats, step: float) -> Floats:
+def _spaced(loop: Float64Array, step: float) -> Float64Array:
     """Return points of a closed way that are about `step` apart, four at least."""
     closed = np.concatenate([loop, loop[:1]])
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])

@@ -15,12 +15,12 @@ from sketchterrain.render.view_aim import aim, sun_preference, window
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Float64Array
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.relief import HeightMap
     from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.weather import Weather
 
-    Floats = npt.NDArray[np.float64]
 
 VIEWS: Final = ("auto", "ground", "hill", "air")
 """Kinds of views, see `find_view`."""
@@ -89,15 +89,17 @@ class _Panorama(NamedTuple):
     A share is the tangent of the angle by which ground at a distance rises over all that is nearer.
     """
 
-    horizon: Floats  # (stands, bearings) tangent of the skyline's elevation
-    share: Floats  # (stands, bearings, distances)
-    layers: Floats  # (stands, bearings) ridges one behind the other
-    water: Floats  # (stands, bearings) apparent size of the visible water
-    flooded: Floats  # (stands, bearings) share of the visible ground, by its apparent size, that is water
-    painted: Floats  # (types, stands, bearings) share of what is seen that was painted so
-    inside: Floats  # (stands, bearings) share of what is seen that lies in the sketch
+    horizon: Float64Array  # (stands, bearings) tangent of the skyline's elevation
+    share: Float64Array  # (stands, bearings, distances)
+    layers: Float64Array  # (stands, bearings) ridges one behind the other
+    water: Float64Array  # (stands, bearings) apparent size of the visible water
+    flooded: (
+        Float64Array  # (stands, bearings) share of the visible ground, by its apparent size, that is water
+    )
+    painted: Float64Array  # (types, stands, bearings) share of what is seen that was painted so
+    inside: Float64Array  # (stands, bearings) share of what is seen that lies in the sketch
 
-    def horizon_of(self, distances: npt.NDArray[np.bool_]) -> Floats:
+    def horizon_of(self, distances: npt.NDArray[np.bool_]) -> Float64Array:
         """Return the tangent of the skyline's elevation that ground at the nearest distances makes."""
         return np.asarray(self.share[..., distances].sum(axis=-1) - 1.0)
 
@@ -151,7 +153,11 @@ def check_view(kind: str) -> None:
 
 
 def _look_around(
-    terrain: TerrainSource, relief: HeightMap, eyes: Floats, bearings: Floats, distances: Floats
+    terrain: TerrainSource,
+    relief: HeightMap,
+    eyes: Float64Array,
+    bearings: Float64Array,
+    distances: Float64Array,
 ) -> _Panorama:
     east = eyes[:, 0, None, None] + np.sin(bearings)[None, :, None] * distances
     north = eyes[:, 1, None, None] + np.cos(bearings)[None, :, None] * distances
@@ -208,7 +214,7 @@ def _painted(terrain: TerrainSource, relief: HeightMap) -> list[HeightMap]:
     return masks
 
 
-def _score(seen: _Panorama, distance: Floats, height: _Height) -> Floats:
+def _score(seen: _Panorama, distance: Float64Array, height: _Height) -> Float64Array:
     """Rate each stand and bearing; distances are in extents."""
     horizon = window(seen.horizon, height.in_view)
     peak = horizon.max(axis=0)

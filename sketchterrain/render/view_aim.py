@@ -12,12 +12,10 @@ from sketchterrain.render.sunlight import sun_at
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import numpy.typing as npt
-
+    from sketchterrain.array_types import Float64Array
     from sketchterrain.render.weather import Weather
 
-    Floats = npt.NDArray[np.float64]
-    Light = Callable[[Floats], Floats]
+    Light = Callable[[Float64Array], Float64Array]
     """What the light adds to views along bearings (rad)."""
 
 HIGHEST: Final = 0.80
@@ -39,7 +37,7 @@ def sun_preference(weather: Weather | None) -> Light:
     # A sun overhead or behind clouds has no side.
     weight = np.cos(np.radians(max(sun.elevation, 0.0))) * (1.0 - weather.clouds**2)
 
-    def light(bearings: Floats) -> Floats:
+    def light(bearings: Float64Array) -> Float64Array:
         off = np.abs((np.degrees(bearings) - sun.azimuth + 180.0) % 360.0 - 180.0)
         side = LIGHT_WORTH * np.exp(-(((off - SIDE[0]) / SIDE[1]) ** 2))
         flat = FLAT * np.clip((off - BEHIND) / (180.0 - BEHIND), 0.0, 1.0)
@@ -48,7 +46,7 @@ def sun_preference(weather: Weather | None) -> Light:
     return light
 
 
-def window(values: Floats, width: int) -> Floats:
+def window(values: Float64Array, width: int) -> Float64Array:
     """Stack the values of the `width` bearings around each bearing along a new first axis."""
     return np.stack([np.roll(values, shift, axis=1) for shift in range(-(width // 2), width // 2 + 1)])
 
@@ -56,7 +54,7 @@ def window(values: Floats, width: int) -> Floats:
 def aim(
     eye: tuple[float, float, float],
     bearing: float,
-    horizon: Floats,
+    horizon: Float64Array,
     extent: float,
     *,
     fov: float,

@@ -10,7 +10,8 @@ import numpy as np
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    Reals = npt.NDArray[np.float64]
+    from sketchterrain.array_types import Float64Array
+
 
 SIZE: Final = 256
 """Texels along a side of the texture."""
@@ -24,7 +25,7 @@ TYPICAL: Final = 7.0
 """Waves per side whose phase speed a layer drifts at."""
 
 
-def wave_slopes(size: int = SIZE, *, seed: int = 1954) -> Reals:
+def wave_slopes(size: int = SIZE, *, seed: int = 1954) -> Float64Array:
     """Return (size, size, 3) slopes along x and y and height in sides of a wave field on a torus.
 
     Waves in a wide band have the same slope² an octave, as short gravity waves have (Phillips 1958), and
@@ -48,7 +49,7 @@ def wave_slopes(size: int = SIZE, *, seed: int = 1954) -> Reals:
     return np.asarray(field / np.sqrt(np.mean(east**2 + north**2)))
 
 
-def wave_mipmaps(slopes: Reals) -> list[npt.NDArray[np.float32]]:
+def wave_mipmaps(slopes: Float64Array) -> list[npt.NDArray[np.float32]]:
     """Return (n, n, 4) levels of `wave_slopes`: both slopes, their squared length, the height."""
     level = np.concatenate(
         [slopes[..., :2], (slopes[..., :2] ** 2).sum(-1, keepdims=True), slopes[..., 2:]], -1
@@ -71,7 +72,7 @@ def wave_texture(context: moderngl.Context) -> moderngl.Texture:
     return texture
 
 
-def wave_layers(wind: tuple[float, float], count: int = len(LAYERS)) -> Reals:
+def wave_layers(wind: tuple[float, float], count: int = len(LAYERS)) -> Float64Array:
     """Return (count, 4): the texture's x axis over its side (1/m), √ of the share of slope², 0.
 
     Only the direction of the wind (m/s, east and north) counts.
@@ -83,7 +84,7 @@ def wave_layers(wind: tuple[float, float], count: int = len(LAYERS)) -> Reals:
     return np.stack(rows, axis=-1)
 
 
-def wave_phases(layers: Reals, eye: tuple[float, float, float], clock: float) -> Reals:
+def wave_phases(layers: Float64Array, eye: tuple[float, float, float], clock: float) -> Float64Array:
     """Return the eye's (n, 2) position in each layer, in [0, 1), at a time (s): waves run downwind."""
     x, y = layers[:, 0], layers[:, 1]
     side = 1.0 / np.hypot(x, y)

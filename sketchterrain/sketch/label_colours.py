@@ -11,9 +11,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.sketch.parameters import LAYERS
-
-Floats = npt.NDArray[np.float64]
 
 DRAW_ORDER: Final = ("material", "mountain", "hill", "dune", "forest", "lake", "river")
 """Layers from bottom to top; thin shapes are drawn last."""
@@ -44,7 +43,7 @@ def label_rgb(layer: str, label: int) -> tuple[int, int, int]:
     return _shades(layer)[(label - 1) % _SHADES]
 
 
-def to_oklab(colours: npt.ArrayLike) -> Floats:
+def to_oklab(colours: npt.ArrayLike) -> Float64Array:
     """Return sRGB colours in 0 … 1, (…, 3), in Oklab: lightness 0 to 1, and two hue axes, about ±0.4."""
     encoded = np.asarray(colours, dtype=np.float64)
     linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
@@ -73,7 +72,7 @@ def _shades(layer: str) -> tuple[tuple[int, int, int], ...]:
     return tuple((int(r), int(g), int(b)) for r, g, b in colours)
 
 
-def _rgb(lab: Floats) -> tuple[int, int, int]:
+def _rgb(lab: Float64Array) -> tuple[int, int, int]:
     linear = np.clip(np.linalg.solve(_TO_LMS, np.linalg.solve(_TO_LAB, lab) ** 3), 0.0, 1.0)
     encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1.0 / 2.4) - 0.055)
     red, green, blue = np.rint(255.0 * np.clip(encoded, 0.0, 1.0)).astype(int)

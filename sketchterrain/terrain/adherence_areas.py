@@ -19,13 +19,12 @@ from sketchterrain.terrain.water import standing_water
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.array_types import BoolArray, Float32Array
     from sketchterrain.features import Shape
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain.recipe import TerrainRecipe
     from sketchterrain.terrain.terrain import Terrain
 
-    Image = npt.NDArray[np.float32]
-    Flags = npt.NDArray[np.bool_]
 
 MIN_WIDTH = 6.0
 """Minimum width (px) of a shape for its area and height to be measured; narrower ones are only counted."""
@@ -56,8 +55,8 @@ class ShapeAdherence:
 class AreaImages:
     """A layer on the sketch's pixels: the painted area and the area of effect."""
 
-    painted: Flags
-    affected: Flags  # where the layer changes the terrain
+    painted: BoolArray
+    affected: BoolArray  # where the layer changes the terrain
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +100,7 @@ def measure_layer(sampled: SampledTerrain, layer: str) -> tuple[tuple[ShapeAdher
 def agreement(
     sketch: Sketch,
     shapes: tuple[Shape, ...],
-    effect: Image,
+    effect: Float32Array,
     requested: npt.NDArray[np.float64],
     *,
     has_height: bool = False,
@@ -155,12 +154,12 @@ def _width(shape: Shape) -> float:
     return 2.0 * float(shape.depth.max())
 
 
-def _crest_to_crest(sketch: Sketch, effect: Image) -> Image:
+def _crest_to_crest(sketch: Sketch, effect: Float32Array) -> Float32Array:
     """Fill the troughs between dunes: a dune field is one area, partly bare."""
     labels = np.unique(sketch.layers["dune"])
     wavelength = max(float(sketch.properties("dune", int(label))["wavelength"]) for label in labels if label)
     size = 2 * math.ceil(wavelength / sketch.pixel_size / 2.0) + 1
-    closed: Image = ndimage.grey_closing(effect, size=(size, size))
+    closed: Float32Array = ndimage.grey_closing(effect, size=(size, size))
     return closed
 
 
@@ -171,7 +170,7 @@ def pixel_centres(sketch: Sketch) -> tuple[npt.NDArray[np.float64], npt.NDArray[
     return tuple(np.broadcast_arrays(x[None, :], y[:, None]))  # type: ignore[return-value]
 
 
-def _effect(sampled: SampledTerrain, layer: str) -> Image:
+def _effect(sampled: SampledTerrain, layer: str) -> Float32Array:
     """Return how much a layer's painted features change the terrain at each pixel of the sketch."""
     terrain, sketch = sampled.terrain, sampled.terrain.sketch
     effect = np.zeros((sketch.height_px, sketch.width_px), np.float32)
@@ -192,7 +191,7 @@ def _effect(sampled: SampledTerrain, layer: str) -> Image:
     return effect
 
 
-def _support(sketch: Sketch, recipe: TerrainRecipe, layer: str) -> Flags:
+def _support(sketch: Sketch, recipe: TerrainRecipe, layer: str) -> BoolArray:
     """Return the pixels inside the bounding boxes of the supports of a type's painted features."""
     features = recipe.painted[recipe.painted["type"] == FEATURE_TYPES.index(layer)]
     support = features["radius"] * support_radii(recipe) / sketch.pixel_size + 1.0

@@ -15,10 +15,10 @@ from sketchterrain.terrain.water import standing_water
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Float64Array
     from sketchterrain.features import Shape
     from sketchterrain.terrain.terrain import Terrain
 
-    Reals = npt.NDArray[np.float64]
 
 _STEP = 1.0  # m along a centreline
 _MAX_STEPS = 50_000
@@ -67,7 +67,7 @@ def measure_river_adherence(terrain: Terrain) -> tuple[RiverAdherence, ...]:
     return tuple(result)
 
 
-def resample(points: Reals, step: float = _STEP) -> Reals:
+def resample(points: Float64Array, step: float = _STEP) -> Float64Array:
     """Return positions in even steps (m) along a polyline of shape (n, 2)."""
     lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     count = min(int(lengths[-1] / step) + 2, _MAX_STEPS)
@@ -75,7 +75,7 @@ def resample(points: Reals, step: float = _STEP) -> Reals:
     return np.stack([np.interp(at, lengths, points[:, axis]) for axis in (0, 1)], axis=-1)
 
 
-def _beds(terrain: Terrain, line: Reals) -> list[Reals]:
+def _beds(terrain: Terrain, line: Float64Array) -> list[Float64Array]:
     """Return heights (m) along a line, split at lakes, whose beds are hollows by design."""
     height = terrain.heights(line[:, 0], line[:, 1])
     dry = ~standing_water(terrain.recipe, "lake", line[:, 0], line[:, 1], height)
@@ -85,7 +85,11 @@ def _beds(terrain: Terrain, line: Reals) -> list[Reals]:
 
 
 def _measure(
-    network: Shape, label: int, skeleton: Reals, courses: list[tuple[Reals, list[Reals]]], pixel_size: float
+    network: Shape,
+    label: int,
+    skeleton: Float64Array,
+    courses: list[tuple[Float64Array, list[Float64Array]]],
+    pixel_size: float,
 ) -> RiverAdherence:
     if not courses:
         return RiverAdherence(label, network.id, network.area, True, None, None, None, None)
@@ -106,7 +110,7 @@ def _measure(
     )
 
 
-def _is_near(line: Reals, skeleton: Reals, limit: float) -> bool:
+def _is_near(line: Float64Array, skeleton: Float64Array, limit: float) -> bool:
     """Return whether most of a line lies near a painted skeleton."""
     if len(line) == 0:
         return False
@@ -114,14 +118,14 @@ def _is_near(line: Reals, skeleton: Reals, limit: float) -> bool:
     return bool(np.mean(np.isfinite(distance)) > 0.5)
 
 
-def _inside(terrain: Terrain, line: Reals) -> Reals:
+def _inside(terrain: Terrain, line: Float64Array) -> Float64Array:
     east, north = terrain.size
     x, y = line.T
     inside = (x >= 0.0) & (x <= east) & (y >= 0.0) & (y <= north)
     return np.asarray(line[inside])
 
 
-def _positions(terrain: Terrain, rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64]) -> Reals:
+def _positions(terrain: Terrain, rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64]) -> Float64Array:
     sketch = terrain.sketch
     x, y = columns + 0.5, sketch.height_px - rows - 0.5
     return np.stack([x, y], axis=-1) * sketch.pixel_size

@@ -10,8 +10,8 @@ import numpy as np
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.array_types import StructuredArray
     from sketchterrain.features import Lake, River
-    from sketchterrain.features.catalogue import Points
     from sketchterrain.terrain.recipe import TerrainRecipe
 
 
@@ -80,7 +80,7 @@ class TerrainFeatures:
     Lakes.
     """
 
-    points: Points
+    points: StructuredArray
     rivers: tuple[River, ...]
     lakes: tuple[Lake, ...] = ()
 

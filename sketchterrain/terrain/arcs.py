@@ -14,7 +14,8 @@ import numpy as np
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    Reals = npt.NDArray[np.float64]
+    from sketchterrain.array_types import Float64Array
+
     Ints = npt.NDArray[np.intp]
 
 _CHECKS = 15  # samples inside a piece where the curve is compared
@@ -30,12 +31,12 @@ class Pieces:
     """Pieces of cubics, in order, shape (n,) each: the cubic, its parameters 0 … 1 at both ends, the bend."""
 
     cubic: Ints
-    first: Reals
-    last: Reals
-    bend: Reals
+    first: Float64Array
+    last: Float64Array
+    bend: Float64Array
 
 
-def position(cubics: Reals, t: Reals) -> Reals:
+def position(cubics: Float64Array, t: Float64Array) -> Float64Array:
     """Evaluate cubics (n, 2, 4) at t (n, ...): shape (n, ..., 2)."""
     t = t[..., None]
     c = cubics.reshape(len(cubics), *([1] * (t.ndim - 2)), 2, 4)
@@ -43,11 +44,11 @@ def position(cubics: Reals, t: Reals) -> Reals:
 
 
 def flatten(
-    cubics: Reals,
+    cubics: Float64Array,
     tolerance: float,
     *,
     arcs: bool = True,
-    spans: tuple[Ints, Reals, Reals] | None = None,
+    spans: tuple[Ints, Float64Array, Float64Array] | None = None,
 ) -> Pieces:
     """Bisect cubics (n, 2, 4) until each piece is within the tolerance (m) of an arc or chord.
 
@@ -56,7 +57,7 @@ def flatten(
     if spans is None:
         spans = np.arange(len(cubics)), np.zeros(len(cubics)), np.ones(len(cubics))
     cubic, first, last = spans
-    done: list[tuple[Ints, Reals, Reals, Reals]] = []
+    done: list[tuple[Ints, Float64Array, Float64Array, Float64Array]] = []
     for halving in range(_MAX_HALVINGS + 1):
         bend, missed = _fit_arcs(cubics[cubic], first, last, arcs=arcs)
         good = (missed <= _SHARE * tolerance) | (halving == _MAX_HALVINGS)
@@ -72,7 +73,9 @@ def flatten(
     return Pieces(cubic[order], first[order], last[order], bend[order])
 
 
-def _fit_arcs(cubics: Reals, first: Reals, last: Reals, *, arcs: bool) -> tuple[Reals, Reals]:
+def _fit_arcs(
+    cubics: Float64Array, first: Float64Array, last: Float64Array, *, arcs: bool
+) -> tuple[Float64Array, Float64Array]:
     """Return the bend of the best arc for each stretch, and its maximum distance (m) from the curve."""
     share = np.linspace(0.0, 1.0, _CHECKS + 2)
     at = position(cubics, first[:, None] + (last - first)[:, None] * share)
@@ -91,7 +94,9 @@ def _fit_arcs(cubics: Reals, first: Reals, last: Reals, *, arcs: bool) -> tuple[
     return bend, np.sqrt(square.max(axis=-1))
 
 
-def nearest_on_arc(chord: Reals, bend: Reals, seen: Reals) -> tuple[Reals, Reals]:
+def nearest_on_arc(
+    chord: Float64Array, bend: Float64Array, seen: Float64Array
+) -> tuple[Float64Array, Float64Array]:
     """Return the nearest point of an arc: parameter t (0 … 1) and squared distance (m²).
 
     ``chord`` runs from the arc's start to its end, ``seen`` from its start to the point (m); ``bend`` is the

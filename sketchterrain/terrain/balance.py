@@ -16,11 +16,9 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.features.catalogue import Points
+    from sketchterrain.array_types import BoolArray, Float64Array, StructuredArray
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-    Reals = npt.NDArray[np.float64]
-    Flags = npt.NDArray[np.bool_]
 
 _ROUNDS = 12
 _ERODED_ROUNDS = 4  # the last ones: erosion is a small correction
@@ -41,8 +39,8 @@ class _Solution:
     world: tuple[float, int, float]
     inputs: bytes
     places: Places
-    strengths: list[Reals]
-    heights: list[Reals]
+    strengths: list[Float64Array]
+    heights: list[Float64Array]
 
 
 @dataclass
@@ -63,7 +61,7 @@ def solve_strengths(
     locked: npt.NDArray[np.bool_] | None = None,
     memory: StrengthCache | None = None,
     checkpoint: Callable[[], None] | None = None,
-) -> Points:
+) -> StructuredArray:
     """Return a recipe's painted features, sorted by id, with solved strengths of mountains and hills.
 
     Heights of one type add up as ``(Σ h^p)^(1/p)`` and are then modulated by noise and erosion. Fixed-point
@@ -88,8 +86,8 @@ def solve_strengths(
 
 def _solve(
     recipe: TerrainRecipe,
-    features: Points,
-    free: Flags,
+    features: StructuredArray,
+    free: BoolArray,
     name: str,
     last: _Solution | None,
     checkpoint: Callable[[], None] | None,
@@ -121,7 +119,7 @@ def _solve(
     return _Solution(world, inputs, places, strengths, heights)
 
 
-def _stale(places: Places, strength: Reals, before: Reals) -> Flags:
+def _stale(places: Places, strength: Float64Array, before: Float64Array) -> BoolArray:
     """Return which features may reach another height than before, because a neighbour's strength changed."""
     known = places.origin >= 0
     other = ~known

@@ -16,12 +16,11 @@ from sketchterrain.terrain.reference_relief import Rise
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Float64Array, Int64Array
     from sketchterrain.terrain.balance_places import Places
     from sketchterrain.terrain.packing import PackedWorld
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-    Reals = npt.NDArray[np.float64]
-    Ints = npt.NDArray[np.int64]
 
 _DOMINANT_SHARE = 0.1  # of the sum of powers at a sample, from which a feature is responsible for its height
 _CELLS_ERODED = 512  # an extent, coarse: fine gullies raise no summit
@@ -36,11 +35,11 @@ class Heights:
     places: Places
     mountains: bool
     world: PackedWorld
-    pair_of: Ints  # feature of each pair
-    pair_at: Ints  # sample of each pair
-    own: Reals  # power of the profile of each sample's owner
-    traits: Reals  # (3, features): erosion, widest gully (m), noise weight
-    depth: Reals  # greatest depth of gullies around each feature (m)
+    pair_of: Int64Array  # feature of each pair
+    pair_at: Int64Array  # sample of each pair
+    own: Float64Array  # power of the profile of each sample's owner
+    traits: Float64Array  # (3, features): erosion, widest gully (m), noise weight
+    depth: Float64Array  # greatest depth of gullies around each feature (m)
 
     @classmethod
     def prepare(cls, recipe: TerrainRecipe, places: Places, name: str) -> Heights:
@@ -62,7 +61,9 @@ class Heights:
         depth = deepest_gullies(world.scalars[0], world.octaves, *most)
         return cls(recipe, places, mountains, world, pair_of, pair_at, own, traits, depth)
 
-    def reached(self, strength: Reals, selected: npt.NDArray[np.intp], *, eroded: bool) -> Reals:
+    def reached(
+        self, strength: Float64Array, selected: npt.NDArray[np.intp], *, eroded: bool
+    ) -> Float64Array:
         """Return the greatest height (m, ≥ 0) around selected features (ascending), where each dominates.
 
         ``strength`` is that of all features; ``eroded`` includes gullies.
@@ -94,8 +95,8 @@ class Heights:
         return np.asarray(np.maximum.reduceat(np.where(near, plain, 0.0), first))
 
     def _select(
-        self, selected: npt.NDArray[np.intp], first: Ints
-    ) -> tuple[Ints, npt.NDArray[np.intp] | slice, Ints]:
+        self, selected: npt.NDArray[np.intp], first: Int64Array
+    ) -> tuple[Int64Array, npt.NDArray[np.intp] | slice, Int64Array]:
         """Places of selected features, their pairs, and the place of each pair among these places."""
         places = self.places
         if len(selected) == len(places.features):
@@ -111,12 +112,12 @@ class Heights:
 
     def _eroded(
         self,
-        strength: Reals,
-        rows: Ints,
+        strength: Float64Array,
+        rows: Int64Array,
         near: npt.NDArray[np.bool_],
-        selected: tuple[npt.NDArray[np.intp] | slice, Ints],
-        joint: tuple[Reals, Reals],
-    ) -> Reals:
+        selected: tuple[npt.NDArray[np.intp] | slice, Int64Array],
+        joint: tuple[Float64Array, Float64Array],
+    ) -> Float64Array:
         """Heights with gullies at the places that are near enough to the top."""
         pairs, at = selected
         number = np.cumsum(near) - 1
@@ -128,7 +129,7 @@ class Heights:
         h = strength[of] * profile
         factor = (h * h * h if self.mountains else h) * strength[of]
 
-        def summed(values: Reals) -> Reals:
+        def summed(values: Float64Array) -> Float64Array:
             return np.bincount(at, values, minlength=len(rows)).astype(np.float64)
 
         east, north = factor * self.places.east[pairs], factor * self.places.north[pairs]
@@ -154,6 +155,6 @@ class Heights:
         return np.asarray(plain + gullies(self.world.scalars[0], self.world.octaves, x, y, rise).value)
 
 
-def _power(values: Reals, *, mountains: bool) -> Reals:
+def _power(values: Float64Array, *, mountains: bool) -> Float64Array:
     square = values * values
     return square * square if mountains else square

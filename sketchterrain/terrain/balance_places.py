@@ -23,12 +23,9 @@ from sketchterrain.terrain.reference_relief import Relief, approached, carried
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from sketchterrain.features.catalogue import Points
+    from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, StructuredArray
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-    Reals = npt.NDArray[np.float64]
-    Ints = npt.NDArray[np.int64]
-    Flags = npt.NDArray[np.bool_]
 
 # Samples around a centre, as ridges may move the summit off the centre. Their number depends on the feature's
 # own size alone, so that distant features never change it.
@@ -41,7 +38,7 @@ _GOLDEN_ANGLE = 2.399963229728653
 _SHAPE_FIELDS = ("id", "x", "y", "radius", "peakiness", "erosion", "gullies")
 
 
-def match_features(features: Points, others: Points) -> npt.NDArray[np.intp]:
+def match_features(features: StructuredArray, others: StructuredArray) -> npt.NDArray[np.intp]:
     """Return each feature's index among others sorted by id if it has the same shape there, else -1.
 
     Strengths are ignored.
@@ -63,24 +60,24 @@ class Places:
     by feature. Pairs are in the order of their edges.
     """
 
-    features: Points
-    first: Ints  # (n,) index of each feature's centre among the points
-    count: Ints  # (n,) points of each feature
-    at: Reals  # (points, 2), m
-    noise: Reals  # (15, points) values and slopes of `ReliefNoise`: bends, swell, ridge, spur
-    owner: Ints  # (edges,)
-    of: Ints  # (edges,)
-    start: Ints  # (edges + 1,) index of each edge's first pair
-    place: Ints  # (pairs,) point, counted from the owner's first
-    profile: Reals  # (pairs,) height over strength
-    east: Reals  # (pairs,) its slope per metre
-    north: Reals
-    settled: Flags  # (n,) owners whose points, edges and pairs are unchanged since the previous sampling
+    features: StructuredArray
+    first: Int64Array  # (n,) index of each feature's centre among the points
+    count: Int64Array  # (n,) points of each feature
+    at: Float64Array  # (points, 2), m
+    noise: Float64Array  # (15, points) values and slopes of `ReliefNoise`: bends, swell, ridge, spur
+    owner: Int64Array  # (edges,)
+    of: Int64Array  # (edges,)
+    start: Int64Array  # (edges + 1,) index of each edge's first pair
+    place: Int64Array  # (pairs,) point, counted from the owner's first
+    profile: Float64Array  # (pairs,) height over strength
+    east: Float64Array  # (pairs,) its slope per metre
+    north: Float64Array
+    settled: BoolArray  # (n,) owners whose points, edges and pairs are unchanged since the previous sampling
     origin: npt.NDArray[np.intp]  # (n,) index of each feature there; -1 for new ones
 
     @classmethod
     def sample(
-        cls, recipe: TerrainRecipe, features: Points, name: str, before: Places | None = None
+        cls, recipe: TerrainRecipe, features: StructuredArray, name: str, before: Places | None = None
     ) -> Places:
         """Sample around features of a type and pair the points, reusing unchanged ones of `before`."""
         origin = match_features(features, features[:0] if before is None else before.features)
@@ -123,12 +120,12 @@ class Places:
         return Relief((parts[0], parts[1]), parts[2], parts[3], parts[4])
 
 
-def _counts(recipe: TerrainRecipe, features: Points) -> Ints:
+def _counts(recipe: TerrainRecipe, features: StructuredArray) -> Int64Array:
     size = features["radius"].astype(np.float64) / (_WIDE * recipe.extent)
     return np.clip(_POINTS * size * size, _MIN_POINTS, _POINTS).astype(np.int64)
 
 
-def _spiral(features: Points, count: Ints) -> Reals:
+def _spiral(features: StructuredArray, count: Int64Array) -> Float64Array:
     """Return points (m) around each centre, centre first, in a sunflower (Vogel) spiral."""
     owner = np.repeat(np.arange(len(features)), count)
     number = np.arange(len(owner)) - (np.cumsum(count) - count)[owner]
@@ -139,13 +136,13 @@ def _spiral(features: Points, count: Ints) -> Reals:
     return np.stack([x, y], axis=-1)
 
 
-def _rows(relief: Relief) -> Reals:
+def _rows(relief: Relief) -> Float64Array:
     return np.stack(
         [part for slope in (*relief.bend, relief.swell, relief.ridge, relief.spur) for part in slope]
     )
 
 
-def _edges(recipe: TerrainRecipe, features: Points) -> tuple[Ints, Ints]:
+def _edges(recipe: TerrainRecipe, features: StructuredArray) -> tuple[Int64Array, Int64Array]:
     """Return owners and the features whose support overlaps the circle of their points, sorted by both."""
     radius = features["radius"].astype(np.float64)
     centre = np.stack([features["x"], features["y"]], axis=-1)
@@ -161,11 +158,11 @@ def _edges(recipe: TerrainRecipe, features: Points) -> tuple[Ints, Ints]:
 
 def _pairs(
     recipe: TerrainRecipe,
-    features: Points,
+    features: StructuredArray,
     name: str,
-    edges: tuple[Ints, Ints],
-    places: tuple[Ints, Ints, Reals, Reals],
-) -> tuple[Ints, Ints, Reals, Reals, Reals]:
+    edges: tuple[Int64Array, Int64Array],
+    places: tuple[Int64Array, Int64Array, Float64Array, Float64Array],
+) -> tuple[Int64Array, Int64Array, Float64Array, Float64Array, Float64Array]:
     """Return the pairs of some edges: the first of each edge, their points, profiles and slopes."""
     first, count, at, noise = places
     many = count[edges[0]]
@@ -193,8 +190,10 @@ def _pairs(
 
 
 def _merge_pairs(
-    before: Places | None, reused: Ints, new_pairs: tuple[Ints, Ints, Reals, Reals, Reals]
-) -> tuple[Ints, tuple[Ints, Reals, Reals, Reals]]:
+    before: Places | None,
+    reused: Int64Array,
+    new_pairs: tuple[Int64Array, Int64Array, Float64Array, Float64Array, Float64Array],
+) -> tuple[Int64Array, tuple[Int64Array, Float64Array, Float64Array, Float64Array]]:
     """Return each edge's first pair, and all pairs: those of reused edges from before, and the new ones."""
     if before is None or (reused < 0).all():
         return new_pairs[0], new_pairs[1:]
@@ -209,7 +208,7 @@ def _merge_pairs(
     return start, (place, profile, east, north)
 
 
-def _ranges(first: Ints, count: Ints) -> Ints:
+def _ranges(first: Int64Array, count: Int64Array) -> Int64Array:
     """Return ``first, first + 1, …`` for `count` numbers each, concatenated."""
     starts = np.cumsum(count) - count
     return np.asarray(np.arange(int(count.sum())) + np.repeat(first - starts, count))

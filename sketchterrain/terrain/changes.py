@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sketchterrain.array_types import Bounds, StructuredArray
 from sketchterrain.features import Fill
 from sketchterrain.features.edits import EditedFill
 from sketchterrain.features.fill_changes import fill_difference, merge_boxes, rows_only_in
@@ -19,18 +20,16 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from sketchterrain.features import Cover, Lake, ShapeField
-    from sketchterrain.features.catalogue import Points
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-Box = tuple[float, float, float, float]
 
-EVERYWHERE: Box = (-math.inf, -math.inf, math.inf, math.inf)
+EVERYWHERE: Bounds = (-math.inf, -math.inf, math.inf, math.inf)
 """The whole world."""
 
 _FIELD_MARGIN = 2  # samples: the support of a field's spline
 
 
-def changed_areas(old: TerrainRecipe, new: TerrainRecipe) -> list[Box]:
+def changed_areas(old: TerrainRecipe, new: TerrainRecipe) -> list[Bounds]:
     """Return rectangles (west, south, east, north, m) outside which two terrains are bit-equal.
 
     Empty if nothing changed; `EVERYWHERE` if anything global did (ground, climate, material rules, seed,
@@ -54,7 +53,7 @@ def changed_areas(old: TerrainRecipe, new: TerrainRecipe) -> list[Box]:
     return merge_boxes([*boxes, *river_areas(old, new)])
 
 
-def touches(areas: Sequence[Box], bounds: Box, *, margin: float = 0.0) -> bool:
+def touches(areas: Sequence[Bounds], bounds: Bounds, *, margin: float = 0.0) -> bool:
     """Return whether a rectangle (west, south, east, north, m), widened by a margin, overlaps any area.
 
     A tile is unchanged unless its bounds, widened by its cell size, do.
@@ -72,7 +71,7 @@ def _global_key(recipe: TerrainRecipe) -> tuple[object, ...]:
     return recipe.extent, recipe.seed, recipe.fidelity, settings, recipe.stacks, support_radii(recipe)
 
 
-def _fills(old: TerrainRecipe, new: TerrainRecipe) -> tuple[Points, Points] | None:
+def _fills(old: TerrainRecipe, new: TerrainRecipe) -> tuple[StructuredArray, StructuredArray] | None:
     """Return the fill features that only the old or only the new recipe has; None if unknown."""
     if old.fill is new.fill or max(old.fill.max_radius, new.fill.max_radius) == 0:
         return old.painted[:0], new.painted[:0]
@@ -81,7 +80,7 @@ def _fills(old: TerrainRecipe, new: TerrainRecipe) -> tuple[Points, Points] | No
     return None
 
 
-def _around_features(recipe: TerrainRecipe, features: Points) -> list[Box]:
+def _around_features(recipe: TerrainRecipe, features: StructuredArray) -> list[Bounds]:
     packed = pack_features(recipe, features, 0.0)
     at, support = packed.at * metres_per_unit(recipe.extent), packed.support[:, None]
     sides = np.column_stack([at - support, at + support])
@@ -90,12 +89,12 @@ def _around_features(recipe: TerrainRecipe, features: Points) -> list[Box]:
 
 def _around_fields(
     own: Sequence[Lake] | Sequence[Cover], others: Sequence[Lake] | Sequence[Cover]
-) -> list[Box]:
+) -> list[Bounds]:
     """Return rectangles around the lakes or covers that are not bit-equal to any of the others."""
     return [_field_box(each.shape) for each in own if not any(bit_equal(each, other) for other in others)]
 
 
-def _field_box(field: ShapeField) -> Box:
+def _field_box(field: ShapeField) -> Bounds:
     rows, columns = field.inside.shape
     margin = _FIELD_MARGIN * field.spacing
     east, north = field.west + (columns - 1) * field.spacing, field.south + (rows - 1) * field.spacing

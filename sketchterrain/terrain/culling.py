@@ -14,18 +14,17 @@ from sketchterrain.terrain.reach_index import BoxIndex
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from sketchterrain.features.catalogue import Points
+    from sketchterrain.array_types import LatticeArray, StructuredArray
     from sketchterrain.terrain.field_packing import PackedFields
     from sketchterrain.terrain.packing import PackedFeatures, PackedRivers
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-    Lattice = npt.NDArray[np.int64]
     Lists = tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]
 
 _painted_index: WeakKeyDictionary[TerrainRecipe, BoxIndex] = WeakKeyDictionary()
 
 
-def features_near(recipe: TerrainRecipe, blocks: Lattice, min_radius: float) -> Points:
+def features_near(recipe: TerrainRecipe, blocks: LatticeArray, min_radius: float) -> StructuredArray:
     """Return the painted features whose support meets any block (n, 4), and the fill that may, sorted by id.
 
     Blocks are west, south, east, north in lattice units; fill with a radius (m) below ``min_radius`` is
@@ -36,7 +35,7 @@ def features_near(recipe: TerrainRecipe, blocks: Lattice, min_radius: float) -> 
     return found[unique]
 
 
-def painted_near(recipe: TerrainRecipe, blocks: Lattice) -> Points:
+def painted_near(recipe: TerrainRecipe, blocks: LatticeArray) -> StructuredArray:
     """Return the painted features whose support meets any of the blocks, sorted by id."""
     if recipe not in _painted_index:
         packed = pack_features(recipe, recipe.painted, 0.0)
@@ -47,7 +46,7 @@ def painted_near(recipe: TerrainRecipe, blocks: Lattice) -> Points:
     return recipe.painted[np.unique(item)]
 
 
-def _fill_near(recipe: TerrainRecipe, blocks: Lattice, min_radius: float) -> Points:
+def _fill_near(recipe: TerrainRecipe, blocks: LatticeArray, min_radius: float) -> StructuredArray:
     """Return the fill that may affect any of the blocks, possibly with duplicates."""
     if recipe.fill.max_radius < min_radius or recipe.fill.max_radius == 0:
         return recipe.painted[:0]
@@ -68,7 +67,7 @@ def _merge_if_compact(areas: npt.NDArray[np.float64]) -> list[tuple[float, float
     return [(float(w), float(s), float(e), float(n)) for w, s, e, n in areas]
 
 
-def feature_index(recipe: TerrainRecipe, packed: PackedFeatures) -> tuple[BoxIndex, Lattice]:
+def feature_index(recipe: TerrainRecipe, packed: PackedFeatures) -> tuple[BoxIndex, LatticeArray]:
     """Return an index of features sorted by slot, then by id, and the feature of each of its items."""
     order = np.lexsort((np.arange(packed.slot.size), packed.slot))
     support = packed.support[order] / metres_per_unit(recipe.extent)
@@ -88,7 +87,9 @@ def field_index(fields: PackedFields) -> BoxIndex:
     return BoxIndex(fields.at, fields.far, np.full(len(fields.at), 2.0))
 
 
-def feature_lists(index: BoxIndex, order: Lattice, slot: Lattice, slots: int, blocks: Lattice) -> Lists:
+def feature_lists(
+    index: BoxIndex, order: LatticeArray, slot: LatticeArray, slots: int, blocks: LatticeArray
+) -> Lists:
     """Return ``starts`` (blocks × (slots + 1)) and ``list`` of ``Features`` in ``kernels/world.clh``.
 
     ``index`` and ``order`` are those of :func:`feature_index`, ``slot`` is each feature's kind.
@@ -104,7 +105,7 @@ def feature_lists(index: BoxIndex, order: Lattice, slot: Lattice, slots: int, bl
     return starts, member.astype(np.int32)
 
 
-def item_lists(index: BoxIndex, blocks: Lattice, visible: npt.NDArray[np.bool_] | None = None) -> Lists:
+def item_lists(index: BoxIndex, blocks: LatticeArray, visible: npt.NDArray[np.bool_] | None = None) -> Lists:
     """Return ``starts`` (blocks + 1) and ``list`` of the visible items that affect each block."""
     starts = np.zeros(len(blocks) + 1, np.int32)
     if not len(index):

@@ -21,10 +21,10 @@ from sketchterrain.terrain.recipe import FINEST_CELL
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Float64Array
     from sketchterrain.terrain.kernel_arguments import CulledInputs
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-    Reals = npt.NDArray[np.float64]
 
 NOISE_PEAK = 1.01
 """Bound of |noise| in one octave: a simplex's corners give no more, each with its worst gradient."""
@@ -73,7 +73,7 @@ class DetailBound:
         )
         self._gully_depth, self._crag_depth = (float(world[name]) for name in ("gully_depth", "crag_depth"))
 
-    def bounds(self, culled: CulledInputs, blocks: npt.NDArray[np.int64], cell_size: float) -> Reals:
+    def bounds(self, culled: CulledInputs, blocks: npt.NDArray[np.int64], cell_size: float) -> Float64Array:
         """Return the bound (n,), m, of blocks (n, 4), from what affects them at the cell size."""
         omitted = self._omitted(effective_cell(cell_size))
         near = self._near(culled, blocks)
@@ -152,7 +152,7 @@ class DetailBound:
         bent = np.maximum(radii - np.sqrt(2) * recipe.warp, 0)
         spur = self._spur * NOISE_PEAK
 
-        def power_mean(kind: int, heights: Reals, power: int) -> Reals:
+        def power_mean(kind: int, heights: Float64Array, power: int) -> Float64Array:
             sums = np.bincount(block, weights=np.where(slot == kind, heights, 0.0) ** power, minlength=count)
             return np.asarray(sums ** (1 / power))
 
@@ -175,19 +175,19 @@ class DetailBound:
             hill, mountain, hill_sum, mountain_sum, erosion, widest, cover, dune[:, _FIRST_DUNE:]
         )
 
-    def _hills(self, omitted: OmittedDetail, near: BlockExtrema) -> Reals:
+    def _hills(self, omitted: OmittedDetail, near: BlockExtrema) -> Float64Array:
         moved = near.hill_sum * self._hill_slope * np.sqrt(2) * self._recipe.warp * omitted.warp
         swollen = _HILL_SWELL * near.hill * omitted.warp
         return np.asarray((1 + _HILL_SWELL) * (moved + omitted.hills) + swollen)
 
-    def _mountains(self, omitted: OmittedDetail, near: BlockExtrema) -> Reals:
+    def _mountains(self, omitted: OmittedDetail, near: BlockExtrema) -> Float64Array:
         depth, spur = self._ridge_depth, self._spur
         bent = np.sqrt(2) * self._recipe.warp * omitted.warp * (1 + 2 * spur * NOISE_PEAK)
         moved = near.mountain_sum * self._mountain_slope * (bent + spur * omitted.ridge)
         swollen = depth * near.mountain * omitted.ridge
         return np.asarray((1 + depth * NOISE_PEAK) * (moved + omitted.mountains) + swollen)
 
-    def _crags(self, omitted: OmittedDetail, near: BlockExtrema) -> Reals:
+    def _crags(self, omitted: OmittedDetail, near: BlockExtrema) -> Float64Array:
         """Return the roughness that rock omits, and how far omitted gullies' slopes change the rest of it."""
         slopes = (
             _GULLY_SLOPE
@@ -197,22 +197,22 @@ class DetailBound:
         steeper = np.ones(len(slopes)) if omitted.moved else np.minimum(_ROCK_OVER_SLOPE * slopes, 1.0)
         return np.asarray(_rocky(near.mountain) * (omitted.crags + steeper * omitted.crags_left))
 
-    def _gullies(self, omitted: OmittedDetail, near: BlockExtrema) -> Reals:
+    def _gullies(self, omitted: OmittedDetail, near: BlockExtrema) -> Float64Array:
         return np.asarray(near.erosion * (self._resolved(omitted, near) @ omitted.gullies))
 
-    def _resolved(self, omitted: OmittedDetail, near: BlockExtrema) -> Reals:
+    def _resolved(self, omitted: OmittedDetail, near: BlockExtrema) -> Float64Array:
         """Return the share of each octave of gullies on features of such widths, shape (n, octaves)."""
         across = np.clip((near.widest[:, None] / omitted.wavelengths - 0.5) * 2, 0, 1)
         return np.asarray(across * across * (3 - 2 * across))
 
-    def _dunes(self, omitted: OmittedDetail, near: BlockExtrema) -> Reals:
+    def _dunes(self, omitted: OmittedDetail, near: BlockExtrema) -> Float64Array:
         resolved = 1 - omitted.waves
         wave = omitted.waves * (1 - _LEVELLED)
         wave = wave + resolved * (_DUNE_SLOPE * _CREST_SHARE + _VIGOUR_SLOPE) * omitted.crest
         moved = np.minimum(_PLATEAU_SLOPE * np.sqrt(2) * self._recipe.warp * omitted.warp, 1.0)
         return np.asarray(np.sum(near.dune * (near.cover * np.minimum(wave, 1.0) + moved), axis=-1))
 
-    def _lakes(self, near: BlockExtrema, blocks: npt.NDArray[np.int64], cell: float) -> Reals:
+    def _lakes(self, near: BlockExtrema, blocks: npt.NDArray[np.int64], cell: float) -> Float64Array:
         """Return the greatest change by lakes that fade out.
 
         Terrain up to their rims, or down to their beds.
@@ -233,7 +233,7 @@ class DetailBound:
         np.maximum.at(bound, block, lost[lake] * np.maximum(up, down))
         return bound
 
-    def _rivers(self, culled: CulledInputs, cell: float) -> Reals:
+    def _rivers(self, culled: CulledInputs, cell: float) -> Float64Array:
         """Return the change by channels that fade out, and by arcs flattened for a coarser cell."""
         rivers, starts, member = culled.rivers, culled.lists["river_starts"], culled.lists["river_list"]
         count = len(starts) - 1
@@ -255,17 +255,17 @@ class DetailBound:
         return np.asarray((1 + _BANK_RISE) * depth * lost + moved)
 
 
-def _fade_loss(cells: Reals) -> Reals:
+def _fade_loss(cells: Float64Array) -> Float64Array:
     """Return the share that is lost of features of a radius in cells."""
     left = np.clip(cells - 1.0, 0.0, 1.0)
     return 1 - left * left * (3 - 2 * left)
 
 
-def _rocky(height: Reals) -> Reals:
+def _rocky(height: Float64Array) -> Float64Array:
     """Return the greatest mountain mask of massifs up to a height (m)."""
     t = np.clip((height - _ROCK[0]) / (_ROCK[1] - _ROCK[0]), 0.0, 1.0)
     return np.asarray(t * t * (3 - 2 * t))
 
 
-def _steepest(profile: Reals) -> float:
+def _steepest(profile: Float64Array) -> float:
     return float(np.abs(np.diff(profile)).max() * (len(_TURNS) - 1))

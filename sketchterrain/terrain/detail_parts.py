@@ -6,10 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
-    Reals = npt.NDArray[np.float64]
+    from sketchterrain.array_types import Float64Array
 
 
 @dataclass(frozen=True)
@@ -25,20 +22,20 @@ class OmittedDetail:
     warp: float  # of multiplied noises, dimensionless
     ridge: float
     crest: float
-    gullies: Reals  # (octaves,) at full erosion
-    wavelengths: Reals  # (octaves,) of the gullies
-    waves: Reals  # (styles,) unresolved share of the dunes' waves
+    gullies: Float64Array  # (octaves,) at full erosion
+    wavelengths: Float64Array  # (octaves,) of the gullies
+    waves: Float64Array  # (styles,) unresolved share of the dunes' waves
 
 
 @dataclass(frozen=True)
 class BlockExtrema:
     """Greatest effects of the features near each of n blocks."""
 
-    hill: Reals  # (n,) height without swell or gullies, m
-    mountain: Reals
-    hill_sum: Reals  # (n,) the same if all of them had their summit in the block, m
-    mountain_sum: Reals
-    erosion: Reals  # (n,) 0 … 1
-    widest: Reals  # (n,) width of the widest gullies, m
-    cover: Reals  # (n, styles) 0 … 1
-    dune: Reals  # (n, styles) height of the highest dunes, m
+    hill: Float64Array  # (n,) height without swell or gullies, m
+    mountain: Float64Array
+    hill_sum: Float64Array  # (n,) the same if all of them had their summit in the block, m
+    mountain_sum: Float64Array
+    erosion: Float64Array  # (n,) 0 … 1
+    widest: Float64Array  # (n,) width of the widest gullies, m
+    cover: Float64Array  # (n, styles) 0 … 1
+    dune: Float64Array  # (n, styles) height of the highest dunes, m

@@ -14,13 +14,9 @@ from sketchterrain.terrain.packing import effective_cell, pack_features
 from sketchterrain.terrain.reference import dry_heights
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from sketchterrain.features.catalogue import Points
+    from sketchterrain.array_types import Float64Array, LatticeArray, StructuredArray
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-    Reals = npt.NDArray[np.float64]
-    Lattice = npt.NDArray[np.int64]
 
 # Rivers follow the terrain at this coarse cell size, without its small features.
 _CELLS_PER_EXTENT = 256
@@ -32,10 +28,10 @@ class _CachedHeights:
     """Cached heights of one recipe."""
 
     world: tuple[object, ...]  # everything that heights depend on except features
-    block: Lattice  # (4,) rectangle around all positions, lattice units
-    features: Points  # those that affect it
-    key: Lattice  # (n,) positions, ascending
-    height: Reals  # (n,), m
+    block: LatticeArray  # (4,) rectangle around all positions, lattice units
+    features: StructuredArray  # those that affect it
+    key: LatticeArray  # (n,) positions, ascending
+    height: Float64Array  # (n,), m
 
 
 @dataclass
@@ -57,10 +53,10 @@ class DryTerrain:
         self._cell = recipe.extent / _CELLS_PER_EXTENT
         settings = (recipe.ground["relief"], recipe.stacks, recipe.dune_styles)
         self._world = (recipe.extent, recipe.seed, recipe.fidelity, *settings)
-        self._requested: Lattice = np.zeros(0, dtype=np.int64)
+        self._requested: LatticeArray = np.zeros(0, dtype=np.int64)
         self._key, self._height = self._still_valid(memory.last)
 
-    def __call__(self, x: Reals, y: Reals) -> Reals:
+    def __call__(self, x: Float64Array, y: Float64Array) -> Float64Array:
         """Return heights (m) at positions (m), shape (n,)."""
         east, north = (to_lattice(each, self._recipe.extent) for each in (x, y))
         if len(east) == 0 or max(np.abs(east).max(), np.abs(north).max()) >= _MAX_CACHED:
@@ -89,10 +85,10 @@ class DryTerrain:
         cached = _CachedHeights(self._world, block, self._near(block), self._requested, self._height[row])
         self._memory.last = cached
 
-    def _near(self, block: Lattice) -> Points:
+    def _near(self, block: LatticeArray) -> StructuredArray:
         return features_near(self._recipe, block[None], min_radius=effective_cell(self._cell))
 
-    def _still_valid(self, last: _CachedHeights | None) -> tuple[Lattice, Reals]:
+    def _still_valid(self, last: _CachedHeights | None) -> tuple[LatticeArray, Float64Array]:
         """Return positions, ascending, and heights that no changed feature affects."""
         if last is None or last.world != self._world:
             return np.zeros(0, dtype=np.int64), np.zeros(0)
@@ -107,12 +103,12 @@ class DryTerrain:
         return last.key[valid], last.height[valid]
 
 
-def _unpack_keys(key: Lattice) -> tuple[Lattice, Lattice]:
+def _unpack_keys(key: LatticeArray) -> tuple[LatticeArray, LatticeArray]:
     """Return positions by their keys: x in the high half, signed y in the low half."""
     north = (key & 0xFFFFFFFF).astype(np.uint32).view(np.int32).astype(np.int64)
     return (key - north) >> 32, north
 
 
-def _bounding_block(key: Lattice) -> Lattice:
+def _bounding_block(key: LatticeArray) -> LatticeArray:
     east, north = _unpack_keys(key)
     return np.array([east.min(), north.min(), east.max(), north.max()])

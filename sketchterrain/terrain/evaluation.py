@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Bounds
     from sketchterrain.compute import ComputeContext
-    from sketchterrain.terrain.changes import Box
     from sketchterrain.terrain.recipe import TerrainRecipe
 
 MASKS = ("mountain", "dune", "forest", "water")
@@ -66,7 +66,7 @@ class Evaluator:
         other.recipe = other._arguments.recipe
         return other
 
-    def updated(self, recipe: TerrainRecipe, areas: Sequence[Box]) -> Evaluator:
+    def updated(self, recipe: TerrainRecipe, areas: Sequence[Bounds]) -> Evaluator:
         """Return an evaluator of a changed recipe of the same extent, sharing all outside the areas (m)."""
         other = copy(self)
         other.recipe = recipe

@@ -1,4 +1,4 @@
-"""Plants of a terrain: checked requests, split into bounded parts, in a stable order."""
+"""StructuredArray of a terrain: checked requests, split into bounded parts, in a stable order."""
 
 from __future__ import annotations
 
@@ -15,12 +15,10 @@ from sketchterrain.terrain.storey import Storey
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterator
 
-    import numpy.typing as npt
-
+    from sketchterrain.array_types import StructuredArray
     from sketchterrain.terrain.evaluation import Evaluator
 
     Area = tuple[int, int, int, int]
-    Plants = npt.NDArray[np.void]
 
 MAX_PLANTS: Final = 20_000_000
 """Most plants returned at once."""
@@ -29,19 +27,21 @@ _MAX_PER_PIECE = 2_000_000
 
 
 class FoliageSampler:
-    """Plants of a recipe on a device."""
+    """StructuredArray of a recipe on a device."""
 
     def __init__(self, evaluator: Evaluator) -> None:
         self._extent = evaluator.recipe.extent
         self._storeys = {name: Storey(evaluator, name) for name in STOREYS}
 
-    def within(self, west: float, south: float, east: float, north: float, storey: str = "woody") -> Plants:
+    def within(
+        self, west: float, south: float, east: float, north: float, storey: str = "woody"
+    ) -> StructuredArray:
         """Return the plants of a rectangle in metres; see :meth:`Terrain.foliage`."""
         return run_to_completion(self.steps(west, south, east, north, storey))
 
     def steps(
         self, west: float, south: float, east: float, north: float, storey: str
-    ) -> Generator[None, None, Plants]:
+    ) -> Generator[None, None, StructuredArray]:
         """Do the same in steps; see :meth:`Terrain.foliage_steps`."""
         layer, area = self._validate((west, south, east, north), storey)
         if layer.bound(area) > MAX_PLANTS:
@@ -59,7 +59,7 @@ class FoliageSampler:
 
     def pieces(
         self, west: float, south: float, east: float, north: float, storey: str = "woody"
-    ) -> Iterator[Plants]:
+    ) -> Iterator[StructuredArray]:
         """Return the same piece by piece; see :meth:`Terrain.foliage_pieces`."""
         layer, area = self._validate((west, south, east, north), storey)
         return (

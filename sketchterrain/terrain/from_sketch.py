@@ -24,9 +24,8 @@ from sketchterrain.terrain.terrain import Terrain
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sketchterrain.features.catalogue import Points
+    from sketchterrain.array_types import Bounds, StructuredArray
     from sketchterrain.sketch import Sketch
-    from sketchterrain.terrain.changes import Box
 
 
 def build(
@@ -63,7 +62,7 @@ def build(
 
 def rebuild(
     terrain: Terrain, sketch: Sketch, *, checkpoint: Callable[[], None] | None = None
-) -> tuple[Terrain, list[Box]]:
+) -> tuple[Terrain, list[Bounds]]:
     """Return the terrain of a changed sketch on the same device, and the areas where it may differ.
 
     Cached placement is reused; the bits are those of `build`. Only tiles that the areas touch have changed,
@@ -122,7 +121,7 @@ def make_recipe(
 
 def _solved_features(
     dry: TerrainRecipe, edited: EditedPoints, memory: PlacementCache, checkpoint: Callable[[], None]
-) -> Points:
+) -> StructuredArray:
     """Return the features with solved strengths, and locked ones with their own."""
     asked = replace(dry, painted=edited.unlocked)
     solved = solve_strengths(

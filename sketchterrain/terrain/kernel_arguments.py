@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Bounds
     from sketchterrain.compute import ComputeContext
-    from sketchterrain.terrain.changes import Box
     from sketchterrain.terrain.culling import Lists
     from sketchterrain.terrain.packing import PackedRivers
     from sketchterrain.terrain.reach_index import BoxIndex
@@ -81,7 +81,7 @@ class KernelArguments:
         other._feature_cache = self._feature_cache.with_recipe(other.recipe)
         return other
 
-    def updated(self, recipe: TerrainRecipe, areas: Sequence[Box]) -> KernelArguments:
+    def updated(self, recipe: TerrainRecipe, areas: Sequence[Bounds]) -> KernelArguments:
         """Return those of a changed recipe, sharing everything that lies outside the `changed_areas` (m)."""
         before = self.recipe
         if global_key(before) != global_key(recipe):

@@ -15,11 +15,10 @@ from sketchterrain.terrain.plant_spacing import density_of, padded_axes, power_o
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.array_types import FloatArray, LatticeArray
     from sketchterrain.terrain.evaluation import Evaluator
     from sketchterrain.terrain.plant_footing import PlantSites
 
-    Lattice = npt.NDArray[np.int64]
-    Reals = npt.NDArray[np.floating]
 
 LEAST: Final = 0.5
 """Spacing (m) of tufts at the greatest density."""
@@ -67,7 +66,7 @@ class Meadow:
         full = [float(density_of(_APART[name])) if name in _APART else 0.0 for name in MATERIALS]
         self._full = np.array(full, np.float32)
 
-    def densities(self, x: Lattice, y: Lattice) -> Reals:
+    def densities(self, x: LatticeArray, y: LatticeArray) -> FloatArray:
         """Return plants per square metre; see :class:`SpacingRule`."""
         padded_x, padded_y = (padded_axes(each, self.step) for each in (x, y))
         surface = self._evaluator.surface(padded_x, padded_y[:, ::-1], cell_size=self._cell)
@@ -84,7 +83,7 @@ class Meadow:
         """Return which plants can grow at their exact positions."""
         return np.asarray((sites.steepness < _STEEPEST) & (sites.water < _WATERSIDE))
 
-    def assign_species(self, plants: npt.NDArray[Any], sites: PlantSites, spacing: Reals) -> None:
+    def assign_species(self, plants: npt.NDArray[Any], sites: PlantSites, spacing: FloatArray) -> None:
         """Write the species and scale of plants; neither depends on the spacing (m)."""
         x, y, dry = sites.x, sites.y, self._climate["aridity"]
         ferns = _FERNS * (1 - dry) * ramp(sites.forest, *_SHADED)

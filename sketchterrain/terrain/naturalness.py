@@ -9,12 +9,9 @@ import numpy as np
 from scipy import ndimage
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
+    from sketchterrain.array_types import BoolArray, Float64Array
     from sketchterrain.terrain.terrain import Terrain
 
-    Reals = npt.NDArray[np.float64]
-    Flags = npt.NDArray[np.bool_]
 
 _LAYERS = ("mountain", "hill")
 _NEAR = 1.5  # px: pixel centres so near to unpainted (or painted) ones are along the outline
@@ -53,7 +50,7 @@ def measure_naturalness(terrain: Terrain) -> Naturalness:
     )
 
 
-def outline_ratio(quantity: Reals, painted: Flags) -> float:
+def outline_ratio(quantity: Float64Array, painted: BoolArray) -> float:
     """Return the mean along the outline of an area over the mean of the bands inside and outside it.
 
     Parameters
@@ -73,7 +70,7 @@ def outline_ratio(quantity: Reals, painted: Flags) -> float:
     return float(quantity[along].mean() / max(float(usual), 1e-12))
 
 
-def _derivatives(height: Reals, step: float) -> tuple[Reals, Reals]:
+def _derivatives(height: Float64Array, step: float) -> tuple[Float64Array, Float64Array]:
     """|Laplacian| (1/m) and slope of all but the outermost samples."""
     middle = height[1:-1, 1:-1]
     across, down = (height[1:-1, 2:], height[1:-1, :-2]), (height[2:, 1:-1], height[:-2, 1:-1])

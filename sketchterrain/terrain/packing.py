@@ -18,8 +18,8 @@ from sketchterrain.terrain.recipe import FINEST_CELL
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.array_types import StructuredArray
     from sketchterrain.features import River
-    from sketchterrain.features.catalogue import Points
     from sketchterrain.terrain.centrelines import PreparedCentreline
     from sketchterrain.terrain.octaves import OctaveTable
     from sketchterrain.terrain.recipe import TerrainRecipe
@@ -159,7 +159,7 @@ def slot_count(recipe: TerrainRecipe) -> int:
     return len(_SLOTS) + len(recipe.dune_styles)
 
 
-def pack_features(recipe: TerrainRecipe, features: Points, cell_size: float) -> PackedFeatures:
+def pack_features(recipe: TerrainRecipe, features: StructuredArray, cell_size: float) -> PackedFeatures:
     """Return the features as kernels read them, without those too small for the cell size.
 
     Features narrower than two cells fade out: strength × (0 at a radius of one cell … 1 at two).
@@ -190,7 +190,7 @@ def pack_features(recipe: TerrainRecipe, features: Points, cell_size: float) -> 
     return PackedFeatures(at, shape, support, _slots(recipe, features))
 
 
-def _slots(recipe: TerrainRecipe, features: Points) -> npt.NDArray[np.int64]:
+def _slots(recipe: TerrainRecipe, features: StructuredArray) -> npt.NDArray[np.int64]:
     slot = np.empty(features.size, dtype=np.int64)
     for number, name in enumerate(_SLOTS):
         slot[features["type"] == FEATURE_TYPES.index(name)] = number

@@ -13,18 +13,17 @@ from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    import numpy.typing as npt
+    from sketchterrain.array_types import LatticeArray
 
-    Lattice = npt.NDArray[np.int64]
-    Keys = Sequence[tuple[int, int]] | Lattice
+    Keys = Sequence[tuple[int, int]] | LatticeArray
 
 
 @dataclass(frozen=True, eq=False)
 class Patches:
     """Squares of vertices, each with a border of one vertex around it."""
 
-    axis_x: Lattice  # (patches, side), west to east
-    axis_y: Lattice  # (patches, side), north to south
+    axis_x: LatticeArray  # (patches, side), west to east
+    axis_y: LatticeArray  # (patches, side), north to south
     cell_size: float  # m between samples
     squares: int = 1  # parts along a side of a patch, culled separately
 
@@ -39,13 +38,13 @@ class Patches:
         return int(self.axis_x.shape[1])
 
     @cached_property
-    def blocks(self) -> Lattice:
+    def blocks(self) -> LatticeArray:
         """West, south, east and north of each, shape (patches, 4)."""
         x, y = self.axis_x, self.axis_y
         return np.stack([x[:, 0], y[:, -1], x[:, -1], y[:, 0]], axis=-1)
 
     @property
-    def corners(self) -> Lattice:
+    def corners(self) -> LatticeArray:
         """The south-west vertex of each, shape (patches, 2)."""
         return self.blocks[:, :2]
 
@@ -55,7 +54,7 @@ class Patches:
         return -(-self.side // self.squares)
 
     @property
-    def square_blocks(self) -> Lattice:
+    def square_blocks(self) -> LatticeArray:
         """West, south, east and north of squares, shape (patches · squares², 4).
 
         Squares of a patch are in rows from west to east, from north to south.

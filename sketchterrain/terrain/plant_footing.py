@@ -11,10 +11,9 @@ from sketchterrain.terrain.lattice import metres_per_unit
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.array_types import FloatArray, LatticeArray
     from sketchterrain.terrain.evaluation import Evaluator
 
-    Lattice = npt.NDArray[np.int64]
-    Reals = npt.NDArray[np.floating]
 
 _FOOTPRINT = 0.5  # m over which the terrain at a plant is planar
 
@@ -22,17 +21,17 @@ _FOOTPRINT = 0.5  # m over which the terrain at a plant is planar
 class PlantSites(NamedTuple):
     """Terrain at positions, shape (n,) each."""
 
-    x: Lattice  # lattice units
-    y: Lattice
-    z: Reals  # m
-    slope_east: Reals  # rise over run
-    slope_north: Reals
-    dune: Reals  # masks, 0 … 1
-    forest: Reals
-    water: Reals
+    x: LatticeArray  # lattice units
+    y: LatticeArray
+    z: FloatArray  # m
+    slope_east: FloatArray  # rise over run
+    slope_north: FloatArray
+    dune: FloatArray  # masks, 0 … 1
+    forest: FloatArray
+    water: FloatArray
 
     @classmethod
-    def evaluate(cls, evaluator: Evaluator, x: Lattice, y: Lattice) -> Self:
+    def evaluate(cls, evaluator: Evaluator, x: LatticeArray, y: LatticeArray) -> Self:
         """Evaluate the terrain at positions (lattice units)."""
         unit = metres_per_unit(evaluator.recipe.extent)
         step = max(round(_FOOTPRINT / unit), 1)
@@ -44,12 +43,12 @@ class PlantSites(NamedTuple):
         return cls(x, y, z, (east - z) / run, (north - z) / run, dune, forest, water)
 
     @property
-    def steepness(self) -> Reals:
+    def steepness(self) -> FloatArray:
         """Rise over run."""
         return np.hypot(self.slope_east, self.slope_north)
 
     @property
-    def normal(self) -> Reals:
+    def normal(self) -> FloatArray:
         """Unit vectors: east, north, up; shape (n, 3)."""
         upward = 1 / np.sqrt(1 + self.slope_east**2 + self.slope_north**2)
         return np.stack([-self.slope_east * upward, -self.slope_north * upward, upward], axis=-1)

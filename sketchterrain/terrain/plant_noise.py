@@ -12,10 +12,8 @@ from sketchterrain.terrain.lattice import metres_per_unit
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Float64Array, LatticeArray
     from sketchterrain.terrain.recipe import TerrainRecipe
-
-    Lattice = npt.NDArray[np.int64]
-    Reals = npt.NDArray[np.float64]
 
 
 class PlantNoise:
@@ -25,15 +23,15 @@ class PlantNoise:
         self._seed = recipe.seed
         self._unit = metres_per_unit(recipe.extent)
 
-    def draw(self, stream: str, x: Lattice, y: Lattice) -> Reals:
+    def draw(self, stream: str, x: LatticeArray, y: LatticeArray) -> Float64Array:
         """Return one number in [0, 1) for each position (lattice units)."""
         return hash_unit(self._seed, f"plant {stream}", x, y)
 
-    def at(self, name: str, width: float, x: Lattice, y: Lattice) -> Reals:
+    def at(self, name: str, width: float, x: LatticeArray, y: LatticeArray) -> Float64Array:
         """Return smooth noise, 0 … 1, with a period of about two widths (m), at positions (lattice units)."""
         return value_noise(self._seed, _stream(name, width), self._steps(x, width), self._steps(y, width))
 
-    def over_grid(self, name: str, width: float, x: Lattice, y: Lattice) -> Reals:
+    def over_grid(self, name: str, width: float, x: LatticeArray, y: LatticeArray) -> Float64Array:
         """Return the same bits on a grid: y over rows, x over columns, both ascending.
 
         Corners are hashed once.
@@ -44,11 +42,11 @@ class PlantNoise:
         across = (1.0 - u) * corner[:, east] + u * corner[:, east + 1]
         return np.asarray((1.0 - v[:, None]) * across[north] + v[:, None] * across[north + 1])
 
-    def over_blocks(self, name: str, width: float, x: Lattice, y: Lattice) -> Reals:
+    def over_blocks(self, name: str, width: float, x: LatticeArray, y: LatticeArray) -> Float64Array:
         """Return the same over blocks, by their axes of shape (blocks, n); shape (blocks, n, n)."""
         return np.stack([self.over_grid(name, width, *axes) for axes in zip(x, y, strict=True)])
 
-    def _steps(self, along: Lattice, width: float) -> Reals:
+    def _steps(self, along: LatticeArray, width: float) -> Float64Array:
         return np.asarray(self._unit / width * along.astype(np.float64))
 
 
@@ -61,7 +59,7 @@ def _stream(name: str, width: float) -> str:
     return f"plant {name} {width:g}"
 
 
-def _cells_and_fractions(at: Reals) -> tuple[Lattice, Lattice, Reals]:
+def _cells_and_fractions(at: Float64Array) -> tuple[LatticeArray, LatticeArray, Float64Array]:
     """Return steps around positions, the index of the one below each, and smoothed fractions."""
     below = np.floor(at).astype(np.int64)
     u = at - below

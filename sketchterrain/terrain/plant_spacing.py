@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    Lattice = npt.NDArray[np.int64]
+    from sketchterrain.array_types import LatticeArray
+
 
 BLOCK = 64
 """Vertices along a block's side."""
@@ -36,7 +37,7 @@ class SpacingRule(Protocol):
     least: int  # range of spacing, lattice units
     most: int
 
-    def densities(self, x: Lattice, y: Lattice) -> npt.NDArray[np.floating]:
+    def densities(self, x: LatticeArray, y: LatticeArray) -> npt.NDArray[np.floating]:
         """Return plants per square metre at the vertices of blocks, (blocks, n, n), row 0 southernmost.
 
         x, y (blocks, n) are ascending lattice coordinates, ``step`` apart. A value depends on its vertex
@@ -116,7 +117,7 @@ def density_of(spacing: npt.NDArray[np.floating] | float) -> npt.NDArray[np.floa
     return np.asarray(FILL / np.square(np.asarray(spacing, np.float64)))
 
 
-def padded_axes(axis: Lattice, step: int, *, rim: int = 1) -> Lattice:
+def padded_axes(axis: LatticeArray, step: int, *, rim: int = 1) -> LatticeArray:
     """Return blocks' axes (blocks, n) of vertices a step apart, with ``rim`` more beyond each end."""
     count = axis.shape[1] + 2 * rim
     return np.asarray(axis[:, :1] + step * (np.arange(count, dtype=np.int64) - rim))

@@ -9,7 +9,8 @@ import numpy as np
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    Lattice = npt.NDArray[np.int64]
+    from sketchterrain.array_types import LatticeArray
+
 
 # Blocks times items up to which brute force is quicker.
 _FEW = 1 << 14
@@ -25,15 +26,15 @@ class BoxIndex:
     row are adjacent in one sorted array, so that a row of a block is a pair of binary searches.
     """
 
-    def __init__(self, low: Lattice, high: Lattice, margin: npt.NDArray[np.float64]) -> None:
+    def __init__(self, low: LatticeArray, high: LatticeArray, margin: npt.NDArray[np.float64]) -> None:
         grow = np.ceil(margin).astype(np.int64)[:, None]
         self._low, self._high = low - grow, high + grow
-        self._levels: tuple[Lattice, ...] | None = None
+        self._levels: tuple[LatticeArray, ...] | None = None
 
     def __len__(self) -> int:
         return len(self._low)
 
-    def touching(self, blocks: Lattice) -> tuple[Lattice, Lattice]:
+    def touching(self, blocks: LatticeArray) -> tuple[LatticeArray, LatticeArray]:
         """Return pairs (block, item) that touch blocks (m, 4), borders included, by block, then by item."""
         if len(self) * len(blocks) <= _FEW:
             touch = _overlap(blocks[:, None], self._low, self._high)
@@ -45,7 +46,7 @@ class BoxIndex:
         order = np.sort(block[touch] << bits | item[touch])
         return order >> bits, order & ((1 << bits) - 1)
 
-    def _candidates(self, blocks: Lattice) -> tuple[Lattice, Lattice]:
+    def _candidates(self, blocks: LatticeArray) -> tuple[LatticeArray, LatticeArray]:
         """Return pairs of blocks and items in cells near them."""
         if self._levels is None:
             self._levels = self._build()
@@ -63,7 +64,7 @@ class BoxIndex:
         of, place = _runs(end - start)
         return block[part[of]], items[start[of] + place]
 
-    def _build(self) -> tuple[Lattice, ...]:
+    def _build(self) -> tuple[LatticeArray, ...]:
         """Return, for each cell size, bits, columns, rows and first key; the sorted keys of all items.
 
         The items.
@@ -86,7 +87,7 @@ class BoxIndex:
         return bits, origin, columns, rows, base, keys[items], items
 
 
-def _overlap(blocks: Lattice, low: Lattice, high: Lattice) -> npt.NDArray[np.bool_]:
+def _overlap(blocks: LatticeArray, low: LatticeArray, high: LatticeArray) -> npt.NDArray[np.bool_]:
     """Return whether blocks (…, 4) and boxes (…, 2) have a point in common."""
     return np.asarray(
         (blocks[..., 0] <= high[..., 0])
@@ -96,7 +97,7 @@ def _overlap(blocks: Lattice, low: Lattice, high: Lattice) -> npt.NDArray[np.boo
     )
 
 
-def _runs(count: Lattice) -> tuple[Lattice, Lattice]:
+def _runs(count: LatticeArray) -> tuple[LatticeArray, LatticeArray]:
     """Return, for concatenated runs of these lengths, each element's run and its index in the run."""
     owner = np.repeat(np.arange(len(count)), count)
     return owner, np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)

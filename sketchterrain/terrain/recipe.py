@@ -19,8 +19,9 @@ from sketchterrain.terrain.octaves import FINEST_WAVELENGTH, NoiseStack
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from sketchterrain.array_types import StructuredArray
     from sketchterrain.features import River
-    from sketchterrain.features.catalogue import Cover, Lake, Points
+    from sketchterrain.features.catalogue import Cover, Lake
     from sketchterrain.features.contradictions import Resolution
     from sketchterrain.sketch import MaterialRule
 
@@ -40,7 +41,7 @@ class FeatureSource(Protocol):
 
     def within(
         self, west: float, south: float, east: float, north: float, *, min_radius: float = 0.0
-    ) -> Points:
+    ) -> StructuredArray:
         """Return the features whose centre lies in the rectangle (m), sorted by id."""
         ...
 
@@ -52,7 +53,7 @@ class NoFill:
 
     def within(
         self, west: float, south: float, east: float, north: float, *, min_radius: float = 0.0
-    ) -> Points:
+    ) -> StructuredArray:
         """Return no features."""
         from sketchterrain.features.catalogue import FEATURE
 
@@ -95,7 +96,7 @@ class TerrainRecipe:
     fidelity: float
     ground: Mapping[str, float]
     climate: Mapping[str, float]
-    painted: Points
+    painted: StructuredArray
     fill: FeatureSource
     rivers: tuple[River, ...] = ()
     valley_radii: tuple[np.ndarray[tuple[int], np.dtype[np.float64]], ...] = ()

@@ -30,14 +30,11 @@ from sketchterrain.terrain.reference_relief import (
 )
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
+    from sketchterrain.array_types import Float64Array, LatticeArray
     from sketchterrain.terrain.octaves import OctaveTable
     from sketchterrain.terrain.packing import PackedFeatures, PackedRivers, PackedWorld
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-    Reals = npt.NDArray[np.float64]
-    Lattice = npt.NDArray[np.int64]
 
 __all__ = [
     "HostSamples",
@@ -58,15 +55,17 @@ _LEVEL = Rise(Slope(_ZERO, _ZERO, _ZERO), _ZERO, _ZERO)
 class HostSamples:
     """Heights (m) and masks (0 … 1) at points; see ``Ground`` in ``kernels/world.clh``."""
 
-    height: Reals
-    mountain: Reals
-    dune: Reals
-    forest: Reals
-    water: Reals
-    lake: Reals
+    height: Float64Array
+    mountain: Float64Array
+    dune: Float64Array
+    forest: Float64Array
+    water: Float64Array
+    lake: Float64Array
 
 
-def host_heights(recipe: TerrainRecipe, x: Reals, y: Reals, *, cell_size: float = 0.0) -> Reals:
+def host_heights(
+    recipe: TerrainRecipe, x: Float64Array, y: Float64Array, *, cell_size: float = 0.0
+) -> Float64Array:
     """Return heights in metres at points given in metres (any shape), in float64."""
     x, y = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
     ground = host_samples(
@@ -78,13 +77,17 @@ def host_heights(recipe: TerrainRecipe, x: Reals, y: Reals, *, cell_size: float 
     return ground.height.reshape(x.shape)
 
 
-def relief_noise(recipe: TerrainRecipe, x: Lattice, y: Lattice, *, cell_size: float = 0.0) -> Relief:
+def relief_noise(
+    recipe: TerrainRecipe, x: LatticeArray, y: LatticeArray, *, cell_size: float = 0.0
+) -> Relief:
     """Return what noise makes of mountains and hills at lattice positions of shape (n,)."""
     world = pack_world(recipe, cell_size, real=np.float64)
     return relief_noise_at(world.scalars[0], world.octaves, x, y)
 
 
-def host_samples(recipe: TerrainRecipe, x: Lattice, y: Lattice, *, cell_size: float = 0.0) -> HostSamples:
+def host_samples(
+    recipe: TerrainRecipe, x: LatticeArray, y: LatticeArray, *, cell_size: float = 0.0
+) -> HostSamples:
     """Return the terrain at lattice positions of shape (n,), in float64."""
     world = pack_world(recipe, cell_size, real=np.float64)
     w, octaves = world.scalars[0], world.octaves
@@ -107,7 +110,9 @@ def host_samples(recipe: TerrainRecipe, x: Lattice, y: Lattice, *, cell_size: fl
     return HostSamples(height, mountain, dune, forest, water, lake)
 
 
-def dry_heights(recipe: TerrainRecipe, x: Lattice, y: Lattice, *, cell_size: float = 0.0) -> Reals:
+def dry_heights(
+    recipe: TerrainRecipe, x: LatticeArray, y: LatticeArray, *, cell_size: float = 0.0
+) -> Float64Array:
     """Return heights (m) of the land without its rivers and lakes at lattice positions of shape (n,)."""
     world = pack_world(recipe, cell_size, real=np.float64)
     relief = relief_noise_at(world.scalars[0], world.octaves, x, y)
@@ -117,7 +122,7 @@ def dry_heights(recipe: TerrainRecipe, x: Lattice, y: Lattice, *, cell_size: flo
 
 def _dry(
     world: PackedWorld, packed: PackedFeatures, place: Site, relief: Relief
-) -> tuple[Reals, Reals, Reals]:
+) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Heights (m) without water, how much of a mountain each place is, and of a field of dunes."""
     w, octaves, x, y = world.scalars[0], world.octaves, place.x, place.y
     height = w["half_relief"] * fbm(octaves, "ground", x, y)
@@ -132,7 +137,7 @@ def _dry(
     return height, mountain, dune
 
 
-def host_slope(recipe: TerrainRecipe, x: Lattice, y: Lattice, *, cell_size: float = 0.0) -> Slope:
+def host_slope(recipe: TerrainRecipe, x: LatticeArray, y: LatticeArray, *, cell_size: float = 0.0) -> Slope:
     """Return heights (m) and slopes of ground, hills and mountains with their gullies, without crags.
 
     The slopes of gullies are taken with the direction of each wave held, as the filter takes them.
@@ -147,7 +152,9 @@ def host_slope(recipe: TerrainRecipe, x: Lattice, y: Lattice, *, cell_size: floa
     return Slope(*(a + b * by for a, b, by in zip(eroded, ground, scale, strict=True)))
 
 
-def _packed_around(recipe: TerrainRecipe, x: Lattice, y: Lattice, cell_size: float) -> PackedFeatures:
+def _packed_around(
+    recipe: TerrainRecipe, x: LatticeArray, y: LatticeArray, cell_size: float
+) -> PackedFeatures:
     block = np.array([[x.min(), y.min(), x.max(), y.max()]])
     near = features_near(recipe, block, min_radius=effective_cell(cell_size))
     return pack_features(recipe, near, cell_size)
@@ -155,7 +162,7 @@ def _packed_around(recipe: TerrainRecipe, x: Lattice, y: Lattice, cell_size: flo
 
 def _eroded(
     w: np.void, octaves: OctaveTable, packed: PackedFeatures, place: Site, relief: Relief
-) -> tuple[Slope, Reals]:
+) -> tuple[Slope, Float64Array]:
     """Return hills and mountains with their gullies, and how much of a mountain each place is."""
     massif, say = mountains(packed, place, relief.spur)
     rise = risen(risen(_LEVEL, hills(packed, place), relief.swell), massif, relief.share(say))
@@ -164,12 +171,12 @@ def _eroded(
     return height, _smooth(massif.height.value, 20, 100)
 
 
-def _smooth(x: Reals, low: float, high: float) -> Reals:
+def _smooth(x: Float64Array, low: float, high: float) -> Float64Array:
     t = np.clip((x - low) / (high - low), 0, 1)
     return np.asarray(t * t * (3 - 2 * t))
 
 
-def _areas(packed: PackedFeatures, place: Site, *, slot: int) -> tuple[Reals, Reals]:
+def _areas(packed: PackedFeatures, place: Site, *, slot: int) -> tuple[Float64Array, Float64Array]:
     pairs = place.reached(packed, slot)
     cover = area_profile(place.approach(packed, pairs)[0].value)
     strength = packed.shape[pairs.of, 1]
@@ -178,7 +185,7 @@ def _areas(packed: PackedFeatures, place: Site, *, slot: int) -> tuple[Reals, Re
     return np.minimum(np.sqrt(np.sqrt(total)), 1), mean
 
 
-def _dune_pattern(style: np.void, x: Lattice, y: Lattice, crest: Reals) -> Reals:
+def _dune_pattern(style: np.void, x: LatticeArray, y: LatticeArray, crest: Float64Array) -> Float64Array:
     bits = int(style["period_bits"])
     phase = x * style["east"] + y * style["north"]
     t = (phase & ((1 << bits) - 1)) / 2.0**bits + 0.9 * crest
@@ -189,7 +196,9 @@ def _dune_pattern(style: np.void, x: Lattice, y: Lattice, crest: Reals) -> Reals
     return np.asarray(0.35 + (pattern - 0.35) * style["visible"])
 
 
-def _carved(height: Reals, rivers: PackedRivers, place: Site, *, cell: float) -> tuple[Reals, Reals]:
+def _carved(
+    height: Float64Array, rivers: PackedRivers, place: Site, *, cell: float
+) -> tuple[Float64Array, Float64Array]:
     weights, nearest = np.zeros(height.shape), np.full(height.shape, 1e30)
     sums = np.zeros((4, *height.shape))
     for i in range(len(rivers.start)):

@@ -13,19 +13,18 @@ from sketchterrain.terrain.octaves import UNSKEW
 from sketchterrain.terrain.reference_noise import Slope, fbm, gradients, skewed
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
+    from sketchterrain.array_types import Float64Array, LatticeArray
     from sketchterrain.terrain.octaves import OctaveTable
     from sketchterrain.terrain.reference_relief import Rise
 
-    Reals = npt.NDArray[np.float64]
-    Lattice = npt.NDArray[np.int64]
 
 _TALUS = 2.1445069205095586
 _WAVES, _PIVOT, _FEED, _CALM, _SHARP, _GENTLE, _ROUGH = 1.4, 2.2e-10 * 2.0**31, 0.55, 0.3, 0.35, 0.5, 0.7
 
 
-def deepest_gullies(w: np.void, octaves: OctaveTable, erosion: Reals, widest: Reals) -> Reals:
+def deepest_gullies(
+    w: np.void, octaves: OctaveTable, erosion: Float64Array, widest: Float64Array
+) -> Float64Array:
     """Return by how much (m) `gullies` lowers ground, at most, and raises it but for 18 %.
 
     Parameters
@@ -39,13 +38,15 @@ def deepest_gullies(w: np.void, octaves: OctaveTable, erosion: Reals, widest: Re
     return steepest * sum(depths, np.zeros(erosion.shape))
 
 
-def _depth(w: np.void, octaves: OctaveTable, i: int, erosion: Reals, widest: Reals) -> Reals:
+def _depth(
+    w: np.void, octaves: OctaveTable, i: int, erosion: Float64Array, widest: Float64Array
+) -> Float64Array:
     """Depth (m) of an octave's gullies where the slope has its full say."""
     t = np.clip((widest * (octaves.scale[i, 1] * w["units_per_metre"]) - 0.5) * 2, 0, 1)
     return np.asarray(w["gully_depth"] * octaves.scale[i, 0] * erosion * t * t * (3 - 2 * t))
 
 
-def gullies(w: np.void, octaves: OctaveTable, x: Lattice, y: Lattice, rise: Rise) -> Slope:
+def gullies(w: np.void, octaves: OctaveTable, x: LatticeArray, y: LatticeArray, rise: Rise) -> Slope:
     """Return what erosion adds to the height, with its slope per metre, the waves' directions held."""
     value, east_sum, north_sum = np.zeros((3, *x.shape))
     leans = [np.broadcast_to(part, x.shape) for part in rise.height[1:]]
@@ -71,8 +72,8 @@ def gullies(w: np.void, octaves: OctaveTable, x: Lattice, y: Lattice, rise: Rise
 
 
 def _waves(
-    octaves: OctaveTable, i: int, x: Lattice, y: Lattice, east: Reals, north: Reals
-) -> tuple[Reals, Reals, Reals]:
+    octaves: OctaveTable, i: int, x: LatticeArray, y: LatticeArray, east: Float64Array, north: Float64Array
+) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Sum an octave's waves (turns a cell eastward and northward) over the corners around each place."""
     cell_u, cell_v, fu, fv = skewed(octaves, i, x, y)
     if octaves.form[i, 2]:
@@ -89,7 +90,14 @@ def _waves(
     return sums[0], sums[1], sums[2]
 
 
-def crags(w: np.void, octaves: OctaveTable, x: Lattice, y: Lattice, east: Reals, north: Reals) -> Reals:
+def crags(
+    w: np.void,
+    octaves: OctaveTable,
+    x: LatticeArray,
+    y: LatticeArray,
+    east: Float64Array,
+    north: Float64Array,
+) -> Float64Array:
     """Return what the roughness of bare rock adds to mountains of a slope."""
     square = east * east + north * north
     return np.asarray(w["crag_depth"] * square / (square + _ROUGH) * fbm(octaves, "crag", x, y))

@@ -9,19 +9,16 @@ import numpy as np
 from sketchterrain.terrain.field_packing import pack_fields, pack_lakes
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
+    from sketchterrain.array_types import Float64Array, LatticeArray
     from sketchterrain.terrain.field_packing import PackedFields
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-    Reals = npt.NDArray[np.float64]
-    Lattice = npt.NDArray[np.int64]
 
 _RIM = 0.15
 _SOFTNESS = 0.5
 
 
-def field_distance(fields: PackedFields, i: int, x: Lattice, y: Lattice) -> Reals:
+def field_distance(fields: PackedFields, i: int, x: LatticeArray, y: LatticeArray) -> Float64Array:
     """Return the distance inside the shape of field ``i`` at lattice positions (m)."""
     first, columns, rows, _ = fields.form[i]
     samples = fields.samples[first : first + columns * rows].reshape(rows, columns)
@@ -35,13 +32,13 @@ def field_distance(fields: PackedFields, i: int, x: Lattice, y: Lattice) -> Real
     return total
 
 
-def _weights(f: Reals) -> tuple[Reals, Reals, Reals]:
+def _weights(f: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
     return 0.5 * (0.5 - f) ** 2, 0.75 - f**2, 0.5 * (0.5 + f) ** 2
 
 
 def apply_lakes(
-    recipe: TerrainRecipe, height: Reals, x: Lattice, y: Lattice, *, cell: float
-) -> tuple[Reals, Reals, Reals]:
+    recipe: TerrainRecipe, height: Float64Array, x: LatticeArray, y: LatticeArray, *, cell: float
+) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Return the ground with lakes laid in, and the masks ``water`` and ``lake``, at lattice positions."""
     fields = pack_fields(recipe, [lake.shape for lake in recipe.lakes])
     packed = pack_lakes(recipe, fields, cell)
@@ -71,11 +68,11 @@ def apply_lakes(
     return laid, water, lake
 
 
-def _soft_positive(x: Reals) -> Reals:
+def _soft_positive(x: Float64Array) -> Float64Array:
     near = np.clip(x, -_SOFTNESS, _SOFTNESS) + _SOFTNESS
     return np.asarray(near**2 / (4 * _SOFTNESS) + np.maximum(x - _SOFTNESS, 0))
 
 
-def _cubic(t: Reals) -> Reals:
+def _cubic(t: Float64Array) -> Float64Array:
     s = np.minimum(t, 1)
     return np.asarray(2 * s**3 - 3 * s**2 + 1)

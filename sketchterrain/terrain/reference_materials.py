@@ -16,14 +16,11 @@ from sketchterrain.terrain.reference_noise import fbm
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    import numpy.typing as npt
-
+    from sketchterrain.array_types import Float64Array, LatticeArray
     from sketchterrain.sketch import Factor, MaterialRule
     from sketchterrain.terrain.recipe import TerrainRecipe
     from sketchterrain.terrain.reference import HostSamples
 
-    Reals = npt.NDArray[np.float64]
-    Lattice = npt.NDArray[np.int64]
 
 _MOTTLE_CONTRAST = 2.2
 
@@ -46,17 +43,17 @@ class Site:
         0 … 1.
     """
 
-    height: Reals
-    steepness: Reals
-    hollow: Reals
-    mottle: Reals
-    mountain: Reals
-    dune: Reals
-    forest: Reals
-    water: Reals
+    height: Float64Array
+    steepness: Float64Array
+    hollow: Float64Array
+    mottle: Float64Array
+    mountain: Float64Array
+    dune: Float64Array
+    forest: Float64Array
+    water: Float64Array
 
 
-def rule_weights(rules: Sequence[MaterialRule], climate: Mapping[str, float], site: Site) -> Reals:
+def rule_weights(rules: Sequence[MaterialRule], climate: Mapping[str, float], site: Site) -> Float64Array:
     """Return the weights that rules give points of any shape, with one more axis of ``len(MATERIALS)``.
 
     Each rule covers what those before it left: w ← w (1 − a), w_k ← w_k + a; all is grass at first.
@@ -80,8 +77,8 @@ def rule_weights(rules: Sequence[MaterialRule], climate: Mapping[str, float], si
 
 
 def patch_weights(
-    recipe: TerrainRecipe, ground: HostSamples, x: Lattice, y: Lattice, *, cell_size: float
-) -> Reals:
+    recipe: TerrainRecipe, ground: HostSamples, x: LatticeArray, y: LatticeArray, *, cell_size: float
+) -> Float64Array:
     """Return the weights at the vertices of a patch inside its border.
 
     Parameters
@@ -90,7 +87,7 @@ def patch_weights(
     ground
         At the vertices, row 0 northernmost, arrays of shape (rows · columns,) or (rows, columns).
     x, y
-        Lattice coordinates of the vertices, shape (rows, columns).
+        LatticeArray coordinates of the vertices, shape (rows, columns).
     cell_size
         Metres between neighbours.
 
@@ -123,7 +120,9 @@ def patch_weights(
     return _with_covers(recipe, flat, at_x, at_y, mottle).reshape(weights.shape)
 
 
-def _with_covers(recipe: TerrainRecipe, weights: Reals, x: Lattice, y: Lattice, mottle: Reals) -> Reals:
+def _with_covers(
+    recipe: TerrainRecipe, weights: Float64Array, x: LatticeArray, y: LatticeArray, mottle: Float64Array
+) -> Float64Array:
     """Lay the painted materials over weights at lattice positions of shape (n,)."""
     fields = pack_fields(recipe, [cover.shape for cover in recipe.covers])
     packed = pack_covers(recipe, fields)
@@ -136,7 +135,7 @@ def _with_covers(recipe: TerrainRecipe, weights: Reals, x: Lattice, y: Lattice, 
     return weights
 
 
-def _ramp(factor: Factor, inputs: Mapping[str, Reals]) -> Reals:
+def _ramp(factor: Factor, inputs: Mapping[str, Float64Array]) -> Float64Array:
     total = sum(weight * inputs[name] for name, weight in factor.weights.items())
     t = np.clip((total - factor.start) / (factor.full - factor.start), 0, 1)
     return np.asarray(t if factor.shape == "straight" else t * t * (3 - 2 * t))

@@ -9,12 +9,9 @@ import numpy as np
 from sketchterrain.terrain.octaves import SKEW, SKEW_OTHER, SKEW_SAME, STRIDES, UNSKEW
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
+    from sketchterrain.array_types import Float64Array, LatticeArray
     from sketchterrain.terrain.octaves import OctaveTable
 
-    Reals = npt.NDArray[np.float64]
-    Lattice = npt.NDArray[np.int64]
 
 _RIDGE_WEIGHT = 1.5
 _RIDGE_EDGE = 0.125
@@ -23,12 +20,12 @@ _RIDGE_EDGE = 0.125
 class Slope(NamedTuple):
     """A value and its slope eastward and northward, per lattice unit; arrays of one shape."""
 
-    value: Reals
-    east: Reals
-    north: Reals
+    value: Float64Array
+    east: Float64Array
+    north: Float64Array
 
 
-def simplex(u: Lattice, v: Lattice, shift: int, seed: int) -> Slope:
+def simplex(u: LatticeArray, v: LatticeArray, shift: int, seed: int) -> Slope:
     """Return noise at skewed positions, a cell being 2^shift, with its slope over a cell."""
     cell_u, cell_v = u >> shift, v >> shift
     fu = (u - (cell_u << shift)) / 2.0**shift
@@ -36,12 +33,12 @@ def simplex(u: Lattice, v: Lattice, shift: int, seed: int) -> Slope:
     return _simplex_in(cell_u, cell_v, fu, fv, seed)
 
 
-def fbm(octaves: OctaveTable, stack: str, x: Lattice, y: Lattice) -> Reals:
+def fbm(octaves: OctaveTable, stack: str, x: LatticeArray, y: LatticeArray) -> Float64Array:
     """Return a stack's sum of octaves at lattice positions."""
     return fbm_slope(octaves, stack, x, y).value
 
 
-def fbm_slope(octaves: OctaveTable, stack: str, x: Lattice, y: Lattice) -> Slope:
+def fbm_slope(octaves: OctaveTable, stack: str, x: LatticeArray, y: LatticeArray) -> Slope:
     """Return a stack's sum of octaves with its slope."""
     total = Slope(*np.zeros((3, *x.shape)))
     for i in range(*octaves.ranges[stack]):
@@ -50,13 +47,25 @@ def fbm_slope(octaves: OctaveTable, stack: str, x: Lattice, y: Lattice) -> Slope
     return total
 
 
-def ridged(octaves: OctaveTable, stack: str, x: Lattice, y: Lattice, east: Reals, north: Reals) -> Reals:
+def ridged(
+    octaves: OctaveTable,
+    stack: str,
+    x: LatticeArray,
+    y: LatticeArray,
+    east: Float64Array,
+    north: Float64Array,
+) -> Float64Array:
     """Return a stack's ridged multifractal at positions bent by (east, north) lattice units."""
     return ridged_slope(octaves, stack, x, y, east, north).value
 
 
 def ridged_slope(
-    octaves: OctaveTable, stack: str, x: Lattice, y: Lattice, east: Reals, north: Reals
+    octaves: OctaveTable,
+    stack: str,
+    x: LatticeArray,
+    y: LatticeArray,
+    east: Float64Array,
+    north: Float64Array,
 ) -> Slope:
     """Return the same with its slope at the bent position."""
     total, slopes = np.zeros(x.shape), np.zeros((2, *x.shape))
@@ -81,11 +90,11 @@ def ridged_slope(
 def skewed(
     octaves: OctaveTable,
     i: int,
-    x: Lattice,
-    y: Lattice,
-    east: Reals | float = 0.0,
-    north: Reals | float = 0.0,
-) -> tuple[Lattice, Lattice, Reals, Reals]:
+    x: LatticeArray,
+    y: LatticeArray,
+    east: Float64Array | float = 0.0,
+    north: Float64Array | float = 0.0,
+) -> tuple[LatticeArray, LatticeArray, Float64Array, Float64Array]:
     """Return the cells of an octave's lattice that places bent by (east, north) lie in, and the fractions."""
     shift, _, turn, _ = (int(word) for word in octaves.form[i])
     inverse = octaves.scale[i, 1]
@@ -102,14 +111,21 @@ def skewed(
 
 
 def _octave(
-    octaves: OctaveTable, i: int, x: Lattice, y: Lattice, east: Reals | float, north: Reals | float
+    octaves: OctaveTable,
+    i: int,
+    x: LatticeArray,
+    y: LatticeArray,
+    east: Float64Array | float,
+    north: Float64Array | float,
 ) -> Slope:
     noise = _simplex_in(*skewed(octaves, i, x, y, east, north), int(octaves.form[i, 1]))
     slopes = (-noise.north, noise.east) if octaves.form[i, 2] else noise[1:]
     return Slope(noise.value, *(octaves.scale[i, 1] * slope for slope in slopes))
 
 
-def _simplex_in(cell_u: Lattice, cell_v: Lattice, fu: Reals, fv: Reals, seed: int) -> Slope:
+def _simplex_in(
+    cell_u: LatticeArray, cell_v: LatticeArray, fu: Float64Array, fv: Float64Array, seed: int
+) -> Slope:
     lower = fu > fv
     total, slopes = np.zeros(fu.shape), np.zeros((2, *fu.shape))
     for iu, iv in ((0, 0), (lower.astype(np.int64), (~lower).astype(np.int64)), (1, 1)):
@@ -123,7 +139,7 @@ def _simplex_in(cell_u: Lattice, cell_v: Lattice, fu: Reals, fv: Reals, seed: in
     return Slope(70 * total, *(70 * slopes))
 
 
-def gradients(cell_u: Lattice, cell_v: Lattice, *, seed: int) -> Reals:
+def gradients(cell_u: LatticeArray, cell_v: LatticeArray, *, seed: int) -> Float64Array:
     """Return the gradients at corners of cells, each part in [-1, 1); shape (2, …)."""
     word = cell_u * STRIDES[0] + cell_v * STRIDES[1] + seed
     h = (word & 0xFFFFFFFF).astype(np.uint32)

@@ -19,11 +19,10 @@ from sketchterrain.terrain.reference_noise import Slope, fbm_slope
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Float64Array, LatticeArray
     from sketchterrain.terrain.octaves import OctaveTable
     from sketchterrain.terrain.packing import PackedFeatures
 
-    Reals = npt.NDArray[np.float64]
-    Lattice = npt.NDArray[np.int64]
 
 _MOUNTAIN, _HILL = 0, 1
 _HILL_SWELL = 0.4
@@ -64,21 +63,21 @@ class Rise:
     """Heights (m) with their slopes, and what erosion does to them: its strength and its widest gully (m)."""
 
     height: Slope
-    erosion: Reals
-    widest: Reals
+    erosion: Float64Array
+    widest: Float64Array
 
 
 @dataclass(frozen=True)
 class Site:
-    """Lattice positions, and what noise makes of features there."""
+    """LatticeArray positions, and what noise makes of features there."""
 
-    x: Lattice
-    y: Lattice
+    x: LatticeArray
+    y: LatticeArray
     unit: float
     bend: tuple[Slope, Slope]
 
     @cached_property
-    def _metres(self) -> Reals:
+    def _metres(self) -> Float64Array:
         """Positions from the first one (m), (n, 2)."""
         return np.stack([self.x - self.x[:1], self.y - self.y[:1]], axis=-1) * self.unit
 
@@ -105,7 +104,7 @@ class Site:
         east, north = (Slope(*(part[place] for part in bend)) for bend in self.bend)
         return approached(offset, packed.shape[of, 0], (east, north), crest=packed.shape[of, 8:].T)
 
-    def summed(self, pairs: Reached, values: Reals) -> Reals:
+    def summed(self, pairs: Reached, values: Float64Array) -> Float64Array:
         """Sum values of pairs at each position, in the order of the features."""
         return np.asarray(np.bincount(pairs.place, values, minlength=len(self.x)), dtype=np.float64)
 
@@ -118,11 +117,11 @@ class Reached(NamedTuple):
 
 
 def approached(
-    offset: Reals,
-    inverse_radius: float | Reals,
+    offset: Float64Array,
+    inverse_radius: float | Float64Array,
     bend: tuple[Slope, Slope],
     *,
-    crest: Reals | tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
+    crest: Float64Array | tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
 ) -> tuple[Slope, Slope]:
     """See a feature from places at offsets (m), shape (2, n), from its centre.
 
@@ -139,7 +138,7 @@ def approached(
     dx, dy = dx - u * crest[0], dy - u * crest[1]
     t = np.sqrt(dx * dx + dy * dy)
 
-    def per_metre(x: Reals, y: Reals) -> tuple[Reals, Reals]:
+    def per_metre(x: Float64Array, y: Float64Array) -> tuple[Float64Array, Float64Array]:
         return (
             x * (inverse_radius + east.east) + y * north.east,
             x * east.north + y * (inverse_radius + north.north),
@@ -151,7 +150,7 @@ def approached(
     return Slope(t, *per_metre(dx * back, dy * back)), Slope(keep, *per_metre(sag * crest[0], sag * crest[1]))
 
 
-def carried(t: Slope, spur: Slope, share: float | Reals) -> Slope:
+def carried(t: Slope, spur: Slope, share: float | Float64Array) -> Slope:
     """Distance that a share of the spurs shortens: t - spur t(2 - t) up to one radius, t - spur beyond."""
     rest = np.maximum(1 - t.value, 0)
     far = share * (1 - rest * rest)
@@ -163,7 +162,7 @@ def carried(t: Slope, spur: Slope, share: float | Reals) -> Slope:
     )
 
 
-def relief_noise_at(w: np.void, octaves: OctaveTable, x: Lattice, y: Lattice) -> Relief:
+def relief_noise_at(w: np.void, octaves: OctaveTable, x: LatticeArray, y: LatticeArray) -> Relief:
     """Return what noise makes of mountains and hills at lattice positions of shape (n,)."""
     per_metre = float(w["units_per_metre"])
     east, north = (_warp(octaves, name, x, y, per_metre) for name in ("warp_u", "warp_v"))
@@ -178,7 +177,7 @@ def relief_noise_at(w: np.void, octaves: OctaveTable, x: Lattice, y: Lattice) ->
     )
 
 
-def _warp(octaves: OctaveTable, name: str, x: Lattice, y: Lattice, per_metre: float) -> Slope:
+def _warp(octaves: OctaveTable, name: str, x: LatticeArray, y: LatticeArray, per_metre: float) -> Slope:
     noise = fbm_slope(octaves, name, x, y)
     keep = np.where(np.abs(noise.value) < 1, per_metre, 0)
     return Slope(np.clip(noise.value, -1, 1), noise.east * keep, noise.north * keep)
@@ -208,7 +207,7 @@ def mountains(packed: PackedFeatures, site: Site, spur: Slope) -> tuple[Rise, Sl
     return joined_mountains(np.stack([site.summed(pairs, part) for part in parts]))
 
 
-def joined_mountains(sums: Reals) -> tuple[Rise, Slope]:
+def joined_mountains(sums: Float64Array) -> tuple[Rise, Slope]:
     """Return the rise, and the say of noise, from sums over mountains.
 
     Parameters

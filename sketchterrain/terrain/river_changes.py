@@ -18,15 +18,14 @@ from sketchterrain.terrain.packing import prepared_centrelines
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Bounds, Float64Array
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-    Reals = npt.NDArray[np.float64]
-    Box = tuple[float, float, float, float]
 
 _OVERLAP = 0.5  # of the smaller rectangle, beyond what joining two neighbours adds
 
 
-def river_areas(old: TerrainRecipe, new: TerrainRecipe) -> list[Box]:
+def river_areas(old: TerrainRecipe, new: TerrainRecipe) -> list[Bounds]:
     """Return rectangles (west, south, east, north, m) outside of which rivers do the same in two recipes.
 
     Both are of one extent.
@@ -35,9 +34,9 @@ def river_areas(old: TerrainRecipe, new: TerrainRecipe) -> list[Box]:
     unit = metres_per_unit(new.extent)
     kept = {id(course) for _, course in courses[0]} & {id(course) for _, course in courses[1]}
     parts = [_parts([each for each in own if id(each[1]) not in kept], unit) for own in courses]
-    found: dict[Box, None] = {}
+    found: dict[Bounds, None] = {}
     for own, others in (parts, parts[::-1]):
-        run: Box | None = None
+        run: Bounds | None = None
         for contents, box in own.items():
             if contents in others:
                 continue
@@ -50,9 +49,11 @@ def river_areas(old: TerrainRecipe, new: TerrainRecipe) -> list[Box]:
     return list(found)
 
 
-def _parts(courses: list[tuple[npt.NDArray[np.int64], PreparedCentreline]], unit: float) -> dict[bytes, Box]:
+def _parts(
+    courses: list[tuple[npt.NDArray[np.int64], PreparedCentreline]], unit: float
+) -> dict[bytes, Bounds]:
     """Return what the pieces between two control points are made from, and where they have any effect."""
-    parts: dict[bytes, Box] = {}
+    parts: dict[bytes, Bounds] = {}
     for anchor, course in courses:
         first, last = _spans(course)
         samples = np.column_stack([course.along, course.line, course.anchors, course.steep])
@@ -76,7 +77,7 @@ def _spans(course: PreparedCentreline) -> tuple[npt.NDArray[np.intp], npt.NDArra
 
 def _boxes(
     course: PreparedCentreline, first: npt.NDArray[np.intp], last: npt.NDArray[np.intp], *, margin: float
-) -> Reals:
+) -> Float64Array:
     """Rectangles (m, from the course's own origin) around each cubic, as wide as its river reaches."""
     c = course.curve
     # A cubic lies within the corners of its Bézier form.
@@ -89,7 +90,7 @@ def _boxes(
     return np.column_stack([corners.min(axis=0) - wide, corners.max(axis=0) + wide])
 
 
-def _joined(one: Box, other: Box) -> Box | None:
+def _joined(one: Bounds, other: Bounds) -> Bounds | None:
     """Return one rectangle around two, if it is little larger than both."""
     around = (*map(min, one[:2], other[:2]), *map(max, one[2:], other[2:]))
     box = (around[0], around[1], around[2], around[3])
@@ -97,5 +98,5 @@ def _joined(one: Box, other: Box) -> Box | None:
     return box if _area(box) <= sum(alone) - _OVERLAP * min(alone) else None
 
 
-def _area(box: Box) -> float:
+def _area(box: Bounds) -> float:
     return (box[2] - box[0]) * (box[3] - box[1])

@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from sketchterrain.array_types import StructuredArray
     from sketchterrain.terrain.evaluation import Evaluator
 
     Area = tuple[int, int, int, int]
-    Plants = npt.NDArray[np.void]
 
 LEVELS: Final = 3
 """Coarser Poisson-disk sets among the plants, at twice the distance each."""
@@ -43,7 +43,7 @@ _MARGIN = 1.3  # times as many plants as the spacing says there may be
 
 
 class Storey:
-    """Plants of one storey, a function of the world.
+    """StructuredArray of one storey, a function of the world.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ class Storey:
                     min(north, (row + high) * self._square),
                 )
 
-    def plants_steps(self, area: Area) -> Generator[None, None, Plants]:
+    def plants_steps(self, area: Area) -> Generator[None, None, StructuredArray]:
         """Find the plants of an area (lattice units) in steps of a few ms; the last one returns them."""
         # Beforehand, for the sampler asks for all it needs at once.
         halo = self._points.halo
@@ -130,7 +130,7 @@ class Storey:
             found.append(self._grown(points[start : start + _AT_ONCE]))
         return np.concatenate(found) if found else np.zeros(0, PLANT)
 
-    def _grown(self, points: npt.NDArray[Any]) -> Plants:
+    def _grown(self, points: npt.NDArray[Any]) -> StructuredArray:
         """Return what grows at points, but for those where the ground lets nothing stand."""
         places = (np.ascontiguousarray(points[axis]) for axis in ("x", "y"))
         foot = PlantSites.evaluate(self._evaluator, *places)

@@ -24,15 +24,13 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Bounds, LatticeArray, StructuredArray
     from sketchterrain.compute import ComputeContext
-    from sketchterrain.features.catalogue import Points
-    from sketchterrain.terrain.changes import Box
     from sketchterrain.terrain.culling import Lists
     from sketchterrain.terrain.packing import PackedFeatures
     from sketchterrain.terrain.reach_index import BoxIndex
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-    Lattice = npt.NDArray[np.int64]
 
 _MOST_SHEETS = 4096
 _MOST_GATHERED = 64
@@ -72,10 +70,10 @@ class FeatureBatch:
     packed: PackedFeatures
     slots: int
     index: BoxIndex
-    order: Lattice
+    order: LatticeArray
     smallest: float
 
-    def lists(self, blocks: Lattice) -> Lists:
+    def lists(self, blocks: LatticeArray) -> Lists:
         """Return which of them reach which block: ``starts`` and ``list`` of the kernels' ``Features``."""
         return feature_lists(self.index, self.order, self.packed.slot, self.slots, blocks)
 
@@ -106,7 +104,7 @@ class FeatureCache:
         # Where there is nothing, one sheet is enough.
         empty = self._margin == 0 and recipe.painted.size == 0
         self._bits = _EVERYWHERE_BITS if empty else width.bit_length()
-        self._sheets: OrderedDict[tuple[int, int], Points] = OrderedDict()
+        self._sheets: OrderedDict[tuple[int, int], StructuredArray] = OrderedDict()
         self._gathered: OrderedDict[tuple[float, bytes], FeatureBatch] = OrderedDict()
 
     def with_recipe(self, recipe: TerrainRecipe) -> FeatureCache:
@@ -116,7 +114,7 @@ class FeatureCache:
         other._gathered = OrderedDict()
         return other
 
-    def updated(self, recipe: TerrainRecipe, areas: Sequence[Box]) -> FeatureCache:
+    def updated(self, recipe: TerrainRecipe, areas: Sequence[Bounds]) -> FeatureCache:
         """Return those of a changed recipe, which keep what stands where nothing has changed.
 
         Parameters
@@ -142,16 +140,16 @@ class FeatureCache:
                 other._gathered[known] = found
         return other
 
-    def _ground_of(self, sheets: Lattice) -> Lattice:
+    def _ground_of(self, sheets: LatticeArray) -> LatticeArray:
         """Return west, south, east and north of sheets, lattice units."""
         return np.concatenate([sheets, sheets + 1], axis=1) << self._bits
 
-    def _ground_of_key(self, where: bytes) -> Lattice:
+    def _ground_of_key(self, where: bytes) -> LatticeArray:
         """Return the ground of what was gathered under a key."""
         numbers = np.frombuffer(where, np.int64, offset=1)
         return numbers.reshape(-1, 4) if where[0] else self._ground_of(numbers.reshape(-1, 2))
 
-    def batch(self, blocks: Lattice, cell: float) -> FeatureBatch:
+    def batch(self, blocks: LatticeArray, cell: float) -> FeatureBatch:
         """Return the features that may reach any of the blocks.
 
         Parameters
@@ -179,7 +177,7 @@ class FeatureCache:
             self._gathered.popitem(last=False)
         return found
 
-    def _packed(self, near: Points, cell: float, smallest: float) -> FeatureBatch:
+    def _packed(self, near: StructuredArray, cell: float, smallest: float) -> FeatureBatch:
         packed = pack_features(self._recipe, near, cell)
         index, order = feature_index(self._recipe, packed)
         upload = self._context.upload
@@ -193,7 +191,7 @@ class FeatureCache:
             smallest,
         )
 
-    def _sheets_around(self, blocks: Lattice) -> Lattice:
+    def _sheets_around(self, blocks: LatticeArray) -> LatticeArray:
         """Columns and rows of the sheets that hold what may reach the blocks, shape (n, 2)."""
         first = (blocks[:, :2] - self._margin) >> self._bits
         last = (blocks[:, 2:] + self._margin) >> self._bits
@@ -211,7 +209,7 @@ class FeatureCache:
         number = np.unique((sheets[:, 0] - low[0]) * rows + (sheets[:, 1] - low[1]))
         return np.asarray(np.stack(np.divmod(number, rows), axis=-1) + low)
 
-    def _features_of(self, sheets: Lattice, cell: float) -> Points:
+    def _features_of(self, sheets: LatticeArray, cell: float) -> StructuredArray:
         """All features of sheets, sorted by id, without the fill where none of it shows at a cell size."""
         ground = self._ground_of(sheets)
         found = painted_near(self._recipe, ground)
@@ -220,7 +218,7 @@ class FeatureCache:
         _, unique = np.unique(found["id"], return_index=True)
         return found[unique]
 
-    def _fill_of(self, sheets: Lattice) -> list[Points]:
+    def _fill_of(self, sheets: LatticeArray) -> list[StructuredArray]:
         """Return the fill whose centres lie in each sheet."""
         keys = [(int(column), int(row)) for column, row in sheets]
         missing = [key for key in keys if key not in self._sheets]
@@ -242,7 +240,7 @@ class FeatureCache:
             self._sheets.popitem(last=False)
         return result
 
-    def _within(self, corners: Lattice, square: int) -> Points:
+    def _within(self, corners: LatticeArray, square: int) -> StructuredArray:
         """Return the fill with centres in squares of sheets and a little around, each once."""
         side = metres_per_unit(self._recipe.extent) * 2.0**self._bits
         parts = []
@@ -259,7 +257,7 @@ class FeatureCache:
         return found[unique]
 
 
-def _meet_any(ground: Lattice, areas: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+def _meet_any(ground: LatticeArray, areas: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
     """Tell which rectangles meet any of some areas, both in lattice units."""
     low, high = ground[:, None, :2], ground[:, None, 2:]
     return np.asarray(((areas[:, :2] <= high) & (areas[:, 2:] >= low)).all(axis=-1).any(axis=-1))

@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Bounds
     from sketchterrain.compute import ComputeContext
     from sketchterrain.features.memory import PlacementCache
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain.answers import Band
-    from sketchterrain.terrain.changes import Box
     from sketchterrain.terrain.ground_bytes import QuantizedBand
     from sketchterrain.terrain.recipe import TerrainRecipe
     from sketchterrain.terrain.surfaces import Surface
@@ -62,7 +62,7 @@ class Terrain:
         self._evaluator = Evaluator(recipe, context)
         self._foliage = FoliageSampler(self._evaluator)
 
-    def updated(self, sketch: Sketch, recipe: TerrainRecipe, areas: Sequence[Box]) -> Terrain:
+    def updated(self, sketch: Sketch, recipe: TerrainRecipe, areas: Sequence[Bounds]) -> Terrain:
         """Return the terrain of a changed recipe on the same device; what stays the same is not made anew.
 
         Its bits are those of a terrain that was never another one. Both stay usable, in one thread.

@@ -25,12 +25,11 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.terrain.changes import Box
+    from sketchterrain.array_types import Bounds, LatticeArray
     from sketchterrain.terrain.kernel_arguments import KernelArguments
     from sketchterrain.terrain.patch_places import Patches
     from sketchterrain.terrain.vertices import VertexStore
 
-    Lattice = npt.NDArray[np.int64]
 
 _FILE = "tiles.cl"
 _MOST_QUADS = 1 << 20  # of the tiles of a launch
@@ -58,7 +57,7 @@ class VertexWriter:
         self._at_once: dict[int, Batches] = {}
         self._rooms: dict[str, tuple[int, Any]] = {}
 
-    def updated(self, arguments: KernelArguments, areas: Sequence[Box]) -> VertexWriter:
+    def updated(self, arguments: KernelArguments, areas: Sequence[Bounds]) -> VertexWriter:
         """Return one of a changed recipe on the same device, in areas (m); room on it is shared."""
         other = copy(self)
         other._arguments = arguments
@@ -67,7 +66,7 @@ class VertexWriter:
         return other
 
     def write(
-        self, keys: Lattice, slots: Lattice, parents: Lattice, store: VertexStore
+        self, keys: LatticeArray, slots: LatticeArray, parents: LatticeArray, store: VertexStore
     ) -> npt.NDArray[np.void]:
         """Write tiles and wait for them.
 
@@ -98,7 +97,7 @@ class VertexWriter:
             for first, last in _runs(keys[order, 0]):
                 chosen = order[first:last]
 
-                def enqueue(part: slice, chosen: Lattice = chosen, first: int = first) -> None:
+                def enqueue(part: slice, chosen: LatticeArray = chosen, first: int = first) -> None:
                     some = chosen[part]
                     place = first + part.start
                     self._enqueue(keys[some], lives[some], store, found, away, place)
@@ -122,7 +121,7 @@ class VertexWriter:
 
     def _enqueue(
         self,
-        keys: Lattice,
+        keys: LatticeArray,
         lives: npt.NDArray[np.int32],
         store: VertexStore,
         found: Any,
@@ -192,7 +191,7 @@ def _in_squares(patches: Patches, width: float) -> Patches:
     return replace(patches, squares=1 << (most.bit_length() - 1)) if most > 1 else patches
 
 
-def _runs(levels: Lattice) -> list[tuple[int, int]]:
+def _runs(levels: LatticeArray) -> list[tuple[int, int]]:
     """First and last (exclusive) of each run of equal levels."""
     cuts = [0, *(np.flatnonzero(np.diff(levels)) + 1).tolist(), len(levels)]
     return list(pairwise(cuts))

@@ -10,16 +10,14 @@ from scipy.spatial import cKDTree
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.array_types import BoolArray, Float64Array
     from sketchterrain.features.catalogue import Lake
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-    Reals = npt.NDArray[np.float64]
-    Flags = npt.NDArray[np.bool_]
-
 
 def standing_water(
-    recipe: TerrainRecipe, layer: str, x: Reals, y: Reals, ground: npt.NDArray[np.float32]
-) -> Flags:
+    recipe: TerrainRecipe, layer: str, x: Float64Array, y: Float64Array, ground: npt.NDArray[np.float32]
+) -> BoolArray:
     """Return where the ground lies under the water of a layer, ``'river'`` or ``'lake'``.
 
     Parameters
@@ -39,7 +37,9 @@ def standing_water(
     return wet
 
 
-def _rivers(recipe: TerrainRecipe, x: Reals, y: Reals, ground: npt.NDArray[np.float32]) -> Flags:
+def _rivers(
+    recipe: TerrainRecipe, x: Float64Array, y: Float64Array, ground: npt.NDArray[np.float32]
+) -> BoolArray:
     rivers = recipe.rivers
     if not rivers:
         return np.zeros(x.shape, dtype=np.bool_)
@@ -57,7 +57,7 @@ def _rivers(recipe: TerrainRecipe, x: Reals, y: Reals, ground: npt.NDArray[np.fl
     return wet.reshape(x.shape)
 
 
-def _within(lake: Lake, x: Reals, y: Reals) -> Flags:
+def _within(lake: Lake, x: Float64Array, y: Float64Array) -> BoolArray:
     """Whether places lie nearer to a lake's painted shape than two of its samples."""
     field = lake.shape
     rows, columns = field.inside.shape

@@ -16,12 +16,11 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.terrain.changes import Box
+    from sketchterrain.array_types import Bounds, Float32Array
     from sketchterrain.terrain.patch_places import Patches
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-    Floats = npt.NDArray[np.float32]
-    _Samples = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Floats]
+    _Samples = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Float32Array]
 
 _WIDEST = 17e3  # m
 _MOST_KEPT = 256
@@ -40,15 +39,15 @@ class WideTileErrors:
         Gives the heights of patches, shape (patches, side, side).
     """
 
-    def __init__(self, recipe: TerrainRecipe, heights: Callable[[Patches], Floats]) -> None:
+    def __init__(self, recipe: TerrainRecipe, heights: Callable[[Patches], Float32Array]) -> None:
         self._recipe = recipe
         self._heights = heights
         self._square_level = int(np.ceil(np.log2(recipe.extent / _WIDEST)))
         self._sampled: dict[tuple[int, int], _Samples] = {}
-        self._left_out: dict[float, Floats] = {}
+        self._left_out: dict[float, Float32Array] = {}
 
     def updated(
-        self, recipe: TerrainRecipe, heights: Callable[[Patches], Floats], areas: Sequence[Box]
+        self, recipe: TerrainRecipe, heights: Callable[[Patches], Float32Array], areas: Sequence[Bounds]
     ) -> WideTileErrors:
         """Return those of a changed recipe of the same extent, which differs in some areas (m)."""
         other = WideTileErrors(recipe, heights)
@@ -65,7 +64,7 @@ class WideTileErrors:
         """Whether the tiles of a level are wider than what is looked at."""
         return level < self._square_level
 
-    def distances(self, level: int, column: int, row: int, height: Floats) -> Floats:
+    def distances(self, level: int, column: int, row: int, height: Float32Array) -> Float32Array:
         """Return how far full detail is from a tile's triangles at the samples, m, shape (samples,).
 
         Parameters
@@ -82,7 +81,7 @@ class WideTileErrors:
         width, quads = 1 << (LATTICE_BITS - level), len(height) - 1
         u = np.asarray((x - column * width) * (quads / width), np.float64)
         v = np.asarray(((row + 1) * width - y[:, None]) * (quads / width), np.float64)
-        apart: Floats = np.abs(np.subtract(full, _on_triangles(height, u, v)))
+        apart: Float32Array = np.abs(np.subtract(full, _on_triangles(height, u, v)))
         return apart.ravel()
 
     def _painted_square(self, level: int, column: int, row: int) -> tuple[int, int] | None:
@@ -103,7 +102,7 @@ class WideTileErrors:
         """Column of a square beside the sketch."""
         return int(np.ceil(2.0**self._square_level)) + 1
 
-    def _unpainted(self, cell_size: float) -> Floats:
+    def _unpainted(self, cell_size: float) -> Float32Array:
         """How far full detail is from what a cell size shows of ground that nothing was painted on, m."""
         if cell_size not in self._left_out:
             place = self._beside, 0
@@ -122,7 +121,9 @@ class WideTileErrors:
         return self._sampled[place]
 
 
-def _on_triangles(height: Floats, u: npt.NDArray[np.float64], v: npt.NDArray[np.float64]) -> Floats:
+def _on_triangles(
+    height: Float32Array, u: npt.NDArray[np.float64], v: npt.NDArray[np.float64]
+) -> Float32Array:
     """Return the height of quads cut from north-west to south-east, u east and v south in quads."""
     u, v = np.broadcast_arrays(u, v)
     column, row = (np.minimum(np.floor(place).astype(np.intp), len(height) - 2) for place in (u, v))

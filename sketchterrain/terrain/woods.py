@@ -22,11 +22,10 @@ from sketchterrain.terrain.woody_species import (
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.array_types import FloatArray, LatticeArray
     from sketchterrain.terrain.evaluation import Evaluator
     from sketchterrain.terrain.plant_footing import PlantSites
 
-    Lattice = npt.NDArray[np.int64]
-    Reals = npt.NDArray[np.floating]
 
 LEAST: Final = 4.0
 """m between trees or shrubs where they stand thickest."""
@@ -75,7 +74,7 @@ class Woods:
         # Vertices that seeds reach the next ones from.
         self._rim = int(_SEED_FLIES / self._cell)
 
-    def densities(self, x: Lattice, y: Lattice) -> Reals:
+    def densities(self, x: LatticeArray, y: LatticeArray) -> FloatArray:
         """Return plants on a square metre; see :class:`SpacingRule`."""
         rim = self._rim
         wide_x, wide_y = (padded_axes(each, self.step, rim=rim) for each in (x, y))
@@ -103,7 +102,7 @@ class Woods:
         too_high = foot.z >= self._recipe.climate["tree_line"] + _TREE_LINE
         return np.asarray((foot.steepness < _STEEPEST) & ~too_high & (foot.water < _WATERSIDE))
 
-    def assign_species(self, plants: npt.NDArray[Any], foot: PlantSites, spacing: Reals) -> None:
+    def assign_species(self, plants: npt.NDArray[Any], foot: PlantSites, spacing: FloatArray) -> None:
         """Give plants their species and scale.
 
         Parameters
@@ -127,7 +126,7 @@ class Woods:
         above = foot.z - self._recipe.climate["tree_line"]
         plants["scale"] = tree_size(draw, foot.forest, above, young, plants["species"] == SHRUB)
 
-    def _lone(self, wide: Reals, narrow: Reals, dune: Reals, water: Reals) -> Reals:
+    def _lone(self, wide: FloatArray, narrow: FloatArray, dune: FloatArray, water: FloatArray) -> FloatArray:
         """Plants on a square metre outside forests: in loose groups, few between them; more beside water."""
         dry = self._recipe.climate["aridity"]
         thick = ramp(0.65 * wide + 0.35 * narrow, _THIN + _DRY_GAPS * dry, _THICK) ** 2
@@ -135,13 +134,13 @@ class Woods:
         share = np.sqrt(1 - dry) * (between + (_IN_GROUP - between) * thick)
         return np.asarray(_LONE * share * (1 - dune) * (1 + _RIPARIAN * ramp(water, *_BANK)))
 
-    def _hold(self, z: Reals, steepness: Reals) -> Reals:
+    def _hold(self, z: FloatArray, steepness: FloatArray) -> FloatArray:
         """Share of plants, 0 … 1, that the slope and the height leave."""
         tree_line = self._recipe.climate["tree_line"]
         warm = 1 - ramp(z, tree_line - _TREE_LINE, tree_line + _TREE_LINE)
         return np.asarray(warm * (1 - ramp(steepness, _LESS_STEEP, _STEEPEST)))
 
-    def _steepness(self, height: Reals) -> Reals:
+    def _steepness(self, height: FloatArray) -> FloatArray:
         """Rise over run within the rim, by central differences."""
         rim = self._rim
         near = height[:, rim - 1 : height.shape[1] - rim + 1, rim - 1 : height.shape[2] - rim + 1]
@@ -149,7 +148,7 @@ class Woods:
         north = near[:, 2:, 1:-1] - near[:, :-2, 1:-1]
         return np.asarray(np.sqrt(east * east + north * north) / np.float32(2 * self._cell))
 
-    def _around(self, forest: Reals) -> Reals:
+    def _around(self, forest: FloatArray) -> FloatArray:
         """Mean of a mask over the disc that seeds fly from, within the rim."""
         rim = self._rim
         side = forest.shape[-1] - 2 * rim

@@ -21,10 +21,9 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from sketchterrain.array_types import FloatArray, LatticeArray
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-    Lattice = npt.NDArray[np.int64]
-    Reals = npt.NDArray[np.floating]
 
 __all__ = ["EDGE", "OUTSIDE", "SHRUB", "Mix", "Site", "species_mix", "tree_size"]
 
@@ -50,7 +49,7 @@ class Site(NamedTuple):
     Attributes
     ----------
     x, y : int64
-        Lattice units.
+        LatticeArray units.
     noise : callable
         Smooth noise at these places by its name and width (m).
     z : m
@@ -60,33 +59,33 @@ class Site(NamedTuple):
         Share of the plants that have seeded themselves from a forest nearby.
     """
 
-    x: Lattice
-    y: Lattice
-    noise: Callable[[str, float], Reals]
-    z: Reals
-    steepness: Reals
-    forest: Reals
-    water: Reals
-    young: Reals
+    x: LatticeArray
+    y: LatticeArray
+    noise: Callable[[str, float], FloatArray]
+    z: FloatArray
+    steepness: FloatArray
+    forest: FloatArray
+    water: FloatArray
+    young: FloatArray
 
 
 class Mix(NamedTuple):
     """Shares of species: of shrubs among all plants, of conifers among trees, of either's first species."""
 
-    shrub: Reals
-    conifer: Reals
-    pine: Reals
-    birch: Reals
+    shrub: FloatArray
+    conifer: FloatArray
+    pine: FloatArray
+    birch: FloatArray
 
     @property
-    def full_density(self) -> Reals:
+    def full_density(self) -> FloatArray:
         """Plants on a square metre of a full stand of these."""
         conifers = self.pine * _FULL[_PINE] + (1 - self.pine) * _FULL[_SPRUCE]
         broadleaves = self.birch * _FULL[_BIRCH] + (1 - self.birch) * _FULL[_OAK]
         trees = self.conifer * conifers + (1 - self.conifer) * broadleaves
         return np.asarray(self.shrub * _FULL[SHRUB] + (1 - self.shrub) * trees)
 
-    def chosen(self, draw: Callable[[str], Reals]) -> npt.NDArray[np.uint8]:
+    def chosen(self, draw: Callable[[str], FloatArray]) -> npt.NDArray[np.uint8]:
         """Return a species for each place by numbers in [0, 1) drawn there, by what they are for."""
         conifer = np.where(draw("pine") < self.pine, _PINE, _SPRUCE)
         broadleaf = np.where(draw("birch") < self.birch, _BIRCH, _OAK)
@@ -110,12 +109,12 @@ def species_mix(recipe: TerrainRecipe, site: Site) -> Mix:
 
 
 def tree_size(
-    draw: Callable[[str], Reals],
-    forest: Reals,
-    above_tree_line: Reals,
+    draw: Callable[[str], FloatArray],
+    forest: FloatArray,
+    above_tree_line: FloatArray,
     young: npt.NDArray[np.bool_],
     shrub: npt.NDArray[np.bool_],
-) -> Reals:
+) -> FloatArray:
     """Return sizes: most are grown; trees get lower towards a forest's edge and the tree line (m)."""
     size = draw("scale")
     grown = 0.65 + 0.6 * size**2
@@ -125,13 +124,15 @@ def tree_size(
     return np.where(shrub, grown, stunted * np.where(small, 0.22 + 0.38 * size, grown * edge))
 
 
-def _stands(site: Site, name: str, lean: Reals) -> Reals:
+def _stands(site: Site, name: str, lean: FloatArray) -> FloatArray:
     """Share of a species against its rival, 0.05 … 0.95: either in stands; `lean` above 0 favours it."""
     wide, narrow = (site.noise(name, width) for width in _STANDS)
     return np.asarray(np.clip(0.5 + 4.0 * (0.75 * wide + 0.25 * narrow - 0.5) + lean, 0.05, 0.95))
 
 
-def _conifers(recipe: TerrainRecipe, x: Lattice, y: Lattice, by_elevation: Reals) -> Reals:
+def _conifers(
+    recipe: TerrainRecipe, x: LatticeArray, y: LatticeArray, by_elevation: FloatArray
+) -> FloatArray:
     """Share of conifers at places: the mean of the forests there, by how much each covers a place."""
     if not (by_elevation.size and recipe.has_conifer_shares):
         return by_elevation
@@ -157,7 +158,7 @@ def _conifers(recipe: TerrainRecipe, x: Lattice, y: Lattice, by_elevation: Reals
     return np.asarray(own + change / np.where(weights > 0, weights, 1)).reshape(by_elevation.shape)
 
 
-def _around(x: Lattice, y: Lattice) -> Lattice:
+def _around(x: LatticeArray, y: LatticeArray) -> LatticeArray:
     """Return the rectangle around places, or one for each block of them, shape (n, 4)."""
     flat = [each.reshape(len(each) if each.ndim > 1 else 1, -1) for each in (x, y)]
     return np.stack([*(each.min(axis=1) for each in flat), *(each.max(axis=1) for each in flat)], axis=-1)

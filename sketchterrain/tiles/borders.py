@@ -1,7 +1,7 @@
 """Triangle indices of a tile for each combination of coarser neighbours (stitching without cracks).
 
 Along a coarser tile every other border vertex collapses onto its even neighbour, and degenerate triangles are
-dropped. Vertices move so that the parent's diagonals stay edges: westward and eastward along the northern and
+dropped. Int64Array move so that the parent's diagonals stay edges: westward and eastward along the northern and
 southern border, northward and southward along the western and eastern one. Where two such borders meet at an
 end of the quads' anti-diagonal, that quad is cut the other way, to avoid a triangle without area.
 """
@@ -18,7 +18,8 @@ from sketchterrain.errors import InputError
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    Vertices = npt.NDArray[np.int64]
+    from sketchterrain.array_types import Int64Array
+
 
 __all__ = ["CASES", "EAST", "NORTH", "PARENT", "SOUTH", "WEST", "tile_indices"]
 
@@ -46,7 +47,7 @@ def tile_indices(quads: int) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.int
     return indices, first, count
 
 
-def _case(quads: int, case: int) -> Vertices:
+def _case(quads: int, case: int) -> Int64Array:
     side = quads + 1
     vertex = np.arange(side * side, dtype=np.int64).reshape(side, side)
     if case == PARENT:
@@ -72,12 +73,12 @@ def _case(quads: int, case: int) -> Vertices:
     return np.asarray(triangles[(a != b) & (b != c) & (a != c)].reshape(-1))
 
 
-def _corners(vertex: Vertices) -> tuple[Vertices, Vertices, Vertices, Vertices]:
+def _corners(vertex: Int64Array) -> tuple[Int64Array, Int64Array, Int64Array, Int64Array]:
     """Return the north-west, north-east, south-west and south-east vertices of each quad."""
     return vertex[:-1, :-1], vertex[:-1, 1:], vertex[1:, :-1], vertex[1:, 1:]
 
 
-def _cut(vertex: Vertices) -> Vertices:
+def _cut(vertex: Int64Array) -> Int64Array:
     """Return the two triangles of each quad, shape (rows, columns, 2, 3)."""
     nw, ne, sw, se = _corners(vertex)
     return np.stack([np.stack([nw, sw, se], -1), np.stack([nw, se, ne], -1)], axis=2)

@@ -11,9 +11,8 @@ from sketchterrain.tiles.codes import Boxes, decode
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from sketchterrain.tiles.codes import Codes
+    from sketchterrain.array_types import Bounds, Int64Array
 
-    Bounds = tuple[float, float, float, float]
 
 UNBOUNDED: Final = (float("-inf"), float("-inf"), float("inf"), float("inf"))
 """West, south, east, north (m) of a world without end."""
@@ -25,7 +24,7 @@ def tile_range(bounds: Bounds, width: float) -> Bounds:
     return float(np.floor(west)), float(np.ceil(east)) - 1, float(np.floor(south)), float(np.ceil(north)) - 1
 
 
-def intersects_bounds(codes: Codes, extent: float, bounds: Bounds) -> npt.NDArray[np.bool_]:
+def intersects_bounds(codes: Int64Array, extent: float, bounds: Bounds) -> npt.NDArray[np.bool_]:
     """Return which tiles share more than a border with the bounds; any shape."""
     if bounds == UNBOUNDED:
         return np.ones(codes.shape, np.bool_)

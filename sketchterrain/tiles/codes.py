@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    Codes = npt.NDArray[np.int64]
-    Floats = npt.NDArray[np.float64]
+    from sketchterrain.array_types import Float64Array, Int64Array
+
 
 _BITS: Final = 28
 _MIDDLE: Final = 1 << (_BITS - 1)
@@ -44,28 +44,28 @@ class TileKey(NamedTuple):
 class Boxes(NamedTuple):
     """Axis-aligned boxes: opposite corners (m), shape (n, 3)."""
 
-    low: Floats
-    high: Floats
+    low: Float64Array
+    high: Float64Array
 
     def subset(self, which: npt.NDArray[Any]) -> Boxes:
         """Return some of the boxes, by index or mask."""
         return Boxes(self.low[which], self.high[which])
 
 
-def code_of(level: int | Codes, col: int | Codes, row: int | Codes) -> Codes:
+def code_of(level: int | Int64Array, col: int | Int64Array, row: int | Int64Array) -> Int64Array:
     """Return codes of tiles; columns and rows in ±2^27 - 1."""
     return np.asarray(
         ((level + _LEVELS) << (2 * _BITS)) + ((col + _MIDDLE) << _BITS) + (row + _MIDDLE), np.int64
     )
 
 
-def codes_of(keys: Iterable[TileKey]) -> Codes:
+def codes_of(keys: Iterable[TileKey]) -> Int64Array:
     """Return the codes of keys, in their order."""
     level, col, row = np.array(list(keys), np.int64).reshape(-1, 3).T
     return code_of(level, col, row)
 
 
-def decode(codes: Codes) -> tuple[Codes, Codes, Codes]:
+def decode(codes: Int64Array) -> tuple[Int64Array, Int64Array, Int64Array]:
     """Return level, column and row."""
     return (
         (codes >> (2 * _BITS)) - _LEVELS,
@@ -74,24 +74,24 @@ def decode(codes: Codes) -> tuple[Codes, Codes, Codes]:
     )
 
 
-def keys_of(codes: Codes) -> list[TileKey]:
+def keys_of(codes: Int64Array) -> list[TileKey]:
     """Return the keys of codes."""
     return [TileKey(*place) for place in np.stack(decode(codes), axis=-1).tolist()]
 
 
-def parent_of(codes: Codes) -> Codes:
+def parent_of(codes: Int64Array) -> Int64Array:
     """Return the code of each tile's parent."""
     level, col, row = decode(codes)
     return code_of(level - 1, col >> 1, row >> 1)
 
 
-def children_of(codes: Codes) -> Codes:
+def children_of(codes: Int64Array) -> Int64Array:
     """Return the four children of each, shape (n, 4): south-west, south-east, north-west, north-east."""
     level, col, row = (part[:, None] for part in decode(codes))
     return code_of(level + 1, 2 * col + _CHILDREN[:, 0], 2 * row + _CHILDREN[:, 1])
 
 
-def neighbours_of(codes: Codes) -> Codes:
+def neighbours_of(codes: Int64Array) -> Int64Array:
     """Return the eight tiles of the same level around each, shape (n, 8), in the order of ``AROUND``."""
     steps = np.array([(east << _BITS) + north for east, north in AROUND], np.int64)
     return np.asarray(codes[:, None] + steps)
@@ -119,7 +119,7 @@ def parents_around(code: int, inside: tuple[int, int, int, int]) -> list[int]:
     return [level + ((c + _MIDDLE) << _BITS) + r + _MIDDLE for c in cols for r in rows]
 
 
-def index_in(found: Codes, codes: Codes) -> npt.NDArray[np.intp]:
+def index_in(found: Int64Array, codes: Int64Array) -> npt.NDArray[np.intp]:
     """Return the index of each code in a sorted array, -1 if missing; any shape."""
     if not found.size:
         return np.full(codes.shape, -1, np.intp)
@@ -127,12 +127,12 @@ def index_in(found: Codes, codes: Codes) -> npt.NDArray[np.intp]:
     return np.where(found[at] == codes, at, -1)
 
 
-def contains(found: Codes, codes: Codes) -> npt.NDArray[np.bool_]:
+def contains(found: Int64Array, codes: Int64Array) -> npt.NDArray[np.bool_]:
     """Return which codes are in a sorted array; any shape."""
     return index_in(found, codes) >= 0
 
 
-def boxes_of(codes: Codes, extent: float, bottom: Floats, top: Floats) -> Boxes:
+def boxes_of(codes: Int64Array, extent: float, bottom: Float64Array, top: Float64Array) -> Boxes:
     """Return the boxes of tiles whose terrain lies between two heights (m)."""
     level, col, row = decode(codes)
     width = extent * np.exp2(-level.astype(np.float64))
@@ -140,7 +140,7 @@ def boxes_of(codes: Codes, extent: float, bottom: Floats, top: Floats) -> Boxes:
     return Boxes(np.stack([west, south, bottom], -1), np.stack([west + width, south + width, top], -1))
 
 
-def control_codes(codes: Codes) -> Codes:
+def control_codes(codes: Int64Array) -> Int64Array:
     """Return the codes of each tile's nine controls, shape (n, 3, 3): row 0 north, column 0 west."""
     level, col, row = (part[:, None, None] for part in decode(codes))
     x = 2 * col + np.arange(3)[None, None, :] + (1 << _BITS)

@@ -32,11 +32,9 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.tiles.codes import Codes
+    from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
     from sketchterrain.tiles.pool import TilePool
 
-    Flags = npt.NDArray[np.bool_]
-    Floats = npt.NDArray[np.float64]
 
 # Neighbours (codes.AROUND) that a control touches, row 0 north, column 0 west.
 _TOUCHED: Final = (((0, 1, 3), (1,), (1, 2, 4)), ((3,), (), (4,)), ((3, 5, 6), (6,), (4, 6, 7)))
@@ -49,9 +47,9 @@ _NEAR_CHILD: Final = np.array([1, 0, 0, 1, 0, 3, 2, 2])
 class MorphTargets:
     """Targets of the morph weights of displayed tiles."""
 
-    splits: Codes  # sorted; tiles that the target tree splits
-    weights: Floats  # (n,) share of the parent at each tile's middle, 0 … 1
-    rates: Floats  # (n,) greatest rate of change, 1/s
+    splits: Int64Array  # sorted; tiles that the target tree splits
+    weights: Float64Array  # (n,) share of the parent at each tile's middle, 0 … 1
+    rates: Float64Array  # (n,) greatest rate of change, 1/s
 
 
 class DisplayedTree:
@@ -63,25 +61,25 @@ class DisplayedTree:
     left.
     """
 
-    def __init__(self, there: Callable[[Codes], Flags] | None = None) -> None:
+    def __init__(self, there: Callable[[Int64Array], BoolArray] | None = None) -> None:
         self._there = there
         self._set(np.zeros(0, np.int64))
         self.moving = False
 
-    def _set(self, codes: Codes) -> None:
+    def _set(self, codes: Int64Array) -> None:
         self.codes = codes
         self.controls = np.zeros((len(codes), 3, 3))
         self.cases = np.zeros(len(codes), np.int64)
-        self._known: tuple[Codes, Floats] = codes[:0], np.zeros(0)
+        self._known: tuple[Int64Array, Float64Array] = codes[:0], np.zeros(0)
         self._fresh = np.zeros(len(codes))
         self._relate()
 
-    def jump(self, roots: Codes, splits: Codes) -> None:
+    def jump(self, roots: Int64Array, splits: Int64Array) -> None:
         """Show a tree at once; the next `advance` without a time limit sets its weights."""
         leaves = np.concatenate([roots, children_of(splits).ravel()])
         self._set(np.sort(leaves[~contains(splits, leaves)]))
 
-    def step(self, roots: Codes, splits: Codes, pool: TilePool) -> None:
+    def step(self, roots: Int64Array, splits: Int64Array, pool: TilePool) -> None:
         """Split and merge what can be without a change to the image; follow the roots."""
         codes = self.codes
         may_split = self._may_split(splits)
@@ -121,7 +119,7 @@ class DisplayedTree:
         self.controls = after[at].reshape(-1, 3, 3)
         self.cases = self._cases()
 
-    def _may_split(self, splits: Codes) -> Flags:
+    def _may_split(self, splits: Int64Array) -> BoolArray:
         """Return which leaves are to split and show nothing of their parent.
 
         A coarser neighbour that is to split goes first. One that is not lies outside the drawn area, and then
@@ -132,7 +130,7 @@ class DisplayedTree:
         waits = (self._coarser & first).any(axis=1)
         return np.asarray(contains(splits, self.codes) & as_own.all(axis=1) & ~waits)
 
-    def _merges(self, splits: Codes, pool: TilePool) -> Codes:
+    def _merges(self, splits: Int64Array, pool: TilePool) -> Int64Array:
         """Return the parents that four leaves showing nothing else can merge into; sorted.
 
         Finer neighbours merge first, unless they are to stay: then they lie in the drawn area and these
@@ -146,15 +144,15 @@ class DisplayedTree:
         parents = parents[count == 4]
         return np.asarray(parents[~contains(splits, parents) & (pool.find(parents) >= 0)])
 
-    def _wanted_here(self, splits: Codes) -> Flags:
+    def _wanted_here(self, splits: Int64Array) -> BoolArray:
         """Return which leaves the target tree contains or splits."""
         level, _, _ = decode(self.codes)
         return np.asarray(contains(splits, parent_of(self.codes)) | (level == ROOT_LEVEL))
 
-    def _unfinished(self, splits: Codes) -> bool:
+    def _unfinished(self, splits: Int64Array) -> bool:
         return bool(np.any(contains(splits, self.codes)) or not np.all(self._wanted_here(splits)))
 
-    def _before(self, places: Codes, at: npt.NDArray[np.intp]) -> Floats:
+    def _before(self, places: Int64Array, at: npt.NDArray[np.intp]) -> Float64Array:
         """Return each control's weight in the last frame, or the initial one of its tile."""
         known, values = self._known
         before = np.zeros(len(places))
@@ -186,7 +184,7 @@ class DisplayedTree:
         cases[as_parent] = PARENT
         return cases
 
-    def _touching(self, neighbours: Flags) -> Flags:
+    def _touching(self, neighbours: BoolArray) -> BoolArray:
         """Return which controls touch one of the given neighbours, shape (n, 9)."""
         flags = np.zeros((len(neighbours), 9), np.bool_)
         for i, row in enumerate(_TOUCHED):
@@ -195,20 +193,20 @@ class DisplayedTree:
         return flags
 
 
-def _controls(codes: Codes) -> tuple[Codes, npt.NDArray[np.intp]]:
+def _controls(codes: Int64Array) -> tuple[Int64Array, npt.NDArray[np.intp]]:
     """Return the codes of all controls, sorted, and the indices of each leaf's, shape (n, 9)."""
     places, at = np.unique(control_codes(codes).ravel(), return_inverse=True)
     return places, at.reshape(-1, 9)
 
 
-def _least(at: npt.NDArray[np.intp], values: Floats, count: int, start: float) -> Floats:
+def _least(at: npt.NDArray[np.intp], values: Float64Array, count: int, start: float) -> Float64Array:
     """Return the least value at each control."""
     least = np.full(count, start)
     np.minimum.at(least, at.ravel(), values.ravel())
     return least
 
 
-def _root_of(codes: Codes) -> Codes:
+def _root_of(codes: Int64Array) -> Int64Array:
     level, col, row = decode(codes)
     up = level - ROOT_LEVEL
     return code_of(np.full_like(level, ROOT_LEVEL), col >> up, row >> up)

@@ -15,11 +15,10 @@ from sketchterrain.tiles.metrics import horizontal_distances
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Float64Array, Int64Array
     from sketchterrain.tiles.codes import Boxes
     from sketchterrain.tiles.view import CameraView
 
-    Floats = npt.NDArray[np.float64]
-    Ints = npt.NDArray[np.int64]
 
 _BEARINGS: Final = 2048
 """Of the horizon, all round."""
@@ -63,7 +62,7 @@ class _Horizon:
         self._horizon = np.full(_BEARINGS, -np.inf)
         self._raised = 0
 
-    def up_to(self, distance: float) -> Floats:
+    def up_to(self, distance: float) -> Float64Array:
         """Return the tangents that terrain within a distance (m) hides; distances must not decrease."""
         end = int(np.searchsorted(self._far, distance, side="right"))
         if end > self._raised:
@@ -74,7 +73,7 @@ class _Horizon:
         return self._horizon
 
 
-def _bearings(eye: Floats, boxes: Boxes) -> tuple[Floats, Floats]:
+def _bearings(eye: Float64Array, boxes: Boxes) -> tuple[Float64Array, Float64Array]:
     """Return first and last bearing, in horizon steps, of boxes that the eye is not in."""
     middle = 0.5 * (boxes.low + boxes.high) - eye
     to_middle = np.arctan2(middle[:, 1], middle[:, 0])
@@ -86,13 +85,13 @@ def _bearings(eye: Floats, boxes: Boxes) -> tuple[Floats, Floats]:
     return (to_middle + turn.min(axis=0)) / step, (to_middle + turn.max(axis=0)) / step
 
 
-def _tangent(height: Floats, when_above: Floats, when_below: Floats) -> Floats:
+def _tangent(height: Float64Array, when_above: Float64Array, when_below: Float64Array) -> Float64Array:
     """Return heights over one distance where above the eye, over the other where below."""
     distance = np.where(height > 0, when_above, when_below)
     return np.asarray(height / np.maximum(distance, 1e-9))
 
 
-def _spread(first: Floats, last: Floats) -> tuple[Ints, Ints]:
+def _spread(first: Float64Array, last: Float64Array) -> tuple[Int64Array, Int64Array]:
     """Return (item, step) pairs: each item repeated for its steps first … last - 1, on a circle."""
     count = np.maximum(last - first, 0.0).astype(np.int64)
     tile = np.repeat(np.arange(len(first)), count)

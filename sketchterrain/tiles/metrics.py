@@ -10,12 +10,10 @@ import numpy as np
 from sketchterrain.errors import InputError
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
+    from sketchterrain.array_types import Float64Array
     from sketchterrain.tiles.codes import Boxes
     from sketchterrain.tiles.view import CameraView
 
-    Floats = npt.NDArray[np.float64]
 
 _NEAREST: Final = 0.5
 """m; nothing is looked at from nearer."""
@@ -29,7 +27,9 @@ class Metric(Protocol):
         """Excess above which a tile's neighbours are split too."""
         ...
 
-    def excess(self, view: CameraView, boxes: Boxes, errors: Floats, cells: Floats) -> Floats:
+    def excess(
+        self, view: CameraView, boxes: Boxes, errors: Float64Array, cells: Float64Array
+    ) -> Float64Array:
         """Return the excess of tiles, (n,), from geometric errors δ (m) and quad widths (m)."""
         ...
 
@@ -56,7 +56,9 @@ class ScreenError:
                 f"expected a tolerance and a quad > 0 px, got {self.tolerance:g} and {self.quad:g}"
             )
 
-    def excess(self, view: CameraView, boxes: Boxes, errors: Floats, cells: Floats) -> Floats:
+    def excess(
+        self, view: CameraView, boxes: Boxes, errors: Float64Array, cells: Float64Array
+    ) -> Float64Array:
         """Return the larger of error over tolerance and quad over its limit; see :class:`Metric`."""
         seen = screen_errors(view, boxes, errors) / self.tolerance
         distance, _ = eye_distances(view, boxes)
@@ -78,7 +80,9 @@ class QuadLength:
         if not self.factor > 0:
             raise InputError(f"expected a tessellation factor > 0, got {self.factor:g}")
 
-    def excess(self, view: CameraView, boxes: Boxes, errors: Floats, cells: Floats) -> Floats:
+    def excess(
+        self, view: CameraView, boxes: Boxes, errors: Float64Array, cells: Float64Array
+    ) -> Float64Array:
         """Return length over its limit; see :class:`Metric`."""
         distance, _ = eye_distances(view, boxes)
         return np.asarray(cells * self.factor / np.sqrt(distance))
@@ -88,7 +92,7 @@ class QuadLength:
         return replace(self, factor=self.factor / factor)
 
 
-def eye_distances(view: CameraView, boxes: Boxes) -> tuple[Floats, Floats]:
+def eye_distances(view: CameraView, boxes: Boxes) -> tuple[Float64Array, Float64Array]:
     """Return distances (m) from the eye to boxes, at least 0.5 m, and their vertical part."""
     eye = np.asarray(view.eye)
     apart = np.maximum(np.maximum(boxes.low - eye, eye - boxes.high), 0.0)
@@ -96,7 +100,7 @@ def eye_distances(view: CameraView, boxes: Boxes) -> tuple[Floats, Floats]:
     return np.maximum(np.sqrt(east * east + north * north + above * above), _NEAREST), above
 
 
-def horizontal_distances(view: CameraView, boxes: Boxes) -> tuple[Floats, Floats]:
+def horizontal_distances(view: CameraView, boxes: Boxes) -> tuple[Float64Array, Float64Array]:
     """Return the horizontal distances (m) from the eye to the nearest and farthest points of boxes."""
     eye = np.asarray(view.eye[:2])
     apart = np.maximum(np.maximum(boxes.low[:, :2] - eye, eye - boxes.high[:, :2]), 0.0)
@@ -104,7 +108,7 @@ def horizontal_distances(view: CameraView, boxes: Boxes) -> tuple[Floats, Floats
     return np.hypot(apart[:, 0], apart[:, 1]), np.hypot(away[:, 0], away[:, 1])
 
 
-def screen_errors(view: CameraView, boxes: Boxes, errors: Floats) -> Floats:
+def screen_errors(view: CameraView, boxes: Boxes, errors: Float64Array) -> Float64Array:
     """Return an upper bound (px) of the projection of a vertical error (m) in each box, shape (n,).
 
     The error is as near as the box's nearest point, and seen as sideways as its farthest corner.

@@ -19,17 +19,17 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.tiles.codes import Codes
+    from sketchterrain.array_types import Bounds, Int64Array
     from sketchterrain.tiles.pool import TilePool
 
-    Box = tuple[float, float, float, float]
-    Slots = npt.NDArray[np.int64]
 
 _MARGIN: Final = 2
 """Quads beyond a tile's border that its parent's normals read."""
 
 
-def mark_stale(pool: TilePool, areas: Sequence[Box], *, extent: float, quads: int, kept: Codes) -> int:
+def mark_stale(
+    pool: TilePool, areas: Sequence[Bounds], *, extent: float, quads: int, kept: Int64Array
+) -> int:
     """Mark tiles stale in `areas` (west, south, east, north, m); return the number removed.
 
     Tiles in `kept` (sorted) stay in the pool, stale until they are rewritten; other affected tiles are
@@ -44,7 +44,7 @@ def mark_stale(pool: TilePool, areas: Sequence[Box], *, extent: float, quads: in
     return len(gone)
 
 
-def stale_ancestors(pool: TilePool, codes: Codes) -> Codes:
+def stale_ancestors(pool: TilePool, codes: Int64Array) -> Int64Array:
     """Return the stale ancestors of tiles, coarser ones first."""
     above = codes[:0]
     while codes.size:
@@ -53,7 +53,7 @@ def stale_ancestors(pool: TilePool, codes: Codes) -> Codes:
     return _stale(pool, above)
 
 
-def rewrite_batch(pool: TilePool, codes: Codes) -> Batch:
+def rewrite_batch(pool: TilePool, codes: Int64Array) -> Batch:
     """Return the batch that rewrites cached tiles, with the stale parents that they read."""
     above = codes[decode(codes)[0] > ROOT_LEVEL]
     codes = np.union1d(codes, _stale(pool, np.unique(parent_of(above))))
@@ -61,7 +61,7 @@ def rewrite_batch(pool: TilePool, codes: Codes) -> Batch:
     return create_batch(pool, codes, pool.find(codes))
 
 
-def create_batch(pool: TilePool, codes: Codes, slots: Slots) -> Batch:
+def create_batch(pool: TilePool, codes: Int64Array, slots: Int64Array) -> Batch:
     """Return the batch that writes tiles into slots; their parents are in the pool."""
     parents = np.where(decode(codes)[0] > ROOT_LEVEL, pool.find(parent_of(codes)), -1)
     return Batch(tuple(keys_of(codes)), slots, parents)
@@ -74,13 +74,13 @@ def mark_written(pool: TilePool, batch: Batch) -> None:
     pool.stale[batch.slots] &= wrong
 
 
-def _stale(pool: TilePool, codes: Codes) -> Codes:
+def _stale(pool: TilePool, codes: Int64Array) -> Int64Array:
     slots = pool.find(codes)
     held = slots >= 0
     return codes[held][pool.stale[slots[held]]]
 
 
-def _touched(codes: Codes, areas: Sequence[Box], extent: float, quads: int) -> npt.NDArray[np.bool_]:
+def _touched(codes: Int64Array, areas: Sequence[Bounds], extent: float, quads: int) -> npt.NDArray[np.bool_]:
     """Return which tiles have a vertex that may change, its normal and its parent's included."""
     if not len(areas) or not len(codes):
         return np.zeros(len(codes), np.bool_)

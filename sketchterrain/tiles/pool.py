@@ -13,10 +13,9 @@ from sketchterrain.tiles.codes import boxes_of, index_in
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from sketchterrain.tiles.codes import Boxes, Codes
+    from sketchterrain.array_types import Int64Array
+    from sketchterrain.tiles.codes import Boxes
 
-    Floats = npt.NDArray[np.float64]
-    Slots = npt.NDArray[np.int64]
 
 _FREE = -1
 _ANY_HEIGHT = 1e5
@@ -39,7 +38,7 @@ class TilePool:
         self._used = np.zeros(slots, np.int64)
         self.error, self.bottom, self.top = (np.zeros(slots) for _ in range(3))
         self.stale = np.zeros(slots, np.bool_)
-        self._sorted: tuple[Codes, Slots] = self._code[:0], self._code[:0]
+        self._sorted: tuple[Int64Array, Int64Array] = self._code[:0], self._code[:0]
         self._time = 0
 
     @property
@@ -52,22 +51,22 @@ class TilePool:
         """Number of cached tiles."""
         return len(self._sorted[0])
 
-    def tiles(self) -> tuple[Codes, Slots]:
+    def tiles(self) -> tuple[Int64Array, Int64Array]:
         """Return all cached tiles, sorted, and their slots."""
         return self._sorted
 
-    def stale_tiles(self) -> Codes:
+    def stale_tiles(self) -> Int64Array:
         """Return the stale tiles, coarser ones first."""
         codes, slots = self._sorted
         return codes[self.stale[slots]]
 
-    def find(self, codes: Codes) -> Slots:
+    def find(self, codes: Int64Array) -> Int64Array:
         """Return the slot of each tile, -1 if not cached; any shape."""
         known, slots = self._sorted
         at = index_in(known, codes)
         return np.where(at >= 0, slots[at], _FREE) if known.size else at
 
-    def touch(self, codes: Codes) -> None:
+    def touch(self, codes: Int64Array) -> None:
         """Mark tiles as in use now; tiles used together are evicted together."""
         self._time += 1
         slots = self.find(codes)
@@ -77,7 +76,7 @@ class TilePool:
         """Return how many tiles can be acquired without evicting one that is in use now."""
         return int(np.count_nonzero((self._code == _FREE) | (self._used < self._time)))
 
-    def acquire(self, codes: Codes) -> Slots:
+    def acquire(self, codes: Int64Array) -> Int64Array:
         """Assign a slot to each new tile, evicting the least recently used ones; shape (n,).
 
         The tiles count as cached at once: later commands in the queue run after they are written. Raises
@@ -92,14 +91,14 @@ class TilePool:
         self._sort()
         return slots
 
-    def remove(self, codes: Codes) -> None:
+    def remove(self, codes: Int64Array) -> None:
         """Remove cached tiles."""
         slots = self.find(codes)
         self._code[slots] = _FREE
         self.stale[slots] = False
         self._sort()
 
-    def codes_in(self, slots: Slots) -> Codes:
+    def codes_in(self, slots: Int64Array) -> Int64Array:
         """Return the tiles in slots."""
         return self._code[slots]
 
@@ -108,17 +107,17 @@ class TilePool:
         order = held[np.argsort(self._code[held])]
         self._sorted = self._code[order], order
 
-    def set_properties(self, slots: Slots, facts: npt.NDArray[Any]) -> None:
+    def set_properties(self, slots: Int64Array, facts: npt.NDArray[Any]) -> None:
         """Store the fields ``low``, ``high`` and ``error`` (m) of tiles."""
         self.bottom[slots], self.top[slots], self.error[slots] = facts["low"], facts["high"], facts["error"]
 
-    def boxes(self, codes: Codes, slots: Slots, extent: float) -> Boxes:
+    def boxes(self, codes: Int64Array, slots: Int64Array, extent: float) -> Boxes:
         """Return the boxes of cached tiles, enclosing their own surface and the exact one."""
         error = self.error[slots]
         boxes = boxes_of(codes, extent, self.bottom[slots] - error, self.top[slots] + error)
         return clip_boxes(boxes, self._bounds)
 
-    def conservative_boxes(self, codes: Codes, slots: Slots, extent: float) -> Boxes:
+    def conservative_boxes(self, codes: Int64Array, slots: Int64Array, extent: float) -> Boxes:
         """Return the same boxes, with unlimited height for stale tiles."""
         boxes, unknown = self.boxes(codes, slots, extent), self.stale[slots]
         boxes.low[unknown, 2], boxes.high[unknown, 2] = -_ANY_HEIGHT, _ANY_HEIGHT

@@ -12,7 +12,8 @@ from sketchterrain.errors import InputError
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from sketchterrain.tiles.codes import Codes
+    from sketchterrain.array_types import Int64Array
+
 
 _FIRST_GUESS: Final = (0.0005, 0.0005, 0.0005, 0.004)
 """s a batch, a level, a tile and a wide tile, before anything is known."""
@@ -38,11 +39,11 @@ class CostModel:
         self._seen: deque[tuple[npt.NDArray[np.float64], float]] = deque(maxlen=_REMEMBERED)
         self._slow = 1.0
 
-    def expected(self, levels: Codes) -> float:
+    def expected(self, levels: Int64Array) -> float:
         """Return the expected seconds of a batch of tiles of these levels."""
         return float(_counts(levels)[-1] @ self._cost) if len(levels) else 0.0
 
-    def count_within(self, levels: Codes, budget: float) -> int:
+    def count_within(self, levels: Int64Array, budget: float) -> int:
         """Return how many of the first tiles fit into a budget (s); at least one unless it is 0."""
         if not budget >= 0:
             raise InputError(f"expected a budget ≥ 0 s, got {budget:g}")
@@ -51,7 +52,7 @@ class CostModel:
         seconds = _counts(levels) @ self._cost * self._slow
         return max(1, int(np.searchsorted(seconds, _AIM * budget, side="right")))
 
-    def record(self, levels: Codes, seconds: float) -> None:
+    def record(self, levels: Int64Array, seconds: float) -> None:
         """Record the seconds that a batch took."""
         self._seen.append((_counts(levels)[-1], max(seconds, _LEAST)))
         counts = np.stack([each for each, _ in self._seen])
@@ -63,7 +64,7 @@ class CostModel:
         self._slow = max(float(np.quantile(took / (counts @ self._cost), _CAUTION)), 1.0)
 
 
-def _counts(levels: Codes) -> npt.NDArray[np.float64]:
+def _counts(levels: Int64Array) -> npt.NDArray[np.float64]:
     """Return batches, levels, tiles and wide tiles among the first 1, 2, … n tiles: (n, 4)."""
     _, first = np.unique(levels, return_index=True)
     new = np.zeros(len(levels))

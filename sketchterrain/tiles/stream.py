@@ -30,12 +30,10 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.tiles.codes import Codes
+    from sketchterrain.array_types import Float64Array, Int64Array
     from sketchterrain.tiles.metrics import Metric
     from sketchterrain.tiles.view import CameraView
 
-    Floats = npt.NDArray[np.float64]
-    Ints = npt.NDArray[np.int64]
 
 QUADS: Final = 64
 """Along a tile's side, unless another number is asked for."""
@@ -107,7 +105,7 @@ class TileStream:
         self._wanted: tuple[tuple[Any, ...], tuple[Any, ...], TargetTree] | None = None
         self._reuses_tree = False
         self._changes = 0
-        self._needed: Codes = self._tree.codes
+        self._needed: Int64Array = self._tree.codes
         self._ahead = deque(_AHEAD)
 
     @property
@@ -251,7 +249,7 @@ class TileStream:
             seconds = np.minimum(seconds, _OF_THE_WAY * distance / speed)
         return MorphTargets(wanted.splits, weights, 1 / seconds)
 
-    def _seen(self, view: CameraView, codes: Codes) -> Floats:
+    def _seen(self, view: CameraView, codes: Int64Array) -> Float64Array:
         """Return the screen error (px) of tiles, 0 if not cached."""
         slots = self.pool.find(codes)
         held = slots >= 0
@@ -285,7 +283,7 @@ class TileStream:
         )
 
 
-def _of_few_levels(codes: Codes) -> Codes:
+def _of_few_levels(codes: Int64Array) -> Int64Array:
     """Return the tiles of the levels that come first, in their order."""
     level, _, _ = decode(codes)
     levels, first = np.unique(level, return_index=True)

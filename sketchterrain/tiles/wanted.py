@@ -29,12 +29,11 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.tiles.codes import Codes
+    from sketchterrain.array_types import Float64Array, Int64Array
     from sketchterrain.tiles.metrics import Metric
     from sketchterrain.tiles.pool import TilePool
     from sketchterrain.tiles.view import CameraView
 
-    Floats = npt.NDArray[np.float64]
     Range = tuple[int, int, int, int]
 
 ROOT_LEVEL: Final = -4
@@ -56,11 +55,13 @@ _MARGIN: Final = 0.15
 class Excess:
     """Level-of-detail excess of cached tiles."""
 
-    codes: Codes  # sorted
-    of_all: Floats  # (n,) by the metric, 1 is the limit; reduced if not visible, 0 beyond the draw distance
+    codes: Int64Array  # sorted
+    of_all: (
+        Float64Array  # (n,) by the metric, 1 is the limit; reduced if not visible, 0 beyond the draw distance
+    )
     seen: npt.NDArray[np.bool_]  # (n,) in the frustum, and not behind nearer terrain
 
-    def lookup(self, codes: Codes) -> Floats:
+    def lookup(self, codes: Int64Array) -> Float64Array:
         """Return the excess of some tiles, 0 if unknown."""
         at = index_in(self.codes, codes)
         values = np.zeros(len(codes))
@@ -72,11 +73,11 @@ class Excess:
 class TargetTree:
     """Tree that a view requires."""
 
-    splits: Codes  # sorted; tiles whose children are required
-    missing: Codes  # not cached although their parents are; most visible first
+    splits: Int64Array  # sorted; tiles whose children are required
+    missing: Int64Array  # not cached although their parents are; most visible first
     # (missing,) excess of the tile each replaces; infinite for roots, at most UNSEEN_URGENCY if not
     # visible
-    urgency: Floats
+    urgency: Float64Array
     excess: Excess  # of all cached tiles
 
 
@@ -92,7 +93,7 @@ class TileSelector:
     # west, south, east, north, m; tiles outside are never split, nor roots
     bounds: tuple[float, float, float, float] = UNBOUNDED
 
-    def roots(self, view: CameraView) -> Codes:
+    def roots(self, view: CameraView) -> Int64Array:
         """Return the coarsest tiles around the eye; InputError if it is too far from the origin."""
         farthest = FARTHEST_TILE * self.extent * 2.0**-self.finest
         if not max(abs(view.eye[0]), abs(view.eye[1])) < farthest:
@@ -132,7 +133,7 @@ class TileSelector:
         order = lacking[np.lexsort((needed[lacking], -urgent[lacking]))]
         return TargetTree(splits, needed[order], urgent[order], excess)
 
-    def reachable(self, view: CameraView, splits: Codes, pool: TilePool) -> Codes:
+    def reachable(self, view: CameraView, splits: Int64Array, pool: TilePool) -> Int64Array:
         """Return those splits that cached tiles can show, in balance; sorted."""
         roots = self.roots(view)
         ready = splits[(pool.find(children_of(splits)) >= 0).all(axis=1) & (pool.find(splits) >= 0)]
@@ -189,7 +190,7 @@ class TileSelector:
 
     def _balanced(
         self, excess: Excess, coarse: list[npt.NDArray[np.intp]], view: CameraView
-    ) -> tuple[Codes, Floats]:
+    ) -> tuple[Int64Array, Float64Array]:
         """Return all tiles to split so that touching tiles differ by at most a level, with urgencies.
 
         The urgency is the greatest excess that forces the split; those not visible come last. Tiles beyond
@@ -223,7 +224,7 @@ def _raise(values: dict[int, float], others: Iterable[tuple[int, float]]) -> Non
             values[code] = value
 
 
-def _within(codes: Codes, inside: Range) -> npt.NDArray[np.bool_]:
+def _within(codes: Int64Array, inside: Range) -> npt.NDArray[np.bool_]:
     """Return which tiles lie in a range of columns and rows."""
     _, col, row = decode(codes)
     west, east, south, north = inside

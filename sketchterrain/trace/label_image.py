@@ -6,11 +6,9 @@ from collections.abc import Collection, Iterable
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage, sparse
 
-Labels = npt.NDArray[np.uint8]
-Mask = npt.NDArray[np.bool_]
+from sketchterrain.array_types import BoolArray, UInt8Array
 
 NO_VOTE: Final = 255  # an unknown value: it does not vote, and stands where nothing voted
 
@@ -28,7 +26,7 @@ def scaled_size(width: int, height: int, longest: int) -> tuple[int, int]:
     return max(1, round(width * scale)), max(1, round(height * scale))
 
 
-def majority(values: Labels, size: tuple[int, int], *, thin: Collection[int] = ()) -> Labels:
+def majority(values: UInt8Array, size: tuple[int, int], *, thin: Collection[int] = ()) -> UInt8Array:
     """Return a label image scaled to (width, height): of each pixel the value that covers most of it.
 
     Of those that cover as much it is the lowest. Values in `thin` are lines, of which a pixel's width remains
@@ -70,7 +68,7 @@ def _overlaps(old: int, new: int) -> sparse.csr_array:
     return sparse.csr_array((lengths.astype(np.float32), places), shape=(new, old))
 
 
-def thinned(where: Mask) -> Mask:
+def thinned(where: BoolArray) -> BoolArray:
     """Return the middle lines, a pixel wide and as connected as the mask, out to the image's border."""
     from skimage.morphology import skeletonize
 
@@ -80,7 +78,7 @@ def thinned(where: Mask) -> Mask:
     return np.asarray(line[_EDGE:-_EDGE, _EDGE:-_EDGE])
 
 
-def joined(where: Mask, gap: int) -> Mask:
+def joined(where: BoolArray, gap: int) -> BoolArray:
     """Return lines with the pixels added that join their ends to other parts at most `gap` pixels away.
 
     An end is joined to the nearest pixel of another part, farther than four pixels only straight on, within
@@ -112,7 +110,7 @@ def joined(where: Mask, gap: int) -> Mask:
     return whole
 
 
-def fill_gaps(values: Labels, *, reach: float, beyond: int) -> Labels:
+def fill_gaps(values: UInt8Array, *, reach: float, beyond: int) -> UInt8Array:
     """Return an image in which `NO_VOTE` is the nearest known value up to `reach` px, else `beyond`."""
     gaps = values == NO_VOTE
     if not gaps.any():
@@ -123,7 +121,7 @@ def fill_gaps(values: Labels, *, reach: float, beyond: int) -> Labels:
     return np.where(distance <= reach, values[rows, columns], beyond).astype(np.uint8)
 
 
-def without_specks(values: Labels, least: int) -> Labels:
+def without_specks(values: UInt8Array, least: int) -> UInt8Array:
     """Return an image in which no 8-connected area has fewer than `least` pixels, unless all have.
 
     A smaller one takes the values beside it.
@@ -140,7 +138,7 @@ def without_specks(values: Labels, least: int) -> Labels:
     return fill_gaps(np.where(small, NO_VOTE, values).astype(np.uint8), reach=np.inf, beyond=0)
 
 
-def without_threads(values: Labels, areas: Iterable[int]) -> Labels:
+def without_threads(values: UInt8Array, areas: Iterable[int]) -> UInt8Array:
     """Return an image in which parts of some values thinner than 3 px are `NO_VOTE`: rims of outlines.
 
     A value that is nowhere wider stays as it is.
@@ -154,7 +152,7 @@ def without_threads(values: Labels, areas: Iterable[int]) -> Labels:
     return kept
 
 
-def narrow_waters(water: Mask, width: float) -> Mask:
+def narrow_waters(water: BoolArray, width: float) -> BoolArray:
     """Return the parts of waters that are narrower than `width` px, and long; bays of a lake belong to it."""
     core = ndimage.distance_transform_edt(water) > 0.5 * width
     lakes = np.zeros_like(water)
@@ -168,7 +166,7 @@ def narrow_waters(water: Mask, width: float) -> Mask:
     return narrow
 
 
-def parted_waters(river: Labels, lake: Labels, width: float) -> tuple[Labels, Labels]:
+def parted_waters(river: UInt8Array, lake: UInt8Array, width: float) -> tuple[UInt8Array, UInt8Array]:
     """Return layers of rivers and lakes in which waters narrower than `width` px are rivers, the rest lakes.
 
     Pixels from the other layer get label 1.

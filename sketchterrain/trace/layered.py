@@ -14,6 +14,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.array_types import BoolArray
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.sketch import LAYERS
 from sketchterrain.sketch.label_colours import to_oklab
@@ -29,8 +30,6 @@ from sketchterrain.trace.picture import (
     read_picture,
 )
 from sketchterrain.trace.sheet import Sheet, Traced
-
-Mask = npt.NDArray[np.bool_]
 
 _SETTINGS = "sketch.toml"
 _MOST_FILES = 1000
@@ -55,7 +54,7 @@ class _Sheets:
         self.size = size
         self.layers = {name: np.zeros(size[::-1], dtype=np.uint8) for name in LAYERS}
 
-    def add(self, meaning: Meaning, mask: Mask) -> int:
+    def add(self, meaning: Meaning, mask: BoolArray) -> int:
         """Paint where nothing is yet; return how many pixels that were."""
         thin = (1,) if meaning.layer == "river" else ()
         scaled = majority(mask.astype(np.uint8), self.size, thin=thin) > 0
@@ -135,7 +134,7 @@ def trace_open_raster(path: Path, sheet: Sheet) -> Traced:
     return Traced(sketch, (*notes, *told))
 
 
-def _layer_mask(picture: Picture, layer: _StackLayer, size: tuple[int, int]) -> tuple[Mask, str]:
+def _layer_mask(picture: Picture, layer: _StackLayer, size: tuple[int, int]) -> tuple[BoolArray, str]:
     """Return where a layer is painted on a picture of a size (width, height), and how that was told."""
     height, width = picture.rgba.shape[:2]
     covers = layer.x <= 0 and layer.y <= 0 and layer.x + width >= size[0] and layer.y + height >= size[1]

@@ -10,11 +10,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from sketchterrain.array_types import BoolArray, Float64Array, UInt8Array
 from sketchterrain.sketch.label_colours import to_oklab
 
-Bytes = npt.NDArray[np.uint8]
-Floats = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 Packed = npt.NDArray[np.int32]
 
 CLEAR: Final = 254  # instead of a colour's index: the pixel is transparent
@@ -77,13 +75,13 @@ class SortedPixels:
     what is beside; neither.
     """
 
-    index: Bytes
+    index: UInt8Array
     sure: float
     taken: float
     unknown: float
 
 
-def find_colours(rgba: Bytes, *, sought: Iterable[tuple[int, int, int]] = ()) -> tuple[FoundColour, ...]:
+def find_colours(rgba: UInt8Array, *, sought: Iterable[tuple[int, int, int]] = ()) -> tuple[FoundColour, ...]:
     """Return the colours of a picture, the most common first: peaks of the histogram of unmixed pixels.
 
     `rgba` is uint8, (height, width, 4); what is more than half transparent does not count. Colours in
@@ -117,14 +115,16 @@ def find_colours(rgba: Bytes, *, sought: Iterable[tuple[int, int, int]] = ()) ->
     return tuple(sorted(kept, key=lambda each: (-each.share, each.rgb)))
 
 
-def _centres(lab: Floats, weight: Floats, flat: Floats, peaks: Mask, sought: Floats) -> Floats:
+def _centres(
+    lab: Float64Array, weight: Float64Array, flat: Float64Array, peaks: BoolArray, sought: Float64Array
+) -> Float64Array:
     """Return the colours of peaks: those sought, then the highest first, none too near to one before it."""
     total = weight.sum()
     least = max(_LEAST * total, _FEWEST)
-    centres: list[Floats] = []
+    centres: list[Float64Array] = []
     free = np.ones(len(lab), dtype=bool)
 
-    def take(middle: Floats, radius: float, weights: Floats, enough: float) -> None:
+    def take(middle: Float64Array, radius: float, weights: Float64Array, enough: float) -> None:
         near = free & (((lab - middle) ** 2).sum(axis=1) <= radius**2)
         if weights[near].sum() >= enough and len(centres) < _MOST_FOUND:
             centres.append(np.average(lab[near], axis=0, weights=weights[near]))
@@ -170,7 +170,7 @@ def _without_blends(found: list[FoundColour], solid: list[bool]) -> list[FoundCo
     return kept
 
 
-def _histogram(rgba: Bytes) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Floats]:
+def _histogram(rgba: UInt8Array) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Float64Array]:
     """Return of each cell of colours the unmixed pixels, those in flat surroundings, sums of channels."""
     height, width = rgba.shape[:2]
     size = 1 << (3 * _BITS)
@@ -191,7 +191,7 @@ def _histogram(rgba: Bytes) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64
     return counts, flat, sums
 
 
-def sort_pixels(rgba: Bytes, colours: Sequence[FoundColour]) -> SortedPixels:
+def sort_pixels(rgba: UInt8Array, colours: Sequence[FoundColour]) -> SortedPixels:
     """Return which colour each pixel is.
 
     A pixel is sure if one colour is near and no other nearly as near, all the more where not all around is of
@@ -233,13 +233,13 @@ def _bands(height: int) -> Iterator[tuple[int, int]]:
         yield top, min(height, top + _ROWS)
 
 
-def _packed(rgba: Bytes) -> Packed:
+def _packed(rgba: UInt8Array) -> Packed:
     """Return colours as numbers of 24 bits."""
     wide = rgba[..., :3].astype(np.int32)
     return (wide[..., 0] << 16) | (wide[..., 1] << 8) | wide[..., 2]
 
 
-def _colours_there(rgba: Bytes) -> tuple[Packed, npt.NDArray[np.float32]]:
+def _colours_there(rgba: UInt8Array) -> tuple[Packed, npt.NDArray[np.float32]]:
     """Return the colours of a picture, in order, and the same in Oklab."""
     seen = np.zeros(1 << 24, dtype=bool)
     for top, bottom in _bands(len(rgba)):
@@ -253,7 +253,9 @@ def _colours_there(rgba: Bytes) -> tuple[Packed, npt.NDArray[np.float32]]:
     return packed, lab
 
 
-def _plain_colours(lab: npt.NDArray[np.float32], centres: npt.NDArray[np.float32]) -> tuple[Bytes, Bytes]:
+def _plain_colours(
+    lab: npt.NDArray[np.float32], centres: npt.NDArray[np.float32]
+) -> tuple[UInt8Array, UInt8Array]:
     """Return the index of the one colour that each is plainly, or `UNKNOWN`; and the same strictly."""
     plain, strict = (np.full(len(lab), UNKNOWN, dtype=np.uint8) for _ in range(2))
     if not len(centres):
@@ -273,12 +275,12 @@ def _plain_colours(lab: npt.NDArray[np.float32], centres: npt.NDArray[np.float32
 
 
 def _beside(
-    sure: Bytes,
+    sure: UInt8Array,
     rows: npt.NDArray[np.intp],
     columns: npt.NDArray[np.intp],
     own: npt.NDArray[np.float32],
     centres: npt.NDArray[np.float32],
-) -> Bytes:
+) -> UInt8Array:
     """Return for each pixel which of the colours that are sure around it is nearest to its own."""
     # What is beside but no colour is infinitely far from any.
     all_centres = np.full((256, 3), np.inf, dtype=np.float32)
@@ -295,7 +297,7 @@ def _beside(
     return best
 
 
-def mixtures(rgb: Bytes, rough: Mask | None = None) -> Mask:
+def mixtures(rgb: UInt8Array, rough: BoolArray | None = None) -> BoolArray:
     """Return which pixels have, in each channel, a value between those of two pixels opposite one another.
 
     Antialiasing, scaling and JPEG leave such along borders: who blends two colours, in sRGB or in light,
@@ -323,7 +325,7 @@ def mixtures(rgb: Bytes, rough: Mask | None = None) -> Mask:
     return mixed
 
 
-def uneven(rgb: Bytes) -> Mask:
+def uneven(rgb: UInt8Array) -> BoolArray:
     """Return which pixels have neighbours of another colour: uint8 (height, width, 3 or 4) to bool."""
     rough = np.zeros(rgb.shape[:2], dtype=bool)
     for channel in range(3):
@@ -334,7 +336,7 @@ def uneven(rgb: Bytes) -> Mask:
     return rough
 
 
-def _at(image: Bytes, rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp]) -> Bytes:
+def _at(image: UInt8Array, rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp]) -> UInt8Array:
     """Return the pixels at rows and columns, of the border for those beyond it."""
     height, width = image.shape[:2]
     return np.asarray(image[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)])

@@ -13,12 +13,12 @@ from rasterio._err import CPLE_BaseError
 from rasterio.crs import CRS
 from rasterio.warp import transform
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.errors import InputError
 from sketchterrain.metric_crs import is_westward, parse_crs
 from sketchterrain.sketch import SKETCH
 
 Box = Sequence[float]  # west, south, east, north
-Places = npt.NDArray[np.float64]
 
 _STRETCHED = 0.05  # how far metres of a projection may be from metres on the ground
 _SLIMMEST = 0.25  # of the longer side, where nothing says how wide the area is
@@ -42,7 +42,7 @@ class Area(NamedTuple):
         """Metres along the longer side."""
         return self.pixel * max(self.columns, self.rows)
 
-    def pixels(self, places: Places) -> Places:
+    def pixels(self, places: Float64Array) -> Float64Array:
         """Return column and row, as real numbers, of (n, 2) x and y; row 0 begins at the north edge."""
         column, up = ((places - (self.west, self.south)) / self.pixel).T
         return np.stack([column, self.rows - up], axis=-1)
@@ -77,7 +77,7 @@ def middle_longitude(longitudes: npt.NDArray[np.float64]) -> float:
     return math.degrees(math.atan2(np.sin(angles).sum(), np.cos(angles).sum()))
 
 
-def to_degrees(crs: CRS, places: Places) -> Places:
+def to_degrees(crs: CRS, places: Float64Array) -> Float64Array:
     """Return longitude and latitude of (n, 2) places."""
     return reprojected(places, crs, parse_crs("OGC:CRS84"))
 
@@ -104,7 +104,7 @@ def _true(crs: CRS, middle: tuple[float, float]) -> bool:
     return all(abs(length / 100.0 - 1.0) < _STRETCHED for length in lengths)
 
 
-def reprojected(places: Places, source: CRS, target: CRS) -> Places:
+def reprojected(places: Float64Array, source: CRS, target: CRS) -> Float64Array:
     """Return (n, 2) x and y in another CRS; raise `InputError` if one of them has no place there."""
     if source == target:
         return places

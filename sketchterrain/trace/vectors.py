@@ -14,6 +14,7 @@ import shapely
 from rasterio.crs import CRS
 from rasterio.features import rasterize
 
+from sketchterrain.array_types import BoolArray
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.metric_crs import parse_metric_crs
 from sketchterrain.sketch import LAYERS, Sketch
@@ -25,8 +26,6 @@ from sketchterrain.trace.sheet import Traced
 from sketchterrain.trace.vector_files import Shapes, VectorLayer, read_vector_layers, valid_areas
 from sketchterrain.trace.vector_kinds import Wanted, classed, number_in, tags_of, wanted_by
 from sketchterrain.trace.vector_place import Area, Box
-
-Mask = npt.NDArray[np.bool_]
 
 _SIZE = 512  # px
 _AROUND = 0.5  # of the bounds' size that is kept around them: wide lines there reach in
@@ -46,7 +45,7 @@ class _Features(NamedTuple):
     wanted: npt.NDArray[np.object_]
     widths: npt.NDArray[np.float64]
 
-    def where(self, mask: Mask) -> _Features:
+    def where(self, mask: BoolArray) -> _Features:
         """Return the features of a mask."""
         return _Features(self.shapes[mask], self.wanted[mask], self.widths[mask])
 
@@ -326,7 +325,7 @@ def _line_widths(
     return np.where(np.isnan(features.widths), default, features.widths)
 
 
-def paint_areas(size: tuple[int, int], shapes: Shapes, *, touched: bool) -> Mask:
+def paint_areas(size: tuple[int, int], shapes: Shapes, *, touched: bool) -> BoolArray:
     """Return the (rows, columns) pixels whose middles lie in a shape, or all that a shape touches."""
     shapes = shapes[~shapely.is_empty(shapes)]
     if not len(shapes):
@@ -334,7 +333,7 @@ def paint_areas(size: tuple[int, int], shapes: Shapes, *, touched: bool) -> Mask
     return np.asarray(rasterize(shapes, out_shape=size, dtype="uint8", all_touched=touched), dtype=bool)
 
 
-def paint_lines(size: tuple[int, int], shapes: Shapes, widths: npt.NDArray[np.float64]) -> Mask:
+def paint_lines(size: tuple[int, int], shapes: Shapes, widths: npt.NDArray[np.float64]) -> BoolArray:
     """Return the (rows, columns) pixels of lines and points of widths (px).
 
     These are the pixels whose middles a line covers and all that its course touches: however thin it is, it

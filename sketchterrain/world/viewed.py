@@ -11,6 +11,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.array_types import Bounds
 from sketchterrain.compute import ComputeContext
 from sketchterrain.errors import InputError
 from sketchterrain.features.catalogue import FEATURE, Lake, River, ShapeField
@@ -28,8 +29,6 @@ from sketchterrain.tiles.codes import code_of
 from sketchterrain.world.grid import CHUNK, Level
 from sketchterrain.world.ground import LAYER_SPECS
 from sketchterrain.world.opening import StoredWorld
-
-Bounds = tuple[float, float, float, float]
 
 _LEAST_BITS: Final = 8
 _MOST_BITS: Final = LATTICE_BITS - 1

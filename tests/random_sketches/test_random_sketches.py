@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
+from sketchterrain.array_types import BoolArray, StructuredArray
 from sketchterrain.features import FEATURE_TYPES, Fill, River, label_shapes, place, trace_rivers
-from sketchterrain.features.catalogue import Points
 from sketchterrain.features.placement import MAX_DISPLACEMENT
 from sketchterrain.features.profiles import shown_at
 from sketchterrain.features.rules import LAYER_CODES, TYPES
@@ -27,7 +27,6 @@ COUNT = 300
 
 Rng = np.random.Generator
 Image = npt.NDArray[np.uint8]
-Mask = npt.NDArray[np.bool_]
 Path = list[tuple[float, float]]
 
 AREAS = tuple(name for name in LAYERS if name != "river")
@@ -43,7 +42,7 @@ def somewhere(rng: Rng, size: tuple[int, int]) -> tuple[float, float]:
     return tuple(rng.uniform(-0.1, 1.1, 2) * size)
 
 
-def blob(rng: Rng, size: tuple[int, int]) -> Mask:
+def blob(rng: Rng, size: tuple[int, int]) -> BoolArray:
     down, across = distances(size, *somewhere(rng, size))
     angle = np.arctan2(down, across)
     radius = rng.uniform(0.05, 0.35) * min(size)
@@ -51,13 +50,13 @@ def blob(rng: Rng, size: tuple[int, int]) -> Mask:
     return np.hypot(down, across) <= np.maximum(radius * outline, 0.5)
 
 
-def ring(rng: Rng, size: tuple[int, int]) -> Mask:
+def ring(rng: Rng, size: tuple[int, int]) -> BoolArray:
     distance = np.hypot(*distances(size, *(rng.uniform(0.3, 0.7, 2) * size)))
     radius = rng.uniform(0.15, 0.4) * min(size)
     return np.abs(distance - radius) <= rng.uniform(0.5, 0.2 * radius + 0.5)
 
 
-def cross(rng: Rng, size: tuple[int, int]) -> Mask:
+def cross(rng: Rng, size: tuple[int, int]) -> BoolArray:
     down, across = distances(size, *(rng.uniform(0.2, 0.8, 2) * size))
     turn, arm = rng.uniform(0, math.pi), rng.uniform(0.1, 0.5) * min(size)
     u = down * math.cos(turn) + across * math.sin(turn)
@@ -66,19 +65,19 @@ def cross(rng: Rng, size: tuple[int, int]) -> Mask:
     return ((np.abs(u) <= thick) & (np.abs(v) <= arm)) | ((np.abs(v) <= thick) & (np.abs(u) <= arm))
 
 
-def sliver(rng: Rng, size: tuple[int, int]) -> Mask:
+def sliver(rng: Rng, size: tuple[int, int]) -> BoolArray:
     mask = np.zeros(size, np.bool_)
     stroke(mask, [somewhere(rng, size), somewhere(rng, size)], rng.choice([0.5, 0.7, 1.0, 1.6]))
     return mask
 
 
-def pixels(rng: Rng, size: tuple[int, int]) -> Mask:
+def pixels(rng: Rng, size: tuple[int, int]) -> BoolArray:
     mask = np.zeros(size, np.bool_)
     mask.flat[rng.integers(0, mask.size, int(rng.integers(1, 12)))] = True
     return mask
 
 
-def corners(rng: Rng, size: tuple[int, int]) -> Mask:
+def corners(rng: Rng, size: tuple[int, int]) -> BoolArray:
     """Single pixels in the corners and along the edge."""
     mask = np.zeros(size, np.bool_)
     for row in (0, -1):
@@ -86,14 +85,14 @@ def corners(rng: Rng, size: tuple[int, int]) -> Mask:
     return mask
 
 
-def canvas(rng: Rng, size: tuple[int, int]) -> Mask:
+def canvas(rng: Rng, size: tuple[int, int]) -> BoolArray:
     mask = np.ones(size, np.bool_)
     if rng.random() < 0.5:  # but for some pinholes
         mask.flat[rng.integers(0, mask.size, 5)] = False
     return mask
 
 
-def tiny(rng: Rng, size: tuple[int, int], *, count: int = 500) -> Mask:
+def tiny(rng: Rng, size: tuple[int, int], *, count: int = 500) -> BoolArray:
     """500 shapes of one to six pixels, as far as they find room apart from each other."""
     rows, columns = (np.arange(1, side - 2, 4) for side in size)
     at = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -103,14 +102,14 @@ def tiny(rng: Rng, size: tuple[int, int], *, count: int = 500) -> Mask:
     return mask
 
 
-def checkers(rng: Rng, size: tuple[int, int]) -> Mask:
+def checkers(rng: Rng, size: tuple[int, int]) -> BoolArray:
     """Squares that touch at their corners, so that they are one shape."""
     side = int(rng.integers(1, 9))
     down, across = distances(size, 0, 0)
     return (down // side + across // side) % 2 == 0
 
 
-def stroke(mask: Mask, path: Path, radius: float) -> None:
+def stroke(mask: BoolArray, path: Path, radius: float) -> None:
     """Draw a polyline with a round brush."""
     for (row, column), (to_row, to_column) in pairwise(path):
         steps = 2 * math.ceil(math.hypot(to_row - row, to_column - column)) + 1
@@ -136,13 +135,13 @@ def brush(rng: Rng) -> float:
     return float(rng.choice([0.5, 1.0, 1.5, 3.0]))
 
 
-def off_edge(rng: Rng, size: tuple[int, int]) -> Mask:
+def off_edge(rng: Rng, size: tuple[int, int]) -> BoolArray:
     mask = np.zeros(size, np.bool_)
     stroke(mask, wander(rng, size, (rng.uniform(0, size[0]), 0.0), 0.0, 24), brush(rng))
     return mask
 
 
-def branching(rng: Rng, size: tuple[int, int]) -> Mask:
+def branching(rng: Rng, size: tuple[int, int]) -> BoolArray:
     mask, radius = np.zeros(size, np.bool_), brush(rng)
     stem = wander(rng, size, (0.5 * size[0], 0.1 * size[1]), 0.0, 14)
     stroke(mask, stem, radius)
@@ -153,7 +152,7 @@ def branching(rng: Rng, size: tuple[int, int]) -> Mask:
     return mask
 
 
-def looping(rng: Rng, size: tuple[int, int]) -> Mask:
+def looping(rng: Rng, size: tuple[int, int]) -> BoolArray:
     """A closed loop, with or without a river into it and out of it."""
     mask, radius = np.zeros(size, np.bool_), brush(rng)
     middle, reach = (0.5 * size[0], 0.5 * size[1]), rng.uniform(0.08, 0.3) * min(size)
@@ -165,7 +164,7 @@ def looping(rng: Rng, size: tuple[int, int]) -> Mask:
     return mask
 
 
-def touching_itself(rng: Rng, size: tuple[int, int]) -> Mask:
+def touching_itself(rng: Rng, size: tuple[int, int]) -> BoolArray:
     """A meander so tight that its bends touch, or a figure of eight."""
     mask, t = np.zeros(size, np.bool_), np.linspace(0, 1, 160)
     if rng.random() < 0.5:
@@ -176,12 +175,12 @@ def touching_itself(rng: Rng, size: tuple[int, int]) -> Mask:
     return mask
 
 
-def dabs(rng: Rng, size: tuple[int, int]) -> Mask:
+def dabs(rng: Rng, size: tuple[int, int]) -> BoolArray:
     """Fewer than 500: every water is traced on the ground."""
     return tiny(rng, size, count=60)
 
 
-def flooded(rng: Rng, size: tuple[int, int]) -> Mask:
+def flooded(rng: Rng, size: tuple[int, int]) -> BoolArray:
     """Somebody used the bucket."""
     return canvas(rng, size) if rng.random() < 0.2 else blob(rng, size)
 
@@ -238,7 +237,9 @@ def random_size(rng: Rng, number: int) -> tuple[int, int]:
     return (longer, shorter) if rng.random() < 0.5 else (shorter, longer)
 
 
-def paint(rng: Rng, image: Image, kind: Callable[[Rng, tuple[int, int]], Mask], *, times: int = 0) -> None:
+def paint(
+    rng: Rng, image: Image, kind: Callable[[Rng, tuple[int, int]], BoolArray], *, times: int = 0
+) -> None:
     for _ in range(times or int(rng.integers(1, 4))):
         image[kind(rng, image.shape)] = rng.choice([1, 1, 2, 3, 255])
 
@@ -341,14 +342,14 @@ def number_of_shapes_hit(shapes: tuple[Shape, ...], row: np.ndarray, column: np.
     return hit
 
 
-def check_placed(sketch: Sketch) -> Points:
+def check_placed(sketch: Sketch) -> StructuredArray:
     placed = place(sketch, seed=sketch.seed)
     for name in TYPES:
         check_points(sketch, name, placed[placed["type"] == FEATURE_TYPES.index(name)])
     return placed
 
 
-def check_points(sketch: Sketch, name: str, own: Points) -> None:
+def check_points(sketch: Sketch, name: str, own: StructuredArray) -> None:
     """Every shape has a feature; every feature stands where, and is as large and high as, the rules say."""
     rule, image, pixel = TYPES[name], sketch.layers[name], sketch.pixel_size
     shapes = label_shapes(name, image)
@@ -382,7 +383,7 @@ def check_points(sketch: Sketch, name: str, own: Points) -> None:
     assert np.all((own["strength"] > 0) | (asked == 0))
 
 
-def check_strengths(recipe: TerrainRecipe, placed: Points) -> None:
+def check_strengths(recipe: TerrainRecipe, placed: StructuredArray) -> None:
     """The recipe has what was placed and nothing else, with strengths that were solved for."""
     assert np.all(np.diff(placed["id"].astype(np.int64)) > 0)
     for field in ("id", "x", "y", "radius"):

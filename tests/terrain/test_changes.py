@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from sketchterrain.array_types import Bounds
 from sketchterrain.features import FEATURE_TYPES, FILL_BIT, label_shapes
 from sketchterrain.features.edits import EditedFill, lock_edit
 from sketchterrain.features.memory import PlacementCache
 from sketchterrain.sketch import Edit, Sketch, load_sketch
 from sketchterrain.terrain import Terrain, build, make_recipe, rebuild
 from sketchterrain.terrain.centrelines import TOLERANCE_CELLS
-from sketchterrain.terrain.changes import EVERYWHERE, Box, changed_areas, touches
+from sketchterrain.terrain.changes import EVERYWHERE, changed_areas, touches
 from sketchterrain.terrain.influence import influence
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.packing import pack_rivers
@@ -95,7 +96,7 @@ def _samples() -> tuple[np.ndarray, ...]:
     return tuple(each.ravel() for each in np.meshgrid(line, line))
 
 
-def _told(areas: list[Box], x: np.ndarray, y: np.ndarray, *, wider: float = 0.0) -> np.ndarray:
+def _told(areas: list[Bounds], x: np.ndarray, y: np.ndarray, *, wider: float = 0.0) -> np.ndarray:
     told = np.zeros(x.shape, dtype=bool)
     for west, south, east, north in areas:
         told |= (west - wider <= x) & (x <= east + wider) & (south - wider <= y) & (y <= north + wider)

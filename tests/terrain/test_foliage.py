@@ -8,6 +8,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 import sketchterrain as st
+from sketchterrain.array_types import Bounds
 from sketchterrain.errors import InputError
 from sketchterrain.features.catalogue import conifer_code
 from sketchterrain.sketch import Edit, Sketch
@@ -418,8 +419,6 @@ def test_grass_is_independent_of_trees(valley) -> None:
     assert away.min() < 0.25
 
 
-Area = tuple[float, float, float, float]
-
 PIXELS, EXTENT = 64, 4096.0
 
 
@@ -449,7 +448,9 @@ def _moved(terrain: st.Terrain) -> Sketch:
     return replace(terrain.sketch, edits=(Edit("move_point", river.id, index=3, x=x + 60.0, y=y - 500.0),))
 
 
-def _away(terrains: tuple[st.Terrain, st.Terrain], storey: str, area: Area, plants: np.ndarray) -> np.ndarray:
+def _away(
+    terrains: tuple[st.Terrain, st.Terrain], storey: str, area: Bounds, plants: np.ndarray
+) -> np.ndarray:
     """Metres from plants to the nearest vertex at which the spacing or the ground is another one."""
     unit = metres_per_unit(EXTENT)
     wider = (area[0] - MARGIN, area[1] - MARGIN, area[2] + MARGIN, area[3] + MARGIN)

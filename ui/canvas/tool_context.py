@@ -5,18 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, overload
 
-import numpy as np
-import numpy.typing as npt
 from PyQt6.QtCore import QObject, QPointF, QRectF, Qt, pyqtSignal
 from PyQt6.QtGui import QPainter
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.sketch import LAYERS
 from sketchterrain.ui.canvas.viewport import Viewport
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -64,7 +61,7 @@ class ToolContext:
     @overload
     def pixels(self, x: float, y: float) -> tuple[float, float]: ...
     @overload
-    def pixels(self, x: Floats, y: Floats) -> tuple[Floats, Floats]: ...
+    def pixels(self, x: Float64Array, y: Float64Array) -> tuple[Float64Array, Float64Array]: ...
     def pixels(self, x: Any, y: Any) -> Any:
         """Return the place of the sketch (px) of a place of the world (m), or of many."""
         sketch = self.document.sketch
@@ -74,7 +71,7 @@ class ToolContext:
         """Return the place of the screen (logical px) of a place of the world (m)."""
         return self.at(*self.pixels(x, y))
 
-    def screens_from_world(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    def screens_from_world(self, x: Float64Array, y: Float64Array) -> tuple[Float64Array, Float64Array]:
         """Return the places of the screen (logical px) of many places of the world (m)."""
         columns, rows = self.pixels(x, y)
         left, top = self.viewport.left, self.viewport.top

@@ -15,8 +15,8 @@ from sketchterrain.ui.engine.protocol import FrameFacts, FrameReady, ViewState
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from sketchterrain.array_types import Bounds
     from sketchterrain.render.scene import TerrainSource
-    from sketchterrain.terrain.changes import Box
     from sketchterrain.ui.engine.eye import CameraController
     from sketchterrain.ui.engine.stage import ViewRenderer
 
@@ -99,7 +99,7 @@ class FramePacer:
         self._view, self._stale, self.failed = view, True, False
 
     def set_terrain(
-        self, terrain: TerrainSource, version: int, areas: list[Box], camera: CameraController
+        self, terrain: TerrainSource, version: int, areas: list[Bounds], camera: CameraController
     ) -> str:
         """Display a terrain that differs from the previous one in areas (m); return a warning or nothing."""
         self.failed = False

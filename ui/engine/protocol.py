@@ -11,10 +11,9 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Bounds, StructuredArray
     from sketchterrain.features import Lake, River
-    from sketchterrain.features.catalogue import Points
     from sketchterrain.sketch import Sketch
-    from sketchterrain.terrain.changes import Box
 
 MODES = ("orbit", "fly", "walk")
 """Camera modes."""
@@ -200,7 +199,7 @@ class Placement:
     """Features placed for a version of the sketch; the displayed terrain follows at once."""
 
     version: int
-    points: Points  # features of painted shapes and of the unpainted area
+    points: StructuredArray  # features of painted shapes and of the unpainted area
     rivers: tuple[River, ...]
     lakes: tuple[Lake, ...]
     resolutions: tuple[tuple[str, float, float], ...] = ()  # resolved contradictions: text, x, y (m)
@@ -295,7 +294,7 @@ class RecipeUpdate:
 
     sketch: SketchUpdate  # difference to the previous recipe's sketch
     recipe: bytes | None  # `TerrainRecipe` without its sketch; None: as before
-    areas: tuple[Box, ...]  # m; all heights outside are bit-equal to the previous ones
+    areas: tuple[Bounds, ...]  # m; all heights outside are bit-equal to the previous ones
     started: float
     placed: float
     sent: float

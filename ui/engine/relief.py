@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Bounds
     from sketchterrain.terrain import Terrain
-    from sketchterrain.terrain.changes import Box
 
 LARGEST: Final = 1024  # samples along the longer side
 _POINTS: Final = 16384  # samples evaluated at once
@@ -39,7 +39,7 @@ class ReliefBuilder:
         self._work: Iterator[Relief | None] | None = None
         self._returned_at = 0.0
 
-    def set_terrain(self, terrain: Terrain, version: int, areas: list[Box]) -> None:
+    def set_terrain(self, terrain: Terrain, version: int, areas: list[Bounds]) -> None:
         """Compute this terrain next, which differs from the previous one in areas (m) only."""
         sketch = terrain.sketch
         step = max(-(-max(sketch.width_px, sketch.height_px) // LARGEST), 1)

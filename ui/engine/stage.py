@@ -17,12 +17,12 @@ from sketchterrain.render.sunlight import find_sun, sun_for_view
 from sketchterrain.ui.engine.protocol import ViewState
 
 if TYPE_CHECKING:
+    from sketchterrain.array_types import Bounds
     from sketchterrain.compute import ComputeContext, Device
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.sky import Sun
     from sketchterrain.render.stats import FrameStats
-    from sketchterrain.terrain.changes import Box
 
 _DRAWING_THREADS = "llvmpipe-"
 _NICENESS = 10  # about a tenth of the CPU under load
@@ -71,7 +71,7 @@ class ViewRenderer:
         if renderer is not None:
             renderer.release()
 
-    def set_terrain(self, terrain: TerrainSource, areas: list[Box], camera: Camera) -> str:
+    def set_terrain(self, terrain: TerrainSource, areas: list[Bounds], camera: Camera) -> str:
         """Display a terrain that differs from the previous one in areas (m); return a warning or nothing."""
         weather = Weather.from_sketch(terrain.sketch)
         if self._terrain is not None and self._terrain.extent != terrain.extent:

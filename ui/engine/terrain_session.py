@@ -13,10 +13,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from sketchterrain.array_types import Bounds
     from sketchterrain.compute import ComputeContext, Device
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain import Terrain, TerrainRecipe
-    from sketchterrain.terrain.changes import Box
     from sketchterrain.ui.engine.protocol import RecipeUpdate
     from sketchterrain.world.viewed import StoredTerrain
 
@@ -32,7 +32,7 @@ class TerrainSession:
         self.sketch: Sketch | None = None
         self.recipe = b""
         self.device_error = ""  # one line, why there is no device
-        self.dirty_areas: list[Box] = []  # m: where heights differ from the displayed ones
+        self.dirty_areas: list[Bounds] = []  # m: where heights differ from the displayed ones
         self._mirror = SketchMirror()
         self._failed: list[Device] = []
         self._context: ComputeContext | None = None

@@ -7,10 +7,10 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from PyQt6.QtCore import QRectF, Qt
 from PyQt6.QtGui import QBrush, QColor, QImage, QPainter, QPainterPath, QPen, QPixmap
 
+from sketchterrain.array_types import Float32Array
 from sketchterrain.sketch import LAYERS
 from sketchterrain.sketch.label_colours import LIGHT_HATCH, label_rgb
 
@@ -75,8 +75,6 @@ def _hatch_image(layer: str, dpr: float) -> QImage:
     return image
 
 
-Floats = npt.NDArray[np.float32]
-
 PERIOD: Final = 16
 """Period of every hatch, px at a device pixel ratio of 1."""
 
@@ -89,45 +87,47 @@ def hatch_period(ratio: float) -> int:
 
 
 @lru_cache(maxsize=64)
-def hatch(kind: str, period: int) -> Floats:
+def hatch(kind: str, period: int) -> Float32Array:
     """Return the coverage of one period of a hatch, float32, (period, period)."""
     middles = ((np.arange(period) + 0.5) * (PERIOD / period)).astype(np.float32)
     x, y = np.meshgrid(middles, middles)
     distance, half_width = HATCHES[kind](x, y)
-    covered: Floats = np.clip((half_width - distance) * (period / PERIOD) + 0.5, 0.0, 1.0).astype(np.float32)
+    covered: Float32Array = np.clip((half_width - distance) * (period / PERIOD) + 0.5, 0.0, 1.0).astype(
+        np.float32
+    )
     covered.flags.writeable = False
     return covered
 
 
-def _from_line(across: Floats, spacing: float) -> Floats:
+def _from_line(across: Float32Array, spacing: float) -> Float32Array:
     """Return the distance from the nearest of parallel lines, given a coordinate across them."""
     return np.asarray(np.abs((across + 0.5 * spacing) % spacing - 0.5 * spacing), np.float32)
 
 
-def _peaks(x: Floats, y: Floats) -> tuple[Floats, float]:
-    tooth: Floats = np.abs((x % np.float32(8.0)) - np.float32(4.0))
+def _peaks(x: Float32Array, y: Float32Array) -> tuple[Float32Array, float]:
+    tooth: Float32Array = np.abs((x % np.float32(8.0)) - np.float32(4.0))
     return _from_line(y + np.float32(0.9) * tooth, 8.0) * np.float32(0.743), 0.5 * _LINE
 
 
-def _waves(x: Floats, y: Floats) -> tuple[Floats, float]:
+def _waves(x: Float32Array, y: Float32Array) -> tuple[Float32Array, float]:
     swing = np.float32(1.9) * np.sin(np.float32(2.0 * np.pi / PERIOD) * x)
     return _from_line(y + swing, 8.0) * np.float32(0.88), 0.5 * _LINE
 
 
-def _falling(x: Floats, y: Floats) -> tuple[Floats, float]:
+def _falling(x: Float32Array, y: Float32Array) -> tuple[Float32Array, float]:
     return _from_line(x - y, 5.0 + 1.0 / 3.0) * np.float32(np.sqrt(0.5)), 0.45 * _LINE
 
 
-def _level(x: Floats, y: Floats) -> tuple[Floats, float]:
+def _level(x: Float32Array, y: Float32Array) -> tuple[Float32Array, float]:
     return _from_line(y + 0.0 * x, 5.0 + 1.0 / 3.0), 0.5 * _LINE
 
 
-def _crossed(x: Floats, y: Floats) -> tuple[Floats, float]:
+def _crossed(x: Float32Array, y: Float32Array) -> tuple[Float32Array, float]:
     slope = np.float32(np.sqrt(0.5))
     return np.minimum(_from_line(x - y, 8.0), _from_line(x + y, 8.0)) * slope, 0.42 * _LINE
 
 
-def _nearest(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+def _nearest(x: Float32Array, y: Float32Array) -> tuple[Float32Array, Float32Array]:
     """Return the offsets from the nearest point of a staggered 8 px grid."""
     best = np.full(x.shape, np.inf, np.float32)
     east, south = np.zeros_like(x), np.zeros_like(y)
@@ -140,18 +140,18 @@ def _nearest(x: Floats, y: Floats) -> tuple[Floats, Floats]:
     return east, south
 
 
-def _dots(x: Floats, y: Floats) -> tuple[Floats, float]:
+def _dots(x: Float32Array, y: Float32Array) -> tuple[Float32Array, float]:
     return np.hypot(*_nearest(x, y)), 1.15
 
 
-def _trees(x: Floats, y: Floats) -> tuple[Floats, float]:
+def _trees(x: Float32Array, y: Float32Array) -> tuple[Float32Array, float]:
     dx, dy = _nearest(x, y)
     upright = np.maximum(np.abs(dx), np.abs(dy) - 2.0)
     across = np.maximum(np.abs(dy), np.abs(dx) - 2.0)
     return np.minimum(upright, across), 0.5 * _LINE
 
 
-HATCHES: Final[dict[str, Callable[[Floats, Floats], tuple[Floats, float]]]] = {
+HATCHES: Final[dict[str, Callable[[Float32Array, Float32Array], tuple[Float32Array, float]]]] = {
     "peaks": _peaks,
     "waves": _waves,
     "falling": _falling,

@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.features import Lake, River
 from sketchterrain.features.catalogue import FEATURE_TYPES
 from sketchterrain.ui.canvas.marks import shore_lines
@@ -16,9 +17,6 @@ from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.handles import Handle, handles_of
 from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.view3d.projection import Ground, Projection, ring
-
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 _MOST_DOTS = 300
 _MOST_PIECES = 200  # of a river's line
@@ -57,8 +55,8 @@ class Grip:
 class Line:
     """Straight pieces as they are seen: from x, y to x, y (n, 4) in px, and which ones ground hides."""
 
-    pieces: Floats
-    hidden: Flags
+    pieces: Float64Array
+    hidden: BoolArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,18 +130,18 @@ def _dots(
     )
 
 
-def _apart(order: npt.NDArray[np.intp], at: Floats) -> npt.NDArray[np.intp]:
+def _apart(order: npt.NDArray[np.intp], at: Float64Array) -> npt.NDArray[np.intp]:
     """Return the first of those that share a square of the picture, so that marks can be told apart."""
     squares = np.floor(at[order] / _SQUARE).astype(np.int64)
     _, first = np.unique(squares, axis=0, return_index=True)
     return order[np.sort(first)]
 
 
-def _course(ground: Ground, river: River) -> Floats:
+def _course(ground: Ground, river: River) -> Float64Array:
     """Return a river's line (n, 3) in few pieces; in the sketch it lies on the ground that is shown."""
     last = len(river.centreline) - 1
     step = max(last // _MOST_PIECES, 1)
-    line: Floats = river.centreline[[*range(0, last, step), last]]
+    line: Float64Array = river.centreline[[*range(0, last, step), last]]
     inside = ground.covers(line[:, 0], line[:, 1])
     line[inside, 2] = np.maximum(line[inside, 2], ground.height(line[inside, 0], line[inside, 1]))
     return line
@@ -177,7 +175,7 @@ def _outline(
     return tuple(_lines(projection, ground, ground.on(ring(x, y, radius))))
 
 
-def _lines(projection: Projection, ground: Ground, places: Floats) -> list[Line]:
+def _lines(projection: Projection, ground: Ground, places: Float64Array) -> list[Line]:
     """Return the parts of a line (n, 3) that are seen; a piece is hidden if both of its ends are."""
     found = []
     for first, at in projection.runs(places):
@@ -199,7 +197,7 @@ def _shore(projection: Projection, ground: Ground, lake: Lake) -> Line:
 
 
 @lru_cache(maxsize=4)
-def _shore_of(lake: Lake) -> Floats:
+def _shore_of(lake: Lake) -> Float64Array:
     pieces = shore_lines(lake.shape)
     return pieces[:: max(len(pieces) // _MOST_SHORE, 1)] if len(pieces) > 2 * _MOST_SHORE else pieces
 

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.ui.engine.protocol import FrameFacts, Pose, Relief
-
-Floats = npt.NDArray[np.float64]
 
 _NEAREST = 1e-3  # of the clip space's w (m before the eye) that counts as seen
 _FLATTEST = 0.02  # slope of a line of sight below which it meets no level plane
@@ -20,8 +19,8 @@ _FLATTEST = 0.02  # slope of a line of sight below which it meets no level plane
 class Seen:
     """Places as they are seen."""
 
-    at: Floats  # Where, in px from the widget's upper left corner; of what is behind the eye nothing useful
-    away: Floats  # m before the eye; what is not before it has 0 or less
+    at: Float64Array  # Where, in px from the widget's upper left corner; of what is behind the eye nothing useful
+    away: Float64Array  # m before the eye; what is not before it has 0 or less
 
     @property
     def before(self) -> npt.NDArray[np.bool_]:
@@ -33,9 +32,9 @@ class Projection:
     """A picture's camera, for the place where the picture is shown."""
 
     def __init__(self, frame: FrameFacts, place: tuple[float, float, float, float]) -> None:
-        self.eye: Floats = np.array(frame.pose.eye, np.float64)
+        self.eye: Float64Array = np.array(frame.pose.eye, np.float64)
         self.place = place
-        self._clip: Floats = np.array(frame.to_clip, np.float64).reshape(4, 4)
+        self._clip: Float64Array = np.array(frame.to_clip, np.float64).reshape(4, 4)
         self._back = np.asarray(np.linalg.inv(self._clip), np.float64)
 
     def see(self, places: npt.ArrayLike) -> Seen:
@@ -54,7 +53,7 @@ class Projection:
         )
         return Seen(at, np.asarray(away))
 
-    def ray(self, x: float, y: float) -> Floats:
+    def ray(self, x: float, y: float) -> Float64Array:
         """Return the unit vector along which a place (px of the widget) is seen."""
         left, top, width, height = self.place
         across, up = 2.0 * (x - left) / width - 1.0, 1.0 - 2.0 * (y - top) / height
@@ -84,7 +83,7 @@ class Projection:
         scale = float(np.linalg.norm(self._clip[1, :3]))
         return max(2.0 * float(seen.away[0]) / (scale * height), 0.0)
 
-    def runs(self, places: npt.ArrayLike) -> list[tuple[int, Floats]]:
+    def runs(self, places: npt.ArrayLike) -> list[tuple[int, Float64Array]]:
         """Return the parts of a line (n, 3) that lie before the eye, as px (m, 2), cut where they pass it."""
         line = np.asarray(places, np.float64)
         seen = self.see(line)
@@ -106,14 +105,12 @@ class Projection:
                 found.append((int(first), together))
         return found
 
-    def _cut(self, line: Floats, away: Floats, seen: int, unseen: int) -> Floats:
+    def _cut(self, line: Float64Array, away: Float64Array, seen: int, unseen: int) -> Float64Array:
         """Return where a piece of a line passes just before the eye, (1, 2)."""
         near = 1e-3 * float(away[seen]) + 2.0 * _NEAREST
         share = (away[seen] - near) / (away[seen] - away[unseen])
         return self.see((line[seen] + max(share, 0.0) * (line[unseen] - line[seen]))[None]).at
 
-
-Flags = npt.NDArray[np.bool_]
 
 _STEPS = 48  # along a line of sight
 _CLEAR = (0.02, 0.98)  # shares of a line of sight that are looked at
@@ -129,7 +126,7 @@ class Ground:
         rows, columns = relief.height.shape
         self._size = columns * spacing, rows * spacing
 
-    def height(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Floats:
+    def height(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Float64Array:
         """Return heights (m) at places (m), those outside the sketch as at its edge."""
         rows, columns = self._height.shape
         column = np.clip(np.asarray(x, np.float64) / self.spacing - 0.5, 0.0, columns - 1.0)
@@ -141,17 +138,17 @@ class Ground:
         lower = (1.0 - across) * self._height[below, left] + across * self._height[below, right]
         return np.asarray((1.0 - down) * upper + down * lower)
 
-    def covers(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Flags:
+    def covers(self, x: npt.ArrayLike, y: npt.ArrayLike) -> BoolArray:
         """Return which places (m) lie in the sketch."""
         east, north = np.asarray(x), np.asarray(y)
         return np.asarray((east >= 0.0) & (east <= self._size[0]) & (north >= 0.0) & (north <= self._size[1]))
 
-    def on(self, places: npt.ArrayLike, *, lift: float = 0.0) -> Floats:
+    def on(self, places: npt.ArrayLike, *, lift: float = 0.0) -> Float64Array:
         """Return places (n, 2) with their heights, (n, 3), `lift` m above the ground."""
         at = np.asarray(places, np.float64)
         return np.column_stack([at, self.height(at[:, 0], at[:, 1]) + lift])
 
-    def hides(self, eye: npt.ArrayLike, places: npt.ArrayLike) -> Flags:
+    def hides(self, eye: npt.ArrayLike, places: npt.ArrayLike) -> BoolArray:
         """Return which places (n, 3) in m are hidden from an eye (m) by ground of the sketch."""
         start, ends = np.asarray(eye, np.float64), np.asarray(places, np.float64)
         share = np.linspace(*_CLEAR, _STEPS)[:, None]
@@ -163,7 +160,7 @@ class Ground:
         return np.asarray(((self.height(x, y) > z + slack) & self.covers(x, y)).any(axis=0))
 
 
-def ring(x: float, y: float, radius: float, *, count: int = 96) -> Floats:
+def ring(x: float, y: float, radius: float, *, count: int = 96) -> Float64Array:
     """Return a closed ring of places (count + 1, 2) around a place (m)."""
     angle = np.linspace(0.0, 2.0 * np.pi, count + 1)
     return np.column_stack([x + radius * np.cos(angle), y + radius * np.sin(angle)])

@@ -6,9 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
+from sketchterrain.array_types import Float32Array
 from sketchterrain.errors import InputError
 from sketchterrain.export.engines import requested_storeys, write_tiles
 from sketchterrain.export.features import write_features
@@ -23,7 +21,6 @@ from sketchterrain.export.tiling import TileWindow, Tiling
 from sketchterrain.export.weights import CHANNELS
 from sketchterrain.terrain.plant import PLANT
 
-Heights = npt.NDArray[np.float32]
 _TILE_OPTIONS = frozenset({"tiles", "overlap", "tile_name", "tile_first", "tiles_from_south"})
 _AXES = "x east, y north, z up, metres from the sketch's south-west corner"
 _DTYPES = {"r16": "<u2", "r16be": ">u2", "r32": "<f4"}
@@ -40,7 +37,7 @@ def _write_raw(export: Export) -> ExportOutput:
     dtype = _DTYPES[form]
     steps = _quantisation(export) if form in _QUANTISED else None
 
-    def write(path: Path, height: Heights) -> Path:
+    def write(path: Path, height: Float32Array) -> Path:
         numbers = height if steps is None else steps.encode(height)
         return write_raw(path.with_name(f"{path.name}.{form[:3]}"), numbers, dtype)
 
@@ -52,14 +49,14 @@ def _write_raw(export: Export) -> ExportOutput:
 def _write_png16(export: Export) -> ExportOutput:
     steps = _quantisation(export)
 
-    def write(path: Path, height: Heights) -> Path:
+    def write(path: Path, height: Float32Array) -> Path:
         return write_values_png(path.with_name(f"{path.name}.png"), steps.encode(height))
 
     return _write_images(export, write, steps, {}, {"Colour Space": "linear, non-colour data"})
 
 
 def _write_exr(export: Export) -> ExportOutput:
-    def write(path: Path, height: Heights) -> Path:
+    def write(path: Path, height: Float32Array) -> Path:
         return write_exr(path.with_name(f"{path.name}.exr"), {"Y": height})
 
     return _write_images(export, write, None, {}, {"Colour Space": "linear, non-colour data", "Channel": "Y"})
@@ -71,7 +68,7 @@ def _quantisation(export: Export) -> HeightQuantisation:
 
 def _write_images(
     export: Export,
-    write: Callable[[Path, Heights], Path],
+    write: Callable[[Path, Float32Array], Path],
     steps: HeightQuantisation | None,
     facts: dict[str, Any],
     settings: dict[str, str],

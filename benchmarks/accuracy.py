@@ -12,9 +12,9 @@ from sketchterrain.benchmarks import choices
 from sketchterrain.benchmarks.grounds import open_ground, scattered_keys
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
-from sketchterrain.terrain.evaluation import Evaluator
+from sketchterrain.terrain.evaluator import Evaluator
+from sketchterrain.terrain.host_heights import host_samples
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit
-from sketchterrain.terrain.reference import host_samples
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -23,8 +23,9 @@ if TYPE_CHECKING:
 
     from sketchterrain.array_types import Float64Array
     from sketchterrain.benchmarks.effort import Effort
-    from sketchterrain.terrain import Terrain, TerrainRecipe
+    from sketchterrain.terrain.recipe import TerrainRecipe
     from sketchterrain.terrain.surfaces import Surface
+    from sketchterrain.terrain.terrain import Terrain
 
 
 __all__ = ["DOUBLE", "FLOAT", "NUMPY", "TILE_SEED", "measure"]

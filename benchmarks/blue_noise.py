@@ -9,7 +9,7 @@ from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table, sample
 from sketchterrain.benchmarks.point_ways import OURS, THESIS, fill_of, own, peers, room_of, thesis
 from sketchterrain.benchmarks.spectrum import SIDE, spectrum_of
 from sketchterrain.benchmarks.timing import alternate, spread
-from sketchterrain.terrain.poisson import GREATEST_DENSITY, TRIALS
+from sketchterrain.vegetation.poisson import GREATEST_DENSITY, TRIALS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -15,11 +15,11 @@ from sketchterrain.benchmarks.noise import NoiseGrid
 from sketchterrain.benchmarks.outcome import Column, Row, Table
 from sketchterrain.benchmarks.spline_methods import ARCS
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, spread
-from sketchterrain.terrain import surroundings
-from sketchterrain.terrain.evaluation import Evaluator
+from sketchterrain.terrain import feature_cache as surroundings
+from sketchterrain.terrain.evaluator import Evaluator
+from sketchterrain.terrain.host_heights import host_samples
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit
 from sketchterrain.terrain.packing import pack_features
-from sketchterrain.terrain.reference import host_samples
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
     from sketchterrain.array_types import StructuredArray
     from sketchterrain.benchmarks.effort import Effort
-    from sketchterrain.terrain import TerrainRecipe
     from sketchterrain.terrain.packing import PackedFeatures
+    from sketchterrain.terrain.recipe import TerrainRecipe
 
     Reals = npt.NDArray[np.floating[Any]]
 

@@ -44,7 +44,7 @@ def run(
     quick
         Small sizes and few rounds: under a minute altogether.
     device
-        Selector as for :func:`~sketchterrain.compute.choose_device`.
+        Selector as for :func:`~sketchterrain.compute.device.choose_device`.
     fast
         Whether the kernels may trade bits for speed.
     as_json

@@ -11,11 +11,11 @@ import numpy as np
 from sketchterrain.benchmarks.grounds import BARE, BARE_SEED, open_ground
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import Lap, alternate, lap, spread
-from sketchterrain.features import FEATURE, FEATURE_TYPES
-from sketchterrain.terrain import Terrain
+from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES
 from sketchterrain.terrain.culling import painted_near
 from sketchterrain.terrain.kernel_arguments import KernelArguments
-from sketchterrain.terrain.patch_places import tile_patches
+from sketchterrain.terrain.patch_layout import tile_patches
+from sketchterrain.terrain.terrain import Terrain
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

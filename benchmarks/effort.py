@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from sketchterrain.io.resources import preset_names
 from sketchterrain.render.quality import PARTS
-from sketchterrain.resources import preset_names
 
 
 @dataclass(frozen=True)

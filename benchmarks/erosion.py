@@ -13,13 +13,12 @@ import numpy as np
 
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import lap, spread
-from sketchterrain.sketch import load_sketch
-from sketchterrain.terrain.evaluation import Evaluator
-from sketchterrain.terrain.from_sketch import make_recipe
+from sketchterrain.document.store import load_sketch
+from sketchterrain.terrain.building import make_recipe
+from sketchterrain.terrain.evaluator import Evaluator
+from sketchterrain.terrain.host_heights import host_heights, host_slope
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
-from sketchterrain.terrain.octaves import NoiseStack, octave_table
-from sketchterrain.terrain.reference import host_heights, host_slope
-from sketchterrain.terrain.reference_noise import fbm
+from sketchterrain.terrain.noise import NoiseStack, fbm, octave_table
 
 if TYPE_CHECKING:
     import numpy.typing as npt

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from sketchterrain.benchmarks.effort import Effort
-    from sketchterrain.terrain import Terrain
+    from sketchterrain.terrain.terrain import Terrain
 
 MOST = "most_px"
 """The key of the measured error that ways are compared at: what 99.9 % of the samples stay within, px."""

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.benchmarks.effort import Effort
-    from sketchterrain.render.stats import FrameStats
-    from sketchterrain.terrain import Terrain
+    from sketchterrain.render.budgets import FrameStats
+    from sketchterrain.terrain.terrain import Terrain
 
 SHARE_WITHIN = 99.0
 """% of the frames with new tiles that are to make them within the budget; all within twice it."""

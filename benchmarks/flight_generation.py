@@ -15,7 +15,8 @@ from sketchterrain.benchmarks.flight_scene import PICTURE, RATE, stops
 from sketchterrain.benchmarks.flight_stream import OwnTiles, view_of, within_world
 from sketchterrain.benchmarks.flight_ways import OURS, THESIS, thesis_seconds, thesis_view
 from sketchterrain.benchmarks.outcome import Column, Row, Table
-from sketchterrain.tiles import inside_frustum, tile_indices
+from sketchterrain.tiles.lod import inside_frustum
+from sketchterrain.tiles.quadtree import tile_indices
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.flight_scene import Stop
     from sketchterrain.benchmarks.flight_stream import OwnFrame
     from sketchterrain.benchmarks.timing import TimedContext
-    from sketchterrain.terrain import Terrain
+    from sketchterrain.terrain.terrain import Terrain
 
 
 BUDGET: Final = 8e-3

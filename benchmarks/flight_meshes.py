@@ -11,14 +11,15 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.benchmarks.screen_error import ScreenSamples, screen_distances
-from sketchterrain.tiles import inside_frustum, morph_weights, tile_indices
+from sketchterrain.tiles.lod import inside_frustum, morph_weights
+from sketchterrain.tiles.quadtree import tile_indices
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from sketchterrain.benchmarks.flight_scene import Stop
     from sketchterrain.benchmarks.screen_error import Picture
-    from sketchterrain.terrain import Terrain
+    from sketchterrain.terrain.terrain import Terrain
 
 
 _CHUNK = 1 << 20  # vertices evaluated at once
@@ -43,7 +44,7 @@ class Tiles:
     places : (n, 3) int64
         Level, column and row.
     cases : (n,) int64
-        Sides at coarser tiles, see :mod:`sketchterrain.tiles.borders`.
+        Sides at coarser tiles, see :mod:`sketchterrain.tiles.quadtree`.
     morph : (n, 3, 3) float32 or None
         How much of its parent each shows at its controls; None for nothing.
     full : bool

@@ -21,13 +21,13 @@ from sketchterrain.benchmarks.baselines.problem import Absent
 from sketchterrain.benchmarks.flight_meshes import Mesh, height_range
 from sketchterrain.benchmarks.flight_scene import FINEST_CELL
 from sketchterrain.terrain.vertices import VertexStore
-from sketchterrain.tiles import inside_frustum
+from sketchterrain.tiles.lod import inside_frustum
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from sketchterrain.benchmarks.flight_meshes import View
-    from sketchterrain.terrain import Terrain
+    from sketchterrain.terrain.terrain import Terrain
 
 
 QUADS = 256

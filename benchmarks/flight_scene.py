@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from sketchterrain.benchmarks.screen_error import Picture
+from sketchterrain.document.store import load_sketch
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.flight import Flight, Keyframe
-from sketchterrain.sketch import load_sketch
-from sketchterrain.terrain import build
+from sketchterrain.terrain.building import build
 
 if TYPE_CHECKING:
-    from sketchterrain.compute import ComputeContext
-    from sketchterrain.terrain import Terrain
+    from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.terrain.terrain import Terrain
 
 EXTENT: Final = 4096.0
 """m; the thesis's terrain (section 7.1)."""

@@ -11,12 +11,13 @@ import numpy.typing as npt
 from sketchterrain.benchmarks.flight_meshes import Tiles
 from sketchterrain.benchmarks.flight_scene import FINEST_CELL, PICTURE
 from sketchterrain.terrain.vertices import VERTEX
-from sketchterrain.tiles import CameraView, ScreenError, TileStream
+from sketchterrain.tiles.lod import CameraView, ScreenError
+from sketchterrain.tiles.stream import TileStream
 
 if TYPE_CHECKING:
     from sketchterrain.benchmarks.flight_scene import Stop
-    from sketchterrain.terrain import Terrain
-    from sketchterrain.tiles import Batch, DrawList
+    from sketchterrain.terrain.terrain import Terrain
+    from sketchterrain.tiles.tile_pool import Batch, DrawList
 
 _BYTES = 2040 << 20  # of a pool: large tiles need much
 _MOST_SLOTS = 8192

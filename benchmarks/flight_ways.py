@@ -17,7 +17,7 @@ from sketchterrain.benchmarks.flight_scene import FINEST_CELL
 from sketchterrain.benchmarks.flight_stream import OwnTiles, view_of, within_world
 from sketchterrain.benchmarks.thesis_view import ThesisView, feature_discs
 from sketchterrain.benchmarks.timing import lap
-from sketchterrain.tiles import QUADS
+from sketchterrain.tiles.stream import QUADS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.flight_meshes import Mesh, View
     from sketchterrain.benchmarks.flight_peers import Mesher
-    from sketchterrain.terrain import Terrain
+    from sketchterrain.terrain.terrain import Terrain
 
 OURS = "this program"
 THESIS = "the thesis's metric"

@@ -13,16 +13,18 @@ from typing import TYPE_CHECKING, Final
 
 from PIL import Image
 
-from sketchterrain.render import Quality, Weather, render_picture
-from sketchterrain.resources import preset_names
-from sketchterrain.sketch import load_sketch
-from sketchterrain.terrain import build
-from sketchterrain.whole_files import write_atomic
+from sketchterrain.document.store import load_sketch
+from sketchterrain.io.files import write_atomic
+from sketchterrain.io.resources import preset_names
+from sketchterrain.render.quality import Quality
+from sketchterrain.render.sky import Weather
+from sketchterrain.render.snapshot import render_picture
+from sketchterrain.terrain.building import build
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from sketchterrain.terrain import Terrain
+    from sketchterrain.terrain.terrain import Terrain
 
 VIEWS: Final = ("ground", "hill", "air")
 LIGHTS: Final = {

@@ -6,11 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sketchterrain.sketch import Sketch, load_sketch
-from sketchterrain.terrain import Terrain, build
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import load_sketch
+from sketchterrain.terrain.building import build
+from sketchterrain.terrain.terrain import Terrain
 
 if TYPE_CHECKING:
-    from sketchterrain.compute import ComputeContext
+    from sketchterrain.compute.context import ComputeContext
 
 BARE = "bare"
 """Ground of the default relief over 4096 m: octaves of noise and no feature at all."""

@@ -9,10 +9,11 @@ import numpy as np
 from sketchterrain.benchmarks.grounds import BARE, open_ground
 from sketchterrain.benchmarks.outcome import Column, Row, Table
 from sketchterrain.benchmarks.timing import TimedContext, alternate, spread
-from sketchterrain.compute import is_usable, list_devices
+from sketchterrain.compute.device import list_devices
+from sketchterrain.compute.device_check import is_usable
 from sketchterrain.terrain.kernel_arguments import KernelArguments
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit
-from sketchterrain.terrain.patch_places import Patches
+from sketchterrain.terrain.patch_layout import Patches
 from sketchterrain.terrain.patches import PatchLauncher
 from sketchterrain.terrain.surfaces import SurfaceStore
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.timing import Lap
-    from sketchterrain.terrain import TerrainRecipe
+    from sketchterrain.terrain.recipe import TerrainRecipe
 
 SIZES = (16, 32, 64, 128)
 """Quads along a tile's side; tiles have 64."""

@@ -17,19 +17,18 @@ from sketchterrain.benchmarks.spline_cases import splines_and_places
 from sketchterrain.benchmarks.spline_methods import KERNELS, SplineQueries
 from sketchterrain.benchmarks.timing import alternate, spread
 from sketchterrain.look.texture_maker import LAYERS, emboss, paint_layer
-from sketchterrain.terrain.graded_poisson import GradedPoisson
 from sketchterrain.terrain.lattice import QUADS
-from sketchterrain.terrain.patch_places import sample_stride
-from sketchterrain.terrain.poisson import PoissonDisk
-from sketchterrain.terrain.spacing_raster import SpacingRaster
+from sketchterrain.terrain.patch_layout import sample_stride
 from sketchterrain.terrain.vertices import VERTEX
+from sketchterrain.vegetation.graded_poisson import GradedPoisson, SpacingRaster
+from sketchterrain.vegetation.poisson import PoissonDisk
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.timing import Lap, TimedContext
-    from sketchterrain.terrain import Terrain
+    from sketchterrain.terrain.terrain import Terrain
 
 _REAL = 4
 _POINT_RADIUS = 1 << 14  # lattice units

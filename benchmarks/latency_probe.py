@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import DeviceError
-from sketchterrain.sketch import Sketch
 from sketchterrain.ui.app import new_window
-from sketchterrain.ui.painting.stroke import Stroke
+from sketchterrain.ui.models.painting import Stroke
 
 if TYPE_CHECKING:
     from PyQt6.QtCore import QCoreApplication

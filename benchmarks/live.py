@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.latency_probe import Painted
     from sketchterrain.benchmarks.timing import TimedContext
-    from sketchterrain.sketch import Sketch
+    from sketchterrain.document.sketch import Sketch
 
 SEED: Final = 11
 STAGES: Final = ("waiting", "placing", "areas", "handing over", "tiles")

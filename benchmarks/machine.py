@@ -8,7 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from sketchterrain.compute import Device
+    from sketchterrain.compute.device import Device
 
 _PACKAGES = (
     "sketchterrain",

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from PIL import Image
 
-from sketchterrain.compute import ComputeContext
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.io.files import write_atomic
 from sketchterrain.look.texture_maker import LAYERS, emboss, paint_layer
-from sketchterrain.whole_files import write_atomic
 
 if TYPE_CHECKING:
     import numpy.typing as npt

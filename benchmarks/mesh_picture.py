@@ -16,7 +16,7 @@ from sketchterrain.benchmarks.grounds import open_ground
 from sketchterrain.benchmarks.timing import TimedContext
 from sketchterrain.export.mesh import adaptive_mesh
 from sketchterrain.export.sampled import SampleGrid, sample_terrain
-from sketchterrain.whole_files import write_atomic
+from sketchterrain.io.files import write_atomic
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.timing import Lap, TimedContext
-    from sketchterrain.terrain import Terrain
+    from sketchterrain.terrain.terrain import Terrain
 
 _TITLE = "Meshes at an error bound"
 _COLUMNS = (

@@ -14,19 +14,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sketchterrain.benchmarks.point_pictures import draw_points
-from sketchterrain.compute import ComputeContext
-from sketchterrain.resources import preset_names
-from sketchterrain.sketch import load_sketch
-from sketchterrain.terrain import Terrain, build
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.document.store import load_sketch
+from sketchterrain.io.files import write_atomic
+from sketchterrain.io.resources import preset_names
+from sketchterrain.terrain.building import build
 from sketchterrain.terrain.materials import MATERIALS
-from sketchterrain.whole_files import write_atomic
+from sketchterrain.terrain.terrain import Terrain
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     import numpy.typing as npt
 
-    from sketchterrain.terrain import Raster
+    from sketchterrain.terrain.surfaces import Raster
 
     Pixels = npt.NDArray[np.float64]
 
@@ -119,10 +120,10 @@ def draw_foliage(context: ComputeContext) -> Any:
     """Draw how far apart plants are to stand at a forest's edge, and those that do."""
     from matplotlib.colors import LogNorm
 
-    from sketchterrain.terrain.evaluation import Evaluator
+    from sketchterrain.terrain.evaluator import Evaluator
     from sketchterrain.terrain.lattice import metres_per_unit
-    from sketchterrain.terrain.plant_spacing import SpacingBlocks
-    from sketchterrain.terrain.woods import LEAST, MOST, Woods
+    from sketchterrain.vegetation.plants import SpacingBlocks
+    from sketchterrain.vegetation.woods import LEAST, MOST, Woods
 
     terrain = build(load_sketch("valley_river"), device=context)
     figure = _figure(9.0, 4.9)

@@ -10,8 +10,7 @@ from sketchterrain.benchmarks.baselines.problem import NoiseProblem
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import alternate, lap, spread
 from sketchterrain.terrain.lattice import metres_per_unit
-from sketchterrain.terrain.octaves import NoiseStack, corner_table, octave_table
-from sketchterrain.terrain.reference_noise import fbm, fbm_slope
+from sketchterrain.terrain.noise import NoiseStack, corner_table, fbm, fbm_slope, octave_table
 
 if TYPE_CHECKING:
     import numpy.typing as npt

@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sketchterrain.io.files import write_atomic
 from sketchterrain.terrain.lattice import metres_per_unit
-from sketchterrain.terrain.octaves import NoiseStack, octave_table
-from sketchterrain.terrain.reference_noise import fbm, gradients, ridged
-from sketchterrain.whole_files import write_atomic
+from sketchterrain.terrain.noise import NoiseStack, fbm, gradients, octave_table, ridged
 
 if TYPE_CHECKING:
     from sketchterrain.array_types import Float64Array

@@ -10,10 +10,8 @@ import numpy as np
 from sketchterrain.benchmarks.grounds import open_ground
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import alternate, lap, spread
-from sketchterrain.export.sampled import quantise_normals
-from sketchterrain.export.weights import quantise_weights
-from sketchterrain.world.grid import CHUNK
-from sketchterrain.world.ground import LAYER_SPECS
+from sketchterrain.export.sampled import quantise_normals, quantise_weights
+from sketchterrain.world.grid import CHUNK, LAYER_SPECS
 from sketchterrain.world.task_runner import rounded
 
 if TYPE_CHECKING:
@@ -23,7 +21,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.timing import TimedContext
-    from sketchterrain.terrain import Terrain
+    from sketchterrain.terrain.terrain import Terrain
 
 _CELL = 1.0  # m
 _WAYS = {

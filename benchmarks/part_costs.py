@@ -10,11 +10,12 @@ import numpy as np
 
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import alternate, spread
-from sketchterrain.features import FEATURE_TYPES
-from sketchterrain.sketch import load_sketch
-from sketchterrain.terrain import Terrain, build
+from sketchterrain.document.store import load_sketch
+from sketchterrain.placement.feature_types import FEATURE_TYPES
+from sketchterrain.terrain.building import build
 from sketchterrain.terrain.lattice import QUADS
 from sketchterrain.terrain.recipe import NoFill
+from sketchterrain.terrain.terrain import Terrain
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -22,8 +23,8 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.grounds import TileKey
     from sketchterrain.benchmarks.timing import TimedContext
-    from sketchterrain.terrain import Tile
     from sketchterrain.terrain.recipe import TerrainRecipe
+    from sketchterrain.terrain.surfaces import Tile
 
 _LEVEL = 4
 _GROUNDS = ("valley_river", "desert_mountains")

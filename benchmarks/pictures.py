@@ -11,15 +11,15 @@ import numpy as np
 from skimage.color import deltaE_ciede2000, rgb2lab
 
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
+from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import DeviceError
 from sketchterrain.render.context import close_context, open_context
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.snapshot import read_picture
 from sketchterrain.render.sunlight import find_sun
-from sketchterrain.render.view import find_view
-from sketchterrain.sketch import load_sketch
-from sketchterrain.terrain import build
+from sketchterrain.render.views import find_view
+from sketchterrain.terrain.building import build
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from sketchterrain.array_types import UInt8Array
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.timing import TimedContext
-    from sketchterrain.compute import ComputeContext
+    from sketchterrain.compute.context import ComputeContext
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.sky import Sun
-    from sketchterrain.terrain import Terrain
+    from sketchterrain.terrain.terrain import Terrain
 
 
 BEST: Final = 1.0

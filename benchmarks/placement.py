@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING
 
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import alternate, lap, spread
-from sketchterrain.features import FEATURE_TYPES, label_shapes, place, trace_rivers
-from sketchterrain.features.user_features import user_features
-from sketchterrain.sketch import load_sketch
-from sketchterrain.terrain import make_recipe
-from sketchterrain.terrain.reference import host_heights
+from sketchterrain.document.store import load_sketch
+from sketchterrain.hydrology.rivers import trace_rivers
+from sketchterrain.placement.feature_types import FEATURE_TYPES
+from sketchterrain.placement.placement import place
+from sketchterrain.placement.shapes import label_shapes
+from sketchterrain.placement.user_features import user_features
+from sketchterrain.terrain.building import make_recipe
+from sketchterrain.terrain.host_heights import host_heights
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,9 +26,9 @@ if TYPE_CHECKING:
     from sketchterrain.array_types import Float64Array
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.timing import TimedContext
-    from sketchterrain.features import Shape
-    from sketchterrain.sketch import Sketch
-    from sketchterrain.terrain import TerrainRecipe
+    from sketchterrain.document.sketch import Sketch
+    from sketchterrain.placement.shapes import Shape
+    from sketchterrain.terrain.recipe import TerrainRecipe
 
 
 _RIVER_CELLS_PER_EXTENT = 256  # as make_recipe shows the ground to rivers

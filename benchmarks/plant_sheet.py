@@ -14,20 +14,22 @@ import numpy as np
 from PIL import Image
 
 from sketchterrain.benchmarks.grounds import BARE, open_ground
-from sketchterrain.compute import ComputeContext
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.io.files import write_atomic
 from sketchterrain.look.tree_species import HEIGHTS, SPECIES
-from sketchterrain.render import Camera, Quality, Sun, Weather
+from sketchterrain.render.camera import Camera
+from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
+from sketchterrain.render.sky import Sun, Weather
 from sketchterrain.render.snapshot import canvas, read_picture
-from sketchterrain.terrain.plant import PLANT
-from sketchterrain.whole_files import write_atomic
+from sketchterrain.vegetation.plants import PLANT
 
 if TYPE_CHECKING:
     from collections.abc import Generator
 
     import numpy.typing as npt
 
-    from sketchterrain.terrain import Terrain
+    from sketchterrain.terrain.terrain import Terrain
 
 LEAVES: Final = (10.0, 0.7, 0.26, 0.12, 0.05)
 """`Quality.leaves` at which plants of the sheet's size are drawn at each level of detail."""

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 from sketchterrain.benchmarks.grounds import open_ground
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import alternate, spread
-from sketchterrain.terrain.plant import STOREYS
+from sketchterrain.vegetation.plants import STOREYS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.timing import Lap, TimedContext
-    from sketchterrain.terrain import Terrain
+    from sketchterrain.terrain.terrain import Terrain
 
 _NARROWER = {"grass": 8}
 

@@ -6,12 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sketchterrain.terrain.graded_poisson import GradedPoisson
-from sketchterrain.terrain.poisson import PoissonDisk
-from sketchterrain.terrain.spacing_raster import SpacingRaster
+from sketchterrain.vegetation.graded_poisson import GradedPoisson, SpacingRaster
+from sketchterrain.vegetation.poisson import PoissonDisk
 
 if TYPE_CHECKING:
-    from sketchterrain.compute import ComputeContext
+    from sketchterrain.compute.context import ComputeContext
 
 _COLOURS = ("#333333", "#0072B2", "#009E73", "#D55E00")
 _LEAST = 1 << 14  # lattice units

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from sketchterrain.benchmarks.baselines import bridson
 from sketchterrain.benchmarks.baselines.phase_groups import PhaseGroups
 from sketchterrain.benchmarks.baselines.problem import Absent
-from sketchterrain.terrain.poisson import GREATEST_DENSITY, PoissonDisk
+from sketchterrain.vegetation.poisson import GREATEST_DENSITY, PoissonDisk
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -12,17 +12,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sketchterrain.compute import ComputeContext
-from sketchterrain.sketch import Sketch, load_sketch
-from sketchterrain.terrain import build
-from sketchterrain.terrain.evaluation import MASKS, Evaluator
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import load_sketch
+from sketchterrain.io.files import write_atomic
+from sketchterrain.terrain.building import build
+from sketchterrain.terrain.evaluator import MASKS, Evaluator
 from sketchterrain.terrain.lattice import to_lattice
-from sketchterrain.whole_files import write_atomic
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from sketchterrain.terrain import Terrain
+    from sketchterrain.terrain.terrain import Terrain
 
     Pixels = npt.NDArray[np.float64]
     Window = tuple[float, float, float]

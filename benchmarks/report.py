@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from sketchterrain.benchmarks import charts
 from sketchterrain.benchmarks.tables import markdown
-from sketchterrain.whole_files import wrap_os_errors, write_atomic
+from sketchterrain.io.files import wrap_os_errors, write_atomic
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -15,7 +15,7 @@ from sketchterrain.benchmarks.timing import alternate, spread
 from sketchterrain.terrain.kernel_arguments import KernelArguments
 from sketchterrain.terrain.lattice import QUADS
 from sketchterrain.terrain.materials import MATERIALS
-from sketchterrain.terrain.patch_places import tile_patches
+from sketchterrain.terrain.patch_layout import tile_patches
 from sketchterrain.terrain.patches import PatchLauncher
 from sketchterrain.terrain.surfaces import SurfaceStore
 

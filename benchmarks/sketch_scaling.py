@@ -10,11 +10,13 @@ import numpy as np
 
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import alternate, lap, spread
-from sketchterrain.features import FEATURE_TYPES, place, trace_rivers
-from sketchterrain.features.memory import PlacementCache
-from sketchterrain.features.shapes import find_regions, measure_shape
-from sketchterrain.features.user_features import user_features
-from sketchterrain.sketch import Sketch
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.hydrology.rivers import trace_rivers
+from sketchterrain.placement.feature_types import FEATURE_TYPES
+from sketchterrain.placement.placement import place
+from sketchterrain.placement.placement_cache import PlacementCache
+from sketchterrain.placement.shapes import find_regions, measure_shape
+from sketchterrain.placement.user_features import user_features
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
     from sketchterrain.array_types import Float64Array
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.timing import Lap, TimedContext
-    from sketchterrain.features.shapes import Region
+    from sketchterrain.placement.shapes import Region
 
 
 SEED = 5

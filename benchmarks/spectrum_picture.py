@@ -18,8 +18,8 @@ from sketchterrain.benchmarks.baselines.phase_groups import PhaseGroups
 from sketchterrain.benchmarks.point_ways import own
 from sketchterrain.benchmarks.spectrum import HIGHEST, LOWEST, SETS, SIDE, spectrum_of
 from sketchterrain.benchmarks.timing import TimedContext
-from sketchterrain.terrain.poisson import TRIALS
-from sketchterrain.whole_files import write_atomic
+from sketchterrain.io.files import write_atomic
+from sketchterrain.vegetation.poisson import TRIALS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -14,8 +14,9 @@ from sketchterrain.benchmarks.baselines.problem import Absent, Rival
 from sketchterrain.benchmarks.noise import OCTAVES, NoiseGrid
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import TimedContext, alternate, lap, spread
-from sketchterrain.compute import is_usable, list_devices
-from sketchterrain.system import cpu_count
+from sketchterrain.compute.device import list_devices
+from sketchterrain.compute.device_check import is_usable
+from sketchterrain.io.system import cpu_count
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sketchterrain.features.splines import cubics
+from sketchterrain.hydrology.splines import cubics
 
 if TYPE_CHECKING:
     from collections.abc import Callable

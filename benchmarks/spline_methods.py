@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sketchterrain.features.splines import cubics
-from sketchterrain.terrain.arcs import flatten, position
+from sketchterrain.hydrology.splines import cubics
+from sketchterrain.terrain.centrelines import flatten, position
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.array_types import Float64Array
-    from sketchterrain.compute import ComputeContext
+    from sketchterrain.compute.context import ComputeContext
 
 
 __all__ = ["ARCS", "FLATTENED", "KERNELS", "SEGMENTS", "SplineQueries", "pieces_of"]

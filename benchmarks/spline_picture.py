@@ -15,8 +15,8 @@ from scipy.ndimage import binary_dilation
 from sketchterrain.benchmarks.spline_cases import distances
 from sketchterrain.benchmarks.spline_methods import ARCS, KERNELS, SEGMENTS, SplineQueries
 from sketchterrain.benchmarks.splines import failures
-from sketchterrain.compute import ComputeContext
-from sketchterrain.features.splines import catmull_rom
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.hydrology.splines import catmull_rom
 
 if TYPE_CHECKING:
     import numpy.typing as npt

@@ -17,7 +17,7 @@ from sketchterrain.benchmarks.timing import TimedContext, alternate, lap, spread
 from sketchterrain.terrain import kernel_arguments
 from sketchterrain.terrain.kernel_arguments import KernelArguments
 from sketchterrain.terrain.lattice import QUADS
-from sketchterrain.terrain.patch_places import tile_patches
+from sketchterrain.terrain.patch_layout import tile_patches
 from sketchterrain.terrain.patches import PatchLauncher
 from sketchterrain.terrain.recipe import FINEST_CELL
 from sketchterrain.terrain.surfaces import SurfaceStore
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.grounds import TileKey
     from sketchterrain.benchmarks.timing import Lap
-    from sketchterrain.compute import ComputeContext
-    from sketchterrain.terrain import TerrainRecipe
+    from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.terrain.recipe import TerrainRecipe
 
 OURS = "this program"
 ALONE = "this program, heights and normals alone"

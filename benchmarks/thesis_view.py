@@ -14,13 +14,13 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array
-from sketchterrain.features import FEATURE_TYPES
-from sketchterrain.tiles.borders import EAST, NORTH, SOUTH, WEST
+from sketchterrain.placement.feature_types import FEATURE_TYPES
+from sketchterrain.tiles.quadtree import EAST, NORTH, SOUTH, WEST
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sketchterrain.terrain import TerrainRecipe
+    from sketchterrain.terrain.recipe import TerrainRecipe
 
 
 PLAIN = 1.0

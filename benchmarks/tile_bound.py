@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sketchterrain.benchmarks.grounds import BARE, central_keys, open_ground
-from sketchterrain.features import FEATURE, FEATURE_TYPES, Lake, River, ShapeField
-from sketchterrain.terrain.evaluation import Evaluator
+from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES, Lake, River, ShapeField
+from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.kernel_arguments import KernelArguments
 from sketchterrain.terrain.lattice import QUADS, metres_per_unit
 from sketchterrain.terrain.packing import support_radii
-from sketchterrain.terrain.patch_places import tile_patches
+from sketchterrain.terrain.patch_layout import tile_patches
 from sketchterrain.terrain.patches import PatchLauncher
 from sketchterrain.terrain.surfaces import SurfaceStore
 
@@ -24,9 +24,10 @@ if TYPE_CHECKING:
 
     from sketchterrain.benchmarks.grounds import TileKey
     from sketchterrain.benchmarks.timing import Lap, TimedContext
-    from sketchterrain.terrain import Terrain, TerrainRecipe
     from sketchterrain.terrain.kernel_arguments import CulledInputs
-    from sketchterrain.terrain.patch_places import Patches
+    from sketchterrain.terrain.patch_layout import Patches
+    from sketchterrain.terrain.recipe import TerrainRecipe
+    from sketchterrain.terrain.terrain import Terrain
 
 BYTES = 64
 """Of a tile's vertex: height, normal, eight weights, its parent's height and normal."""

@@ -12,14 +12,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sketchterrain.benchmarks.grounds import open_ground, scattered_keys
-from sketchterrain.compute import ComputeContext
+from sketchterrain.compute.context import ComputeContext
 from sketchterrain.terrain.kernel_arguments import KernelArguments
-from sketchterrain.terrain.patch_places import tile_patches
+from sketchterrain.terrain.patch_layout import tile_patches
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from sketchterrain.terrain import Terrain, Tile
+    from sketchterrain.terrain.surfaces import Tile
+    from sketchterrain.terrain.terrain import Terrain
 
 _PRESET = "valley_river"
 _LEVEL = 5

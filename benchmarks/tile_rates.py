@@ -13,8 +13,8 @@ from sketchterrain.benchmarks.noise import OCTAVES, NoiseGrid
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.tile_bound import BYTES, KINDS, counted, probes, slope
 from sketchterrain.benchmarks.timing import alternate, spread
-from sketchterrain.terrain import Terrain
 from sketchterrain.terrain.lattice import QUADS
+from sketchterrain.terrain.terrain import Terrain
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from sketchterrain.compute import ComputeContext
+from sketchterrain.compute.context import ComputeContext
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -13,9 +13,9 @@ from typing import Final
 
 from PIL import Image, ImageDraw, ImageFont
 
-from sketchterrain.trace.coloured_map import read_map
-from sketchterrain.trace.sheet import Sheet, preview_png
-from sketchterrain.whole_files import write_atomic
+from sketchterrain.importing.images import read_map
+from sketchterrain.importing.traced_layers import Sheet, preview_png
+from sketchterrain.io.files import write_atomic
 
 _SIZE: Final = (600, 420)
 _FINER: Final = 4  # times as large it is drawn, then scaled down: antialiased

@@ -12,19 +12,18 @@ from PIL import Image
 from scipy import ndimage
 
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
-from sketchterrain.sketch import load_sketch
-from sketchterrain.sketch.document import labels_in
-from sketchterrain.sketch.label_colours import DRAW_ORDER, label_rgb, to_oklab
-from sketchterrain.trace.coloured_map import read_map
-from sketchterrain.trace.legend import NOTHING, Legend, Meaning
-from sketchterrain.trace.sheet import Sheet, sketch_picture
+from sketchterrain.document.label_layers import DRAW_ORDER, label_rgb, labels_in, to_oklab
+from sketchterrain.document.store import load_sketch
+from sketchterrain.importing.images import read_map
+from sketchterrain.importing.legend import NOTHING, Legend, Meaning
+from sketchterrain.importing.traced_layers import Sheet, sketch_picture
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.timing import TimedContext
-    from sketchterrain.sketch import Sketch
+    from sketchterrain.document.sketch import Sketch
 
     Labels = npt.NDArray[np.int64]
 

@@ -5,15 +5,29 @@
 >>> terrain.heights(1000.0, 2000.0)  # doctest: +SKIP
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
-from sketchterrain.lazily import lazy_attributes
+import importlib
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from sketchterrain.sketch import Sketch, load_sketch, new_sketch, save_sketch
-    from sketchterrain.terrain import MATERIALS, SPECIES, Terrain, Tile, build
+    from sketchterrain.document.parameters import MATERIALS
+    from sketchterrain.document.sketch import Sketch
+    from sketchterrain.document.store import load_sketch, new_sketch, save_sketch
+    from sketchterrain.terrain.building import build
+    from sketchterrain.terrain.surfaces import Tile
+    from sketchterrain.terrain.terrain import Terrain
+    from sketchterrain.vegetation.plants import SPECIES
+
+_MODULES = {
+    "MATERIALS": "document.parameters",
+    "SPECIES": "vegetation.plants",
+    "Sketch": "document.sketch",
+    "Terrain": "terrain.terrain",
+    "Tile": "terrain.surfaces",
+    "build": "terrain.building",
+    "load_sketch": "document.store",
+    "new_sketch": "document.store",
+    "save_sketch": "document.store",
+}
 
 __all__ = [
     "MATERIALS",
@@ -27,9 +41,9 @@ __all__ = [
     "save_sketch",
 ]
 
-_ROOM = {
-    **dict.fromkeys(("Sketch", "load_sketch", "new_sketch", "save_sketch"), "sketch"),
-    **dict.fromkeys(("MATERIALS", "SPECIES", "Terrain", "Tile", "build"), "terrain"),
-}
 
-__getattr__ = lazy_attributes(__name__, _ROOM)
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used (PEP 562), so that importing the package loads no driver."""
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)

@@ -4,6 +4,6 @@ from __future__ import annotations
 
 import sys
 
-from sketchterrain.cli import main
+from sketchterrain.app.cli import main
 
 sys.exit(main())

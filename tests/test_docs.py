@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from sketchterrain.sketch import reference_table, rule_table
+from sketchterrain.document.toml_format import reference_table, rule_table
 
 ROOT = Path(__file__).parents[1]
 PAGES = ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md")
@@ -11,7 +11,7 @@ DOCS = [*(ROOT / name for name in PAGES), *(ROOT / "docs").rglob("*.md")]
 
 
 def test_tables_of_parameters_and_rules_are_generated() -> None:
-    """`sketchterrain.sketch.reference_table` and `rule_table` return them."""
+    """`sketchterrain.document.toml_format.reference_table` and `rule_table` return them."""
     text = (ROOT / "docs/parameters.md").read_text(encoding="utf-8")
     assert reference_table().strip() in text
     assert rule_table() in (ROOT / "docs/kernels/materials.md").read_text(encoding="utf-8")
@@ -27,7 +27,7 @@ def test_links_and_pictures_exist() -> None:
 def test_readme_names_every_command() -> None:
     from typer.main import get_command
 
-    from sketchterrain.cli import app
+    from sketchterrain.app.cli import app
 
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     for name in get_command(app).commands:  # type: ignore[attr-defined]

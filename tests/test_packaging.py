@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from sketchterrain import resources
 from sketchterrain.errors import InputError
+from sketchterrain.io import resources
 
 ROOT = Path(__file__).parents[1]
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]

@@ -10,8 +10,8 @@ from PyQt6.QtCore import QEvent, QObject
 from PyQt6.QtGui import QAction, QActionGroup, QKeyEvent, QKeySequence
 from PyQt6.QtWidgets import QMainWindow, QWidget
 
-from sketchterrain.sketch import LAYERS
-from sketchterrain.ui.look.icons import icon
+from sketchterrain.document.parameters import LAYERS
+from sketchterrain.ui.look.theme import icon
 from sketchterrain.ui.models.workspace import OVERLAYS
 
 

@@ -6,14 +6,14 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sketchterrain.resources import preset_names
-from sketchterrain.sketch import load_sketch
-from sketchterrain.ui.screen import check_screen
+from sketchterrain.document.store import load_sketch
+from sketchterrain.io.resources import preset_names
+from sketchterrain.ui.application import check_screen
 
 if TYPE_CHECKING:
     from PyQt6.QtWidgets import QApplication
 
-    from sketchterrain.sketch import Sketch
+    from sketchterrain.document.sketch import Sketch
     from sketchterrain.ui.engine.link import EngineLink
     from sketchterrain.ui.models.autosave import Autosave
     from sketchterrain.ui.models.document import Document
@@ -42,7 +42,7 @@ def run_world(path: Path, *, device: str | None = None) -> int:
     from sketchterrain.ui.application import GarbageCollection, delete_window, named_application
     from sketchterrain.ui.look.theme import apply_theme
     from sketchterrain.ui.models.preferences import Preferences, config_folder
-    from sketchterrain.ui.worlds.window import WorldWindow
+    from sketchterrain.ui.world_window import WorldWindow
 
     app = named_application()
     preferences = Preferences(config_folder() / "desktop.ini")

@@ -27,8 +27,7 @@ from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import ErrorReport
-from sketchterrain.ui.look.icons import Symbol, tool_button
-from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, column, looks, row, theme
+from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, Symbol, column, looks, row, theme, tool_button
 
 _DURATION = 8000  # ms until information disappears
 _MAX_MESSAGES = 8

@@ -14,9 +14,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from sketchterrain.app.progress import Stages
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.progress import Stages
-from sketchterrain.sketch import Sketch
 from sketchterrain.ui.export_request import ExportRequest, TargetRequest, WorldRequest
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def main() -> int:
     except (KeyboardInterrupt, BrokenPipeError):  # cancelled, or the window is gone
         return 130
     except Exception as error:  # noqa: BLE001 - any failure is reported in one line
-        from sketchterrain.exit_codes import describe_error
+        from sketchterrain.app.errors import describe_error
 
         emit({"failed": one_line(describe_error(error)[0])})
         return 1
@@ -74,7 +74,7 @@ def _export(
 
 def _export_target(request: TargetRequest, sketch: Sketch, stages: Stages) -> dict[str, Any]:
     with stages.stage("program", "Loading the program"):
-        from sketchterrain.exporting import export
+        from sketchterrain.app.export import export
     done = export(
         sketch,
         request.folder,
@@ -95,7 +95,9 @@ def _export_target(request: TargetRequest, sketch: Sketch, stages: Stages) -> di
 
 def _generate(request: ExportRequest, sketch: Sketch, stages: Stages) -> dict[str, Any]:
     with stages.stage("program", "Loading the program"):
-        from sketchterrain.generate import FoliageOptions, PreviewOptions, check_size, generate
+        from sketchterrain.app.estimates import check_size
+        from sketchterrain.app.generate import PreviewOptions, generate
+        from sketchterrain.export.foliage_files import FoliageOptions
 
         check_size(sketch, request.size)
     done = generate(
@@ -154,7 +156,7 @@ def write_world(request: WorldRequest, sketch: Sketch, stages: Stages, emit: Emi
 
 def _world_job(request: WorldRequest, sketch: Sketch, stages: Stages) -> Job:
     with stages.stage("program", "Loading the program"):
-        from sketchterrain.terrain import make_recipe
+        from sketchterrain.terrain.building import make_recipe
         from sketchterrain.world.journal import OutputLayout, check_output_unused
         from sketchterrain.world.options import form_of
 

@@ -11,10 +11,11 @@ from typing import cast
 from PyQt6.QtCore import QObject
 from PyQt6.QtWidgets import QFileDialog, QMessageBox, QWidget
 
+from sketchterrain.document.label_layers import LabelImage, decode_layer
+from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import InputError, SketchterrainError
-from sketchterrain.sketch import LAYERS, Sketch, load_sketch
-from sketchterrain.sketch.document import LabelImage
-from sketchterrain.sketch.layer_images import decode_layer
 from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.banner import Banner, Message
 from sketchterrain.ui.models.background import BackgroundReader, SketchSaver

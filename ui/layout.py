@@ -22,8 +22,7 @@ from PyQt6.QtWidgets import (
 
 from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.application import single_shot
-from sketchterrain.ui.look.icons import tool_button
-from sketchterrain.ui.look.theme import SMALL, SPACING, row
+from sketchterrain.ui.look.theme import SMALL, SPACING, row, tool_button
 
 
 class Dock(QDockWidget):

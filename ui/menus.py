@@ -11,13 +11,13 @@ from PyQt6.QtCore import QSize, Qt
 from PyQt6.QtGui import QAction
 from PyQt6.QtWidgets import QMainWindow, QMenu, QToolBar, QWidget
 
-from sketchterrain.sketch import LAYERS
+from sketchterrain.document.parameters import LAYERS
 from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.commands.placed_edits import is_edited, is_locked, name_of
+from sketchterrain.ui.commands.selection import delete, lock, reset, unlock
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.files import Files
-from sketchterrain.ui.look.icons import icon
-from sketchterrain.ui.models.chosen_acts import delete, lock, reset, unlock
+from sketchterrain.ui.look.theme import icon
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.preferences import RecentFiles
 from sketchterrain.ui.models.workspace import OVERLAYS, TOOLS, Selection, Workspace

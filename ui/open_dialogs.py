@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from sketchterrain.ui.files import Files
     from sketchterrain.ui.models.document import Document
     from sketchterrain.ui.models.preferences import Preferences
-    from sketchterrain.ui.worlds.window import WorldWindow
+    from sketchterrain.ui.world_window import WorldWindow
 
 
 _TRACE_FILTER = (
@@ -104,7 +104,7 @@ class OpenDialogs(QObject):
 
     def new(self) -> None:
         """Ask for size and extent and start a new sketch."""
-        from sketchterrain.ui.dialogs.new_sketch import NewSketchDialog
+        from sketchterrain.ui.dialogs.start import NewSketchDialog
 
         dialog = NewSketchDialog(self._window)
         if _run(dialog):
@@ -128,7 +128,7 @@ class OpenDialogs(QObject):
 
     def show_world(self, path: Path) -> None:
         """Show a stored world; its window reports errors."""
-        from sketchterrain.ui.worlds.window import WorldWindow
+        from sketchterrain.ui.world_window import WorldWindow
 
         self._preferences.last_folder = path.absolute().parent
         world = WorldWindow(path.absolute(), device=self._preferences.device)
@@ -189,7 +189,7 @@ class OpenDialogs(QObject):
 
     def save_picture(self) -> None:
         """Save the 3-D view's picture, as shown or rendered in another size."""
-        from sketchterrain.ui.dialogs.new_sketch import PictureDialog
+        from sketchterrain.ui.dialogs.start import PictureDialog
 
         picture = self._link.picture
         size = (0, 0) if picture is None else (picture.width(), picture.height())

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sketchterrain.benchmarks.baselines.problem import Rival
-from sketchterrain.terrain.octaves import SKEW_OTHER, SKEW_SAME, STRIDES
+from sketchterrain.terrain.noise import SKEW_OTHER, SKEW_SAME, STRIDES
 
 if TYPE_CHECKING:
     import numpy.typing as npt

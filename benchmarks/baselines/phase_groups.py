@@ -20,14 +20,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sketchterrain.features.hashing import hash_keys
+from sketchterrain.placement.hashing import hash_keys
 
 if TYPE_CHECKING:
     from typing import Any
 
     import numpy.typing as npt
 
-    from sketchterrain.compute import ComputeContext
+    from sketchterrain.compute.context import ComputeContext
 
 _FILE = "baselines/phase_groups.cl"
 _GROUP = 64

@@ -24,7 +24,7 @@ class NoiseProblem:
     ----------
     corner : (octaves, 4) uint32
         Fractions along u and v in steps, hash of the cell, bits of a cell in steps: see
-        :func:`~sketchterrain.terrain.octaves.corner_table`.
+        :func:`~sketchterrain.terrain.noise.corner_table`.
     turned : (octaves,) uint32
         1 where the lattice is turned by 90 degrees.
     amplitude : (octaves,) float32

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sketchterrain.features import FEATURE_TYPES
+from sketchterrain.placement.feature_types import FEATURE_TYPES
 from sketchterrain.terrain.lattice import QUADS
-from sketchterrain.terrain.octaves import FINEST_WAVELENGTH
+from sketchterrain.terrain.noise import FINEST_WAVELENGTH
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.array_types import FloatArray
-    from sketchterrain.compute import ComputeContext
-    from sketchterrain.terrain import TerrainRecipe
+    from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.terrain.recipe import TerrainRecipe
 
 
 _FILE = "baselines/thesis.cl"

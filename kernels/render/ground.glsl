@@ -1,5 +1,5 @@
 // A vertex of a tile, between what the tile itself and what its parent shows there. A tile is TILE_QUADS² quads, its
-// vertices stand in rows from north to south. Oracle: tests/render/ground_model.py and sketchterrain/tiles/morph.py.
+// vertices stand in rows from north to south. Oracle: tests/render/ground_model.py and sketchterrain/tiles/lod.py.
 //
 // Whatever decides where a vertex lies is a function of its place on the integer lattice and of values that tiles
 // share along their borders, in an order of operations that no compiler may change: so neighbours compute the same

@@ -1,7 +1,7 @@
 // Hexagons that cut a texture up, each shifted and turned by chance, so that its repetition does not show (Mikkelsen
 // 2022, "Practical Real-Time Hex-Tiling", JCGT 11(3); the grid is that of Heitz & Neyret 2018, §4.1). The lattice is
 // skewed by 1/2 in place of 1/√3 and its steps are half a texture, so that it comes round after HEX_PERIOD textures:
-// the host keeps the place of a far eye within that (render/texture_places.py).
+// the host keeps the place of a far eye within that (render/textures.py).
 
 const float HEX_RATE = 2.0;     // lattice steps a texture
 const int HEX_PERIOD = 64;      // textures, and lattice points along each side, after which all is the same

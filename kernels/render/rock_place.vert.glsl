@@ -1,5 +1,5 @@
 #version 430 core
-// Which stone lies at a strewn place, found out once a stone and captured (render/rocks.py). Sizes follow a power law:
+// Which stone lies at a strewn place, found out once a stone and captured (render/ground_cover.py). Sizes follow a power law:
 // a cell's first places, which are shown farthest, hold its largest stones. One that is not there has no size.
 #include "render/frame.glsl"
 #include "render/shade.glsl"

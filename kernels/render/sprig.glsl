@@ -1,4 +1,4 @@
-// The leaves of a spray, cut out of a sheet. Pure; the same in NumPy float64: look/tree_measure.py.
+// The leaves of a spray, cut out of a sheet. Pure; the same in NumPy float64: look/tree_levels.py.
 
 const float LEAF_PAIRS = 5.0;    // of leaves along a spray
 const float LEAF_FORWARD = 0.55; // how far a leaf points to the spray's tip, its length over its width

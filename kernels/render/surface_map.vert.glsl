@@ -1,5 +1,5 @@
 #version 430 core
-// A vertex of the ground as seen from straight above: what is drawn, laid on a map (render/surface_map.py).
+// A vertex of the ground as seen from straight above: what is drawn, laid on a map (render/ground.py).
 #include "render/ground.glsl"
 
 uniform vec3 map_place; // xy: the map's south-west corner relative to the eye, m; z: 2 / its width, 1/m

@@ -1,5 +1,5 @@
 // Waves of a water's surface from one texture laid at several sizes, which drifts with the wind and flows with the
-// stream. Oracle: sketchterrain/render/water_waves.py and tests/render/test_water.py.
+// stream. Oracle: sketchterrain/render/water.py and tests/render/test_water.py.
 //
 // The texture holds slopes and their square, each averaged in its mipmaps: what a pixel is too coarse to show as slope
 // it shows as roughness (Olano & Baker 2010; Bruneton et al. 2010, section 4.1).

@@ -15,37 +15,51 @@ import numpy as np
 import numpy.typing as npt
 from msgspec.structs import replace
 
-from sketchterrain.batch.interrupts import Interrupts
-from sketchterrain.batch.manifest import MANIFEST, Entry, Manifest, hashed, read_manifest
-from sketchterrain.batch.output import DEFAULT_SIZE, PREVIEW_MEMORY, Needs, Output, fingerprint, needs_of
-from sketchterrain.batch.plan import Item
-from sketchterrain.batch.progress import BatchProgress
-from sketchterrain.batch.sheet import write_sheets
-from sketchterrain.compute import ComputeContext
-from sketchterrain.disk import check_disk
-from sketchterrain.errors import InputError, SketchterrainError, one_line
-from sketchterrain.estimate import Estimate, free_memory
-from sketchterrain.exit_codes import describe_error
-from sketchterrain.export.files import move_files, prepare_folder, staging, write_json
-from sketchterrain.export.images import write_picture
-from sketchterrain.export.target import ExportOptions
-from sketchterrain.exporting import checked_plan, write_export
-from sketchterrain.generate import (
-    FoliageOptions,
+from sketchterrain.app.errors import describe_error
+from sketchterrain.app.estimates import Estimate, free_memory
+from sketchterrain.app.export import write_export
+from sketchterrain.app.generate import (
     GenerateResult,
     PreviewOptions,
     SharedResources,
     generate,
     render_preview,
 )
-from sketchterrain.jobs import DeviceFallback
-from sketchterrain.progress import Stages
-from sketchterrain.render import check_view
-from sketchterrain.render.studio import SnapshotRenderer
-from sketchterrain.report import REPORT, report_header, rounded, run_statistics, stale_report_files
-from sketchterrain.sketch import Sketch
-from sketchterrain.still import sketch_weather
-from sketchterrain.terrain import Terrain, build, measure_adherence
+from sketchterrain.app.jobs import DeviceFallback
+from sketchterrain.app.progress import Stages
+from sketchterrain.app.report import REPORT, report_header, rounded, run_statistics, stale_report_files
+from sketchterrain.app.stills import sketch_weather
+from sketchterrain.batch.plan import Item
+from sketchterrain.batch.results import (
+    DEFAULT_SIZE,
+    MANIFEST,
+    PREVIEW_MEMORY,
+    BatchProgress,
+    Entry,
+    Manifest,
+    Needs,
+    Output,
+    fingerprint,
+    hashed,
+    needs_of,
+    read_manifest,
+    write_sheets,
+)
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.errors import InputError, SketchterrainError, one_line
+from sketchterrain.export.files import move_files, prepare_folder, staging, write_json
+from sketchterrain.export.foliage_files import FoliageOptions
+from sketchterrain.export.planning import checked_plan
+from sketchterrain.export.rasters import write_picture
+from sketchterrain.export.target import ExportOptions
+from sketchterrain.io.files import check_disk
+from sketchterrain.io.system import Interrupts
+from sketchterrain.render.snapshot_renderer import SnapshotRenderer
+from sketchterrain.render.views import check_view
+from sketchterrain.terrain.adherence import measure_adherence
+from sketchterrain.terrain.building import build
+from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.world.journal import exclusive_run
 
 _POLL: Final = 0.2  # s between two checks for Ctrl-C

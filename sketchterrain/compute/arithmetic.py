@@ -143,7 +143,8 @@ def _scrambled(h: Words) -> Words:
 
 
 def _main(index: str, file: str) -> None:
-    from sketchterrain.compute import ComputeContext, list_devices
+    from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.compute.device import list_devices
 
     wrong = failed_operations(ComputeContext(list_devices()[int(index)]))
     Path(file).write_text(json.dumps(wrong), encoding="utf-8")

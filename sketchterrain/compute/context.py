@@ -1,4 +1,4 @@
-"""OpenCL context of one device: programs, buffers, kernel launches and profiling."""
+"""OpenCL context: programs, launches, transfers, and the meaning of failures."""
 
 from __future__ import annotations
 
@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 import pyopencl as cl
 
-from sketchterrain import resources
 from sketchterrain.compute import gl_interop
 from sketchterrain.compute.device import Device, choose_device
-from sketchterrain.compute.failures import build_error, call_error
-from sketchterrain.errors import BuildError, DeviceError
+from sketchterrain.errors import BuildError, DeviceError, DeviceFailedError, DeviceMemoryError, one_line
+from sketchterrain.io import resources
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -23,6 +22,47 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.compute.gl_interop import GLHandles
+
+
+_STATUS = cl.status_code
+# CL_OUT_OF_RESOURCES is not one of them: drivers say it of a kernel that crashed, too.
+_NO_ROOM = {
+    _STATUS.MEM_OBJECT_ALLOCATION_FAILURE,
+    _STATUS.OUT_OF_HOST_MEMORY,
+    _STATUS.INVALID_BUFFER_SIZE,  # more than the device gives at once
+}
+_LONGEST = 200  # characters of a log's line
+
+
+def call_error(device: Device, action: str, error: cl.Error) -> DeviceError:
+    """Return the exception to raise for an OpenCL error; `action` is for example ``"launching patches"``."""
+    reason = one_line(" ".join(str(error).split()))
+    where = f"{device.name} ({device.platform})"
+    if isinstance(error, cl.MemoryError) or _code(error) in _NO_ROOM:
+        return DeviceMemoryError(f"{where} has no memory left for {action}: {reason}")
+    return DeviceFailedError(f"{where} failed at {action}: {reason}")
+
+
+def build_error(device: Device, file: str, options: tuple[str, ...], error: cl.Error) -> BuildError:
+    """Return one line with the kernel's file, the device, the options and the log's first error."""
+    return BuildError(
+        f"kernels/{file} did not build on {device.name} ({device.platform} {device.driver}) "
+        f"with {' '.join(options)}: {_first_error(str(error))} (SKETCHTERRAIN_DEBUG=1 shows the whole log)"
+    )
+
+
+def _code(error: cl.Error) -> int | None:
+    try:
+        return int(error.code)
+    except (AttributeError, TypeError):  # raised by pyopencl itself, not by the driver
+        return None
+
+
+def _first_error(log: str) -> str:
+    lines = [line.strip() for line in log.splitlines() if line.strip()]
+    told = next((line for line in lines if "error:" in line.lower()), lines[0] if lines else "no log")
+    return one_line(told[:_LONGEST])
+
 
 _OPTIONS = ("-cl-std=CL1.2",)
 # They let a compiler reorder and contract, which gives other bits on other devices.
@@ -44,7 +84,7 @@ class KernelTime:
 class ComputeContext:
     """An OpenCL context with one in-order queue on one device.
 
-    `device` is a device or a selector as for :func:`~sketchterrain.compute.choose_device`; `real` is the type
+    `device` is a device or a selector as for :func:`choose_device`; `real` is the type
     that the kernels' ``REAL`` stands for (``'double'`` builds the same source as its own reference); `fast`
     lets the compiler trade bits for speed; `gl` is an OpenGL context to share buffers with.
 

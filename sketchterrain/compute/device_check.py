@@ -16,11 +16,10 @@ from hashlib import sha256
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, Final
 
-from sketchterrain import resources
-from sketchterrain.child_process import ChildFailedError, ChildTimedOutError, module_result
-from sketchterrain.disk import cache_folder
 from sketchterrain.errors import SketchterrainError
-from sketchterrain.whole_files import write_atomic
+from sketchterrain.io import resources
+from sketchterrain.io.files import cache_folder, write_atomic
+from sketchterrain.io.system import ChildFailedError, ChildTimedOutError, module_result
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -1,1 +1,1 @@
-"""Writers of terrains for engines, GIS and image programs: atomic and deterministic."""
+"""Writers of terrain files, maps and films."""

@@ -11,15 +11,15 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Bounds, FloatArray
-from sketchterrain.export.features import lake_outline
 from sketchterrain.export.files import format_rows, write_json, write_json_list
 from sketchterrain.export.sampled import TerrainSamples, interpolate_heights
-from sketchterrain.export.target import Export, ExportOptions
-from sketchterrain.export.tiling import TileWindow
+from sketchterrain.export.target import Export, ExportOptions, TileWindow
+from sketchterrain.export.vectors import lake_outline
 
 if TYPE_CHECKING:  # load SciPy and OpenCL
-    from sketchterrain.features import Lake, River
-    from sketchterrain.terrain import Terrain, TerrainFeatures
+    from sketchterrain.placement.feature_types import Lake, River
+    from sketchterrain.terrain.surfaces import TerrainFeatures
+    from sketchterrain.terrain.terrain import Terrain
 
 Direction = Literal["east", "north", "up", "south"]
 PLANT_FIELDS: Final = (

@@ -17,8 +17,8 @@ import numpy.typing as npt
 from PIL import Image
 
 from sketchterrain.errors import InputError, SketchterrainError
-from sketchterrain.system import lock_folder, unlock_folder
-from sketchterrain.whole_files import atomic_file, atomic_path, wrap_os_errors, write_atomic
+from sketchterrain.io.files import atomic_file, atomic_path, wrap_os_errors, write_atomic
+from sketchterrain.io.system import lock_folder, unlock_folder
 
 _PREFIX: Final = ".sketchterrain-"  # of a staging folder
 _PNG_LEVEL: Final = 3  # level 6 takes three times as long to save a tenth of the bytes

@@ -15,7 +15,7 @@ from PIL import Image
 from sketchterrain.array_types import UInt8Array
 from sketchterrain.errors import InputError, SketchterrainError, one_line
 from sketchterrain.export.files import move_files, prepare_folder, staging, write_png
-from sketchterrain.whole_files import wrap_os_errors
+from sketchterrain.io.files import wrap_os_errors
 
 ANIMATED: Final[dict[str, dict[str, Any]]] = {".webp": {"quality": 85, "method": 2}, ".gif": {"loop": 0}}
 """Suffixes of animated images, and Pillow's options for them."""

@@ -15,14 +15,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from sketchterrain.array_types import Bounds, StructuredArray
-from sketchterrain.disk import check_disk
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.export.files import format_rows
-from sketchterrain.terrain.plant import STOREYS
-from sketchterrain.whole_files import atomic_file, wrap_os_errors
+from sketchterrain.io.files import atomic_file, check_disk, wrap_os_errors
+from sketchterrain.vegetation.plants import STOREYS
 
 if TYPE_CHECKING:  # loads OpenCL
-    from sketchterrain.terrain import Terrain
+    from sketchterrain.terrain.terrain import Terrain
 
 FOLIAGE = {"csv": ("csv",), "ply": ("ply",), "both": ("csv", "ply"), "none": ()}
 """File formats of each value of the option."""

@@ -19,8 +19,8 @@ from PIL import Image
 from sketchterrain.array_types import UInt8Array
 from sketchterrain.errors import InputError
 from sketchterrain.export.engines import EngineAxes
-from sketchterrain.export.mesh import GridMesh
-from sketchterrain.export.mesh_vertices import (
+from sketchterrain.export.mesh import (
+    GridMesh,
     mesh_normals,
     mesh_positions,
     mesh_texcoords,
@@ -29,12 +29,12 @@ from sketchterrain.export.mesh_vertices import (
 )
 from sketchterrain.export.sampled import SampleGrid
 from sketchterrain.export.target import Export
+from sketchterrain.io.files import atomic_file
 from sketchterrain.look.texture_levels import customized_levels, procedural_levels
-from sketchterrain.whole_files import atomic_file
 
 if TYPE_CHECKING:  # load OpenCL
-    from sketchterrain.compute import ComputeContext
-    from sketchterrain.terrain import Terrain
+    from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.terrain.terrain import Terrain
 
 AXES: Final = EngineAxes("east", "up", "south")
 MAX_BYTES: Final = (1 << 32) - 1  # of a GLB
@@ -216,12 +216,13 @@ class MaterialAppearance(NamedTuple):
 
 def material_appearance(terrain: Terrain) -> MaterialAppearance:
     """Return the appearance of a terrain's materials, as changed by its sketch."""
-    from sketchterrain import compute  # OpenCL: not for a list of targets
+    from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.compute.device import Device
 
     device = terrain.context.device
 
     def open_context() -> ComputeContext:
-        return compute.ComputeContext(device if isinstance(device, compute.Device) else None)
+        return ComputeContext(device if isinstance(device, Device) else None)
 
     levels = customized_levels(
         procedural_levels(_TEXELS, open_context), terrain.sketch.look, {}, open_context

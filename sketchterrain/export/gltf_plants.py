@@ -15,10 +15,16 @@ from sketchterrain.export.engines import EngineAxes, plant_chunks, requested_sto
 from sketchterrain.export.gltf import GlbWriter
 from sketchterrain.export.sampled import interpolate_heights
 from sketchterrain.export.target import Export
-from sketchterrain.look.plant_variants import plant_chances, plant_variants
-from sketchterrain.look.tree_levels import DETAILS, MASKED_DETAILS, VARIANTS, level
+from sketchterrain.look.tree_levels import (
+    DETAILS,
+    MASKED_DETAILS,
+    VARIANTS,
+    level,
+    plant_chances,
+    plant_variants,
+)
 from sketchterrain.look.tree_species import HEIGHTS, SPECIES
-from sketchterrain.terrain.plant import STOREYS
+from sketchterrain.vegetation.plants import STOREYS
 
 INSTANCING: Final = "EXT_mesh_gpu_instancing"
 BYTES_PER_PLANT: Final = 40 + 24  # as an instance and as a point

@@ -1,15 +1,127 @@
-"""Rasters as raw numbers, NumPy files and OpenEXR images."""
+"""Raster files: PNG, raw and GeoTIFF."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from rasterio import Affine, Env
+from rasterio.crs import CRS
+from rasterio.enums import ColorInterp
+from rasterio.io import MemoryFile
 
-from sketchterrain.whole_files import atomic_file, atomic_path, wrap_os_errors
+from sketchterrain.export.files import write_json, write_png, write_values_png
+from sketchterrain.export.sampled import (
+    CHANNELS,
+    SampleGrid,
+    TerrainSamples,
+    quantise_normals,
+    quantise_weights,
+    rgba_weights,
+)
+from sketchterrain.io.files import atomic_file, atomic_path, wrap_os_errors, write_atomic
+
+if TYPE_CHECKING:
+    from sketchterrain.terrain.surfaces import Raster
+
+
+_STEPS = 65535
+ORIENTATION = {"row_0": "north", "column_0": "west", "samples": "vertices"}
+
+
+def write_height_png(folder: Path, raster: Raster) -> tuple[Path, ...]:
+    """Write ``height.png``, 16-bit grey, and ``height.json`` with the meaning of its values.
+
+    Height is minimum + value · metres_per_step, to half a step. A flat terrain has value 0 and a step of 0 m.
+    """
+    low, high = float(raster.height.min()), float(raster.height.max())
+    step = (high - low) / _STEPS
+    rows, columns = raster.height.shape
+    values = np.zeros(raster.height.shape, np.uint16)
+    if step > 0.0:
+        steps = np.rint((raster.height.astype(np.float64) - low) / step)
+        values = np.clip(steps, 0, _STEPS).astype(np.uint16)
+    image = write_values_png(folder / "height.png", values)
+    description = write_json(
+        folder / "height.json",
+        {
+            "format": 1,
+            "file": image.name,
+            "units": "m",
+            "minimum": low,
+            "maximum": high,
+            "metres_per_step": step,
+            "width": columns,
+            "height": rows,
+            "spacing": {"x": raster.spacing[0], "y": raster.spacing[1]},
+            "bounds": {
+                "west": 0.0,
+                "south": 0.0,
+                "east": (columns - 1) * raster.spacing[0],
+                "north": (rows - 1) * raster.spacing[1],
+            },
+            "orientation": ORIENTATION,
+        },
+    )
+    return image, description
+
+
+def write_normal_png(folder: Path, raster: Raster) -> tuple[Path, ...]:
+    """Write ``normal.png``, 8-bit RGB in OpenGL's convention: red east, green north (Y+), blue up."""
+    return (write_values_png(folder / "normal.png", quantise_normals(raster.normal)),)
+
+
+def write_materials(folder: Path, raster: Raster, names: Sequence[str]) -> tuple[Path, ...]:
+    """Write ``materials.png``, ``materials-2.png`` … (RGBA) and ``materials.json`` with their channels."""
+    weights = quantise_weights(raster.materials)
+    images = [
+        write_values_png(folder / f"{weights_suffix(first)}.png", rgba_weights(weights, first))
+        for first in range(0, len(names), len(CHANNELS))
+    ]
+    description = {
+        "format": 1,
+        "encoding": "value / 255 is the weight; the weights of a vertex sum to 255 over all files",
+        "alpha": "a weight like the others, not opacity: do not premultiply",
+        "orientation": ORIENTATION,
+        "materials": [
+            {
+                "name": name,
+                "index": index,
+                "file": f"{weights_suffix(index)}.png",
+                "channel": CHANNELS[index % len(CHANNELS)],
+            }
+            for index, name in enumerate(names)
+        ],
+    }
+    return (*images, write_json(folder / "materials.json", description))
+
+
+def write_normals_and_weights(stem: Path, samples: TerrainSamples, names: Sequence[str]) -> dict[Path, str]:
+    """Write ``STEM_normal.png``, ``STEM_materials.png``, ``STEM_materials-2.png`` … with descriptions."""
+    path = stem.with_name(f"{stem.name}_normal.png")
+    description = "normals, red east, green north (Y+), blue up; 0 is -1, 255 is 1"
+    files = {write_values_png(path, samples.normal): description}
+    for first in range(0, len(names), len(CHANNELS)):
+        path = stem.with_name(f"{stem.name}_{weights_suffix(first)}.png")
+        materials = ", ".join(names[first : first + len(CHANNELS)])
+        write_values_png(path, rgba_weights(samples.weights, first))
+        files[path] = f"weights of {materials}; no opacity"
+    return files
+
+
+def weights_suffix(index: int) -> str:
+    """Return the end of the file name of a material's weights: ``materials``, ``materials-2`` and so on."""
+    number = index // len(CHANNELS) + 1
+    return f"materials-{number}" if number > 1 else "materials"
+
+
+def write_picture(path: Path, pixels: npt.NDArray[np.uint8]) -> tuple[Path, ...]:
+    """Write an image, (height, width, 3) uint8, as a PNG."""
+    return (write_png(path, pixels),)
 
 
 def write_raw(path: Path, values: npt.NDArray[np.generic], dtype: str) -> Path:
@@ -59,3 +171,111 @@ def write_exr(path: Path, channels: Mapping[str, npt.NDArray[np.float32]]) -> Pa
         except RuntimeError as error:  # 'Failed to … file "…". No space left on device.'
             raise OSError(str(error).rpartition('". ')[2].rstrip(".")) from error
     return path
+
+
+NO_DATA = -9999.0  # m, of a missing height; none is missing
+
+_FLOAT_PREDICTOR = 3
+_BLOCK = 256  # samples along the side of a TIFF tile
+# GIS programs then know the unit and do not ask for a CRS.
+_LOCAL_METRES = (
+    'LOCAL_CS["sketch, metres from its south-west corner",UNIT["metre",1],'
+    'AXIS["Easting",EAST],AXIS["Northing",NORTH]]'
+)
+_RGB = (ColorInterp.red, ColorInterp.green, ColorInterp.blue)
+
+
+def local_metres() -> CRS:
+    """Return the coordinate reference system of a sketch without georeference."""
+    return CRS.from_wkt(_LOCAL_METRES)
+
+
+class Georeference(NamedTuple):
+    """Position of the sketch's south-west corner, (0, 0), in a coordinate reference system."""
+
+    crs: CRS
+    east: float
+    north: float
+
+    def transform(self, grid: SampleGrid) -> Affine:
+        """Return GDAL's transform for samples at a grid's vertices.
+
+        It refers to the corners of pixels, so it starts half a spacing north-west of the first vertex.
+        """
+        dx, dy = grid.spacing
+        west, north = self.east + grid.west - 0.5 * dx, self.north + grid.north + 0.5 * dy
+        return Affine(dx, 0.0, west, 0.0, -dy, north)
+
+
+def write_height_tif(folder: Path, raster: Raster) -> tuple[Path, ...]:
+    """Write ``height.tif``: float32 metres, north up, in local metres, samples at vertices (Point)."""
+    dx, dy = raster.spacing
+    rows, columns = raster.height.shape
+    corner = Affine(dx, 0.0, -0.5 * dx, 0.0, -dy, (rows - 1) * dy + 0.5 * dy)
+    with MemoryFile() as memory:
+        with memory.open(
+            driver="GTiff",
+            width=columns,
+            height=rows,
+            count=1,
+            dtype="float32",
+            crs=local_metres(),
+            transform=corner,
+            compress="deflate",
+            predictor=_FLOAT_PREDICTOR,
+            tiled=True,
+            blockxsize=_BLOCK,
+            blockysize=_BLOCK,
+        ) as file:
+            # GDAL writes the tie point on closing: for points it is the north-west vertex.
+            file.update_tags(AREA_OR_POINT="Point")
+            file.set_band_description(1, "height")
+            file.set_band_unit(1, "m")
+            file.write(raster.height, 1)
+        content = memory.read()
+    return (write_atomic(folder / "height.tif", content),)
+
+
+def write_cloud_tiff(
+    path: Path,
+    bands: Sequence[npt.NDArray[np.generic]],
+    names: Sequence[str],
+    *,
+    grid: SampleGrid,
+    georeference: Georeference,
+    unit: str | None = None,
+    no_data: float | None = None,
+    rgb: bool = False,
+) -> Path:
+    """Write bands of one size and dtype as a Cloud-Optimised GeoTIFF, samples at vertices (Point).
+
+    By GDAL's driver COG: deflated blocks of 256 × 256, overviews by averaging. Deterministic. Needs twice the
+    memory of the bands: for GDAL's copy and for the file.
+    """
+    rows, columns = bands[0].shape
+    with Env(), MemoryFile() as memory:
+        with memory.open(
+            driver="COG",
+            width=columns,
+            height=rows,
+            count=len(bands),
+            dtype=bands[0].dtype.name,
+            crs=georeference.crs,
+            transform=georeference.transform(grid),
+            nodata=no_data,
+            compress="deflate",
+            predictor="yes",  # the one for its dtype: differences of floats or of integers
+            overview_resampling="average",
+            blocksize=_BLOCK,
+            num_threads="all_cpus",
+            statistics="yes",
+        ) as file:
+            file.update_tags(AREA_OR_POINT="Point")
+            if rgb:
+                file.colorinterp = _RGB
+            for index, (band, name) in enumerate(zip(bands, names, strict=True), start=1):
+                file.set_band_description(index, name)
+                if unit is not None:
+                    file.set_band_unit(index, unit)
+                file.write(band, index)
+        return write_atomic(path, memory.getbuffer())

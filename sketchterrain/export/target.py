@@ -1,18 +1,136 @@
-"""Export targets: the record of an engine or file format, its options and its output."""
+"""Export targets: what a target declares, its options and tiles."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+import string
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
+from sketchterrain.errors import InputError, one_line
 from sketchterrain.export.sampled import SampleGrid, TerrainSamples
-from sketchterrain.export.tiling import Tiling
 
 if TYPE_CHECKING:
-    from sketchterrain.terrain import Terrain
+    from sketchterrain.terrain.terrain import Terrain
+
+
+_FIELDS = ("name", "x", "y")
+_MAX_NAME = 120  # characters: what file systems allow, less a suffix
+_MAX_TILES = 1 << 16
+_FORBIDDEN = re.compile(r'[<>:"/\\|?*]|\.\.|^\.|[. ]$')  # not allowed in file names on Windows
+
+
+class TileWindow(NamedTuple):
+    """One tile of a grid."""
+
+    x: int  # numbers, as in its name
+    y: int
+    left: int  # first column and row in the whole grid
+    top: int
+    columns: int  # vertices
+    rows: int
+
+
+@dataclass(frozen=True)
+class Tiling:
+    """How a grid is cut into tiles and how these are named."""
+
+    columns: int = 1  # tiles
+    rows: int = 1
+    overlap: int = 1  # vertices shared by neighbours: 1 is a common edge, 0 none
+    pattern: str = "{name}_x{x}_y{y}"  # of names, also {x:02}
+    first: int = 0  # number of the first tile in x and y
+    from_south: bool = False  # whether y counts from the southern row
+
+    def __post_init__(self) -> None:
+        if self.columns < 1 or self.rows < 1 or self.columns * self.rows > _MAX_TILES:
+            raise InputError(f"expected 1 to {_MAX_TILES} tiles, got {self.columns} × {self.rows}")
+        if self.overlap < 0:
+            raise InputError(f"expected an overlap of 0 or more vertices, got {self.overlap}")
+        if self.first < 0:
+            raise InputError(f"expected 0 or more as the first tile's number, got {self.first}")
+        self._check_pattern()
+
+    @property
+    def count(self) -> int:
+        """Number of tiles."""
+        return self.columns * self.rows
+
+    def tiles(self, columns: int, rows: int) -> Iterator[TileWindow]:
+        """Return the tiles of a grid of vertices, from the north-west, row by row."""
+        width, height = self.tile_side(columns, self.columns), self.tile_side(rows, self.rows)
+        return (
+            TileWindow(
+                x=self.first + column,
+                y=self.first + (self.rows - 1 - row if self.from_south else row),
+                left=column * (width - self.overlap),
+                top=row * (height - self.overlap),
+                columns=width,
+                rows=height,
+            )
+            for row in range(self.rows)
+            for column in range(self.columns)
+        )
+
+    def tile_side(self, vertices: int, tiles: int) -> int:
+        """Return the vertices along a tile's side for a side of the grid."""
+        if tiles == 1:
+            return vertices
+        step, rest = divmod(vertices - self.overlap, tiles)
+        if rest == 0 and step >= 1 and step + self.overlap >= 2:
+            return step + self.overlap
+        shared = {0: "nothing", 1: "an edge"}.get(self.overlap, f"{self.overlap} vertices")
+        nearest = " or ".join(str(each) for each in self.nearest_sides(vertices, tiles))
+        raise InputError(
+            f"{vertices} vertices cannot be cut into {tiles} equal tiles that share {shared}; "
+            f"nearest: {nearest}"
+        )
+
+    def grid_side(self, side: int, tiles: int) -> int:
+        """Return the vertices along the grid's side for a side of a tile."""
+        return tiles * (side - self.overlap) + self.overlap if tiles > 1 else side
+
+    def nearest_sides(self, vertices: int, tiles: int) -> tuple[int, ...]:
+        """Return the nearest sides of a grid, below and above or equal, that can be cut into tiles."""
+        if tiles == 1:
+            return (vertices,)
+        least = max(1, 2 - self.overlap)
+        step = (vertices - self.overlap) // tiles
+        below, above = (tiles * max(each, least) + self.overlap for each in (step, step + 1))
+        return (vertices,) if below == vertices else tuple(sorted({below, above}))
+
+    def tile_name(self, name: str, tile: TileWindow) -> str:
+        """Return a tile's file name without suffix; `name` itself if there is only one tile."""
+        return name if self.count == 1 else self.pattern.format(name=name, x=tile.x, y=tile.y)
+
+    def _check_pattern(self) -> None:
+        prefix = f"tile names {one_line(self.pattern)!r}"
+        try:
+            parts = list(string.Formatter().parse(self.pattern))
+        except ValueError as error:
+            raise InputError(f"{prefix}: invalid pattern ({error})") from error
+        for _, field, width, conversion in parts:
+            if field is None:
+                continue
+            valid_width = not width or (field != "name" and re.fullmatch(r"0?[1-9]", width))
+            if field not in _FIELDS or conversion or not valid_width:
+                raise InputError(
+                    f"{prefix}: expected only {{name}}, {{x}} and {{y}}, or with digits {{x:02}}"
+                )
+        fields = {field for _, field, _, _ in parts}
+        if (self.columns > 1 and "x" not in fields) or (self.rows > 1 and "y" not in fields):
+            raise InputError(f"{prefix}: expected {{x}} and {{y}}, else tiles have the same name")
+        x, y = (range(self.first, self.first + count) for count in (self.columns, self.rows))
+        longest = self.pattern.format(name="terrain", x=max(x[-1], y[-1]), y=max(x[-1], y[-1]))
+        if _FORBIDDEN.search(longest) or not longest.isprintable() or len(longest) > _MAX_NAME:
+            raise InputError(f"{prefix}: expected a valid file name, got {one_line(longest)!r}")
+        # {x}{y} gives tile 1, 11 and tile 11, 1 the same name.
+        names = {self.pattern.format(name="terrain", x=i, y=j).casefold() for j in y for i in x}
+        if len(names) < self.count:
+            raise InputError(f"{prefix}: two tiles would have the same name")
 
 
 @dataclass(frozen=True)
@@ -35,7 +153,7 @@ class ExportOptions:
 
 
 class ProgressStages(Protocol):
-    """Timed stages of work, see `sketchterrain.progress.Stages`."""
+    """Timed stages of work, see `sketchterrain.app.progress.Stages`."""
 
     def stage(self, name: str, title: str) -> AbstractContextManager[Callable[[float], None]]:
         """Time a stage, and yield a function that reports its progress, 0 … 1."""

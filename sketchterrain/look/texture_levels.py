@@ -1,23 +1,162 @@
-"""Material textures with their mipmaps: procedural ones, and those modified by a sketch or user images."""
+"""Material textures: cache on disk, files of a user, resolution levels."""
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+import numpy.typing as npt
+from PIL import Image, UnidentifiedImageError
 
-from sketchterrain.look.texture_cache import cached_bytes
-from sketchterrain.look.texture_maker import LAYERS, SOURCE, emboss, paint_layer
-from sketchterrain.look.texture_mips import decode_level, linear_from_hex, mipmaps
-from sketchterrain.resources import source
+from sketchterrain.errors import InputError, SketchterrainError, one_line
+from sketchterrain.io.files import cache_folder, write_atomic
+from sketchterrain.io.resources import source
+from sketchterrain.look.texture_maker import (
+    LAYERS,
+    SOURCE,
+    decode_level,
+    emboss,
+    linear,
+    linear_from_hex,
+    mipmaps,
+    paint_layer,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
-    import numpy.typing as npt
+    from sketchterrain.compute.context import ComputeContext
 
-    from sketchterrain.compute import ComputeContext
-    from sketchterrain.look.texture_files import MaterialImages
+
+_SUFFIX: Final = ".textures"
+_DIGEST: Final = hashlib.sha256().digest_size
+
+
+def cached_bytes(
+    family: str, recipe: str, size: int, compute: Callable[[], bytes], folder: Path | None = None
+) -> bytes | memoryview:
+    """Return `size` bytes that depend on `recipe` alone, from the cache folder or computed and then stored.
+
+    Other cache files of the same family are of older recipes and are deleted when this one is written.
+    """
+    try:
+        folder = folder or cache_folder()
+    except RuntimeError:  # no home directory
+        return compute()
+    name = hashlib.blake2b(recipe.encode(), digest_size=12).hexdigest()
+    path = folder / f"{family}-{name}{_SUFFIX}"
+    cached = _read(path, size)
+    if cached is not None:
+        return cached
+    computed = compute()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, hashlib.sha256(computed).digest() + computed)
+        for old in folder.glob(f"{family}-*{_SUFFIX}"):
+            if old != path:
+                old.unlink(missing_ok=True)
+    except (OSError, SketchterrainError):
+        pass  # a full or read-only disk costs time, no more
+    return computed
+
+
+def _read(path: Path, size: int) -> memoryview | None:
+    """Return the content after its SHA-256, or None if the file is missing or corrupt."""
+    try:
+        if path.stat().st_size != _DIGEST + size:
+            return None
+        content = path.read_bytes()
+    except OSError:
+        return None
+    body = memoryview(content)[_DIGEST:]
+    return body if hashlib.sha256(body).digest() == content[:_DIGEST] else None
+
+
+KINDS: Final = ("", "_height", "_normal", "_roughness")
+"""Suffixes of a material's name; the albedo has none."""
+SUFFIXES: Final = (".png", ".jpg", ".jpeg")
+_STEEPEST: Final = 8.0
+"""Largest slope of a normal map."""
+_LARGEST: Final = 16384
+"""Largest side, px."""
+
+
+@dataclass(frozen=True, eq=False)
+class MaterialImages:
+    """Images of a material, row 0 south: linear albedo, height and roughness 0..1, slopes east and north."""
+
+    albedo: npt.NDArray[Any] | None = None
+    height: npt.NDArray[Any] | None = None
+    slopes: npt.NDArray[Any] | None = None
+    roughness: npt.NDArray[Any] | None = None
+
+
+def read_material_images(folder: Path, size: int) -> dict[str, MaterialImages]:
+    """Read ``rock.png``, ``rock_height.png``, ``rock_normal.jpg``, …, resized to `size` texels a side.
+
+    Colours are sRGB; a normal map has x to the right, y up and z to the eye in red, green and blue; height
+    and roughness are grey, of 8 or 16 bits. Any image may be missing; other files are ignored.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{one_line(folder)}: expected a folder of textures")
+    found: dict[str, dict[str, npt.NDArray[Any]]] = {}
+    for path in sorted(each for each in folder.iterdir() if each.suffix.lower() in SUFFIXES):
+        material, kind = _split_name(path)
+        field = {"": "albedo", "_height": "height", "_normal": "slopes", "_roughness": "roughness"}[kind]
+        if field in found.setdefault(material, {}):
+            raise InputError(
+                f"{one_line(path)}: expected one picture {path.stem}, got two of different suffixes"
+            )
+        found[material][field] = _texture_files_read(path, kind, size)
+    return {material: MaterialImages(**fields) for material, fields in found.items()}
+
+
+def _split_name(path: Path) -> tuple[str, str]:
+    for material in LAYERS:
+        for kind in KINDS:
+            if path.stem == material + kind:
+                return material, kind
+    ends = ", ".join(kind for kind in KINDS if kind)
+    raise InputError(
+        f"{one_line(path)}: expected the name of a material, {', '.join(LAYERS)}, alone or with {ends}"
+    )
+
+
+def _texture_files_read(path: Path, kind: str, size: int) -> npt.NDArray[Any]:
+    try:
+        with Image.open(path) as picture:
+            if max(picture.size) > _LARGEST:
+                got = f"{picture.width}×{picture.height}"
+                raise InputError(f"{one_line(path)}: expected sides of {_LARGEST} px at most, got {got}")
+            if kind in {"", "_normal"}:
+                values = np.asarray(picture.convert("RGB"), np.float32) / 255.0
+            else:
+                wide = picture.mode.startswith(("I", "F"))
+                values = np.asarray(picture if wide else picture.convert("L"), np.float32)
+                values = values / (65535.0 if wide else 255.0)
+    except (OSError, ValueError, SyntaxError, UnidentifiedImageError, Image.DecompressionBombError) as error:
+        raise InputError(f"{one_line(path)}: expected a picture, PNG or JPEG ({one_line(error)})") from error
+    values = linear(values) if kind == "" else values
+    if kind == "_normal":
+        normal = 2.0 * values - 1.0
+        values = -normal[..., :2] / np.maximum(normal[..., 2:], 1.0 / _STEEPEST)
+    channels = [values] if values.ndim == 2 else list(np.moveaxis(values, -1, 0))
+    resized = [_resized(channel, size)[::-1] for channel in channels]
+    return resized[0] if values.ndim == 2 else np.stack(resized, axis=-1)
+
+
+def _resized(channel: npt.NDArray[Any], size: int) -> npt.NDArray[Any]:
+    picture = Image.fromarray(np.ascontiguousarray(channel, np.float32))
+    return np.asarray(
+        picture.resize(
+            (size, size), Image.Resampling.BOX if min(picture.size) >= size else Image.Resampling.BICUBIC
+        )
+    )
+
 
 Levels = list[tuple["npt.NDArray[np.uint8]", "npt.NDArray[np.uint8]"]]
 """Colour and relief, (layers, n, n, 4) each, from the finest level to single texels; see `texture_mips`."""

@@ -1,4 +1,4 @@
-"""Procedural material textures by kernels/material_textures.cl: the same bits on every device."""
+"""Procedural material textures and their mipmaps."""
 
 from __future__ import annotations
 
@@ -8,9 +8,13 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     import numpy.typing as npt
 
-    from sketchterrain.compute import ComputeContext
+    from sketchterrain.array_types import Float32Array
+    from sketchterrain.compute.context import ComputeContext
+
 
 SOURCE: Final = "material_textures.cl"
 
@@ -55,3 +59,80 @@ def emboss(context: ComputeContext, painted: npt.NDArray[Any], layer: TextureLay
     numbers = real(layer.bump), real(layer.low), real(layer.high)
     context.launch(SOURCE, "material_relief", painted.shape[:2], given, *numbers, relief)
     return context.download(relief, painted.shape, context.real_dtype)
+
+
+Moments = tuple["Float32Array", "Float32Array"]
+"""(n, n, 4) linear albedo and height; (n, n, 5) slopes, the mean of both squared slopes, α², openness."""
+
+_STEEPEST: Final = 0.999
+"""Largest length of a normal's horizontal part, so that a byte a component holds it."""
+
+
+def moments(painted: npt.NDArray[Any], relief: npt.NDArray[Any]) -> Moments:
+    """Return the moments that are averaged, of albedo and height and of slopes, roughness, openness."""
+    east, north, roughness, openness = np.moveaxis(relief.astype(np.float32), -1, 0)
+    square = (east * east + north * north) * np.float32(0.5)
+    alpha = roughness * roughness
+    return painted.astype(np.float32), np.stack([east, north, square, alpha * alpha, openness], axis=-1)
+
+
+def halve(fields: Float32Array) -> Float32Array:
+    """Average blocks of 2×2 texels; both sides are even."""
+    rows = fields[0::2] + fields[1::2]
+    return (rows[:, 0::2] + rows[:, 1::2]) * np.float32(0.25)
+
+
+def filtered_roughness(roughness: npt.NDArray[Any], variance: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return the roughness √α (Trowbridge–Reitz) of a surface whose slopes vary around their mean."""
+    return np.sqrt(np.sqrt(np.clip(roughness**4 + 2.0 * variance, 0.0, 1.0)))
+
+
+def encode_level(level: Moments) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
+    """Return bytes (n, n, 4): √albedo and height; 0.5 + 0.5 normal xy, filtered roughness, openness."""
+    painted, (east, north, square, alpha2, openness) = level[0], np.moveaxis(level[1], -1, 0)
+    variance = np.maximum(square - (east * east + north * north) * np.float32(0.5), np.float32(0.0))
+    roughness = filtered_roughness(np.sqrt(np.sqrt(alpha2)), variance)
+    shorter = np.float32(1.0) / np.sqrt(np.float32(1.0) + east * east + north * north)
+    flat = np.stack([-east * shorter, -north * shorter], axis=-1)
+    flat *= np.minimum(_STEEPEST / np.maximum(np.hypot(flat[..., 0], flat[..., 1]), 1e-6), 1.0)[..., None]
+    colour = np.concatenate([np.sqrt(np.clip(painted[..., :3], 0.0, 1.0)), painted[..., 3:]], axis=-1)
+    relief = np.concatenate([0.5 + 0.5 * flat, np.stack([roughness, openness], axis=-1)], axis=-1)
+    return _bytes(colour), _bytes(relief)
+
+
+def mipmaps(
+    painted: npt.NDArray[Any], relief: npt.NDArray[Any]
+) -> Iterator[tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]]:
+    """Yield the encode_level levels of a texture, from the finest one to a single texel."""
+    level = moments(painted, relief)
+    yield encode_level(level)
+    while len(level[0]) > 1:
+        level = halve(level[0]), halve(level[1])
+        yield encode_level(level)
+
+
+def decode_level(
+    colour: npt.NDArray[np.uint8], relief: npt.NDArray[np.uint8]
+) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+    """Invert :func:`encode_level` for a texture's finest level."""
+    painted = colour.astype(np.float64) / 255.0
+    painted[..., :3] **= 2
+    bytes_ = relief.astype(np.float64) / 255.0
+    flat = 2.0 * bytes_[..., :2] - 1.0
+    up = np.sqrt(np.maximum(1.0 - (flat * flat).sum(axis=-1, keepdims=True), 1.0 - _STEEPEST**2))
+    return painted, np.concatenate([-flat / up, bytes_[..., 2:]], axis=-1)
+
+
+def linear_from_hex(colour: str) -> npt.NDArray[np.float64]:
+    """Return the linear albedo of an sRGB colour ``#rrggbb``."""
+    return linear(np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0)
+
+
+def linear(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Convert sRGB values 0..1 to linear ones (IEC 61966-2-1)."""
+    return np.asarray(np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4))
+
+
+def _bytes(fields: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
+    texels: npt.NDArray[np.uint8] = np.rint(np.clip(fields, 0.0, 1.0) * 255.0).astype(np.uint8)
+    return texels

@@ -1,21 +1,206 @@
-"""Levels of detail of a plant: fewer, larger leaves with the same covered area and mean colour."""
+"""Tree meshes at several levels of detail."""
 
 from __future__ import annotations
 
 from functools import cache, partial
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from sketchterrain.look.tree_growth import Wood, grow_crown, grow_whorls
-from sketchterrain.look.tree_leaves import Openness, leaves_of_crown, leaves_of_whorls
-from sketchterrain.look.tree_measure import plant_view
-from sketchterrain.look.tree_shape import SOLID, Leaves, Triangles, joined_triangles, unit
-from sketchterrain.look.tree_species import GROWTH_FORMS, SPECIES, Colours, Crown
-from sketchterrain.look.tree_triangles import bark_tubes, leaf_quads, single_triangles
+from sketchterrain.look.tree_growth import (
+    Openness,
+    Wood,
+    frames,
+    grow_crown,
+    grow_whorls,
+    leaves_of_crown,
+    leaves_of_whorls,
+)
+from sketchterrain.look.tree_species import (
+    BANDED,
+    BROAD,
+    GROWTH_FORMS,
+    NEEDLES,
+    SOLID,
+    SPECIES,
+    Colours,
+    Crown,
+    Leaves,
+    Triangles,
+    joined_triangles,
+    unit,
+)
 
 if TYPE_CHECKING:
     from sketchterrain.array_types import Float64Array
+
+
+BOUNDS = (-0.02, 1.08)
+"""Range of heights that all leaves are clipped to, however large."""
+ROOT_SHADE = 0.72
+"""Openness of a spray's root, relative to its tip."""
+
+
+def bark_tubes(
+    curves: Float64Array,
+    radius: Float64Array,
+    *,
+    sides: int,
+    colours: Colours,
+    openness: Openness,
+    rng: np.random.Generator,
+) -> Triangles:
+    """Wrap bark around curves (n, k, 3) of radii (n, k), as bark_tubes with a number of sides."""
+    _, across, above = frames(curves)
+    turn = 2.0 * np.pi * np.arange(sides + 1) / sides
+    ring = across[:, :, None] * np.cos(turn)[:, None] + above[:, :, None] * np.sin(turn)[:, None]
+    position = curves[:, :, None] + radius[:, :, None, None] * ring
+    height = np.clip(curves[..., 2], 0.0, 1.0)
+    up = np.clip((height - 0.30) / 0.25, 0.0, 1.0)[..., None]
+    bark = np.array(colours.bark) * (1.0 - up) + np.array(colours.bark_above) * up
+    dark = rng.uniform(0.0, 1.0, (*curves.shape[:2], sides)) < colours.marks
+    shade = rng.uniform(0.8, 1.15, dark.shape) * np.where(dark, 0.16, 1.0)
+    shade = np.concatenate([shade, shade[:, :, :1]], axis=2)[..., None]
+    albedo = bark[:, :, None] * shade
+    light = np.repeat(openness.at(curves)[:, :, None], sides + 1, axis=2)[..., None]
+    round_, up_ = np.broadcast_arrays(np.linspace(-1.0, 1.0, sides + 1), height[..., None])
+    grid = np.concatenate([position, ring, albedo, light, round_[..., None], up_[..., None]], axis=-1)
+    a, b, c, d = grid[:, :-1, :-1], grid[:, :-1, 1:], grid[:, 1:, 1:], grid[:, 1:, :-1]
+    both = np.stack([np.stack([a, b, c], axis=-2), np.stack([a, c, d], axis=-2)], axis=-3)
+    rows = both.reshape(-1, 3, grid.shape[-1])
+    count = len(rows)
+    return Triangles(
+        rows[..., :3],
+        rows[..., 3:6],
+        rows[..., 6:9],
+        rows[..., 9],
+        rows[..., 10:],
+        np.full(count, BANDED if colours.marks else SOLID),
+        np.zeros(count),
+        np.zeros(count),
+    )
+
+
+def leaf_quads(leaves: Leaves, mask: float, fresh: Float64Array, openness: Openness) -> Triangles:
+    """Return two triangles for each spray, from which its leaves are cut by an alpha mask."""
+    a, b = leaves.root - leaves.across, leaves.root + leaves.across
+    c, d = b + leaves.along, a + leaves.along
+    at = np.array([[-1.0, 0.0], [1.0, 0.0], [1.0, 1.0], [-1.0, 1.0]])
+    first, second = [0, 1, 2], [0, 2, 3]
+    corners = np.stack([a, b, c, d], axis=1)
+    position = np.concatenate([corners[:, first], corners[:, second]])
+    leaf_uv = np.concatenate([np.broadcast_to(at[each], (len(a), 3, 2)) for each in (first, second)])
+    return _leaf_triangles(leaves, position, leaf_uv, mask, fresh, openness, copies=2)
+
+
+def single_triangles(leaves: Leaves, scale: float, fresh: Float64Array, openness: Openness) -> Triangles:
+    """Return one triangle for each spray, `scale` times as large."""
+    middle = leaves.root + 0.4 * leaves.along
+    along, across = scale * leaves.along, scale * leaves.across
+    position = np.stack(
+        [middle - 0.4 * along - across, middle - 0.4 * along + across, middle + 0.6 * along], axis=1
+    )
+    leaf_uv = np.broadcast_to([[-1.0, 0.0], [1.0, 0.0], [0.0, 1.0]], (*position.shape[:2], 2))
+    return _leaf_triangles(leaves, position, leaf_uv, SOLID, fresh, openness, copies=1)
+
+
+def _leaf_triangles(
+    leaves: Leaves,
+    position: Float64Array,
+    leaf_uv: Float64Array,
+    mask: float,
+    fresh: Float64Array,
+    openness: Openness,
+    *,
+    copies: int,
+) -> Triangles:
+    position[..., 2] = np.clip(position[..., 2], *BOUNDS)
+    light = openness.at(leaves.root + 0.5 * leaves.along)
+    albedo = leaves.albedo + fresh * (light**2)[:, None]
+    normal, albedo = (np.tile(each[:, None], (copies, 3, 1)) for each in (leaves.normal, albedo))
+    along = ROOT_SHADE + (1.0 - ROOT_SHADE) * leaf_uv[..., 1]
+    count = len(position)
+    return Triangles(
+        position,
+        normal,
+        albedo,
+        np.tile(light, copies)[:, None] * along,
+        np.asarray(leaf_uv, dtype=np.float64),
+        np.full(count, mask),
+        np.ones(count),
+        np.tile(leaves.phase, copies),
+    )
+
+
+VIEWS: Final = (0.4, 1.9)
+"""Azimuths of view, rad."""
+CELLS: Final = 48
+"""Raster cells per plant height."""
+PER_CELL: Final = 5.0
+"""Sample points on a triangle as large as a cell."""
+
+
+class PlantView(NamedTuple):
+    """Covered area (squares of its height) and area-weighted mean of visible albedo · openness (3,)."""
+
+    area: float
+    colour: Float64Array
+
+
+def leaf_mask(across: Float64Array, along: Float64Array, mask: Float64Array) -> Float64Array:
+    """Return a spray's leaf mask, positive inside leaves; the oracle of kernels/render/sprig.glsl."""
+    needles = mask > 0.5 * (BROAD + NEEDLES)
+    away = np.abs(across)
+    forward, count = np.where(needles, 0.5, 0.55), np.where(needles, 8.0, 5.0)
+    row = (along - 0.3 * forward * away) * count + np.where(across < 0.0, 0.5, 0.0)
+    up = np.clip(along - 0.3 * forward * away, 0.0, 1.0)
+    reach = np.sqrt(1.0 - up * up) * np.minimum(
+        np.where(needles, 6.0, 4.0) * up + np.where(needles, 0.5, 0.35), 1.0
+    )
+    grown = np.where(needles, 1.0, 0.7 + 0.3 * np.mod(np.floor(row) * 0.618034 + 0.37 * (across < 0.0), 1.0))
+    out = away / np.maximum(reach * grown, 1e-3)
+    full = np.where(needles, 0.36 * (1.0 - 0.5 * out), 0.94 * np.sqrt(np.maximum(out * (1.0 - out), 0.0)))
+    leaf = np.where(out < 1.0, full - np.abs(row - np.floor(row) - 0.5), -1.0)
+    return np.where(mask < 0.5 * BROAD, 1.0, np.maximum(leaf, 0.06 - away))
+
+
+def plant_view(triangles: Triangles, *, views: tuple[float, ...] = VIEWS, points: int = 60_000) -> PlantView:
+    """Rasterise at most `points` samples of a plant from horizontal views (azimuths in rad).
+
+    Too few points leave holes in the covered area.
+    """
+    rng = np.random.default_rng(7)
+    position = triangles.position
+    area = 0.5 * np.linalg.norm(
+        np.cross(position[:, 1] - position[:, 0], position[:, 2] - position[:, 0]), axis=1
+    )
+    count = area * CELLS**2 * PER_CELL
+    count *= min(points / max(count.sum(), 1.0), 1.0)
+    of = np.repeat(np.arange(len(area)), np.maximum(np.rint(count).astype(np.int64), 1))
+    u, v = rng.uniform(0.0, 1.0, (2, len(of)))
+    fold = u + v > 1.0
+    u, v = np.where(fold, 1.0 - u, u), np.where(fold, 1.0 - v, v)
+    weights = np.stack([1.0 - u - v, u, v], axis=1)[:, None]
+    at = (weights @ triangles.leaf_uv[of])[:, 0]
+    inside = leaf_mask(at[:, 0], at[:, 1], triangles.mask[of]) > 0.0
+    of, weights = of[inside], weights[inside]
+    point = (weights @ position[of])[:, 0]
+    light = (weights @ triangles.openness[of][..., None])[:, 0]
+    colour = (weights @ triangles.albedo[of])[:, 0] * light
+    covered, total = 0, np.zeros(3)
+    for azimuth in views:
+        c, s = np.cos(azimuth), np.sin(azimuth)
+        across, depth = point[:, 0] * c + point[:, 1] * s, point[:, 1] * c - point[:, 0] * s
+        cell = np.floor(np.stack([across + 1.0, point[:, 2] + 0.1]) * CELLS).astype(np.int64)
+        flat = np.clip(cell[1], 0, 2 * CELLS - 1) * 2 * CELLS + np.clip(cell[0], 0, 2 * CELLS - 1)
+        nearest = np.argsort(-depth, kind="stable")
+        front = np.full(4 * CELLS**2, -1)
+        front[flat[nearest]] = nearest
+        front = front[front >= 0]
+        covered += len(front)
+        total += colour[front].sum(axis=0)
+    return PlantView(covered / (len(views) * CELLS**2), np.asarray(total / max(covered, 1)))
 
 
 DETAILS: Final = 6
@@ -157,3 +342,48 @@ def _hull(plant: _Plant, size: float) -> Triangles:
         leaf.astype(np.float64),
         nothing,
     )
+
+
+VERTEX: Final = np.dtype([("place", "f4", 3), ("outward", "u1", 4), ("colour", "u1", 4), ("sprig", "u1", 4)])
+
+
+@cache
+def plant_mesh(species: str, variant: int, detail: int) -> npt.NDArray[np.void]:
+    """Return a plant's (3 · triangles,) `VERTEX` array, read-only; `detail` 0 is the finest.
+
+    position: plant heights. normal: unit vector -1..1, then 1 for leaf or 0 for wood. colour: √albedo,
+    openness. leaf_uv: position on its spray, across -1..1 and along 0..1; alpha mask; wind phase. All but
+    positions are in 0..255.
+    """
+    triangles = level(species, variant, detail)
+    mesh = np.empty(triangles.position.shape[0] * 3, VERTEX)
+    mesh["place"] = triangles.position.reshape(-1, 3)
+    mesh["outward"][:, :3] = _byte(0.5 + 0.5 * triangles.normal.reshape(-1, 3))
+    mesh["outward"][:, 3] = _byte(np.repeat(triangles.leafiness, 3))
+    mesh["colour"][:, :3] = _byte(np.sqrt(np.clip(triangles.albedo.reshape(-1, 3), 0.0, 1.0)))
+    mesh["colour"][:, 3] = _byte(triangles.openness.reshape(-1))
+    mesh["sprig"][:, 0] = _byte(0.5 + 0.5 * triangles.leaf_uv[..., 0].ravel())
+    mesh["sprig"][:, 1] = _byte(triangles.leaf_uv[..., 1].ravel())
+    mesh["sprig"][:, 2] = _byte(np.repeat(triangles.mask, 3))
+    mesh["sprig"][:, 3] = _byte(np.repeat(triangles.phase, 3))
+    mesh.flags.writeable = False
+    return mesh
+
+
+def _byte(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    return np.asarray(np.rint(255.0 * np.clip(values, 0.0, 1.0)))
+
+
+def plant_chances(plants: npt.NDArray[np.void]) -> tuple[Float64Array, Float64Array]:
+    """Return two numbers in 0..1 for each plant (`PLANT`) from its position alone."""
+    x, y = ((plants[axis] * 8.0).astype(np.int64) for axis in ("x", "y"))
+    seed = x * 73_856_093 ^ y * 19_349_663
+    bits = (seed.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(24)
+    first = ((bits >> np.uint64(16)) & np.uint64(0xFFFF)).astype(np.float64) / 0xFFFF
+    second = ((bits >> np.uint64(32)) & np.uint64(0xFF)).astype(np.float64) / 0xFF
+    return first, second
+
+
+def plant_variants(chance: Float64Array) -> npt.NDArray[Any]:
+    """Return 0 … `VARIANTS` - 1 for each second chance, as whole numbers in float64."""
+    return np.floor(np.minimum(chance * VARIANTS, VARIANTS - 1))

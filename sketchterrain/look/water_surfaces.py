@@ -1,8 +1,8 @@
-"""Triangle meshes of river and lake water_surfaces."""
+"""Water surfaces of lakes and rivers as meshes."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple, Protocol
 
 import numpy as np
 from scipy.ndimage import map_coordinates
@@ -14,7 +14,66 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.array_types import Float64Array
-    from sketchterrain.look.waters import DistanceRaster, LakeGeometry, PlacedFeatures, RiverGeometry
+
+
+class RiverGeometry(Protocol):
+    """A river, from its source downstream."""
+
+    @property
+    def centreline(self) -> npt.NDArray[np.float64]:
+        """(m, 3) x, y and water surface z (m)."""
+
+    @property
+    def centreline_width(self) -> npt.NDArray[np.float32]:
+        """(m,) width (m)."""
+
+
+class DistanceRaster(Protocol):
+    """A raster of the distance inside a shape's border, rows northward."""
+
+    @property
+    def west(self) -> float:
+        """Position of the first sample (m)."""
+
+    @property
+    def south(self) -> float:
+        """Position of the first sample (m)."""
+
+    @property
+    def spacing(self) -> float:
+        """Distance between samples (m)."""
+
+    @property
+    def inside(self) -> npt.NDArray[np.float32]:
+        """(rows, columns) m, negative outside."""
+
+
+class LakeGeometry(Protocol):
+    """A lake."""
+
+    @property
+    def shape(self) -> DistanceRaster:
+        """Its area."""
+
+    @property
+    def level(self) -> float:
+        """Elevation of the water (m)."""
+
+
+class PlacedFeatures(Protocol):
+    """Placed features."""
+
+    @property
+    def points(self) -> npt.NDArray[np.void]:
+        """Placed point features."""
+
+    @property
+    def rivers(self) -> Sequence[RiverGeometry]:
+        """Placed rivers."""
+
+    @property
+    def lakes(self) -> Sequence[LakeGeometry]:
+        """Placed lakes."""
 
 
 ACROSS: Final = 9

@@ -1,11 +1,11 @@
-"""A pinhole camera in world coordinates, drawn relative to its eye."""
+"""Cameras and their draw distance."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -120,3 +120,23 @@ def _frustum(camera: Camera, aspect: float) -> Floats:
     planes[:, 3] -= planes[:, :3] @ np.asarray(camera.eye)
     planes.flags.writeable = False
     return planes
+
+
+CLIMB: Final = 8.0
+"""m by which the draw distance grows with each metre of height above the ground."""
+FARTHEST: Final = 16.0
+"""Extents: draw distance at most; the coarsest tiles are as wide."""
+
+
+def draw_distance(clearance: float, *, extent: float, reach: float) -> float:
+    """Return how far the ground is drawn (m)."""
+    return min(reach * extent + CLIMB * clearance, FARTHEST * extent)
+
+
+def with_clip_planes(
+    camera: Camera, clearance: float, *, extent: float, reach: float
+) -> tuple[Camera, float]:
+    """Return a camera with clipping planes that suit its height, and the draw distance (m)."""
+    distance = draw_distance(clearance, extent=extent, reach=reach)
+    near, far = clip_planes(clearance, distance)
+    return replace(camera, near=near, far=far), distance

@@ -7,17 +7,16 @@ from typing import TYPE_CHECKING, Final
 import moderngl
 import numpy as np
 
-from sketchterrain.render.frame import wrap_to_noise_period
 from sketchterrain.render.programs import fullscreen_pass, set_uniforms
 from sketchterrain.render.sky import OVERCAST, SUN_IRRADIANCE
+from sketchterrain.render.targets import wrap_to_noise_period
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.render.quality import Quality
-    from sketchterrain.render.sky import Sky
+    from sketchterrain.render.sky import Sky, Weather
     from sketchterrain.render.targets import RenderTargets
-    from sketchterrain.render.weather import Weather
 
 SIZE: Final = 512
 """Texels a side of the coverage field, 32 m each."""

@@ -17,10 +17,17 @@ from sketchterrain.render.plant_cells import (
     joined,
     reach_of,
 )
-from sketchterrain.render.plant_meshes import KINDS, Instances, PlantBatch, PlantMeshes
+from sketchterrain.render.plant_meshes import (
+    KINDS,
+    Instances,
+    PlantBatch,
+    PlantMeshes,
+    Thinning,
+    share_of,
+    width_of,
+)
 from sketchterrain.render.plant_shade import PlantShade
 from sketchterrain.render.programs import build_program, build_transform
-from sketchterrain.render.thinning import Thinning, share_of, width_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -29,7 +36,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.array_types import Float64Array
-    from sketchterrain.render.allowance import TimeBudget
+    from sketchterrain.render.budgets import TimeBudget
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.lit_ground import LitGround
     from sketchterrain.render.quality import Quality

@@ -1,21 +1,246 @@
-"""Grass, flowers and ferns around the eye: strewn, found out once a plant, drawn with its blades."""
+"""Grass and flowers."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import moderngl
+import numpy as np
 
-from sketchterrain.render.grass_meshes import DETAILS, KINDS, tuft_mesh
 from sketchterrain.render.programs import build_program, build_transform
-from sketchterrain.render.scatter import Nearby, Strewing
-from sketchterrain.render.strewn import Strewn
+from sketchterrain.render.scatter import Mesh, Nearby, Strewing, Strewn
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    import numpy.typing as npt
+
+    from sketchterrain.array_types import Float64Array
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.quality import Quality
+
+
+KINDS: Final = ("meadow", "tall", "flower", "fern")
+DETAILS: Final = 3
+"""Levels of detail, 0 the finest."""
+LEAF, PETAL, STALK = 0.0, 1.0, 2.0
+"""What a vertex is painted as: kernels/render/grass.vert.glsl."""
+
+VERTEX: Final = np.dtype([("place", "<f4", 3), ("side", "<f4", 3), ("manner", "<f4", 3)])
+"""Place on a blade's middle line (heights); what a half width moves it by; share of the way up it, the
+blade's own number 0..1, what it is painted as."""
+
+
+class _Blade(NamedTuple):
+    """One strip: where it starts and leans to, how it narrows, and what it is."""
+
+    base: Float64Array  # (2,) heights
+    lean: Float64Array  # (2,) heights that its tip is off its base
+    tall: float  # heights
+    twist: float  # rad between its lean and its edge's normal
+    width: float  # half widths
+    tone: float
+    paint: float = LEAF
+    narrow: float = 1.3  # power by which it narrows towards its tip
+    low: float = 0.0  # heights at which it starts
+
+
+def tuft_mesh(kind: str, detail: int) -> Mesh:
+    """Make a plant of the ground.
+
+    Parameters
+    ----------
+    kind
+        One of `KINDS`.
+    detail
+        0 for one at one's feet … ``DETAILS - 1`` for one of a few pixels.
+    """
+    rng = np.random.default_rng([7, KINDS.index(kind)])
+    steps = ((0.0, 0.36, 0.7, 1.0), (0.0, 0.55, 1.0), (0.0, 1.0))[detail]
+    if kind == "meadow":
+        blades = _tuft(rng, count=10) + _low_leaves(rng, count=6)
+        strips = [_strip(blade, steps) for blade in _fewer(blades, detail)]
+    elif kind == "tall":
+        blades = _tuft(rng, count=8, spread=0.16, lean=0.34) + _ears(rng, count=3)
+        strips = [_strip(blade, steps) for blade in blades]
+    elif kind == "flower":
+        strips = _flower(rng, steps, petals=(8, 5, 4)[detail])
+    else:
+        strips = _fern(rng, fronds=(8, 7, 5)[detail], leaflets=(9, 5, 0)[detail])
+    return _joined(strips)
+
+
+def _tuft(rng: np.random.Generator, *, count: int, spread: float = 0.55, lean: float = 0.75) -> list[_Blade]:
+    """Blades that lean outwards the more the farther out they stand; the first ones are spread round."""
+    around = 2.0 * np.pi * (np.arange(count) * 0.618 + rng.uniform(-0.1, 0.1, count))
+    out = spread * np.sqrt((np.arange(count) + 0.5) / count)
+    blades = []
+    for angle, away in zip(around, out, strict=True):
+        base = away * np.array([np.cos(angle), np.sin(angle)])
+        way = angle + rng.normal(0.0, 0.7)
+        reach = lean * rng.uniform(0.35, 1.25)
+        tall = rng.uniform(0.55, 1.0)
+        blades.append(
+            _Blade(
+                base,
+                reach * tall * np.array([np.cos(way), np.sin(way)]),
+                tall * (1.0 - 0.25 * min(reach, 1.0)),
+                rng.normal(0.0, 0.5),
+                rng.uniform(0.75, 1.25),
+                rng.uniform(0.0, 1.0),
+            )
+        )
+    return blades
+
+
+def _low_leaves(rng: np.random.Generator, *, count: int) -> list[_Blade]:
+    """Broad leaves that lie over the ground and close the gaps of a tuft."""
+    leaves = []
+    for angle in 2.0 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count:
+        way = np.array([np.cos(angle), np.sin(angle)])
+        base = rng.uniform(0.05, 0.5) * way[::-1]
+        width, tone = rng.uniform(1.5, 2.3), rng.uniform(0.2, 1.0)
+        leaves.append(
+            _Blade(base, rng.uniform(0.35, 0.7) * way, rng.uniform(0.18, 0.4), 0.0, width, tone, LEAF, 2.0)
+        )
+    return leaves
+
+
+def _fewer(blades: list[_Blade], detail: int) -> list[_Blade]:
+    """In the coarsest detail each third blade stands for three."""
+    if detail < DETAILS - 1:
+        return blades
+    return [blade._replace(width=3.0 * blade.width) for blade in blades[::3]]
+
+
+def _ears(rng: np.random.Generator, *, count: int) -> list[_Blade]:
+    """Stalks with an ear each."""
+    strips = []
+    for _ in range(count):
+        base, lean = rng.normal(0.0, 0.08, 2), rng.normal(0.0, 0.14, 2)
+        tall, tone = rng.uniform(1.0, 1.3), rng.uniform(0.0, 1.0)
+        strips.append(_Blade(base, lean, tall, rng.uniform(0.0, 3.0), 0.45, tone, STALK, 0.1))
+        top = base + lean
+        strips.append(
+            _Blade(top, 0.3 * lean, 0.22, rng.uniform(0.0, 3.0), 1.3, tone, STALK, 0.9, low=tall - 0.06)
+        )
+    return strips
+
+
+class _Strip(NamedTuple):
+    place: Float64Array  # (n, 3)
+    side: Float64Array  # (n, 3)
+    manner: Float64Array  # (n, 3)
+    triangles: npt.NDArray[np.int64]  # (m, 3)
+
+
+def _strip(blade: _Blade, steps: tuple[float, ...]) -> _Strip:
+    """Lay a blade: two vertices a step, one at its tip; however few steps there are, it is as large."""
+    t = np.array(steps)
+    bow = 0.2 + 0.3 * min(float(np.hypot(*blade.lean)), 1.0)
+    place = np.column_stack(
+        [blade.base + np.outer(t**1.8, blade.lean), blade.low + blade.tall * (t - bow * t**3) / (1.0 - bow)]
+    )
+    across = np.arctan2(blade.lean[1], blade.lean[0]) + np.pi / 2 + blade.twist
+    edge = np.array([np.cos(across), np.sin(across), 0.0])
+    fine = np.linspace(0.0, 1.0, 65)
+    width = _width(blade, t) * (np.trapezoid(_width(blade, fine), fine) / np.trapezoid(_width(blade, t), t))
+    many = len(t)
+    rows = np.repeat(np.arange(many), 2)[:-1]
+    sign = np.where(np.arange(len(rows)) % 2 == 0, -1.0, 1.0)
+    side = edge * (sign * width[rows])[:, None]
+    manner = np.column_stack([t[rows], np.full(len(rows), blade.tone), np.full(len(rows), blade.paint)])
+    first = np.arange(0, len(rows) - 3, 2)
+    quads = np.concatenate(
+        [np.column_stack([first, first + 1, first + 3]), np.column_stack([first, first + 3, first + 2])]
+    )
+    tip = len(rows) - 1
+    triangles = np.concatenate([quads, [[tip - 2, tip - 1, tip]]])
+    return _Strip(place[rows], side, manner, triangles)
+
+
+def _width(blade: _Blade, t: Float64Array) -> Float64Array:
+    """Return how wide a blade is at shares of its way up (half widths), leaves widest over their foot."""
+    full = 0.7 + 0.6 * np.minimum(t / 0.3, 1.0) if blade.narrow > 1.0 else 1.0
+    return np.asarray(blade.width * (1.0 - t**blade.narrow) * full)
+
+
+def _flower(rng: np.random.Generator, steps: tuple[float, ...], *, petals: int) -> list[_Strip]:
+    """Make some stems, each with a head of petals that looks up, and a few leaves at the foot."""
+    strips = [_strip(blade, steps) for blade in _tuft(rng, count=4, spread=0.15, lean=0.4)]
+    for k in range(3):
+        base, lean = rng.normal(0.0, 0.22, 2), rng.normal(0.0, 0.10, 2)
+        tall = (1.0, 0.82, 0.66)[k]
+        stem = _Blade(base, lean, tall, 0.0, 0.35, rng.uniform(), STALK, 0.1)
+        strips.append(_strip(stem, steps))
+        top = np.array([*(base + lean), tall])
+        strips.append(_head(top, np.array([*(0.8 * lean), 0.35]), petals, rng.uniform()))
+    return strips
+
+
+def _head(top: Float64Array, up: Float64Array, petals: int, tone: float) -> _Strip:
+    """Make a shallow cone of petals about a middle; its size goes with the half width."""
+    up = up / np.linalg.norm(up)
+    first = np.cross(up, [0.0, 1.0, 0.0])
+    first /= np.linalg.norm(first)
+    second = np.cross(up, first)
+    angle = 2.0 * np.pi * np.arange(2 * petals) / (2 * petals)
+    out = np.where(np.arange(2 * petals) % 2 == 0, 4.2, 2.6)
+    rim = out[:, None] * (np.outer(np.cos(angle), first) + np.outer(np.sin(angle), second) + 0.25 * up)
+    side = np.concatenate([[[0.0, 0.0, 0.0]], rim])
+    along = np.concatenate([[0.0], np.where(np.arange(2 * petals) % 2 == 0, 1.0, 0.55)])
+    manner = np.column_stack([along, np.full(len(along), tone), np.full(len(along), PETAL)])
+    k = np.arange(2 * petals)
+    triangles = np.column_stack([np.zeros_like(k), 1 + k, 1 + (k + 1) % (2 * petals)])
+    return _Strip(np.tile(top, (len(side), 1)), side, manner, triangles)
+
+
+def _fern(rng: np.random.Generator, *, fronds: int, leaflets: int) -> list[_Strip]:
+    """Fronds that arch outwards, each of leaflets in pairs that shorten towards its tip."""
+    strips = []
+    for k in range(fronds):
+        angle = 2.0 * np.pi * (k + rng.uniform(-0.25, 0.25)) / fronds
+        out = np.array([np.cos(angle), np.sin(angle), 0.0])
+        across = np.array([-out[1], out[0], 0.0])
+        reach, tall, tone = rng.uniform(0.8, 1.15), rng.uniform(0.75, 1.0), rng.uniform()
+        if not leaflets:
+            t = np.array([0.0, 0.5, 0.5, 1.0])
+            sign = np.array([0.0, -1.0, 1.0, 0.0])
+            place = _arch(t, out, reach, tall) + np.outer(0.4 * sign, across)
+            manner = np.column_stack([t, np.full(4, tone), np.zeros(4)])
+            strips.append(_Strip(place, np.zeros((4, 3)), manner, np.array([[0, 1, 2], [1, 3, 2]])))
+            continue
+        t = np.asarray((np.arange(leaflets) + 0.8) / (leaflets + 0.3), np.float64)
+        length = 0.34 * np.sin(np.pi * np.clip(0.12 + 0.86 * t, 0.0, 1.0)) + 0.02
+        step = 0.5 / leaflets
+        for left in (-1.0, 1.0):
+            root = _arch(t - step, out, reach, tall)
+            end = _arch(t + step, out, reach, tall)
+            tip = _arch(t + 0.9 * step, out, reach, tall) + (left * length)[:, None] * across
+            tip[:, 2] -= 0.25 * length
+            place = np.stack([root, end, tip], axis=1).reshape(-1, 3)
+            along = np.stack([0.75 * t, 0.75 * t, t * 0.75 + 0.25], axis=1).ravel()
+            manner = np.column_stack([along, np.full(len(along), tone), np.zeros(len(along))])
+            triangles = np.arange(len(place)).reshape(-1, 3)
+            strips.append(_Strip(place, np.zeros_like(place), manner, triangles))
+    return strips
+
+
+def _arch(t: Float64Array, out: Float64Array, reach: float, tall: float) -> Float64Array:
+    """Points of a frond's middle line."""
+    up = tall * np.sin(0.62 * np.pi * t) * (1.0 - 0.25 * t)
+    return np.asarray(np.outer(reach * t, out) + np.outer(up, [0.0, 0.0, 1.0]))
+
+
+def _joined(strips: list[_Strip]) -> Mesh:
+    starts = np.cumsum([0] + [len(strip.place) for strip in strips])
+    vertices = np.empty(starts[-1], VERTEX)
+    for start, strip in zip(starts, strips, strict=False):
+        part = vertices[start : start + len(strip.place)]
+        part["place"], part["side"], part["manner"] = strip.place, strip.side, strip.manner
+    triangles = [strip.triangles + start for start, strip in zip(starts, strips, strict=False)]
+    return Mesh(vertices, np.concatenate(triangles).astype(np.uint32))
+
 
 STREWN: Final = {
     "meadow": Strewing(salt=101, density=85.0, full=4.2, reach=110.0, cell=3.0, details=(4.5, 18.0)),

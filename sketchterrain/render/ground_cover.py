@@ -1,20 +1,251 @@
-"""What covers the ground near the eye and stands on what is drawn of it: stones and grass."""
+"""Ground cover: stones and grass near the eye."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import moderngl
+import numpy as np
 
 from sketchterrain.render.grass import Grass
-from sketchterrain.render.rocks import Rocks
+from sketchterrain.render.programs import build_program, build_transform, set_uniforms
+from sketchterrain.render.scatter import Mesh, Nearby, Strewing, Strewn, hashed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    import moderngl
+    import numpy.typing as npt
 
+    from sketchterrain.array_types import Float64Array, Int64Array
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.quality import Quality
+    from sketchterrain.render.scatter import Places
     from sketchterrain.render.shading import Shading
+
+
+VERTEX: Final = np.dtype([("place", "<f4", 3), ("outward", "<f4", 3)])
+"""In radii of the stone; a unit normal."""
+
+
+class _Shape(NamedTuple):
+    """How a stone is broken and worn."""
+
+    axes: tuple[float, float, float]  # half widths, the last upward
+    cuts: int  # planes
+    depth: float  # radii that they cut off at most
+    edge: float  # how sharp edges are left: the power by which cuts join
+    waves: float  # radii that it is rough, of the size of a third
+    grain: float  # radii that it is rough, ever finer
+
+
+SHAPES: Final = (
+    _Shape((1.0, 0.82, 0.72), 17, 0.42, 26.0, 0.05, 0.018),  # a block
+    _Shape((1.0, 0.70, 0.60), 13, 0.46, 34.0, 0.04, 0.016),  # a sharp one
+    _Shape((1.0, 0.88, 0.42), 14, 0.34, 26.0, 0.04, 0.015),  # a slab
+    _Shape((1.0, 0.90, 0.76), 24, 0.26, 11.0, 0.07, 0.016),  # a worn boulder
+    _Shape((1.0, 0.80, 0.58), 22, 0.20, 7.0, 0.04, 0.006),  # a river's
+)
+DETAILS: Final = 4
+"""Levels of detail, 0 the finest."""
+_SPLITS: Final = (4, 3, 2, 1)
+"""Times that each triangle of an icosahedron is split into four."""
+
+
+def rock_mesh(shape: int, detail: int) -> Mesh:
+    """Make a stone, one of `SHAPES`; all details are samples of the same surface."""
+    directions, triangles = _ball(_SPLITS[detail])
+    place = directions * _radius(directions, shape)[:, None] * np.array(SHAPES[shape].axes)
+    a, b, c = (place[triangles[:, k]] for k in range(3))
+    across = np.cross(b - a, c - a)
+    outward = np.zeros_like(place)
+    for k in range(3):
+        np.add.at(outward, triangles[:, k], across)
+    vertices = np.empty(len(place), VERTEX)
+    vertices["place"] = place
+    vertices["outward"] = outward / np.linalg.norm(outward, axis=1, keepdims=True)
+    return Mesh(vertices, triangles.astype(np.uint32))
+
+
+def _radius(directions: Float64Array, shape: int) -> Float64Array:
+    """Return how far (radii) a stone reaches in unit directions."""
+    rng = np.random.default_rng([11, shape])
+    form = SHAPES[shape]
+    normals = _unit(rng.standard_normal((form.cuts, 3)))
+    away = 1.0 - form.depth * rng.uniform(0.0, 1.0, form.cuts) ** 0.7
+    facing = np.maximum(directions @ normals.T, 0.0) / away
+    # A power mean of how near the planes are: the nearest wins, edges are rounded off a little.
+    cut = (1.0 + np.sum(facing**form.edge, axis=1)) ** (-1.0 / form.edge)
+    rough = form.waves * _waves(rng, directions, 3.1)
+    for octave in range(4):
+        rough += form.grain * 0.62**octave * _waves(rng, directions, 6.5 * 1.9**octave)
+    return np.asarray(cut * (1.0 + rough))
+
+
+def _waves(rng: np.random.Generator, directions: Float64Array, frequency: float) -> Float64Array:
+    """Return noise of a frequency (rad a radius) and deviation 1: plane waves in all directions."""
+    ways = _unit(rng.standard_normal((9, 3))) * frequency * rng.uniform(0.7, 1.3, (9, 1))
+    phases = rng.uniform(0.0, 2.0 * np.pi, 9)
+    return np.asarray(np.sin(directions @ ways.T + phases).sum(axis=1) * np.sqrt(2.0 / 9.0))
+
+
+@cache
+def _ball(splits: int) -> tuple[Float64Array, Int64Array]:
+    """Split each triangle of an icosahedron so often; return unit vectors and triangles counter-clockwise."""
+    golden = (1.0 + np.sqrt(5.0)) / 2.0
+    flat = np.array([[-1, golden], [1, golden], [-1, -golden], [1, -golden]])
+    zero = np.zeros((4, 1))
+    points = _unit(
+        np.concatenate(
+            [np.hstack([flat, zero]), np.hstack([zero, flat]), np.hstack([flat[:, 1:], zero, flat[:, :1]])]
+        )
+    )
+    corners = [
+        (i, j, k) for i in range(12) for j in range(i) for k in range(j) if _are_near(points[[i, j, k]])
+    ]
+    triangles = np.array(corners)
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0.0
+    triangles[inward] = triangles[inward][:, ::-1]
+    for _ in range(splits):
+        points, triangles = _split(points, triangles)
+    return points, triangles
+
+
+def _are_near(points: Float64Array) -> bool:
+    return bool(max(np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1)) < 1.1)
+
+
+def _split(points: Float64Array, triangles: Int64Array) -> tuple[Float64Array, Int64Array]:
+    edges = np.sort(
+        np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1
+    )
+    single, where = np.unique(edges, axis=0, return_inverse=True)
+    middle = _unit(points[single[:, 0]] + points[single[:, 1]])
+    ab, bc, ca = (len(points) + where.reshape(3, -1)).astype(np.int64)
+    a, b, c = triangles.T
+    parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    return np.concatenate([points, middle]), np.concatenate([np.column_stack(part) for part in parts])
+
+
+def _unit(vectors: Float64Array) -> Float64Array:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
+
+
+@dataclass(frozen=True)
+class _Stones:
+    """Stones of some sizes.
+
+    Attributes
+    ----------
+    strewing : Strewing
+        At the best quality.
+    sizes : (float, float)
+        m, radius of the smallest and of the largest.
+    often : float
+        Share of the places that hold one on scree.
+    tumble : float
+        rad that they lie turned over at most.
+    """
+
+    strewing: Strewing
+    sizes: tuple[float, float]
+    often: float
+    tumble: float
+
+
+STONES: Final = (
+    _Stones(Strewing(11, 7.0, 3.0, 32.0, 4.0, (0.0, 0.0, 4.0)), (0.018, 0.10), 0.9, 3.0),
+    _Stones(Strewing(22, 0.8, 9.0, 120.0, 8.0, (0.0, 9.0, 28.0)), (0.09, 0.5), 0.8, 1.2),
+    _Stones(Strewing(33, 0.012, 50.0, 480.0, 40.0, (14.0, 45.0, 130.0)), (0.42, 2.6), 0.6, 0.7),
+)
+"""Pebbles, stones, boulders."""
+FOUND: Final = ("stand", "spin", "ground", "kind", "hue")
+"""What rock_place.vert.glsl says of a stone."""
+_MESHES: Final = DETAILS * len(SHAPES)
+
+
+class Rocks:
+    """Stones on the ground around an eye.
+
+    Parameters
+    ----------
+    context
+        Where they are drawn.
+    quality
+        How far and how many.
+    defines
+        Macros of the shading, see `Shading.defines`.
+
+    Attributes
+    ----------
+    triangles : int
+        Of the last picture.
+    stones : int
+        Places that it asked for; most of them are empty where no stones lie.
+    """
+
+    def __init__(self, context: moderngl.Context, *, quality: Quality, defines: Mapping[str, int]) -> None:
+        self.triangles = self.stones = 0
+        self._context = context
+        self._sorts: list[tuple[_Stones, Nearby]] = []
+        if quality.grass == 0.0 or not quality.includes("rocks"):
+            return
+        for each in STONES:
+            strewing = each.strewing.as_far(quality.grass, share=quality.blades)
+            self._sorts.append((replace(each, strewing=strewing), Nearby(strewing, sort=by_mesh)))
+        self.pool = Strewn(
+            context,
+            [rock_mesh(shape, detail) for detail in range(DETAILS) for shape in range(len(SHAPES))],
+            finding=build_transform(context, "rock_place.vert.glsl", FOUND, defines=defines),
+            found=FOUND,
+            drawing=build_program(context, "rock.vert.glsl", "rock.frag.glsl", defines=defines),
+        )
+        self._shade = build_program(context, "rock_shade.vert.glsl", "rock_shade.frag.glsl", defines=defines)
+        darkening = (self.pool.found, "4f4 16x 4f4 4f4 16x/i", "stand", "ground", "kind")
+        self._patches = context.vertex_array(self._shade, [darkening])
+
+    def draw(self, camera: Camera, aspect: float, uniforms: Mapping[str, object], *, above: float) -> None:
+        """Draw what a camera sees; see `Grass.draw`."""
+        self.triangles = self.stones = 0
+        for stones, nearby in self._sorts:
+            places = nearby.seen(camera, aspect, above)
+            if len(places.rows):
+                strewing = stones.strewing
+                own = {
+                    "strewing": (float(strewing.room), strewing.full, strewing.reach, strewing.cell),
+                    "sizes": (*stones.sizes, stones.often),
+                    "tumble": stones.tumble,
+                }
+                self.pool.find_out(places, {**uniforms, **own})
+                self._draw(places, uniforms)
+
+    def _draw(self, places: Places, uniforms: Mapping[str, object]) -> None:
+        many, context = len(places.rows), self._context
+        context.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
+        context.blend_func = moderngl.DST_COLOR, moderngl.ZERO
+        target = context.fbo
+        target.depth_mask = False
+        set_uniforms(self._shade, uniforms)
+        self._patches.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=many)
+        target.depth_mask = True
+        context.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
+        context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
+        self.pool.draw(places, uniforms)
+        context.enable_only(moderngl.DEPTH_TEST)
+        self.stones += many
+        self.triangles += self.pool.triangles(places)
+
+
+def by_mesh(places: Places) -> Places:
+    """Sort places by detail and shape, which follows from a place's hash: counts are (details · shapes,)."""
+    rows = places.rows
+    detail = np.repeat(np.arange(len(places.counts)), places.counts)
+    shape = hashed(rows["seed"] ^ hashed(rows["rank"])).astype(np.int64) % len(SHAPES)
+    mesh = detail * len(SHAPES) + shape
+    counts: npt.NDArray[np.int64] = np.bincount(mesh, minlength=_MESHES).astype(np.int64)
+    return places._replace(rows=rows[np.argsort(mesh, kind="stable")], counts=counts)
 
 
 class GroundCover:

@@ -8,17 +8,18 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from sketchterrain.errors import InputError
-from sketchterrain.features.recent import IdentityKey
+from sketchterrain.placement.cache import IdentityKey
+from sketchterrain.render.budgets import StreamStats, TileUpdateStats
 from sketchterrain.render.ground import TileRenderer
-from sketchterrain.render.kept import ResourceCache
+from sketchterrain.render.programs import ResourceCache
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.scene import BoundedTerrain
 from sketchterrain.render.sharing_probe import moved_to_context, shared_with_gl
-from sketchterrain.render.stats import StreamStats, TileUpdateStats
 from sketchterrain.render.vertex_memory import GLVertexMemory, open_vertex_memory
 from sketchterrain.terrain.vertices import VERTEX
-from sketchterrain.tiles import CameraView, ScreenError, TileStream
-from sketchterrain.tiles.bounds import UNBOUNDED
+from sketchterrain.tiles.lod import CameraView, ScreenError
+from sketchterrain.tiles.quadtree import UNBOUNDED
+from sketchterrain.tiles.stream import TileStream
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -29,8 +30,8 @@ if TYPE_CHECKING:
     from sketchterrain.array_types import Bounds
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.scene import TileSource
-    from sketchterrain.tiles import Batch, DrawList
-    from sketchterrain.tiles.metrics import Metric
+    from sketchterrain.tiles.lod import Metric
+    from sketchterrain.tiles.tile_pool import Batch, DrawList
 
 
 QUAD, QUAD_PER_TOLERANCE = 24.0, 8.0

@@ -8,16 +8,15 @@ import moderngl
 import numpy as np
 
 from sketchterrain.look.tree_levels import DETAILS
-from sketchterrain.render.allowance import WorkRate
+from sketchterrain.render.budgets import WorkRate
 from sketchterrain.render.plant_cells import Place, cells_near, joined, reach_of
-from sketchterrain.render.plant_meshes import KINDS, Instances, PlantMeshes
+from sketchterrain.render.plant_meshes import KINDS, Instances, PlantMeshes, share_of, width_of
 from sketchterrain.render.programs import build_program, set_uniforms
 from sketchterrain.render.sky import Sun
-from sketchterrain.render.thinning import share_of, width_of
 
 if TYPE_CHECKING:
     from sketchterrain.array_types import Float64Array
-    from sketchterrain.render.allowance import TimeBudget
+    from sketchterrain.render.budgets import TimeBudget
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.lit_ground import LitGround
     from sketchterrain.render.plant_cells import Cell, PlantCells

@@ -6,13 +6,12 @@ import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final
 
-from sketchterrain.render.allowance import TimeBudget
-from sketchterrain.render.draw_distance import with_clip_planes
+from sketchterrain.render.budgets import FrameStats, TerrainUpdateStats, TimeBudget
+from sketchterrain.render.camera import with_clip_planes
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.scenery import Scenery
 from sketchterrain.render.sharing_probe import moved_to_context, shared_with_gl
-from sketchterrain.render.stats import FrameStats, TerrainUpdateStats
-from sketchterrain.render.weather import Weather
+from sketchterrain.render.sky import Weather
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
     import moderngl
 
     from sketchterrain.render.camera import Camera
-    from sketchterrain.render.kept import ResourceCache
+    from sketchterrain.render.programs import ResourceCache
     from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.sky import Sun
 

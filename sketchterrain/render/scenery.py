@@ -10,18 +10,17 @@ import numpy as np
 from sketchterrain.render.atmosphere import AEROSOL_HEIGHT, RAYLEIGH, RAYLEIGH_HEIGHT
 from sketchterrain.render.clouds import Clouds, cloud_defines
 from sketchterrain.render.forest import Forest
-from sketchterrain.render.frame import FrameBlock, wrap_to_noise_period
+from sketchterrain.render.ground import SurfaceMap
 from sketchterrain.render.ground_cover import GroundCover
 from sketchterrain.render.ground_stream import TerrainStream
-from sketchterrain.render.kept import ResourceCache
 from sketchterrain.render.lit_ground import LitGround
+from sketchterrain.render.programs import ResourceCache
 from sketchterrain.render.shading import Shading
 from sketchterrain.render.sky import Sky
-from sketchterrain.render.surface_map import SurfaceMap
-from sketchterrain.render.targets import RenderTargets
+from sketchterrain.render.targets import FrameBlock, RenderTargets, wrap_to_noise_period
 from sketchterrain.render.textures import MaterialTextures, noise_texture
 from sketchterrain.render.water import Water
-from sketchterrain.tiles import ScreenError
+from sketchterrain.tiles.lod import ScreenError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -29,12 +28,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sketchterrain.array_types import Bounds
+    from sketchterrain.render.budgets import TileUpdateStats
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.quality import Quality
     from sketchterrain.render.scene import TerrainSource
-    from sketchterrain.render.sky import Sun
-    from sketchterrain.render.stats import TileUpdateStats
-    from sketchterrain.render.weather import Weather
+    from sketchterrain.render.sky import Sun, Weather
 
 
 QUAD: Final = 32.0

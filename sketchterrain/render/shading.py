@@ -9,7 +9,7 @@ import numpy as np
 
 from sketchterrain.look.texture_maker import LAYERS
 from sketchterrain.render.programs import fullscreen_pass, set_uniforms
-from sketchterrain.render.texture_places import OCTAVES, texture_phases, texture_uniforms, texture_widths
+from sketchterrain.render.textures import OCTAVES, texture_phases, texture_uniforms, texture_widths
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

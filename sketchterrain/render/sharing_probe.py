@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 
-from sketchterrain.child_process import ChildFailedError, run_child
 from sketchterrain.errors import SketchterrainError
+from sketchterrain.io.system import ChildFailedError, run_child
 
 if TYPE_CHECKING:
-    from sketchterrain.compute import ComputeContext, Device
+    from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.compute.device import Device
 
 T = TypeVar("T")
 
@@ -50,7 +51,7 @@ def probe_sharing(device: Device, *, timeout: float = _TIMEOUT) -> Sharing:
 
 def open_device(device: Device, *, real: str = "float", fast: bool = False) -> ComputeContext:
     """Open a device so that it shares buffers with the OpenGL context that is current, where that works."""
-    from sketchterrain.compute import ComputeContext
+    from sketchterrain.compute.context import ComputeContext
     from sketchterrain.compute.gl_interop import current_handles
 
     shared = device.gl_sharing == "extension" and probe_sharing(device).kind == "extension"
@@ -63,7 +64,7 @@ def shared_with_gl(terrain: T) -> T:
     The same bits: only programs and lists are put on the device anew. Where no buffers can be shared, where
     they are already, and what is no `Terrain`, comes back as it is.
     """
-    from sketchterrain.terrain import Terrain
+    from sketchterrain.terrain.terrain import Terrain
 
     if not isinstance(terrain, Terrain) or terrain.context.gl is not None:
         return terrain
@@ -74,7 +75,7 @@ def shared_with_gl(terrain: T) -> T:
 
 def moved_to_context(terrain: T, context: ComputeContext) -> T:
     """Return a terrain in an open context: itself where it is, and what is no `Terrain`."""
-    from sketchterrain.terrain import Terrain
+    from sketchterrain.terrain.terrain import Terrain
 
     if not isinstance(terrain, Terrain) or terrain.context is context:
         return terrain
@@ -96,7 +97,8 @@ def _command(device: Device, kind: str) -> list[str]:
 
 def _probe(index: int, kind: str) -> None:
     """Try a kind on a device, here."""
-    from sketchterrain.compute import ComputeContext, list_devices
+    from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.compute.device import list_devices
     from sketchterrain.compute.gl_interop import current_handles
     from sketchterrain.render.context import open_context
     from sketchterrain.render.vertex_memory import open_vertex_memory

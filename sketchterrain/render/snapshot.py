@@ -12,9 +12,9 @@ from sketchterrain.errors import InputError
 from sketchterrain.render.context import close_context, open_context
 from sketchterrain.render.overlays import Overlay, check_overlays
 from sketchterrain.render.renderer import Renderer
+from sketchterrain.render.sky import Weather
 from sketchterrain.render.sunlight import sun_for_view
-from sketchterrain.render.view import check_view, find_view
-from sketchterrain.render.weather import Weather
+from sketchterrain.render.views import check_view, find_view
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -7,15 +7,14 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from sketchterrain.errors import InputError
-from sketchterrain.render.relief import sample_heights
+from sketchterrain.render.scene import sample_heights
 from sketchterrain.render.sky import LOWEST_SUN, Sun
 
 if TYPE_CHECKING:
     from sketchterrain.array_types import Float64Array
     from sketchterrain.render.camera import Camera
-    from sketchterrain.render.relief import HeightMap
-    from sketchterrain.render.scene import TerrainSource
-    from sketchterrain.render.weather import Weather
+    from sketchterrain.render.scene import HeightMap, TerrainSource
+    from sketchterrain.render.sky import Weather
 
 
 ELEVATION: Final = 27.0

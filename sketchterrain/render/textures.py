@@ -1,28 +1,86 @@
-"""Textures that OpenGL holds: the materials' arrays, and noise."""
+"""Material textures as texture arrays."""
 
 from __future__ import annotations
 
 import ctypes
-from typing import TYPE_CHECKING, Final
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final
 
 import moderngl
 import numpy as np
+import numpy.typing as npt
 
-from sketchterrain.compute import ComputeContext, Device
-from sketchterrain.look.texture_files import read_material_images
-from sketchterrain.look.texture_levels import customized_levels, procedural_levels
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.compute.device import Device
+from sketchterrain.look.texture_levels import customized_levels, procedural_levels, read_material_images
 from sketchterrain.look.texture_maker import LAYERS
-from sketchterrain.render.gl_functions import gl_function
+from sketchterrain.render.vertex_memory import gl_function
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
     from pathlib import Path
-    from typing import Any
-
-    import numpy.typing as npt
 
     from sketchterrain.render.quality import Quality
     from sketchterrain.render.scene import TerrainSource
+
+
+OCTAVES: Final = 6
+"""Sizes in which textures are laid."""
+RATIO: Final = 3.7
+"""Of one octave's width to the next."""
+PERIOD: Final = 64
+"""Textures after which the hexagons of kernels/render/hex_tiling.glsl come round."""
+TURN: Final = 0.65
+"""rad, of one octave against the next, where nothing has to lie level or along the wind."""
+_PLANES: Final = ((1, 2), (0, 2), (0, 1))
+_SUITED: Final = {
+    "grass": (0, 2),
+    "soil": (0, 3),
+    "rock": (0, 5),
+    "scree": (0, 2),
+    "sand": (0, 2),
+    "snow": (0, 3),
+    "river_bed": (0, 1),
+    "forest_floor": (0, 2),
+    "canopy": (2, 2),
+}
+"""Finest and coarsest octave that a layer looks right in: blades of grass are never a metre wide."""
+_ALIGNED: Final = {"rock": 0.0, "sand": 0.1, "snow": 0.2}
+"""Layers with a direction of their own, and how far from it their hexagons may turn (rad)."""
+
+
+def texture_widths(looks: Mapping[str, Mapping[str, Any]] | None = None) -> npt.NDArray[np.float64]:
+    """Return the width (m) of each layer's texture at octave 0."""
+    own = {name: layer.width for name, layer in LAYERS.items()}
+    wanted = {name: look["size"] for name, look in (looks or {}).items() if look.get("size", 0.0) > 0.0}
+    return np.array([{**own, **wanted}[name] for name in LAYERS])
+
+
+def texture_uniforms(widths: npt.NDArray[np.float64]) -> dict[str, object]:
+    """Return ``laid`` and ``spins`` of kernels/render/matter.glsl for layers of these widths (m)."""
+    turns = _turns()
+    laid = [
+        (width, *_SUITED[name], turns[i]) for i, (name, width) in enumerate(zip(LAYERS, widths, strict=True))
+    ]
+    return {"laid": laid, "spins": [_ALIGNED.get(name, np.pi) for name in LAYERS]}
+
+
+def texture_phases(eye: Sequence[float], widths: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
+    """Say where the eye lies in the material textures.
+
+    Computed in float64, so that textures stay put however far from the origin the eye is.
+    """
+    octave = np.arange(OCTAVES)
+    angle = np.multiply.outer(_turns(), octave)[:, None, :]
+    scale = 1.0 / np.multiply.outer(widths, RATIO**octave)[:, None, :]
+    first, second = (np.array([eye[plane[k]] for plane in _PLANES])[:, None] for k in (0, 1))
+    u = (np.cos(angle) * first - np.sin(angle) * second) * scale
+    v = (np.sin(angle) * first + np.cos(angle) * second) * scale
+    return (np.stack([u, v], axis=-1) % PERIOD).reshape(-1, 2).astype(np.float32)
+
+
+def _turns() -> npt.NDArray[np.float64]:
+    return np.array([0.0 if name in _ALIGNED else TURN for name in LAYERS])
+
 
 NOISE_SIZE: Final = 512
 _TEXTURE_2D_ARRAY, _RGBA8, _RGBA, _UNSIGNED_BYTE = 0x8C1A, 0x8058, 0x1908, 0x1401

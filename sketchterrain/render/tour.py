@@ -9,15 +9,14 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, gaussian_filter1d, maximum_filter
 
 from sketchterrain.render.flight import Flight, Keyframe
-from sketchterrain.render.relief import sample_heights
-from sketchterrain.render.view import water_map
+from sketchterrain.render.scene import sample_heights
+from sketchterrain.render.views import water_map
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.array_types import Float64Array
-    from sketchterrain.render.relief import HeightMap
-    from sketchterrain.render.scene import TerrainSource
+    from sketchterrain.render.scene import HeightMap, TerrainSource
 
 
 FOV: Final = 50.0

@@ -1,25 +1,212 @@
-"""Adherence: how closely a terrain follows its sketch, measured on the terrain's own heights.
-
-Areas and heights are measured by removing one layer's painted features and comparing heights; rivers by
-walking down their centrelines. Everything is sampled at full detail, areas at the sketch's pixel centres.
-"""
+"""Adherence: how far the terrain does what the sketch says."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy import ndimage
+from skimage.morphology import skeletonize
 
-from sketchterrain.terrain.adherence_areas import AreaImages, SampledTerrain, measure_layer
-from sketchterrain.terrain.adherence_rivers import measure_river_adherence
+from sketchterrain.placement.feature_types import FEATURE_TYPES
+from sketchterrain.placement.shapes import label_shapes
+from sketchterrain.terrain.adherence_rivers import measure_river_adherence, standing_water
+from sketchterrain.terrain.evaluator import MASKS, Evaluator
+from sketchterrain.terrain.lattice import to_lattice
+from sketchterrain.terrain.packing import support_radii
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from sketchterrain.terrain.adherence_areas import ShapeAdherence
+    import numpy.typing as npt
+
+    from sketchterrain.array_types import BoolArray, Float32Array
+    from sketchterrain.document.sketch import Sketch
+    from sketchterrain.placement.shapes import Shape
     from sketchterrain.terrain.adherence_rivers import RiverAdherence
+    from sketchterrain.terrain.recipe import TerrainRecipe
     from sketchterrain.terrain.terrain import Terrain
+
+
+MIN_WIDTH = 6.0
+"""Minimum width (px) of a shape for its area and height to be measured; narrower ones are only counted."""
+
+EFFECT_SHARE = 0.25
+"""Share of the requested height by which the terrain must differ for a pixel to count as affected."""
+
+_TAN_70 = math.tan(math.radians(70.0))
+
+
+@dataclass(frozen=True)
+class ShapeAdherence:
+    """One painted shape and its effect on the terrain."""
+
+    layer: str
+    label: int
+    id: int  # index of the first pixel, as in `Shape`
+    area: int  # px
+    lost: bool  # no visible effect on the terrain
+    iou: float | None  # of the painted area and the area of effect; None below six pixels' width
+    spill: int  # px affected beyond the shape
+    asked: float | None  # requested height, m; None for layers without heights
+    reached: float | None  # greatest height above the terrain without the layer, m; None also if too narrow
+    capped: bool  # too small for its label's height: the target is inradius · tan 70°
+
+
+@dataclass(frozen=True, eq=False)
+class AreaImages:
+    """A layer on the sketch's pixels: the painted area and the area of effect."""
+
+    painted: BoolArray
+    affected: BoolArray  # where the layer changes the terrain
+
+
+@dataclass(frozen=True, eq=False)
+class SampledTerrain:
+    """A terrain at its sketch's pixel centres in reading order: positions, heights (m), masks."""
+
+    terrain: Terrain
+    evaluator: Evaluator
+    x: npt.NDArray[np.int64]
+    y: npt.NDArray[np.int64]
+    height: npt.NDArray[np.float32]
+    masks: npt.NDArray[np.float32]
+
+    @classmethod
+    def evaluate(cls, terrain: Terrain) -> SampledTerrain:
+        """Evaluate a terrain at full detail."""
+        x, y = (to_lattice(axis, terrain.extent).ravel() for axis in pixel_centres(terrain.sketch))
+        evaluator = Evaluator(terrain.recipe, terrain.context)
+        height, masks = evaluator.points(x, y, cell_size=0.0)
+        return cls(terrain, evaluator, x, y, height.astype(np.float32), masks.astype(np.float32))
+
+
+def measure_layer(sampled: SampledTerrain, layer: str) -> tuple[tuple[ShapeAdherence, ...], AreaImages]:
+    """Measure the shapes of one layer; see :func:`~sketchterrain.terrain.adherence.measure_adherence`."""
+    terrain = sampled.terrain
+    sketch = terrain.sketch
+    shapes = label_shapes(layer, sketch.layers[layer])
+    if layer not in FEATURE_TYPES:
+        x, y = pixel_centres(sketch)
+
+        wet = standing_water(terrain.recipe, layer, x, y, sampled.height.reshape(x.shape))
+        return agreement(sketch, shapes, wet.astype(np.float32), np.ones(len(shapes)))
+    effect = _effect(sampled, layer)
+    if layer == "dune":
+        effect = _crest_to_crest(sketch, effect)
+    key = "density" if layer == "forest" else "height"
+    requested = np.array([sketch.properties(layer, shape.label)[key] for shape in shapes])
+    return agreement(sketch, shapes, effect, requested, has_height=layer != "forest")
+
+
+def agreement(
+    sketch: Sketch,
+    shapes: tuple[Shape, ...],
+    effect: Float32Array,
+    requested: npt.NDArray[np.float64],
+    *,
+    has_height: bool = False,
+) -> tuple[tuple[ShapeAdherence, ...], AreaImages]:
+    """Compare the effects ``requested`` (n,) by a layer's shapes with its ``effect`` (height, width).
+
+    With ``has_height`` the effect is a height: it is reported, and capped where a shape is too small for it.
+    """
+    inradius = np.array([shape.depth.max() for shape in shapes])
+    cap = inradius * sketch.pixel_size * _TAN_70 if has_height else np.full(len(shapes), np.inf)
+    capped, requested = requested > cap, np.minimum(requested, cap)
+    number = np.full(effect.shape, -1)
+    for index, shape in enumerate(shapes):
+        number[shape.pixels(shape.mask)] = index
+    painted = number >= 0
+    nearest = ndimage.distance_transform_edt(~painted, return_distances=False, return_indices=True)
+    owner = number[tuple(nearest)]
+    affected = effect > EFFECT_SHARE * requested[owner]
+
+    count = len(shapes)
+    both = np.bincount(owner[affected & painted], minlength=count)
+    spill = np.bincount(owner[affected & ~painted], minlength=count)
+    most = ndimage.maximum(effect, owner, np.arange(count))
+    result = []
+    for index, shape in enumerate(shapes):
+        wide = _width(shape) >= MIN_WIDTH
+        result.append(
+            ShapeAdherence(
+                layer=shape.layer,
+                label=shape.label,
+                id=shape.id,
+                area=shape.area,
+                lost=bool(both[index] + spill[index] == 0),
+                iou=float(both[index] / (shape.area + spill[index])) if wide else None,
+                spill=int(spill[index]),
+                asked=float(requested[index]) if has_height else None,
+                reached=float(most[index]) if has_height and wide else None,
+                capped=bool(capped[index]),
+            )
+        )
+    return tuple(result), AreaImages(painted, affected)
+
+
+def _width(shape: Shape) -> float:
+    """Return the width (px): twice the inradius.
+
+    For a river, whose inradius grows at confluences, the mean width.
+    """
+    if shape.layer == "river":
+        return shape.area / max(int(np.count_nonzero(skeletonize(shape.mask))), 1)
+    return 2.0 * float(shape.depth.max())
+
+
+def _crest_to_crest(sketch: Sketch, effect: Float32Array) -> Float32Array:
+    """Fill the troughs between dunes: a dune field is one area, partly bare."""
+    labels = np.unique(sketch.layers["dune"])
+    wavelength = max(float(sketch.properties("dune", int(label))["wavelength"]) for label in labels if label)
+    size = 2 * math.ceil(wavelength / sketch.pixel_size / 2.0) + 1
+    closed: Float32Array = ndimage.grey_closing(effect, size=(size, size))
+    return closed
+
+
+def pixel_centres(sketch: Sketch) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Return x and y (m) of all pixel centres, each (height, width); row 0 is north."""
+    x = (np.arange(sketch.width_px) + 0.5) * sketch.pixel_size
+    y = (sketch.height_px - np.arange(sketch.height_px) - 0.5) * sketch.pixel_size
+    return tuple(np.broadcast_arrays(x[None, :], y[:, None]))  # type: ignore[return-value]
+
+
+def _effect(sampled: SampledTerrain, layer: str) -> Float32Array:
+    """Return how much a layer's painted features change the terrain at each pixel of the sketch."""
+    terrain, sketch = sampled.terrain, sampled.terrain.sketch
+    effect = np.zeros((sketch.height_px, sketch.width_px), np.float32)
+    inside = _support(sketch, terrain.recipe, layer)
+    if not inside.any():
+        return effect
+    at = inside.ravel()
+    # Zero strength instead of removal, so that everything derived from the set of features stays the same.
+    painted = terrain.recipe.painted
+    strengths = np.where(painted["type"] == FEATURE_TYPES.index(layer), 0.0, painted["strength"])
+    without = sampled.evaluator.with_strengths(strengths)
+    height, masks = without.points(sampled.x[at], sampled.y[at], cell_size=0.0)
+    if layer == "forest":
+        forest = MASKS.index("forest")
+        effect[inside] = sampled.masks[at, forest] - masks[:, forest]
+    else:
+        effect[inside] = sampled.height[at] - height
+    return effect
+
+
+def _support(sketch: Sketch, recipe: TerrainRecipe, layer: str) -> BoolArray:
+    """Return the pixels inside the bounding boxes of the supports of a type's painted features."""
+    features = recipe.painted[recipe.painted["type"] == FEATURE_TYPES.index(layer)]
+    support = features["radius"] * support_radii(recipe) / sketch.pixel_size + 1.0
+    column = features["x"] / sketch.pixel_size
+    row = sketch.height_px - features["y"] / sketch.pixel_size
+    sides = np.stack([row - support, row + support, column - support, column + support], axis=-1)
+    inside = np.zeros((sketch.height_px, sketch.width_px), dtype=np.bool_)
+    for top, bottom, left, right in np.maximum(sides, 0.0).astype(np.int64):
+        inside[top : bottom + 1, left : right + 1] = True
+    return inside
+
 
 AREA_LAYERS = ("mountain", "hill", "dune", "forest", "lake", "river")
 """Layers whose painted areas are measured, in the order of the report."""

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from sketchterrain.features import FEATURE_TYPES, Fill
-from sketchterrain.features.edits import EditedFill
-from sketchterrain.features.fill_reach import fill_influence
-from sketchterrain.features.memory import PlacementCache
-from sketchterrain.features.placement import placement_influence
+from sketchterrain.placement.feature_types import FEATURE_TYPES
+from sketchterrain.placement.fill import Fill
+from sketchterrain.placement.placement import placement_influence
+from sketchterrain.placement.placement_cache import PlacementCache
 from sketchterrain.terrain.centrelines import TOLERANCE_CELLS
+from sketchterrain.terrain.edits import EditedFill
+from sketchterrain.terrain.fill_changes import fill_influence
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.packing import pack_rivers, support_radii
 

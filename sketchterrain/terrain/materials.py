@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from sketchterrain.sketch import MATERIALS
+from sketchterrain.document.parameters import MATERIALS
 
 __all__ = ["MATERIALS"]

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sketchterrain.compute.staging import StagingBuffer
+from sketchterrain.compute.buffers import StagingBuffer
 from sketchterrain.terrain.lattice import metres_per_unit
-from sketchterrain.terrain.octaves import corner_table, fits_patches, whole_step_bits
+from sketchterrain.terrain.noise import corner_table, fits_patches, whole_step_bits
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
     from sketchterrain.array_types import LatticeArray
     from sketchterrain.terrain.kernel_arguments import CulledInputs, KernelArguments
-    from sketchterrain.terrain.octaves import OctaveTable
-    from sketchterrain.terrain.patch_places import Patches
+    from sketchterrain.terrain.noise import OctaveTable
+    from sketchterrain.terrain.patch_layout import Patches
     from sketchterrain.terrain.surfaces import SurfaceStore
 
 

@@ -10,20 +10,17 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from sketchterrain.features import FEATURE_TYPES
-from sketchterrain.features.catalogue import BY_ELEVATION, conifer_share
-from sketchterrain.features.profiles import flank
-from sketchterrain.sketch import DEFAULT_RULES
-from sketchterrain.terrain.octaves import FINEST_WAVELENGTH, NoiseStack
+from sketchterrain.document.material_rules import DEFAULT_RULES
+from sketchterrain.placement.feature_types import BY_ELEVATION, FEATURE_TYPES, conifer_share, flank
+from sketchterrain.terrain.noise import FINEST_WAVELENGTH, NoiseStack
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sketchterrain.array_types import StructuredArray
-    from sketchterrain.features import River
-    from sketchterrain.features.catalogue import Cover, Lake
-    from sketchterrain.features.contradictions import Resolution
-    from sketchterrain.sketch import MaterialRule
+    from sketchterrain.document.material_rules import MaterialRule
+    from sketchterrain.hydrology.conflicts import Resolution
+    from sketchterrain.placement.feature_types import Cover, Lake, River
 
 FINEST_CELL = FINEST_WAVELENGTH / 4
 """Cell size that shows every octave, m: finer ones see the same terrain."""
@@ -55,7 +52,7 @@ class NoFill:
         self, west: float, south: float, east: float, north: float, *, min_radius: float = 0.0
     ) -> StructuredArray:
         """Return no features."""
-        from sketchterrain.features.catalogue import FEATURE
+        from sketchterrain.placement.feature_types import FEATURE
 
         return np.zeros(0, dtype=FEATURE)
 

@@ -8,16 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sketchterrain.errors import InputError
-from sketchterrain.terrain.answers import Raster, TerrainFeatures, Tile
-from sketchterrain.terrain.evaluation import Evaluator
-from sketchterrain.terrain.foliage import FoliageSampler
-from sketchterrain.terrain.ground_bytes import quantized_bands
+from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit, to_lattice
 from sketchterrain.terrain.materials import MATERIALS
-from sketchterrain.terrain.plant import SPECIES
-from sketchterrain.terrain.raster_windows import bands, window_bands
-from sketchterrain.terrain.surfaces import SurfaceStore
+from sketchterrain.terrain.rasters import bands, quantized_bands, window_bands
+from sketchterrain.terrain.surfaces import Raster, SurfaceStore, TerrainFeatures, Tile
 from sketchterrain.terrain.vertices import VertexStore
+from sketchterrain.vegetation.foliage import FoliageSampler
+from sketchterrain.vegetation.plants import SPECIES
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator, Sequence
@@ -25,13 +23,12 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.array_types import Bounds
-    from sketchterrain.compute import ComputeContext
-    from sketchterrain.features.memory import PlacementCache
-    from sketchterrain.sketch import Sketch
-    from sketchterrain.terrain.answers import Band
-    from sketchterrain.terrain.ground_bytes import QuantizedBand
+    from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.document.sketch import Sketch
+    from sketchterrain.placement.placement_cache import PlacementCache
+    from sketchterrain.terrain.rasters import QuantizedBand
     from sketchterrain.terrain.recipe import TerrainRecipe
-    from sketchterrain.terrain.surfaces import Surface
+    from sketchterrain.terrain.surfaces import Band, Surface
     from sketchterrain.terrain.vertices import VertexMemory
 
 
@@ -72,7 +69,7 @@ class Terrain:
         sketch, recipe
             The changed ones.
         areas
-            As :func:`~sketchterrain.terrain.changed_areas` tells them of the two recipes.
+            As :func:`~sketchterrain.terrain.changes.changed_areas` tells them of the two recipes.
         """
         if recipe.extent != self.recipe.extent:
             return Terrain(sketch, recipe, self.context, memory=self.memory)
@@ -365,7 +362,7 @@ class Terrain:
         Returns
         -------
         structured ndarray
-            Of dtype :data:`sketchterrain.terrain.plant.PLANT`, sorted by position: by squares of the world,
+            Of dtype `PLANT`, sorted by position: by squares of the world,
             row after row from the south-west, and within each from south to north.
 
         Raises

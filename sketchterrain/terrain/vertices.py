@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.compute import ComputeContext
+    from sketchterrain.compute.context import ComputeContext
 
 VERTEX: Final = np.dtype(
     [
@@ -29,7 +29,7 @@ VERTEX: Final = np.dtype(
 """A vertex, 32 bytes: metres; x and y of the unit normal times 32767; materials' weights, 255 for 1."""
 
 FACTS: Final = np.dtype([("low", "f8"), ("high", "f8"), ("error", "f8")])
-"""What there is to know of a tile, m: see :meth:`~sketchterrain.terrain.Terrain.write_tiles`."""
+"""What there is to know of a tile, m: see :meth:`~sketchterrain.terrain.terrain.Terrain.write_tiles`."""
 
 TILE_QUADS: Final = (32, 64, 128, 256)
 """Quads that a tile may have along a side."""

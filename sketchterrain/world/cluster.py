@@ -22,9 +22,11 @@ from distributed.protocol.pickle import dumps
 from distributed.scheduler import KilledWorker
 from distributed.security import Security
 
-from sketchterrain.compute import ComputeContext, choose_device, is_usable, list_devices
+from sketchterrain.app.errors import DEBUG
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.compute.device import choose_device, list_devices
+from sketchterrain.compute.device_check import is_usable
 from sketchterrain.errors import DeviceError, InputError, SketchterrainError, one_line
-from sketchterrain.exit_codes import DEBUG
 from sketchterrain.world.job import Job, Task, TaskResult
 from sketchterrain.world.store import store_of
 from sketchterrain.world.task_runner import TaskRunner

@@ -26,16 +26,14 @@ from rasterio.enums import Resampling
 from rasterio.errors import RasterioError
 from rasterio.io import MemoryFile
 
+from sketchterrain.document.store import pack_sketch
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.export.files import prepare_folder
-from sketchterrain.sketch import pack_sketch
+from sketchterrain.io.files import atomic_path, wrap_os_errors, write_atomic
 from sketchterrain.terrain.materials import MATERIALS
-from sketchterrain.whole_files import atomic_path, wrap_os_errors, write_atomic
 from sketchterrain.world import store
-from sketchterrain.world.georeference import Georeference
-from sketchterrain.world.grid import CHUNK, SHARD, Level, Shard
-from sketchterrain.world.ground import LAYER_SPECS, Ground
-from sketchterrain.world.job import Job
+from sketchterrain.world.grid import CHUNK, LAYER_SPECS, SHARD, Ground, Level, Shard
+from sketchterrain.world.job import Georeference, Job
 
 # Of a tile. What is smaller needs none; one of half the size would take a quarter more of the disk.
 _OVERVIEWS: Final = (4, 8)

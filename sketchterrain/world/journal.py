@@ -19,9 +19,9 @@ from typing import Final, Literal, NamedTuple
 import filelock
 import msgspec
 
+from sketchterrain.document.store import pack_sketch
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.sketch import pack_sketch
-from sketchterrain.whole_files import wrap_os_errors, write_atomic
+from sketchterrain.io.files import wrap_os_errors, write_atomic
 from sketchterrain.world.job import Job, Task, WrittenFile, fingerprint
 from sketchterrain.world.store import (
     JOURNAL,

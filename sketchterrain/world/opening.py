@@ -21,10 +21,10 @@ import rasterio
 from rasterio.errors import RasterioError
 from rasterio.windows import Window
 
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.sketch import Sketch, load_sketch
-from sketchterrain.world.grid import CHUNK, SHARD, Level, Shard, World
-from sketchterrain.world.ground import LAYER_SPECS
+from sketchterrain.world.grid import CHUNK, LAYER_SPECS, SHARD, Level, Shard, World
 from sketchterrain.world.store import SKETCH, TAGS, layer_file, require, tile_name, vrt_name
 from sketchterrain.world.zarr_store import BYTES, FORMAT, METADATA, OURS, shard_file
 from sketchterrain.world.zarr_store import SKETCH as ZARR_SKETCH

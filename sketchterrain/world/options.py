@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, get_args
 
+from sketchterrain.app.estimates import Estimate, format_count, layer_bytes, plant_bytes
+from sketchterrain.app.listings import pluralize
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.estimate import Estimate, format_count, layer_bytes, plant_bytes
-from sketchterrain.listings import pluralize
-from sketchterrain.sketch import Sketch
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.recipe import TerrainRecipe
-from sketchterrain.world.grid import Shard, World
-from sketchterrain.world.ground import LAYERS
+from sketchterrain.world.grid import LAYERS, Shard, World
 from sketchterrain.world.job import Form, Job, PlantsForm, task_count
 from sketchterrain.world.journal import load_ledger
 from sketchterrain.world.store import require, store_of
@@ -64,7 +63,7 @@ class WorldOptions:
         if not all(math.isfinite(number) for number in self.origin):
             raise InputError(f"expected a finite origin, got {self.origin}")
         if self.crs is not None:
-            from sketchterrain.metric_crs import parse_metric_crs
+            from sketchterrain.io.crs import parse_metric_crs
 
             parse_metric_crs(self.crs)
         layers_of(",".join(self.layers))

@@ -17,13 +17,12 @@ from pyogrio.errors import DataLayerError, DataSourceError
 from rasterio.crs import CRS
 
 from sketchterrain.errors import SketchterrainError, one_line
-from sketchterrain.export.placed_layers import Origin
-from sketchterrain.gdal_paths import plain_path
-from sketchterrain.terrain import Terrain
-from sketchterrain.whole_files import atomic_path, wrap_os_errors
-from sketchterrain.world.georeference import Georeference
+from sketchterrain.export.vectors import Origin
+from sketchterrain.io.crs import plain_path
+from sketchterrain.io.files import atomic_path, wrap_os_errors
+from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.world.grid import SHARD, World
-from sketchterrain.world.job import Job, Task
+from sketchterrain.world.job import Georeference, Job, Task
 from sketchterrain.world.journal import plants_folder
 
 _GEOMETRY: Final = "geometry"  # points as ISO WKB, with the height as z

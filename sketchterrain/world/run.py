@@ -14,9 +14,9 @@ from msgspec import structs
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from sketchterrain.batch.interrupts import Interrupts
+from sketchterrain.app.estimates import format_duration
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.estimate import format_duration
+from sketchterrain.io.system import Interrupts
 from sketchterrain.world.job import Job, Task, TaskResult, WrittenFile, fingerprint, task_count, tasks_of
 from sketchterrain.world.journal import (
     Broken,
@@ -160,7 +160,7 @@ def run_world(
     ----------
     job
     device
-        Selector as for :func:`~sketchterrain.compute.choose_device`; of workers, each one's.
+        Selector as for :func:`~sketchterrain.compute.device.choose_device`; of workers, each one's.
     workers
         Number of worker processes on this machine; None: this process does all.
     scheduler

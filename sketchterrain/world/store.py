@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, Protocol
 
 from sketchterrain.errors import InputError, SketchterrainError, one_line
-from sketchterrain.whole_files import wrap_os_errors, write_atomic
-from sketchterrain.world.grid import Shard
-from sketchterrain.world.ground import Ground
+from sketchterrain.io.files import wrap_os_errors, write_atomic
+from sketchterrain.world.grid import Ground, Shard
 from sketchterrain.world.job import Job
 
 if TYPE_CHECKING:  # it loads OpenCL

@@ -12,17 +12,16 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.compute import ComputeContext, Device, choose_device, fallback_device
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.compute.device import Device, choose_device, fallback_device
 from sketchterrain.errors import DeviceFailedError, InputError
-from sketchterrain.export.sampled import quantise_normals
-from sketchterrain.export.weights import quantise_weights
-from sketchterrain.terrain import self_test
-from sketchterrain.terrain.answers import Band
-from sketchterrain.terrain.ground_bytes import QuantizedBand
+from sketchterrain.export.sampled import quantise_normals, quantise_weights
 from sketchterrain.terrain.materials import MATERIALS
+from sketchterrain.terrain.rasters import QuantizedBand
+from sketchterrain.terrain.self_test import self_test
+from sketchterrain.terrain.surfaces import Band
 from sketchterrain.terrain.terrain import Terrain
-from sketchterrain.world.grid import SHARD, Shard
-from sketchterrain.world.ground import Ground
+from sketchterrain.world.grid import SHARD, Ground, Shard
 from sketchterrain.world.job import Job, Task, TaskResult
 from sketchterrain.world.journal import PLANTS, OutputLayout, file_record
 from sketchterrain.world.store import plants_of, store_of

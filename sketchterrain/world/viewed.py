@@ -1,4 +1,4 @@
-"""A stored world as a renderer sees it: ground out of its pyramid, plants and water from its sketch."""
+"""A stored world as a terrain that can be viewed, and pictures of it."""
 
 from __future__ import annotations
 
@@ -6,29 +6,39 @@ import math
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import replace
 from functools import cache, cached_property
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.app.arguments import camera_from_options
+from sketchterrain.app.jobs import run_with_fallback
+from sketchterrain.app.progress import Stages
+from sketchterrain.app.stills import PictureOptions, sketch_weather
 from sketchterrain.array_types import Bounds
-from sketchterrain.compute import ComputeContext
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
-from sketchterrain.features.catalogue import FEATURE, Lake, River, ShapeField
-from sketchterrain.sketch import Sketch
-from sketchterrain.terrain import Terrain
-from sketchterrain.terrain.answers import TerrainFeatures
+from sketchterrain.export.files import prepare_folder
+from sketchterrain.export.rasters import write_picture
+from sketchterrain.placement.feature_types import FEATURE, Lake, River, ShapeField
+from sketchterrain.render.overlays import LegendEntry, check_overlays
+from sketchterrain.render.quality import Quality
+from sketchterrain.render.snapshot import render_picture
+from sketchterrain.render.views import check_view
+from sketchterrain.terrain.building import build
 from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS, finest_level
 from sketchterrain.terrain.materials import MATERIALS
-from sketchterrain.terrain.plant import PLANT
-from sketchterrain.terrain.stepped import run_to_completion
+from sketchterrain.terrain.patch_layout import run_to_completion
+from sketchterrain.terrain.surfaces import TerrainFeatures
+from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.terrain.vertex_writer import geometric_error
 from sketchterrain.terrain.vertices import FACTS, VERTEX, VertexMemory, VertexStore
-from sketchterrain.tiles.bounds import intersects_bounds
-from sketchterrain.tiles.codes import code_of
-from sketchterrain.world.grid import CHUNK, Level
-from sketchterrain.world.ground import LAYER_SPECS
-from sketchterrain.world.opening import StoredWorld
+from sketchterrain.tiles.quadtree import code_of, intersects_bounds
+from sketchterrain.vegetation.plants import PLANT
+from sketchterrain.world.grid import CHUNK, LAYER_SPECS, Level
+from sketchterrain.world.opening import StoredWorld, open_world
 
 _LEAST_BITS: Final = 8
 _MOST_BITS: Final = LATTICE_BITS - 1
@@ -398,3 +408,44 @@ def _cut_lake(lake: Lake, west: float, north: float, bounds: Bounds) -> Lake:
 
 def _within(x: _Array, y: _Array, bounds: Bounds) -> npt.NDArray[np.bool_]:
     return np.asarray((x >= bounds[0]) & (y >= bounds[1]) & (x <= bounds[2]) & (y <= bounds[3]))
+
+
+def draw_world(
+    store: Path, path: Path, still: PictureOptions, *, device: str | None, stages: Stages
+) -> tuple[list[LegendEntry], list[str]]:
+    """Draw a stored world and write the picture; return what colours mean, and what the world lacks.
+
+    Places of `still` are metres from the sketch's south-west corner. Raise InputError if there is no such
+    world, overlay or view, or something that is looked at is broken; else as `run_with_fallback` does.
+    """
+    check_overlays(still.overlays)
+    check_view(still.view)
+    quality = Quality.from_level(still.quality, without=still.without)
+    with stages.stage("world", "Opening the world"):
+        stored = open_world(store)
+        sketch = stored.sketch()
+
+    def work(context: ComputeContext, _: tuple[str, ...]) -> tuple[list[LegendEntry], list[str]]:
+        with stages.stage("features", "Placing features"):
+            terrain = None if sketch is None else build(sketch, device=context)
+            world = StoredTerrain(stored, context, terrain)
+        legend: list[LegendEntry] = []
+        with stages.stage("picture", "Rendering"):
+            prepare_folder(path.parent)
+            (x, y), places = world.corner, (still.eye, still.look_at)
+            eye, look_at = (place and (place[0] - x, place[1] - y, place[2]) for place in places)
+            picture = render_picture(
+                world,
+                size=still.size or (1280, 720),
+                camera=camera_from_options(world, eye, look_at),
+                view=still.view,
+                weather=sketch_weather(world.sketch, still.hour, still.clouds),
+                textures=still.textures,
+                quality=quality,
+                overlays=still.overlays,
+                legend=legend,
+            )
+            write_picture(path, picture)
+        return legend, world.lacks
+
+    return run_with_fallback(work, device=device, stages=stages)

@@ -21,8 +21,8 @@ from distributed import Reschedule, Worker, WorkerPlugin, get_worker
 from distributed.core import Status
 from distributed.utils import sync
 
+from sketchterrain.app.errors import DEBUG
 from sketchterrain.errors import DeviceError, SketchterrainError, one_line
-from sketchterrain.exit_codes import DEBUG
 from sketchterrain.world.grid import Shard
 from sketchterrain.world.job import Task, TaskResult, code_digest
 
@@ -112,8 +112,8 @@ class WorkerSetup(WorkerPlugin):  # type: ignore[misc]  # dask has no types
         if code_digest() != self._code:
             raise RefusedError(f"its sketchterrain {own} has other code of the same version")
         check_folder(*self._probe)
-        from sketchterrain.compute import ComputeContext
-        from sketchterrain.terrain import self_test
+        from sketchterrain.compute.context import ComputeContext
+        from sketchterrain.terrain.self_test import self_test
         from sketchterrain.world.task_runner import TaskRunner
 
         device = own_device(self._selector, rank)
@@ -157,7 +157,8 @@ def check_folder(probe: str, text: str) -> None:
 
 def own_device(selector: str | None, rank: int) -> Any:
     """Return the device of a worker: by default workers of a host take its GPUs in turn."""
-    from sketchterrain.compute import choose_device, is_usable, list_devices
+    from sketchterrain.compute.device import choose_device, list_devices
+    from sketchterrain.compute.device_check import is_usable
 
     gpus = [device for device in list_devices() if device.type == "GPU" and is_usable(device)]
     if selector is not None or os.environ.get("PYOPENCL_CTX") or not gpus:

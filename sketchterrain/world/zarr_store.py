@@ -16,12 +16,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from sketchterrain.sketch import pack_sketch
-from sketchterrain.whole_files import wrap_os_errors
-from sketchterrain.world.georeference import GRID_MAPPING, Georeference, axis_attributes
-from sketchterrain.world.grid import CHUNK, SHARD, Level, Shard
-from sketchterrain.world.ground import LAYER_SPECS, Ground
-from sketchterrain.world.job import Job
+from sketchterrain.document.store import pack_sketch
+from sketchterrain.io.files import wrap_os_errors
+from sketchterrain.world.grid import CHUNK, LAYER_SPECS, SHARD, Ground, Level, Shard
+from sketchterrain.world.job import GRID_MAPPING, Georeference, Job, axis_attributes
 from sketchterrain.world.store import JOURNAL, require, text_of, write_if_changed
 
 if TYPE_CHECKING:  # of the extra `world`

@@ -11,12 +11,21 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sketchterrain.batch.manifest import MANIFEST, Entry, File, Manifest, hashed, read_manifest
-from sketchterrain.batch.output import Output, fingerprint
-from sketchterrain.batch.sheet import PAGE, write_sheets
+from sketchterrain.batch.results import (
+    MANIFEST,
+    PAGE,
+    Entry,
+    File,
+    Manifest,
+    Output,
+    fingerprint,
+    hashed,
+    read_manifest,
+    write_sheets,
+)
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.export.target import ExportOptions
-from sketchterrain.sketch import Sketch
 
 DONE = Entry(
     "valley/seed-007",

@@ -18,21 +18,20 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sketchterrain.batch import manifest as manifest_module
+from sketchterrain.app.generate import GenerateResult
+from sketchterrain.app.progress import Stages
+from sketchterrain.batch import results as manifest_module
 from sketchterrain.batch import run as run_module
-from sketchterrain.batch.manifest import MANIFEST, Entry, read_manifest
-from sketchterrain.batch.output import Output, needs_of
 from sketchterrain.batch.plan import Source, plan
-from sketchterrain.batch.progress import BatchProgress
+from sketchterrain.batch.results import MANIFEST, BatchProgress, Entry, Output, needs_of, read_manifest
 from sketchterrain.batch.run import Done, estimate_batch, run_batch
 from sketchterrain.benchmarks.batch_kills import differences, killed
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import save_sketch
 from sketchterrain.errors import DeviceError, InputError, SketchterrainError
 from sketchterrain.export.files import move_files, prepare_folder, staging
 from sketchterrain.export.target import ExportOptions
-from sketchterrain.generate import GenerateResult
-from sketchterrain.progress import Stages
-from sketchterrain.sketch import Sketch, save_sketch
-from sketchterrain.whole_files import write_atomic
+from sketchterrain.io.files import write_atomic
 
 OUTPUT = Output(size=17, preview=False)
 LOCK = threading.Lock()
@@ -167,7 +166,7 @@ def test_fewer_terrains_are_in_work_where_there_is_no_memory(monkeypatch):
 
 
 def test_a_disk_without_room_is_refused_before_any_work(works, tmp_path, monkeypatch):
-    from sketchterrain import disk
+    from sketchterrain.io import files as disk
 
     monkeypatch.setattr(disk, "free_disk_space", lambda _: 5000)
     with pytest.raises(InputError, match=r"files of the batch need up to 0\.\d MiB, .* has 0\.0 MiB free"):

@@ -5,10 +5,21 @@ import re
 import numpy as np
 import pytest
 
-from sketchterrain.batch.plan import MOST_ITEMS, Source, plan, read_sources
-from sketchterrain.batch.settings import parse_seeds, parse_setting, parse_settings, read_sweep, with_settings
+from sketchterrain.batch.plan import (
+    MOST_ITEMS,
+    Source,
+    parse_seeds,
+    parse_setting,
+    parse_settings,
+    plan,
+    read_sources,
+    read_sweep,
+    with_settings,
+)
+from sketchterrain.document.parameters import LAYERS, SKETCH, TABLES
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import save_sketch
 from sketchterrain.errors import InputError
-from sketchterrain.sketch import LAYERS, SKETCH, TABLES, Sketch, save_sketch
 
 RIVER = np.zeros((8, 8), np.uint8)
 RIVER[3] = 1

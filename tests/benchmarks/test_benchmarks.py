@@ -11,14 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sketchterrain.app.cli import main
 from sketchterrain.benchmarks import BENCHMARKS, batches, charts, pictures, worlds
 from sketchterrain.benchmarks.accuracy import DOUBLE, FLOAT, NUMPY
 from sketchterrain.benchmarks.choices import SUBJECTS
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.outcome import Outcome
 from sketchterrain.benchmarks.timing import TimedContext
-from sketchterrain.cli import main
-from sketchterrain.sketch import Sketch, save_sketch
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import save_sketch
 
 BEST = 0.4
 """The best quality of pictures here; the program's own takes three times as long."""

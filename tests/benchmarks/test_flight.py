@@ -11,7 +11,7 @@ from sketchterrain.benchmarks.flight_peers import MESHERS, Mesher, Square, meshe
 from sketchterrain.benchmarks.flight_scene import EXTENT, PICTURE, open_world, stops
 from sketchterrain.benchmarks.flight_stream import OwnTiles, view_of, within_world
 from sketchterrain.benchmarks.flight_ways import THESIS
-from sketchterrain.terrain import Terrain
+from sketchterrain.terrain.terrain import Terrain
 
 
 @pytest.fixture(scope="module")

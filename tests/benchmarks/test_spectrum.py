@@ -12,7 +12,7 @@ from sketchterrain.benchmarks.baselines.dart_thrower import throw_darts
 from sketchterrain.benchmarks.outcome import Outcome
 from sketchterrain.benchmarks.point_ways import fill_of, room_of
 from sketchterrain.benchmarks.spectrum import HIGHEST, LOWEST, SETS, SIDE, spectrum_of
-from sketchterrain.terrain.poisson import GREATEST_DENSITY, TRIALS, PoissonDisk
+from sketchterrain.vegetation.poisson import GREATEST_DENSITY, TRIALS, PoissonDisk
 
 IDEAL = -10.0 * np.log10(SETS)
 RADIUS = 1 << 14  # lattice units

@@ -8,9 +8,10 @@ import pytest
 from sketchterrain.benchmarks.spline_cases import KINDS, distances, splines_and_places
 from sketchterrain.benchmarks.spline_methods import ARCS, SEGMENTS, SplineQueries, pieces_of
 from sketchterrain.benchmarks.splines import CELL_SIZES, failures
-from sketchterrain.compute import ComputeContext, list_devices
-from sketchterrain.features.splines import catmull_rom, cubics
-from sketchterrain.terrain.arcs import flattened, nearest_on_arc, position
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.compute.device import list_devices
+from sketchterrain.hydrology.splines import catmull_rom, cubics
+from sketchterrain.terrain.centrelines import flattened, nearest_on_arc, position
 
 COUNT, EACH = 20, 64
 NEVER_WRONG = ("all roots", SEGMENTS, ARCS)

@@ -20,7 +20,7 @@ from sketchterrain.benchmarks.tables import markdown, shown, terminal
 from sketchterrain.benchmarks.timing import Lap, Launch, alternate, lap, spread
 from sketchterrain.errors import InputError
 from sketchterrain.export.mesh import mesh_error
-from sketchterrain.resources import preset_names
+from sketchterrain.io.resources import preset_names
 
 
 def test_every_benchmark_describes_itself_and_charts_and_efforts_name_known_ones():

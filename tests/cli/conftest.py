@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sketchterrain.cli import main
-from sketchterrain.sketch import Sketch, save_sketch
+from sketchterrain.app.cli import main
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import save_sketch
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sketchterrain.compute import ComputeContext, list_devices
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.compute.device import list_devices
+from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.errors import DeviceFailedError
-from sketchterrain.sketch import load_sketch, save_sketch
 
 QUICK = ("--size", 17, "--no-preview")
 MEASURED = ("timings", "rendering", "writing", "peak_memory")

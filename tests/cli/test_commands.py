@@ -13,15 +13,15 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-import sketchterrain.progress
-import sketchterrain.render
-import sketchterrain.still
-from sketchterrain.compute import list_devices
-from sketchterrain.progress import Stages
-from sketchterrain.render import Quality
+import sketchterrain.app.progress
+import sketchterrain.app.stills
+import sketchterrain.render.snapshot
+from sketchterrain.app.progress import Stages
+from sketchterrain.compute.device import list_devices
+from sketchterrain.document.store import load_sketch
+from sketchterrain.io.resources import preset_names
 from sketchterrain.render.overlays import LegendEntry
-from sketchterrain.resources import preset_names
-from sketchterrain.sketch import load_sketch
+from sketchterrain.render.quality import Quality
 
 COMMANDS = ("new", "generate", "render", "fly", "adherence", "edit", "bench", "devices", "presets")
 
@@ -30,7 +30,7 @@ def test_help_loads_no_numbers_no_driver_and_no_picture():
     heavy = ["numpy", "scipy", "pyopencl", "moderngl", "PIL", "rasterio", "matplotlib", "PyQt6"]
     code = (
         "import sys\n"
-        "from sketchterrain.cli import main\n"
+        "from sketchterrain.app.cli import main\n"
         "codes = [main(['--help']), main(['edit', '--help']), main(['--version'])]\n"
         f"sys.stderr.write(repr((codes, sorted(set({heavy}) & set(sys.modules)))))"
     )
@@ -83,7 +83,7 @@ def shots(monkeypatch) -> list[dict[str, Any]]:
         legend.extend(LegendEntry((255, 0, 16), name) for name in options["overlays"])
         return np.zeros((size[1], size[0], 3), np.uint8)
 
-    monkeypatch.setattr(sketchterrain.still, "render_picture", picture)
+    monkeypatch.setattr(sketchterrain.app.stills, "render_picture", picture)
     return asked
 
 
@@ -100,7 +100,7 @@ def test_render_writes_the_picture_it_names(call, sketch, tmp_path, shots):
     assert done.out.splitlines() == [str(path), "#ff0010  levels", "#ff0010  features"]
     assert shots[1]["overlays"] == ("levels", "features")
     told = " ".join(call("render", "--help").out.split())
-    assert all(name in told for name in sketchterrain.render.OVERLAYS)
+    assert all(name in told for name in sketchterrain.render.overlays.OVERLAYS)
 
 
 def test_render_takes_a_camera_and_an_eye_alone_looks_at_the_middle(call, sketch, tmp_path, shots):
@@ -195,7 +195,7 @@ def test_a_quick_stage_says_nothing_and_a_slow_one_a_line(capsys, monkeypatch):
     with Stages() as stages, stages.stage("a", "Quick"):
         pass
     assert capsys.readouterr().err == ""
-    monkeypatch.setattr(sketchterrain.progress, "_QUIET", 0.001)
+    monkeypatch.setattr(sketchterrain.app.progress, "_QUIET", 0.001)
     with Stages() as stages, stages.stage("a", "Slow"):
         time.sleep(0.2)
     assert capsys.readouterr() == ("", "Slow …\n")

@@ -9,13 +9,14 @@ import numpy as np
 import pyopencl as cl
 import pytest
 
-import sketchterrain.jobs
-import sketchterrain.render
-from sketchterrain.compute import ComputeContext, list_devices
+import sketchterrain.app.jobs
+import sketchterrain.render.snapshot
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.compute.device import list_devices
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import save_sketch
 from sketchterrain.errors import DeviceFailedError
-from sketchterrain.sketch import Sketch, save_sketch
-from sketchterrain.terrain import self_test
-from sketchterrain.terrain.device_verdict import Verdict
+from sketchterrain.terrain.self_test import Verdict, self_test
 
 DEVICES = [device for device in list_devices() if device.known]
 two_devices = pytest.mark.skipif(len(DEVICES) < 2, reason="there is no other device to start again on")
@@ -114,7 +115,7 @@ def test_without_another_device_nothing_is_written(call, tiny, tmp_path, monkeyp
     self_test(device, compare=False)
     failing = Failing(monkeypatch, device)
     assert generate(call, tiny, tmp_path / "whole", "--device", device.index).code == 0
-    monkeypatch.setattr(sketchterrain.jobs, "fallback_device", lambda failed: None)
+    monkeypatch.setattr(sketchterrain.app.jobs, "fallback_device", lambda failed: None)
     failing.at_call(range(len(failing.calls))[number])
     done = generate(call, tiny, tmp_path / "out", "--device", device.index)
     assert done.code == 4
@@ -150,8 +151,8 @@ def test_a_failure_in_the_preview_starts_all_again_too(call, tiny, tmp_path, mon
             raise DeviceFailedError("it broke")
         return np.zeros((4, 4, 3), np.uint8)
 
-    monkeypatch.setattr(sketchterrain.render, "render_picture", picture)
-    monkeypatch.setattr("sketchterrain.still.render_picture", picture)
+    monkeypatch.setattr(sketchterrain.render.snapshot, "render_picture", picture)
+    monkeypatch.setattr("sketchterrain.render.snapshot.render_picture", picture)
     size = ["--size", 9, "--device", DEVICES[0].index]
     assert call("generate", tiny, "-o", tmp_path, *size).code == 0
     told = report(tmp_path)
@@ -181,7 +182,9 @@ def test_no_room_even_for_one_is_one_line(call, tiny, tmp_path, monkeypatch):
 
 def test_a_program_that_does_not_build_is_one_line(call, tiny, tmp_path, monkeypatch):
     self_test(DEVICES[0], compare=False)
-    monkeypatch.setattr(sketchterrain.resources, "source", lambda _: "__kernel void broken() { nonsense; }")
+    monkeypatch.setattr(
+        sketchterrain.io.resources, "source", lambda _: "__kernel void broken() { nonsense; }"
+    )
     done = generate(call, tiny, tmp_path / "out", "--device", DEVICES[0].index)
     assert done.code == 1
     assert f".cl did not build on {DEVICES[0].name} ({DEVICES[0].platform} " in done.error
@@ -192,7 +195,7 @@ def test_a_program_that_does_not_build_is_one_line(call, tiny, tmp_path, monkeyp
 
 def test_a_device_with_other_bits_is_told_of_when_it_is_used(call, tiny, tmp_path, monkeypatch):
     verdict = Verdict("other", "wrong in inverse_sqrt")
-    monkeypatch.setattr(sketchterrain.jobs, "self_test", lambda device, *, compare: verdict)
+    monkeypatch.setattr(sketchterrain.app.jobs, "self_test", lambda device, *, compare: verdict)
     done = generate(call, tiny, tmp_path)
     assert (done.code, "self-test of" in done.err) == (0, True)
     assert done.err.rstrip().endswith("other bits: wrong in inverse_sqrt")
@@ -218,7 +221,7 @@ def test_a_device_that_fails_its_self_test_is_replaced(call, tiny, tmp_path, mon
             return Verdict("failed", "the self-test crashed (SIGSEGV)")
         return Verdict("same", "")
 
-    monkeypatch.setattr(sketchterrain.jobs, "self_test", verdict)
+    monkeypatch.setattr(sketchterrain.app.jobs, "self_test", verdict)
     done = generate(call, tiny, tmp_path, "--device", DEVICES[0].index)
     assert done.code == 0
     (restart,) = report(tmp_path)["restarts"]

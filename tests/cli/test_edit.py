@@ -13,9 +13,8 @@ def edit(*arguments: str, code: str = "", **environment: str) -> subprocess.Comp
     """Run the command in a process of its own, with no screen but what is given."""
     dropped = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
     rest = {key: value for key, value in os.environ.items() if key not in dropped}
-    program = (
-        f"{code}\nimport sys\nfrom sketchterrain.cli import main\nsys.exit(main({['edit', *arguments]!r}))"
-    )
+    program = f"{code}\nimport sys\nfrom sketchterrain.app.cli import main\n"
+    program += f"sys.exit(main({['edit', *arguments]!r}))"
     return subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, env=rest | environment, timeout=60
     )
@@ -45,7 +44,7 @@ def test_what_lacks_is_one_line_before_any_window(tmp_path):
 def test_a_library_that_lacks_is_told_with_its_package(monkeypatch):
     import ctypes
 
-    from sketchterrain.ui.screen import check_screen
+    from sketchterrain.ui.application import check_screen
 
     def refuse(name: str) -> None:
         raise OSError("libxcb-cursor.so.0: cannot open shared object file: No such file or directory")

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-import sketchterrain.generate
-import sketchterrain.sketch
+import sketchterrain.app.generate
+import sketchterrain.document.store
 
 
 def layer(shape: tuple[int, ...], dtype: type = np.uint8) -> Callable[[Path], None]:
@@ -124,7 +124,7 @@ def test_whatever_happens_is_one_line_and_a_traceback_for_those_who_ask(call, sk
         (OSError("odd"), 1, "odd"),
         (ZeroDivisionError("division\nby\x1b"), 1, "unexpected ZeroDivisionError: division by\ufffd; "),
     ):
-        monkeypatch.setattr(sketchterrain.generate, "build", fails_with(error))
+        monkeypatch.setattr(sketchterrain.app.generate, "build", fails_with(error))
         done = call("generate", sketch, "-o", tmp_path, "--size", 9)
         assert (done.code, done.error.startswith(line)) == (code, True), line
         assert list(tmp_path.iterdir()) == []
@@ -134,13 +134,13 @@ def test_whatever_happens_is_one_line_and_a_traceback_for_those_who_ask(call, sk
 
 
 def test_control_c_in_the_middle_of_the_work(call, sketch, tmp_path, monkeypatch):
-    real = sketchterrain.generate.build
+    real = sketchterrain.terrain.building.build
 
     def build(*given: Any, **options: Any) -> Any:
         signal.raise_signal(signal.SIGINT)
         return real(*given, **options)
 
-    monkeypatch.setattr(sketchterrain.generate, "build", build)
+    monkeypatch.setattr(sketchterrain.app.generate, "build", build)
     # A job in the background is started with the signal ignored, and would not be interrupted by it.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:

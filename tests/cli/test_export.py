@@ -13,16 +13,16 @@ from typing import Any
 
 import pytest
 
+import sketchterrain.app.export
+import sketchterrain.app.jobs
 import sketchterrain.export.files
 import sketchterrain.export.planning
 import sketchterrain.export.sidecar
-import sketchterrain.exporting
-import sketchterrain.jobs
-from sketchterrain.commands.target_arguments import TARGETS
+from sketchterrain.app.commands.target_options import TARGETS
+from sketchterrain.app.export import file_name
 from sketchterrain.errors import DeviceFailedError
 from sketchterrain.export.sampled import TerrainSamples
 from sketchterrain.export.targets import TARGET_NAMES, target_named
-from sketchterrain.exporting import file_name
 
 # The plainest target and a GIS library's in the default tier, all others in the slow one.
 EACH_TARGET = pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_a_folder_that_is_a_file_or_cannot_be_written_into_is_one_line(call, ske
 def test_a_disk_without_room_is_found_before_the_work(call, sketch, tmp_path, monkeypatch):
     usage = shutil.disk_usage(tmp_path)._replace(free=1 << 20)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
-    monkeypatch.setattr(sketchterrain.exporting, "sample_terrain", None)
+    monkeypatch.setattr(sketchterrain.app.export, "sample_terrain", None)
     done = call("export", sketch, "--to", "raw", "-o", tmp_path / "out")
     assert done.code == 3
     assert f"{tmp_path / 'out'} has 1.0 MiB free" in done.error
@@ -172,7 +172,7 @@ def test_a_disk_that_gets_full_leaves_nothing_but_the_old_export(call, sketch, t
 def test_a_disk_that_is_really_full(call, sketch, tmp_path, monkeypatch, target):
     """As a process that may write no file larger than 1 KB: libraries must not hide it."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    whole = sketchterrain.exporting.sample_terrain
+    whole = sketchterrain.export.sampled.sample_terrain
 
     def then_full(*arguments: Any, **options: Any) -> TerrainSamples:
         sampled = whole(*arguments, **options)  # before it, drivers write what they compiled
@@ -181,7 +181,7 @@ def test_a_disk_that_is_really_full(call, sketch, tmp_path, monkeypatch, target)
         return sampled
 
     (tmp_path / "terrain.json").write_text("mine")
-    monkeypatch.setattr(sketchterrain.exporting, "sample_terrain", then_full)
+    monkeypatch.setattr(sketchterrain.app.export, "sample_terrain", then_full)
     try:
         done = call("export", sketch, "--to", target, "-o", tmp_path, *smallest(target))
     finally:
@@ -207,7 +207,7 @@ def test_an_interrupted_export_leaves_nothing(call, sketch, tmp_path, monkeypatc
 
 
 def test_after_a_device_failed_all_is_done_again_on_another(call, sketch, tmp_path, monkeypatch):
-    whole, failed = sketchterrain.exporting.sample_terrain, []
+    whole, failed = sketchterrain.export.sampled.sample_terrain, []
 
     def once(*arguments: Any, **options: Any) -> TerrainSamples:
         if not failed:
@@ -217,8 +217,10 @@ def test_after_a_device_failed_all_is_done_again_on_another(call, sketch, tmp_pa
 
     words = ("export", sketch, "--to", "raw", "--size", 33, "-o")
     plain = call(*words, tmp_path / "plain")
-    monkeypatch.setattr(sketchterrain.exporting, "sample_terrain", once)
-    monkeypatch.setattr(sketchterrain.jobs, "fallback_device", lambda failed: failed[-1])  # compiled already
+    monkeypatch.setattr(sketchterrain.app.export, "sample_terrain", once)
+    monkeypatch.setattr(
+        sketchterrain.app.jobs, "fallback_device", lambda failed: failed[-1]
+    )  # compiled already
     done = call(*words, tmp_path / "again")
     assert (plain.code, done.code) == (0, 0), done.err
     assert "started again: the device is gone; all of it is done again on" in done.out

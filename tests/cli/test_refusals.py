@@ -4,7 +4,7 @@ import shlex
 
 import pytest
 
-from sketchterrain.cli import main
+from sketchterrain.app.cli import main
 
 # Arguments, exit code, parts of the message; a part that ends in "\n" ends the message.
 USAGE = [

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sketchterrain.sketch import load_sketch
+from sketchterrain.document.store import load_sketch
 
 
 @pytest.fixture

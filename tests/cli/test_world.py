@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sketchterrain.sketch import load_sketch
-from sketchterrain.terrain import build
+from sketchterrain.document.store import load_sketch
+from sketchterrain.terrain.building import build
 from sketchterrain.world import cluster
 from sketchterrain.world import run as running
 from sketchterrain.world.job import Job
@@ -137,7 +137,7 @@ def test_workers_or_a_scheduler_run_it(words, asked, call, sketch, tmp_path, mon
 
 @pytest.fixture(scope="module")
 def written(sketch, tmp_path_factory) -> Path:
-    from sketchterrain.cli import main
+    from sketchterrain.app.cli import main
 
     out = tmp_path_factory.mktemp("worlds") / "world.zarr"
     assert main(["world", str(sketch), "--cell", "1", "-o", str(out)]) == 0

@@ -6,11 +6,12 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from sketchterrain import resources
-from sketchterrain.compute import ComputeContext, list_devices
 from sketchterrain.compute.arithmetic import failed_operations
-from sketchterrain.compute.staging import StagingBuffer
+from sketchterrain.compute.buffers import StagingBuffer
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.compute.device import list_devices
 from sketchterrain.errors import BuildError, DeviceMemoryError
+from sketchterrain.io import resources
 
 pytestmark = pytest.mark.skipif(not list_devices(), reason="no OpenCL device")
 on_each_device = pytest.mark.parametrize("device", list_devices(), ids=lambda d: d.platform)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from sketchterrain.compute import Device, choose_device, list_devices
+from sketchterrain.compute.device import Device, choose_device, list_devices
 from sketchterrain.compute.device_check import DeviceCheck
 from sketchterrain.errors import DeviceError
 
@@ -97,7 +97,9 @@ def test_the_wheels_runtime_hides_no_other_driver(tmp_path):
         plain = in_fresh_process(f"import pyopencl as cl; {names}")
     except subprocess.CalledProcessError:  # no platform at all is an error in pyopencl
         plain = ""
-    ours = in_fresh_process(f"from sketchterrain.compute import list_devices; import pyopencl as cl; {names}")
+    ours = in_fresh_process(
+        f"from sketchterrain.compute.device import list_devices; import pyopencl as cl; {names}"
+    )
     assert set(filter(None, plain.split(";"))) < set(ours.split(";"))
 
 
@@ -107,7 +109,7 @@ def test_the_users_own_vendors_folder_is_kept(tmp_path):
     library = next(f for f in distribution("intel-opencl-rt").files or [] if f.name == "libintelocl.so")
     (tmp_path / "mine.icd").write_text(f"{Path(str(library.locate())).resolve()}\n", encoding="utf-8")
     shown = in_fresh_process(
-        "import os; from sketchterrain.compute import list_devices; "
+        "import os; from sketchterrain.compute.device import list_devices; "
         "print(os.environ['OCL_ICD_VENDORS'], sum('Intel' in d.platform for d in list_devices()))",
         OCL_ICD_VENDORS=str(tmp_path),
     )

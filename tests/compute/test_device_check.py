@@ -12,10 +12,11 @@ from unittest.mock import Mock
 
 import pytest
 
-from sketchterrain.child_process import ChildFailedError, ChildTimedOutError, module_result, run_child
-from sketchterrain.compute import choose_device, device_check, is_usable, list_devices
-from sketchterrain.compute.device_check import DeviceCheck, cached_on_disk, check_device
+from sketchterrain.compute import device_check
+from sketchterrain.compute.device import choose_device, list_devices
+from sketchterrain.compute.device_check import DeviceCheck, cached_on_disk, check_device, is_usable
 from sketchterrain.errors import DeviceFailedError
+from sketchterrain.io.system import ChildFailedError, ChildTimedOutError, module_result, run_child
 
 pytestmark = pytest.mark.skipif(not list_devices(), reason="no OpenCL device")
 
@@ -59,7 +60,7 @@ def list_with_tests(environment):
 
 
 def test_a_driver_that_aborts_is_one_line_and_the_next_device_is_used(with_aborting_gpu):
-    code = "from sketchterrain.compute import ComputeContext; print(ComputeContext().device.name)"
+    code = "from sketchterrain.compute.context import ComputeContext; print(ComputeContext().device.name)"
     for _ in range(2):  # the second process reads the result from the cache
         shown = subprocess.run(
             [sys.executable, "-c", code], capture_output=True, text=True, env=with_aborting_gpu, check=True

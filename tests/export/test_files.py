@@ -23,7 +23,7 @@ from sketchterrain.export.files import (
     write_values_png,
 )
 from sketchterrain.export.sidecar import SIDECAR, SettingRow, setting_rows, stale_export_files
-from sketchterrain.whole_files import write_atomic
+from sketchterrain.io.files import write_atomic
 
 
 def test_new_content_replaces_the_old_and_a_failed_write_leaves_it_whole(tmp_path, monkeypatch):
@@ -59,7 +59,7 @@ def test_a_killed_process_leaves_the_old_file_whole(tmp_path):
     path = tmp_path / "a.bin"
     write_atomic(path, b"old")
     code = (
-        "from sketchterrain.whole_files import write_atomic\n"
+        "from sketchterrain.io.files import write_atomic\n"
         "os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL)\n"
         "write_atomic(pathlib.Path(sys.argv[1]), b'new')\n"
     )

@@ -23,7 +23,7 @@ from sketchterrain.export.foliage_files import (
     plant_table,
     write_foliage,
 )
-from sketchterrain.terrain.plant import PLANT, SPECIES, STOREYS
+from sketchterrain.vegetation.plants import PLANT, SPECIES, STOREYS
 
 AREA = (100.0, 200.0, 500.0, 1000.0)
 ROOT = Path(__file__).parents[2]

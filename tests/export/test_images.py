@@ -11,12 +11,11 @@ from hypothesis import strategies as some
 from PIL import Image
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.agreement import _hillshade
-from sketchterrain.export.geotiff import write_height_tif
-from sketchterrain.export.height_steps import HeightQuantisation
-from sketchterrain.export.images import write_height_png, write_materials, write_normal_png
-from sketchterrain.export.weights import control_map, quantise_weights, splat_weights
-from sketchterrain.terrain import Raster
+from sketchterrain.export.planning import HeightQuantisation
+from sketchterrain.export.rasters import write_height_png, write_height_tif, write_materials, write_normal_png
+from sketchterrain.export.sampled import control_map, quantise_weights, splat_weights
+from sketchterrain.export.sidecar import _hillshade
+from sketchterrain.terrain.surfaces import Raster
 
 CHANNELS = ("red", "green", "blue", "alpha")
 PIXEL_SCALE, TIE_POINT, GEO_KEYS = 33550, 33922, 34735

@@ -11,10 +11,19 @@ from PIL import Image
 
 import sketchterrain as st
 from sketchterrain.errors import InputError
-from sketchterrain.export.map import map_sheet, write_map, write_sheet
-from sketchterrain.export.map.contours import INDEX, PENS, WIDTHS, choose_interval, trace_contours
 from sketchterrain.export.map.drawing import Label, LabelSpace, MapSheet, Polygons, Polylines, sheet_png
-from sketchterrain.export.map.features import BANK, FOREST, WATER, prominences, rings_above
+from sketchterrain.export.map.features import (
+    BANK,
+    FOREST,
+    INDEX,
+    PENS,
+    WATER,
+    WIDTHS,
+    choose_interval,
+    prominences,
+    rings_above,
+    trace_contours,
+)
 from sketchterrain.export.map.ground import (
     SCALES,
     MapFrame,
@@ -24,7 +33,8 @@ from sketchterrain.export.map.ground import (
     sample_ground,
     shaded_relief,
 )
-from sketchterrain.terrain.water import standing_water
+from sketchterrain.export.map.sheet import map_sheet, write_map, write_sheet
+from sketchterrain.terrain.adherence_rivers import standing_water
 
 SVG = "{http://www.w3.org/2000/svg}"
 

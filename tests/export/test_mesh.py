@@ -8,10 +8,9 @@ import pydelatin
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.mesh import GridMesh, adaptive_mesh, mesh_error
-from sketchterrain.export.mesh_files import boundary, closed_solid
-from sketchterrain.export.mesh_vertices import water_meshes
+from sketchterrain.export.mesh import GridMesh, adaptive_mesh, mesh_error, water_meshes
 from sketchterrain.export.sampled import SampleGrid
+from sketchterrain.export.targets.meshes import boundary, closed_solid
 
 
 def rough(rows, columns, seed=3):

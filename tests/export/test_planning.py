@@ -8,17 +8,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as some
 
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
-from sketchterrain.export.features import write_features
 from sketchterrain.export.planning import option_names, plan_export
-from sketchterrain.export.sampled import BYTES_PER_VERTEX, SampleGrid, sample_terrain
-from sketchterrain.export.target import ExportOptions, ExportOutput, Target
+from sketchterrain.export.sampled import BYTES_PER_VERTEX, SampleGrid, quantise_weights, sample_terrain
+from sketchterrain.export.target import ExportOptions, ExportOutput, Target, TileWindow, Tiling
 from sketchterrain.export.targets import TARGET_NAMES, target_named
-from sketchterrain.export.tiling import TileWindow, Tiling
-from sketchterrain.export.weights import quantise_weights
-from sketchterrain.features import FEATURE, FEATURE_TYPES, Lake, ShapeField
-from sketchterrain.sketch import Sketch
-from sketchterrain.terrain import TerrainFeatures, raster_windows
+from sketchterrain.export.vectors import write_features
+from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES, Lake, ShapeField
+from sketchterrain.terrain import rasters as raster_windows
+from sketchterrain.terrain.surfaces import TerrainFeatures
 
 TILED = frozenset({"tiles", "overlap"})
 PLAIN = Target("plain", "Plain", "…", lambda _: ExportOutput({}), options=TILED, tiling=Tiling())

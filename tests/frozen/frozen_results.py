@@ -14,10 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from sketchterrain.compute import ComputeContext
-from sketchterrain.features import FEATURE_TYPES
-from sketchterrain.sketch import load_sketch
-from sketchterrain.terrain import Terrain, Tile, build
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.document.store import load_sketch
+from sketchterrain.placement.feature_types import FEATURE_TYPES
+from sketchterrain.terrain.building import build
+from sketchterrain.terrain.surfaces import Tile
+from sketchterrain.terrain.terrain import Terrain
 
 Hashes = dict[str, dict[str, str]]
 """By part (what was placed, the plants, a tile level) and array."""

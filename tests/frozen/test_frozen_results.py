@@ -7,8 +7,9 @@ import sys
 import pytest
 from numpy._core import _multiarray_umath
 
-from sketchterrain.compute import ComputeContext, list_devices
-from sketchterrain.terrain import self_test
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.compute.device import list_devices
+from sketchterrain.terrain.self_test import self_test
 
 from . import frozen_results as frozen
 

@@ -11,10 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sketchterrain.compute import list_devices
+from sketchterrain.compute.device import list_devices
 from sketchterrain.errors import DeviceError
-from sketchterrain.render import open_context
-from sketchterrain.render.context import close_context
+from sketchterrain.render.context import close_context, open_context
 
 pytestmark = [pytest.mark.gl, pytest.mark.slow]
 
@@ -87,10 +86,12 @@ def layer(library: Path, tmp_path: Path) -> Layer:
 
 OPENED = """
 import sys
-from sketchterrain.compute import ComputeContext, gl_interop, list_devices
+from sketchterrain.compute import gl_interop
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.compute.device import list_devices
 from sketchterrain.compute.sharing import ExtensionMemory
 from sketchterrain.errors import DeviceError
-from sketchterrain.render import open_context
+from sketchterrain.render.context import open_context
 import numpy as np
 
 device = list_devices()[int(sys.argv[1])]
@@ -176,7 +177,7 @@ def test_the_layer_is_strict(layer: Layer, index: int) -> None:
 def test_vertex_memory_is_shared_by_the_specification(layer: Layer) -> None:
     """The probe chooses the extension, and all kinds of memory hold the same bytes."""
     code = """
-from sketchterrain.compute import list_devices
+from sketchterrain.compute.device import list_devices
 from sketchterrain.render.sharing_probe import probe_sharing
 for device in list_devices():
     if device.type == "CPU":
@@ -195,12 +196,13 @@ for device in list_devices():
 PICTURE = """
 import sys
 from dataclasses import replace
-from sketchterrain.compute import ComputeContext, list_devices
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.compute.device import list_devices
 from sketchterrain.render import vertex_memory
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.snapshot import render_picture
-from sketchterrain.sketch import load_sketch
-from sketchterrain.terrain import build
+from sketchterrain.document.store import load_sketch
+from sketchterrain.terrain.building import build
 import numpy as np
 
 sharing_methods, kinds = vertex_memory.sharing_methods, []
@@ -230,7 +232,7 @@ def test_pictures_are_those_of_copied_vertices(layer: Layer, tmp_path: Path, ind
 
 PROBE = """
 import sys
-from sketchterrain.compute import list_devices
+from sketchterrain.compute.device import list_devices
 from sketchterrain.render.sharing_probe import probe_sharing
 found = probe_sharing(list_devices()[int(sys.argv[1])])
 print(found.kind, found.reason, sep="\\n")
@@ -238,9 +240,9 @@ print(found.kind, found.reason, sep="\\n")
 
 FAILING_LATER = """
 import os, sys
-from sketchterrain.compute import list_devices
+from sketchterrain.compute.device import list_devices
 from sketchterrain.errors import DeviceError
-from sketchterrain.render import open_context
+from sketchterrain.render.context import open_context
 from sketchterrain.render.sharing_probe import open_device
 from sketchterrain.render.vertex_memory import open_vertex_memory
 

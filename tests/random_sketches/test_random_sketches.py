@@ -12,16 +12,17 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from sketchterrain.array_types import BoolArray, StructuredArray
-from sketchterrain.features import FEATURE_TYPES, Fill, River, label_shapes, place, trace_rivers
-from sketchterrain.features.placement import MAX_DISPLACEMENT
-from sketchterrain.features.profiles import shown_at
-from sketchterrain.features.rules import LAYER_CODES, TYPES
-from sketchterrain.features.shapes import Shape
-from sketchterrain.sketch.document import Sketch
-from sketchterrain.sketch.parameters import DENSITY, LAYERS, Parameter
-from sketchterrain.terrain import make_recipe
+from sketchterrain.document.parameter_types import Parameter
+from sketchterrain.document.parameters import DENSITY, LAYERS
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.hydrology.rivers import trace_rivers
+from sketchterrain.placement.feature_types import FEATURE_TYPES, LAYER_CODES, TYPES, River, shown_at
+from sketchterrain.placement.fill import Fill
+from sketchterrain.placement.placement import MAX_DISPLACEMENT, place
+from sketchterrain.placement.shapes import Shape, label_shapes
+from sketchterrain.terrain.building import make_recipe
+from sketchterrain.terrain.host_heights import host_heights
 from sketchterrain.terrain.recipe import TerrainRecipe
-from sketchterrain.terrain.reference import host_heights
 
 COUNT = 300
 

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import DeviceError
-from sketchterrain.features.catalogue import FEATURE
-from sketchterrain.render import open_context
-from sketchterrain.terrain.plant import PLANT
+from sketchterrain.placement.feature_types import FEATURE
+from sketchterrain.render.context import open_context
 from sketchterrain.terrain.vertices import VertexStore
+from sketchterrain.vegetation.plants import PLANT
 
 from .ground_model import HostContext, write_tiles
 

@@ -7,15 +7,14 @@ from types import SimpleNamespace
 import moderngl
 import numpy as np
 
-from sketchterrain.render import Camera
-from sketchterrain.render.camera import clip_planes, direction
-from sketchterrain.render.frame import FrameBlock
+from sketchterrain.io.resources import source
+from sketchterrain.render.camera import Camera, clip_planes, direction
 from sketchterrain.render.programs import FRAME_BINDING
-from sketchterrain.resources import source
+from sketchterrain.render.targets import FrameBlock
 from sketchterrain.terrain.lattice import LATTICE_BITS, metres_per_unit
 from sketchterrain.terrain.vertices import FACTS, VERTEX
-from sketchterrain.tiles.borders import tile_indices
-from sketchterrain.tiles.morph import morph_weights
+from sketchterrain.tiles.lod import morph_weights
+from sketchterrain.tiles.quadtree import tile_indices
 
 QUADS = 64
 SIDE = QUADS + 1

@@ -7,13 +7,9 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.render import Camera
-from sketchterrain.render.camera import clip_planes, direction
-from sketchterrain.render.near_ground import NARROWEST, NearGround
-from sketchterrain.render.orbit import CLEARANCE as ORBIT_CLEARANCE
-from sketchterrain.render.orbit import Orbit
-from sketchterrain.render.sight import sight
-from sketchterrain.render.walk import CLEARANCE, EYE_HEIGHT, Walk
+from sketchterrain.render.camera import Camera, clip_planes, direction
+from sketchterrain.render.navigation import CLEARANCE, EYE_HEIGHT, NARROWEST, NearGround, Orbit, Walk, sight
+from sketchterrain.render.navigation import CLEARANCE as ORBIT_CLEARANCE
 
 ASPECT = 16 / 9
 

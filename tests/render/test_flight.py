@@ -9,10 +9,22 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.render import Camera, Quality, capture_frames, find_sun, render_picture
 from sketchterrain.render import tour as room
-from sketchterrain.render.flight import HEIGHTS, KEY, Flight, Keyframe
-from sketchterrain.render.flight_file import flight_text, load_flight, parse_flight, save_flight
+from sketchterrain.render.camera import Camera
+from sketchterrain.render.flight import (
+    HEIGHTS,
+    KEY,
+    Flight,
+    Keyframe,
+    flight_text,
+    load_flight,
+    parse_flight,
+    save_flight,
+)
+from sketchterrain.render.frame_capture import capture_frames
+from sketchterrain.render.quality import Quality
+from sketchterrain.render.snapshot import render_picture
+from sketchterrain.render.sunlight import find_sun
 from sketchterrain.render.tour import tour
 
 from .test_camera import hills

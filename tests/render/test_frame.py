@@ -8,20 +8,21 @@ import moderngl
 import numpy as np
 import pytest
 
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
-from sketchterrain.render import Camera, Quality, Renderer, Sun, Weather
-from sketchterrain.render.draw_distance import FARTHEST
-from sketchterrain.render.frame import NOISE_PERIOD, wrap_to_noise_period
-from sketchterrain.render.gl_functions import gl_function
-from sketchterrain.render.overlay_lines import HeightCache, feature_lines
-from sketchterrain.render.overlays import Overlay
+from sketchterrain.render.camera import FARTHEST, Camera
+from sketchterrain.render.overlays import HeightCache, Overlay, feature_lines
+from sketchterrain.render.quality import Quality
+from sketchterrain.render.renderer import Renderer
+from sketchterrain.render.sky import Sun, Weather
 from sketchterrain.render.snapshot import read_picture
-from sketchterrain.sketch import Sketch
-from sketchterrain.terrain import build, rebuild
+from sketchterrain.render.targets import NOISE_PERIOD, wrap_to_noise_period
+from sketchterrain.render.vertex_memory import gl_function
+from sketchterrain.terrain.building import build, rebuild
 from sketchterrain.terrain.changes import EVERYWHERE
 from sketchterrain.terrain.vertices import VERTEX
-from sketchterrain.tiles.codes import codes_of, decode, keys_of, parent_of
-from sketchterrain.tiles.wanted import ROOT_LEVEL
+from sketchterrain.tiles.quadtree import codes_of, decode, keys_of, parent_of
+from sketchterrain.tiles.refinement import ROOT_LEVEL
 
 pytestmark = pytest.mark.gl
 

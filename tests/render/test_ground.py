@@ -5,15 +5,16 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.render import Quality
-from sketchterrain.render.frame import FrameBlock
+from sketchterrain.io.resources import source
 from sketchterrain.render.ground import TileRenderer
 from sketchterrain.render.ground_stream import JUMP, JUMP_BUDGET, TerrainStream
 from sketchterrain.render.programs import FRAME_BINDING, set_uniforms
-from sketchterrain.resources import source
+from sketchterrain.render.quality import Quality
+from sketchterrain.render.targets import FrameBlock
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.vertices import VERTEX
-from sketchterrain.tiles import CameraView, ScreenError, TileStream
+from sketchterrain.tiles.lod import CameraView, ScreenError
+from sketchterrain.tiles.stream import TileStream
 
 from .conftest import Waves
 from .ground_model import (

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from sketchterrain.render import Camera, Quality, Renderer, Sun, Weather
-from sketchterrain.render.grass_meshes import DETAILS, KINDS, LEAF, PETAL, tuft_mesh
-from sketchterrain.render.ground_cover import GroundCover
-from sketchterrain.render.rock_meshes import DETAILS as ROCK_DETAILS
-from sketchterrain.render.rock_meshes import SHAPES, rock_mesh
-from sketchterrain.render.rocks import Rocks, by_mesh
+from sketchterrain.render.camera import Camera
+from sketchterrain.render.grass import DETAILS, KINDS, LEAF, PETAL, tuft_mesh
+from sketchterrain.render.ground import NEAR_WIDTH
+from sketchterrain.render.ground_cover import DETAILS as ROCK_DETAILS
+from sketchterrain.render.ground_cover import SHAPES, GroundCover, Rocks, by_mesh, rock_mesh
+from sketchterrain.render.quality import Quality
+from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.scatter import (
     BAND,
     Nearby,
@@ -23,7 +24,7 @@ from sketchterrain.render.scatter import (
     in_sight,
     places_of,
 )
-from sketchterrain.render.surface_map import NEAR_WIDTH
+from sketchterrain.render.sky import Sun, Weather
 
 from .conftest import Waves
 from .test_shaders import evaluate

@@ -6,14 +6,14 @@ from itertools import count
 import numpy as np
 import pytest
 
-from sketchterrain.render import Camera, Sun
-from sketchterrain.render.allowance import TimeBudget, WorkRate
-from sketchterrain.render.frame import FrameBlock
-from sketchterrain.render.light_layer import FADE
+from sketchterrain.io.resources import source
+from sketchterrain.render.budgets import TimeBudget, WorkRate
+from sketchterrain.render.camera import Camera
 from sketchterrain.render.light_map import BLOCK, LightMaker, LightMap, Square
-from sketchterrain.render.lit_ground import LitGround
+from sketchterrain.render.lit_ground import FADE, LitGround
 from sketchterrain.render.programs import FRAME_BINDING
-from sketchterrain.resources import source
+from sketchterrain.render.sky import Sun
+from sketchterrain.render.targets import FrameBlock
 
 from .test_shaders import evaluate
 

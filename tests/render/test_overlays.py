@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.features.catalogue import FEATURE
-from sketchterrain.render import Camera, Quality, capture_frames, render_picture
-from sketchterrain.render.frame import FrameBlock
+from sketchterrain.placement.feature_types import FEATURE
+from sketchterrain.render.camera import Camera
+from sketchterrain.render.frame_capture import capture_frames
 from sketchterrain.render.ground_stream import TerrainStream
-from sketchterrain.render.overlay_lines import FEATURE_COLOURS, feature_lines
-from sketchterrain.render.overlays import OVERLAYS, Overlay
-from sketchterrain.render.snapshot import read_picture
-from sketchterrain.tiles import ScreenError
+from sketchterrain.render.overlays import FEATURE_COLOURS, OVERLAYS, Overlay, feature_lines
+from sketchterrain.render.quality import Quality
+from sketchterrain.render.snapshot import read_picture, render_picture
+from sketchterrain.render.targets import FrameBlock
+from sketchterrain.tiles.lod import ScreenError
 
 from .ground_model import TILE_BYTES
 

@@ -7,19 +7,18 @@ import numpy as np
 import pytest
 
 from sketchterrain.look.tree_levels import DETAILS
-from sketchterrain.render import Camera, Quality, Sun
-from sketchterrain.render.allowance import TimeBudget
+from sketchterrain.render.budgets import TimeBudget
+from sketchterrain.render.camera import Camera
 from sketchterrain.render.forest import BAND, GROW, PIXELS, Forest, shares
 from sketchterrain.render.lit_ground import LitGround
-from sketchterrain.render.plant_cells import CELL, KEPT, PlantCells, cells_near, joined
-from sketchterrain.render.plant_meshes import KINDS, PlantMeshes
-from sketchterrain.render.plant_shade import PlantShade, shade_matrix, sun_axes
-from sketchterrain.render.plant_stand import CELL as STAND_CELL
-from sketchterrain.render.plant_stand import SINK, stand_of
-from sketchterrain.render.thinning import (
+from sketchterrain.render.plant_cells import CELL, KEPT, SINK, PlantCells, cells_near, joined, stand_of
+from sketchterrain.render.plant_cells import CELL as STAND_CELL
+from sketchterrain.render.plant_meshes import (
     FILL,
+    KINDS,
     SOFT,
     WIDEST,
+    PlantMeshes,
     Thinning,
     bulk_of,
     hold_of,
@@ -27,7 +26,10 @@ from sketchterrain.render.thinning import (
     whim_of,
     width_of,
 )
-from sketchterrain.terrain.plant import PLANT
+from sketchterrain.render.plant_shade import PlantShade, shade_matrix, sun_axes
+from sketchterrain.render.quality import Quality
+from sketchterrain.render.sky import Sun
+from sketchterrain.vegetation.plants import PLANT
 
 SUN = Sun(200.0, 35.0)
 SIZE = (640, 360)

@@ -5,15 +5,19 @@ from itertools import count
 import numpy as np
 import pytest
 
-from sketchterrain.compute import ComputeContext, list_devices
-from sketchterrain.render import Camera, Quality, Sun, Weather, render_picture
-from sketchterrain.render.draw_distance import draw_distance
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.compute.device import list_devices
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import load_sketch
+from sketchterrain.io.resources import preset_names
+from sketchterrain.render.camera import Camera, draw_distance
 from sketchterrain.render.ground_stream import JUMP, TerrainStream, view_of
+from sketchterrain.render.quality import Quality
 from sketchterrain.render.scene import BoundedTerrain, visible_rectangle
-from sketchterrain.resources import preset_names
-from sketchterrain.sketch import Sketch, load_sketch
-from sketchterrain.terrain import build
-from sketchterrain.tiles import ScreenError
+from sketchterrain.render.sky import Sun, Weather
+from sketchterrain.render.snapshot import render_picture
+from sketchterrain.terrain.building import build
+from sketchterrain.tiles.lod import ScreenError
 from sketchterrain.world.viewed import StoredTerrain
 
 from ..world.grown import Grown

@@ -8,36 +8,30 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import BuildError
-from sketchterrain.look.texture_maker import LAYERS
-from sketchterrain.look.texture_mips import filtered_roughness
-from sketchterrain.render import (
-    Camera,
-    Quality,
-    Sun,
-    Weather,
-    clouds,
-    plant_stand,
-    render_picture,
-    scatter,
-    texture_places,
-)
+from sketchterrain.io.resources import source
+from sketchterrain.look.texture_maker import LAYERS, filtered_roughness
+from sketchterrain.render import clouds, scatter
+from sketchterrain.render import plant_cells as plant_stand
+from sketchterrain.render import textures as texture_places
 from sketchterrain.render.atmosphere import GROUND
+from sketchterrain.render.camera import Camera
 from sketchterrain.render.clouds import cloud_defines
-from sketchterrain.render.frame import FrameBlock
-from sketchterrain.render.ground import TileRenderer
+from sketchterrain.render.ground import SurfaceMap, TileRenderer
 from sketchterrain.render.programs import build_program, build_transform, set_uniforms
+from sketchterrain.render.quality import Quality
 from sketchterrain.render.shading import Shading
-from sketchterrain.render.surface_map import SurfaceMap
-from sketchterrain.render.texture_places import (
+from sketchterrain.render.sky import Sun, Weather
+from sketchterrain.render.snapshot import render_picture
+from sketchterrain.render.targets import FrameBlock
+from sketchterrain.render.textures import (
     OCTAVES,
     PERIOD,
+    MaterialTextures,
     texture_phases,
     texture_uniforms,
     texture_widths,
 )
-from sketchterrain.render.textures import MaterialTextures
-from sketchterrain.resources import source
-from sketchterrain.tiles.borders import tile_indices
+from sketchterrain.tiles.quadtree import tile_indices
 
 from .ground_model import QUADS, SIDE, neighbours, pack_tiles, shaded
 
@@ -93,7 +87,7 @@ def test_facets_cover_the_surface_once(gl):
 
 def test_a_broken_program_names_its_files(gl, monkeypatch):
     monkeypatch.setattr(
-        "sketchterrain.render.programs.source", lambda name: HEADER + "void main() { nonsense; }"
+        "sketchterrain.io.resources.source", lambda name: HEADER + "void main() { nonsense; }"
     )
     with pytest.raises(BuildError, match=r"screen\.vert\.glsl and sky\.frag\.glsl.*nonsense"):
         build_program(gl, "screen.vert.glsl", "sky.frag.glsl")

@@ -6,8 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from sketchterrain.document.parameters import WEATHER
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
-from sketchterrain.render import Camera, Quality, Renderer, Sun, Weather, find_sun, sun_for_view
 from sketchterrain.render.atmosphere import (
     AEROSOL_ABSORBED,
     AEROSOL_HEIGHT,
@@ -19,21 +20,26 @@ from sketchterrain.render.atmosphere import (
     TOP,
     Air,
 )
+from sketchterrain.render.camera import Camera
 from sketchterrain.render.clouds import billow_noise, cloud_defines, cloud_field
-from sketchterrain.render.frame import NOISE_PERIOD, FrameBlock
 from sketchterrain.render.programs import FRAME_BINDING
+from sketchterrain.render.quality import Quality
+from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import (
     LEVELS,
     SIZE,
     SUN_IRRADIANCE,
     Sky,
+    Sun,
+    Weather,
+    irradiance_harmonics,
     level_weight,
     overcast_table,
+    sky_irradiance,
     sky_table,
 )
-from sketchterrain.render.sky_light import irradiance_harmonics, sky_irradiance
-from sketchterrain.render.sunlight import sun_at
-from sketchterrain.sketch import WEATHER, Sketch
+from sketchterrain.render.sunlight import find_sun, sun_at, sun_for_view
+from sketchterrain.render.targets import NOISE_PERIOD, FrameBlock
 
 from .test_shaders import evaluate
 

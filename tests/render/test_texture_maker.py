@@ -7,15 +7,21 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sketchterrain.compute import ComputeContext, list_devices
-from sketchterrain.disk import cache_folder
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.compute.device import list_devices
 from sketchterrain.errors import InputError
-from sketchterrain.look.texture_cache import cached_bytes
-from sketchterrain.look.texture_files import read_material_images
-from sketchterrain.look.texture_levels import customized_levels, procedural_levels
-from sketchterrain.look.texture_maker import LAYERS, TextureLayer, emboss, paint_layer
-from sketchterrain.look.texture_mips import (
+from sketchterrain.io.files import cache_folder
+from sketchterrain.look.texture_levels import (
+    cached_bytes,
+    customized_levels,
+    procedural_levels,
+    read_material_images,
+)
+from sketchterrain.look.texture_maker import (
+    LAYERS,
+    TextureLayer,
     decode_level,
+    emboss,
     encode_level,
     filtered_roughness,
     halve,
@@ -23,17 +29,22 @@ from sketchterrain.look.texture_mips import (
     linear_from_hex,
     mipmaps,
     moments,
+    paint_layer,
 )
-from sketchterrain.render import Camera, Quality, Sun, render_picture
-from sketchterrain.render.texture_places import (
+from sketchterrain.render.camera import Camera
+from sketchterrain.render.quality import Quality
+from sketchterrain.render.sky import Sun
+from sketchterrain.render.snapshot import render_picture
+from sketchterrain.render.textures import (
     OCTAVES,
     PERIOD,
     RATIO,
+    MaterialTextures,
     texture_phases,
     texture_uniforms,
     texture_widths,
+    tileable_noise,
 )
-from sketchterrain.render.textures import MaterialTextures, tileable_noise
 
 from .test_shaders import evaluate
 

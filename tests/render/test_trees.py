@@ -7,16 +7,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from sketchterrain.look.tree_levels import DETAILS, VARIANTS, level
-from sketchterrain.look.tree_measure import leaf_mask, plant_view
-from sketchterrain.look.tree_shape import BROAD, NEEDLES, SOLID
-from sketchterrain.look.tree_species import HEIGHTS, SPECIES
-from sketchterrain.look.trees import plant_mesh
-from sketchterrain.render import Camera, Quality, Sun
+from sketchterrain.look.tree_levels import DETAILS, VARIANTS, leaf_mask, level, plant_mesh, plant_view
+from sketchterrain.look.tree_species import BROAD, HEIGHTS, NEEDLES, SOLID, SPECIES
+from sketchterrain.render.camera import Camera
+from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
+from sketchterrain.render.sky import Sun, Weather
 from sketchterrain.render.snapshot import canvas, read_picture
-from sketchterrain.render.weather import Weather
-from sketchterrain.terrain.plant import STOREYS
+from sketchterrain.vegetation.plants import STOREYS
 
 from .conftest import Waves
 from .test_shaders import evaluate

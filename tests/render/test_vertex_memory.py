@@ -7,15 +7,18 @@ import moderngl
 import numpy as np
 import pytest
 
-from sketchterrain.compute import ComputeContext, gl_interop, list_devices
+from sketchterrain.compute import gl_interop
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.compute.device import list_devices
 from sketchterrain.compute.gl_interop import GLHandles, current_handles
 from sketchterrain.compute.sharing import sharing_methods
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import DeviceError, InputError
 from sketchterrain.render import sharing_probe
 from sketchterrain.render.sharing_probe import Sharing, open_device, probe_sharing, shared_with_gl
 from sketchterrain.render.vertex_memory import open_vertex_memory
-from sketchterrain.sketch import Sketch, load_sketch
-from sketchterrain.terrain import build
+from sketchterrain.terrain.building import build
 
 pytestmark = pytest.mark.gl
 

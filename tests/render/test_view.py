@@ -8,17 +8,20 @@ import numpy as np
 import pytest
 
 import sketchterrain as st
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import DeviceError, InputError
-from sketchterrain.render import VIEWS, Quality, Weather, find_view, open_context, render_picture
-from sketchterrain.render.kept import ResourceCache
-from sketchterrain.render.relief import HeightMap, sample_heights
-from sketchterrain.render.stands import Cover, unobstructed_distance
-from sketchterrain.render.studio import SnapshotRenderer
+from sketchterrain.render.context import open_context
+from sketchterrain.render.programs import ResourceCache
+from sketchterrain.render.quality import Quality
+from sketchterrain.render.scene import HeightMap, sample_heights
+from sketchterrain.render.sky import Weather
+from sketchterrain.render.snapshot import render_picture
+from sketchterrain.render.snapshot_renderer import SnapshotRenderer
 from sketchterrain.render.sunlight import sun_at
-from sketchterrain.render.view_aim import sun_preference
-from sketchterrain.sketch import Sketch
-from sketchterrain.terrain import build
-from sketchterrain.terrain.water import standing_water
+from sketchterrain.render.viewpoints import Cover, sun_preference, unobstructed_distance
+from sketchterrain.render.views import VIEWS, find_view
+from sketchterrain.terrain.adherence_rivers import standing_water
+from sketchterrain.terrain.building import build
 
 HEIGHTS = {"auto": (15.0, 195.0), "ground": (1.7, 4.0), "hill": (1.7, 4.0), "air": (240.0, 710.0)}
 """m above the ground."""

@@ -8,6 +8,7 @@ import pytest
 from scipy.special import erfc
 from scipy.stats import norm
 
+from sketchterrain.io.resources import source
 from sketchterrain.look.water_surfaces import (
     ACROSS,
     flow_speed_and_slope,
@@ -15,11 +16,9 @@ from sketchterrain.look.water_surfaces import (
     river_surface,
     water_surfaces,
 )
-from sketchterrain.render import Camera
-from sketchterrain.render.frame import FrameBlock
-from sketchterrain.render.water import Water
-from sketchterrain.render.water_waves import LAYERS, wave_layers, wave_mipmaps, wave_phases, wave_slopes
-from sketchterrain.resources import source
+from sketchterrain.render.camera import Camera
+from sketchterrain.render.targets import FrameBlock
+from sketchterrain.render.water import LAYERS, Water, wave_layers, wave_mipmaps, wave_phases, wave_slopes
 
 from .test_shaders import evaluate, smoothstep
 
@@ -317,7 +316,7 @@ def test_a_far_river_fades_by_its_share_of_a_pixel(gl, monkeypatch):
     def plain(name):
         return PLAIN if name == "render/water.frag.glsl" else read(name)
 
-    monkeypatch.setattr("sketchterrain.render.programs.source", plain)
+    monkeypatch.setattr("sketchterrain.io.resources.source", plain)
     size = (64, 256)
     far = straight(width=24.0, start=(-4e4, 0.0), end=(4e4, 0.0), count=2001)
     assert not Water(gl, features(far), enabled=False)

@@ -4,13 +4,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sketchterrain import resources
-from sketchterrain.compute import ComputeContext, list_devices
-from sketchterrain.features import FEATURE, FEATURE_TYPES, Cover, Lake, River, ShapeField
-from sketchterrain.sketch import load_sketch
-from sketchterrain.terrain import Terrain, TerrainRecipe, build
-from sketchterrain.terrain.octaves import corner_table
-from sketchterrain.terrain.recipe import NoFill
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.compute.device import list_devices
+from sketchterrain.document.store import load_sketch
+from sketchterrain.io import resources
+from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES, Cover, Lake, River, ShapeField
+from sketchterrain.terrain.building import build
+from sketchterrain.terrain.noise import corner_table
+from sketchterrain.terrain.recipe import NoFill, TerrainRecipe
+from sketchterrain.terrain.terrain import Terrain
 
 if not list_devices():
     pytest.skip("no OpenCL device", allow_module_level=True)

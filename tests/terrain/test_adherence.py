@@ -6,12 +6,14 @@ import math
 import numpy as np
 import pytest
 
-from sketchterrain.features import label_shapes
-from sketchterrain.resources import preset_names
-from sketchterrain.sketch import Sketch, load_sketch
-from sketchterrain.terrain import Terrain, build, measure_adherence
-from sketchterrain.terrain.adherence_areas import agreement
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import load_sketch
+from sketchterrain.io.resources import preset_names
+from sketchterrain.placement.shapes import label_shapes
+from sketchterrain.terrain.adherence import agreement, measure_adherence
+from sketchterrain.terrain.building import build
 from sketchterrain.terrain.naturalness import measure_naturalness, outline_ratio
+from sketchterrain.terrain.terrain import Terrain
 
 from .conftest import tiers
 

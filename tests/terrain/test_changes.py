@@ -8,18 +8,21 @@ import pytest
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Bounds
-from sketchterrain.features import FEATURE_TYPES, FILL_BIT, label_shapes
-from sketchterrain.features.edits import EditedFill, lock_edit
-from sketchterrain.features.memory import PlacementCache
-from sketchterrain.sketch import Edit, Sketch, load_sketch
-from sketchterrain.terrain import Terrain, build, make_recipe, rebuild
+from sketchterrain.document.edits import Edit
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import load_sketch
+from sketchterrain.placement.feature_types import FEATURE_TYPES, FILL_BIT
+from sketchterrain.placement.placement_cache import PlacementCache
+from sketchterrain.placement.shapes import label_shapes
+from sketchterrain.terrain.building import build, make_recipe, rebuild
 from sketchterrain.terrain.centrelines import TOLERANCE_CELLS
-from sketchterrain.terrain.changes import EVERYWHERE, changed_areas, touches
+from sketchterrain.terrain.changes import EVERYWHERE, changed_areas, river_areas, touches
+from sketchterrain.terrain.edits import EditedFill, lock_edit
 from sketchterrain.terrain.influence import influence
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.packing import pack_rivers
 from sketchterrain.terrain.recipe import TerrainRecipe
-from sketchterrain.terrain.river_changes import river_areas
+from sketchterrain.terrain.terrain import Terrain
 
 from .conftest import assert_same, tiers
 

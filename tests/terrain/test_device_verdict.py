@@ -9,13 +9,16 @@ import numpy as np
 import pyopencl as cl
 import pytest
 
-import sketchterrain.terrain.device_verdict as verdicts
-from sketchterrain.child_process import ChildFailedError
-from sketchterrain.compute import ComputeContext, device_check, list_devices
+import sketchterrain.terrain.self_test as verdicts
+from sketchterrain.compute import device_check
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.compute.device import list_devices
 from sketchterrain.compute.device_check import DeviceCheck, check_device, clear_check_results
 from sketchterrain.errors import DeviceFailedError, DeviceMemoryError
-from sketchterrain.terrain import build, self_test
-from sketchterrain.terrain.batches import Batches
+from sketchterrain.io.system import ChildFailedError
+from sketchterrain.terrain.building import build
+from sketchterrain.terrain.patch_layout import Batches
+from sketchterrain.terrain.self_test import self_test
 
 from .conftest import tiers
 

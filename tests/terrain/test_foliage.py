@@ -9,20 +9,19 @@ from scipy.spatial import cKDTree
 
 import sketchterrain as st
 from sketchterrain.array_types import Bounds
+from sketchterrain.document.edits import Edit
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
-from sketchterrain.features.catalogue import conifer_code
-from sketchterrain.sketch import Edit, Sketch
-from sketchterrain.terrain import build, foliage, plant_spacing, rebuild
+from sketchterrain.placement.feature_types import conifer_code
+from sketchterrain.terrain.building import build, rebuild
 from sketchterrain.terrain.changes import touches
-from sketchterrain.terrain.evaluation import Evaluator
-from sketchterrain.terrain.foliage import FoliageSampler
+from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
-from sketchterrain.terrain.meadow import Meadow
-from sketchterrain.terrain.plant import PLANT, SPECIES, STOREYS
-from sketchterrain.terrain.plant_noise import PlantNoise
-from sketchterrain.terrain.plant_spacing import SpacingBlocks
-from sketchterrain.terrain.storey import LEVELS
-from sketchterrain.terrain.woods import Woods
+from sketchterrain.vegetation import foliage
+from sketchterrain.vegetation import plants as plant_spacing
+from sketchterrain.vegetation.foliage import LEVELS, FoliageSampler, Meadow
+from sketchterrain.vegetation.plants import PLANT, SPECIES, STOREYS, PlantNoise, SpacingBlocks
+from sketchterrain.vegetation.woods import Woods
 
 from .conftest import cover, feature, lake, tiers
 

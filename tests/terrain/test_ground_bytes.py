@@ -6,11 +6,12 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from sketchterrain.compute import ComputeContext, list_devices
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.compute.device import list_devices
 from sketchterrain.errors import DeviceError, DeviceFailedError, InputError
-from sketchterrain.export.weights import quantise_weights
-from sketchterrain.terrain import Terrain
-from sketchterrain.terrain.ground_bytes import quantized_bands
+from sketchterrain.export.sampled import quantise_weights
+from sketchterrain.terrain.rasters import quantized_bands
+from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.world.task_runner import packed
 
 from .conftest import assert_same

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sketchterrain.features import ShapeField
-from sketchterrain.features.crests import crest_offsets
-from sketchterrain.terrain import TerrainRecipe, packing
-from sketchterrain.terrain.evaluation import MASKS, Evaluator
+from sketchterrain.placement.feature_types import ShapeField, crest_offsets
+from sketchterrain.terrain import packing
+from sketchterrain.terrain.evaluator import MASKS, Evaluator
+from sketchterrain.terrain.host_heights import HostSamples, host_samples
 from sketchterrain.terrain.lattice import metres_per_unit
-from sketchterrain.terrain.octaves import SKEW_OTHER, SKEW_SAME, OctaveTable, octave_table
-from sketchterrain.terrain.reference import HostSamples, host_samples
+from sketchterrain.terrain.noise import SKEW_OTHER, SKEW_SAME, OctaveTable, octave_table
+from sketchterrain.terrain.recipe import TerrainRecipe
 
 from .conftest import CASES, LAKES, cover, feature, lake, river_of, straight_river, tiers
 

@@ -8,24 +8,26 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sketchterrain.compute import ComputeContext, list_devices
-from sketchterrain.sketch import (
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.compute.device import list_devices
+from sketchterrain.document.material_rules import (
     DEFAULT_RULES,
     INPUTS,
     Factor,
     MaterialRule,
     RuleChange,
-    load_sketch,
     resolved_rules,
 )
-from sketchterrain.terrain import TerrainRecipe, build, changed_areas
-from sketchterrain.terrain.changes import EVERYWHERE
-from sketchterrain.terrain.evaluation import Evaluator
+from sketchterrain.document.store import load_sketch
+from sketchterrain.terrain.building import build
+from sketchterrain.terrain.changes import EVERYWHERE, changed_areas
+from sketchterrain.terrain.evaluator import Evaluator
+from sketchterrain.terrain.host_heights import host_samples
+from sketchterrain.terrain.host_materials import Site, patch_weights, rule_weights
+from sketchterrain.terrain.kernel_arguments import pack_rules
 from sketchterrain.terrain.lattice import metres_per_unit
-from sketchterrain.terrain.material_rules import pack_rules
 from sketchterrain.terrain.materials import MATERIALS
-from sketchterrain.terrain.reference import host_samples
-from sketchterrain.terrain.reference_materials import Site, patch_weights, rule_weights
+from sketchterrain.terrain.recipe import TerrainRecipe
 
 from .conftest import CASES, LAKES, cover, straight_river
 

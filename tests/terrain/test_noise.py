@@ -6,16 +6,25 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from sketchterrain.compute import ComputeContext, list_devices
-from sketchterrain.terrain import TerrainRecipe
-from sketchterrain.terrain.evaluation import Evaluator
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.compute.device import list_devices
+from sketchterrain.terrain.evaluator import Evaluator
+from sketchterrain.terrain.host_heights import host_samples, host_slope
+from sketchterrain.terrain.host_relief import Rise, approached, gullies
 from sketchterrain.terrain.lattice import metres_per_unit
-from sketchterrain.terrain.octaves import NoiseStack, OctaveTable, fits_patches, octave_table
+from sketchterrain.terrain.noise import (
+    NoiseStack,
+    OctaveTable,
+    Slope,
+    fbm_slope,
+    fits_patches,
+    gradients,
+    octave_table,
+    ridged,
+    ridged_slope,
+)
 from sketchterrain.terrain.packing import pack_world
-from sketchterrain.terrain.reference import host_samples, host_slope
-from sketchterrain.terrain.reference_gullies import gullies
-from sketchterrain.terrain.reference_noise import Slope, fbm_slope, gradients, ridged, ridged_slope
-from sketchterrain.terrain.reference_relief import Rise, approached
+from sketchterrain.terrain.recipe import TerrainRecipe
 
 from .conftest import feature, octave_arguments
 

@@ -9,11 +9,9 @@ import pytest
 from scipy.spatial import cKDTree
 
 from sketchterrain.errors import InputError
-from sketchterrain.features.hashing import hash_keys
-from sketchterrain.terrain.graded_poisson import GradedPoisson
-from sketchterrain.terrain.poisson import GREATEST_DENSITY, PoissonDisk
-from sketchterrain.terrain.poisson_cells import SIDE, schedule
-from sketchterrain.terrain.spacing_raster import SpacingRaster
+from sketchterrain.placement.hashing import hash_keys
+from sketchterrain.vegetation.graded_poisson import GradedPoisson, SpacingRaster
+from sketchterrain.vegetation.poisson import GREATEST_DENSITY, SIDE, PoissonDisk, schedule
 
 from .conftest import tiers
 
@@ -137,12 +135,12 @@ def test_points_are_a_function_of_the_world(origin, cuts, context) -> None:
 def test_windows_join_without_a_seam_and_in_order(context, monkeypatch) -> None:
     graded, area = sampler(context, waves), square(5, 300)
     whole = graded.within(area)
-    monkeypatch.setattr("sketchterrain.terrain.graded_poisson._WINDOW", 29)
+    monkeypatch.setattr("sketchterrain.vegetation.graded_poisson._WINDOW", 29)
     np.testing.assert_array_equal(graded.within(area), whole)
     area = (-7, 5, 90 * RADIUS, 70 * RADIUS)
     disk = PoissonDisk(context, RADIUS, seed=1, levels=2)
     whole = disk.within(area)
-    monkeypatch.setattr("sketchterrain.terrain.poisson.WINDOW", 37)
+    monkeypatch.setattr("sketchterrain.vegetation.poisson.WINDOW", 37)
     pieces = list(disk.pieces(area))
     assert len(pieces) > 1
     together = [np.concatenate(each) for each in zip(*pieces, strict=True)]

@@ -7,20 +7,21 @@ import numpy as np
 import pytest
 
 import sketchterrain as st
-from sketchterrain.compute import ComputeContext, list_devices
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.compute.device import list_devices
+from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import InputError
-from sketchterrain.resources import preset_names
-from sketchterrain.sketch import load_sketch
-from sketchterrain.terrain import Terrain, build
-from sketchterrain.terrain.culling import features_near
-from sketchterrain.terrain.detail import NOISE_PEAK
+from sketchterrain.io.resources import preset_names
+from sketchterrain.terrain.building import build
+from sketchterrain.terrain.culling import BoxIndex, features_near
+from sketchterrain.terrain.detail_bounds import NOISE_PEAK
+from sketchterrain.terrain.feature_cache import FeatureCache
 from sketchterrain.terrain.kernel_arguments import CulledInputs, KernelArguments
 from sketchterrain.terrain.lattice import QUADS
-from sketchterrain.terrain.octaves import UNSKEW
+from sketchterrain.terrain.noise import UNSKEW
 from sketchterrain.terrain.packing import pack_features
-from sketchterrain.terrain.patch_places import tile_patches
-from sketchterrain.terrain.reach_index import BoxIndex
-from sketchterrain.terrain.surroundings import FeatureCache
+from sketchterrain.terrain.patch_layout import tile_patches
+from sketchterrain.terrain.terrain import Terrain
 
 from .conftest import CASES, LAKES, assert_same, half_sums, launches, straight_river, tiers
 
@@ -49,7 +50,7 @@ def test_heights_at_vertices_are_those_of_tiles_and_rasters(valley) -> None:
 def test_culling_changes_no_bit(valley, monkeypatch) -> None:
     keys = [(5, 12, 14), (5, 20, 9), (5, 25, 30), (3, 3, 3)]
     culled = valley.tiles(keys)
-    monkeypatch.setattr("sketchterrain.terrain.reach_index.BoxIndex.touching", everything_touches)
+    monkeypatch.setattr("sketchterrain.terrain.culling.BoxIndex.touching", everything_touches)
     # A terrain that has gathered nothing yet: all painted features stand in the list of every block.
     uncut = Terrain(valley.sketch, valley.recipe, valley.context)
     for one, two in zip(culled, uncut.tiles(keys), strict=True):
@@ -271,7 +272,7 @@ def compared(low, high, reach, blocks):
 
 
 def test_an_index_finds_what_comparing_finds(monkeypatch) -> None:
-    monkeypatch.setattr("sketchterrain.terrain.reach_index._FEW", -1)
+    monkeypatch.setattr("sketchterrain.terrain.culling._FEW", -1)
     for seed, far in itertools.product(range(6), (0, -(1 << 50), 1 << 50)):
         rng = np.random.default_rng(seed)
         count, blocks = (int(n) for n in rng.integers(1, (3000, 60)))

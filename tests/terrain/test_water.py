@@ -8,19 +8,21 @@ import pytest
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from sketchterrain.compute import ComputeContext
-from sketchterrain.features import Cover, Lake, River, ShapeField
-from sketchterrain.features.lakes import distance_inside
-from sketchterrain.features.splines import catmull_rom
-from sketchterrain.sketch import Sketch, load_sketch
-from sketchterrain.terrain import Terrain, TerrainRecipe, build
-from sketchterrain.terrain import make_recipe as recipe_of
-from sketchterrain.terrain.arcs import nearest_on_arc
-from sketchterrain.terrain.centrelines import TOLERANCE_CELLS, tolerance_cell
-from sketchterrain.terrain.evaluation import MASKS, Evaluator
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import load_sketch
+from sketchterrain.hydrology.lakes import distance_inside
+from sketchterrain.hydrology.splines import catmull_rom
+from sketchterrain.placement.feature_types import Cover, Lake, River, ShapeField
+from sketchterrain.terrain.building import build
+from sketchterrain.terrain.building import make_recipe as recipe_of
+from sketchterrain.terrain.centrelines import TOLERANCE_CELLS, nearest_on_arc, tolerance_cell
+from sketchterrain.terrain.evaluator import MASKS, Evaluator
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.packing import pack_rivers
+from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.terrain import Terrain
 
 from .conftest import lake as round_lake
 from .conftest import river_of, round_field, tiers

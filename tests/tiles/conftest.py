@@ -5,8 +5,10 @@ import sys
 import numpy as np
 import pytest
 
-from sketchterrain.tiles import CameraView, TileStream, morph_weights, tile_indices
-from sketchterrain.tiles.wanted import ROOT_LEVEL
+from sketchterrain.tiles.lod import CameraView, morph_weights
+from sketchterrain.tiles.quadtree import tile_indices
+from sketchterrain.tiles.refinement import ROOT_LEVEL
+from sketchterrain.tiles.stream import TileStream
 
 EXTENT = 1024.0
 QUADS = 4

@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from sketchterrain.tiles import ScreenError
-from sketchterrain.tiles.wanted import ROOT_LEVEL
+from sketchterrain.tiles.lod import ScreenError
+from sketchterrain.tiles.refinement import ROOT_LEVEL
 
 UNBOUNDED = (-math.inf, -math.inf, math.inf, math.inf)
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.tiles import QuadLength, ScreenError, TileStream
-from sketchterrain.tiles.codes import codes_of, contains, decode, keys_of, parent_of
-from sketchterrain.tiles.stream import MORPH_SECONDS
-from sketchterrain.tiles.wanted import ROOT_LEVEL
+from sketchterrain.tiles.lod import QuadLength, ScreenError
+from sketchterrain.tiles.quadtree import codes_of, contains, decode, keys_of, parent_of
+from sketchterrain.tiles.refinement import ROOT_LEVEL
+from sketchterrain.tiles.stream import MORPH_SECONDS, TileStream
 
 EYES = [(300.0, 200.0, 40.0), (-5000.3, 17.0, 3.0), (1e6 + 0.25, -2e6, 90.0)]
 

@@ -4,17 +4,22 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.tiles import (
+from sketchterrain.tiles.lod import (
     CameraView,
     QuadLength,
     ScreenError,
     inside_frustum,
     morph_weights,
-    tile_indices,
+    occluded,
+    screen_errors,
 )
-from sketchterrain.tiles.borders import EAST, NORTH, PARENT, SOUTH, WEST
-from sketchterrain.tiles.codes import (
+from sketchterrain.tiles.quadtree import (
     AROUND,
+    EAST,
+    NORTH,
+    PARENT,
+    SOUTH,
+    WEST,
     Boxes,
     TileKey,
     around,
@@ -25,10 +30,9 @@ from sketchterrain.tiles.codes import (
     neighbours_of,
     parent_of,
     parents_around,
+    tile_indices,
 )
-from sketchterrain.tiles.horizon import occluded
-from sketchterrain.tiles.metrics import screen_errors
-from sketchterrain.tiles.schedule import CostModel
+from sketchterrain.tiles.stream import CostModel
 
 KEYS = [TileKey(0, 0, 0), TileKey(-6, -3, 2), TileKey(9, 511, -512), TileKey(14, -(6 * 10**7), 6 * 10**7)]
 

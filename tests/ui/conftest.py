@@ -8,8 +8,9 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 import numpy as np
 import pytest
 
-from sketchterrain.sketch import Sketch, load_sketch
-from sketchterrain.terrain import make_recipe
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import load_sketch
+from sketchterrain.terrain.building import make_recipe
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.document import Document

@@ -14,12 +14,14 @@ from pathlib import Path
 import numpy as np
 from PyQt6.QtCore import QCoreApplication, QTimer
 
-from sketchterrain.sketch import LAYERS, Sketch, load_sketch
-from sketchterrain.sketch.toml_text import settings_text
+from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import load_sketch
+from sketchterrain.document.toml_format import settings_text
 from sketchterrain.ui.models.autosave import Autosave
 from sketchterrain.ui.models.background import SketchSaver
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.painting.stroke import Stroke
+from sketchterrain.ui.models.painting import Stroke
 
 
 def fingerprint(sketch: Sketch) -> str:

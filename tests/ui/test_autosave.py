@@ -9,7 +9,9 @@ from threading import Event
 
 import pytest
 
-from sketchterrain.sketch import LAYERS, Sketch, load_sketch, save_sketch
+from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.ui.models.autosave import Autosave, Lock, new_recovery_path, write_recovery
 from sketchterrain.ui.models.background import BackgroundQueue, SketchSaver
 from sketchterrain.ui.models.preferences import RecentFiles
@@ -125,7 +127,7 @@ def test_what_was_not_discarded_is_left_to_the_next_program(document, folder):
 def test_what_a_living_program_keeps_is_not_taken(document, folder):
     program = (
         "import sys, time; from pathlib import Path\n"
-        "from sketchterrain.sketch import Sketch\n"
+        "from sketchterrain.document.sketch import Sketch\n"
         "from sketchterrain.ui.models.autosave import Lock, write_recovery\n"
         "path = Path(sys.argv[1]); lock = Lock(path); write_recovery(path, Sketch(seed=3), None)\n"
         "print('kept', flush=True); time.sleep(60)\n"

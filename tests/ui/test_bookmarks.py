@@ -8,7 +8,7 @@ from PyQt6.QtCore import Qt
 from PyQt6.QtGui import QColor, QImage
 from PyQt6.QtWidgets import QListWidget, QToolButton
 
-from sketchterrain.sketch import load_sketch
+from sketchterrain.document.store import load_sketch
 from sketchterrain.ui.engine.protocol import FrameFacts, Look, Pose
 from sketchterrain.ui.models.bookmarks import Bookmark, Bookmarks
 from sketchterrain.ui.models.document import Document

@@ -10,12 +10,19 @@ from hypothesis import strategies as st
 from PyQt6.QtCore import QPointF, QRect
 from PyQt6.QtGui import QColor, QImage
 
-from sketchterrain.sketch import LAYERS, Sketch
-from sketchterrain.sketch.label_colours import DRAW_ORDER
+from sketchterrain.document.label_layers import DRAW_ORDER
+from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.ui.canvas.canvas import Canvas
-from sketchterrain.ui.canvas.flattening import MASK, LayerCompositor, Paint, level_for
-from sketchterrain.ui.canvas.layer_brushes import HatchTable, LayerHatch
-from sketchterrain.ui.canvas.viewport import LARGEST, Viewport
+from sketchterrain.ui.canvas.layer_brushes import (
+    MASK,
+    HatchTable,
+    LayerCompositor,
+    LayerHatch,
+    Paint,
+    level_for,
+)
+from sketchterrain.ui.canvas.tool_context import LARGEST, Viewport
 from sketchterrain.ui.engine.protocol import Adherence, FrameFacts, Placement, Pose, Relief
 from sketchterrain.ui.look.layer_colours import HATCHES, hatch, hatch_period, label_colour
 from sketchterrain.ui.models.document import Document

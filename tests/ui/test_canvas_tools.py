@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PyQt6.QtCore import QEvent, QPoint, QPointF, Qt
 
-from sketchterrain.sketch import Sketch
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.engine.protocol import GoTo, Placement, Relief
 from sketchterrain.ui.models.document import Document

@@ -7,13 +7,12 @@ import pytest
 from PyQt6.QtCore import Qt
 from PyQt6.QtWidgets import QAbstractButton, QAbstractSpinBox, QComboBox, QLineEdit, QMainWindow
 
-from sketchterrain.resources import preset_names
+from sketchterrain.io.resources import preset_names
 from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.dialogs.export import ExportDialog
 from sketchterrain.ui.dialogs.help import AboutDialog, FindDialog, FirstStepsDialog, KeysDialog
-from sketchterrain.ui.dialogs.new_sketch import NewSketchDialog, PictureDialog
 from sketchterrain.ui.dialogs.preferences import PreferencesDialog
-from sketchterrain.ui.dialogs.start import PresetsDialog, RecoveryDialog
+from sketchterrain.ui.dialogs.start import NewSketchDialog, PictureDialog, PresetsDialog, RecoveryDialog
 from sketchterrain.ui.engine.protocol import EngineFacts
 from sketchterrain.ui.models.autosave import Recovery
 from sketchterrain.ui.models.preferences import Preferences

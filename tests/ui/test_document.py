@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
-from sketchterrain.sketch import LAYERS, Sketch
 from sketchterrain.ui.models.document import Document
 
 

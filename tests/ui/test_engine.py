@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sketchterrain.sketch import Sketch
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.models.document import Document

@@ -8,10 +8,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sketchterrain.compute import ComputeContext, list_devices
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.compute.device import list_devices
+from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import DeviceFailedError, InputError
-from sketchterrain.sketch import LAYERS, Sketch
-from sketchterrain.terrain import from_sketch, make_recipe
+from sketchterrain.terrain import building as from_sketch
+from sketchterrain.terrain.building import make_recipe
 from sketchterrain.terrain.changes import EVERYWHERE
 from sketchterrain.ui.engine import link as link_module
 from sketchterrain.ui.engine import placer as placer_module

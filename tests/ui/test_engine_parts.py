@@ -9,7 +9,8 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from sketchterrain.sketch import LAYERS, Sketch
+from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.ui.engine.channel import Channel, pickle_without, ready, unpickle_with
 from sketchterrain.ui.engine.frames import FrameMemory
 from sketchterrain.ui.engine.protocol import LayerPatch, Turn

@@ -8,10 +8,9 @@ import pytest
 from PyQt6.QtGui import QKeySequence
 from PyQt6.QtWidgets import QAbstractButton, QLabel
 
-from sketchterrain.export.planning import option_names
+from sketchterrain.export.planning import checked_plan, option_names
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.export.targets import TARGET_NAMES, target_named
-from sketchterrain.export_plans import checked_plan
 from sketchterrain.ui.dialogs.export import ExportDialog
 from sketchterrain.ui.models.preferences import Preferences
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from sketchterrain.features.catalogue import FEATURE, FILL_BIT
-from sketchterrain.features.lakes import lake_centre
+from sketchterrain.hydrology.lakes import lake_centre
+from sketchterrain.placement.feature_types import FEATURE, FILL_BIT
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.handles import FeatureDrag, Handle, handles_of, select_at
 from sketchterrain.ui.models.workspace import Selection

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from sketchterrain.sketch import load_sketch
-from sketchterrain.sketch.folder_save import JOURNAL
+from sketchterrain.document.store import JOURNAL, load_sketch
 from sketchterrain.ui.models.autosave import read_recovery
 
 PROGRAM = Path(__file__).with_name("paint_until_killed.py")

@@ -3,17 +3,12 @@
 import numpy as np
 import pytest
 
+from sketchterrain.document.parameters import LAYERS, SKETCH, TABLES
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.errors import InputError
-from sketchterrain.sketch import LAYERS, SKETCH, TABLES, Sketch, load_sketch, save_sketch
-from sketchterrain.ui.commands import labels
-from sketchterrain.ui.commands.settings import (
-    WORLD,
-    declared,
-    reset_setting,
-    set_setting,
-    setting,
-    settings,
-)
+from sketchterrain.ui.commands import settings as labels
+from sketchterrain.ui.commands.settings import WORLD, declared, reset_setting, set_setting, setting, settings
 
 
 @pytest.fixture

@@ -7,8 +7,7 @@ from PyQt6.QtGui import QColor, QIcon, QImage, QPalette
 from PyQt6.QtWidgets import QCheckBox, QComboBox, QDoubleSpinBox, QWidget
 
 from sketchterrain.ui.actions import COMMANDS
-from sketchterrain.ui.look.icons import ICONS, icon
-from sketchterrain.ui.look.theme import CHOICES, DARK, LIGHT, apply_theme, looks, theme
+from sketchterrain.ui.look.theme import CHOICES, DARK, ICONS, LIGHT, apply_theme, icon, looks, theme
 
 
 @pytest.fixture(autouse=True)

@@ -8,17 +8,18 @@ import pytest
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from sketchterrain.features.splines import sample_catmull_rom
-from sketchterrain.sketch import Sketch
-from sketchterrain.sketch.box import union_box
-from sketchterrain.ui.painting.fill import flood_fill, pick
-from sketchterrain.ui.painting.stroke import (
+from sketchterrain.document.label_layers import union_box
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.hydrology.splines import sample_catmull_rom
+from sketchterrain.ui.models.painting import (
     Stroke,
     StrokeSmoother,
     draw_line,
+    flood_fill,
     line_path,
     line_width,
     paint_sweep,
+    pick,
 )
 
 SIDE = 96

@@ -5,15 +5,14 @@ from PyQt6 import QtWidgets
 from PyQt6.QtCore import QCoreApplication, QEvent, Qt
 from PyQt6.QtWidgets import QApplication, QWidget
 
-from sketchterrain.sketch import load_sketch
+from sketchterrain.document.store import load_sketch
 from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.panels.adherence import AdherencePanel
 from sketchterrain.ui.panels.layers import LayersPanel
 from sketchterrain.ui.panels.lists import ContradictionsPanel, HistoryPanel
 from sketchterrain.ui.panels.properties import PropertiesPanel
+from sketchterrain.ui.panels.settings import ViewPanel, WorldPanel
 from sketchterrain.ui.panels.status_line import StatusLine
-from sketchterrain.ui.panels.view import ViewPanel
-from sketchterrain.ui.panels.world import WorldPanel
 
 PANELS = {
     "layers": lambda document, workspace, _: LayersPanel(document, workspace),

@@ -4,9 +4,9 @@ import pytest
 from PyQt6.QtCore import Qt
 from PyQt6.QtTest import QTest
 
-from sketchterrain.sketch import LAYERS, SKETCH, TABLES
+from sketchterrain.document.parameters import LAYERS, SKETCH, TABLES
 from sketchterrain.ui.panels import numbers as gesture_module
-from sketchterrain.ui.panels import wording
+from sketchterrain.ui.panels import numbers as wording
 from sketchterrain.ui.panels.form import ChoiceRow, NumberRow, TextRow, row_of
 from sketchterrain.ui.panels.numbers import WAY, ClockBox, Gesture, Scale
 

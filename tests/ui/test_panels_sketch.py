@@ -8,18 +8,18 @@ from PyQt6.QtCore import QPoint, Qt
 from PyQt6.QtTest import QTest
 from PyQt6.QtWidgets import QApplication
 
-from sketchterrain.render import OVERLAYS
-from sketchterrain.sketch import LAYERS, SKETCH, TABLES, load_sketch
-from sketchterrain.ui.commands.labels import label_areas, set_property
+from sketchterrain.document.parameters import LAYERS, SKETCH, TABLES
+from sketchterrain.document.store import load_sketch
+from sketchterrain.render.overlays import OVERLAYS
 from sketchterrain.ui.commands.placed_edits import find_parent_river, is_locked, width_of
+from sketchterrain.ui.commands.settings import label_areas, set_property
 from sketchterrain.ui.engine.protocol import ViewState
 from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.panels.layer_list import EYE, LOCK, NAME
 from sketchterrain.ui.panels.layers import LayersPanel
 from sketchterrain.ui.panels.parts import Group
 from sketchterrain.ui.panels.properties import PropertiesPanel
-from sketchterrain.ui.panels.view import OVERLAY_TITLES, ViewPanel
-from sketchterrain.ui.panels.world import WorldPanel
+from sketchterrain.ui.panels.settings import OVERLAY_TITLES, ViewPanel, WorldPanel
 
 from .events import keeps
 

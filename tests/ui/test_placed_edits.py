@@ -5,11 +5,12 @@ import math
 import numpy as np
 import pytest
 
+from sketchterrain.document.edits import ADDED_BIT, MAX_EDITS
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import InputError
-from sketchterrain.features.memory import PlacementCache
-from sketchterrain.sketch import ADDED_BIT, Sketch, load_sketch
-from sketchterrain.sketch.edits import MAX_EDITS
-from sketchterrain.terrain import make_recipe
+from sketchterrain.placement.placement_cache import PlacementCache
+from sketchterrain.terrain.building import make_recipe
 from sketchterrain.ui.commands import placed_edits as edits
 from sketchterrain.ui.commands.placed_edits import (
     exists,

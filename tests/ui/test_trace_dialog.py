@@ -8,7 +8,7 @@ from PIL import Image
 from PyQt6.QtCore import Qt
 from PyQt6.QtWidgets import QAbstractSpinBox, QComboBox, QLineEdit
 
-from sketchterrain.trace.legend import NOTHING, Meaning
+from sketchterrain.importing.legend import NOTHING, Meaning
 from sketchterrain.ui.dialogs.trace import TraceDialog
 
 

@@ -11,7 +11,9 @@ from PyQt6.QtCore import QMimeData, QPointF, Qt, QUrl
 from PyQt6.QtGui import QDropEvent, QImage, QKeySequence
 from PyQt6.QtWidgets import QApplication, QFileDialog, QMenu, QMessageBox
 
-from sketchterrain.sketch import LAYERS, Sketch, load_sketch, save_sketch
+from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.ui.actions import TOOL_KEYS
 from sketchterrain.ui.banner import Message
 from sketchterrain.ui.engine.protocol import ErrorReport, MeasureAdherence, RenderPicture
@@ -219,7 +221,7 @@ def test_exporting_goes_on_beside_the_window_and_ends_with_it(window):
 
 
 def test_pictures_are_saved_as_shown_or_asked_of_the_engine(window, link, tmp_path, monkeypatch, qtbot):
-    from sketchterrain.ui.dialogs.new_sketch import PictureDialog
+    from sketchterrain.ui.dialogs.start import PictureDialog
 
     monkeypatch.setattr(PictureDialog, "exec", lambda dialog: dialog._ask() or 1)
 

@@ -9,13 +9,13 @@ from PyQt6.QtCore import Qt
 from PyQt6.QtGui import QImage
 from PyQt6.QtWidgets import QDialog, QTextBrowser
 
-from sketchterrain.render import Camera
-from sketchterrain.sketch import Sketch
-from sketchterrain.terrain import make_recipe
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.render.camera import Camera
+from sketchterrain.terrain.building import make_recipe
+from sketchterrain.ui import world_window as worlds
 from sketchterrain.ui.engine import protocol
 from sketchterrain.ui.engine.protocol import ErrorReport, Fly, GoTo, Look, PickResult, Pose
-from sketchterrain.ui.worlds import window as worlds
-from sketchterrain.ui.worlds.window import WorldLink
+from sketchterrain.ui.world_window import WorldLink
 from sketchterrain.world.grid import World
 from sketchterrain.world.job import Job
 from sketchterrain.world.run import run_world

@@ -10,7 +10,7 @@ import threading
 
 from PyQt6 import QtCore, QtGui, QtWidgets
 
-from sketchterrain.cli import main
+from sketchterrain.app.cli import main
 
 
 class _Answers(QtCore.QObject):

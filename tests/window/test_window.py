@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sketchterrain.sketch import load_sketch, new_sketch
+from sketchterrain.document.store import load_sketch, new_sketch
 
 from .places import HANDLES, middle_of, on_canvas, on_ground, view_of, wait_for_terrain
 

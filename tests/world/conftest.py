@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sketchterrain.sketch import Sketch
-from sketchterrain.terrain import make_recipe
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.terrain.building import make_recipe
 from sketchterrain.world.grid import World
 from sketchterrain.world.job import Job, TaskResult
 from sketchterrain.world.journal import Broken

@@ -3,11 +3,9 @@
 import numpy as np
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.sampled import quantise_normals
-from sketchterrain.export.weights import quantise_weights
+from sketchterrain.export.sampled import quantise_normals, quantise_weights
 from sketchterrain.terrain.materials import MATERIALS
-from sketchterrain.world.grid import CHUNK, World
-from sketchterrain.world.ground import LAYERS
+from sketchterrain.world.grid import CHUNK, LAYERS, World
 
 
 class Grown:

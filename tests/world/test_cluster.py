@@ -14,8 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from sketchterrain import compute
-from sketchterrain.compute import choose_device
+from sketchterrain.compute.device import choose_device
 from sketchterrain.errors import DeviceError, DeviceFailedError, InputError, SketchterrainError
 from sketchterrain.world import run as running
 from sketchterrain.world import worker as in_worker
@@ -189,11 +188,13 @@ def test_workers_of_a_machine_share_its_gpus_out(monkeypatch) -> None:
     cpu = replace(choose_device(), type="CPU")
     cards = [replace(cpu, index=number, type="GPU", name=f"Card {number}") for number in range(2)]
     monkeypatch.delenv("PYOPENCL_CTX", raising=False)
-    monkeypatch.setattr(compute, "list_devices", lambda: (*cards, cpu))
-    monkeypatch.setattr(compute, "choose_device", lambda selector: f"chosen by {selector}")
+    monkeypatch.setattr("sketchterrain.compute.device.list_devices", lambda: (*cards, cpu))
+    monkeypatch.setattr(
+        "sketchterrain.compute.device.choose_device", lambda selector: f"chosen by {selector}"
+    )
     assert [in_worker.own_device(None, rank).name for rank in range(3)] == ["Card 0", "Card 1", "Card 0"]
     assert in_worker.own_device("Card 1", 0) == "chosen by Card 1"
-    monkeypatch.setattr(compute, "list_devices", lambda: (cpu,))
+    monkeypatch.setattr("sketchterrain.compute.device.list_devices", lambda: (cpu,))
     assert in_worker.own_device(None, 1) == "chosen by None"
 
 

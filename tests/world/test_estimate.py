@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from sketchterrain import estimate as shared
+from sketchterrain.app import estimates as shared
 from sketchterrain.errors import InputError
 from sketchterrain.world.grid import World
 from sketchterrain.world.job import Job

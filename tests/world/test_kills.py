@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from sketchterrain.sketch import save_sketch
+from sketchterrain.document.store import save_sketch
 
 KILLS = 4
 SCRIPT = """

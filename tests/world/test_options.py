@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, SketchterrainError
-from sketchterrain.sketch import Sketch
-from sketchterrain.terrain import make_recipe
+from sketchterrain.terrain.building import make_recipe
 from sketchterrain.world.options import WorldOptions, form_of, layers_of
 
 SKETCH = Sketch(extent=512.0, layers={"mountain": np.zeros((24, 32), np.uint8)})

@@ -9,8 +9,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from sketchterrain.document.store import pack_sketch
 from sketchterrain.errors import InputError, SketchterrainError
-from sketchterrain.sketch import pack_sketch
 from sketchterrain.world.grid import World
 from sketchterrain.world.journal import (
     OutputLayout,

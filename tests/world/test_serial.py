@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from sketchterrain.compute import list_devices
+from sketchterrain.compute.device import list_devices
 from sketchterrain.errors import DeviceFailedError, InputError, SketchterrainError
-from sketchterrain.terrain.device_verdict import Verdict
+from sketchterrain.terrain.self_test import Verdict
 from sketchterrain.world import task_runner
 from sketchterrain.world.job import Task
 from sketchterrain.world.run import run_world

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sketchterrain.compute import ComputeContext
-from sketchterrain.export.sampled import quantise_normals
-from sketchterrain.export.weights import quantise_weights
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.export.sampled import quantise_normals, quantise_weights
 from sketchterrain.world import job as jobs
 from sketchterrain.world.grid import SHARD, Shard, World
 from sketchterrain.world.job import Task, fingerprint, tasks_of

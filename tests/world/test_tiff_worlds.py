@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 import sketchterrain as st
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.world.geotiff_store import TiffStore, TileStore
-from sketchterrain.world.grid import Level, World
-from sketchterrain.world.ground import Ground
+from sketchterrain.world.grid import Ground, Level, World
 from sketchterrain.world.job import Job
 from sketchterrain.world.journal import check_world
 from sketchterrain.world.opening import open_world

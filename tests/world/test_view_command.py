@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sketchterrain.cli import main
+from sketchterrain.app.cli import main
 
 pytestmark = pytest.mark.gl
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from sketchterrain.compute import ComputeContext
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
-from sketchterrain.sketch import Sketch
-from sketchterrain.terrain import build
+from sketchterrain.terrain.building import build
 from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.world.grid import CHUNK
 from sketchterrain.world.viewed import BARE, StoredPyramid, StoredTerrain

@@ -13,7 +13,7 @@ import shapely
 
 import sketchterrain as st
 from sketchterrain.errors import DeviceFailedError, SketchterrainError
-from sketchterrain.terrain.plant import PLANT
+from sketchterrain.vegetation.plants import PLANT
 from sketchterrain.world import plants as written
 from sketchterrain.world.grid import SHARD, World
 from sketchterrain.world.job import Task, plant_tasks

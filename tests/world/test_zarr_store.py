@@ -16,10 +16,9 @@ from numcodecs import blosc
 from zarr.codecs import BloscCodec, Crc32cCodec
 
 import sketchterrain as st
-from sketchterrain.compute import ComputeContext
+from sketchterrain.compute.context import ComputeContext
 from sketchterrain.errors import InputError, SketchterrainError
-from sketchterrain.world.grid import World
-from sketchterrain.world.ground import Ground
+from sketchterrain.world.grid import Ground, World
 from sketchterrain.world.job import Job
 from sketchterrain.world.opening import open_world
 from sketchterrain.world.task_runner import TaskRunner

@@ -26,8 +26,7 @@ from sketchterrain.ui.canvas.canvas_input import CanvasInput, Keys, Tips
 from sketchterrain.ui.canvas.decorations import Overlays
 from sketchterrain.ui.canvas.marks import FeatureMarks
 from sketchterrain.ui.canvas.sketch_image import SketchView
-from sketchterrain.ui.canvas.tool_context import ToolContext
-from sketchterrain.ui.canvas.viewport import Viewport
+from sketchterrain.ui.canvas.tool_context import ToolContext, Viewport
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import FrameFacts
 from sketchterrain.ui.look.theme import theme

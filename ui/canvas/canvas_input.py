@@ -9,14 +9,14 @@ from PyQt6.QtCore import QEvent, QObject, QPointF, Qt
 from PyQt6.QtGui import QHelpEvent, QPointingDevice
 from PyQt6.QtWidgets import QToolTip
 
-from sketchterrain.features.catalogue import FEATURE_TYPES
+from sketchterrain.placement.feature_types import FEATURE_TYPES
 from sketchterrain.ui.canvas.decorations import warning_at
 from sketchterrain.ui.canvas.paint_tools import BrushTool, FillTool, LineTool, PickTool, pick_label
 from sketchterrain.ui.canvas.select_tool import SelectTool
 from sketchterrain.ui.canvas.tool_context import Pointer, Tool
+from sketchterrain.ui.commands.selection import add
 from sketchterrain.ui.engine.protocol import GoTo
 from sketchterrain.ui.menus import ContextMenu, add_selection_commands
-from sketchterrain.ui.models.chosen_acts import add
 
 if TYPE_CHECKING:
     from PyQt6.QtGui import QContextMenuEvent, QKeyEvent, QMouseEvent, QTabletEvent, QWheelEvent

@@ -1,24 +1,236 @@
-"""Colours, opacities and hatches of the visible layers, and hatches of any mixture of them."""
+"""Colours and hatching of layers on the canvas."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.sketch.label_colours import DRAW_ORDER
-from sketchterrain.ui.canvas.flattening import MASK, Codes, Colours, Floats, Paint
-from sketchterrain.ui.look.layer_colours import (
-    hatch,
-    hatch_colour,
-    hatch_period,
-    label_colour,
-    layer_pattern,
-)
+from sketchterrain.document.label_layers import DRAW_ORDER, Box, LabelImage, union_box
+from sketchterrain.ui.look.layer_colours import hatch, hatch_colour, hatch_period, label_colour, layer_pattern
 from sketchterrain.ui.models.workspace import Workspace
+
+Colours: TypeAlias = npt.NDArray[np.uint32]
+Codes: TypeAlias = npt.NDArray[np.uint16]
+Floats: TypeAlias = npt.NDArray[np.float32]
+
+MASK: Final = 127
+"""Bits of a code that say which layers are painted, bit i for the i-th `Paint`; the others are for labels."""
+
+_TILE = 256  # px of a level along a tile
+_MOST_TILES = 320  # kept; 126 MB
+_BLOCK = 1024  # px of the sketch along a square that is remembered to be empty
+_MARKS = (2654435761, 40503017, 3266489917, 668265263, 374761393, 2246822519, 3432918353)  # odd
+_MOST_MIXTURES = 4096  # of labels, that are looked up in a table
+
+
+@dataclass(frozen=True, eq=False)
+class Paint:
+    """What a layer is painted with."""
+
+    layer: str
+    colours: Floats  # Red, green and blue by label, 0 … 1
+    opacity: float  # 0 … 1
+
+
+def level_for(scale: float) -> int:
+    """Return the level whose pixels are at least as large as the screen's; `scale`: px of it a pixel."""
+    return 0 if scale >= 1.0 else int(np.ceil(-np.log2(scale) - 1e-9))
+
+
+class LayerCompositor:
+    """The visible layers on top of one another, by tiles, made when they are looked at.
+
+    At level l a pixel stands for 2^l × 2^l pixels of the sketch and has, of each layer, their greatest
+    label: what is thin stays visible from afar.
+    """
+
+    def __init__(self, layer: Callable[[str], LabelImage], paints: Sequence[Paint] = ()) -> None:
+        self._layer = layer
+        self._paints = tuple(paints)
+        self._bare: dict[tuple[str, int, int], bool] = {}
+        self._tiles: OrderedDict[tuple[int, int, int], _Tile] = OrderedDict()
+
+    @property
+    def paints(self) -> tuple[Paint, ...]:
+        """Of the visible layers, the lowest first; setting them forgets all tiles."""
+        return self._paints
+
+    @paints.setter
+    def paints(self, paints: Sequence[Paint]) -> None:
+        self._paints = tuple(paints)
+        self.forget()
+
+    def forget(self, box: Box | None = None) -> None:
+        """Forget what was made of a box of the sketch, or all of it."""
+        if box is None:
+            self._tiles.clear()
+            self._bare.clear()
+            return
+        rows = range(box[0] // _BLOCK, -(-box[2] // _BLOCK))
+        columns = range(box[1] // _BLOCK, -(-box[3] // _BLOCK))
+        self._bare = {
+            key: bare for key, bare in self._bare.items() if key[1] not in rows or key[2] not in columns
+        }
+        for (level, row, column), tile in self._tiles.items():
+            step, side = 1 << level, _TILE << level
+            top, left = row * side, column * side
+            tile.stale = union_box(
+                tile.stale,
+                _within(
+                    (box[0] - top) // step,
+                    (box[1] - left) // step,
+                    -((top - box[2]) // step),
+                    -((left - box[3]) // step),
+                ),
+            )
+
+    def window(self, level: int, box: Box) -> tuple[Colours, Codes]:
+        """Return the pixels of a level in a box of that level's rows and columns."""
+        top, left, bottom, right = box
+        colours = np.empty((bottom - top, right - left), np.uint32)
+        codes = np.empty(colours.shape, np.uint16)
+        for row in range(top // _TILE, -(-bottom // _TILE)):
+            for column in range(left // _TILE, -(-right // _TILE)):
+                tile = self._tile(level, row, column)
+                north, west = row * _TILE, column * _TILE
+                first = (max(top, north), max(left, west))
+                last = (min(bottom, north + _TILE), min(right, west + _TILE))
+                there = np.s_[first[0] - top : last[0] - top, first[1] - left : last[1] - left]
+                here = np.s_[first[0] - north : last[0] - north, first[1] - west : last[1] - west]
+                colours[there], codes[there] = tile.colours[here], tile.codes[here]
+        return colours, codes
+
+    def _tile(self, level: int, row: int, column: int) -> _Tile:
+        key = (level, row, column)
+        tile = self._tiles.get(key)
+        if tile is None:
+            tile = self._tiles[key] = _Tile(stale=(0, 0, _TILE, _TILE))
+            if len(self._tiles) > _MOST_TILES:
+                self._tiles.popitem(last=False)
+        self._tiles.move_to_end(key)
+        if tile.stale is not None:
+            top, left, bottom, right = tile.stale
+            area = np.s_[top:bottom, left:right]
+            north, west = row * _TILE, column * _TILE
+            made = self._flattened(level, (north + top, west + left, north + bottom, west + right))
+            if made is None:
+                tile.colours[area], tile.codes[area] = 0, 0
+            else:
+                height, width = made[0].shape  # less at the sketch's edges
+                area = np.s_[top : top + height, left : left + width]
+                tile.colours[area], tile.codes[area] = made
+            tile.stale = None
+        return tile
+
+    def _flattened(self, level: int, box: Box) -> tuple[Colours, Codes] | None:
+        """Return colours and codes in a box of a level; None where nothing is painted."""
+        area = np.s_[box[0] << level : box[2] << level, box[1] << level : box[3] << level]
+        images, bits = [], []
+        for bit, paint in enumerate(self._paints):
+            if self._is_bare(paint.layer, level, box):  # as most layers are in most places
+                continue
+            image = self._layer(paint.layer)[area]
+            if image.max(initial=0) > 0:
+                images.append(_reduced(image, level))
+                bits.append(bit)
+        if not images:
+            return None
+        mixture, labels = _mixtures(images)
+        colour, code = _mixed([self._paints[bit] for bit in bits], bits, labels)
+        return colour[mixture], code[mixture]
+
+    def _is_bare(self, layer: str, level: int, box: Box) -> bool:
+        """Whether a large box of a level is known to be empty, so that a large sketch is read once only."""
+        step = 1 << level
+        if (box[2] - box[0]) * step < _BLOCK or (box[3] - box[1]) * step < _BLOCK:
+            return False
+        image = self._layer(layer)
+        bare = True
+        for row in range(box[0] * step // _BLOCK, -(-box[2] * step // _BLOCK)):
+            for column in range(box[1] * step // _BLOCK, -(-box[3] * step // _BLOCK)):
+                key = (layer, row, column)
+                if key not in self._bare:
+                    block = image[row * _BLOCK : (row + 1) * _BLOCK, column * _BLOCK : (column + 1) * _BLOCK]
+                    self._bare[key] = not block.max(initial=0)
+                bare &= self._bare[key]
+        return bare
+
+
+class _Tile:
+    """Pixels of a level, and the box of them that is not up to date."""
+
+    def __init__(self, *, stale: Box) -> None:
+        self.colours: Colours = np.zeros((_TILE, _TILE), np.uint32)
+        self.codes: Codes = np.zeros((_TILE, _TILE), np.uint16)
+        self.stale: Box | None = stale
+
+
+def _within(top: int, left: int, bottom: int, right: int) -> Box | None:
+    """Return the part of a box that lies in a tile, if there is one."""
+    top, left, bottom, right = max(top, 0), max(left, 0), min(bottom, _TILE), min(right, _TILE)
+    return (top, left, bottom, right) if top < bottom and left < right else None
+
+
+def _reduced(image: LabelImage, level: int) -> LabelImage:
+    """Return the greatest label of every 2^level × 2^level pixels, fewer at the ends."""
+    if level == 0:
+        return image
+    step, whole = 1 << level, image.shape[0] >> level
+    rows: LabelImage = image[: whole * step].reshape(whole, step, -1).max(axis=1, initial=0)
+    if image.shape[0] % step:
+        rows = np.concatenate([rows, image[whole * step :].max(axis=0, keepdims=True)])
+    image = rows
+    for _ in range(level):
+        if image.shape[1] % 2:
+            image = np.concatenate([image, image[:, -1:]], axis=1)
+        image = np.maximum(image[:, 0::2], image[:, 1::2])
+    return image
+
+
+def _mixtures(images: Sequence[LabelImage]) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.uint8]]:
+    """Return which mixture of labels each pixel has, and the mixtures, (n, layers)."""
+    counts = [int(image.max()) + 1 for image in images]
+    if np.prod([float(count) for count in counts]) <= _MOST_MIXTURES:
+        number = np.zeros(images[0].shape, np.intp)
+        for image, count in zip(images, counts, strict=True):
+            number *= count
+            number += image
+        grid = np.indices(counts).reshape(len(counts), -1).T
+        return number, np.ascontiguousarray(grid, np.uint8)
+    key = np.zeros(images[0].shape, np.uint64)
+    for place, image in enumerate(images):
+        key |= image.astype(np.uint64) << np.uint64(8 * place)
+    found, number = np.unique(key.ravel(), return_inverse=True)
+    shifts = np.arange(0, 8 * len(images), 8, dtype=np.uint64)
+    return number.reshape(key.shape), (found[:, None] >> shifts & np.uint64(255)).astype(np.uint8)
+
+
+def _mixed(
+    paints: Sequence[Paint], bits: Sequence[int], labels: npt.NDArray[np.uint8]
+) -> tuple[Colours, Codes]:
+    """Return colour and code of each mixture of labels, (n, layers)."""
+    colour = np.zeros((len(labels), 3), np.float32)
+    alpha = np.zeros((len(labels), 1), np.float32)
+    mask = np.zeros(len(labels), np.uint16)
+    mark = np.zeros(len(labels), np.uint32)
+    for place, (paint, bit) in enumerate(zip(paints, bits, strict=True)):
+        label = labels[:, place]
+        cover = np.where(label > 0, np.float32(paint.opacity), np.float32(0.0))[:, None]
+        colour += (paint.colours[label] - colour) * cover
+        alpha += (1.0 - alpha) * cover
+        mask |= np.where(label > 0, np.uint16(1 << bit), np.uint16(0))
+        mark += label * np.uint32(_MARKS[bit])
+    red, green, blue = np.rint(255.0 * colour).astype(np.uint32).T
+    packed = np.rint(255.0 * alpha[:, 0]).astype(np.uint32) << 24 | red << 16 | green << 8 | blue
+    mark = (mark ^ mark >> np.uint32(13)) * np.uint32(2246822519)
+    return packed, mask | ((mark >> np.uint32(16) & np.uint32(511)) << np.uint32(7)).astype(np.uint16)
+
 
 _BENEATH = 0.35  # share of its strength that a hatch keeps below another layer
 _OUTLINE = (30, 26, 22)  # red, green, blue

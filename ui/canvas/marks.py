@@ -12,11 +12,9 @@ from PyQt6.QtCore import QLineF, QPointF, QRect, QRectF, Qt
 from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF
 from scipy.spatial import cKDTree
 
-from sketchterrain.features import Lake, River, ShapeField
-from sketchterrain.features.catalogue import FEATURE_TYPES
+from sketchterrain.placement.feature_types import FEATURE_TYPES, Lake, River, ShapeField
 from sketchterrain.ui.canvas.sketch_image import scrolled
-from sketchterrain.ui.canvas.tool_context import ToolContext
-from sketchterrain.ui.canvas.viewport import Viewport
+from sketchterrain.ui.canvas.tool_context import ToolContext, Viewport
 from sketchterrain.ui.commands.placed_edits import find_lake, find_point, find_river
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.workspace import Selection

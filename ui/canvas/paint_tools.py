@@ -7,14 +7,13 @@ import math
 from PyQt6.QtCore import QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QPainter, QPen, QPolygonF
 
-from sketchterrain.sketch import LAYERS
+from sketchterrain.document.parameters import LAYERS
 from sketchterrain.ui.canvas.decorations import write_beside
 from sketchterrain.ui.canvas.layer_brushes import visible_layers
 from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
 from sketchterrain.ui.look.layer_colours import label_colour
 from sketchterrain.ui.models.document import Draft
-from sketchterrain.ui.painting.fill import flood_fill, pick
-from sketchterrain.ui.painting.stroke import Stroke, draw_line, line_path, line_width
+from sketchterrain.ui.models.painting import Stroke, draw_line, flood_fill, line_path, line_width, pick
 
 _LEAST_PRESSURE = 0.2  # share of the radius that the lightest touch has
 

@@ -11,8 +11,8 @@ from sketchterrain.ui.canvas.decorations import write_beside
 from sketchterrain.ui.canvas.marks import SELECTED, FeatureMarks, draw_selection
 from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
 from sketchterrain.ui.commands.placed_edits import exists, name_of
+from sketchterrain.ui.commands.selection import delete
 from sketchterrain.ui.engine.protocol import GoTo, Placement
-from sketchterrain.ui.models.chosen_acts import delete
 from sketchterrain.ui.models.handles import FeatureDrag, Handle, handles_of, select_at
 from sketchterrain.ui.models.workspace import Selection
 

@@ -11,11 +11,16 @@ import numpy.typing as npt
 from PyQt6.QtCore import QObject, QPoint, QRect, QRectF, QSizeF, pyqtSignal
 from PyQt6.QtGui import QColor, QImage, QPainter, QPen, QRegion
 
-from sketchterrain.sketch.box import Box
-from sketchterrain.ui.canvas.flattening import Colours, LayerCompositor, level_for
-from sketchterrain.ui.canvas.layer_brushes import HatchTable, hatches_of, paints_of
-from sketchterrain.ui.canvas.tool_context import ToolContext
-from sketchterrain.ui.canvas.viewport import Viewport
+from sketchterrain.document.label_layers import Box
+from sketchterrain.ui.canvas.layer_brushes import (
+    Colours,
+    HatchTable,
+    LayerCompositor,
+    hatches_of,
+    level_for,
+    paints_of,
+)
+from sketchterrain.ui.canvas.tool_context import ToolContext, Viewport
 from sketchterrain.ui.engine.protocol import Adherence, Relief
 from sketchterrain.ui.look.theme import looks, theme
 

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from sketchterrain.document.edits import ACTIONS, Edit
+from sketchterrain.document.parameter_types import Parameter
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
-from sketchterrain.features import Lake, River
-from sketchterrain.features.catalogue import FEATURE_TYPES
-from sketchterrain.features.edits import lock_edit
-from sketchterrain.features.river_edits import move_edit
-from sketchterrain.features.rules import TYPES
-from sketchterrain.sketch import ACTIONS, Edit, Parameter, Sketch
+from sketchterrain.hydrology.rivers import move_edit
+from sketchterrain.placement.feature_types import FEATURE_TYPES, TYPES, Lake, River
+from sketchterrain.terrain.edits import lock_edit
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.workspace import Selection
 

@@ -10,16 +10,14 @@ from typing import Any, Final
 from PyQt6.QtGui import QIntValidator
 from PyQt6.QtWidgets import QWidget
 
-from sketchterrain.disk import format_bytes
+from sketchterrain.app.estimates import check_size, memory_needed
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, SketchterrainError, one_line
-from sketchterrain.export.planning import ExportPlan, option_names
+from sketchterrain.export.planning import ExportPlan, checked_plan, option_names
+from sketchterrain.export.planning import memory_needed as memory_of_plan
 from sketchterrain.export.sidecar import SIDECAR
-from sketchterrain.export.target import ExportOptions, Target
-from sketchterrain.export.tiling import Tiling
-from sketchterrain.export_plans import checked_plan
-from sketchterrain.export_plans import memory_needed as memory_of_plan
-from sketchterrain.sizes import check_size, memory_needed
-from sketchterrain.sketch import Sketch
+from sketchterrain.export.target import ExportOptions, Target, Tiling
+from sketchterrain.io.files import format_bytes
 from sketchterrain.ui.dialogs.form import Field, Form, Line, note
 from sketchterrain.ui.export_request import ExportRequest, TargetRequest
 

@@ -25,7 +25,7 @@ from PyQt6.QtWidgets import (
     QWidget,
 )
 
-from sketchterrain.sketch import SKETCH
+from sketchterrain.document.parameters import SKETCH
 from sketchterrain.ui.look.theme import MARGIN, SPACING
 from sketchterrain.ui.panels.numbers import NumberBox
 

@@ -25,8 +25,7 @@ from PyQt6.QtWidgets import (
 from sketchterrain.ui.actions import COMMANDS
 from sketchterrain.ui.dialogs.form import button_row, column, fix_width, form_layout, heading, note
 from sketchterrain.ui.engine.protocol import EngineFacts
-from sketchterrain.ui.look.icons import app_picture, icon
-from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, theme
+from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, app_picture, icon, theme
 
 _SAID = "Paint a rough sketch, get a seamless terrain that does what the sketch says."
 _PAPERS = (

@@ -15,7 +15,7 @@ from sketchterrain.ui.models.preferences import Preferences
 # Drivers are asked in a process of their own: one that crashes takes nothing along.
 _ASK = (
     "import json\n"
-    "from sketchterrain.compute import list_devices\n"
+    "from sketchterrain.compute.device import list_devices\n"
     "print(json.dumps([[each.name, each.platform] for each in list_devices()]))"
 )
 

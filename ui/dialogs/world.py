@@ -18,10 +18,10 @@ from PyQt6.QtWidgets import (
     QWidget,
 )
 
-from sketchterrain.disk import format_bytes
+from sketchterrain.app.estimates import format_duration
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, SketchterrainError, one_line
-from sketchterrain.estimate import format_duration
-from sketchterrain.sketch import Sketch
+from sketchterrain.io.files import format_bytes
 from sketchterrain.ui.dialogs.form import (
     Field,
     Form,
@@ -39,7 +39,7 @@ from sketchterrain.ui.dialogs.form import (
 from sketchterrain.ui.export_job import ExportJob
 from sketchterrain.ui.export_request import WorldRequest
 from sketchterrain.ui.models.preferences import Preferences
-from sketchterrain.world.ground import LAYERS
+from sketchterrain.world.grid import LAYERS
 from sketchterrain.world.job import ENDINGS
 from sketchterrain.world.options import WorldOptions, form_of
 

@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from sketchterrain.errors import SketchterrainError, one_line
-from sketchterrain.system import lower_priority
+from sketchterrain.io.system import lower_priority
 from sketchterrain.ui.engine.channel import Channel, start_process, unpickle_with
 from sketchterrain.ui.engine.protocol import Adherence, ErrorReport, MeasureJob, PictureJob, PictureWritten
 
 if TYPE_CHECKING:
-    from sketchterrain.sketch import Sketch
-    from sketchterrain.terrain import Terrain
+    from sketchterrain.document.sketch import Sketch
+    from sketchterrain.terrain.terrain import Terrain
 
 _Job: TypeAlias = MeasureJob | PictureJob
 _Answer: TypeAlias = Adherence | PictureWritten | ErrorReport
@@ -97,7 +97,7 @@ def run_job(job: _Job) -> _Answer:
 
 
 def _measure(job: MeasureJob) -> Adherence:
-    from sketchterrain.terrain import measure_adherence
+    from sketchterrain.terrain.adherence import measure_adherence
 
     found = measure_adherence(_terrain(job.sketch, job.recipe))
     images = {name: (each.painted, each.affected) for name, each in found.images.items()}
@@ -105,8 +105,10 @@ def _measure(job: MeasureJob) -> Adherence:
 
 
 def _render(job: PictureJob) -> PictureWritten:
-    from sketchterrain.export.images import write_picture
-    from sketchterrain.render import Camera, Sun, Weather, render_picture
+    from sketchterrain.export.rasters import write_picture
+    from sketchterrain.render.camera import Camera
+    from sketchterrain.render.sky import Sun, Weather
+    from sketchterrain.render.snapshot import render_picture
 
     picture = render_picture(
         _terrain(job.sketch, job.recipe),
@@ -121,8 +123,8 @@ def _render(job: PictureJob) -> PictureWritten:
 
 
 def _terrain(sketch: Sketch, recipe: bytes) -> Terrain:
-    from sketchterrain.compute import ComputeContext
-    from sketchterrain.terrain import Terrain
+    from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.terrain.terrain import Terrain
 
     return Terrain(sketch, unpickle_with(recipe, sketch), ComputeContext())
 

@@ -9,8 +9,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from sketchterrain.errors import DeviceFailedError, SketchterrainError, one_line
-from sketchterrain.render import Camera, find_view
-from sketchterrain.render.weather import Weather
+from sketchterrain.render.camera import Camera
+from sketchterrain.render.sky import Weather
+from sketchterrain.render.views import find_view
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.channel import Channel, ready
 from sketchterrain.ui.engine.eye import CameraController

@@ -7,12 +7,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from sketchterrain.render import Camera
-from sketchterrain.render.near_ground import NearGround
-from sketchterrain.render.orbit import Orbit
+from sketchterrain.render.camera import Camera
+from sketchterrain.render.navigation import NearGround, Orbit, Walk, sight
 from sketchterrain.render.scene import BoundedTerrain, visible_rectangle
-from sketchterrain.render.sight import sight
-from sketchterrain.render.walk import Walk
 from sketchterrain.ui.engine.protocol import Fly, GoTo, Pan, Pose, Turn, Zoom
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ from sketchterrain.ui.engine.sketch_updates import SketchMirror
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sketchterrain.sketch import Sketch
-    from sketchterrain.terrain import TerrainRecipe
+    from sketchterrain.document.sketch import Sketch
+    from sketchterrain.terrain.recipe import TerrainRecipe
 
 _SHORT: Final = 0.1  # s; a placement expected to end sooner is finished in any case
 
@@ -67,7 +67,7 @@ class Placer:
     """Follows the window's sketch, places it, and reports to the window and the engine."""
 
     def __init__(self, window: Channel, engine: Channel) -> None:
-        from sketchterrain.features.memory import PlacementCache
+        from sketchterrain.placement.placement_cache import PlacementCache
 
         self._window, self._engine = window, engine
         self._mirror = SketchMirror()
@@ -127,9 +127,9 @@ class Placer:
         return any(getattr(sketch, name) != getattr(before, name) for name in names)
 
     def _place(self, sketch: Sketch) -> None:
-        from sketchterrain.terrain.answers import TerrainFeatures
+        from sketchterrain.terrain.building import make_recipe
         from sketchterrain.terrain.changes import EVERYWHERE, changed_areas
-        from sketchterrain.terrain.from_sketch import make_recipe
+        from sketchterrain.terrain.surfaces import TerrainFeatures
 
         version = self._mirror.version
         self._policy.start()

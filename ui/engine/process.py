@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from sketchterrain.errors import DeviceError, SketchterrainError, one_line
-from sketchterrain.system import lower_priority, resident_memory
+from sketchterrain.io.system import lower_priority, resident_memory
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.channel import Channel
 
@@ -43,7 +43,7 @@ def _main(options: dict[str, Any]) -> None:
 
 def _open(window: Channel, options: dict[str, Any]) -> dict[str, Any]:
     """Return the engine's session, pacer, jobs and facts."""
-    from sketchterrain.compute import ComputeContext
+    from sketchterrain.compute.context import ComputeContext
     from sketchterrain.ui.engine.background import JobQueue
     from sketchterrain.ui.engine.frames import FrameMemory, FramePacer
     from sketchterrain.ui.engine.stage import ViewRenderer

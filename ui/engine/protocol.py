@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.array_types import Bounds, StructuredArray
-    from sketchterrain.features import Lake, River
-    from sketchterrain.sketch import Sketch
+    from sketchterrain.document.sketch import Sketch
+    from sketchterrain.placement.feature_types import Lake, River
 
 MODES = ("orbit", "fly", "walk")
 """Camera modes."""
@@ -54,7 +54,7 @@ class ViewState:
     height: int = 0
     quality: float | None = None  # 0 … 1; None: the driver's default
     mode: str = "orbit"  # one of `MODES`
-    overlays: tuple[str, ...] = ()  # names of `sketchterrain.render.OVERLAYS`
+    overlays: tuple[str, ...] = ()  # names of `sketchterrain.render.overlays.OVERLAYS`
     plays: bool = True  # whether water, plants and clouds are animated
 
     @property
@@ -276,7 +276,7 @@ class Adherence:
     """Agreement of the terrain with the sketch."""
 
     version: int
-    figures: Mapping[str, Any]  # `sketchterrain.terrain.Adherence.as_dict`
+    figures: Mapping[str, Any]  # `sketchterrain.terrain.adherence.Adherence.as_dict`
     # by layer: painted, visible; (rows, columns) bool
     images: Mapping[str, tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]] = field(default_factory=dict)
 

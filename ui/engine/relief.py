@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.array_types import Bounds
-    from sketchterrain.terrain import Terrain
+    from sketchterrain.terrain.terrain import Terrain
 
 LARGEST: Final = 1024  # samples along the longer side
 _POINTS: Final = 16384  # samples evaluated at once

@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sketchterrain.sketch import LAYERS, Sketch
-from sketchterrain.sketch.box import Box, union_box
+from sketchterrain.document.label_layers import Box, union_box
+from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.ui.engine.protocol import LayerPatch, SketchUpdate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from sketchterrain.sketch.document import LabelImage
+    from sketchterrain.document.label_layers import LabelImage
     from sketchterrain.ui.models.document import Document
 
 

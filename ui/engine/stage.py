@@ -8,21 +8,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.render import Quality, Renderer, Weather, open_context
+from sketchterrain.render.context import open_context
 from sketchterrain.render.overlays import OVERLAYS, Overlay
-from sketchterrain.render.picture_target import PictureTarget
-from sketchterrain.render.quality import SOFTWARE
+from sketchterrain.render.quality import SOFTWARE, Quality
+from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sharing_probe import open_device
+from sketchterrain.render.sky import Weather
 from sketchterrain.render.sunlight import find_sun, sun_for_view
+from sketchterrain.render.targets import PictureTarget
 from sketchterrain.ui.engine.protocol import ViewState
 
 if TYPE_CHECKING:
     from sketchterrain.array_types import Bounds
-    from sketchterrain.compute import ComputeContext, Device
+    from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.compute.device import Device
+    from sketchterrain.render.budgets import FrameStats
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.sky import Sun
-    from sketchterrain.render.stats import FrameStats
 
 _DRAWING_THREADS = "llvmpipe-"
 _NICENESS = 10  # about a tenth of the CPU under load

@@ -14,9 +14,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sketchterrain.array_types import Bounds
-    from sketchterrain.compute import ComputeContext, Device
-    from sketchterrain.sketch import Sketch
-    from sketchterrain.terrain import Terrain, TerrainRecipe
+    from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.compute.device import Device
+    from sketchterrain.document.sketch import Sketch
+    from sketchterrain.terrain.recipe import TerrainRecipe
+    from sketchterrain.terrain.terrain import Terrain
     from sketchterrain.ui.engine.protocol import RecipeUpdate
     from sketchterrain.world.viewed import StoredTerrain
 
@@ -25,7 +27,7 @@ class TerrainSession:
     """The terrain of the newest recipe."""
 
     def __init__(self, open_device: Callable[[Device], ComputeContext], *, device: str | None = None) -> None:
-        from sketchterrain.compute import choose_device
+        from sketchterrain.compute.device import choose_device
 
         self._open_device = open_device
         self.terrain: Terrain | None = None
@@ -67,7 +69,7 @@ class TerrainSession:
 
     def switch_device(self) -> str:
         """Re-create the terrain on another device after a failure; return a line that reports which."""
-        from sketchterrain.compute import fallback_device
+        from sketchterrain.compute.device import fallback_device
 
         failed = self.device
         self.terrain, self._context = None, None
@@ -90,7 +92,7 @@ class TerrainSession:
             self._set_recipe(unpickle_with(self.recipe, self.sketch))
 
     def _set_recipe(self, recipe: TerrainRecipe) -> None:
-        from sketchterrain.terrain import Terrain
+        from sketchterrain.terrain.terrain import Terrain
 
         if self._context is None or self.sketch is None:
             return
@@ -129,7 +131,7 @@ class WorldSession(TerrainSession):
         return WorldFacts(world.corner, world.bounds, world.finest_cell, middle, tuple(world.lacks))
 
     def _rebuild(self) -> None:
-        from sketchterrain.terrain import build
+        from sketchterrain.terrain.building import build
         from sketchterrain.world.viewed import StoredTerrain
 
         if self._context is not None:

@@ -11,8 +11,8 @@ from PyQt6.QtCore import QRectF, Qt
 from PyQt6.QtGui import QBrush, QColor, QImage, QPainter, QPainterPath, QPen, QPixmap
 
 from sketchterrain.array_types import Float32Array
-from sketchterrain.sketch import LAYERS
-from sketchterrain.sketch.label_colours import LIGHT_HATCH, label_rgb
+from sketchterrain.document.label_layers import LIGHT_HATCH, label_rgb
+from sketchterrain.document.parameters import LAYERS
 
 _PATTERNS = {
     "mountain": "peaks",

@@ -15,11 +15,12 @@ from typing import IO
 
 from PyQt6.QtCore import QObject, QTimer, pyqtSignal
 
-from sketchterrain.sketch import Sketch, pack_sketch
-from sketchterrain.system import lock_file
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import pack_sketch
+from sketchterrain.io.files import write_atomic
+from sketchterrain.io.system import lock_file
 from sketchterrain.ui.models.background import BackgroundQueue
 from sketchterrain.ui.models.document import Document
-from sketchterrain.whole_files import write_atomic
 
 _ABOUT = "recovery.json"
 

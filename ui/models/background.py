@@ -10,8 +10,9 @@ from threading import Condition, Thread
 
 from PyQt6.QtCore import QObject, pyqtSignal
 
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import save_sketch
 from sketchterrain.errors import SketchterrainError, one_line
-from sketchterrain.sketch import Sketch, save_sketch
 from sketchterrain.ui.models.document import Document
 
 

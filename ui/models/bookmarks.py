@@ -13,9 +13,9 @@ from typing import Any
 from PyQt6.QtCore import QObject, pyqtSignal
 
 from sketchterrain.errors import SketchterrainError
+from sketchterrain.io.files import write_atomic
 from sketchterrain.ui.engine.protocol import MODES, Pose
 from sketchterrain.ui.models.document import Document
-from sketchterrain.whole_files import write_atomic
 
 _LONGEST = 80  # letters of a name
 

@@ -8,13 +8,18 @@ from weakref import ref
 
 from PyQt6.QtCore import QObject, pyqtSignal
 
+from sketchterrain.document.history import History, LayerChange
+from sketchterrain.document.label_layers import (
+    MAX_LABELS,
+    Box,
+    LabelImage,
+    check_image,
+    freeze_image,
+    labels_in,
+    union_box,
+)
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
-from sketchterrain.sketch import Sketch
-from sketchterrain.sketch.box import Box, union_box
-from sketchterrain.sketch.document import LabelImage
-from sketchterrain.sketch.history import History
-from sketchterrain.sketch.label_image import MAX_LABELS, check_image, freeze_image, labels_in
-from sketchterrain.sketch.layer_change import LayerChange
 
 
 class Draft:

@@ -7,12 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
-from sketchterrain.features import Lake, River
-from sketchterrain.features.catalogue import FEATURE_TYPES
-from sketchterrain.features.lakes import distance_inside
-from sketchterrain.features.profiles import area_profile, hill_profile, mountain_profile
-from sketchterrain.sketch import Sketch
+from sketchterrain.hydrology.lakes import distance_inside
+from sketchterrain.placement.feature_types import (
+    FEATURE_TYPES,
+    Lake,
+    River,
+    area_profile,
+    hill_profile,
+    mountain_profile,
+)
 from sketchterrain.ui.commands.placed_edits import (
     drag_title,
     dragged,

@@ -11,7 +11,7 @@ from typing import Any
 from PyQt6.QtCore import QByteArray, QObject, QSettings, pyqtSignal
 
 from sketchterrain.errors import SketchterrainError
-from sketchterrain.whole_files import write_atomic
+from sketchterrain.io.files import write_atomic
 
 _THEMES = ("system", "light", "dark")
 

@@ -7,7 +7,7 @@ from typing import Final
 
 from PyQt6.QtCore import QObject, pyqtSignal
 
-from sketchterrain.sketch import LAYERS
+from sketchterrain.document.parameters import LAYERS
 
 TOOLS: Final = ("select", "brush", "eraser", "line", "fill", "pick", "pan")
 OVERLAYS: Final = {

@@ -9,7 +9,7 @@ from PyQt6.QtCore import QPointF, QRectF, QSignalBlocker, QSize, Qt, QTimer
 from PyQt6.QtGui import QPainter, QPaintEvent, QPalette
 from PyQt6.QtWidgets import QCheckBox, QHBoxLayout, QPushButton, QSizePolicy, QVBoxLayout, QWidget
 
-from sketchterrain.sketch import LAYERS
+from sketchterrain.document.parameters import LAYERS
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import MeasureAdherence
 from sketchterrain.ui.look.layer_colours import label_colour, swatch
@@ -38,7 +38,7 @@ class AdherenceBar(QWidget):
         return self.accessibleName()
 
     def show_figures(self, figures: Mapping[str, Any] | None) -> None:
-        """Show a layer's summary of `sketchterrain.terrain.Adherence.as_dict`; None: it is not known."""
+        """Show a layer's summary of `Adherence.as_dict`; None: it is not known."""
         title = LAYERS[self._layer].title
         self._overlap = None if figures is None else figures["iou_mean"]
         self._detail = "" if figures is None else _detail(figures)

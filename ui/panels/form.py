@@ -18,21 +18,25 @@ from PyQt6.QtWidgets import (
     QWidget,
 )
 
-from sketchterrain.sketch import Parameter
-from sketchterrain.sketch.parameter import Value
-from sketchterrain.ui.look.icons import tool_button
-from sketchterrain.ui.look.theme import SPACING
-from sketchterrain.ui.panels.numbers import WAY, ClockBox, Gesture, NumberBox, Scale, scroll_past, slider
-from sketchterrain.ui.panels.parts import faint_label
-from sketchterrain.ui.panels.wording import (
+from sketchterrain.document.parameter_types import Parameter, Value
+from sketchterrain.ui.look.theme import SPACING, tool_button
+from sketchterrain.ui.panels.numbers import (
+    WAY,
+    ClockBox,
+    Gesture,
+    NumberBox,
+    Scale,
     comfortable_range,
     drag_title,
     help_of,
+    scroll_past,
+    slider,
     special_of,
     suffix_of,
     tool_tip,
     with_unit,
 )
+from sketchterrain.ui.panels.parts import faint_label
 
 
 class ParameterRow(QWidget):

@@ -19,11 +19,10 @@ from PyQt6.QtWidgets import (
     QWidget,
 )
 
-from sketchterrain.sketch import LAYERS
+from sketchterrain.document.parameters import LAYERS
 from sketchterrain.ui.actions import ShortcutOverride
-from sketchterrain.ui.look.icons import draw_icon
 from sketchterrain.ui.look.layer_colours import swatch
-from sketchterrain.ui.look.theme import SMALL, SPACING, tabular
+from sketchterrain.ui.look.theme import SMALL, SPACING, draw_icon, tabular
 from sketchterrain.ui.panels.parts import small
 
 NAME, EYE, LOCK = range(3)

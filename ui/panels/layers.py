@@ -9,10 +9,11 @@ from typing import Final
 from PyQt6.QtCore import QObject, QPoint, QSignalBlocker, QSize, Qt, QTimer, pyqtSignal
 from PyQt6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
+from sketchterrain.document.label_layers import MAX_LABELS, LabelImage
+from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
-from sketchterrain.sketch import LAYERS, Sketch
-from sketchterrain.sketch.document import MAX_LABELS, LabelImage
-from sketchterrain.ui.commands.labels import (
+from sketchterrain.ui.commands.settings import (
     clear_layer,
     copy_label,
     delete_label,
@@ -20,14 +21,12 @@ from sketchterrain.ui.commands.labels import (
     label_areas,
     new_label,
 )
-from sketchterrain.ui.look.icons import tool_button
-from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, tabular
+from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, tabular, tool_button
 from sketchterrain.ui.menus import ContextMenu
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.panels.layer_list import LayerList, Row
-from sketchterrain.ui.panels.numbers import WAY, slider
-from sketchterrain.ui.panels.wording import label_title, number, with_unit
+from sketchterrain.ui.panels.numbers import WAY, label_title, number, slider, with_unit
 
 _SLICE = 1 << 20  # px: a few ms
 

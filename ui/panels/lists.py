@@ -17,12 +17,11 @@ from PyQt6.QtWidgets import (
 )
 
 from sketchterrain.ui.engine.link import EngineLink
-from sketchterrain.ui.look.icons import draw_icon
-from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING
+from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, draw_icon
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
+from sketchterrain.ui.panels.numbers import size_text
 from sketchterrain.ui.panels.parts import faint_label
-from sketchterrain.ui.panels.wording import size_text
 
 ICON: Final = Qt.ItemDataRole.UserRole + 1
 """Name of an icon before the text; None: there is none."""

@@ -7,9 +7,8 @@ from PyQt6.QtGui import QFont, QIcon, QPalette, QPixmap
 from PyQt6.QtWidgets import QFrame, QGridLayout, QLabel, QScrollArea, QSizePolicy, QVBoxLayout, QWidget
 from superqt import QCollapsible, QElidingLabel
 
-from sketchterrain.ui.look.icons import MARKS
 from sketchterrain.ui.look.layer_colours import swatch
-from sketchterrain.ui.look.theme import MARGIN, SPACING, tabular
+from sketchterrain.ui.look.theme import MARGIN, MARKS, SPACING, tabular
 
 _SMALLER = 0.88
 _UNBOUNDED = (1 << 24) - 1  # Qt's QWIDGETSIZE_MAX

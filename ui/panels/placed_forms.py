@@ -8,9 +8,9 @@ import numpy as np
 from PyQt6.QtCore import QSignalBlocker
 from PyQt6.QtWidgets import QGridLayout, QLabel, QVBoxLayout, QWidget
 
-from sketchterrain.features import River
-from sketchterrain.features.catalogue import FILL_BIT
-from sketchterrain.sketch import ACTIONS, ADDED_BIT, Sketch
+from sketchterrain.document.edits import ACTIONS, ADDED_BIT
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.placement.feature_types import FILL_BIT, River
 from sketchterrain.ui.commands.placed_edits import (
     find_lake,
     find_parent_river,
@@ -30,9 +30,8 @@ from sketchterrain.ui.look.theme import SPACING
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Selection, Workspace
 from sketchterrain.ui.panels.form import NumberRow
-from sketchterrain.ui.panels.numbers import NumberBox
+from sketchterrain.ui.panels.numbers import NumberBox, number
 from sketchterrain.ui.panels.parts import faint_label
-from sketchterrain.ui.panels.wording import number
 
 _SHAPE = ACTIONS["add"].needs
 _HEIGHT = dataclasses.replace(_SHAPE["strength"], name="height", low=0.0, unit="m", help="from foot to top")

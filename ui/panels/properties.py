@@ -8,21 +8,20 @@ from dataclasses import replace
 from PyQt6.QtCore import QSignalBlocker
 from PyQt6.QtWidgets import QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
-from sketchterrain.sketch import LAYERS
-from sketchterrain.sketch.parameter import Value
-from sketchterrain.ui.commands.labels import reset_property, set_property
+from sketchterrain.document.parameter_types import Value
+from sketchterrain.document.parameters import LAYERS
 from sketchterrain.ui.commands.placed_edits import exists, find_river, is_edited, is_locked, name_of
+from sketchterrain.ui.commands.selection import delete, lock, reset, unlock
+from sketchterrain.ui.commands.settings import reset_property, set_property
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import Placement
-from sketchterrain.ui.look.icons import icon
-from sketchterrain.ui.look.theme import MARGIN, SMALL
-from sketchterrain.ui.models.chosen_acts import delete, lock, reset, unlock
+from sketchterrain.ui.look.theme import MARGIN, SMALL, icon
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Selection, Workspace
 from sketchterrain.ui.panels.form import ParameterForm
+from sketchterrain.ui.panels.numbers import drag_title, label_title
 from sketchterrain.ui.panels.parts import PageHead, ScrollingPanel, faint_label
 from sketchterrain.ui.panels.placed_forms import FeatureForm, LakeForm, RiverForm
-from sketchterrain.ui.panels.wording import drag_title, label_title
 
 
 class LabelPage(QWidget):

@@ -9,15 +9,15 @@ from PyQt6.QtCore import QTimer
 from PyQt6.QtWidgets import QHBoxLayout, QProgressBar, QSizePolicy, QWidget
 from superqt import QElidingLabel
 
-from sketchterrain.sketch import LAYERS
-from sketchterrain.system import memory_in_use
+from sketchterrain.document.parameters import LAYERS
+from sketchterrain.io.system import memory_in_use
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import EngineFacts
 from sketchterrain.ui.look.theme import MARGIN, SMALL
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
+from sketchterrain.ui.panels.numbers import label_title, number, size_text
 from sketchterrain.ui.panels.parts import figure
-from sketchterrain.ui.panels.wording import label_title, number, size_text
 
 _EVERY: Final = 250  # ms between two figures: faster ones are not read
 _SHARING: Final = {

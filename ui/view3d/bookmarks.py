@@ -20,8 +20,7 @@ from PyQt6.QtWidgets import (
 
 from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import Look
-from sketchterrain.ui.look.icons import tool_button
-from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING
+from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, tool_button
 from sketchterrain.ui.menus import ContextMenu
 from sketchterrain.ui.models.bookmarks import Bookmark, Bookmarks
 

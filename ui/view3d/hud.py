@@ -24,8 +24,7 @@ from PyQt6.QtWidgets import (
 
 from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import MODES, ErrorReport, FrameFacts, Turn, ViewState
-from sketchterrain.ui.look.icons import draw_icon
-from sketchterrain.ui.look.theme import MARGIN, SPACING, looks, theme
+from sketchterrain.ui.look.theme import MARGIN, SPACING, draw_icon, looks, theme
 
 _HELP: Final = {
     "orbit": "Turn around the terrain: drag turns, right drag or Shift moves, wheel zooms (1)",

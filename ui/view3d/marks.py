@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array
-from sketchterrain.features import Lake, River
-from sketchterrain.features.catalogue import FEATURE_TYPES
+from sketchterrain.placement.feature_types import FEATURE_TYPES, Lake, River
 from sketchterrain.ui.canvas.marks import shore_lines
 from sketchterrain.ui.commands.placed_edits import find_lake, find_point, find_river
 from sketchterrain.ui.engine.protocol import Placement

@@ -10,12 +10,12 @@ from PyQt6.QtCore import QObject, QPointF, Qt, QTimer, pyqtSignal
 from PyQt6.QtGui import QMouseEvent, QWheelEvent
 from PyQt6.QtWidgets import QWidget
 
-from sketchterrain.features.catalogue import FEATURE_TYPES
+from sketchterrain.placement.feature_types import FEATURE_TYPES
 from sketchterrain.ui.commands.placed_edits import exists
+from sketchterrain.ui.commands.selection import add
 from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import GoTo, PickResult, Placement
 from sketchterrain.ui.menus import ContextMenu, add_selection_commands
-from sketchterrain.ui.models.chosen_acts import add
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.handles import FeatureDrag, Handle, handles_of, select_at
 from sketchterrain.ui.models.workspace import Selection, Workspace

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from PyQt6.QtCore import Qt
 
-from sketchterrain.features.lakes import lake_centre
+from sketchterrain.hydrology.lakes import lake_centre
 from sketchterrain.ui.commands.placed_edits import find_lake, find_point, find_river
 from sketchterrain.ui.engine.protocol import Fly, GoTo, Pan, Placement, Pose, Turn, Zoom
 from sketchterrain.ui.models.workspace import Selection

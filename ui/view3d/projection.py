@@ -19,7 +19,7 @@ _FLATTEST = 0.02  # slope of a line of sight below which it meets no level plane
 class Seen:
     """Places as they are seen."""
 
-    at: Float64Array  # Where, in px from the widget's upper left corner; of what is behind the eye nothing useful
+    at: Float64Array  # px from the widget's upper left corner; undefined behind the camera
     away: Float64Array  # m before the eye; what is not before it has 0 or less
 
     @property

@@ -12,7 +12,8 @@ from contourpy import LineType, contour_generator
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from sketchterrain.export.map.drawing import Box, Colour, Points
-from sketchterrain.terrain import MATERIALS, Terrain
+from sketchterrain.terrain.materials import MATERIALS
+from sketchterrain.terrain.terrain import Terrain
 
 Grid: TypeAlias = npt.NDArray[np.float32]
 

@@ -8,8 +8,7 @@ from typing import Any, Final
 from sketchterrain.export.engines import EngineAxes, write_water_json
 from sketchterrain.export.gltf import AXES, GlbWriter
 from sketchterrain.export.gltf_plants import BYTES_PER_PLANT, add_instances, collect_plants
-from sketchterrain.export.images import write_normals_and_weights
-from sketchterrain.export.rasters import write_exr
+from sketchterrain.export.rasters import write_exr, write_normals_and_weights
 from sketchterrain.export.sampled import SampleGrid
 from sketchterrain.export.target import Export, ExportOutput, Target
 from sketchterrain.export.targets.gltf import check_glb, plant_metadata, terrain_scene, write_plant_points

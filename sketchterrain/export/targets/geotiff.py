@@ -11,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.export.engines import requested_storeys
-from sketchterrain.export.geotiff import NO_DATA, Georeference, local_metres, write_cloud_tiff
-from sketchterrain.export.placed_layers import (
+from sketchterrain.export.rasters import NO_DATA, Georeference, local_metres, write_cloud_tiff
+from sketchterrain.export.target import Export, ExportOutput, Target
+from sketchterrain.export.vectors import (
     GeoPackage,
     Origin,
     feature_layer,
@@ -22,9 +23,8 @@ from sketchterrain.export.placed_layers import (
     river_layer,
     station_layer,
 )
-from sketchterrain.export.target import Export, ExportOutput, Target
-from sketchterrain.metric_crs import parse_metric_crs
-from sketchterrain.terrain.plant import PLANT
+from sketchterrain.io.crs import parse_metric_crs
+from sketchterrain.vegetation.plants import PLANT
 
 _PLANTS_AT_ONCE = 1_000_000
 _FIELDS = {

@@ -15,8 +15,8 @@ from sketchterrain.export.gltf_plants import (
     add_points,
     collect_plants,
 )
-from sketchterrain.export.images import write_normals_and_weights
 from sketchterrain.export.mesh import check_mesh_error, export_mesh, mesh_metadata
+from sketchterrain.export.rasters import write_normals_and_weights
 from sketchterrain.export.target import Export, ExportOptions, ExportOutput, Target
 
 _MAX_SIDE: Final = 8193  # vertices, of 56 bytes including their triangles

@@ -15,12 +15,10 @@ from sketchterrain.export.engines import (
     write_water_json,
 )
 from sketchterrain.export.files import write_values_png
-from sketchterrain.export.height_steps import HeightQuantisation
+from sketchterrain.export.planning import HeightQuantisation
 from sketchterrain.export.rasters import write_exr, write_raw
-from sketchterrain.export.sampled import SampleGrid, TerrainSamples
-from sketchterrain.export.target import Export, ExportOptions, ExportOutput, Target
-from sketchterrain.export.tiling import TileWindow, Tiling
-from sketchterrain.export.weights import control_map, rgba_weights
+from sketchterrain.export.sampled import SampleGrid, TerrainSamples, control_map, rgba_weights
+from sketchterrain.export.target import Export, ExportOptions, ExportOutput, Target, TileWindow, Tiling
 
 _REGION: Final = 256  # default vertices along a region's side
 _MAX_REGIONS: Final = 32  # along a side

@@ -9,17 +9,21 @@ from typing import Any
 from sketchterrain.array_types import Float32Array
 from sketchterrain.errors import InputError
 from sketchterrain.export.engines import requested_storeys, write_tiles
-from sketchterrain.export.features import write_features
 from sketchterrain.export.files import write_values_png
 from sketchterrain.export.foliage_files import FoliageOptions, write_foliage
-from sketchterrain.export.height_steps import HeightQuantisation
-from sketchterrain.export.images import weights_suffix, write_normals_and_weights
-from sketchterrain.export.rasters import npy_rows, write_exr, write_npy, write_raw
-from sketchterrain.export.sampled import TerrainSamples
-from sketchterrain.export.target import Export, ExportOptions, ExportOutput, Target
-from sketchterrain.export.tiling import TileWindow, Tiling
-from sketchterrain.export.weights import CHANNELS
-from sketchterrain.terrain.plant import PLANT
+from sketchterrain.export.planning import HeightQuantisation
+from sketchterrain.export.rasters import (
+    npy_rows,
+    weights_suffix,
+    write_exr,
+    write_normals_and_weights,
+    write_npy,
+    write_raw,
+)
+from sketchterrain.export.sampled import CHANNELS, TerrainSamples
+from sketchterrain.export.target import Export, ExportOptions, ExportOutput, Target, TileWindow, Tiling
+from sketchterrain.export.vectors import write_features
+from sketchterrain.vegetation.plants import PLANT
 
 _TILE_OPTIONS = frozenset({"tiles", "overlap", "tile_name", "tile_first", "tiles_from_south"})
 _AXES = "x east, y north, z up, metres from the sketch's south-west corner"

@@ -19,12 +19,16 @@ from sketchterrain.export.engines import (
     write_water_json,
 )
 from sketchterrain.export.files import format_rows, write_json_list, write_values_png
-from sketchterrain.export.height_steps import HeightQuantisation
+from sketchterrain.export.planning import HeightQuantisation
 from sketchterrain.export.rasters import write_raw
-from sketchterrain.export.sampled import TerrainSamples, interpolate_heights
-from sketchterrain.export.target import Export, ExportOutput, Target
-from sketchterrain.export.tiling import TileWindow, Tiling
-from sketchterrain.export.weights import CHANNELS, rgba_weights, splat_weights
+from sketchterrain.export.sampled import (
+    CHANNELS,
+    TerrainSamples,
+    interpolate_heights,
+    rgba_weights,
+    splat_weights,
+)
+from sketchterrain.export.target import Export, ExportOutput, Target, TileWindow, Tiling
 
 _TREE_ROW: Final = (
     '{"prototypeIndex":%d,"position":{"x":%.8f,"y":%.8f,"z":%.8f},"widthScale":%.3f,"heightScale":%.3f,'

@@ -14,12 +14,10 @@ from sketchterrain.export.engines import (
     write_water_json,
 )
 from sketchterrain.export.files import write_values_png
-from sketchterrain.export.height_steps import HeightQuantisation
+from sketchterrain.export.planning import HeightQuantisation
 from sketchterrain.export.rasters import write_raw
-from sketchterrain.export.sampled import TerrainSamples
-from sketchterrain.export.target import Export, ExportOutput, Target
-from sketchterrain.export.tiling import TileWindow, Tiling
-from sketchterrain.export.weights import flip_green
+from sketchterrain.export.sampled import TerrainSamples, flip_green
+from sketchterrain.export.target import Export, ExportOutput, Target, TileWindow, Tiling
 
 _CENTIMETRES: Final = 100.0
 _DECIMALS: Final = 6  # of centimetres

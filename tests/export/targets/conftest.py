@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import sketchterrain as st
+from sketchterrain.app.export import write_export
+from sketchterrain.app.progress import Stages
+from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.target import ExportOptions
-from sketchterrain.exporting import checked_plan, write_export
-from sketchterrain.progress import Stages
 
 
 @dataclass(frozen=True)

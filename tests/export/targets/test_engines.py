@@ -11,14 +11,13 @@ from PIL import Image
 from scipy.interpolate import RegularGridInterpolator
 
 import sketchterrain as st
+from sketchterrain.app.export import write_export
+from sketchterrain.app.progress import Stages
 from sketchterrain.errors import InputError
-from sketchterrain.export.height_steps import HeightQuantisation
-from sketchterrain.export.planning import plan_export
+from sketchterrain.export.planning import HeightQuantisation, checked_plan, plan_export
 from sketchterrain.export.sampled import SampleGrid
 from sketchterrain.export.target import Export, ExportOptions
 from sketchterrain.export.targets import godot, target_named, unreal
-from sketchterrain.exporting import checked_plan, write_export
-from sketchterrain.progress import Stages
 
 ENGINES = {"unity": {"size": 129}, "unreal": {"size": 253}, "godot": {"format": "exr"}}
 

@@ -9,14 +9,14 @@ import tifffile
 from scipy import ndimage
 
 import sketchterrain as st
+from sketchterrain.app.export import write_export
+from sketchterrain.app.progress import Stages
 from sketchterrain.errors import InputError, SketchterrainError
-from sketchterrain.export.placed_layers import Origin, VectorLayer, geopackage, lake_layer
+from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.target import ExportOptions
-from sketchterrain.exporting import checked_plan, write_export
-from sketchterrain.features.catalogue import Lake
-from sketchterrain.features.shape_fields import ShapeField
-from sketchterrain.progress import Stages
-from sketchterrain.trace.vectors import sketch_from_vectors
+from sketchterrain.export.vectors import Origin, VectorLayer, geopackage, lake_layer
+from sketchterrain.importing.vectors import sketch_from_vectors
+from sketchterrain.placement.feature_types import Lake, ShapeField
 
 EAST, NORTH = 512_000.0, 5_403_000.0
 PLACED = {"crs": "EPSG:25832", "origin": (EAST, NORTH)}

@@ -9,9 +9,10 @@ import pytest
 from PIL import Image
 
 import sketchterrain as st
+from sketchterrain.app.export import write_export
+from sketchterrain.app.progress import Stages
+from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.target import ExportOptions
-from sketchterrain.exporting import checked_plan, write_export
-from sketchterrain.progress import Stages
 
 SIDE = 65
 FORMS = [("raw", "r16"), ("raw", "r16be"), ("raw", "r32"), ("png16", None), ("exr", None), ("npy", None)]

@@ -1,0 +1,129 @@
+"""Estimates of memory and disk space, checked before work starts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sketchterrain.errors import InputError
+from sketchterrain.io.files import check_disk, format_bytes, free_disk_space
+from sketchterrain.io.system import physical_memory, proc_memory
+
+if TYPE_CHECKING:
+    from sketchterrain.document.sketch import Sketch
+
+
+# Bytes on disk, compressed: the most that the presets took as Zarr and as GeoTIFF.
+_LAYER_BYTES = {"height": 2.9, "normal": 2.0, "materials": 1.1}
+_PLANT_BYTES = {"none": 0, "csv": 84, "ply": 36, "both": 120, "parquet": 40, "flatgeobuf": 190}
+_WOODY, _GRASS = 0.004, 2.0  # plants per square metre
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Bytes on disk by part, those that are there already, and bytes of memory that are in use at once."""
+
+    disk: dict[str, float]
+    memory: float
+    present: float = 0.0
+
+    @property
+    def disk_needed(self) -> float:
+        """Bytes still to be written."""
+        return max(sum(self.disk.values()) - self.present, 0.0)
+
+    def check(self, path: Path, what: str) -> None:
+        """Raise an InputError if the disk of a path has no room for it, or this machine no memory.
+
+        `what` names what is written, in the plural: "the world's files".
+        """
+        check_disk(path, self.disk_needed, what)
+        if self.memory > free_memory():
+            raise InputError(
+                f"{what} need about {format_bytes(self.memory)} of memory at once, "
+                f"{format_bytes(free_memory())} are left"
+            )
+
+    def as_dict(self, path: Path) -> dict[str, Any]:
+        """Return it as JSON has it, with what is left on the disk of a path and of memory."""
+        return {
+            "disk": {
+                "parts": {name: round(size) for name, size in self.disk.items()},
+                "needed": round(self.disk_needed),
+                "there": round(self.present),
+                "left": free_disk_space(path),
+            },
+            "memory": {"needed": round(self.memory), "left": free_memory()},
+        }
+
+    def lines(self, path: Path) -> list[str]:
+        """Return it as text: a line for the disk and one for memory."""
+        parts = ", ".join(f"{name} {format_bytes(size)}" for name, size in self.disk.items())
+        parts = f" ({parts})" if len(self.disk) > 1 else ""
+        present = f", {format_bytes(self.present)} are there" if self.present else ""
+        return [
+            f"disk: up to {format_bytes(sum(self.disk.values()))}{parts}{present}, "
+            f"{format_bytes(free_disk_space(path))} are left",
+            f"memory: about {format_bytes(self.memory)} at once, {format_bytes(free_memory())} are left",
+        ]
+
+
+def layer_bytes(vertices: float, layers: Iterable[str]) -> dict[str, float]:
+    """Return the bytes on disk of each layer of so many vertices, compressed."""
+    return {name: vertices * _LAYER_BYTES[name] for name in layers}
+
+
+def plant_bytes(area: float, form: str, *, grass: bool = False) -> float:
+    """Return the bytes on disk of the plants of so many square metres in a file format."""
+    return area * (_WOODY + _GRASS * grass) * _PLANT_BYTES[form]
+
+
+def free_memory() -> int:
+    """Return the bytes of memory that are free; all that there are where the system does not tell."""
+    free = proc_memory("meminfo", "MemAvailable")
+    return physical_memory() if free is None else free
+
+
+def format_count(count: float) -> str:
+    """Return a large number as text.
+
+    >>> format_count(12345.6), format_count(1.4e9)
+    ('12 346', '1400 million')
+    """
+    return f"{count:,.0f}".replace(",", " ") if count < 1e6 else f"{count / 1e6:.4g} million"
+
+
+def format_duration(seconds: float) -> str:
+    """Return seconds as text: ``40 s``, ``12 min``, ``3 h 20 min``."""
+    if seconds < 90:
+        return f"{max(round(seconds), 1)} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60} min"
+
+
+MAX_SIZE = 16385
+"""The most vertices along the longer side."""
+
+# Measured at 4097²: heights, normals and weights, once in patches and once joined, take 86.
+_BYTES_PER_VERTEX = 95
+_BASE_BYTES = 450 << 20
+
+
+def memory_needed(sketch: Sketch, size: int) -> float:
+    """Return the approximate bytes that an export takes, `size` vertices along the longer side."""
+    east, north = sketch.size
+    return _BASE_BYTES + _BYTES_PER_VERTEX * size * size * min(east, north) / max(east, north)
+
+
+def check_size(sketch: Sketch, size: int) -> None:
+    """Raise InputError if `size` vertices are out of range or need more memory than this machine has."""
+    if size < 2:
+        raise InputError(f"size = {size}: expected 2 to {MAX_SIZE} vertices")
+    needed, physical = memory_needed(sketch, size), physical_memory()
+    about = f"about {format_bytes(needed)}"
+    if size > MAX_SIZE:
+        raise InputError(f"size = {size}: expected 2 to {MAX_SIZE} vertices; this needs {about}")
+    if needed > physical:
+        raise InputError(f"size = {size} needs {about} of memory, this machine has {format_bytes(physical)}")

@@ -1,0 +1,1 @@
+"""The document: a sketch, its parameters, history and files."""

@@ -1,0 +1,227 @@
+"""Label images of a sketch: reading, writing, colours of labels."""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+from functools import lru_cache
+from typing import Final, TypeAlias
+from weakref import WeakValueDictionary
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+from PIL.PngImagePlugin import PngImageFile
+
+from sketchterrain.array_types import Float64Array
+from sketchterrain.document.parameters import LAYERS
+from sketchterrain.errors import InputError
+
+Box = tuple[int, int, int, int]
+"""Top, left, bottom, right: rows and columns of a sketch, the last two exclusive."""
+
+
+def union_box(a: Box | None, b: Box | None) -> Box | None:
+    """Return the bounding box of two boxes, either of which may be missing."""
+    if a is None or b is None:
+        return a or b
+    return min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])
+
+
+LabelImage: TypeAlias = npt.NDArray[np.uint8]
+
+MAX_SIDE = 16384
+"""The most pixels along a side of a sketch."""
+
+MAX_LABELS = 16
+"""The most labels in one layer: an image with more looks antialiased."""
+
+_BLOCK_PIXELS = 1 << 20
+
+# Images that were checked and frozen, by identity: the next sketch need not check them again.
+_checked: WeakValueDictionary[int, LabelImage] = WeakValueDictionary()
+
+
+def labels_in(image: LabelImage) -> tuple[int, ...]:
+    """Return the labels in an image, 1 to 255, ascending."""
+    rows = max(1, _BLOCK_PIXELS // max(1, image.shape[1]))
+    present = np.zeros(256, dtype=bool)
+    for top in range(0, image.shape[0], rows):  # bincount widens its input eightfold
+        present |= np.bincount(image[top : top + rows].ravel(), minlength=256) > 0
+    return tuple(int(label) for label in np.flatnonzero(present) if label)
+
+
+def check_image(name: str, image: LabelImage) -> LabelImage:
+    """Return a layer's image, uint8 (height, width), read-only; a writeable array is copied.
+
+    Raise InputError, naming the layer, if it is not a label image.
+    """
+    if _checked.get(id(image)) is image and not image.flags.writeable:
+        return image
+    if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 2:
+        given = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
+        raise InputError(f"layer {name}: expected a uint8 array (height, width), got {given}")
+    if not 1 <= min(image.shape) <= max(image.shape) <= MAX_SIDE:
+        raise InputError(
+            f"layer {name} is {image.shape[1]}×{image.shape[0]} px: expected sides of 1 to {MAX_SIDE} px"
+        )
+    labels = labels_in(image)
+    if len(labels) > MAX_LABELS:
+        raise InputError(
+            f"layer {name} looks antialiased: it has {len(labels)} labels, expected at most {MAX_LABELS}"
+        )
+    shared = image.flags.writeable or not image.flags.c_contiguous or image.base is not None
+    return freeze_image(np.array(image, dtype=np.uint8, order="C") if shared else image)
+
+
+def freeze_image(image: LabelImage) -> LabelImage:
+    """Make a valid label image read-only and register it as checked."""
+    image.flags.writeable = False
+    _checked[id(image)] = image
+    return image
+
+
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_GREY, _PALETTE = 0, 3
+_COLOUR_TYPES = {2: "RGB", 4: "grey with alpha", 6: "RGBA"}
+_EMPTY = (0, 0, 0)  # black, so that label 0 stays 0 where a paint program converts the palette to greys
+
+
+def decode_layer(data: bytes) -> LabelImage:
+    """Return the label image in a PNG file, uint8 (height, width), read-only.
+
+    A palette's index is the label; black and white images of one bit have labels 0 and 1. Raise InputError if
+    it is damaged, not single-channel, not of 8 bits, too large, or looks antialiased.
+    """
+    width, height, depth, colour_type = _read_header(data)
+    if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE):
+        raise InputError(f"{width}×{height} px: expected sides of 1 to {MAX_SIDE} px")
+    if colour_type not in (_GREY, _PALETTE):
+        given = _COLOUR_TYPES.get(colour_type, f"colour type {colour_type}")
+        raise InputError(
+            f"{given}: expected a single-channel PNG of 8 bits, greyscale or palette, whose values are labels"
+        )
+    # Grey of 2 or 4 bits would be decoded as shades spread over 0 to 255, not as labels.
+    if colour_type == _GREY and depth not in (1, 8):
+        raise InputError(f"{depth} bits a pixel: expected an 8-bit single-channel PNG")
+    try:
+        # Not Image.open: its limit on image size is global to the process.
+        with PngImageFile(io.BytesIO(data)) as image:
+            image.load()
+            array = np.asarray(image).astype(np.uint8)
+    except (OSError, SyntaxError, ValueError, EOFError, zlib.error, struct.error) as error:
+        raise InputError(f"expected a whole PNG file, this one is damaged ({error})") from None
+    labels = labels_in(array)
+    if len(labels) > MAX_LABELS:
+        raise InputError(
+            f"looks antialiased: it has {len(labels)} labels, expected at most {MAX_LABELS}; "
+            "paint with a hard brush, without smoothing"
+        )
+    array.flags.writeable = False
+    return array
+
+
+def encode_layer(image: LabelImage, colour: tuple[int, int, int]) -> bytes:
+    """Return a label image as an 8-bit palette PNG; label 1 has the sRGB `colour`, others shades of it."""
+    picture = Image.fromarray(image)
+    picture.putpalette([channel for label in range(256) for channel in _shade(label, colour)])
+    stream = io.BytesIO()
+    picture.save(stream, format="PNG")
+    return stream.getvalue()
+
+
+def _shade(label: int, colour: tuple[int, int, int]) -> tuple[int, ...]:
+    if label == 0:
+        return _EMPTY
+    # Golden-ratio steps keep successive labels distinct.
+    light = 1.0 - 0.6 * ((label - 1) * 0.618034 % 1.0)
+    return tuple(round(channel * light) for channel in colour)
+
+
+def _read_header(data: bytes) -> tuple[int, int, int, int]:
+    """Return width, height, bits and colour type of a PNG file, after checking every chunk."""
+    if not data.startswith(_SIGNATURE):
+        raise InputError("expected a PNG file")
+    header, position, kind = b"", len(_SIGNATURE), b""
+    while kind != b"IEND":
+        start = data[position : position + 8]
+        length = int.from_bytes(start[:4], "big")
+        kind, end = start[4:], position + 8 + length
+        crc = data[end : end + 4]
+        if len(start) < 8 or len(crc) < 4:
+            raise InputError("expected a whole PNG file, this one is truncated")
+        if zlib.crc32(memoryview(data)[position + 4 : end]) != int.from_bytes(crc, "big"):
+            raise InputError("expected a whole PNG file, this one is damaged (wrong check sum)")
+        if not header:
+            header = data[position + 8 : end]
+            if kind != b"IHDR" or len(header) != 13:
+                raise InputError("expected a PNG file, this one has no header")
+        position = end + 4
+    width, height, depth, colour_type = struct.unpack(">IIBB", header[:10])
+    return width, height, depth, colour_type
+
+
+DRAW_ORDER: Final = ("material", "mountain", "hill", "dune", "forest", "lake", "river")
+"""Layers from bottom to top; thin shapes are drawn last."""
+
+LIGHT_HATCH: Final = ("forest", "river")
+"""Dark layers, which have a light hatch."""
+
+_SHADES = 16  # distinct labels; later ones repeat
+
+_TO_LMS = np.array(
+    [
+        [0.4122214708, 0.5363325363, 0.0514459929],
+        [0.2119034982, 0.6806995451, 0.1073969566],
+        [0.0883024619, 0.2817188376, 0.6299787005],
+    ]
+)
+_TO_LAB = np.array(
+    [
+        [0.2104542553, 0.7936177850, -0.0040720468],
+        [1.9779984951, -2.4285922050, 0.4505937099],
+        [0.0259040371, 0.7827717662, -0.8086757660],
+    ]
+)
+
+
+def label_rgb(layer: str, label: int) -> tuple[int, int, int]:
+    """Return the sRGB colour, 0 to 255, of a label, 1 to 255: a distinct shade of its layer's colour."""
+    return _shades(layer)[(label - 1) % _SHADES]
+
+
+def to_oklab(colours: npt.ArrayLike) -> Float64Array:
+    """Return sRGB colours in 0 … 1, (…, 3), in Oklab: lightness 0 to 1, and two hue axes, about ±0.4."""
+    encoded = np.asarray(colours, dtype=np.float64)
+    linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    return np.asarray(np.cbrt(linear @ _TO_LMS.T) @ _TO_LAB.T)
+
+
+@lru_cache(maxsize=16)
+def _shades(layer: str) -> tuple[tuple[int, int, int], ...]:
+    """Return the colours of labels 1, 2, …: each as far from those before it as the layer's hues allow."""
+    light, *_ = base = to_oklab(np.array(LAYERS[layer].colour) / 255.0)
+    chroma, hue = np.hypot(base[1], base[2]), np.arctan2(base[2], base[1])
+    lights = np.linspace(0.34, 0.66, 5) if layer in LIGHT_HATCH else np.linspace(0.52, 0.88, 6)
+    hues = hue + np.deg2rad([0.0, 15.0, -15.0, 30.0, -30.0])
+    chromas = max(chroma, 0.03) * np.array([0.8, 1.25])
+    grid = np.stack(np.meshgrid(lights, chromas, hues, indexing="ij"), axis=-1).reshape(-1, 3)
+    lab = np.stack([grid[:, 0], grid[:, 1] * np.cos(grid[:, 2]), grid[:, 1] * np.sin(grid[:, 2])], axis=-1)
+    chosen = [np.array([light, base[1], base[2]])]
+    # Hue weighs less than lightness, which colour-blind users see.
+    weight = np.array([1.0, 0.6, 0.6])
+    nearest = np.full(len(lab), np.inf)
+    for _ in range(_SHADES - 1):
+        nearest = np.minimum(nearest, np.sqrt((((lab - chosen[-1]) * weight) ** 2).sum(axis=1)))
+        score = nearest - 0.12 * np.abs(grid[:, 2] - hue) / np.pi
+        chosen.append(lab[int(np.argmax(score))])
+    colours = [LAYERS[layer].colour, *(_rgb(each) for each in chosen[1:])]
+    return tuple((int(r), int(g), int(b)) for r, g, b in colours)
+
+
+def _rgb(lab: Float64Array) -> tuple[int, int, int]:
+    linear = np.clip(np.linalg.solve(_TO_LMS, np.linalg.solve(_TO_LAB, lab) ** 3), 0.0, 1.0)
+    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1.0 / 2.4) - 0.055)
+    red, green, blue = np.rint(255.0 * np.clip(encoded, 0.0, 1.0)).astype(int)
+    return int(red), int(green), int(blue)

@@ -1,0 +1,306 @@
+"""Material rules: which material lies where, and the table that a sketch can change."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias, cast
+
+from sketchterrain.document.parameter_types import Parameter, Value, check_items, parameter_table
+from sketchterrain.document.parameters import MATERIALS
+from sketchterrain.errors import InputError, did_you_mean, format_value, unknown_key
+
+MAX_FACTORS = 4
+"""The most factors of a rule."""
+
+MAX_INPUTS = 4
+"""The most inputs of a factor."""
+
+_MAX_WEIGHT = 1e4
+_MIN_RAMP = 1e-4  # narrower ramps are steps
+
+
+def _weight(name: str, unit: str, text: str) -> Parameter:
+    return Parameter(name, float, 0.0, -_MAX_WEIGHT, _MAX_WEIGHT, unit, text)
+
+
+INPUTS: Mapping[str, Parameter] = parameter_table(
+    _weight("height", "1/m", "weight of the elevation"),
+    _weight("above_snow_line", "1/m", "weight of the elevation above [climate] snow_line"),
+    _weight("above_tree_line", "1/m", "weight of the elevation above [climate] tree_line"),
+    _weight("steepness", "", "weight of the slope, rise over run"),
+    _weight("hollow", "", "weight of how hollow the ground is: by how much the slope changes over a cell"),
+    _weight("aridity", "", "weight of [climate] aridity"),
+    _weight("water", "", "weight of water: 1 in the middle, 0.75 at its edge, 0 away from it"),
+    _weight("wetness", "", "weight of the wet ground beside water: 0.69 at its edge, 0 where the bank ends"),
+    _weight("mountain", "", "weight of how much of a mountain it is, 0 to 1"),
+    _weight("dune", "", "weight of desert sand, 0 to 1"),
+    _weight("forest", "", "weight of the share of the places for trees that are taken, 0 to 1"),
+    _weight("mottle", "", "weight of the ground cover's noise, about -1 to 1"),
+)
+"""Inputs that a factor can depend on."""
+
+FACTOR: Mapping[str, Parameter] = parameter_table(
+    Parameter("start", float, 0.0, -_MAX_WEIGHT, _MAX_WEIGHT, "", "weighted sum of the inputs that gives 0"),
+    Parameter(
+        "full", float, 1.0, -_MAX_WEIGHT, _MAX_WEIGHT, "", "weighted sum that gives 1; below start it falls"
+    ),
+    Parameter(
+        "shape", str, "smooth", 0, 10, "", "flat at both ends, or a line", choices=("smooth", "straight")
+    ),
+    *INPUTS.values(),
+)
+"""Keys of ``[[material_rule.factor]]``."""
+
+RULE: Mapping[str, Parameter] = parameter_table(
+    Parameter("name", str, "mine", 1, 40, "characters", "one of the table's rules to change, or a new name"),
+    Parameter("material", str, "rock", 0, 40, "", "what it lays on the ground", choices=MATERIALS),
+    Parameter("cover", float, 1.0, 0.0, 1.0, "", "the most of the ground that it covers; 0 takes it away"),
+    Parameter("before", str, "", 0, 40, "characters", "the rule below which it lies; by default on top"),
+)
+"""Keys of ``[[material_rule]]``."""
+
+
+@dataclass(frozen=True)
+class Factor:
+    """A ramp from 0 to 1 over a weighted sum of inputs: 0 at ``start``, 1 at ``full`` and beyond."""
+
+    start: float = cast(float, FACTOR["start"].default)
+    full: float = cast(float, FACTOR["full"].default)
+    shape: str = cast(str, FACTOR["shape"].default)
+    height: float = 0.0
+    above_snow_line: float = 0.0
+    above_tree_line: float = 0.0
+    steepness: float = 0.0
+    hollow: float = 0.0
+    aridity: float = 0.0
+    water: float = 0.0
+    wetness: float = 0.0
+    mountain: float = 0.0
+    dune: float = 0.0
+    forest: float = 0.0
+    mottle: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, parameter in FACTOR.items():
+            object.__setattr__(self, name, parameter.check(getattr(self, name), f"factor.{name}"))
+        if abs(self.full - self.start) < _MIN_RAMP:
+            raise InputError(
+                f"factor.full = {self.full!r}: expected at least {_MIN_RAMP} from start = {self.start!r}"
+            )
+        if not 1 <= len(self.weights) <= MAX_INPUTS:
+            given = ", ".join(self.weights) or "none"
+            raise InputError(f"factor: expected 1 to {MAX_INPUTS} of {', '.join(INPUTS)}, got {given}")
+
+    @property
+    def weights(self) -> dict[str, float]:
+        """The weights that are not 0, by name, in the order of their declaration."""
+        return {name: value for name in INPUTS if (value := getattr(self, name)) != 0}
+
+    @property
+    def values(self) -> dict[str, Value]:
+        """The values to write to a file, by name."""
+        ramp: dict[str, Value] = {"start": self.start, "full": self.full}
+        if self.shape != FACTOR["shape"].default:
+            ramp["shape"] = self.shape
+        return ramp | self.weights
+
+
+@dataclass(frozen=True)
+class MaterialRule:
+    """A rule that lays a material over those before it: its cover is ``cover`` (0 … 1) times all factors."""
+
+    name: str
+    material: str
+    cover: float = 1.0
+    factors: tuple[Factor, ...] = ()
+
+
+@dataclass(frozen=True)
+class RuleChange:
+    """A sketch's change of a rule of the default table, or a new rule, which needs a material.
+
+    None leaves a value as it is. ``before`` names the rule to insert it before: by default a new one is on
+    top, and one of the table where it was.
+    """
+
+    name: str
+    material: str | None = None
+    cover: float | None = None
+    before: str = ""
+    factors: tuple[Factor, ...] | None = None
+
+    def __post_init__(self) -> None:
+        for name, parameter in RULE.items():
+            value = getattr(self, name)
+            if value is not None or name == "name":
+                object.__setattr__(self, name, parameter.check(value, name))
+        if self.factors is not None:
+            object.__setattr__(
+                self, "factors", check_items(Factor, self.factors, "factors", most=MAX_FACTORS)
+            )
+
+    @property
+    def values(self) -> dict[str, Value]:
+        """The values to write to a file, without factors, by name."""
+        return {name: value for name in RULE if (value := getattr(self, name)) not in (None, "")}
+
+
+MAX_RULES = 32
+"""The most rules of a sketch, those of the default table included."""
+
+Weights: TypeAlias = dict[str, Any]  # floats by input; Any, since mypy checks ** against every argument
+_DRY: Weights = {"aridity": 1.0, "mottle": 0.12, "wetness": -0.28}
+# Grass thins out on crests and slopes, and holds in hollows and beside water.
+_BARE: Weights = {"mottle": 1.0, "hollow": -3.0, "steepness": 0.4, "wetness": -0.6}
+_ALPINE: Weights = {"above_tree_line": 1.0, "mottle": 90.0}
+# Noise frays the edges of rock; rock in mountains is harder, and gullies fill up.
+_STONY: Weights = {"steepness": 1.0, "mottle": 0.34, "mountain": 0.25, "hollow": -0.8}
+_IN_MOUNTAINS = Factor(shape="straight", mountain=1.0)
+
+DEFAULT_RULES: tuple[MaterialRule, ...] = (
+    MaterialRule("dry_soil", "soil", 1.0, (Factor(0.3, 0.3 + 1 / 3, **_DRY),)),
+    MaterialRule("patchy_soil", "soil", 0.7, (Factor(0.56, 0.7, **_BARE),)),
+    MaterialRule("desert_sand", "sand", 1.0, (Factor(0.62, 0.87, **_DRY),)),
+    # Above the tree line grass thins out into bare stone.
+    MaterialRule("alpine_scree", "scree", 0.8, (Factor(40.0, 290.0, **_ALPINE), _IN_MOUNTAINS)),
+    MaterialRule(
+        "forest_floor",
+        "forest_floor",
+        1.0,
+        (Factor(0.0, 0.8, "straight", forest=1.0), Factor(290.0, 40.0, **_ALPINE)),
+    ),
+    MaterialRule(
+        "slope_scree", "scree", 0.85, (Factor(0.05, 0.45, mountain=1.0), Factor(0.64, 0.82, **_STONY))
+    ),
+    MaterialRule("rock_face", "rock", 1.0, (Factor(0.97, 1.17, **_STONY),)),
+    # Debris from the faces collects in gullies and at their feet, at the angle of repose.
+    MaterialRule(
+        "scree_fan",
+        "scree",
+        0.9,
+        (
+            Factor(0.1, 0.35, mountain=1.0),
+            Factor(0.005, 0.045, hollow=1.0, mottle=0.04),
+            Factor(0.4, 0.52, steepness=1.0, mottle=0.12),
+            Factor(1.15, 0.85, steepness=1.0, mottle=-0.15),
+        ),
+    ),
+    MaterialRule(
+        "dune_sand",
+        "sand",
+        1.0,
+        (Factor(shape="straight", dune=1.0), Factor(1.15, 0.9, steepness=1.0)),
+    ),
+    MaterialRule(
+        "snow",
+        "snow",
+        1.0,
+        (
+            Factor(0.0, 150.0, above_snow_line=1.0, mottle=150.0, hollow=380.0),
+            Factor(1.5, 0.9, steepness=1.0, mottle=0.4, hollow=-1.6),
+        ),
+    ),
+    # Along a shore mud, grass and bars of sand take turns.
+    MaterialRule(
+        "muddy_bank",
+        "soil",
+        0.8,
+        (Factor(0.61, 0.69, water=1.0, mottle=-0.06), Factor(0.1, -0.3, mottle=1.0)),
+    ),
+    MaterialRule(
+        "beach",
+        "sand",
+        0.8,
+        (
+            Factor(0.65, 0.71, water=1.0, mottle=0.1),
+            Factor(0.12, 0.42, mottle=1.0),
+            Factor(0.4, 0.2, steepness=1.0),
+        ),
+    ),
+    MaterialRule(
+        "gravel_bar",
+        "river_bed",
+        0.9,
+        (Factor(0.640625, 0.71875, water=1.0, mottle=0.03125), Factor(-0.05, 0.25, mottle=1.0)),
+    ),
+    MaterialRule("river_bed", "river_bed", 1.0, (Factor(0.6875, 0.75, water=1.0),)),
+)
+"""The default table; each rule covers those before it, and below them all is grass."""
+
+
+def resolved_rules(changes: Iterable[RuleChange]) -> tuple[MaterialRule, ...]:
+    """Return the default table with changes applied in order.
+
+    Raise InputError if a new rule has no material, ``before`` is no rule's name, or there are more than
+    `MAX_RULES`.
+    """
+    rules = list(DEFAULT_RULES)
+    for change in changes:
+        old = next((rule for rule in rules if rule.name == change.name), None)
+        if old is None and change.material is None:
+            names = [rule.name for rule in rules]
+            raise InputError(
+                f"name = {format_value(change.name)}: a new rule needs a material; there are "
+                f"{', '.join(names)}{did_you_mean(change.name, names)}"
+            )
+        at = len(rules) if old is None else rules.index(old)
+        given = {key: getattr(change, key) for key in ("material", "cover", "factors")}
+        given = {key: value for key, value in given.items() if value is not None}
+        rule = dataclasses.replace(old or MaterialRule(change.name, cast(str, change.material)), **given)
+        if old is not None:
+            rules.remove(old)
+        if change.before:
+            at = _index_of(change.before, rules)
+        rules.insert(at, rule)
+    if len(rules) > MAX_RULES:
+        raise InputError(f"{len(rules)} rules with those of the table: expected at most {MAX_RULES}")
+    return tuple(rules)
+
+
+def check_rule_changes(changes: Iterable[RuleChange]) -> tuple[RuleChange, ...]:
+    """Return changes as a tuple; raise InputError if one is not a `RuleChange` or cannot be applied."""
+    checked = tuple(changes)
+    for number, change in enumerate(checked, 1):
+        if not isinstance(change, RuleChange):
+            raise InputError(f"material_rules: expected RuleChange values, got {format_value(change)}")
+        try:
+            resolved_rules(checked[:number])
+        except InputError as error:
+            raise InputError(f"[[material_rule]] number {number}: {error}") from None
+    return checked
+
+
+def parse_rule_change(table: Mapping[str, object]) -> RuleChange:
+    """Return the change in one ``[[material_rule]]`` table; raise InputError for a bad key or value."""
+    known = [*RULE, "factor"]
+    for key, value in table.items():
+        if key not in known:
+            raise unknown_key(key, value, known)
+    if "name" not in table:
+        raise InputError(f"no name: expected {', '.join(known)}")
+    values = {name: value for name, value in table.items() if name != "factor"}
+    factors = _parse_factors(table["factor"]) if "factor" in table else None
+    return RuleChange(**values, factors=factors)  # type: ignore[arg-type] # RuleChange checks every value
+
+
+def _parse_factors(value: object) -> tuple[Factor, ...]:
+    if not isinstance(value, list) or not all(isinstance(each, dict) for each in value):
+        raise InputError(
+            f"factor = {format_value(value)}: expected tables, each with [[material_rule.factor]] above it"
+        )
+    for table in value:
+        for key, given in table.items():
+            if key not in FACTOR:
+                raise unknown_key(key, given, FACTOR, "[[material_rule.factor]]")
+    return tuple(Factor(**table) for table in value)
+
+
+def _index_of(name: str, rules: Sequence[MaterialRule]) -> int:
+    names = [rule.name for rule in rules]
+    if name not in names:
+        raise InputError(
+            f"before = {format_value(name)}: expected one of {', '.join(names)}{did_you_mean(name, names)}"
+        )
+    return names.index(name)

@@ -1,0 +1,221 @@
+"""Declarations of all settings of a sketch; file format, command line, panels and docs use them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+from sketchterrain.document.parameter_types import Parameter, parameter_table
+
+FORMAT = 1
+"""Version of the sketch file format."""
+
+MATERIALS = ("grass", "soil", "rock", "scree", "sand", "snow", "river_bed", "forest_floor")
+"""Materials of the ground."""
+
+
+@dataclass(frozen=True)
+class Layer:
+    """A layer of a sketch: the kind of feature that its painted regions become."""
+
+    name: str  # key in the sketch file; the image is ``name.png``
+    title: str
+    colour: tuple[int, int, int]  # sRGB of label 1, 0 to 255
+    help: str
+    parameters: Mapping[str, Parameter] = field(hash=False)  # of each label, by name
+
+
+def _multitude(default: int, what: str) -> Parameter:
+    return Parameter("multitude", int, default, 1, 500, "", f"how many {what} a painted shape is broken into")
+
+
+def _density(name: str, what: str) -> Parameter:
+    return Parameter(name, float, 0.0, 0.0, 100.0, "1/km²", f"{what} per km² where nothing is painted")
+
+
+def _erosion(default: float) -> tuple[Parameter, Parameter]:
+    return (
+        Parameter(
+            "erosion", float, default, 0.0, 1.0, "", "how deep water has cut its gullies; 0 is not at all"
+        ),
+        Parameter("gullies", float, 0.5, 0.02, 1.0, "", "width of the widest gullies, over the radius"),
+    )
+
+
+SKETCH: Mapping[str, Parameter] = parameter_table(
+    Parameter("name", str, "Untitled", 0, 200, "characters", "what the sketch is called"),
+    Parameter("extent", float, 4096.0, 1.0, 1e6, "m", "length of the sketch's longer side"),
+    Parameter("seed", int, 0, 0, 2**63 - 1, "", "another seed gives another terrain of the same sketch"),
+    Parameter(
+        "fidelity", float, 0.8, 0.0, 1.0, "", "0 is a loose guideline, 1 is exactly where it was painted"
+    ),
+)
+"""Keys at the top of the file."""
+
+DENSITY: Mapping[str, Parameter] = parameter_table(
+    _density("mountain", "mountains"),
+    _density("hill", "hills"),
+    _density("dune", "dunes"),
+    _density("forest", "groves of trees"),
+)
+"""Keys of ``[density]``: what fills the world where nothing is painted."""
+
+GROUND: Mapping[str, Parameter] = parameter_table(
+    Parameter("relief", float, 40.0, 0.0, 2000.0, "m", "range of heights of the ground between features"),
+    Parameter("wavelength", float, 1600.0, 50.0, 20000.0, "m", "length of the ground's widest waves"),
+    Parameter("roughness", float, 0.45, 0.2, 0.7, "", "share of height that each finer octave keeps"),
+)
+"""Keys of ``[ground]``: the plain under and between the features."""
+
+CLIMATE: Mapping[str, Parameter] = parameter_table(
+    Parameter("snow_line", float, 1e4, -1e4, 1e4, "m", "elevation above which snow lies"),
+    Parameter("tree_line", float, 1e4, -1e4, 1e4, "m", "elevation above which no tree stands"),
+    Parameter("aridity", float, 0.2, 0.0, 1.0, "", "0 is lush, 1 is a desert"),
+)
+"""Keys of ``[climate]``: what grows and lies on the ground."""
+
+WEATHER: Mapping[str, Parameter] = parameter_table(
+    Parameter(
+        "hour", float, -1.0, -1.0, 24.0, "h", "local solar time; -1 is whichever light shows the ground best"
+    ),
+    Parameter("latitude", float, 45.0, -90.0, 90.0, "°", "north of the equator; how high the sun climbs"),
+    Parameter("clouds", float, 0.35, 0.0, 1.0, "", "share of the sky that they cover; 1 is overcast"),
+    Parameter("wind", float, 4.0, 0.0, 40.0, "m/s", "moves plants and clouds"),
+    Parameter("wind_from", float, 245.0, 0.0, 360.0, "°", "where the wind blows from: 0 north, 90 east"),
+    Parameter("haze", float, 1.0, 0.0, 10.0, "", "1 is a clear day, 10 a murky one"),
+)
+"""Keys of ``[weather]``: lighting and air of pictures; they do not change the terrain."""
+
+LOOK: Mapping[str, Parameter] = parameter_table(
+    Parameter(
+        "colour",
+        str,
+        "",
+        0,
+        7,
+        "",
+        "its mean colour in sRGB; empty is the program's own",
+        form=("#[0-9a-fA-F]{6}", 'a colour as "#rrggbb"'),
+    ),
+    Parameter(
+        "size", float, 0.0, 0.0, 1000.0, "m", "width of its texture near the eye; 0 is the program's own"
+    ),
+    Parameter("roughness", float, -1.0, -1.0, 1.0, "", "0 mirrors, 1 is dull; -1 is the program's own"),
+    Parameter("bump", float, 1.0, 0.0, 2.0, "", "how high its relief is, over the program's own; 0 is flat"),
+)
+"""Keys of ``[look.MATERIAL]``: appearance of a material; it does not change the terrain."""
+
+TABLES: Mapping[str, Mapping[str, Parameter]] = MappingProxyType(
+    {"density": DENSITY, "ground": GROUND, "climate": CLIMATE, "weather": WEATHER}
+)
+"""Tables of the file with one value per key."""
+
+LAYERS: Mapping[str, Layer] = MappingProxyType(
+    {
+        layer.name: layer
+        for layer in (
+            Layer(
+                "mountain",
+                "Mountains",
+                (140, 92, 70),
+                "where mountains rise",
+                parameter_table(
+                    Parameter("height", float, 600.0, 1.0, 9000.0, "m", "from foot to summit"),
+                    Parameter("peakiness", float, 0.5, 0.0, 1.0, "", "0 is a broad dome, 1 is a sharp peak"),
+                    *_erosion(0.7),
+                    _multitude(1, "mountains"),
+                ),
+            ),
+            Layer(
+                "hill",
+                "Hills",
+                (122, 160, 72),
+                "where hills roll",
+                parameter_table(
+                    Parameter("height", float, 80.0, 1.0, 2000.0, "m", "from foot to top"),
+                    *_erosion(0.3),
+                    _multitude(6, "hills"),
+                ),
+            ),
+            Layer(
+                "river",
+                "Rivers",
+                (56, 116, 196),
+                "where rivers flow: paint strokes along their courses",
+                parameter_table(
+                    Parameter(
+                        "width", float, 12.0, 0.0, 2000.0, "m", "from bank to bank; 0 is as wide as painted"
+                    ),
+                    Parameter("depth", float, 2.0, 0.1, 100.0, "m", "from the water's surface to the bed"),
+                    Parameter(
+                        "flow",
+                        float,
+                        -1.0,
+                        -1.0,
+                        360.0,
+                        "°",
+                        "where it runs to: 0 north; -1 downhill",
+                    ),
+                ),
+            ),
+            Layer(
+                "dune",
+                "Dunes",
+                (222, 186, 108),
+                "where the ground is a desert of dunes",
+                parameter_table(
+                    Parameter("height", float, 14.0, 0.5, 300.0, "m", "from trough to crest"),
+                    Parameter("wavelength", float, 140.0, 5.0, 2000.0, "m", "from crest to crest"),
+                    Parameter(
+                        "wind", float, 270.0, 0.0, 360.0, "°", "where the wind blows from: 0 north, 90 east"
+                    ),
+                    _multitude(12, "dune fields"),
+                ),
+            ),
+            Layer(
+                "forest",
+                "Forests",
+                (38, 104, 58),
+                "where trees may stand",
+                parameter_table(
+                    Parameter(
+                        "density", float, 0.8, 0.0, 1.0, "", "share of the trees that the ground can carry"
+                    ),
+                    Parameter(
+                        "conifers",
+                        float,
+                        -1.0,
+                        -1.0,
+                        1.0,
+                        "",
+                        "share of conifers; -1 is by elevation",
+                    ),
+                    _multitude(20, "groves"),
+                ),
+            ),
+            Layer(
+                "lake",
+                "Lakes",
+                (98, 178, 214),
+                "where water stands",
+                parameter_table(
+                    Parameter("depth", float, 6.0, 0.5, 200.0, "m", "greatest depth of the water")
+                ),
+            ),
+            Layer(
+                "material",
+                "Materials",
+                (168, 160, 150),
+                "what covers the ground, whatever else would lie there",
+                parameter_table(
+                    Parameter(
+                        "material", str, "rock", 0, 40, "", "what lies on the ground", choices=MATERIALS
+                    ),
+                    Parameter("strength", float, 1.0, 0.0, 1.0, "", "0 is no cover, 1 hides all else"),
+                ),
+            ),
+        )
+    }
+)
+"""The layers, in display order."""

@@ -1,0 +1,254 @@
+"""`Sketch`: label layers, properties of their labels, and settings of the world, as a checked value."""
+
+from __future__ import annotations
+
+import dataclasses
+import zlib
+from dataclasses import dataclass, field
+from numbers import Integral
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from sketchterrain.document.edits import MAX_EDITS, Edit
+from sketchterrain.document.label_layers import (
+    MAX_LABELS,
+    MAX_SIDE,
+    LabelImage,
+    check_image,
+    freeze_image,
+    labels_in,
+)
+from sketchterrain.document.material_rules import check_rule_changes
+from sketchterrain.document.parameter_types import Properties, check_items, check_values, defaults
+from sketchterrain.document.parameters import LAYERS, LOOK, MATERIALS, SKETCH, TABLES, Layer
+from sketchterrain.errors import InputError, did_you_mean, format_value
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from sketchterrain.document.material_rules import RuleChange
+
+__all__ = ["DEFAULT_SIDE", "MAX_LABELS", "MAX_SIDE", "LabelImage", "Sketch", "labels_in"]
+
+DEFAULT_SIDE = 512
+"""Pixels along each side of a sketch without any layer image."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sketch:
+    """Painted label layers and settings.
+
+    A sketch is immutable; values are checked when it is created, and `replace` returns a changed one. Image
+    row 0 is the north edge: the centre of pixel (row, col) is at x = (col + 0.5)·s,
+    y = (height_px − row − 0.5)·s metres, with s = `pixel_size`.
+
+    Parameters
+    ----------
+    name
+        Title.
+    extent
+        Metres along the longer side.
+    seed
+        0 to 2⁶³ − 1.
+    fidelity
+        0 (a loose guideline) to 1 (exactly where it was painted).
+    density, ground, climate, weather
+        Settings by the names in `DENSITY`, `GROUND`, `CLIMATE` and `WEATHER`; missing ones have defaults.
+    layers
+        Label images by layer name: uint8, (height, width), 0 is empty. Missing layers are empty. The
+        arrays of a sketch are read-only; a writeable array is copied.
+    labels
+        Properties by (layer name, label); missing ones have defaults.
+    look
+        Appearance of materials: values by the names in `LOOK`, by a name of `MATERIALS`.
+    edits
+        Changes of generated features, applied in this order.
+    material_rules
+        Changes of the table of material rules.
+
+    Raises
+    ------
+    InputError
+        If a value is not as declared, or a layer is no label image or differs in size from the others.
+    """
+
+    name: str = cast(str, SKETCH["name"].default)
+    extent: float = cast(float, SKETCH["extent"].default)
+    seed: int = cast(int, SKETCH["seed"].default)
+    fidelity: float = cast(float, SKETCH["fidelity"].default)
+    density: Mapping[str, float] = field(default_factory=dict)
+    ground: Mapping[str, float] = field(default_factory=dict)
+    climate: Mapping[str, float] = field(default_factory=dict)
+    weather: Mapping[str, float] = field(default_factory=dict)
+    layers: Mapping[str, LabelImage] = field(default_factory=dict)
+    labels: Mapping[tuple[str, int], Properties] = field(default_factory=dict)
+    look: Mapping[str, Properties] = field(default_factory=dict)
+    edits: tuple[Edit, ...] = ()
+    material_rules: tuple[RuleChange, ...] = ()
+
+    def __post_init__(self) -> None:
+        checked: dict[str, object] = {
+            key: parameter.check(getattr(self, key)) for key, parameter in SKETCH.items()
+        }
+        for key, table in TABLES.items():
+            given = check_values(getattr(self, key), table, f"[{key}]", f"{key}.")
+            checked[key] = MappingProxyType(defaults(table) | given)
+        checked["layers"] = _check_layers(self.layers)
+        checked["labels"] = _check_labels(self.labels)
+        checked["look"] = _check_look(self.look)
+        checked["edits"] = check_items(Edit, self.edits, "edits", most=MAX_EDITS)
+        checked["material_rules"] = check_rule_changes(self.material_rules)
+        for key, value in checked.items():
+            object.__setattr__(self, key, value)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the fields as plain dicts, with compressed layers; empty ones are omitted."""
+        state = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
+        for key in TABLES:
+            state[key] = dict(state[key])
+        state["labels"] = {key: dict(values) for key, values in self.labels.items()}
+        state["look"] = {key: dict(values) for key, values in self.look.items()}
+        state["size_px"] = (self.height_px, self.width_px)
+        state["layers"] = {
+            name: zlib.compress(image.data, 1) for name, image in self.layers.items() if image.any()
+        }
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore fields, which were checked when the sketch was created."""
+        size = state.pop("size_px")
+        empty = freeze_image(np.zeros(size, dtype=np.uint8))
+        layers = {
+            name: freeze_image(np.frombuffer(zlib.decompress(packed), dtype=np.uint8).reshape(size))
+            for name, packed in state["layers"].items()
+        }
+        state["layers"] = {name: layers.get(name, empty) for name in LAYERS}
+        for key in ("labels", "look"):
+            state[key] = {name: MappingProxyType(values) for name, values in state[key].items()}
+        for key in ("layers", "labels", "look", *TABLES):
+            state[key] = MappingProxyType(state[key])
+        for key, value in state.items():
+            object.__setattr__(self, key, value)
+
+    @property
+    def width_px(self) -> int:
+        """Pixels from west to east."""
+        return int(next(iter(self.layers.values())).shape[1])
+
+    @property
+    def height_px(self) -> int:
+        """Pixels from north to south."""
+        return int(next(iter(self.layers.values())).shape[0])
+
+    @property
+    def pixel_size(self) -> float:
+        """Metres along the side of a pixel."""
+        return self.extent / max(self.width_px, self.height_px)
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Metres (eastward, northward) that the sketch covers from the origin."""
+        return self.width_px * self.pixel_size, self.height_px * self.pixel_size
+
+    def properties(self, layer: str, label: int) -> Properties:
+        """Return all properties of a label, with defaults for those that are not declared.
+
+        Parameters
+        ----------
+        layer
+            A name in `LAYERS`.
+        label
+            1 to 255; it need not be declared.
+
+        Raises
+        ------
+        InputError
+            If the layer or label is invalid.
+        """
+        table = _layer(layer).parameters
+        declared = self.labels.get((layer, _check_label(layer, label)), {})
+        return MappingProxyType(defaults(table) | dict(declared))
+
+    def replace(self, **changes: Any) -> Sketch:
+        """Return a sketch with other values in the named fields, each replaced as a whole."""
+        return dataclasses.replace(self, **changes)
+
+    def with_edit(self, edit: Edit) -> Sketch:
+        """Return a sketch with one more edit, without those that it supersedes.
+
+        These are an earlier edit with the same target, and for a ``delete`` all others of the feature; an
+        added feature then needs no ``delete`` itself.
+        """
+        if edit.action != "delete":
+            others = [each for each in self.edits if each.target != edit.target]
+            return self.replace(edits=(*others, edit))
+        others = [each for each in self.edits if each.feature != edit.feature]
+        was_added = any(each.action == "add" and each.feature == edit.feature for each in self.edits)
+        return self.replace(edits=tuple(others) if was_added else (*others, edit))
+
+    def without_edits(self, feature: int) -> Sketch:
+        """Return a sketch without the edits of a feature; an added feature disappears."""
+        return self.replace(edits=tuple(edit for edit in self.edits if edit.feature != feature))
+
+
+def _layer(name: str) -> Layer:
+    if name not in LAYERS:
+        raise InputError(
+            f"unknown layer {format_value(name)}: expected {', '.join(LAYERS)}"
+            f"{did_you_mean(str(name), LAYERS)}"
+        )
+    return LAYERS[name]
+
+
+def _check_look(look: Mapping[str, Mapping[str, object]]) -> Mapping[str, Properties]:
+    checked = {}
+    for name, values in look.items():
+        if name not in MATERIALS:
+            near = did_you_mean(name, MATERIALS)
+            raise InputError(
+                f"[look.{format_value(name)}]: expected a material, {', '.join(MATERIALS)}{near}"
+            )
+        table = check_values(values, LOOK, f"[look.{name}]", f"look.{name}.")
+        checked[name] = MappingProxyType(table)
+    return MappingProxyType({name: checked[name] for name in MATERIALS if name in checked})
+
+
+def _check_label(layer: str, label: object) -> int:
+    number = 0 if isinstance(label, bool) or not isinstance(label, Integral) else int(label)
+    if not 1 <= number <= 255:
+        raise InputError(f"[{layer}.{format_value(label)}]: expected a label from 1 to 255")
+    return number
+
+
+def _check_labels(
+    labels: Mapping[tuple[str, int], Properties],
+) -> Mapping[tuple[str, int], Properties]:
+    checked = {}
+    order = {name: rank for rank, name in enumerate(LAYERS)}
+    for (name, given), values in labels.items():
+        layer = _layer(name)
+        label = _check_label(name, given)
+        where = f"{name}.{label}"
+        checked[name, label] = MappingProxyType(
+            check_values(values, layer.parameters, f"[{where}]", f"{where}.")
+        )
+    ordered = sorted(checked, key=lambda key: (order[key[0]], key[1]))
+    return MappingProxyType({key: checked[key] for key in ordered})
+
+
+def _check_layers(layers: Mapping[str, LabelImage]) -> Mapping[str, LabelImage]:
+    images = {_layer(name).name: check_image(name, image) for name, image in layers.items()}
+    first = next(iter(images), None)
+    shape = (DEFAULT_SIDE, DEFAULT_SIDE) if first is None else images[first].shape
+    for name, image in images.items():
+        if image.shape != shape:
+            raise InputError(
+                f"layer {name} is {image.shape[1]}×{image.shape[0]} px but layer {first} is "
+                f"{shape[1]}×{shape[0]} px: expected one size"
+            )
+    if len(images) < len(LAYERS):
+        empty = freeze_image(np.zeros(shape, dtype=np.uint8))
+        images |= {name: empty for name in LAYERS if name not in images}
+    return MappingProxyType({name: images[name] for name in LAYERS})

@@ -1,0 +1,349 @@
+"""Sketch files: loading and saving a folder or a ``*.sketch`` archive."""
+
+from __future__ import annotations
+
+import io
+import os
+import secrets
+import stat
+import time
+import zipfile
+from collections.abc import Collection, Iterable, Mapping
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
+from weakref import ref
+
+from sketchterrain.document.label_layers import decode_layer, encode_layer
+from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.toml_format import parse_settings, settings_text, starter_sketch
+from sketchterrain.errors import InputError, did_you_mean, format_value, one_line
+from sketchterrain.io.files import wrap_os_errors, write_atomic
+from sketchterrain.io.resources import preset, preset_names
+from sketchterrain.io.safe_zip import open_zip, too_large
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from importlib.resources.abc import Traversable
+
+    from sketchterrain.document.label_layers import LabelImage
+    from sketchterrain.document.sketch import Sketch
+
+
+SETTINGS = "sketch.toml"
+"""The settings file; each layer's image is ``<layer>.png``."""
+
+MAX_FILE_BYTES = 64 << 20
+"""The most bytes of one layer image."""
+
+MAX_TOTAL_BYTES = 256 << 20
+"""The most bytes of all files of a sketch together."""
+
+_MAX_SETTINGS_BYTES = 2 << 20
+_OTHER_IMAGES = frozenset({".jpg", ".jpeg", ".gif", ".bmp", ".tif", ".tiff", ".webp"})
+
+
+def sketch_files(names: Iterable[str], place: str) -> list[str]:
+    """Return the sketch's files among the `names` in a folder: its settings and its layers.
+
+    Raise InputError if the settings are missing, or if an image could be mistaken for a layer.
+    """
+    visible = sorted(name for name in names if not name.startswith("."))
+    images = [f"{layer}.png" for layer in LAYERS]
+    for name in visible:
+        path = PurePosixPath(name)
+        suffix = path.suffix.lower()
+        if suffix == ".png" and name not in images:
+            raise InputError(
+                f"{place}: unknown layer image {format_value(name)}: expected {', '.join(images)}"
+                f"{did_you_mean(name, images)}"
+            )
+        if suffix in _OTHER_IMAGES and path.stem.lower() in LAYERS:
+            raise InputError(f"{place}: {format_value(name)}: expected a PNG file, {path.stem.lower()}.png")
+    if SETTINGS not in visible:
+        raise InputError(
+            f"{place}: no {SETTINGS} in it: expected a sketch (`sketchterrain new DIR` writes a starter)"
+        )
+    return [name for name in visible if name == SETTINGS or name in images]
+
+
+def read_folder(
+    folder: Traversable, place: str, *, overrides: Mapping[str, bytes] | None = None
+) -> dict[str, bytes]:
+    """Return the content of the sketch's files in a folder, by name; `overrides` replace what is on disk.
+
+    Raise InputError if a file is missing, unknown, too large or unreadable.
+    """
+    contents: dict[str, bytes] = {}
+    overrides = overrides or {}
+    try:
+        for name in sketch_files({*overrides, *(entry.name for entry in folder.iterdir())}, place):
+            if name in overrides:
+                contents[name] = overrides[name]
+                continue
+            entry, limit = folder.joinpath(name), file_limit(name)
+            if not entry.is_file():
+                raise InputError(f"{place}/{name}: expected a file")
+            with entry.open("rb") as stream:
+                contents[name] = stream.read(limit + 1)
+            if len(contents[name]) > limit:
+                raise too_large(f"{place}/{name}", limit)
+    except OSError as error:
+        raise InputError(f"{place}: cannot be read ({one_line(error.strerror or error)})") from None
+    return contents
+
+
+def file_limit(name: str) -> int:
+    """Return the most bytes that the sketch's file `name` may have."""
+    return _MAX_SETTINGS_BYTES if name == SETTINGS else MAX_FILE_BYTES
+
+
+_EPOCH = (1980, 1, 1, 0, 0, 0)
+
+
+def read_zip(path: Path, place: str) -> dict[str, bytes]:
+    """Return the content of a sketch's files in a zip, by name; they may be in one folder at its top.
+
+    Nothing else is decompressed. Raise InputError if the zip is unsafe, or a file is missing, unknown or
+    damaged.
+    """
+    with open_zip(
+        path, place, largest=MAX_TOTAL_BYTES, expected="a folder or a whole zip", inside="the sketch"
+    ) as archive:
+        root = _root_folder(archive.names)
+        inner = [name.removeprefix(root) for name in archive.names if name.startswith(root)]
+        names = [name for name in inner if name and "/" not in name]
+        return {
+            name: archive.read(f"{root}{name}", file_limit(name), name) for name in sketch_files(names, place)
+        }
+
+
+def pack_zip(files: Mapping[str, bytes]) -> bytes:
+    """Return a zip of files by name; equal files give equal bytes."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        for name in sorted(files):
+            info = zipfile.ZipInfo(name, date_time=_EPOCH)
+            info.create_system = 3  # Unix, on every system, for the mode below
+            info.external_attr = (stat.S_IFREG | 0o644) << 16
+            archive.writestr(info, files[name])  # stored: images are compressed already
+    return stream.getvalue()
+
+
+def _root_folder(entries: Collection[str]) -> str:
+    """Return the one top folder (with its ``/``) that contains the whole sketch, or an empty text."""
+    tops = {name.split("/")[0] for name in entries if not name.startswith((".", "__MACOSX/"))}
+    top = f"{tops.pop()}/" if len(tops) == 1 else ""
+    return top if f"{top}{SETTINGS}" in entries else ""
+
+
+JOURNAL = ".unfinished.sketch"
+"""The journal of an unfinished save, which the next save removes."""
+
+_STALE = 60 * 10**9
+"""ns since the last write after which a temporary file is from a save that was killed."""
+
+
+def replace_files(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Replace files of a folder, all or none; unchanged ones are not written.
+
+    Raise OSError or SketchterrainError if the system cannot write there: the files are then as they were, or
+    the journal exists.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    journal = folder / JOURNAL
+    changed = {name: content for name, content in files.items() if not _has(folder / name, content)}
+    _remove_stale_files(folder, (*files, JOURNAL))
+    temporary: dict[str, Path] = {}
+    try:
+        for name, content in changed.items():
+            temporary[name] = folder / f".{name}.{secrets.token_hex(4)}.tmp"
+            with temporary[name].open("xb") as stream:
+                stream.write(content)
+                stream.flush()
+                os.fsync(stream.fileno())
+        if len(changed) > 1 or journal.exists():
+            write_atomic(journal, pack_zip(files))
+        for name, path in temporary.items():
+            path.replace(folder / name)
+        journal.unlink(missing_ok=True)
+    finally:
+        for path in temporary.values():
+            path.unlink(missing_ok=True)
+
+
+def read_saved_folder(folder: Path, place: str) -> dict[str, bytes]:
+    """Return the content of a sketch's files in a folder, by name, even if a save was not finished."""
+    journal = folder / JOURNAL
+    committed = _modified(journal)
+    if not committed:
+        return read_folder(folder, place)
+    try:
+        contents = read_zip(journal, f"{place}/{JOURNAL}")
+    except InputError:
+        if journal.exists():
+            raise
+        return read_folder(folder, place)  # the save was finished meanwhile
+    newer = {name: content for name, content in contents.items() if _modified(folder / name) <= committed}
+    return read_folder(folder, place, overrides=newer)
+
+
+def _has(path: Path, content: bytes) -> bool:
+    return path.is_file() and path.stat().st_size == len(content) and path.read_bytes() == content
+
+
+def _modified(path: Path) -> int:
+    """Return a file's modification time, ns; 0 if it does not exist."""
+    try:
+        return path.stat().st_mtime_ns
+    except OSError:
+        return 0
+
+
+def _remove_stale_files(folder: Path, names: Iterable[str]) -> None:
+    """Remove temporary files of saves that were killed."""
+    for name in names:
+        for path in folder.glob(f".{name}.????????.tmp"):
+            if time.time_ns() - _modified(path) > _STALE:
+                path.unlink(missing_ok=True)
+
+
+_ZIP_SUFFIX = ".sketch"
+
+_encoded: dict[str, tuple[ref[LabelImage], bytes]] = {}
+"""The last image of each layer and its file: autosave writes most layers unchanged."""
+
+
+def load_sketch(path_or_preset: str | Path) -> Sketch:
+    """Load a sketch.
+
+    Parameters
+    ----------
+    path_or_preset
+        A sketch's folder, a zip of one, or the name of a preset. A sketch in the working directory takes
+        precedence over a preset of the same name.
+
+    Raises
+    ------
+    InputError
+        If there is no such sketch, or it is invalid.
+    """
+    path = Path(path_or_preset)
+    place = one_line(path)
+    try:
+        is_file, exists = path.is_file(), path.exists()
+        is_sketch = (path / SETTINGS).is_file() or (path / JOURNAL).is_file()
+    except OSError as error:
+        raise InputError(f"{place}: cannot be read ({error.strerror})") from None
+    if is_file:
+        return _decode(read_zip(path, place), place)
+    if isinstance(path_or_preset, str) and not is_sketch and path_or_preset in preset_names():
+        place = f"preset {path_or_preset}"
+        return _decode(read_folder(preset(path_or_preset), place), place)
+    if exists:
+        return _decode(read_saved_folder(path, place), place)
+    names = preset_names()
+    raise InputError(
+        f"no sketch {format_value(str(path_or_preset))}: expected a folder, a {_ZIP_SUFFIX} file or a preset "
+        f"({', '.join(names)}){did_you_mean(str(path_or_preset), names)}"
+    )
+
+
+def save_sketch(sketch: Sketch, path: str | Path) -> None:
+    """Write a sketch: its settings and the image of every layer.
+
+    Loading it returns an equal sketch. It is written as a whole or not at all: a reader finds the old or the
+    new sketch, even after a crash. Other files in the folder, and unchanged ones, are not touched. Equal
+    sketches give equal bytes.
+
+    Parameters
+    ----------
+    sketch
+        The sketch.
+    path
+        A folder, created if missing, or a file named ``*.sketch``, written as a zip.
+
+    Raises
+    ------
+    InputError
+        If `path` is a file of another name.
+    SketchterrainError
+        If the system cannot write there.
+    """
+    target = Path(path)
+    if target.is_dir() or target.suffix.lower() != _ZIP_SUFFIX:
+        _save_folder(sketch, target)
+    else:
+        write_atomic(target, pack_sketch(sketch))
+
+
+def new_sketch(folder: str | Path) -> None:
+    """Write a starter sketch: a small painting, and settings with a comment on every line.
+
+    Raises
+    ------
+    InputError
+        If `folder` is a file, or a folder that is not empty.
+    SketchterrainError
+        If the system cannot write there.
+    """
+    target = Path(folder)
+    with wrap_os_errors(target):
+        if target.is_dir() and any(target.iterdir()):
+            raise InputError(f"{one_line(target)}: expected a new or an empty folder, this one is not empty")
+    _save_folder(starter_sketch(), target)
+
+
+def pack_sketch(sketch: Sketch, *, extra_files: Mapping[str, bytes] | None = None) -> bytes:
+    """Return the content of a ``.sketch`` file, with extra files by name, which loading ignores."""
+    return pack_zip({**_encode(sketch), **(extra_files or {})})
+
+
+def _decode(contents: Mapping[str, bytes], place: str) -> Sketch:
+    with _prefix_errors(f"{place}/{SETTINGS}"):
+        sketch = parse_settings(contents[SETTINGS])
+    images: dict[str, LabelImage] = {}
+    for name in LAYERS:
+        if f"{name}.png" in contents:
+            with _prefix_errors(f"{place}/{name}.png"):
+                images[name] = decode_layer(contents[f"{name}.png"])
+                _check_same_size(images, name)
+    return sketch.replace(layers=images)
+
+
+def _check_same_size(images: Mapping[str, LabelImage], name: str) -> None:
+    first = next(iter(images))
+    (height, width), (first_height, first_width) = images[name].shape, images[first].shape
+    if (height, width) != (first_height, first_width):
+        raise InputError(
+            f"{width}×{height} px, but {first}.png is {first_width}×{first_height} px: expected one size"
+        )
+
+
+def _encode(sketch: Sketch) -> dict[str, bytes]:
+    files = {f"{name}.png": _encode_cached(name, sketch.layers[name]) for name in LAYERS}
+    return files | {SETTINGS: settings_text(sketch).encode("utf-8")}
+
+
+def _encode_cached(name: str, image: LabelImage) -> bytes:
+    cached = _encoded.get(name)
+    if cached is not None and cached[0]() is image:
+        return cached[1]
+    content = encode_layer(image, LAYERS[name].colour)
+    _encoded[name] = ref(image), content
+    return content
+
+
+def _save_folder(sketch: Sketch, folder: Path) -> None:
+    with wrap_os_errors(folder):
+        if folder.exists() and not folder.is_dir():
+            raise InputError(f"{one_line(folder)}: expected a folder or a name that ends in {_ZIP_SUFFIX}")
+        replace_files(folder, _encode(sketch))
+
+
+@contextmanager
+def _prefix_errors(place: str) -> Iterator[None]:
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from None

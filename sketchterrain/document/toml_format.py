@@ -1,0 +1,332 @@
+"""``sketch.toml``: reading, writing, the starter sketch and the generated reference tables."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+
+from sketchterrain.document.edits import ACTIONS, Edit, parse_edit
+from sketchterrain.document.label_layers import LabelImage
+from sketchterrain.document.material_rules import (
+    DEFAULT_RULES,
+    FACTOR,
+    MAX_FACTORS,
+    MAX_INPUTS,
+    RULE,
+    RuleChange,
+    parse_rule_change,
+)
+from sketchterrain.document.parameter_types import Parameter, Value, format_number
+from sketchterrain.document.parameters import FORMAT, LAYERS, LOOK, MATERIALS, SKETCH, TABLES
+from sketchterrain.document.sketch import DEFAULT_SIDE, Sketch
+from sketchterrain.errors import InputError, format_value, one_line, unknown_key
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+
+    from sketchterrain.document.material_rules import Factor, MaterialRule
+    from sketchterrain.document.parameter_types import Properties
+
+
+_MAX_DOTS = 250
+
+
+def load_toml(data: bytes) -> dict[str, object]:
+    """Parse TOML (UTF-8, with or without a byte-order mark); raise InputError with the line number."""
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise InputError(f"line {line} is not UTF-8: expected a UTF-8 text file") from None
+    # The parser's time and memory grow with the square of a dotted key's depth.
+    deep = next((n for n, line in enumerate(text.split("\n"), 1) if line.count(".") > _MAX_DOTS), None)
+    if deep is not None:
+        raise InputError(f"line {deep} has more than {_MAX_DOTS} dots: it is nested too deeply")
+    try:
+        return tomllib.loads(text)
+    except ValueError as error:  # TOMLDecodeError, or an integer of too many digits
+        last = text.rstrip().count("\n") + 1
+        reason = one_line(error).replace("at end of document", f"at line {last}, the last one")
+        raise InputError(f"not TOML: {reason}") from None
+    except RecursionError:
+        raise InputError("it is nested too deeply") from None
+
+
+_Row = TypeVar("_Row")
+
+_COMMENT_COLUMN = 28
+
+_HEAD = """\
+# A sketch of a terrain. Beside this file lies one 8-bit single-channel PNG a layer: 0 is empty, every
+# other value is a label, and [layer.label] below says what the label means. What is missing has its default.
+"""
+
+
+def parse_settings(data: bytes) -> Sketch:
+    """Return the unpainted sketch in ``sketch.toml``; raise InputError for invalid TOML, keys or values."""
+    document = load_toml(data)
+    _check_format(document.pop("format", None))
+    fields: dict[str, object] = {}
+    labels: dict[tuple[str, int], object] = {}
+    for key, value in document.items():
+        if key in LAYERS:
+            labels |= {(key, label): properties for label, properties in _label_tables(key, value)}
+        elif key in TABLES:
+            fields[key] = _as_table(f"[{key}]", value)
+        elif key == "look":
+            tables = _as_table("[look.grass]" if not isinstance(value, dict) else "[look]", value)
+            fields[key] = {name: _as_table(f"[look.{name}]", table) for name, table in tables.items()}
+        elif key in SKETCH:
+            fields[key] = value
+        elif key == "edit":
+            fields["edits"] = _rows(key, value, parse_edit)
+        elif key == "material_rule":
+            fields["material_rules"] = _rows(key, value, parse_rule_change)
+        else:
+            known = ["format", *SKETCH, *TABLES, *LAYERS, "look", "material_rule", "edit"]
+            raise unknown_key(key, value, known)
+    return Sketch(**fields, labels=labels)  # type: ignore[arg-type] # Sketch checks every value
+
+
+def settings_text(sketch: Sketch) -> str:
+    """Return a sketch's settings as TOML; a comment on each line gives its meaning, range and unit."""
+    lines = [_HEAD, f"format = {FORMAT}"]
+    lines += _lines({key: getattr(sketch, key) for key in SKETCH}, SKETCH)
+    for key, table in TABLES.items():
+        lines += ["", f"[{key}]", *_lines(getattr(sketch, key), table)]
+    for name, look in sketch.look.items():
+        lines += ["", f"[look.{name}]", *_lines(look, LOOK)]
+    explained: set[str] = set()
+    for (name, label), properties in sketch.labels.items():
+        lines.append("")
+        if name not in explained:
+            lines.append(f"# {name}.png: {LAYERS[name].help}")
+            explained.add(name)
+        lines += [f"[{name}.{label}]", *_lines(properties, LAYERS[name].parameters)]
+    if sketch.material_rules:
+        lines += ["", "# Rules by which materials cover the ground, where they differ from the table's."]
+    for change in sketch.material_rules:
+        lines += _rule_lines(change)
+    if sketch.edits:
+        lines += ["", f"# Changed by hand: {', '.join(ACTIONS)}."]
+    for edit in sketch.edits:
+        lines += [
+            "",
+            "[[edit]]",
+            *(f"{key} = {_written(value)}" for key, value in _edit_entries(edit).items()),
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _rows(key: str, value: object, read: Callable[[Mapping[str, object]], _Row]) -> tuple[_Row, ...]:
+    """Return the parsed tables ``[[key]]``."""
+    if not isinstance(value, list) or not all(isinstance(each, dict) for each in value):
+        raise InputError(
+            f"{key} = {format_value(value)}: expected tables, each with [[{key}]] on a line of its own"
+        )
+    rows = []
+    for number, table in enumerate(value, 1):
+        try:
+            rows.append(read(table))
+        except InputError as error:
+            raise InputError(f"[[{key}]] number {number}: {error}") from None
+    return tuple(rows)
+
+
+def _rule_lines(change: RuleChange) -> list[str]:
+    lines = ["", "[[material_rule]]", *_lines(change.values, RULE)]
+    if change.factors == ():
+        lines.append("factor = []".ljust(_COMMENT_COLUMN) + " # it covers as much everywhere")
+    for factor in change.factors or ():
+        lines += ["[[material_rule.factor]]", *_lines(factor.values, FACTOR)]
+    return lines
+
+
+def _edit_entries(edit: Edit) -> dict[str, Value]:
+    feature = {} if edit.action == "add" or edit.feature is None else {"feature": edit.feature}
+    return {"action": edit.action, **feature, **edit.values}
+
+
+def _check_format(given: object) -> None:
+    if isinstance(given, bool) or given != FORMAT or not isinstance(given, int):
+        got = "no such key" if given is None else format_value(given)
+        raise InputError(f"format = {FORMAT} expected, got {got}")
+
+
+def _as_table(where: str, value: object) -> Mapping[str, object]:
+    if not isinstance(value, dict):
+        raise InputError(f"{where} = {format_value(value)}: expected a table, {where} on a line of its own")
+    return value
+
+
+def _label_tables(layer: str, value: object) -> list[tuple[int, Mapping[str, object]]]:
+    tables = []
+    for key, properties in _as_table(f"[{layer}.1]" if not isinstance(value, dict) else layer, value).items():
+        is_label = key.isascii() and key.isdigit() and len(key) <= 3 and not key.startswith("0")
+        if not is_label or int(key) > 255:
+            raise InputError(
+                f"key {format_value(key)} = {format_value(properties)} in [{layer}]: expected a table for a "
+                f"label from 1 to 255, for example [{layer}.1]"
+            )
+        tables.append((int(key), _as_table(f"[{layer}.{key}]", properties)))
+    return tables
+
+
+def _lines(values: Properties, table: Mapping[str, Parameter]) -> list[str]:
+    return [
+        f"{name} = {_written(values[name])}".ljust(_COMMENT_COLUMN)
+        + f" # {parameter.help} ({parameter.range} {parameter.unit}".rstrip()
+        + ")"
+        for name, parameter in table.items()
+        if name in values
+    ]
+
+
+def _written(value: Value) -> str:
+    if isinstance(value, str):
+        # JSON's escapes are valid TOML; DEL is the one control character that JSON does not escape.
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return repr(value)
+
+
+_Dab = tuple[float, float, float]
+"""Column, row and radius of a round brush, px."""
+
+_MOUNTAIN: Sequence[_Dab] = (
+    (96, 160, 34),
+    (140, 128, 46),
+    (176, 140, 52),
+    (222, 112, 40),
+    (236, 158, 44),
+    (176, 190, 30),
+)
+_RIVER: Sequence[_Dab] = (
+    (270, 196, 3),
+    (296, 240, 4),
+    (282, 292, 4),
+    (330, 336, 5),
+    (392, 352, 5),
+    (416, 410, 6),
+    (468, 446, 6),
+    (511, 480, 7),
+)
+
+
+def starter_sketch() -> Sketch:
+    """Return a sketch of one mountain and one river, with label 1 of every layer declared in full."""
+    return Sketch(
+        name="My sketch",
+        seed=1,
+        density={"hill": 0.5, "forest": 0.5},
+        layers={"mountain": _stroke(_MOUNTAIN), "river": _stroke(_RIVER)},
+        labels={
+            (layer.name, 1): {name: parameter.default for name, parameter in layer.parameters.items()}
+            for layer in LAYERS.values()
+        },
+    )
+
+
+def _stroke(dabs: Sequence[_Dab]) -> LabelImage:
+    """Return a layer with label 1 along the polyline through the dabs, as wide as they are."""
+    rows, columns = np.ogrid[:DEFAULT_SIDE, :DEFAULT_SIDE]
+    image = np.zeros((DEFAULT_SIDE, DEFAULT_SIDE), dtype=np.uint8)
+    for start, end in pairwise(dabs):
+        for part in np.linspace(0.0, 1.0, 24):
+            column, row, radius = (a + (b - a) * part for a, b in zip(start, end, strict=True))
+            image[(columns - column) ** 2 + (rows - row) ** 2 <= radius**2] = 1
+    return image
+
+
+def reference_table() -> str:
+    """Return every parameter as Markdown: one section per table of the sketch file."""
+    sections = [_section("The sketch", f"`format = {FORMAT}` comes first.", SKETCH)]
+    about = {
+        "density": "Features where nothing is painted.",
+        "ground": "The ground under and between the features.",
+        "climate": "Snow and vegetation.",
+        "weather": "Lighting and air of pictures ([light.md](light.md)); it does not change the terrain.",
+    }
+    sections += [_section(f"`[{name}]`", about[name], table) for name, table in TABLES.items()]
+    for layer in LAYERS.values():
+        text = f"{layer.title} (`{layer.name}.png`): {layer.help}. One table a label, 1 to 255."
+        sections.append(_section(f"`[{layer.name}.1]`", text, layer.parameters))
+    return "\n".join([*sections, _look(), _rules(), _edits()])
+
+
+def rule_table(rules: Iterable[MaterialRule] = DEFAULT_RULES) -> str:
+    """Return material rules as a Markdown table, from the lowest to the topmost."""
+    rows = [
+        f"| {number} | `{rule.name}` | {rule.material} | {format_number(rule.cover)} | "
+        f"{'<br>'.join(map(_factor_text, rule.factors))} |"
+        for number, rule in enumerate(rules, 1)
+    ]
+    return "\n".join(["| | rule | material | most | factors |", "|---|---|---|---|---|", *rows])
+
+
+def _factor_text(factor: Factor) -> str:
+    """Return a factor as in: `aridity` + 0.12 `mottle`: 0.3 to 0.633."""
+    total = ""
+    for name, weight in factor.weights.items():
+        sign = "−" if weight < 0 else "+"
+        amount = "" if abs(weight) == 1 else f"{abs(weight):g} "
+        total += f" {sign} {amount}`{name}`" if total else f"{'−' if weight < 0 else ''}{amount}`{name}`"
+    straight = ", straight" if factor.shape == "straight" else ""
+    return f"{total}: {factor.start:.3g} to {factor.full:.3g}{straight}"
+
+
+def _section(title: str, text: str, table: Mapping[str, Parameter]) -> str:
+    rows = [
+        f"| `{p.name}` | {_toml_like(p.default)} | {p.range} | {p.unit} | {p.help} |" for p in table.values()
+    ]
+    head = ["| key | default | range | unit | meaning |", "|---|---|---|---|---|"]
+    return "\n".join([f"### {title}", "", text, "", *head, *rows, ""])
+
+
+def _look() -> str:
+    text = (
+        f"Appearance of a material, one table each: {', '.join(MATERIALS)}. It does not change the terrain "
+        "([textures.md](textures.md))."
+    )
+    return _section("`[look.grass]`", text, LOOK)
+
+
+def _rules() -> str:
+    about_rules = (
+        "A rule lays its material over those of the rules before it; below them is grass. A name of the "
+        "table changes only the given values of that rule; a new name adds a rule on top."
+        f"\n\n{rule_table()}\n\n"
+        "A factor is 0 at the first number and 1 at the second. Details: "
+        "[kernels/materials.md](kernels/materials.md). The preset `desert_mountains` has rules of its own."
+    )
+    about_factors = (
+        f"A ramp over a weighted sum of 1 to {MAX_INPUTS} inputs. A rule covers `cover` times all its "
+        f"factors, at most {MAX_FACTORS}; given ones replace those of the table's rule, and "
+        "`factor = []` removes them."
+    )
+    sections = (
+        _section("`[[material_rule]]`", about_rules, RULE),
+        _section("`[[material_rule.factor]]`", about_factors, FACTOR),
+    )
+    return "\n".join(sections)
+
+
+def _edits() -> str:
+    text = (
+        "Changes of generated features, a table each, applied in this order. `feature` is an id as in "
+        "`features.json`."
+    )
+    head = ["| action | effect | required | optional |", "|---|---|---|---|"]
+    rows = []
+    for name, action in ACTIONS.items():
+        required = [*([] if name == "add" else ["feature"]), *action.required]
+        rows.append(f"| {name} | {action.help} | {', '.join(required)} | {', '.join(action.optional)} |")
+    return "\n".join(["### `[[edit]]`", "", text, "", *head, *rows, ""])
+
+
+def _toml_like(value: Value) -> str:
+    return f'"{value}"' if isinstance(value, str) else format_number(value)

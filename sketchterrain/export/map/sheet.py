@@ -1,0 +1,295 @@
+"""A topographic map: frame, margins, legend and all layers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from sketchterrain.errors import InputError
+from sketchterrain.export.map import features as c
+from sketchterrain.export.map import features as f
+from sketchterrain.export.map.drawing import (
+    PAPER,
+    Label,
+    LabelSpace,
+    MapSheet,
+    Points,
+    Polygons,
+    Polylines,
+    RasterImage,
+    Shape,
+    rectangle,
+    sheet_png,
+    sheet_svg,
+)
+from sketchterrain.export.map.features import (
+    choose_interval,
+    contour_lines,
+    draw_forests,
+    draw_lakes,
+    draw_rivers,
+    label_contours,
+    label_lakes,
+    label_peaks,
+    trace_contours,
+)
+from sketchterrain.export.map.ground import (
+    MARGIN,
+    TINTS,
+    MapFrame,
+    MapSamples,
+    fit_frame,
+    nearest_round,
+    sample_ground,
+    shaded_relief,
+)
+from sketchterrain.io.files import write_atomic
+from sketchterrain.terrain.terrain import Terrain
+
+Entry: TypeAlias = tuple[str, list[Shape]]
+"""Meaning and symbol; the symbol's left end is at the origin, at half its height."""
+
+INK, GREY, WHITE = (38, 36, 34), (92, 90, 88), (255, 255, 255)
+GRID: Final = 25.0  # mm between grid lines at least
+BAND, OUTER = (0.9, 1.9), 3.0  # mm from the map to both sides of the checkered band, and to the outer line
+TITLE, SUBTITLE, TEXT = 7.2, 2.9, 2.5  # mm
+WIDTH, HEIGHT, COLUMN, ROW = 11.0, 4.4, 52.0, 6.6  # mm of symbols, and of the legend
+ABOVE, SCALE_WIDTH = 13.0, 78.0  # mm from the map to the legend; of scale bar and north arrow
+BAR: Final = (36.0, 5)  # mm that the scale bar is long, about, and its parts
+
+
+def grid_lines(frame: MapFrame) -> list[Shape]:
+    """Return the grid's faint lines, and a cross wherever two of them meet."""
+    step = nearest_round(GRID / frame.mm_per_metre, up=True)
+    east, north = (np.arange(step, length - 0.01 * step, step) for length in (frame.east, frame.north))
+    lines = [frame.place([[x, 0.0], [x, frame.north]]) for x in east]
+    lines += [frame.place([[0.0, y], [frame.east, y]]) for y in north]
+    arms = 1.6 * np.array([[[-1.0, 0.0], [1.0, 0.0]], [[0.0, -1.0], [0.0, 1.0]]])  # mm
+    crosses = [frame.place([x, y]) + arm for x in east for y in north for arm in arms]
+    return [Polylines(lines, INK, 0.08, 0.28), Polylines(crosses, INK, 0.14, 0.75)]
+
+
+def border(frame: MapFrame) -> list[Shape]:
+    """Return the border: lines, a band of black and white, and the coordinates (m) of the grid."""
+    left, top, width, height = frame.box
+    right, bottom = left + width, top + height
+    near, far = BAND
+    wide, out, size = far - near, OUTER + 1.9, 2.0
+    step = nearest_round(GRID / frame.mm_per_metre, up=True)
+
+    def around(off: float) -> Points:
+        return rectangle(left - off, top - off, width + 2 * off, height + 2 * off)
+
+    black: list[Points] = []
+    labels: list[Label] = []
+    for metres in np.arange(0.0, frame.east + 0.01 * step, step).tolist():
+        x = left + metres * frame.mm_per_metre
+        length = max(min(step / 2 * frame.mm_per_metre, right - x), 0.0)
+        black += [rectangle(x, y, length, wide) for y in (top - far, bottom + near)]
+        labels += [Label(grouped(metres), x, y, size, GREY, "middle") for y in (top - out, bottom + out)]
+    for metres in np.arange(0.0, frame.north + 0.01 * step, step).tolist():
+        y = bottom - metres * frame.mm_per_metre
+        length = max(min(step / 2 * frame.mm_per_metre, y - top), 0.0)
+        black += [rectangle(x, y - length, wide, length) for x in (left - far, right + near)]
+        labels += [Label(grouped(metres), x, y, size, GREY, "middle", -90) for x in (left - out, right + out)]
+    pens = ((0.0, 0.2), (near, 0.12), (far, 0.12), (OUTER, 0.45))
+    lines = [Polylines([around(off)], INK, pen) for off, pen in pens]
+    paper = Polygons([around(1000.0), around(0.0)], PAPER)  # over what reaches beyond the map
+    return [paper, Polygons([around(far), around(near)], WHITE), Polygons(black, INK), *lines, *labels]
+
+
+def title(frame: MapFrame, name: str, subtitle: str) -> list[Shape]:
+    """Return the map's name and what it is, above it."""
+    head = Label(name, MARGIN, 11.0, TITLE, INK, bold=True)
+    room = 2.0 * frame.left + frame.box[2] - 2.0 * MARGIN
+    if head.width > room:  # a long name is set smaller
+        head = replace(head, size=TITLE * room / head.width)
+    return [head, Label(subtitle, MARGIN, 17.6, SUBTITLE, GREY)]
+
+
+def legend_entries(
+    contours: Sequence[c.Contour],
+    ground: MapSamples,
+    interval: float,
+    present: set[str],
+    heights: list[Label],
+) -> list[Entry]:
+    """Return what is on the sheet; `present` has some of river, lake, forest and peak."""
+    entries: list[Entry] = []
+    patch = rectangle(0.0, -HEIGHT / 2, WIDTH, HEIGHT)
+    if any(contour.index for contour in contours):
+        example = max((height.text for height in heights), key=len, default="0")
+        label = Label(example, WIDTH / 2, 0.0, c.LABEL_SIZE, c.LABEL_COLOUR, "middle")
+        gap = WIDTH / 2 + (label.width / 2 + 0.4) * np.array([-1.0, 1.0])
+        lines = [np.array([[start, 0.0], [end, 0.0]]) for start, end in ((0.0, gap[0]), (gap[1], WIDTH))]
+        symbol: list[Shape] = [Polylines(lines, c.PENS["ground"], c.WIDTHS[True]), label]
+        entries.append((f"Index contour, each {c.INDEX * interval:g} m", symbol))
+    if contours:
+        entries.append((f"Contour, each {interval:g} m", _contours(["ground"])))
+        pens = c.pen_numbers(ground)
+        stony = [name for number, name in enumerate(c.PENS) if number and np.mean(pens == number) > 0.005]
+        entries += [(f"Contours on {' and '.join(stony)}", _contours(stony))] if stony else []
+    course = _wave(0.0, 0.5, WIDTH, 0.6)
+    arrow = f.flow_arrow(np.array([5.7, -1.5]), np.array([1.0, 0.0]))
+    angle = np.linspace(0.0, 2 * np.pi, 48)
+    radius = 1.0 + 0.08 * np.sin(3 * angle)
+    shore = np.stack([WIDTH / 2 * (1.0 + radius * np.cos(angle)), 2.2 * radius * np.sin(angle)], axis=-1)
+    level = Label("12", WIDTH / 2, 0.0, 2.0, f.LEVEL, "middle")
+    lake: list[Shape] = [Polygons([shore], f.WATER), Polylines([shore], f.BANK, f.SHORE_WIDTH), level]
+    river = [Polylines([course], f.BANK, 0.8), Polylines([course], f.WATER, 0.52), *arrow]
+    peak = [*f.peak_triangle(2.4, 0.4), Label("345", 4.0, 0.0, f.PEAK_SIZE, INK)]
+    known: dict[str, Entry] = {
+        "river": ("River, flow", river),
+        "lake": ("Lake, water level (m)", lake),
+        "forest": ("Forest", [Polygons([patch], TINTS["grass"][0]), *f.forest([patch])]),
+        "peak": ("Summit, height (m)", peak),
+    }
+    entries += [entry for name, entry in known.items() if name in present]
+    for name, (tint, meaning) in TINTS.items():
+        if meaning and ground.share(name).mean() > 0.01:
+            entries.append((meaning, [Polygons([patch], tint), Polylines([patch], GREY, 0.1)]))
+    return entries
+
+
+def legend(frame: MapFrame, entries: Sequence[Entry], note: str) -> tuple[list[Shape], float]:
+    """Return legend, scale bar, north arrow and a last line below a map, and where the sheet ends (mm)."""
+    left, top, width, height = frame.box
+    right, top = 2.0 * left + width - MARGIN, top + height + ABOVE
+    columns = max(int((right - MARGIN - SCALE_WIDTH) / COLUMN), 1)
+    rows = max(-(-len(entries) // columns), 4)
+    shapes: list[Shape] = []
+    for number, (meaning, symbol) in enumerate(entries):
+        column, row = divmod(number, rows)
+        entry = [*symbol, Label(meaning, WIDTH + 2.2, 0.0, TEXT, INK)]
+        shapes += [_moved(shape, MARGIN + column * COLUMN, top + row * ROW + 2.6) for shape in entry]
+    shapes += [_moved(shape, right - 6.0, top + 10.0) for shape in _north_arrow()]
+    shapes += [_moved(shape, right - SCALE_WIDTH + 14.0, top + 3.0) for shape in _scale_bar(frame)]
+    bottom = top + rows * ROW
+    return [*shapes, Label(note, right, bottom + 2.2, 2.0, GREY, "end")], bottom + 5.0
+
+
+def grouped(number: float) -> str:
+    """Return a number with gaps between thousands, as maps write it."""
+    return f"{number:,.10g}".replace(",", " ")
+
+
+def _moved(shape: Shape, x: float, y: float) -> Shape:
+    if isinstance(shape, Label):
+        return replace(shape, x=shape.x + x, y=shape.y + y)
+    if isinstance(shape, Polylines | Polygons):
+        return replace(shape, paths=[path + np.array([x, y]) for path in shape.paths])
+    return shape
+
+
+def _wave(x: float, y: float, width: float, height: float) -> Points:
+    along = np.linspace(0.0, 1.0, 24)
+    return np.stack([x + along * width, y + height * np.sin(2 * np.pi * along)], axis=-1)
+
+
+def _contours(pens: Sequence[str]) -> list[Shape]:
+    part, gap = WIDTH / len(pens), 0.8 if len(pens) > 1 else 0.0
+    waves = ([_wave(i * part, y, part - gap, 0.35) for y in (-1.1, 0.0, 1.1)] for i in range(len(pens)))
+    return [Polylines(paths, c.PENS[pen], c.WIDTHS[False]) for pen, paths in zip(pens, waves, strict=True)]
+
+
+def _scale_bar(frame: MapFrame) -> list[Shape]:
+    length, parts = BAR
+    part = nearest_round(length / parts / frame.mm_per_metre)
+    wide = part * frame.mm_per_metre
+    parts = max(min(round(length / wide), 6), 2)
+    white, black = ([rectangle(i * wide, 4.6, wide, 1.3) for i in range(first, parts, 2)] for first in (1, 0))
+    unit, metres = ("km", 1000.0) if part >= 500.0 else ("m", 1.0)
+    numbers = range(0, parts + 1, 1 if wide > 9.0 else 2)
+    return [
+        Label(f"1 : {grouped(frame.scale)}", 0.0, 0.0, 3.6, INK, bold=True),
+        Polygons(white, WHITE),
+        Polygons(black, INK),
+        Polylines([rectangle(0.0, 4.6, parts * wide, 1.3)], INK, 0.14),
+        *(Label(f"{i * part / metres:g}", i * wide, 7.8, 2.1, INK, "middle") for i in numbers),
+        Label(unit, parts * wide + 2.6, 5.25, 2.1, INK),
+        Label("Heights and coordinates in metres", 0.0, 12.0, 2.1, GREY),
+        Label("from the sketch's south-west corner", 0.0, 14.8, 2.1, GREY),
+    ]
+
+
+def _north_arrow() -> list[Shape]:
+    tip, tail, west, east = [0.0, -8.0], [0.0, 4.5], [-3.1, 7.5], [3.1, 7.5]
+    return [
+        Polygons([np.array([tip, tail, west])], INK),
+        Polygons([np.array([tip, east, tail])], WHITE),
+        Polylines([np.array([tip, east, tail, west, tip])], INK, 0.2),
+        Label("N", 0.0, 10.6, 4.0, INK, "middle", bold=True),
+    ]
+
+
+MAP_WIDTH: Final = 2400
+"""Default width of a map's PNG (px): 8 px/mm."""
+
+
+def write_map(path: Path, terrain: Terrain, *, size: tuple[int, int] | None = None) -> tuple[Path, ...]:
+    """Write a terrain's map; see `map_sheet` and `write_sheet`."""
+    _check_suffix(path)
+    return write_sheet(path, map_sheet(terrain), size=size)
+
+
+def write_sheet(path: Path, sheet: MapSheet, *, size: tuple[int, int] | None = None) -> tuple[Path, ...]:
+    """Write a sheet as .png of `MAP_WIDTH` px, or fitting into a size (px), or as .svg in millimetres."""
+    _check_suffix(path)
+    if path.suffix.lower() == ".svg":
+        return (write_atomic(path, sheet_svg(sheet).encode()),)
+    width = MAP_WIDTH if size is None else min(size[0], int(size[1] * sheet.width / sheet.height))
+    return (write_atomic(path, sheet_png(sheet, width=max(width, 1))),)
+
+
+def map_sheet(terrain: Terrain) -> MapSheet:
+    """Return a terrain's map as shapes on a sheet; the same terrain always gives the same sheet."""
+    frame = fit_frame(terrain.size)
+    ground = sample_ground(terrain, frame)
+    interval = choose_interval(ground)
+    contours = trace_contours(ground, interval)
+    space = LabelSpace(frame.box)
+    # Whoever comes first has the choice of places.
+    peaks = label_peaks(terrain, ground, space, interval)
+    levels = label_lakes(terrain, ground, space)
+    rivers = draw_rivers(terrain, ground, space)
+    heights = label_contours(contours, ground, space, interval)
+    lakes, forests = draw_lakes(ground), draw_forests(ground)
+    left, top, width, height = frame.box
+    # Samples are pixel centres: the image reaches half a sample beyond the frame.
+    x, y = (0.5 * step * frame.mm_per_metre for step in ground.spacing)
+    image = RasterImage(shaded_relief(ground), (left - x, top - y, width + 2 * x, height + 2 * y))
+    features = {"river": rivers, "lake": lakes, "forest": forests, "peak": peaks}
+    present = {name for name, shapes in features.items() if shapes}
+    entries = legend_entries(contours, ground, interval, present, heights)
+    name = terrain.sketch.name or "Terrain"
+    facts = [f"Topographic map 1 : {grouped(frame.scale)}"]
+    facts += [f"contour interval {interval:g} m"] if contours else []
+    facts += [f"{ground.height.min():.0f} to {ground.height.max():.0f} m"]
+    margins, bottom = legend(frame, entries, f"Sketchterrain, seed {terrain.sketch.seed}")
+    return MapSheet(
+        f"{name}: topographic map",
+        2.0 * frame.left + width,
+        bottom,
+        {
+            "relief": [image],
+            "forests": forests,
+            "contours": contour_lines(contours, ground, heights, interval),
+            "lakes": lakes,
+            "rivers": rivers,
+            "grid": grid_lines(frame),
+            "labels": [*heights, *levels, *peaks],
+            "border": border(frame),
+            "title": title(frame, name, "   ·   ".join(facts)),
+            "legend": margins,
+        },
+    )
+
+
+def _check_suffix(path: Path) -> None:
+    """Raise InputError for a path that ends neither in .png nor in .svg."""
+    if path.suffix.lower() not in (".png", ".svg"):
+        raise InputError(f"expected the name of a .png or .svg file for a map, got {path.name!r}")

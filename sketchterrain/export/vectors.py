@@ -1,0 +1,332 @@
+"""Features and rivers as vector layers and JSON."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from skimage.measure import find_contours
+
+from sketchterrain.array_types import StructuredArray
+from sketchterrain.errors import SketchterrainError, one_line
+from sketchterrain.io.crs import plain_path
+from sketchterrain.io.files import write_atomic
+from sketchterrain.placement.feature_types import FEATURE_TYPES, conifer_share
+
+if TYPE_CHECKING:
+    from sketchterrain.placement.feature_types import Lake, River, ShapeField
+    from sketchterrain.terrain.surfaces import TerrainFeatures
+
+
+_OUTLINE_DECIMALS = 2  # centimetres
+_TYPE_COLUMNS = {
+    "mountain": ("peakiness", "erosion", "gullies"),
+    "hill": ("erosion", "gullies"),
+    "dune": ("wavelength", "wind"),
+}
+
+
+def write_features(folder: Path, features: TerrainFeatures) -> tuple[Path, ...]:
+    """Write ``features.json``: point features by id, rivers as splines, lakes as outlines.
+
+    Ids are 64-bit unsigned integers, lengths metres, angles degrees.
+    """
+    text = (
+        '{"format": 1,\n"features": [\n'
+        + _lines(_point_entry(point) for point in features.points)
+        + '],\n"splines": [\n'
+        + _lines(_river_entry(river) for river in features.rivers)
+        + '],\n"lakes": [\n'
+        + _lines(_lake_entry(lake) for lake in features.lakes)
+        + "]}\n"
+    )
+    return (write_atomic(folder / "features.json", text.encode()),)
+
+
+def _lines(entries: Iterable[dict[str, Any]]) -> str:
+    """Return one entry a line, so that files can be read and compared."""
+    text = ",\n".join(json.dumps(entry, allow_nan=False) for entry in entries)
+    return text and f"{text}\n"
+
+
+def _point_entry(point: np.void) -> dict[str, Any]:
+    name = FEATURE_TYPES[int(point["type"])]
+    entry = {
+        "id": int(point["id"]),
+        "type": name,
+        "x": float(point["x"]),
+        "y": float(point["y"]),
+        "radius": _shortest(point["radius"]),
+        "strength": _shortest(point["strength"]),
+    }
+    entry |= {key: _shortest(point[key]) for key in _TYPE_COLUMNS.get(name, ())}
+    if name == "forest":
+        entry["conifers"] = round(float(conifer_share(point["peakiness"])), 4)
+    return entry | {"painted": bool(point["painted"])}
+
+
+def _river_entry(river: River) -> dict[str, Any]:
+    return {
+        "id": river.id,
+        "type": "river",
+        "label": river.label,
+        "points": river.points.tolist(),
+        "width": [_shortest(width) for width in river.width],
+        "depth": [_shortest(depth) for depth in river.depth],
+        "centreline": river.centreline.tolist(),
+        "centreline_width": [_shortest(width) for width in river.centreline_width],
+        "centreline_depth": [_shortest(depth) for depth in river.centreline_depth],
+    }
+
+
+def _lake_entry(lake: Lake) -> dict[str, Any]:
+    return {
+        "id": lake.id,
+        "type": "lake",
+        "label": lake.label,
+        "level": lake.level,
+        "depth": lake.depth,
+        "outline": [ring.tolist() for ring in lake_outline(lake.shape)],
+    }
+
+
+def lake_outline(shape: ShapeField) -> list[npt.NDArray[np.float64]]:
+    """Return closed rings (n, 2) of x, y (m) along the shore, islands included."""
+    rings = find_contours(shape.inside.astype(np.float64), 0.0, positive_orientation="high")
+    corner = np.array([shape.west, shape.south])
+    return [np.round(ring[:, ::-1] * shape.spacing + corner, _OUTLINE_DECIMALS) for ring in rings]
+
+
+def _shortest(value: np.float32) -> float:
+    """Return the number with the fewest digits that rounds to this float32: 0.6, not 0.6000000238418579."""
+    return float(str(value))
+
+
+# GDAL writes the time into the file; a fixed one makes files deterministic.
+_FIXED_TIME = {"OGR_CURRENT_DATE": "2000-01-01T00:00:00.000Z"}
+
+
+class Origin(NamedTuple):
+    """Offset of the world's x and y (m)."""
+
+    east: float
+    north: float
+
+
+class VectorLayer(NamedTuple):
+    """Features of a layer."""
+
+    name: str
+    geometry_type: str  # as OGR names it: ``Point Z``, ``LineString Z``, ``MultiPolygon Z``
+    geometry: npt.NDArray[np.object_]  # (n,) shapely geometries of that type
+    fields: Mapping[str, npt.NDArray[Any]]  # attributes, (n,) each: numbers, bool, or object arrays of str
+
+
+class GeoPackage:
+    """A GeoPackage open for writing, see `geopackage`."""
+
+    def __init__(self, path: Path, crs: str) -> None:
+        self._path = path
+        self._crs = crs
+        self.counts: dict[str, int] = {}  # features of each layer
+        self.indexed: dict[str, int] = {}  # those with a geometry, in its spatial index
+
+    def add(self, layer: VectorLayer) -> None:
+        """Append features to a layer, which is created even if there are none."""
+        import pyogrio.raw
+        import shapely
+
+        with plain_path(self._path) as path:
+            pyogrio.raw.write(
+                path,
+                shapely.to_wkb(layer.geometry, flavor="iso"),
+                list(layer.fields.values()),
+                list(layer.fields),
+                layer=layer.name,
+                driver="GPKG",
+                geometry_type=layer.geometry_type,
+                crs=self._crs,
+                append=self._path.exists(),
+                layer_options={"GEOMETRY_NAME": "geom"},
+            )
+        indexed = int((~shapely.is_empty(layer.geometry)).sum())
+        self.counts[layer.name] = self.counts.get(layer.name, 0) + len(layer.geometry)
+        self.indexed[layer.name] = self.indexed.get(layer.name, 0) + indexed
+
+
+@contextmanager
+def geopackage(path: Path, crs: str) -> Iterator[GeoPackage]:
+    """Yield a GeoPackage to add layers to, each with a spatial index; deterministic.
+
+    A layer's first million points take 10 s, later ones 16 s.
+    """
+    import pyogrio
+    from pyogrio.errors import DataLayerError, DataSourceError
+
+    before = {key: pyogrio.get_gdal_config_option(key) for key in _FIXED_TIME}
+    pyogrio.set_gdal_config_options(_FIXED_TIME)
+    file = GeoPackage(path, crs)
+    try:
+        yield file
+        _check_complete(path, file)
+    except (DataLayerError, DataSourceError, sqlite3.Error, OSError) as error:
+        raise SketchterrainError(f"{one_line(path)}: cannot be written ({one_line(error)})") from error
+    finally:
+        pyogrio.set_gdal_config_options(before)
+
+
+def _check_complete(path: Path, file: GeoPackage) -> None:
+    """Check that all rows are on disk: GDAL does not report failures on closing a layer."""
+    rows = {f"rtree_{name}_geom_rowid": count for name, count in file.indexed.items()} | file.counts
+    with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as connection:
+        tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master")}
+        for table, count in rows.items():
+            counted = f'SELECT count(*) FROM "{table}"'  # noqa: S608 # our own names
+            if table not in tables or connection.execute(counted).fetchone() != (count,):
+                raise OSError("incomplete on disk")
+
+
+def lake_layer(lakes: Sequence[Lake], origin: Origin) -> VectorLayer:
+    """Return the lakes as areas at their level, without islands."""
+    areas = [_area(lake, origin) for lake in lakes]
+    return VectorLayer(
+        "lakes",
+        "MultiPolygon Z",
+        _objects(areas),
+        {
+            "id": _texts(lake.id for lake in lakes),
+            "label": np.array([lake.label for lake in lakes], np.int32),
+            "level": np.array([lake.level for lake in lakes], np.float64),
+            "depth": np.array([lake.depth for lake in lakes], np.float64),
+        },
+    )
+
+
+def river_layer(rivers: Sequence[River], origin: Origin) -> VectorLayer:
+    """Return the rivers' centrelines from the spring on, at the height of the water."""
+    import shapely
+
+    ends = {"spring": 0, "mouth": -1}
+    fields: dict[str, npt.NDArray[Any]] = {
+        "id": _texts(river.id for river in rivers),
+        "label": np.array([river.label for river in rivers], np.int32),
+        "length": np.array([_along(river)[-1] for river in rivers], np.float64),
+    }
+    for name in ("width", "depth"):
+        values = [getattr(river, f"centreline_{name}") for river in rivers]
+        means = [_mean(value, _along(river)) for value, river in zip(values, rivers, strict=True)]
+        fields[name] = np.array(means, np.float64)
+        fields |= {
+            f"{name}_{end}": np.array([value[at] for value in values], np.float32) for end, at in ends.items()
+        }
+    lines = [shapely.linestrings(_moved(river.centreline, origin)) for river in rivers]
+    return VectorLayer("rivers", "LineString Z", _objects(lines), fields)
+
+
+def station_layer(rivers: Sequence[River], origin: Origin) -> VectorLayer:
+    """Return every point of the centrelines with the river's width and depth."""
+    import shapely
+
+    counts = [len(river.centreline) for river in rivers]
+    places = _joined([_moved(river.centreline, origin) for river in rivers], (0, 3))
+    return VectorLayer(
+        "river_stations",
+        "Point Z",
+        shapely.points(places),
+        {
+            "river": _texts(chain.from_iterable([r.id] * n for r, n in zip(rivers, counts, strict=True))),
+            "distance": _joined([_along(river) for river in rivers], (0,)),
+            "width": _joined([river.centreline_width for river in rivers], (0,)).astype(np.float32),
+            "depth": _joined([river.centreline_depth for river in rivers], (0,)).astype(np.float32),
+        },
+    )
+
+
+def feature_layer(points: StructuredArray, height: npt.NDArray[np.float32], origin: Origin) -> VectorLayer:
+    """Return mountains, hills, dunes and forests as points with their parameters."""
+    import shapely
+
+    names = np.array(FEATURE_TYPES, dtype=object)
+    forests = points["type"] == FEATURE_TYPES.index("forest")
+    columns = ("peakiness", "wavelength", "wind", "erosion", "gullies")
+    fields: dict[str, npt.NDArray[Any]] = {
+        "id": _texts(points["id"]),
+        "type": names[points["type"]],
+        "radius": points["radius"],
+        "strength": points["strength"],
+    }
+    fields |= {name: np.where(forests, np.float32(0.0), points[name]) for name in columns}
+    fields["conifers"] = np.where(forests, conifer_share(points["peakiness"]), -1.0).astype(np.float32)
+    fields["painted"] = points["painted"]
+    places = np.stack([points["x"] + origin.east, points["y"] + origin.north, height], axis=-1)
+    return VectorLayer("features", "Point Z", shapely.points(places), fields)
+
+
+def plant_layer(
+    name: str, plants: npt.NDArray[np.void], species: Sequence[str], origin: Origin
+) -> VectorLayer:
+    """Return plants as points."""
+    import shapely
+
+    places = np.stack([plants["x"] + origin.east, plants["y"] + origin.north, plants["z"]], axis=-1)
+    return VectorLayer(
+        name,
+        "Point Z",
+        shapely.points(places),
+        {
+            "species": np.array(species, dtype=object)[plants["species"]],
+            "scale": np.ascontiguousarray(plants["scale"]),
+            "rotation": np.degrees(plants["rotation"]).astype(np.float32),
+            "tint": np.ascontiguousarray(plants["tint"]),
+            "level": plants["level"].astype(np.int16),
+        },
+    )
+
+
+def _along(river: River) -> npt.NDArray[np.float64]:
+    """Return the horizontal distance (m) from the spring to each point of a centreline."""
+    steps = np.hypot(*np.diff(river.centreline[:, :2], axis=0).T)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _mean(values: npt.NDArray[np.float32], along: npt.NDArray[np.float64]) -> float:
+    return (
+        float(np.trapezoid(values.astype(np.float64), along) / along[-1]) if along[-1] else float(values[0])
+    )
+
+
+def _moved(places: npt.NDArray[np.float64], origin: Origin) -> npt.NDArray[np.float64]:
+    return np.add(places, (origin.east, origin.north, 0.0))
+
+
+def _area(lake: Lake, origin: Origin) -> Any:
+    """Return a lake's surface, by the even-odd rule of its rings."""
+    import shapely
+
+    rings = [shapely.linestrings(ring + origin) for ring in lake_outline(lake.shape)]
+    # Rings do not cross, but one that touches itself is invalid.
+    area = shapely.make_valid(shapely.build_area(shapely.multilinestrings(rings)))
+    parts = [part for part in shapely.get_parts(area) if part.geom_type == "Polygon"]
+    return shapely.force_3d(shapely.multipolygons(parts), lake.level)
+
+
+def _joined(parts: Sequence[npt.NDArray[Any]], empty: tuple[int, ...]) -> npt.NDArray[Any]:
+    return np.concatenate(parts) if parts else np.zeros(empty)
+
+
+def _texts(numbers: Iterable[Any]) -> npt.NDArray[np.object_]:
+    """Return 64-bit unsigned ids as texts: a GeoPackage has no such numbers."""
+    return _objects([str(int(number)) for number in numbers])
+
+
+def _objects(values: Sequence[Any]) -> npt.NDArray[np.object_]:
+    result = np.empty(len(values), dtype=object)
+    result[:] = values
+    return result

@@ -1,0 +1,1 @@
+"""Rivers and lakes: networks, courses, profiles, water levels."""

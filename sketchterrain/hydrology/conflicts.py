@@ -1,0 +1,163 @@
+"""What is decided where painted layers contradict each other (Zaaijer 2013, section 4.3).
+
+The order in which layers are laid over each other: mountains, hills and dunes add up; lakes lie in what
+they make; rivers cut into all of it, and run through lakes at the lakes' level. Covers paint surfaces and
+change no height.
+
+So a river painted across a mountain cuts a valley: its bed stays below the straight line from where it enters
+the mountain to where it leaves it. One that begins in a mountain springs there, one that ends in a mountain
+ends there. A lake in a mountain is a tarn: its rim is raised where the mountain falls away.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from sketchterrain.array_types import Float64Array, Int64Array
+from sketchterrain.hydrology.lakes import lake_centre, runs_inside
+from sketchterrain.placement.shapes import find_regions
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sketchterrain.document.sketch import Sketch
+    from sketchterrain.placement.feature_types import Lake, River
+    from sketchterrain.placement.shapes import Region
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """A run of a centreline inside a painted mountain.
+
+    Attributes
+    ----------
+    first, last : int
+        Points of the centreline, both inside.
+    mountain : int
+        Counted from 1 in reading order of the shapes' first pixels.
+    """
+
+    first: int
+    last: int
+    mountain: int
+
+
+class Resolution(NamedTuple):
+    """What was decided where layers contradict each other.
+
+    Attributes
+    ----------
+    line : str
+        For a person.
+    x, y : float
+        Where (m): amid a river's run through a mountain or a lake, or where it springs or ends there; the
+        middle of a tarn.
+    """
+
+    line: str
+    x: float
+    y: float
+
+
+def label_mountains(sketch: Sketch, regions: Sequence[Region] | None = None) -> Int64Array:
+    """Return for each pixel the number of the mountain shape that it belongs to, from 1; 0 for none.
+
+    Parameters
+    ----------
+    sketch : Sketch
+    regions : sequence of Region, optional
+        Of the mountain layer, if they are known.
+    """
+    numbers = np.zeros(sketch.layers["mountain"].shape, dtype=np.int64)
+    found = find_regions(sketch.layers["mountain"]) if regions is None else regions
+    for number, region in enumerate(found, 1):
+        numbers[region.rows, region.columns][region.mask] = number
+    return numbers
+
+
+def mountain_crossings(sketch: Sketch, numbers: Int64Array, line: Float64Array) -> list[Crossing]:
+    """Find the runs of a centreline (m, 2) inside mountains, upstream first."""
+    under = _at(sketch, numbers, line)
+    turns = np.flatnonzero(np.diff(under)) + 1
+    firsts, ends = np.concatenate([[0], turns]), np.concatenate([turns, [len(line)]])
+    return [
+        Crossing(int(first), int(end) - 1, int(under[first]))
+        for first, end in zip(firsts, ends, strict=True)
+        if under[first]
+    ]
+
+
+def resolve_conflicts(
+    sketch: Sketch,
+    numbers: Int64Array,
+    rivers: Sequence[River],
+    grounds: Sequence[Float64Array],
+    lakes: Sequence[Lake],
+) -> tuple[Resolution, ...]:
+    """Say in one line each what was decided, and where.
+
+    Parameters
+    ----------
+    sketch : Sketch
+    numbers : (height, width) int64
+        As `label_mountains` returns them.
+    rivers : sequence of River
+        Sorted by id; they are counted from 1.
+    grounds : sequence of (m,) float64
+        Height of the ground without rivers along each centreline (m).
+    lakes : sequence of Lake
+        Painted ones first; they are counted from 1.
+    """
+    found: list[Resolution] = []
+    for number, (river, ground) in enumerate(zip(rivers, grounds, strict=True), 1):
+        line = river.centreline[:, :2]
+        for run in mountain_crossings(sketch, numbers, line):
+            what = f"river {number} {_met(run, river, ground, rivers)}"
+            found.append(_resolved(what, line[_place(run.first, run.last, len(line))]))
+        for first, last, at in runs_inside(lakes, line):
+            verb = "springs from" if first == 0 else "runs through"
+            verb = "ends in" if last == len(line) - 1 else verb
+            what = f"river {number} {verb} lake {at + 1}: water at {lakes[at].level:.1f} m"
+            found.append(_resolved(what, line[_place(first, last, len(line))]))
+    for number, lake in enumerate(lakes, 1):
+        centre = lake_centre(lake)
+        mountain = int(_at(sketch, numbers, centre[None])[0])
+        if mountain and lake.label:
+            what = f"lake {number} lies in mountain {mountain}: a tarn at {lake.level:.0f} m"
+            found.append(_resolved(what, centre))
+    return tuple(found)
+
+
+def _resolved(line: str, at: Float64Array) -> Resolution:
+    return Resolution(line, float(at[0]), float(at[1]))
+
+
+def _place(first: int, last: int, count: int) -> int:
+    """Return which point of a line a run is shown at: its loose end if it has just one, else its middle."""
+    if (first == 0) != (last == count - 1):
+        return 0 if first == 0 else count - 1
+    return (first + last) // 2
+
+
+def _met(run: Crossing, river: River, ground: Float64Array, rivers: Sequence[River]) -> str:
+    inside = slice(run.first, run.last + 1)
+    cut = max(float((ground[inside] - river.centreline[inside, 2]).max()), 0.0)
+    if run.first == 0:
+        return f"begins in mountain {run.mountain}: springs there at {river.centreline[0, 2]:.0f} m"
+    if run.last == len(river.centreline) - 1:
+        end = river.centreline[-1]
+        joins = any((other.centreline == end).all(axis=1).any() for other in rivers if other is not river)
+        what = "joins a river in" if joins else "ends in"
+        return f"{what} mountain {run.mountain}: valley cut {cut:.0f} m"
+    return f"crosses mountain {run.mountain}: valley cut {cut:.0f} m"
+
+
+def _at(sketch: Sketch, numbers: Int64Array, line: Float64Array) -> Int64Array:
+    column = np.floor(line[:, 0] / sketch.pixel_size).astype(np.int64)
+    row = np.floor(sketch.height_px - line[:, 1] / sketch.pixel_size).astype(np.int64)
+    inside = (row >= 0) & (row < sketch.height_px) & (column >= 0) & (column < sketch.width_px)
+    found = numbers[np.where(inside, row, 0), np.where(inside, column, 0)]
+    return np.asarray(np.where(inside, found, 0), dtype=np.int64)

@@ -1,0 +1,267 @@
+"""Lakes: where they lie, how high their water stands, and which rivers run through them."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+from sketchterrain.array_types import Float64Array
+from sketchterrain.hydrology.courses import arc_length
+from sketchterrain.hydrology.river_shape import HydrologyCache
+from sketchterrain.hydrology.water_levels import LakeReach, join_water_levels, solve_water_levels
+from sketchterrain.placement.cache import IdentityKey
+from sketchterrain.placement.covers import shape_field
+from sketchterrain.placement.feature_types import LAYER_CODES, Lake, ShapeField
+from sketchterrain.placement.hashing import rounded, value_noise
+from sketchterrain.placement.shapes import label_shapes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from sketchterrain.document.sketch import Sketch
+    from sketchterrain.hydrology.courses import RiverCourse
+    from sketchterrain.hydrology.river_shape import Network
+
+Runs: TypeAlias = list[tuple[int, int, int]]
+"""First point, last point and lake (an index) of each run of a course inside a lake, upstream first."""
+
+_MARGIN_PIXELS, _MARGIN = 6.0, 60.0  # px, m; the larger counts
+_LOW_SHORE = 10.0  # percentile of the heights along the shore that the water may reach
+_SHORE_POINTS = 4096
+_FREEBOARD = 0.25  # m between the water and that height
+_RIM = 0.2  # share of the margin around a lake in which its own ground rules
+_ROUNDS = 16
+_MOUTH_WIDTHS = 5.0  # of the river: radius of the lake in which it ends
+_MOUTH_EXTENT = (0.012, 0.05)  # … between these shares of the sketch's extent
+_MOUTH_DEPTHS = 3.0  # of the river: depth of that lake
+_BEYOND_BIT = 1 << 47  # in the id of a lake that was not painted
+
+
+def painted_lakes(
+    sketch: Sketch,
+    ground: Callable[[Float64Array, Float64Array], npt.NDArray[np.floating]],
+    memory: HydrologyCache | None = None,
+) -> list[Lake]:
+    """Lay out what the lake layer paints; each as high as the low parts of its shore allow.
+
+    Parameters
+    ----------
+    sketch : Sketch
+    ground : callable
+        As for `trace_rivers`.
+    memory : HydrologyCache, optional
+        Of shapes and shores.
+
+    Returns
+    -------
+    list of Lake, in reading order of their first pixels; rivers may still lower them.
+    """
+    memory = HydrologyCache() if memory is None else memory
+    image = sketch.layers["lake"]
+    outlines: list[_Outline] = memory.images.of(
+        ("lakes", IdentityKey(image), sketch.extent, sketch.fidelity), lambda: _outlines(sketch)
+    )
+    if not outlines:
+        return []
+    at = np.concatenate([each.shore for each in outlines])
+    heights = np.asarray(ground(at[:, 0].copy(), at[:, 1].copy()), dtype=np.float64)
+    ends = np.cumsum([len(each.shore) for each in outlines])
+    return [
+        Lake(
+            id=each.id,
+            label=each.label,
+            shape=each.field,
+            level=_rim_level(heights[end - len(each.shore) : end]),
+            depth=float(sketch.properties("lake", each.label)["depth"]),
+        )
+        for each, end in zip(outlines, ends, strict=True)
+    ]
+
+
+def _rim_level(shore: Float64Array) -> float:
+    """Return the level (m) that the heights along a shore can hold."""
+    return float(rounded(np.percentile(shore, _LOW_SHORE))) - _FREEBOARD
+
+
+class _Outline(NamedTuple):
+    """A painted lake without its water."""
+
+    id: int
+    label: int
+    field: ShapeField
+    shore: Float64Array
+
+
+def _outlines(sketch: Sketch) -> list[_Outline]:
+    margin = max(_MARGIN_PIXELS * sketch.pixel_size, _MARGIN)
+    found = []
+    for shape in label_shapes("lake", sketch.layers["lake"]):
+        field = shape_field(sketch, shape, margin=margin)
+        found.append(_Outline(LAYER_CODES["lake"] << 48 | shape.id, shape.label, field, _shore(field)))
+    return found
+
+
+def mouth_lakes(sketch: Sketch, courses: Sequence[RiverCourse], *, seed: int) -> list[Lake]:
+    """Make the lakes in which rivers end that ran on beyond the sketch.
+
+    Their level is still infinite: it is that of the river. There is none where another river is too near.
+    """
+    lakes: list[Lake] = []
+    for course in courses:
+        end = course.line[-1]
+        outside = float(np.hypot(*(end - np.clip(end, 0.0, np.array(sketch.size)))))
+        if course.parent is not None or outside <= 0.0:
+            continue
+        low, high = (share * sketch.extent for share in _MOUTH_EXTENT)
+        radius = float(np.clip(_MOUTH_WIDTHS * course.width[-1], low, high))
+        margin = max(_MARGIN, 0.5 * radius)
+        clear = min(
+            [
+                outside - margin,
+                *(_distance(end, other.line) - margin for other in courses if other is not course),
+            ]
+        )
+        radius = min(radius, clear / 1.4, 0.3 * float(arc_length(course.line)[-1]))
+        if radius < 1.5 * course.width[-1] or any(
+            _distance(end, lake_centre(x)[None]) < 4 * radius for x in lakes
+        ):
+            continue
+        lakes.append(
+            Lake(
+                id=LAYER_CODES["lake"] << 48 | _BEYOND_BIT | (course.id & (_BEYOND_BIT - 1)),
+                label=0,
+                shape=_blob(end, radius, margin, seed=seed, name=course.id),
+                level=float("inf"),
+                depth=_MOUTH_DEPTHS * float(course.depth[-1]),
+            )
+        )
+    return lakes
+
+
+def lake_centre(lake: Lake) -> Float64Array:
+    """Return the middle (m) of the rectangle that a lake's field covers."""
+    field = lake.shape
+    size = np.array(field.inside.shape[::-1]) - 1
+    return np.asarray(np.array([field.west, field.south]) + 0.5 * field.spacing * size)
+
+
+def distance_inside(field: ShapeField, at: Float64Array) -> Float64Array:
+    """Return the distance inside a shape (m) at positions (n, 2); far outside it, what its rim says."""
+    column = (at[:, 0] - field.west) / field.spacing
+    row = (at[:, 1] - field.south) / field.spacing
+    return np.asarray(
+        ndimage.map_coordinates(field.inside.astype(np.float64), [row, column], order=1, mode="nearest")
+    )
+
+
+def runs_inside(lakes: Sequence[Lake], line: Float64Array) -> Runs:
+    """Find the runs of a centreline that lie in lakes."""
+    return sorted(
+        (first, last, number)
+        for number, lake in enumerate(lakes)
+        for first, last in _runs(distance_inside(lake.shape, line) > 0.0)
+    )
+
+
+def lake_reaches(lakes: Sequence[Lake], line: Float64Array) -> list[tuple[int, int, int, int]]:
+    """Find where a centreline comes into lakes' rims, and the runs inside the lakes.
+
+    Returns
+    -------
+    list of (shore, first, last, lake)
+        Upstream first; as in `LakeReach`.
+    """
+    found = []
+    for number, lake in enumerate(lakes):
+        depth = distance_inside(lake.shape, line)
+        rim = _RIM * float(lake.shape.inside[[0, -1]].max())  # below zero: outside
+        inside = _runs(depth > 0.0)
+        for start, stop in _runs(depth > rim):
+            shore, own = start, [run for run in inside if start <= run[0] <= stop]
+            for first, last in own:
+                found.append((shore, first, last, number))
+                shore = last + 1
+            if not own:
+                found.append((start, stop + 1, stop, number))
+    return sorted(found, key=lambda run: run[1:])
+
+
+def _runs(there: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First and last index of each run of True."""
+    turns = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(np.int8)))
+    return [(int(a), int(b) - 1) for a, b in zip(turns[::2], turns[1::2], strict=True)]
+
+
+def solve_lake_levels(
+    lakes: Sequence[Lake], network: Network, grounds: Sequence[Float64Array]
+) -> tuple[list[Lake], list[Float64Array]]:
+    """Lower lakes until no river runs up into one, and let rivers run through them.
+
+    Returns
+    -------
+    lakes : list of Lake
+    levels : list of (m,) float64
+        Water levels along each course.
+    """
+    runs = [lake_reaches(lakes, course.line) for course in network.courses]
+    water = np.array([lake.level for lake in lakes])
+    levels = solve_water_levels(network, grounds, [()] * len(runs))
+    for _ in range(_ROUNDS):
+        before = water.copy()
+        for own, level in zip(runs, levels, strict=True):
+            for _, first, last, lake in own:
+                if last < first:
+                    continue  # it only passes by
+                comes = level[first - 1] if first > 0 else level[min(last + 1, len(level) - 1)]
+                water[lake] = min(water[lake], comes)
+        still = [[LakeReach(shore, a, b, float(water[lake])) for shore, a, b, lake in own] for own in runs]
+        levels = solve_water_levels(network, grounds, still)
+        if (water == before).all():
+            break
+    return [
+        dataclasses.replace(lake, level=float(level))
+        for lake, level in zip(lakes, water, strict=True)
+        if np.isfinite(level)
+    ], join_water_levels(network, levels)
+
+
+def lake_pixels(sketch: Sketch) -> cKDTree | None:
+    """Return the painted lakes' pixels (row, column) to look for the nearest one; None without a lake."""
+    painted = np.argwhere(sketch.layers["lake"] > 0)
+    return cKDTree(painted) if len(painted) else None
+
+
+def _distance(place: Float64Array, line: Float64Array) -> float:
+    return float(np.sqrt(((line - place) ** 2).sum(axis=1)).min())
+
+
+def _shore(field: ShapeField) -> Float64Array:
+    """Positions (m) of samples just outside a shape; of its least outside ones if there are none."""
+    row, column = np.nonzero((field.inside <= 0.0) & (field.inside > -1.5 * field.spacing))
+    thin = max(len(row) // _SHORE_POINTS, 1)
+    at = np.stack([column[::thin], row[::thin]], axis=-1) * field.spacing
+    return np.asarray(at + np.array([field.west, field.south]))
+
+
+def _blob(centre: Float64Array, radius: float, margin: float, *, seed: int, name: int) -> ShapeField:
+    """Make a rounded shape of hash_keys outline around a place."""
+    spacing = radius / 12.0
+    half = int(np.ceil((1.4 * radius + margin) / spacing)) + 1
+    steps = spacing * np.arange(-half, half + 1)
+    east, north = np.meshgrid(steps, steps)
+    distance = np.hypot(east, north)
+    scale = 1.2 / np.maximum(distance, 1e-9)
+    key = float(name % 2**20)
+    swing = value_noise(seed, "lake beyond the edge", key + 10.0 + scale * east, key + 10.0 + scale * north)
+    inside = radius * (0.75 + 0.6 * swing) - distance
+    return ShapeField(
+        west=float(centre[0] - spacing * half),
+        south=float(centre[1] - spacing * half),
+        spacing=spacing,
+        inside=inside.astype(np.float32),
+    )

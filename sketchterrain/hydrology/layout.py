@@ -1,0 +1,310 @@
+"""River layout: sources, mouths, confluences, and courses beyond the sketch."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import replace
+from functools import partial
+from hashlib import blake2b
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from sketchterrain.array_types import Float64Array
+from sketchterrain.errors import InputError
+from sketchterrain.hydrology.courses import (
+    LAKE_GAP,
+    RiverCourse,
+    arc_length,
+    dab_course,
+    pixel_positions,
+    reach_course,
+    reversed_course,
+)
+from sketchterrain.hydrology.lakes import lake_pixels
+from sketchterrain.hydrology.network import (
+    close_gaps,
+    exit_normal,
+    longest_path,
+    river_ends,
+    sort_skeletons,
+    split_into_reaches,
+    thin_region,
+)
+from sketchterrain.placement.cache import IdentityKey
+from sketchterrain.placement.hashing import rounded
+from sketchterrain.placement.shapes import find_regions
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from sketchterrain.document.sketch import Sketch
+    from sketchterrain.hydrology.network import RiverEnd, Skeleton
+    from sketchterrain.hydrology.river_shape import HydrologyCache
+    from sketchterrain.placement.shapes import Region
+
+
+_CLEARANCE = 2.0  # of the two widths' mean
+
+
+def separate_beyond_edge(courses: list[RiverCourse], size: tuple[float, float]) -> list[RiverCourse]:
+    """Shorten what runs on beyond the sketch so that no two rivers cross there.
+
+    Parameters
+    ----------
+    courses : list of RiverCourse
+        Parents before the courses that join them; an earlier course goes before a later one.
+    size : (float, float)
+        Metres eastward and northward that the sketch covers.
+
+    Returns
+    -------
+    list of RiverCourse
+        In the same order; joints and parents are those of the new ones. Those left as they are are the very
+        same objects.
+    """
+    done: list[RiverCourse] = []
+    now: dict[
+        int, tuple[RiverCourse, int]
+    ] = {}  # by the old course: the new one, and how many points its head lost
+    for course in courses:
+        head, tail = _beyond(course.line, size)
+        first, last = 0, len(course.line)
+        if tail < last:
+            others = [*done, *([_part(course, 0, head)] if head > 1 else [])]
+            last = tail + _free(course.line[tail:], course.width[tail:], others)
+        if head > 0:
+            upstream = _free(course.line[:head][::-1], course.width[:head][::-1], done)
+            first = head - upstream
+        part = _part(course, min(first, last - 2), max(last, first + 2))
+        if part.parent is not None:
+            parent, lost = now[id(course.parent)]
+            if parent is not part.parent or lost:
+                part = dataclasses.replace(part, parent=parent, joint=course.joint - lost)
+        now[id(course)] = part, min(first, last - 2)
+        done.append(part)
+    return done
+
+
+def _beyond(line: Float64Array, size: tuple[float, float]) -> tuple[int, int]:
+    """Count the points before a river enters the sketch; and find the first one after it has left it."""
+    inside = np.flatnonzero(((line >= 0.0) & (line <= np.array(size))).all(axis=1))
+    return (int(inside[0]), int(inside[-1]) + 1) if len(inside) else (0, len(line))
+
+
+def _free(line: Float64Array, width: Float64Array, others: list[RiverCourse]) -> int:
+    """Count the points of a river, from the sketch outward, that keep clear of all other rivers."""
+    free = len(line)
+    for other in others:
+        distance, nearest = cKDTree(other.line).query(line)
+        close = distance < _CLEARANCE * 0.5 * (width + other.width[nearest]) + 2.0 * np.diff(
+            arc_length(line[:2])
+        )
+        free = min(free, int(np.argmax(close))) if close.any() else free
+    return free
+
+
+def _part(course: RiverCourse, first: int, last: int) -> RiverCourse:
+    if first == 0 and last == len(course.line):
+        return course
+    controls = course.controls[(course.controls > first) & (course.controls < last - 1)] - first
+    return dataclasses.replace(
+        course,
+        line=course.line[first:last],
+        controls=np.concatenate([[0], controls, [last - first - 1]]),
+        width=course.width[first:last],
+        depth=course.depth[first:last],
+    )
+
+
+GroundHeight: TypeAlias = "Callable[[Float64Array, Float64Array], npt.NDArray[np.floating[Any]]]"
+
+_EDGE_BONUS = (10.0, 0.02)
+"""A mouth at the sketch's edge may lie this much higher: metres, and metres for each metre of river."""
+
+_LONGEST_DAB = 2.0  # px; so short a skeleton is a dab, however thin
+
+
+def lay_out_rivers(
+    sketch: Sketch, *, seed: int, ground: GroundHeight, memory: HydrologyCache
+) -> list[RiverCourse]:
+    """Draw the courses of all networks, parents first.
+
+    Parameters
+    ----------
+    sketch, seed, ground
+        As for `trace_rivers`.
+    memory : HydrologyCache
+        Of skeletons and courses; what is not painted anew is the very same object again.
+    """
+    found, outlines = _networks(sketch, seed, memory)
+    if not found:
+        return []
+    image = sketch.layers["river"]
+    rivers = [(bone, each) for bone, each in zip(found, outlines, strict=True) if isinstance(each, tuple)]
+    closed = memory.images.of(
+        ("closed", IdentityKey(image), *(IdentityKey(bone) for bone, _ in rivers)),
+        lambda: close_gaps(image, rivers, LAKE_GAP),
+    )
+    if closed is not None:
+        sketch = sketch.replace(layers={**sketch.layers, "river": closed})
+        found, outlines = _networks(sketch, seed, memory)
+    lakes = sketch.layers["lake"]
+    lake = memory.images.of(("lake pixels", IdentityKey(lakes)), lambda: lake_pixels(sketch))
+    positions = [_end_positions(sketch, *each) for each in zip(found, outlines, strict=True)]
+    courses: list[RiverCourse] = []
+    for skeleton, outline, heights in zip(found, outlines, heights_at(ground, positions), strict=True):
+        courses.extend(_courses(sketch, skeleton, outline, heights, seed, lake, memory))
+    return courses
+
+
+def heights_at(ground: GroundHeight, groups: Sequence[Float64Array]) -> list[Float64Array]:
+    """Ask for the ground at groups of positions, all at once; heights are rounded to 1/1024 m.
+
+    Raises
+    ------
+    InputError
+        If `ground` returns something of another shape, or not finite.
+    """
+    at = np.concatenate(groups)
+    heights = np.asarray(ground(at[:, 0].copy(), at[:, 1].copy()), dtype=np.float64)
+    if heights.shape != (len(at),) or not np.isfinite(heights).all():
+        raise InputError(f"expected {len(at)} finite ground heights, got shape {heights.shape} or not finite")
+    return np.split(rounded(heights), np.cumsum([len(group) for group in groups])[:-1])
+
+
+def _settings(sketch: Sketch, seed: int) -> tuple[object, ...]:
+    """Everything but pixels that courses depend on."""
+    labels = tuple((key, tuple(each.items())) for key, each in sketch.labels.items() if key[0] == "river")
+    return sketch.extent, sketch.height_px, sketch.width_px, sketch.fidelity, seed, labels
+
+
+def _networks(
+    sketch: Sketch, seed: int, memory: HydrologyCache
+) -> tuple[tuple[Skeleton, ...], list[RiverCourse | tuple[RiverEnd, ...]]]:
+    """Find the skeletons of what was painted, and of each the dab's course or the ends."""
+    image, settings = sketch.layers["river"], _settings(sketch, seed)
+    found: tuple[Skeleton, ...] = memory.images.of(
+        ("skeletons", IdentityKey(image), settings), lambda: _skeletons(sketch, settings, memory)
+    )
+    return found, [
+        memory.parts.of(
+            ("outline", IdentityKey(each), settings, _seen_around(sketch, each)),
+            partial(_dab_or_ends, sketch, each, seed),
+        )
+        for each in found
+    ]
+
+
+def _seen_around(sketch: Sketch, skeleton: Skeleton) -> IdentityKey | None:
+    """Return what of the layer beside a skeleton matters: all, if its width is as painted; else nothing."""
+    image = sketch.layers["river"]
+    labels = np.unique(image[skeleton.rows, skeleton.columns])
+    as_painted = any(sketch.properties("river", int(label))["width"] == 0.0 for label in labels)
+    return IdentityKey(image) if as_painted else None
+
+
+def _skeletons(sketch: Sketch, settings: tuple[object, ...], memory: HydrologyCache) -> tuple[Skeleton, ...]:
+    image = sketch.layers["river"]
+    widths = _label_widths(sketch)
+
+    def made(region: Region) -> Skeleton:
+        window = np.where(region.mask, image[region.rows, region.columns], 0)
+        corner = (region.rows.start, region.columns.start, window.shape)
+        return memory.parts.of(
+            ("skeleton", corner, blake2b(window.tobytes()).digest(), settings),
+            lambda: _weighted(sketch, thin_region(region, widths[window], image.shape)),
+        )
+
+    return sort_skeletons(made(region) for region in find_regions((image > 0).astype(np.uint8)))
+
+
+def _weighted(sketch: Sketch, skeleton: Skeleton) -> Skeleton:
+    """Let what is as wide as painted weigh by how wide it is."""
+    painted = 2.0 * skeleton.depth * sketch.pixel_size
+    return replace(skeleton, weight=np.where(skeleton.weight > 0, skeleton.weight, painted))
+
+
+def _label_widths(sketch: Sketch) -> Float64Array:
+    """Width (m) that each label says: wider rivers are main stems; 0 is as painted."""
+    widths = np.ones(256)
+    for label in np.unique(sketch.layers["river"]):
+        if label > 0:
+            widths[label] = sketch.properties("river", int(label))["width"]
+    return widths
+
+
+def _dab_or_ends(sketch: Sketch, skeleton: Skeleton, seed: int) -> RiverCourse | tuple[RiverEnd, ...]:
+    path = longest_path(skeleton)
+    steps = np.hypot(np.diff(skeleton.rows[path]), np.diff(skeleton.columns[path]))
+    if float(steps.sum()) <= max(2.0 * float(skeleton.depth[path].max()), _LONGEST_DAB):
+        return dab_course(sketch, skeleton, path, seed=seed)
+    return river_ends(skeleton)
+
+
+def _end_positions(
+    sketch: Sketch, skeleton: Skeleton, outline: RiverCourse | tuple[RiverEnd, ...]
+) -> Float64Array:
+    if isinstance(outline, RiverCourse):
+        return outline.line[[0, -1]]
+    return pixel_positions(sketch, skeleton, np.array([end.pixel for end in outline]))
+
+
+def _mouth(
+    sketch: Sketch,
+    skeleton: Skeleton,
+    ends: tuple[RiverEnd, ...],
+    heights: Float64Array,
+    lake: cKDTree | None,
+) -> int:
+    """Choose the end farthest along the label's flow; or the lowest, rather in a lake or at the edge."""
+    flow = _flow(sketch, skeleton)
+    at = np.array([end.pixel for end in ends])
+    if flow is not None:
+        return ends[int(np.argmax(pixel_positions(sketch, skeleton, at) @ flow))].pixel
+    length = max(end.length for end in ends) * sketch.pixel_size
+    bonus = _EDGE_BONUS[0] + _EDGE_BONUS[1] * length
+    size = (sketch.height_px, sketch.width_px)
+    favoured = np.array([exit_normal(skeleton, end.lead, size) is not None for end in ends])
+    if lake is not None:
+        places = np.stack([skeleton.rows[at], skeleton.columns[at]], axis=-1)
+        favoured |= lake.query(places)[0] <= skeleton.depth[at] + LAKE_GAP
+    return ends[int(np.argmin(heights - bonus * favoured))].pixel
+
+
+def _flow(sketch: Sketch, skeleton: Skeleton) -> Float64Array | None:
+    """Direction (east, north) in which the label of most of a network says it runs; None: downhill."""
+    labels = sketch.layers["river"][skeleton.rows, skeleton.columns]
+    said = float(sketch.properties("river", int(np.argmax(np.bincount(labels))))["flow"])
+    towards = np.deg2rad(said)
+    return None if said < 0.0 else np.array([np.sin(towards), np.cos(towards)])
+
+
+def _courses(
+    sketch: Sketch,
+    skeleton: Skeleton,
+    outline: RiverCourse | tuple[RiverEnd, ...],
+    heights: Float64Array,
+    seed: int,
+    lake: cKDTree | None,
+    memory: HydrologyCache,
+) -> list[RiverCourse]:
+    """Lay out one network, parents first."""
+    key = (IdentityKey(skeleton), _settings(sketch, seed))
+    if isinstance(outline, RiverCourse):
+        dab = outline
+        if heights[0] >= heights[1]:
+            return [dab]
+        return [memory.parts.of(("turned", *key), lambda: reversed_course(dab))]
+    mouth = _mouth(sketch, skeleton, outline, heights, lake)
+
+    def made() -> list[RiverCourse]:
+        courses: list[RiverCourse] = []
+        for reach in split_into_reaches(skeleton, mouth):
+            parent = courses[reach.parent] if reach.parent >= 0 else None
+            courses.append(reach_course(sketch, skeleton, reach, parent, seed=seed, lake=lake))
+        return courses
+
+    return memory.parts.of(("courses", *key, mouth, IdentityKey(lake), _seen_around(sketch, skeleton)), made)

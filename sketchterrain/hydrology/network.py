@@ -1,0 +1,377 @@
+"""River networks: skeletons of painted strokes as graphs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage, sparse
+from scipy.sparse.csgraph import dijkstra
+from skimage.morphology import skeletonize
+
+from sketchterrain.array_types import Float64Array, Int64Array
+from sketchterrain.placement.shapes import find_regions
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from sketchterrain.placement.shapes import Region
+
+
+@dataclass(frozen=True, eq=False)
+class Skeleton:
+    """One connected skeleton.
+
+    Attributes
+    ----------
+    rows, columns : (n,) int64
+        Its pixels in the image, in reading order.
+    depth : (n,) float64
+        Distance (px) from each to the painted border: half the painted width. The sketch's edge is no border.
+    weight : (n,) float64
+        How much a pixel of length counts when the main stem is sought.
+    graph : (n, n) sparse float64
+        Length (px) of each step between neighbouring pixels, both ways. A diagonal step is left out where
+        two straight ones lead to the same place, so that a bend is no junction.
+    """
+
+    rows: Int64Array
+    columns: Int64Array
+    depth: Float64Array
+    weight: Float64Array
+    graph: sparse.csr_array
+
+    def ends(self) -> Int64Array:
+        """Pixels with one neighbour, or the only pixel."""
+        degree = np.diff(self.graph.indptr)
+        return np.flatnonzero(degree <= 1)
+
+    def paths_from(self, root: int) -> tuple[Float64Array, Int64Array]:
+        """Length (px) of the shortest path from a pixel to each, and each one's next pixel back (or < 0)."""
+        length, before = dijkstra(self.graph, indices=np.array([root]), return_predecessors=True)
+        return np.asarray(length[0]), np.asarray(before[0], dtype=np.int64)
+
+
+def skeletons(painted: npt.NDArray[np.bool_], weight: Float64Array | None = None) -> tuple[Skeleton, ...]:
+    """Thin what was painted to lines one pixel wide, one skeleton for each 8-connected region.
+
+    Parameters
+    ----------
+    painted : (height, width) bool
+        True where a river was painted.
+    weight : (height, width) float64, optional
+        How much a pixel of length counts when the main stem is sought; 1 by default.
+
+    Returns
+    -------
+    tuple of Skeleton, in reading order of their first pixels.
+    """
+    weight = np.ones(painted.shape) if weight is None else weight
+    return sort_skeletons(
+        thin_region(region, weight[region.rows, region.columns], painted.shape)
+        for region in find_regions(painted.astype(np.uint8))
+    )
+
+
+def sort_skeletons(found: Iterable[Skeleton]) -> tuple[Skeleton, ...]:
+    """Return skeletons in reading order of their first pixels."""
+    return tuple(sorted(found, key=lambda each: (int(each.rows[0]), int(each.columns[0]))))
+
+
+def thin_region(region: Region, weight: Float64Array, size: tuple[int, ...]) -> Skeleton:
+    """Thin one 8-connected region.
+
+    Parameters
+    ----------
+    region : Region
+    weight : (h, w) float64
+        As for `skeletons`, in the region's bounding box.
+    size : (height, width)
+        Of the whole image.
+    """
+    thin = _thinned(region.mask)
+    at_row, at_column = np.nonzero(thin)
+    return Skeleton(
+        rows=at_row + int(region.rows.start),
+        columns=at_column + int(region.columns.start),
+        depth=_depth(region, size)[at_row, at_column],
+        weight=weight[at_row, at_column].astype(np.float64),
+        graph=_graph(thin, at_row, at_column),
+    )
+
+
+def _thinned(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Thin to lines; at least the first pixel is kept (thinning can eat a 2x2 dab whole)."""
+    thin = np.asarray(skeletonize(np.pad(mask, 1)))[1:-1, 1:-1].astype(np.bool_)
+    if not thin.any():
+        thin.flat[int(np.argmax(mask))] = True
+    return thin
+
+
+def _depth(region: Region, size: tuple[int, ...]) -> Float64Array:
+    """Distance (px) to the border; the image's edge is none."""
+    rows, columns = region.rows, region.columns
+    sides = ((rows.start == 0, rows.stop == size[0]), (columns.start == 0, columns.stop == size[1]))
+    padding = tuple((int(not low), int(not high)) for low, high in sides)
+    padded = np.pad(region.mask, padding)
+    if padded.all():
+        return np.full(region.mask.shape, 0.5 * min(size))
+    distance = np.asarray(ndimage.distance_transform_edt(padded), dtype=np.float64) - 0.5
+    return distance[padding[0][0] :, padding[1][0] :][: region.mask.shape[0], : region.mask.shape[1]]
+
+
+def _graph(thin: npt.NDArray[np.bool_], rows: Int64Array, columns: Int64Array) -> sparse.csr_array:
+    number = np.full((thin.shape[0] + 2, thin.shape[1] + 2), -1, dtype=np.int64)
+    number[rows + 1, columns + 1] = np.arange(len(rows))
+    starts, stops, lengths = [], [], []
+    for down, across in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        other = number[rows + 1 + down, columns + 1 + across]
+        joined = other >= 0
+        if down and across:
+            joined &= (number[rows + 1 + down, columns + 1] < 0) & (
+                number[rows + 1, columns + 1 + across] < 0
+            )
+        starts.append(np.flatnonzero(joined))
+        stops.append(other[joined])
+        lengths.append(np.full(int(joined.sum()), float(np.hypot(down, across))))
+    start, stop, length = (np.concatenate(each) for each in (starts, stops, lengths))
+    both = (np.concatenate([length, length]), (np.concatenate([start, stop]), np.concatenate([stop, start])))
+    graph = sparse.csr_array(both, shape=(len(rows), len(rows)))
+    graph.sort_indices()
+    return graph
+
+
+_EDGE_GAP = 2.5  # px between a river's painted end and the sketch's edge that a person does not mean
+
+
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """A run of skeleton pixels without a junction of its own making.
+
+    Attributes
+    ----------
+    pixels : (n,) int64
+        Indices into the skeleton, upstream first. The last one lies on the parent, if there is one.
+    parent : int
+        Index of the reach that it joins; -1 for a main stem.
+    """
+
+    pixels: Int64Array
+    parent: int
+
+
+def split_into_reaches(skeleton: Skeleton, root: int) -> tuple[Reach, ...]:
+    """Break a skeleton into reaches that all lead to one pixel.
+
+    The longest, weighted, is the main stem; each further one is the longest that is left. A branch
+    shorter than the river is wide where it joins is a spur of the skeleton, not a river. Loops come apart
+    where the two ways to the root are equally long, and so become two arms.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+        Connected.
+    root : int
+        The mouth.
+
+    Returns
+    -------
+    tuple of Reach, parents before the reaches that join them; never empty.
+    """
+    length, before = skeleton.paths_from(root)
+    leads_on = np.zeros(len(length), dtype=np.bool_)
+    leads_on[before[before >= 0]] = True
+    leaves = np.flatnonzero(~leads_on)
+    owner = np.full(len(length), -1, dtype=np.int64)
+    reaches: list[Reach] = []
+    for leaf in leaves[np.lexsort((leaves, -_weighted(skeleton, length, before)[leaves]))]:
+        path = _path_down(int(leaf), before, owner)
+        joint = path[-1]
+        parent = int(owner[joint])
+        if parent >= 0 and length[leaf] - length[joint] < 2.0 * skeleton.depth[joint] + 2.0:
+            continue
+        owner[path if parent < 0 else path[:-1]] = len(reaches)
+        reaches.append(Reach(np.asarray(path, dtype=np.int64), parent))
+    return tuple(reaches)
+
+
+@dataclass(frozen=True, eq=False)
+class RiverEnd:
+    """A place where a network may begin or end.
+
+    Attributes
+    ----------
+    pixel : int
+        Index into the skeleton.
+    lead : (n,) int64
+        Pixels of the reach that leads there; the last one is `pixel`.
+    length : float
+        Length (px) of the longest way from there.
+    """
+
+    pixel: int
+    lead: Int64Array
+    length: float
+
+
+def longest_path(skeleton: Skeleton) -> Int64Array:
+    """Pixels of the longest way through a skeleton, or nearly so (exactly, if it has no loops)."""
+    ends = skeleton.ends()
+    length, _ = skeleton.paths_from(int(ends[0]) if len(ends) else 0)
+    return split_into_reaches(skeleton, int(np.argmax(length)))[0].pixels
+
+
+def river_ends(skeleton: Skeleton) -> tuple[RiverEnd, ...]:
+    """Find where a network may begin or end: its true ends, without spurs; every pixel of a pure loop."""
+    ends = skeleton.ends()
+    if len(ends) == 0:
+        return tuple(RiverEnd(pixel, np.array([pixel]), 0.0) for pixel in range(len(skeleton.rows)))
+    length, _ = skeleton.paths_from(int(ends[0]))
+    root = int(np.argmax(length))
+    length, _ = skeleton.paths_from(root)
+    reaches = split_into_reaches(skeleton, root)
+    starts = [
+        RiverEnd(int(each.pixels[0]), each.pixels[::-1], float(length[each.pixels[0]])) for each in reaches
+    ]
+    return (RiverEnd(root, reaches[0].pixels, starts[0].length), *starts)
+
+
+def exit_normal(skeleton: Skeleton, pixels: Int64Array, size: tuple[int, int]) -> tuple[float, float] | None:
+    """Find the sketch's edge that a path runs out over.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+        Where the path lies.
+    pixels : (n,) int64
+        The path; its last pixel is the end in question.
+    size : (height, width)
+        Of the image.
+
+    Returns
+    -------
+    Unit vector (east, north) out of the sketch; None if the end stops short of the edge or runs along it.
+    """
+    end = int(pixels[-1])
+    row, column = float(skeleton.rows[end]) + 0.5, float(skeleton.columns[end]) + 0.5
+    back = int(pixels[max(len(pixels) - 1 - max(6, round(2.0 * skeleton.depth[end])), 0)])
+    east, north = column - 0.5 - skeleton.columns[back], skeleton.rows[back] + 0.5 - row
+    run = max(float(np.hypot(east, north)), 1e-9)
+    limit = float(skeleton.depth[end]) + _EDGE_GAP
+    edges = (
+        (size[0] - row, (0.0, -1.0)),
+        (size[1] - column, (1.0, 0.0)),
+        (row, (0.0, 1.0)),
+        (column, (-1.0, 0.0)),
+    )
+    towards = [
+        ((normal[0] * east + normal[1] * north) / run, normal) for gap, normal in edges if gap <= limit
+    ]
+    steepest = max(towards, default=(0.0, None), key=lambda each: each[0])
+    return steepest[1] if steepest[0] > 0.2 else None
+
+
+def _weighted(skeleton: Skeleton, length: Float64Array, before: Int64Array) -> Float64Array:
+    """Length of each pixel's way to the root with every step weighted."""
+    if np.all(skeleton.weight == skeleton.weight[0]):
+        return length
+    total = np.zeros(len(length))
+    for pixel in np.argsort(length, kind="stable")[1:]:
+        step = length[pixel] - length[before[pixel]]
+        total[pixel] = total[before[pixel]] + skeleton.weight[pixel] * step
+    return total
+
+
+def _path_down(leaf: int, before: Int64Array, owner: Int64Array) -> list[int]:
+    """Pixels from a leaf to the root, or to the first pixel that is already some reach's."""
+    path = [leaf]
+    while owner[path[-1]] < 0 and before[path[-1]] >= 0:
+        path.append(int(before[path[-1]]))
+    return path
+
+
+_AHEAD = 0.8  # cosine between an end's heading and the way to the stem
+_LEAD = 8  # px of a reach that say where its end heads
+_MIDDLE = 4.0  # px farther than a spur that both rivers must go on
+
+
+def close_gaps(
+    painted: npt.NDArray[np.uint8],
+    rivers: Sequence[tuple[Skeleton, Sequence[RiverEnd]]],
+    gap: float,
+) -> npt.NDArray[np.uint8] | None:
+    """Paint on from ends that head at another river's middle.
+
+    Only an end joins, and only two rivers that are not one already: so none joins both ways, and rivers side
+    by side stay apart.
+
+    Parameters
+    ----------
+    painted : (height, width) uint8
+        Labels of rivers.
+    rivers : sequence of (Skeleton, sequence of RiverEnd)
+        The networks, dabs left out.
+    gap : float
+        Most pixels between the border of a stroke and that of the next that a person does not mean.
+
+    Returns
+    -------
+    (height, width) uint8 or None
+        A copy with lines one pixel wide over the gaps; None if there are none.
+    """
+    labelled, count = ndimage.label(painted > 0, structure=np.ones((3, 3)))
+    regions = np.asarray(labelled, dtype=np.int64)
+    of = {int(regions[bone.rows[0], bone.columns[0]]): (bone, ends) for bone, ends in rivers}
+    family = np.arange(count + 1)
+    closed = None
+    for region, (bone, ends) in of.items():
+        for end in ends:
+            at = np.array([bone.rows[end.pixel], bone.columns[end.pixel]], dtype=np.int64)
+            found = _ahead(regions, region, at, _heading(bone, end), float(bone.depth[end.pixel]) + gap + 1.0)
+            if found is None:
+                continue
+            other = int(regions[tuple(found)])
+            if other not in of or family[other] == family[region]:
+                continue
+            if not _in_the_middle(*of[other], found, end.length):
+                continue
+            family[family == family[other]] = family[region]
+            closed = painted.copy() if closed is None else closed
+            steps = int(np.abs(found - at).max())
+            line = np.rint(np.linspace(at, found, steps + 1)).astype(np.int64)
+            line = line[painted[line[:, 0], line[:, 1]] == 0]
+            closed[line[:, 0], line[:, 1]] = painted[tuple(at)]
+    return closed
+
+
+def _heading(bone: Skeleton, end: RiverEnd) -> Float64Array | None:
+    """Rows and columns in which an end heads, a unit vector; None if it is too short to say."""
+    back = end.lead[-min(max(_LEAD, int(2.0 * bone.depth[end.pixel])), len(end.lead))]
+    run = np.array([bone.rows[end.pixel] - bone.rows[back], bone.columns[end.pixel] - bone.columns[back]])
+    length = float(np.hypot(*run))
+    return run / length if length >= 2.0 else None
+
+
+def _ahead(
+    regions: Int64Array, own: int, at: Int64Array, heading: Float64Array | None, reach: float
+) -> Int64Array | None:
+    """Find the nearest pixel of another region ahead."""
+    if heading is None:
+        return None
+    low = np.maximum(at - int(reach) - 1, 0)
+    window = regions[low[0] : at[0] + int(reach) + 2, low[1] : at[1] + int(reach) + 2]
+    there = np.argwhere((window > 0) & (window != own)) + low
+    away = np.hypot(*(there - at).T)
+    meant = (away <= reach) & ((there - at) @ heading >= _AHEAD * away)
+    if not meant.any():
+        return None
+    return np.asarray(there[meant][int(np.argmin(away[meant]))])
+
+
+def _in_the_middle(bone: Skeleton, ends: Sequence[RiverEnd], at: Int64Array, length: float) -> bool:
+    """Whether both the river at a place and what joins it there are longer than a spur would be."""
+    away = np.hypot(bone.rows - at[0], bone.columns - at[1])
+    least = 2.0 * float(bone.depth[int(np.argmin(away))]) + 2.0 + _MIDDLE
+    return length >= least and min(float(away[end.pixel]) for end in ends) >= least

@@ -1,0 +1,441 @@
+"""Longitudinal profiles and bends of rivers."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field
+from functools import partial
+from hashlib import blake2b
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from sketchterrain.array_types import Float64Array
+from sketchterrain.hydrology.courses import arc_length, smoothed
+from sketchterrain.placement.cache import IdentityKey, LRUCache
+from sketchterrain.placement.hashing import rounded
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sketchterrain.hydrology.courses import RiverCourse
+
+
+@dataclass(frozen=True)
+class HydrologyCache:
+    """Values by what they were made from; several threads may share it.
+
+    Attributes
+    ----------
+    images : LRUCache
+        What was made of whole layers.
+    parts : LRUCache
+        What was made of single rivers and of groups of them.
+    """
+
+    images: LRUCache = field(default_factory=lambda: LRUCache(16))
+    parts: LRUCache = field(default_factory=lambda: LRUCache(256))
+
+
+LEAST_FALL = 1e-4
+"""Metres that water falls on every metre of its way."""
+
+_STEEPEST, _LEAST_STEEPEST, _STEEPEST_DEPTHS = 0.6, 0.03, 1.2
+_SPRING_WIDTH = 0.4  # of the label's width
+_BEND_ROUNDS = 60
+_WIDEST = 2.0  # times what the label says: confluences widen a river no further
+
+
+def smoothstep(t: Float64Array) -> Float64Array:
+    """0 up to 0, 1 from 1 on, smooth between."""
+    t = np.clip(t, 0.0, 1.0)
+    return t * t * (3.0 - 2.0 * t)
+
+
+def river_widths(
+    base: Float64Array, arc: Float64Array, taper: float, tributaries: list[tuple[int, float]]
+) -> Float64Array:
+    """Width of a river along its centreline.
+
+    At a confluence the squares of the widths add up, as drained areas do (Leopold & Maddock 1953: width goes
+    with the root of the discharge), up to twice what the label says.
+
+    Parameters
+    ----------
+    base : (m,) float64
+        What its labels say (m).
+    arc : (m,) float64
+        Length from its spring (m).
+    taper : float
+        Length (m) over which it grows from 0.4 of its width; 0 for a river that has its width from the start.
+    tributaries : list of (index, width)
+        Where on the centreline they join, and how wide they are there (m).
+    """
+    grown = smoothstep(arc / taper) if taper > 0.0 else np.ones(len(arc))
+    width = base * (_SPRING_WIDTH + (1.0 - _SPRING_WIDTH) * grown)
+    for index, joining in sorted(tributaries):
+        joined = smoothstep((arc - arc[index]) / (3.0 * max(joining, float(width[index]))))
+        # A tributary wider than its stem is the river from here on.
+        wider = np.maximum(np.minimum(np.hypot(width, joining), _WIDEST * base), np.maximum(width, joining))
+        width = width + (wider - width) * joined
+    return width
+
+
+def water_surface(
+    ground: Float64Array, arc: Float64Array, *, width: float, depth: float, ceilings: list[tuple[int, float]]
+) -> Float64Array:
+    """Water level along a river, from the ground that it runs through: falling all the way.
+
+    Parameters
+    ----------
+    ground : (m,) float64
+        Height of the ground along the centreline (m).
+    arc : (m,) float64
+        Length from the spring (m).
+    width, depth : float
+        Of the water (m). The level is smoothed over about 20 widths, and lies 0.3 depths and half a metre
+        below the ground.
+    ceilings : list of (index, level)
+        Levels (m) of tributaries where they join: this river should not be above them.
+    """
+    spacing = max(float(arc[-1]) / max(len(arc) - 1, 1), 1e-9)
+    sigma = min(6.0 * width / spacing, len(arc) / 4.0)
+    wanted = _blurred(ground, sigma) - (0.3 * depth + 0.5)
+    for index, level in ceilings:
+        wanted[index:] = np.minimum(wanted[index:], level)
+    falling = np.minimum.accumulate(wanted)
+    falling = rounded(_blurred(falling, 0.5 * sigma))
+    for index, level in ceilings:  # once more: the blur rounds their steps
+        falling[index:] = np.minimum(falling[index:], level + LEAST_FALL * arc[index])
+    falling = np.minimum.accumulate(falling)
+    return np.asarray(falling - LEAST_FALL * arc)
+
+
+def limit_gradient(
+    level: Float64Array, arc: Float64Array, *, width: Float64Array, depth: Float64Array
+) -> Float64Array:
+    """Cut back falls, in a gorge if need be: the wider and the shallower a river, the less it falls.
+
+    Water falls by at most 1.2 depths over a width, and by at most 0.6 m on every metre of its way: beside a
+    wide sheet of water that is steeper no bank can stand.
+    """
+    steepest = np.clip(_STEEPEST_DEPTHS * depth / width, _LEAST_STEEPEST, _STEEPEST)
+    steps = 0.5 * (steepest[1:] + steepest[:-1]) * np.diff(arc)
+    most = np.concatenate([[0.0], np.cumsum(steps)])
+    limit = np.minimum.accumulate((level + most)[::-1])[::-1] - most
+    return np.asarray(np.where(level > limit + 1e-9, limit, level))  # the end stays to the bit
+
+
+def join_level(level: Float64Array, arc: Float64Array, *, end: float, width: float) -> Float64Array:
+    """Bend a falling water level so that it ends exactly at `end` and still falls all the way.
+
+    Where it lay lower it is raised; where it would arrive too high it comes down over the last 30 widths.
+    """
+    left = arc[-1] - arc
+    level = np.maximum(level, end + LEAST_FALL * left)
+    approach = smoothstep(1.0 - left / max(min(30.0 * width, float(arc[-1])), 1e-9))
+    level = level - (level[-1] - end) * approach
+    level[-1] = end
+    return np.asarray(np.minimum.accumulate(level))
+
+
+def level_pool(level: Float64Array, arc: Float64Array, first: float, last: float) -> Float64Array:
+    """Make the water from `first` to `last` (m along the river) a pool at the level that it had at its end.
+
+    Upstream of the pool, over four times its length, the river falls as much as before and that much earlier.
+    """
+    first, last = max(first, 0.0), min(last, float(arc[-1]))
+    if not first < last:
+        return level
+    start = max(first - 4.0 * (last - first), 0.0)
+    earlier = last - (first - np.clip(arc, start, first)) * (last - start) / max(first - start, 1e-9)
+    moved = np.interp(np.where(arc < first, earlier, last), arc, level)
+    pool = float(np.interp(last, arc, level)) + LEAST_FALL * (last - arc)
+    inside = (arc >= start) & (arc <= last)
+    return np.asarray(np.where(inside, np.minimum(level, np.maximum(moved, pool)), level))
+
+
+@dataclass(frozen=True, eq=False)
+class Bends:
+    """Places whose bank belongs to a place further down.
+
+    Attributes
+    ----------
+    upper : (k,) int
+        Points of a centreline.
+    lower : (k,) float64
+        The place whose bank stands beside each, in points: between two of them, further down.
+    off : (k,) float64
+        How far the bank stands from that place, in half widths there.
+    """
+
+    upper: npt.NDArray[np.intp]
+    lower: Float64Array
+    off: Float64Array
+
+
+def lower_in_bends(level: Float64Array, arc: Float64Array, bends: Bends, depth: Float64Array) -> Float64Array:
+    """Lower the water above sharp bends, so that it does not stand above its own bank further down.
+
+    Parameters
+    ----------
+    level, arc : (m,) float64
+        Water level and length from the spring (m).
+    bends : Bends
+    depth : (m,) float64
+        Metres; a bank counts as up to a quarter of it high, and less near the water's edge.
+    """
+    before = np.minimum(bends.lower.astype(np.intp), len(level) - 2)
+    share = bends.lower - before
+    same = before == bends.upper
+    bank = np.minimum(0.25, 0.5 * smoothstep((bends.off - 1.0) / 0.8)) * depth[bends.upper]
+    run = np.interp(bends.lower, np.arange(len(arc)), arc) - arc[bends.upper]
+    bank = np.maximum(bank, 1.1 * LEAST_FALL * run)  # no lower than the water must fall on its way
+    for _ in range(_BEND_ROUNDS if len(share) else 0):
+        between = (1.0 - share) * level[before] + share * level[before + 1]
+        # Within one piece the place further down falls as the point itself does.
+        most = np.where(same, level[before + 1] + bank / np.maximum(share, 1e-9), between + bank)
+        if (level[bends.upper] <= most + 1e-6).all():
+            break
+        lowered = level + LEAST_FALL * arc
+        np.minimum.at(lowered, bends.upper, most + LEAST_FALL * arc[bends.upper])
+        lowered = np.minimum.accumulate(lowered) - LEAST_FALL * arc
+        level = np.where(level > lowered + 1e-9, lowered, level)  # the rest stays to the bit
+    return level
+
+
+def _blurred(values: Float64Array, sigma: float) -> Float64Array:
+    return smoothed(values[:, None], max(sigma, 1e-3))[:, 0]
+
+
+_SHOWS = 0.25  # of two rivers' widths' mean: so near, the bed of one shows in the other's centreline
+
+
+@dataclass(frozen=True, eq=False)
+class Confluence:
+    """Where a tributary's water overlaps the stem's: one pool of one level.
+
+    Attributes
+    ----------
+    length : float
+        Metres of the tributary above its end.
+    above, below : float
+        Metres of the stem above and below the joint.
+    bed : (float, float)
+        The same for where the stem's bed shows in the tributary's centreline: the two must be one there.
+    """
+
+    length: float
+    above: float
+    below: float
+    bed: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """Courses with what follows from their shapes alone.
+
+    Attributes
+    ----------
+    courses : sequence of RiverCourse
+        Parents before the courses that join them.
+    parents : sequence of int
+        Index of the course that each joins; -1 for none.
+    arcs : sequence of (m,) float64
+        Metres from each spring.
+    widths : sequence of (m,) float64
+        Metres, with tributaries counted and neighbours candidate_influence.
+    confluences : sequence of Confluence or None
+    bends : sequence of Bends
+    cuts : sequence of sequences of (first, last)
+        Runs of points in which neither water nor bed may lie above the straight line from the point before
+        to the point after: valleys through mountains.
+    """
+
+    courses: Sequence[RiverCourse]
+    parents: Sequence[int]
+    arcs: Sequence[Float64Array]
+    widths: Sequence[Float64Array]
+    confluences: Sequence[Confluence | None]
+    bends: Sequence[Bends]
+    cuts: Sequence[Sequence[tuple[int, int]]]
+
+    def joining(self, number: int) -> list[int]:
+        """Return the indices of the courses that join one."""
+        return [other for other, parent in enumerate(self.parents) if parent == number]
+
+
+def build_network(
+    courses: Sequence[RiverCourse],
+    cuts: Sequence[Sequence[tuple[int, int]]],
+    memory: HydrologyCache | None = None,
+) -> Network:
+    """Work out how wide rivers are, and where their waters overlap.
+
+    Parameters
+    ----------
+    courses : sequence of RiverCourse
+        Of any number of networks; parents before the courses that join them.
+    cuts : sequence of sequences of (first, last)
+        As in `Network`.
+    memory : HydrologyCache, optional
+        Of bends.
+    """
+    memory = HydrologyCache() if memory is None else memory
+    number_of = {id(course): number for number, course in enumerate(courses)}
+    parents = [-1 if course.parent is None else number_of[id(course.parent)] for course in courses]
+    arcs = [arc_length(course.line) for course in courses]
+    widths: list[Float64Array] = [course.width for course in courses]
+    for number in reversed(range(len(courses))):
+        course = courses[number]
+        tributaries = [
+            (courses[other].joint, float(widths[other][-1]))
+            for other, parent in enumerate(parents)
+            if parent == number
+        ]
+        if course.grows:
+            widths[number] = river_widths(course.width, arcs[number], course.taper, tributaries)
+    confluences: list[Confluence | None] = [
+        None
+        if parent < 0
+        else _meeting(course, courses[parent], arcs[n], arcs[parent], widths[n], widths[parent])
+        for n, (course, parent) in enumerate(zip(courses, parents, strict=True))
+    ]
+    widths = _beside_neighbours(courses, parents, arcs, widths, confluences)
+    bends = [
+        memory.parts.of(
+            ("bends", IdentityKey(course), blake2b(width.tobytes()).digest()),
+            partial(_bends, course.line, arc, width),
+        )
+        for course, arc, width in zip(courses, arcs, widths, strict=True)
+    ]
+    return Network(courses, parents, arcs, widths, confluences, bends, cuts)
+
+
+def _bends(line: Float64Array, arc: Float64Array, width: Float64Array) -> Bends:
+    """Find where the ground beside a river, up to 1.6 widths away, is nearest to a place further down."""
+    ahead = np.diff(line, axis=0)
+    across = np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1) / np.hypot(*ahead.T)[:, None]
+    count = len(line)
+    fine = np.arange(4 * count - 3) / 4.0
+    tree = cKDTree(np.stack([np.interp(fine, np.arange(count), line[:, i]) for i in (0, 1)], axis=-1))
+    half = 0.5 * np.interp(fine, np.arange(count), width)
+    upper, lower, off = [], [], []
+    points = np.arange(count)
+    # What lies beside a point turns from the piece before it to the one after it.
+    for widths, normal in itertools.product(
+        (-1.6, -1.5, -1.0, 1.0, 1.5, 1.6),
+        (across[np.maximum(points - 1, 0)], across[np.minimum(points, count - 2)]),
+    ):
+        answer: Any = tree.query(line + widths * width[:, None] * normal)
+        distance, found = (np.asarray(part) for part in answer)
+        place = np.minimum((found + 1) / 4.0, count - 1.0)
+        run = np.interp(place, points, arc) - arc
+        below = np.flatnonzero((place > points + 0.25) & (run < 4.0 * width))
+        upper.append(below)
+        lower.append(place[below])
+        off.append((distance / half[found])[below])
+    return Bends(np.concatenate(upper), np.concatenate(lower), np.concatenate(off))
+
+
+def _meeting(
+    course: RiverCourse,
+    parent: RiverCourse,
+    arc: Float64Array,
+    parent_arc: Float64Array,
+    width: Float64Array,
+    parent_width: Float64Array,
+) -> Confluence:
+    """Find the tributary's last run in which its water overlaps its parent's."""
+    answer: Any = cKDTree(parent.line).query(course.line)
+    distance, nearest = (np.asarray(part) for part in answer)
+    overlap = distance < 0.55 * (width + parent_width[nearest])
+    apart = np.flatnonzero(~overlap)
+    first = int(apart[-1]) + 1 if len(apart) else 0
+    along = parent_arc[nearest[first:]] - parent_arc[course.joint]
+    margin = 0.5 * float(parent_width[course.joint]) + 0.5 * float(width[-1])
+    shows = _SHOWS * np.sqrt(width * parent_width[nearest])[first:]
+    shown = along[distance[first:] < shows]
+    return Confluence(
+        length=max(float(arc[-1] - arc[min(first, len(arc) - 1)]), margin),
+        above=max(-float(along.min(initial=0.0)), 0.0) + margin,
+        below=max(float(along.max(initial=0.0)), 0.0) + margin,
+        bed=(
+            max(-float(shown.min(initial=0.0)), 0.0) + float(shows[-1]),
+            max(float(shown.max(initial=0.0)), 0.0) + float(shows[-1]),
+        ),
+    )
+
+
+def _beside_neighbours(
+    courses: Sequence[RiverCourse],
+    parents: Sequence[int],
+    arcs: Sequence[Float64Array],
+    widths: Sequence[Float64Array],
+    confluences: Sequence[Confluence | None],
+) -> list[Float64Array]:
+    """Narrow rivers where their waters would overlap elsewhere than where they meet."""
+    boxes = [
+        (course.line.min(axis=0) - width.max(), course.line.max(axis=0) + width.max())
+        for course, width in zip(courses, widths, strict=True)
+    ]
+    trees = [cKDTree(course.line) for course in courses]
+    scales: list[Float64Array] = [np.ones(len(course.line)) for course in courses]
+    for number, course in enumerate(courses):
+        for other, tree in enumerate(trees):
+            if other == number or (boxes[number][0] > boxes[other][1]).any():
+                continue
+            if (boxes[number][1] < boxes[other][0]).any():
+                continue
+            # Further apart than this nobody is narrowed, so nobody farther is looked for.
+            widest = 0.5 * float(widths[number].max() + widths[other].max())
+            low, high = boxes[other]
+            asked = _apart(number, other, parents, arcs, courses, confluences)
+            asked &= ((course.line >= low - widest) & (course.line <= high + widest)).all(axis=1)
+            if not asked.any():
+                continue
+            answer = tree.query(course.line[asked], distance_upper_bound=1.01 * widest)
+            distance, nearest = (np.asarray(part) for part in answer)
+            found = np.isfinite(distance)
+            asked[asked], distance, nearest = found, distance[found], nearest[found]
+            total = 0.5 * (widths[number][asked] + widths[other][nearest])
+            counts = _apart(other, number, parents, arcs, courses, confluences)[nearest]
+            scale = np.where(counts, np.clip(distance / total, 0.05, 1.0), 1.0)
+            scales[number][asked] = np.minimum(scales[number][asked], scale)
+    return [
+        width * _softened(scale, arc, float(width.max()))
+        for width, scale, arc in zip(widths, scales, arcs, strict=True)
+    ]
+
+
+def _apart(
+    number: int,
+    other: int,
+    parents: Sequence[int],
+    arcs: Sequence[Float64Array],
+    courses: Sequence[RiverCourse],
+    confluences: Sequence[Confluence | None],
+) -> npt.NDArray[np.bool_]:
+    """Points of a course that lie outside every confluence that it shares with the other one's family."""
+    arc, away = arcs[number], np.ones(len(arcs[number]), dtype=np.bool_)
+    own = confluences[number]
+    if own is not None and (parents[number] == other or parents[other] == parents[number]):
+        away &= arc < arc[-1] - own.length
+    met = confluences[other]
+    if met is not None and parents[other] == number:
+        joint = arc[courses[other].joint]
+        away &= (arc < joint - met.above) | (arc > joint + met.below)
+    return away
+
+
+def _softened(scale: Float64Array, arc: Float64Array, width: float) -> Float64Array:
+    """Let a narrow place begin some widths before it and end some widths after it."""
+    narrow = np.flatnonzero(scale < 1.0)
+    if not len(narrow):
+        return scale
+    slope = 0.15 / width
+    fore = np.minimum.accumulate(scale - slope * arc) + slope * arc
+    back = np.minimum.accumulate((scale + slope * arc)[::-1])[::-1] - slope * arc
+    return np.asarray(np.minimum(np.minimum(fore, back), 1.0))

@@ -1,0 +1,324 @@
+"""Rivers of a sketch, and edits of them."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, replace
+from functools import partial
+from hashlib import blake2b
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.array_types import Float64Array
+from sketchterrain.document.edits import Edit
+from sketchterrain.hydrology.conflicts import label_mountains, mountain_crossings, resolve_conflicts
+from sketchterrain.hydrology.courses import course_through
+from sketchterrain.hydrology.lakes import mouth_lakes, painted_lakes, solve_lake_levels
+from sketchterrain.hydrology.layout import heights_at, lay_out_rivers, separate_beyond_edge
+from sketchterrain.hydrology.river_shape import HydrologyCache, build_network
+from sketchterrain.hydrology.water_levels import build_rivers
+from sketchterrain.placement.cache import IdentityKey
+from sketchterrain.placement.feature_types import LAYER_CODES
+from sketchterrain.placement.placement_cache import PlacementCache
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from sketchterrain.document.sketch import Sketch
+    from sketchterrain.hydrology.conflicts import Resolution
+    from sketchterrain.hydrology.courses import RiverCourse
+    from sketchterrain.hydrology.layout import GroundHeight
+    from sketchterrain.placement.feature_types import Lake, River
+
+
+_ACTIONS = frozenset({"move_point", "width", "delete"})
+
+
+def targets_river(edit: Edit) -> bool:
+    """Whether an edit names a river, by its action or by the layer in the id."""
+    return edit.action in ("move_point", "width") or (edit.feature or 0) >> 48 == LAYER_CODES["river"]
+
+
+def targets_lake(edit: Edit) -> bool:
+    """Whether an edit names a lake, by the layer in the id."""
+    return not targets_river(edit) and (edit.feature or 0) >> 48 == LAYER_CODES["lake"]
+
+
+def apply_lake_edits(lakes: list[Lake], edits: Iterable[Edit]) -> tuple[list[Lake], tuple[str, ...]]:
+    """Return the lakes that a person did not take away, and one line for each edit that finds none."""
+    there = {lake.id for lake in lakes}
+    taken: set[int] = set()
+    orphans = []
+    for edit in filter(targets_lake, edits):
+        if edit.action != "delete":
+            orphans.append(f"{edit.action} of lake {edit.feature}: a lake has only delete")
+        elif edit.feature not in there:
+            orphans.append(f"delete of lake {edit.feature}: there is no such lake any more")
+        else:
+            taken.add(edit.feature)
+    return [lake for lake in lakes if lake.id not in taken], tuple(orphans)
+
+
+def apply_river_edits(
+    courses: list[RiverCourse], edits: Iterable[Edit]
+) -> tuple[list[RiverCourse], tuple[str, ...]]:
+    """Return courses as a person changed them, and one line for each edit that finds nothing to change.
+
+    A tributary of a river that moved follows it; one of a river that was taken away becomes a river of its
+    own.
+
+    Parameters
+    ----------
+    courses
+        Parents before those that join them.
+    edits
+        In the order in which they are done; those of other features are passed over.
+    """
+    by_id = {course.id: course for course in courses}
+    wanted: dict[int, list[Edit]] = {}
+    controls = {course.id: np.array(course.line[course.controls]) for course in courses}
+    orphans = []
+    for edit in filter(targets_river, edits):
+        name = edit.feature or 0
+        problem = _problem(by_id.get(name), controls.get(name), edit)
+        if problem:
+            orphans.append(f"{edit.action} of river {name}: {problem}")
+            continue
+        wanted.setdefault(name, []).append(edit)
+        if edit.action == "move_point":
+            controls[name][_control(controls[name], edit)] = edit.x, edit.y
+    if not wanted:
+        return courses, tuple(orphans)
+    after: dict[int, RiverCourse | None] = {}
+    for course in courses:
+        own = wanted.get(course.id, [])
+        if any(edit.action == "delete" for edit in own):
+            after[course.id] = None
+        else:
+            parent = None if course.parent is None else after[course.parent.id]
+            after[course.id] = _changed(course, parent, own, controls[course.id])
+    return [course for course in after.values() if course is not None], tuple(orphans)
+
+
+def move_edit(river: River, index: int, *, x: float, y: float) -> Edit:
+    """Return the edit that moves a control point, named by where it is: it is found again in a changed river.
+
+    Parameters
+    ----------
+    river
+        As it is now.
+    index
+        Which of its `points`.
+    x, y
+        Where the point shall be (m).
+    """
+    from_x, from_y = (float(each) for each in river.points[index, :2])
+    return Edit("move_point", river.id, index=index, x=x, y=y, from_x=from_x, from_y=from_y)
+
+
+def _control(points: npt.NDArray[np.float64], edit: Edit) -> int | None:
+    """Return which control point an edit means: the nearest to where it was, within one interval."""
+    if edit.from_x is None:
+        return edit.index if edit.index is not None and edit.index < len(points) else None
+    away = np.hypot(*(points - [edit.from_x, edit.from_y]).T)
+    nearest = int(np.argmin(away))
+    beside = np.hypot(*np.diff(points[max(nearest - 1, 0) : nearest + 2], axis=0).T)
+    return nearest if away[nearest] <= beside.max() else None
+
+
+def _problem(course: RiverCourse | None, points: npt.NDArray[np.float64] | None, edit: Edit) -> str | None:
+    if course is None or points is None:
+        return "there is no such river any more"
+    if edit.action not in _ACTIONS:
+        return f"a river has only {', '.join(sorted(_ACTIONS))}"
+    if edit.action == "move_point" and _control(points, edit) is None:
+        if edit.from_x is not None:
+            return f"there is no control point near ({edit.from_x:.0f}, {edit.from_y:.0f}) m any more"
+        return f"there is no control point {edit.index}, only {len(points)} of them"
+    return None
+
+
+def _changed(
+    course: RiverCourse, parent: RiverCourse | None, edits: list[Edit], points: npt.NDArray[np.float64]
+) -> RiverCourse:
+    joint = -1
+    if parent is course.parent and np.array_equal(points, course.line[course.controls]):
+        joint = course.joint
+    elif parent is not None:
+        joint = 1 + int(np.argmin(((parent.line[1:] - points[-1]) ** 2).sum(axis=1)))
+        points[-1] = parent.line[joint]
+    grows = course.grows
+    if not np.array_equal(points, course.line[course.controls]):
+        course = _redrawn(course, points)
+    widths = [edit.width for edit in edits if edit.action == "width"]
+    width = np.full_like(course.width, widths[-1]) if widths else course.width
+    return dataclasses.replace(course, parent=parent, joint=joint, width=width, grows=grows or bool(widths))
+
+
+def _redrawn(course: RiverCourse, points: npt.NDArray[np.float64]) -> RiverCourse:
+    sizes = (course.width[course.controls], course.depth[course.controls])
+    return course_through(
+        np.column_stack([points, *sizes]), course.id, course.label, parent=None, joint=-1, taper=course.taper
+    )
+
+
+def trace_rivers(sketch: Sketch, *, seed: int, ground: GroundHeight) -> tuple[River, ...]:
+    """Trace the rivers that were painted.
+
+    Painted regions of any label that touch are one network, and so is an end painted a few pixels short of
+    another river's middle. A dab that is no longer than it is wide, even
+    one pixel, becomes a short straight reach. The mouth is the lowest end, and rather one at the sketch's
+    edge; a river that reaches the edge runs on beyond it for about a third of the sketch. A loop becomes two
+    arms that part at its top and meet at its bottom.
+
+    Parameters
+    ----------
+    sketch : Sketch
+        The document; its own seed is not looked at.
+    seed : int
+        Seed of the terrain.
+    ground : callable
+        ``ground(x, y)``: height (m) of the land without rivers, for 1-D float64 arrays of positions (m). It
+        is called twice: for all ends, then for all centrelines.
+
+    Returns
+    -------
+    tuple of River, sorted by id. Along each centreline the water level falls by at least 1e-4 m a metre; a
+    tributary's last point is a point of the centreline that it joins, z included.
+
+    Raises
+    ------
+    InputError
+        If `ground` returns something of another shape, or not finite.
+    """
+    return trace_hydrology(sketch, seed=seed, ground=ground).rivers
+
+
+@dataclass(frozen=True, eq=False)
+class Hydrology:
+    """Rivers, lakes, and what was decided about them.
+
+    Attributes
+    ----------
+    rivers : tuple of River
+        Sorted by id.
+    lakes : tuple of Lake
+        Painted ones in reading order, then those in which rivers end beyond the sketch.
+    resolutions : tuple of Resolution
+        One line for each contradiction between layers, and where; see `contradictions`.
+    orphans : tuple of str
+        One line for each edit that found nothing to change.
+    grounds : tuple of (m,) float64
+        Height (m) of the ground without rivers along each river's centreline.
+    """
+
+    rivers: tuple[River, ...]
+    lakes: tuple[Lake, ...]
+    resolutions: tuple[Resolution, ...]
+    orphans: tuple[str, ...]
+    grounds: tuple[Float64Array, ...]
+
+
+def trace_hydrology(
+    sketch: Sketch,
+    *,
+    seed: int,
+    ground: GroundHeight,
+    memory: PlacementCache | None = None,
+    checkpoint: Callable[[], None] | None = None,
+) -> Hydrology:
+    """Trace rivers as `trace_rivers` does, and lay out the lakes that they run through and end in.
+
+    `ground` is called once more, for the shores of all lakes.
+
+    Parameters
+    ----------
+    sketch, seed, ground
+        As for `trace_rivers`.
+    memory : PlacementCache, optional
+        From the last time. It saves time; the bits are the same.
+    checkpoint : callable, optional
+        Called between the steps; it may raise to abandon the work.
+    """
+    memory = PlacementCache() if memory is None else memory
+    known = memory.part(HydrologyCache)
+    pause = _go_on if checkpoint is None else checkpoint
+    lakes = painted_lakes(sketch, ground, known)
+    pause()
+    drawn = lay_out_rivers(sketch, seed=seed, ground=ground, memory=known)
+    courses, orphans = apply_river_edits(drawn, sketch.edits)
+    pause()
+    courses = known.parts.of(
+        ("apart", sketch.size, *map(IdentityKey, courses)), lambda: separate_beyond_edge(courses, sketch.size)
+    )
+    lakes, lost = apply_lake_edits([*lakes, *mouth_lakes(sketch, courses, seed=seed)], sketch.edits)
+    pause()
+    rivers, lakes, grounds = _with_water(sketch, courses, lakes, ground, memory, pause)
+    pause()
+    decided = resolve_conflicts(sketch, _mountains(sketch, memory), rivers, grounds, lakes)
+    return Hydrology(tuple(rivers), tuple(lakes), decided, orphans + lost, tuple(grounds))
+
+
+def _go_on() -> None:
+    """Never abandon the work."""
+
+
+def _mountains(sketch: Sketch, memory: PlacementCache) -> npt.NDArray[np.int64]:
+    image = sketch.layers["mountain"]
+    numbers: npt.NDArray[np.int64] = memory.part(HydrologyCache).images.of(
+        ("mountains", IdentityKey(image)), lambda: label_mountains(sketch, memory.regions(image))
+    )
+    return numbers
+
+
+def _with_water(
+    sketch: Sketch,
+    courses: list[RiverCourse],
+    lakes: list[Lake],
+    ground: GroundHeight,
+    memory: PlacementCache,
+    pause: Callable[[], None],
+) -> tuple[list[River], list[Lake], list[Float64Array]]:
+    """Let water flow: rivers sorted by id, lakes at their levels, and the ground along each river."""
+    if not courses:
+        return [], lakes, []
+    grounds = heights_at(ground, [course.line for course in courses])
+    pause()
+    mountains, known = _mountains(sketch, memory), memory.part(HydrologyCache)
+    cuts = tuple(
+        tuple((run.first, run.last) for run in mountain_crossings(sketch, mountains, course.line))
+        for course in courses
+    )
+    shape = known.parts.of(
+        ("network", *map(IdentityKey, courses)), lambda: build_network(courses, [()] * len(courses), known)
+    )
+    before = tuple((IdentityKey(lake.shape), lake.id, lake.level, lake.depth) for lake in lakes)
+    levels = tuple(each.tobytes() for each in grounds)
+    pause()
+
+    def flown() -> tuple[list[River], list[Lake]]:
+        network = replace(shape, cuts=cuts)
+        filled, levels = solve_lake_levels(lakes, network, grounds)
+        return _same_again(build_rivers(network, levels), known), filled
+
+    rivers, filled = known.parts.of(("water", IdentityKey(shape), cuts, before, levels), flown)
+    order = sorted(range(len(rivers)), key=lambda number: rivers[number].id)
+    return [rivers[number] for number in order], filled, [grounds[number] for number in order]
+
+
+def _same_again(rivers: Sequence[River], known: HydrologyCache) -> list[River]:
+    """Return for each river that was there before, bit for bit, the very same object."""
+    return [
+        known.parts.of(("river", *(_bits(part) for part in vars(river).values())), partial(_itself, river))
+        for river in rivers
+    ]
+
+
+def _itself(river: River) -> River:
+    return river
+
+
+def _bits(part: object) -> object:
+    return blake2b(part.tobytes()).digest() if isinstance(part, np.ndarray) else part

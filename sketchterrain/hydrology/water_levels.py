@@ -1,0 +1,194 @@
+"""The water of a river network: levels and beds that agree wherever two reaches meet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sketchterrain.array_types import Float64Array
+from sketchterrain.hydrology.courses import depth_ratio
+from sketchterrain.hydrology.river_shape import (
+    LEAST_FALL,
+    join_level,
+    level_pool,
+    limit_gradient,
+    lower_in_bends,
+    smoothstep,
+    water_surface,
+)
+from sketchterrain.placement.feature_types import River
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sketchterrain.hydrology.courses import RiverCourse
+    from sketchterrain.hydrology.river_shape import Network
+
+
+_MOST_GROWTH = 2.0  # times the label's width: a river that a wider one joins gets no deeper than so
+_ROUNDS = 8
+_LEAST_DEPTH = 0.05  # m, of water, whatever the beds of neighbours ask
+
+
+@dataclass(frozen=True, eq=False)
+class LakeReach:
+    """A run of a course at a lake, in it or so near that the lake's ground rules there.
+
+    Attributes
+    ----------
+    shore : int
+        Point of the centreline where the lake's rim begins: from here on no water stands above the lake.
+    first, last : int
+        Points inside the lake, where the level is given; where a course only passes by, `last` is
+        ``first - 1`` and `first` the point where it leaves the rim.
+    level : float
+        Metres.
+    """
+
+    shore: int
+    first: int
+    last: int
+    level: float
+
+
+def solve_water_levels(
+    network: Network, grounds: Sequence[Float64Array], still: Sequence[Sequence[LakeReach]]
+) -> list[Float64Array]:
+    """Find water levels from the springs down: falling all the way, never above what flows in, flat in lakes.
+
+    Parameters
+    ----------
+    network : Network
+    grounds : sequence of (m,) float64
+        Height of the ground along each centreline (m).
+    still : sequence of sequences of LakeReach
+        What each course runs through, upstream first.
+    """
+    courses, arcs = network.courses, network.arcs
+    levels: list[Float64Array] = list(grounds)
+    for number in reversed(range(len(courses))):
+        course, joining = courses[number], network.joining(number)
+        level = water_surface(
+            grounds[number],
+            arcs[number],
+            width=float(course.width.mean()),
+            depth=float(course.depth.mean()),
+            ceilings=[(courses[other].joint, float(levels[other][-1])) for other in joining],
+        )
+        level = limit_gradient(level, arcs[number], width=network.widths[number], depth=course.depth)
+        levels[number] = _through_lakes(level, arcs[number], still[number], float(course.width.mean()))
+    return levels
+
+
+def join_water_levels(network: Network, falling: Sequence[Float64Array]) -> list[Float64Array]:
+    """Bring tributaries to their stems; make pools where waters meet and in bends; cut through mountains."""
+    courses, arcs, levels = network.courses, network.arcs, list(falling)
+    for number, course in enumerate(courses):
+        arc, parent, meeting = arcs[number], network.parents[number], network.confluences[number]
+        level = levels[number]
+        if parent >= 0 and meeting is not None:
+            width = float(course.width.mean())
+            level = join_level(level, arc, end=float(levels[parent][course.joint]), width=width)
+            level = level_pool(level, arc, float(arc[-1]) - meeting.length, float(arc[-1]))
+        level = limit_gradient(level, arc, width=network.widths[number], depth=course.depth)
+        level = _held(network, number, level)
+        # From the mouth upward: a pool moves the fall above it upstream.
+        for other in sorted(network.joining(number), key=lambda each: -courses[each].joint):
+            met = network.confluences[other]
+            if met is not None:
+                joint = float(arc[courses[other].joint])
+                level = level_pool(level, arc, joint - met.above, joint + met.below)
+        level = _held(network, number, level)
+        levels[number] = _below_chord(level, arc, network.cuts[number])
+    return levels
+
+
+def _held(network: Network, number: int, level: Float64Array) -> Float64Array:
+    """Lower water that no bank holds: in sharp bends, and where they make it fall too steeply."""
+    course, arc = network.courses[number], network.arcs[number]
+    for _ in range(_ROUNDS):
+        before = level
+        level = lower_in_bends(level, arc, network.bends[number], course.depth)
+        level = limit_gradient(level, arc, width=network.widths[number], depth=course.depth)
+        if np.array_equal(level, before):
+            break
+    return level
+
+
+def _through_lakes(
+    level: Float64Array, arc: Float64Array, still: Sequence[LakeReach], width: float
+) -> Float64Array:
+    for lake in still:
+        level = level.copy()
+        rim = slice(lake.shore, lake.first)
+        if lake.shore < lake.first and level[lake.shore] > lake.level:
+            first = min(lake.first, len(arc) - 1)
+            level[rim] = np.minimum(level[rim], lake.level + LEAST_FALL * (arc[first] - arc[rim]))
+            if lake.shore > 0:
+                above = slice(0, lake.shore + 1)
+                level[above] = join_level(level[above], arc[above], end=float(level[lake.shore]), width=width)
+        level[lake.first : lake.last + 1] = lake.level
+        level[lake.last + 1 :] = np.minimum(level[lake.last + 1 :], lake.level)
+    return np.asarray(np.minimum.accumulate(level))
+
+
+def _below_chord(values: Float64Array, arc: Float64Array, runs: Sequence[tuple[int, int]]) -> Float64Array:
+    """Lower what falls downstream to the straight line between the points before and after each run."""
+    for first, last in runs:
+        if first > 0 and last < len(values) - 1:
+            ends = [first - 1, last + 1]
+            inside = slice(first, last + 1)
+            chord = np.interp(arc[inside], arc[ends], values[ends])
+            values = values.copy()
+            values[inside] = np.minimum(values[inside], chord)
+    return values
+
+
+def build_rivers(network: Network, levels: Sequence[Float64Array]) -> list[River]:
+    """Give every reach its bed: never rising, and the stem's own where a tributary ends."""
+    beds: list[Float64Array] = []
+    rivers = []
+    for number, (course, width, level) in enumerate(
+        zip(network.courses, network.widths, levels, strict=True)
+    ):
+        depth = course.depth * depth_ratio(np.minimum(width / course.width, _MOST_GROWTH))
+        bed = np.minimum.accumulate(level - depth)
+        parent, meeting = network.parents[number], network.confluences[number]
+        if parent >= 0 and meeting is not None:
+            end, arc = float(beds[parent][course.joint]), network.arcs[number]
+            bed = np.maximum(bed, end)
+            bed += (end - bed) * smoothstep((arc - arc[-1] + 2.0 * meeting.length) / meeting.length)
+        bed = _one_bed(network, number, np.minimum.accumulate(bed))
+        bed = _below_chord(bed, network.arcs[number], network.cuts[number])
+        bed = np.minimum(bed, level - _LEAST_DEPTH)
+        beds.append(bed)
+        rivers.append(_river(course, width, level, level - bed))
+    return rivers
+
+
+def _one_bed(network: Network, number: int, bed: Float64Array) -> Float64Array:
+    """Make a river's bed level where tributaries end: else theirs would rise at their ends to meet it."""
+    arc = network.arcs[number]
+    # From the mouth upward, as with levels.
+    for other in sorted(network.joining(number), key=lambda each: -network.courses[each].joint):
+        meeting, joint = network.confluences[other], float(arc[network.courses[other].joint])
+        if meeting is not None:
+            bed = level_pool(bed, arc, joint - meeting.bed[0], joint + meeting.bed[1])
+    return bed
+
+
+def _river(course: RiverCourse, width: Float64Array, level: Float64Array, depth: Float64Array) -> River:
+    line = np.column_stack([course.line, level])
+    widths, depths = width.astype(np.float32), depth.astype(np.float32)
+    return River(
+        id=course.id,
+        label=course.label,
+        points=line[course.controls],
+        width=widths[course.controls],
+        depth=depths[course.controls],
+        centreline=line,
+        centreline_width=widths,
+        centreline_depth=depths,
+    )

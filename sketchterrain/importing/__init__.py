@@ -1,0 +1,1 @@
+"""Sketches from images, layered files and vector data."""

@@ -1,0 +1,1 @@
+"""Files, resources, coordinate reference systems and operating-system services."""

@@ -1,0 +1,1 @@
+"""From painted shapes to placed features."""

@@ -1,0 +1,125 @@
+"""Covers: forests and painted materials as signed distance fields."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import ndimage
+
+from sketchterrain.document.parameters import MATERIALS
+from sketchterrain.placement.cache import IdentityKey, LRUCache
+from sketchterrain.placement.feature_types import LAYER_CODES, Cover, ShapeField
+from sketchterrain.placement.hashing import gaussian_filter
+from sketchterrain.placement.shapes import EDGE_OVERHANG, label_shapes
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from sketchterrain.array_types import Float64Array
+    from sketchterrain.document.sketch import Sketch
+    from sketchterrain.placement.placement_cache import PlacementCache
+    from sketchterrain.placement.shapes import Shape
+
+
+# Standard deviation of the blur that rounds an outline at fidelity 0, pixels.
+_BLUR = 4.0
+# A blur is no wider than this share of the shape's greatest depth: a small shape keeps its form.
+_BLUR_SHARE = 0.5
+
+
+def shape_field(sketch: Sketch, shape: Shape, *, margin: float) -> ShapeField:
+    """Return the distance to a shape's border at the centres of the pixels in and around it.
+
+    The border runs midway between painted and other pixels. It is rounded the more the lower the fidelity,
+    and moved so that the shape keeps its area. Beyond the sketch's edge a shape that touches it goes on.
+
+    Parameters
+    ----------
+    sketch
+        Where it was painted.
+    shape
+        One of its shapes.
+    margin
+        How far the outermost samples lie outside the shape, at least (m).
+    """
+    height, width = sketch.height_px, sketch.width_px
+    over = round(EDGE_OVERHANG * max(height, width))
+    # Distances shrink by up to two pixels where the border is moved.
+    rim = int(np.ceil(margin / sketch.pixel_size)) + 3
+    north, south = over * (shape.rows.start == 0), over * (shape.rows.stop == height)
+    west, east = over * (shape.columns.start == 0), over * (shape.columns.stop == width)
+    mask = np.pad(shape.mask, ((north, south), (west, east)), mode="edge")
+    mask = np.pad(mask, rim)
+    inside = _rounded(_signed_distance(mask), mask, (1.0 - sketch.fidelity) * _BLUR)
+    pixel = sketch.pixel_size
+    return ShapeField(
+        west=(shape.columns.start - west - rim + 0.5) * pixel,
+        south=(height - shape.rows.stop - south - rim + 0.5) * pixel,
+        spacing=pixel,
+        inside=np.ascontiguousarray(inside[::-1] * pixel, dtype=np.float32),
+    )
+
+
+def _signed_distance(mask: npt.NDArray[np.bool_]) -> Float64Array:
+    """Distance of pixel centres from the border, in pixels: positive inside."""
+    within, beyond = ndimage.distance_transform_edt(mask), ndimage.distance_transform_edt(~mask)
+    return np.asarray(np.where(mask, within - 0.5, 0.5 - beyond), dtype=np.float64)
+
+
+def _rounded(distance: Float64Array, mask: npt.NDArray[np.bool_], blur: float) -> Float64Array:
+    """Blur a distance and shift it so that as many pixels are inside as before."""
+    sigma = min(blur, _BLUR_SHARE * float(distance.max()))
+    if sigma <= 0:
+        return distance
+    smooth = gaussian_filter(distance, sigma, axes=(0, 1))
+    rank = mask.size - int(np.count_nonzero(mask))
+    below, above = np.partition(smooth.ravel(), [rank - 1, rank])[[rank - 1, rank]]
+    return np.asarray(smooth - 0.5 * (below + above))
+
+
+# Pixels around a cover that its border may take, at fidelity 1 and at 0 (``terrain/field_packing.py``).
+_MARGIN = (1.0, 7.0)
+
+
+@dataclass(frozen=True)
+class CoverMemory:
+    """Covers by what they were made from."""
+
+    known: LRUCache = field(default_factory=lambda: LRUCache(4))
+
+
+def create_covers(sketch: Sketch, *, memory: PlacementCache | None = None) -> tuple[Cover, ...]:
+    """Return the material layer's shapes that show at all, in reading order of their first pixels.
+
+    Shapes of one layer do not overlap; where two borders meet, the later one lies on top.
+
+    Parameters
+    ----------
+    sketch : Sketch
+    memory : PlacementCache, optional
+        From the last time. What was not painted since is the very same object.
+    """
+    if memory is None:
+        return _laid(sketch)
+    labels = tuple((key, tuple(each.items())) for key, each in sketch.labels.items() if key[0] == "material")
+    key = (IdentityKey(sketch.layers["material"]), sketch.extent, sketch.fidelity, labels)
+    covers: tuple[Cover, ...] = memory.part(CoverMemory).known.of(key, lambda: _laid(sketch))
+    return covers
+
+
+def _laid(sketch: Sketch) -> tuple[Cover, ...]:
+    sharp, loose = _MARGIN
+    margin = (loose + (sharp - loose) * sketch.fidelity) * sketch.pixel_size
+    covers = []
+    for shape in label_shapes("material", sketch.layers["material"]):
+        properties = sketch.properties("material", shape.label)
+        strength = float(properties["strength"])
+        if strength <= 0:
+            continue
+        shown = shape_field(sketch, shape, margin=margin)
+        material = MATERIALS.index(str(properties["material"]))
+        name = LAYER_CODES["material"] << 48 | shape.id
+        covers.append(Cover(name, shape.label, shown, material, strength))
+    return tuple(covers)

@@ -1,0 +1,453 @@
+"""Fill: features of unpainted ground, from hashed cells without end."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import partial
+from hashlib import blake2b
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from sketchterrain.array_types import BoolArray, Float64Array, StructuredArray
+from sketchterrain.errors import InputError
+from sketchterrain.placement.cache import IdentityKey, LRUCache
+from sketchterrain.placement.feature_types import (
+    CLEARANCE,
+    FEATURE,
+    FEATURE_TYPES,
+    FILL_BIT,
+    SPACING,
+    STYLE,
+    TYPES,
+    conifer_code,
+    crest_offsets,
+)
+from sketchterrain.placement.hashing import hash_keys, hash_unit
+from sketchterrain.placement.placement_cache import PlacementCache
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from sketchterrain.document.sketch import Sketch
+
+
+_SMALLEST = 0.4  # least radius over largest
+_MOST_CROWDING = 0.3  # expected rivals of its own type that a candidate has within its spacing
+_KM2 = 1e6  # m²
+_LEAST_CELL, _MOST_CELL = 16.0, 32768.0  # m
+
+
+@dataclass(frozen=True)
+class CandidateRule:
+    """How candidates of one type are proposed: radii (m), cells (m), candidates a cell."""
+
+    name: str
+    low: float
+    high: float
+    cell: float
+    per_cell: float
+
+
+def candidate_rules(sketch: Sketch) -> dict[str, CandidateRule]:
+    """One for each type whose density is not 0, in the order in which types give way."""
+    proposals: dict[str, CandidateRule] = {}
+    kept: dict[str, tuple[float, float, float]] = {}  # density (1/m²) and radii of the types before
+    for name, rule in TYPES.items():
+        density = float(sketch.density.get(name, 0.0)) / _KM2
+        if density <= 0.0:
+            continue
+        factor = SPACING.get((name, name), 0.0)
+        high = min(rule.fill_radius, rule.fill_extent * sketch.extent)
+        crowding = density * math.pi * _mean_square(factor, (_SMALLEST, 1.0), (_SMALLEST, 1.0))
+        high = float(np.float32(min(high, math.sqrt(_MOST_CROWDING / crowding))))
+        low = _SMALLEST * high
+        # Proposals that conflict thin out (Matérn): propose as many more as will be lost.
+        lost = density * math.pi * _mean_square(factor, (low, high), (low, high))
+        rate = density * -math.log1p(-lost) / lost
+        for other, (density_of, low_of, high_of) in kept.items():
+            of_other = _mean_square(SPACING.get((other, name), 0.0), (low_of, high_of), (low, high))
+            rate *= math.exp(min(density_of * math.pi * of_other, 1.0))
+        cell = 2.0 ** round(math.log2(1.0 / math.sqrt(rate)))
+        cell = min(max(cell, _LEAST_CELL), _MOST_CELL)
+        proposals[name] = CandidateRule(name, low, high, cell, rate * cell * cell)
+        kept[name] = (rate, low, high)
+    return proposals
+
+
+def _mean_square(factor: float, one: tuple[float, float], other: tuple[float, float]) -> float:
+    """Mean of (factor · (R₁ + R₂))² for two radii, each log-uniform in its range."""
+    (first, first_square), (second, second_square) = _moments(*one), _moments(*other)
+    return factor**2 * (first_square + second_square + 2.0 * first * second)
+
+
+def _moments(low: float, high: float) -> tuple[float, float]:
+    span = math.log(high / low)
+    return (high - low) / span, (high**2 - low**2) / (2.0 * span)
+
+
+_EXTENTS, _RADII = 0.4, 2.0  # around the sketch: as far as rivers run on, and what reaches them there
+_MOST_CANDIDATES = 6000
+
+
+@dataclass(frozen=True)
+class HomeMemory:
+    """Candidates around the sketch, and which of them have room, by what these depend on."""
+
+    answers: LRUCache = field(default_factory=lambda: LRUCache(128))
+
+
+def cached_bounds(
+    sketch: Sketch, proposals: Sequence[CandidateRule]
+) -> tuple[float, float, float, float] | None:
+    """Return the rectangle (west, south, east, north, m) worth keeping; None if too many stand in it."""
+    east, north = sketch.size
+    wide = _EXTENTS * sketch.extent + _RADII * max((each.high for each in proposals), default=0.0)
+    rate = sum(each.per_cell / (each.cell * each.cell) for each in proposals)
+    if (east + 2.0 * wide) * (north + 2.0 * wide) * rate > _MOST_CANDIDATES:
+        return None
+    return -wide, -wide, east + wide, north + wide
+
+
+def distances_to_layers(
+    sketch: Sketch, memory: PlacementCache, fills: tuple[str, ...]
+) -> dict[str, Callable[[Float64Array, Float64Array], Float64Array]]:
+    """Distance to what is painted in each layer that any of these types keeps away from."""
+    return {
+        layer: memory.painted_distance(sketch, layer)
+        for layer, image in sketch.layers.items()
+        if any((name, layer) in CLEARANCE for name in fills) and image.any()
+    }
+
+
+class PaintedClearance:
+    """What was painted, as the fill sees it: places to keep away from."""
+
+    def __init__(
+        self,
+        painted: StructuredArray,
+        distances: dict[str, Callable[[Float64Array, Float64Array], Float64Array]],
+    ) -> None:
+        self._distance = distances
+        self._placed = {name: painted[painted["type"] == code] for code, name in enumerate(FEATURE_TYPES)}
+
+    def clearance_mask(self, name: str, features: StructuredArray, answers: LRUCache) -> BoolArray:
+        """Which features of a type keep their clearance from paint and their spacing from what it became.
+
+        What is remembered of these very features is among the answers.
+        """
+        room = np.ones(len(features), dtype=np.bool_)
+        if len(features) == 0:
+            return room
+        for layer, distance in self._distance.items():
+            if (name, layer) in CLEARANCE:
+                key = ("clear", name, layer, IdentityKey(features), IdentityKey(distance))
+                room &= answers.of(key, partial(_clear, features, distance, CLEARANCE[name, layer]))
+        for other, placed in self._placed.items():
+            factor = SPACING.get((other, name), 0.0)
+            if factor > 0.0 and len(placed):
+                reach = factor * float(placed["radius"].max() + features["radius"].max())
+                near = ("spaced", name, other, IdentityKey(features), blake2b(placed.tobytes()).digest())
+                made = partial(suppressed_by, features, placed, factor, reach, same=False)
+                room &= ~answers.of(near, made)
+        return room
+
+
+def _clear(
+    features: StructuredArray, distance: Callable[[Float64Array, Float64Array], Float64Array], factor: float
+) -> BoolArray:
+    away = distance(features["x"], features["y"])
+    return np.asarray(away > factor * features["radius"].astype(np.float64))
+
+
+def suppressed_by(
+    mine: StructuredArray, rivals: StructuredArray, factor: float, reach: float, *, same: bool
+) -> BoolArray:
+    """Which features have a rival nearer than `factor` times the sum of radii (and, if same, of lower id).
+
+    Ids of the fill are hashes: a lower one is as good as a higher priority.
+    """
+    beaten = np.zeros(len(mine), dtype=np.bool_)
+    if len(mine) == 0 or len(rivals) == 0:
+        return beaten
+    centre = np.array([mine["x"][0], mine["y"][0]])
+    at = np.stack([mine["x"], mine["y"]], axis=-1) - centre
+    others = np.stack([rivals["x"], rivals["y"]], axis=-1) - centre
+    # The tree only proposes pairs, from a little farther than needed; the decision is made on plain numbers
+    # that are the same whichever rectangle was asked for.
+    pairs = cKDTree(at).sparse_distance_matrix(cKDTree(others), reach * 1.001 + 0.01, output_type="ndarray")
+    i, j = pairs["i"], pairs["j"]
+    across, along = mine["x"][i] - rivals["x"][j], mine["y"][i] - rivals["y"][j]
+    radii = mine["radius"][i].astype(np.float64) + rivals["radius"][j].astype(np.float64)
+    near = across * across + along * along < (factor * radii) ** 2
+    if same:
+        near &= rivals["id"][j] < mine["id"][i]
+    beaten[i[near]] = True
+    return beaten
+
+
+class Fill:
+    """The features of unpainted ground: a pure function of position and seed.
+
+    Parameters
+    ----------
+    sketch : Sketch
+        Its densities say how many features of each type stand on a square kilometre.
+    painted : array of FEATURE
+        What `place` made of the sketch; the fill keeps its distance.
+    seed : int
+        Seed of the terrain.
+    river_distance : callable, optional
+        ``river_distance(x, y)``: distance (m) to the nearest painted river, at least out to 2.5 km. By
+        default it is measured from the river layer.
+    memory : PlacementCache, optional
+        Of the placing, which knows how far it is to what was painted. The result is the same.
+
+    Attributes
+    ----------
+    max_radius : float
+        Radius (m) that no feature of the fill exceeds; 0 when every density is 0.
+    sketch, painted, seed
+        What it was made from.
+    """
+
+    max_radius: float
+
+    def __init__(
+        self,
+        sketch: Sketch,
+        painted: StructuredArray,
+        *,
+        seed: int,
+        river_distance: Callable[[Float64Array, Float64Array], Float64Array] | None = None,
+        memory: PlacementCache | None = None,
+    ) -> None:
+        self.sketch = sketch
+        self.seed = seed
+        self._proposals = candidate_rules(sketch)
+        self.max_radius = max((proposal.high for proposal in self._proposals.values()), default=0.0)
+        self.painted = painted
+        memory = PlacementCache() if memory is None else memory
+        distances = distances_to_layers(sketch, memory, tuple(self._proposals))
+        self._river_distance = river_distance
+        if river_distance is not None:
+            distances["river"] = river_distance
+        self._painted = PaintedClearance(painted, distances)
+        self._home = cached_bounds(sketch, tuple(self._proposals.values()))
+        self._at_home: StructuredArray | None = None
+        self._answers = memory.part(HomeMemory).answers
+
+    def __reduce__(self) -> tuple[Callable[..., Fill], tuple[object, ...]]:
+        """Say what it was made from, and what is known around the sketch; distances are made anew."""
+        return _made_again, (self.sketch, self.painted, self.seed, self._river_distance, self._at_home)
+
+    @property
+    def rules(self) -> tuple[object, ...]:
+        """Everything that it depends on everywhere: two fills differ only near where paint does if equal."""
+        own = [tuple(self.sketch.properties(name, 1).items()) for name in self._proposals]
+        size = (self.sketch.extent, self.sketch.width_px, self.sketch.height_px)
+        return self.seed, size, tuple(self._proposals.values()), tuple(own)
+
+    @property
+    def types(self) -> tuple[str, ...]:
+        """The types that it has features of, in the order in which they give way."""
+        return tuple(self._proposals)
+
+    def max_strength(self, name: str, radius: float) -> float:
+        """Return a strength that no feature of a type, up to a ground radius (m), exceeds; 0 if none."""
+        proposal = self._proposals.get(name)
+        if proposal is None or radius <= proposal.low:
+            return 0.0
+        properties = self.sketch.properties(name, 1)
+        most = properties["density"] if name == "forest" else properties["height"]
+        return float(min(most, TYPES[name].fill_slope * min(radius, proposal.high)))
+
+    def influence_radii(self, name: str, radius: float | None = None) -> dict[str, float]:
+        """How far (m) from what changed its features of each type may be other ones, at most.
+
+        What stands too near gives way, and then what had given way to that may stand.
+
+        Parameters
+        ----------
+        name : str
+            Type of the placed feature that changed, or layer of the painted pixels.
+        radius : float, optional
+            Ground radius (m) of the feature; without it, pixels are meant.
+        """
+        largest = {own: np.array([proposal.high]) for own, proposal in self._proposals.items()}
+        ways = {own: self.candidate_influence(own, name, high, radius) for own, high in largest.items()}
+        direct = {own: float(way[0]) for own, way in ways.items() if way is not None}
+        far = dict(direct)
+        for (rival, own), factor in SPACING.items():
+            if rival in direct and own in largest:
+                after = direct[rival] + factor * float(largest[rival][0] + largest[own][0])
+                far[own] = max(far.get(own, 0.0), after)
+        return far
+
+    def candidate_influence(
+        self, own: str, name: str, radii: Float64Array, radius: float | None = None
+    ) -> Float64Array | None:
+        """How far (m) candidates of a type, at these radii (m) react to a change; None if never."""
+        if radius is not None:
+            factor = SPACING.get((name, own), 0.0)
+            return factor * (radius + radii) if factor > 0.0 else None
+        if (own, name) not in CLEARANCE:
+            return None
+        # Beyond the sketch's edge a distance may be told too short by a factor of up to √2.
+        return math.sqrt(2.0) * CLEARANCE[own, name] * radii + 2.0 * self.sketch.pixel_size
+
+    def candidates(self, name: str, box: tuple[float, float, float, float]) -> StructuredArray:
+        """Candidates of a type in a rectangle (west, south, east, north, m), whatever is painted there."""
+        return self._proposed(self._proposals[name], box)
+
+    @property
+    def dune_styles(self) -> frozenset[tuple[float, float]]:
+        """Distinct (wavelength in m, wind in degrees) of its dunes, rounded as they are in ``FEATURE``."""
+        if "dune" not in self._proposals:
+            return frozenset()
+        properties = self.sketch.properties("dune", 1)
+        style = (float(np.float32(properties["wavelength"])), float(np.float32(properties["wind"])))
+        return frozenset([style])
+
+    @property
+    def conifers(self) -> float:
+        """Share of conifers in its forests, 0 … 1 or ``BY_ELEVATION``."""
+        return float(self.sketch.properties("forest", 1)["conifers"])
+
+    def within(
+        self, west: float, south: float, east: float, north: float, *, min_radius: float = 0.0
+    ) -> StructuredArray:
+        """Find the features whose centre lies in a rectangle.
+
+        Parameters
+        ----------
+        west, south, east, north : float
+            The rectangle in metres; its west and south borders belong to it, the others do not.
+        min_radius : float
+            Features of smaller ground radius (m) are left out.
+
+        Returns
+        -------
+        Array of ``FEATURE``, sorted by id, each with the top bit of its id set.
+
+        Raises
+        ------
+        InputError
+            If the rectangle is not finite or has no inside.
+        """
+        box = (float(west), float(south), float(east), float(north))
+        if not all(math.isfinite(side) for side in box) or east < west or north < south:
+            raise InputError(f"expected finite bounds with west <= east and south <= north, got {box}")
+        home = self._home
+        if home is None or box[0] < home[0] or box[1] < home[1] or box[2] > home[2] or box[3] > home[3]:
+            return self._found(box, min_radius)
+        if self._at_home is None:
+            self._at_home = self._found(home, 0.0)
+        near = self._at_home
+        inside = (box[0] <= near["x"]) & (near["x"] < box[2]) & (box[1] <= near["y"]) & (near["y"] < box[3])
+        kept: StructuredArray = near[inside & (near["radius"] >= min_radius)]
+        return kept
+
+    def _found(self, box: tuple[float, float, float, float], min_radius: float) -> StructuredArray:
+        asked = [proposal for proposal in self._proposals.values() if proposal.high >= min_radius]
+        near = self._candidates_around(box, asked)
+        parts = [np.zeros(0, dtype=FEATURE)]
+        parts.extend(self._survivors(proposal, near, box, min_radius) for proposal in asked)
+        found = np.concatenate(parts)
+        ordered: StructuredArray = found[np.argsort(found["id"], kind="stable")]
+        return ordered
+
+    def _candidates_around(
+        self, box: tuple[float, float, float, float], asked: list[CandidateRule]
+    ) -> dict[str, StructuredArray]:
+        """Candidates of each type in a rectangle, and around it as far as they may stand in others' way."""
+        near = {}
+        # Around the home most is as it was for the sketch before.
+        answers = self._answers if box is self._home else LRUCache(0)
+        for rival in self._proposals.values():
+            ways = [SPACING.get((rival.name, own.name), 0.0) * (rival.high + own.high) for own in asked]
+            reach = max(ways, default=0.0)
+            if reach > 0.0 or rival in asked:
+                wide = (box[0] - reach, box[1] - reach, box[2] + reach, box[3] + reach)
+                near[rival.name] = self._candidates(rival, wide, answers)
+        return near
+
+    def _survivors(
+        self,
+        proposal: CandidateRule,
+        near: dict[str, StructuredArray],
+        box: tuple[float, float, float, float],
+        min_radius: float,
+    ) -> StructuredArray:
+        mine = near[proposal.name]
+        inside = (box[0] <= mine["x"]) & (mine["x"] < box[2]) & (box[1] <= mine["y"]) & (mine["y"] < box[3])
+        mine = mine[inside & (mine["radius"] >= min_radius)]
+        alive = np.ones(len(mine), dtype=np.bool_)
+        for rival in self._proposals.values():
+            factor = SPACING.get((rival.name, proposal.name), 0.0)
+            if factor > 0.0 and len(mine):
+                reach = factor * (rival.high + proposal.high)
+                alive &= ~suppressed_by(mine, near[rival.name], factor, reach, same=rival is proposal)
+        return mine[alive]
+
+    def _candidates(
+        self, proposal: CandidateRule, box: tuple[float, float, float, float], answers: LRUCache
+    ) -> StructuredArray:
+        """Candidates of a type in a rectangle, without those that stand where something was painted."""
+        properties = tuple(self.sketch.properties(proposal.name, 1).items())
+        proposed: StructuredArray = answers.of(
+            ("proposed", self.seed, proposal, box, properties), lambda: self._proposed(proposal, box)
+        )
+        return proposed[self._painted.clearance_mask(proposal.name, proposed, answers)]
+
+    def _proposed(self, proposal: CandidateRule, box: tuple[float, float, float, float]) -> StructuredArray:
+        name, cell, code = proposal.name, proposal.cell, FEATURE_TYPES.index(proposal.name)
+        most = math.ceil(proposal.per_cell)
+        column = np.arange(math.floor(box[0] / cell), math.floor(box[2] / cell) + 1)[None, :, None]
+        row = np.arange(math.floor(box[1] / cell), math.floor(box[3] / cell) + 1)[:, None, None]
+        number = np.arange(most)[None, None, :]
+        wanted = np.floor(proposal.per_cell + hash_unit(self.seed, f"{name} count", column, row))
+        rows, columns, numbers = np.nonzero(number < wanted)
+        keys = (column[0, columns, 0], row[rows, 0, 0], numbers)
+
+        x = (keys[0] + hash_unit(self.seed, f"{name} x", *keys)) * cell
+        y = (keys[1] + hash_unit(self.seed, f"{name} y", *keys)) * cell
+        inside = (box[0] <= x) & (x < box[2]) & (box[1] <= y) & (y < box[3])
+        keys = (keys[0][inside], keys[1][inside], keys[2][inside])
+        result = np.zeros(int(inside.sum()), dtype=FEATURE)
+        result["id"] = FILL_BIT | np.uint64(code << 60) | (hash_keys(self.seed, name, *keys) >> np.uint64(4))
+        result["type"], result["x"], result["y"] = code, x[inside], y[inside]
+        size = hash_unit(self.seed, f"{name} size", *keys)
+        result["radius"] = proposal.low * (proposal.high / proposal.low) ** size
+        self._dress(result, proposal, hash_unit(self.seed, f"{name} strength", *keys))
+        return result
+
+    def _dress(self, features: StructuredArray, proposal: CandidateRule, chance: Float64Array) -> None:
+        """Strength and the rest from the properties of the layer's label 1, lower where it is smaller."""
+        properties = self.sketch.properties(proposal.name, 1)
+        radius = features["radius"].astype(np.float64)
+        if proposal.name == "forest":
+            strength = properties["density"] * (0.7 + 0.3 * chance)
+        else:
+            strength = properties["height"] * (radius / proposal.high) ** 0.8 * (0.8 + 0.2 * chance)
+        # A crest leaves less room for the flanks.
+        room = 1.0 - np.hypot(*crest_offsets(features).T)
+        features["strength"] = np.minimum(strength, TYPES[proposal.name].fill_slope * radius) * room
+        for key in STYLE:
+            features[key] = properties.get(key, 0.0)
+        if proposal.name == "forest":
+            features["peakiness"] = conifer_code(float(properties["conifers"]))
+
+
+def _made_again(
+    sketch: Sketch,
+    painted: StructuredArray,
+    seed: int,
+    river_distance: Callable[[Float64Array, Float64Array], Float64Array] | None,
+    at_home: StructuredArray | None,
+) -> Fill:
+    fill = Fill(sketch, painted, seed=seed, river_distance=river_distance)
+    fill._at_home = at_home
+    return fill

@@ -1,0 +1,139 @@
+"""Deterministic hashing and rounding."""
+
+from __future__ import annotations
+
+import zlib
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import correlate1d
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sketchterrain.array_types import Float64Array
+
+
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+_FIRST = np.uint64(0xBF58476D1CE4E5B9)
+_SECOND = np.uint64(0x94D049BB133111EB)
+_SHIFTS = (np.uint64(30), np.uint64(27), np.uint64(31))
+_MASK = (1 << 64) - 1
+
+Key = int | npt.NDArray[np.integer[Any]]
+
+
+def hash_keys(seed: int, stream: str, *keys: Key) -> npt.NDArray[np.uint64]:
+    """Hash integer keys to 64 bits, elementwise.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of the terrain; only its low 64 bits count.
+    stream : str
+        What the number is for. Different streams are independent.
+    *keys : int or integer array
+        Broadcast against each other. Negative values are welcome.
+
+    Returns
+    -------
+    uint64 array of the keys' broadcast shape.
+    """
+    state: int | npt.NDArray[np.uint64] = _start(seed & _MASK, stream)
+    for key in keys:
+        word = _word(key & _MASK) if isinstance(key, int) else _mixed(_words(key))
+        # Whole numbers of Python's are mixed as such: NumPy's overheads would be most of the work.
+        both_whole = isinstance(state, int) and isinstance(word, int)
+        state = (
+            _word(int(state ^ word)) if both_whole else _mixed(np.asarray(_as_word(state) ^ _as_word(word)))
+        )
+    return np.asarray(state, dtype=np.uint64)
+
+
+def hash_unit(seed: int, stream: str, *keys: Key) -> npt.NDArray[np.float64]:
+    """Like `hash_keys`, as float64 evenly spread over [0, 1)."""
+    return (hash_keys(seed, stream, *keys) >> np.uint64(11)).astype(np.float64) * 2.0**-53
+
+
+def value_noise(
+    seed: int, stream: str, x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """Value noise in [0, 1] on the unit lattice: smooth, about one swing per two units."""
+    column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
+    u, v = x - column, y - row
+    u, v = u * u * (3.0 - 2.0 * u), v * v * (3.0 - 2.0 * v)
+    south = (1.0 - u) * hash_unit(seed, stream, column, row) + u * hash_unit(seed, stream, column + 1, row)
+    north = (1.0 - u) * hash_unit(seed, stream, column, row + 1) + u * hash_unit(
+        seed, stream, column + 1, row + 1
+    )
+    return (1.0 - v) * south + v * north
+
+
+@lru_cache(maxsize=256)
+def _start(seed: int, stream: str) -> int:
+    return _word(seed ^ (zlib.crc32(stream.encode()) << 32))
+
+
+def _word(state: int) -> int:
+    """Return what `_mixed` makes of one number below 2^64."""
+    state = (state + int(_GOLDEN)) & _MASK
+    state = ((state ^ (state >> 30)) * int(_FIRST)) & _MASK
+    state = ((state ^ (state >> 27)) * int(_SECOND)) & _MASK
+    return state ^ (state >> 31)
+
+
+def _words(key: npt.NDArray[np.integer[Any]]) -> npt.NDArray[np.uint64]:
+    return np.asarray(key).astype(np.uint64)
+
+
+def _as_word(state: int | npt.NDArray[np.uint64]) -> np.uint64 | npt.NDArray[np.uint64]:
+    return np.uint64(state) if isinstance(state, int) else state
+
+
+def _mixed(state: npt.NDArray[np.uint64]) -> npt.NDArray[np.uint64]:
+    if state.ndim == 0:
+        return np.asarray(_word(int(state)), dtype=np.uint64)
+    # Wrapping is the point; arrays do it without a word.
+    state = state + _GOLDEN
+    state ^= state >> _SHIFTS[0]
+    state *= _FIRST
+    state ^= state >> _SHIFTS[1]
+    state *= _SECOND
+    state ^= state >> _SHIFTS[2]
+    return state
+
+
+STEP = 2.0**-10
+"""Metres: what river points and water levels are rounded to."""
+
+RATIO_STEP = 2.0**-20
+"""What ratios near 1 are rounded to."""
+
+# Not ½: straight strokes have points exactly halfway between steps, which either rounding could win.
+_UP_FROM = 0.53
+_WEIGHT_STEP = 2.0**-40
+
+
+def rounded(values: npt.ArrayLike, step: float = STEP) -> Float64Array:
+    """Round to multiples of a step, a power of two; multiples keep their bits."""
+    return np.asarray(np.floor(np.asarray(values, dtype=np.float64) / step + (1.0 - _UP_FROM)) * step)
+
+
+def gaussian_filter(
+    values: npt.ArrayLike,
+    sigma: float,
+    *,
+    axes: Sequence[int] = (-1,),
+    mode: Literal["nearest", "reflect", "wrap"] = "nearest",
+    truncate: float = 4.0,
+) -> Float64Array:
+    """Blur along axes as SciPy's `gaussian_filter` does, with weights that are the same on every CPU."""
+    radius = int(truncate * sigma + 0.5)
+    weights = rounded(np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2), _WEIGHT_STEP)
+    weights /= weights.sum()  # exact in whatever order
+    blurred = np.asarray(values, dtype=np.float64)
+    for axis in axes:
+        blurred = correlate1d(blurred, weights, axis=axis, mode=mode)
+    return blurred

@@ -1,0 +1,276 @@
+"""User features: dart throwing inside painted shapes (Zaaijer 2013, §4.2)."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
+from sketchterrain.placement.feature_types import LAYER_CODES, TYPES
+from sketchterrain.placement.hashing import hash_unit, value_noise
+from sketchterrain.placement.shapes import LEAST_DISC, Pixels
+
+if TYPE_CHECKING:
+    from sketchterrain.placement.shapes import Shape
+
+
+_DARTS_EACH = 64  # darts thrown for each summit asked for, before giving up
+_ROUNDS = 8  # of darts, closer each time
+_AXIS_SLOPE = 0.7  # of the distance map, below which a pixel is on the medial axis
+_SPINE_SPACING = 0.5  # of a disc's radius, between discs along the medial axis at fidelity 1
+_LEAST_SPINE = 0.3  # of the largest summit's disc: thinner twigs of the axis are a brush's raggedness
+
+
+def throw_summits(shape: Shape, pixels: Pixels, mean: float, multitude: int) -> Int64Array:
+    """Throw darts in order of priority: far apart first, then closer until there are enough."""
+    depth, deepest = pixels.depth, float(pixels.depth.max())
+    highest = ndimage.maximum_filter(shape.depth, size=3, mode="constant")
+    peak = (shape.depth == highest)[pixels.row, pixels.column]
+    usable = (peak & (depth >= 0.75 * min(mean, deepest))) | (depth >= min(mean, 0.9 * deepest))
+    darts = np.flatnonzero(usable)
+    most = _DARTS_EACH * (multitude + 4)
+    if len(darts) > most:
+        darts = darts[np.argpartition(pixels.priority[darts], most)[:most]]
+    darts = darts[np.argsort(pixels.priority[darts], kind="stable")]
+
+    # In a thin shape summits stand along a line, so that its length, not its area, spaces them.
+    spacing = max(1.7 * mean, 0.6 * shape.area / (2.0 * max(deepest, 0.5) * multitude))
+    # As many discs of the mean size have the shape's area; specks have no room for that many.
+    wanted = min(multitude, math.ceil(shape.area / (math.pi * LEAST_DISC**2)))
+    accepted: list[int] = []
+    for _ in range(_ROUNDS):
+        free = np.ones(len(darts), dtype=np.bool_)
+        for index in accepted:
+            free &= _apart(pixels, darts, index, spacing)
+        while free.any() and len(accepted) < wanted:
+            index = int(darts[np.argmax(free)])
+            accepted.append(index)
+            free &= _apart(pixels, darts, index, spacing)
+        if len(accepted) >= wanted:
+            break
+        spacing *= 0.75
+    return np.asarray(accepted, dtype=np.int64)
+
+
+def _apart(pixels: Pixels, darts: Int64Array, index: int, spacing: float | Float64Array) -> BoolArray:
+    down = pixels.row[darts] - pixels.row[index]
+    across = pixels.column[darts] - pixels.column[index]
+    return np.asarray(down * down + across * across >= np.maximum(np.square(spacing), 1.0))
+
+
+def throw_spine(shape: Shape, pixels: Pixels, summits: Int64Array, fidelity: float) -> Int64Array:
+    """Throw darts at the medial axis, so near to each other that the discs overlap."""
+    # A distance map climbs by one a pixel but on the medial axis, where it turns.
+    down, across = np.gradient(np.pad(shape.depth, 1))
+    slope2 = np.asarray(down * down + across * across)[1:-1, 1:-1]
+    turning = slope2 < _AXIS_SLOPE**2
+    darts = np.flatnonzero(turning[pixels.row, pixels.column])
+    darts = darts[np.argsort(pixels.priority[darts], kind="stable")]
+    spacing = (_SPINE_SPACING + (1.0 - fidelity)) * pixels.disc[darts]
+    free = pixels.disc[darts] > _LEAST_SPINE * pixels.disc[summits].max()
+    near = _Near(shape, pixels, darts, np.maximum(spacing, 1.0))
+    for index in summits:
+        near.clear(free, int(index))
+    accepted: list[int] = []
+    for turn, index in enumerate(darts.tolist()):
+        if free[turn]:
+            accepted.append(index)
+            near.clear(free, index)
+    return np.asarray(accepted, dtype=np.int64)
+
+
+class _Near:
+    """Darts by where they stand, so that one that lands need not be compared with all of them."""
+
+    def __init__(self, shape: Shape, pixels: Pixels, darts: Int64Array, spacing: Float64Array) -> None:
+        self._pixels, self._darts, self._spacing = pixels, darts, spacing
+        self._reach = math.ceil(float(spacing.max(initial=0.0)))
+        self._turn: Int64Array | None = None
+        if len(darts) > (2 * self._reach + 1) ** 2:
+            self._turn = np.full(shape.mask.shape, -1, dtype=np.int64)
+            self._turn[pixels.row[darts], pixels.column[darts]] = np.arange(len(darts))
+
+    def clear(self, free: BoolArray, index: int) -> None:
+        """Strike out the darts that are too near to a pixel."""
+        if self._turn is None:
+            free &= _apart(self._pixels, self._darts, index, self._spacing)
+            return
+        row, column = int(self._pixels.row[index]), int(self._pixels.column[index])
+        rows, columns = (slice(max(at - self._reach, 0), at + self._reach + 1) for at in (row, column))
+        window = self._turn[rows, columns]
+        near = window[window >= 0]
+        free[near] &= _apart(self._pixels, self._darts[near], index, self._spacing[near])
+
+
+_LEAST_HOLE = 0.9  # px; what is narrower is the raggedness of a brush, which fidelity 1 keeps
+
+
+def fill_holes(shape: Shape, pixels: Pixels, chosen: Int64Array, fidelity: float) -> Int64Array:
+    """Choose discs for what the chosen ones leave bare, the deepest holes first, until enough is covered."""
+    cover = _Cover(shape, pixels)
+    for index in chosen:
+        cover.add(int(index))
+    bare_at_most = (1.0 - (0.6 + 0.395 * fidelity**2)) * shape.area
+    narrow = _LEAST_HOLE - (_LEAST_HOLE - 0.5) * fidelity**8
+    least = max(narrow, 0.35 * math.sqrt(1.0 - fidelity) * float(pixels.disc.max()))
+    accepted: list[int] = []
+    for _ in range(_ROUNDS):
+        if cover.bare <= bare_at_most:
+            break
+        holes, depths = cover.holes(least)
+        for hole, depth in zip(holes.tolist(), depths.tolist(), strict=True):
+            if cover.bare <= bare_at_most:
+                break
+            if not cover.covered[hole]:
+                accepted.append(cover.patch(hole, depth))
+        if len(holes) == 0:
+            break
+    return np.asarray(accepted, dtype=np.int64)
+
+
+class _Cover:
+    """Which of a shape's pixels the discs chosen so far cover."""
+
+    def __init__(self, shape: Shape, pixels: Pixels) -> None:
+        self._pixels = pixels
+        self._number = np.full(shape.mask.shape, -1, dtype=np.int64)
+        self._number[pixels.row, pixels.column] = np.arange(shape.area)
+        self._largest = float(pixels.disc.max())
+        self._chosen = np.zeros(shape.area, dtype=np.bool_)
+        self.covered = np.zeros(shape.area, dtype=np.bool_)
+        self.bare = shape.area
+
+    def add(self, index: int) -> None:
+        """Cover a pixel's disc."""
+        near, distance = self._around(index, float(self._pixels.disc[index]) + 0.5)
+        newly = near[(distance < self._pixels.disc[index] + 0.5) & ~self.covered[near]]
+        self._chosen[index] = True
+        self.covered[newly] = True
+        self.bare -= len(newly)
+
+    def patch(self, hole: int, depth: float) -> int:
+        """Cover a hole that is `depth` deep at a pixel by the largest disc of the shape that can."""
+        near, distance = self._around(hole, self._largest)
+        able = near[(distance + depth <= self._pixels.disc[near] + 0.5) & ~self._chosen[near]]
+        if len(able) == 0:
+            able = np.array([hole])
+        # Steps of a quarter pixel: among discs of about one size the hash decides, not the reading order.
+        size = np.round(4.0 * self._pixels.disc[able])
+        best = able[size == size.max()]
+        index = int(best[np.argmin(self._pixels.priority[best])])
+        self.add(index)
+        if not self.covered[hole]:
+            self.covered[hole] = True
+            self.bare -= 1
+        return index
+
+    def holes(self, least: float) -> tuple[Int64Array, Float64Array]:
+        """Find the deepest pixels of what is bare and how deep they are (px), deepest first."""
+        pixels = self._pixels
+        bare = np.zeros(self._number.shape, dtype=np.bool_)
+        bare[pixels.row, pixels.column] = ~self.covered
+        depth = ndimage.distance_transform_edt(np.pad(bare, 1))[1:-1, 1:-1] - 0.5
+        peak = bare & (depth >= least) & (depth == ndimage.maximum_filter(depth, size=3))
+        found = self._number[peak]
+        order = np.lexsort((pixels.priority[found], -np.round(4.0 * depth[peak])))
+        return found[order], depth[peak][order]
+
+    def _around(self, index: int, radius: float) -> tuple[Int64Array, Float64Array]:
+        """Pixels of the shape in a window around one, and how far they are from it."""
+        row, column = int(self._pixels.row[index]), int(self._pixels.column[index])
+        reach = math.ceil(radius)
+        rows, columns = (slice(max(at - reach, 0), at + reach + 1) for at in (row, column))
+        window = self._number[rows, columns]
+        near = window[window >= 0]
+        return near, np.hypot(self._pixels.row[near] - row, self._pixels.column[near] - column)
+
+
+USER_FEATURE = np.dtype(
+    [
+        ("id", "u8"),  # layer code · 2⁴⁸ + pixel index
+        ("type", "u1"),
+        ("label", "u1"),
+        ("row", "i4"),
+        ("column", "i4"),
+        ("disc", "f8"),  # px, radius of the part of the shape that it stands for
+        ("share", "f8"),  # of the label's strength
+        ("summit", "?"),
+    ]
+)
+"""A user feature; positions are pixels of the sketch."""
+
+
+def pixel_id(layer: str, row: Int64Array, column: Int64Array, image_width: int) -> npt.NDArray[np.uint64]:
+    """Stable id of what stands on a pixel of a layer; its top bit is clear."""
+    index = np.asarray(row).astype(np.int64) * image_width + np.asarray(column)
+    return np.asarray(index + (LAYER_CODES[layer] << 48)).astype(np.uint64)
+
+
+def mean_size(area: int, multitude: int) -> float:
+    """Radius (px) of each of `multitude` equal discs with the shape's area, in steps of 2^(1/8).
+
+    The steps keep a dab at a shape's edge from changing all of its features.
+    """
+    radius = max(math.sqrt(area / (math.pi * multitude)), LEAST_DISC)
+    return float(2.0 ** (round(8.0 * math.log2(radius)) / 8.0))
+
+
+def user_features(shape: Shape, *, multitude: int, fidelity: float, seed: int) -> npt.NDArray[np.void]:
+    """Break a shape into user features.
+
+    Parameters
+    ----------
+    shape : Shape
+        Of a layer of point features.
+    multitude : int
+        How many summits to aim for, 1 or more. Fewer come where the shape has no room; never none.
+    fidelity : float
+        0 … 1: how much of the shape the union of the discs shall cover, from 60 % to 99.5 %.
+    seed : int
+        Seed of the terrain.
+
+    Returns
+    -------
+    Array of ``USER_FEATURE``, summits first. Depends on nothing but this shape and the arguments.
+    """
+    mean = mean_size(shape.area, multitude)
+    pixels = Pixels.from_shape(shape, most=1.25 * mean, seed=seed)
+    if shape.area == 1:  # sketches may be sprinkled with thousands of them
+        summits = chosen = np.zeros(1, dtype=np.int64)
+    else:
+        summits = throw_summits(shape, pixels, mean, multitude)
+        spine = throw_spine(shape, pixels, summits, fidelity)
+        support = fill_holes(shape, pixels, np.concatenate([summits, spine]), fidelity)
+        chosen = np.concatenate([summits, spine, support])
+
+    result = np.zeros(len(chosen), dtype=USER_FEATURE)
+    result["row"] = pixels.row[chosen] + int(shape.rows.start)
+    result["column"] = pixels.column[chosen] + int(shape.columns.start)
+    result["id"] = pixel_id(shape.layer, result["row"], result["column"], shape.image_width)
+    result["type"], result["label"] = LAYER_CODES[shape.layer], shape.label
+    result["disc"] = pixels.disc[chosen]
+    result["summit"][: len(summits)] = True
+    result["share"] = _shares(shape, result, fidelity, seed)
+    return result
+
+
+def _shares(shape: Shape, features: npt.NDArray[np.void], fidelity: float, seed: int) -> Float64Array:
+    """Strength relative to the label's: the largest summit has it whole, and no other has more."""
+    rule = TYPES[shape.layer]
+    disc, summit = features["disc"], features["summit"]
+    largest = float(disc[summit].max())
+    size = np.minimum(disc / largest, 1.0) ** rule.size_power
+    scale = 2.5 * largest
+    swing = value_noise(seed, f"{shape.layer} support", features["column"] / scale, features["row"] / scale)
+    low, high = rule.support
+    share = np.where(summit, 1.0, low + (high - low) * swing) * size
+    whole = summit & (disc == largest)
+    pixel = features["id"].astype(np.uint64)
+    # Only summits differ at random: neighbouring discs of a ridge would look like a string of pearls.
+    swing = np.where(summit, rule.variation * (2.0 * hash_unit(seed, "strength", pixel) - 1.0), 0.0)
+    share = np.where(whole, 1.0, np.minimum(share * (1.0 + swing), 1.0))
+    return np.asarray(np.maximum(share, rule.held * fidelity**4))

@@ -1,0 +1,233 @@
+"""From a sketch to a terrain: recipes built and rebuilt."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.document.material_rules import resolved_rules
+from sketchterrain.hydrology.rivers import trace_hydrology
+from sketchterrain.placement.covers import create_covers
+from sketchterrain.placement.fill import Fill
+from sketchterrain.placement.placement import place
+from sketchterrain.placement.placement_cache import PlacementCache
+from sketchterrain.terrain.balance import StrengthCache, solve_strengths
+from sketchterrain.terrain.centrelines import valley_radius
+from sketchterrain.terrain.changes import changed_areas
+from sketchterrain.terrain.culling import features_near
+from sketchterrain.terrain.edits import EditedFill, EditedPoints, apply_fill_edits, apply_painted_edits
+from sketchterrain.terrain.fill_changes import rows_only_in
+from sketchterrain.terrain.host_heights import dry_heights
+from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
+from sketchterrain.terrain.packing import effective_cell, pack_features
+from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.terrain import Terrain
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sketchterrain.array_types import Bounds, Float64Array, LatticeArray, StructuredArray
+    from sketchterrain.document.sketch import Sketch
+
+
+# Rivers follow the terrain at this coarse cell size, without its small features.
+_CELLS_PER_EXTENT = 256
+_MAX_CACHED = 2**31  # lattice units: farther positions are not cached
+
+
+@dataclass(frozen=True, eq=False)
+class _CachedHeights:
+    """Cached heights of one recipe."""
+
+    world: tuple[object, ...]  # everything that heights depend on except features
+    block: LatticeArray  # (4,) rectangle around all positions, lattice units
+    features: StructuredArray  # those that affect it
+    key: LatticeArray  # (n,) positions, ascending
+    height: Float64Array  # (n,), m
+
+
+@dataclass
+class DryTerrainCache:
+    """Heights evaluated for the previous recipe; several threads may share it."""
+
+    last: _CachedHeights | None = None
+
+
+class DryTerrain:
+    """Heights of a recipe's terrain without rivers and lakes; each position is evaluated once.
+
+    Heights of positions that no changed feature affects come from the cache; the bits are the same.
+    """
+
+    def __init__(self, recipe: TerrainRecipe, memory: DryTerrainCache) -> None:
+        self._recipe = recipe
+        self._memory = memory
+        self._cell = recipe.extent / _CELLS_PER_EXTENT
+        settings = (recipe.ground["relief"], recipe.stacks, recipe.dune_styles)
+        self._world = (recipe.extent, recipe.seed, recipe.fidelity, *settings)
+        self._requested: LatticeArray = np.zeros(0, dtype=np.int64)
+        self._key, self._height = self._still_valid(memory.last)
+
+    def __call__(self, x: Float64Array, y: Float64Array) -> Float64Array:
+        """Return heights (m) at positions (m), shape (n,)."""
+        east, north = (to_lattice(each, self._recipe.extent) for each in (x, y))
+        if len(east) == 0 or max(np.abs(east).max(), np.abs(north).max()) >= _MAX_CACHED:
+            return dry_heights(self._recipe, east, north, cell_size=self._cell)
+        key, inverse = np.unique((east << 32) + north, return_inverse=True)
+        row = np.minimum(np.searchsorted(self._key, key), max(len(self._key) - 1, 0))
+        cached = self._key[row] == key if len(self._key) else np.zeros(len(key), dtype=np.bool_)
+        height = np.zeros(len(key))
+        height[cached] = self._height[row[cached]]
+        if not cached.all():
+            at = _unpack_keys(key[~cached])
+            height[~cached] = dry_heights(self._recipe, *at, cell_size=self._cell)
+            merged = np.concatenate([self._key, key[~cached]])
+            order = np.argsort(merged)
+            self._key = merged[order]
+            self._height = np.concatenate([self._height, height[~cached]])[order]
+        self._requested = np.union1d(self._requested, key)
+        return np.asarray(height[inverse])
+
+    def store(self) -> None:
+        """Store the requested heights for the next recipe and drop all others."""
+        if len(self._requested) == 0:
+            return
+        row = np.searchsorted(self._key, self._requested)
+        block = _bounding_block(self._requested)
+        cached = _CachedHeights(self._world, block, self._near(block), self._requested, self._height[row])
+        self._memory.last = cached
+
+    def _near(self, block: LatticeArray) -> StructuredArray:
+        return features_near(self._recipe, block[None], min_radius=effective_cell(self._cell))
+
+    def _still_valid(self, last: _CachedHeights | None) -> tuple[LatticeArray, Float64Array]:
+        """Return positions, ascending, and heights that no changed feature affects."""
+        if last is None or last.world != self._world:
+            return np.zeros(0, dtype=np.int64), np.zeros(0)
+        now = self._near(last.block)
+        changed = np.concatenate([rows_only_in(now, last.features), rows_only_in(last.features, now)])
+        packed = pack_features(self._recipe, changed, self._cell)
+        valid = np.ones(len(last.key), dtype=np.bool_)
+        east, north = _unpack_keys(last.key)
+        unit = metres_per_unit(self._recipe.extent)
+        for (x, y), support in zip(packed.at, packed.support, strict=True):
+            valid &= np.hypot(east - x, north - y) * unit > support
+        return last.key[valid], last.height[valid]
+
+
+def _unpack_keys(key: LatticeArray) -> tuple[LatticeArray, LatticeArray]:
+    """Return positions by their keys: x in the high half, signed y in the low half."""
+    north = (key & 0xFFFFFFFF).astype(np.uint32).view(np.int32).astype(np.int64)
+    return (key - north) >> 32, north
+
+
+def _bounding_block(key: LatticeArray) -> LatticeArray:
+    east, north = _unpack_keys(key)
+    return np.array([east.min(), north.min(), east.max(), north.max()])
+
+
+def build(
+    sketch: Sketch,
+    *,
+    seed: int | None = None,
+    device: str | ComputeContext | None = None,
+    memory: PlacementCache | None = None,
+) -> Terrain:
+    """Place a sketch's features and open a device; no part of the terrain is computed yet.
+
+    Parameters
+    ----------
+    sketch
+    seed
+        Overrides the sketch's own.
+    device
+        An open :class:`~sketchterrain.compute.context.ComputeContext`, or a selector as for
+        :func:`~sketchterrain.compute.device.choose_device`.
+    memory
+        Cache of earlier terrains built in this thread, of any sketch; it saves time.
+
+    Raises
+    ------
+    DeviceError
+        If there is no such device.
+    """
+    context = device if isinstance(device, ComputeContext) else ComputeContext(device)
+    if seed is not None:
+        sketch = sketch.replace(seed=seed)
+    memory = PlacementCache() if memory is None else memory
+    return Terrain(sketch, make_recipe(sketch, memory=memory), context, memory=memory)
+
+
+def rebuild(
+    terrain: Terrain, sketch: Sketch, *, checkpoint: Callable[[], None] | None = None
+) -> tuple[Terrain, list[Bounds]]:
+    """Return the terrain of a changed sketch on the same device, and the areas where it may differ.
+
+    Cached placement is reused; the bits are those of `build`. Only tiles that the areas touch have changed,
+    see :func:`~sketchterrain.terrain.changes.changed_areas`. ``checkpoint`` is as for `make_recipe`.
+    """
+    recipe = make_recipe(sketch, memory=terrain.memory, checkpoint=checkpoint)
+    areas = changed_areas(terrain.recipe, recipe)
+    return terrain.updated(sketch, recipe, areas), areas
+
+
+def make_recipe(
+    sketch: Sketch, *, memory: PlacementCache | None = None, checkpoint: Callable[[], None] | None = None
+) -> TerrainRecipe:
+    """Place the features of a sketch, in plain NumPy without a device.
+
+    Edits come between placing and filling, so that the fill avoids moved features. Rivers come last: they
+    follow the terrain that the other features form. ``memory`` caches earlier recipes, of any sketch; the
+    bits are the same. ``checkpoint`` is called between steps; it may raise to cancel, which leaves the cache
+    valid.
+    """
+    memory = PlacementCache() if memory is None else memory
+    if checkpoint is None:
+
+        def checkpoint() -> None: ...
+
+    placed = place(sketch, seed=sketch.seed, memory=memory, checkpoint=checkpoint)
+    painted = apply_painted_edits(placed, sketch.edits)
+    fill = Fill(sketch, painted.points, seed=sketch.seed, memory=memory)
+    adopted = apply_fill_edits(fill, sketch.edits, size=sketch.size)
+    dry = TerrainRecipe(
+        extent=sketch.extent,
+        seed=sketch.seed,
+        fidelity=sketch.fidelity,
+        ground=sketch.ground,
+        climate=sketch.climate,
+        painted=painted.points,
+        fill=EditedFill(fill, adopted.replaced) if adopted.replaced.size else fill,
+        covers=create_covers(sketch, memory=memory),
+        material_rules=resolved_rules(sketch.material_rules),
+    )
+    checkpoint()
+    strong = _solved_features(dry, painted, memory, checkpoint)
+    dry = replace(dry, painted=np.concatenate([strong, adopted.points]))
+    terrain = DryTerrain(dry, memory.part(DryTerrainCache))
+    waters = trace_hydrology(sketch, seed=sketch.seed, ground=terrain, memory=memory, checkpoint=checkpoint)
+    terrain.store()
+    return replace(
+        dry,
+        rivers=waters.rivers,
+        valley_radii=tuple(valley_radius(*each) for each in zip(waters.rivers, waters.grounds, strict=True)),
+        lakes=waters.lakes,
+        resolutions=waters.resolutions,
+        orphans=(*painted.orphans, *adopted.orphans, *waters.orphans),
+    )
+
+
+def _solved_features(
+    dry: TerrainRecipe, edited: EditedPoints, memory: PlacementCache, checkpoint: Callable[[], None]
+) -> StructuredArray:
+    """Return the features with solved strengths, and locked ones with their own."""
+    asked = replace(dry, painted=edited.unlocked)
+    solved = solve_strengths(
+        asked, locked=edited.lock_only, memory=memory.part(StrengthCache), checkpoint=checkpoint
+    )
+    points = edited.points.copy()
+    points["strength"] = np.where(edited.locked, points["strength"], solved["strength"])
+    return points

@@ -1,0 +1,223 @@
+"""What a person changed of point features: moved, resized, strengthened, deleted, added, locked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.array_types import StructuredArray
+from sketchterrain.document.edits import ACTIONS, Edit
+from sketchterrain.document.parameters import LAYERS
+from sketchterrain.hydrology.rivers import targets_lake, targets_river
+from sketchterrain.placement.feature_types import (
+    FEATURE,
+    FEATURE_TYPES,
+    FILL_BIT,
+    conifer_code,
+    conifer_share,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from sketchterrain.placement.fill import Fill
+
+_STYLE = {
+    "mountain": ("peakiness", "erosion", "gullies"),
+    "hill": ("erosion", "gullies"),
+    "dune": ("wavelength", "wind"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class EditedPoints:
+    """Point features after a person's edits.
+
+    Attributes
+    ----------
+    points : array of FEATURE
+        Sorted by id.
+    unlocked : array of FEATURE
+        The same, but each one that is locked as it would be without its lock, if it would be at all: what
+        the others' strengths are solved with, so that locking alone changes nothing.
+    locked : (n,) bool
+        Which ones keep every value as it is, their strength too.
+    lock_only : (n,) bool
+        Which of these would not be there without their lock.
+    replaced : array of FEATURE
+        Those that were there before and are not any more, or are not as they were.
+    orphans : tuple of str
+        One line for each edit whose feature is not there.
+    """
+
+    points: StructuredArray
+    unlocked: StructuredArray
+    locked: npt.NDArray[np.bool_]
+    lock_only: npt.NDArray[np.bool_]
+    replaced: StructuredArray
+    orphans: tuple[str, ...]
+
+
+class EditedFill:
+    """The fill of unpainted ground without those features that a person changed.
+
+    Parameters
+    ----------
+    fill : Fill
+    replaced : array of FEATURE
+        Some of its features.
+    """
+
+    def __init__(self, fill: Fill, replaced: StructuredArray) -> None:
+        self.fill = fill
+        self.replaced = replaced
+        self.max_radius = fill.max_radius
+
+    @property
+    def dune_styles(self) -> frozenset[tuple[float, float]]:
+        """Distinct (wavelength in m, wind in degrees) of its dunes."""
+        return self.fill.dune_styles
+
+    @property
+    def conifers(self) -> float:
+        """Share of conifers in its forests, 0 … 1 or ``BY_ELEVATION``."""
+        return self.fill.conifers
+
+    def max_strength(self, name: str, radius: float) -> float:
+        """Return a strength that no feature of a type, up to a ground radius (m), exceeds."""
+        return self.fill.max_strength(name, radius)
+
+    def within(
+        self, west: float, south: float, east: float, north: float, *, min_radius: float = 0.0
+    ) -> StructuredArray:
+        """Find the features whose centre lies in a rectangle, as `Fill.within` does."""
+        found = self.fill.within(west, south, east, north, min_radius=min_radius)
+        kept: StructuredArray = found[~np.isin(found["id"], self.replaced["id"])]
+        return kept
+
+
+def apply_painted_edits(painted: StructuredArray, edits: Iterable[Edit]) -> EditedPoints:
+    """Do a person's edits to what was painted, and add what they added.
+
+    Parameters
+    ----------
+    painted : array of FEATURE
+        As `place` returns it.
+    edits
+        In the order in which they are done; those of waters and of the fill are passed over.
+    """
+    return _edited(painted, [edit for edit in edits if _of_points(edit) and not _of_fill(edit)])
+
+
+def apply_fill_edits(fill: Fill, edits: Iterable[Edit], *, size: tuple[float, float]) -> EditedPoints:
+    """Do a person's edits to features of unpainted ground.
+
+    Parameters
+    ----------
+    fill : Fill
+    edits
+        In the order in which they are done; those of other features are passed over.
+    size
+        Metres (eastward, northward) of the sketch, within which the features are looked for.
+
+    Returns
+    -------
+    EditedPoints
+        Only of the features that were changed; `EditedFill` takes its `replaced` ones out of the fill.
+    """
+    own = [edit for edit in edits if _of_points(edit) and _of_fill(edit)]
+    found = np.zeros(0, dtype=FEATURE)
+    if own:
+        found = fill.within(0.0, 0.0, *size)
+        found = found[_among(found, [edit.feature or 0 for edit in own])]
+    return _edited(found, own)
+
+
+def lock_edit(point: np.void) -> Edit:
+    """Return the edit that keeps a placed feature exactly as it is."""
+    name = FEATURE_TYPES[int(point["type"])]
+    keys = ("x", "y", "radius", "strength", *_STYLE.get(name, ()))
+    values: dict[str, Any] = {key: float(point[key]) for key in keys}
+    if name == "forest":
+        values["conifers"] = float(conifer_share(point["peakiness"]))
+    return Edit("lock", int(point["id"]), type=name, **values)
+
+
+def _of_points(edit: Edit) -> bool:
+    return not targets_river(edit) and not targets_lake(edit)
+
+
+def _of_fill(edit: Edit) -> bool:
+    return (edit.feature or 0) >= int(FILL_BIT)
+
+
+def _edited(before: StructuredArray, edits: list[Edit]) -> EditedPoints:
+    changed: dict[int, StructuredArray | None] = {}
+    unlocked: dict[int, StructuredArray | None] = {}
+    locks = {edit.feature for edit in edits if edit.action == "lock"}
+    orphans = []
+    for edit in edits:
+        name = cast("int", edit.feature)
+        row = changed[name] if name in changed else _row(before, name)
+        if edit.action in ("lock", "add"):
+            changed[name] = _stored(edit)
+            if edit.action == "lock":
+                unlocked.setdefault(name, row)
+        elif row is None and name not in locks:
+            orphans.append(f"{edit.action} of feature {name}: there is no such feature any more")
+        elif row is not None:
+            changed[name] = None if edit.action == "delete" else _with_values(row, edit)
+    hidden = before[_among(before, changed)]
+    points = _sorted(
+        [before[~_among(before, changed)], *(row for row in changed.values() if row is not None)]
+    )
+    originals = _sorted([before[:0], *(row for row in unlocked.values() if row is not None)])
+    asked = _sorted([points[~_among(points, originals["id"])], originals[_among(originals, points["id"])]])
+    locked = _among(points, unlocked)
+    held = locked & ~_among(points, originals["id"])
+    return EditedPoints(points, asked, locked, held, hidden, tuple(orphans))
+
+
+def _sorted(parts: list[StructuredArray]) -> StructuredArray:
+    together = np.concatenate(parts)
+    ordered: StructuredArray = together[np.argsort(together["id"], kind="stable")]
+    return ordered
+
+
+def _among(points: StructuredArray, ids: Iterable[int]) -> npt.NDArray[np.bool_]:
+    return np.isin(points["id"], np.array(list(ids), dtype=np.uint64))
+
+
+def _row(points: StructuredArray, name: int) -> StructuredArray | None:
+    at = int(np.searchsorted(points["id"], np.uint64(name)))
+    found = at < len(points) and int(points["id"][at]) == name
+    return points[at : at + 1].copy() if found else None
+
+
+def _stored(edit: Edit) -> StructuredArray:
+    """Return the feature that a lock or an addition holds."""
+    row = np.zeros(1, dtype=FEATURE)
+    row["id"], row["painted"] = edit.feature, not _of_fill(edit)
+    name = cast("str", edit.type)
+    row["type"] = FEATURE_TYPES.index(name)
+    # What is not given is as the type's own labels have it.
+    table = {**ACTIONS[edit.action].values, **LAYERS[name].parameters}
+    given = {key: edit.values.get(key, parameter.default) for key, parameter in table.items()}
+    for key in ("x", "y", "radius", "strength", *_STYLE.get(name, ())):
+        row[key] = given[key]
+    if name == "forest":
+        row["peakiness"] = conifer_code(cast("float", given["conifers"]))
+    return row
+
+
+def _with_values(row: StructuredArray, edit: Edit) -> StructuredArray:
+    row = row.copy()
+    for key in ("x", "y", "radius", "strength"):
+        if key in edit.values:
+            row[key] = edit.values[key]
+    if FEATURE_TYPES[int(row["type"][0])] == "forest":
+        row["strength"] = np.minimum(row["strength"], 1.0)
+    return row

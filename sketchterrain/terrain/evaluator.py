@@ -1,0 +1,254 @@
+"""Kernel launches for a recipe: patches of vertices, tiles, and single points."""
+
+from __future__ import annotations
+
+from copy import copy
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sketchterrain.compute.buffers import StagingBuffer
+from sketchterrain.terrain.detail_bounds import DetailBound
+from sketchterrain.terrain.kernel_arguments import KernelArguments
+from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS
+from sketchterrain.terrain.patch_layout import Batches, Patches, tile_patches
+from sketchterrain.terrain.patches import GROUP, PatchLauncher, rounded_up
+from sketchterrain.terrain.surfaces import Surface, SurfaceStore, require_finite
+from sketchterrain.terrain.vertex_writer import VertexWriter
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    import numpy.typing as npt
+
+    from sketchterrain.array_types import Bounds
+    from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.terrain.recipe import TerrainRecipe
+
+MASKS = ("mountain", "dune", "forest", "water")
+"""The four masks of a point: see ``Ground`` in ``kernels/world.clh``."""
+
+_FILE = "terrain.cl"
+_PATCHES_PER_LAUNCH = 256
+_POINTS_PER_LAUNCH = 1 << 21
+# Points are culled in square blocks: 2^5 along the sketch's longer side, fewer where points are far apart.
+_BLOCKS_PER_EXTENT_BITS = 5
+_MAX_BLOCKS_BITS = 6
+
+
+class Evaluator:
+    """A recipe on an open device; ``vertices`` writes tiles as OpenGL draws them."""
+
+    def __init__(self, recipe: TerrainRecipe, context: ComputeContext) -> None:
+        self.recipe = recipe
+        self.context = context
+        self._arguments = KernelArguments(recipe, context)
+        self._launcher = PatchLauncher(self._arguments)
+        self._staged = StagingBuffer(context)
+        self._cached_store: SurfaceStore | None = None
+        self.vertices = VertexWriter(self._arguments)
+        self._detail: DetailBound | None = None
+        self._patches_at_once = Batches(_PATCHES_PER_LAUNCH)
+        self._points_at_once = Batches(_POINTS_PER_LAUNCH)
+
+    def with_strengths(self, strength: npt.NDArray[np.floating]) -> Evaluator:
+        """Return an evaluator of the same recipe with other strengths (n,) of its painted features.
+
+        It shares everything on the device that stays the same.
+        """
+        other = copy(self)
+        other._arguments = self._arguments.with_strengths(strength)
+        other._launcher = PatchLauncher(other._arguments)
+        other.vertices = VertexWriter(other._arguments)
+        other._detail = None
+        other.recipe = other._arguments.recipe
+        return other
+
+    def updated(self, recipe: TerrainRecipe, areas: Sequence[Bounds]) -> Evaluator:
+        """Return an evaluator of a changed recipe of the same extent, sharing all outside the areas (m)."""
+        other = copy(self)
+        other.recipe = recipe
+        other._arguments = self._arguments.updated(recipe, areas)
+        other._launcher = self._launcher.with_arguments(other._arguments)
+        other.vertices = self.vertices.updated(other._arguments, areas)
+        other._detail = None
+        return other
+
+    def surface(
+        self,
+        axis_x: npt.NDArray[np.int64],
+        axis_y: npt.NDArray[np.int64],
+        *,
+        cell_size: float,
+        progress: Callable[[float], None] | None = None,
+    ) -> Surface:
+        """Evaluate patches whose lattice axes (patches, n + 2) have one more vertex beyond each border.
+
+        x runs west to east, y north to south; detail below the cell size (m) is omitted. ``progress`` takes 0
+        … 1.
+        """
+        count, side = axis_x.shape
+        surface = Surface.empty(count, side - 2, real=self.context.real_dtype)
+
+        def download(store: SurfaceStore, part: slice) -> None:
+            store.download(surface.part(part))
+            if progress is not None:
+                progress(part.stop / count)
+
+        self.enqueue_surfaces(axis_x, axis_y, cell_size=cell_size, consume=download)
+        return surface
+
+    def enqueue_surfaces(
+        self,
+        axis_x: npt.NDArray[np.int64],
+        axis_y: npt.NDArray[np.int64],
+        *,
+        cell_size: float,
+        consume: Callable[[SurfaceStore, slice], None],
+    ) -> None:
+        """Enqueue patches as in :meth:`surface`, as many at once as fit, and their consumers.
+
+        ``consume`` gets the store that a slice of the patches has been enqueued into, from its first slot on;
+        what it enqueues runs after these and before the next ones.
+        """
+        count, side = axis_x.shape
+
+        def evaluate(part: slice) -> None:
+            patches, store = Patches(axis_x[part], axis_y[part], cell_size), self._store(side - 2)
+            self._launcher.surfaces(patches, store, np.arange(patches.count))
+            consume(store, part)
+
+        self._patches_at_once.run(count, evaluate, on_shrink=self._release_buffers)
+
+    def heights_and_masks(
+        self, axis_x: npt.NDArray[np.int64], axis_y: npt.NDArray[np.int64], *, cell_size: float
+    ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+        """Return heights (patches, n, n), m, and masks (patches, 4, n, n) of patches without a border.
+
+        Row 0 is northernmost; masks are in the order of :data:`MASKS`.
+        """
+        count, side = axis_x.shape
+        height = np.empty((count, side, side), self.context.real_dtype)
+        masks = np.empty((count, len(MASKS), side, side), self.context.real_dtype)
+
+        def evaluate(part: slice) -> None:
+            buffers = self._launcher.heights_and_masks(Patches(axis_x[part], axis_y[part], cell_size))
+            for buffer, array in zip(buffers, (height, masks), strict=True):
+                self.context.download_into(buffer, array[part])
+
+        self._patches_at_once.run(count, evaluate, on_shrink=self._release_buffers)
+        require_finite(height, "heights", self.context.device)
+        require_finite(masks, "masks", self.context.device)
+        return height, masks
+
+    def tiles(self, keys: Sequence[tuple[int, int]], level: int) -> tuple[Surface, npt.NDArray[np.float64]]:
+        """Evaluate tiles (column, row) of a level, with their parents' values and detail bounds (m)."""
+        surface = Surface.empty(len(keys), QUADS + 1, real=self.context.real_dtype, parents=True)
+        bounds = np.empty(len(keys))
+
+        def evaluate(part: slice) -> None:
+            store = self._store(QUADS + 1)
+            bounds[part] = self._enqueue_tiles(keys[part], level, store, np.arange(part.stop - part.start))
+            store.download(surface.part(part))
+
+        self._patches_at_once.run(len(keys), evaluate, on_shrink=self._release_buffers)
+        return surface, bounds
+
+    def write(
+        self,
+        keys: Sequence[tuple[int, int]],
+        level: int,
+        store: SurfaceStore,
+        slots: npt.NDArray[np.integer],
+    ) -> npt.NDArray[np.float64]:
+        """Enqueue tiles into slots of a store; only their detail bounds come back."""
+        bounds = np.empty(len(keys))
+
+        def evaluate(part: slice) -> None:
+            bounds[part] = self._enqueue_tiles(keys[part], level, store, slots[part])
+
+        self._patches_at_once.run(len(keys), evaluate, on_shrink=self._release_buffers)
+        return bounds
+
+    def _enqueue_tiles(
+        self,
+        keys: Sequence[tuple[int, int]],
+        level: int,
+        store: SurfaceStore,
+        slots: npt.NDArray[np.integer],
+    ) -> npt.NDArray[np.float64]:
+        own, coarse = (tile_patches(level, keys, self.recipe.extent, up=up) for up in (0, 1))
+        culled = self._launcher.surfaces(own, store, slots)
+        self._launcher.parents(coarse, store, slots)
+        if self._detail is None:
+            self._detail = DetailBound(self.recipe)
+        return self._detail.bounds(culled, own.blocks, own.cell_size)
+
+    def points(
+        self, x: npt.NDArray[np.int64], y: npt.NDArray[np.int64], *, cell_size: float
+    ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+        """Return heights (n,), m, and masks (n, 4) at lattice positions (n,).
+
+        Detail below the cell size (m) is omitted; masks are in the order of :data:`MASKS`.
+        """
+        height = np.empty(x.size, self.context.real_dtype)
+        masks = np.empty((x.size, 4), self.context.real_dtype)
+
+        def evaluate(part: slice) -> None:
+            height[part], masks[part] = self._points(x[part], y[part], cell_size)
+
+        self._points_at_once.run(x.size, evaluate)
+        require_finite(height, "heights", self.context.device)
+        require_finite(masks, "masks", self.context.device)
+        return height, masks
+
+    def _points(
+        self, x: npt.NDArray[np.int64], y: npt.NDArray[np.int64], cell_size: float
+    ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+        context, real = self.context, self.context.real_dtype
+        blocks, block = _blocks_of(x, y)
+        culled = self._arguments.cull(blocks, cell_size)
+        lists = self._staged.upload(culled.lists)
+        height, masks = context.empty(x.size, real), context.empty(4 * x.size, real)
+        context.launch(
+            _FILE,
+            "points",
+            (rounded_up(x.size),),
+            *self._arguments.terrain(culled, cell_size, lists),
+            context.upload(x),
+            context.upload(y),
+            context.upload(block.astype(np.int32)),
+            np.int32(x.size),
+            height,
+            masks,
+            group=(GROUP,),
+        )
+        return context.download(height, x.size, real), context.download(masks, (x.size, 4), real)
+
+    def _store(self, inner: int) -> SurfaceStore:
+        """Return the cached store for patches of inner × inner vertices."""
+        if self._cached_store is None or self._cached_store.inner != inner:
+            self._cached_store = SurfaceStore(self.context, inner, self._patches_at_once.limit)
+        return self._cached_store
+
+    def _release_buffers(self) -> None:
+        self._cached_store = None
+        self._launcher = PatchLauncher(self._arguments)
+
+
+def _blocks_of(
+    x: npt.NDArray[np.int64], y: npt.NDArray[np.int64]
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return the square blocks (west, south, east, north) that hold the points, and each point's block."""
+    span = int(max(np.ptp(x), np.ptp(y)))
+    bits = max(LATTICE_BITS - _BLOCKS_PER_EXTENT_BITS, span.bit_length() - _MAX_BLOCKS_BITS)
+    column, row = x >> bits, y >> bits
+    west, south = int(column.min()), int(row.min())
+    width, height = int(column.max()) - west + 1, int(row.max()) - south + 1
+    number = (row - south) * width + (column - west)
+    occupied = np.bincount(number, minlength=width * height) > 0
+    block = (np.cumsum(occupied) - 1)[number]
+    held_row, held_column = np.divmod(np.flatnonzero(occupied), width)
+    cells = np.stack([held_column + west, held_row + south], axis=-1)
+    corner = cells << bits
+    return np.concatenate([corner, corner + (1 << bits)], axis=1), block

@@ -1,0 +1,290 @@
+"""Heights on the host in float64: the oracle of the kernels, and what rivers and strengths run on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sketchterrain.placement.feature_types import area_profile, cubic
+from sketchterrain.terrain.centrelines import nearest_on_arc
+from sketchterrain.terrain.culling import features_near
+from sketchterrain.terrain.host_relief import (
+    Relief,
+    Rise,
+    Site,
+    crags,
+    gullies,
+    hills,
+    mountains,
+    relief_noise_at,
+    risen,
+)
+from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
+from sketchterrain.terrain.noise import Slope, fbm, fbm_slope
+from sketchterrain.terrain.packing import (
+    effective_cell,
+    pack_features,
+    pack_fields,
+    pack_lakes,
+    pack_rivers,
+    pack_world,
+)
+
+if TYPE_CHECKING:
+    from sketchterrain.array_types import Float64Array, LatticeArray
+    from sketchterrain.terrain.noise import OctaveTable
+    from sketchterrain.terrain.packing import PackedFeatures, PackedFields, PackedRivers, PackedWorld
+    from sketchterrain.terrain.recipe import TerrainRecipe
+
+
+_RIM = 0.15
+_SOFTNESS = 0.5
+
+
+def field_distance(fields: PackedFields, i: int, x: LatticeArray, y: LatticeArray) -> Float64Array:
+    """Return the distance inside the shape of field ``i`` at lattice positions (m)."""
+    first, columns, rows, _ = fields.form[i]
+    samples = fields.samples[first : first + columns * rows].reshape(rows, columns)
+    u = np.clip((x - fields.at[i, 0]) * fields.scale[i], 1, columns - 2)
+    v = np.clip((y - fields.at[i, 1]) * fields.scale[i], 1, rows - 2)
+    column, row = np.floor(u + 0.5).astype(np.int64), np.floor(v + 0.5).astype(np.int64)
+    total = np.zeros(x.shape)
+    for dv, weight_v in zip((-1, 0, 1), _weights(v - row), strict=True):
+        for du, weight_u in zip((-1, 0, 1), _weights(u - column), strict=True):
+            total += weight_v * weight_u * samples[row + dv, column + du]
+    return total
+
+
+def _weights(f: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
+    return 0.5 * (0.5 - f) ** 2, 0.75 - f**2, 0.5 * (0.5 + f) ** 2
+
+
+def apply_lakes(
+    recipe: TerrainRecipe, height: Float64Array, x: LatticeArray, y: LatticeArray, *, cell: float
+) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Return the ground with lakes laid in, and the masks ``water`` and ``lake``, at lattice positions."""
+    fields = pack_fields(recipe, [lake.shape for lake in recipe.lakes])
+    packed = pack_lakes(recipe, fields, cell)
+    weights, own, top, shown, deepest = np.zeros((5, *height.shape))
+    nearest = np.ones(height.shape)
+    for i in np.flatnonzero(packed.visible):
+        _, inverse_margin, level, fade = packed.shape[i]
+        depth, inverse_shelf, slope, rise = packed.profile[i]
+        d = field_distance(fields, int(i), x, y)
+        s = np.clip(-d * inverse_margin, 0, 1)
+        t = np.clip(d * inverse_shelf, 0, 1)
+        bed = level - depth * t**2 * (3 - 2 * t) - slope * t * (1 - t) ** 2
+        weight = fade * (1 - s) ** 2 / (s**2 + 1 / 1024) ** 2
+        weights += weight
+        own += weight * (bed + rise * (1 - np.maximum(1 - 2 * s, 0) ** 2))
+        top += weight * (level + rise)
+        shown += weight * fade
+        nearest, deepest = np.minimum(nearest, s), np.maximum(deepest, t)
+    near = weights > 0
+    own, top, shown = (part[near] / weights[near] for part in (own, top, shown))
+    s, t, ground = nearest[near], deepest[near], height[near]
+    laid, (water, lake) = height.copy(), np.zeros((2, *height.shape))
+    terrain = ground + shown * _soft_positive(top - ground) * (1 - s**4) * (1 - s**2)
+    laid[near] = terrain + (own - terrain) * shown * _cubic(np.maximum(s - _RIM, 0) / (1 - _RIM))
+    water[near] = shown * (0.75 * np.maximum(1 - 3 * s, 0) + 0.25 * t)
+    lake[near] = shown * _cubic(s / _RIM)
+    return laid, water, lake
+
+
+def _soft_positive(x: Float64Array) -> Float64Array:
+    near = np.clip(x, -_SOFTNESS, _SOFTNESS) + _SOFTNESS
+    return np.asarray(near**2 / (4 * _SOFTNESS) + np.maximum(x - _SOFTNESS, 0))
+
+
+def _cubic(t: Float64Array) -> Float64Array:
+    s = np.minimum(t, 1)
+    return np.asarray(2 * s**3 - 3 * s**2 + 1)
+
+
+_ZERO = np.zeros(1)
+_LEVEL = Rise(Slope(_ZERO, _ZERO, _ZERO), _ZERO, _ZERO)
+
+
+@dataclass(frozen=True)
+class HostSamples:
+    """Heights (m) and masks (0 … 1) at points; see ``Ground`` in ``kernels/world.clh``."""
+
+    height: Float64Array
+    mountain: Float64Array
+    dune: Float64Array
+    forest: Float64Array
+    water: Float64Array
+    lake: Float64Array
+
+
+def host_heights(
+    recipe: TerrainRecipe, x: Float64Array, y: Float64Array, *, cell_size: float = 0.0
+) -> Float64Array:
+    """Return heights in metres at points given in metres (any shape), in float64."""
+    x, y = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
+    ground = host_samples(
+        recipe,
+        to_lattice(x.ravel(), recipe.extent),
+        to_lattice(y.ravel(), recipe.extent),
+        cell_size=cell_size,
+    )
+    return ground.height.reshape(x.shape)
+
+
+def relief_noise(
+    recipe: TerrainRecipe, x: LatticeArray, y: LatticeArray, *, cell_size: float = 0.0
+) -> Relief:
+    """Return what noise makes of mountains and hills at lattice positions of shape (n,)."""
+    world = pack_world(recipe, cell_size, real=np.float64)
+    return relief_noise_at(world.scalars[0], world.octaves, x, y)
+
+
+def host_samples(
+    recipe: TerrainRecipe, x: LatticeArray, y: LatticeArray, *, cell_size: float = 0.0
+) -> HostSamples:
+    """Return the terrain at lattice positions of shape (n,), in float64."""
+    world = pack_world(recipe, cell_size, real=np.float64)
+    w, octaves = world.scalars[0], world.octaves
+    packed = _packed_around(recipe, x, y, cell_size)
+    relief = relief_noise_at(w, octaves, x, y)
+    place = Site(x, y, metres_per_unit(recipe.extent), relief.bend)
+    height, mountain, dune = _dry(world, packed, place, relief)
+    cover, share = _areas(packed, place, slot=2)
+    mottle = 2.2 * fbm(octaves, "mottle", x, y)
+    forest = share * _smooth(cover + 0.8 * mottle, 0.4, 0.65) * _smooth(cover, 0, 0.25)
+    cell = 1 / float(w["inverse_cell"])
+    water, lake = np.zeros((2, *x.shape))
+    if recipe.lakes:
+        height, water, lake = apply_lakes(recipe, height, x, y, cell=cell)
+    rivers = pack_rivers(recipe, cell_size)
+    if len(rivers.start):
+        carved, river = _carved(height, rivers, place, cell=cell)
+        height = carved + (np.minimum(carved, height) - carved) * lake
+        water = np.maximum(water, river)
+    return HostSamples(height, mountain, dune, forest, water, lake)
+
+
+def dry_heights(
+    recipe: TerrainRecipe, x: LatticeArray, y: LatticeArray, *, cell_size: float = 0.0
+) -> Float64Array:
+    """Return heights (m) of the land without its rivers and lakes at lattice positions of shape (n,)."""
+    world = pack_world(recipe, cell_size, real=np.float64)
+    relief = relief_noise_at(world.scalars[0], world.octaves, x, y)
+    place = Site(x, y, metres_per_unit(recipe.extent), relief.bend)
+    return _dry(world, _packed_around(recipe, x, y, cell_size), place, relief)[0]
+
+
+def _dry(
+    world: PackedWorld, packed: PackedFeatures, place: Site, relief: Relief
+) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Heights (m) without water, how much of a mountain each place is, and of a field of dunes."""
+    w, octaves, x, y = world.scalars[0], world.octaves, place.x, place.y
+    height = w["half_relief"] * fbm(octaves, "ground", x, y)
+    eroded, mountain = _eroded(w, octaves, packed, place, relief)
+    height = height + eroded.value + mountain * crags(w, octaves, x, y, *eroded[1:])
+    dune, styles = np.zeros(x.shape), range(int(w["dune_styles"]))
+    crest = fbm(octaves, "crest", x, y) if styles else dune
+    for number in styles:
+        cover, amplitude = _areas(packed, place, slot=3 + number)
+        height = height + cover * amplitude * _dune_pattern(world.styles[number], x, y, crest)
+        dune = np.maximum(dune, cover)
+    return height, mountain, dune
+
+
+def host_slope(recipe: TerrainRecipe, x: LatticeArray, y: LatticeArray, *, cell_size: float = 0.0) -> Slope:
+    """Return heights (m) and slopes of ground, hills and mountains with their gullies, without crags.
+
+    The slopes of gullies are taken with the direction of each wave held, as the filter takes them.
+    """
+    world = pack_world(recipe, cell_size, real=np.float64)
+    w, octaves = world.scalars[0], world.octaves
+    relief = relief_noise_at(w, octaves, x, y)
+    place = Site(x, y, metres_per_unit(recipe.extent), relief.bend)
+    eroded, _ = _eroded(w, octaves, _packed_around(recipe, x, y, cell_size), place, relief)
+    ground = fbm_slope(octaves, "ground", x, y)
+    scale = w["half_relief"] * np.array([1, w["units_per_metre"], w["units_per_metre"]])
+    return Slope(*(a + b * by for a, b, by in zip(eroded, ground, scale, strict=True)))
+
+
+def _packed_around(
+    recipe: TerrainRecipe, x: LatticeArray, y: LatticeArray, cell_size: float
+) -> PackedFeatures:
+    block = np.array([[x.min(), y.min(), x.max(), y.max()]])
+    near = features_near(recipe, block, min_radius=effective_cell(cell_size))
+    return pack_features(recipe, near, cell_size)
+
+
+def _eroded(
+    w: np.void, octaves: OctaveTable, packed: PackedFeatures, place: Site, relief: Relief
+) -> tuple[Slope, Float64Array]:
+    """Return hills and mountains with their gullies, and how much of a mountain each place is."""
+    massif, say = mountains(packed, place, relief.spur)
+    rise = risen(risen(_LEVEL, hills(packed, place), relief.swell), massif, relief.share(say))
+    cut = gullies(w, octaves, place.x, place.y, rise)
+    height = Slope(*(a + b for a, b in zip(rise.height, cut, strict=True)))
+    return height, _smooth(massif.height.value, 20, 100)
+
+
+def _smooth(x: Float64Array, low: float, high: float) -> Float64Array:
+    t = np.clip((x - low) / (high - low), 0, 1)
+    return np.asarray(t * t * (3 - 2 * t))
+
+
+def _areas(packed: PackedFeatures, place: Site, *, slot: int) -> tuple[Float64Array, Float64Array]:
+    pairs = place.reached(packed, slot)
+    cover = area_profile(place.approach(packed, pairs)[0].value)
+    strength = packed.shape[pairs.of, 1]
+    total, weights, strengths = (place.summed(pairs, each) for each in (cover**4, cover, cover * strength))
+    mean = np.where(weights > 1e-6, strengths / np.maximum(weights, 1e-6), 0)
+    return np.minimum(np.sqrt(np.sqrt(total)), 1), mean
+
+
+def _dune_pattern(style: np.void, x: LatticeArray, y: LatticeArray, crest: Float64Array) -> Float64Array:
+    bits = int(style["period_bits"])
+    phase = x * style["east"] + y * style["north"]
+    t = (phase & ((1 << bits) - 1)) / 2.0**bits + 0.9 * crest
+    t = t - np.floor(t)
+    up = t / 0.78
+    profile = np.where(t < 0.78, up * up * (2 - up), np.maximum(1 - (t - 0.78) / 0.22, 0) ** 2)
+    pattern = profile * (0.3 + 0.7 * _smooth(crest, -0.5, 0.5))
+    return np.asarray(0.35 + (pattern - 0.35) * style["visible"])
+
+
+def _carved(
+    height: Float64Array, rivers: PackedRivers, place: Site, *, cell: float
+) -> tuple[Float64Array, Float64Array]:
+    weights, nearest = np.zeros(height.shape), np.full(height.shape, 1e30)
+    sums = np.zeros((4, *height.shape))
+    for i in range(len(rivers.start)):
+        chord, say, bend = rivers.along[i, :2], rivers.along[i, 3], rivers.along[i, 4]
+        dx = (place.x - rivers.start[i, 0]) * place.unit
+        dy = (place.y - rivers.start[i, 1]) * place.unit
+        t, d2 = nearest_on_arc(chord, bend, np.stack([dx, dy], axis=-1))
+        here = rivers.up[i][:, None] + (rivers.down[i] - rivers.up[i])[:, None] * t
+        share2 = d2 / here[3] ** 2
+        inside = np.maximum(1 - share2, 0)
+        weight = say * inside**2 * (32 * here[1] / (d2 + here[1] ** 2 / 64)) ** 4
+        weights += weight
+        sums += weight * here
+        nearest = np.minimum(nearest, d2 / (here[1] * np.maximum(inside * (1 + share2), 1e-6)))
+    near = weights > 1e-30
+    surface, half_width, depth, reach = sums[:, near] / weights[near]
+    d = np.sqrt(nearest[near] * half_width)
+    ground = height[near]
+
+    channel = _smooth(2 * half_width / cell, 2, 4)
+    bank = 0.5 * depth
+    across = d / half_width
+    bed = -depth * np.maximum(1 - across**2, 0)
+    rise = bank * _smooth(across, 1, 1.8)
+    flat = 0.012 * np.maximum(d - half_width, 0)
+    enforced = surface + flat + bank + (rise + bed - bank) * channel
+    edge = 1.8 * half_width
+    s = np.clip((d - edge) / np.maximum(reach - edge, edge), 0, 1)
+    terrain = ground + np.maximum(surface + bank - ground, 0) * (1 - s**4) * (1 - s**2)
+    carved, mask = height.copy(), np.zeros(height.shape)
+    carved[near] = terrain + (enforced - terrain) * cubic(s)
+    mask[near] = np.maximum(1 - d / (4 * np.maximum(half_width, 0.6 * cell)), 0)
+    return carved, mask

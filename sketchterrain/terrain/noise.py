@@ -1,0 +1,292 @@
+"""Noise octaves on the integer lattice, and their evaluation on the host in float64."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.placement.hashing import hash_keys
+from sketchterrain.terrain.lattice import QUADS, metres_per_unit
+
+if TYPE_CHECKING:
+    from sketchterrain.array_types import Float64Array, LatticeArray
+
+
+FINEST_WAVELENGTH = 0.5
+"""Shortest noise wavelength, m: well resolved by samples 0.1 m apart."""
+
+SKEW_SAME, SKEW_OTHER = 1399, 375
+"""Skewed coordinates, in units of 2^-10 lattice units, are SAME x + OTHER y."""
+STRIDES = (0x9E3779B1, 0x85EBCA77)
+"""Increments of the hash from cell to cell, along u and along v."""
+
+_SKEW_BITS = 10
+SKEW = SKEW_OTHER / 2**_SKEW_BITS
+UNSKEW = SKEW / (1 + 2 * SKEW)
+"""Skew of positions into a simplex lattice, and its inverse for vectors."""
+
+# A lattice is shifted by a fraction of a cell with so many bits: few enough that the last is a whole step of
+# any tile that resolves the octave, many enough that no two octaves line up.
+_OFFSET_CELL_BITS = 11
+_OFFSET_RANGE = np.uint64(1 << 22)
+_MAX_BITS = 30  # of a cell in steps, so that a corner's and a vertex's sum fits 32 with its sign
+_MAX_STEP_BITS = 22
+_MAX_UNITS = (QUADS + 3) << _MAX_STEP_BITS  # along a patch: it and its support span less than 2^31
+_MAX_STEPS = (1 << _MAX_BITS) // (SKEW_SAME + SKEW_OTHER)
+
+
+@dataclass(frozen=True)
+class NoiseStack:
+    """Octaves of one noise, each with half the wavelength of the one before."""
+
+    name: str  # also salts the hash, so that stacks are uncorrelated
+    wavelength: float  # of the first octave, m, rounded to a power of two lattice units
+    gain: float  # amplitude ratio of successive octaves (persistence)
+    most: int = 32  # limit of octaves; FINEST_WAVELENGTH or the cell size may end the series earlier
+
+
+@dataclass(frozen=True)
+class OctaveTable:
+    """Octaves of several stacks, concatenated, as ``kernels/noise.clh`` reads them."""
+
+    form: npt.NDArray[np.int32]  # (n, 4) shift (bits of a cell in skewed units), hash seed, quarter turn, 0
+    offset: npt.NDArray[np.int64]  # (n, 2) shift of the octave's lattice, skewed units
+    scale: npt.NDArray[np.float64]  # (n, 2) band-limited amplitude; 1 / side of a cell, in lattice units
+    ranges: dict[str, tuple[int, int]]  # first and last (exclusive) octave of each stack
+
+    @cached_property
+    def shifts(self) -> tuple[int, int]:
+        """Bits of the smallest and of the largest cell in skewed units; 63 and 0 without octaves."""
+        shift = self.form[:, 0]
+        return int(shift.min(initial=63)), int(shift.max(initial=0))
+
+
+def band_weight(wavelength: float, cell_size: float) -> float:
+    """Return the share of a wavelength that samples ``cell_size`` apart resolve.
+
+    0 up to two cells, 1 from four on.
+    """
+    if cell_size <= 0:
+        return 1.0
+    t = min(max(wavelength / cell_size / 2 - 1, 0.0), 1.0)
+    return t * t * (3 - 2 * t)
+
+
+def octave_table(
+    stacks: Sequence[NoiseStack], *, extent: float, seed: int, cell_size: float = 0.0
+) -> OctaveTable:
+    """Return the octaves that samples ``cell_size`` metres apart can resolve; those of weight 0 are omitted.
+
+    The amplitudes of a whole stack sum to at most 1 (as gain^i (1 - gain)).
+    """
+    return _octave_table(tuple(stacks), extent, seed, cell_size)
+
+
+@lru_cache(maxsize=256)
+def _octave_table(stacks: tuple[NoiseStack, ...], extent: float, seed: int, cell_size: float) -> OctaveTable:
+    """Return a read-only table, as it is cached."""
+    form: list[tuple[int, int, int, int]] = []
+    offset: list[list[int]] = []
+    scale: list[tuple[float, float]] = []
+    ranges: dict[str, tuple[int, int]] = {}
+    unit = metres_per_unit(extent)
+    for stack in stacks:
+        first = len(form)
+        top = round(np.log2(stack.wavelength / unit))
+        for octave in range(stack.most):
+            cell_bits = top - octave
+            wavelength = 2.0**cell_bits * unit
+            weight = band_weight(wavelength, cell_size)
+            if cell_bits < 1 or wavelength < FINEST_WAVELENGTH or weight == 0:
+                break
+            shift = cell_bits + _SKEW_BITS
+            words = hash_keys(seed, f"noise {stack.name}", octave, np.arange(3))
+            form.append((shift, int(words[0] & np.uint64(0x7FFFFFFF)), octave & 1, 0))
+            offset.append([int(word % _OFFSET_RANGE) << (shift - _OFFSET_CELL_BITS) for word in words[1:]])
+            amplitude = weight * (1 - stack.gain) * stack.gain**octave
+            scale.append((amplitude, 2.0**-cell_bits))
+        ranges[stack.name] = (first, len(form))
+    table = OctaveTable(
+        np.array(form, dtype=np.int32).reshape(-1, 4),
+        np.array(offset, dtype=np.int64).reshape(-1, 2),
+        np.array(scale, dtype=np.float64).reshape(-1, 2),
+        ranges,
+    )
+    for part in (table.form, table.offset, table.scale):
+        part.flags.writeable = False
+    return table
+
+
+def whole_step_bits(octaves: OctaveTable) -> int:
+    """Return the bits of the longest step, in lattice units, that divides every octave's shift."""
+    return min(octaves.shifts[0], _MAX_STEP_BITS + _OFFSET_CELL_BITS) - _OFFSET_CELL_BITS
+
+
+def fits_patches(octaves: OctaveTable, step_bits: int, steps: int = QUADS + 3) -> bool:
+    """Return whether vertices 2^step_bits lattice units apart fit 32 bits in every octave."""
+    fine = steps <= _MAX_STEPS and octaves.shifts[1] - step_bits <= _MAX_BITS
+    return fine and steps << step_bits <= _MAX_UNITS and step_bits <= whole_step_bits(octaves)
+
+
+def corner_table(
+    octaves: OctaveTable, corner: npt.NDArray[np.int64], step_bits: int
+) -> npt.NDArray[np.uint32]:
+    """Return the position of patch corners (patches, 2) in each octave's lattice (``kernels/positions.clh``).
+
+    Corners are south-west vertices in lattice units, multiples of 2^step_bits; see :func:`fits_patches`.
+    Result: (patches, octaves, 4), fractions along u and v in steps, hash of the cell, bits of a cell in
+    steps.
+    """
+    x, y = corner[:, 0], corner[:, 1]
+    plain = np.stack([SKEW_SAME * x + SKEW_OTHER * y, SKEW_OTHER * x + SKEW_SAME * y], axis=-1)
+    turned = np.stack([SKEW_SAME * y - SKEW_OTHER * x, SKEW_OTHER * y - SKEW_SAME * x], axis=-1)
+    shift, seed = octaves.form[:, 0].astype(np.int64), octaves.form[:, 1].astype(np.int64)
+    skewed = np.where(octaves.form[:, 2, None] == 1, turned[:, None], plain[:, None]) + octaves.offset
+    cell = skewed >> shift[:, None]
+    fraction = (skewed - (cell << shift[:, None])) >> step_bits
+    # Products wrap around 64 bits; only the low 32 matter.
+    strides = cell * np.array(STRIDES)
+    hashed_cell = (strides.sum(axis=-1) + seed) & 0xFFFFFFFF
+    bits = np.broadcast_to(shift - step_bits, hashed_cell.shape)
+    return np.stack([fraction[..., 0], fraction[..., 1], hashed_cell, bits], axis=-1).astype(np.uint32)
+
+
+_RIDGE_WEIGHT = 1.5
+_RIDGE_EDGE = 0.125
+
+
+class Slope(NamedTuple):
+    """A value and its slope eastward and northward, per lattice unit; arrays of one shape."""
+
+    value: Float64Array
+    east: Float64Array
+    north: Float64Array
+
+
+def simplex(u: LatticeArray, v: LatticeArray, shift: int, seed: int) -> Slope:
+    """Return noise at skewed positions, a cell being 2^shift, with its slope over a cell."""
+    cell_u, cell_v = u >> shift, v >> shift
+    fu = (u - (cell_u << shift)) / 2.0**shift
+    fv = (v - (cell_v << shift)) / 2.0**shift
+    return _simplex_in(cell_u, cell_v, fu, fv, seed)
+
+
+def fbm(octaves: OctaveTable, stack: str, x: LatticeArray, y: LatticeArray) -> Float64Array:
+    """Return a stack's sum of octaves at lattice positions."""
+    return fbm_slope(octaves, stack, x, y).value
+
+
+def fbm_slope(octaves: OctaveTable, stack: str, x: LatticeArray, y: LatticeArray) -> Slope:
+    """Return a stack's sum of octaves with its slope."""
+    total = Slope(*np.zeros((3, *x.shape)))
+    for i in range(*octaves.ranges[stack]):
+        noise = _octave(octaves, i, x, y, 0.0, 0.0)
+        total = Slope(*(part + octaves.scale[i, 0] * more for part, more in zip(total, noise, strict=True)))
+    return total
+
+
+def ridged(
+    octaves: OctaveTable,
+    stack: str,
+    x: LatticeArray,
+    y: LatticeArray,
+    east: Float64Array,
+    north: Float64Array,
+) -> Float64Array:
+    """Return a stack's ridged multifractal at positions bent by (east, north) lattice units."""
+    return ridged_slope(octaves, stack, x, y, east, north).value
+
+
+def ridged_slope(
+    octaves: OctaveTable,
+    stack: str,
+    x: LatticeArray,
+    y: LatticeArray,
+    east: Float64Array,
+    north: Float64Array,
+) -> Slope:
+    """Return the same with its slope at the bent position."""
+    total, slopes = np.zeros(x.shape), np.zeros((2, *x.shape))
+    weight, weight_slopes = np.ones(x.shape), np.zeros((2, *x.shape))
+    for i in range(*octaves.ranges[stack]):
+        noise = _octave(octaves, i, x, y, east, north)
+        size = np.abs(noise.value)
+        near = size < _RIDGE_EDGE
+        edge = 1 - np.where(near, 0.5 * (size * size / _RIDGE_EDGE + _RIDGE_EDGE), size)
+        lean = np.where(edge > 0, -np.sign(noise.value) * np.where(near, size / _RIDGE_EDGE, 1), 0)
+        edge = np.maximum(edge, 0)
+        ridge = edge**2
+        ridge_slopes = 2 * edge * lean * np.stack(noise[1:])
+        amplitude = octaves.scale[i, 0]
+        total += amplitude * ridge * weight
+        slopes += amplitude * (ridge_slopes * weight + ridge * weight_slopes)
+        weight = np.minimum(_RIDGE_WEIGHT * ridge, 1)
+        weight_slopes = np.where(weight < 1, _RIDGE_WEIGHT, 0) * ridge_slopes
+    return Slope(total, *slopes)
+
+
+def skewed(
+    octaves: OctaveTable,
+    i: int,
+    x: LatticeArray,
+    y: LatticeArray,
+    east: Float64Array | float = 0.0,
+    north: Float64Array | float = 0.0,
+) -> tuple[LatticeArray, LatticeArray, Float64Array, Float64Array]:
+    """Return the cells of an octave's lattice that places bent by (east, north) lie in, and the fractions."""
+    shift, _, turn, _ = (int(word) for word in octaves.form[i])
+    inverse = octaves.scale[i, 1]
+    if turn:  # the lattice's own directions are the world's north and west
+        x, y, east, north = y, -x, north, -np.asarray(east)
+    u = SKEW_SAME * x + SKEW_OTHER * y + octaves.offset[i, 0]
+    v = SKEW_OTHER * x + SKEW_SAME * y + octaves.offset[i, 1]
+    cell_u, cell_v = u >> shift, v >> shift
+    both = (east + north) * SKEW
+    fu = (u - (cell_u << shift)) / 2.0**shift + (east + both) * inverse
+    fv = (v - (cell_v << shift)) / 2.0**shift + (north + both) * inverse
+    whole_u, whole_v = (np.floor(f).astype(np.int64) for f in (fu, fv))
+    return cell_u + whole_u, cell_v + whole_v, fu - whole_u, fv - whole_v
+
+
+def _octave(
+    octaves: OctaveTable,
+    i: int,
+    x: LatticeArray,
+    y: LatticeArray,
+    east: Float64Array | float,
+    north: Float64Array | float,
+) -> Slope:
+    noise = _simplex_in(*skewed(octaves, i, x, y, east, north), int(octaves.form[i, 1]))
+    slopes = (-noise.north, noise.east) if octaves.form[i, 2] else noise[1:]
+    return Slope(noise.value, *(octaves.scale[i, 1] * slope for slope in slopes))
+
+
+def _simplex_in(
+    cell_u: LatticeArray, cell_v: LatticeArray, fu: Float64Array, fv: Float64Array, seed: int
+) -> Slope:
+    lower = fu > fv
+    total, slopes = np.zeros(fu.shape), np.zeros((2, *fu.shape))
+    for iu, iv in ((0, 0), (lower.astype(np.int64), (~lower).astype(np.int64)), (1, 1)):
+        du, dv = fu - iu, fv - iv
+        d = np.stack([du, dv]) - (du + dv) * UNSKEW
+        g = gradients(cell_u + iu, cell_v + iv, seed=seed)
+        fade = np.maximum(0.5 - (d * d).sum(axis=0), 0)
+        ramp = (g * d).sum(axis=0)
+        total += fade**4 * ramp
+        slopes += fade**4 * g - 8 * fade**3 * ramp * d
+    return Slope(70 * total, *(70 * slopes))
+
+
+def gradients(cell_u: LatticeArray, cell_v: LatticeArray, *, seed: int) -> Float64Array:
+    """Return the gradients at corners of cells, each part in [-1, 1); shape (2, …)."""
+    word = cell_u * STRIDES[0] + cell_v * STRIDES[1] + seed
+    h = (word & 0xFFFFFFFF).astype(np.uint32)
+    h ^= h >> np.uint32(15)
+    h *= np.uint32(0x735A2D97)
+    h ^= h >> np.uint32(15)
+    return np.stack([h.astype(np.int32), (h << np.uint32(16)).astype(np.int32)]) / 2.0**31

@@ -1,0 +1,253 @@
+"""Level-of-detail metrics: screen-space error, horizon culling, geomorphs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar, Final, Protocol, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.array_types import Float64Array
+from sketchterrain.errors import InputError
+
+if TYPE_CHECKING:
+    from sketchterrain.array_types import Int64Array
+    from sketchterrain.tiles.quadtree import Boxes
+
+
+@dataclass(frozen=True, eq=False)
+class CameraView:
+    """Camera of the tile selection."""
+
+    eye: tuple[float, float, float]  # x, y, z, m
+    planes: Float64Array  # (k, 4) a·x + b·y + c·z + d ≥ 0 is inside; unit normals, world coordinates
+    pixels_per_radian: float  # at the image centre: height / (2 tan(fov / 2))
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m/s; tiles are fetched ahead of it
+    draw_distance: float = np.inf  # horizontal, m
+
+    def extrapolated(self, seconds: float) -> CameraView:
+        """Return the view after some seconds of the same motion."""
+        gone = np.asarray(self.velocity) * seconds
+        planes = self.planes.copy()
+        planes[:, 3] -= planes[:, :3] @ gone
+        x, y, z = (np.asarray(self.eye) + gone).tolist()
+        return replace(self, eye=(x, y, z), planes=planes)
+
+    def sees(self, boxes: Boxes, *, margin: Float64Array | float = 0.0) -> npt.NDArray[np.bool_]:
+        """Return which boxes, enlarged by `margin` (m), may be visible; shape (n,)."""
+        more = np.broadcast_to(margin, len(boxes.low))[:, None]
+        return inside_frustum(self.planes, boxes.low - more, boxes.high + more)
+
+
+def inside_frustum(planes: Float64Array, low: Float64Array, high: Float64Array) -> npt.NDArray[np.bool_]:
+    """Return which boxes (corners `low`, `high` (n, 3), m) are not wholly outside one of the planes (k, 4).
+
+    Conservative: may be true for a box just outside an edge of the frustum, never false for a visible one.
+    """
+    inside = np.ones(len(low), dtype=np.bool_)
+    for plane in planes:
+        farthest = np.where(plane[:3] >= 0, high, low)
+        inside &= farthest @ plane[:3] + plane[3] >= 0
+    return inside
+
+
+_NEAREST: Final = 0.5
+"""m; nothing is looked at from nearer."""
+
+
+class Metric(Protocol):
+    """Returns the excess of tiles: above 1 a tile is too coarse."""
+
+    @property
+    def neighbour_limit(self) -> float:
+        """Excess above which a tile's neighbours are split too."""
+        ...
+
+    def excess(
+        self, view: CameraView, boxes: Boxes, errors: Float64Array, cells: Float64Array
+    ) -> Float64Array:
+        """Return the excess of tiles, (n,), from geometric errors δ (m) and quad widths (m)."""
+        ...
+
+    def relaxed(self, factor: float) -> Self:
+        """Return the metric with `factor` times the tolerance."""
+        ...
+
+
+@dataclass(frozen=True)
+class ScreenError:
+    """Split a tile while its error δ may cover more than τ pixels (Rocca et al. 2012, §5.1).
+
+    δ is vertical, so it counts by the sine of the angle between the line of sight and the vertical. Normals
+    and materials are stored at vertices too: quads are never wider than `quad` pixels.
+    """
+
+    tolerance: float = 1.0  # τ, px, > 0
+    quad: float = 32.0  # greatest width of a quad, px, > 0, seen head on
+    neighbour_limit: float = 2.0  # beside a coarser neighbour a tile's children show the parent's surface
+
+    def __post_init__(self) -> None:
+        if not (self.tolerance > 0 and self.quad > 0):
+            raise InputError(
+                f"expected a tolerance and a quad > 0 px, got {self.tolerance:g} and {self.quad:g}"
+            )
+
+    def excess(
+        self, view: CameraView, boxes: Boxes, errors: Float64Array, cells: Float64Array
+    ) -> Float64Array:
+        """Return the larger of error over tolerance and quad over its limit; see :class:`Metric`."""
+        seen = screen_errors(view, boxes, errors) / self.tolerance
+        distance, _ = eye_distances(view, boxes)
+        return np.maximum(seen, cells * view.pixels_per_radian / distance / self.quad)
+
+    def relaxed(self, factor: float) -> Self:
+        """Return the metric with `factor` times the tolerance."""
+        return replace(self, tolerance=self.tolerance * factor, quad=self.quad * factor)
+
+
+@dataclass(frozen=True)
+class QuadLength:
+    """No quad is longer than √d / (T · F), d being the distance in m (Zaaijer 2013, §2.2)."""
+
+    factor: float = 1.0  # tessellation T times the features' value F, > 0
+    neighbour_limit: ClassVar[float] = np.inf
+
+    def __post_init__(self) -> None:
+        if not self.factor > 0:
+            raise InputError(f"expected a tessellation factor > 0, got {self.factor:g}")
+
+    def excess(
+        self, view: CameraView, boxes: Boxes, errors: Float64Array, cells: Float64Array
+    ) -> Float64Array:
+        """Return length over its limit; see :class:`Metric`."""
+        distance, _ = eye_distances(view, boxes)
+        return np.asarray(cells * self.factor / np.sqrt(distance))
+
+    def relaxed(self, factor: float) -> Self:
+        """Return the metric with `factor` times the tolerance."""
+        return replace(self, factor=self.factor / factor)
+
+
+def eye_distances(view: CameraView, boxes: Boxes) -> tuple[Float64Array, Float64Array]:
+    """Return distances (m) from the eye to boxes, at least 0.5 m, and their vertical part."""
+    eye = np.asarray(view.eye)
+    apart = np.maximum(np.maximum(boxes.low - eye, eye - boxes.high), 0.0)
+    east, north, above = apart.T
+    return np.maximum(np.sqrt(east * east + north * north + above * above), _NEAREST), above
+
+
+def horizontal_distances(view: CameraView, boxes: Boxes) -> tuple[Float64Array, Float64Array]:
+    """Return the horizontal distances (m) from the eye to the nearest and farthest points of boxes."""
+    eye = np.asarray(view.eye[:2])
+    apart = np.maximum(np.maximum(boxes.low[:, :2] - eye, eye - boxes.high[:, :2]), 0.0)
+    away = np.maximum(np.abs(boxes.low[:, :2] - eye), np.abs(boxes.high[:, :2] - eye))
+    return np.hypot(apart[:, 0], apart[:, 1]), np.hypot(away[:, 0], away[:, 1])
+
+
+def screen_errors(view: CameraView, boxes: Boxes, errors: Float64Array) -> Float64Array:
+    """Return an upper bound (px) of the projection of a vertical error (m) in each box, shape (n,).
+
+    The error is as near as the box's nearest point, and seen as sideways as its farthest corner.
+    """
+    distance, above = eye_distances(view, boxes)
+    _, reach = horizontal_distances(view, boxes)
+    sideways = reach / np.hypot(reach, above)
+    return np.asarray(errors * view.pixels_per_radian * sideways / distance)
+
+
+_BEARINGS: Final = 2048
+"""Of the horizon, all round."""
+_SHELL: Final = 1.15
+"""Ratio of distances up to which tiles are judged by the same horizon."""
+
+
+def occluded(view: CameraView, boxes: Boxes, ground: Boxes | None = None) -> npt.NDArray[np.bool_]:
+    """Return which boxes, (n,), are hidden by `ground` boxes side by side (default: by each other)."""
+    hidden = np.zeros(len(boxes.low), np.bool_)
+    eye = np.asarray(view.eye)
+    near, far = horizontal_distances(view, boxes)
+    first, last = _bearings(eye, boxes)
+    most = _tangent(boxes.high[:, 2] - eye[2], near, far)
+    rising = _Horizon(view, boxes if ground is None else ground)
+    shell = np.floor(np.log(np.maximum(near, 1e-3)) / np.log(_SHELL))
+    beside = near > 0.0
+    for number in np.unique(shell[beside]):
+        here = np.flatnonzero(beside & (shell == number))
+        # Not the nearest of these: whether a tile is hidden must not depend on which others are asked about.
+        horizon = rising.up_to(_SHELL**number * (1 - 1e-9))
+        tile, bearing = _spread(np.floor(first[here]), np.ceil(last[here]))
+        lowest = np.full(len(here), np.inf)
+        np.minimum.at(lowest, tile, horizon[bearing])
+        hidden[here] = most[here] < lowest
+    return hidden
+
+
+class _Horizon:
+    """Horizon formed by terrain boxes, from near to far."""
+
+    def __init__(self, view: CameraView, ground: Boxes) -> None:
+        near, far = horizontal_distances(view, ground)
+        order = np.argsort(far)
+        order = order[near[order] > 0.0]
+        first, last = _bearings(np.asarray(view.eye), ground)
+        # Only bearings that lie wholly within a tile are sure to meet it.
+        self._first, self._last = np.ceil(first[order]), np.floor(last[order])
+        self._far = far[order]
+        self._least = _tangent(ground.low[:, 2] - view.eye[2], far, near)[order]
+        self._horizon = np.full(_BEARINGS, -np.inf)
+        self._raised = 0
+
+    def up_to(self, distance: float) -> Float64Array:
+        """Return the tangents that terrain within a distance (m) hides; distances must not decrease."""
+        end = int(np.searchsorted(self._far, distance, side="right"))
+        if end > self._raised:
+            some = slice(self._raised, end)
+            tile, bearing = _spread(self._first[some], self._last[some])
+            np.maximum.at(self._horizon, bearing, self._least[some][tile])
+            self._raised = end
+        return self._horizon
+
+
+def _bearings(eye: Float64Array, boxes: Boxes) -> tuple[Float64Array, Float64Array]:
+    """Return first and last bearing, in horizon steps, of boxes that the eye is not in."""
+    middle = 0.5 * (boxes.low + boxes.high) - eye
+    to_middle = np.arctan2(middle[:, 1], middle[:, 0])
+    west, east = boxes.low[:, 0] - eye[0], boxes.high[:, 0] - eye[0]
+    south, north = boxes.low[:, 1] - eye[1], boxes.high[:, 1] - eye[1]
+    to_corners = np.arctan2([south, south, north, north], [west, east, west, east])
+    turn = (to_corners - to_middle + np.pi) % (2 * np.pi) - np.pi
+    step = 2 * np.pi / _BEARINGS
+    return (to_middle + turn.min(axis=0)) / step, (to_middle + turn.max(axis=0)) / step
+
+
+def _tangent(height: Float64Array, when_above: Float64Array, when_below: Float64Array) -> Float64Array:
+    """Return heights over one distance where above the eye, over the other where below."""
+    distance = np.where(height > 0, when_above, when_below)
+    return np.asarray(height / np.maximum(distance, 1e-9))
+
+
+def _spread(first: Float64Array, last: Float64Array) -> tuple[Int64Array, Int64Array]:
+    """Return (item, step) pairs: each item repeated for its steps first … last - 1, on a circle."""
+    count = np.maximum(last - first, 0.0).astype(np.int64)
+    tile = np.repeat(np.arange(len(first)), count)
+    along = np.arange(len(tile)) - np.repeat(np.cumsum(count) - count, count)
+    return tile, (first.astype(np.int64)[tile] + along) % _BEARINGS
+
+
+RAMP: Final = 0.25
+"""Share of a tile's width in which weights go over from border to middle; a power of two is exact."""
+
+
+def morph_weights(controls: npt.NDArray[np.float32], quads: int) -> npt.NDArray[np.float32]:
+    """Return the parent's weight at each vertex, (n, quads + 1, quads + 1) float32, row 0 north.
+
+    `controls` is (n, 3, 3) in 0 … 1, row 0 north, column 0 west; 0 is the tile's own surface, 1 its parent's.
+    """
+    along = np.arange(quads + 1, dtype=np.float32) / np.float32(quads)
+    near = np.minimum(along, 1 - along) * np.float32(1 / RAMP)
+    centre = np.minimum(near, 1)
+    border = np.where(along < 0.5, 0, 2)
+    rows = (1 - centre) * controls[:, :, border] + centre * controls[:, :, 1:2]
+    centre, rows = centre[:, None], np.asarray(rows, np.float32)
+    return np.asarray((1 - centre) * rows[:, border] + centre * rows[:, 1:2], np.float32)

@@ -1,0 +1,231 @@
+"""Target quadtree of a view, balanced so that touching tiles differ by at most one level."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from sketchterrain.errors import InputError
+from sketchterrain.tiles.lod import horizontal_distances, occluded
+from sketchterrain.tiles.quadtree import (
+    FARTHEST_TILE,
+    UNBOUNDED,
+    around,
+    children_of,
+    code_of,
+    contains,
+    decode,
+    index_in,
+    intersects_bounds,
+    neighbours_of,
+    parent_of,
+    parents_around,
+    tile_range,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    import numpy.typing as npt
+
+    from sketchterrain.array_types import Float64Array, Int64Array
+    from sketchterrain.tiles.lod import CameraView, Metric
+    from sketchterrain.tiles.tile_pool import TilePool
+
+    Range = tuple[int, int, int, int]
+
+ROOT_LEVEL: Final = -4
+"""Roots are 16 extents wide: as wide as the farthest draw distance."""
+UNSEEN_URGENCY: Final = 0.5
+"""Urgency that what is not seen stays below."""
+_BALANCED, _ROOTS_AHEAD = 1.25, 1.5
+"""Draw distances up to which tiles are balanced, and up to which there are roots."""
+_MOST_ROOTS: Final = 2.0
+"""Widths of a root up to which there are any, whatever the draw distance."""
+
+_ASIDE: Final = 0.25
+"""What an error counts for where it is not seen: turning round shows something at once."""
+_MARGIN: Final = 0.15
+"""Out of the picture begins so far beyond its edges, in distances."""
+
+
+@dataclass(frozen=True, eq=False)
+class Excess:
+    """Level-of-detail excess of cached tiles."""
+
+    codes: Int64Array  # sorted
+    of_all: (
+        Float64Array  # (n,) by the metric, 1 is the limit; reduced if not visible, 0 beyond the draw distance
+    )
+    seen: npt.NDArray[np.bool_]  # (n,) in the frustum, and not behind nearer terrain
+
+    def lookup(self, codes: Int64Array) -> Float64Array:
+        """Return the excess of some tiles, 0 if unknown."""
+        at = index_in(self.codes, codes)
+        values = np.zeros(len(codes))
+        values[at >= 0] = self.of_all[at[at >= 0]]
+        return values
+
+
+@dataclass(frozen=True, eq=False)
+class TargetTree:
+    """Tree that a view requires."""
+
+    splits: Int64Array  # sorted; tiles whose children are required
+    missing: Int64Array  # not cached although their parents are; most visible first
+    # (missing,) excess of the tile each replaces; infinite for roots, at most UNSEEN_URGENCY if not
+    # visible
+    urgency: Float64Array
+    excess: Excess  # of all cached tiles
+
+
+@dataclass(frozen=True)
+class TileSelector:
+    """Tile selection: pure functions of a view and of the pool."""
+
+    extent: float  # width of a tile of level 0, m
+    quads: int  # along a tile's side
+    metric: Metric
+    finest: int  # level at which splitting ends
+    hide: bool = True  # treat tiles behind nearer terrain as not visible
+    # west, south, east, north, m; tiles outside are never split, nor roots
+    bounds: tuple[float, float, float, float] = UNBOUNDED
+
+    def roots(self, view: CameraView) -> Int64Array:
+        """Return the coarsest tiles around the eye; InputError if it is too far from the origin."""
+        farthest = FARTHEST_TILE * self.extent * 2.0**-self.finest
+        if not max(abs(view.eye[0]), abs(view.eye[1])) < farthest:
+            x, y, _ = view.eye
+            raise InputError(f"expected an eye within ±{farthest:.3g} m of the origin, got {x:g} and {y:g}")
+        west, east, south, north = self._range(view, ROOT_LEVEL, _ROOTS_AHEAD)
+        cols, rows = np.meshgrid(np.arange(west, east + 1), np.arange(south, north + 1))
+        return np.sort(code_of(ROOT_LEVEL, cols.ravel(), rows.ravel()))
+
+    def excess(self, view: CameraView, pool: TilePool) -> Excess:
+        """Return the excess of all cached tiles, including those hidden by nearer terrain."""
+        codes, slots = pool.tiles()
+        boxes = pool.boxes(codes, slots, self.extent)
+        cells = self.extent * np.exp2(-decode(codes)[0].astype(np.float64)) / self.quads
+        excess = self.metric.excess(view, boxes, pool.error[slots], cells)
+        distance, _ = horizontal_distances(view, boxes)
+        there = intersects_bounds(codes, self.extent, self.bounds)
+        excess = np.where(there & (distance <= view.draw_distance), excess, 0.0)
+        seen = there & view.sees(boxes, margin=_MARGIN * distance)
+        every = Excess(codes, np.where(seen, excess, _ASIDE * excess), seen)
+        if self.hide:
+            coarse = np.flatnonzero(seen & (excess > 1))
+            leaves = self._leaves(every)
+            hidden = occluded(view, boxes.subset(coarse), boxes.subset(leaves))
+            seen[coarse[hidden]] = False
+        return Excess(codes, np.where(seen, excess, _ASIDE * excess), seen)
+
+    def wanted(self, view: CameraView, pool: TilePool) -> TargetTree:
+        """Return the tree that a view requires, as far as known from cached tiles."""
+        roots, excess = self.roots(view), self.excess(view, pool)
+        coarse = self._descend(excess)
+        splits, urgency = self._balanced(excess, coarse, view)
+        needed = np.concatenate([roots, children_of(splits).ravel()])
+        urgent = np.concatenate([np.full(len(roots), np.inf), np.repeat(urgency, 4)])
+        ready = np.concatenate([np.ones(len(roots), np.bool_), np.repeat(contains(excess.codes, splits), 4)])
+        lacking = np.flatnonzero(ready & ~contains(excess.codes, needed))
+        order = lacking[np.lexsort((needed[lacking], -urgent[lacking]))]
+        return TargetTree(splits, needed[order], urgent[order], excess)
+
+    def reachable(self, view: CameraView, splits: Int64Array, pool: TilePool) -> Int64Array:
+        """Return those splits that cached tiles can show, in balance; sorted."""
+        roots = self.roots(view)
+        ready = splits[(pool.find(children_of(splits)) >= 0).all(axis=1) & (pool.find(splits) >= 0)]
+        level = decode(ready)[0]
+        shown = roots[:0]
+        for at in range(ROOT_LEVEL, self.finest):
+            here = ready[level == at]
+            if at > ROOT_LEVEL:
+                beside = neighbours_of(here)
+                matter = _within(beside, self._range(view, at, _BALANCED))
+                backed = ~matter | contains(shown, parent_of(beside))
+                here = here[contains(shown, parent_of(here)) & backed.all(axis=1)]
+            shown = np.sort(np.concatenate([shown, here]))
+        return shown
+
+    def _descend(self, excess: Excess) -> list[npt.NDArray[np.intp]]:
+        """Return the tiles of each level, from the roots, that are too coarse like all their ancestors."""
+        coarse = np.flatnonzero(excess.of_all > 1)
+        codes = excess.codes[coarse]
+        starts = np.searchsorted(
+            codes, [code_of(level, -FARTHEST_TILE, -FARTHEST_TILE) for level in self._levels]
+        )
+        found: list[npt.NDArray[np.intp]] = []
+        for first, last in zip(starts, [*starts[1:], None], strict=True):
+            here = coarse[first:last]
+            if found:
+                here = here[contains(excess.codes[found[-1]], parent_of(excess.codes[here]))]
+            found.append(here)
+        return found[:-1]
+
+    def _leaves(self, excess: Excess) -> npt.NDArray[np.intp]:
+        """Return the leaves after splitting all tiles that are too coarse, unbalanced."""
+        splits = np.sort(np.concatenate(self._descend(excess)))
+        codes = excess.codes
+        level, _, _ = decode(codes)
+        left = contains(codes[splits], parent_of(codes)) | (level == ROOT_LEVEL)
+        left[splits] = False
+        return np.flatnonzero(left & intersects_bounds(codes, self.extent, self.bounds))
+
+    def _range(self, view: CameraView, level: int, share: float) -> Range:
+        """Return first and last column and row of a level within bounds and a share of the draw distance."""
+        width = self.extent * 2.0**-level
+        reach = min(share * view.draw_distance, _MOST_ROOTS * self.extent * 2.0**-ROOT_LEVEL)
+        ends = [int(np.floor((at + way * reach) / width)) for at in view.eye[:2] for way in (-1, 1)]
+        most = tile_range(self.bounds, width)
+        west, east, south, north = (
+            int(limit(end, there)) for limit, end, there in zip((max, min, max, min), ends, most, strict=True)
+        )
+        return west, east, south, north
+
+    @property
+    def _levels(self) -> range:
+        return range(ROOT_LEVEL, self.finest + 1)
+
+    def _balanced(
+        self, excess: Excess, coarse: list[npt.NDArray[np.intp]], view: CameraView
+    ) -> tuple[Int64Array, Float64Array]:
+        """Return all tiles to split so that touching tiles differ by at most a level, with urgencies.
+
+        The urgency is the greatest excess that forces the split; those not visible come last. Tiles beyond
+        the drawn area need no balance. Few tiles on many levels: dictionaries of plain integers are quicker
+        here than arrays.
+        """
+        urgency = np.where(excess.seen, excess.of_all, UNSEEN_URGENCY * np.minimum(excess.of_all, 1e6) / 1e6)
+        forced: dict[int, float] = {}
+        parts = []
+        for level in range(self.finest - 1, ROOT_LEVEL - 1, -1):
+            own = coarse[level - ROOT_LEVEL]
+            splits = dict(zip(excess.codes[own].tolist(), urgency[own].tolist(), strict=True))
+            far_too_coarse = own[excess.of_all[own] > self.metric.neighbour_limit]
+            steep = [(code, splits[code]) for code in excess.codes[far_too_coarse].tolist()]
+            _raise(splits, forced.items())
+            inside = self._range(view, level, _BALANCED)
+            _raise(splits, ((n, by) for code, by in steep for n in around(code, inside)))
+            parts.append(splits)
+            inside = self._range(view, level - 1, _BALANCED)
+            forced = {}
+            _raise(forced, ((p, by) for code, by in splits.items() for p in parents_around(code, inside)))
+        splits = {code: by for part in parts for code, by in part.items()}
+        codes = np.array(sorted(splits), np.int64)
+        return codes, np.array([splits[code] for code in codes.tolist()])
+
+
+def _raise(values: dict[int, float], others: Iterable[tuple[int, float]]) -> None:
+    """Merge values, keeping the greater one."""
+    for code, value in others:
+        if values.get(code, 0.0) < value:
+            values[code] = value
+
+
+def _within(codes: Int64Array, inside: Range) -> npt.NDArray[np.bool_]:
+    """Return which tiles lie in a range of columns and rows."""
+    _, col, row = decode(codes)
+    west, east, south, north = inside
+    return np.asarray((col >= west) & (col <= east) & (row >= south) & (row <= north))

@@ -1,0 +1,1 @@
+"""Plants: Poisson-disk points, species, foliage."""

@@ -1,0 +1,336 @@
+"""Foliage of a rectangle: trees, shrubs, grass and flowers."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from sketchterrain.errors import InputError
+from sketchterrain.placement.hashing import hash_keys
+from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
+from sketchterrain.terrain.materials import MATERIALS
+from sketchterrain.terrain.patch_layout import run_to_completion
+from sketchterrain.vegetation.graded_poisson import GradedPoisson
+from sketchterrain.vegetation.plants import (
+    BLOCK,
+    FILL,
+    PLANT,
+    SPECIES,
+    STOREYS,
+    PlantNoise,
+    PlantSites,
+    SpacingBlocks,
+    density_of,
+    padded_axes,
+    power_of_two_step,
+    ramp,
+)
+from sketchterrain.vegetation.poisson import GREATEST_DENSITY
+from sketchterrain.vegetation.woods import Woods
+
+if TYPE_CHECKING:
+    from collections.abc import Generator, Iterator
+
+    import numpy.typing as npt
+
+    from sketchterrain.array_types import FloatArray, LatticeArray, StructuredArray
+    from sketchterrain.terrain.evaluator import Evaluator
+
+    Area = tuple[int, int, int, int]
+
+LEAST: Final = 0.5
+"""Spacing (m) of tufts at the greatest density."""
+MOST: Final = 4.0
+"""Spacing (m) of single plants; none grow where it would be wider."""
+CELL: Final = 2.0
+"""Approximate distance (m) between the raster's vertices."""
+
+_APART = {
+    "grass": 0.5,
+    "forest_floor": 1.2,
+    "soil": 1.5,
+    "scree": 2.4,
+    "river_bed": 3.0,
+    "sand": 3.4,
+    "rock": 3.8,
+}
+"""Least spacing (m) on pure materials; none grow on snow."""
+_PATCHES = (23.0, 6.0)  # m: wavelengths of dense patches and of their ragged borders
+_THIN = 0.3  # density between patches, over the density in them
+_DROUGHT = 0.8  # share of plants missing in a desert
+_SHADED = (0.1, 0.6)  # forest mask from which ferns grow, and at which they are most frequent
+_FERNS = 0.75  # greatest share of ferns on a moist forest floor
+_BLOOM = (48.0, 9.0)  # m: wavelengths of patches of flowers and of their ragged borders
+_FLOWERS = (0.02, 0.4)  # share of flowers between patches and in their centre
+_DAMP = (0.05, 0.5)  # water mask from which grass is taller, and at which it is tallest
+_LOWER_UP = (-150.0, 200.0)  # m above the tree line, between which plants get lower
+_STEEPEST = 1.3  # rise over run at which tufts still hold
+_WATERSIDE = 0.72  # water mask from which it is too wet
+_GRASS, _FLOWER, _FERN = (SPECIES.index(name) for name in ("grass", "flower", "fern"))
+
+
+class Meadow:
+    """Grass, flowers and ferns of a recipe; see :class:`SpacingRule` for step, least and most."""
+
+    def __init__(self, evaluator: Evaluator) -> None:
+        recipe = evaluator.recipe
+        self._evaluator = evaluator
+        self._climate = recipe.climate
+        self._noise = PlantNoise(recipe)
+        unit = metres_per_unit(recipe.extent)
+        self.step = power_of_two_step(CELL, recipe.extent)
+        self.least, self.most = max(round(LEAST / unit), 2), max(round(MOST / unit), 4)
+        self._cell = self.step * unit
+        full = [float(density_of(_APART[name])) if name in _APART else 0.0 for name in MATERIALS]
+        self._full = np.array(full, np.float32)
+
+    def densities(self, x: LatticeArray, y: LatticeArray) -> FloatArray:
+        """Return plants per square metre; see :class:`SpacingRule`."""
+        padded_x, padded_y = (padded_axes(each, self.step) for each in (x, y))
+        surface = self._evaluator.surface(padded_x, padded_y[:, ::-1], cell_size=self._cell)
+        density = np.zeros(surface.height.shape, np.float32)
+        # One material after the other: the order of a library's sums is unspecified.
+        for material, full in enumerate(self._full):
+            if full > 0:
+                density += full * surface.materials[:, ::-1, :, material]
+        wide, narrow = (self._noise.over_blocks("tufts", width, x, y) for width in _PATCHES)
+        thick = _THIN + (1 - _THIN) * ramp(0.6 * wide + 0.4 * narrow, 0.2, 0.6)
+        return np.asarray(density * (thick * (1 - _DROUGHT * self._climate["aridity"] ** 2)))
+
+    def survives(self, sites: PlantSites) -> npt.NDArray[np.bool_]:
+        """Return which plants can grow at their exact positions."""
+        return np.asarray((sites.steepness < _STEEPEST) & (sites.water < _WATERSIDE))
+
+    def assign_species(self, plants: npt.NDArray[Any], sites: PlantSites, spacing: FloatArray) -> None:
+        """Write the species and scale of plants; neither depends on the spacing (m)."""
+        x, y, dry = sites.x, sites.y, self._climate["aridity"]
+        ferns = _FERNS * (1 - dry) * ramp(sites.forest, *_SHADED)
+        wide, narrow = (self._noise.at("bloom", width, x, y) for width in _BLOOM)
+        bloom = ramp(0.7 * wide + 0.3 * narrow, 0.55, 0.8) * (1 - dry) * (1 - ramp(sites.forest, *_SHADED))
+        flowers = _FLOWERS[0] + (_FLOWERS[1] - _FLOWERS[0]) * bloom
+        fern = self._noise.draw("fern", x, y) < ferns
+        flower = self._noise.draw("flower", x, y) < flowers
+        plants["species"] = np.where(fern, _FERN, np.where(flower, _FLOWER, _GRASS))
+        above = sites.z - self._climate["tree_line"]
+        lush = (1 + 0.5 * ramp(sites.water, *_DAMP)) * (1 - 0.4 * ramp(above, *_LOWER_UP)) * (1 - 0.35 * dry)
+        plants["scale"] = (0.6 + 0.7 * self._noise.draw("tuft scale", x, y)) * lush
+
+
+LEVELS: Final = 3
+"""Coarser Poisson-disk sets among the plants, at twice the distance each."""
+
+_RULES: Final[dict[str, type[Woods] | type[Meadow]]] = {"woody": Woods, "grass": Meadow}
+_SQUARES: Final = {
+    "woody": 2048.0,
+    "grass": 256.0,
+}  # m, side of the squares in whose order plants come, about
+_AT_ONCE = 1 << 12  # plants whose ground is evaluated in a step
+_SAMPLES = 16  # blocks along a side of those that an estimate reads
+_ERRORS = 2.0  # standard errors that are added to their mean
+_MARGIN = 1.3  # times as many plants as the spacing says there may be
+
+
+class Storey:
+    """StructuredArray of one storey, a function of the world.
+
+    Parameters
+    ----------
+    evaluator
+    name
+        One of ``STOREYS``.
+    """
+
+    def __init__(self, evaluator: Evaluator, name: str) -> None:
+        recipe = evaluator.recipe
+        self._evaluator = evaluator
+        self._unit = metres_per_unit(recipe.extent)
+        self._rule = _RULES[name](evaluator)
+        self._spacing = SpacingBlocks(self._rule, recipe.extent)
+        self._noise = PlantNoise(recipe)
+        self._points = GradedPoisson(
+            evaluator.context,
+            self._spacing.raster,
+            least=self._rule.least,
+            most=self._rule.most,
+            levels=LEVELS,
+            seed=int(hash_keys(recipe.seed, f"plants {name}")),
+        )
+        self._square = power_of_two_step(_SQUARES[name], recipe.extent)
+
+    def bound(self, area: Area) -> int:
+        """Return how many plants an area (lattice units) holds at most if they stand thickest all over it."""
+        thickest = GREATEST_DENSITY / self._rule.least**2
+        return math.ceil(_ground(area) * thickest + _a_row(area, thickest))
+
+    def estimate(self, area: Area) -> int:
+        """Return about how many plants an area (lattice units) holds at most, by some of its blocks."""
+        if _ground(area) == 0:
+            return 0
+        side = BLOCK * self._rule.step
+        columns, rows = (range(low // side, -(-high // side)) for low, high in _spans(area))
+        if len(columns) * len(rows) <= _SAMPLES**2:
+            thick = self._thick(self._spacing.raster(*area).spacing)
+        else:
+            blocks = self._spacing.blocks(_strewn(columns, rows))
+            each = np.array([self._thick(block) for block in blocks])
+            thick = float(each.mean() + _ERRORS * each.std() / math.sqrt(each.size))
+        most = _MARGIN * _ground(area) * thick + _a_row(area, thick)
+        return min(math.ceil(most), self.bound(area))
+
+    def _thick(self, spacing: npt.NDArray[np.float32]) -> float:
+        """Mean density of plants over a raster, per lattice unit squared."""
+        apart = spacing.astype(np.float64)
+        return float(np.mean(np.where(apart <= self._rule.most, FILL / apart**2, 0.0)))
+
+    def parts(self, area: Area, *, most: int) -> Iterator[Area]:
+        """Cut an area (lattice units) into parts that hold so many plants at most, along lines of the world.
+
+        The plants of the parts, one after the other, are those of the area in their order.
+        """
+        west, south, east, north = area
+        if _ground(area) == 0:
+            return
+        a_square = self.bound((0, 0, self._square, self._square))
+        columns, rows = (range(low // self._square, -(-high // self._square)) for low, high in _spans(area))
+        wide = min(max(most // a_square, 1), len(columns))
+        high = max(most // (a_square * wide), 1) if wide == len(columns) else 1
+        for row in range(rows.start, rows.stop, high):
+            for column in range(columns.start, columns.stop, wide):
+                yield (
+                    max(west, column * self._square),
+                    max(south, row * self._square),
+                    min(east, (column + wide) * self._square),
+                    min(north, (row + high) * self._square),
+                )
+
+    def plants_steps(self, area: Area) -> Generator[None, None, StructuredArray]:
+        """Find the plants of an area (lattice units) in steps of a few ms; the last one returns them."""
+        # Beforehand, for the sampler asks for all it needs at once.
+        halo = self._points.halo
+        west, south, east, north = area
+        yield from self._spacing.prefetch_steps(west - halo, south - halo, east + halo, north + halo)
+        points = yield from self._points.steps(area)
+        # They come from south to north already, and stay so within the squares.
+        points = points[np.lexsort((points["x"] // self._square, points["y"] // self._square))]
+        found = []
+        for start in range(0, len(points), _AT_ONCE):
+            yield
+            found.append(self._grown(points[start : start + _AT_ONCE]))
+        return np.concatenate(found) if found else np.zeros(0, PLANT)
+
+    def _grown(self, points: npt.NDArray[Any]) -> StructuredArray:
+        """Return what grows at points, but for those where the ground lets nothing stand."""
+        places = (np.ascontiguousarray(points[axis]) for axis in ("x", "y"))
+        foot = PlantSites.evaluate(self._evaluator, *places)
+        kept = self._rule.survives(foot)
+        points, foot = points[kept], foot.subset(kept)
+        plants = np.zeros(len(points), PLANT)
+        if not len(points):
+            return plants
+        plants["x"], plants["y"], plants["z"] = foot.x * self._unit, foot.y * self._unit, foot.z
+        plants["normal"], plants["level"] = foot.normal, points["level"]
+        plants["rotation"] = 2 * np.pi * self._noise.draw("rotation", foot.x, foot.y)
+        plants["tint"] = self._noise.draw("tint", foot.x, foot.y)
+        self._rule.assign_species(plants, foot, points["spacing"] * self._unit)
+        return plants
+
+
+def _spans(area: Area) -> tuple[tuple[int, int], tuple[int, int]]:
+    west, south, east, north = area
+    return (west, east), (south, north)
+
+
+def _sides(area: Area) -> tuple[int, int]:
+    west, south, east, north = area
+    return east - west, north - south
+
+
+def _ground(area: Area) -> int:
+    """Lattice units squared."""
+    return math.prod(_sides(area))
+
+
+def _a_row(area: Area, thick: float) -> float:
+    """Return how many more plants of a density (on a unit squared) may stand just within the border."""
+    return sum(_sides(area)) * math.sqrt(thick) + 1
+
+
+def _strewn(columns: range, rows: range) -> list[tuple[int, int]]:
+    """Return some of many blocks, spread evenly, none in line with those of the next row."""
+    down = min(_SAMPLES, len(rows))
+    some_rows = [rows[i * len(rows) // down] for i in range(down)]
+    across = min(_SAMPLES**2 // len(some_rows), len(columns))
+    return [
+        (columns[int((i + (n + 0.5) / len(some_rows)) / across * len(columns))], row)
+        for n, row in enumerate(some_rows)
+        for i in range(across)
+    ]
+
+
+MAX_PLANTS: Final = 20_000_000
+"""Most plants returned at once."""
+
+_MAX_PER_PIECE = 2_000_000
+
+
+class FoliageSampler:
+    """StructuredArray of a recipe on a device."""
+
+    def __init__(self, evaluator: Evaluator) -> None:
+        self._extent = evaluator.recipe.extent
+        self._storeys = {name: Storey(evaluator, name) for name in STOREYS}
+
+    def within(
+        self, west: float, south: float, east: float, north: float, storey: str = "woody"
+    ) -> StructuredArray:
+        """Return the plants of a rectangle in metres; see :meth:`Terrain.foliage`."""
+        return run_to_completion(self.steps(west, south, east, north, storey))
+
+    def steps(
+        self, west: float, south: float, east: float, north: float, storey: str
+    ) -> Generator[None, None, StructuredArray]:
+        """Do the same in steps; see :meth:`Terrain.foliage_steps`."""
+        layer, area = self._validate((west, south, east, north), storey)
+        if layer.bound(area) > MAX_PLANTS:
+            most, size = self.estimate(west, south, east, north, storey)
+            if most > MAX_PLANTS:
+                raise InputError(
+                    f"the rectangle may hold {most:.3g} plants ({size / 2**30:.1f} GiB); "
+                    f"expected at most {MAX_PLANTS} at once, more in pieces"
+                )
+        parts = []
+        for part in layer.parts(area, most=_MAX_PER_PIECE):
+            plants = yield from layer.plants_steps(part)
+            parts.append(plants)
+        return np.concatenate(parts) if parts else np.zeros(0, PLANT)
+
+    def pieces(
+        self, west: float, south: float, east: float, north: float, storey: str = "woody"
+    ) -> Iterator[StructuredArray]:
+        """Return the same piece by piece; see :meth:`Terrain.foliage_pieces`."""
+        layer, area = self._validate((west, south, east, north), storey)
+        return (
+            run_to_completion(layer.plants_steps(part)) for part in layer.parts(area, most=_MAX_PER_PIECE)
+        )
+
+    def estimate(
+        self, west: float, south: float, east: float, north: float, storey: str = "woody"
+    ) -> tuple[int, int]:
+        """Return an upper estimate of the number of plants, and their bytes.
+
+        See :meth:`Terrain.foliage_estimate`.
+        """
+        layer, area = self._validate((west, south, east, north), storey)
+        most = layer.estimate(area)
+        return most, most * PLANT.itemsize
+
+    def _validate(self, rectangle: tuple[float, float, float, float], storey: str) -> tuple[Storey, Area]:
+        if storey not in self._storeys:
+            raise InputError(f"expected a storey, {' or '.join(STOREYS)}, got {storey!r}")
+        west, south, east, north = (int(each) for each in to_lattice(rectangle, self._extent))
+        if west > east or south > north:
+            given = ", ".join(f"{each:g}" for each in rectangle)
+            raise InputError(f"expected west ≤ east and south ≤ north, got {given}")
+        return self._storeys[storey], (west, south, east, north)

@@ -1,0 +1,337 @@
+"""Folders and archives: saved, loaded, and a save that is cut off anywhere."""
+
+import os
+import shutil
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from sketchterrain.document.label_layers import encode_layer
+from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import JOURNAL, load_sketch, new_sketch, save_sketch
+from sketchterrain.errors import InputError, SketchterrainError
+from sketchterrain.io.resources import preset, preset_names
+
+from .conftest import grey, refusal, same
+
+_FILES = sorted(["sketch.toml", *(f"{name}.png" for name in LAYERS)])
+_IMAGES = st.builds(
+    lambda seed, height, width, names: {
+        name: np.random.default_rng([seed, i]).integers(0, 5, (height, width), dtype=np.uint8)
+        for i, name in enumerate(names)
+    },
+    st.integers(0, 1000),
+    st.integers(1, 30),
+    st.integers(1, 30),
+    st.sets(st.sampled_from(list(LAYERS))).map(sorted),
+)
+
+
+def _painted():
+    image = np.zeros((20, 30), dtype=np.uint8)
+    image[3:9, 4:20] = 1
+    image[12:18, 4:20] = 200
+    layers = {"mountain": image, "river": image[::-1] // 200}
+    labels = {("mountain", 1): {"height": 0.1 + 0.2 + 1}, ("mountain", 200): {}}
+    return Sketch(name='A "valley"', extent=1234.5, seed=2**63 - 1, layers=layers, labels=labels)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=15, deadline=None)
+@given(
+    images=_IMAGES,
+    name=st.text(st.characters(exclude_categories=["Cs"]), max_size=20),
+    seed=st.integers(0, 99),
+)
+def test_a_sketch_comes_back_as_it_was_from_a_folder_and_from_a_zip(tmp_path, images, name, seed):
+    sketch = Sketch(name=name, seed=seed, layers=images)
+    for path in (tmp_path / "folder", tmp_path / "zip.sketch"):
+        save_sketch(sketch, path)
+        same(load_sketch(path), sketch)
+
+
+def test_a_folder_and_a_zip_of_it_are_the_same_sketch(tmp_path):
+    save_sketch(_painted(), tmp_path / "deep" / "valley")
+    assert sorted(entry.name for entry in (tmp_path / "deep" / "valley").iterdir()) == _FILES
+    shutil.make_archive(str(tmp_path / "valley"), "zip", tmp_path / "deep", "valley")
+    zipped = (tmp_path / "valley.zip").rename(tmp_path / "valley.sketch")
+    same(load_sketch(zipped), load_sketch(str(tmp_path / "deep" / "valley")))
+    same(load_sketch(zipped), _painted())
+    for name in ("a.sketch", "b.sketch"):
+        save_sketch(_painted(), tmp_path / name)
+    assert (tmp_path / "a.sketch").read_bytes() == (tmp_path / "b.sketch").read_bytes()
+
+
+def test_saving_replaces_a_sketch_and_nothing_else(tmp_path):
+    save_sketch(_painted(), tmp_path)
+    (tmp_path / "notes.txt").write_text("mine")
+    emptied = _painted().replace(layers={"river": np.ones((9, 9), dtype=np.uint8)})
+    save_sketch(emptied, tmp_path)
+    same(load_sketch(tmp_path), emptied)
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == sorted([*_FILES, "notes.txt"])
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+    # A folder that is named as a zip stays a folder.
+    path = tmp_path / "valley.sketch"
+    path.mkdir()
+    save_sketch(_painted(), path)
+    assert path.is_dir()
+    same(load_sketch(path), _painted())
+
+    path = tmp_path / "photo.png"
+    path.write_bytes(b"mine")
+    with pytest.raises(InputError, match=r"expected a folder or a name that ends in \.sketch"):
+        save_sketch(Sketch(), path)
+    assert path.read_bytes() == b"mine"
+
+
+def test_a_failed_save_leaves_the_old_sketch(tmp_path, monkeypatch):
+    def fail(_):
+        raise OSError(28, "No space left on device")
+
+    for name in ("valley", "valley.sketch"):
+        path = tmp_path / name
+        save_sketch(_painted(), path)
+        before = sorted(tmp_path.rglob("*"))
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "fsync", fail)
+            with pytest.raises(
+                SketchterrainError, match=f"{name}.*: cannot be written .No space left on device."
+            ) as caught:
+                save_sketch(Sketch(), path)
+        assert caught.value.exit_code == 1
+        assert sorted(tmp_path.rglob("*")) == before
+        same(load_sketch(path), _painted())
+
+
+def test_missing_layers_are_empty_and_unpainted_labels_have_properties(folder):
+    sketch = load_sketch(folder("extent = 100"))
+    assert (sketch.width_px, sketch.height_px, sketch.size) == (512, 512, (100.0, 100.0))
+    assert not any(image.any() for image in sketch.layers.values())
+    sketch = load_sketch(folder(files={"hill.png": grey(np.zeros((3, 7)))}))
+    assert {image.shape for image in sketch.layers.values()} == {(3, 7)}
+    sketch = load_sketch(folder("[hill.9]\nheight = 5", {"hill.png": grey([[0, 3]])}))
+    assert sketch.properties("hill", 3)["height"] == 80.0
+    assert sketch.properties("hill", 9)["height"] == 5.0
+    sketch = load_sketch(folder(files={f"{name}.png": grey(np.full((8, 8), 1)) for name in LAYERS}))
+    assert all((image == 1).all() for image in sketch.layers.values())
+
+
+def test_refused_files_of_a_folder_and_those_that_may_lie_beside_the_sketch(folder):
+    place = folder()
+    for name, message in [
+        ("mountains.png", "did you mean 'mountain.png'"),
+        ("Mountain.PNG", "did you mean 'mountain.png'"),
+        (
+            "pond.png",
+            "expected mountain.png, hill.png, river.png, dune.png, forest.png, lake.png, material.png",
+        ),
+        ("hill.jpg", "'hill.jpg': expected a PNG file, hill.png"),
+        ("two\nlines.png", r"unknown layer image 'two\nlines.png'"),
+    ]:
+        (place / name).write_bytes(b"")
+        assert message in refusal(place), name
+        (place / name).unlink()
+    for content, message in [
+        (b"JFIF", "hill.png: expected a PNG file"),
+        (grey([[0]])[:-20], "hill.png: expected a whole PNG file, this one is truncated"),
+    ]:
+        (place / "hill.png").write_bytes(content)
+        assert refusal(place).startswith(f"{place}/{message}"), message
+    with (place / "hill.png").open("wb") as stream:
+        stream.truncate(1 << 40)  # sparse
+    assert "hill.png: too large: expected at most 64 MiB" in refusal(place)
+    (place / "hill.png").unlink()
+    (place / "hill.png").mkdir()
+    assert refusal(place) == f"{place}/hill.png: expected a file"
+    (place / "hill.png").rmdir()
+    folder(files={"mountain.png": grey(np.zeros((4, 6))), "river.png": grey(np.zeros((4, 5)))})
+    assert refusal(place) == f"{place}/river.png: 5×4 px, but mountain.png is 6×4 px: expected one size"
+    for text, message in [
+        ("extnt = 3", "unknown key 'extnt' = 3: expected format, name"),
+        ("seed = ", "not TOML: Invalid value (at line 2"),
+    ]:
+        assert refusal(folder(text)).startswith(f"{place}/sketch.toml: {message}"), text
+    (place / "sketch.toml").unlink()
+    assert refusal(place).startswith(f"{place}: no sketch.toml in it")
+    (place / "river.png").unlink()
+
+    folder(files=dict.fromkeys(["hill.xcf", "README.md", ".hill.png.1.tmp", "._hill.png"], b"?"))
+    (place / "sources").mkdir()
+    assert (load_sketch(place).width_px, load_sketch(place).height_px) == (6, 4)
+
+
+def test_presets_are_loaded_by_name_and_a_sketch_here_goes_first(tmp_path, monkeypatch):
+    message = refusal(str(tmp_path / "nowhere"))
+    assert "expected a folder, a .sketch file or a preset" in message
+    assert all(name in message for name in preset_names())
+    for strange in ("x" * 5000, "a\0b", "two\nlines"):
+        refusal(strange)
+
+    for name in preset_names():
+        sketch = load_sketch(name)
+        assert any(image.any() for image in sketch.layers.values()), name
+        assert sketch.name
+        save_sketch(sketch, tmp_path / "copy.sketch")
+        same(load_sketch(tmp_path / "copy.sketch"), sketch)
+        assert preset(name).joinpath("sketch.toml").is_file()
+
+    shelf = tmp_path / "presets"
+    save_sketch(_painted(), shelf / "valley")
+    monkeypatch.setattr("sketchterrain.document.store.preset_names", lambda: ("valley",))
+    monkeypatch.setattr("sketchterrain.document.store.preset", lambda name: shelf / name)
+    here = tmp_path / "here"
+    here.mkdir()
+    monkeypatch.chdir(here)
+    same(load_sketch("valley"), _painted())
+    (here / "valley").mkdir()  # an output folder, say: it holds no sketch
+    same(load_sketch("valley"), _painted())
+    with pytest.raises(InputError, match="did you mean 'valley'"):
+        load_sketch("valey")
+    with pytest.raises(InputError, match=r"no sketch\.toml"):
+        load_sketch(Path("valley"))
+    new_sketch("valley")
+    assert load_sketch("valley").name == "My sketch"
+
+
+def test_the_starter_shows_every_layer_and_takes_an_empty_folder_alone(tmp_path):
+    new_sketch(tmp_path / "mine")
+    assert sorted(entry.name for entry in (tmp_path / "mine").iterdir()) == _FILES
+    sketch = load_sketch(tmp_path / "mine")
+    assert sketch.size == (4096.0, 4096.0)
+    assert (sketch.width_px, sketch.height_px) == (512, 512)
+    painted = {name for name, image in sketch.layers.items() if image.any()}
+    assert painted == {"mountain", "river"}
+    for name, layer in LAYERS.items():
+        assert sketch.labels[name, 1] == {key: p.default for key, p in layer.parameters.items()}
+    text = (tmp_path / "mine" / "sketch.toml").read_text(encoding="utf-8")
+    for layer in LAYERS.values():
+        assert all(parameter.help in text for parameter in layer.parameters.values())
+
+    (tmp_path / "other").mkdir()
+    new_sketch(tmp_path / "other")
+    settings = tmp_path / "other" / "sketch.toml"
+    settings.write_text("mine")
+    with pytest.raises(InputError, match="this one is not empty"):
+        new_sketch(tmp_path / "other")
+    with pytest.raises(InputError, match="expected a folder"):
+        new_sketch(settings)
+    assert settings.read_text() == "mine"
+
+
+class Killed(BaseException):
+    """Nothing in the program catches this."""
+
+
+def one(label):
+    """A sketch that is another one in each of its files."""
+    image = np.full((20, 30), label, dtype=np.uint8)
+    return Sketch(seed=label, layers=dict.fromkeys(LAYERS, image))
+
+
+def killed_at(monkeypatch, moment, act):
+    """Do something, killed before or after a moment at which the disk changes; True if it was killed."""
+    count = 0
+
+    def pass_moment():
+        nonlocal count
+        count += 1
+        if count - 1 == moment:
+            raise Killed
+
+    def counted(function):
+        def wrapped(*arguments):
+            pass_moment()
+            result = function(*arguments)
+            pass_moment()
+            return result
+
+        return wrapped
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", counted(Path.replace))
+        patch.setattr(os, "fsync", counted(lambda _: None))
+        patch.setattr(Path, "unlink", lambda *_, **__: None)  # who is killed does not tidy up
+        try:
+            act()
+        except Killed:
+            return True
+    return False
+
+
+@pytest.mark.parametrize("stride", [3, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("before", ["nothing", "a sketch", "an unfinished save"])
+def test_a_save_that_is_cut_off_leaves_the_old_sketch_or_the_new_one(tmp_path, monkeypatch, before, stride):
+    seen = set()
+    for moment in range(0, 100, stride):
+        folder = tmp_path / str(moment)
+        if before != "nothing":
+            save_sketch(one(1), folder)
+        if before == "an unfinished save":
+            assert killed_at(monkeypatch, 22, lambda folder=folder: save_sketch(one(2), folder))
+            assert (folder / JOURNAL).exists()
+            same(load_sketch(folder), one(2))
+        killed = killed_at(monkeypatch, moment, lambda folder=folder: save_sketch(one(3), folder))
+        try:
+            sketch = load_sketch(folder)
+        except InputError:
+            assert (before, killed) == ("nothing", True)
+            seen.add(0)
+        else:
+            seen.add(sketch.seed)
+            same(sketch, one(sketch.seed))
+        save_sketch(one(4), folder)
+        same(load_sketch(folder), one(4))
+        assert not (folder / JOURNAL).exists()
+        if not killed:
+            break
+    else:
+        pytest.fail("a save has no end")
+    assert seen == {{"nothing": 0, "a sketch": 1, "an unfinished save": 2}[before], 3}
+    assert moment > 20
+
+
+def test_an_image_written_after_the_crash_is_kept(tmp_path, monkeypatch):
+    save_sketch(one(1), tmp_path)
+    assert killed_at(monkeypatch, 20, lambda: save_sketch(one(2), tmp_path))
+    time.sleep(0.02)
+    (tmp_path / "hill.png").write_bytes(encode_layer(np.full((20, 30), 9, dtype=np.uint8), (0, 0, 0)))
+    sketch = load_sketch(tmp_path)
+    assert sketch.seed == 2
+    assert {name: int(image.max()) for name, image in sketch.layers.items()} == {
+        name: 9 if name == "hill" else 2 for name in LAYERS
+    }
+
+
+def test_a_folder_named_as_a_preset_with_an_unfinished_first_save_is_the_sketch_here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    folder = Path("valley_river")
+    assert killed_at(monkeypatch, 19, lambda: save_sketch(one(2), folder))
+    assert not (folder / "sketch.toml").exists()
+    same(load_sketch("valley_river"), one(2))
+
+
+def test_unchanged_files_are_not_written(tmp_path):
+    save_sketch(one(1), tmp_path)
+    times = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    time.sleep(0.02)
+    save_sketch(one(1).replace(seed=9), tmp_path)
+    changed = {path.name for path in tmp_path.iterdir() if path.stat().st_mtime_ns != times[path.name]}
+    assert changed == {"sketch.toml"}
+
+
+def test_old_temporary_files_of_killed_saves_are_removed(tmp_path, monkeypatch):
+    assert killed_at(monkeypatch, 9, lambda: save_sketch(one(2), tmp_path))
+    (tmp_path / ".notes.tmp").write_text("mine")
+    left = list(tmp_path.glob(".*.tmp"))
+    assert len(left) > 3
+    save_sketch(one(3), tmp_path)
+    assert set(left) <= set(tmp_path.iterdir())  # somebody may be writing them
+    for path in left:
+        os.utime(path, (time.time() - 100, time.time() - 100))
+    save_sketch(one(3), tmp_path)
+    assert {path.name for path in tmp_path.glob(".*")} == {".notes.tmp"}

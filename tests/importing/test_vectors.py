@@ -1,0 +1,622 @@
+"""Vector maps as sketches, painting against brute force, and hostile files refused in one line."""
+
+import json
+import math
+import sqlite3
+
+import numpy as np
+import pyogrio
+import pytest
+import rasterio.warp
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import ndimage
+
+from sketchterrain.errors import InputError
+from sketchterrain.importing.images import kind_of
+from sketchterrain.importing.vector_files import area_of, metric, middle_longitude, reprojected
+from sketchterrain.importing.vector_kinds import classed
+from sketchterrain.importing.vectors import paint_areas, paint_lines, sketch_from_vectors
+from sketchterrain.io.crs import parse_crs, parse_metric_crs
+
+LON, LAT = 11.0, 47.0
+SQUARE = {"bounds": (0, 0, 1000, 1000), "size_px": 100}
+
+
+def feature(kind: str, coordinates: object, **properties: object) -> dict:
+    geometry = {"type": kind, "coordinates": coordinates}
+    return {"type": "Feature", "properties": properties, "geometry": geometry}
+
+
+def line(*places: list, **properties: object) -> dict:
+    return feature("LineString", places, **properties)
+
+
+def box(west: float, south: float, east: float, north: float) -> list:
+    return [[west, south], [east, south], [east, north], [west, north], [west, south]]
+
+
+def area(*sides: float, **properties: object) -> dict:
+    return feature("Polygon", [box(*sides)], **properties)
+
+
+@pytest.fixture
+def written(tmp_path):
+    """Return what writes features as GeoJSON, in EPSG:25832 unless told otherwise."""
+
+    def write(*features: dict, crs: str | None = "EPSG:25832"):
+        members = {} if crs is None else {"crs": {"type": "name", "properties": {"name": crs}}}
+        path = tmp_path / "map.geojson"
+        path.write_text(json.dumps({"type": "FeatureCollection", "features": features} | members))
+        return path
+
+    return write
+
+
+def pack(path, crs, layer, shapes, *, driver="GPKG", geometry_type="Unknown", options=None, **fields) -> None:
+    """Append a layer to a GeoPackage, or write another format."""
+    values = [np.array(each, object if isinstance(each[0], str) else float) for each in fields.values()]
+    given = {"layer": layer, "driver": driver, "geometry_type": geometry_type, "crs": crs} | (options or {})
+    shapes = shapely.to_wkb(np.array(shapes, object))
+    pyogrio.raw.write(path, shapes, values, list(fields), append=path.exists(), **given)
+
+
+def test_each_feature_lies_on_its_layer_at_its_place(written) -> None:
+    path = written(
+        line([1000, 3000], [1000, 1000], waterway="river"),
+        feature("Polygon", [box(2000, 1000, 3000, 2000), box(2400, 1400, 2600, 1600)], natural="water"),
+        feature(
+            "MultiPolygon", [[box(3000, 2500, 4000, 3000)], [box(4500, 2500, 5000, 3000)]], natural="wood"
+        ),
+        area(1200, 2600, 1400, 2800, natural="scree"),
+        area(4000, 1000, 5000, 1500, layer="hill", height=55),
+    )
+    traced = sketch_from_vectors(path, bounds=(1000, 1000, 5000, 3000), size_px=400)
+    sketch = traced.sketch
+    assert (sketch.width_px, sketch.height_px, sketch.pixel_size, sketch.extent) == (400, 200, 10.0, 4000.0)
+    lake, forest = np.zeros((2, 200, 400), bool)
+    lake[100:200, 100:200] = True
+    lake[140:160, 140:160] = False
+    forest[0:50, 200:300] = forest[0:50, 350:400] = True
+    np.testing.assert_array_equal(sketch.layers["lake"] == 1, lake)
+    np.testing.assert_array_equal(sketch.layers["forest"] == 1, forest)
+    assert np.argwhere(sketch.layers["material"]).min(axis=0).tolist() == [20, 20]
+    assert sketch.properties("material", 1)["material"] == "scree"
+    assert sketch.layers["hill"][150:, 300:].all()
+    assert sketch.properties("hill", 1)["height"] == 55
+    assert np.flatnonzero(sketch.layers["river"].any(axis=0)).tolist() == [0]
+    assert sketch.name == "map"
+    assert any("--crs EPSG:25832 --origin 1000,1000" in note for note in traced.notes)
+
+
+def test_rivers_are_painted_by_width_and_tributaries_do_not_cut_the_stem(written) -> None:
+    path = written(
+        line([100, 900], [900, 900], waterway="river", width="40 m"),
+        line([100, 500], [900, 500], waterway="river", width=1),
+        line([100, 98], [900, 98], waterway="river"),
+    )
+    sketch = sketch_from_vectors(path, bounds=(0, 0, 1000, 1000), size_px=250, width=20).sketch
+    river = sketch.layers["river"]
+    assert [int((river[:, 125] == label).sum()) for label in (1, 2, 3)] == [1, 5, 10]  # 4 m a pixel
+    assert [sketch.properties("river", label)["width"] for label in (1, 2, 3)] == [1, 20, 40]
+    assert river[24:26, 125].all()
+    assert river[74:76, 125].sum() == 0
+
+    path = written(
+        line([500, 1000], [500, 0], waterway="river", width=60),
+        line([0, 500], [1000, 503], waterway="stream"),
+    )
+    river = sketch_from_vectors(path, **SQUARE).sketch.layers["river"]
+    assert (river[:, 49] == 2).all()
+    assert (river[:, 5] == 1).any()
+
+
+def test_a_river_drawn_as_an_area_is_as_wide_as_painted(written) -> None:
+    slim = [[0, 500], [1000, 505], [1000, 507], [0, 502], [0, 500]]
+    path = written(feature("Polygon", [slim], natural="water", water="river"))
+    sketch = sketch_from_vectors(path, **SQUARE).sketch
+    assert sketch.layers["river"].any(axis=0).all()
+    assert sketch.properties("river", 1)["width"] == 0.0
+    assert not sketch.layers["lake"].any()
+
+    path = written(
+        line([0, 500], [1000, 500], waterway="river"),
+        area(200, 400, 700, 600, natural="water", water="river"),
+    )
+    sketch = sketch_from_vectors(path, **SQUARE).sketch
+    river = sketch.layers["river"]
+    assert (river[41:59, 21:69] == 2).all()
+    assert sketch.properties("river", 2)["width"] == 0
+    assert river[50, [5, 95]].tolist() == [1, 1]
+
+
+def test_at_most_sixteen_labels_approximate_the_properties(written) -> None:
+    widths = np.geomspace(2, 200, 100).tolist()
+    rivers = (line([0, 10 * i], [1000, 10 * i], waterway="river", width=w) for i, w in enumerate(widths))
+    traced = sketch_from_vectors(written(*rivers))
+    labels = [label for name, label in traced.sketch.labels if name == "river"]
+    assert labels == list(range(1, len(labels) + 1))
+    assert 8 <= len(labels) <= 16
+    got = [traced.sketch.properties("river", label)["width"] for label in labels]
+    assert got == sorted(got)
+    assert np.abs(np.log(np.array(widths)[:, None] / got)).min(axis=1).max() < 0.35
+    assert any("share one" in note and "%" in note for note in traced.notes)
+
+    given = {"height": 300, "peakiness": 0.2, "erosion": 0.3, "gullies": 0.4, "multitude": 3}
+    ridges = []
+    for number in range(32):
+        some = {key: value for bit, (key, value) in enumerate(given.items()) if number >> bit & 1}
+        ridges.append(area(10 * number, 0, 10 * number + 9, 100, natural="ridge", **some))
+    traced = sketch_from_vectors(written(*ridges), size_px=320)
+    assert [label for name, label in traced.sketch.labels if name == "mountain"] == [1]
+    assert any("all have the defaults" in note for note in traced.notes)
+    flows = (line([0, i], [100, i], waterway="river", flow=-i / 40) for i in range(40))
+    assert len({label for _, label in sketch_from_vectors(written(*flows)).sketch.labels}) <= 16
+
+    wanted = [{"width": 3.0}, {"width": 1.0}, {"width": 3.0}, {}]
+    assert classed(wanted, 16) == ([0, 1, 0, 2], [{"width": 3.0}, {"width": 1.0}, {}], 0.0)
+    assert classed([{"kind": str(index)} for index in range(20)], 16) == ([0] * 20, [{}], np.inf)
+
+
+def test_degrees_become_metres_of_the_utm_zone_also_over_the_antimeridian(written) -> None:
+    path = written(line([LON, LAT + 0.1], [LON + 0.1, LAT], waterway="river"), crs=None)
+    traced = sketch_from_vectors(path, size_px=200)
+    (x,), (y,) = rasterio.warp.transform("EPSG:4326", "EPSG:32632", [LON + 0.05], [LAT + 0.05])
+    (note,) = [note for note in traced.notes if "EPSG:32632" in note]
+    west, south = map(float, note.split("--origin ")[1].split()[0].split(","))
+    sketch = traced.sketch
+    row, column = sketch.height_px - (y - south) / sketch.pixel_size, (x - west) / sketch.pixel_size
+    assert sketch.layers["river"][int(row) - 1 : int(row) + 2, int(column) - 1 : int(column) + 2].any()
+    width = 0.1 * math.cos(math.radians(LAT + 0.05)) * 111_320
+    assert sketch.size[0] == pytest.approx(width, rel=0.05)
+    assert sketch.weather["latitude"] == pytest.approx(47.05, abs=0.01)
+
+    for places, code in [
+        ([[11, 47], [11.1, 47.1]], "EPSG:32632"),
+        ([[-70.1, -33.0], [-70, -33.1]], "EPSG:32719"),
+        ([[179.9, -17.0], [-179.9, -17.2]], "EPSG:32701"),
+        ([[179.8, -17.0], [-179.9, -17.2]], "EPSG:32760"),
+        ([[10, 85.0], [11, 85.1]], "EPSG:5041"),
+        ([[10, -85.0], [11, -85.1]], "EPSG:5042"),
+    ]:
+        traced = sketch_from_vectors(written(line(*places, waterway="river"), crs=None))
+        assert any(f"in {code};" in note for note in traced.notes), places
+        assert traced.sketch.extent < 40_000, places
+
+
+def test_bounds_cut_what_is_far_away_also_over_the_antimeridian(written) -> None:
+    for places in (
+        ([[179.9, -17], [180, -17]], [[-180, -17], [-179.9, -17]]),
+        ([[179.9, -17], [-179.9, -17]],),
+    ):
+        rivers = [line(*each, waterway="river") for each in (*places, [[10, 50], [11, 50]])]
+        path = written(*rivers, crs=None)
+        traced = sketch_from_vectors(path, bounds=(179.9, -17.05, 180.1, -16.95), size_px=100)
+        assert traced.sketch.layers["river"].any(axis=0).all(), places
+        assert any("1 outside" in note for note in traced.notes), places
+
+    world = area(-179, -89, 11.05, 89, natural="water")
+    path = written(world, crs=None)
+    sketch = sketch_from_vectors(path, bounds=(11.0, 47.0, 11.1, 47.1), size_px=100).sketch
+    middle = sketch.width_px // 2
+    assert sketch.layers["lake"][:, : middle - 3].all()
+    assert not sketch.layers["lake"][:, middle + 3 :].any()
+
+
+def test_a_metric_crs_is_kept_and_another_can_be_asked_for(written) -> None:
+    for own, kept, lon, lat in [
+        ("EPSG:25832", "EPSG:25832", LON, LAT),
+        ("EPSG:3857", "EPSG:326", LON, LAT),
+        ("EPSG:2263", "EPSG:326", -74.0, 40.7),
+        ("EPSG:2056", "EPSG:2056", 8.0, 47.0),
+        ("EPSG:2048", "EPSG:327", 19.0, -33.0),
+    ]:
+        x, y = rasterio.warp.transform("EPSG:4326", own, [lon, lon + 0.01], [lat, lat + 0.01])
+        path = written(line(*np.stack([x, y], axis=-1).tolist(), waterway="river"), crs=own)
+        traced = sketch_from_vectors(path)
+        assert any(f"in {kept}" in note for note in traced.notes), own
+        assert traced.sketch.extent == pytest.approx(1112, rel=0.03), own
+
+    path = written(line([LON, LAT], [LON + 0.1, LAT], waterway="river"), crs=None)
+    assert any("EPSG:3035" in note for note in sketch_from_vectors(path, crs="EPSG:3035").notes)
+
+
+def test_a_summit_is_a_disc_and_a_ridge_a_band(written) -> None:
+    path = written(
+        feature("Point", [500, 500], natural="peak", radius=100, ele=2000),
+        line([2000, 200], [2000, 800], natural="ridge"),
+    )
+    sketch = sketch_from_vectors(path, bounds=(0, 0, 2500, 1000), size_px=250, width=300).sketch
+    shapes, count = ndimage.label(sketch.layers["mountain"])
+    assert count == 2
+    rows, columns = np.nonzero(shapes == shapes[50, 50])
+    assert len(rows) == pytest.approx(math.pi * 100, rel=0.03)
+    assert (rows.mean() + 0.5, columns.mean() + 0.5) == pytest.approx((50, 50), abs=0.2)
+    assert (shapes[50] == shapes[50, 200]).sum() == 30
+    assert sketch.properties("mountain", 1)["height"] == 600  # an elevation is no height above the foot
+
+
+def test_skipped_features_are_reported_by_reason(written) -> None:
+    path = written(
+        line([0, 0], [1000, 0], waterway="river"),
+        feature("Point", [5, 5], amenity="bench"),
+        feature("Point", [5, 5], natural="water"),
+        line([0, 0], [10, 10], landuse="forest"),
+        feature("Polygon", [[[0, 0], [1, 1], [0, 0]]], natural="water"),
+        area(10, 10, 11, 11, natural="water"),
+        feature("Polygon", [], natural="water"),
+        {"type": "Feature", "properties": None, "geometry": None},
+    )
+    traced = sketch_from_vectors(path, size_px=100)
+    (told,) = [note for note in traced.notes if note.startswith("left out")]
+    for part in (
+        "1 that say nothing a sketch knows",
+        "1 that are points, where no area is known",
+        "1 that are lines around nothing",
+        "1 with areas of less than three corners",
+        "1 smaller than half a pixel",
+        "2 without a shape",
+    ):
+        assert part in told
+    assert traced.notes[0] == "taken: 1 line as river"
+
+
+def test_properties_and_tags_choose_the_layer_and_its_parameters(written) -> None:
+    for properties, layer, said in [
+        ({"layer": "Lakes", "waterway": "river"}, "lake", {}),
+        ({"layer": -1, "waterway": "canal"}, "river", {"width": 10.0}),
+        ({"tags": {"waterway": "stream", "width": "2"}}, "river", {"width": 2.0, "depth": 0.5}),
+        ({"other_tags": '"waterway"=>"river","width"=>"7.5 m"', "waterway": None}, "river", {"width": 7.5}),
+        ({"fclass": "reservoir"}, "lake", {}),
+        ({"featurecla": "River"}, "river", {}),
+        ({"WATERWAY": "River", "WIDTH": 9}, "river", {"width": 9.0}),
+        ({"natural": "glacier"}, "material", {"material": "snow"}),
+        ({"type": "mountain", "strength": 321.0}, "mountain", {"height": 321.0}),
+        ({"natural": "wood", "density": 7}, "forest", {"density": 1.0}),
+        ({"natural": "wood", "density": "thick"}, "forest", {"density": 0.8}),
+        ({}, "dune", {}),
+    ]:
+        ring = box(0, 0, 1000, 1000)
+        path = written(line(*ring, **properties) if layer == "river" else area(0, 0, 1e3, 1e3, **properties))
+        sketch = sketch_from_vectors(path, layer="dune", size_px=40).sketch
+        assert [name for name, image in sketch.layers.items() if image.any()] == [layer], properties
+        assert {key: sketch.properties(layer, 1)[key] for key in said} == said, properties
+
+
+def test_geometries_in_collections_and_closed_lines_are_read(tmp_path, written) -> None:
+    path = tmp_path / "lakes.json"
+    nested: dict = {"type": "Polygon", "coordinates": [box(11, 47, 11.1, 47.1)]}
+    for _ in range(9):
+        nested = {"type": "GeometryCollection", "geometries": [nested]}
+    path.write_bytes(b"\xef\xbb\xbf \n" + json.dumps(nested).encode())
+    assert kind_of(path) == "vectors"
+    assert sketch_from_vectors(path, size_px=20).sketch.layers["lake"].any()  # by the file's name
+    path = written(line(*box(0, 0, 1000, 1000), natural="wood"))
+    assert sketch_from_vectors(path, size_px=50).sketch.layers["forest"].all()
+
+
+def test_layers_of_a_geopackage_are_brought_together(tmp_path) -> None:
+    path = tmp_path / "map.gpkg"
+    pack(path, "EPSG:25832", "rivers", [shapely.LineString([(0, 0), (1000, 1000)])], width=[80.0])
+    lake = shapely.MultiPolygon([shapely.box(700, 0, 1000, 300)])
+    shapes = [shapely.box(0, 0, 300, 1000), shapely.Point(5, 5), lake]
+    pack(path, "EPSG:25832", "ground", shapes, natural=["wood", "tree", "water"], width=[math.nan] * 3)
+    degrees = shapely.transform(
+        shapely.box(600, 600, 800, 800),
+        lambda xy: np.stack(rasterio.warp.transform("EPSG:25832", "EPSG:4326", *xy.T), axis=-1),
+    )
+    pack(path, "EPSG:4326", "Mountains", [degrees])
+    traced = sketch_from_vectors(path, **SQUARE)
+    layers = traced.sketch.layers
+    assert layers["forest"][:, :30].all()
+    assert not layers["forest"][:, 30:].any()
+    assert layers["lake"][70:, 70:].all()
+    assert layers["river"][50, 49:51].any()
+    assert traced.sketch.properties("river", 1)["width"] == 80
+    mountain = np.argwhere(layers["mountain"])
+    np.testing.assert_allclose([mountain.min(axis=0), mountain.max(axis=0)], [[20, 60], [39, 79]], atol=1)
+
+
+def test_a_geopackage_without_a_crs_is_in_metres(tmp_path) -> None:
+    path = tmp_path / "map.gpkg"
+    with pytest.warns(UserWarning, match="'crs' was not provided"):
+        pack(path, None, "lakes", [shapely.box(10, 20, 110, 60)], depth=[3.5])
+    traced = sketch_from_vectors(path, size_px=50)
+    assert traced.sketch.size == (100.0, 40.0)
+    assert traced.sketch.layers["lake"].all()
+    assert traced.sketch.properties("lake", 1)["depth"] == 3.5
+    with pytest.raises(InputError, match="nowhere on Earth"):
+        sketch_from_vectors(path, crs="EPSG:25832")
+
+
+@given(st.integers(0, 1000), st.integers(2, 12), st.floats(0, 6), st.integers(1, 40), st.integers(1, 40))
+def test_a_line_holds_together_however_thin_it_is(seed, count, width, rows, columns) -> None:
+    line = np.random.default_rng(seed).uniform(0, (columns, rows), (count, 2))
+    painted = paint_lines((rows, columns), np.array([shapely.LineString(line)]), np.array([width]))
+    assert ndimage.label(painted, np.ones((3, 3)))[1] == 1
+    column, row = np.floor(line).astype(int).T
+    assert painted[row, column].all()
+
+
+def test_a_wide_line_covers_pixel_centres_within_half_its_width() -> None:
+    line = shapely.LineString(np.random.default_rng(7).uniform(-15, 65, (6, 2)))
+    rows, columns = np.indices((50, 60)) + 0.5
+    away = shapely.distance(line, shapely.points(columns, rows))
+    for width in [0.5, 1.5, 2.0, 5.0, 13.7, 60.0, 1e6]:
+        painted = paint_lines((50, 60), np.array([line]), np.array([width]))
+        assert painted[away < 0.5 * width - 0.1].all(), width
+        beyond = painted & (away > 0.5 * width + 0.1)
+        assert (away[beyond] < 0.75).all(), width  # only what the course itself touches
+
+    disc = paint_lines((40, 40), np.array([shapely.Point(20, 20)]), np.array([20.0]))
+    assert disc.sum() == pytest.approx(np.pi * 100, rel=0.02)
+    assert not paint_lines((9, 9), np.array([]), np.array([])).any()
+
+
+def test_areas_with_holes_are_painted_by_middles_or_by_touch() -> None:
+    whole, hole = shapely.box(1.4, 1.4, 8.6, 8.6), shapely.box(4, 4, 6, 6)
+    painted = paint_areas((10, 10), np.array([whole - hole]), touched=False)
+    assert painted.sum() == 8 * 8 - 4
+    assert not painted[4:6, 4:6].any()
+    assert paint_areas((10, 10), np.array([whole]), touched=True).sum() == 64
+    assert not paint_areas((10, 10), np.array([]), touched=True).any()
+
+
+@given(st.lists(st.floats(0.1, 2000), min_size=1, max_size=80), st.integers(1, 16))
+def test_labels_and_their_error_are_bounded(values, most) -> None:
+    of, classes, error = classed([{"width": value, "kind": "a"} for value in values], most)
+    assert 1 <= len(classes) <= most
+    for value, index in zip(values, of, strict=True):
+        if np.isfinite(error):
+            assert abs(classes[index]["width"] / value - 1) <= error + 1e-12
+
+
+def test_areas_are_of_whole_pixels() -> None:
+    area = area_of((100.4, 200.0, 1100.2, 700.0), 100, chosen=True)
+    assert (area.west, area.south, area.extent) == (100, 200, 1001)
+    assert (area.columns, area.rows) == (100, 50)
+    assert area.rows * area.pixel >= 500
+    np.testing.assert_allclose(area.pixels(np.array([[100.0, 200.0]])), [[0, 50]])
+    slim = area_of((0, 0, 0, 1000), 100, chosen=False)
+    assert (slim.columns, slim.rows, slim.west) == (25, 100, -125)
+
+
+def test_metres_of_the_zone_are_metres_on_the_ground_and_a_crs_is_a_code_a_urn_or_wkt() -> None:
+    degrees = parse_crs("OGC:CRS84")
+    for lon in [-179.5, -60.0, 0.1, 11.0, 179.5]:
+        for lat in [-79.0, -33.0, 0.1, 47.0, 83.0]:
+            crs = metric(degrees, (lon, lat))
+            step = 0.001
+            a, b = reprojected(np.array([(lon, lat), (lon, lat + step)]), degrees, crs)
+            assert np.hypot(*(b - a)) == pytest.approx(step * 111_200, rel=0.006), (lon, lat)
+            assert metric(crs, tuple(a)) == crs, (lon, lat)
+    for longitudes, middle in [([10, 20], 15), ([179, -179], 180), ([190, 200], -165)]:
+        off = middle_longitude(np.array(longitudes)) - middle
+        assert np.cos(np.radians(off)) == pytest.approx(1.0), longitudes
+
+    crs = parse_metric_crs("EPSG:25832")
+    for text in ("epsg:25832 ", "urn:ogc:def:crs:EPSG::25832", "+proj=utm +zone=32 +ellps=GRS80"):
+        assert parse_metric_crs(text).is_projected
+    assert parse_metric_crs(crs.to_wkt()) == crs
+
+
+LINE = '{"type":"LineString","coordinates":%s}'
+FEATURE = '{"type":"Feature","properties":{"waterway":"river"},"geometry":%s}'
+
+
+def refused(path, **options) -> str:
+    with pytest.raises(InputError) as told:
+        sketch_from_vectors(path, **options)
+    line = str(told.value)
+    assert "\n" not in line
+    assert len(line) < 320
+    return line
+
+
+def write(path, **options) -> None:
+    shapes = [shapely.box(0, 0, 1000, 500), shapely.box(0, 500, 400, 1000)]
+    fields = {"natural": ["wood", "water"], "density": [0.25, math.nan]}
+    pack(path, "EPSG:25832", "lakes", shapes, geometry_type="Polygon", **fields, **options)
+
+
+@pytest.fixture
+def package(tmp_path):
+    write(tmp_path / "map.gpkg")
+    return tmp_path / "map.gpkg"
+
+
+def sql(path, *statements: str) -> None:
+    with sqlite3.connect(path) as connection:
+        for statement in statements:
+            connection.execute(statement)
+    connection.close()
+
+
+def test_each_format_gives_the_same_sketch(tmp_path) -> None:
+    sketches = {}
+    for name, driver, options in (
+        *(("map.gpkg", "GPKG", {}), ("map.geojson", "GeoJSON", {"RFC7946": "NO"})),
+        *(("map.fgb", "FlatGeobuf", {}), ("map.shp", "ESRI Shapefile", {})),
+    ):
+        write(tmp_path / name, driver=driver, options=options)
+        assert kind_of(tmp_path / name) == "vectors", name
+        sketches[name] = sketch_from_vectors(tmp_path / name, size_px=50).sketch
+    for name, sketch in sketches.items():
+        assert sketch.extent == 1000, name
+        assert sketch.layers["forest"][25:].all(), name
+        assert sketch.properties("forest", 1)["density"] == 0.25, name
+        assert np.argwhere(sketch.layers["lake"]).max(axis=0).tolist() == [24, 19], name
+
+
+def test_malformed_geojson_is_refused_in_one_line(tmp_path) -> None:
+    collection = '{"type":"FeatureCollection","features":%s}'
+    for content, told in [
+        ("", "begins with b''"),
+        ("   ", "expected a vector file"),
+        ("[1, 2]", "expected a vector file"),
+        ("<OGRVRTDataSource><OGRVRTLayer/></OGRVRTDataSource>", "expected a vector file"),
+        ('<VRTDataset rasterXSize="1" rasterYSize="1"/>', "expected a vector file"),
+        ("{", "cannot be read as GeoJSON"),
+        (collection % "[}", "cannot be read as GeoJSON"),
+        ("{}", "cannot be read as GeoJSON"),
+        ('{"type": "Topology", "objects": {}}', "cannot be read as GeoJSON"),
+        ('{"type": "gdal_streamed_alg", "command_line": "gdal vector read x"}', "cannot be read as GeoJSON"),
+        ('{"type": "FeatureCollection"}', "Missing 'features' member"),
+        (collection % "[]", "it has none"),
+        (collection % "[3]", "it has none"),
+        (FEATURE % "null", "nothing in it says what it is"),
+        (FEATURE % '{"type":"Curve"}', "nothing in it says what it is"),
+        (FEATURE % (LINE % "[[1],[2]]"), "nothing in it says what it is"),
+        (FEATURE % (LINE % '[["1","2"],["3","4"]]'), "nothing in it says what it is"),
+        (FEATURE % (LINE % "[[1,2],[3,NaN]]"), "nothing in it says what it is"),
+        (FEATURE % (LINE % "[[1,2],[3,1e999]]"), "nothing in it says what it is"),
+        (FEATURE % (LINE % f"[[1,2],[3,1{'0' * 5000}]]"), "no longitude and latitude"),
+        (FEATURE % (LINE % "[[452000,5403000],[453000,5404000]]"), "no longitude and latitude"),
+        (FEATURE % (LINE % "[[11,47],[11,95]]"), "11, 95 is no longitude and latitude"),
+        (FEATURE % (LINE % "[[11,47],[11,47]]"), "the area is 0 m long"),
+        (FEATURE % (LINE % "[[11,47],[60,47]]"), "expected 1 to 1e+06 m"),
+        (FEATURE.replace("water", "high") % (LINE % "[[11,47],[11,48]]"), "nothing in it says what"),
+        ('{"a":' * 200_000, "cannot be read as GeoJSON"),
+        (LINE % ("[" * 200_000 + "]" * 200_000), "nesting too deep"),
+        ('{"type":"GeometryCollection","geometries":[' * 50_000 + "]}" * 50_000, "nesting too deep"),
+        (b'{"type": "\xff\xfe"}', "cannot be read as GeoJSON"),
+        (b"fgb\x03fgb\x01\xff\xff\xff\xff" + b"\xff" * 99, "it has none"),
+        (b"\0\0\x27\x0a" + b"\xff" * 99, "cannot be read as ESRI Shapefile"),
+        (b"\0\0\0\x0d\n\tOSMHeader\x18\x05" + b"\xff" * 99, "cannot be read as OSM"),
+    ]:
+        path = tmp_path / "map.geojson"
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        line = refused(path)
+        assert told in line, content[:120]
+        assert line.startswith(str(path)), content[:120]
+
+    assert "cannot be read (No such file" in refused(tmp_path / "none.geojson")
+    assert "cannot be read" in refused(tmp_path)
+
+
+def test_too_large_files_are_refused(tmp_path, package, monkeypatch) -> None:
+    path = tmp_path / "map.geojson"
+    path.write_bytes(b'{"type":"LineString","coordinates":[' + b"[1,2]," * 10_000_000 + b"[1,2]]}")
+    assert "about 5e+06 vertices: expected at most 4 million" in refused(path)
+    path.write_bytes(b'{"type":"LineString","coordinates":[' + b"1," * 40_000_000 + b"1]}")
+    assert "expected at most 4 million" in refused(path)
+    with path.open("wb") as stream:
+        stream.write(b"{")
+        stream.truncate(600 << 20)
+    assert "600 MiB: expected at most 512 MiB" in refused(path)
+    monkeypatch.setattr("sketchterrain.importing.vector_files.MOST_VERTICES", 9)
+    assert "vertices: expected at most" in refused(package)
+
+
+def test_unusable_options_are_refused(tmp_path, capfd) -> None:
+    for options, told in [
+        ({"layer": "rivers"}, "unknown layer 'rivers': expected mountain"),
+        ({"width": float("nan")}, "width: expected metres"),
+        ({"width": -1.0}, "width: expected metres"),
+        ({"bounds": (1, 0, 0, 1)}, "bounds: expected west < east"),
+        ({"bounds": (0, 0, float("inf"), 1)}, "bounds: expected west < east"),
+        ({"bounds": (20, 47, 21, 48)}, "nothing that belongs to a sketch lies in these bounds"),
+        ({"bounds": (-89, -89, 89, 89)}, "give smaller bounds"),
+        ({"size_px": 0}, "size: expected 1 to 16384 px"),
+        ({"size_px": 20000}, "size: expected 1 to 16384 px"),
+        ({"crs": "EPSG:0"}, "no coordinate reference system"),
+        ({"crs": "EPSG:4326"}, "in degrees"),
+        ({"crs": "EPSG:27200", "bounds": (10, 46, 12, 48)}, ""),
+    ]:
+        path = tmp_path / "map.geojson"
+        path.write_text(FEATURE % (LINE % "[[11,47],[11.1,47.1]]"))
+        assert told in refused(path, **options), options
+        assert capfd.readouterr().err == "", options
+
+
+def test_a_file_may_have_any_name(package, tmp_path) -> None:
+    for name in ["a!b.gpkg", "zip:a.gpkg", "b.zip", "x!y.zip", "späť ?#%20.gpkg", "plain"]:
+        package = package.rename(package.with_name(name))
+        assert sketch_from_vectors(package, size_px=20).sketch.layers["lake"].any(), name
+        assert [each.name for each in package.parent.iterdir()] == [name], name
+    for name in ["a!b.json", "späť ?#%20.json", "http:plain"]:
+        path = tmp_path / name
+        path.write_text(json.dumps({"type": "LineString", "coordinates": [[11, 47], [11.1, 47.1]]}))
+        assert sketch_from_vectors(path, size_px=20, layer="river").sketch.layers["river"].any(), name
+
+
+def test_views_of_a_geopackage_are_not_queried_and_triggers_not_run(package) -> None:
+    sql(package, "CREATE TRIGGER bad AFTER INSERT ON lakes BEGIN DELETE FROM lakes; END")
+    whole = package.read_bytes()
+    assert sketch_from_vectors(package, size_px=20).sketch.layers["lake"].any()
+    assert package.read_bytes() == whole
+    endless = "WITH RECURSIVE n(fid) AS (SELECT 1 UNION ALL SELECT fid + 1 FROM n)"
+    for statements in [
+        [
+            f"CREATE VIEW endless AS {endless} SELECT fid, NULL AS geom FROM n",  # noqa: S608
+            "INSERT INTO gpkg_contents (table_name, data_type, identifier, srs_id) VALUES "
+            "('endless', 'features', 'endless', 25832)",
+            "INSERT INTO gpkg_geometry_columns VALUES ('endless', 'geom', 'POLYGON', 25832, 0, 0)",
+        ],
+        [
+            "ALTER TABLE lakes RENAME TO other",
+            "CREATE VIEW lakes AS SELECT * FROM other",
+            "UPDATE gpkg_contents SET table_name = 'lakes'",
+            "UPDATE gpkg_geometry_columns SET table_name = 'lakes'",
+        ],
+    ]:
+        package.write_bytes(whole)
+        sql(package, *statements)
+        assert "expected a table, not a view" in refused(package)
+    package.write_bytes(whole)
+    sql(
+        package,
+        "DROP TABLE gpkg_geometry_columns",
+        f"CREATE VIEW gpkg_geometry_columns AS {endless} SELECT fid AS table_name, fid AS srs_id FROM n",  # noqa: S608
+    )
+    assert "another SQLite database" in refused(package)
+
+
+def test_damaged_geopackages_are_refused(package, tmp_path) -> None:
+    content = package.read_bytes()
+    for keep in [16, 100, 4096, 0.5, 0.9]:
+        package.write_bytes(content[: int(keep if keep > 1 else keep * len(content))])
+        refused(package)
+    package.write_bytes(content[:100] + np.random.default_rng(1).bytes(len(content) - 100))
+    refused(package)
+    broken = content.replace(b"TABLE gpkg_ogr_contents", b"TABLX gpkg_ogr_contents")
+    package.write_bytes(broken.replace(b"gpkg_ogr_contents", b"gpkg_ogr_con\xf5\xf5\xf5\xf5\xf5"))
+    assert "expected a whole GeoPackage" in refused(package)
+
+    package.write_bytes(content)
+    sql(package, "DELETE FROM gpkg_spatial_ref_sys WHERE srs_id = 25832")
+    assert "layer 'lakes': its CRS 25832 is not in the file" in refused(package)
+    sql(tmp_path / "another.gpkg", "CREATE TABLE lakes (geom BLOB)")
+    assert "another SQLite database" in refused(tmp_path / "another.gpkg")
+
+
+def test_unreadable_shapes_are_left_out_and_broken_ones_repaired(package, tmp_path) -> None:
+    sql(
+        package,
+        "DROP TRIGGER IF EXISTS rtree_lakes_geom_insert",
+        "INSERT INTO lakes (geom) VALUES (x'4750'), (NULL), (x'47500001000000000103')",
+    )
+    notes = sketch_from_vectors(package, size_px=20).notes
+    assert any("3 without a shape that can be read" in note for note in notes)
+
+    bow = [(0, 0), (100, 100), (100, 0), (0, 100), (0, 0)]
+    overlapping = [(200, 0), (300, 0), (300, 80), (200, 80), (200, 20), (300, 20), (300, 100), (200, 100)]
+    flat = [(0, 0), (50, 50), (0, 0), (0, 0)]
+    with np.errstate(invalid="ignore"):
+        endless = shapely.from_wkt(["LINESTRING (0 0, nan 5)", "LINESTRING (0 0, inf 5)"])
+    shapes = [
+        *(shapely.Polygon(each) for each in (bow, overlapping, flat)),
+        *endless,
+        shapely.GeometryCollection([shapely.box(0, 200, 100, 300), shapely.Point(5, 5)]),
+    ]
+    pack(tmp_path / "odd.gpkg", "EPSG:25832", "lakes", shapes)
+    traced = sketch_from_vectors(tmp_path / "odd.gpkg", bounds=(0, 0, 300, 300), size_px=300)
+    lake = traced.sketch.layers["lake"] > 0
+    assert lake[:100, :100].all()
+    assert lake[200:, 200:].all()
+    assert lake[200:, :100].sum() == pytest.approx(5000, abs=200)
+    (left,) = (note for note in traced.notes if note.startswith("left out"))
+    assert "2 with coordinates that are not finite" in left
+    assert "1 with areas of less than three corners" in left
+    assert "1 that are points" in left

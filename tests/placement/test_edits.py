@@ -1,0 +1,232 @@
+import numpy as np
+import pytest
+
+from sketchterrain.document.edits import Edit
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.hydrology.rivers import move_edit
+from sketchterrain.placement.feature_types import FEATURE_TYPES, FILL_BIT
+from sketchterrain.placement.fill import Fill
+from sketchterrain.placement.placement import place
+from sketchterrain.terrain.building import make_recipe
+from sketchterrain.terrain.edits import EditedFill, apply_fill_edits, apply_painted_edits, lock_edit
+
+SIDE = 128
+
+
+def _image(*discs):
+    rows, columns = np.ogrid[:SIDE, :SIDE]
+    image = np.zeros((SIDE, SIDE), np.uint8)
+    for row, column, radius in discs:
+        image[(rows - row) ** 2 + (columns - column) ** 2 <= radius**2] = 1
+    return image
+
+
+def _of(points, name):
+    found = points[points["id"] == name]
+    assert len(found) == 1
+    return found[0]
+
+
+@pytest.fixture(scope="module")
+def sketch():
+    """Two mountains, a hill, a forest, and a river with a tributary."""
+    layers = {
+        "mountain": _image((30, 30, 12), (30, 95, 10)),
+        "hill": _image((60, 20, 8)),
+        "forest": _image((60, 110, 8)),
+        "river": _with_a_bow(),
+    }
+    labels, density = {("forest", 1): {"conifers": 0.3}}, {"hill": 2.0, "mountain": 0.1}
+    return Sketch(labels=labels, extent=4096.0, seed=3, layers=layers, density=density)
+
+
+@pytest.fixture(scope="module")
+def painted(sketch):
+    return place(sketch, seed=sketch.seed)
+
+
+def test_each_edit_changes_its_feature_alone(painted):
+    first, second, third, fourth = (int(name) for name in painted["id"][:4])
+    edits = [
+        Edit("move", first, x=-50.0, y=9000.0),
+        Edit("resize", second, radius=77.0),
+        Edit("strength", third, strength=12.0),
+        Edit("delete", fourth),
+    ]
+    points = apply_painted_edits(painted, edits).points
+    assert (_of(points, first)["x"], _of(points, first)["y"]) == (-50.0, 9000.0)
+    assert _of(points, first)["radius"] == painted["radius"][0]
+    assert _of(points, second)["radius"] == 77.0
+    assert _of(points, third)["strength"] == 12.0
+    assert fourth not in points["id"]
+    assert points[3:].tobytes() == painted[4:].tobytes()
+    assert (np.diff(points["id"].astype(object)) > 0).all()
+    # A forest is never denser than full.
+    forest = int(painted[painted["type"] == FEATURE_TYPES.index("forest")]["id"][0])
+    points = apply_painted_edits(painted, [Edit("strength", forest, strength=40.0)]).points
+    assert _of(points, forest)["strength"] == 1.0
+    unedited = apply_painted_edits(painted, ())
+    assert unedited.points.tobytes() == unedited.unlocked.tobytes() == painted.tobytes()
+    assert not unedited.locked.any()
+    assert unedited.replaced.size == 0
+    assert unedited.orphans == ()
+
+
+def test_added_and_locked_features_have_all_their_values(painted):
+    dune = Edit("add", type="dune", x=5.0, y=6.0, radius=70.0, strength=3.0, wavelength=20.0)
+    points = apply_painted_edits(painted, [dune, Edit("move", dune.feature, x=1.0, y=2.0)]).points
+    added = _of(points, dune.feature)
+    assert FEATURE_TYPES[added["type"]] == "dune"
+    assert (added["x"], added["y"], added["wavelength"], added["wind"]) == (1.0, 2.0, 20.0, 270.0)
+    assert added["painted"]
+    assert points["id"][-1] == dune.feature
+
+    locks = [lock_edit(point) for point in painted]
+    assert apply_painted_edits(painted[:0], locks).points.tobytes() == painted.tobytes()
+    grove = Edit("add", type="forest", x=5.0, y=6.0, radius=70.0, strength=0.5)
+    pines = Edit("add", type="forest", x=5.0, y=6.0, radius=70.0, strength=0.5, conifers=0.75)
+    points = apply_painted_edits(painted, [grove, pines]).points
+    assert _of(points, grove.feature)["peakiness"] == 0.0
+    assert _of(points, pines.feature)["peakiness"] == 1.75
+
+
+def test_edits_survive_painting_elsewhere_and_are_orphans_without_their_feature(sketch):
+    recipe = make_recipe(sketch)
+    name = int(recipe.painted["id"][0])
+    edited = sketch.with_edit(Edit("move", name, x=500.0, y=700.0))
+    more = edited.replace(layers={**sketch.layers, "hill": _image((60, 20, 8), (120, 120, 6))})
+    moved = _of(make_recipe(more).painted, name)
+    assert (moved["x"], moved["y"]) == (500.0, 700.0)
+    erased = make_recipe(edited.replace(layers={"river": sketch.layers["river"]}))
+    assert erased.orphans == (f"move of feature {name}: there is no such feature any more",)
+
+
+def test_a_lock_keeps_a_feature_whatever_is_painted(sketch):
+    recipe = make_recipe(sketch)
+    mountain = recipe.painted[recipe.painted["type"] == 0][0]
+    locked = sketch.with_edit(lock_edit(mountain))
+    assert make_recipe(locked).painted.tobytes() == recipe.painted.tobytes()
+    for image in (np.zeros((SIDE, SIDE), np.uint8), _image((34, 34, 20)), _image((110, 110, 10))):
+        repainted = make_recipe(locked.replace(layers={**sketch.layers, "mountain": image}))
+        assert _of(repainted.painted, int(mountain["id"])).tobytes() == mountain.tobytes()
+        assert repainted.orphans == ()
+
+
+def test_the_fill_is_edited_and_keeps_clear_of_what_was_moved(sketch, painted):
+    mountain = painted[painted["type"] == 0][0]
+    east, north = sketch.size
+    moved = make_recipe(sketch.with_edit(Edit("move", int(mountain["id"]), x=0.6 * east, y=0.1 * north)))
+    fill = moved.fill.within(0, 0, east, north)
+    hills = fill[fill["type"] == 1]
+    distance = np.hypot(hills["x"] - 0.6 * east, hills["y"] - 0.1 * north)
+    assert (distance >= 0.5 * (hills["radius"] + mountain["radius"]) - 0.01).all()
+
+    fill = Fill(sketch, painted, seed=sketch.seed)
+    there = fill.within(0, 0, *sketch.size)
+    first, second, third = (int(name) for name in there["id"][:3])
+    edits = [Edit("delete", first), Edit("move", second, x=10.0, y=10.0)]
+    edits += [lock_edit(there[2]), Edit("delete", int(FILL_BIT) + 1)]
+    edited = apply_fill_edits(fill, edits, size=sketch.size)
+    assert edited.points["id"].tolist() == [second, third]
+    assert edited.points[1].tobytes() == there[2].tobytes()
+    assert len(edited.orphans) == 1
+    rest = EditedFill(fill, edited.replaced).within(0, 0, *sketch.size)
+    assert rest.tobytes() == there[3:].tobytes()
+
+
+def _rivers(sketch):
+    recipe = make_recipe(sketch)
+    return {river.id: river for river in recipe.rivers}, recipe.orphans
+
+
+def _stem_and_tributary(rivers):
+    assert len(rivers) == 2
+    stem, tributary = sorted(rivers.values(), key=lambda river: -len(river.centreline))
+    return stem, tributary
+
+
+def test_a_tributary_follows_the_river_that_moved_and_the_water_still_falls(sketch):
+    before, _ = _rivers(sketch)
+    stem, tributary = _stem_and_tributary(before)
+    joint = tributary.points[-1]
+    nearest = int(np.argmin(np.hypot(*(stem.points[:, :2] - joint[:2]).T)))
+    for index, change, least in ((len(stem.points) // 3, (30.0, 160.0), 0.0), (nearest, (0.0, -150.0), 20.0)):
+        x, y = stem.points[index, :2] + change
+        after, orphans = _rivers(sketch.with_edit(Edit("move_point", stem.id, index=index, x=x, y=y)))
+        assert orphans == ()
+        assert set(after) == set(before)
+        line, end = after[stem.id].centreline, after[tributary.id].centreline[-1]
+        assert np.hypot(line[:, 0] - x, line[:, 1] - y).min() < 1e-6
+        assert all((np.diff(river.centreline[:, 2]) <= 1e-9).all() for river in after.values())
+        assert np.hypot(*(line[:, :2] - end[:2]).T).min() < 1e-9  # it still ends on the stem
+        assert np.hypot(*(end[:2] - joint[:2])) >= least
+
+
+def test_a_control_point_named_by_its_place_is_found_in_a_repainted_river(sketch):
+    stem, _ = _stem_and_tributary(_rivers(sketch)[0])
+    index = 16
+    x, y = stem.points[index, 0], stem.points[index, 1] + 150.0
+    edited = sketch.with_edit(move_edit(stem, index, x=x, y=y))
+    after, orphans = _rivers(edited)
+    assert orphans == ()
+    plain = _rivers(sketch.with_edit(Edit("move_point", stem.id, index=index, x=x, y=y)))[0]
+    np.testing.assert_array_equal(after[stem.id].centreline, plain[stem.id].centreline)
+    again = edited.with_edit(move_edit(after[stem.id], index, x=x, y=y + 40.0))
+    np.testing.assert_allclose(_rivers(again)[0][stem.id].points[index, :2], (x, y + 40.0))
+
+    # With a bow near the spring later control points have other numbers; one that it takes along is gone.
+    bowed, orphans = _rivers(edited.replace(layers={**sketch.layers, "river": _with_a_bow(20, 45)}))
+    assert orphans == ()
+    found = np.hypot(*(bowed[stem.id].points[:, :2] - [x, y]).T)
+    assert found.min() < 1e-6
+    assert int(np.argmin(found)) != index
+    gone = _rivers(edited.replace(layers={**sketch.layers, "river": _with_a_bow(70, 105)}))[1]
+    assert len(gone) == 1
+    assert "there is no control point near" in gone[0]
+
+
+def _with_a_bow(start=None, stop=None):
+    """Paint a river and its tributary, the stem with a bow to the south between two columns."""
+    steps = np.arange(110) if start is None else np.linspace(0.0, 110.0, 600)
+    bow = 0 if start is None else 22 * np.sin(np.pi * np.clip((steps + 10 - start) / (stop - start), 0, 1))
+    stem = np.column_stack([100 - 0.2 * steps + bow, 10.0 + steps, np.full(len(steps), 1.2)])
+    return _image(*stem, *[(58.0 + step, 60.0, 1.2) for step in range(34)])
+
+
+def test_a_river_gets_the_width_that_it_is_given_and_its_tributary_lives_without_it(sketch):
+    stem, tributary = _stem_and_tributary(_rivers(sketch)[0])
+    after, _ = _rivers(sketch.with_edit(Edit("width", stem.id, width=60.0)))
+    middle = len(stem.centreline) // 2
+    assert after[stem.id].centreline_width[middle] > 3 * stem.centreline_width[middle]
+    np.testing.assert_array_equal(after[stem.id].centreline[:, :2], stem.centreline[:, :2])
+    np.testing.assert_array_equal(after[tributary.id].centreline[:, :2], tributary.centreline[:, :2])
+
+    stem, tributary = _stem_and_tributary(_rivers(sketch)[0])
+    after, orphans = _rivers(sketch.with_edit(Edit("delete", stem.id)))
+    assert set(after) == {tributary.id}
+    assert orphans == ()
+    both = sketch.with_edit(Edit("delete", stem.id)).with_edit(Edit("delete", tributary.id))
+    assert _rivers(both) == ({}, ())
+
+
+def test_edits_without_their_river_or_lake_are_orphans(sketch):
+    lost = (4 << 48) + 1
+    edits = [Edit("width", lost, width=5.0), Edit("delete", lost), Edit("width", 7, width=5.0)]
+    expected = {f"{edit.action} of river {edit.feature}: there is no such river any more" for edit in edits}
+    assert {*make_recipe(sketch.replace(edits=tuple(edits))).orphans} == expected
+    stem, _ = _stem_and_tributary(_rivers(sketch)[0])
+    edited = sketch.with_edit(Edit("resize", stem.id, radius=5.0))
+    edited = edited.with_edit(Edit("move_point", stem.id, index=99_999, x=0.0, y=0.0))
+    orphans = make_recipe(edited).orphans
+    assert len(orphans) == 2
+    assert "a river has only delete, move_point, width" in orphans[0]
+    assert f"there is no control point 99999, only {len(stem.points)} of them" in orphans[1]
+
+    painted = sketch.replace(layers={**sketch.layers, "lake": _image((110, 20, 6), (110, 60, 6))})
+    first, second = (lake.id for lake in make_recipe(painted).lakes if lake.label)
+    edited = painted.with_edit(Edit("delete", first)).with_edit(Edit("resize", second, radius=5.0))
+    recipe = make_recipe(edited)
+    assert [lake.id for lake in recipe.lakes if lake.label] == [second]
+    assert recipe.orphans == (f"resize of lake {second}: a lake has only delete",)
+    gone = make_recipe(edited.replace(layers=sketch.layers)).orphans
+    assert f"delete of lake {first}: there is no such lake any more" in gone

@@ -1,0 +1,261 @@
+"""Functions that placement rests on: hashes, profiles, densities, distances, splines, rounding, caches."""
+
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from sketchterrain.document.store import load_sketch
+from sketchterrain.errors import InputError
+from sketchterrain.hydrology.splines import catmull_rom, drop_repeats, sample_catmull_rom
+from sketchterrain.placement.cache import IdentityKey, LRUCache
+from sketchterrain.placement.density import DensityField, PaintedDistance, cubic
+from sketchterrain.placement.feature_types import (
+    FEATURE,
+    FEATURE_TYPES,
+    VISIBLE_SHARE,
+    crest_offsets,
+    flank,
+    hill_profile,
+    mountain_profile,
+    visible_radius,
+)
+from sketchterrain.placement.hashing import STEP, gaussian_filter, hash_keys, hash_unit, rounded, value_noise
+from sketchterrain.terrain.building import make_recipe
+
+
+def test_hashes_depend_on_every_key_and_are_even_uncorrelated_and_smooth():
+    keys = np.arange(1000)
+    first = hash_keys(7, "a", keys, 3)
+    np.testing.assert_array_equal(first, hash_keys(7, "a", keys, 3))
+    np.testing.assert_array_equal(first[500:], hash_keys(7, "a", keys[500:], 3))
+    for other in (hash_keys(8, "a", keys, 3), hash_keys(7, "b", keys, 3), hash_keys(7, "a", keys, 4)):
+        assert not np.any(first == other)
+    keys = np.array([-1, 0, 1, -(2**62), 2**62], dtype=np.int64)
+    assert len(np.unique(hash_keys(2**63 - 1, "a", keys))) == 5
+    assert hash_keys(0, "a", -1) == hash_keys(0, "a", np.array(-1))
+
+    values = hash_unit(1, "even", np.arange(100_000))
+    assert 0.0 <= values.min() < values.max() < 1.0
+    counts = np.bincount((values * 20).astype(int), minlength=20)
+    assert np.abs(counts - 5000).max() < 5 * np.sqrt(5000)
+    values = values - 0.5
+    assert abs(np.mean(values[1:] * values[:-1])) < 5 / 12 / np.sqrt(1e5)
+
+    x = np.linspace(-30.0, 30.0, 60_001)
+    noise = value_noise(5, "n", x, np.full_like(x, 0.3))
+    assert 0.0 <= noise.min() < 0.25
+    assert 0.75 < noise.max() <= 1.0
+    assert np.abs(np.diff(noise)).max() < 1.6e-3  # slope at most 1.5 a unit
+
+
+T = np.linspace(0.0, 1.0, 2001)
+
+
+def test_profiles_fall_from_one_to_zero_and_show_a_quarter_of_the_label_where_they_say():
+    for fidelity in (0.0, 0.8, 0.9, 1.0):
+        for profile in (hill_profile(T, flank(fidelity)), mountain_profile(T, 0.5, flank(fidelity))):
+            assert profile[0] == pytest.approx(1.0)
+            assert profile[-1] == 0.0
+            assert np.all(np.diff(profile) <= 1e-12), fidelity
+        assert np.all(hill_profile(np.array([1.0, 1.5, 9.0]), flank(fidelity)) == 0.0)
+
+    slope = -np.gradient(hill_profile(T, 1.0), T)
+    assert slope[0] == pytest.approx(0.0, abs=0.02)
+    foot = T > 0.6  # from a quarter of the height down
+    line = np.polyval(np.polyfit(T[foot], slope[foot], 1), T[foot])
+    assert np.abs(slope[foot] - line).max() < 0.04 * slope.max()
+
+    share = np.array([0.36, 0.6, 1.0])
+    at = visible_radius("hill", share, np.zeros(3), 0.8)
+    assert share * hill_profile(at, flank(0.8)) == pytest.approx(np.full(3, VISIBLE_SHARE), abs=1e-6)
+    peaks = np.array([0.0, 0.5, 1.0])
+    shown = share * mountain_profile(visible_radius("mountain", share, peaks, 1.0), peaks, flank(1.0))
+    assert shown == pytest.approx(np.full(3, VISIBLE_SHARE), abs=1e-6)
+
+
+def test_density_is_the_plain_sum_also_of_groups_and_of_nothing():
+    rng = np.random.default_rng(2)
+    points, sizes, values = rng.random((200, 2)) * 100, rng.random(200) + 0.5, rng.random(200)
+    at, radius = rng.random((50, 2)) * 100, rng.random(50) * 30 + 1
+    weight = cubic(np.linalg.norm(at[:, None] - points, axis=-1) / radius[:, None]) * sizes
+    field = DensityField(points, sizes)
+    np.testing.assert_allclose(field.total(at, radius), weight.sum(1), atol=1e-12)
+    mean = (weight * values).sum(1) / np.maximum(weight.sum(1), 1e-300)
+    np.testing.assert_allclose(field.mean(values, at, radius), mean, atol=1e-12)
+    assert cubic(np.array([0.0, 0.5, 1.0, 2.0])).tolist() == [1.0, 0.5, 0.0, 0.0]
+
+    field = DensityField(np.zeros((0, 2)), np.zeros(0))
+    assert field.total(np.ones((3, 2)), np.ones(3)).tolist() == [0.0, 0.0, 0.0]
+    assert field.mean(np.zeros(0), np.ones((2, 2)), np.ones(2), default=4.0).tolist() == [4.0, 4.0]
+    assert DensityField(np.ones((1, 2)), np.ones(1)).total(np.zeros((0, 2)), np.zeros(0)).shape == (0,)
+
+    rng = np.random.default_rng(4)
+    field = DensityField(rng.random((300, 2)) * 100, rng.random(300) + 0.5)
+    places, radius = rng.random((40, 1, 2)) * 100 + rng.normal(0, 4, (40, 8, 2)), rng.random(40) * 20 + 1
+    each = field.total(places.reshape(-1, 2), np.repeat(radius, 8)).reshape(40, 8)
+    np.testing.assert_array_equal(field.around(places, radius), each)
+
+
+def test_few_places_and_many_get_the_bits_of_a_distance_map():
+    for share in (0.0, 0.002, 0.1, 0.9, 1.0):
+        rng = np.random.default_rng(3)
+        mask = rng.random((40, 70)) < share
+        x, y = rng.uniform(-100, 600, 5000), rng.uniform(-100, 400, 5000)
+        distance = PaintedDistance(mask, 7.3)
+        few = [PaintedDistance(mask, 7.3)(x[i : i + 9], y[i : i + 9]) for i in range(0, 5000, 9)]
+        few = np.concatenate(few)
+        assert few.tobytes() == distance(x, y).tobytes() == distance(x, y).tobytes()
+        if not mask.any():
+            assert np.isinf(few).all()
+            continue
+        inside = (x >= 0) & (x < 70 * 7.3) & (y > 0) & (y <= 40 * 7.3)
+        exact = ndimage.distance_transform_edt(~mask)
+        column, row = (x[inside] / 7.3).astype(int), (40 - y[inside] / 7.3).astype(int)
+        np.testing.assert_allclose(few[inside], 7.3 * exact[row, column], rtol=1e-6)
+
+
+def test_distances_outside_the_map_are_bounded_by_the_true_ones():
+    painted = np.zeros((10, 20), bool)
+    painted[2, 3] = True
+    distance = PaintedDistance(painted, 10.0)
+    x, y = np.array([35.0, 75.0, 35.0, -100.0, 35.0]), np.array([75.0, 75.0, 15.0, 75.0, 200.0])
+    np.testing.assert_allclose(distance(x, y)[:3], [0.0, 40.0, 60.0])
+    true = np.hypot(x - 35, y - 75)
+    assert np.all(distance(x, y) <= true + 5.0)
+    assert np.all(distance(x, y)[3:] > 100)
+    assert np.isinf(PaintedDistance(~np.ones((4, 4), bool), 1.0)(x, y)).all()
+
+
+def points(kind, *, painted, count=2000):
+    rows = np.zeros(count, FEATURE)
+    rows["id"] = (1 << 63) + np.arange(count, dtype=np.uint64)
+    rows["type"], rows["painted"] = FEATURE_TYPES.index(kind), painted
+    return rows
+
+
+def test_only_unpainted_mountains_have_crests_of_all_lengths_and_directions_that_they_keep():
+    for kind in FEATURE_TYPES:
+        assert not crest_offsets(points(kind, painted=True)).any()
+        assert crest_offsets(points(kind, painted=False)).any() == (kind == "mountain")
+
+    east, north = crest_offsets(points("mountain", painted=False)).T
+    length = np.hypot(east, north)
+    assert 0.15 <= length.min() < length.max() <= 0.45
+    assert abs(length.mean() - 0.3) < 0.01
+    turn = np.arctan2(north, east) / np.pi
+    assert np.histogram(turn, 8, (0, 1))[0].min() > 200
+
+    all_of_them = points("mountain", painted=False)
+    moved = all_of_them[700:701].copy()
+    moved["x"], moved["radius"] = 5000.0, 3.0
+    np.testing.assert_array_equal(crest_offsets(moved), crest_offsets(all_of_them)[700:701])
+
+
+def test_rounding_keeps_multiples_and_takes_halves_one_way():
+    number = np.arange(-5000, 5000)
+    multiples, halves = number * STEP, (number + 0.5) * STEP
+    np.testing.assert_array_equal(rounded(multiples), multiples)
+    for nearly in (np.nextafter(halves, -np.inf), halves, np.nextafter(halves, np.inf)):
+        np.testing.assert_array_equal(rounded(nearly), multiples)
+    values = np.random.default_rng(1).uniform(-1e4, 1e4, 1000)
+    assert np.abs(rounded(values) - values).max() < 0.54 * STEP
+
+
+def test_the_blur_is_scipys():
+    values = np.random.default_rng(2).normal(size=(40, 60))
+    for sigma in (0.001, 0.7, 3.0, 50.0):
+        expected = ndimage.gaussian_filter(values, sigma, mode="nearest")
+        np.testing.assert_allclose(gaussian_filter(values, sigma, axes=(0, 1)), expected, atol=1e-10)
+        expected = ndimage.gaussian_filter1d(values, sigma, axis=0, mode="reflect", truncate=3.0)
+        blurred = gaussian_filter(values, sigma, axes=(0,), mode="reflect", truncate=3.0)
+        np.testing.assert_allclose(blurred, expected, atol=1e-10)
+
+
+def test_control_points_are_multiples_of_the_step():
+    recipe = make_recipe(load_sketch("valley_river"))
+    assert recipe.rivers
+    ends = {river.centreline[-1, :2].tobytes() for river in recipe.rivers}
+    for river in recipe.rivers:
+        own = np.array([point for point in river.points[:, :2] if point.tobytes() not in ends])
+        np.testing.assert_array_equal(rounded(own), own)
+
+
+def test_recent_values_are_cached_by_identity_and_failures_are_not():
+    recent, make = LRUCache(2), Mock(side_effect=[1, 2, 3, 4])
+    # 2 was the least recent when 3 came.
+    assert [recent.of(key, make) for key in (1, 2, 1, 3, 1, 2)] == [1, 2, 1, 3, 1, 4]
+    with pytest.raises(KeyError):
+        recent.of("a", Mock(side_effect=KeyError))
+    assert recent.of("a", lambda: 5) == 5
+
+    one, other = [1], [1]
+    assert IdentityKey(one) == IdentityKey(one) != IdentityKey(other)
+    recent = LRUCache(0)
+    assert recent.of(IdentityKey(one), lambda: 1) == 1
+    assert recent.of(IdentityKey(one), lambda: 2) == 2
+
+
+WILD = np.array([[0, 0], [10, 0], [10.5, 0.2], [10.4, 5], [-40, 5], [-40, 5.3], [-39, 60]], float)
+
+
+def test_the_curve_goes_through_its_control_points_and_along_lines():
+    np.testing.assert_array_equal(catmull_rom(WILD, np.arange(7.0)), WILD)
+    curve, u = sample_catmull_rom(WILD, 0.7)
+    np.testing.assert_array_equal(curve[u == np.floor(u)], WILD)
+
+    x = np.array([0.0, 1.0, 1.1, 9.0, 30.0, 30.5])
+    curve, _ = sample_catmull_rom(np.column_stack([x, 2 * x]), 0.05)
+    np.testing.assert_allclose(curve[:, 1], 2 * curve[:, 0], atol=1e-9)
+    assert np.all(np.diff(curve[:, 0]) > 0)
+    two, _ = sample_catmull_rom(np.array([[0.0, 0.0], [6.0, 8.0]]), 1.0)
+    np.testing.assert_allclose(two[:, 0] * 8, two[:, 1] * 6, atol=1e-12)
+    assert np.all(np.diff(two[:, 0]) > 0)
+
+
+def test_the_curve_is_smooth_at_control_points_without_cusp_loop_or_overshoot():
+    # C1 in the centripetal parameter: directions on both sides of a control point agree.
+    step = 1e-6
+    for knot in range(1, len(WILD) - 1):
+        before, after = catmull_rom(WILD, np.array([knot - step, knot + step])) - WILD[knot]
+        cosine = -(before @ after) / np.hypot(*before) / np.hypot(*after)
+        assert cosine > 1 - 1e-6
+
+    # Yuksel et al. 2011: inside a segment the curve never turns back on its chord by a right angle or more
+    # so as to cross itself; sampled finely, no two samples far apart along it come close together.
+    u = np.linspace(0, 1, 400)
+    for segment in range(len(WILD) - 1):
+        curve = catmull_rom(WILD, segment + u)
+        steps = np.hypot(*np.diff(curve, axis=0).T)
+        assert steps.min() > 0
+        arc = np.concatenate([[0], np.cumsum(steps)])
+        gap = np.hypot(*(curve[:, None] - curve).transpose(2, 0, 1))
+        assert np.all(gap >= 0.2 * np.abs(arc[:, None] - arc) - 1e-9)
+
+    # Where the uniform parameterisation overshoots by several times the segment's length.
+    points = np.array([[-30.0, -40.0], [0.0, 0.0], [1.0, 0.0], [31.0, -40.0]])
+    assert np.abs(catmull_rom(points, np.linspace(1, 2, 101))[:, 1]).max() < 1.0
+
+
+def test_repeated_points_are_refused_and_can_be_dropped():
+    repeated = WILD[[0, 0, 1, 2, 2, 2, 3]]
+    with pytest.raises(InputError, match="no two neighbours equal"):
+        catmull_rom(repeated, np.array([0.5]))
+    with pytest.raises(InputError, match="two or more points"):
+        catmull_rom(WILD[:1], np.array([0.0]))
+    np.testing.assert_array_equal(drop_repeats(repeated), WILD[:4])
+    assert np.isfinite(sample_catmull_rom(drop_repeats(repeated), 1.0)[0]).all()
+
+
+def test_samples_keep_to_the_spacing_and_to_the_sagitta():
+    curve, _ = sample_catmull_rom(WILD, 0.5)
+    assert np.hypot(*np.diff(curve, axis=0).T).max() < 0.5 * 1.6
+    controls = WILD[[0, 1, 3, 4, 6]]
+    for sagitta in (1.0, 0.1, 0.01):
+        curve, u = sample_catmull_rom(controls, 1000.0, sagitta=sagitta)
+        middle = catmull_rom(controls, 0.5 * (u[1:] + u[:-1]))
+        off = np.hypot(*(middle - 0.5 * (curve[1:] + curve[:-1])).T)
+        assert off.max() <= sagitta
+        few, _ = sample_catmull_rom(controls, 1000.0, sagitta=sagitta, most=7)
+        assert len(few) <= 4 * 7 + 1

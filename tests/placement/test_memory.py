@@ -1,0 +1,187 @@
+"""What is remembered is what would be worked out, and no more is worked out than a stroke asks for."""
+
+from concurrent.futures import ThreadPoolExecutor
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.placement import placement_cache as memory_module
+from sketchterrain.placement.density import DensityField
+from sketchterrain.placement.placement import place
+from sketchterrain.placement.placement_cache import PlacementCache
+from sketchterrain.terrain.building import make_recipe
+
+
+def squares(count=4):
+    layers = {name: np.zeros((64, 96), np.uint8) for name in ("mountain", "hill")}
+    for number in range(count):
+        layers["mountain"][4:20, 4 + 22 * number : 18 + 22 * number] = 1
+    layers["hill"][40:60, 10:80] = 2
+    return Sketch(layers=layers)
+
+
+def dabbed(sketch, row, column):
+    mountain = sketch.layers["mountain"].copy()
+    mountain[row : row + 3, column : column + 3] = 1
+    return sketch.replace(layers={**sketch.layers, "mountain": mountain})
+
+
+def test_only_the_shapes_of_a_stroke_are_broken_up(monkeypatch):
+    broken_up = Mock(side_effect=memory_module.user_features)
+    monkeypatch.setattr(memory_module, "user_features", broken_up)
+    sketch, memory = squares(), PlacementCache()
+    for _ in range(2):
+        place(sketch, seed=1, memory=memory)
+        assert broken_up.call_count == 5
+    place(dabbed(sketch, 19, 30), seed=1, memory=memory)  # at the edge of the second square
+    place(dabbed(sketch, 30, 30), seed=1, memory=memory)  # a shape of its own
+    assert [call.args[0].id for call in broken_up.call_args_list[5:]] == [4 * 96 + 26, 30 * 96 + 30]
+
+
+def test_placing_with_a_memory_is_placing_without():
+    rolled = {name: np.roll(image, 1, 1) for name, image in squares().layers.items()}
+    changes = [
+        {"fidelity": 0.3},
+        {"labels": {("mountain", 1): {"multitude": 9}}},
+        {"labels": {("hill", 2): {"multitude": 1}}},
+        {"extent": 100.0},
+        {"layers": {"mountain": squares().layers["mountain"], "river": squares().layers["hill"]}},
+        {"layers": {"mountain": np.ones((64, 96), np.uint8)}},
+        {"layers": {"mountain": np.ones((32, 96), np.uint8)}},
+        {"layers": rolled},
+    ]
+    for changed in changes:
+        memory = PlacementCache()
+        place(squares(), seed=1, memory=memory)
+        after = squares().replace(**changed)
+        for seed in (1, 2):
+            with_memory = place(after, seed=seed, memory=memory)
+            assert np.array_equal(with_memory, place(after, seed=seed)), (changed, seed)
+
+
+def test_the_oldest_shapes_are_evicted():
+    memory = PlacementCache(most=3)
+    for shift in range(4):
+        sketch = squares()
+        moved = np.roll(sketch.layers["mountain"], shift, 0)
+        place(sketch.replace(layers={"mountain": moved}), seed=1, memory=memory)
+        assert len(memory) == 3
+
+
+def painted(sketch, rng):
+    """Paint or erase a dab, or a short line of a river, on any layer."""
+    name = str(rng.choice(["mountain", "hill", "dune", "forest", "river", "lake", "material"]))
+    image = np.array(sketch.layers[name])
+    rows, columns = np.ogrid[: image.shape[0], : image.shape[1]]
+    at, radius = rng.uniform(0, (128, 160)), 1.5 if name == "river" else rng.uniform(0.6, 14)
+    ahead, label = rng.normal(0, 1, 2), rng.integers(0, 3)
+    for step in range(30 if name == "river" else 1):
+        row, column = at + step * ahead
+        image[(rows - row) ** 2 + (columns - column) ** 2 <= radius**2] = label
+    return sketch.replace(layers={**sketch.layers, name: image})
+
+
+def test_only_densities_near_a_stroke_are_summed_again(monkeypatch):
+    asked = []
+    real = DensityField.around
+
+    def counted(field, places, radius):
+        asked.append(len(places))
+        return real(field, places, radius)
+
+    monkeypatch.setattr(DensityField, "around", counted)
+    painted = np.zeros((256, 256), np.uint8)
+    painted[6::16, 6::16] = painted[6::16, 7::16] = 1
+    sketch, memory = Sketch(layers={"hill": painted}), PlacementCache()
+    place(sketch, seed=1, memory=memory)
+    whole = sum(asked)
+    asked.clear()
+    place(sketch, seed=1, memory=memory)
+    assert asked == []
+    painted[126:130, 126:130] = 1
+    place(sketch.replace(layers={"hill": painted}), seed=1, memory=memory)
+    assert 0 < sum(asked) < 0.1 * whole
+
+
+def recipe_bits(recipe):
+    """Every number of a recipe but the world's settings."""
+    bits = [recipe.painted.tobytes(), recipe.fill.within(-2000, -2000, 10_000, 9000).tobytes()]
+    for river in recipe.rivers:
+        bits += [each.tobytes() for each in vars(river).values() if isinstance(each, np.ndarray)]
+    bits += [reach.tobytes() for reach in recipe.valley_radii]
+    bits += [lake.shape.inside.tobytes() + repr((lake.level, lake.depth)).encode() for lake in recipe.lakes]
+    return [*bits, repr((recipe.resolutions, recipe.orphans)).encode()]
+
+
+def world(**changes):
+    density = {"mountain": 0.01, "hill": 0.2, "forest": 0.1, "dune": 0.01}
+    labels = {("mountain", 1): {"multitude": 4}, ("river", 2): {"width": 0.0}, ("hill", 1): {"multitude": 5}}
+    bare = Sketch(
+        layers={"hill": np.zeros((128, 160), np.uint8)}, extent=8192.0, density=density, labels=labels
+    )
+    return bare.replace(**changes)
+
+
+LATER = [(1, 0.0), (2, 0.4), (3, 0.8), (5, 1.0)]
+
+
+@pytest.mark.parametrize(
+    ("seed", "fidelity"), [(0, 0.8), *(pytest.param(*case, marks=pytest.mark.slow) for case in LATER)]
+)
+def test_random_strokes_give_the_bits_of_fresh_placings_and_recipes(seed, fidelity):
+    rng, memory, features = np.random.default_rng(seed), PlacementCache(), PlacementCache()
+    sketch = world(fidelity=fidelity)
+    for _ in range(20):
+        sketch = painted(sketch, rng)
+    seen = [sketch]
+    for turn in range(12):
+        if turn % 5 == 4:
+            sketch = seen[int(rng.integers(len(seen)))]  # an undo
+        elif turn == 7:
+            sketch = sketch.replace(fidelity=0.3)
+        else:
+            sketch = painted(sketch, rng)
+        seen.append(sketch)
+        assert place(sketch, seed=1, memory=features).tobytes() == place(sketch, seed=1).tobytes(), turn
+        assert recipe_bits(make_recipe(sketch, memory=memory)) == recipe_bits(make_recipe(sketch)), turn
+
+
+class AbandonedError(Exception):
+    pass
+
+
+@pytest.mark.slow
+def test_an_abandoned_recipe_leaves_a_good_memory():
+    rng, memory = np.random.default_rng(9), PlacementCache()
+    sketch = world()
+    for _ in range(16):
+        sketch = painted(sketch, rng)
+    make_recipe(sketch, memory=memory)
+    turn = 0
+    while True:
+        sketch = painted(sketch, rng)
+        try:
+            make_recipe(sketch, memory=memory, checkpoint=Mock(side_effect=[None] * turn + [AbandonedError]))
+        except AbandonedError:
+            turn += 1
+        else:
+            break
+        if turn % 3 == 0:
+            assert recipe_bits(make_recipe(sketch, memory=memory)) == recipe_bits(make_recipe(sketch))
+    assert turn >= 12  # checkpoints
+    assert recipe_bits(make_recipe(sketch, memory=memory)) == recipe_bits(make_recipe(sketch))
+
+
+@pytest.mark.slow
+def test_threads_share_a_memory():
+    rng, memory = np.random.default_rng(12), PlacementCache()
+    sketches = [world()]
+    for _ in range(18):
+        sketches.append(painted(sketches[-1], rng))
+    sketches = sketches[-6:]
+    with ThreadPoolExecutor(3) as pool:
+        made = list(pool.map(lambda sketch: make_recipe(sketch, memory=memory), sketches))
+    for recipe, sketch in zip(made, sketches, strict=True):
+        assert recipe_bits(recipe) == recipe_bits(make_recipe(sketch))

@@ -1,0 +1,304 @@
+"""Painted shapes: depth, signed distance, covers, user features, placed features."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from sketchterrain.document.parameters import MATERIALS
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import load_sketch
+from sketchterrain.placement.covers import create_covers, shape_field
+from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES, TYPES
+from sketchterrain.placement.placement import place
+from sketchterrain.placement.shapes import EDGE_OVERHANG, find_regions, label_shapes
+from sketchterrain.placement.user_features import mean_size, user_features
+
+
+def image(*rows):
+    return np.array([[int(c) for c in row.replace(".", "0")] for row in rows], dtype=np.uint8)
+
+
+def test_diagonal_neighbours_are_one_shape_and_other_labels_are_others():
+    shapes = label_shapes("hill", image("1..2", ".1.2", "..13", "1..."))
+    found = [(shape.label, shape.area, shape.id) for shape in shapes]
+    assert found == [(1, 3, 0), (2, 2, 3), (3, 1, 11), (1, 1, 12)]
+    picture = np.zeros((32, 40), np.uint8)
+    picture[20, 30] = 5
+    (shape,) = label_shapes("hill", picture)
+    assert shape.depth.tolist() == [[0.5]]  # a lone pixel is half a pixel deep
+    assert shape.centre == (20.0, 30.0)
+    assert (shape.label, shape.id, shape.image_width) == (5, 20 * 40 + 30, 40)
+
+
+def test_a_shapes_depth_is_measured_to_all_borders_but_the_sketchs_edge():
+    row, column = np.mgrid[:101, :101] - 50
+    distance = np.hypot(row, column)
+    (shape,) = label_shapes("hill", ((distance > 20) & (distance < 40)).astype(np.uint8))
+    assert shape.depth.max() == pytest.approx(10.0, abs=0.6)
+    assert shape.depth[~shape.mask].max() == 0.0
+    assert shape.centre == pytest.approx((50.0, 50.0), abs=0.1)
+
+    rng = np.random.default_rng(4)
+    picture = (rng.random((30, 40)) < 0.9).astype(np.uint8)
+    picture[[0, -1]] = picture[:, [0, -1]] = 0
+    empty = np.argwhere(picture == 0)
+    for shape in label_shapes("hill", picture):
+        rows, columns = shape.pixels(shape.mask)
+        nearest = np.sqrt(((np.stack([rows, columns], -1)[:, None] - empty) ** 2).sum(-1)).min(1)
+        np.testing.assert_allclose(shape.depth[shape.mask], nearest - 0.5)
+
+    row, column = np.mgrid[:200, :200]
+    inside = (np.hypot(row - 100, column - 100) < 20).astype(np.uint8)
+    cut = (np.hypot(row - 100, column) < 20).astype(np.uint8)
+    (whole,), (half,) = label_shapes("hill", inside), label_shapes("hill", cut)
+    np.testing.assert_array_equal(half.depth[:, 0], whole.depth[:, 19])
+
+    (shape,) = label_shapes("hill", np.ones((60, 80), np.uint8))
+    assert shape.depth.max() == 29.5 + 80 * EDGE_OVERHANG
+    assert shape.centre == pytest.approx((29.5, 39.5))
+
+
+def test_regions_are_those_of_connected_labels():
+    for share, size in itertools.product((0.0, 0.1, 0.4, 0.7, 1.0), ((1, 1), (1, 23), (23, 1), (17, 24))):
+        rng = np.random.default_rng(7)
+        for _ in range(10):
+            image = (rng.integers(1, 4, size) * (rng.random(size) < share)).astype(np.uint8)
+            check_regions(image)
+    assert label_shapes("hill", np.zeros((8, 8), np.uint8)) == ()
+
+
+def check_regions(image):
+    expected = []
+    for value in (1, 2, 3):
+        numbers, count = ndimage.label(image == value, structure=np.ones((3, 3)))
+        expected += [(int(np.argmax(numbers == k)), value, numbers == k) for k in range(1, count + 1)]
+    regions = find_regions(image)
+    assert len(regions) == len(expected)
+    for region, (_, label, mask) in zip(regions, sorted(expected, key=lambda each: each[0]), strict=True):
+        whole = np.zeros(image.shape, np.bool_)
+        whole[region.rows, region.columns] = region.mask
+        assert region.label == label
+        np.testing.assert_array_equal(whole, mask)
+        assert region.mask.any(axis=1)[[0, -1]].all()
+        assert region.mask.any(axis=0)[[0, -1]].all()
+
+
+SIDE = 64
+
+
+def painted(layer, image, *, fidelity=1.0, **label):
+    blank = load_sketch("valley_river")
+    layers = {name: np.zeros((SIDE, SIDE), np.uint8) for name in blank.layers} | {layer: image}
+    labels = {(layer, 1): label} if label else {}
+    return blank.replace(layers=layers, extent=SIDE * 10.0, fidelity=fidelity, labels=labels)
+
+
+def disc(row, column, radius, side=SIDE):
+    rows, columns = np.indices((side, side))
+    return (np.hypot(rows - row, columns - column) < radius).astype(np.uint8)
+
+
+def field_of(image, *, fidelity, margin=50.0):
+    sketch = painted("lake", image, fidelity=fidelity)
+    (shape,) = label_shapes("lake", image)
+    return shape_field(sketch, shape, margin=margin)
+
+
+def test_a_field_is_the_distance_keeps_its_area_and_margin_and_goes_on_beyond_the_edge():
+    field = field_of(disc(30, 20, 12.3), fidelity=1.0)
+    rows, columns = field.inside.shape
+    x = field.west + np.arange(columns) * field.spacing
+    y = field.south + np.arange(rows)[:, None] * field.spacing
+    expected = 123 - np.hypot(x - 205, y - (SIDE - 30.5) * 10)
+    assert np.abs(field.inside - expected).max() < 7.5  # most of a pixel of 10 m: its steps
+
+    for fidelity in (0.0, 0.5, 0.8, 1.0):
+        for radius in (0.5, 2.2, 9.0):
+            image = disc(30, 30, radius)
+            field = field_of(image, fidelity=fidelity)
+            assert np.count_nonzero(field.inside > 0) == image.sum(), (fidelity, radius)
+            rim = np.concatenate([field.inside[[0, -1]].ravel(), field.inside[:, [0, -1]].ravel()])
+            assert rim.max() <= -50, (fidelity, radius)
+
+    image = np.zeros((SIDE, SIDE), np.uint8)
+    image[20:40, :10] = 1
+    field = field_of(image, fidelity=1.0)
+    row = round((340 - field.south) / 10)
+    column = round((-40 - field.west) / 10)
+    assert field.inside[row, column] > 0
+
+
+def test_every_painted_pixel_makes_a_cover():
+    image = np.zeros((SIDE, SIDE), np.uint8)
+    image[5, 5] = image[50:60, 20:40] = 1
+    image[0, 0] = 2
+    covers = create_covers(painted("material", image, material="sand", strength=0.7))
+    assert [(cover.label, cover.material, cover.strength) for cover in covers] == [
+        (2, MATERIALS.index("rock"), 1.0),
+        (1, MATERIALS.index("sand"), 0.7),
+        (1, MATERIALS.index("sand"), 0.7),
+    ]
+    assert len({cover.id for cover in covers}) == 3
+    assert create_covers(painted("material", disc(9, 9, 4), strength=0.0)) == ()
+
+
+ROW, COLUMN = np.mgrid[:160, :240]
+
+
+def blob():
+    angle = np.arctan2(ROW - 80, COLUMN - 110)
+    return (np.hypot(ROW - 80, COLUMN - 110) < 45 + 8 * np.sin(3 * angle)).astype(np.uint8)
+
+
+def stroke():
+    middle = 80 + 30 * np.sin(COLUMN / 40)
+    return ((np.abs(ROW - middle) < 9) & (COLUMN > 10) & (COLUMN < 230)).astype(np.uint8)
+
+
+def ring():
+    distance = np.hypot(ROW - 80, COLUMN - 110)
+    return ((distance > 45) & (distance < 60)).astype(np.uint8)
+
+
+def broken_up(picture, layer="hill", **settings):
+    settings = {"multitude": 1, "fidelity": 1.0, "seed": 7} | settings
+    (shape,) = label_shapes(layer, picture)
+    return user_features(shape, **settings)
+
+
+def covered(features, picture):
+    union = np.zeros(picture.shape, bool)
+    for feature in features:
+        distance = np.hypot(ROW - feature["row"], COLUMN - feature["column"])
+        union |= distance < feature["disc"] + 0.5
+    return float(union[picture > 0].mean())
+
+
+def test_discs_cover_the_shape_as_the_fidelity_asks_and_stay_inside():
+    for picture in (blob(), stroke(), ring()):
+        for multitude in (1, 6):
+            features = broken_up(picture, multitude=multitude)
+            assert covered(features, picture) > 0.99
+            assert len(features) < 130
+
+    loose, near, exact = (broken_up(stroke(), fidelity=fidelity) for fidelity in (0.0, 0.8, 1.0))
+    assert len(loose) < len(near) < len(exact)
+    assert 0.6 <= covered(loose, stroke()) < covered(exact, stroke())
+    assert covered(near, stroke()) > 0.85
+
+    (shape,) = label_shapes("hill", blob())
+    features = user_features(shape, multitude=4, fidelity=1.0, seed=1)
+    depth = np.zeros(blob().shape)
+    depth[shape.rows, shape.columns] = shape.depth
+    assert np.all(features["disc"] <= np.maximum(depth[features["row"], features["column"]], 1.0))
+
+
+def test_multitude_counts_the_summits_and_a_range_with_one_is_a_ridge():
+    for multitude in (1, 2, 5, 12):
+        assert broken_up(blob(), multitude=multitude)["summit"].sum() == multitude
+    features = broken_up(blob(), multitude=8)
+    summits = features[features["summit"]]
+    row, column = summits["row"].astype(float), summits["column"].astype(float)
+    distance = np.hypot(row[:, None] - row, column[:, None] - column) + 1e9 * np.eye(len(summits))
+    assert distance.min() >= 0.9 * mean_size(int(blob().sum()), 8)
+
+    features = broken_up(stroke(), "mountain", multitude=1)
+    support = features[~features["summit"]]
+    assert features["summit"].sum() == 1
+    assert features["share"][features["summit"]] == 1.0
+    assert support["share"].max() <= 0.85
+    assert support["column"].min() < 30
+    assert support["column"].max() > 210
+
+
+def test_every_shape_yields_a_feature():
+    pictures = (np.ones((1, 1)), np.ones((1, 200)), np.eye(50), np.ones((64, 64)), np.ones((2, 2)))
+    for picture, fidelity in itertools.product(pictures, (0.0, 0.5, 1.0)):
+        features = broken_up(picture.astype(np.uint8), multitude=20, fidelity=fidelity)
+        assert features["summit"].sum() >= 1, (picture.shape, fidelity)
+        assert len(np.unique(features["id"])) == len(features)
+        assert np.all(features["id"] < 2**63)
+        assert np.all(features["disc"] >= 1.0)
+        assert np.all((features["share"] > 0) & (features["share"] <= 1.25))
+
+
+def test_the_seed_alone_changes_the_features_and_a_dab_keeps_most_summits():
+    first = broken_up(blob(), multitude=5)
+    np.testing.assert_array_equal(first, broken_up(blob(), multitude=5))
+    assert not np.array_equal(first["id"][:5], broken_up(blob(), multitude=5, seed=8)["id"][:5])
+
+    picture = blob()
+    dabbed = picture | (np.hypot(ROW - 80, COLUMN - 158) < 4).astype(np.uint8)
+    before, after = (broken_up(each, multitude=8) for each in (picture, dabbed))
+    kept = np.isin(before["id"][before["summit"]], after["id"][after["summit"]])
+    assert kept.mean() >= 0.5
+
+
+def spot(row, column, radius):
+    return disc(row, column, radius, side=128)
+
+
+def sketch(fidelity=0.8, **layers):
+    return Sketch(extent=1280.0, fidelity=fidelity, layers=layers or {"hill": np.zeros((128, 128), np.uint8)})
+
+
+def test_placed_features_are_sorted_painted_and_finite():
+    empty = place(sketch(), seed=1)
+    assert empty.dtype == FEATURE
+    assert len(empty) == 0
+    layers = {name: spot(40 + 10 * i, 40 + 12 * i, 15) for i, name in enumerate(FEATURE_TYPES)}
+    placed = place(sketch(0.3, **layers), seed=3)
+    assert np.all(np.diff(placed["id"].astype(object)) > 0)
+    assert placed["painted"].all()
+    assert set(placed["type"]) == {0, 1, 2, 3}
+    assert all(np.isfinite(placed[field]).all() for field in ("x", "y", "radius", "strength"))
+    np.testing.assert_array_equal(placed, place(sketch(0.3, **layers), seed=3))
+
+
+def test_a_feature_moves_less_than_its_disc_allows_and_at_fidelity_one_not_at_all():
+    for fidelity, painted in ((0.4, spot(60, 60, 30)), (1.0, spot(30, 80, 20))):
+        placed = place(sketch(fidelity, hill=painted), seed=5)
+        pixel = (placed["id"] & np.uint64(2**48 - 1)).astype(int)
+        east, north = (pixel % 128 + 0.5) * 10, (128 - pixel // 128 - 0.5) * 10
+        if fidelity == 1.0:
+            np.testing.assert_allclose(placed["x"], east)
+            np.testing.assert_allclose(placed["y"], north)
+            continue
+        moved = np.hypot(placed["x"] - east, placed["y"] - north)
+        assert moved.max() > 0
+        assert np.all(moved <= 0.5 * 0.6 * placed["radius"] / TYPES["hill"].reach + 1e-3)
+
+
+def test_features_have_the_heights_and_properties_of_their_labels():
+    painted = sketch(0.8, mountain=spot(60, 60, 30))
+    assert place(painted, seed=1)["strength"].max() == 600.0
+    steep = painted.replace(labels={("mountain", 1): {"height": 5000.0}})
+    assert place(steep, seed=1)["strength"].max() <= 300 * math.tan(math.radians(70)) * 1.001
+
+    labels = {
+        ("dune", 2): {"height": 9.0, "wavelength": 77.0, "wind": 30.0},
+        ("mountain", 1): {"peakiness": 0.9},
+    }
+    layers = {"dune": 2 * spot(30, 30, 20), "mountain": spot(90, 90, 20), "forest": spot(20, 100, 10)}
+    placed = place(sketch(0.8, **layers).replace(labels=labels), seed=1)
+    dunes, mountains, forests = (placed[placed["type"] == code] for code in (2, 0, 3))
+    assert set(dunes["wavelength"]) == {77.0}
+    assert set(dunes["wind"]) == {30.0}
+    np.testing.assert_array_equal(mountains["peakiness"], np.float32(0.9))
+    assert np.all((forests["strength"] > 0.5) & (forests["strength"] <= 1.0))
+
+
+def test_painting_elsewhere_changes_nothing_here_and_mountains_keep_away_from_a_river():
+    before = place(sketch(0.5, hill=spot(30, 30, 15)), seed=1)
+    painted = spot(30, 30, 15) | 2 * spot(100, 100, 20)
+    after = place(sketch(0.5, hill=painted, mountain=spot(100, 60, 12)), seed=1)
+    np.testing.assert_array_equal(after[np.isin(after["id"], before["id"])], before)
+
+    river = np.tile((np.abs(np.arange(128) - 60) < 2).astype(np.uint8), (128, 1))
+    mountain = spot(64, 64, 30)
+    alone = place(sketch(0.0, mountain=mountain), seed=1)
+    shy = place(sketch(0.0, mountain=mountain, river=river), seed=1)
+    assert np.abs(shy["x"] - 605).mean() > np.abs(alone["x"] - 605).mean()

@@ -1,1 +1,0 @@
-"""Strokes, lines and fills on label images. No Qt."""

@@ -1,1 +1,0 @@
-"""Window of a stored world."""

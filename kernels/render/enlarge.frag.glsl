@@ -1,5 +1,5 @@
 #version 430 core
-// A picture enlarged: bilinear, with the middle of each texel held a little longer, so that edges stay crisper.
+// Enlargement: bilinear with a smoothstep inside each texel, for crisper edges.
 uniform sampler2D tonemapped;
 
 in vec2 uv;

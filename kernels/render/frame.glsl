@@ -1,7 +1,7 @@
-// What all passes of a frame share. Positions are metres relative to the eye, x east, y north, z up.
+// Uniforms and functions shared by all passes of a frame. Positions are metres from the eye, x east, y north, z up.
 #define PI 3.14159265358979
 
-// LIGHT_MAPS: 2 a near and a far map of the light on the ground; 3: one close to the eye too.
+// LIGHT_MAPS: 2: near and far map of the light on the terrain; 3: another one close to the eye.
 #ifndef LIGHT_MAPS
 #define LIGHT_MAPS 2
 #endif
@@ -11,7 +11,7 @@ layout(std140) uniform Frame {
     mat4 from_clip;
     vec4 eye;          // xy: m, modulo NOISE_PERIOD of render/targets.py; z: m above sea level; w: unused
     vec4 to_sun;       // xyz: unit vector; w: unused
-    vec4 sun_light;    // rgb: irradiance on a surface that faces the sun; w: share of the air's light that shadows take
+    vec4 sun_light;    // rgb: irradiance on a surface facing the sun; w: share of air light lost in shadow
     vec4 sky_light[9]; // rgb: irradiance from sky and ground, spherical harmonics, cosine lobe folded in
     vec4 haze;         // rgb: extinction by aerosols at base height, 1/m; w: their scale height, m
     vec4 air;          // rgb: by molecules, 1/m; w: their scale height, m
@@ -19,17 +19,17 @@ layout(std140) uniform Frame {
     vec4 near_map;     // xy: south-west corner relative to the eye, m; z: 1/width, 1/m; w: texel, m
     vec4 far_map;
     vec4 close_map;
-    vec4 near_window;  // west, south, east, north of the rectangle in which the near map is shown, relative to the eye, m
+    vec4 near_window;  // west, south, east, north of the visible rectangle of the near map, relative to the eye, m
     vec4 far_window;
     vec4 close_window;
-    vec4 map_strength; // x: how much of the near map is shown in its window, 0..1; y: of the far one; z: of the close one
-    mat4 to_shade[4];  // relative position → clip space of the tree shadow maps: near, far, and those before them
-    vec4 shade_share;  // x: how much of the near map is shown, 0..1, else the one before; y: of the far one
-    vec4 trees;        // x: distance up to which trees are drawn, m; y: aridity 0..1; z: pixel, rad; w: unused
+    vec4 map_strength; // opacity 0..1 of the maps in their windows; x: near, y: far, z: close
+    mat4 to_shade[4];  // relative position → clip space of the tree shadow maps: near, far, previous near, previous far
+    vec4 shade_share;  // x: cross-fade 0..1 from the previous to the near map; y: the same of the far one
+    vec4 trees;        // x: draw distance of trees, m; y: aridity 0..1; z: pixel, rad; w: unused
 };
 
-uniform sampler2D sky_view;    // below the light of the air, above the sky, by direction (render/sky.py)
-uniform sampler2D near_light;  // r: sun visibility, g: sky visibility, b: height of the ground, m, a: unused
+uniform sampler2D sky_view;    // by direction: lower half in-scattered light, upper half sky (render/sky.py)
+uniform sampler2D near_light;  // r: sun visibility, g: sky visibility, b: terrain height, m, a: unused
 uniform sampler2D far_light;
 uniform sampler2D close_light;
 
@@ -43,7 +43,7 @@ vec3 sky_irradiance(vec3 n)
         + sky_light[8].rgb * (n.x * n.x - n.y * n.y));
 }
 
-// Where a direction stands in one half of sky_view: 0 the air's light in all directions, 1 the sky above the horizon.
+// Texture coordinates of a direction in a half of sky_view: 0 in-scattered light, 1 sky above the horizon.
 vec2 sky_place(vec3 direction, float half_)
 {
     float elevation = asin(clamp(direction.z, -1.0, 1.0)) / (0.5 * PI);
@@ -60,11 +60,11 @@ vec2 sky_place(vec3 direction, float half_)
 // Radiance of the clear sky in a direction at or above the horizon.
 vec3 clear_sky(vec3 direction) { return textureLod(sky_view, sky_place(direction, 1.0), 0.0).rgb; }
 
-// Light that air along a line of sight adds, over the share that it takes of what lies behind it.
+// In-scattered light along a line of sight, divided by the opacity of the air.
 vec3 air_light(vec3 direction) { return textureLod(sky_view, sky_place(direction, 0.0), 0.0).rgb; }
 
-// Share of light that comes through the air between the eye and a point at a relative position: Beer's law where
-// the densities of aerosols and molecules fall off exponentially with height.
+// Transmittance between the eye and a relative position: Beer's law with exponential density profiles of aerosols and
+// molecules.
 vec3 clear_air(vec3 position)
 {
     float above = max(eye.z - reach.y, 0.0);
@@ -74,8 +74,8 @@ vec3 clear_air(vec3 position)
     return exp(-length(position) * (haze.rgb * mean_haze + air.rgb * mean_air));
 }
 
-// How much a map is shown at a place: it ends softly inside its window.
-float shown(vec2 place, vec4 window, float per_width, float soft)
+// Opacity of a map at a position: fades out inside the border of its window.
+float window_share(vec2 place, vec4 window, float per_width, float soft)
 {
     vec2 room = min(place - window.xy, window.zw - place);
     return smoothstep(0.01, soft, min(room.x, room.y) * per_width);
@@ -85,21 +85,21 @@ vec4 ground_light(vec2 place)
 {
     vec2 near_uv = (place - near_map.xy) * near_map.z;
     vec2 far_uv = (place - far_map.xy) * far_map.z;
-    float near_share = map_strength.x * shown(place, near_window, near_map.z, 0.05);
-    float far_share = map_strength.y * shown(place, far_window, far_map.z, 0.06);
+    float near_share = map_strength.x * window_share(place, near_window, near_map.z, 0.05);
+    float far_share = map_strength.y * window_share(place, far_window, far_map.z, 0.06);
     vec4 wide = mix(vec4(1.0), textureLod(far_light, far_uv, 0.0), far_share);
     vec4 light = mix(wide, textureLod(near_light, near_uv, 0.0), near_share);
 #if LIGHT_MAPS > 2
-    float close_share = map_strength.z * shown(place, close_window, close_map.z, 0.08);
+    float close_share = map_strength.z * window_share(place, close_window, close_map.z, 0.08);
     light = mix(light, textureLod(close_light, (place - close_map.xy) * close_map.z, 0.0), close_share);
 #endif
     return light;
 }
 
-const vec2 SHADED_AIR_AT = vec2(0.5, 0.85); // of a line of sight, where it is asked whether the air is in shadow
+const vec2 SHADED_AIR_AT = vec2(0.5, 0.85); // fractions of a line of sight at which shadow of the air is sampled
 
-// Aerial perspective: what the air between the eye and a point at a relative position takes away and adds.
-// The world ends in air. Air over ground in shadow is dimmer, where there are three maps of light.
+// Aerial perspective: extinction and in-scattering between the eye and a relative position. Radiance fades into air
+// light at the draw distance. With three light maps, air above shaded terrain is dimmer.
 vec3 through_air(vec3 radiance, vec3 position)
 {
     vec3 clear = clear_air(position) * (1.0 - smoothstep(0.75, 0.98, length(position.xy) / reach.x));

@@ -1,6 +1,6 @@
 #version 430 core
-// What later passes need to know of the ground at a sample. Shading waits until it is known what is seen: tiles far
-// away have triangles of a few pixels, and shading those one by one costs many times the picture.
+// G-buffer of the terrain. Shading is deferred: distant tiles have triangles of a few pixels, whose forward shading
+// costs many times the picture.
 in vec3 ground_normal;
 in vec4 weights_low;
 in vec4 weights_high;

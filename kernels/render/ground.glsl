@@ -1,21 +1,20 @@
-// A vertex of a tile, between what the tile itself and what its parent shows there. A tile is TILE_QUADS² quads, its
-// vertices stand in rows from north to south. Oracle: tests/render/ground_model.py and sketchterrain/tiles/lod.py.
+// A vertex of a tile of TILE_QUADS² quads, morphed between the tile's own value and its parent's. Vertices are stored
+// in rows from north to south. Oracle: tests/render/ground_model.py and sketchterrain/tiles/lod.py.
 //
-// Whatever decides where a vertex lies is a function of its place on the integer lattice and of values that tiles
-// share along their borders, in an order of operations that no compiler may change: so neighbours compute the same
-// bits, and nothing opens between them.
+// Vertex positions depend only on the integer lattice and on values that neighbouring tiles share along their borders,
+// in an order of operations that no compiler may change (precise): neighbours compute equal bits, without cracks.
 #include "render/frame.glsl"
 
 const int SIDE = TILE_QUADS + 1;
 
-// Few wide attributes: a driver that runs on the CPU takes about as long over each, wide or narrow.
-in uvec4 ground;    // height, the tile's own and what its parent's triangles show here, m; their normals' x and y
-in uvec4 materials; // the tile's own weights and its parent's: grass, soil, rock, scree; sand, snow, river bed, forest floor
+// Few wide attributes: on a CPU driver the cost is per attribute, not per component.
+in uvec4 ground;    // height of the tile and of its parent's triangles, m; x and y of the two normals
+in uvec4 materials; // weights of tile and parent: grass, soil, rock, scree; sand, snow, river bed, forest floor
 
-// Of the tile.
-in ivec4 place_of_tile; // north-west corner, lattice units east and north of the eye's; units a quad; see below
-in vec4 morph_west;     // how much of the parent is shown: north, middle, south; north in the middle
-in vec4 morph_east;     // the same; south in the middle. That of the very middle is place_of_tile.w
+// Per tile.
+in ivec4 tile_corner; // north-west corner, lattice units east and north of the eye's cell; units per quad; w: see below
+in vec4 morph_west;   // parent share at the north-west, west, south-west and north
+in vec4 morph_east;   // parent share at the north-east, east, south-east and south; at the centre: tile_corner.w
 
 out vec3 ground_normal;
 out vec4 weights_low;
@@ -24,10 +23,10 @@ out vec4 weights_high;
 invariant gl_Position;
 
 uniform float metres_per_unit;
-uniform vec2 eye_fraction; // of the eye, beyond its place on the lattice, m
+uniform vec2 eye_fraction; // offset of the eye in its lattice cell, m
 
 #ifdef BOUNDED
-uniform vec4 bounds; // west, south, east, north of all ground, relative to the eye, m
+uniform vec4 bounds; // west, south, east, north of the terrain, relative to the eye, m
 out float gl_ClipDistance[4];
 #endif
 
@@ -37,13 +36,13 @@ ivec2 place_in_tile()
     return ivec2(id % SIDE, id / SIDE);
 }
 
-// From a border's control to the centre's within a quarter of the tile.
+// Share of the parent: from the border's control value to the centre's within a quarter of the tile.
 float parent_share(ivec2 place)
 {
     ivec2 inward = min(place, TILE_QUADS - place);
     precise vec2 t = min(vec2(inward) * (4.0 / float(TILE_QUADS)), 1.0);
     vec3 border = 2 * place.x < TILE_QUADS ? morph_west.xyz : morph_east.xyz;
-    vec3 middle = vec3(morph_west.w, intBitsToFloat(place_of_tile.w), morph_east.w);
+    vec3 middle = vec3(morph_west.w, intBitsToFloat(tile_corner.w), morph_east.w);
     precise vec3 along = (1.0 - t.x) * border + t.x * middle;
     float end = 2 * place.y < TILE_QUADS ? along.x : along.z;
     precise float share = (1.0 - t.y) * end + t.y * along.y;
@@ -53,7 +52,7 @@ float parent_share(ivec2 place)
 // Relative to the eye, m.
 vec3 ground_position(ivec2 place, float share)
 {
-    ivec2 units = place_of_tile.xy + ivec2(place.x, -place.y) * place_of_tile.z;
+    ivec2 units = tile_corner.xy + ivec2(place.x, -place.y) * tile_corner.z;
     precise vec2 flat_place = vec2(units) * metres_per_unit - eye_fraction;
     precise float level = (1.0 - share) * uintBitsToFloat(ground.x) + share * uintBitsToFloat(ground.y);
     precise float up = level - eye.z;
@@ -78,8 +77,8 @@ vec4 high_weights_at(float share)
     return mix(unpackUnorm4x8(materials.y), unpackUnorm4x8(materials.w), share);
 }
 
-// Cut off what lies beyond the world's bounds, if it has any.
-void end_ground(vec3 position)
+// Clip to the bounds of a finite world.
+void clip_to_bounds(vec3 position)
 {
 #ifdef BOUNDED
     gl_ClipDistance[0] = position.x - bounds.x;
@@ -89,8 +88,8 @@ void end_ground(vec3 position)
 #endif
 }
 
-// Put the vertex where it lies, with all that is shown of it; return its place in the tile.
-ivec2 lay_vertex()
+// Output the vertex with all attributes; return its position in the tile.
+ivec2 emit_vertex()
 {
     ivec2 place = place_in_tile();
     float share = parent_share(place);
@@ -98,7 +97,7 @@ ivec2 lay_vertex()
     weights_low = low_weights_at(share);
     weights_high = high_weights_at(share);
     vec3 position = ground_position(place, share);
-    end_ground(position);
+    clip_to_bounds(position);
     gl_Position = to_clip * vec4(position, 1.0);
     return place;
 }

@@ -1,5 +1,5 @@
 #version 430 core
-// A vertex of the ground, for ground.frag.glsl.
+// Terrain vertices for ground.frag.glsl.
 #include "render/ground.glsl"
 
-void main() { lay_vertex(); }
+void main() { emit_vertex(); }

@@ -1,11 +1,12 @@
-// Height-blended layers (Zaaijer 2013, §5.4): a layer that is laid on others shows where it stands higher than they do.
+// Height blending of layers (Zaaijer 2013, §5.4): a layer covers the others where it is higher.
 
-const float BLEND_RANGE = 0.4; // of heights, either way, over which one layer gives way to the other
-const float FAINT = 0.06;      // weight up to which a layer only begins to show, so that one of no weight never does
+const float BLEND_RANGE = 0.4; // half width of the transition, in heights
+const float FAINT = 0.06;      // weight up to which a layer fades in, so that a layer without weight is invisible
 
-//   below  height of the layers so far, their weight added
-//   above  that of the new layer's texture, 0..1
-//   weight its weight, 0..1
+// Opacity of a new layer.
+//   below  height plus weight of the layers so far
+//   above  height of the new layer's texture, 0..1
+//   weight of the new layer, 0..1
 float layer_share(float below, float above, float weight)
 {
     return smoothstep(below - BLEND_RANGE, below + BLEND_RANGE, weight + above) * smoothstep(0.0, FAINT, weight);

@@ -1,21 +1,21 @@
-// Hexagons that cut a texture up, each shifted and turned by chance, so that its repetition does not show (Mikkelsen
-// 2022, "Practical Real-Time Hex-Tiling", JCGT 11(3); the grid is that of Heitz & Neyret 2018, §4.1). The lattice is
-// skewed by 1/2 in place of 1/√3 and its steps are half a texture, so that it comes round after HEX_PERIOD textures:
-// the host keeps the place of a far eye within that (render/textures.py).
+// Hex tiling: hexagons of a texture with random shift and rotation, which hide its repetition (Mikkelsen 2022,
+// "Practical Real-Time Hex-Tiling", JCGT 11(3); grid of Heitz & Neyret 2018, §4.1). The lattice is skewed by 1/2
+// instead of 1/√3 with steps of half a texture, so that it repeats after HEX_PERIOD textures; the host passes texture
+// coordinates of the eye modulo that.
 
-const float HEX_RATE = 2.0;     // lattice steps a texture
-const int HEX_PERIOD = 64;      // textures, and lattice points along each side, after which all is the same
-const float HEX_SHARPNESS = 7.0; // power of the weights: little is blended, so contrast stays
-const float HEX_LEAST = 0.02;   // weight below which a hexagon is left out
+const float HEX_RATE = 2.0;        // lattice steps per texture
+const int HEX_PERIOD = 64;         // textures, and lattice points, after which the tiling repeats
+const float HEX_SHARPNESS = 7.0;   // exponent of the weights: little blending preserves contrast
+const float HEX_MIN_WEIGHT = 0.02; // weight below which a hexagon is skipped
 
-// The hexagons over a place, heaviest first, and their weights, sum 1; `count` of them are worth reading.
+// The hexagons at a position by decreasing weight (sum 1); only the first `count` matter.
 struct Hexagons {
     ivec2 first, second, third;
     vec3 weight;
     int count;
 };
 
-// Barycentric coordinates in the triangle of lattice points around a place, texture widths.
+// Barycentric coordinates in the triangle of lattice points around a position (texture widths).
 Hexagons hexagons(vec2 uv)
 {
     vec2 skewed = HEX_RATE * vec2(uv.x - 0.5 * uv.y, uv.y);
@@ -33,15 +33,15 @@ Hexagons hexagons(vec2 uv)
     if (h.weight.y > h.weight.x) { h.weight = h.weight.yxz; h.first = b; h.second = a; }
     if (h.weight.z > h.weight.x) { h.weight = h.weight.zyx; ivec2 k = h.first; h.first = h.third; h.third = k; }
     if (h.weight.z > h.weight.y) { h.weight = h.weight.xzy; ivec2 k = h.second; h.second = h.third; h.third = k; }
-    h.count = h.weight.z > HEX_LEAST ? 3 : h.weight.y > HEX_LEAST ? 2 : 1;
+    h.count = h.weight.z > HEX_MIN_WEIGHT ? 3 : h.weight.y > HEX_MIN_WEIGHT ? 2 : 1;
     return h;
 }
 
-// Middle of a hexagon, texture widths.
-vec2 hex_middle(ivec2 id) { return vec2(float(id.x) + 0.5 * float(id.y), float(id.y)) / HEX_RATE; }
+// Centre of a hexagon, texture widths.
+vec2 hex_centre(ivec2 id) { return vec2(float(id.x) + 0.5 * float(id.y), float(id.y)) / HEX_RATE; }
 
-// Two numbers from 0 to 1 for its shift, and one from -1 to 1 for its turn.
-vec3 hex_chance(ivec2 id)
+// Hash of a hexagon: xy 0..1 for its shift, z -1..1 for its rotation.
+vec3 hex_hash(ivec2 id)
 {
     uint h = uint(id.x & (HEX_PERIOD - 1)) | uint(id.y & (HEX_PERIOD - 1)) << 8;
     h *= 0x9E3779B9u;

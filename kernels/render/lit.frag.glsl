@@ -1,5 +1,5 @@
 #version 430 core
-// All light was found at the vertices.
+// Radiance interpolated from the vertices.
 in vec3 seen;
 out vec4 radiance;
 

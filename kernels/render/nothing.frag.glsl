@@ -1,3 +1,3 @@
 #version 430 core
-// Depth alone.
+// Depth only.
 void main() {}

@@ -9,6 +9,6 @@ out vec4 tile_tint;
 
 void main()
 {
-    along = vec2(lay_vertex()) / float(TILE_QUADS);
+    along = vec2(emit_vertex()) / float(TILE_QUADS);
     tile_tint = tint;
 }

@@ -1,6 +1,5 @@
 #version 430 core
-// From light to picture: exposure, tone mapping of every sample on its own (so that edges against a bright sky stay
-// smooth), reduction to the picture's size, a dither against banding.
+// Exposure, tone mapping per sample (smooth edges against a bright sky), downsampling, dither against banding.
 #include "render/tone.glsl"
 
 uniform sampler2D drawn;  // linear radiance, SAMPLES² texels a pixel

@@ -1,5 +1,5 @@
-// Shadows that trees throw, from two shadow maps seen from the sun: a small sharp one about the eye, a wide one.
-// Each fades over from the one before. SHADE_MAPS: 2 both, 1 the wide one, 0 none.
+// Shadows of trees from two shadow maps: near (sharp, around the eye) and far. Each is cross-faded from its
+// predecessor. SHADE_MAPS: 2: both, 1: far only, 0: none.
 #ifndef SHADE_MAPS
 #define SHADE_MAPS 2
 #endif
@@ -8,7 +8,7 @@ uniform sampler2DShadow shade_far;
 uniform sampler2DShadow shade_near_before;
 uniform sampler2DShadow shade_far_before;
 
-// What a map says of a place, and what lies beyond it.
+// Light of a map at a position, faded to `beyond` outside the map.
 float in_map(sampler2DShadow map, mat4 to_map, vec3 place, float beyond)
 {
     vec3 at = (to_map * vec4(place, 1.0)).xyz * 0.5 + 0.5;
@@ -16,7 +16,7 @@ float in_map(sampler2DShadow map, mat4 to_map, vec3 place, float beyond)
     return mix(texture(map, at), beyond, smoothstep(0.42, 0.48, max(margin.x, margin.y)));
 }
 
-// 1 where no tree stands between a point and the sun.
+// Share of sunlight that trees let through.
 float tree_shade(vec3 place, vec3 normal)
 {
     float lit = 1.0;

@@ -1,5 +1,5 @@
 #version 430 core
-// From one shaded point a pixel to all its samples: each takes the shaded neighbour nearest to it in depth, or the sky.
+// Upsampling of shading from one point per pixel to all samples: each takes the neighbour nearest in depth, or the sky.
 #include "render/frame.glsl"
 
 uniform sampler2D gbuffer_depth;
@@ -8,22 +8,22 @@ uniform sampler2D sky;    // sky.frag.glsl, as large
 
 out vec4 radiance;
 
-float reach_of(float depth) { return 1.0 / max(1.0 - depth, 1e-7); } // about proportional to the distance
+float inverse_depth(float depth) { return 1.0 / max(1.0 - depth, 1e-7); } // about proportional to the distance
 
 void main()
 {
     ivec2 at = ivec2(gl_FragCoord.xy);
     float depth = texelFetch(gbuffer_depth, at, 0).r;
-    float here = reach_of(depth);
+    float here = inverse_depth(depth);
     ivec2 pixel = at / SAMPLES;
-    ivec2 corner = (at % SAMPLES) * 2 - 1; // towards which neighbours this sample lies
+    ivec2 corner = (at % SAMPLES) * 2 - 1; // direction of the sample's neighbour pixels
     ivec2 last = textureSize(shaded, 0) - 1;
     vec4 best = texelFetch(shaded, pixel, 0);
-    float gap = abs(reach_of(best.w) - here) * 0.5; // the pixel's own, unless another is much nearer
+    float gap = abs(inverse_depth(best.w) - here) * 0.5; // prefers the pixel's own shading
     for (int k = 1; k < 4; ++k) {
         ivec2 other = clamp(pixel + corner * ivec2(k & 1, k >> 1), ivec2(0), last);
         vec4 candidate = texelFetch(shaded, other, 0);
-        float candidate_gap = abs(reach_of(candidate.w) - here);
+        float candidate_gap = abs(inverse_depth(candidate.w) - here);
         bool better = candidate_gap < gap;
         best = better ? candidate : best;
         gap = min(gap, candidate_gap);

@@ -1,11 +1,11 @@
 #version 430 core
-// A texel of the map of the drawn ground, read by surface_map.glsl. Where no ground is drawn all is left at zero.
+// A texel of the map of the drawn terrain (surface_map.glsl), zero where nothing is drawn.
 in vec3 ground_normal;
 in vec4 weights_low;
 in vec4 weights_high;
 in float height_over_eye;
 
-layout(location = 0) out vec4 drawn;      // xy: normal; z: height over the eye, m; w: 1, ground is drawn here
+layout(location = 0) out vec4 drawn;      // xy: normal; z: height above the eye, m; w: 1
 layout(location = 1) out vec4 drawn_low;  // grass, soil, rock, scree
 layout(location = 2) out vec4 drawn_high; // sand, snow, river bed, forest floor
 

@@ -1,29 +1,28 @@
-// The ground as it is drawn in this frame, seen from straight above: morphed tiles stand off the true ground by up to
-// their tolerance on the screen, so what stands on the ground asks here where that is. Two squares about the eye lie
-// side by side in each texture: the near one west, the far one, wider and coarser, east. Oracle:
-// tests/render/test_surface_map.py. All places are relative to the eye, m. Needs nothing but its uniforms.
-//   MATERIALS 1: one look-up for each question, so the squares meet at an edge
+// Map of the drawn terrain: morphed tiles deviate from the true terrain by up to their tolerance, and plants and rocks
+// are placed on what is drawn. Each texture has two squares around the eye: near (west) and far (east), wider and
+// coarser. Positions are relative to the eye, m. Depends on its uniforms only. Oracle: tests/render/test_shaders.py.
+//   MATERIALS 1: one lookup per query, so the squares meet at an edge
 #ifndef MATERIALS
 #define MATERIALS 2
 #endif
 
-uniform sampler2D surface;      // xy: normal; z: height over what the square counts from, m; w: 1; all zero where nothing is drawn
+uniform sampler2D surface;      // xy: normal; z: height above the square's origin, m; w: 1; all zero where nothing is drawn
 uniform sampler2D surface_low;  // grass, soil, rock, scree
 uniform sampler2D surface_high; // sand, snow, river bed, forest floor
-uniform vec4 surface_near;      // xy: south-west corner, m; z: 1 / width, 1/m; w: what heights count from, m
+uniform vec4 surface_near;      // xy: south-west corner, m; z: 1 / width, 1/m; w: height origin, m
 uniform vec4 surface_far;
 
-const float SURFACE_EDGE = 0.01; // widths of a square that are left unused at its border: a texel and more
-const float SURFACE_FADE = 0.08; // widths over which the near square goes over into the far one
+const float SURFACE_EDGE = 0.01; // unused border of a square, in widths: more than a texel
+const float SURFACE_FADE = 0.08; // width of the cross-fade between the squares, in widths
 
-// Share of a square that is shown at a place in it: 1 inside, 0 from its border on.
+// Weight of a square at a position in it: 1 inside, 0 from its border on.
 float surface_share(vec2 uv)
 {
     vec2 room = min(uv, 1.0 - uv);
     return clamp((min(room.x, room.y) - SURFACE_EDGE) / SURFACE_FADE, 0.0, 1.0);
 }
 
-// Where both squares are asked, and how much each counts.
+// Texture coordinates in both squares, and their weights.
 struct SurfacePlace {
     vec2 near_uv, far_uv; // in the textures
     float near_share, far_share;
@@ -54,7 +53,7 @@ vec4 surface_texel(sampler2D map, SurfacePlace at)
 #endif
 }
 
-// Normal's x and y, height over the eye (m), and how much of that is known, 0..1; all zero where nothing is.
+// x and y of the normal, height above the eye (m), coverage 0..1; all zero where nothing is drawn.
 vec4 drawn_surface(vec2 place)
 {
     SurfacePlace at = surface_place(place);
@@ -70,14 +69,14 @@ vec4 drawn_surface(vec2 place)
     return texel.w > 1e-3 ? vec4(texel.xyz / texel.w, texel.w) : vec4(0.0);
 }
 
-// Height over the eye (m) at which something whose true foot is given stands on what is drawn.
+// Height above the eye (m) of the drawn terrain at a foot point, or of the foot point itself.
 float standing_height(vec3 foot)
 {
     vec4 drawn = drawn_surface(foot.xy);
     return drawn.w > 0.0 ? drawn.z : foot.z;
 }
 
-// The normal in an answer of drawn_surface: straight up where nothing is drawn.
+// Normal of a result of drawn_surface: up where nothing is drawn.
 vec3 drawn_normal(vec4 drawn)
 {
     return vec3(drawn.xy, sqrt(max(1.0 - dot(drawn.xy, drawn.xy), 0.0)));

@@ -1,5 +1,5 @@
 #version 430 core
-// A vertex of the ground as seen from straight above: what is drawn, laid on a map (render/ground.py).
+// A terrain vertex projected from above onto the surface map.
 #include "render/ground.glsl"
 
 uniform vec3 map_place; // xy: the map's south-west corner relative to the eye, m; z: 2 / its width, 1/m
@@ -11,7 +11,7 @@ void main()
     ivec2 place = place_in_tile();
     float share = parent_share(place);
     vec3 at = ground_position(place, share);
-    end_ground(at);
+    clip_to_bounds(at);
     ground_normal = ground_normal_at(share);
     weights_low = low_weights_at(share);
     weights_high = high_weights_at(share);

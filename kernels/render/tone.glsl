@@ -1,11 +1,11 @@
-// From light to a picture's colours: the curve of a film. All functions are pure.
+// Tone mapping. All functions are pure.
 
-// AgX (T. Sobotka 2022), with B. Wrensch's polynomial for its curve: linear sRGB in, display-encoded sRGB out. Colours
-// are led towards each other before the curve and apart after it, so that bright ones fade to white in their own hue.
-const float DARKEST = -12.47393; // log2 of what becomes black
-const float BRIGHTEST = 4.026069; // and white
-const float ANCHOR = 0.845;       // of light, so that middle grey stays what it is
-const float CONTRAST = 0.6;      // share of an S over the curve, 0 .. 1
+// AgX (T. Sobotka 2022) with B. Wrensch's polynomial for its curve: linear sRGB in, display-encoded sRGB out. Colours
+// are desaturated before the curve and saturated after it, so that bright ones fade to white in their own hue.
+const float DARKEST = -12.47393;  // log2 of radiance mapped to black
+const float BRIGHTEST = 4.026069; // and to white
+const float ANCHOR = 0.845;       // exposure that preserves middle grey
+const float CONTRAST = 0.6;       // weight of an S-curve, 0 .. 1
 const float SATURATION = 1.12;
 
 float film_curve(float x)

@@ -1,20 +1,19 @@
-// How a material's colour varies over the land, the same for the ground and for what lies and grows on it.
+// Large-scale colour variation of materials, the same for terrain, rocks and grass.
 #define GRASS 0
 #define ROCK 2
 #define SCREE 3
 #define FOREST_FLOOR 7
 #define CANOPY 8
 
-uniform vec3 tints[9]; // climate's colour of a layer
+uniform vec3 tints[9]; // climate tint of a layer
 
-// Slowly, so that it is never quite the same twice.
 //   wide, middle, small  noise of about 1000, 100 and 10 m
 vec3 variety(int layer, vec4 wide, vec4 middle, vec4 small)
 {
     vec3 colour = tints[layer] * (1.0 + 0.13 * middle.w + 0.10 * small.w);
     if (layer == FOREST_FLOOR) colour *= mix(vec3(0.80, 0.92, 0.90), vec3(1.15, 1.08, 1.05), smoothstep(-0.6, 0.8, middle.y + 0.6 * small.z));
     if (layer == GRASS) {
-        // Meadows are lush where it is wet, straw where it is dry, and sedge stands dark between.
+        // Lush, dry and sedge meadows.
         float dry = smoothstep(-0.2, 1.1, 0.9 * wide.x + 0.75 * middle.y + 0.45 * small.z);
         float sedge = smoothstep(0.1, 0.9, 0.5 * wide.w + 0.8 * middle.x + 0.6 * small.y);
         colour *= mix(vec3(1.04, 0.96, 1.04), vec3(1.62, 1.22, 1.16), dry);

@@ -25,7 +25,7 @@ _VERTEX_ATTRIBUTES: Final = ("4u4 4u4", "ground", "materials")
 _TILE: Final = np.dtype(
     [("corner", "<i4", 2), ("step", "<i4"), ("centre", "<f4"), ("west", "<f4", 4), ("east", "<f4", 4)]
 )
-_TILE_ATTRIBUTES: Final = ("4i4 4f4 4f4/i", "place_of_tile", "morph_west", "morph_east")
+_TILE_ATTRIBUTES: Final = ("4i4 4f4 4f4/i", "tile_corner", "morph_west", "morph_east")
 _MAX_UNITS: Final = 2**31 - 1
 """Largest lattice distance from the eye to a vertex."""
 

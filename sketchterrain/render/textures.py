@@ -61,7 +61,7 @@ def texture_uniforms(widths: npt.NDArray[np.float64]) -> dict[str, object]:
     laid = [
         (width, *_SUITED[name], turns[i]) for i, (name, width) in enumerate(zip(LAYERS, widths, strict=True))
     ]
-    return {"laid": laid, "spins": [_ALIGNED.get(name, np.pi) for name in LAYERS]}
+    return {"texture_tiling": laid, "max_rotations": [_ALIGNED.get(name, np.pi) for name in LAYERS]}
 
 
 def texture_phases(eye: Sequence[float], widths: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:

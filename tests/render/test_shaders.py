@@ -197,7 +197,7 @@ def test_hexagons_over_a_place_are_the_nearest_three_with_continuous_weights(gl)
 
 def test_hexagons_repeat_after_the_period_and_are_independent_within_it(gl):
     places = np.round(uniform(200, 0.0, 8.0, 2) * 1024) / 1024
-    chance = f"vec4(hex_chance({CORNERS}.first), {CORNERS}.weight.x)"
+    chance = f"vec4(hex_hash({CORNERS}.first), {CORNERS}.weight.x)"
     for shift in ((PERIOD, 0), (0, PERIOD), (-PERIOD, 2 * PERIOD)):
         here, there = (
             evaluate(gl, HEX, chance, np.c_[each, each]) for each in (places, places + np.array(shift))
@@ -205,7 +205,7 @@ def test_hexagons_repeat_after_the_period_and_are_independent_within_it(gl):
         assert np.allclose(here, there, atol=1e-4)
 
     ids = np.stack(np.meshgrid(np.arange(64), np.arange(64)), axis=-1).reshape(-1, 2)
-    got = evaluate(gl, HEX, "vec4(hex_chance(ivec2(a.xy)), 0.0)", np.c_[ids, ids])[:, :3]
+    got = evaluate(gl, HEX, "vec4(hex_hash(ivec2(a.xy)), 0.0)", np.c_[ids, ids])[:, :3]
     assert np.allclose(got[:, :2].mean(axis=0), 0.5, atol=0.02)
     assert np.allclose(got[:, :2].std(axis=0), 12**-0.5, atol=0.01)
     assert abs(got[:, 2].mean()) < 0.04
@@ -251,8 +251,8 @@ in vec2 uv;
 out vec4 texel;
 void main()
 {
-    float width = laid[LAYER].x;
-    Matter m = at_octave(LAYER, Plane(2, uv * across * width), 0, across * width / SIDE);
+    float width = texture_tiling[LAYER].x;
+    MaterialSample m = sample_octave(LAYER, Plane(2, uv * across * width), 0, across * width / SIDE);
     texel = vec4(m.albedo, m.height);
 }
 """

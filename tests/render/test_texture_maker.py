@@ -429,7 +429,7 @@ def phases(*eye):
 def test_phases_are_places_in_turned_planes_over_widths_and_repeat_after_whole_periods():
     eye = np.array([3.0, 7.0, 2.0])
     got = phases(*eye)
-    for layer, (width, _, _, turn) in enumerate(texture_uniforms(WIDTHS)["laid"]):
+    for layer, (width, _, _, turn) in enumerate(texture_uniforms(WIDTHS)["texture_tiling"]):
         for plane, axes in enumerate(((1, 2), (0, 2), (0, 1))):
             for octave in range(OCTAVES):
                 place = complex(*eye[list(axes)]) * np.exp(1j * turn * octave) / (width * RATIO**octave)

@@ -1,12 +1,11 @@
-"""What is decided where painted layers contradict each other (Zaaijer 2013, section 4.3).
+"""Conflicts between painted layers and their resolution (Zaaijer 2013, section 4.3).
 
-The order in which layers are laid over each other: mountains, hills and dunes add up; lakes lie in what
-they make; rivers cut into all of it, and run through lakes at the lakes' level. Covers paint surfaces and
-change no height.
+Precedence of layers: mountains, hills and dunes add up; lakes lie in the result; rivers cut into all of it,
+and flow through lakes at the lakes' level. Covers change no height.
 
 So a river painted across a mountain cuts a valley: its bed stays below the straight line from where it enters
-the mountain to where it leaves it. One that begins in a mountain springs there, one that ends in a mountain
-ends there. A lake in a mountain is a tarn: its rim is raised where the mountain falls away.
+the mountain to where it leaves it. One that begins in a mountain has its spring there, one that ends in a
+mountain ends there. A lake in a mountain is a tarn: its rim is raised where the mountain falls away.
 """
 
 from __future__ import annotations
@@ -30,47 +29,23 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Crossing:
-    """A run of a centreline inside a painted mountain.
+    """Run of a centreline inside a painted mountain."""
 
-    Attributes
-    ----------
-    first, last : int
-        Points of the centreline, both inside.
-    mountain : int
-        Counted from 1 in reading order of the shapes' first pixels.
-    """
-
-    first: int
-    last: int
-    mountain: int
+    first: int  # first point inside
+    last: int  # last point inside
+    mountain: int  # number from 1, in reading order of the shapes' first pixels
 
 
 class Resolution(NamedTuple):
-    """What was decided where layers contradict each other.
+    """Resolution of a conflict between layers."""
 
-    Attributes
-    ----------
-    line : str
-        For a person.
-    x, y : float
-        Where (m): amid a river's run through a mountain or a lake, or where it springs or ends there; the
-        middle of a tarn.
-    """
-
-    line: str
-    x: float
-    y: float
+    line: str  # for the user
+    x: float  # m; amid a river's run through a mountain or lake, at its spring or end, or at a tarn's centre
+    y: float  # m
 
 
 def label_mountains(sketch: Sketch, regions: Sequence[Region] | None = None) -> Int64Array:
-    """Return for each pixel the number of the mountain shape that it belongs to, from 1; 0 for none.
-
-    Parameters
-    ----------
-    sketch : Sketch
-    regions : sequence of Region, optional
-        Of the mountain layer, if they are known.
-    """
+    """Return the number of the mountain shape at each pixel, from 1; 0 for none."""
     numbers = np.zeros(sketch.layers["mountain"].shape, dtype=np.int64)
     found = find_regions(sketch.layers["mountain"]) if regions is None else regions
     for number, region in enumerate(found, 1):
@@ -79,7 +54,7 @@ def label_mountains(sketch: Sketch, regions: Sequence[Region] | None = None) -> 
 
 
 def mountain_crossings(sketch: Sketch, numbers: Int64Array, line: Float64Array) -> list[Crossing]:
-    """Find the runs of a centreline (m, 2) inside mountains, upstream first."""
+    """Return the runs of a centreline (m, 2) inside mountains, upstream first."""
     under = _at(sketch, numbers, line)
     turns = np.flatnonzero(np.diff(under)) + 1
     firsts, ends = np.concatenate([[0], turns]), np.concatenate([turns, [len(line)]])
@@ -97,19 +72,10 @@ def resolve_conflicts(
     grounds: Sequence[Float64Array],
     lakes: Sequence[Lake],
 ) -> tuple[Resolution, ...]:
-    """Say in one line each what was decided, and where.
+    """Describe each conflict between layers and its resolution in one line.
 
-    Parameters
-    ----------
-    sketch : Sketch
-    numbers : (height, width) int64
-        As `label_mountains` returns them.
-    rivers : sequence of River
-        Sorted by id; they are counted from 1.
-    grounds : sequence of (m,) float64
-        Height of the ground without rivers along each centreline (m).
-    lakes : sequence of Lake
-        Painted ones first; they are counted from 1.
+    `rivers` are sorted by id; `grounds` (m,) each are terrain heights (m) without rivers along the
+    centrelines; `lakes` have the painted ones first. Rivers and lakes are counted from 1.
     """
     found: list[Resolution] = []
     for number, (river, ground) in enumerate(zip(rivers, grounds, strict=True), 1):
@@ -136,7 +102,7 @@ def _resolved(line: str, at: Float64Array) -> Resolution:
 
 
 def _place(first: int, last: int, count: int) -> int:
-    """Return which point of a line a run is shown at: its loose end if it has just one, else its middle."""
+    """Return the point of a line to show a run at: its loose end if it has just one, else its middle."""
     if (first == 0) != (last == count - 1):
         return 0 if first == 0 else count - 1
     return (first + last) // 2

@@ -29,7 +29,7 @@ _WANDER = 0.5  # rad to either side
 
 
 def smoothed(path: Float64Array, sigma: float) -> Float64Array:
-    """Smooth a path with a Gaussian of `sigma` points; its two ends stay where they are, bit for bit.
+    """Smooth a path with a Gaussian of `sigma` points; its ends are unchanged, bit for bit.
 
     Beyond its ends the path is continued point-symmetrically, so that it does not shrink.
     """
@@ -44,13 +44,13 @@ def smoothed(path: Float64Array, sigma: float) -> Float64Array:
 
 
 def arc_length(path: Float64Array) -> Float64Array:
-    """Length (m) along a path from its first point to each, from x and y."""
+    """Return the length (m) along a path, in x and y, from its first point to each."""
     steps = np.sqrt((np.diff(path[:, :2], axis=0) ** 2).sum(axis=1))
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def spaced(path: Float64Array, interval: float) -> Float64Array:
-    """Points about `interval` (m) apart along a path, with its ends; columns beyond x and y come along."""
+    """Resample a path at about `interval` (m), ends included; columns beyond x and y are interpolated."""
     arc = arc_length(path)
     count = max(round(float(arc[-1]) / interval), 1) + 1
     at = np.linspace(0.0, arc[-1], count)
@@ -62,22 +62,10 @@ def spaced(path: Float64Array, interval: float) -> Float64Array:
 def extend_path(
     path: Float64Array, normal: tuple[float, float], *, length: float, interval: float, seed: int, name: int
 ) -> Float64Array:
-    """Points that carry a river on beyond the sketch's edge, wandering gently.
+    """Return (k, 2) points that extend a river beyond the sketch's edge, wandering gently.
 
-    Parameters
-    ----------
-    path : (n, 2) float64
-        The river (m); it goes on from its last point, with the heading it has there.
-    normal : (east, north)
-        Out of the sketch; the river never turns back against it.
-    length, interval : float
-        How far to go on (m), in which steps (m).
-    seed, name : int
-        Seed of the terrain, and what tells this river from others.
-
-    Returns
-    -------
-    (k, 2) float64, without the path's own last point.
+    It starts with the heading of the path's end and never turns back against `normal`, which points out of
+    the sketch. `name` identifies the river in the hash.
     """
     arc = arc_length(path)
     back = path[np.searchsorted(arc, max(arc[-1] - 3.0 * interval, 0.0), side="left")]
@@ -103,25 +91,11 @@ _NARROWEST, _WIDEST = 0.5, 2000.0  # m
 def painted_sizes(
     sketch: Sketch, skeleton: Skeleton, pixels: Int64Array, *, joins: bool = False
 ) -> tuple[Float64Array, Float64Array, int]:
-    """Read a river's sizes from its labels, or from the stroke where a label's width is 0.
+    """Return smoothed widths and depths (n,), m, along a path (upstream first), and its most frequent label.
 
-    There the label's depth is that of the stroke's mean width, and the depth follows the width.
-
-    Parameters
-    ----------
-    sketch : Sketch
-    skeleton : Skeleton
-    pixels : (n,) int64
-        The path, upstream first.
-    joins : bool
-        Whether it ends on another river's middle, so that its last pixels are that river's.
-
-    Returns
-    -------
-    widths, depths : (n,) float64
-        Metres, smoothed.
-    label : int
-        That of most of it.
+    From the labels, or from the stroke where a label's width is 0; there the label's depth is that of the
+    stroke's mean width, and the depth follows the width. If it `joins` another river, its last pixels are
+    that river's.
     """
     labels = sketch.layers["river"][skeleton.rows[pixels], skeleton.columns[pixels]]
     within = math.ceil(float(skeleton.depth[pixels[-1]])) + 1
@@ -146,12 +120,12 @@ def painted_sizes(
 
 
 def depth_ratio(width_ratio: Float64Array) -> Float64Array:
-    """Return how many times deeper a river is that is so many times wider."""
+    """Return the ratio of depths for a ratio of widths."""
     return rounded(width_ratio**_DEPTH_POWER, RATIO_STEP)
 
 
 def stroke_widths(sketch: Sketch, skeleton: Skeleton, pixels: Int64Array) -> Float64Array:
-    """Width (m) of the painted stroke at each pixel of a path: its area over its length.
+    """Return the width (m) of the painted stroke at each pixel of a path: its area over its length.
 
     Twice the distance to the border alone is up to a pixel too little.
     """
@@ -177,42 +151,22 @@ _SAGITTA_WIDTHS = 0.01
 
 @dataclass(frozen=True, eq=False)
 class RiverCourse:
-    """A reach on its way to becoming a River, upstream first.
-
-    Attributes
-    ----------
-    id, label : int
-        As in River.
-    parent : RiverCourse or None
-        What it joins.
-    joint : int
-        Index on the parent's centreline; -1 without a parent.
-    line : (m, 2) float64
-        Centreline (m).
-    controls : (n,) int
-        Indices of the control points on the centreline.
-    width, depth : (m,) float64
-        What the labels say (m).
-    taper : float
-        Length (m) over which the river grows from its spring.
-    grows : bool
-        Whether it widens from its spring on and at confluences; not if it is as wide as painted.
-    """
+    """Course of a reach, upstream first: a River without water."""
 
     id: int
     label: int
-    parent: RiverCourse | None
-    joint: int
-    line: Float64Array
-    controls: npt.NDArray[np.intp]
-    width: Float64Array
-    depth: Float64Array
-    taper: float
-    grows: bool = True
+    parent: RiverCourse | None  # the course that it joins
+    joint: int  # index on the parent's centreline, or -1
+    line: Float64Array  # (m, 2) centreline, m
+    controls: npt.NDArray[np.intp]  # (n,) indices of the control points on the centreline
+    width: Float64Array  # (m,) by the labels, m
+    depth: Float64Array  # (m,) by the labels, m
+    taper: float  # m over which the river widens from its spring
+    grows: bool = True  # widens from its spring and at confluences, unless it is as wide as painted
 
 
 def pixel_positions(sketch: Sketch, skeleton: Skeleton, pixels: Int64Array) -> Float64Array:
-    """Centres (m) of skeleton pixels, (n, 2)."""
+    """Return centres (m) of skeleton pixels, (n, 2)."""
     x = (skeleton.columns[pixels] + 0.5) * sketch.pixel_size
     y = (sketch.height_px - skeleton.rows[pixels] - 0.5) * sketch.pixel_size
     return np.stack([x, y], axis=-1)
@@ -227,9 +181,9 @@ def reach_course(
     seed: int,
     lake: cKDTree | None = None,
 ) -> RiverCourse:
-    """Draw a reach as a spline, on beyond the sketch's edge where it leaves the sketch.
+    """Return a reach as a spline, extended beyond the sketch's edge where it leaves the sketch.
 
-    An end painted up to a lake (its pixels' rows and columns: `lake`) is carried on into it.
+    An end painted close to a lake (`lake`: its pixels' rows and columns) is extended into it.
     """
     pixels, loose = reach.pixels, 1.0 - sketch.fidelity
     interval = (4.0 + 4.0 * loose) * sketch.pixel_size
@@ -264,7 +218,7 @@ def reach_course(
 
 
 def dab_course(sketch: Sketch, skeleton: Skeleton, pixels: Int64Array, *, seed: int) -> RiverCourse:
-    """Draw a short straight reach over a dab; which end is the spring is not yet known."""
+    """Return a short straight reach over a dab; which end is the spring is decided later."""
     path = pixel_positions(sketch, skeleton, pixels)
     name = _id(sketch, skeleton, int(np.min(pixels)))
     heading = path[-1] - path[0]
@@ -282,12 +236,12 @@ def dab_course(sketch: Sketch, skeleton: Skeleton, pixels: Int64Array, *, seed: 
 
 
 def _step(sketch: Sketch) -> float:
-    """Return what control points are rounded to (m): finer where a pixel is less than a quarter metre."""
+    """Return the rounding step of control points (m): finer where a pixel is less than a quarter metre."""
     return min(STEP, math.ldexp(1.0, math.frexp(sketch.pixel_size)[1] - 9))
 
 
 def reversed_course(course: RiverCourse) -> RiverCourse:
-    """Return a dab's course the other way round."""
+    """Return a dab's course reversed."""
     return replace(
         course,
         line=course.line[::-1],
@@ -300,7 +254,7 @@ def reversed_course(course: RiverCourse) -> RiverCourse:
 def _into_lake(
     drawn: Float64Array, sketch: Sketch, skeleton: Skeleton, end: int, lake: cKDTree
 ) -> Float64Array:
-    """Carry a path on from its last point to a little within the shore, if that is as near as meant."""
+    """Extend a path from its last point to just inside the shore, if the gap is small enough."""
     at = np.array([skeleton.rows[end], skeleton.columns[end]], dtype=np.float64)
     gap, nearest = lake.query(at)
     if not 0.0 < gap <= float(skeleton.depth[end]) + LAKE_GAP:
@@ -322,7 +276,7 @@ def _id(sketch: Sketch, skeleton: Skeleton, pixel: int) -> int:
 def _lengthened(
     points: Float64Array, out: tuple[float, float], *, length: float, interval: float, seed: int, name: int
 ) -> Float64Array:
-    """Carry a river on from its last point; width and depth stay what they were there."""
+    """Extend a river from its last point; width and depth stay constant."""
     more = extend_path(points[:, :2], out, length=length, interval=interval, seed=seed, name=name)
     sizes = np.broadcast_to(points[-1, 2:], (len(more), 2))
     return np.concatenate([points, np.column_stack([more, sizes])])

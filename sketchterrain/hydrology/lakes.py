@@ -1,4 +1,4 @@
-"""Lakes: where they lie, how high their water stands, and which rivers run through them."""
+"""Lakes: outlines, water levels, and the rivers through them."""
 
 from __future__ import annotations
 
@@ -47,20 +47,7 @@ def painted_lakes(
     ground: Callable[[Float64Array, Float64Array], npt.NDArray[np.floating]],
     memory: HydrologyCache | None = None,
 ) -> list[Lake]:
-    """Lay out what the lake layer paints; each as high as the low parts of its shore allow.
-
-    Parameters
-    ----------
-    sketch : Sketch
-    ground : callable
-        As for `trace_rivers`.
-    memory : HydrologyCache, optional
-        Of shapes and shores.
-
-    Returns
-    -------
-    list of Lake, in reading order of their first pixels; rivers may still lower them.
-    """
+    """Return the painted lakes in reading order, each as high as the low parts of its shore allow."""
     memory = HydrologyCache() if memory is None else memory
     image = sketch.layers["lake"]
     outlines: list[_Outline] = memory.images.of(
@@ -107,9 +94,9 @@ def _outlines(sketch: Sketch) -> list[_Outline]:
 
 
 def mouth_lakes(sketch: Sketch, courses: Sequence[RiverCourse], *, seed: int) -> list[Lake]:
-    """Make the lakes in which rivers end that ran on beyond the sketch.
+    """Return the lakes at the ends of rivers beyond the sketch, unless another river is too near.
 
-    Their level is still infinite: it is that of the river. There is none where another river is too near.
+    Their level is still infinite: it is that of the river.
     """
     lakes: list[Lake] = []
     for course in courses:
@@ -151,7 +138,7 @@ def lake_centre(lake: Lake) -> Float64Array:
 
 
 def distance_inside(field: ShapeField, at: Float64Array) -> Float64Array:
-    """Return the distance inside a shape (m) at positions (n, 2); far outside it, what its rim says."""
+    """Return the distance inside a shape (m) at positions (n, 2); beyond its field, the value at the rim."""
     column = (at[:, 0] - field.west) / field.spacing
     row = (at[:, 1] - field.south) / field.spacing
     return np.asarray(
@@ -160,7 +147,7 @@ def distance_inside(field: ShapeField, at: Float64Array) -> Float64Array:
 
 
 def runs_inside(lakes: Sequence[Lake], line: Float64Array) -> Runs:
-    """Find the runs of a centreline that lie in lakes."""
+    """Return the runs of a centreline that lie in lakes."""
     return sorted(
         (first, last, number)
         for number, lake in enumerate(lakes)
@@ -169,13 +156,7 @@ def runs_inside(lakes: Sequence[Lake], line: Float64Array) -> Runs:
 
 
 def lake_reaches(lakes: Sequence[Lake], line: Float64Array) -> list[tuple[int, int, int, int]]:
-    """Find where a centreline comes into lakes' rims, and the runs inside the lakes.
-
-    Returns
-    -------
-    list of (shore, first, last, lake)
-        Upstream first; as in `LakeReach`.
-    """
+    """Return (shore, first, last, lake) of a centreline's runs in and beside lakes; see `LakeReach`."""
     found = []
     for number, lake in enumerate(lakes):
         depth = distance_inside(lake.shape, line)
@@ -192,7 +173,7 @@ def lake_reaches(lakes: Sequence[Lake], line: Float64Array) -> list[tuple[int, i
 
 
 def _runs(there: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and last index of each run of True."""
+    """Return first and last index of each run of True."""
     turns = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(np.int8)))
     return [(int(a), int(b) - 1) for a, b in zip(turns[::2], turns[1::2], strict=True)]
 
@@ -200,14 +181,7 @@ def _runs(there: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
 def solve_lake_levels(
     lakes: Sequence[Lake], network: Network, grounds: Sequence[Float64Array]
 ) -> tuple[list[Lake], list[Float64Array]]:
-    """Lower lakes until no river runs up into one, and let rivers run through them.
-
-    Returns
-    -------
-    lakes : list of Lake
-    levels : list of (m,) float64
-        Water levels along each course.
-    """
+    """Lower lakes until no river flows up into one; return lakes and water levels along each course."""
     runs = [lake_reaches(lakes, course.line) for course in network.courses]
     water = np.array([lake.level for lake in lakes])
     levels = solve_water_levels(network, grounds, [()] * len(runs))
@@ -231,7 +205,7 @@ def solve_lake_levels(
 
 
 def lake_pixels(sketch: Sketch) -> cKDTree | None:
-    """Return the painted lakes' pixels (row, column) to look for the nearest one; None without a lake."""
+    """Return a tree of the painted lakes' pixels (row, column); None without a lake."""
     painted = np.argwhere(sketch.layers["lake"] > 0)
     return cKDTree(painted) if len(painted) else None
 
@@ -241,7 +215,7 @@ def _distance(place: Float64Array, line: Float64Array) -> float:
 
 
 def _shore(field: ShapeField) -> Float64Array:
-    """Positions (m) of samples just outside a shape; of its least outside ones if there are none."""
+    """Return positions (m) of samples just outside a shape."""
     row, column = np.nonzero((field.inside <= 0.0) & (field.inside > -1.5 * field.spacing))
     thin = max(len(row) // _SHORE_POINTS, 1)
     at = np.stack([column[::thin], row[::thin]], axis=-1) * field.spacing
@@ -249,7 +223,7 @@ def _shore(field: ShapeField) -> Float64Array:
 
 
 def _blob(centre: Float64Array, radius: float, margin: float, *, seed: int, name: int) -> ShapeField:
-    """Make a rounded shape of hash_keys outline around a place."""
+    """Return a rounded shape with a hashed outline around a point."""
     spacing = radius / 12.0
     half = int(np.ceil((1.4 * radius + margin) / spacing)) + 1
     steps = spacing * np.arange(-half, half + 1)

@@ -50,20 +50,9 @@ _CLEARANCE = 2.0  # of the two widths' mean
 
 
 def separate_beyond_edge(courses: list[RiverCourse], size: tuple[float, float]) -> list[RiverCourse]:
-    """Shorten what runs on beyond the sketch so that no two rivers cross there.
+    """Shorten the extensions beyond the sketch (`size`, m) so that no two rivers cross there.
 
-    Parameters
-    ----------
-    courses : list of RiverCourse
-        Parents before the courses that join them; an earlier course goes before a later one.
-    size : (float, float)
-        Metres eastward and northward that the sketch covers.
-
-    Returns
-    -------
-    list of RiverCourse
-        In the same order; joints and parents are those of the new ones. Those left as they are are the very
-        same objects.
+    Parents come first; earlier courses take precedence. Unchanged courses are the identical objects.
     """
     done: list[RiverCourse] = []
     now: dict[
@@ -89,13 +78,13 @@ def separate_beyond_edge(courses: list[RiverCourse], size: tuple[float, float]) 
 
 
 def _beyond(line: Float64Array, size: tuple[float, float]) -> tuple[int, int]:
-    """Count the points before a river enters the sketch; and find the first one after it has left it."""
+    """Return the number of points before a river enters the sketch, and the first after it leaves."""
     inside = np.flatnonzero(((line >= 0.0) & (line <= np.array(size))).all(axis=1))
     return (int(inside[0]), int(inside[-1]) + 1) if len(inside) else (0, len(line))
 
 
 def _free(line: Float64Array, width: Float64Array, others: list[RiverCourse]) -> int:
-    """Count the points of a river, from the sketch outward, that keep clear of all other rivers."""
+    """Return how many points of a river, from the sketch outward, keep clear of all other rivers."""
     free = len(line)
     for other in others:
         distance, nearest = cKDTree(other.line).query(line)
@@ -130,15 +119,7 @@ _LONGEST_DAB = 2.0  # px; so short a skeleton is a dab, however thin
 def lay_out_rivers(
     sketch: Sketch, *, seed: int, ground: GroundHeight, memory: HydrologyCache
 ) -> list[RiverCourse]:
-    """Draw the courses of all networks, parents first.
-
-    Parameters
-    ----------
-    sketch, seed, ground
-        As for `trace_rivers`.
-    memory : HydrologyCache
-        Of skeletons and courses; what is not painted anew is the very same object again.
-    """
+    """Return the courses of all painted networks, parents first; unchanged ones are the identical objects."""
     found, outlines = _networks(sketch, seed, memory)
     if not found:
         return []
@@ -161,13 +142,7 @@ def lay_out_rivers(
 
 
 def heights_at(ground: GroundHeight, groups: Sequence[Float64Array]) -> list[Float64Array]:
-    """Ask for the ground at groups of positions, all at once; heights are rounded to 1/1024 m.
-
-    Raises
-    ------
-    InputError
-        If `ground` returns something of another shape, or not finite.
-    """
+    """Return terrain heights at groups of positions, rounded to 1/1024 m; InputError if invalid."""
     at = np.concatenate(groups)
     heights = np.asarray(ground(at[:, 0].copy(), at[:, 1].copy()), dtype=np.float64)
     if heights.shape != (len(at),) or not np.isfinite(heights).all():
@@ -176,7 +151,7 @@ def heights_at(ground: GroundHeight, groups: Sequence[Float64Array]) -> list[Flo
 
 
 def _settings(sketch: Sketch, seed: int) -> tuple[object, ...]:
-    """Everything but pixels that courses depend on."""
+    """Return everything but pixels that courses depend on."""
     labels = tuple((key, tuple(each.items())) for key, each in sketch.labels.items() if key[0] == "river")
     return sketch.extent, sketch.height_px, sketch.width_px, sketch.fidelity, seed, labels
 
@@ -184,7 +159,7 @@ def _settings(sketch: Sketch, seed: int) -> tuple[object, ...]:
 def _networks(
     sketch: Sketch, seed: int, memory: HydrologyCache
 ) -> tuple[tuple[Skeleton, ...], list[RiverCourse | tuple[RiverEnd, ...]]]:
-    """Find the skeletons of what was painted, and of each the dab's course or the ends."""
+    """Return the skeletons of painted rivers, and for each the dab's course or its ends."""
     image, settings = sketch.layers["river"], _settings(sketch, seed)
     found: tuple[Skeleton, ...] = memory.images.of(
         ("skeletons", IdentityKey(image), settings), lambda: _skeletons(sketch, settings, memory)
@@ -199,7 +174,7 @@ def _networks(
 
 
 def _seen_around(sketch: Sketch, skeleton: Skeleton) -> IdentityKey | None:
-    """Return what of the layer beside a skeleton matters: all, if its width is as painted; else nothing."""
+    """Return a key of the layer beside a skeleton if its width is as painted, else None."""
     image = sketch.layers["river"]
     labels = np.unique(image[skeleton.rows, skeleton.columns])
     as_painted = any(sketch.properties("river", int(label))["width"] == 0.0 for label in labels)
@@ -222,13 +197,13 @@ def _skeletons(sketch: Sketch, settings: tuple[object, ...], memory: HydrologyCa
 
 
 def _weighted(sketch: Sketch, skeleton: Skeleton) -> Skeleton:
-    """Let what is as wide as painted weigh by how wide it is."""
+    """Set the weight of rivers that are as wide as painted to their width."""
     painted = 2.0 * skeleton.depth * sketch.pixel_size
     return replace(skeleton, weight=np.where(skeleton.weight > 0, skeleton.weight, painted))
 
 
 def _label_widths(sketch: Sketch) -> Float64Array:
-    """Width (m) that each label says: wider rivers are main stems; 0 is as painted."""
+    """Return the width (m) of each label, to find main stems; 0 is as painted."""
     widths = np.ones(256)
     for label in np.unique(sketch.layers["river"]):
         if label > 0:
@@ -259,7 +234,7 @@ def _mouth(
     heights: Float64Array,
     lake: cKDTree | None,
 ) -> int:
-    """Choose the end farthest along the label's flow; or the lowest, rather in a lake or at the edge."""
+    """Return the end farthest along the label's flow, or the lowest, preferring lakes and the edge."""
     flow = _flow(sketch, skeleton)
     at = np.array([end.pixel for end in ends])
     if flow is not None:
@@ -275,7 +250,7 @@ def _mouth(
 
 
 def _flow(sketch: Sketch, skeleton: Skeleton) -> Float64Array | None:
-    """Direction (east, north) in which the label of most of a network says it runs; None: downhill."""
+    """Return the flow direction (east, north) of a network's main label; None: downhill."""
     labels = sketch.layers["river"][skeleton.rows, skeleton.columns]
     said = float(sketch.properties("river", int(np.argmax(np.bincount(labels))))["flow"])
     towards = np.deg2rad(said)

@@ -22,51 +22,32 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Skeleton:
-    """One connected skeleton.
+    """Connected skeleton of a painted river, as a pixel graph."""
 
-    Attributes
-    ----------
-    rows, columns : (n,) int64
-        Its pixels in the image, in reading order.
-    depth : (n,) float64
-        Distance (px) from each to the painted border: half the painted width. The sketch's edge is no border.
-    weight : (n,) float64
-        How much a pixel of length counts when the main stem is sought.
-    graph : (n, n) sparse float64
-        Length (px) of each step between neighbouring pixels, both ways. A diagonal step is left out where
-        two straight ones lead to the same place, so that a bend is no junction.
-    """
-
-    rows: Int64Array
+    rows: Int64Array  # (n,) pixels in the image, in reading order
     columns: Int64Array
+    # (n,) px to the painted border, half the painted width; the sketch's edge is no border
     depth: Float64Array
-    weight: Float64Array
+    weight: Float64Array  # (n,) weight of a pixel's length in the search for the main stem
+    # px between neighbours, both ways; no diagonal where two straight steps lead to the same pixel
     graph: sparse.csr_array
 
     def ends(self) -> Int64Array:
-        """Pixels with one neighbour, or the only pixel."""
+        """Return pixels with one neighbour, or the only pixel."""
         degree = np.diff(self.graph.indptr)
         return np.flatnonzero(degree <= 1)
 
     def paths_from(self, root: int) -> tuple[Float64Array, Int64Array]:
-        """Length (px) of the shortest path from a pixel to each, and each one's next pixel back (or < 0)."""
+        """Return length (px) and predecessor (< 0: none) of the shortest path from a pixel to each."""
         length, before = dijkstra(self.graph, indices=np.array([root]), return_predecessors=True)
         return np.asarray(length[0]), np.asarray(before[0], dtype=np.int64)
 
 
 def skeletons(painted: npt.NDArray[np.bool_], weight: Float64Array | None = None) -> tuple[Skeleton, ...]:
-    """Thin what was painted to lines one pixel wide, one skeleton for each 8-connected region.
+    """Thin painted pixels to one skeleton per 8-connected region, in reading order of their first pixels.
 
-    Parameters
-    ----------
-    painted : (height, width) bool
-        True where a river was painted.
-    weight : (height, width) float64, optional
-        How much a pixel of length counts when the main stem is sought; 1 by default.
-
-    Returns
-    -------
-    tuple of Skeleton, in reading order of their first pixels.
+    `weight` (height, width) is the weight of each pixel's length in the search for the main stem, 1 by
+    default.
     """
     weight = np.ones(painted.shape) if weight is None else weight
     return sort_skeletons(
@@ -81,16 +62,7 @@ def sort_skeletons(found: Iterable[Skeleton]) -> tuple[Skeleton, ...]:
 
 
 def thin_region(region: Region, weight: Float64Array, size: tuple[int, ...]) -> Skeleton:
-    """Thin one 8-connected region.
-
-    Parameters
-    ----------
-    region : Region
-    weight : (h, w) float64
-        As for `skeletons`, in the region's bounding box.
-    size : (height, width)
-        Of the whole image.
-    """
+    """Thin one 8-connected region; `weight` is in its bounding box, `size` the whole image's."""
     thin = _thinned(region.mask)
     at_row, at_column = np.nonzero(thin)
     return Skeleton(
@@ -103,7 +75,7 @@ def thin_region(region: Region, weight: Float64Array, size: tuple[int, ...]) -> 
 
 
 def _thinned(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Thin to lines; at least the first pixel is kept (thinning can eat a 2x2 dab whole)."""
+    """Thin to lines; at least the first pixel stays (thinning can remove a 2x2 dab entirely)."""
     thin = np.asarray(skeletonize(np.pad(mask, 1)))[1:-1, 1:-1].astype(np.bool_)
     if not thin.any():
         thin.flat[int(np.argmax(mask))] = True
@@ -111,7 +83,7 @@ def _thinned(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
 
 
 def _depth(region: Region, size: tuple[int, ...]) -> Float64Array:
-    """Distance (px) to the border; the image's edge is none."""
+    """Return the distance (px) to the border; the image's edge is no border."""
     rows, columns = region.rows, region.columns
     sides = ((rows.start == 0, rows.stop == size[0]), (columns.start == 0, columns.stop == size[1]))
     padding = tuple((int(not low), int(not high)) for low, high in sides)
@@ -148,37 +120,18 @@ _EDGE_GAP = 2.5  # px between a river's painted end and the sketch's edge that a
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """A run of skeleton pixels without a junction of its own making.
+    """Path of skeleton pixels from a source or mouth to its confluence."""
 
-    Attributes
-    ----------
-    pixels : (n,) int64
-        Indices into the skeleton, upstream first. The last one lies on the parent, if there is one.
-    parent : int
-        Index of the reach that it joins; -1 for a main stem.
-    """
-
-    pixels: Int64Array
-    parent: int
+    pixels: Int64Array  # (n,) indices into the skeleton, upstream first; the last is on the parent, if any
+    parent: int  # index of the reach that it joins; -1 for a main stem
 
 
 def split_into_reaches(skeleton: Skeleton, root: int) -> tuple[Reach, ...]:
-    """Break a skeleton into reaches that all lead to one pixel.
+    """Split a connected skeleton into reaches that lead to the mouth `root`; parents first, never empty.
 
-    The longest, weighted, is the main stem; each further one is the longest that is left. A branch
-    shorter than the river is wide where it joins is a spur of the skeleton, not a river. Loops come apart
-    where the two ways to the root are equally long, and so become two arms.
-
-    Parameters
-    ----------
-    skeleton : Skeleton
-        Connected.
-    root : int
-        The mouth.
-
-    Returns
-    -------
-    tuple of Reach, parents before the reaches that join them; never empty.
+    The longest, weighted, is the main stem; each further one is the longest remaining. A branch shorter than
+    the river's width at its joint is a spur of the skeleton, not a river. Loops are cut where both paths to
+    the root are equally long, and so become two arms.
     """
     length, before = skeleton.paths_from(root)
     leads_on = np.zeros(len(length), dtype=np.bool_)
@@ -199,32 +152,22 @@ def split_into_reaches(skeleton: Skeleton, root: int) -> tuple[Reach, ...]:
 
 @dataclass(frozen=True, eq=False)
 class RiverEnd:
-    """A place where a network may begin or end.
+    """Potential source or mouth of a network."""
 
-    Attributes
-    ----------
-    pixel : int
-        Index into the skeleton.
-    lead : (n,) int64
-        Pixels of the reach that leads there; the last one is `pixel`.
-    length : float
-        Length (px) of the longest way from there.
-    """
-
-    pixel: int
-    lead: Int64Array
-    length: float
+    pixel: int  # index into the skeleton
+    lead: Int64Array  # (n,) pixels of the reach that leads there; the last one is `pixel`
+    length: float  # px of the longest path from there
 
 
 def longest_path(skeleton: Skeleton) -> Int64Array:
-    """Pixels of the longest way through a skeleton, or nearly so (exactly, if it has no loops)."""
+    """Return the pixels of the longest path through a skeleton, or nearly so if it has loops."""
     ends = skeleton.ends()
     length, _ = skeleton.paths_from(int(ends[0]) if len(ends) else 0)
     return split_into_reaches(skeleton, int(np.argmax(length)))[0].pixels
 
 
 def river_ends(skeleton: Skeleton) -> tuple[RiverEnd, ...]:
-    """Find where a network may begin or end: its true ends, without spurs; every pixel of a pure loop."""
+    """Return potential sources and mouths of a network: ends without spurs; every pixel of a pure loop."""
     ends = skeleton.ends()
     if len(ends) == 0:
         return tuple(RiverEnd(pixel, np.array([pixel]), 0.0) for pixel in range(len(skeleton.rows)))
@@ -239,20 +182,10 @@ def river_ends(skeleton: Skeleton) -> tuple[RiverEnd, ...]:
 
 
 def exit_normal(skeleton: Skeleton, pixels: Int64Array, size: tuple[int, int]) -> tuple[float, float] | None:
-    """Find the sketch's edge that a path runs out over.
+    """Return the unit vector (east, north) out of the sketch where a path leaves it; None if it does not.
 
-    Parameters
-    ----------
-    skeleton : Skeleton
-        Where the path lies.
-    pixels : (n,) int64
-        The path; its last pixel is the end in question.
-    size : (height, width)
-        Of the image.
-
-    Returns
-    -------
-    Unit vector (east, north) out of the sketch; None if the end stops short of the edge or runs along it.
+    The last pixel of `pixels` is the end in question; it must be near the edge of the image (`size`) and not
+    run along it.
     """
     end = int(pixels[-1])
     row, column = float(skeleton.rows[end]) + 0.5, float(skeleton.columns[end]) + 0.5
@@ -274,7 +207,7 @@ def exit_normal(skeleton: Skeleton, pixels: Int64Array, size: tuple[int, int]) -
 
 
 def _weighted(skeleton: Skeleton, length: Float64Array, before: Int64Array) -> Float64Array:
-    """Length of each pixel's way to the root with every step weighted."""
+    """Return the weighted length of each pixel's path to the root."""
     if np.all(skeleton.weight == skeleton.weight[0]):
         return length
     total = np.zeros(len(length))
@@ -285,7 +218,7 @@ def _weighted(skeleton: Skeleton, length: Float64Array, before: Int64Array) -> F
 
 
 def _path_down(leaf: int, before: Int64Array, owner: Int64Array) -> list[int]:
-    """Pixels from a leaf to the root, or to the first pixel that is already some reach's."""
+    """Return pixels from a leaf to the root, or to the first pixel that belongs to a reach."""
     path = [leaf]
     while owner[path[-1]] < 0 and before[path[-1]] >= 0:
         path.append(int(before[path[-1]]))
@@ -302,24 +235,11 @@ def close_gaps(
     rivers: Sequence[tuple[Skeleton, Sequence[RiverEnd]]],
     gap: float,
 ) -> npt.NDArray[np.uint8] | None:
-    """Paint on from ends that head at another river's middle.
+    """Paint one-pixel lines over small gaps between river ends and the middle of another river; None if none.
 
-    Only an end joins, and only two rivers that are not one already: so none joins both ways, and rivers side
-    by side stay apart.
-
-    Parameters
-    ----------
-    painted : (height, width) uint8
-        Labels of rivers.
-    rivers : sequence of (Skeleton, sequence of RiverEnd)
-        The networks, dabs left out.
-    gap : float
-        Most pixels between the border of a stroke and that of the next that a person does not mean.
-
-    Returns
-    -------
-    (height, width) uint8 or None
-        A copy with lines one pixel wide over the gaps; None if there are none.
+    Only ends are joined, and only rivers that are not connected yet: so none joins both ways, and parallel
+    rivers stay apart. `rivers` are the networks without dabs; `gap` is the largest unintended gap between
+    strokes (px).
     """
     labelled, count = ndimage.label(painted > 0, structure=np.ones((3, 3)))
     regions = np.asarray(labelled, dtype=np.int64)
@@ -347,7 +267,7 @@ def close_gaps(
 
 
 def _heading(bone: Skeleton, end: RiverEnd) -> Float64Array | None:
-    """Rows and columns in which an end heads, a unit vector; None if it is too short to say."""
+    """Return the direction (rows, columns) of an end, a unit vector; None if it is too short."""
     back = end.lead[-min(max(_LEAD, int(2.0 * bone.depth[end.pixel])), len(end.lead))]
     run = np.array([bone.rows[end.pixel] - bone.rows[back], bone.columns[end.pixel] - bone.columns[back]])
     length = float(np.hypot(*run))
@@ -357,7 +277,7 @@ def _heading(bone: Skeleton, end: RiverEnd) -> Float64Array | None:
 def _ahead(
     regions: Int64Array, own: int, at: Int64Array, heading: Float64Array | None, reach: float
 ) -> Int64Array | None:
-    """Find the nearest pixel of another region ahead."""
+    """Return the nearest pixel of another region ahead, if any."""
     if heading is None:
         return None
     low = np.maximum(at - int(reach) - 1, 0)
@@ -371,7 +291,7 @@ def _ahead(
 
 
 def _in_the_middle(bone: Skeleton, ends: Sequence[RiverEnd], at: Int64Array, length: float) -> bool:
-    """Whether both the river at a place and what joins it there are longer than a spur would be."""
+    """Return whether both the river at a place and what joins it there are longer than a spur."""
     away = np.hypot(bone.rows - at[0], bone.columns - at[1])
     least = 2.0 * float(bone.depth[int(np.argmin(away))]) + 2.0 + _MIDDLE
     return length >= least and min(float(away[end.pixel]) for end in ends) >= least

@@ -25,17 +25,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class HydrologyCache:
-    """Values by what they were made from; several threads may share it.
+    """Values by what they were made from; several threads may share it."""
 
-    Attributes
-    ----------
-    images : LRUCache
-        What was made of whole layers.
-    parts : LRUCache
-        What was made of single rivers and of groups of them.
-    """
-
-    images: LRUCache = field(default_factory=lambda: LRUCache(16))
+    images: LRUCache = field(default_factory=lambda: LRUCache(16))  # what was made of whole layers
+    # what was made of single rivers and of groups of them
     parts: LRUCache = field(default_factory=lambda: LRUCache(256))
 
 
@@ -49,7 +42,7 @@ _WIDEST = 2.0  # times what the label says: confluences widen a river no further
 
 
 def smoothstep(t: Float64Array) -> Float64Array:
-    """0 up to 0, 1 from 1 on, smooth between."""
+    """Return 0 up to 0, 1 from 1 on, smooth between."""
     t = np.clip(t, 0.0, 1.0)
     return t * t * (3.0 - 2.0 * t)
 
@@ -57,21 +50,11 @@ def smoothstep(t: Float64Array) -> Float64Array:
 def river_widths(
     base: Float64Array, arc: Float64Array, taper: float, tributaries: list[tuple[int, float]]
 ) -> Float64Array:
-    """Width of a river along its centreline.
+    """Return the width (m) of a river along its centreline.
 
-    At a confluence the squares of the widths add up, as drained areas do (Leopold & Maddock 1953: width goes
-    with the root of the discharge), up to twice what the label says.
-
-    Parameters
-    ----------
-    base : (m,) float64
-        What its labels say (m).
-    arc : (m,) float64
-        Length from its spring (m).
-    taper : float
-        Length (m) over which it grows from 0.4 of its width; 0 for a river that has its width from the start.
-    tributaries : list of (index, width)
-        Where on the centreline they join, and how wide they are there (m).
+    At a confluence the squares of the widths add up, as drainage areas do (Leopold & Maddock 1953: width goes
+    with the root of the discharge), up to twice the label's width `base`. It widens from 0.4 over `taper` (m;
+    0: constant). `tributaries` are (index on the centreline, width in m).
     """
     grown = smoothstep(arc / taper) if taper > 0.0 else np.ones(len(arc))
     width = base * (_SPRING_WIDTH + (1.0 - _SPRING_WIDTH) * grown)
@@ -86,19 +69,10 @@ def river_widths(
 def water_surface(
     ground: Float64Array, arc: Float64Array, *, width: float, depth: float, ceilings: list[tuple[int, float]]
 ) -> Float64Array:
-    """Water level along a river, from the ground that it runs through: falling all the way.
+    """Return the water level along a river, falling all the way, from the terrain `ground` (m) along it.
 
-    Parameters
-    ----------
-    ground : (m,) float64
-        Height of the ground along the centreline (m).
-    arc : (m,) float64
-        Length from the spring (m).
-    width, depth : float
-        Of the water (m). The level is smoothed over about 20 widths, and lies 0.3 depths and half a metre
-        below the ground.
-    ceilings : list of (index, level)
-        Levels (m) of tributaries where they join: this river should not be above them.
+    Smoothed over about 20 widths, 0.3 depths and half a metre below the terrain, and not above the
+    `ceilings`: (index, level in m) of tributaries.
     """
     spacing = max(float(arc[-1]) / max(len(arc) - 1, 1), 1e-9)
     sigma = min(6.0 * width / spacing, len(arc) / 4.0)
@@ -116,10 +90,10 @@ def water_surface(
 def limit_gradient(
     level: Float64Array, arc: Float64Array, *, width: Float64Array, depth: Float64Array
 ) -> Float64Array:
-    """Cut back falls, in a gorge if need be: the wider and the shallower a river, the less it falls.
+    """Limit the gradient, cutting gorges if need be: the wider and the shallower a river, the less it falls.
 
-    Water falls by at most 1.2 depths over a width, and by at most 0.6 m on every metre of its way: beside a
-    wide sheet of water that is steeper no bank can stand.
+    At most 1.2 depths over a width, and 0.6 m per metre: beside a wide water surface that is steeper no bank
+    is possible.
     """
     steepest = np.clip(_STEEPEST_DEPTHS * depth / width, _LEAST_STEEPEST, _STEEPEST)
     steps = 0.5 * (steepest[1:] + steepest[:-1]) * np.diff(arc)
@@ -131,7 +105,7 @@ def limit_gradient(
 def join_level(level: Float64Array, arc: Float64Array, *, end: float, width: float) -> Float64Array:
     """Bend a falling water level so that it ends exactly at `end` and still falls all the way.
 
-    Where it lay lower it is raised; where it would arrive too high it comes down over the last 30 widths.
+    It is raised where it is lower; where it would end too high it falls over the last 30 widths.
     """
     left = arc[-1] - arc
     level = np.maximum(level, end + LEAST_FALL * left)
@@ -142,7 +116,7 @@ def join_level(level: Float64Array, arc: Float64Array, *, end: float, width: flo
 
 
 def level_pool(level: Float64Array, arc: Float64Array, first: float, last: float) -> Float64Array:
-    """Make the water from `first` to `last` (m along the river) a pool at the level that it had at its end.
+    """Level the water between two arc lengths (m) at its height at the lower end.
 
     Upstream of the pool, over four times its length, the river falls as much as before and that much earlier.
     """
@@ -159,33 +133,17 @@ def level_pool(level: Float64Array, arc: Float64Array, first: float, last: float
 
 @dataclass(frozen=True, eq=False)
 class Bends:
-    """Places whose bank belongs to a place further down.
+    """Points whose bank belongs to a point further down."""
 
-    Attributes
-    ----------
-    upper : (k,) int
-        Points of a centreline.
-    lower : (k,) float64
-        The place whose bank stands beside each, in points: between two of them, further down.
-    off : (k,) float64
-        How far the bank stands from that place, in half widths there.
-    """
-
-    upper: npt.NDArray[np.intp]
-    lower: Float64Array
-    off: Float64Array
+    upper: npt.NDArray[np.intp]  # (k,) points of a centreline
+    lower: Float64Array  # (k,) fractional point further down whose bank is beside each
+    off: Float64Array  # (k,) distance of the bank from that point, in half widths there
 
 
 def lower_in_bends(level: Float64Array, arc: Float64Array, bends: Bends, depth: Float64Array) -> Float64Array:
-    """Lower the water above sharp bends, so that it does not stand above its own bank further down.
+    """Lower the water above sharp bends, so that it is not above its own bank further down.
 
-    Parameters
-    ----------
-    level, arc : (m,) float64
-        Water level and length from the spring (m).
-    bends : Bends
-    depth : (m,) float64
-        Metres; a bank counts as up to a quarter of it high, and less near the water's edge.
+    A bank is up to a quarter of the `depth` (m) high, and less near the water's edge.
     """
     before = np.minimum(bends.lower.astype(np.intp), len(level) - 2)
     share = bends.lower - before
@@ -215,51 +173,25 @@ _SHOWS = 0.25  # of two rivers' widths' mean: so near, the bed of one shows in t
 
 @dataclass(frozen=True, eq=False)
 class Confluence:
-    """Where a tributary's water overlaps the stem's: one pool of one level.
+    """Overlap of a tributary's water with the stem's: one pool of one level; lengths in m."""
 
-    Attributes
-    ----------
-    length : float
-        Metres of the tributary above its end.
-    above, below : float
-        Metres of the stem above and below the joint.
-    bed : (float, float)
-        The same for where the stem's bed shows in the tributary's centreline: the two must be one there.
-    """
-
-    length: float
-    above: float
-    below: float
-    bed: tuple[float, float]
+    length: float  # of the tributary above its end
+    above: float  # of the stem above the joint
+    below: float  # of the stem below the joint
+    bed: tuple[float, float]  # the same for where the stem's bed is visible in the tributary's centreline
 
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """Courses with what follows from their shapes alone.
+    """Courses and what follows from their shapes alone."""
 
-    Attributes
-    ----------
-    courses : sequence of RiverCourse
-        Parents before the courses that join them.
-    parents : sequence of int
-        Index of the course that each joins; -1 for none.
-    arcs : sequence of (m,) float64
-        Metres from each spring.
-    widths : sequence of (m,) float64
-        Metres, with tributaries counted and neighbours candidate_influence.
-    confluences : sequence of Confluence or None
-    bends : sequence of Bends
-    cuts : sequence of sequences of (first, last)
-        Runs of points in which neither water nor bed may lie above the straight line from the point before
-        to the point after: valleys through mountains.
-    """
-
-    courses: Sequence[RiverCourse]
-    parents: Sequence[int]
-    arcs: Sequence[Float64Array]
-    widths: Sequence[Float64Array]
+    courses: Sequence[RiverCourse]  # parents first
+    parents: Sequence[int]  # index of the course that each joins, -1 for none
+    arcs: Sequence[Float64Array]  # (m,) each, m from the spring
+    widths: Sequence[Float64Array]  # (m,) each, m, with tributaries and neighbours accounted for
     confluences: Sequence[Confluence | None]
     bends: Sequence[Bends]
+    # point runs (valleys through mountains) below the chord between the points before and after
     cuts: Sequence[Sequence[tuple[int, int]]]
 
     def joining(self, number: int) -> list[int]:
@@ -272,17 +204,7 @@ def build_network(
     cuts: Sequence[Sequence[tuple[int, int]]],
     memory: HydrologyCache | None = None,
 ) -> Network:
-    """Work out how wide rivers are, and where their waters overlap.
-
-    Parameters
-    ----------
-    courses : sequence of RiverCourse
-        Of any number of networks; parents before the courses that join them.
-    cuts : sequence of sequences of (first, last)
-        As in `Network`.
-    memory : HydrologyCache, optional
-        Of bends.
-    """
+    """Compute river widths, confluences and bends; `courses` have parents first, `cuts` as in `Network`."""
     memory = HydrologyCache() if memory is None else memory
     number_of = {id(course): number for number, course in enumerate(courses)}
     parents = [-1 if course.parent is None else number_of[id(course.parent)] for course in courses]
@@ -315,7 +237,7 @@ def build_network(
 
 
 def _bends(line: Float64Array, arc: Float64Array, width: Float64Array) -> Bends:
-    """Find where the ground beside a river, up to 1.6 widths away, is nearest to a place further down."""
+    """Return where the bank of a river, up to 1.6 widths away, is nearest to a point further down."""
     ahead = np.diff(line, axis=0)
     across = np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1) / np.hypot(*ahead.T)[:, None]
     count = len(line)
@@ -348,7 +270,7 @@ def _meeting(
     width: Float64Array,
     parent_width: Float64Array,
 ) -> Confluence:
-    """Find the tributary's last run in which its water overlaps its parent's."""
+    """Return the tributary's last run in which its water overlaps its parent's."""
     answer: Any = cKDTree(parent.line).query(course.line)
     distance, nearest = (np.asarray(part) for part in answer)
     overlap = distance < 0.55 * (width + parent_width[nearest])
@@ -376,7 +298,7 @@ def _beside_neighbours(
     widths: Sequence[Float64Array],
     confluences: Sequence[Confluence | None],
 ) -> list[Float64Array]:
-    """Narrow rivers where their waters would overlap elsewhere than where they meet."""
+    """Narrow rivers where their waters would overlap away from confluences."""
     boxes = [
         (course.line.min(axis=0) - width.max(), course.line.max(axis=0) + width.max())
         for course, width in zip(courses, widths, strict=True)
@@ -418,7 +340,7 @@ def _apart(
     courses: Sequence[RiverCourse],
     confluences: Sequence[Confluence | None],
 ) -> npt.NDArray[np.bool_]:
-    """Points of a course that lie outside every confluence that it shares with the other one's family."""
+    """Return which points of a course lie outside its confluences with the other one's family."""
     arc, away = arcs[number], np.ones(len(arcs[number]), dtype=np.bool_)
     own = confluences[number]
     if own is not None and (parents[number] == other or parents[other] == parents[number]):

@@ -1,4 +1,4 @@
-"""Rivers of a sketch, and edits of them."""
+"""Rivers and lakes: from painted layers to centrelines with width, depth and a falling water level."""
 
 from __future__ import annotations
 
@@ -37,17 +37,17 @@ _ACTIONS = frozenset({"move_point", "width", "delete"})
 
 
 def targets_river(edit: Edit) -> bool:
-    """Whether an edit names a river, by its action or by the layer in the id."""
+    """Return whether an edit names a river, by its action or by the layer in the id."""
     return edit.action in ("move_point", "width") or (edit.feature or 0) >> 48 == LAYER_CODES["river"]
 
 
 def targets_lake(edit: Edit) -> bool:
-    """Whether an edit names a lake, by the layer in the id."""
+    """Return whether an edit names a lake, by the layer in the id."""
     return not targets_river(edit) and (edit.feature or 0) >> 48 == LAYER_CODES["lake"]
 
 
 def apply_lake_edits(lakes: list[Lake], edits: Iterable[Edit]) -> tuple[list[Lake], tuple[str, ...]]:
-    """Return the lakes that a person did not take away, and one line for each edit that finds none."""
+    """Return the lakes that the user did not delete, and one line for each edit whose lake is missing."""
     there = {lake.id for lake in lakes}
     taken: set[int] = set()
     orphans = []
@@ -64,17 +64,9 @@ def apply_lake_edits(lakes: list[Lake], edits: Iterable[Edit]) -> tuple[list[Lak
 def apply_river_edits(
     courses: list[RiverCourse], edits: Iterable[Edit]
 ) -> tuple[list[RiverCourse], tuple[str, ...]]:
-    """Return courses as a person changed them, and one line for each edit that finds nothing to change.
+    """Apply the user's edits to courses (parents first); return one line for each that can't be applied.
 
-    A tributary of a river that moved follows it; one of a river that was taken away becomes a river of its
-    own.
-
-    Parameters
-    ----------
-    courses
-        Parents before those that join them.
-    edits
-        In the order in which they are done; those of other features are passed over.
+    A tributary of a moved river follows it; one of a deleted river becomes a river of its own.
     """
     by_id = {course.id: course for course in courses}
     wanted: dict[int, list[Edit]] = {}
@@ -103,23 +95,13 @@ def apply_river_edits(
 
 
 def move_edit(river: River, index: int, *, x: float, y: float) -> Edit:
-    """Return the edit that moves a control point, named by where it is: it is found again in a changed river.
-
-    Parameters
-    ----------
-    river
-        As it is now.
-    index
-        Which of its `points`.
-    x, y
-        Where the point shall be (m).
-    """
+    """Return the edit that moves a control point to (x, y), m, identified by its current position."""
     from_x, from_y = (float(each) for each in river.points[index, :2])
     return Edit("move_point", river.id, index=index, x=x, y=y, from_x=from_x, from_y=from_y)
 
 
 def _control(points: npt.NDArray[np.float64], edit: Edit) -> int | None:
-    """Return which control point an edit means: the nearest to where it was, within one interval."""
+    """Return the control point of an edit: the nearest to its old position, within one interval."""
     if edit.from_x is None:
         return edit.index if edit.index is not None and edit.index < len(points) else None
     away = np.hypot(*(points - [edit.from_x, edit.from_y]).T)
@@ -165,59 +147,30 @@ def _redrawn(course: RiverCourse, points: npt.NDArray[np.float64]) -> RiverCours
 
 
 def trace_rivers(sketch: Sketch, *, seed: int, ground: GroundHeight) -> tuple[River, ...]:
-    """Trace the rivers that were painted.
+    """Return the painted rivers, sorted by id.
 
-    Painted regions of any label that touch are one network, and so is an end painted a few pixels short of
-    another river's middle. A dab that is no longer than it is wide, even
-    one pixel, becomes a short straight reach. The mouth is the lowest end, and rather one at the sketch's
-    edge; a river that reaches the edge runs on beyond it for about a third of the sketch. A loop becomes two
-    arms that part at its top and meet at its bottom.
+    Touching regions of any label are one network, and so is an end painted a few pixels short of another
+    river's middle. A dab no longer than wide becomes a short straight reach. The mouth is the lowest end,
+    preferably at the sketch's edge; a river that reaches the edge continues beyond it for about a third of
+    the sketch. A loop becomes two arms that part at its top and meet at its bottom.
 
-    Parameters
-    ----------
-    sketch : Sketch
-        The document; its own seed is not looked at.
-    seed : int
-        Seed of the terrain.
-    ground : callable
-        ``ground(x, y)``: height (m) of the land without rivers, for 1-D float64 arrays of positions (m). It
-        is called twice: for all ends, then for all centrelines.
-
-    Returns
-    -------
-    tuple of River, sorted by id. Along each centreline the water level falls by at least 1e-4 m a metre; a
-    tributary's last point is a point of the centreline that it joins, z included.
-
-    Raises
-    ------
-    InputError
-        If `ground` returns something of another shape, or not finite.
+    ``ground(x, y)`` returns the height (m) of the terrain without rivers at 1-D positions (m); it is called
+    twice: for all ends, then for all centrelines. The sketch's own seed is ignored. Along each centreline the
+    water falls by at least 1e-4 m per metre; a tributary's last point is a point of its stem's centreline, z
+    included.
     """
     return trace_hydrology(sketch, seed=seed, ground=ground).rivers
 
 
 @dataclass(frozen=True, eq=False)
 class Hydrology:
-    """Rivers, lakes, and what was decided about them.
+    """Rivers and lakes of a sketch."""
 
-    Attributes
-    ----------
-    rivers : tuple of River
-        Sorted by id.
-    lakes : tuple of Lake
-        Painted ones in reading order, then those in which rivers end beyond the sketch.
-    resolutions : tuple of Resolution
-        One line for each contradiction between layers, and where; see `contradictions`.
-    orphans : tuple of str
-        One line for each edit that found nothing to change.
-    grounds : tuple of (m,) float64
-        Height (m) of the ground without rivers along each river's centreline.
-    """
-
-    rivers: tuple[River, ...]
-    lakes: tuple[Lake, ...]
-    resolutions: tuple[Resolution, ...]
-    orphans: tuple[str, ...]
+    rivers: tuple[River, ...]  # sorted by id
+    lakes: tuple[Lake, ...]  # painted ones in reading order, then those at river mouths beyond the sketch
+    resolutions: tuple[Resolution, ...]  # one for each conflict between layers
+    orphans: tuple[str, ...]  # one line for each edit that could not be applied
+    # (m,) each, terrain height without rivers along each river's centreline, m
     grounds: tuple[Float64Array, ...]
 
 
@@ -229,18 +182,10 @@ def trace_hydrology(
     memory: PlacementCache | None = None,
     checkpoint: Callable[[], None] | None = None,
 ) -> Hydrology:
-    """Trace rivers as `trace_rivers` does, and lay out the lakes that they run through and end in.
+    """Trace rivers as `trace_rivers` does, and the lakes that they flow through and end in.
 
-    `ground` is called once more, for the shores of all lakes.
-
-    Parameters
-    ----------
-    sketch, seed, ground
-        As for `trace_rivers`.
-    memory : PlacementCache, optional
-        From the last time. It saves time; the bits are the same.
-    checkpoint : callable, optional
-        Called between the steps; it may raise to abandon the work.
+    `ground` is called once more, for the shores of all lakes. `checkpoint` is called between steps and may
+    raise to cancel. Results with and without a cache are bit-equal.
     """
     memory = PlacementCache() if memory is None else memory
     known = memory.part(HydrologyCache)
@@ -281,7 +226,7 @@ def _with_water(
     memory: PlacementCache,
     pause: Callable[[], None],
 ) -> tuple[list[River], list[Lake], list[Float64Array]]:
-    """Let water flow: rivers sorted by id, lakes at their levels, and the ground along each river."""
+    """Solve water levels: return rivers sorted by id, lakes, and the terrain height along each river."""
     if not courses:
         return [], lakes, []
     grounds = heights_at(ground, [course.line for course in courses])
@@ -309,7 +254,7 @@ def _with_water(
 
 
 def _same_again(rivers: Sequence[River], known: HydrologyCache) -> list[River]:
-    """Return for each river that was there before, bit for bit, the very same object."""
+    """Return the cached object for each river that is unchanged, bit for bit."""
     return [
         known.parts.of(("river", *(_bits(part) for part in vars(river).values())), partial(_itself, river))
         for river in rivers

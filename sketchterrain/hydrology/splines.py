@@ -9,38 +9,17 @@ from sketchterrain.errors import InputError
 
 
 def drop_repeats(points: Float64Array, *, of: int | None = None) -> Float64Array:
-    """Drop points that equal the one before them: a segment needs two different ends.
-
-    Parameters
-    ----------
-    points : (n, d) float64
-        One or more.
-    of : int, optional
-        How many of the d columns count; all by default.
-    """
+    """Drop points that equal the one before them in the first `of` columns (all by default)."""
     keep = np.ones(len(points), dtype=np.bool_)
     keep[1:] = (np.diff(points[:, :of], axis=0) != 0.0).any(axis=1)
     return points[keep]
 
 
 def catmull_rom(points: Float64Array, u: Float64Array) -> Float64Array:
-    """Evaluate the curve through control points.
+    """Evaluate the curve through control points (n, d) at positions `u` (m,) in 0 … n - 1; (m, d).
 
-    Parameters
-    ----------
-    points : (n, d) float64
-        Two or more control points, no two neighbours equal. The ends are continued by reflection.
-    u : (m,) float64
-        Position along the curve, 0 … n - 1: the whole part counts segments.
-
-    Returns
-    -------
-    (m, d) float64. At whole `u` it is the control point, bit for bit.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than two points, or two neighbours are equal.
+    The whole part of `u` is the segment; at whole `u` the result is the control point, bit for bit. The ends
+    are continued by reflection. Raises InputError for fewer than two points or equal neighbours.
     """
     points = np.asarray(points, dtype=np.float64)
     if points.ndim != 2 or len(points) < 2 or len(drop_repeats(points)) < len(points):
@@ -67,17 +46,9 @@ def catmull_rom(points: Float64Array, u: Float64Array) -> Float64Array:
 
 
 def cubics(points: Float64Array) -> Float64Array:
-    """Return curves through control points as polynomials of the fraction t of each segment.
+    """Return curves through control points (…, n, d) as cubic polynomials of each segment, (…, n - 1, d, 4).
 
-    Parameters
-    ----------
-    points : (..., n, d) float64
-        Each as for `catmull_rom`, and the same curve.
-
-    Returns
-    -------
-    (..., n - 1, d, 4) float64
-        Segment k is ``c[k] @ [1, t, t², t³]`` for t from 0 to 1.
+    Segment k is ``c[k] @ [1, t, t², t³]`` for t from 0 to 1; the same curve as `catmull_rom`.
     """
     ends = 2.0 * points[..., [0, -1], :] - points[..., [1, -2], :]
     p = np.concatenate([ends[..., :1, :], points, ends[..., 1:, :]], axis=-2)
@@ -101,25 +72,10 @@ def cubics(points: Float64Array) -> Float64Array:
 def sample_catmull_rom(
     points: Float64Array, step: float, *, sagitta: float = np.inf, most: float = np.inf
 ) -> tuple[Float64Array, Float64Array]:
-    """Sample the curve through control points so that neighbours are at most about `step` apart.
+    """Return samples of the curve at most about `step` apart, (m, d), and their positions `u`, (m,).
 
-    Parameters
-    ----------
-    points : (n, d) float64
-        As for `catmull_rom`.
-    step : float
-        Wanted distance between samples, in the points' unit.
-    sagitta : float
-        How far the curve may be from straight lines between samples, > 0.
-    most : float
-        Samples between two control points for the sake of the sagitta.
-
-    Returns
-    -------
-    curve : (m, d) float64
-        Among them every control point, bit for bit.
-    u : (m,) float64
-        Where on the curve each sample is: whole at control points.
+    Every control point is among them, bit for bit, at whole `u`. `sagitta` bounds the deviation of the curve
+    from straight lines between samples, with up to `most` samples per segment.
     """
     chord = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1))
     # Two at least, so that a bend between two control points is never cut; 5 % for the arc over its chord.

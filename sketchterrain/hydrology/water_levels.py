@@ -1,4 +1,4 @@
-"""The water of a river network: levels and beds that agree wherever two reaches meet."""
+"""Water levels and beds of a river network, consistent where reaches meet."""
 
 from __future__ import annotations
 
@@ -34,37 +34,21 @@ _LEAST_DEPTH = 0.05  # m, of water, whatever the beds of neighbours ask
 
 @dataclass(frozen=True, eq=False)
 class LakeReach:
-    """A run of a course at a lake, in it or so near that the lake's ground rules there.
+    """Run of a course in or beside a lake."""
 
-    Attributes
-    ----------
-    shore : int
-        Point of the centreline where the lake's rim begins: from here on no water stands above the lake.
-    first, last : int
-        Points inside the lake, where the level is given; where a course only passes by, `last` is
-        ``first - 1`` and `first` the point where it leaves the rim.
-    level : float
-        Metres.
-    """
-
-    shore: int
-    first: int
-    last: int
-    level: float
+    shore: int  # point where the lake's rim begins: from here on no water is above the lake
+    first: int  # first point inside the lake; if the course only passes by, where it leaves the rim
+    last: int  # last point inside the lake; `first` - 1 if the course only passes by
+    level: float  # m
 
 
 def solve_water_levels(
     network: Network, grounds: Sequence[Float64Array], still: Sequence[Sequence[LakeReach]]
 ) -> list[Float64Array]:
-    """Find water levels from the springs down: falling all the way, never above what flows in, flat in lakes.
+    """Return water levels from the springs down: falling all the way, never above tributaries, flat in lakes.
 
-    Parameters
-    ----------
-    network : Network
-    grounds : sequence of (m,) float64
-        Height of the ground along each centreline (m).
-    still : sequence of sequences of LakeReach
-        What each course runs through, upstream first.
+    `grounds` (m,) each are terrain heights (m) along the centrelines, `still` the lake reaches, upstream
+    first.
     """
     courses, arcs = network.courses, network.arcs
     levels: list[Float64Array] = list(grounds)
@@ -83,7 +67,7 @@ def solve_water_levels(
 
 
 def join_water_levels(network: Network, falling: Sequence[Float64Array]) -> list[Float64Array]:
-    """Bring tributaries to their stems; make pools where waters meet and in bends; cut through mountains."""
+    """Join tributaries to their stems; level pools at confluences and bends; cut through mountains."""
     courses, arcs, levels = network.courses, network.arcs, list(falling)
     for number, course in enumerate(courses):
         arc, parent, meeting = arcs[number], network.parents[number], network.confluences[number]
@@ -106,7 +90,7 @@ def join_water_levels(network: Network, falling: Sequence[Float64Array]) -> list
 
 
 def _held(network: Network, number: int, level: Float64Array) -> Float64Array:
-    """Lower water that no bank holds: in sharp bends, and where they make it fall too steeply."""
+    """Lower water that no bank confines: in sharp bends, and where they make it fall too steeply."""
     course, arc = network.courses[number], network.arcs[number]
     for _ in range(_ROUNDS):
         before = level
@@ -135,7 +119,7 @@ def _through_lakes(
 
 
 def _below_chord(values: Float64Array, arc: Float64Array, runs: Sequence[tuple[int, int]]) -> Float64Array:
-    """Lower what falls downstream to the straight line between the points before and after each run."""
+    """Lower each run to the chord between the points before and after it."""
     for first, last in runs:
         if first > 0 and last < len(values) - 1:
             ends = [first - 1, last + 1]
@@ -147,7 +131,7 @@ def _below_chord(values: Float64Array, arc: Float64Array, runs: Sequence[tuple[i
 
 
 def build_rivers(network: Network, levels: Sequence[Float64Array]) -> list[River]:
-    """Give every reach its bed: never rising, and the stem's own where a tributary ends."""
+    """Return each reach with its bed: never rising, and the stem's own where a tributary ends."""
     beds: list[Float64Array] = []
     rivers = []
     for number, (course, width, level) in enumerate(
@@ -169,7 +153,7 @@ def build_rivers(network: Network, levels: Sequence[Float64Array]) -> list[River
 
 
 def _one_bed(network: Network, number: int, bed: Float64Array) -> Float64Array:
-    """Make a river's bed level where tributaries end: else theirs would rise at their ends to meet it."""
+    """Level a river's bed at confluences: else the tributaries' would rise at their ends to meet it."""
     arc = network.arcs[number]
     # From the mouth upward, as with levels.
     for other in sorted(network.joining(number), key=lambda each: -network.courses[each].joint):

@@ -1,4 +1,4 @@
-"""Values by what they were made from; those not asked for the longest are forgotten."""
+"""Least-recently-used cache keyed by content or identity."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ Value = TypeVar("Value")
 
 
 class IdentityKey:
-    """Stands in a key for a thing that never changes, which equals nothing but itself."""
+    """Cache key of an immutable object, equal only to itself."""
 
     __slots__ = ("_thing",)
 
@@ -18,37 +18,23 @@ class IdentityKey:
         self._thing = thing
 
     def __eq__(self, other: object) -> bool:
-        """Whether it is the very same thing."""
+        """Compare by identity."""
         return isinstance(other, IdentityKey) and self._thing is other._thing
 
     def __hash__(self) -> int:
-        """By identity: the key holds the thing, so no other can take its place."""
+        """Hash by identity: the key holds the object, so its id can't be reused."""
         return id(self._thing)
 
 
 class LRUCache:
-    """Remembers values, so that they need not be made again. Several threads may use it at once.
-
-    Parameters
-    ----------
-    most : int
-        How many it remembers.
-    """
+    """Thread-safe cache of `most` values; the least recently used are evicted."""
 
     def __init__(self, most: int) -> None:
         self._most = most
         self._values: OrderedDict[Hashable, Any] = OrderedDict()
 
     def of(self, key: Hashable, make: Callable[[], Value]) -> Value:
-        """Return what was made for a key; make it, if it is not remembered.
-
-        Parameters
-        ----------
-        key
-            Everything that the value depends on.
-        make
-            If it raises, nothing is remembered.
-        """
+        """Return the value cached for a key of everything it depends on; compute it if missing."""
         try:
             value: Value = self._values.pop(key)
         except KeyError:

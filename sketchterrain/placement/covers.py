@@ -30,19 +30,10 @@ _BLUR_SHARE = 0.5
 
 
 def shape_field(sketch: Sketch, shape: Shape, *, margin: float) -> ShapeField:
-    """Return the distance to a shape's border at the centres of the pixels in and around it.
+    """Return the signed distance to a shape's border at pixel centres, with `margin` (m) around it.
 
     The border runs midway between painted and other pixels. It is rounded the more the lower the fidelity,
-    and moved so that the shape keeps its area. Beyond the sketch's edge a shape that touches it goes on.
-
-    Parameters
-    ----------
-    sketch
-        Where it was painted.
-    shape
-        One of its shapes.
-    margin
-        How far the outermost samples lie outside the shape, at least (m).
+    and shifted to preserve the shape's area. A shape that touches the sketch's edge continues beyond it.
     """
     height, width = sketch.height_px, sketch.width_px
     over = round(EDGE_OVERHANG * max(height, width))
@@ -63,13 +54,13 @@ def shape_field(sketch: Sketch, shape: Shape, *, margin: float) -> ShapeField:
 
 
 def _signed_distance(mask: npt.NDArray[np.bool_]) -> Float64Array:
-    """Distance of pixel centres from the border, in pixels: positive inside."""
+    """Return the distance of pixel centres from the border (px), positive inside."""
     within, beyond = ndimage.distance_transform_edt(mask), ndimage.distance_transform_edt(~mask)
     return np.asarray(np.where(mask, within - 0.5, 0.5 - beyond), dtype=np.float64)
 
 
 def _rounded(distance: Float64Array, mask: npt.NDArray[np.bool_], blur: float) -> Float64Array:
-    """Blur a distance and shift it so that as many pixels are inside as before."""
+    """Blur a distance field and shift it to preserve the number of pixels inside."""
     sigma = min(blur, _BLUR_SHARE * float(distance.max()))
     if sigma <= 0:
         return distance
@@ -91,15 +82,10 @@ class CoverMemory:
 
 
 def create_covers(sketch: Sketch, *, memory: PlacementCache | None = None) -> tuple[Cover, ...]:
-    """Return the material layer's shapes that show at all, in reading order of their first pixels.
+    """Return the material layer's visible shapes, in reading order of their first pixels.
 
-    Shapes of one layer do not overlap; where two borders meet, the later one lies on top.
-
-    Parameters
-    ----------
-    sketch : Sketch
-    memory : PlacementCache, optional
-        From the last time. What was not painted since is the very same object.
+    Shapes of one layer do not overlap; where two borders meet, the later one is on top. Unchanged covers are
+    the identical objects of the cache.
     """
     if memory is None:
         return _laid(sketch)

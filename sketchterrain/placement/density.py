@@ -16,19 +16,12 @@ _FEW = 64  # pixels for each place asked about: for fewer places than so a map o
 
 
 class PaintedDistance:
-    """Distance to the nearest painted pixel of a mask.
+    """Distance (m) to the nearest painted pixel of a mask (row 0 north).
 
-    Inside the sketch it is exact at pixel centres, and taken from the pixel's centre elsewhere. Beyond the
-    edge it is √(outside² + inside²) with the nearest point of the sketch as the elbow, which is never more
-    than the true distance. The first places are looked up in a tree of the painted borders; when there were
-    many, a map of all distances is made. Both give the same bits.
-
-    Parameters
-    ----------
-    mask : (height, width) bool
-        True where painted; row 0 is north.
-    pixel_size : float
-        Metres.
+    Exact at pixel centres inside the sketch, elsewhere taken from the pixel's centre. Beyond the edge it is
+    √(outside² + inside²) via the nearest point of the sketch, which is never more than the true distance. The
+    first queries use a tree of the painted borders; after many, a map of all distances. Both give the same
+    bits.
     """
 
     def __init__(self, mask: npt.NDArray[np.bool_], pixel_size: float) -> None:
@@ -40,7 +33,7 @@ class PaintedDistance:
         self._map: npt.NDArray[np.float32] | None = None
 
     def __call__(self, x: Float64Array, y: Float64Array) -> Float64Array:
-        """Distance (m) at positions in metres; infinite when nothing is painted, 0 on a painted pixel."""
+        """Return the distance (m) at positions (m); infinite if nothing is painted, 0 on painted pixels."""
         column = np.asarray(x, dtype=np.float64) / self._pixel_size
         row = self._height - np.asarray(y, dtype=np.float64) / self._pixel_size
         inside_column, inside_row = np.clip(column, 0.0, self._width), np.clip(row, 0.0, self._height)
@@ -50,7 +43,7 @@ class PaintedDistance:
         return np.asarray(np.hypot(outside, self._pixels(rows, columns) * np.float32(self._pixel_size)))
 
     def _pixels(self, rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp]) -> npt.NDArray[np.float32]:
-        """Distance in pixels from a pixel's centre to that of the nearest painted one."""
+        """Return the distance in pixels from a pixel's centre to that of the nearest painted one."""
         self._asked += rows.size
         if self._map is None and self._asked * _FEW > self._mask.size and self._mask.any():
             distance = np.asarray(ndimage.distance_transform_edt(~self._mask), dtype=np.float32)
@@ -66,7 +59,7 @@ class PaintedDistance:
 
 
 def _border(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Painted pixels beside a bare one, along a row or a column: to bare places one of them is nearest."""
+    """Return painted pixels with an unpainted row or column neighbour: the nearest to any pixel outside."""
     inner = mask.copy()
     inner[1:] &= mask[:-1]
     inner[:-1] &= mask[1:]
@@ -81,21 +74,13 @@ _WIDER = 1 + 1e-9  # so that rounding leaves out no pair; one too many counts no
 
 
 def cubic(t: Float64Array) -> Float64Array:
-    """2t³ - 3t² + 1 for t in [0, 1], 0 beyond: one at the centre, flat at both ends."""
+    """2t³ - 3t² + 1 for t in [0, 1], 0 beyond."""
     t = np.clip(t, 0.0, 1.0)
     return (2.0 * t - 3.0) * t * t + 1.0
 
 
 class DensityField:
-    """Features as a field of density.
-
-    Parameters
-    ----------
-    positions : (n, 2) float64
-        Metres.
-    sizes : (n,) float64
-        Weight of each feature, usually its radius in metres.
-    """
+    """Density of features at `positions` (n, 2), m, weighted by `sizes` (n,), usually radii (m)."""
 
     def __init__(self, positions: Float64Array, sizes: Float64Array) -> None:
         self._positions = positions
@@ -103,36 +88,14 @@ class DensityField:
         self._tree = cKDTree(positions) if len(positions) else None
 
     def total(self, at: Float64Array, radius: Float64Array) -> Float64Array:
-        """Sum of the features' sizes around positions, each weighted by the cubic kernel.
-
-        Parameters
-        ----------
-        at : (m, 2) float64
-            Positions (m).
-        radius : (m,) float64
-            Distance (m) at which a feature no longer counts.
-
-        Returns
-        -------
-        (m,) float64, in the unit of the sizes.
-        """
+        """Return the sum of sizes, weighted by the cubic kernel of `radius` (m,), around positions (m, 2)."""
         position, feature, weight = self._pairs(at, radius)
         return np.bincount(position, weight * self._sizes[feature], minlength=len(at)).astype(np.float64)
 
     def mean(
         self, values: Float64Array, at: Float64Array, radius: Float64Array, *, default: float = 0.0
     ) -> Float64Array:
-        """Mean of a property of the features around positions, weighted like `total`.
-
-        Parameters
-        ----------
-        values : (n,) float64
-            The property, one value a feature.
-        at, radius
-            As in `total`.
-        default : float
-            Where there is no feature within the radius.
-        """
+        """Return the mean of a property, weighted like `total`; `default` if no feature is in range."""
         position, feature, weight = self._pairs(at, radius)
         weight = weight * self._sizes[feature]
         total = np.bincount(position, weight, minlength=len(at))
@@ -140,19 +103,7 @@ class DensityField:
         return np.where(total > 0.0, mean / np.where(total > 0.0, total, 1.0), default)
 
     def around(self, places: Float64Array, radius: Float64Array) -> Float64Array:
-        """Like `total`, for groups of places that are close together.
-
-        Parameters
-        ----------
-        places : (m, k, 2) float64
-            Positions (m), k in each group.
-        radius : (m,) float64
-            As in `total`, one for each group.
-
-        Returns
-        -------
-        (m, k) float64, the very numbers that `total` gives.
-        """
+        """Return `total`, bit for bit, (m, k), for groups (m, k, 2) of positions with one radius each."""
         count = places.shape[1]
         # Features beyond a place's own radius count nothing, to the bit: cubic(1) is 0.
         group, feature = self._near(places[:, 0], radius + spread(places))
@@ -164,16 +115,16 @@ class DensityField:
         return total.astype(np.float64).reshape(len(places), count)
 
     def _pairs(self, at: Float64Array, radius: Float64Array) -> tuple[Ints, Ints, Float64Array]:
-        """Index of the position, index of the feature and kernel weight of each pair within reach."""
+        """Return position index, feature index and kernel weight of each pair within the radius."""
         position, feature = self._near(at, radius)
         offset = at[position] - self._positions[feature]
         distance = np.sqrt(offset[:, 0] ** 2 + offset[:, 1] ** 2)
         return position, feature, cubic(distance / np.maximum(radius[position], 1e-9))
 
     def _near(self, at: Float64Array, radius: Float64Array) -> tuple[Ints, Ints]:
-        """Index of the position and of the feature of each pair within reach, and of some just beyond.
+        """Return position and feature indices of each pair within the radius, and of some just beyond.
 
-        Sorted by position and feature: the order of adding up never depends on how the tree was built.
+        Sorted by position and feature: the summation order never depends on how the tree was built.
         """
         if self._tree is None or len(at) == 0:
             none = np.zeros(0, dtype=np.intp)
@@ -185,7 +136,7 @@ class DensityField:
 
 
 def spread(places: Float64Array) -> Float64Array:
-    """Return how far (m) the places of each group, (m, k, 2), lie from its first one, at most."""
+    """Return the greatest distance (m) of each group's positions, (m, k, 2), from its first one."""
     offset = places - places[:, :1]
     return np.asarray(np.sqrt((offset[..., 0] ** 2 + offset[..., 1] ** 2).max(axis=1)))
 
@@ -195,24 +146,14 @@ _DENSITY_MEMORY_WIDER = 1 + 1e-6  # than reach, by more than rounding does
 
 @dataclass(frozen=True, eq=False)
 class FeatureSet:
-    """Rows of numbers by id.
+    """Positions and sizes by id."""
 
-    Attributes
-    ----------
-    ids : (n,) uint64
-        Sorted, each one once.
-    positions : (n, 2) or (n, k, 2) float64
-        Metres: of a feature, or of the places that it may take.
-    sizes : (n,) float64
-        Metres: a feature's weight, or how far each of its places reaches.
-    """
-
-    ids: npt.NDArray[np.uint64]
-    positions: Float64Array
-    sizes: Float64Array
+    ids: npt.NDArray[np.uint64]  # (n,) sorted, unique
+    positions: Float64Array  # (n, 2) or candidates (n, k, 2), m
+    sizes: Float64Array  # (n,) weight of a feature, or radius around each candidate, m
 
     def same(self, other: FeatureSet) -> tuple[BoolArray, npt.NDArray[np.intp]]:
-        """Which rows the other has too, bit for bit, and where; where it has not, any row."""
+        """Return which rows the other set has too, bit for bit, and their indices (arbitrary where not)."""
         if len(other.ids) == 0 or self.positions.shape[1:] != other.positions.shape[1:]:
             return np.zeros(len(self.ids), dtype=np.bool_), np.zeros(len(self.ids), dtype=np.intp)
         row = np.minimum(np.searchsorted(other.ids, self.ids), len(other.ids) - 1)
@@ -222,25 +163,13 @@ class FeatureSet:
 
 
 class DensityCache:
-    """Answers like `DensityField.around`, and remembers the last answer; the bits are the same."""
+    """Bit-equal `DensityField.around` that recomputes only the neighbourhoods of changed features."""
 
     def __init__(self) -> None:
         self._last: tuple[FeatureSet, FeatureSet, Float64Array] | None = None
 
     def around(self, features: FeatureSet, asked: FeatureSet) -> Float64Array:
-        """Sum of the features' sizes around places, each weighted by the cubic kernel.
-
-        Parameters
-        ----------
-        features : FeatureSet
-            Positions (n, 2) and sizes.
-        asked : FeatureSet
-            Groups of places, (m, k, 2), and the distance at which a feature no longer counts.
-
-        Returns
-        -------
-        (m, k) float64, in the unit of the sizes.
-        """
+        """Return the density of `features` at groups of positions `asked`, (m, k), in units of the sizes."""
         count = asked.positions.shape[1]
         result, anew = np.zeros((len(asked.ids), count)), np.ones(len(asked.ids), dtype=np.bool_)
         last = self._last  # read once: another thread may replace it
@@ -259,7 +188,7 @@ class DensityCache:
 
 
 def _near_changes(before: FeatureSet, after: FeatureSet, asked: FeatureSet) -> BoolArray:
-    """Which groups of places anything that came or went may have to do with."""
+    """Return which groups of positions an added or removed feature may affect."""
     changed = np.concatenate(
         [one.positions[~one.same(other)[0]] for one, other in ((before, after), (after, before))]
     )
@@ -273,7 +202,7 @@ def _near_changes(before: FeatureSet, after: FeatureSet, asked: FeatureSet) -> B
 
 
 def _in_box(positions: Float64Array, places: Float64Array, reach: float) -> BoolArray:
-    """Which positions lie in the rectangle around all places, widened by their reach."""
+    """Return which positions lie in the rectangle around all `places`, widened by `reach`."""
     every = places.reshape(-1, 2)
     low, high = (
         every.min(axis=0) - reach * _DENSITY_MEMORY_WIDER,

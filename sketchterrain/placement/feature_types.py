@@ -47,113 +47,63 @@ BY_ELEVATION: Final = -1.0
 
 
 def conifer_code(share: float) -> float:
-    """Return what stands in a forest's ``peakiness`` for its share of conifers: 0 is by elevation."""
+    """Return the code stored in a forest's ``peakiness`` for its share of conifers: 0 is by elevation."""
     return 1.0 + share if share >= 0.0 else 0.0
 
 
 def conifer_share(code: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """Return the share of conifers, 0 … 1 or ``BY_ELEVATION``, that a forest's ``peakiness`` stands for."""
+    """Return the share of conifers, 0 … 1 or ``BY_ELEVATION``, stored in a forest's ``peakiness``."""
     return np.asarray(np.asarray(code, dtype=np.float64) - 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class River:
-    """One reach of a river network, from its spring down to its mouth or its confluence.
+    """One reach of a river network, from its spring down to its mouth or confluence."""
 
-    Attributes
-    ----------
-    id : int
-        Stable name: the layer's code and the pixel where the reach begins.
-    label : int
-        Label in the river layer that painted it.
-    points : (n, 3) float64
-        Control points x, y (m, multiples of 1/1024; not where the reach ends on another's centreline) and z
-        (m, water surface), upstream first.
-    width, depth : (n,) float32
-        Width of the water (m) and depth of the bed below it (m) at the control points.
-    centreline : (m, 3) float64
-        The curve through the control points in fine steps; z is the water surface and never rises.
-    centreline_width, centreline_depth : (m,) float32
-        Width and depth along the centreline (m).
-    """
-
-    id: int
-    label: int
+    id: int  # stable: layer code and the first pixel of the reach
+    label: int  # in the river layer
+    # (n, 3) control points x, y (m, multiples of 1/1024 but for a confluence) and water surface z
+    # (m), upstream first
     points: npt.NDArray[np.float64]
-    width: npt.NDArray[np.float32]
-    depth: npt.NDArray[np.float32]
+    width: npt.NDArray[np.float32]  # (n,) of the water at the control points, m
+    depth: npt.NDArray[np.float32]  # (n,) of the bed below the water surface, m
+    # (m, 3) dense samples of the curve; z is the water surface and never rises
     centreline: npt.NDArray[np.float64]
-    centreline_width: npt.NDArray[np.float32]
-    centreline_depth: npt.NDArray[np.float32]
+    centreline_width: npt.NDArray[np.float32]  # (m,) m
+    centreline_depth: npt.NDArray[np.float32]  # (m,) m
 
 
 @dataclass(frozen=True, eq=False)
 class ShapeField:
-    """How deep inside a painted shape each place lies: samples of a signed distance.
+    """Signed distance to a painted shape's border, sampled on a grid."""
 
-    Attributes
-    ----------
-    west, south : float
-        Position of the sample [0, 0] (m); rows run northward, columns eastward.
-    spacing : float
-        Metres between samples.
-    inside : (rows, columns) float32
-        Distance to the shape's border (m): positive inside, negative outside. The outermost samples are
-        all outside by at least the margin that whoever reads the field needs.
-    """
-
-    west: float
-    south: float
-    spacing: float
+    west: float  # of sample [0, 0], m; columns run eastward
+    south: float  # m; rows run northward
+    spacing: float  # m between samples
+    # (rows, columns) m, positive inside; the outermost samples are outside by the margin
     inside: npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
 class Lake:
-    """A lake.
+    """A lake."""
 
-    Attributes
-    ----------
-    id : int
-        Stable name: the layer's code and a pixel of the shape.
-    label : int
-        Label in the lake layer that painted it.
-    shape : ShapeField
-    level : float
-        Height of the water's surface (m): what the rim can hold.
-    depth : float
-        Greatest depth (m).
-    """
-
-    id: int
-    label: int
+    id: int  # stable: layer code and a pixel of the shape
+    label: int  # in the lake layer
     shape: ShapeField
-    level: float
-    depth: float
+    level: float  # height of the water surface, m
+    depth: float  # greatest depth, m
 
 
 @dataclass(frozen=True, eq=False)
 class Cover:
-    """A painted surface: one material laid over those that the rules choose.
+    """A painted surface: one material on top of those that the rules select."""
 
-    Attributes
-    ----------
-    id : int
-        Stable name: the layer's code and a pixel of the shape.
-    label : int
-        Label in the material layer that painted it.
-    shape : ShapeField
-    material : int
-        Index into the materials.
-    strength : float
-        0 … 1: how much of the ground it takes where it is painted.
-    """
-
-    id: int
-    label: int
+    id: int  # stable: layer code and a pixel of the shape
+    label: int  # in the material layer
     shape: ShapeField
-    material: int
-    strength: float
+    material: int  # index into the materials
+    strength: float  # 0 … 1, share of the surface
 
 
 VISIBLE_SHARE: Final = 0.25
@@ -167,7 +117,7 @@ _HALVINGS = 30
 
 
 def flank(fidelity: float) -> float:
-    """Return how much steeper than the plain cubic mountains and hills fall to their feet, 1 or more."""
+    """Return how much steeper than the plain cubic mountains and hills fall to their feet, ≥ 1."""
     steep = max(fidelity - _LOOSE, 0.0) / (1.0 - _LOOSE)
     return 1.0 + _STEEPEST * steep * steep * steep
 
@@ -179,17 +129,17 @@ def cubic(t: Float64Array) -> Float64Array:
 
 
 def hill_profile(t: Float64Array, steepness: float | Float64Array) -> Float64Array:
-    """Return what a hill keeps of its height: all up to 1 - 1/steepness, then down to a hollow foot at 1.
+    """Return the share of a hill's height at t: 1 up to 1 - 1/steepness, then down to a concave foot at 1.
 
-    A round top, below it a slope that fades evenly into the ground, so that no edge tells where the foot is:
-    nearly (1 - s)², but level at s = 0.
+    A round top, below it a slope that fades evenly into the terrain, without an edge at the foot: nearly (1 -
+    s)², but level at s = 0.
     """
     s = np.maximum(1.0 - steepness * (1.0 - np.minimum(t, 1.0)), 0.0)
     return np.asarray((1.0 - s) ** 2 * (1.0 + s * (2.0 + s * (1.4 * s - 3.0))))
 
 
 def hill_slope(t: Float64Array, steepness: float | Float64Array) -> Float64Array:
-    """Return how a hill's profile changes with the distance."""
+    """Return the derivative of a hill's profile."""
     s = np.maximum(1.0 - steepness * (1.0 - np.minimum(t, 1.0)), 0.0)
     swell = 1.0 + s * (2.0 + s * (1.4 * s - 3.0))
     return np.asarray(steepness * (1.0 - s) * ((1.0 - s) * (2.0 + s * (4.2 * s - 6.0)) - 2.0 * swell))
@@ -198,7 +148,7 @@ def hill_slope(t: Float64Array, steepness: float | Float64Array) -> Float64Array
 def mountain_profile(
     t: Float64Array, peakiness: float | Float64Array, steepness: float | Float64Array
 ) -> Float64Array:
-    """Return what a mountain keeps of its height: a hill's profile and a round tip (1 - t)², by peakiness."""
+    """Return the share of a mountain's height: a hill's profile and a round tip (1 - t)², by peakiness."""
     share = 0.1 + 0.6 * peakiness
     tip = (1.0 - _rounded(t)) ** 2 / (1.0 - 0.5 * _TIP) ** 2
     return np.asarray((1.0 - share) * hill_profile(t, steepness) + share * tip)
@@ -207,7 +157,7 @@ def mountain_profile(
 def mountain_slope(
     t: Float64Array, peakiness: float | Float64Array, steepness: float | Float64Array
 ) -> Float64Array:
-    """Return how a mountain's profile changes with the distance."""
+    """Return the derivative of a mountain's profile."""
     share = 0.1 + 0.6 * peakiness
     tip = -2.0 * (1.0 - _rounded(t)) * np.minimum(t / _TIP, 1.0) / (1.0 - 0.5 * _TIP) ** 2
     return np.asarray((1.0 - share) * hill_slope(t, steepness) + share * tip)
@@ -223,16 +173,9 @@ def area_profile(t: Float64Array) -> Float64Array:
 
 
 def visible_radius(name: str, share: Float64Array, peakiness: Float64Array, fidelity: float) -> Float64Array:
-    """Return where a feature shows a quarter of its label's strength, in its ground radii.
+    """Return where a feature reaches a quarter of its label's strength, in its ground radii.
 
-    Parameters
-    ----------
-    name : str
-        Type of feature.
-    share : (n,) float64
-        Its strength over its label's, more than a quarter.
-    peakiness : (n,) float64
-    fidelity : float
+    `share` (n,) is its strength over its label's, more than a quarter.
     """
     low, high = np.zeros(len(share)), np.ones(len(share))
     for _ in range(_HALVINGS):
@@ -255,40 +198,18 @@ LAYER_CODES: Final = {"mountain": 0, "hill": 1, "dune": 2, "forest": 3, "river":
 
 @dataclass(frozen=True)
 class TypeRule:
-    """How one type of feature takes its size and strength from what was painted.
+    """How one type of feature derives its size and strength from paint."""
 
-    Attributes
-    ----------
-    reach : float
-        Where the ground shows a quarter of the label's strength, over the radius of the painted disc: 1 puts
-        that on the painted border, if nothing else stands there.
-    support : (low, high)
-        Strength of the features between the summits, as a share of a summit of the same size.
-    held : float
-        Least share of the label's strength that a feature has at fidelity 1, so that all of the shape shows.
-    size_power : float
-        A smaller disc's strength goes with (its radius / the shape's largest) to this power.
-    variation : float
-        Hashed variation of a summit's strength, as a share to either side, but never above its label's.
-    most_slope : float
-        Strength is at most this times the disc's radius; tan 70° for what rises from the ground.
-    fill_radius : float
-        Largest ground radius (m) where nothing was painted; the smallest is 0.4 of it.
-    fill_extent : float
-        … and never more than this share of the sketch's extent.
-    fill_slope : float
-        Strength where nothing was painted is at most this times the ground radius.
-    """
-
-    reach: float
+    reach: float  # visible radius over the painted disc's; 1 is on the painted border
+    # (low, high) strength between the summits, as a share of a summit of the same size
     support: tuple[float, float]
-    held: float
-    size_power: float
-    variation: float
-    most_slope: float
-    fill_radius: float
-    fill_extent: float
-    fill_slope: float
+    held: float  # least share of the label's strength at fidelity 1, so that all of the shape is visible
+    size_power: float  # a smaller disc's strength scales with (radius / the shape's largest) to this power
+    variation: float  # hashed variation of a summit's strength to either side, never above its label's
+    most_slope: float  # strength over the disc's radius, at most; tan 70° for landforms
+    fill_radius: float  # largest ground radius of the fill, m; the smallest is 0.4 of it
+    fill_extent: float  # … and at most this share of the sketch's extent
+    fill_slope: float  # strength of the fill over its ground radius, at most
 
 
 _TAN_70 = 2.7474774194546216
@@ -306,11 +227,11 @@ TYPES: Final[dict[str, TypeRule]] = {
 
 @dataclass(frozen=True)
 class Preference:
-    """What a feature looks for, or away from, when it chooses its place near where it was painted.
+    """Attraction (weight > 0) or repulsion of a feature when it selects its position near its painted one.
 
-    `what` says in which set `of` is looked up: ``'user'`` features (what was painted), ``'final'`` features
-    (already placed), or the painted pixels of a ``'layer'``. Positive weights attract. `reach` is the
-    distance at which the effect ends, in radii of the feature's disc.
+    `what` is the set in which `of` is looked up: ``'user'`` features (painted), ``'final'`` features (already
+    placed), or painted pixels of a ``'layer'``. `reach` is the distance at which the effect ends, in disc
+    radii.
     """
 
     feature: str
@@ -379,17 +300,10 @@ _LEAST, _MOST = 0.15, 0.45  # half the length of a crest, in ground radii
 
 
 def crest_offsets(points: StructuredArray) -> npt.NDArray[np.float64]:
-    """Return half the crest of each feature, eastward and northward, in its ground radii.
+    """Return half the crest of each feature, eastward and northward, in its ground radii, (n, 2).
 
-    A function of the id, so that a feature that is moved keeps its crest.
-
-    Parameters
-    ----------
-    points : (n,) array of FEATURE
-
-    Returns
-    -------
-    (n, 2) float64, 0 for what was painted and for all but mountains.
+    A function of the id, so that a moved feature keeps its crest; 0 for painted features and all but
+    mountains.
     """
     number = points["id"].astype(np.uint64).view(np.int64)
     length = _LEAST + (_MOST - _LEAST) * hash_unit(0, "crest length", number)

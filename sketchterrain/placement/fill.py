@@ -1,4 +1,10 @@
-"""Fill: features of unpainted ground, from hashed cells without end."""
+"""Fill: features of unpainted terrain by density, unbounded and independent of the query.
+
+Each type has its own cells, aligned to the world's origin. A cell proposes candidates from hashes of its
+index; a candidate survives unless one of an earlier type, or of its own type and of higher priority, is too
+close. One round, comparing with candidates, not survivors: every decision reads a bounded neighbourhood, so
+that a rectangle's features do not depend on which rectangle was queried.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +48,7 @@ _LEAST_CELL, _MOST_CELL = 16.0, 32768.0  # m
 
 @dataclass(frozen=True)
 class CandidateRule:
-    """How candidates of one type are proposed: radii (m), cells (m), candidates a cell."""
+    """How candidates of one type are proposed: radii (m), cells (m), candidates per cell."""
 
     name: str
     low: float
@@ -52,7 +58,7 @@ class CandidateRule:
 
 
 def candidate_rules(sketch: Sketch) -> dict[str, CandidateRule]:
-    """One for each type whose density is not 0, in the order in which types give way."""
+    """Return a rule for each type whose density is not 0, in order of precedence."""
     proposals: dict[str, CandidateRule] = {}
     kept: dict[str, tuple[float, float, float]] = {}  # density (1/m²) and radii of the types before
     for name, rule in TYPES.items():
@@ -78,7 +84,7 @@ def candidate_rules(sketch: Sketch) -> dict[str, CandidateRule]:
 
 
 def _mean_square(factor: float, one: tuple[float, float], other: tuple[float, float]) -> float:
-    """Mean of (factor · (R₁ + R₂))² for two radii, each log-uniform in its range."""
+    """Return the mean of (factor · (R₁ + R₂))² for two radii, each log-uniform in its range."""
     (first, first_square), (second, second_square) = _moments(*one), _moments(*other)
     return factor**2 * (first_square + second_square + 2.0 * first * second)
 
@@ -102,7 +108,7 @@ class HomeMemory:
 def cached_bounds(
     sketch: Sketch, proposals: Sequence[CandidateRule]
 ) -> tuple[float, float, float, float] | None:
-    """Return the rectangle (west, south, east, north, m) worth keeping; None if too many stand in it."""
+    """Return the box (m) around the sketch whose features are cached; None if too many candidates."""
     east, north = sketch.size
     wide = _EXTENTS * sketch.extent + _RADII * max((each.high for each in proposals), default=0.0)
     rate = sum(each.per_cell / (each.cell * each.cell) for each in proposals)
@@ -114,7 +120,7 @@ def cached_bounds(
 def distances_to_layers(
     sketch: Sketch, memory: PlacementCache, fills: tuple[str, ...]
 ) -> dict[str, Callable[[Float64Array, Float64Array], Float64Array]]:
-    """Distance to what is painted in each layer that any of these types keeps away from."""
+    """Return the distance functions of painted layers that any of these types keeps clear of."""
     return {
         layer: memory.painted_distance(sketch, layer)
         for layer, image in sketch.layers.items()
@@ -123,7 +129,7 @@ def distances_to_layers(
 
 
 class PaintedClearance:
-    """What was painted, as the fill sees it: places to keep away from."""
+    """Painted shapes and features that the fill keeps clear of."""
 
     def __init__(
         self,
@@ -134,10 +140,7 @@ class PaintedClearance:
         self._placed = {name: painted[painted["type"] == code] for code, name in enumerate(FEATURE_TYPES)}
 
     def clearance_mask(self, name: str, features: StructuredArray, answers: LRUCache) -> BoolArray:
-        """Which features of a type keep their clearance from paint and their spacing from what it became.
-
-        What is remembered of these very features is among the answers.
-        """
+        """Return which features of a type are clear of paint and of placed features."""
         room = np.ones(len(features), dtype=np.bool_)
         if len(features) == 0:
             return room
@@ -165,9 +168,9 @@ def _clear(
 def suppressed_by(
     mine: StructuredArray, rivals: StructuredArray, factor: float, reach: float, *, same: bool
 ) -> BoolArray:
-    """Which features have a rival nearer than `factor` times the sum of radii (and, if same, of lower id).
+    """Return which features have a rival within `factor` times the sum of radii (if `same`: of lower id).
 
-    Ids of the fill are hashes: a lower one is as good as a higher priority.
+    Ids of the fill are hashes, so a lower id is an arbitrary priority.
     """
     beaten = np.zeros(len(mine), dtype=np.bool_)
     if len(mine) == 0 or len(rivals) == 0:
@@ -189,31 +192,14 @@ def suppressed_by(
 
 
 class Fill:
-    """The features of unpainted ground: a pure function of position and seed.
+    """Features of unpainted terrain: a pure function of position and seed, at the sketch's densities.
 
-    Parameters
-    ----------
-    sketch : Sketch
-        Its densities say how many features of each type stand on a square kilometre.
-    painted : array of FEATURE
-        What `place` made of the sketch; the fill keeps its distance.
-    seed : int
-        Seed of the terrain.
-    river_distance : callable, optional
-        ``river_distance(x, y)``: distance (m) to the nearest painted river, at least out to 2.5 km. By
-        default it is measured from the river layer.
-    memory : PlacementCache, optional
-        Of the placing, which knows how far it is to what was painted. The result is the same.
-
-    Attributes
-    ----------
-    max_radius : float
-        Radius (m) that no feature of the fill exceeds; 0 when every density is 0.
-    sketch, painted, seed
-        What it was made from.
+    The fill keeps its distance from `painted` features (`place`) and rivers: ``river_distance(x, y)`` returns
+    the distance (m) to the nearest painted river up to at least 2.5 km, by default that of the river layer.
+    No feature exceeds `max_radius` (m), 0 when every density is 0.
     """
 
-    max_radius: float
+    max_radius: float  # radius (m) that no feature of the fill exceeds; 0 when every density is 0
 
     def __init__(
         self,
@@ -240,23 +226,23 @@ class Fill:
         self._answers = memory.part(HomeMemory).answers
 
     def __reduce__(self) -> tuple[Callable[..., Fill], tuple[object, ...]]:
-        """Say what it was made from, and what is known around the sketch; distances are made anew."""
+        """Pickle the arguments and the features near the sketch."""
         return _made_again, (self.sketch, self.painted, self.seed, self._river_distance, self._at_home)
 
     @property
     def rules(self) -> tuple[object, ...]:
-        """Everything that it depends on everywhere: two fills differ only near where paint does if equal."""
+        """Everything that it depends on everywhere: fills with equal rules differ only near changed paint."""
         own = [tuple(self.sketch.properties(name, 1).items()) for name in self._proposals]
         size = (self.sketch.extent, self.sketch.width_px, self.sketch.height_px)
         return self.seed, size, tuple(self._proposals.values()), tuple(own)
 
     @property
     def types(self) -> tuple[str, ...]:
-        """The types that it has features of, in the order in which they give way."""
+        """Types that it has features of, in order of precedence."""
         return tuple(self._proposals)
 
     def max_strength(self, name: str, radius: float) -> float:
-        """Return a strength that no feature of a type, up to a ground radius (m), exceeds; 0 if none."""
+        """Return an upper bound of the strength of a type's features up to a ground radius (m); 0 if none."""
         proposal = self._proposals.get(name)
         if proposal is None or radius <= proposal.low:
             return 0.0
@@ -265,16 +251,10 @@ class Fill:
         return float(min(most, TYPES[name].fill_slope * min(radius, proposal.high)))
 
     def influence_radii(self, name: str, radius: float | None = None) -> dict[str, float]:
-        """How far (m) from what changed its features of each type may be other ones, at most.
+        """Return the invalidation radius (m) per type around a changed feature (or pixels: no `radius`).
 
-        What stands too near gives way, and then what had given way to that may stand.
-
-        Parameters
-        ----------
-        name : str
-            Type of the placed feature that changed, or layer of the painted pixels.
-        radius : float, optional
-            Ground radius (m) of the feature; without it, pixels are meant.
+        `name` is the type of the changed feature or the painted layer. A feature too close is suppressed, and
+        then those that it had suppressed may survive.
         """
         largest = {own: np.array([proposal.high]) for own, proposal in self._proposals.items()}
         ways = {own: self.candidate_influence(own, name, high, radius) for own, high in largest.items()}
@@ -289,7 +269,7 @@ class Fill:
     def candidate_influence(
         self, own: str, name: str, radii: Float64Array, radius: float | None = None
     ) -> Float64Array | None:
-        """How far (m) candidates of a type, at these radii (m) react to a change; None if never."""
+        """Return how far (m) candidates of a type and radii (m) depend on `name`; None if they do not."""
         if radius is not None:
             factor = SPACING.get((name, own), 0.0)
             return factor * (radius + radii) if factor > 0.0 else None
@@ -299,12 +279,12 @@ class Fill:
         return math.sqrt(2.0) * CLEARANCE[own, name] * radii + 2.0 * self.sketch.pixel_size
 
     def candidates(self, name: str, box: tuple[float, float, float, float]) -> StructuredArray:
-        """Candidates of a type in a rectangle (west, south, east, north, m), whatever is painted there."""
+        """Return candidates of a type in a rectangle (west, south, east, north, m), ignoring paint."""
         return self._proposed(self._proposals[name], box)
 
     @property
     def dune_styles(self) -> frozenset[tuple[float, float]]:
-        """Distinct (wavelength in m, wind in degrees) of its dunes, rounded as they are in ``FEATURE``."""
+        """Distinct (wavelength in m, wind in degrees) of its dunes, rounded as in ``FEATURE``."""
         if "dune" not in self._proposals:
             return frozenset()
         properties = self.sketch.properties("dune", 1)
@@ -319,23 +299,10 @@ class Fill:
     def within(
         self, west: float, south: float, east: float, north: float, *, min_radius: float = 0.0
     ) -> StructuredArray:
-        """Find the features whose centre lies in a rectangle.
+        """Return the features of at least `min_radius` (m) centred in a rectangle, sorted by id.
 
-        Parameters
-        ----------
-        west, south, east, north : float
-            The rectangle in metres; its west and south borders belong to it, the others do not.
-        min_radius : float
-            Features of smaller ground radius (m) are left out.
-
-        Returns
-        -------
-        Array of ``FEATURE``, sorted by id, each with the top bit of its id set.
-
-        Raises
-        ------
-        InputError
-            If the rectangle is not finite or has no inside.
+        The west and south borders belong to the rectangle, the others do not. Raises InputError for bad
+        bounds.
         """
         box = (float(west), float(south), float(east), float(north))
         if not all(math.isfinite(side) for side in box) or east < west or north < south:
@@ -362,7 +329,7 @@ class Fill:
     def _candidates_around(
         self, box: tuple[float, float, float, float], asked: list[CandidateRule]
     ) -> dict[str, StructuredArray]:
-        """Candidates of each type in a rectangle, and around it as far as they may stand in others' way."""
+        """Return candidates of each type in a rectangle, and around it as far as they may suppress others."""
         near = {}
         # Around the home most is as it was for the sketch before.
         answers = self._answers if box is self._home else LRUCache(0)
@@ -395,7 +362,7 @@ class Fill:
     def _candidates(
         self, proposal: CandidateRule, box: tuple[float, float, float, float], answers: LRUCache
     ) -> StructuredArray:
-        """Candidates of a type in a rectangle, without those that stand where something was painted."""
+        """Return candidates of a type in a rectangle that are clear of paint."""
         properties = tuple(self.sketch.properties(proposal.name, 1).items())
         proposed: StructuredArray = answers.of(
             ("proposed", self.seed, proposal, box, properties), lambda: self._proposed(proposal, box)
@@ -425,7 +392,7 @@ class Fill:
         return result
 
     def _dress(self, features: StructuredArray, proposal: CandidateRule, chance: Float64Array) -> None:
-        """Strength and the rest from the properties of the layer's label 1, lower where it is smaller."""
+        """Set strength and style from the properties of the layer's label 1, lower where it is smaller."""
         properties = self.sketch.properties(proposal.name, 1)
         radius = features["radius"].astype(np.float64)
         if proposal.name == "forest":

@@ -1,4 +1,11 @@
-"""Deterministic hashing and rounding."""
+"""Stateless random numbers by hashing, and rounding that is the same on every CPU.
+
+Keys are folded with the finaliser of splitmix64 (Steele, Lea & Flood 2014).
+
+The last bits of exponentials, powers and sines depend on the CPU: NumPy and the C library choose their code
+by its features (AVX2, FMA, AVX-512). Sums, products, quotients and square roots are exact everywhere. So
+results of the former are rounded to a step far above these differences and far below what is visible.
+"""
 
 from __future__ import annotations
 
@@ -26,20 +33,9 @@ Key = int | npt.NDArray[np.integer[Any]]
 
 
 def hash_keys(seed: int, stream: str, *keys: Key) -> npt.NDArray[np.uint64]:
-    """Hash integer keys to 64 bits, elementwise.
+    """Return 64-bit hashes of integer keys, elementwise with broadcasting; negative keys are allowed.
 
-    Parameters
-    ----------
-    seed : int
-        Seed of the terrain; only its low 64 bits count.
-    stream : str
-        What the number is for. Different streams are independent.
-    *keys : int or integer array
-        Broadcast against each other. Negative values are welcome.
-
-    Returns
-    -------
-    uint64 array of the keys' broadcast shape.
+    Only the low 64 bits of `seed` count. Different streams are independent.
     """
     state: int | npt.NDArray[np.uint64] = _start(seed & _MASK, stream)
     for key in keys:
@@ -53,14 +49,14 @@ def hash_keys(seed: int, stream: str, *keys: Key) -> npt.NDArray[np.uint64]:
 
 
 def hash_unit(seed: int, stream: str, *keys: Key) -> npt.NDArray[np.float64]:
-    """Like `hash_keys`, as float64 evenly spread over [0, 1)."""
+    """Return `hash_keys` as float64, uniform in [0, 1)."""
     return (hash_keys(seed, stream, *keys) >> np.uint64(11)).astype(np.float64) * 2.0**-53
 
 
 def value_noise(
     seed: int, stream: str, x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
-    """Value noise in [0, 1] on the unit lattice: smooth, about one swing per two units."""
+    """Return value noise in [0, 1] on the unit lattice: smooth, about one swing per two units."""
     column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
     u, v = x - column, y - row
     u, v = u * u * (3.0 - 2.0 * u), v * v * (3.0 - 2.0 * v)
@@ -77,7 +73,7 @@ def _start(seed: int, stream: str) -> int:
 
 
 def _word(state: int) -> int:
-    """Return what `_mixed` makes of one number below 2^64."""
+    """Return what `_mixed` returns for one number below 2^64."""
     state = (state + int(_GOLDEN)) & _MASK
     state = ((state ^ (state >> 30)) * int(_FIRST)) & _MASK
     state = ((state ^ (state >> 27)) * int(_SECOND)) & _MASK

@@ -1,6 +1,6 @@
-"""Stage 2 (Zaaijer 2013 §4.3-4.4): every user feature finds its final place.
+"""Placement of user features (Zaaijer 2013 §4.3-4.4): from painted to final positions.
 
-At fidelity 1 that is where it was painted. Below, it looks around and takes the place that it prefers.
+At fidelity 1 features stay where they were painted. Below, each compares nearby positions by its preferences.
 """
 
 from __future__ import annotations
@@ -48,25 +48,11 @@ def place(
     memory: PlacementCache | None = None,
     checkpoint: Callable[[], None] | None = None,
 ) -> StructuredArray:
-    """Place the features of everything that was painted, rivers apart.
+    """Place all painted features but rivers: an array of ``FEATURE``, sorted by id, at least one per shape.
 
-    Parameters
-    ----------
-    sketch : Sketch
-        The document; its own seed is not looked at.
-    seed : int
-        Seed of the terrain.
-    memory : PlacementCache, optional
-        From the last time, so that only what was painted since, and what is near it, is worked out anew. The
-        bits are the same.
-    checkpoint : callable, optional
-        Called before each layer's shapes are broken up and before each type is placed; it may raise to
-        abandon the work.
-
-    Returns
-    -------
-    Array of ``FEATURE``, sorted by id. Every painted shape has at least one. Nothing painted farther away
-    than two of a feature's discs changes it.
+    The sketch's own seed is ignored. `checkpoint` is called between steps and may raise to cancel. Nothing
+    painted farther away than two of a feature's discs changes it. Results with and without a cache are
+    bit-equal.
     """
     memory = PlacementCache() if memory is None else memory
     users = {}
@@ -89,13 +75,7 @@ def place(
 
 
 def placement_influence(sketch: Sketch, *, seed: int, memory: PlacementCache) -> dict[str, float]:
-    """How far (m) from shapes that change features of each type may find other places, as the rules are.
-
-    Parameters
-    ----------
-    sketch, seed, memory
-        As for `place`.
-    """
+    """Return how far (m) from a changed shape features of each type may move, by the rules."""
     far = dict.fromkeys(TYPES, 0.0)
     for name in TYPES:
         users = memory.user_features(sketch, name, seed=seed)
@@ -119,7 +99,7 @@ def _painted_positions(sketch: Sketch, users: npt.NDArray[np.void]) -> Float64Ar
 
 
 class _Around:
-    """What a place can be judged by: user features, what is already placed, painted pixels."""
+    """Everything a position is judged by: user features, placed features, painted pixels."""
 
     def __init__(
         self,
@@ -134,10 +114,7 @@ class _Around:
         self._memory = memory
 
     def presence(self, preference: Preference, asked: FeatureSet) -> Float64Array:
-        """How much of what a preference names is near each place: about 1 for one thing of like size.
-
-        The places' sizes are the discs of the features that ask.
-        """
+        """Return how much of a preference's target is near each position: about 1 for one of like size."""
         disc = asked.sizes
         reach = preference.reach * disc
         if preference.what == "layer":
@@ -152,7 +129,7 @@ class _Around:
         return self.density(preference.feature, f"{preference.what} {preference.of}", features, asked, reach)
 
     def painted(self, name: str) -> FeatureSet:
-        """User features of a type: where they were painted, and their discs (m)."""
+        """Return the user features of a type: painted positions and discs (m)."""
         own = self.users[name]
         return FeatureSet(
             own["id"], _painted_positions(self.sketch, own), own["disc"] * self.sketch.pixel_size
@@ -161,7 +138,7 @@ class _Around:
     def density(
         self, feature: str, term: str, features: FeatureSet, asked: FeatureSet, reach: Float64Array
     ) -> Float64Array:
-        """Density of features within reach (m) of each place, over the discs of those that ask."""
+        """Return the density of features within `reach` (m) of each position, relative to its disc."""
         memory = self._memory.density(feature, term)
         return memory.around(features, replace(asked, sizes=reach)) / asked.sizes[:, None]
 
@@ -185,7 +162,7 @@ def _preferred(around: _Around, name: str, seed: int) -> Float64Array:
 
 
 def _other_summits(around: _Around, name: str, own: FeatureSet, places: FeatureSet) -> Float64Array:
-    """Density of the other summits of this type, as painted, at each place; 0 for support."""
+    """Return the density of the other summits of this type, as painted; 0 for support features."""
     summit = np.flatnonzero(around.users[name]["summit"])
     summits, asked = _rows(own, summit), _rows(places, summit)
     reach = _SUMMIT_REACH * summits.sizes

@@ -37,11 +37,6 @@ class PlacementCache:
     The bits are those that would be worked out. Several threads may use it at once: what it holds is never
     written to, only replaced. A shape is known by its pixels, their place and all that its features depend
     on. A layer whose image is the very same array, which sketches never write to, is not even looked at.
-
-    Parameters
-    ----------
-    most : int
-        How many shapes it remembers; those not asked for the longest are forgotten first.
     """
 
     def __init__(self, *, most: int = 16384) -> None:
@@ -88,17 +83,7 @@ class PlacementCache:
         return found
 
     def user_features(self, sketch: Sketch, layer: str, *, seed: int) -> StructuredArray:
-        """Return the user features of a layer, sorted by id.
-
-        Parameters
-        ----------
-        sketch : Sketch
-            The document; its own seed is not looked at.
-        layer : str
-            A layer of point features.
-        seed : int
-            Seed of the terrain.
-        """
+        """Return the user features of a layer, sorted by id."""
         image = sketch.layers[layer]
         declared = tuple((key, _multitude(sketch, *key)) for key in sketch.labels if key[0] == layer)
         settings = (seed, sketch.fidelity, declared)

@@ -1,4 +1,4 @@
-"""Shapes: connected regions of one label, and their measures."""
+"""Shapes: 8-connected regions of one label, each measured inside its own bounding box."""
 
 from __future__ import annotations
 
@@ -20,51 +20,30 @@ EDGE_OVERHANG = 0.125
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """One connected region of one label.
-
-    Attributes
-    ----------
-    layer : str
-        Name of its layer.
-    label : int
-        Value of its pixels.
-    id : int
-        Index (row · image width + column) of its first pixel in reading order.
-    rows, columns : slice
-        Its bounding box in the image.
-    mask : (h, w) bool
-        True on its pixels, inside the bounding box.
-    area : int
-        Pixels.
-    centre : (row, column)
-        Centre of its pixels weighted by their depth, in pixel indices of the image.
-    depth : (h, w) float64
-        Distance from a pixel's centre to the shape's border, in pixels; 0 outside the mask. A lone pixel
-        is 0.5 deep. The sketch's edge is no border: the world goes on there, and so does the shape, for an
-        eighth of the sketch's longer side.
-    image_width : int
-        Columns of the whole image.
-    """
+    """One connected region of one label."""
 
     layer: str
     label: int
-    id: int
-    rows: slice
+    id: int  # index (row · image width + column) of its first pixel in reading order
+    rows: slice  # bounding box in the image
     columns: slice
-    mask: npt.NDArray[np.bool_]
-    area: int
+    mask: npt.NDArray[np.bool_]  # (h, w) inside the bounding box
+    area: int  # pixels
+    # row, column; depth-weighted centre of its pixels, pixel indices of the image
     centre: tuple[float, float]
+    # (h, w) distance to the border, px, 0 outside; beyond the sketch's edge it extends by the
+    # overhang
     depth: npt.NDArray[np.float64]
     image_width: int
 
     def pixels(self, where: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-        """Rows and columns, in the image, of the True pixels of a mask of the bounding box's size."""
+        """Return rows and columns, in the image, of the True pixels of a mask of the bounding box's size."""
         rows, columns = np.nonzero(where)
         return rows + int(self.rows.start), columns + int(self.columns.start)
 
 
 class Region(NamedTuple):
-    """A connected region of one label, not yet measured: its label, its bounding box, its pixels in it."""
+    """A connected region of one label, not yet measured: its bounding box and mask."""
 
     label: int
     rows: slice
@@ -73,26 +52,14 @@ class Region(NamedTuple):
 
 
 def label_shapes(layer: str, image: npt.NDArray[np.uint8]) -> tuple[Shape, ...]:
-    """Find the shapes of a layer.
-
-    Parameters
-    ----------
-    layer : str
-        Name of the layer, kept in the shapes.
-    image : (height, width) uint8
-        Label image; 0 is empty.
-
-    Returns
-    -------
-    tuple of Shape, in reading order of their first pixels. Empty for an empty image.
-    """
+    """Return the shapes of a label image (0 is empty), in reading order of their first pixels."""
     return tuple(measure_shape(layer, image, region) for region in find_regions(image))
 
 
 def find_regions(image: npt.NDArray[np.uint8]) -> tuple[Region, ...]:
-    """Find the connected regions of a label image, in reading order of their first pixels.
+    """Return the connected regions of a label image, in reading order of their first pixels.
 
-    Runs of one label along rows are joined, not pixels: a painted image has few.
+    Joins runs of one label along rows, not pixels: a painted image has few.
     """
     row, start, end = _runs(image)
     if len(row) == 0:
@@ -118,7 +85,7 @@ def find_regions(image: npt.NDArray[np.uint8]) -> tuple[Region, ...]:
 
 
 def _runs(image: npt.NDArray[np.uint8]) -> tuple[Int64Array, Int64Array, Int64Array]:
-    """Row, first column and the column after the last one of each run of one label, in reading order."""
+    """Return row, first column and end column of each run of one label, in reading order."""
     turns = np.ones(image.shape, dtype=np.bool_)
     np.not_equal(image[:, 1:], image[:, :-1], out=turns[:, 1:])
     first = np.flatnonzero(turns)
@@ -131,7 +98,7 @@ def _runs(image: npt.NDArray[np.uint8]) -> tuple[Int64Array, Int64Array, Int64Ar
 def _touching(
     row: Int64Array, start: Int64Array, end: Int64Array, label: npt.NDArray[np.uint8], width: int
 ) -> sparse.coo_array:
-    """Pairs of runs of one label, one a row below the other, of which pixels touch at least at a corner."""
+    """Return pairs of runs of one label in adjacent rows whose pixels touch at least at a corner."""
     span = width + 1
     low = np.searchsorted(row * span + end, (row + 1) * span + start, side="left")
     high = np.searchsorted(row * span + start, (row + 1) * span + end, side="right")
@@ -168,7 +135,7 @@ def measure_shape(layer: str, image: npt.NDArray[np.uint8], region: Region) -> S
 def _depth(
     mask: npt.NDArray[np.bool_], rows: slice, columns: slice, size: tuple[int, ...]
 ) -> npt.NDArray[np.float64]:
-    """Exact distance to the nearest unpainted pixel of the image, or to the end of the overhang."""
+    """Return the distance to the nearest unpainted pixel of the image, or to the end of the overhang."""
     height, width = size
     sides = ((rows.start == 0, rows.stop == height), (columns.start == 0, columns.stop == width))
     padding = tuple((int(not low), int(not high)) for low, high in sides)
@@ -190,7 +157,7 @@ LEAST_DISC = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Pixels:
-    """A shape's pixels as columns, in reading order: one entry a pixel."""
+    """A shape's pixels as columns, one entry per pixel in reading order."""
 
     row: Int64Array  # in the bounding box
     column: Int64Array
@@ -200,7 +167,7 @@ class Pixels:
 
     @classmethod
     def from_shape(cls, shape: Shape, *, most: float, seed: int) -> Pixels:
-        """Measure a shape's pixels; `most` is the radius (px) that no disc exceeds."""
+        """Measure a shape's pixels; no disc exceeds the radius `most` (px)."""
         row, column = np.nonzero(shape.mask)
         depth = shape.depth[row, column]
         index = (row + int(shape.rows.start)).astype(np.int64) * shape.image_width

@@ -63,7 +63,7 @@ def _apart(pixels: Pixels, darts: Int64Array, index: int, spacing: float | Float
 
 
 def throw_spine(shape: Shape, pixels: Pixels, summits: Int64Array, fidelity: float) -> Int64Array:
-    """Throw darts at the medial axis, so near to each other that the discs overlap."""
+    """Throw darts at the medial axis, so close that the discs overlap."""
     # A distance map climbs by one a pixel but on the medial axis, where it turns.
     down, across = np.gradient(np.pad(shape.depth, 1))
     slope2 = np.asarray(down * down + across * across)[1:-1, 1:-1]
@@ -84,7 +84,7 @@ def throw_spine(shape: Shape, pixels: Pixels, summits: Int64Array, fidelity: flo
 
 
 class _Near:
-    """Darts by where they stand, so that one that lands need not be compared with all of them."""
+    """Spatial index of darts, so that an accepted dart is not compared with all of them."""
 
     def __init__(self, shape: Shape, pixels: Pixels, darts: Int64Array, spacing: Float64Array) -> None:
         self._pixels, self._darts, self._spacing = pixels, darts, spacing
@@ -95,7 +95,7 @@ class _Near:
             self._turn[pixels.row[darts], pixels.column[darts]] = np.arange(len(darts))
 
     def clear(self, free: BoolArray, index: int) -> None:
-        """Strike out the darts that are too near to a pixel."""
+        """Reject the darts that are too close to a pixel."""
         if self._turn is None:
             free &= _apart(self._pixels, self._darts, index, self._spacing)
             return
@@ -110,7 +110,7 @@ _LEAST_HOLE = 0.9  # px; what is narrower is the raggedness of a brush, which fi
 
 
 def fill_holes(shape: Shape, pixels: Pixels, chosen: Int64Array, fidelity: float) -> Int64Array:
-    """Choose discs for what the chosen ones leave bare, the deepest holes first, until enough is covered."""
+    """Return discs for uncovered pixels, the deepest holes first, until enough is covered."""
     cover = _Cover(shape, pixels)
     for index in chosen:
         cover.add(int(index))
@@ -133,7 +133,7 @@ def fill_holes(shape: Shape, pixels: Pixels, chosen: Int64Array, fidelity: float
 
 
 class _Cover:
-    """Which of a shape's pixels the discs chosen so far cover."""
+    """Coverage of a shape's pixels by the selected discs."""
 
     def __init__(self, shape: Shape, pixels: Pixels) -> None:
         self._pixels = pixels
@@ -153,7 +153,7 @@ class _Cover:
         self.bare -= len(newly)
 
     def patch(self, hole: int, depth: float) -> int:
-        """Cover a hole that is `depth` deep at a pixel by the largest disc of the shape that can."""
+        """Cover a hole, `depth` deep at a pixel, by the largest disc of the shape that can."""
         near, distance = self._around(hole, self._largest)
         able = near[(distance + depth <= self._pixels.disc[near] + 0.5) & ~self._chosen[near]]
         if len(able) == 0:
@@ -169,7 +169,7 @@ class _Cover:
         return index
 
     def holes(self, least: float) -> tuple[Int64Array, Float64Array]:
-        """Find the deepest pixels of what is bare and how deep they are (px), deepest first."""
+        """Return the deepest pixels of uncovered areas and their depths (px), deepest first."""
         pixels = self._pixels
         bare = np.zeros(self._number.shape, dtype=np.bool_)
         bare[pixels.row, pixels.column] = ~self.covered
@@ -180,7 +180,7 @@ class _Cover:
         return found[order], depth[peak][order]
 
     def _around(self, index: int, radius: float) -> tuple[Int64Array, Float64Array]:
-        """Pixels of the shape in a window around one, and how far they are from it."""
+        """Return the pixels of the shape in a window around one, and their distances."""
         row, column = int(self._pixels.row[index]), int(self._pixels.column[index])
         reach = math.ceil(radius)
         rows, columns = (slice(max(at - reach, 0), at + reach + 1) for at in (row, column))
@@ -205,13 +205,13 @@ USER_FEATURE = np.dtype(
 
 
 def pixel_id(layer: str, row: Int64Array, column: Int64Array, image_width: int) -> npt.NDArray[np.uint64]:
-    """Stable id of what stands on a pixel of a layer; its top bit is clear."""
+    """Return the stable id of a feature on a pixel of a layer; its top bit is clear."""
     index = np.asarray(row).astype(np.int64) * image_width + np.asarray(column)
     return np.asarray(index + (LAYER_CODES[layer] << 48)).astype(np.uint64)
 
 
 def mean_size(area: int, multitude: int) -> float:
-    """Radius (px) of each of `multitude` equal discs with the shape's area, in steps of 2^(1/8).
+    """Return the radius (px) of each of `multitude` equal discs with the shape's area, in steps of 2^(1/8).
 
     The steps keep a dab at a shape's edge from changing all of its features.
     """
@@ -220,22 +220,10 @@ def mean_size(area: int, multitude: int) -> float:
 
 
 def user_features(shape: Shape, *, multitude: int, fidelity: float, seed: int) -> npt.NDArray[np.void]:
-    """Break a shape into user features.
+    """Break a shape into user features (``USER_FEATURE``), summits first; depends only on its arguments.
 
-    Parameters
-    ----------
-    shape : Shape
-        Of a layer of point features.
-    multitude : int
-        How many summits to aim for, 1 or more. Fewer come where the shape has no room; never none.
-    fidelity : float
-        0 … 1: how much of the shape the union of the discs shall cover, from 60 % to 99.5 %.
-    seed : int
-        Seed of the terrain.
-
-    Returns
-    -------
-    Array of ``USER_FEATURE``, summits first. Depends on nothing but this shape and the arguments.
+    `multitude` ≥ 1 is the number of summits to aim for: fewer where the shape is too small, at least one. The
+    union of the discs covers from 60 % to 99.5 % of the shape as `fidelity` goes from 0 to 1.
     """
     mean = mean_size(shape.area, multitude)
     pixels = Pixels.from_shape(shape, most=1.25 * mean, seed=seed)
@@ -259,7 +247,7 @@ def user_features(shape: Shape, *, multitude: int, fidelity: float, seed: int) -
 
 
 def _shares(shape: Shape, features: npt.NDArray[np.void], fidelity: float, seed: int) -> Float64Array:
-    """Strength relative to the label's: the largest summit has it whole, and no other has more."""
+    """Return strengths relative to the label's: 1 for the largest summit, and nowhere more."""
     rule = TYPES[shape.layer]
     disc, summit = features["disc"], features["summit"]
     largest = float(disc[summit].max())

@@ -1,4 +1,4 @@
-"""What a person changed of point features: moved, resized, strengthened, deleted, added, locked."""
+"""User edits of point features: move, resize, strengthen, delete, add, lock."""
 
 from __future__ import annotations
 
@@ -34,42 +34,19 @@ _STYLE = {
 
 @dataclass(frozen=True, eq=False)
 class EditedPoints:
-    """Point features after a person's edits.
+    """Point features after the user's edits."""
 
-    Attributes
-    ----------
-    points : array of FEATURE
-        Sorted by id.
-    unlocked : array of FEATURE
-        The same, but each one that is locked as it would be without its lock, if it would be at all: what
-        the others' strengths are solved with, so that locking alone changes nothing.
-    locked : (n,) bool
-        Which ones keep every value as it is, their strength too.
-    lock_only : (n,) bool
-        Which of these would not be there without their lock.
-    replaced : array of FEATURE
-        Those that were there before and are not any more, or are not as they were.
-    orphans : tuple of str
-        One line for each edit whose feature is not there.
-    """
-
-    points: StructuredArray
+    points: StructuredArray  # sorted by id
+    # the same without locks, to solve the others' strengths: locking alone changes nothing
     unlocked: StructuredArray
-    locked: npt.NDArray[np.bool_]
-    lock_only: npt.NDArray[np.bool_]
-    replaced: StructuredArray
-    orphans: tuple[str, ...]
+    locked: npt.NDArray[np.bool_]  # (n,) features whose values, strength included, are fixed
+    lock_only: npt.NDArray[np.bool_]  # (n,) features that exist only through their lock
+    replaced: StructuredArray  # features of before that were removed or changed
+    orphans: tuple[str, ...]  # one line for each edit whose feature is missing
 
 
 class EditedFill:
-    """The fill of unpainted ground without those features that a person changed.
-
-    Parameters
-    ----------
-    fill : Fill
-    replaced : array of FEATURE
-        Some of its features.
-    """
+    """The fill without the features that the user changed (`replaced`)."""
 
     def __init__(self, fill: Fill, replaced: StructuredArray) -> None:
         self.fill = fill
@@ -87,46 +64,27 @@ class EditedFill:
         return self.fill.conifers
 
     def max_strength(self, name: str, radius: float) -> float:
-        """Return a strength that no feature of a type, up to a ground radius (m), exceeds."""
+        """Return an upper bound of the strength of a type's features up to a ground radius (m)."""
         return self.fill.max_strength(name, radius)
 
     def within(
         self, west: float, south: float, east: float, north: float, *, min_radius: float = 0.0
     ) -> StructuredArray:
-        """Find the features whose centre lies in a rectangle, as `Fill.within` does."""
+        """Return the features centred in a rectangle, as `Fill.within` does."""
         found = self.fill.within(west, south, east, north, min_radius=min_radius)
         kept: StructuredArray = found[~np.isin(found["id"], self.replaced["id"])]
         return kept
 
 
 def apply_painted_edits(painted: StructuredArray, edits: Iterable[Edit]) -> EditedPoints:
-    """Do a person's edits to what was painted, and add what they added.
-
-    Parameters
-    ----------
-    painted : array of FEATURE
-        As `place` returns it.
-    edits
-        In the order in which they are done; those of waters and of the fill are passed over.
-    """
+    """Apply the user's edits, in order, to painted features; those of waters and of the fill are ignored."""
     return _edited(painted, [edit for edit in edits if _of_points(edit) and not _of_fill(edit)])
 
 
 def apply_fill_edits(fill: Fill, edits: Iterable[Edit], *, size: tuple[float, float]) -> EditedPoints:
-    """Do a person's edits to features of unpainted ground.
+    """Apply the user's edits, in order, to fill features within the sketch's `size` (m); others are ignored.
 
-    Parameters
-    ----------
-    fill : Fill
-    edits
-        In the order in which they are done; those of other features are passed over.
-    size
-        Metres (eastward, northward) of the sketch, within which the features are looked for.
-
-    Returns
-    -------
-    EditedPoints
-        Only of the features that were changed; `EditedFill` takes its `replaced` ones out of the fill.
+    Returns only the changed features; `EditedFill` removes the `replaced` ones from the fill.
     """
     own = [edit for edit in edits if _of_points(edit) and _of_fill(edit)]
     found = np.zeros(0, dtype=FEATURE)
@@ -137,7 +95,7 @@ def apply_fill_edits(fill: Fill, edits: Iterable[Edit], *, size: tuple[float, fl
 
 
 def lock_edit(point: np.void) -> Edit:
-    """Return the edit that keeps a placed feature exactly as it is."""
+    """Return the edit that fixes a placed feature exactly as it is."""
     name = FEATURE_TYPES[int(point["type"])]
     keys = ("x", "y", "radius", "strength", *_STYLE.get(name, ()))
     values: dict[str, Any] = {key: float(point[key]) for key in keys}
@@ -198,7 +156,7 @@ def _row(points: StructuredArray, name: int) -> StructuredArray | None:
 
 
 def _stored(edit: Edit) -> StructuredArray:
-    """Return the feature that a lock or an addition holds."""
+    """Return the feature stored in a lock or an addition."""
     row = np.zeros(1, dtype=FEATURE)
     row["id"], row["painted"] = edit.feature, not _of_fill(edit)
     name = cast("str", edit.type)

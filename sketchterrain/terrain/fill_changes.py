@@ -1,4 +1,4 @@
-"""Areas where the fill differs between two sketches."""
+"""Difference between the fills of two sketches, without querying the whole world."""
 
 from __future__ import annotations
 
@@ -24,16 +24,10 @@ if TYPE_CHECKING:
 
 
 def fill_influence(fill: Fill, changes: Sequence[Change], *, support: float) -> float:
-    """Return how far (m) from what changed inside the sketch the ground of the fill may be other ground.
+    """Return how far (m) from the sketch's changes the terrain of the fill may change.
 
-    Parameters
-    ----------
-    fill : Fill
-    changes : sequence of (distance, name, radius)
-        Distance (m) from what changed within which a placed feature (its type and its radius, m), or the
-        pixels of a layer (name and None), may differ.
-    support : float
-        How many of its radii a feature reaches.
+    Each change is (distance, name, radius): the distance (m) within which a placed feature (its type and
+    radius, m) or the pixels of a layer (name and None) may differ. `support` is a feature's reach in radii.
     """
     candidate_influence = [
         (start, way) for start, name, radius in changes for way in fill.influence_radii(name, radius).values()
@@ -66,7 +60,7 @@ def fill_influence(fill: Fill, changes: Sequence[Change], *, support: float) -> 
 def _pairs(
     rivals: StructuredArray, own: StructuredArray, factor: float
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], Float64Array]:
-    """Pairs of candidates that conflict, and how far apart they are (m)."""
+    """Return pairs of conflicting candidates and their distances (m)."""
     reach = factor * float(rivals["radius"].max(initial=0.0) + own["radius"].max(initial=0.0))
     trees = [cKDTree(np.stack([points["x"], points["y"]], axis=-1)) for points in (rivals, own)]
     found = trees[0].sparse_distance_matrix(trees[1], reach * 1.001 + 0.01, output_type="ndarray")
@@ -77,7 +71,7 @@ def _pairs(
 
 
 def _outside(points: StructuredArray, size: tuple[float, float]) -> Float64Array:
-    """Distance (m) from the sketch; 0 inside."""
+    """Return the distance (m) from the sketch; 0 inside."""
     across = np.maximum(np.maximum(-points["x"], points["x"] - size[0]), 0.0)
     along = np.maximum(np.maximum(-points["y"], points["y"] - size[1]), 0.0)
     return np.asarray(np.hypot(across, along))
@@ -90,12 +84,7 @@ _MOST_REGIONS = 64  # changed regions that are looked at one by one
 def fill_difference(
     old: Fill | EditedFill, new: Fill | EditedFill
 ) -> tuple[StructuredArray, StructuredArray] | None:
-    """Find the features that only one of two fills has.
-
-    Returns
-    -------
-    Those of the old one and those of the new one, arrays of ``FEATURE``; None if they may differ anywhere.
-    """
+    """Return the features that only the old and only the new fill has; None if they may differ anywhere."""
     (old, old_hidden), (new, new_hidden) = _parts(old), _parts(new)
     if old is new:
         return rows_only_in(new_hidden, old_hidden), rows_only_in(old_hidden, new_hidden)
@@ -127,7 +116,7 @@ def _parts(fill: Fill | EditedFill) -> tuple[Fill, StructuredArray]:
 
 
 def _affected(old: Fill, new: Fill) -> list[Bounds]:
-    """Rectangles outside of which the two fills are the same."""
+    """Return rectangles outside of which the two fills are the same."""
     found = []
     points = np.concatenate([rows_only_in(old.painted, new.painted), rows_only_in(new.painted, old.painted)])
     for x, y, code, radius in zip(*(points[key] for key in ("x", "y", "type", "radius")), strict=True):
@@ -146,7 +135,7 @@ def _widened(box: Bounds, reach: float) -> Bounds:
 
 
 def _repainted(old: Sketch, new: Sketch, name: str) -> list[Bounds]:
-    """Return rectangles (m) around the pixels of a layer painted in only one of two sketches of one size."""
+    """Return rectangles (m) around pixels of a layer painted in only one of two sketches of one size."""
     image, boxes = new.layers[name], []
     if image is old.layers[name]:
         return []
@@ -167,7 +156,7 @@ def _repainted(old: Sketch, new: Sketch, name: str) -> list[Bounds]:
 
 
 def merge_boxes(boxes: Iterable[Bounds]) -> list[Bounds]:
-    """Join rectangles that overlap so much that one around both takes in little else."""
+    """Merge rectangles whose common bounding box adds little area."""
     every = np.array(list(boxes), dtype=np.float64).reshape(-1, 4)
     kept, count = np.zeros_like(every), 0
     for box in every:

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from sketchterrain.array_types import Float64Array
     from sketchterrain.render.budgets import TimeBudget
     from sketchterrain.render.camera import Camera
-    from sketchterrain.render.lit_ground import LitGround
+    from sketchterrain.render.lit_ground import GroundLighting
     from sketchterrain.render.quality import Quality
     from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.sky import Sun
@@ -137,7 +137,12 @@ class Forest:
         return sum(batch.count for batch in self._batches)
 
     def update(
-        self, camera: Camera, size: tuple[int, int], lit: LitGround, elapsed: float, allowance: TimeBudget
+        self,
+        camera: Camera,
+        size: tuple[int, int],
+        lit: GroundLighting,
+        elapsed: float,
+        allowance: TimeBudget,
     ) -> None:
         """Go on by a frame: make a part of the plants and of the shadows that are missing.
 
@@ -170,7 +175,7 @@ class Forest:
         self.shade.relight(sun)
         self._wanted = ()
 
-    def settle(self, camera: Camera, size: tuple[int, int], lit: LitGround) -> None:
+    def settle(self, camera: Camera, size: tuple[int, int], lit: GroundLighting) -> None:
         """Make all that a camera's picture of a size (px) needs."""
         self._elapsed = None
         self._want(camera, size, lit)
@@ -180,7 +185,7 @@ class Forest:
             self._choose(camera, size)
         self.shade.finish(camera.eye)
 
-    def _want(self, camera: Camera, size: tuple[int, int], lit: LitGround) -> None:
+    def _want(self, camera: Camera, size: tuple[int, int], lit: GroundLighting) -> None:
         self._asked, self._height = True, size[1]
         view = (camera, size, self._cells.changes)
         if not self._planted or (view == self._wanted and lit.settled):

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from sketchterrain.array_types import Float64Array
     from sketchterrain.render.budgets import TimeBudget
     from sketchterrain.render.camera import Camera
-    from sketchterrain.render.lit_ground import LitGround
+    from sketchterrain.render.lit_ground import GroundLighting
     from sketchterrain.render.plant_cells import Cell, PlantCells
     from sketchterrain.render.quality import Quality
 
@@ -157,7 +157,7 @@ class PlantShade:
         places = [each.place for each in self._maps] + [each.place_before for each in self._maps]
         return [self._matrix(place, eye) for place in places]
 
-    def places(self, camera: Camera, lit: LitGround) -> list[Place]:
+    def places(self, camera: Camera, lit: GroundLighting) -> list[Place]:
         """Say where the maps should lie for a camera, and return the cells whose plants they show."""
         ahead = camera.forward[:2] / max(float(np.linalg.norm(camera.forward[:2])), 1e-6)
         cells: dict[Place, None] = {}

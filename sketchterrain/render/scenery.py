@@ -13,7 +13,7 @@ from sketchterrain.render.forest import Forest
 from sketchterrain.render.ground import SurfaceMap
 from sketchterrain.render.ground_cover import GroundCover
 from sketchterrain.render.ground_stream import TerrainStream
-from sketchterrain.render.lit_ground import LitGround
+from sketchterrain.render.lit_ground import GroundLighting
 from sketchterrain.render.programs import ResourceCache
 from sketchterrain.render.shading import Shading
 from sketchterrain.render.sky import Sky
@@ -86,7 +86,7 @@ class Scenery:
             self.shading, self._clouds = self._lighting()
         metric = ScreenError(quality.tolerance, QUAD * max(quality.tolerance / 2.0, 1.0))
         self.stream = TerrainStream(context, terrain, quality, metric=metric, resources=resources)
-        self.lit = LitGround(
+        self.lit = GroundLighting(
             context,
             terrain,
             sun,
@@ -121,7 +121,7 @@ class Scenery:
     def set_terrain(self, terrain: TerrainSource, areas: Sequence[Bounds]) -> TileUpdateStats:
         """Replace the terrain: tiles and water at once, light and plants over the next frames."""
         tile_stats = self.stream.set_terrain(terrain, areas)
-        self.lit.change(terrain, areas)
+        self.lit.set_terrain(terrain, areas)
         self.forest.change(terrain, areas)
         self.surface.invalidate()
         self._features = terrain.features

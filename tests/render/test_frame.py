@@ -330,11 +330,11 @@ def test_changes_leave_no_opengl_objects_behind(view, camera, before):
 @pytest.mark.slow
 def test_light_follows_though_the_ground_changes_all_the_time(view, camera, before):
     terrains = [painted(before, ("mountain", 50, 44, 7))[0], before]
-    layers = view.renderer.scenery.lit._layers
+    levels = view.renderer.scenery.lit._levels.values()
     for step in range(50):
         view.renderer.set_terrain(terrains[step % 2], [(1000.0, 1000.0, 2000.0, 2000.0)])
         view.frame(camera, elapsed=0.05)
-    assert all(layer.version > 20 for _, layer in layers)
+    assert all(level.version > 20 for level in levels)
 
 
 @pytest.mark.slow

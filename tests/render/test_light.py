@@ -9,8 +9,8 @@ import pytest
 from sketchterrain.io.resources import source
 from sketchterrain.render.budgets import TimeBudget, WorkRate
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.light_map import BLOCK, LightMaker, LightMap, Square
-from sketchterrain.render.lit_ground import FADE, LitGround
+from sketchterrain.render.light_map import BLOCK, LightMap, LightMapRenderer, TexelSquare
+from sketchterrain.render.lit_ground import FADE, GroundLighting
 from sketchterrain.render.programs import FRAME_BINDING
 from sketchterrain.render.sky import Sun
 from sketchterrain.render.targets import FrameBlock
@@ -39,8 +39,8 @@ def finished(maker, *squares):
     """Make light maps, each with the one before behind it, the third with the first beyond."""
     made = []
     for number, square in enumerate(squares):
-        options = {"behind": made[-1]} if made else {}
-        made.append(LightMap(maker, square, **options, **({"beyond": made[0]} if number == 2 else {})))
+        options = {"wider": made[-1]} if made else {}
+        made.append(LightMap(maker, square, **options, **({"widest": made[0]} if number == 2 else {})))
         made[-1].finish()
     return made
 
@@ -53,7 +53,7 @@ def texels(light_map):
 def test_squares_lie_on_whole_blocks_near_their_middle():
     rng = np.random.default_rng(7)
     for x, y in rng.uniform(-1e6, 1e6, (50, 2)):
-        square = Square.around(x, y, width=1300.0, texels=256)
+        square = TexelSquare.around(x, y, width=1300.0, texels=256)
         assert square.col % BLOCK == square.row % BLOCK == 0
         block = BLOCK * square.texel
         assert abs(square.west + 0.5 * square.width - x) <= 0.5 * block + 1e-6
@@ -85,8 +85,8 @@ def test_a_pace_learns_what_fits_and_recovers_from_slow_moments():
 
 @pytest.mark.gl
 def test_a_wall_throws_a_shadow_away_from_the_sun_unless_shadows_are_off(gl):
-    maker = LightMaker(gl, Wall(), SUN)
-    _, made = finished(maker, Square(-50, -50, 100, 40.0), Square(-100, -100, 200, 4.0))
+    maker = LightMapRenderer(gl, Wall(), SUN)
+    _, made = finished(maker, TexelSquare(-50, -50, 100, 40.0), TexelSquare(-100, -100, 200, 4.0))
     light = texels(made)[100].astype(float)
     x = -400.0 + (np.arange(200) + 0.5) * 4.0
     # The shadow of 60 m at 30° is 104 m long and lies to the west.
@@ -94,8 +94,8 @@ def test_a_wall_throws_a_shadow_away_from_the_sun_unless_shadows_are_off(gl):
     assert light[(x < -160) | (x > 40), 0].min() > 0.9
     assert light[np.abs(x + 26) < 3, 1].max() < light[np.abs(x + 300) < 3, 1].min()
 
-    maker = LightMaker(gl, Wall(), Sun(90.0, 5.0), shadows=False)
-    (made,) = finished(maker, Square(-64, -64, 128, 4.0))
+    maker = LightMapRenderer(gl, Wall(), Sun(90.0, 5.0), shadows=False)
+    (made,) = finished(maker, TexelSquare(-64, -64, 128, 4.0))
     light = texels(made).astype(float)
     assert (light[..., 0] == 1.0).all()
     assert light[..., 1].min() < 0.9
@@ -105,13 +105,21 @@ def test_a_wall_throws_a_shadow_away_from_the_sun_unless_shadows_are_off(gl):
 def test_a_close_map_has_shadows_from_beyond_the_near_one_and_is_sharp_near_what_throws_them(gl):
     """The wall stands 300 m away; its shadow is 690 or 165 m long."""
     for elevation, lit in ((5.0, 0.0), (20.0, 1.0)):
-        squares = Square(-64, -64, 128, 20.0), Square(-128, -16, 64, 4.0), Square(-350, -32, 64, 1.0)
-        *_, close = finished(LightMaker(gl, Wall(), Sun(90.0, elevation)), *squares)
+        squares = (
+            TexelSquare(-64, -64, 128, 20.0),
+            TexelSquare(-128, -16, 64, 4.0),
+            TexelSquare(-350, -32, 64, 1.0),
+        )
+        *_, close = finished(LightMapRenderer(gl, Wall(), Sun(90.0, elevation)), *squares)
         found = texels(close)[..., 0].astype(float).mean()
         assert found == pytest.approx(lit, abs=0.12), elevation  # steps are as wide as the wall
 
-    squares = Square(-64, -64, 128, 20.0), Square(-64, -64, 128, 4.0), Square(-160, -64, 128, 1.0)
-    *_, close = finished(LightMaker(gl, Wall(), SUN), *squares)
+    squares = (
+        TexelSquare(-64, -64, 128, 20.0),
+        TexelSquare(-64, -64, 128, 4.0),
+        TexelSquare(-160, -64, 128, 1.0),
+    )
+    *_, close = finished(LightMapRenderer(gl, Wall(), SUN), *squares)
     across = texels(close)[64, :, 0].astype(float)  # from 160 to 32 m west of the wall's middle
     half = np.flatnonzero((across > 0.1) & (across < 0.9))
     assert across[-10:].max() < 0.05
@@ -122,16 +130,16 @@ def test_a_close_map_has_shadows_from_beyond_the_near_one_and_is_sharp_near_what
 @pytest.mark.gl
 def test_maps_made_in_slices_are_those_made_at_once(gl):
     terrain = Wall()
-    maker = LightMaker(gl, terrain, SUN)
-    wide, known = finished(maker, Square(-64, -64, 128, 40.0), Square(0, -64, 192, 4.0))
-    square = Square(-64, -128, 192, 4.0)
-    whole = LightMap(maker, square, behind=wide)
+    maker = LightMapRenderer(gl, terrain, SUN)
+    wide, known = finished(maker, TexelSquare(-64, -64, 128, 40.0), TexelSquare(0, -64, 192, 4.0))
+    square = TexelSquare(-64, -128, 192, 4.0)
+    whole = LightMap(maker, square, wider=wide)
     whole.finish()
     terrain.asked = 0
-    made = LightMap(maker, square, behind=wide, known=known)
+    made = LightMap(maker, square, wider=wide, previous=known)
     frames, ticks = 0, count()
     while not made.ready:
-        made.go_on(TimeBudget(0.002, timer=lambda: 1e-4 * next(ticks)))
+        made.advance(TimeBudget(0.002, timer=lambda: 1e-4 * next(ticks)))
         frames += 1
         assert frames < 2000
     assert frames > 3
@@ -142,9 +150,10 @@ def test_maps_made_in_slices_are_those_made_at_once(gl):
 
 @pytest.mark.gl
 def test_two_squares_agree_where_neither_border_matters(gl):
-    maker = LightMaker(gl, Wall(), Sun(90.0, 80.0))
+    maker = LightMapRenderer(gl, Wall(), Sun(90.0, 80.0))
     first, second = (
-        finished(maker, Square(-64, -64, 128, 40.0), Square(col, -192, 384, 2.0))[1] for col in (-192, -128)
+        finished(maker, TexelSquare(-64, -64, 128, 40.0), TexelSquare(col, -192, 384, 2.0))[1]
+        for col in (-192, -128)
     )
     a, b = texels(first)[:, 64:], texels(second)[:, :-64]
     inner = (slice(80, -80), slice(80, -80))
@@ -154,7 +163,7 @@ def test_two_squares_agree_where_neither_border_matters(gl):
 @pytest.mark.gl
 @pytest.mark.parametrize("close", [False, True])
 def test_streamed_light_fades_in_ends_as_the_settled_one_and_never_jumps(gl, waves, close):
-    lit, still = (LitGround(gl, waves, SUN, texels=64 if close else 128, close=close) for _ in range(2))
+    lit, still = (GroundLighting(gl, waves, SUN, texels=64 if close else 128, close=close) for _ in range(2))
     start = Camera((500.0, 100.0, 130.0), (500.0, 800.0, 60.0))
     goal = Camera((700.0, 500.0, 130.0), (100.0, 800.0, 60.0))
     elapsed = 0.05
@@ -212,7 +221,7 @@ def test_no_place_changes_its_light_suddenly(gl, waves):
     """While maps follow the eye, a frame changes a place by no more than its share of a fade."""
     program = gl.program(vertex_shader=LIGHT_AT.format(frame=source("render/frame.glsl")), varyings=["lit"])
     frame = FrameBlock(gl)
-    lit = LitGround(gl, waves, Sun(90.0, 12.0), texels=128)
+    lit = GroundLighting(gl, waves, Sun(90.0, 12.0), texels=128)
     lit.settle(Camera((500.0, 100.0, 130.0), (500.0, 800.0, 60.0)))
     before = light_everywhere(gl, lit, program, frame)
     elapsed, changes = 0.02, []

@@ -10,7 +10,7 @@ from sketchterrain.look.tree_levels import DETAILS
 from sketchterrain.render.budgets import TimeBudget
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.forest import BAND, GROW, PIXELS, Forest, shares
-from sketchterrain.render.lit_ground import LitGround
+from sketchterrain.render.lit_ground import GroundLighting
 from sketchterrain.render.plant_cells import CELL, KEPT, SINK, PlantCells, cells_near, joined, stand_of
 from sketchterrain.render.plant_cells import CELL as STAND_CELL
 from sketchterrain.render.plant_meshes import (
@@ -185,7 +185,7 @@ def test_shadows_are_drawn_in_a_right_handed_frame_along_the_light():
 @pytest.mark.parametrize("allowance", [pytest.param(0.002, marks=pytest.mark.slow), 1.0])
 def test_shadows_drawn_in_slices_are_those_drawn_at_once(gl, allowance):
     meadow = Lattice()
-    lit = LitGround(gl, meadow, SUN, texels=64)
+    lit = GroundLighting(gl, meadow, SUN, texels=64)
     lit.settle(CAMERA)
     quality = Quality(shade_texels=256)
     drawn = []
@@ -211,7 +211,7 @@ def test_shadows_drawn_in_slices_are_those_drawn_at_once(gl, allowance):
 @pytest.mark.gl
 def test_shadow_maps_keep_their_grid_while_the_eye_moves(gl):
     meadow = Lattice()
-    lit = LitGround(gl, meadow, SUN, texels=64)
+    lit = GroundLighting(gl, meadow, SUN, texels=64)
     cells = PlantCells(meadow)
     shade = PlantShade(gl, PlantMeshes(gl), cells, SUN, quality=Quality(shade_texels=256), reach=400.0)
     point = np.array([510.0, 150.0, 8.0])
@@ -231,7 +231,7 @@ def test_shadow_maps_keep_their_grid_while_the_eye_moves(gl):
 @pytest.mark.gl
 def test_plants_grow_in_and_the_forest_settles(gl):
     meadow = Lattice()
-    lit = LitGround(gl, meadow, SUN, texels=64)
+    lit = GroundLighting(gl, meadow, SUN, texels=64)
     lit.settle(CAMERA)
     quality = Quality.from_level(0.5)
     forest = Forest(gl, meadow, SUN, quality=quality, defines={})

@@ -44,7 +44,7 @@ def test_what_lacks_is_one_line_before_any_window(tmp_path):
 def test_a_library_that_lacks_is_told_with_its_package(monkeypatch):
     import ctypes
 
-    from sketchterrain.ui.application import check_screen
+    from sketchterrain.ui.app import check_screen
 
     def refuse(name: str) -> None:
         raise OSError("libxcb-cursor.so.0: cannot open shared object file: No such file or directory")

@@ -33,7 +33,7 @@ from sketchterrain.ui.panels.form import NumberRow
 from sketchterrain.ui.panels.numbers import NumberBox, number
 from sketchterrain.ui.panels.parts import faint_label
 
-_SHAPE = ACTIONS["add"].needs
+_SHAPE = ACTIONS["add"].required
 _HEIGHT = dataclasses.replace(_SHAPE["strength"], name="height", low=0.0, unit="m", help="from foot to top")
 _SHARE = dataclasses.replace(
     _SHAPE["strength"], name="density", high=1.0, help="share of the trees that the ground can carry"
@@ -141,7 +141,7 @@ class RiverForm(QWidget):
         self._chosen: Selection | None = None
         self._asked: tuple[Placement, Selection, float, float] | None = None
         self.layer, self.label, self.line = "river", 1, ""
-        self.width_row = NumberRow(ACTIONS["width"].needs["width"], resets=False, decimals=1)
+        self.width_row = NumberRow(ACTIONS["width"].required["width"], resets=False, decimals=1)
         self.points = self._make_points()
         self.east = NumberRow(_X, title="East", resets=False, decimals=1)
         self.north = NumberRow(_Y, title="North", resets=False, decimals=1)

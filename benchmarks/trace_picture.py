@@ -14,7 +14,7 @@ from typing import Final
 from PIL import Image, ImageDraw, ImageFont
 
 from sketchterrain.importing.images import read_map
-from sketchterrain.importing.traced_layers import Sheet, preview_png
+from sketchterrain.importing.traced_layers import TraceOptions, preview_png
 from sketchterrain.io.files import write_atomic
 
 _SIZE: Final = (600, 420)
@@ -67,7 +67,7 @@ def main(arguments: list[str]) -> None:
         path = Path(folder) / "map.jpg"
         path.write_bytes(stream.getvalue())
         read = read_map(path)
-        traced = read.traced(Sheet())
+        traced = read.traced(TraceOptions())
     write_atomic(Path(arguments[0]), preview_png(traced.sketch, read.rgba))
     sys.stdout.writelines(f"{line}\n" for line in traced.notes)
 

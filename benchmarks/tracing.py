@@ -16,7 +16,7 @@ from sketchterrain.document.label_layers import DRAW_ORDER, label_rgb, labels_in
 from sketchterrain.document.store import load_sketch
 from sketchterrain.importing.images import read_map
 from sketchterrain.importing.legend import NOTHING, Legend, Meaning
-from sketchterrain.importing.traced_layers import Sheet, sketch_picture
+from sketchterrain.importing.traced_layers import TraceOptions, sketch_picture
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -94,7 +94,7 @@ def measure(_: TimedContext, effort: Effort) -> Outcome:
 
 def _own(path: Path, legend: Legend, sketch: Sketch) -> Labels:
     longest = max(sketch.width_px, sketch.height_px)
-    return _labels(read_map(path, legend).traced(Sheet(size_px=longest)).sketch)
+    return _labels(read_map(path, legend).traced(TraceOptions(size_px=longest)).sketch)
 
 
 def _nearest(path: Path, legend: Legend, sketch: Sketch) -> Labels:

@@ -22,11 +22,27 @@ from PIL.WebPImagePlugin import WebPImageFile
 
 from sketchterrain.document.parameters import LAYERS
 from sketchterrain.errors import InputError, format_value, one_line
-from sketchterrain.importing import image_colours as picture_colours
-from sketchterrain.importing import traced_layers as label_image
-from sketchterrain.importing.image_colours import CLEAR, UNKNOWN, FoundColour, find_colours, sort_pixels
+from sketchterrain.importing.image_colours import (
+    CLEAR,
+    UNKNOWN,
+    ClassifiedPixels,
+    DetectedColour,
+    classify_pixels,
+    detect_colours,
+)
 from sketchterrain.importing.legend import INK, NOTHING, OWN_LEGEND, Legend, Meaning
-from sketchterrain.importing.traced_layers import Sheet, Traced
+from sketchterrain.importing.traced_layers import (
+    UNASSIGNED,
+    TraceOptions,
+    TraceResult,
+    fill_gaps,
+    join_line_ends,
+    narrow_water,
+    remove_specks,
+    scale_labels,
+    split_water,
+    unassign_thin_parts,
+)
 
 Kind = Literal["folder", "picture", "open raster", "vectors"]
 
@@ -39,9 +55,9 @@ _READERS: dict[str, type[ImageFile]] = {
     "TIFF": TiffImageFile,
     "WebP": WebPImageFile,
 }
-_COLOURLESS = 8  # levels of sRGB that JPEG makes a grey's channels differ by
+_GREY_TOLERANCE = 8  # levels of sRGB by which JPEG separates the channels of a grey
 _ROWS = 512  # looked at together
-_DEEP = ("I;16", "I;16L", "I;16B", "I;16N")
+_MODES_16_BIT = ("I;16", "I;16L", "I;16B", "I;16N")
 _BROKEN = (
     *(OSError, SyntaxError, ValueError, EOFError, LookupError, TypeError, OverflowError, RuntimeError),
     *(zlib.error, struct.error, Image.DecompressionBombError),
@@ -56,37 +72,34 @@ _REFUSED = (
 )
 # First bytes of vector formats and GDAL's driver that reads them.
 _VECTORS = {b"SQLite format 3\0": "GPKG", b"fgb\x03": "FlatGeobuf", b"\0\0\x27\x0a": "ESRI Shapefile"}
-_BLANK = b"\xef\xbb\xbf \t\r\n"  # may precede JSON
-_STARTS = 4096  # bytes
+_JSON_PREFIX = b"\xef\xbb\xbf \t\r\n"  # may precede JSON
+_HEAD_BYTES = 4096
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A picture: sRGB and opacity, uint8 (height, width, 4), row 0 at the top.
+    """A decoded image."""
 
-    `see_through`: some of it is more than half transparent; `is_grey`: it has no colours but greys.
-    """
-
-    rgba: npt.NDArray[np.uint8]
-    see_through: bool
+    rgba: npt.NDArray[np.uint8]  # (height, width, 4): sRGB and opacity, row 0 at the top
+    has_transparency: bool  # whether some pixels are more than half transparent
     is_grey: bool
 
 
-def kind_of(path: Path) -> Kind:
-    """Return the kind of file at a path; raise `InputError` if it cannot be traced."""
+def detect_kind(path: Path) -> Kind:
+    """Return the kind of a file by its first bytes; raise `InputError` if it cannot be traced."""
     place = one_line(path)
     try:
         if path.is_dir():
             return "folder"
         if not path.exists():
-            raise InputError(f"{place} is not there: {_EXPECTED}")
+            raise InputError(f"{place} does not exist: {_EXPECTED}")
         if not path.is_file():
-            raise InputError(f"{place} is no file: {_EXPECTED}")
+            raise InputError(f"{place} is not a file: {_EXPECTED}")
         with path.open("rb") as stream:
-            start = stream.read(_STARTS)
+            start = stream.read(_HEAD_BYTES)
     except OSError as error:
         raise InputError(f"{place}: cannot be read ({one_line(error.strerror or error)})") from None
-    if kind_of_picture(start):
+    if detect_format(start):
         return "picture"
     if start.startswith(b"PK"):
         return "open raster"
@@ -100,16 +113,16 @@ def kind_of(path: Path) -> Kind:
 
 
 def vector_driver(start: bytes) -> str | None:
-    """Return GDAL's driver for a vector file that begins with these bytes, or None."""
-    if start.lstrip(_BLANK).startswith(b"{"):
+    """Return GDAL's driver for the first bytes of a vector file, or None."""
+    if start.lstrip(_JSON_PREFIX).startswith(b"{"):
         return "GeoJSON"
     if start[4:15] == b"\n\tOSMHeader":
         return "OSM"
     return next((driver for magic, driver in _VECTORS.items() if start.startswith(magic)), None)
 
 
-def kind_of_picture(start: bytes) -> str | None:
-    """Return which kind of picture begins with these bytes (16 of them), or None."""
+def detect_format(start: bytes) -> str | None:
+    """Return the image format of 16 first bytes, or None."""
     if start.startswith(b"\x89PNG\r\n\x1a\n"):
         return "PNG"
     if start.startswith(b"\xff\xd8\xff"):
@@ -120,7 +133,7 @@ def kind_of_picture(start: bytes) -> str | None:
 
 
 def read_picture(path: Path) -> Picture:
-    """Read a PNG, JPEG, TIFF or WebP picture; raise `InputError` if it is none, damaged or too large."""
+    """Read a PNG, JPEG, TIFF or WebP image; raise `InputError` if it is invalid or too large."""
     place = one_line(path)
     try:
         with path.open("rb") as stream:
@@ -129,29 +142,29 @@ def read_picture(path: Path) -> Picture:
         raise InputError(f"{place}: cannot be read ({one_line(error.strerror or error)})") from None
 
 
-def picture_from(data: bytes, place: str) -> Picture:
-    """Read a picture from a file's content; `place` is how errors name it."""
+def decode_picture(data: bytes, place: str) -> Picture:
+    """Decode an image file's content; errors name it as `place`."""
     return _read(io.BytesIO(data), place)
 
 
 def _read(stream: BinaryIO, place: str) -> Picture:
-    kind = kind_of_picture(stream.read(16))
+    kind = detect_format(stream.read(16))
     if kind is None:
         raise InputError(f"{place}: expected a PNG, JPEG, TIFF or WebP picture by its first bytes")
     stream.seek(0)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about metadata; what matters is an error
-            # The class itself: Image.open guesses by other names and has a limit that is the process's.
+            warnings.simplefilter("ignore")  # about metadata
+            # Not Image.open: it accepts other formats and has a process-wide limit.
             with _READERS[kind](stream) as image:
                 check_size(image.size, place)
-                return _seen(image, place)
+                return _decode(image, place)
     except _BROKEN as error:
         raise InputError(f"{place}: expected a whole {kind} picture ({one_line(error)})") from None
 
 
 def check_size(size: tuple[int, int], place: str) -> None:
-    """Raise `InputError` for a picture (width, height) that is too large, or empty."""
+    """Raise `InputError` for an image (width, height) that is too large or empty."""
     sides = f"{place}: {size[0]}×{size[1]} px: expected"
     if not all(0 < side <= _LARGEST_SIDE for side in size):
         raise InputError(f"{sides} sides of 1 to {_LARGEST_SIDE} px")
@@ -159,14 +172,14 @@ def check_size(size: tuple[int, int], place: str) -> None:
         raise InputError(f"{sides} at most {_LARGEST_PIXELS // 10**6} million pixels")
 
 
-def _seen(image: ImageFile, place: str) -> Picture:
+def _decode(image: ImageFile, place: str) -> Picture:
     image.load()
     turned: Image.Image = ImageOps.exif_transpose(image)
     if turned.mode in ("F", "I"):
         raise InputError(
-            f"{place}: its values are no colours ({turned.mode}): expected a picture of 8 or 16 bits"
+            f"{place}: its values are not colours ({turned.mode}): expected a picture of 8 or 16 bits"
         )
-    if turned.mode in _DEEP:
+    if turned.mode in _MODES_16_BIT:
         turned = Image.fromarray((np.asarray(turned) >> 8).astype(np.uint8))
     rgba = np.asarray(
         turned.convert("RGB").convert("RGBA") if turned.mode == "CMYK" else turned.convert("RGBA")
@@ -177,139 +190,132 @@ def _seen(image: ImageFile, place: str) -> Picture:
 def _is_grey(rgba: npt.NDArray[np.uint8]) -> bool:
     for top in range(0, len(rgba), _ROWS):
         colour = rgba[top : top + _ROWS, :, :3][rgba[top : top + _ROWS, :, 3] >= 128]
-        if len(colour) and int((colour.max(axis=1) - colour.min(axis=1)).max()) > _COLOURLESS:
+        if len(colour) and int((colour.max(axis=1) - colour.min(axis=1)).max()) > _GREY_TOLERANCE:
             return False
     return True
 
 
-SPECKS: Final = 16  # areas of fewer pixels of the sketch vanish unless it is asked otherwise
+SPECKS: Final = 16  # px of the sketch; smaller areas are removed by default
 
-_INK_REACH = 24.0  # px of the sketch that lettering is filled from its sides; a wider area stays empty
+_INK_RADIUS = 24.0  # px of the sketch by which lettering is filled from its sides; the rest stays empty
 _THIN = ("river",)
-_GAP = 14  # px of the sketch; lettering and noise break a river so far
-_NARROW = 8  # px of the sketch, of waters that may be meant as rivers
-_TOLD = 12  # colours that notes name
+_RIVER_GAP = 14  # px of the sketch, of rivers broken by lettering and noise
+_NARROW = 8  # px of the sketch, of lakes that may be rivers
+_MAX_NAMES = 12  # colours in a note
 
 
 @dataclass(frozen=True, eq=False)
-class TracedMap(Traced):
-    """A traced map: what each of its colours was taken for (None: the legend does not have it).
+class TracedMap(TraceResult):
+    """A traced map, with the meaning of each colour (None: not in the legend) and shares of the picture."""
 
-    `sure`, `taken` and `unknown` are shares of the picture, as in `SortedPixels`.
-    """
-
-    colours: tuple[tuple[FoundColour, Meaning | None], ...]
-    sure: float
-    taken: float
+    colours: tuple[tuple[DetectedColour, Meaning | None], ...]
+    certain: float
+    inferred: float
     unknown: float
 
 
 @dataclass(frozen=True, eq=False)
 class ColouredMap:
-    """A coloured map that was read: a sketch can be made of it as often as meanings change.
-
-    `rgba` is uint8, (height, width, 4); `meanings` is what the legend says of its colours, the most common
-    first.
-    """
+    """A coloured map with its classified pixels, to be traced with any meanings of its colours."""
 
     name: str
-    rgba: npt.NDArray[np.uint8]
-    colours: tuple[FoundColour, ...]
-    meanings: tuple[Meaning | None, ...]
-    pixels: picture_colours.SortedPixels
+    rgba: npt.NDArray[np.uint8]  # (height, width, 4)
+    colours: tuple[DetectedColour, ...]  # the most common first
+    meanings: tuple[Meaning | None, ...]  # by the legend
+    pixels: ClassifiedPixels
 
     def traced(
         self,
-        sheet: Sheet,
+        options: TraceOptions,
         *,
         meanings: Sequence[Meaning | None] | None = None,
         specks: int = SPECKS,
         narrow: float = 0.0,
     ) -> TracedMap:
-        """Return the sketch; raise `InputError` if no colour stands for a label."""
-        meant = tuple(self.meanings if meanings is None else meanings)
-        painted = {each for each in meant if each is not None and each.label}
+        """Return the sketch; raise `InputError` if no colour means a label.
+
+        `meanings` replace the legend's; areas of fewer than `specks` px of the sketch are removed; water is a
+        river if narrower than `narrow` px, otherwise a lake (0: by its colour).
+        """
+        used = tuple(self.meanings if meanings is None else meanings)
+        painted = {each for each in used if each is not None and each.label}
         if not painted:
-            named = ", ".join(each.code for each in self.colours[:_TOLD])
+            codes = ", ".join(each.code for each in self.colours[:_MAX_NAMES])
             raise InputError(
-                f"no colour of the legend in it, but {named}: expected some to be named, "
+                f"no colour of the legend in it, but {codes}: expected meanings for some, "
                 "as with --colour mountain=#8b5a2b"
             )
         order = sorted(painted, key=lambda each: (tuple(LAYERS).index(each.layer), each.label))
         value_of = {meaning: value for value, meaning in enumerate(order, start=1)}
         table = np.zeros(256, dtype=np.uint8)
-        table[UNKNOWN] = label_image.NO_VOTE
+        table[UNKNOWN] = UNASSIGNED
         table[CLEAR] = 0
-        for index, meaning in enumerate(meant):
-            table[index] = label_image.NO_VOTE if meaning == INK else value_of.get(meaning or NOTHING, 0)
+        for index, meaning in enumerate(used):
+            table[index] = UNASSIGNED if meaning == INK else value_of.get(meaning or NOTHING, 0)
         height, width = self.pixels.index.shape
         thin = [value for meaning, value in value_of.items() if meaning.layer in _THIN]
-        values = label_image.majority(table[self.pixels.index], sheet.size(width, height), thin=thin)
-        if INK in meant:  # where lettering is, outlines are too
-            values = label_image.without_threads(values, {0, *value_of.values()}.difference(thin))
-        values = label_image.fill_gaps(values, reach=_INK_REACH, beyond=0)
+        values = scale_labels(table[self.pixels.index], options.size(width, height), thin=thin)
+        if INK in used:  # lettering comes with outlines
+            values = unassign_thin_parts(values, {0, *value_of.values()}.difference(thin))
+        values = fill_gaps(values, radius=_INK_RADIUS, default=0)
         for value in thin:
-            values[label_image.joined(values == value, _GAP)] = value
-        values = label_image.without_specks(values, specks)
+            values[join_line_ends(values == value, _RIVER_GAP)] = value
+        values = remove_specks(values, specks)
         layers = {name: np.zeros(values.shape, dtype=np.uint8) for name in LAYERS}
         for meaning, value in value_of.items():
             layers[meaning.layer][values == value] = meaning.label
         if narrow > 0.0:
-            layers["river"], layers["lake"] = label_image.parted_waters(
-                layers["river"], layers["lake"], narrow
-            )
-        sketch, told = sheet.sketch(layers, self.name)
-        pairs = tuple(zip(self.colours, meant, strict=True))
+            layers["river"], layers["lake"] = split_water(layers["river"], layers["lake"], narrow)
+        sketch, sketch_notes = options.sketch(layers, self.name)
+        pairs = tuple(zip(self.colours, used, strict=True))
         pixels = self.pixels
         notes = (
-            f"{pixels.sure:.1%} of the picture is plainly one of its {len(self.colours)} colours, "
-            f"{pixels.taken:.1%} took what is beside it, {pixels.unknown:.1%} is like nothing around it",
+            f"{pixels.certain:.1%} of the picture is clearly one of its {len(self.colours)} colours, "
+            f"{pixels.inferred:.1%} is inferred from its neighbours, {pixels.unknown:.1%} is unknown",
             *_colour_notes(pairs),
             *([] if narrow > 0.0 else _water_notes(layers["river"] > 0, layers["lake"] > 0)),
-            *told,
+            *sketch_notes,
         )
-        return TracedMap(sketch, notes, pairs, pixels.sure, pixels.taken, pixels.unknown)
+        return TracedMap(sketch, notes, pairs, pixels.certain, pixels.inferred, pixels.unknown)
 
 
 def read_map(path: Path, legend: Legend = OWN_LEGEND) -> ColouredMap:
-    """Read a coloured map from a picture; raise `InputError` if it is none or has no colours."""
-    return map_of(read_picture(path), path, legend)
+    """Read a coloured map from an image; raise `InputError` if it is invalid or has no colours."""
+    return coloured_map(read_picture(path), path, legend)
 
 
-def map_of(picture: Picture, path: Path, legend: Legend = OWN_LEGEND) -> ColouredMap:
-    """Return the coloured map that a picture from a path is; raise `InputError` if it has no colours."""
+def coloured_map(picture: Picture, path: Path, legend: Legend = OWN_LEGEND) -> ColouredMap:
+    """Return the coloured map of an image from a path; raise `InputError` if it has no colours."""
     place = one_line(path)
     if picture.is_grey:
         raise InputError(
-            f"{place}: it is black, white and grey: expected a coloured map, or the layer "
-            "that is painted in it, as with --layer mountain"
+            f"{place}: it is grey: expected a coloured map, or the layer that it shows, "
+            "as with --layer mountain"
         )
-    # The program's own legend has more colours than any picture: they are no reason to tell two apart.
+    # The default legend has more colours than any picture: too many to look for.
     sought = () if legend.colours is OWN_LEGEND.colours else legend.colours
-    colours = find_colours(picture.rgba, sought=sought)
+    colours = detect_colours(picture.rgba, sought=sought)
     if not colours:
-        raise InputError(f"{place}: no area of it is of one colour: expected a coloured map")
+        raise InputError(f"{place}: it has no areas of one colour: expected a coloured map")
     meanings = tuple(legend.meaning(each.rgb) for each in colours)
-    return ColouredMap(path.stem, picture.rgba, colours, meanings, sort_pixels(picture.rgba, colours))
+    return ColouredMap(path.stem, picture.rgba, colours, meanings, classify_pixels(picture.rgba, colours))
 
 
-def _colour_notes(pairs: Sequence[tuple[FoundColour, Meaning | None]]) -> list[str]:
+def _colour_notes(pairs: Sequence[tuple[DetectedColour, Meaning | None]]) -> list[str]:
     known = [f"{each.code} is {meaning} ({each.share:.1%})" for each, meaning in pairs if meaning is not None]
-    left = [f"{each.code} ({each.share:.1%})" for each, meaning in pairs if meaning is None]
-    notes = [", ".join(known[:_TOLD]) + _more(known)] if known else []
-    if left:
-        notes.append(
-            f"no colour of the legend, left empty: {', '.join(left[:_TOLD])}{_more(left)}; "
-            "--colour LAYER=#rrggbb names one"
-        )
+    unknown = [f"{each.code} ({each.share:.1%})" for each, meaning in pairs if meaning is None]
+    notes = [_shortened(known)] if known else []
+    if unknown:
+        notes.append(f"not in the legend, left empty: {_shortened(unknown)}; --colour LAYER=#rrggbb adds one")
     return notes
 
 
 def _water_notes(river: npt.NDArray[np.bool_], lake: npt.NDArray[np.bool_]) -> list[str]:
-    if river.any() or not lake.any() or not label_image.narrow_waters(lake, _NARROW).any():
+    if river.any() or not lake.any() or not narrow_water(lake, _NARROW).any():
         return []
     return [f"some lakes are narrow and long: --rivers-up-to {_NARROW} makes rivers of them"]
 
 
-def _more(told: Sequence[str]) -> str:
-    return f" and {len(told) - _TOLD} more" if len(told) > _TOLD else ""
+def _shortened(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else ""
+    return ", ".join(names[:_MAX_NAMES]) + more

@@ -1,4 +1,4 @@
-"""Vector files (GeoJSON, GeoPackage), reprojected to metres."""
+"""Vector files (GeoJSON, GeoPackage), reproject to metres."""
 
 from __future__ import annotations
 
@@ -27,26 +27,26 @@ from sketchterrain.array_types import Float64Array
 from sketchterrain.document.parameters import SKETCH
 from sketchterrain.errors import InputError, format_value, one_line
 from sketchterrain.importing.images import vector_driver
-from sketchterrain.importing.vector_kinds import READ
+from sketchterrain.importing.vector_kinds import RELEVANT_TAGS
 from sketchterrain.io.crs import is_westward, parse_crs, plain_path
 
 Box = Sequence[float]  # west, south, east, north
 
-_STRETCHED = 0.05  # how far metres of a projection may be from metres on the ground
-_SLIMMEST = 0.25  # of the longer side, where nothing says how wide the area is
+_MAX_DISTORTION = 0.05  # relative, of a projection's metres
+_MIN_ASPECT = 0.25  # shorter over longer side, unless given by the user
 _UTM_NORTH, _UTM_SOUTH, _UPS_NORTH, _UPS_SOUTH = 32600, 32700, 5041, 5042  # EPSG, WGS 84
-_FARTHEST_NORTH, _FARTHEST_SOUTH = 84.0, -80.0  # that UTM goes
+_UTM_MAX_NORTH, _UTM_MAX_SOUTH = 84.0, -80.0  # degrees
 _WHOLE_METRES_FROM = 100.0  # m along the longer side
 _RADIUS = 6_371_000.0  # m, of the Earth as a sphere
 
 
-class Area(NamedTuple):
-    """The rectangle of a sketch: its south-west corner and the side of a pixel (m), and its size (px)."""
+class SketchArea(NamedTuple):
+    """The rectangle of a sketch."""
 
-    west: float
+    west: float  # m
     south: float
-    pixel: float
-    columns: int
+    pixel: float  # m
+    columns: int  # px
     rows: int
 
     @property
@@ -55,69 +55,74 @@ class Area(NamedTuple):
         return self.pixel * max(self.columns, self.rows)
 
     def pixels(self, places: Float64Array) -> Float64Array:
-        """Return column and row, as real numbers, of (n, 2) x and y; row 0 begins at the north edge."""
+        """Return fractional columns and rows, (n, 2), of x and y; row 0 starts at the north edge."""
         column, up = ((places - (self.west, self.south)) / self.pixel).T
         return np.stack([column, self.rows - up], axis=-1)
 
 
-def area_of(box: Box, size_px: int, *, chosen: bool) -> Area:
+def sketch_area(box: Box, size_px: int, *, exact: bool) -> SketchArea:
     """Return a sketch's area around a rectangle (m): whole pixels, `size_px` along the longer side.
 
-    A rectangle that no user chose and that is slimmer than 1 : 4 is widened.
+    Unless `exact`, a rectangle narrower than 1 : 4 is widened.
     """
     west, south, east, north = box
     longer = max(east - west, north - south)
     low, high = SKETCH["extent"].low, SKETCH["extent"].high
-    if not chosen:
-        more = 0.5 * np.maximum(0.0, _SLIMMEST * longer - np.array([east - west, north - south]))
+    if not exact:
+        more = 0.5 * np.maximum(0.0, _MIN_ASPECT * longer - np.array([east - west, north - south]))
         west, south, east, north = west - more[0], south - more[1], east + more[0], north + more[1]
     if longer >= _WHOLE_METRES_FROM:
         west, south, east, north = math.floor(west), math.floor(south), math.ceil(east), math.ceil(north)
         longer = max(east - west, north - south)
     if not low <= longer <= high:
         raise InputError(
-            f"the area is {longer:.4g} m long: expected {low:g} to {high:g} m, give bounds to cut it to"
+            f"the area is {longer:.4g} m long: expected {low:g} to {high:g} m, set bounds to clip it"
         )
     pixel = longer / size_px
     columns, rows = (max(1, math.ceil(side / pixel - 1e-6)) for side in (east - west, north - south))
-    return Area(west, south, pixel, columns, rows)
+    return SketchArea(west, south, pixel, columns, rows)
 
 
-def middle_longitude(longitudes: npt.NDArray[np.float64]) -> float:
-    """Return the middle of longitudes on the circle, degrees: of 179 and -179 it is 180."""
+def mean_longitude(longitudes: npt.NDArray[np.float64]) -> float:
+    """Return the circular mean of longitudes (degrees): of 179 and -179 it is 180."""
     angles = np.radians(longitudes)
     return math.degrees(math.atan2(np.sin(angles).sum(), np.cos(angles).sum()))
 
 
-def to_degrees(crs: CRS, places: Float64Array) -> Float64Array:
-    """Return longitude and latitude of (n, 2) places."""
-    return reprojected(places, crs, parse_crs("OGC:CRS84"))
+def to_longitude_latitude(crs: CRS, places: Float64Array) -> Float64Array:
+    """Return longitude and latitude of (n, 2) points."""
+    return reproject(places, crs, parse_crs("OGC:CRS84"))
 
 
-def metric(crs: CRS, middle: tuple[float, float]) -> CRS:
-    """Return a CRS of metres around a place: the same, if its metres are true there, else the UTM zone."""
-    if crs.is_projected and crs.linear_units_factor[1] == 1.0 and not is_westward(crs) and _true(crs, middle):
+def metric_crs_at(crs: CRS, middle: tuple[float, float]) -> CRS:
+    """Return a metric CRS for a point: the given one if it has little distortion there, else the UTM zone."""
+    if (
+        crs.is_projected
+        and crs.linear_units_factor[1] == 1.0
+        and not is_westward(crs)
+        and _is_undistorted(crs, middle)
+    ):
         return crs
-    longitude, north = to_degrees(crs, np.array([middle]))[0]
-    if north > _FARTHEST_NORTH or north < _FARTHEST_SOUTH:
+    longitude, north = to_longitude_latitude(crs, np.array([middle]))[0]
+    if north > _UTM_MAX_NORTH or north < _UTM_MAX_SOUTH:
         return parse_crs(f"EPSG:{_UPS_NORTH if north > 0 else _UPS_SOUTH}")
     zone = int((longitude + 180.0) // 6.0) % 60 + 1
     return parse_crs(f"EPSG:{(_UTM_NORTH if north >= 0 else _UTM_SOUTH) + zone}")
 
 
-def _true(crs: CRS, middle: tuple[float, float]) -> bool:
-    """Return whether a metre is a metre on the ground: in Web Mercator it is not."""
+def _is_undistorted(crs: CRS, middle: tuple[float, float]) -> bool:
+    """Return whether a projection's metres are nearly true: those of Web Mercator are not."""
     steps = np.array([middle, (middle[0] + 100.0, middle[1]), (middle[0], middle[1] + 100.0)])
-    (lon, lat), *others = to_degrees(crs, steps)
+    (lon, lat), *others = to_longitude_latitude(crs, steps)
     lengths = [
         _RADIUS * math.hypot(math.radians(y - lat), math.radians(x - lon) * math.cos(math.radians(lat)))
         for x, y in others
     ]
-    return all(abs(length / 100.0 - 1.0) < _STRETCHED for length in lengths)
+    return all(abs(length / 100.0 - 1.0) < _MAX_DISTORTION for length in lengths)
 
 
-def reprojected(places: Float64Array, source: CRS, target: CRS) -> Float64Array:
-    """Return (n, 2) x and y in another CRS; raise `InputError` if one of them has no place there."""
+def reproject(places: Float64Array, source: CRS, target: CRS) -> Float64Array:
+    """Transform (n, 2) x and y to another CRS; raise `InputError` for points outside of it."""
     if source == target:
         return places
     try:
@@ -128,18 +133,18 @@ def reprojected(places: Float64Array, source: CRS, target: CRS) -> Float64Array:
     found = np.stack([np.asarray(x, np.float64), np.asarray(y, np.float64)], axis=-1)
     if not np.isfinite(found).all():
         raise InputError(
-            f"coordinates have no place in {target.to_string()[:60]}: give smaller bounds, or another crs"
+            f"coordinates are outside of {target.to_string()[:60]}: set smaller bounds, or another crs"
         )
     return found
 
 
 Shapes = npt.NDArray[np.object_]
 
-MOST_VERTICES: Final = 4_000_000
-_LARGEST = 1 << 29  # bytes of a file
-_LONGEST = 160  # characters of GDAL's message
-_BYTES_A_VERTEX = 16  # of WKB
-# Coordinate reference systems of no place on Earth, as this program's own exports have them.
+MAX_VERTICES: Final = 4_000_000
+_MAX_BYTES = 1 << 29  # of a file
+_MAX_MESSAGE = 160  # characters of GDAL's
+_BYTES_PER_VERTEX = 16  # of WKB
+# Local coordinate systems, as in this program's own exports.
 _LOCAL = re.compile(r"(LOCAL_CS|ENGCRS|ENGINEERINGCRS)\[.*UNIT\[\"met(re|er)\"", re.I | re.S)
 _TABLES = {"gpkg_contents", "gpkg_geometry_columns", "gpkg_spatial_ref_sys"}
 _POINT, _LINE, _POLYGON = 0, 1, 3  # shapely's type ids
@@ -148,17 +153,13 @@ _NESTED = (-1, 4, 5, 6, 7)  # none, multi geometries and collections
 
 @dataclass(frozen=True, eq=False)
 class VectorLayer:
-    """A layer of a file: points, lines and valid polygons, each with its feature's properties.
-
-    Coordinates of a layer without a CRS are metres that lie nowhere on Earth. `skipped` counts features by
-    reason.
-    """
+    """A layer of a file."""
 
     name: str
-    crs: CRS | None
-    shapes: Shapes
-    properties: list[dict[str, Any]]
-    skipped: Counter[str]
+    crs: CRS | None  # None: local metres
+    shapes: Shapes  # points, lines and valid polygons
+    properties: list[dict[str, Any]]  # of each shape
+    skipped: Counter[str]  # features by reason
 
 
 def read_vector_layers(path: Path) -> list[VectorLayer]:
@@ -173,43 +174,43 @@ def read_vector_layers(path: Path) -> list[VectorLayer]:
     driver = vector_driver(start)
     if driver is None:
         raise InputError(f"{place}: expected a vector file, it begins with {format_value(start[:20])}")
-    if size > _LARGEST:
-        raise InputError(f"{place}: {size / (1 << 20):.0f} MiB: expected at most {_LARGEST >> 20} MiB")
-    if driver == "GeoJSON":  # parsed JSON takes many times its bytes of memory
+    if size > _MAX_BYTES:
+        raise InputError(f"{place}: {size / (1 << 20):.0f} MiB: expected at most {_MAX_BYTES >> 20} MiB")
+    if driver == "GeoJSON":  # parsed JSON needs many times its size in memory
         content = path.read_bytes()
-        _check_count(0.5 * max(content.count(b"["), content.count(b",") / 4.0), MOST_VERTICES, place)
+        _check_count(0.5 * max(content.count(b"["), content.count(b",") / 4.0), MAX_VERTICES, place)
         del content
-    tables = _plain_tables(path, place) if driver == "GPKG" else None
+    tables = _tables(path, place) if driver == "GPKG" else None
     layers = []
     try:
         with plain_path(path) as file, warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # GDAL warns of much that does no harm
-            # GDAL's prefix refuses what other drivers would make of JSON: a pipeline that opens other files.
+            warnings.simplefilter("ignore")  # GDAL has many harmless ones
+            # The prefix excludes other drivers for JSON, such as pipelines that open other files.
             dataset = f"GeoJSON:{file}" if driver == "GeoJSON" else file
             names = [str(name) for name, kind in pyogrio.list_layers(dataset) if kind is not None]
-            room = MOST_VERTICES
+            remaining = MAX_VERTICES
             for name in names:
                 where = f"{place}: layer {format_value(name)}"
                 if tables is not None and name.lower() not in tables:
                     raise InputError(f"{where}: expected a table, not a view")
-                layers.append(_layer(dataset, driver, name, where, room))
-                room -= int(shapely.get_num_coordinates(layers[-1].shapes).sum())
+                layers.append(_read_layer(dataset, driver, name, where, remaining))
+                remaining -= int(shapely.get_num_coordinates(layers[-1].shapes).sum())
     except (RuntimeError, ValueError, shapely.errors.GEOSException) as error:
-        raise InputError(f"{place}: cannot be read as {driver} ({one_line(error)[:_LONGEST]})") from None
+        raise InputError(f"{place}: cannot be read as {driver} ({one_line(error)[:_MAX_MESSAGE]})") from None
     layers = [each for each in layers if len(each.shapes) or any(each.skipped.values())]
     if not layers:
-        raise InputError(f"{place}: expected points, lines or areas, it has none")
+        raise InputError(f"{place}: expected points, lines or areas, found none")
     return layers
 
 
-def _plain_tables(path: Path, place: str) -> set[str]:
-    """Return the tables of a GeoPackage, in lower case: a view may be a query that never ends."""
+def _tables(path: Path, place: str) -> set[str]:
+    """Return the tables of a GeoPackage, in lower case, without views, whose queries may never end."""
     try:
         uri = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
         with closing(sqlite3.connect(uri, uri=True)) as database:
             database.text_factory = lambda text: text.decode(errors="replace")
-            wanted = "SELECT lower(name) FROM sqlite_master WHERE sql LIKE 'CREATE TABLE%'"
-            tables = {name for (name,) in database.execute(wanted)}
+            query = "SELECT lower(name) FROM sqlite_master WHERE sql LIKE 'CREATE TABLE%'"
+            tables = {name for (name,) in database.execute(query)}
             if not tables >= _TABLES:
                 raise InputError(f"{place}: expected a GeoPackage, this is another SQLite database")
             layers = "SELECT table_name, srs_id FROM gpkg_geometry_columns"
@@ -223,16 +224,16 @@ def _plain_tables(path: Path, place: str) -> set[str]:
     return tables
 
 
-def _layer(dataset: Path | str, driver: str, name: str, where: str, room: int) -> VectorLayer:
+def _read_layer(dataset: Path | str, driver: str, name: str, where: str, max_vertices: int) -> VectorLayer:
     info = pyogrio.read_info(dataset, layer=name)
     if info["driver"] != driver:
-        raise InputError(f"{where}: expected {driver}, GDAL takes it for {info['driver']}")
-    columns = [str(each) for each in info["fields"] if str(each).lower() in READ]
+        raise InputError(f"{where}: expected {driver}, GDAL detects {info['driver']}")
+    columns = [str(each) for each in info["fields"] if str(each).lower() in RELEVANT_TAGS]
     meta, _, wkb, fields = pyogrio.raw.read(
         dataset, layer=name, columns=columns, force_2d=True, datetime_as_string=True
     )
-    bytes_of = sum(len(each) for each in wkb if each is not None)
-    _check_count(bytes_of / _BYTES_A_VERTEX, room, where)
+    size = sum(len(each) for each in wkb if each is not None)
+    _check_count(size / _BYTES_PER_VERTEX, max_vertices, where)
     skipped: Counter[str] = Counter()
     shapes, of = _usable(wkb, skipped)
     values = [field.tolist() for field in fields]
@@ -241,11 +242,11 @@ def _layer(dataset: Path | str, driver: str, name: str, where: str, room: int) -
     return VectorLayer(name, _crs(meta["crs"], where), shapes, properties, skipped)
 
 
-def _check_count(vertices: float, most: float, where: str) -> None:
-    if vertices > most:
+def _check_count(vertices: float, limit: float, where: str) -> None:
+    if vertices > limit:
         raise InputError(
-            f"{where}: about {vertices:.2g} vertices: expected at most {MOST_VERTICES / 1e6:g} million "
-            "in a file, simplify it or cut it to the area first"
+            f"{where}: about {vertices:.2g} vertices: expected at most {MAX_VERTICES / 1e6:g} million "
+            "in a file: simplify or clip it first"
         )
 
 
@@ -259,13 +260,13 @@ def _crs(text: str | None, where: str) -> CRS | None:
 
 
 def _usable(wkb: Shapes, skipped: Counter[str]) -> tuple[Shapes, npt.NDArray[np.intp]]:
-    """Return points, lines and valid polygons, each with the index of its feature."""
+    """Return points, lines and valid polygons, with the index of each one's feature."""
     with np.errstate(invalid="ignore"):
-        shapes = shapely.from_wkb(wkb, on_invalid="fix")  # closes rings; None where that does not help
+        shapes = shapely.from_wkb(wkb, on_invalid="fix")  # closes rings; None if invalid
     shapes, of = _single_parts(shapes, np.arange(len(shapes)))
     plain = np.isin(shapely.get_type_id(shapes), (_POINT, _LINE, _POLYGON)) & ~shapely.is_empty(shapes)
     shapes, of = shapes[plain], of[plain]
-    skipped["without a shape that can be read"] = len(wkb) - len(np.unique(of))
+    skipped["without a valid shape"] = len(wkb) - len(np.unique(of))
     coordinates, at = shapely.get_coordinates(shapes, return_index=True)
     finite = np.ones(len(shapes), dtype=bool)
     finite[at[~np.isfinite(coordinates).all(axis=1)]] = False
@@ -278,7 +279,7 @@ def _usable(wkb: Shapes, skipped: Counter[str]) -> tuple[Shapes, npt.NDArray[np.
 
 
 def valid_areas(shapes: Shapes) -> Shapes:
-    """Return shapes with valid areas: one that crosses itself holds all inside it, a flat one is empty."""
+    """Return shapes with valid areas: self-crossing ones are filled, collapsed ones are empty."""
     broken = ~shapely.is_valid(shapes) & (shapely.get_dimensions(shapes) == 2)
     shapes = shapes.copy()
     shapes[broken] = shapely.make_valid(shapes[broken], method="structure", keep_collapsed=False)
@@ -286,7 +287,7 @@ def valid_areas(shapes: Shapes) -> Shapes:
 
 
 def _single_parts(shapes: Shapes, of: npt.NDArray[np.intp]) -> tuple[Shapes, npt.NDArray[np.intp]]:
-    """Return the parts of multi geometries and collections, and the index of each."""
+    """Return the parts of multi geometries and collections, with the index of each one's feature."""
     while np.isin(shapely.get_type_id(shapes), _NESTED).any():
         shapes, part = shapely.get_parts(shapes, return_index=True)
         of = of[part]

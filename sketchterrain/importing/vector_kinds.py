@@ -12,25 +12,21 @@ from typing import Any, Final
 
 from sketchterrain.document.parameter_types import Value
 from sketchterrain.document.parameters import LAYERS
-from sketchterrain.importing.legend import meant_by
+from sketchterrain.importing.legend import parse_layer_name
 
 Properties = dict[str, Value]
 _Rule = tuple[str, Properties]
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """The layer of a feature and the properties of its label that the feature states.
-
-    `guessed` names those that follow from the kind of feature; `clipped` counts values that were out of range
-    and `unread` those that could not be read.
-    """
+class FeatureLabel:
+    """The layer of a feature and the properties of its label."""
 
     layer: str
     properties: Properties
-    guessed: frozenset[str]
-    clipped: int
-    unread: int
+    guessed: frozenset[str]  # names of properties that follow from the kind of feature
+    clipped: int  # values out of range
+    unread: int  # invalid values
 
 
 def _rules(layer: str, values: str, **properties: Value) -> dict[str, _Rule]:
@@ -67,61 +63,61 @@ _KEYS: dict[str, dict[str, _Rule]] = {
     "type": {layer: (layer, {}) for layer in LAYERS},
 }
 _SOURCES = {"wood": "forest", "woods": "forest", "water": "lake", "waterway": "river", "waterways": "river"}
-# What else a property may be called: our own exports' strength is the height of what rises.
-_ALSO = {
+# Other names of properties: in our own exports strength is the height of hills and mountains.
+_ALIASES = {
     "height": ("height", "strength"),
     "density": ("density", "strength"),
     "width": ("width", "est_width"),
 }
 
-READ: Final = frozenset(
+RELEVANT_TAGS: Final = frozenset(
     {"layer", "tags", "other_tags", "radius", *_KEYS}
     | {name for layer in LAYERS.values() for name in layer.parameters}
-    | {name for names in _ALSO.values() for name in names}
-)  # names of the properties that count, in lower case
+    | {name for names in _ALIASES.values() for name in names}
+)  # lower-case names of properties that are read
 
 _HSTORE = re.compile(r'"((?:[^"\\]|\\.)*)"=>"((?:[^"\\]|\\.)*)"')
 _NUMBER = re.compile(r"\s*([+-]?\d+(?:\.\d+)?)\s*(?:m|metres?|meters?)?\s*", re.I)
 
 
-def tags_of(properties: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the properties that count, by lower-case names, with nested tags laid out flat.
+def relevant_tags(properties: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the relevant properties by lower-case names, with nested tags flattened.
 
-    These are an object ``tags`` (Overpass), which GDAL gives as JSON, and ``other_tags`` (GDAL's driver OSM).
+    These are an object ``tags`` (Overpass), as JSON, and ``other_tags`` (GDAL's driver OSM).
     """
-    flat = _stated(properties)
+    flat = _relevant(properties)
     nested, others = flat.get("tags"), flat.get("other_tags")
     if isinstance(nested, str) and nested.startswith("{"):
         with suppress(ValueError, RecursionError):
-            flat = _stated(json.loads(nested)) | flat
+            flat = _relevant(json.loads(nested)) | flat
     if isinstance(others, str):
-        flat = _stated(dict(_HSTORE.findall(others))) | flat
+        flat = _relevant(dict(_HSTORE.findall(others))) | flat
     return flat
 
 
-def _stated(tags: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the tags that count and have a value, by lower-case names."""
+def _relevant(tags: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the relevant tags with a value, by lower-case names."""
     return {
         name.lower(): value
         for name, value in tags.items()
-        if name.lower() in READ and value is not None and value != "" and value == value  # no NaN
+        if name.lower() in RELEVANT_TAGS and value is not None and value != "" and value == value  # no NaN
     }
 
 
-def wanted_by(tags: Mapping[str, Any], source: str, layer: str | None) -> Wanted | None:
-    """Return the layer and properties of a feature, or None if nothing states them.
+def feature_label(tags: Mapping[str, Any], source: str, layer: str | None) -> FeatureLabel | None:
+    """Return the layer and properties of a feature, or None if unknown.
 
-    Its property ``layer`` counts first, then its tags, then the name of its `source` layer, then `layer`.
+    By its property ``layer``, else its tags, else the name of its `source` layer, else the default `layer`.
     """
-    name, given = _named(tags.get("layer")), Properties()
+    name, defaults = _layer_name(tags.get("layer")), Properties()
     if name is None:
-        name, given = _tagged(tags)
-    name = name or _named(source) or _SOURCES.get(source.lower()) or layer
-    return None if name is None else _with_properties(name, given, tags)
+        name, defaults = _layer_of_tags(tags)
+    name = name or _layer_name(source) or _SOURCES.get(source.lower()) or layer
+    return None if name is None else _feature_label(name, defaults, tags)
 
 
-def number_in(value: object) -> float | None:
-    """Return a number, or that of a text such as ``12.5 m``, or None."""
+def parse_number(value: object) -> float | None:
+    """Return a number, also from a text such as ``12.5 m``, or None."""
     if isinstance(value, bool):
         return None
     if isinstance(value, int | float):
@@ -130,12 +126,12 @@ def number_in(value: object) -> float | None:
     return float(match[1]) if match else None
 
 
-def _named(text: object) -> str | None:
-    meaning = meant_by(text) if isinstance(text, str) else None
+def _layer_name(text: object) -> str | None:
+    meaning = parse_layer_name(text) if isinstance(text, str) else None
     return meaning.layer if meaning is not None else None
 
 
-def _tagged(tags: Mapping[str, Any]) -> tuple[str | None, Properties]:
+def _layer_of_tags(tags: Mapping[str, Any]) -> tuple[str | None, Properties]:
     for key, rules in _KEYS.items():
         value = tags.get(key)
         if isinstance(value, str):
@@ -145,39 +141,38 @@ def _tagged(tags: Mapping[str, Any]) -> tuple[str | None, Properties]:
     return None, {}
 
 
-def _with_properties(layer: str, given: Properties, tags: Mapping[str, Any]) -> Wanted:
-    said: Properties = {}
+def _feature_label(layer: str, defaults: Properties, tags: Mapping[str, Any]) -> FeatureLabel:
+    properties: Properties = {}
     clipped = unread = 0
     for name, parameter in LAYERS[layer].parameters.items():
-        value = next((tags[each] for each in _ALSO.get(name, (name,)) if each in tags), None)
-        number = number_in(value)
+        value = next((tags[each] for each in _ALIASES.get(name, (name,)) if each in tags), None)
+        number = parse_number(value)
         if parameter.kind is str and isinstance(value, str) and value in parameter.choices:
-            said[name] = value
+            properties[name] = value
         elif parameter.kind is not str and number is not None:
             inside = min(max(number, parameter.low), parameter.high)
             clipped += inside != number
-            # A float32's 0.8999999762 is 0.9.
-            said[name] = round(inside) if parameter.kind is int else float(f"{inside:.6g}")
+            # 0.8999999762 of a float32 is 0.9.
+            properties[name] = round(inside) if parameter.kind is int else float(f"{inside:.6g}")
         else:
             unread += value is not None
-    guessed = frozenset(given.keys() - said.keys())
-    return Wanted(layer, given | said, guessed, clipped, unread)
+    guessed = frozenset(defaults.keys() - properties.keys())
+    return FeatureLabel(layer, defaults | properties, guessed, clipped, unread)
 
 
-def classed(wanted: Sequence[Properties], most: int) -> tuple[list[int], list[Properties], float]:
-    """Return the class of each feature, the properties of at most `most` classes, and the error.
+def cluster_properties(wanted: Sequence[Properties], limit: int) -> tuple[list[int], list[Properties], float]:
+    """Cluster features by equal properties: the cluster of each, the clusters' properties, and the error.
 
-    The error is the largest relative one of a number. Classes are in the order in which they appear. Equal
-    properties share a class. Where these are too many, so do numbers within one step of a geometric scale, as
-    fine a one as possible; a class has their mean.
+    With more than `limit` clusters, numbers are binned on the finest geometric scale that suffices and
+    averaged; the error is the largest relative one of a number.
     """
     steps = math.inf
     while True:
         keys = [tuple((name, _step(value, steps)) for name, value in sorted(each.items())) for each in wanted]
         order = {key: index for index, key in enumerate(dict.fromkeys(keys))}
-        if len(order) <= most:
+        if len(order) <= limit:
             break
-        if steps < 1 / 64:  # texts, signs and what is said at all make too many
+        if steps < 1 / 64:  # too many different texts, signs or sets of properties
             return [0] * len(wanted), [{}], math.inf
         steps = 64.0 if steps == math.inf else steps / 2.0
     of = [order[key] for key in keys]
@@ -185,19 +180,21 @@ def classed(wanted: Sequence[Properties], most: int) -> tuple[list[int], list[Pr
     for index, each in zip(of, wanted, strict=True):
         members[index].append(each)
     properties = [_mean(each) for each in members]
-    error = max((_off(each, properties[index]) for index, each in zip(of, wanted, strict=True)), default=0.0)
+    error = max(
+        (_error(each, properties[index]) for index, each in zip(of, wanted, strict=True)), default=0.0
+    )
     return of, properties, error
 
 
 def _step(value: Value, steps: float) -> Value:
-    """Return a key that is equal for values within one of so many steps an octave."""
+    """Return a key of a value's bin, of which there are `steps` per octave."""
     if isinstance(value, str) or value == 0 or steps == math.inf:
         return value
     return f"{'-' if value < 0 else '+'} {round(math.log2(abs(value)) * steps)}"
 
 
 def _mean(members: Sequence[Properties]) -> Properties:
-    """Return the properties of a class, with the mean of numbers that differ."""
+    """Return the properties of a cluster, with the mean of numbers that differ."""
     mean = dict(members[0])
     for name, first in mean.items():
         if not isinstance(first, str) and any(each[name] != first for each in members):
@@ -206,6 +203,8 @@ def _mean(members: Sequence[Properties]) -> Properties:
     return mean
 
 
-def _off(wanted: Properties, got: Properties) -> float:
-    numbers = ((got[name], value) for name, value in wanted.items() if value and not isinstance(value, str))
+def _error(wanted: Properties, clustered: Properties) -> float:
+    numbers = (
+        (clustered[name], value) for name, value in wanted.items() if value and not isinstance(value, str)
+    )
     return max((abs(float(mean) / float(value) - 1.0) for mean, value in numbers), default=0.0)

@@ -20,44 +20,54 @@ from sketchterrain.document.parameter_types import Value
 from sketchterrain.document.parameters import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, did_you_mean, format_value, one_line
-from sketchterrain.importing import vector_files as vector_place
-from sketchterrain.importing.traced_layers import Traced
+from sketchterrain.importing.traced_layers import TraceResult
 from sketchterrain.importing.vector_files import (
-    Area,
     Box,
     Shapes,
+    SketchArea,
     VectorLayer,
+    mean_longitude,
+    metric_crs_at,
     read_vector_layers,
+    reproject,
+    sketch_area,
+    to_longitude_latitude,
     valid_areas,
 )
-from sketchterrain.importing.vector_kinds import Wanted, classed, number_in, tags_of, wanted_by
+from sketchterrain.importing.vector_kinds import (
+    FeatureLabel,
+    cluster_properties,
+    feature_label,
+    parse_number,
+    relevant_tags,
+)
 from sketchterrain.io.crs import parse_metric_crs
 
 _SIZE = 512  # px
-_AROUND = 0.5  # of the bounds' size that is kept around them: wide lines there reach in
-_DISCS = ("mountain", "hill", "dune", "forest")  # a point can stand for
-_AREAS = ("dune", "forest", "lake", "material")  # lines only bound
-_WIDEST = 1e6  # m
-_WIDE = 0.04  # of the longer side: a line or disc on a layer of areas without a width
-_SIMPLER = 1 / 16  # px that a wide line's course may be simplified by
+_MARGIN = 0.5  # of the bounds' size, around them: wide lines there extend into them
+_DISCS = ("mountain", "hill", "dune", "forest")  # layers on which points become discs
+_AREAS = ("dune", "forest", "lake", "material")  # layers whose closed lines are areas
+_MAX_WIDTH = 1e6  # m
+_DEFAULT_WIDTH = 0.04  # of the longer side: lines and discs on layers of areas
+_SIMPLIFICATION = 1 / 16  # px, tolerance for wide lines
 _POINT, _LINE, _AREA = 0, 1, 2  # dimensions
 _KINDS = ("point", "line", "area")
 
 
 class _Features(NamedTuple):
-    """Features of a sketch: shapes, what each becomes (`Wanted`), widths (m, NaN where unknown)."""
+    """Features of a sketch."""
 
     shapes: Shapes
-    wanted: npt.NDArray[np.object_]
-    widths: npt.NDArray[np.float64]
+    labels: npt.NDArray[np.object_]  # `FeatureLabel`
+    widths: npt.NDArray[np.float64]  # m, NaN if unknown
 
     def where(self, mask: BoolArray) -> _Features:
         """Return the features of a mask."""
-        return _Features(self.shapes[mask], self.wanted[mask], self.widths[mask])
+        return _Features(self.shapes[mask], self.labels[mask], self.widths[mask])
 
     @property
     def dimensions(self) -> npt.NDArray[np.int32]:
-        """0 of points, 1 of lines, 2 of areas."""
+        """Return 0 for points, 1 for lines, 2 for areas."""
         return np.asarray(shapely.get_dimensions(self.shapes), dtype=np.int32)
 
 
@@ -70,36 +80,36 @@ def sketch_from_vectors(
     crs: str | None = None,
     size_px: int = _SIZE,
     name: str | None = None,
-) -> Traced:
-    """Make a sketch of the lines, areas and summits of a map.
+) -> TraceResult:
+    """Paint the lines, areas and summits of a vector file on a sketch of `size_px` along the longer side.
 
-    They are brought into metres, cut to a rectangle and painted on the layers that their properties ask for.
+    `layer` and `width` (m, of lines) are defaults for features without one; `bounds` are west, south, east,
+    north in the file's coordinates (None: all features); `crs` is metric (None: the file's if undistorted,
+    else UTM). Raise `InputError` for invalid options or files, or without any usable feature.
     """
     _check(layer, width, bounds, size_px)
     target = None if crs is None else parse_metric_crs(crs)
     layers = read_vector_layers(path)
     skipped: Counter[str] = sum((each.skipped for each in layers), Counter())
     try:
-        home, features = _chosen(layers, layer, width, skipped)
-        box, features = _cut(features, home, bounds, skipped)
+        source, features = _collect(layers, layer, width, skipped)
+        box, features = _clip(features, source, bounds, skipped)
         latitude: float | None = None
-        if home is not None:
+        if source is not None:
             middle = (0.5 * (box[0] + box[2]), 0.5 * (box[1] + box[3]))
-            latitude = round(float(vector_place.to_degrees(home, np.array([middle]))[0, 1]), 2)
-            target = target or vector_place.metric(home, middle)
-            features = features._replace(shapes=_reprojected(features.shapes, home, target))
+            latitude = round(float(to_longitude_latitude(source, np.array([middle]))[0, 1]), 2)
+            target = target or metric_crs_at(source, middle)
+            features = features._replace(shapes=_reprojected(features.shapes, source, target))
             if bounds is not None:
                 step = 0.05 * max(box[2] - box[0], box[3] - box[1])
                 outline = shapely.segmentize(shapely.box(*box), step)
-                box = shapely.bounds(_reprojected(outline, home, target)).tolist()
+                box = shapely.bounds(_reprojected(outline, source, target)).tolist()
         elif target is not None:
-            raise InputError("its metres lie nowhere on Earth: expected no crs to bring it into")
-        area = vector_place.area_of(
-            _extent(features) if bounds is None else box, size_px, chosen=bounds is not None
-        )
+            raise InputError("it has no coordinate reference system: expected no crs to transform it to")
+        area = sketch_area(_bounds(features) if bounds is None else box, size_px, exact=bounds is not None)
         features = features._replace(shapes=shapely.transform(features.shapes, area.pixels))
         features = _visible(features, area, skipped)
-        images, labels, notes = _painted(features, area, width)
+        images, labels, notes = _paint(features, area, width)
     except (InputError, shapely.errors.GEOSException) as error:
         raise InputError(f"{one_line(path)}: {one_line(error)}") from None
     sketch = Sketch(
@@ -109,9 +119,9 @@ def sketch_from_vectors(
         layers=images,
         labels=labels,
     )
-    notes += [f"left out: {_left_out(skipped)}"] if +skipped else []
+    notes += [f"skipped: {_skipped(skipped)}"] if +skipped else []
     notes.append(f"{sketch.width_px}×{sketch.height_px} px, {sketch.pixel_size:.4g} m each")
-    return Traced(sketch, (*notes, _place_note(area, target)))
+    return TraceResult(sketch, (*notes, _position_note(area, target)))
 
 
 def _check(layer: str | None, width: float | None, bounds: Box | None, size_px: int) -> None:
@@ -128,191 +138,186 @@ def _check(layer: str | None, width: float | None, bounds: Box | None, size_px: 
         raise InputError(f"size: expected 1 to {MAX_SIDE} px, got {size_px}")
 
 
-def _chosen(
+def _collect(
     layers: Sequence[VectorLayer], layer: str | None, width: float | None, skipped: Counter[str]
 ) -> tuple[CRS | None, _Features]:
-    """Return the features that belong to a sketch, all in the CRS of the first layer that has some."""
-    home, chosen = None, list[_Features]()
+    """Return the usable features of all layers, in the CRS of the first layer with any."""
+    crs, collected = None, list[_Features]()
     for each in layers:
-        features = _wanted(each, layer, width, skipped)
+        features = _usable_features(each, layer, width, skipped)
         if not len(features.shapes):
             continue
-        if not chosen:
-            home = each.crs
-        elif each.crs and home:
-            features = features._replace(shapes=_reprojected(features.shapes, each.crs, home))
-        elif each.crs or home:
-            raise InputError("some of its layers lie on Earth and some do not: expected one or the other")
-        chosen.append(features)
-    if not chosen:
+        if not collected:
+            crs = each.crs
+        elif each.crs and crs:
+            features = features._replace(shapes=_reprojected(features.shapes, each.crs, crs))
+        elif each.crs or crs:
+            raise InputError("some of its layers have a CRS and some do not: expected all or none")
+        collected.append(features)
+    if not collected:
         raise InputError(
-            f"nothing in it says what it is: expected a property layer ({', '.join(LAYERS)}), "
+            f"no feature has a layer: expected a property layer ({', '.join(LAYERS)}), "
             "tags such as waterway=river or natural=water, or one layer for all"
         )
-    return home, _Features(*(np.concatenate(each) for each in zip(*chosen, strict=True)))
+    return crs, _Features(*(np.concatenate(each) for each in zip(*collected, strict=True)))
 
 
-def _wanted(source: VectorLayer, layer: str | None, width: float | None, skipped: Counter[str]) -> _Features:
-    shapes, wanted, widths = [], [], []
-    for given, properties in zip(source.shapes, source.properties, strict=True):
-        tags = tags_of(properties)
-        wish = wanted_by(tags, source.name, layer)
-        if wish is None:
-            skipped["that say nothing a sketch knows"] += 1
+def _usable_features(
+    source: VectorLayer, layer: str | None, width: float | None, skipped: Counter[str]
+) -> _Features:
+    shapes, labels, widths = [], [], []
+    for original, properties in zip(source.shapes, source.properties, strict=True):
+        tags = relevant_tags(properties)
+        label = feature_label(tags, source.name, layer)
+        if label is None:
+            skipped["without a known layer"] += 1
             continue
-        shape, wide = _shape(given, wish, tags, width)
+        shape, own_width = _shape(original, label, tags, width)
         if isinstance(shape, str):
             skipped[shape] += 1
             continue
         shapes.append(shape)
-        wanted.append(wish)
-        widths.append(math.nan if wide is None else min(max(wide, 0.0), _WIDEST))
-    return _Features(np.array(shapes, object), np.array(wanted, object), np.array(widths, float))
+        labels.append(label)
+        widths.append(math.nan if own_width is None else min(max(own_width, 0.0), _MAX_WIDTH))
+    return _Features(np.array(shapes, object), np.array(labels, object), np.array(widths, float))
 
 
 def _shape(
-    shape: Any, wanted: Wanted, tags: Mapping[str, Any], width: float | None
+    shape: Any, label: FeatureLabel, tags: Mapping[str, Any], width: float | None
 ) -> tuple[Any, float | None]:
-    """Return a feature's shape on its layer and its width, or the reason why it has none."""
-    if shape.geom_type == "LineString" and wanted.layer in _AREAS and shape.is_closed:
+    """Return a feature's shape on its layer and its width, or a reason to skip it."""
+    if shape.geom_type == "LineString" and label.layer in _AREAS and shape.is_closed:
         rings = np.array([shapely.Polygon(shape.coords)]) if len(shape.coords) > 3 else np.array([shape])
         shape = valid_areas(rings)[0]
     if shapely.get_dimensions(shape) == _AREA and not shape.is_empty:
         return shape, None
     if shape.geom_type == "Point":
-        if wanted.layer not in _DISCS:
-            return "that are points, where no area is known", None
-        radius = number_in(tags.get("radius"))
+        if label.layer not in _DISCS:
+            return "that are points of areas", None
+        radius = parse_number(tags.get("radius"))
         return shape, None if radius is None else 2.0 * radius
-    wide = number_in(tags.get("width"))
-    if wanted.layer in _AREAS and wide is None and width is None:
-        return "that are lines around nothing", None
-    return shape, wide
+    own_width = parse_number(tags.get("width"))
+    if label.layer in _AREAS and own_width is None and width is None:
+        return "that are open lines of areas", None
+    return shape, own_width
 
 
-def _cut(
-    features: _Features, home: CRS | None, bounds: Box | None, skipped: Counter[str]
+def _clip(
+    features: _Features, crs: CRS | None, bounds: Box | None, skipped: Counter[str]
 ) -> tuple[Box, _Features]:
-    """Return the chosen rectangle, else that around all, and the features in and around it."""
-    if home is not None and home.is_geographic:
+    """Return the bounds, by default those of all features, and the features in and around them."""
+    if crs is not None and crs.is_geographic:
         features = features._replace(shapes=_unwrapped(features.shapes, bounds))
     if bounds is None:
         return shapely.total_bounds(features.shapes).tolist(), features
     west, south, east, north = bounds
-    more = (_AROUND * (east - west), _AROUND * (north - south))
-    # Farther away, places may have no other coordinates.
-    box = (west - more[0], south - more[1], east + more[0], north + more[1])
+    dx, dy = _MARGIN * (east - west), _MARGIN * (north - south)
+    # Points farther away may be outside of the target CRS.
+    box = (west - dx, south - dy, east + dx, north + dy)
     shapes = shapely.clip_by_rect(features.shapes, *box)
     inside = ~shapely.is_empty(shapes) & (shapely.get_dimensions(shapes) == features.dimensions)
     skipped["outside"] += int((~inside).sum())
     if not inside.any():
-        raise InputError("nothing that belongs to a sketch lies in these bounds")
+        raise InputError("no usable feature within the bounds")
     return bounds, features._replace(shapes=shapes).where(inside)
 
 
 def _unwrapped(shapes: Shapes, bounds: Box | None) -> Shapes:
-    """Return shapes in degrees on one side of the antimeridian, around the bounds if there are any."""
+    """Return shapes in degrees without a jump at the antimeridian, around the bounds if given."""
     places, of = shapely.get_coordinates(shapes, return_index=True)
-    odd = (np.abs(places[:, 0]) > 360.0) | (np.abs(places[:, 1]) > 90.0)
-    if odd.any():
-        x, y = places[np.argmax(odd)]
-        raise InputError(
-            f"{x:g}, {y:g} is no longitude and latitude: expected degrees, or a CRS that says what it is"
-        )
+    invalid = (np.abs(places[:, 0]) > 360.0) | (np.abs(places[:, 1]) > 90.0)
+    if invalid.any():
+        x, y = places[np.argmax(invalid)]
+        raise InputError(f"{x:g}, {y:g} is not a longitude and latitude: expected degrees, or another CRS")
     x = places[:, 0]
     if bounds is None:
-        x -= 360.0 * np.rint((x - vector_place.middle_longitude(x)) / 360.0)
+        x -= 360.0 * np.rint((x - mean_longitude(x)) / 360.0)
     else:
         west, _, east, _ = shapely.bounds(shapes).T
-        torn = (shapely.get_dimensions(shapes) == _LINE) & (east - west > 180.0)  # lines run the short way
-        x[torn[of]] %= 360.0
+        split = (shapely.get_dimensions(shapes) == _LINE) & (east - west > 180.0)  # lines go the short way
+        x[split[of]] %= 360.0
         west, _, east, _ = shapely.bounds(shapely.set_coordinates(shapes.copy(), places)).T
         x -= 360.0 * np.rint((0.5 * (west + east) - 0.5 * (bounds[0] + bounds[2])) / 360.0)[of]
     return np.asarray(shapely.set_coordinates(shapes.copy(), places))
 
 
 def _reprojected(shapes: Any, source: CRS, target: CRS) -> Any:
-    return shapely.transform(shapes, lambda places: vector_place.reprojected(places, source, target))
+    return shapely.transform(shapes, lambda places: reproject(places, source, target))
 
 
-def _extent(features: _Features) -> Box:
-    """Return the rectangle around features (m), with discs as wide as they will be."""
+def _bounds(features: _Features) -> Box:
+    """Return the bounds of features (m), including the radii of discs."""
     boxes = shapely.bounds(features.shapes)
     low, high = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
-    half = 0.5 * np.where(np.isnan(features.widths), _WIDE * (high - low).max(), features.widths)
-    half = np.where(features.dimensions == _POINT, half, 0.0)[:, None]
-    return [*(boxes[:, :2] - half).min(axis=0).tolist(), *(boxes[:, 2:] + half).max(axis=0).tolist()]
+    radius = 0.5 * np.where(np.isnan(features.widths), _DEFAULT_WIDTH * (high - low).max(), features.widths)
+    radius = np.where(features.dimensions == _POINT, radius, 0.0)[:, None]
+    return [*(boxes[:, :2] - radius).min(axis=0).tolist(), *(boxes[:, 2:] + radius).max(axis=0).tolist()]
 
 
-def _visible(features: _Features, area: Area, skipped: Counter[str]) -> _Features:
-    """Return the features, in pixels, that leave a mark."""
+def _visible(features: _Features, area: SketchArea, skipped: Counter[str]) -> _Features:
+    """Return the features, in pixels, that are visible in the sketch."""
     boxes = shapely.bounds(features.shapes)
     is_area = features.dimensions == _AREA
-    reach = np.where(is_area, 0.0, 0.5 * np.nan_to_num(features.widths) / area.pixel)[:, None]
+    radius = np.where(is_area, 0.0, 0.5 * np.nan_to_num(features.widths) / area.pixel)[:, None]
     size = np.array([area.columns, area.rows])
-    outside = ((boxes[:, 2:] < -reach) | (boxes[:, :2] > size + reach)).any(axis=1)
+    outside = ((boxes[:, 2:] < -radius) | (boxes[:, :2] > size + radius)).any(axis=1)
     tiny = ~outside & is_area & (boxes[:, 2:] - boxes[:, :2] < 0.5).all(axis=1)
     skipped["outside"] += int(outside.sum())
     skipped["smaller than half a pixel"] += int(tiny.sum())
     if (outside | tiny).all():
-        raise InputError(f"nothing of it is to be seen ({_left_out(skipped)})")
+        raise InputError(f"no visible features ({_skipped(skipped)})")
     return features.where(~outside & ~tiny)
 
 
-def _painted(
-    features: _Features, area: Area, width: float | None
+def _paint(
+    features: _Features, area: SketchArea, width: float | None
 ) -> tuple[dict[str, LabelImage], dict[tuple[str, int], dict[str, Value]], list[str]]:
-    """Return layers' images, labels' properties and notes.
+    """Return layer images, label properties and notes.
 
-    Where shapes of a layer overlap, an area of a river or else the widest line counts, and elsewhere the
-    label that appears last.
+    Where shapes of a layer overlap, the last label wins; of rivers, areas, then the widest line.
     """
     images: dict[str, LabelImage] = {}
     labels: dict[tuple[str, int], dict[str, Value]] = {}
-    taken, notes = [], []
-    names = np.array([each.layer for each in features.wanted])
+    used, notes = [], []
+    names = np.array([each.layer for each in features.labels])
     for name in (each for each in LAYERS if each in names):
-        ones = features.where(names == name)
-        kinds = Counter(_KINDS[dimension] for dimension in ones.dimensions)
-        taken += [f"{count} {kind}{'s' if count > 1 else ''} as {name}" for kind, count in kinds.items()]
-        wanted = zip(ones.wanted, ones.dimensions, strict=True)
-        stated = [_properties(each, dimension, width) for each, dimension in wanted]
-        of, classes, error = classed(stated, MAX_LABELS)
-        order = list(range(len(classes)))
+        layer = features.where(names == name)
+        is_area = layer.dimensions == _AREA
+        kinds = Counter(_KINDS[dimension] for dimension in layer.dimensions)
+        used += [f"{count} {kind}{'s' if count > 1 else ''} as {name}" for kind, count in kinds.items()]
+        properties = [_properties(*each, width) for each in zip(layer.labels, layer.dimensions, strict=True)]
+        cluster_of, clusters, error = cluster_properties(properties, MAX_LABELS)
+        order = list(range(len(clusters)))
         if name == "river":
-            # As wide as painted is wider than any: maps have a line in the middle of a river's area too.
-            order.sort(key=[_river_width(each) or math.inf for each in classes].__getitem__)
+            # Areas, of width 0, are last: maps also have a line in the middle of a river's area.
+            order.sort(key=[_river_width(each) or math.inf for each in clusters].__getitem__)
         size = (area.rows, area.columns)
         images[name] = np.zeros(size, dtype=np.uint8)
-        widths, is_area = (
-            _line_widths(ones, [classes[index] for index in of], area, width) / area.pixel,
-            ones.dimensions == _AREA,
-        )
+        widths = _line_widths(layer, [clusters[index] for index in cluster_of], area, width) / area.pixel
         for label, index in enumerate(order, start=1):
-            mine = np.array(of) == index
-            areas, lines = mine & is_area, mine & ~is_area
-            mask = paint_areas(size, ones.shapes[areas], touched=name == "river")
-            mask |= paint_lines(size, ones.shapes[lines], widths[lines])
+            members = np.array(cluster_of) == index
+            areas, lines = members & is_area, members & ~is_area
+            mask = paint_areas(size, layer.shapes[areas], touched=name == "river")
+            mask |= paint_lines(size, layer.shapes[lines], widths[lines])
             images[name][mask] = label
-            labels[name, label] = classes[index]
+            labels[name, label] = clusters[index]
         if error:
-            off = f"their numbers are off by up to {100 * error:.2g} %"
-            told = off if math.isfinite(error) else "all have the defaults, for even so there were more"
-            notes.append(f"{name}: {MAX_LABELS} labels at most, so some share one; {told}")
-    return images, labels, [f"taken: {', '.join(taken)}", *notes, *_guesses(features, area, width)]
+            effect = f"errors up to {100 * error:.2g} %" if math.isfinite(error) else "all have the defaults"
+            notes.append(f"{name}: more than {MAX_LABELS} different labels, so some are merged; {effect}")
+    return images, labels, [f"used: {', '.join(used)}", *notes, *_guess_notes(features, area, width)]
 
 
-def _properties(wanted: Wanted, dimension: int, width: float | None) -> dict[str, Value]:
-    """Return the properties of a feature's label; a river's area, of width 0, is as wide as it is painted."""
-    said = dict(wanted.properties)
-    if wanted.layer == "river":
-        table = LAYERS["river"].parameters["width"]
+def _properties(label: FeatureLabel, dimension: int, width: float | None) -> dict[str, Value]:
+    """Return the properties of a feature's label; width 0 of a river's area means as painted."""
+    properties = dict(label.properties)
+    if label.layer == "river":
+        parameter = LAYERS["river"].parameters["width"]
         if dimension == _AREA:
-            said["width"] = 0.0
-        elif width is not None and ("width" not in said or "width" in wanted.guessed):
-            said["width"] = min(width, table.high)
-        said.setdefault("width", table.default)
-    return said
+            properties["width"] = 0.0
+        elif width is not None and ("width" not in properties or "width" in label.guessed):
+            properties["width"] = min(width, parameter.high)
+        properties.setdefault("width", parameter.default)
+    return properties
 
 
 def _river_width(properties: Mapping[str, Value]) -> float:
@@ -320,19 +325,19 @@ def _river_width(properties: Mapping[str, Value]) -> float:
 
 
 def _line_widths(
-    features: _Features, labels: Sequence[Mapping[str, Value]], area: Area, width: float | None
+    features: _Features, labels: Sequence[Mapping[str, Value]], area: SketchArea, width: float | None
 ) -> npt.NDArray[np.float64]:
-    """Return the widths (m) of a layer's lines and discs: a river's is its label's."""
-    if features.wanted[0].layer == "river":
+    """Return the widths (m) of a layer's lines and discs; a river's is its label's."""
+    if features.labels[0].layer == "river":
         return np.array([_river_width(each) for each in labels])
-    default = np.full(len(features.shapes), _WIDE * area.extent)
+    default = np.full(len(features.shapes), _DEFAULT_WIDTH * area.extent)
     if width is not None:
         default[features.dimensions == _LINE] = width
     return np.where(np.isnan(features.widths), default, features.widths)
 
 
 def paint_areas(size: tuple[int, int], shapes: Shapes, *, touched: bool) -> BoolArray:
-    """Return the (rows, columns) pixels whose middles lie in a shape, or all that a shape touches."""
+    """Return the pixels, (rows, columns), whose centres are in a shape, or all `touched` by one."""
     shapes = shapes[~shapely.is_empty(shapes)]
     if not len(shapes):
         return np.zeros(size, dtype=bool)
@@ -340,51 +345,51 @@ def paint_areas(size: tuple[int, int], shapes: Shapes, *, touched: bool) -> Bool
 
 
 def paint_lines(size: tuple[int, int], shapes: Shapes, widths: npt.NDArray[np.float64]) -> BoolArray:
-    """Return the (rows, columns) pixels of lines and points of widths (px).
+    """Return the pixels, (rows, columns), of lines and points of widths (px).
 
-    These are the pixels whose middles a line covers and all that its course touches: however thin it is, it
-    does not break.
+    Those with covered centres, and all on the centreline, so that thin lines are connected.
     """
     if not len(shapes):
         return np.zeros(size, dtype=bool)
-    reach = 0.5 * float(widths.max()) + 1.0
-    near = shapely.clip_by_rect(shapes, -reach, -reach, size[1] + reach, size[0] + reach)
+    margin = 0.5 * float(widths.max()) + 1.0
+    near = shapely.clip_by_rect(shapes, -margin, -margin, size[1] + margin, size[0] + margin)
     wide = widths > 1.0
-    broad = shapely.buffer(shapely.simplify(near[wide], _SIMPLER), 0.5 * widths[wide], quad_segs=32)
-    return paint_areas(size, near, touched=True) | paint_areas(size, broad, touched=False)
+    centrelines = shapely.simplify(near[wide], _SIMPLIFICATION)
+    buffers = shapely.buffer(centrelines, 0.5 * widths[wide], quad_segs=32)
+    return paint_areas(size, near, touched=True) | paint_areas(size, buffers, touched=False)
 
 
-def _guesses(features: _Features, area: Area, width: float | None) -> list[str]:
-    """Return notes on what was not in the file, and what of it was not taken as it stands."""
+def _guess_notes(features: _Features, area: SketchArea, width: float | None) -> list[str]:
+    """Return notes on missing and changed values."""
     notes = []
     no_area = features.dimensions != _AREA
-    is_river = np.array([each.layer == "river" for each in features.wanted])
-    rivers = features.wanted[is_river & no_area].tolist()
-    bare = sum("width" not in each.properties or "width" in each.guessed for each in rivers)
-    if bare:
+    is_river = np.array([each.layer == "river" for each in features.labels])
+    rivers = features.labels[is_river & no_area].tolist()
+    guessed_rivers = sum("width" not in each.properties or "width" in each.guessed for each in rivers)
+    if guessed_rivers:
         default = f"{width:g} m" if width is not None else "by their kind: 12 m, streams 3 m, ditches 1.5 m"
-        notes.append(f"lines of rivers that say no width ({bare} of {len(rivers)}): {default}")
+        notes.append(f"lines of rivers without a width ({guessed_rivers} of {len(rivers)}): {default}")
     guessed = int((np.isnan(features.widths) & no_area & ~is_river).sum())
     if guessed:
         notes.append(
-            f"lines and points that say nothing of their size ({guessed}): "
-            f"{_WIDE * area.extent:.4g} m wide{'' if width is None else f', lines {width:g} m'}"
+            f"lines and points without a size ({guessed}): "
+            f"{_DEFAULT_WIDTH * area.extent:.4g} m wide{'' if width is None else f', lines {width:g} m'}"
         )
-    clipped, unread = (sum(getattr(each, key) for each in features.wanted) for key in ("clipped", "unread"))
-    notes += [f"{clipped} numbers were out of range and went to its end"] if clipped else []
-    notes += [f"{unread} properties could not be read and have their defaults"] if unread else []
+    clipped, unread = (sum(getattr(each, key) for each in features.labels) for key in ("clipped", "unread"))
+    notes += [f"{clipped} numbers out of range were clipped"] if clipped else []
+    notes += [f"{unread} invalid properties were replaced by defaults"] if unread else []
     return notes
 
 
-def _left_out(skipped: Counter[str]) -> str:
+def _skipped(skipped: Counter[str]) -> str:
     return ", ".join(f"{count} {why}" for why, count in sorted((+skipped).items()))
 
 
-def _place_note(area: Area, crs: CRS | None) -> str:
+def _position_note(area: SketchArea, crs: CRS | None) -> str:
     corner = f"{area.west:.10g},{area.south:.10g}"
     code = crs and crs.to_authority()
     name = "its own metres" if crs is None else "its own coordinate reference system"
     back = f"--crs {':'.join(code)} --origin {corner}" if code else f"--origin {corner}"
     return (
-        f"south-west corner: {corner} in {':'.join(code) if code else name}; export with {back} puts it back"
+        f"south-west corner: {corner} in {':'.join(code) if code else name}; export with {back} restores it"
     )

@@ -12,9 +12,15 @@ from sketchterrain.errors import InputError
 from sketchterrain.importing.image_colours import mixtures
 from sketchterrain.importing.images import read_map
 from sketchterrain.importing.legend import Legend
-from sketchterrain.importing.traced_layers import NO_VOTE, Sheet, joined, majority, scaled_size
+from sketchterrain.importing.traced_layers import (
+    UNASSIGNED,
+    TraceOptions,
+    join_line_ends,
+    scale_labels,
+    scaled_size,
+)
 
-SHEET = Sheet(size_px=256)
+OPTIONS = TraceOptions(size_px=256)
 SMOOTH, SHARP = Image.Resampling.LANCZOS, Image.Resampling.BICUBIC
 
 # How the map is saved, and which share of all its pixels comes back.
@@ -36,7 +42,7 @@ LARGE = {
     "larger JPEG 40": (lambda large: large.resize((700, 700), SMOOTH), {"quality": 40}, 0.985),
 }
 QUICK = ["as it is", "blown up", "JPEG 50", "WebP 60", "antialiased", "larger", "smaller"]
-REST = [way for way in [*SMALL, *LARGE] if way not in QUICK]
+REST = [form for form in [*SMALL, *LARGE] if form not in QUICK]
 
 
 def assert_spans(river, parts, case) -> None:
@@ -46,25 +52,25 @@ def assert_spans(river, parts, case) -> None:
     assert river[:, -1].any(), case
 
 
-@pytest.mark.parametrize("ways", [QUICK, pytest.param(REST, marks=pytest.mark.slow)], ids=["quick", "rest"])
-def test_labels_are_recovered_from_any_saved_form(known, labels_of, away, parts, saved, ways) -> None:
-    for way in ways:
-        change, options, least = (SMALL | LARGE)[way]
-        ending = "webp" if "WebP" in way else "jpg" if options else "png"
-        picture, truth = (known.picture, known.labels) if way in SMALL else (known.large, known.large_labels)
+@pytest.mark.parametrize("forms", [QUICK, pytest.param(REST, marks=pytest.mark.slow)], ids=["quick", "rest"])
+def test_labels_are_recovered_from_any_image_format(known, labels_of, away, parts, saved, forms) -> None:
+    for form in forms:
+        change, options, least = (SMALL | LARGE)[form]
+        ending = "webp" if "WebP" in form else "jpg" if options else "png"
+        picture, truth = (known.picture, known.labels) if form in SMALL else (known.large, known.large_labels)
         path = saved(change(picture), f"map.{ending}", **options)
-        traced = read_map(path).traced(SHEET)
+        traced = read_map(path).traced(OPTIONS)
         labels = labels_of(traced.sketch)
-        assert (labels == truth).mean() >= least, way
-        assert (labels == truth)[away(truth)].mean() >= 0.999, way
-        assert set(np.unique(labels)) == set(np.unique(truth)), way
-        assert_spans(traced.sketch.layers["river"] > 0, parts, way)
-        assert traced.sure + traced.taken + traced.unknown == pytest.approx(1.0), way
-        if way == "as it is":
-            assert traced.sure == 1.0, way
+        assert (labels == truth).mean() >= least, form
+        assert (labels == truth)[away(truth)].mean() >= 0.999, form
+        assert set(np.unique(labels)) == set(np.unique(truth)), form
+        assert_spans(traced.sketch.layers["river"] > 0, parts, form)
+        assert traced.certain + traced.inferred + traced.unknown == pytest.approx(1.0), form
+        if form == "as it is":
+            assert traced.certain == 1.0, form
 
 
-def test_a_thin_river_stays_whole_at_any_size(parts, saved) -> None:
+def test_thin_rivers_stay_connected_at_any_size(parts, saved) -> None:
     for size in [40, 100, 250, 600]:
         pixels = np.full((500, 500, 3), 255, np.uint8)
         pixels[100:400, 50:200] = (38, 104, 58)
@@ -73,33 +79,33 @@ def test_a_thin_river_stays_whole_at_any_size(parts, saved) -> None:
         for column, (row, following) in enumerate(zip(rows, np.append(rows[1:], rows[-1]), strict=True)):
             low, high = sorted((row, following))
             pixels[low : high + 1, column] = (56, 116, 196)
-        traced = read_map(saved(pixels)).traced(Sheet(size_px=size))
+        traced = read_map(saved(pixels)).traced(TraceOptions(size_px=size))
         assert_spans(traced.sketch.layers["river"] > 0, parts, size)
         assert traced.sketch.layers["forest"].any(), size
 
 
-def test_lettering_leaves_no_hole_and_only_near_ends_of_rivers_are_joined(parts, saved) -> None:
+def test_lettering_is_filled_and_near_ends_of_rivers_are_joined(parts, saved) -> None:
     pixels = np.full((160, 160, 3), 255, np.uint8)
     pixels[20:120, 20:120] = (140, 92, 70)
     pixels[130:134] = (56, 116, 196)
     pixels[60:64, 30:110] = 0  # a bar of ink on the mountains
     pixels[125:140, 80:83] = 0  # and one across the river
-    traced = read_map(saved(pixels)).traced(Sheet())
+    traced = read_map(saved(pixels)).traced(TraceOptions())
     assert traced.sketch.layers["mountain"][20:120, 20:120].all()
     assert parts(traced.sketch.layers["river"] > 0) == 1
 
     pixels = np.full((120, 120, 3), 255, np.uint8)
     pixels[20:23] = pixels[60:63] = (56, 116, 196)
-    river = read_map(saved(pixels)).traced(Sheet()).sketch.layers["river"]
+    river = read_map(saved(pixels)).traced(TraceOptions()).sketch.layers["river"]
     assert parts(river > 0) == 2
     assert np.array_equal(np.flatnonzero(river.any(axis=1)), [20, 21, 22, 60, 61, 62])
 
 
-def test_a_lettered_map_in_common_colours_is_read(parts, saved) -> None:
+def test_map_with_lettering_in_common_colours(parts, saved) -> None:
     for quality in [None, 70, 40]:
         map_ = draw_map()
         path = saved(map_) if quality is None else saved(map_, "map.jpg", quality=quality)
-        layers = read_map(path).traced(Sheet()).sketch.layers
+        layers = read_map(path).traced(TraceOptions()).sketch.layers
         painted = [name for name, image in layers.items() if image.any()]
         assert painted == ["mountain", "hill", "river", "dune", "forest", "lake"], quality
         for name in painted:
@@ -122,10 +128,10 @@ def test_rivers_and_lakes_of_one_blue_are_separated_by_width(parts, saved) -> No
     pixels[lake] = pixels[58:62] = (170, 211, 223)
     pixels[20:26, 140:146] = (170, 211, 223)  # a pond: narrow, but not long
     read = read_map(saved(pixels))
-    plain = read.traced(Sheet())
+    plain = read.traced(TraceOptions())
     assert not plain.sketch.layers["river"].any()
     assert any("--rivers-up-to 8" in line for line in plain.notes)
-    layers = read.traced(Sheet(), narrow=8).sketch.layers
+    layers = read.traced(TraceOptions(), narrow=8).sketch.layers
     assert parts(layers["river"] > 0) == 2
     assert (layers["river"][58:62, :36] == 1).all()
     assert (layers["river"][58:62, 105:] == 1).all()
@@ -133,36 +139,36 @@ def test_rivers_and_lakes_of_one_blue_are_separated_by_width(parts, saved) -> No
     assert (layers["lake"][20:26, 140:146] == 1).all()
     water = (layers["river"] > 0) | (layers["lake"] > 0)
     assert np.array_equal(water, plain.sketch.layers["lake"] > 0)
-    assert not read.traced(Sheet(), narrow=100).sketch.layers["river"][20:26, 140:146].any()
+    assert not read.traced(TraceOptions(), narrow=100).sketch.layers["river"][20:26, 140:146].any()
 
 
-def test_specks_vanish_and_transparent_pixels_are_empty(saved) -> None:
+def test_specks_are_removed_and_transparent_pixels_are_empty(saved) -> None:
     pixels = np.full((64, 64, 3), 255, np.uint8)
     pixels[10:40, 10:40] = (140, 92, 70)
     pixels[20:22, 20:23] = (38, 104, 58)  # 6 px
     pixels[50:54, 50:54] = (38, 104, 58)  # 16 px
     read = read_map(saved(pixels))
-    forest = read.traced(Sheet()).sketch.layers["forest"]
+    forest = read.traced(TraceOptions()).sketch.layers["forest"]
     assert np.count_nonzero(forest) == 16
-    assert read.traced(Sheet()).sketch.layers["mountain"][10:40, 10:40].all()
-    assert np.count_nonzero(read.traced(Sheet(), specks=0).sketch.layers["forest"]) == 22
+    assert read.traced(TraceOptions()).sketch.layers["mountain"][10:40, 10:40].all()
+    assert np.count_nonzero(read.traced(TraceOptions(), specks=0).sketch.layers["forest"]) == 22
 
     pixels = np.zeros((64, 64, 4), np.uint8)
     pixels[..., :3] = (140, 92, 70)  # also where nobody sees it
     pixels[10:40, 10:40, 3] = 255
     pixels[50:60, 50:60] = (38, 104, 58, 255)
-    sketch = read_map(saved(pixels)).traced(Sheet()).sketch
+    sketch = read_map(saved(pixels)).traced(TraceOptions()).sketch
     assert np.count_nonzero(sketch.layers["mountain"]) == 900
     assert np.count_nonzero(sketch.layers["forest"]) == 100
 
 
-def test_a_given_legend_replaces_the_own_one(saved) -> None:
+def test_legend_of_the_user_replaces_the_default(saved) -> None:
     pixels = np.full((64, 64, 3), (200, 30, 200), np.uint8)
     pixels[:20] = (255, 120, 0)
     pixels[20:40] = (255, 160, 0)
     pixels[40:50] = (140, 92, 70)
-    legend = Legend.given(["mountain=#ff7800", "mountain.7=#ffa000", "nothing=#c81ec8"])
-    traced = read_map(saved(pixels), legend).traced(Sheet(name="Mine", extent=777.0, seed=9))
+    legend = Legend.parse(["mountain=#ff7800", "mountain.7=#ffa000", "nothing=#c81ec8"])
+    traced = read_map(saved(pixels), legend).traced(TraceOptions(name="Mine", extent=777.0, seed=9))
     mountain = traced.sketch.layers["mountain"]
     assert (mountain[:20] == 1).all()
     assert (mountain[20:40] == 7).all()
@@ -173,13 +179,13 @@ def test_a_given_legend_replaces_the_own_one(saved) -> None:
 
     pixels = np.full((64, 64, 3), 255, np.uint8)
     pixels[:30], pixels[30:50] = (140, 92, 70), (132, 88, 70)
-    legend = Legend.given(["hill=#8c5c46", "forest=#845846", "nothing=#ffffff"])
-    sketch = read_map(saved(pixels), legend).traced(Sheet()).sketch
+    legend = Legend.parse(["hill=#8c5c46", "forest=#845846", "nothing=#ffffff"])
+    sketch = read_map(saved(pixels), legend).traced(TraceOptions()).sketch
     assert np.count_nonzero(sketch.layers["hill"]) == 30 * 64
     assert np.count_nonzero(sketch.layers["forest"]) == 20 * 64
 
 
-def test_paletted_deep_cmyk_and_turned_pictures_are_read(known, labels_of, away, tmp_path) -> None:
+def test_palette_16_bit_cmyk_and_exif_rotation(known, labels_of, away, tmp_path) -> None:
     forms = {name: tmp_path / name for name in ("palette.png", "deep.png", "cmyk.tif", "turned.jpg")}
     exif = Image.Exif()
     exif[0x0112] = 6  # shown turned by 90° clockwise
@@ -189,7 +195,7 @@ def test_paletted_deep_cmyk_and_turned_pictures_are_read(known, labels_of, away,
     known.picture.convert("CMYK").save(forms["cmyk.tif"])
     turned.save(forms["turned.jpg"], exif=exif, quality=95, subsampling=0)
     for form, path in forms.items():
-        labels = labels_of(read_map(path).traced(SHEET).sketch)
+        labels = labels_of(read_map(path).traced(OPTIONS).sketch)
         assert (labels == known.labels)[away(known.labels)].mean() >= 0.999, form
 
 
@@ -205,36 +211,30 @@ def _deep_png(rgb: np.ndarray) -> bytes:
     )
 
 
-def test_pictures_without_colours_and_impossible_sheets_are_refused(saved) -> None:
+def test_grey_maps_unknown_colours_and_invalid_options_are_refused(saved) -> None:
     grey = np.zeros((40, 40, 3), np.uint8)
     grey[10:30] = 200
-    with pytest.raises(InputError, match="black, white and grey: expected a coloured map, or the layer"):
+    with pytest.raises(InputError, match="it is grey: expected a coloured map, or the layer"):
         read_map(saved(grey))
     red = np.zeros((40, 40, 3), np.uint8)
     red[..., 0] = 255
     with pytest.raises(InputError, match="no colour of the legend in it, but #ff0000"):
-        read_map(saved(red)).traced(Sheet())
+        read_map(saved(red)).traced(TraceOptions())
 
-    for name, value in (
-        ("size_px", 0),
-        ("size_px", 20_000),
-        ("extent", 0.0),
-        ("extent", np.nan),
-        ("seed", -1),
-    ):
+    for change in ({"size_px": 0}, {"size_px": 20_000}, {"extent": 0.0}, {"extent": np.nan}, {"seed": -1}):
         with pytest.raises(InputError):
-            Sheet(**{name: value})
+            TraceOptions(**change)
 
 
-def test_scaling_by_majority_takes_what_covers_most_of_each_pixel() -> None:
+def test_scaled_pixels_have_the_majority_of_their_area() -> None:
     small = np.random.default_rng(3).integers(0, 5, (17, 23), dtype=np.uint8)
     for factor in (1, 2, 3, 7):
         large = np.kron(small, np.ones((factor, factor), np.uint8))
-        assert np.array_equal(majority(large, (23, 17)), small)
-        assert np.array_equal(majority(small, (23 * factor, 17 * factor)), large)
+        assert np.array_equal(scale_labels(large, (23, 17)), small)
+        assert np.array_equal(scale_labels(small, (23 * factor, 17 * factor)), large)
 
     for size in [(100, 50), (33, 17), (1, 1), (7, 300)]:
-        assert (majority(np.full((40, 80), 7, np.uint8), size, thin=(7,)) == 7).all(), size
+        assert (scale_labels(np.full((40, 80), 7, np.uint8), size, thin=(7,)) == 7).all(), size
 
     assert scaled_size(800, 600, 400) == (400, 300)
     assert scaled_size(600, 800, 400) == (300, 400)
@@ -242,7 +242,7 @@ def test_scaling_by_majority_takes_what_covers_most_of_each_pixel() -> None:
 
     rng = np.random.default_rng(4)
     values = rng.integers(0, 3, (30, 50), dtype=np.uint8)
-    scaled = majority(values, (20, 12))  # 2.5 by 2.5 pixels each
+    scaled = scale_labels(values, (20, 12))  # 2.5 by 2.5 pixels each
     fine = np.kron(values, np.ones((2, 2), np.uint8))
     for row in range(12):
         for column in range(20):
@@ -250,35 +250,35 @@ def test_scaling_by_majority_takes_what_covers_most_of_each_pixel() -> None:
             counts = np.bincount(block.ravel(), minlength=3)
             assert counts[scaled[row, column]] == counts.max()
 
-    values = np.full((4, 4), NO_VOTE, np.uint8)
+    values = np.full((4, 4), UNASSIGNED, np.uint8)
     values[0, 0] = 3
-    assert majority(values, (2, 2)).tolist() == [[3, NO_VOTE], [NO_VOTE, NO_VOTE]]
+    assert scale_labels(values, (2, 2)).tolist() == [[3, UNASSIGNED], [UNASSIGNED, UNASSIGNED]]
 
 
-def test_scaling_in_bands_changes_no_pixel(monkeypatch) -> None:
+def test_scaling_in_bands_is_bit_equal(monkeypatch) -> None:
     values = np.random.default_rng(5).integers(0, 4, (97, 61), dtype=np.uint8)
-    whole = majority(values, (40, 63), thin=(2,))
-    monkeypatch.setattr("sketchterrain.importing.traced_layers._PIXELS", 1)
-    assert np.array_equal(majority(values, (40, 63), thin=(2,)), whole)
+    whole = scale_labels(values, (40, 63), thin=(2,))
+    monkeypatch.setattr("sketchterrain.importing.traced_layers._PIXELS_AT_ONCE", 1)
+    assert np.array_equal(scale_labels(values, (40, 63), thin=(2,)), whole)
 
 
-def test_a_gap_is_bridged_and_connected_parts_get_no_bridge(parts) -> None:
+def test_gaps_between_line_ends_are_closed_and_sides_unchanged(parts) -> None:
     line = np.zeros((40, 60), bool)
     line[20, :28] = line[20, 32:] = True
     line[5:9, 5:9] = True  # a pond far away
-    whole = joined(line, 4)
+    whole = join_line_ends(line, 4)
     assert parts(whole) == 2
     assert np.array_equal(np.argwhere(whole & ~line), [[20, column] for column in range(28, 32)])
     wide = line.copy()
     wide[20, 26:34] = False
-    assert np.array_equal(joined(wide, 4), wide)
+    assert np.array_equal(join_line_ends(wide, 4), wide)
 
     bend = np.zeros((40, 40), bool)
     bend[10, 5:30] = bend[13, 5:30] = bend[10:14, 29] = True
-    assert np.array_equal(joined(bend, 4), bend)
+    assert np.array_equal(join_line_ends(bend, 4), bend)
 
 
-def test_a_mixture_lies_between_its_sides_and_a_line_does_not() -> None:
+def test_blend_is_between_its_sides_and_a_line_is_not() -> None:
     pixels = np.zeros((9, 9, 3), np.uint8)
     pixels[:, :4], pixels[:, 4], pixels[:, 5:] = (255, 255, 255), (150, 180, 160), (38, 104, 58)
     assert np.array_equal(mixtures(pixels), np.arange(81).reshape(9, 9) % 9 == 4)

@@ -13,13 +13,21 @@ from PIL import Image
 
 from sketchterrain.document.parameters import LAYERS
 from sketchterrain.errors import InputError
-from sketchterrain.importing.images import kind_of, picture_from, read_picture
+from sketchterrain.importing.images import decode_picture, detect_kind, read_picture
 from sketchterrain.importing.layered import trace_folder, trace_mask, trace_open_raster
-from sketchterrain.importing.legend import INK, NOTHING, OWN_LEGEND, Legend, Meaning, meant_by, read_legend
-from sketchterrain.importing.traced_layers import Sheet
+from sketchterrain.importing.legend import (
+    INK,
+    NOTHING,
+    OWN_LEGEND,
+    Legend,
+    Meaning,
+    parse_layer_name,
+    read_legend,
+)
+from sketchterrain.importing.traced_layers import TraceOptions
 
 
-def test_colours_stand_for_layers_within_the_tolerance() -> None:
+def test_legend_matches_colours_within_the_tolerance() -> None:
     for layer in LAYERS:
         assert OWN_LEGEND.meaning(LAYERS[layer].colour) == Meaning(layer, 1), layer
 
@@ -29,7 +37,7 @@ def test_colours_stand_for_layers_within_the_tolerance() -> None:
     assert OWN_LEGEND.meaning((255, 0, 0)) is None
 
     for tolerance, meaning in ((0.0, None), (0.2, Meaning("river", 3))):
-        legend = Legend.given(["river.3=#00f"], tolerance=tolerance)
+        legend = Legend.parse(["river.3=#00f"], tolerance=tolerance)
         assert legend.meaning((0, 0, 255)) == Meaning("river", 3)
         assert legend.meaning((20, 40, 235)) == meaning
 
@@ -50,62 +58,48 @@ def test_a_legend_file_is_read(tmp_path) -> None:
 
 
 def test_malformed_legends_are_refused_in_one_line(tmp_path) -> None:
-    for text, told in [
-        ("", r"expected tables \[\[colour\]\]"),
-        ("colour = 3", r"expected tables \[\[colour\]\]"),
-        ("x = 3", "unknown key 'x'"),
+    path = tmp_path / "legend.toml"
+    for text, message in [
+        ("", "missing required field `colour`"),
+        ("colour = 3", "Expected `array`"),
         ("colour = []", "at least one colour"),
         ("[[colour]]\nrgb='#1'\nlayer='hill'", r'1: expected a colour as "#rrggbb", got \'#1\''),
-        ("[[colour]]\nrgb='#123456'", r"1: expected layer, a layer's name, got None"),
+        ("[[colour]]\nrgb='#123456'", "missing required field `layer`"),
         ("[[colour]]\nrgb='#123456'\nlayer='hils'", "unknown layer 'hils'.*did you mean 'hill'"),
         ("[[colour]]\nrgb='#123456'\nlayer='hill'\nlabel=0", "label from 1 to 255, got 0"),
-        ("[[colour]]\nrgb='#123456'\nlayer='hill'\nlabel=true", "expected label, 1 to 255, got true"),
+        ("[[colour]]\nrgb='#123456'\nlayer='hill'\nlabel=true", r"Expected `int \| null`, got `bool`"),
         ("[[colour]]\nrgb='#123456'\nlayer='ink'\nlabel=2", "ink has no labels"),
-        ("[[colour]]\nrgb='#123456'\nlayer='hill'\nlable=2", "unknown key 'lable'.*did you mean 'label'"),
+        ("[[colour]]\nrgb='#123456'\nlayer='hill'\nlable=2", "unknown field `lable`"),
         ("[[colour]]\nrgb='#1', x", "not TOML"),
-        ("[[colour]]\nrgb='#123456'\nlayer='hill'\n" * 1001, "1001 colours: expected at most 1000"),
+        ("[[colour]]\nrgb='#123456'\nlayer='hill'\n" * 1001, "length <= 1000"),
+        ("#" * (1 << 21), "too large for a legend"),
         (
             "[[colour]]\nrgb='#123'\nlayer='hill'\n[[colour]]\nrgb='#112233'\nlayer='lake'",
-            "#112233 stands for hill 1 and for lake 1",
+            "#112233 means both hill 1 and lake 1",
         ),
     ]:
-        path = tmp_path / "legend.toml"
         path.write_text(text)
-        with pytest.raises(InputError, match=f"legend.toml: .*{told}") as error:
+        with pytest.raises(InputError, match=f"legend.toml: .*{message}") as error:
             read_legend(path)
         assert "\n" not in str(error.value), text[:80]
 
     with pytest.raises(InputError, match="cannot be read"):
-        read_legend(tmp_path / "none.toml")
-    with pytest.raises(InputError, match="cannot be read"):
         read_legend(tmp_path)
-    (tmp_path / "large.toml").write_bytes(b"#" * (1 << 21))
-    with pytest.raises(InputError, match="too large for a legend"):
-        read_legend(tmp_path / "large.toml")
-
     for text in ["", "mountain", "=#123456", "mountain.=#123456", "mountain=red", "no.1=#123456"]:
         with pytest.raises(InputError, match="colour "):
-            Legend.given([text])
+            Legend.parse([text])
 
 
-def test_layer_names_mean_layers_and_labels() -> None:
-    for name, meant in [
+def test_names_are_parsed_as_layers_and_labels() -> None:
+    for name, meaning in [
         ("mountain", Meaning("mountain", 1)),
         ("Mountains", Meaning("mountain", 1)),
         (" river 2 ", Meaning("river", 2)),
-        ("forest.1", Meaning("forest", 1)),
         ("LAKE_3.png", Meaning("lake", 3)),
         ("dune (12)", Meaning("dune", 12)),
-        ("hill#4", Meaning("hill", 4)),
-        ("Materials", Meaning("material", 1)),
-        ("mountain 0", None),
-        ("river 256", None),
-        ("Background", None),
-        ("mountain copy", None),
-        ("", None),
-        ("rivers of gold", None),
+        *((name, None) for name in ("mountain 0", "river 256", "Background", "mountain copy", "")),
     ]:
-        assert meant_by(name) == meant, name
+        assert parse_layer_name(name) == meaning, name
 
 
 VRT = b'<VRTDataset rasterXSize="9" rasterYSize="9"><SourceFilename>/etc/passwd</SourceFilename></VRTDataset>'
@@ -113,44 +107,40 @@ EXPECTED = "expected a PNG, JPEG, TIFF or WebP picture"
 
 
 def test_pictures_are_recognised_by_their_bytes(tmp_path) -> None:
+    pixels = np.zeros((30, 40, 3), np.uint8)
+    pixels[:, :20] = (200, 60, 30)
+    path = tmp_path / "map.bin"
     for form in ["PNG", "JPEG", "TIFF", "WEBP"]:
-        pixels = np.zeros((30, 40, 3), np.uint8)
-        pixels[:, :20] = (200, 60, 30)
-        path = tmp_path / "map.bin"
         Image.fromarray(pixels).save(path, form, **({} if form == "PNG" else {"quality": 95}))
-        assert kind_of(path) == "picture", form
+        assert detect_kind(path) == "picture", form
         picture = read_picture(path)
         assert picture.rgba.shape == (30, 40, 4), form
-        assert not picture.is_grey, form
-        assert not picture.see_through, form
+        assert not picture.is_grey | picture.has_transparency, form
         assert np.abs(picture.rgba[:, :15, :3].astype(int) - (200, 60, 30)).max() < 12, form
 
 
-def test_a_vrt_under_another_name_is_refused(tmp_path) -> None:
+def test_vrt_files_are_refused_whatever_their_name(tmp_path) -> None:
     for name in ["map.tif", "map.png", "map.gpkg", "map.geojson", "map.ora"]:
         (tmp_path / name).write_bytes(VRT)
         with pytest.raises(InputError, match="<VRTDataset"):
-            kind_of(tmp_path / name)
+            detect_kind(tmp_path / name)
         with pytest.raises(InputError, match=EXPECTED):
             read_picture(tmp_path / name)
 
 
 def test_unsupported_missing_and_damaged_pictures_are_refused_in_one_line(tmp_path) -> None:
-    for start, told in [
+    for start, message in [
         (b"gimp xcf v011", "is a GIMP file: in GIMP, File"),
         (b"8BPS\0\1", "is a Photoshop file: save its layers as OpenRaster"),
-        (b"GIF89a", EXPECTED),
-        (b"%PDF-1.7", EXPECTED),
-        (b"", EXPECTED),
-        (b"\0" * 200, EXPECTED),
+        *((start, EXPECTED) for start in (b"GIF89a", b"", b"\0" * 200)),
     ]:
         (tmp_path / "a.xcf").write_bytes(start)
-        with pytest.raises(InputError, match=told) as error:
-            kind_of(tmp_path / "a.xcf")
+        with pytest.raises(InputError, match=message) as error:
+            detect_kind(tmp_path / "a.xcf")
         assert "\n" not in str(error.value), start
 
-    with pytest.raises(InputError, match="is not there"):
-        kind_of(tmp_path / "none.png")
+    with pytest.raises(InputError, match="does not exist"):
+        detect_kind(tmp_path / "none.png")
     with pytest.raises(InputError, match="cannot be read"):
         read_picture(tmp_path / "none.png")
 
@@ -161,11 +151,11 @@ def test_unsupported_missing_and_damaged_pictures_are_refused_in_one_line(tmp_pa
         whole = path.read_bytes()
         for cut in (20, len(whole) // 3, len(whole) - 40):
             with pytest.raises(InputError, match="the map: expected a whole") as error:
-                picture_from(whole[:cut], "the map")
+                decode_picture(whole[:cut], "the map")
             assert "\n" not in str(error.value), (form, cut)
 
     Image.fromarray(np.zeros((9, 9), np.float32)).save(tmp_path / "height.tif")
-    with pytest.raises(InputError, match="its values are no colours"):
+    with pytest.raises(InputError, match="its values are not colours"):
         read_picture(tmp_path / "height.tif")
 
 
@@ -179,11 +169,11 @@ def test_bombs_are_refused_before_they_unpack() -> None:
         body = _chunk(b"IDAT", zlib.compress(bytes(10_000_000), 9))
         start = time.perf_counter()
         with pytest.raises(InputError, match=r"expected (sides|at most|a whole PNG)"):
-            picture_from(b"\x89PNG\r\n\x1a\n" + head + body + _chunk(b"IEND", b""), "bomb.png")
+            decode_picture(b"\x89PNG\r\n\x1a\n" + head + body + _chunk(b"IEND", b""), "bomb.png")
         assert time.perf_counter() - start < 1.0, side
 
 
-PLAIN = Sheet()
+DEFAULTS = TraceOptions()
 
 
 def png(pixels: np.ndarray) -> bytes:
@@ -240,7 +230,7 @@ def test_layers_are_read_by_name_with_offsets_labels_and_groups(ora) -> None:
         "data/r.png": on_sheet(40, 60, (20, 0, 23, 60)),
         "data/r2.png": on_sheet(40, 60, (0, 30, 40, 33)),
     }
-    traced = trace_open_raster(ora(stack, files), PLAIN)
+    traced = trace_open_raster(ora(stack, files), DEFAULTS)
     sketch = traced.sketch
     assert (sketch.width_px, sketch.height_px, sketch.name) == (60, 40, "painting")
     mountain = np.zeros((40, 60), np.uint8)
@@ -250,39 +240,39 @@ def test_layers_are_read_by_name_with_offsets_labels_and_groups(ora) -> None:
     river[:, 30:33] = 2
     river[20:23] = 1  # the upper one wins
     assert np.array_equal(sketch.layers["river"], river)
-    assert any("left out: 'Paper'" in line for line in traced.notes)
+    assert any("skipped: 'Paper'" in line for line in traced.notes)
 
 
-def test_hidden_layers_are_left_out_and_dimmed_ones_are_not(ora) -> None:
+def test_hidden_layers_are_skipped_and_dimmed_ones_are_not(ora) -> None:
     layers = layer("mountain", visibility="hidden") + layer("forest", opacity="0.0")
     layers += layer("hill", opacity="0.1") + f'<stack visibility="hidden">{layer("dune")}</stack>'
     stack = f"<stack>{layers}</stack>"
-    traced = trace_open_raster(ora(stack, {"data/a.png": dab(40, 60)}), PLAIN)
+    traced = trace_open_raster(ora(stack, {"data/a.png": dab(40, 60)}), DEFAULTS)
     painted = [name for name, image in traced.sketch.layers.items() if image.any()]
     assert painted == ["hill"]
-    assert any(line == "hidden, left out: 'mountain', 'forest', 'dune'" for line in traced.notes)
+    assert any(line == "hidden, skipped: 'mountain', 'forest', 'dune'" for line in traced.notes)
 
 
-def test_layers_beyond_the_picture_are_cut_and_half_opaque_paint_counts(ora) -> None:
+def test_layers_are_clipped_to_the_picture_and_half_opaque_paint_counts(ora) -> None:
     files = {"data/a.png": dab(30, 30)}
-    sketch = trace_open_raster(ora(layer("lake", x=-10, y=25), files), PLAIN).sketch
+    sketch = trace_open_raster(ora(layer("lake", x=-10, y=25), files), DEFAULTS).sketch
     lake = np.zeros((40, 60), np.uint8)
     lake[25:, :20] = 1
     assert np.array_equal(sketch.layers["lake"], lake)
     for x, y in ((100, 0), (0, 100), (100, 100)):
-        traced = trace_open_raster(ora(layer("lake", x=x, y=y) + layer("hill"), files), PLAIN)
+        traced = trace_open_raster(ora(layer("lake", x=x, y=y) + layer("hill"), files), DEFAULTS)
         assert not traced.sketch.layers["lake"].any()
         assert any("so it is empty" in line for line in traced.notes)
 
     pixels = np.concatenate([dab(40, 30, alpha=127), dab(40, 30, alpha=128)], axis=1)
-    sketch = trace_open_raster(ora(layer("hill"), {"data/a.png": pixels}), PLAIN).sketch
+    sketch = trace_open_raster(ora(layer("hill"), {"data/a.png": pixels}), DEFAULTS).sketch
     assert (sketch.layers["hill"] == np.repeat([[0, 1]], 30, axis=1)).all()
 
 
-def test_layers_are_scaled_to_the_sheet(ora) -> None:
+def test_layers_are_scaled_to_the_sketch(ora) -> None:
     files = {"data/a.png": on_sheet(400, 600, (100, 100, 300, 500))}
     path = ora(layer("mountain"), files, head='w="600" h="400"')
-    sketch = trace_open_raster(path, Sheet(size_px=60, extent=1000.0)).sketch
+    sketch = trace_open_raster(path, TraceOptions(size_px=60, extent=1000.0)).sketch
     assert (sketch.width_px, sketch.height_px, sketch.extent) == (60, 40, 1000.0)
     assert sketch.layers["mountain"].sum() == 20 * 40
 
@@ -291,35 +281,31 @@ DOCTYPE = '<!DOCTYPE image [<!ENTITY a "aaaaaaaaaa">]>'
 
 
 def test_malformed_open_rasters_are_refused_in_one_line(ora) -> None:
-    for stack, options, told in [
-        (layer("Background"), {}, "no layer of it is called mountain, .*: there is 'Background'"),
-        ("<stack/>", {}, "no layer of it is called"),
+    for stack, options, message in [
+        (layer("Background"), {}, "none of its layers is named mountain, .*: found 'Background'"),
         (layer("hill", "data/none.png"), {}, "layer 'hill': 'data/none.png' is not in it"),
         (layer("hill", "../../etc/passwd"), {}, "is not in it"),
         (layer("hill", x="1e99"), {}, "x='1e99': expected a number"),
         (layer("hill", opacity="nan"), {}, "opacity='nan': expected a number"),
         (layer("hill"), {"head": 'w="0" h="5"'}, "expected sides of 1 to"),
-        (layer("hill"), {"head": 'w="99999" h="5"'}, "expected sides of 1 to"),
         (layer("hill"), {"head": 'w="32000" h="32000"'}, "expected at most 134 million pixels"),
-        (layer("hill"), {"head": ""}, "expected sides of 1 to"),
         ("<stack>", {}, "expected XML"),
         ("<stack>" * 200 + "</stack>" * 200, {}, "nested too deeply"),
         (layer("hill"), {"mimetype": b"application/x-krita"}, "is a Krita file: in Krita, File"),
-        (layer("hill"), {"mimetype": b"text/plain"}, "expected an OpenRaster file"),
         (layer("hill"), {"mimetype": None}, "expected an OpenRaster file"),
         (layer("hill") * 300, {}, "at most 256 layers"),
     ]:
         path = ora(stack, {"data/a.png": dab(4, 4)}, **options)
-        with pytest.raises(InputError, match=told) as error:
-            trace_open_raster(path, PLAIN)
-        assert "\n" not in str(error.value), told
+        with pytest.raises(InputError, match=message) as error:
+            trace_open_raster(path, DEFAULTS)
+        assert "\n" not in str(error.value), message
 
     path = ora(layer("hill"), {"data/a.png": on_sheet(200, 200, (0, 0, 90, 90))})
     whole = path.read_bytes()
     for cut in (10, len(whole) // 2, len(whole) - 5):
         path.write_bytes(whole[:cut])
         with pytest.raises(InputError, match="expected a whole OpenRaster file"):
-            trace_open_raster(path, PLAIN)
+            trace_open_raster(path, DEFAULTS)
 
 
 def test_unsafe_archives_are_refused(tmp_path, ora) -> None:
@@ -328,18 +314,16 @@ def test_unsafe_archives_are_refused(tmp_path, ora) -> None:
         archive.writestr("mimetype", b"image/openraster")
         archive.writestr("stack.xml", f'{DOCTYPE}<image w="4" h="4"><stack name="&a;"/></image>')
     with pytest.raises(InputError, match="DOCTYPE"):
-        trace_open_raster(path, PLAIN)
+        trace_open_raster(path, DEFAULTS)
 
-    for entry, told in [
-        ("../evil.png", "expected a path inside the archive"),
-        ("/etc/evil.png", "expected a path inside the archive"),
+    for entry, message in [
         ("a/../../evil.png", "expected a path inside the archive"),
         ("C:evil.png", "expected a plain relative path"),
         (_link(), "not a link or a device"),
     ]:
         path = ora(layer("hill"), {"data/a.png": dab(4, 4)}, extra=[(entry, b"x")])
-        with pytest.raises(InputError, match=told):
-            trace_open_raster(path, PLAIN)
+        with pytest.raises(InputError, match=message):
+            trace_open_raster(path, DEFAULTS)
 
     path = ora(layer("hill"), {"data/a.png": dab(4, 4)})
     data = bytearray(path.read_bytes())
@@ -347,7 +331,7 @@ def test_unsafe_archives_are_refused(tmp_path, ora) -> None:
     data[at + 8] |= 1
     path.write_bytes(bytes(data))
     with pytest.raises(InputError, match="it is encrypted"):
-        trace_open_raster(path, PLAIN)
+        trace_open_raster(path, DEFAULTS)
 
 
 def _link() -> zipfile.ZipInfo:
@@ -361,13 +345,13 @@ def test_archive_bombs_are_refused(ora) -> None:
     path = ora(layer("hill"), extra=[("data/a.png", bytes(300 << 20))])
     assert path.stat().st_size < 1 << 20
     with pytest.raises(InputError, match=r"data/a\.png: too large: expected at most 256 MiB"):
-        trace_open_raster(path, PLAIN)
+        trace_open_raster(path, DEFAULTS)
     many = [(f"data/{number}.png", b"") for number in range(1001)]
     with pytest.raises(InputError, match="entries: expected at most 1000"):
-        trace_open_raster(ora(layer("hill"), extra=many), PLAIN)
+        trace_open_raster(ora(layer("hill"), extra=many), DEFAULTS)
     head = b"\x89PNG\r\n\x1a\n" + struct.pack(">I4sIIBBBBB", 13, b"IHDR", 60_000, 60_000, 8, 6, 0, 0, 0)
     with pytest.raises(InputError, match="layer 'hill'"):
-        trace_open_raster(ora(layer("hill"), extra=[("data/a.png", head)]), PLAIN)
+        trace_open_raster(ora(layer("hill"), extra=[("data/a.png", head)]), DEFAULTS)
 
 
 def test_a_folder_of_pictures_is_read_by_file_names(tmp_path) -> None:
@@ -384,7 +368,7 @@ def test_a_folder_of_pictures_is_read_by_file_names(tmp_path) -> None:
     Image.fromarray(paper).save(tmp_path / "notes.png")
     (tmp_path / "readme.txt").write_text("mine")
     (tmp_path / "dune.png").write_text("no picture")
-    traced = trace_folder(tmp_path, Sheet(size_px=60))
+    traced = trace_folder(tmp_path, TraceOptions(size_px=60))
     layers = traced.sketch.layers
     assert (layers["mountain"][5:15, 5:15] == 1).all()
     assert layers["mountain"].sum() == 100
@@ -392,34 +376,34 @@ def test_a_folder_of_pictures_is_read_by_file_names(tmp_path) -> None:
     assert np.count_nonzero(layers["river"]) == 5 * 60
     assert np.count_nonzero(layers["forest"]) == pytest.approx(100, abs=12)
     assert np.array_equal(layers["hill"], np.arange(2400).reshape(40, 60) % 4)
-    assert any(line == "no layer of a sketch, left out: 'notes.png'" for line in traced.notes)
-    assert any(line == "no picture, left out: 'dune.png'" for line in traced.notes)
+    assert any(line == "not a layer of a sketch, skipped: 'notes.png'" for line in traced.notes)
+    assert any(line == "not a picture, skipped: 'dune.png'" for line in traced.notes)
 
 
 def test_unusable_folders_are_refused(tmp_path) -> None:
-    with pytest.raises(InputError, match="no picture of it is called mountain"):
-        trace_folder(tmp_path, PLAIN)
+    with pytest.raises(InputError, match="none of its pictures is named mountain"):
+        trace_folder(tmp_path, DEFAULTS)
     Image.fromarray(dab(40, 60)).save(tmp_path / "mountain.png")
     Image.fromarray(dab(40, 50)).save(tmp_path / "river.png")
-    with pytest.raises(InputError, match=r"50×40 px, but mountain.png is 60×40 px: expected pictures of one"):
-        trace_folder(tmp_path, PLAIN)
+    with pytest.raises(InputError, match=r"50×40 px, but mountain.png is 60×40 px: expected the same aspect"):
+        trace_folder(tmp_path, DEFAULTS)
     (tmp_path / "river.png").write_bytes(b"\x89PNG\r\n\x1a\n")
     with pytest.raises(InputError, match=r"river\.png: expected a whole PNG"):
-        trace_folder(tmp_path, PLAIN)
+        trace_folder(tmp_path, DEFAULTS)
     (tmp_path / "sketch.toml").write_text("format = 1")
     with pytest.raises(InputError, match="it is a sketch already"):
-        trace_folder(tmp_path, PLAIN)
+        trace_folder(tmp_path, DEFAULTS)
 
 
-def test_a_mask_is_what_differs_from_its_paper(saved) -> None:
+def test_mask_is_what_differs_from_the_background(saved) -> None:
     for ink in [0, 255]:
         pixels = np.full((50, 70), 255 - ink, np.uint8)
         pixels[10:20, 30:60] = ink
-        traced = trace_mask(saved(pixels), "lake.4", PLAIN)
+        traced = trace_mask(saved(pixels), "lake.4", DEFAULTS)
         assert np.array_equal(traced.sketch.layers["lake"] == 4, pixels == ink), ink
 
     path = saved(np.full((50, 70), 255, np.uint8))
     with pytest.raises(InputError, match="it is all #ffffff"):
-        trace_mask(path, "lake", PLAIN)
+        trace_mask(path, "lake", DEFAULTS)
     with pytest.raises(InputError, match="layer 'sea': expected mountain"):
-        trace_mask(path, "sea", PLAIN)
+        trace_mask(path, "sea", DEFAULTS)

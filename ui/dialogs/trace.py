@@ -30,11 +30,11 @@ from PyQt6.QtWidgets import (
 
 from sketchterrain.document.parameters import LAYERS, SKETCH
 from sketchterrain.document.sketch import DEFAULT_SIDE, Sketch
-from sketchterrain.importing.image_colours import FoundColour
-from sketchterrain.importing.images import SPECKS, ColouredMap, Kind, kind_of, map_of, read_picture
+from sketchterrain.importing.image_colours import DetectedColour
+from sketchterrain.importing.images import SPECKS, ColouredMap, Kind, coloured_map, detect_kind, read_picture
 from sketchterrain.importing.layered import trace_folder, trace_mask, trace_open_raster
 from sketchterrain.importing.legend import INK, NOTHING, Meaning
-from sketchterrain.importing.traced_layers import LONGEST, Sheet, Traced, sketch_picture
+from sketchterrain.importing.traced_layers import DEFAULT_MAX_SIDE, TraceOptions, TraceResult, sketch_picture
 from sketchterrain.ui.dialogs.form import EXTENT, NAME, Field, Form, button_row, column, form_layout, note
 from sketchterrain.ui.look.layer_colours import swatch
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, tabular
@@ -67,23 +67,23 @@ class TraceSource:
 class TracedShown:
     """What was traced, and what it looks like: uint8, (height, width, 4)."""
 
-    traced: Traced
+    traced: TraceResult
     shown: npt.NDArray[np.uint8]
 
 
 def read_source(path: Path) -> TraceSource:
     """Read a file; slow for large pictures."""
-    kind = kind_of(path)
+    kind = detect_kind(path)
     if kind != "picture":
         return TraceSource(path, kind)
     picture = read_picture(path)
     shown = _smaller(picture.rgba, Image.Resampling.BOX)
-    return TraceSource(path, kind, None if picture.is_grey else map_of(picture, path), shown)
+    return TraceSource(path, kind, None if picture.is_grey else coloured_map(picture, path), shown)
 
 
 def trace_source(
     source: TraceSource,
-    sheet: Sheet,
+    sheet: TraceOptions,
     *,
     meanings: Sequence[Meaning | None],
     layer: str,
@@ -92,7 +92,7 @@ def trace_source(
 ) -> TracedShown:
     """Trace what was read."""
     if source.map is not None:
-        traced: Traced = source.map.traced(sheet, meanings=meanings, specks=specks, narrow=narrow)
+        traced: TraceResult = source.map.traced(sheet, meanings=meanings, specks=specks, narrow=narrow)
     elif source.kind == "picture":
         traced = trace_mask(source.path, layer, sheet)
     elif source.kind == "folder":
@@ -106,7 +106,7 @@ def trace_source(
     return TracedShown(traced, _smaller(opaque, Image.Resampling.NEAREST))
 
 
-def _from_vectors(path: Path, sheet: Sheet) -> Traced:
+def _from_vectors(path: Path, sheet: TraceOptions) -> TraceResult:
     from sketchterrain.importing.vectors import sketch_from_vectors
 
     return sketch_from_vectors(path, name=sheet.name, size_px=sheet.size_px or DEFAULT_SIDE)
@@ -199,7 +199,7 @@ class ColourTable(QScrollArea):
         """What each colour stands for."""
         return (*(box.currentData() for box in self.boxes), *self._rest)
 
-    def show_colours(self, colours: Sequence[FoundColour], meanings: Sequence[Meaning | None]) -> None:
+    def show_colours(self, colours: Sequence[DetectedColour], meanings: Sequence[Meaning | None]) -> None:
         """Show the colours of another map."""
         self._rest = tuple(meanings[_MOST:])
         self.boxes = []
@@ -381,7 +381,7 @@ class TraceDialog(QDialog):
 
     def _set_size(self, longest: int) -> None:
         with QSignalBlocker(self.form):
-            self.form["size_px"].setValue(min(longest, LONGEST))
+            self.form["size_px"].setValue(min(longest, DEFAULT_MAX_SIDE))
 
     def _change(self, *_: object) -> None:
         if self._source is not None:
@@ -394,7 +394,7 @@ class TraceDialog(QDialog):
             return
         values = self.form.values
         name = values["name"].strip() or "Untitled"
-        sheet = Sheet(size_px=values["size_px"], extent=float(values["extent"]), name=name)
+        sheet = TraceOptions(size_px=values["size_px"], extent=float(values["extent"]), name=name)
         layer = cast("Meaning", self.layer.currentData())
         work = partial(
             trace_source,

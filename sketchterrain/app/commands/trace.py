@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.document.sketch import Sketch
-    from sketchterrain.importing.traced_layers import Sheet, Traced
+    from sketchterrain.importing.traced_layers import TraceOptions, TraceResult
 
 _ZIP = ".sketch"
 # Which options are about which kind of source; the others are about all.
@@ -132,17 +132,17 @@ def trace(
     with Stages() as stages:
         with stages.stage("program", "Loading the program"):
             from sketchterrain.document.store import save_sketch
-            from sketchterrain.importing.images import kind_of
-            from sketchterrain.importing.traced_layers import Sheet
+            from sketchterrain.importing.images import detect_kind
+            from sketchterrain.importing.traced_layers import TraceOptions
 
-            kind = kind_of(file)
+            kind = detect_kind(file)
             _refuse_others(kind, {**coloured, **mapped, "--layer": layer, "--extent": extent})
             if kind == "picture" and layer is not None:
                 given = [option for option, value in coloured.items() if value not in (None, [])]
                 if given:
                     raise USAGE_ERROR(f"{given[0]}: not with --layer, which takes all that is painted")
             _check_places(file, output, preview)
-            sheet = Sheet(size_px=size, extent=extent, name=name, seed=seed or 0)
+            sheet = TraceOptions(size_px=size, extent=extent, name=name, seed=seed or 0)
         source: npt.NDArray[np.uint8] | None = None
         with stages.stage("trace", f"Tracing {_KINDS[kind]}"):
             if kind == "picture" and layer is None:
@@ -201,12 +201,12 @@ def _check_places(file: Path, output: Path, preview: Path | None) -> None:
 
 def _from_map(
     file: Path,
-    sheet: Sheet,
+    sheet: TraceOptions,
     colour: list[str] | None,
     colours: Path | None,
     tolerance: float | None,
     **options: Any,
-) -> tuple[Traced, npt.NDArray[np.uint8]]:
+) -> tuple[TraceResult, npt.NDArray[np.uint8]]:
     from sketchterrain.importing.images import read_map
     from sketchterrain.importing.legend import OWN_LEGEND, TOLERANCE, Legend, read_legend
 
@@ -214,14 +214,14 @@ def _from_map(
     if colours is not None:
         legend = read_legend(colours, tolerance=near)
     elif colour:
-        legend = Legend.given(colour, tolerance=near)
+        legend = Legend.parse(colour, tolerance=near)
     else:
         legend = OWN_LEGEND if tolerance is None else Legend(OWN_LEGEND.colours, near)
     read = read_map(file, legend)
     return read.traced(sheet, **options), read.rgba
 
 
-def _from_layers(kind: str, file: Path, sheet: Sheet, layer: str | None) -> Traced:
+def _from_layers(kind: str, file: Path, sheet: TraceOptions, layer: str | None) -> TraceResult:
     from sketchterrain.importing.layered import trace_folder, trace_mask, trace_open_raster
 
     if layer is not None:
@@ -229,7 +229,7 @@ def _from_layers(kind: str, file: Path, sheet: Sheet, layer: str | None) -> Trac
     return trace_folder(file, sheet) if kind == "folder" else trace_open_raster(file, sheet)
 
 
-def _from_vectors(file: Path, sheet: Sheet, **options: Any) -> Traced:
+def _from_vectors(file: Path, sheet: TraceOptions, **options: Any) -> TraceResult:
     from dataclasses import replace
 
     from sketchterrain.document.sketch import DEFAULT_SIDE
@@ -240,7 +240,7 @@ def _from_vectors(file: Path, sheet: Sheet, **options: Any) -> Traced:
     return replace(traced, sketch=traced.sketch.replace(seed=sheet.seed))
 
 
-def _entry(done: Traced, output: Path, kind: str) -> dict[str, Any]:
+def _entry(done: TraceResult, output: Path, kind: str) -> dict[str, Any]:
     from sketchterrain.document.label_layers import labels_in
     from sketchterrain.importing.images import TracedMap
 
@@ -256,7 +256,7 @@ def _entry(done: Traced, output: Path, kind: str) -> dict[str, Any]:
         "notes": done.notes,
     }
     if isinstance(done, TracedMap):
-        entry["shares"] = {"sure": done.sure, "taken": done.taken, "unknown": done.unknown}
+        entry["shares"] = {"sure": done.certain, "taken": done.inferred, "unknown": done.unknown}
         entry["colours"] = [
             {"rgb": each.code, "share": each.share, "layer": meaning and meaning.layer}
             | ({"label": meaning.label} if meaning is not None and meaning.label else {})

@@ -12,9 +12,9 @@ from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import alternate, lap, spread
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.hydrology.rivers import trace_rivers
+from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.feature_types import FEATURE_TYPES
 from sketchterrain.placement.placement import place
-from sketchterrain.placement.placement_cache import PlacementCache
 from sketchterrain.placement.shapes import find_regions, measure_shape
 from sketchterrain.placement.user_features import user_features
 
@@ -156,8 +156,8 @@ def _works(sketch: Sketch) -> dict[str, Callable[[], Lap]]:
         """Place what is remembered, untimed, and time what the stroke costs; what it made is forgotten."""
         nonlocal memory
         memory = PlacementCache()
-        place(turns[0], seed=SEED, memory=memory)
-        return lap(lambda: place(turns[1], seed=SEED, memory=memory))
+        place(turns[0], seed=SEED, cache=memory)
+        return lap(lambda: place(turns[1], seed=SEED, cache=memory))
 
     works: dict[str, Callable[[], object]] = {
         "labelling": lambda: _regions(sketch),

@@ -23,7 +23,7 @@ from sketchterrain.export.rasters import (
     write_picture,
 )
 from sketchterrain.export.vectors import write_features
-from sketchterrain.placement.placement_cache import PlacementCache
+from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.render.views import check_view
 from sketchterrain.terrain.adherence import measure_adherence
 from sketchterrain.terrain.building import build

@@ -12,9 +12,8 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.hydrology.courses import arc_length
-from sketchterrain.hydrology.river_shape import HydrologyCache
 from sketchterrain.hydrology.water_levels import LakeReach, join_water_levels, solve_water_levels
-from sketchterrain.placement.cache import IdentityKey
+from sketchterrain.placement.cache import IdentityKey, PlacementCache
 from sketchterrain.placement.covers import shape_field
 from sketchterrain.placement.feature_types import LAYER_CODES, Lake, ShapeField
 from sketchterrain.placement.hashing import rounded, value_noise
@@ -45,12 +44,12 @@ _BEYOND_BIT = 1 << 47  # in the id of a lake that was not painted
 def painted_lakes(
     sketch: Sketch,
     ground: Callable[[Float64Array, Float64Array], npt.NDArray[np.floating]],
-    memory: HydrologyCache | None = None,
+    cache: PlacementCache | None = None,
 ) -> list[Lake]:
     """Return the painted lakes in reading order, each as high as the low parts of its shore allow."""
-    memory = HydrologyCache() if memory is None else memory
+    cache = PlacementCache() if cache is None else cache
     image = sketch.layers["lake"]
-    outlines: list[_Outline] = memory.images.of(
+    outlines: list[_Outline] = cache.layers.get_or_compute(
         ("lakes", IdentityKey(image), sketch.extent, sketch.fidelity), lambda: _outlines(sketch)
     )
     if not outlines:

@@ -33,7 +33,7 @@ from sketchterrain.hydrology.network import (
     split_into_reaches,
     thin_region,
 )
-from sketchterrain.placement.cache import IdentityKey
+from sketchterrain.placement.cache import IdentityKey, PlacementCache
 from sketchterrain.placement.hashing import rounded
 from sketchterrain.placement.shapes import find_regions
 
@@ -42,7 +42,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.hydrology.network import RiverEnd, Skeleton
-    from sketchterrain.hydrology.river_shape import HydrologyCache
     from sketchterrain.placement.shapes import Region
 
 
@@ -117,27 +116,27 @@ _LONGEST_DAB = 2.0  # px; so short a skeleton is a dab, however thin
 
 
 def lay_out_rivers(
-    sketch: Sketch, *, seed: int, ground: GroundHeight, memory: HydrologyCache
+    sketch: Sketch, *, seed: int, ground: GroundHeight, cache: PlacementCache
 ) -> list[RiverCourse]:
     """Return the courses of all painted networks, parents first; unchanged ones are the identical objects."""
-    found, outlines = _networks(sketch, seed, memory)
+    found, outlines = _networks(sketch, seed, cache)
     if not found:
         return []
     image = sketch.layers["river"]
     rivers = [(bone, each) for bone, each in zip(found, outlines, strict=True) if isinstance(each, tuple)]
-    closed = memory.images.of(
+    closed = cache.layers.get_or_compute(
         ("closed", IdentityKey(image), *(IdentityKey(bone) for bone, _ in rivers)),
         lambda: close_gaps(image, rivers, LAKE_GAP),
     )
     if closed is not None:
         sketch = sketch.replace(layers={**sketch.layers, "river": closed})
-        found, outlines = _networks(sketch, seed, memory)
+        found, outlines = _networks(sketch, seed, cache)
     lakes = sketch.layers["lake"]
-    lake = memory.images.of(("lake pixels", IdentityKey(lakes)), lambda: lake_pixels(sketch))
+    lake = cache.layers.get_or_compute(("lake pixels", IdentityKey(lakes)), lambda: lake_pixels(sketch))
     positions = [_end_positions(sketch, *each) for each in zip(found, outlines, strict=True)]
     courses: list[RiverCourse] = []
     for skeleton, outline, heights in zip(found, outlines, heights_at(ground, positions), strict=True):
-        courses.extend(_courses(sketch, skeleton, outline, heights, seed, lake, memory))
+        courses.extend(_courses(sketch, skeleton, outline, heights, seed, lake, cache))
     return courses
 
 
@@ -157,15 +156,15 @@ def _settings(sketch: Sketch, seed: int) -> tuple[object, ...]:
 
 
 def _networks(
-    sketch: Sketch, seed: int, memory: HydrologyCache
+    sketch: Sketch, seed: int, cache: PlacementCache
 ) -> tuple[tuple[Skeleton, ...], list[RiverCourse | tuple[RiverEnd, ...]]]:
     """Return the skeletons of painted rivers, and for each the dab's course or its ends."""
     image, settings = sketch.layers["river"], _settings(sketch, seed)
-    found: tuple[Skeleton, ...] = memory.images.of(
-        ("skeletons", IdentityKey(image), settings), lambda: _skeletons(sketch, settings, memory)
+    found: tuple[Skeleton, ...] = cache.layers.get_or_compute(
+        ("skeletons", IdentityKey(image), settings), lambda: _skeletons(sketch, settings, cache)
     )
     return found, [
-        memory.parts.of(
+        cache.rivers.get_or_compute(
             ("outline", IdentityKey(each), settings, _seen_around(sketch, each)),
             partial(_dab_or_ends, sketch, each, seed),
         )
@@ -181,14 +180,14 @@ def _seen_around(sketch: Sketch, skeleton: Skeleton) -> IdentityKey | None:
     return IdentityKey(image) if as_painted else None
 
 
-def _skeletons(sketch: Sketch, settings: tuple[object, ...], memory: HydrologyCache) -> tuple[Skeleton, ...]:
+def _skeletons(sketch: Sketch, settings: tuple[object, ...], cache: PlacementCache) -> tuple[Skeleton, ...]:
     image = sketch.layers["river"]
     widths = _label_widths(sketch)
 
     def made(region: Region) -> Skeleton:
         window = np.where(region.mask, image[region.rows, region.columns], 0)
         corner = (region.rows.start, region.columns.start, window.shape)
-        return memory.parts.of(
+        return cache.rivers.get_or_compute(
             ("skeleton", corner, blake2b(window.tobytes()).digest(), settings),
             lambda: _weighted(sketch, thin_region(region, widths[window], image.shape)),
         )
@@ -264,7 +263,7 @@ def _courses(
     heights: Float64Array,
     seed: int,
     lake: cKDTree | None,
-    memory: HydrologyCache,
+    cache: PlacementCache,
 ) -> list[RiverCourse]:
     """Lay out one network, parents first."""
     key = (IdentityKey(skeleton), _settings(sketch, seed))
@@ -272,7 +271,7 @@ def _courses(
         dab = outline
         if heights[0] >= heights[1]:
             return [dab]
-        return [memory.parts.of(("turned", *key), lambda: reversed_course(dab))]
+        return [cache.rivers.get_or_compute(("turned", *key), lambda: reversed_course(dab))]
     mouth = _mouth(sketch, skeleton, outline, heights, lake)
 
     def made() -> list[RiverCourse]:
@@ -282,4 +281,6 @@ def _courses(
             courses.append(reach_course(sketch, skeleton, reach, parent, seed=seed, lake=lake))
         return courses
 
-    return memory.parts.of(("courses", *key, mouth, IdentityKey(lake), _seen_around(sketch, skeleton)), made)
+    return cache.rivers.get_or_compute(
+        ("courses", *key, mouth, IdentityKey(lake), _seen_around(sketch, skeleton)), made
+    )

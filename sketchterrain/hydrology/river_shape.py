@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from hashlib import blake2b
 from typing import TYPE_CHECKING, Any
@@ -14,22 +14,13 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.hydrology.courses import arc_length, smoothed
-from sketchterrain.placement.cache import IdentityKey, LRUCache
+from sketchterrain.placement.cache import IdentityKey, PlacementCache
 from sketchterrain.placement.hashing import rounded
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from sketchterrain.hydrology.courses import RiverCourse
-
-
-@dataclass(frozen=True)
-class HydrologyCache:
-    """Values by what they were made from; several threads may share it."""
-
-    images: LRUCache = field(default_factory=lambda: LRUCache(16))  # what was made of whole layers
-    # what was made of single rivers and of groups of them
-    parts: LRUCache = field(default_factory=lambda: LRUCache(256))
 
 
 LEAST_FALL = 1e-4
@@ -202,10 +193,10 @@ class Network:
 def build_network(
     courses: Sequence[RiverCourse],
     cuts: Sequence[Sequence[tuple[int, int]]],
-    memory: HydrologyCache | None = None,
+    cache: PlacementCache | None = None,
 ) -> Network:
     """Compute river widths, confluences and bends; `courses` have parents first, `cuts` as in `Network`."""
-    memory = HydrologyCache() if memory is None else memory
+    cache = PlacementCache() if cache is None else cache
     number_of = {id(course): number for number, course in enumerate(courses)}
     parents = [-1 if course.parent is None else number_of[id(course.parent)] for course in courses]
     arcs = [arc_length(course.line) for course in courses]
@@ -227,7 +218,7 @@ def build_network(
     ]
     widths = _beside_neighbours(courses, parents, arcs, widths, confluences)
     bends = [
-        memory.parts.of(
+        cache.rivers.get_or_compute(
             ("bends", IdentityKey(course), blake2b(width.tobytes()).digest()),
             partial(_bends, course.line, arc, width),
         )

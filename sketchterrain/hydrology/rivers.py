@@ -17,11 +17,10 @@ from sketchterrain.hydrology.conflicts import label_mountains, mountain_crossing
 from sketchterrain.hydrology.courses import course_through
 from sketchterrain.hydrology.lakes import mouth_lakes, painted_lakes, solve_lake_levels
 from sketchterrain.hydrology.layout import heights_at, lay_out_rivers, separate_beyond_edge
-from sketchterrain.hydrology.river_shape import HydrologyCache, build_network
+from sketchterrain.hydrology.river_shape import build_network
 from sketchterrain.hydrology.water_levels import build_rivers
-from sketchterrain.placement.cache import IdentityKey
+from sketchterrain.placement.cache import IdentityKey, PlacementCache
 from sketchterrain.placement.feature_types import LAYER_CODES
-from sketchterrain.placement.placement_cache import PlacementCache
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -179,7 +178,7 @@ def trace_hydrology(
     *,
     seed: int,
     ground: GroundHeight,
-    memory: PlacementCache | None = None,
+    cache: PlacementCache | None = None,
     checkpoint: Callable[[], None] | None = None,
 ) -> Hydrology:
     """Trace rivers as `trace_rivers` does, and the lakes that they flow through and end in.
@@ -187,22 +186,21 @@ def trace_hydrology(
     `ground` is called once more, for the shores of all lakes. `checkpoint` is called between steps and may
     raise to cancel. Results with and without a cache are bit-equal.
     """
-    memory = PlacementCache() if memory is None else memory
-    known = memory.part(HydrologyCache)
+    cache = PlacementCache() if cache is None else cache
     pause = _go_on if checkpoint is None else checkpoint
-    lakes = painted_lakes(sketch, ground, known)
+    lakes = painted_lakes(sketch, ground, cache)
     pause()
-    drawn = lay_out_rivers(sketch, seed=seed, ground=ground, memory=known)
+    drawn = lay_out_rivers(sketch, seed=seed, ground=ground, cache=cache)
     courses, orphans = apply_river_edits(drawn, sketch.edits)
     pause()
-    courses = known.parts.of(
+    courses = cache.rivers.get_or_compute(
         ("apart", sketch.size, *map(IdentityKey, courses)), lambda: separate_beyond_edge(courses, sketch.size)
     )
     lakes, lost = apply_lake_edits([*lakes, *mouth_lakes(sketch, courses, seed=seed)], sketch.edits)
     pause()
-    rivers, lakes, grounds = _with_water(sketch, courses, lakes, ground, memory, pause)
+    rivers, lakes, grounds = _with_water(sketch, courses, lakes, ground, cache, pause)
     pause()
-    decided = resolve_conflicts(sketch, _mountains(sketch, memory), rivers, grounds, lakes)
+    decided = resolve_conflicts(sketch, _mountains(sketch, cache), rivers, grounds, lakes)
     return Hydrology(tuple(rivers), tuple(lakes), decided, orphans + lost, tuple(grounds))
 
 
@@ -210,10 +208,10 @@ def _go_on() -> None:
     """Never abandon the work."""
 
 
-def _mountains(sketch: Sketch, memory: PlacementCache) -> npt.NDArray[np.int64]:
+def _mountains(sketch: Sketch, cache: PlacementCache) -> npt.NDArray[np.int64]:
     image = sketch.layers["mountain"]
-    numbers: npt.NDArray[np.int64] = memory.part(HydrologyCache).images.of(
-        ("mountains", IdentityKey(image)), lambda: label_mountains(sketch, memory.regions(image))
+    numbers: npt.NDArray[np.int64] = cache.layers.get_or_compute(
+        ("mountains", IdentityKey(image)), lambda: label_mountains(sketch, cache.regions(image))
     )
     return numbers
 
@@ -223,7 +221,7 @@ def _with_water(
     courses: list[RiverCourse],
     lakes: list[Lake],
     ground: GroundHeight,
-    memory: PlacementCache,
+    cache: PlacementCache,
     pause: Callable[[], None],
 ) -> tuple[list[River], list[Lake], list[Float64Array]]:
     """Solve water levels: return rivers sorted by id, lakes, and the terrain height along each river."""
@@ -231,13 +229,13 @@ def _with_water(
         return [], lakes, []
     grounds = heights_at(ground, [course.line for course in courses])
     pause()
-    mountains, known = _mountains(sketch, memory), memory.part(HydrologyCache)
+    mountains = _mountains(sketch, cache)
     cuts = tuple(
         tuple((run.first, run.last) for run in mountain_crossings(sketch, mountains, course.line))
         for course in courses
     )
-    shape = known.parts.of(
-        ("network", *map(IdentityKey, courses)), lambda: build_network(courses, [()] * len(courses), known)
+    shape = cache.rivers.get_or_compute(
+        ("network", *map(IdentityKey, courses)), lambda: build_network(courses, [()] * len(courses), cache)
     )
     before = tuple((IdentityKey(lake.shape), lake.id, lake.level, lake.depth) for lake in lakes)
     levels = tuple(each.tobytes() for each in grounds)
@@ -246,17 +244,19 @@ def _with_water(
     def flown() -> tuple[list[River], list[Lake]]:
         network = replace(shape, cuts=cuts)
         filled, levels = solve_lake_levels(lakes, network, grounds)
-        return _same_again(build_rivers(network, levels), known), filled
+        return _same_again(build_rivers(network, levels), cache), filled
 
-    rivers, filled = known.parts.of(("water", IdentityKey(shape), cuts, before, levels), flown)
+    rivers, filled = cache.rivers.get_or_compute(("water", IdentityKey(shape), cuts, before, levels), flown)
     order = sorted(range(len(rivers)), key=lambda number: rivers[number].id)
     return [rivers[number] for number in order], filled, [grounds[number] for number in order]
 
 
-def _same_again(rivers: Sequence[River], known: HydrologyCache) -> list[River]:
+def _same_again(rivers: Sequence[River], cache: PlacementCache) -> list[River]:
     """Return the cached object for each river that is unchanged, bit for bit."""
     return [
-        known.parts.of(("river", *(_bits(part) for part in vars(river).values())), partial(_itself, river))
+        cache.rivers.get_or_compute(
+            ("river", *(_bits(part) for part in vars(river).values())), partial(_itself, river)
+        )
         for river in rivers
     ]
 

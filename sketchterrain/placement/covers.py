@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import ndimage
 
 from sketchterrain.document.parameters import MATERIALS
-from sketchterrain.placement.cache import IdentityKey, LRUCache
+from sketchterrain.placement.cache import IdentityKey
 from sketchterrain.placement.feature_types import LAYER_CODES, Cover, ShapeField
 from sketchterrain.placement.hashing import gaussian_filter
 from sketchterrain.placement.shapes import EDGE_OVERHANG, label_shapes
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.array_types import Float64Array
     from sketchterrain.document.sketch import Sketch
-    from sketchterrain.placement.placement_cache import PlacementCache
+    from sketchterrain.placement.cache import PlacementCache
     from sketchterrain.placement.shapes import Shape
 
 
@@ -74,28 +73,21 @@ def _rounded(distance: Float64Array, mask: npt.NDArray[np.bool_], blur: float) -
 _MARGIN = (1.0, 7.0)
 
 
-@dataclass(frozen=True)
-class CoverMemory:
-    """Covers by what they were made from."""
-
-    known: LRUCache = field(default_factory=lambda: LRUCache(4))
-
-
-def create_covers(sketch: Sketch, *, memory: PlacementCache | None = None) -> tuple[Cover, ...]:
+def create_covers(sketch: Sketch, *, cache: PlacementCache | None = None) -> tuple[Cover, ...]:
     """Return the material layer's visible shapes, in reading order of their first pixels.
 
     Shapes of one layer do not overlap; where two borders meet, the later one is on top. Unchanged covers are
     the identical objects of the cache.
     """
-    if memory is None:
-        return _laid(sketch)
+    if cache is None:
+        return _create(sketch)
     labels = tuple((key, tuple(each.items())) for key, each in sketch.labels.items() if key[0] == "material")
-    key = (IdentityKey(sketch.layers["material"]), sketch.extent, sketch.fidelity, labels)
-    covers: tuple[Cover, ...] = memory.part(CoverMemory).known.of(key, lambda: _laid(sketch))
+    key = ("covers", IdentityKey(sketch.layers["material"]), sketch.extent, sketch.fidelity, labels)
+    covers: tuple[Cover, ...] = cache.layers.get_or_compute(key, lambda: _create(sketch))
     return covers
 
 
-def _laid(sketch: Sketch) -> tuple[Cover, ...]:
+def _create(sketch: Sketch) -> tuple[Cover, ...]:
     sharp, loose = _MARGIN
     margin = (loose + (sharp - loose) * sketch.fidelity) * sketch.pixel_size
     covers = []
@@ -104,8 +96,8 @@ def _laid(sketch: Sketch) -> tuple[Cover, ...]:
         strength = float(properties["strength"])
         if strength <= 0:
             continue
-        shown = shape_field(sketch, shape, margin=margin)
+        shape_distance = shape_field(sketch, shape, margin=margin)
         material = MATERIALS.index(str(properties["material"]))
         name = LAYER_CODES["material"] << 48 | shape.id
-        covers.append(Cover(name, shape.label, shown, material, strength))
+        covers.append(Cover(name, shape.label, shape_distance, material, strength))
     return tuple(covers)

@@ -9,7 +9,7 @@ that a rectangle's features do not depend on which rectangle was queried.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from hashlib import blake2b
 from typing import TYPE_CHECKING
@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array, StructuredArray
 from sketchterrain.errors import InputError
-from sketchterrain.placement.cache import IdentityKey, LRUCache
+from sketchterrain.placement.cache import IdentityKey, LRUCache, PlacementCache
 from sketchterrain.placement.feature_types import (
     CLEARANCE,
     FEATURE,
@@ -32,7 +32,6 @@ from sketchterrain.placement.feature_types import (
     crest_offsets,
 )
 from sketchterrain.placement.hashing import hash_keys, hash_unit
-from sketchterrain.placement.placement_cache import PlacementCache
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -98,13 +97,6 @@ _EXTENTS, _RADII = 0.4, 2.0  # around the sketch: as far as rivers run on, and w
 _MOST_CANDIDATES = 6000
 
 
-@dataclass(frozen=True)
-class HomeMemory:
-    """Candidates around the sketch, and which of them have room, by what these depend on."""
-
-    answers: LRUCache = field(default_factory=lambda: LRUCache(128))
-
-
 def cached_bounds(
     sketch: Sketch, proposals: Sequence[CandidateRule]
 ) -> tuple[float, float, float, float] | None:
@@ -118,11 +110,11 @@ def cached_bounds(
 
 
 def distances_to_layers(
-    sketch: Sketch, memory: PlacementCache, fills: tuple[str, ...]
+    sketch: Sketch, cache: PlacementCache, fills: tuple[str, ...]
 ) -> dict[str, Callable[[Float64Array, Float64Array], Float64Array]]:
     """Return the distance functions of painted layers that any of these types keeps clear of."""
     return {
-        layer: memory.painted_distance(sketch, layer)
+        layer: cache.painted_distance(sketch, layer)
         for layer, image in sketch.layers.items()
         if any((name, layer) in CLEARANCE for name in fills) and image.any()
     }
@@ -139,7 +131,7 @@ class PaintedClearance:
         self._distance = distances
         self._placed = {name: painted[painted["type"] == code] for code, name in enumerate(FEATURE_TYPES)}
 
-    def clearance_mask(self, name: str, features: StructuredArray, answers: LRUCache) -> BoolArray:
+    def clearance_mask(self, name: str, features: StructuredArray, cache: LRUCache) -> BoolArray:
         """Return which features of a type are clear of paint and of placed features."""
         room = np.ones(len(features), dtype=np.bool_)
         if len(features) == 0:
@@ -147,14 +139,14 @@ class PaintedClearance:
         for layer, distance in self._distance.items():
             if (name, layer) in CLEARANCE:
                 key = ("clear", name, layer, IdentityKey(features), IdentityKey(distance))
-                room &= answers.of(key, partial(_clear, features, distance, CLEARANCE[name, layer]))
+                room &= cache.get_or_compute(key, partial(_clear, features, distance, CLEARANCE[name, layer]))
         for other, placed in self._placed.items():
             factor = SPACING.get((other, name), 0.0)
             if factor > 0.0 and len(placed):
                 reach = factor * float(placed["radius"].max() + features["radius"].max())
                 near = ("spaced", name, other, IdentityKey(features), blake2b(placed.tobytes()).digest())
                 made = partial(suppressed_by, features, placed, factor, reach, same=False)
-                room &= ~answers.of(near, made)
+                room &= ~cache.get_or_compute(near, made)
         return room
 
 
@@ -208,26 +200,32 @@ class Fill:
         *,
         seed: int,
         river_distance: Callable[[Float64Array, Float64Array], Float64Array] | None = None,
-        memory: PlacementCache | None = None,
+        cache: PlacementCache | None = None,
     ) -> None:
         self.sketch = sketch
         self.seed = seed
         self._proposals = candidate_rules(sketch)
         self.max_radius = max((proposal.high for proposal in self._proposals.values()), default=0.0)
         self.painted = painted
-        memory = PlacementCache() if memory is None else memory
-        distances = distances_to_layers(sketch, memory, tuple(self._proposals))
+        cache = PlacementCache() if cache is None else cache
+        distances = distances_to_layers(sketch, cache, tuple(self._proposals))
         self._river_distance = river_distance
         if river_distance is not None:
             distances["river"] = river_distance
         self._painted = PaintedClearance(painted, distances)
-        self._home = cached_bounds(sketch, tuple(self._proposals.values()))
-        self._at_home: StructuredArray | None = None
-        self._answers = memory.part(HomeMemory).answers
+        self._cached_box = cached_bounds(sketch, tuple(self._proposals.values()))
+        self._cached_features: StructuredArray | None = None
+        self._cache = cache.candidates
 
     def __reduce__(self) -> tuple[Callable[..., Fill], tuple[object, ...]]:
         """Pickle the arguments and the features near the sketch."""
-        return _made_again, (self.sketch, self.painted, self.seed, self._river_distance, self._at_home)
+        return _made_again, (
+            self.sketch,
+            self.painted,
+            self.seed,
+            self._river_distance,
+            self._cached_features,
+        )
 
     @property
     def rules(self) -> tuple[object, ...]:
@@ -307,12 +305,12 @@ class Fill:
         box = (float(west), float(south), float(east), float(north))
         if not all(math.isfinite(side) for side in box) or east < west or north < south:
             raise InputError(f"expected finite bounds with west <= east and south <= north, got {box}")
-        home = self._home
+        home = self._cached_box
         if home is None or box[0] < home[0] or box[1] < home[1] or box[2] > home[2] or box[3] > home[3]:
             return self._found(box, min_radius)
-        if self._at_home is None:
-            self._at_home = self._found(home, 0.0)
-        near = self._at_home
+        if self._cached_features is None:
+            self._cached_features = self._found(home, 0.0)
+        near = self._cached_features
         inside = (box[0] <= near["x"]) & (near["x"] < box[2]) & (box[1] <= near["y"]) & (near["y"] < box[3])
         kept: StructuredArray = near[inside & (near["radius"] >= min_radius)]
         return kept
@@ -331,14 +329,14 @@ class Fill:
     ) -> dict[str, StructuredArray]:
         """Return candidates of each type in a rectangle, and around it as far as they may suppress others."""
         near = {}
-        # Around the home most is as it was for the sketch before.
-        answers = self._answers if box is self._home else LRUCache(0)
+        # Most candidates near the sketch are those of the sketch before.
+        cache = self._cache if box is self._cached_box else LRUCache(0)
         for rival in self._proposals.values():
             ways = [SPACING.get((rival.name, own.name), 0.0) * (rival.high + own.high) for own in asked]
             reach = max(ways, default=0.0)
             if reach > 0.0 or rival in asked:
                 wide = (box[0] - reach, box[1] - reach, box[2] + reach, box[3] + reach)
-                near[rival.name] = self._candidates(rival, wide, answers)
+                near[rival.name] = self._candidates(rival, wide, cache)
         return near
 
     def _survivors(
@@ -360,14 +358,14 @@ class Fill:
         return mine[alive]
 
     def _candidates(
-        self, proposal: CandidateRule, box: tuple[float, float, float, float], answers: LRUCache
+        self, proposal: CandidateRule, box: tuple[float, float, float, float], cache: LRUCache
     ) -> StructuredArray:
         """Return candidates of a type in a rectangle that are clear of paint."""
         properties = tuple(self.sketch.properties(proposal.name, 1).items())
-        proposed: StructuredArray = answers.of(
+        proposed: StructuredArray = cache.get_or_compute(
             ("proposed", self.seed, proposal, box, properties), lambda: self._proposed(proposal, box)
         )
-        return proposed[self._painted.clearance_mask(proposal.name, proposed, answers)]
+        return proposed[self._painted.clearance_mask(proposal.name, proposed, cache)]
 
     def _proposed(self, proposal: CandidateRule, box: tuple[float, float, float, float]) -> StructuredArray:
         name, cell, code = proposal.name, proposal.cell, FEATURE_TYPES.index(proposal.name)
@@ -413,8 +411,8 @@ def _made_again(
     painted: StructuredArray,
     seed: int,
     river_distance: Callable[[Float64Array, Float64Array], Float64Array] | None,
-    at_home: StructuredArray | None,
+    cached_features: StructuredArray | None,
 ) -> Fill:
     fill = Fill(sketch, painted, seed=seed, river_distance=river_distance)
-    fill._at_home = at_home
+    fill._cached_features = cached_features
     return fill

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, StructuredArray
+from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.density import FeatureSet, cubic
 from sketchterrain.placement.feature_types import (
     FEATURE,
@@ -25,7 +26,6 @@ from sketchterrain.placement.feature_types import (
     visible_radius,
 )
 from sketchterrain.placement.hashing import hash_unit
-from sketchterrain.placement.placement_cache import PlacementCache
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -45,7 +45,7 @@ def place(
     sketch: Sketch,
     *,
     seed: int,
-    memory: PlacementCache | None = None,
+    cache: PlacementCache | None = None,
     checkpoint: Callable[[], None] | None = None,
 ) -> StructuredArray:
     """Place all painted features but rivers: an array of ``FEATURE``, sorted by id, at least one per shape.
@@ -54,14 +54,14 @@ def place(
     painted farther away than two of a feature's discs changes it. Results with and without a cache are
     bit-equal.
     """
-    memory = PlacementCache() if memory is None else memory
+    cache = PlacementCache() if cache is None else cache
     users = {}
     for name in FEATURE_TYPES:
         if checkpoint is not None:
             checkpoint()
-        users[name] = memory.user_features(sketch, name, seed=seed)
+        users[name] = cache.user_features(sketch, name, seed=seed)
     placed: dict[str, StructuredArray] = {}
-    around = _Around(sketch, users, placed, memory)
+    around = _Around(sketch, users, placed, cache)
     for name in TYPES:
         if checkpoint is not None:
             checkpoint()
@@ -74,11 +74,11 @@ def place(
     return ordered
 
 
-def placement_influence(sketch: Sketch, *, seed: int, memory: PlacementCache) -> dict[str, float]:
+def placement_influence(sketch: Sketch, *, seed: int, cache: PlacementCache) -> dict[str, float]:
     """Return how far (m) from a changed shape features of each type may move, by the rules."""
     far = dict.fromkeys(TYPES, 0.0)
     for name in TYPES:
-        users = memory.user_features(sketch, name, seed=seed)
+        users = cache.user_features(sketch, name, seed=seed)
         if sketch.fidelity >= 1.0 or len(users) == 0:
             continue
         disc = float(users["disc"].max()) * sketch.pixel_size
@@ -106,19 +106,19 @@ class _Around:
         sketch: Sketch,
         users: dict[str, npt.NDArray[np.void]],
         placed: dict[str, StructuredArray],
-        memory: PlacementCache,
+        cache: PlacementCache,
     ) -> None:
         self.sketch = sketch
         self.users = users
         self._placed = placed
-        self._memory = memory
+        self._memory = cache
 
     def presence(self, preference: Preference, asked: FeatureSet) -> Float64Array:
         """Return how much of a preference's target is near each position: about 1 for one of like size."""
         disc = asked.sizes
         reach = preference.reach * disc
         if preference.what == "layer":
-            away = self._memory.away_from_paint(self.sketch, preference.of, asked.positions)
+            away = self._memory.distance_to_paint(self.sketch, preference.of, asked.positions)
             return cubic(away / reach[:, None])
         if preference.what == "user":
             features = self.painted(preference.of)
@@ -139,8 +139,8 @@ class _Around:
         self, feature: str, term: str, features: FeatureSet, asked: FeatureSet, reach: Float64Array
     ) -> Float64Array:
         """Return the density of features within `reach` (m) of each position, relative to its disc."""
-        memory = self._memory.density(feature, term)
-        return memory.around(features, replace(asked, sizes=reach)) / asked.sizes[:, None]
+        cache = self._memory.density(feature, term)
+        return cache.around(features, replace(asked, sizes=reach)) / asked.sizes[:, None]
 
 
 def _preferred(around: _Around, name: str, seed: int) -> Float64Array:

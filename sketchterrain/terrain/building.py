@@ -10,10 +10,10 @@ import numpy as np
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.material_rules import resolved_rules
 from sketchterrain.hydrology.rivers import trace_hydrology
+from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.covers import create_covers
 from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.placement import place
-from sketchterrain.placement.placement_cache import PlacementCache
 from sketchterrain.terrain.balance import StrengthCache, solve_strengths
 from sketchterrain.terrain.centrelines import valley_radius
 from sketchterrain.terrain.changes import changed_areas
@@ -189,9 +189,9 @@ def make_recipe(
 
         def checkpoint() -> None: ...
 
-    placed = place(sketch, seed=sketch.seed, memory=memory, checkpoint=checkpoint)
+    placed = place(sketch, seed=sketch.seed, cache=memory, checkpoint=checkpoint)
     painted = apply_painted_edits(placed, sketch.edits)
-    fill = Fill(sketch, painted.points, seed=sketch.seed, memory=memory)
+    fill = Fill(sketch, painted.points, seed=sketch.seed, cache=memory)
     adopted = apply_fill_edits(fill, sketch.edits, size=sketch.size)
     dry = TerrainRecipe(
         extent=sketch.extent,
@@ -201,14 +201,14 @@ def make_recipe(
         climate=sketch.climate,
         painted=painted.points,
         fill=EditedFill(fill, adopted.replaced) if adopted.replaced.size else fill,
-        covers=create_covers(sketch, memory=memory),
+        covers=create_covers(sketch, cache=memory),
         material_rules=resolved_rules(sketch.material_rules),
     )
     checkpoint()
     strong = _solved_features(dry, painted, memory, checkpoint)
     dry = replace(dry, painted=np.concatenate([strong, adopted.points]))
     terrain = DryTerrain(dry, memory.part(DryTerrainCache))
-    waters = trace_hydrology(sketch, seed=sketch.seed, ground=terrain, memory=memory, checkpoint=checkpoint)
+    waters = trace_hydrology(sketch, seed=sketch.seed, ground=terrain, cache=memory, checkpoint=checkpoint)
     terrain.store()
     return replace(
         dry,

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.feature_types import FEATURE_TYPES
 from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.placement import placement_influence
-from sketchterrain.placement.placement_cache import PlacementCache
 from sketchterrain.terrain.centrelines import TOLERANCE_CELLS
 from sketchterrain.terrain.edits import EditedFill
 from sketchterrain.terrain.fill_changes import fill_influence
@@ -35,7 +35,7 @@ def influence(recipe: TerrainRecipe, *, stroke: bool = True) -> float:
     places = dict.fromkeys(FEATURE_TYPES, 0.0)
     changes: list[tuple[float, str, float | None]] = []
     if stroke and isinstance(fill, Fill):
-        places = placement_influence(fill.sketch, seed=fill.seed, memory=PlacementCache())
+        places = placement_influence(fill.sketch, seed=fill.seed, cache=PlacementCache())
         changes += [(0.0, layer, None) for layer in fill.sketch.layers]
     distances = _water_supports(recipe)
     for code, name in enumerate(FEATURE_TYPES):

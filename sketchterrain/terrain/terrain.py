@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from sketchterrain.array_types import Bounds
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.document.sketch import Sketch
-    from sketchterrain.placement.placement_cache import PlacementCache
+    from sketchterrain.placement.cache import PlacementCache
     from sketchterrain.terrain.rasters import QuantizedBand
     from sketchterrain.terrain.recipe import TerrainRecipe
     from sketchterrain.terrain.surfaces import Band, Surface

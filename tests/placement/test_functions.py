@@ -185,16 +185,16 @@ def test_control_points_are_multiples_of_the_step():
 def test_recent_values_are_cached_by_identity_and_failures_are_not():
     recent, make = LRUCache(2), Mock(side_effect=[1, 2, 3, 4])
     # 2 was the least recent when 3 came.
-    assert [recent.of(key, make) for key in (1, 2, 1, 3, 1, 2)] == [1, 2, 1, 3, 1, 4]
+    assert [recent.get_or_compute(key, make) for key in (1, 2, 1, 3, 1, 2)] == [1, 2, 1, 3, 1, 4]
     with pytest.raises(KeyError):
-        recent.of("a", Mock(side_effect=KeyError))
-    assert recent.of("a", lambda: 5) == 5
+        recent.get_or_compute("a", Mock(side_effect=KeyError))
+    assert recent.get_or_compute("a", lambda: 5) == 5
 
     one, other = [1], [1]
     assert IdentityKey(one) == IdentityKey(one) != IdentityKey(other)
     recent = LRUCache(0)
-    assert recent.of(IdentityKey(one), lambda: 1) == 1
-    assert recent.of(IdentityKey(one), lambda: 2) == 2
+    assert recent.get_or_compute(IdentityKey(one), lambda: 1) == 1
+    assert recent.get_or_compute(IdentityKey(one), lambda: 2) == 2
 
 
 WILD = np.array([[0, 0], [10, 0], [10.5, 0.2], [10.4, 5], [-40, 5], [-40, 5.3], [-39, 60]], float)

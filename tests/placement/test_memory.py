@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.placement import placement_cache as memory_module
+from sketchterrain.placement import cache as cache_module
+from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.density import DensityField
 from sketchterrain.placement.placement import place
-from sketchterrain.placement.placement_cache import PlacementCache
 from sketchterrain.terrain.building import make_recipe
 
 
@@ -29,14 +29,14 @@ def dabbed(sketch, row, column):
 
 
 def test_only_the_shapes_of_a_stroke_are_broken_up(monkeypatch):
-    broken_up = Mock(side_effect=memory_module.user_features)
-    monkeypatch.setattr(memory_module, "user_features", broken_up)
+    broken_up = Mock(side_effect=cache_module.user_features)
+    monkeypatch.setattr(cache_module, "user_features", broken_up)
     sketch, memory = squares(), PlacementCache()
     for _ in range(2):
-        place(sketch, seed=1, memory=memory)
+        place(sketch, seed=1, cache=memory)
         assert broken_up.call_count == 5
-    place(dabbed(sketch, 19, 30), seed=1, memory=memory)  # at the edge of the second square
-    place(dabbed(sketch, 30, 30), seed=1, memory=memory)  # a shape of its own
+    place(dabbed(sketch, 19, 30), seed=1, cache=memory)  # at the edge of the second square
+    place(dabbed(sketch, 30, 30), seed=1, cache=memory)  # a shape of its own
     assert [call.args[0].id for call in broken_up.call_args_list[5:]] == [4 * 96 + 26, 30 * 96 + 30]
 
 
@@ -54,20 +54,20 @@ def test_placing_with_a_memory_is_placing_without():
     ]
     for changed in changes:
         memory = PlacementCache()
-        place(squares(), seed=1, memory=memory)
+        place(squares(), seed=1, cache=memory)
         after = squares().replace(**changed)
         for seed in (1, 2):
-            with_memory = place(after, seed=seed, memory=memory)
+            with_memory = place(after, seed=seed, cache=memory)
             assert np.array_equal(with_memory, place(after, seed=seed)), (changed, seed)
 
 
 def test_the_oldest_shapes_are_evicted():
-    memory = PlacementCache(most=3)
+    memory = PlacementCache(shapes=3)
     for shift in range(4):
         sketch = squares()
         moved = np.roll(sketch.layers["mountain"], shift, 0)
-        place(sketch.replace(layers={"mountain": moved}), seed=1, memory=memory)
-        assert len(memory) == 3
+        place(sketch.replace(layers={"mountain": moved}), seed=1, cache=memory)
+        assert len(memory.shapes) == 3
 
 
 def painted(sketch, rng):
@@ -95,13 +95,13 @@ def test_only_densities_near_a_stroke_are_summed_again(monkeypatch):
     painted = np.zeros((256, 256), np.uint8)
     painted[6::16, 6::16] = painted[6::16, 7::16] = 1
     sketch, memory = Sketch(layers={"hill": painted}), PlacementCache()
-    place(sketch, seed=1, memory=memory)
+    place(sketch, seed=1, cache=memory)
     whole = sum(asked)
     asked.clear()
-    place(sketch, seed=1, memory=memory)
+    place(sketch, seed=1, cache=memory)
     assert asked == []
     painted[126:130, 126:130] = 1
-    place(sketch.replace(layers={"hill": painted}), seed=1, memory=memory)
+    place(sketch.replace(layers={"hill": painted}), seed=1, cache=memory)
     assert 0 < sum(asked) < 0.1 * whole
 
 
@@ -144,7 +144,7 @@ def test_random_strokes_give_the_bits_of_fresh_placings_and_recipes(seed, fideli
         else:
             sketch = painted(sketch, rng)
         seen.append(sketch)
-        assert place(sketch, seed=1, memory=features).tobytes() == place(sketch, seed=1).tobytes(), turn
+        assert place(sketch, seed=1, cache=features).tobytes() == place(sketch, seed=1).tobytes(), turn
         assert recipe_bits(make_recipe(sketch, memory=memory)) == recipe_bits(make_recipe(sketch)), turn
 
 

@@ -11,8 +11,8 @@ from sketchterrain.array_types import Bounds
 from sketchterrain.document.edits import Edit
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
+from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.feature_types import FEATURE_TYPES, FILL_BIT
-from sketchterrain.placement.placement_cache import PlacementCache
 from sketchterrain.placement.shapes import label_shapes
 from sketchterrain.terrain.building import build, make_recipe, rebuild
 from sketchterrain.terrain.centrelines import TOLERANCE_CELLS

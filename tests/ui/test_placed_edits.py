@@ -9,7 +9,7 @@ from sketchterrain.document.edits import ADDED_BIT, MAX_EDITS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import InputError
-from sketchterrain.placement.placement_cache import PlacementCache
+from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.terrain.building import make_recipe
 from sketchterrain.ui.commands import placed_edits as edits
 from sketchterrain.ui.commands.placed_edits import (

@@ -67,7 +67,7 @@ class Placer:
     """Follows the window's sketch, places it, and reports to the window and the engine."""
 
     def __init__(self, window: Channel, engine: Channel) -> None:
-        from sketchterrain.placement.placement_cache import PlacementCache
+        from sketchterrain.placement.cache import PlacementCache
 
         self._window, self._engine = window, engine
         self._mirror = SketchMirror()

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import correlate1d
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -126,6 +125,8 @@ def gaussian_filter(
     truncate: float = 4.0,
 ) -> Float64Array:
     """Blur along axes as SciPy's `gaussian_filter` does, with weights that are the same on every CPU."""
+    from scipy.ndimage import correlate1d  # slow to import: not for a list of targets
+
     radius = int(truncate * sigma + 0.5)
     weights = rounded(np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2), _WEIGHT_STEP)
     weights /= weights.sum()  # exact in whatever order

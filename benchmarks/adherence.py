@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sketchterrain.benchmarks.naturalness import measure_naturalness
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.document.store import load_sketch
 from sketchterrain.terrain.adherence import measure_adherence
 from sketchterrain.terrain.building import build
-from sketchterrain.terrain.naturalness import measure_naturalness
 
 if TYPE_CHECKING:
     from sketchterrain.benchmarks.effort import Effort

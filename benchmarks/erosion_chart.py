@@ -33,7 +33,7 @@ def draw_erosion(rows: Sequence[Row]) -> Any:
         drainage.plot(area, samples_of(row, "area_slope"), "o-", markersize=2.5, **style)
         heights.plot(range(101), samples_of(row, "hypsometry"), **style)
     slopes.set(xlabel="slope, degrees", ylabel="% of the ground", title="Slopes")
-    drainage.set(xlabel="drainage area, km²", ylabel="mean slope", title="Slope against area")
+    drainage.set(xlabel="drainage area, km²", ylabel="mean slope", title="ValueSlope against area")
     drainage.set(xscale="log", yscale="log")
     heights.set(xlabel="% of the ground below", ylabel="relative height", title="Hypsometry")
     names = [str(row["method"]) for row in kept]

@@ -15,11 +15,11 @@ import numpy as np
 
 from sketchterrain.benchmarks.point_pictures import draw_points
 from sketchterrain.compute.context import ComputeContext
+from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.document.store import load_sketch
 from sketchterrain.io.files import write_atomic
 from sketchterrain.io.resources import preset_names
 from sketchterrain.terrain.building import build
-from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.terrain import Terrain
 
 if TYPE_CHECKING:

@@ -14,10 +14,10 @@ import numpy as np
 
 from sketchterrain.io.files import write_atomic
 from sketchterrain.terrain.lattice import metres_per_unit
-from sketchterrain.terrain.noise import NoiseStack, fbm, gradients, octave_table, ridged
+from sketchterrain.terrain.noise import NoiseStack, OctaveTable, fbm, gradients, octave_table
 
 if TYPE_CHECKING:
-    from sketchterrain.array_types import Float64Array
+    from sketchterrain.array_types import Float64Array, LatticeArray
 
 
 _EXTENT, _SEED = 4096.0, 7
@@ -25,6 +25,7 @@ _LONGEST, _GAIN = 512.0, 0.5
 _SIDE, _STEP = 420, 5.0  # vertices, and metres between them
 _CELLS = 1024  # along the side of the square whose gradients' power is shown
 _BEND = 0.25  # wavelengths that the warp moves by
+_RIDGE_WEIGHT, _RIDGE_EDGE = 1.5, 0.125
 _BLUE = "#0072B2"
 
 
@@ -38,12 +39,11 @@ def draw_noise() -> Any:
     step = np.rint(np.arange(_SIDE) * _STEP / unit).astype(np.int64)
     x, y = np.meshgrid(step, step)
     bend = [_BEND * _LONGEST / unit * fbm(_table(name, most=4), name, x, y) for name in ("warp_u", "warp_v")]
-    still = np.zeros(x.shape)
     moved = [np.rint(a + b).astype(np.int64) for a, b in zip((x, y), bend, strict=True)]
     pictures = {
         "one octave": fbm(_table("one", most=1), "one", x, y),
         "fBm, 7 octaves": fbm(_table("fbm"), "fbm", x, y),
-        "ridged multifractal": ridged(_table("ridged"), "ridged", x, y, still, still),
+        "ridged multifractal": _ridged(_table("ridged"), x, y),
         "fBm at places that noise has moved": fbm(_table("fbm"), "fbm", *moved),
     }
     for axes, (title, value) in zip(panels, pictures.items(), strict=False):
@@ -55,6 +55,19 @@ def draw_noise() -> Any:
     _power_plane(panels[4], power)
     _power_share(panels[5], power)
     return figure
+
+
+def _ridged(octaves: OctaveTable, x: LatticeArray, y: LatticeArray) -> Float64Array:
+    """Return a ridged multifractal (Ebert et al. 2003, ch. 16)."""
+    total, weight = np.zeros(x.shape), np.ones(x.shape)
+    for i, (amplitude, _) in enumerate(octaves.scale):
+        one = (part[i : i + 1] for part in (octaves.form, octaves.offset, octaves.scale))
+        size = np.abs(fbm(OctaveTable(*one, {"one": (0, 1)}), "one", x, y)) / amplitude
+        edge = 1 - np.where(size < _RIDGE_EDGE, 0.5 * (size * size / _RIDGE_EDGE + _RIDGE_EDGE), size)
+        ridge = np.maximum(edge, 0) ** 2
+        total += amplitude * ridge * weight
+        weight = np.minimum(_RIDGE_WEIGHT * ridge, 1)
+    return total
 
 
 def _table(name: str, *, most: int = 7) -> Any:

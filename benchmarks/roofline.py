@@ -12,9 +12,9 @@ from sketchterrain.benchmarks.noise import OCTAVES, NoiseGrid
 from sketchterrain.benchmarks.outcome import Column, Row, Table
 from sketchterrain.benchmarks.tile_rates import LEVEL
 from sketchterrain.benchmarks.timing import alternate, spread
+from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.terrain.kernel_arguments import KernelArguments
 from sketchterrain.terrain.lattice import QUADS
-from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.patch_layout import tile_patches
 from sketchterrain.terrain.patches import PatchLauncher
 from sketchterrain.terrain.surfaces import SurfaceStore

@@ -74,24 +74,6 @@ def place(
     return ordered
 
 
-def placement_influence(sketch: Sketch, *, seed: int, cache: PlacementCache) -> dict[str, float]:
-    """Return how far (m) from a changed shape features of each type may move, by the rules."""
-    far = dict.fromkeys(TYPES, 0.0)
-    for name in TYPES:
-        users = cache.user_features(sketch, name, seed=seed)
-        if sketch.fidelity >= 1.0 or len(users) == 0:
-            continue
-        disc = float(users["disc"].max()) * sketch.pixel_size
-        seen = [_SUMMIT_REACH]
-        for preference in PREFERENCES:
-            if preference.feature == name:
-                start = far[preference.of] if preference.what == "final" else 2.0 * sketch.pixel_size
-                seen.append(preference.reach + start / disc)
-        # It judges places around where it was painted, and may end in one on the other side.
-        far[name] = (max(seen) + 2.0 * MAX_DISPLACEMENT * (1.0 - sketch.fidelity)) * disc
-    return far
-
-
 def _painted_positions(sketch: Sketch, users: npt.NDArray[np.void]) -> Float64Array:
     x = (users["column"] + 0.5) * sketch.pixel_size
     y = (sketch.height_px - users["row"] - 0.5) * sketch.pixel_size

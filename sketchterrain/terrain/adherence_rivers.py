@@ -24,17 +24,7 @@ if TYPE_CHECKING:
 def standing_water(
     recipe: TerrainRecipe, layer: str, x: Float64Array, y: Float64Array, ground: npt.NDArray[np.float32]
 ) -> BoolArray:
-    """Return where the ground lies under the water of a layer, ``'river'`` or ``'lake'``.
-
-    Parameters
-    ----------
-    recipe : TerrainRecipe
-    layer : str
-    x, y : float64, any shape
-        Metres.
-    ground : float32, the same shape
-        Heights of the terrain there (m).
-    """
+    """Return where the terrain (heights, m) lies under the water of a layer, ``'river'`` or ``'lake'``."""
     if layer == "river":
         return _rivers(recipe, x, y, ground)
     wet = np.zeros(x.shape, dtype=np.bool_)
@@ -51,7 +41,7 @@ def _rivers(
         return np.zeros(x.shape, dtype=np.bool_)
     line = np.concatenate([river.centreline for river in rivers])
     half = np.concatenate([river.centreline_width for river in rivers]) / 2.0
-    # Centrelines come in steps shorter than the water is wide, so that the nearest vertex will do.
+    # Centrelines have steps shorter than the water is wide, so that the nearest vertex suffices.
     places = np.stack([x.ravel(), y.ravel()], axis=-1)
     bound = 1.5 * float(half.max()) + 1.0
     found = cKDTree(line[:, :2]).query(places, distance_upper_bound=bound)
@@ -64,7 +54,7 @@ def _rivers(
 
 
 def _within(lake: Lake, x: Float64Array, y: Float64Array) -> BoolArray:
-    """Whether places lie nearer to a lake's painted shape than two of its samples."""
+    """Return which positions are nearer to a lake's painted shape than two of its samples."""
     field = lake.shape
     rows, columns = field.inside.shape
     column = np.rint((x - field.west) / field.spacing).astype(np.int64)

@@ -9,9 +9,9 @@ import numpy as np
 
 from sketchterrain.placement.feature_types import FEATURE_TYPES
 from sketchterrain.terrain.balance_samples import Places
-from sketchterrain.terrain.host_relief import Rise, deepest_gullies, gullies
+from sketchterrain.terrain.host_relief import ErodibleHeight, deepest_gullies, gullies
 from sketchterrain.terrain.lattice import to_lattice
-from sketchterrain.terrain.noise import Slope
+from sketchterrain.terrain.noise import ValueSlope
 from sketchterrain.terrain.packing import noise_weight, pack_world
 
 if TYPE_CHECKING:
@@ -147,13 +147,13 @@ class Heights:
                 4 * (summed(part * trait) - weight * lean) / safe
                 for part, lean in zip((east, north), leans, strict=True)
             )
-            share = relief.share(Slope(weight, *tilts))
+            share = relief.mountain_factor(ValueSlope(weight, *tilts))
         plain = joined * share.value
         slopes = (
             lean * scale * share.value + joined * part for lean, part in zip(leans, share[1:], strict=True)
         )
         x, y = (to_lattice(self.places.at[rows, axis], self.recipe.extent) for axis in (0, 1))
-        rise = Rise(Slope(plain, *slopes), erosion, widest)
+        rise = ErodibleHeight(ValueSlope(plain, *slopes), erosion, widest)
         return np.asarray(plain + gullies(self.world.scalars[0], self.world.octaves, x, y, rise).value)
 
 

@@ -15,9 +15,9 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.placement.feature_types import hill_profile, hill_slope, mountain_profile, mountain_slope
 from sketchterrain.terrain.host_heights import relief_noise
-from sketchterrain.terrain.host_relief import Relief, approached, carried
+from sketchterrain.terrain.host_relief import ReliefNoise, distance_to_crest, extend_by_spurs
 from sketchterrain.terrain.lattice import to_lattice
-from sketchterrain.terrain.noise import Slope
+from sketchterrain.terrain.noise import ValueSlope
 from sketchterrain.terrain.packing import noise_weight, support_radii
 
 if TYPE_CHECKING:
@@ -113,11 +113,11 @@ class Places:
             settled[known] &= edges[known] == edges_before[origin[known]]
         return cls(features, first, count, at, noise, owner, of, start, *pairs, settled, origin)
 
-    def relief(self, rows: npt.NDArray[np.integer] | slice) -> Relief:
+    def relief(self, rows: npt.NDArray[np.integer] | slice) -> ReliefNoise:
         """Return the noise that shapes mountains and hills at some of the points."""
         n = self.noise[:, rows]
-        parts = [Slope(*n[i : i + 3]) for i in range(0, 15, 3)]
-        return Relief((parts[0], parts[1]), parts[2], parts[3], parts[4])
+        parts = [ValueSlope(*n[i : i + 3]) for i in range(0, 15, 3)]
+        return ReliefNoise((parts[0], parts[1]), parts[2], parts[3], parts[4])
 
 
 def _counts(recipe: TerrainRecipe, features: StructuredArray) -> Int64Array:
@@ -136,7 +136,7 @@ def _spiral(features: StructuredArray, count: Int64Array) -> Float64Array:
     return np.stack([x, y], axis=-1)
 
 
-def _rows(relief: Relief) -> Float64Array:
+def _rows(relief: ReliefNoise) -> Float64Array:
     return np.stack(
         [part for slope in (*relief.bend, relief.swell, relief.ridge, relief.spur) for part in slope]
     )
@@ -175,9 +175,9 @@ def _pairs(
     near = np.flatnonzero((offset * offset).sum(axis=0) <= (support * support)[of])
     edge, row, of, offset = np.repeat(np.arange(len(many)), many)[near], row[near], of[near], offset[:, near]
     n = noise[:, row]
-    t, _ = approached(offset, 1 / radius[of], (Slope(*n[:3]), Slope(*n[3:6])))
+    t, _ = distance_to_crest(offset, 1 / radius[of], (ValueSlope(*n[:3]), ValueSlope(*n[3:6])))
     if name == "mountain":
-        t = carried(t, Slope(*n[12:]), noise_weight(recipe, radius)[of])
+        t = extend_by_spurs(t, ValueSlope(*n[12:]), noise_weight(recipe, radius)[of])
         style = (features["peakiness"][of].astype(np.float64), recipe.flank)
         profile, slope = mountain_profile(t.value, *style), mountain_slope(t.value, *style)
     else:

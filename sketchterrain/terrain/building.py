@@ -16,10 +16,9 @@ from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.placement import place
 from sketchterrain.terrain.balance import StrengthCache, solve_strengths
 from sketchterrain.terrain.centrelines import valley_radius
-from sketchterrain.terrain.changes import changed_areas
+from sketchterrain.terrain.changes import changed_areas, rows_only_in
 from sketchterrain.terrain.culling import features_near
 from sketchterrain.terrain.edits import EditedFill, EditedPoints, apply_fill_edits, apply_painted_edits
-from sketchterrain.terrain.fill_changes import rows_only_in
 from sketchterrain.terrain.host_heights import dry_heights
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.packing import effective_cell, pack_features

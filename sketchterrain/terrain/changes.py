@@ -1,4 +1,4 @@
-"""Areas where two recipes differ."""
+"""Areas where two recipes differ, so that an edit rebuilds only their tiles."""
 
 from __future__ import annotations
 
@@ -6,110 +6,33 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import ndimage
 
 from sketchterrain.array_types import Bounds, StructuredArray
+from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES
 from sketchterrain.placement.fill import Fill
 from sketchterrain.terrain.centrelines import MAX_TOLERANCE, TOLERANCE_CELLS, PreparedCentreline
 from sketchterrain.terrain.edits import EditedFill
-from sketchterrain.terrain.fill_changes import fill_difference, merge_boxes, rows_only_in
 from sketchterrain.terrain.kernel_arguments import bit_equal
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.packing import pack_features, prepared_centrelines, support_radii
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     import numpy.typing as npt
 
     from sketchterrain.array_types import Float64Array
+    from sketchterrain.document.sketch import Sketch
     from sketchterrain.placement.feature_types import Cover, Lake, ShapeField
     from sketchterrain.terrain.recipe import TerrainRecipe
-
-
-_OVERLAP = 0.5  # of the smaller rectangle, beyond what joining two neighbours adds
-
-
-def river_areas(old: TerrainRecipe, new: TerrainRecipe) -> list[Bounds]:
-    """Return rectangles (west, south, east, north, m) outside of which rivers do the same in two recipes.
-
-    Both are of one extent.
-    """
-    courses = [prepared_centrelines(recipe) for recipe in (old, new)]
-    unit = metres_per_unit(new.extent)
-    kept = {id(course) for _, course in courses[0]} & {id(course) for _, course in courses[1]}
-    parts = [_parts([each for each in own if id(each[1]) not in kept], unit) for own in courses]
-    found: dict[Bounds, None] = {}
-    for own, others in (parts, parts[::-1]):
-        run: Bounds | None = None
-        for contents, box in own.items():
-            if contents in others:
-                continue
-            joined = None if run is None else _joined(run, box)
-            if joined is None and run is not None:
-                found[run] = None
-            run = box if joined is None else joined
-        if run is not None:
-            found[run] = None
-    return list(found)
-
-
-def _parts(
-    courses: list[tuple[npt.NDArray[np.int64], PreparedCentreline]], unit: float
-) -> dict[bytes, Bounds]:
-    """Return what the pieces between two control points are made from, and where they have any effect."""
-    parts: dict[bytes, Bounds] = {}
-    for anchor, course in courses:
-        first, last = _spans(course)
-        samples = np.column_stack([course.along, course.line, course.anchors, course.steep])
-        widest = float(course.river.centreline_width.max())
-        whole = anchor.tobytes() + bytes(widest > 2.0 * cell for cell in TOLERANCE_CELLS)
-        boxes = _boxes(course, first, last, margin=MAX_TOLERANCE + 3.0 * unit) + np.tile(anchor * unit, 2)
-        for number, box in enumerate(boxes.tolist()):
-            own = samples[first[number] : last[number] + 1].tobytes()
-            parts[whole + course.curve[number].tobytes() + own] = (box[0], box[1], box[2], box[3])
-    return parts
-
-
-def _spans(course: PreparedCentreline) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """First and last sample of the centreline on each cubic of the spline, its two ends included."""
-    number = np.arange(len(course.curve), dtype=np.float64)
-    return (
-        np.searchsorted(course.along, number, side="right") - 1,
-        np.searchsorted(course.along, number + 1.0, side="left"),
-    )
-
-
-def _boxes(
-    course: PreparedCentreline, first: npt.NDArray[np.intp], last: npt.NDArray[np.intp], *, margin: float
-) -> Float64Array:
-    """Rectangles (m, from the course's own origin) around each cubic, as wide as its river reaches."""
-    c = course.curve
-    # A cubic lies within the corners of its Bézier form.
-    corners = np.stack(
-        [c[..., 0], c[..., 0] + c[..., 1] / 3, c[..., 0] + (2 * c[..., 1] + c[..., 2]) / 3, c.sum(axis=-1)]
-    )
-    pairs = np.stack([first, np.minimum(last + 1, len(course.line) - 1)], axis=-1).ravel()
-    reach = np.maximum(np.maximum.reduceat(course.line[:, 5], pairs)[::2], course.line[last, 5])
-    wide = (reach * (1 + 1e-5) + margin)[:, None]
-    return np.column_stack([corners.min(axis=0) - wide, corners.max(axis=0) + wide])
-
-
-def _joined(one: Bounds, other: Bounds) -> Bounds | None:
-    """Return one rectangle around two, if it is little larger than both."""
-    around = (*map(min, one[:2], other[:2]), *map(max, one[2:], other[2:]))
-    box = (around[0], around[1], around[2], around[3])
-    alone = (_area(one), _area(other))
-    return box if _area(box) <= sum(alone) - _OVERLAP * min(alone) else None
-
-
-def _area(box: Bounds) -> float:
-    return (box[2] - box[0]) * (box[3] - box[1])
-
 
 EVERYWHERE: Bounds = (-math.inf, -math.inf, math.inf, math.inf)
 """The whole world."""
 
 _FIELD_MARGIN = 2  # samples: the support of a field's spline
+_OVERLAP = 0.5  # of the smaller rectangle, required to join two
+_MAX_REGIONS = 64  # repainted regions treated separately
 
 
 def changed_areas(old: TerrainRecipe, new: TerrainRecipe) -> list[Bounds]:
@@ -182,3 +105,179 @@ def _field_box(field: ShapeField) -> Bounds:
     margin = _FIELD_MARGIN * field.spacing
     east, north = field.west + (columns - 1) * field.spacing, field.south + (rows - 1) * field.spacing
     return field.west - margin, field.south - margin, east + margin, north + margin
+
+
+def river_areas(old: TerrainRecipe, new: TerrainRecipe) -> list[Bounds]:
+    """Return rectangles (west, south, east, north, m) outside which rivers are the same.
+
+    Both of one extent.
+    """
+    courses = [prepared_centrelines(recipe) for recipe in (old, new)]
+    unit = metres_per_unit(new.extent)
+    unchanged = {id(course) for _, course in courses[0]} & {id(course) for _, course in courses[1]}
+    spans = [_parts([each for each in own if id(each[1]) not in unchanged], unit) for own in courses]
+    found: dict[Bounds, None] = {}
+    for own, others in (spans, spans[::-1]):
+        run: Bounds | None = None
+        for contents, box in own.items():
+            if contents in others:
+                continue
+            joined = None if run is None else _joined(run, box)
+            if joined is None and run is not None:
+                found[run] = None
+            run = box if joined is None else joined
+        if run is not None:
+            found[run] = None
+    return list(found)
+
+
+def _parts(
+    courses: list[tuple[npt.NDArray[np.int64], PreparedCentreline]], unit: float
+) -> dict[bytes, Bounds]:
+    """Return the inputs of the arcs between two control points, and the box of their support."""
+    parts: dict[bytes, Bounds] = {}
+    for anchor, course in courses:
+        first, last = _spans(course)
+        samples = np.column_stack([course.along, course.line, course.anchors, course.steep])
+        widest = float(course.river.centreline_width.max())
+        whole = anchor.tobytes() + bytes(widest > 2.0 * cell for cell in TOLERANCE_CELLS)
+        boxes = _boxes(course, first, last, margin=MAX_TOLERANCE + 3.0 * unit) + np.tile(anchor * unit, 2)
+        for number, box in enumerate(boxes.tolist()):
+            own = samples[first[number] : last[number] + 1].tobytes()
+            parts[whole + course.curve[number].tobytes() + own] = (box[0], box[1], box[2], box[3])
+    return parts
+
+
+def _spans(course: PreparedCentreline) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Return the first and last sample of the centreline on each cubic of the spline, both ends included."""
+    number = np.arange(len(course.curve), dtype=np.float64)
+    return (
+        np.searchsorted(course.along, number, side="right") - 1,
+        np.searchsorted(course.along, number + 1.0, side="left"),
+    )
+
+
+def _boxes(
+    course: PreparedCentreline, first: npt.NDArray[np.intp], last: npt.NDArray[np.intp], *, margin: float
+) -> Float64Array:
+    """Return rectangles (m, relative to the centreline's source) around each cubic, as wide as the valley."""
+    c = course.curve
+    # A cubic lies within the corners of its Bézier form.
+    corners = np.stack(
+        [c[..., 0], c[..., 0] + c[..., 1] / 3, c[..., 0] + (2 * c[..., 1] + c[..., 2]) / 3, c.sum(axis=-1)]
+    )
+    pairs = np.stack([first, np.minimum(last + 1, len(course.line) - 1)], axis=-1).ravel()
+    radius = np.maximum(np.maximum.reduceat(course.line[:, 5], pairs)[::2], course.line[last, 5])
+    wide = (radius * (1 + 1e-5) + margin)[:, None]
+    return np.column_stack([corners.min(axis=0) - wide, corners.max(axis=0) + wide])
+
+
+def _joined(one: Bounds, other: Bounds) -> Bounds | None:
+    """Return one rectangle around two, if it is little larger than both."""
+    around = (*map(min, one[:2], other[:2]), *map(max, one[2:], other[2:]))
+    box = (around[0], around[1], around[2], around[3])
+    alone = (_area(one), _area(other))
+    return box if _area(box) <= sum(alone) - _OVERLAP * min(alone) else None
+
+
+def _area(box: Bounds) -> float:
+    return (box[2] - box[0]) * (box[3] - box[1])
+
+
+def fill_difference(
+    old: Fill | EditedFill, new: Fill | EditedFill
+) -> tuple[StructuredArray, StructuredArray] | None:
+    """Return the features that only the old and only the new fill has; None if they may differ anywhere."""
+    (old, old_hidden), (new, new_hidden) = _split_edits(old), _split_edits(new)
+    if old is new:
+        return rows_only_in(new_hidden, old_hidden), rows_only_in(old_hidden, new_hidden)
+    if old.rules != new.rules:
+        return None
+    removed, added = [rows_only_in(new_hidden, old_hidden)], [rows_only_in(old_hidden, new_hidden)]
+    if new.max_radius > 0:
+        for area in _fill_areas(old, new):
+            before, after = old.within(*area), new.within(*area)
+            removed.append(rows_only_in(before, after))
+            added.append(rows_only_in(after, before))
+    return np.unique(np.concatenate(removed)), np.unique(np.concatenate(added))
+
+
+def rows_only_in(one: StructuredArray, other: StructuredArray) -> StructuredArray:
+    """Return the rows of one array that the other does not have, bit for bit."""
+    there = set(_rows(other))
+    found: StructuredArray = one[np.array([row not in there for row in _rows(one)], dtype=np.bool_)]
+    return found
+
+
+def _rows(points: StructuredArray) -> list[bytes]:
+    data, size = np.ascontiguousarray(points).tobytes(), points.dtype.itemsize
+    return [data[start : start + size] for start in range(0, len(data), size)]
+
+
+def _split_edits(fill: Fill | EditedFill) -> tuple[Fill, StructuredArray]:
+    return (fill.fill, fill.replaced) if isinstance(fill, EditedFill) else (fill, np.zeros(0, dtype=FEATURE))
+
+
+def _fill_areas(old: Fill, new: Fill) -> list[Bounds]:
+    """Return rectangles outside of which the two fills are the same."""
+    found = []
+    points = np.concatenate([rows_only_in(old.painted, new.painted), rows_only_in(new.painted, old.painted)])
+    for x, y, code, radius in zip(*(points[key] for key in ("x", "y", "type", "radius")), strict=True):
+        reaches = new.influence_radii(FEATURE_TYPES[code], float(radius)).values()
+        found += [_widened((float(x), float(y), float(x), float(y)), reach) for reach in sorted(reaches)[-1:]]
+    for name in new.sketch.layers:
+        reaches = new.influence_radii(name).values()
+        for reach in sorted(reaches)[-1:]:
+            found += [_widened(box, reach) for box in _repainted(old.sketch, new.sketch, name)]
+    return merge_boxes(found)
+
+
+def _widened(box: Bounds, reach: float) -> Bounds:
+    west, south, east, north = box
+    return west - reach, south - reach, east + reach, north + reach
+
+
+def _repainted(old: Sketch, new: Sketch, name: str) -> list[Bounds]:
+    """Return rectangles (m) around pixels of a layer painted in only one of two sketches of one size."""
+    image, boxes = new.layers[name], []
+    if image is old.layers[name]:
+        return []
+    changed = (image > 0) != (old.layers[name] > 0)
+    lines = [np.flatnonzero(changed.any(axis=axis)) for axis in (1, 0)]
+    if not len(lines[0]):
+        return []
+    top, left = (int(each[0]) for each in lines)
+    changed = changed[top : lines[0][-1] + 1, left : lines[1][-1] + 1]
+    regions, count = ndimage.label(changed, structure=np.ones((3, 3)))
+    if count > _MAX_REGIONS:
+        regions = changed.astype(np.int32)
+    for rows, columns in filter(None, ndimage.find_objects(regions)):
+        south, north = (new.height_px - top - row for row in (rows.stop, rows.start))
+        pixels = np.array([left + columns.start, south, left + columns.stop, north]) * new.pixel_size
+        boxes.append((float(pixels[0]), float(pixels[1]), float(pixels[2]), float(pixels[3])))
+    return boxes
+
+
+def merge_boxes(boxes: Iterable[Bounds]) -> list[Bounds]:
+    """Merge rectangles whose common bounding box adds little area."""
+    every = np.array(list(boxes), dtype=np.float64).reshape(-1, 4)
+    merged, count = np.zeros_like(every), 0
+    for box in every:
+        again = True
+        while again and count:
+            rows = merged[:count]
+            low, high = np.minimum(rows[:, :2], box[:2]), np.maximum(rows[:, 2:], box[2:])
+            areas, own = _areas(rows[:, :2], rows[:, 2:]), _areas(box[None, :2], box[None, 2:])
+            growth = (_areas(low, high) - areas - own) / np.maximum(np.minimum(areas, own), 1e-9)
+            best = int(growth.argmin())
+            again = bool(growth[best] <= -_OVERLAP)
+            if again:
+                box, count = np.concatenate([low[best], high[best]]), count - 1
+                merged[best:count] = merged[best + 1 : count + 1]
+        merged[count], count = box, count + 1
+    return [(west, south, east, north) for west, south, east, north in merged[:count].tolist()]
+
+
+def _areas(low: Float64Array, high: Float64Array) -> Float64Array:
+    size = high - low
+    return np.asarray(size[:, 0] * size[:, 1])

@@ -1,4 +1,8 @@
-"""Heights on the host in float64: the oracle of the kernels, and what rivers and strengths run on."""
+"""Terrain heights on the host, in plain NumPy float64.
+
+Used to route rivers before any device is opened, and to check the kernels. Only + - * / and sqrt are used, so
+that results are the same on every machine.
+"""
 
 from __future__ import annotations
 
@@ -11,18 +15,18 @@ from sketchterrain.placement.feature_types import area_profile, cubic
 from sketchterrain.terrain.centrelines import nearest_on_arc
 from sketchterrain.terrain.culling import features_near
 from sketchterrain.terrain.host_relief import (
-    Relief,
-    Rise,
-    Site,
+    ErodibleHeight,
+    ReliefNoise,
+    SamplePoints,
     crags,
     gullies,
     hills,
     mountains,
     relief_noise_at,
-    risen,
+    stack_heights,
 )
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
-from sketchterrain.terrain.noise import Slope, fbm, fbm_slope
+from sketchterrain.terrain.noise import ValueSlope, fbm, fbm_slope
 from sketchterrain.terrain.packing import (
     effective_cell,
     pack_features,
@@ -44,7 +48,7 @@ _SOFTNESS = 0.5
 
 
 def field_distance(fields: PackedFields, i: int, x: LatticeArray, y: LatticeArray) -> Float64Array:
-    """Return the distance inside the shape of field ``i`` at lattice positions (m)."""
+    """Return the distance (m) inside the shape of field ``i`` at lattice positions."""
     first, columns, rows, _ = fields.form[i]
     samples = fields.samples[first : first + columns * rows].reshape(rows, columns)
     u = np.clip((x - fields.at[i, 0]) * fields.scale[i], 1, columns - 2)
@@ -64,10 +68,10 @@ def _weights(f: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]
 def apply_lakes(
     recipe: TerrainRecipe, height: Float64Array, x: LatticeArray, y: LatticeArray, *, cell: float
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return the ground with lakes laid in, and the masks ``water`` and ``lake``, at lattice positions."""
+    """Return the terrain with lakes, and the masks ``water`` and ``lake``, at lattice positions."""
     fields = pack_fields(recipe, [lake.shape for lake in recipe.lakes])
     packed = pack_lakes(recipe, fields, cell)
-    weights, own, top, shown, deepest = np.zeros((5, *height.shape))
+    weights, own, top, visible, deepest = np.zeros((5, *height.shape))
     nearest = np.ones(height.shape)
     for i in np.flatnonzero(packed.visible):
         _, inverse_margin, level, fade = packed.shape[i]
@@ -80,17 +84,17 @@ def apply_lakes(
         weights += weight
         own += weight * (bed + rise * (1 - np.maximum(1 - 2 * s, 0) ** 2))
         top += weight * (level + rise)
-        shown += weight * fade
+        visible += weight * fade
         nearest, deepest = np.minimum(nearest, s), np.maximum(deepest, t)
     near = weights > 0
-    own, top, shown = (part[near] / weights[near] for part in (own, top, shown))
+    own, top, visible = (part[near] / weights[near] for part in (own, top, visible))
     s, t, ground = nearest[near], deepest[near], height[near]
-    laid, (water, lake) = height.copy(), np.zeros((2, *height.shape))
-    terrain = ground + shown * _soft_positive(top - ground) * (1 - s**4) * (1 - s**2)
-    laid[near] = terrain + (own - terrain) * shown * _cubic(np.maximum(s - _RIM, 0) / (1 - _RIM))
-    water[near] = shown * (0.75 * np.maximum(1 - 3 * s, 0) + 0.25 * t)
-    lake[near] = shown * _cubic(s / _RIM)
-    return laid, water, lake
+    result, (water, lake) = height.copy(), np.zeros((2, *height.shape))
+    terrain = ground + visible * _soft_positive(top - ground) * (1 - s**4) * (1 - s**2)
+    result[near] = terrain + (own - terrain) * visible * _cubic(np.maximum(s - _RIM, 0) / (1 - _RIM))
+    water[near] = visible * (0.75 * np.maximum(1 - 3 * s, 0) + 0.25 * t)
+    lake[near] = visible * _cubic(s / _RIM)
+    return result, water, lake
 
 
 def _soft_positive(x: Float64Array) -> Float64Array:
@@ -104,7 +108,7 @@ def _cubic(t: Float64Array) -> Float64Array:
 
 
 _ZERO = np.zeros(1)
-_LEVEL = Rise(Slope(_ZERO, _ZERO, _ZERO), _ZERO, _ZERO)
+_LEVEL = ErodibleHeight(ValueSlope(_ZERO, _ZERO, _ZERO), _ZERO, _ZERO)
 
 
 @dataclass(frozen=True)
@@ -122,7 +126,7 @@ class HostSamples:
 def host_heights(
     recipe: TerrainRecipe, x: Float64Array, y: Float64Array, *, cell_size: float = 0.0
 ) -> Float64Array:
-    """Return heights in metres at points given in metres (any shape), in float64."""
+    """Return heights (m) at points in metres (any shape), in float64."""
     x, y = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
     ground = host_samples(
         recipe,
@@ -135,8 +139,8 @@ def host_heights(
 
 def relief_noise(
     recipe: TerrainRecipe, x: LatticeArray, y: LatticeArray, *, cell_size: float = 0.0
-) -> Relief:
-    """Return what noise makes of mountains and hills at lattice positions of shape (n,)."""
+) -> ReliefNoise:
+    """Return the noise that shapes mountains and hills at lattice positions of shape (n,)."""
     world = pack_world(recipe, cell_size, real=np.float64)
     return relief_noise_at(world.scalars[0], world.octaves, x, y)
 
@@ -149,7 +153,7 @@ def host_samples(
     w, octaves = world.scalars[0], world.octaves
     packed = _packed_around(recipe, x, y, cell_size)
     relief = relief_noise_at(w, octaves, x, y)
-    place = Site(x, y, metres_per_unit(recipe.extent), relief.bend)
+    place = SamplePoints(x, y, metres_per_unit(recipe.extent), relief.bend)
     height, mountain, dune = _dry(world, packed, place, relief)
     cover, share = _areas(packed, place, slot=2)
     mottle = 2.2 * fbm(octaves, "mottle", x, y)
@@ -169,17 +173,17 @@ def host_samples(
 def dry_heights(
     recipe: TerrainRecipe, x: LatticeArray, y: LatticeArray, *, cell_size: float = 0.0
 ) -> Float64Array:
-    """Return heights (m) of the land without its rivers and lakes at lattice positions of shape (n,)."""
+    """Return heights (m) without rivers and lakes at lattice positions of shape (n,)."""
     world = pack_world(recipe, cell_size, real=np.float64)
     relief = relief_noise_at(world.scalars[0], world.octaves, x, y)
-    place = Site(x, y, metres_per_unit(recipe.extent), relief.bend)
+    place = SamplePoints(x, y, metres_per_unit(recipe.extent), relief.bend)
     return _dry(world, _packed_around(recipe, x, y, cell_size), place, relief)[0]
 
 
 def _dry(
-    world: PackedWorld, packed: PackedFeatures, place: Site, relief: Relief
+    world: PackedWorld, packed: PackedFeatures, place: SamplePoints, relief: ReliefNoise
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Heights (m) without water, how much of a mountain each place is, and of a field of dunes."""
+    """Return heights (m) without water, and the masks of mountains and of dunes."""
     w, octaves, x, y = world.scalars[0], world.octaves, place.x, place.y
     height = w["half_relief"] * fbm(octaves, "ground", x, y)
     eroded, mountain = _eroded(w, octaves, packed, place, relief)
@@ -193,19 +197,21 @@ def _dry(
     return height, mountain, dune
 
 
-def host_slope(recipe: TerrainRecipe, x: LatticeArray, y: LatticeArray, *, cell_size: float = 0.0) -> Slope:
+def host_slope(
+    recipe: TerrainRecipe, x: LatticeArray, y: LatticeArray, *, cell_size: float = 0.0
+) -> ValueSlope:
     """Return heights (m) and slopes of ground, hills and mountains with their gullies, without crags.
 
-    The slopes of gullies are taken with the direction of each wave held, as the filter takes them.
+    Slopes of gullies are taken with the direction of each wave held constant, as the filter takes them.
     """
     world = pack_world(recipe, cell_size, real=np.float64)
     w, octaves = world.scalars[0], world.octaves
     relief = relief_noise_at(w, octaves, x, y)
-    place = Site(x, y, metres_per_unit(recipe.extent), relief.bend)
+    place = SamplePoints(x, y, metres_per_unit(recipe.extent), relief.bend)
     eroded, _ = _eroded(w, octaves, _packed_around(recipe, x, y, cell_size), place, relief)
     ground = fbm_slope(octaves, "ground", x, y)
     scale = w["half_relief"] * np.array([1, w["units_per_metre"], w["units_per_metre"]])
-    return Slope(*(a + b * by for a, b, by in zip(eroded, ground, scale, strict=True)))
+    return ValueSlope(*(a + b * by for a, b, by in zip(eroded, ground, scale, strict=True)))
 
 
 def _packed_around(
@@ -217,13 +223,15 @@ def _packed_around(
 
 
 def _eroded(
-    w: np.void, octaves: OctaveTable, packed: PackedFeatures, place: Site, relief: Relief
-) -> tuple[Slope, Float64Array]:
-    """Return hills and mountains with their gullies, and how much of a mountain each place is."""
-    massif, say = mountains(packed, place, relief.spur)
-    rise = risen(risen(_LEVEL, hills(packed, place), relief.swell), massif, relief.share(say))
+    w: np.void, octaves: OctaveTable, packed: PackedFeatures, place: SamplePoints, relief: ReliefNoise
+) -> tuple[ValueSlope, Float64Array]:
+    """Return hills and mountains with their gullies, and the mountain mask."""
+    massif, weight = mountains(packed, place, relief.spur)
+    rise = stack_heights(
+        stack_heights(_LEVEL, hills(packed, place), relief.swell), massif, relief.mountain_factor(weight)
+    )
     cut = gullies(w, octaves, place.x, place.y, rise)
-    height = Slope(*(a + b for a, b in zip(rise.height, cut, strict=True)))
+    height = ValueSlope(*(a + b for a, b in zip(rise.height, cut, strict=True)))
     return height, _smooth(massif.height.value, 20, 100)
 
 
@@ -232,9 +240,9 @@ def _smooth(x: Float64Array, low: float, high: float) -> Float64Array:
     return np.asarray(t * t * (3 - 2 * t))
 
 
-def _areas(packed: PackedFeatures, place: Site, *, slot: int) -> tuple[Float64Array, Float64Array]:
-    pairs = place.reached(packed, slot)
-    cover = area_profile(place.approach(packed, pairs)[0].value)
+def _areas(packed: PackedFeatures, place: SamplePoints, *, slot: int) -> tuple[Float64Array, Float64Array]:
+    pairs = place.pairs_within_support(packed, slot)
+    cover = area_profile(place.distance_to_crests(packed, pairs)[0].value)
     strength = packed.shape[pairs.of, 1]
     total, weights, strengths = (place.summed(pairs, each) for each in (cover**4, cover, cover * strength))
     mean = np.where(weights > 1e-6, strengths / np.maximum(weights, 1e-6), 0)
@@ -253,24 +261,24 @@ def _dune_pattern(style: np.void, x: LatticeArray, y: LatticeArray, crest: Float
 
 
 def _carved(
-    height: Float64Array, rivers: PackedRivers, place: Site, *, cell: float
+    height: Float64Array, rivers: PackedRivers, place: SamplePoints, *, cell: float
 ) -> tuple[Float64Array, Float64Array]:
     weights, nearest = np.zeros(height.shape), np.full(height.shape, 1e30)
     sums = np.zeros((4, *height.shape))
     for i in range(len(rivers.start)):
-        chord, say, bend = rivers.along[i, :2], rivers.along[i, 3], rivers.along[i, 4]
+        chord, contribution, bend = rivers.along[i, :2], rivers.along[i, 3], rivers.along[i, 4]
         dx = (place.x - rivers.start[i, 0]) * place.unit
         dy = (place.y - rivers.start[i, 1]) * place.unit
         t, d2 = nearest_on_arc(chord, bend, np.stack([dx, dy], axis=-1))
         here = rivers.up[i][:, None] + (rivers.down[i] - rivers.up[i])[:, None] * t
         share2 = d2 / here[3] ** 2
         inside = np.maximum(1 - share2, 0)
-        weight = say * inside**2 * (32 * here[1] / (d2 + here[1] ** 2 / 64)) ** 4
-        weights += weight
-        sums += weight * here
+        contribution = contribution * inside**2 * (32 * here[1] / (d2 + here[1] ** 2 / 64)) ** 4
+        weights += contribution
+        sums += contribution * here
         nearest = np.minimum(nearest, d2 / (here[1] * np.maximum(inside * (1 + share2), 1e-6)))
     near = weights > 1e-30
-    surface, half_width, depth, reach = sums[:, near] / weights[near]
+    surface, half_width, depth, radius = sums[:, near] / weights[near]
     d = np.sqrt(nearest[near] * half_width)
     ground = height[near]
 
@@ -282,7 +290,7 @@ def _carved(
     flat = 0.012 * np.maximum(d - half_width, 0)
     enforced = surface + flat + bank + (rise + bed - bank) * channel
     edge = 1.8 * half_width
-    s = np.clip((d - edge) / np.maximum(reach - edge, edge), 0, 1)
+    s = np.clip((d - edge) / np.maximum(radius - edge, edge), 0, 1)
     terrain = ground + np.maximum(surface + bank - ground, 0) * (1 - s**4) * (1 - s**2)
     carved, mask = height.copy(), np.zeros(height.shape)
     carved[near] = terrain + (enforced - terrain) * cubic(s)

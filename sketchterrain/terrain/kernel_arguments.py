@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.terrain.centrelines import tolerance_cell
 from sketchterrain.terrain.culling import field_index, item_lists, river_index
 from sketchterrain.terrain.feature_cache import FeatureCache
-from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.packing import (
     effective_cell,
     pack_covers,
@@ -38,14 +38,14 @@ if TYPE_CHECKING:
 
 
 def global_key(recipe: TerrainRecipe) -> tuple[object, ...]:
-    """Return what is on the device once for all the world."""
+    """Return everything on the device that depends on the whole world."""
     settings = (dict(recipe.ground), dict(recipe.climate), recipe.material_rules)
     noises = (recipe.stacks, recipe.warp, recipe.ridge_depth)
     return recipe.extent, recipe.seed, recipe.fidelity, settings, noises, recipe.dune_styles
 
 
 def bit_equal(one: object, other: object) -> bool:
-    """Tell whether two values of data classes and arrays are the bit_equal to the bit."""
+    """Return whether two values of dataclasses, tuples and arrays are bit-equal."""
     if one is other:
         return True
     if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):

@@ -23,7 +23,7 @@ T = TypeVar("T")
 
 
 def run_to_completion(steps: Generator[None, None, T]) -> T:
-    """Do all steps at once and return what the last one returns."""
+    """Run all steps and return the generator's result."""
     while True:
         try:
             next(steps)

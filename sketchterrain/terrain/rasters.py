@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.errors import DeviceError, InputError
 from sketchterrain.terrain.lattice import QUADS, to_lattice
-from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.surfaces import Band, non_finite
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""The terrain as a value: everything that its heights depend on, and nothing else."""
+"""The recipe: an immutable value of everything that a terrain's heights depend on."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ if TYPE_CHECKING:
     from sketchterrain.placement.feature_types import Cover, Lake, River
 
 FINEST_CELL = FINEST_WAVELENGTH / 4
-"""Cell size that shows every octave, m: finer ones see the same terrain."""
+"""Cell size that resolves every octave, m; finer ones give the same terrain."""
 
-# Noises must not depend on what is placed: an edit in one corner would reshape the whole world.
+# Noises must not depend on placed features: an edit in one corner would reshape the whole world.
 _RIDGE_SHARE = 1 / 8  # of the extent: nearly the width of a typical mountain
-_CREST_SHARE = 1 / 8  # of the extent: dunes' crests wander over some lengths of a wave
-_LONGEST_CREST = 1260.0  # m
+_CREST_SHARE = 1 / 8  # of the extent: wavelength of the crests of dunes
+_MAX_CREST = 1260.0  # m
 
 
 class FeatureSource(Protocol):
-    """Features of unpainted ground: a pure function of the place."""
+    """Features of unpainted areas: a pure function of the position."""
 
     max_radius: float
 
@@ -44,7 +44,7 @@ class FeatureSource(Protocol):
 
 
 class NoFill:
-    """Unpainted ground without features."""
+    """Unpainted areas without features."""
 
     max_radius = 0.0
 
@@ -59,7 +59,7 @@ class NoFill:
 
 @dataclass(frozen=True, eq=False)
 class TerrainRecipe:
-    """A terrain. The same recipe gives the same heights wherever and in whatever pieces it is evaluated.
+    """A terrain as a value: the same recipe gives the same heights wherever and however it is evaluated.
 
     Attributes
     ----------
@@ -67,25 +67,25 @@ class TerrainRecipe:
         Metres along the sketch's longer side.
     seed : int
     fidelity : float
-        0 … 1; outlines wander less towards 1.
+        0 … 1; outlines deviate less towards 1.
     ground, climate : mapping
         The sketch's [ground] and [climate] parameters.
     painted : structured ndarray
         Placed features (dtype ``FEATURE``), sorted by id.
     fill : FeatureSource
-        Features of unpainted ground.
+        Features of unpainted areas.
     rivers : tuple of River
     valley_radii : tuple of ndarray
-        For each river how far its valley reaches from the centreline at each of its points, m.
+        For each river its valley's radius of influence at each point of the centreline, m.
     lakes : tuple of Lake
     covers : tuple of Cover
-        Painted materials, in the order in which each lies over the ones before it.
+        Painted materials, later ones on top.
     material_rules : tuple of MaterialRule
-        By which materials cover the ground under the painted ones, from below to the top.
+        Rules for materials under the painted ones, from bottom to top.
     resolutions : tuple of Resolution
-        What was decided where layers contradict each other, one line each, and where.
+        Decisions where layers contradict each other, one line and a position each.
     orphans : tuple of str
-        Edits whose feature is not there any more, one line each.
+        Edits of features that no longer exist, one line each.
     """
 
     extent: float
@@ -104,28 +104,28 @@ class TerrainRecipe:
     orphans: tuple[str, ...] = ()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the fields with plain dicts, and nothing that was worked out from them."""
+        """Return the fields with plain dicts, without cached properties."""
         state = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
         return state | {key: dict(state[key]) for key in ("ground", "climate")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take over the fields."""
+        """Restore the fields."""
         for key, value in state.items():
             object.__setattr__(self, key, MappingProxyType(value) if isinstance(value, dict) else value)
 
     @property
     def warp(self) -> float:
-        """How far outlines of features wander, in radii."""
+        """Greatest displacement of features' outlines, in radii."""
         return 0.34 - 0.2 * self.fidelity - 0.5 * max(self.fidelity - 0.8, 0.0)
 
     @property
     def ridge_depth(self) -> float:
-        """Share of its height that a mountain gains or loses by noise, at most."""
+        """Greatest share of its height that a mountain gains or loses by noise."""
         return 0.9 - 1.7 * max(self.fidelity - 0.8, 0.0)
 
     @property
     def flank(self) -> float:
-        """How much steeper than at a loose fidelity mountains and hills fall to their feet."""
+        """Exponent by which the flanks of mountains and hills are steeper than at a low fidelity."""
         return flank(self.fidelity)
 
     @property
@@ -137,24 +137,21 @@ class TerrainRecipe:
     def dune_styles(self) -> tuple[tuple[float, float], ...]:
         """Distinct (wavelength in m, wind in degrees) of the dunes, sorted."""
         dunes = self.painted[self.painted["type"] == FEATURE_TYPES.index("dune")]
-        return tuple(sorted({(float(d["wavelength"]), float(d["wind"])) for d in dunes} | self._fill_styles))
-
-    @property
-    def _fill_styles(self) -> set[tuple[float, float]]:
-        return set(getattr(self.fill, "dune_styles", ()))
+        painted = {(float(dune["wavelength"]), float(dune["wind"])) for dune in dunes}
+        return tuple(sorted(painted | set(getattr(self.fill, "dune_styles", ()))))
 
     @cached_property
     def has_conifer_shares(self) -> bool:
-        """Whether any forest's share of conifers is not by elevation."""
+        """Whether any forest's share of conifers is set instead of derived from elevation."""
         forests = self.painted[self.painted["type"] == FEATURE_TYPES.index("forest")]
         shares = (*conifer_share(forests["peakiness"]), getattr(self.fill, "conifers", BY_ELEVATION))
         return bool(max(shares) >= 0.0)
 
     @property
     def stacks(self) -> tuple[NoiseStack, ...]:
-        """The noises the terrain is made of."""
+        """Noise stacks of the terrain."""
         outline = self.extent / 5
-        crest = min(self.extent * _CREST_SHARE, _LONGEST_CREST)
+        crest = min(self.extent * _CREST_SHARE, _MAX_CREST)
         return (
             NoiseStack("ground", self.ground["wavelength"], self.ground["roughness"]),
             NoiseStack("warp_u", outline, 0.45, most=3),

@@ -67,7 +67,7 @@ class Verdict:
 
 @dataclass(frozen=True)
 class _Probe:
-    """The small terrain as a device evaluates it."""
+    """The small terrain as evaluated by a device."""
 
     height: npt.NDArray[np.float32]
     rest: dict[str, npt.NDArray[np.generic]]

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.errors import DeviceFailedError
-from sketchterrain.terrain.materials import MATERIALS
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -22,38 +22,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Tile:
-    """One tile of 64×64 quads; row 0 is its north edge.
+    """One tile of 64×64 quads; row 0 is its north edge."""
 
-    Attributes
-    ----------
-    level, column, row : int
-        The tile covers [column, column + 1] × [row, row + 1] · extent/2^level metres.
-    bounds : tuple of float
-        West, south, east, north, m.
-    cell_size : float
-        Metres between vertices.
-    detail_bound : float
-        Upper bound (m) of the difference between heights at full detail and at this level within the tile.
-    height : ndarray of float32, shape (65, 65)
-        Metres.
-    normal : ndarray of float32, shape (65, 65, 3)
-        Unit vectors: east, north, up.
-    materials : ndarray of float32, shape (65, 65, 8)
-        Weights in the order of ``MATERIALS``; they sum to 1.
-    parent_height, parent_normal : ndarray of float32, shapes (65, 65) and (65, 65, 3)
-        Values of the parent tile at these vertices: bit-equal at shared vertices; between two of the
-        parent's vertices half their sum, along its edges or its diagonals from north-west to south-east.
-    """
-
+    # level, column, row: The tile covers [column, column + 1] × [row, row + 1] · extent/2^level metres
     level: int
     column: int
     row: int
-    bounds: tuple[float, float, float, float]
-    cell_size: float
+    bounds: tuple[float, float, float, float]  # West, south, east, north, m
+    cell_size: float  # Metres between vertices
+    # Upper bound (m) of the difference between heights at full detail and at this level within the tile
     detail_bound: float
-    height: npt.NDArray[np.float32]
-    normal: npt.NDArray[np.float32]
-    materials: npt.NDArray[np.float32]
+    height: npt.NDArray[np.float32]  # (65, 65); Metres
+    normal: npt.NDArray[np.float32]  # (65, 65, 3); Unit vectors: east, north, up
+    materials: npt.NDArray[np.float32]  # (65, 65, 8); Weights in the order of ``MATERIALS``; they sum to 1
+    # parent_height, parent_normal: (65, 65); Values of the parent tile at these vertices: bit-equal at shared
+    # vertices; between two of the parent's vertices half their sum, along its edges or its diagonals from
+    # north-west to south-east
     parent_height: npt.NDArray[np.float32]
     parent_normal: npt.NDArray[np.float32]
 
@@ -80,12 +64,9 @@ class Band:
 
 @dataclass(frozen=True)
 class TerrainFeatures:
-    """Placed features: points (mountains, hills, dunes, forests) in and near the sketch by id; rivers.
+    """Placed features: points (mountains, hills, dunes, forests) in and near the sketch; rivers; lakes."""
 
-    Lakes.
-    """
-
-    points: StructuredArray
+    points: StructuredArray  # dtype ``FEATURE``, by id
     rivers: tuple[River, ...]
     lakes: tuple[Lake, ...] = ()
 
@@ -114,89 +95,42 @@ def non_finite(what: str, device: Device, count: str) -> DeviceFailedError:
 
 
 @dataclass(frozen=True)
-class Ground:
-    """Heights and normals of patches of n×n vertices, as a device writes them.
-
-    Attributes
-    ----------
-    whole : ndarray, shape (patches, n, n, 4)
-        Unit normal (east, north, up), and the height (m).
-    """
-
-    whole: npt.NDArray[np.floating]
-
-    @property
-    def height(self) -> npt.NDArray[np.floating]:
-        """Metres, shape (patches, n, n); a view."""
-        return self.whole[..., 3]
-
-    @property
-    def normal(self) -> npt.NDArray[np.floating]:
-        """Unit vectors, shape (patches, n, n, 3); a view."""
-        return self.whole[..., :3]
-
-
-@dataclass(frozen=True)
 class Surface:
-    """Ground and materials of patches of n×n vertices.
+    """Normals, heights and materials of patches of n×n vertices, as a device writes them."""
 
-    Attributes
-    ----------
-    ground : Ground
-    materials : ndarray, shape (patches, n, n, len(MATERIALS))
-        Weights that sum to 1.
-    parent : Ground
-        What the parents of tiles hold at the tiles' vertices; of no patch where that was not asked for.
-    """
-
-    ground: Ground
-    materials: npt.NDArray[np.floating]
-    parent: Ground
+    ground: npt.NDArray[np.floating]  # (patches, n, n, 4): unit normal (east, north, up), height (m)
+    materials: npt.NDArray[np.floating]  # (patches, n, n, len(MATERIALS)): weights that sum to 1
+    parent: npt.NDArray[np.floating]  # as ``ground``: the parents' values; (0, n, n, 4) unless requested
 
     @property
     def height(self) -> npt.NDArray[np.floating]:
-        """Metres, shape (patches, n, n)."""
-        return self.ground.height
+        """Heights (patches, n, n), m."""
+        return self.ground[..., 3]
 
     @property
     def normal(self) -> npt.NDArray[np.floating]:
-        """Unit vectors: east, north, up; shape (patches, n, n, 3)."""
-        return self.ground.normal
+        """Unit vectors (patches, n, n, 3): east, north, up."""
+        return self.ground[..., :3]
 
     @classmethod
     def empty(cls, count: int, inner: int, *, real: npt.DTypeLike, parents: bool = False) -> Self:
         """Return uninitialised arrays for ``count`` patches of inner × inner vertices."""
         shape = (inner, inner)
-        ground, parent = (
-            Ground(np.empty((patches, *shape, 4), real)) for patches in (count, count if parents else 0)
+        return cls(
+            np.empty((count, *shape, 4), real),
+            np.empty((count, *shape, len(MATERIALS)), real),
+            np.empty((count if parents else 0, *shape, 4), real),
         )
-        return cls(ground, np.empty((count, *shape, len(MATERIALS)), real), parent)
 
     def part(self, part: slice) -> Surface:
         """Return views of some of the patches."""
-        ground, parent = (Ground(each.whole[part]) for each in (self.ground, self.parent))
-        return Surface(ground, self.materials[part], parent)
+        return Surface(self.ground[part], self.materials[part], self.parent[part])
 
 
 class SurfaceStore:
-    """Buffers on a device with room for patches, in slots; kernels write each patch where it lives.
+    """Device buffers with slots for patches of inner × inner vertices.
 
-    Parameters
-    ----------
-    context : ComputeContext
-    inner : int
-        Vertices along a patch's side.
-    slots : int
-        How many patches there is room for.
-
-    Attributes
-    ----------
-    ground : buffer
-        Four REAL a vertex: unit normal (east, north, up), and the height (m).
-    materials : buffer
-        Eight REAL a vertex: weights in the order of ``MATERIALS``.
-    parent : buffer
-        As ``ground``: what the coarser tile holds here.
+    ``ground`` and ``parent`` have four REAL per vertex (unit normal, height), ``materials`` eight.
     """
 
     def __init__(self, context: ComputeContext, inner: int, slots: int) -> None:
@@ -211,9 +145,9 @@ class SurfaceStore:
     def download(self, out: Surface) -> None:
         """Wait, and copy the first slots into arrays."""
         parts = {
-            "normals and heights": (self.ground, out.ground.whole),
+            "normals and heights": (self.ground, out.ground),
             "materials": (self.materials, out.materials),
-            "parents' normals and heights": (self.parent, out.parent.whole),
+            "parents' normals and heights": (self.parent, out.parent),
         }
         for what, (buffer, array) in parts.items():
             self.context.download_into(buffer, array)

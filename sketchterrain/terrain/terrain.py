@@ -1,4 +1,4 @@
-"""A terrain one can ask: heights anywhere, tiles, a raster of the whole sketch, plants, features."""
+"""The terrain object: heights, tiles, rasters, plants and features of a recipe on a device."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.errors import InputError
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit, to_lattice
-from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.rasters import bands, quantized_bands, window_bands
 from sketchterrain.terrain.surfaces import Raster, SurfaceStore, TerrainFeatures, Tile
 from sketchterrain.terrain.vertices import VertexStore
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 class Terrain:
-    """A terrain on a device; made by :func:`sketchterrain.build`.
+    """A terrain on a device; created by :func:`sketchterrain.build`.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Terrain:
     recipe : TerrainRecipe
     context : ComputeContext
     memory : PlacementCache or None
-        What placing worked out, for the next recipe.
+        Cache of placement for the next recipe.
     """
 
     def __init__(
@@ -60,16 +60,16 @@ class Terrain:
         self._foliage = FoliageSampler(self._evaluator)
 
     def updated(self, sketch: Sketch, recipe: TerrainRecipe, areas: Sequence[Bounds]) -> Terrain:
-        """Return the terrain of a changed recipe on the same device; what stays the same is not made anew.
+        """Return the terrain of a changed recipe on the same device, sharing everything unchanged.
 
-        Its bits are those of a terrain that was never another one. Both stay usable, in one thread.
+        Its bits are those of a newly built terrain. Both stay usable, in one thread.
 
         Parameters
         ----------
         sketch, recipe
             The changed ones.
         areas
-            As :func:`~sketchterrain.terrain.changes.changed_areas` tells them of the two recipes.
+            :func:`~sketchterrain.terrain.changed_areas` of the two recipes.
         """
         if recipe.extent != self.recipe.extent:
             return Terrain(sketch, recipe, self.context, memory=self.memory)
@@ -86,12 +86,12 @@ class Terrain:
 
     @property
     def size(self) -> tuple[float, float]:
-        """Metres that the sketch covers eastward and northward."""
+        """Size of the sketch eastward and northward, m."""
         return self.sketch.size
 
     @property
     def features(self) -> TerrainFeatures:
-        """Painted features, those that fill the sketch's unpainted ground, rivers and lakes."""
+        """Painted features, fill features inside the sketch, rivers and lakes."""
         return TerrainFeatures.from_recipe(self.recipe, self.size)
 
     def heights(
@@ -105,7 +105,7 @@ class Terrain:
             Metres east and north of the sketch's south-west corner; shapes that broadcast together.
             Positions are rounded to the lattice (extent/2^24 m).
         cell_size
-            Distance between samples in metres: what they can't carry is left out. 0 is full detail.
+            Distance between samples (m); finer detail is omitted. 0 is full detail.
 
         Returns
         -------
@@ -118,7 +118,7 @@ class Terrain:
             If a coordinate is not finite or too far away, or the cell size is negative or not finite.
         """
         if not (np.isfinite(cell_size) and cell_size >= 0):
-            raise InputError(f"cell_size must be a finite number of metres ≥ 0, not {cell_size}")
+            raise InputError(f"expected a finite cell_size ≥ 0 (m), got {cell_size}")
         east, north = np.broadcast_arrays(to_lattice(x, self.extent), to_lattice(y, self.extent))
         if east.size == 0:
             return np.zeros(east.shape, np.float32)
@@ -126,11 +126,11 @@ class Terrain:
         return np.asarray(height.reshape(east.shape), dtype=np.float32)
 
     def tile(self, level: int, column: int, row: int) -> Tile:
-        """Return one tile (see :class:`Tile`); several at once are quicker through :meth:`tiles`."""
+        """Return one tile (see :class:`Tile`); several at once are faster through :meth:`tiles`."""
         return self.tiles([(level, column, row)])[0]
 
     def tiles(self, keys: Sequence[tuple[int, int, int]]) -> list[Tile]:
-        """Return tiles by (level, column, row), in the order asked; one launch a level.
+        """Return tiles by (level, column, row), in the requested order; one launch per level.
 
         Raises
         ------
@@ -145,17 +145,16 @@ class Terrain:
         return [tiles[key] for key in keys]
 
     def tile_store(self, slots: int) -> SurfaceStore:
-        """Return buffers on the device with room for so many tiles, for :meth:`fill_tiles`."""
+        """Return device buffers for so many tiles, for :meth:`fill_tiles`."""
         return SurfaceStore(self.context, QUADS + 1, slots)
 
     def fill_tiles(
         self, keys: Sequence[tuple[int, int, int]], store: SurfaceStore, slots: Sequence[int]
     ) -> npt.NDArray[np.float64]:
-        """Write tiles where they live on the device: the values of :meth:`tiles`.
+        """Write tiles into device buffers: the values of :meth:`tiles`.
 
         The tiles of a level cost four launches, up to 256 of them at once: heights, then normals and
-        materials, and the same of their parents. The queue is in order, so whatever is enqueued next finds
-        them written.
+        materials, and the same of their parents. The queue is in order: later commands find them written.
 
         Parameters
         ----------
@@ -164,7 +163,7 @@ class Terrain:
         store
             From :meth:`tile_store`.
         slots
-            Which place in the store each of them has; all different.
+            Slot of each in the store; all different.
 
         Returns
         -------
@@ -174,30 +173,30 @@ class Terrain:
         Raises
         ------
         InputError
-            If there is no such level or slot, or not one slot a tile.
+            If a level or slot does not exist, or the number of slots differs from that of tiles.
         """
-        place = _places(slots, len(keys), store.slots)
+        place = _checked_slots(slots, len(keys), store.slots)
         levels = np.array([key[0] for key in keys])
         bounds = np.empty(len(keys))
         for level in np.unique(levels):
-            chosen = np.flatnonzero(levels == level)
-            of_level = [keys[int(i)][1:] for i in chosen]
-            bounds[chosen] = self._evaluator.write(of_level, int(level), store, place[chosen])
+            selected = np.flatnonzero(levels == level)
+            of_level = [keys[int(i)][1:] for i in selected]
+            bounds[selected] = self._evaluator.write(of_level, int(level), store, place[selected])
         return bounds
 
     def vertex_store(
         self, slots: int, *, quads: int = QUADS, memory: VertexMemory | None = None
     ) -> VertexStore:
-        """Return room for so many tiles as OpenGL draws them, for :meth:`write_tiles`.
+        """Return slots for so many tiles as OpenGL draws them, for :meth:`write_tiles`.
 
         Parameters
         ----------
         slots
-            How many tiles.
+            Number of tiles.
         quads
             Along a tile's side: 32, 64, 128 or 256.
         memory
-            Where the vertices live; None makes a buffer on the device.
+            Memory of the vertices; None allocates a buffer on the device.
         """
         return VertexStore(self.context, slots, quads=quads, memory=memory)
 
@@ -208,17 +207,17 @@ class Terrain:
         parents: npt.ArrayLike,
         store: VertexStore,
     ) -> npt.NDArray[np.void]:
-        """Write tiles where OpenGL draws them from, and wait for them.
+        """Write tiles as OpenGL draws them, and wait for them.
 
         Parameters
         ----------
         keys
             (level, column, row) of each; levels go from −12 to the store's finest, 18 for 64 quads.
         slots
-            Which place in the store each of them has; all different.
+            Slot of each in the store; all different.
         parents
-            The slot of each one's parent, or −1: then it is taken for its own parent. A parent must have been
-            written before, or be written by the same call.
+            Slot of each one's parent, or −1: then the tile is its own parent. A parent must have been written
+            before, or by the same call.
         store
             From :meth:`vertex_store`.
 
@@ -226,20 +225,20 @@ class Terrain:
         -------
         structured ndarray, shape (tiles,)
             ``low`` and ``high``: the lowest and highest height of a tile's vertices, own and parent's (m).
-            ``error``: the tile's geometric error δ (m): in the middles of quads, of every second one of every
-            second row (of all where there are 32), full detail is no farther from the triangles; but for
-            one in a hundred, where it is no farther than 1.5 δ.
+            ``error``: the tile's geometric error δ (m): at the centres of every second quad of every second
+            row (of all quads if 32), full detail is within δ of the triangles, but for one in a hundred,
+            where it is within 1.5 δ.
 
         Raises
         ------
         InputError
-            If there is no such level or slot, or not one slot and parent a tile.
+            If a level or slot does not exist, or the number of slots or parents differs from that of tiles.
         """
         key = np.asarray(keys, np.int64).reshape(-1, 3)
-        place = _places(slots, len(key), store.slots)
+        place = _checked_slots(slots, len(key), store.slots)
         parent = np.asarray(parents, np.int64).reshape(-1)
         if parent.size != place.size or np.any(parent < -1) or np.any(parent >= store.slots):
-            raise InputError(f"each tile needs a parent's slot, 0 … {store.slots - 1} or -1")
+            raise InputError(f"expected a parent's slot for each tile, 0 … {store.slots - 1} or -1")
         return self._evaluator.vertices.write(key, place, parent, store)
 
     def raster(self, longer_side: int, *, progress: Callable[[float], None] | None = None) -> Raster:
@@ -250,7 +249,7 @@ class Terrain:
         longer_side
             Vertices along the sketch's longer side, ≥ 2.
         progress
-            Called with the share that is done, 0 … 1.
+            Called with the completed share, 0 … 1.
 
         Raises
         ------
@@ -258,7 +257,7 @@ class Terrain:
             If there are fewer than 2 vertices.
         """
         if longer_side < 2:
-            raise InputError(f"size must be at least 2 vertices, not {longer_side}")
+            raise InputError(f"expected a size of at least 2 vertices, got {longer_side}")
         east, north = self.size
         cell = self.extent / (longer_side - 1)
         columns, rows = (max(2, round(length / cell) + 1) for length in (east, north))
@@ -281,25 +280,25 @@ class Terrain:
         cell_size: float | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> Iterator[Band]:
-        """Return any rectangle of the world as a grid, in bands of rows from the north: bounded memory.
+        """Return any rectangle of the world as a grid, in bands of rows from the north, in bounded memory.
 
-        A vertex is the same to the bit in whatever bands it comes.
+        No bit of a vertex depends on the bands.
 
         Parameters
         ----------
         west, south, east, north
-            Metres; the outermost vertices lie on them.
+            Metres; the outermost vertices are on them.
         columns, rows
             Vertices, ≥ 2 each.
         cell_size
-            Distance between samples, m: what they can't carry is left out; by default the larger spacing.
+            Distance between samples, m; finer detail is omitted; by default the larger spacing.
         progress
-            Called with the share that is done, 0 … 1.
+            Called with the completed share, 0 … 1.
 
         Raises
         ------
         InputError
-            If there are fewer vertices, or the rectangle is not finite or the wrong way round.
+            If there are fewer vertices, or the rectangle is not finite or inverted.
         """
         spacing = max((east - west) / max(columns - 1, 1), (north - south) / max(rows - 1, 1))
         cell = spacing if cell_size is None else cell_size
@@ -309,16 +308,16 @@ class Terrain:
     def window(
         self, west: float, north: float, *, cell: float, left: int, top: int, columns: int, rows: int
     ) -> Iterator[Band]:
-        """Return some vertices of a grid without ends, in bands of rows from the north: bounded memory.
+        """Return a window of an unbounded grid, in bands of rows from the north, in bounded memory.
 
-        A vertex is the same to the bit in whatever window it comes.
+        No bit of a vertex depends on the window.
 
         Parameters
         ----------
         west, north
-            Where the grid's vertex (0, 0) lies, m; columns run east, rows south.
+            Position of the grid's vertex (0, 0), m; columns run east, rows south.
         cell
-            Metres between vertices; what they can't carry is left out.
+            Metres between vertices; finer detail is omitted.
         left, top
             The window's first column and row.
         columns, rows
@@ -334,7 +333,7 @@ class Terrain:
     def window_bytes(
         self, west: float, north: float, *, cell: float, left: int, top: int, columns: int, rows: int
     ) -> Iterator[QuantizedBand]:
-        """Return the same vertices as files hold them: normals and weights as bytes, rounded on the device.
+        """Return the same vertices with normals and weights quantized to bytes on the device.
 
         The parameters are those of :meth:`window`.
 
@@ -350,7 +349,7 @@ class Terrain:
     def foliage(
         self, west: float, south: float, east: float, north: float, *, storey: str = "woody"
     ) -> npt.NDArray[np.void]:
-        """Return the plants in a rectangle: a function of the world, whatever is asked for.
+        """Return the plants in a rectangle, a function of the world whatever the rectangle.
 
         Parameters
         ----------
@@ -362,21 +361,21 @@ class Terrain:
         Returns
         -------
         structured ndarray
-            Of dtype `PLANT`, sorted by position: by squares of the world,
+            Of dtype :data:`sketchterrain.terrain.plant.PLANT`, sorted by position: by squares of the world,
             row after row from the south-west, and within each from south to north.
 
         Raises
         ------
         InputError
-            If the rectangle is not finite or the wrong way round, there is no such storey, or it holds more
-            plants than are given back at once.
+            If the rectangle is not finite or inverted, the storey is unknown, or there are too many plants to
+            return at once.
         """
         return self._foliage.within(west, south, east, north, storey)
 
     def foliage_steps(
         self, west: float, south: float, east: float, north: float, *, storey: str = "woody"
     ) -> Generator[None, None, npt.NDArray[np.void]]:
-        """Find the plants of :meth:`foliage` in steps of a few ms each; the last one returns them."""
+        """Find the plants of :meth:`foliage` in steps of a few ms; the generator returns them."""
         return self._foliage.steps(west, south, east, north, storey)
 
     def foliage_pieces(
@@ -388,7 +387,7 @@ class Terrain:
     def foliage_estimate(
         self, west: float, south: float, east: float, north: float, *, storey: str = "woody"
     ) -> tuple[int, int]:
-        """Return about how many plants :meth:`foliage` holds at most, and their bytes."""
+        """Return an upper estimate of the number of plants of :meth:`foliage`, and their bytes."""
         return self._foliage.estimate(west, south, east, north, storey)
 
     @property
@@ -407,16 +406,16 @@ class Terrain:
         width = cell * QUADS
         bounds = (column * width, row * width, (column + 1) * width, (row + 1) * width)
         parent = surface.parent
-        parts = (surface.height, surface.normal, surface.materials, parent.height, parent.normal)
+        parts = (surface.height, surface.normal, surface.materials, parent[..., 3], parent[..., :3])
         arrays = (np.ascontiguousarray(part[i], dtype=np.float32) for part in parts)
         return Tile(level, column, row, bounds, cell, detail, *arrays)
 
 
-def _places(slots: npt.ArrayLike, count: int, most: int) -> npt.NDArray[np.int64]:
-    """Return a slot for each of so many tiles, checked."""
+def _checked_slots(slots: npt.ArrayLike, count: int, limit: int) -> npt.NDArray[np.int64]:
+    """Return slots as an array; InputError unless there are ``count`` different ones below the limit."""
     place = np.asarray(slots, np.int64).reshape(-1)
     if place.size != count or np.unique(place).size != place.size:
-        raise InputError(f"{count} tiles need as many slots, each another one")
-    if place.size and not (place.min() >= 0 and place.max() < most):
-        raise InputError(f"slots must be 0 … {most - 1}")
+        raise InputError(f"expected {count} different slots, one for each tile")
+    if place.size and not (place.min() >= 0 and place.max() < limit):
+        raise InputError(f"expected slots 0 … {limit - 1}")
     return place

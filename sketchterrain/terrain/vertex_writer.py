@@ -1,4 +1,4 @@
-"""Vertices of tiles, written into buffers of OpenGL or OpenCL."""
+"""Writer of tiles as packed vertices: launches by level, coarse levels first, one wait."""
 
 from __future__ import annotations
 
@@ -33,20 +33,15 @@ if TYPE_CHECKING:
     _Samples = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Float32Array]
 
 _WIDEST = 17e3  # m
-_MOST_KEPT = 256
+_MAX_CACHED = 256
 
 
 class WideTileErrors:
-    """How far full detail is from wide tiles, at 32 × 32 samples of a square of at most 17 km.
+    """Deviation of full detail from wide tiles, at 32 × 32 samples of a square of at most 17 km.
 
-    That is where the highest feature that was painted in the tile stands. Ground that nothing was painted on
-    is much the same everywhere, so one square beside the sketch tells what a level leaves out of it.
-
-    Parameters
-    ----------
-    recipe : TerrainRecipe
-    heights : callable
-        Gives the heights of patches, shape (patches, side, side).
+    The square holds the tile's highest painted feature. Unpainted terrain is much the same everywhere, so one
+    square beside the sketch gives the detail that a level omits of it. ``heights`` evaluates patches,
+    (patches, side, side).
     """
 
     def __init__(self, recipe: TerrainRecipe, heights: Callable[[Patches], Float32Array]) -> None:
@@ -54,12 +49,12 @@ class WideTileErrors:
         self._heights = heights
         self._square_level = int(np.ceil(np.log2(recipe.extent / _WIDEST)))
         self._sampled: dict[tuple[int, int], _Samples] = {}
-        self._left_out: dict[float, Float32Array] = {}
+        self._omitted: dict[float, Float32Array] = {}
 
     def updated(
         self, recipe: TerrainRecipe, heights: Callable[[Patches], Float32Array], areas: Sequence[Bounds]
     ) -> WideTileErrors:
-        """Return those of a changed recipe of the same extent, which differs in some areas (m)."""
+        """Return those of a changed recipe of the same extent, which differs in areas (m)."""
         other = WideTileErrors(recipe, heights)
         side = recipe.extent / 2.0**self._square_level
         for (column, row), samples in self._sampled.items():
@@ -67,22 +62,17 @@ class WideTileErrors:
             if not touches(areas, square):
                 other._sampled[column, row] = samples
         if (self._beside, 0) in other._sampled:
-            other._left_out = dict(self._left_out)
+            other._omitted = dict(self._omitted)
         return other
 
     def is_wide(self, level: int) -> bool:
-        """Whether the tiles of a level are wider than what is looked at."""
+        """Return whether the tiles of a level are wider than the sampled square."""
         return level < self._square_level
 
     def distances(self, level: int, column: int, row: int, height: Float32Array) -> Float32Array:
-        """Return how far full detail is from a tile's triangles at the samples, m, shape (samples,).
+        """Return how far (m) full detail is from a wide tile's triangles at the samples, shape (samples,).
 
-        Parameters
-        ----------
-        level, column, row
-            Of a wide tile.
-        height
-            Of its vertices, m, shape (quads + 1, quads + 1).
+        ``height`` is that of its vertices, m, (quads + 1, quads + 1).
         """
         square = self._painted_square(level, column, row)
         if square is None:
@@ -91,11 +81,11 @@ class WideTileErrors:
         width, quads = 1 << (LATTICE_BITS - level), len(height) - 1
         u = np.asarray((x - column * width) * (quads / width), np.float64)
         v = np.asarray(((row + 1) * width - y[:, None]) * (quads / width), np.float64)
-        apart: Float32Array = np.abs(np.subtract(full, _on_triangles(height, u, v)))
-        return apart.ravel()
+        deviation: Float32Array = np.abs(np.subtract(full, _on_triangles(height, u, v)))
+        return deviation.ravel()
 
     def _painted_square(self, level: int, column: int, row: int) -> tuple[int, int] | None:
-        """Column and row, at the squares' level, of the one with a tile's highest painted feature, if any."""
+        """Return column and row of the square with a tile's highest painted feature, if any."""
         side = self._recipe.extent / 2.0**self._square_level
         share = 1 << (self._square_level - level)
         low = np.array([column, row]) * share
@@ -113,28 +103,28 @@ class WideTileErrors:
         return int(np.ceil(2.0**self._square_level)) + 1
 
     def _unpainted(self, cell_size: float) -> Float32Array:
-        """How far full detail is from what a cell size shows of ground that nothing was painted on, m."""
-        if cell_size not in self._left_out:
-            place = self._beside, 0
-            coarse = tile_samples(self._square_level, [place], cell_size=cell_size)
-            apart = np.abs(self._samples(place)[2] - self._heights(coarse)[0])
-            self._left_out[cell_size] = np.asarray(apart, np.float32).ravel()
-        return self._left_out[cell_size]
+        """Return the detail (m) that a cell size omits of unpainted terrain."""
+        if cell_size not in self._omitted:
+            square = self._beside, 0
+            coarse = tile_samples(self._square_level, [square], cell_size=cell_size)
+            deviation = np.abs(self._samples(square)[2] - self._heights(coarse)[0])
+            self._omitted[cell_size] = np.asarray(deviation, np.float32).ravel()
+        return self._omitted[cell_size]
 
-    def _samples(self, place: tuple[int, int]) -> _Samples:
-        """Where the samples of a square lie (lattice units), and full detail there; kept."""
-        if place not in self._sampled:
-            patches = tile_samples(self._square_level, [place], cell_size=FINEST_CELL)
-            while len(self._sampled) >= _MOST_KEPT:
+    def _samples(self, square: tuple[int, int]) -> _Samples:
+        """Return the lattice positions of the samples of a square, and full detail there; cached."""
+        if square not in self._sampled:
+            patches = tile_samples(self._square_level, [square], cell_size=FINEST_CELL)
+            while len(self._sampled) >= _MAX_CACHED:
                 del self._sampled[next(iter(self._sampled))]
-            self._sampled[place] = patches.axis_x[0], patches.axis_y[0], self._heights(patches)[0]
-        return self._sampled[place]
+            self._sampled[square] = patches.axis_x[0], patches.axis_y[0], self._heights(patches)[0]
+        return self._sampled[square]
 
 
 def _on_triangles(
     height: Float32Array, u: npt.NDArray[np.float64], v: npt.NDArray[np.float64]
 ) -> Float32Array:
-    """Return the height of quads cut from north-west to south-east, u east and v south in quads."""
+    """Return the height of quads split from north-west to south-east at u east and v south, in quads."""
     u, v = np.broadcast_arrays(u, v)
     column, row = (np.minimum(np.floor(place).astype(np.intp), len(height) - 2) for place in (u, v))
     u, v = u - column, v - row
@@ -146,100 +136,86 @@ def _on_triangles(
 
 
 _FILE = "tiles.cl"
-_MOST_QUADS = 1 << 20  # of the tiles of a launch
-# Wide patches are cut into squares, which fewer features reach: of so many vertices a side at least, so wide.
-_LEAST_IN_SQUARE = 16
-_LEAST_SQUARE = 200.0  # m
+_MAX_QUADS = 1 << 20  # of the tiles of a launch
+# Wide patches are cut into squares, which fewer features affect: least vertices a side, least width.
+_MIN_SQUARE_VERTICES = 16
+_MIN_SQUARE = 200.0  # m
 _USUAL = 0.99  # share of a tile whose error is at most its δ
-_WORST = 1.5  # δ that no sample is farther off, so that what lies between samples is hardly beyond 2 δ
+_WORST = 1.5  # greatest error of a sample over δ, so that errors between samples hardly exceed 2 δ
 
 
 class VertexWriter:
-    """Writes tiles of a recipe into stores of vertices.
-
-    Parameters
-    ----------
-    arguments : KernelArguments
-    """
+    """Writes tiles of a recipe into stores of vertices."""
 
     def __init__(self, arguments: KernelArguments) -> None:
         self._arguments = arguments
         self._context = arguments.context
         self._launcher = PatchLauncher(arguments)
         self._staged = StagingBuffer(self._context)
-        self._wide = WideTileErrors(arguments.recipe, self._heights)
+        self._wide_errors = WideTileErrors(arguments.recipe, self._heights)
         self._at_once: dict[int, Batches] = {}
-        self._rooms: dict[str, tuple[int, Any]] = {}
+        self._buffers: dict[str, tuple[int, Any]] = {}
 
     def updated(self, arguments: KernelArguments, areas: Sequence[Bounds]) -> VertexWriter:
-        """Return one of a changed recipe on the same device, in areas (m); room on it is shared."""
+        """Return a writer of a recipe that differs in areas (m), on the same device, with shared buffers."""
         other = copy(self)
         other._arguments = arguments
         other._launcher = self._launcher.with_arguments(arguments)
-        other._wide = self._wide.updated(arguments.recipe, other._heights, areas)
+        other._wide_errors = self._wide_errors.updated(arguments.recipe, other._heights, areas)
         return other
 
     def write(
         self, keys: LatticeArray, slots: LatticeArray, parents: LatticeArray, store: VertexStore
     ) -> npt.NDArray[np.void]:
-        """Write tiles and wait for them.
+        """Write tiles (level, column, row) into slots, wait for them, and return their `FACTS`, shape (n,).
 
-        Parameters
-        ----------
-        keys
-            Level, column and row of each, shape (n, 3).
-        slots, parents
-            Each tile's slot and its parent's, −1 where it has none; shape (n,).
-        store
-
-        Returns
-        -------
-        structured ndarray, shape (n,)
-            :data:`~sketchterrain.terrain.vertices.FACTS`.
+        ``parents`` are the slots of the parents, −1 without one.
         """
         facts = np.zeros(len(keys), FACTS)
         if not len(keys):
             return facts
-        lives = np.concatenate([np.stack([slots, parents], axis=1), keys[:, 1:] & 1], axis=1).astype(np.int32)
+        tile_slots = np.concatenate([np.stack([slots, parents], axis=1), keys[:, 1:] & 1], axis=1).astype(
+            np.int32
+        )
         order = np.argsort(keys[:, 0], kind="stable")
         strips = store.quads // sample_stride(store.quads)
-        found = self._room("found", 4 * len(keys) * strips)
-        away = self._room("away", len(keys) * strips**2)
-        at_once = self._at_once.setdefault(store.quads, Batches(max(_MOST_QUADS // store.quads**2, 1)))
+        extrema = self._buffer("extrema", 4 * len(keys) * strips)
+        errors = self._buffer("errors", len(keys) * strips**2)
+        at_once = self._at_once.setdefault(store.quads, Batches(max(_MAX_QUADS // store.quads**2, 1)))
         store.acquire()
         try:
             for first, last in _runs(keys[order, 0]):
-                chosen = order[first:last]
+                selected = order[first:last]
 
-                def enqueue(part: slice, chosen: LatticeArray = chosen, first: int = first) -> None:
-                    some = chosen[part]
+                def enqueue(part: slice, selected: LatticeArray = selected, first: int = first) -> None:
+                    items = selected[part]
                     place = first + part.start
-                    self._enqueue(keys[some], lives[some], store, found, away, place)
+                    self._enqueue(keys[items], tile_slots[items], store, extrema, errors, place)
 
-                at_once.run(len(chosen), enqueue, on_shrink=self._give_back)
-            parts = self._context.download(found, (len(keys), strips, 4), np.float32)
-            apart = self._context.download(away, (len(keys), strips**2), np.float32)
-            facts["error"][order] = geometric_error(apart)
-            for i in np.flatnonzero([self._wide.is_wide(int(level)) for level in keys[:, 0]]):
+                at_once.run(len(selected), enqueue, on_shrink=self._release_buffers)
+            ranges = self._context.download(extrema, (len(keys), strips, 4), np.float32)
+            deviations = self._context.download(errors, (len(keys), strips**2), np.float32)
+            facts["error"][order] = geometric_error(deviations)
+            for i in np.flatnonzero([self._wide_errors.is_wide(int(level)) for level in keys[:, 0]]):
                 level, column, row = (int(number) for number in keys[i])
-                apart = self._wide.distances(level, column, row, store.heights(int(slots[i])))
-                facts["error"][i] = geometric_error(apart[None])[0]
+                deviations = self._wide_errors.distances(level, column, row, store.heights(int(slots[i])))
+                facts["error"][i] = geometric_error(deviations[None])[0]
         finally:
             store.release(slots)
-        if not np.isfinite(parts[..., 2]).all():
-            count = f"in {np.count_nonzero(~np.isfinite(parts[..., 2]).all(axis=1))} of {len(keys)} tiles"
+        if not np.isfinite(ranges[..., 2]).all():
+            count = f"in {np.count_nonzero(~np.isfinite(ranges[..., 2]).all(axis=1))} of {len(keys)} tiles"
             raise non_finite("heights", self._context.device, count)
-        facts["low"][order] = parts[..., 0].min(axis=1)
-        facts["high"][order] = parts[..., 1].max(axis=1)
+        facts["low"][order] = ranges[..., 0].min(axis=1)
+        facts["high"][order] = ranges[..., 1].max(axis=1)
         return facts
 
     def _enqueue(
         self,
         keys: LatticeArray,
-        lives: npt.NDArray[np.int32],
+        tile_slots: npt.NDArray[np.int32],
         store: VertexStore,
-        found: Any,
-        away: Any,
+        extrema: Any,
+        errors: Any,
         first: int,
     ) -> None:
         """Enqueue tiles of one level."""
@@ -247,12 +223,12 @@ class VertexWriter:
         stride = sample_stride(store.quads)
         patches = tile_patches(level, places, self._arguments.recipe.extent, quads=store.quads)
         cut = partial(_in_squares, width=patches.cell_size * store.quads)
-        self._launcher.vertices(cut(patches), lives, store.buffer)
-        sample, sampled = found, False
-        if level < finest_level(store.quads) and not self._wide.is_wide(level):
+        self._launcher.vertices(cut(patches), tile_slots, store.buffer)
+        sample, sampled = extrema, False
+        if level < finest_level(store.quads) and not self._wide_errors.is_wide(level):
             samples = tile_samples(level, places, cell_size=FINEST_CELL, quads=store.quads)
             sample, sampled = self._launcher.heights(cut(samples)), True
-        slot = self._staged.upload({"slot": lives[:, 0]})["slot"]
+        slot = self._staged.upload({"slot": tile_slots[:, 0]})["slot"]
         self._context.launch(
             _FILE,
             "facts",
@@ -264,48 +240,48 @@ class VertexWriter:
             slot,
             store.buffer,
             np.int32(first),
-            found,
-            away,
+            extrema,
+            errors,
         )
 
     def _heights(self, patches: Patches) -> npt.NDArray[np.float32]:
-        """Return heights of patches here, shape (patches, side, side)."""
+        """Return heights of patches on the host, shape (patches, side, side)."""
         real = self._context.real_dtype
         shape = (patches.count, patches.side, patches.side)
         return self._context.download(self._launcher.heights(patches), shape, real).astype(np.float32)
 
-    def _room(self, name: str, count: int) -> Any:
-        """Return a buffer for so many floats; kept while it is large enough."""
-        held, buffer = self._rooms.get(name, (0, None))
-        if held < count:
-            self._rooms.pop(name, None)
+    def _buffer(self, name: str, count: int) -> Any:
+        """Return a cached buffer for at least so many floats."""
+        capacity, buffer = self._buffers.get(name, (0, None))
+        if capacity < count:
+            self._buffers.pop(name, None)
             buffer = self._context.empty(count, np.float32)
-            self._rooms[name] = count, buffer
+            self._buffers[name] = count, buffer
         return buffer
 
-    def _give_back(self) -> None:
-        """Let go of what was allocated for larger batches."""
+    def _release_buffers(self) -> None:
+        """Drop the buffers allocated for larger batches."""
         self._launcher = PatchLauncher(self._arguments)
 
 
-def geometric_error(apart: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
-    """Return δ of tiles from how far samples of full detail are from their triangles (m), shape (tiles, n).
+def geometric_error(deviations: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
+    """Return δ of tiles from the deviations (m) of full detail from their triangles, shape (tiles, n).
 
-    A hundredth of a tile may be farther off, but nothing of it much farther: a rare crag does not decide.
+    A hundredth of a tile may exceed it, but nothing by much: a rare crag does not decide.
     """
-    samples = apart.shape[1]
+    samples = deviations.shape[1]
     rank = min(int(np.ceil(_USUAL * samples)), samples) - 1
-    usual = np.partition(apart, rank, axis=1)[:, rank]
-    return np.asarray(np.maximum(usual, apart.max(axis=1) / _WORST), np.float64)
+    usual = np.partition(deviations, rank, axis=1)[:, rank]
+    return np.asarray(np.maximum(usual, deviations.max(axis=1) / _WORST), np.float64)
 
 
 def _in_squares(patches: Patches, width: float) -> Patches:
-    """Return patches that are so wide (m) cut into squares, if that makes them quicker."""
-    most = min(patches.side // _LEAST_IN_SQUARE, int(width / _LEAST_SQUARE))
+    """Return patches of a width (m) cut into squares, if that is quicker."""
+    most = min(patches.side // _MIN_SQUARE_VERTICES, int(width / _MIN_SQUARE))
     return replace(patches, squares=1 << (most.bit_length() - 1)) if most > 1 else patches
 
 
 def _runs(levels: LatticeArray) -> list[tuple[int, int]]:
-    """First and last (exclusive) of each run of equal levels."""
+    """Return the first and last (exclusive) of each run of equal levels."""
     cuts = [0, *(np.flatnonzero(np.diff(levels)) + 1).tolist(), len(levels)]
     return list(pairwise(cuts))

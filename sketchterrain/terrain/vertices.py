@@ -1,4 +1,4 @@
-"""Tiles as OpenGL draws them: packed vertices in slots of one buffer on the device."""
+"""Store of tiles as OpenGL draws them: packed vertices in slots of one device buffer."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ VERTEX: Final = np.dtype(
 """A vertex, 32 bytes: metres; x and y of the unit normal times 32767; materials' weights, 255 for 1."""
 
 FACTS: Final = np.dtype([("low", "f8"), ("high", "f8"), ("error", "f8")])
-"""What there is to know of a tile, m: see :meth:`~sketchterrain.terrain.terrain.Terrain.write_tiles`."""
+"""Facts of a tile, m: see :meth:`~sketchterrain.terrain.terrain.Terrain.write_tiles`."""
 
 TILE_QUADS: Final = (32, 64, 128, 256)
-"""Quads that a tile may have along a side."""
+"""Valid numbers of quads along a tile's side."""
 
 
 class VertexMemory(Protocol):
-    """Memory that a device writes and that OpenGL reads; see :mod:`sketchterrain.compute.sharing`."""
+    """Memory that a device writes and OpenGL reads; see :mod:`sketchterrain.compute.sharing`."""
 
     @property
     def nbytes(self) -> int:
-        """How much it is."""
+        """Size in bytes."""
         ...
 
     @property
@@ -49,47 +49,33 @@ class VertexMemory(Protocol):
         ...
 
     def acquire(self) -> None:
-        """Make it the device's; what is enqueued next may write it."""
+        """Give it to the device for writing."""
         ...
 
     def release(self, parts: Sequence[tuple[int, int]]) -> None:
-        """Wait for the device and make it OpenGL's; bytes in parts (start, size) were written, no others."""
+        """Wait for the device and give it to OpenGL; only bytes in parts (start, size) were written."""
         ...
 
 
 class VertexStore:
-    """Room for tiles of vertices, in slots.
+    """Slots for tiles of vertices.
 
-    Slot s starts at vertex s · (quads + 1)²; rows run from north to south.
-
-    Parameters
-    ----------
-    context : ComputeContext
-    slots : int
-        How many tiles there is room for.
-    quads : int
-        Along a tile's side: 32, 64, 128 or 256.
-    memory : VertexMemory or None
-        Where the vertices live, on the context's device; None makes a buffer on it.
-
-    Raises
-    ------
-    InputError
-        If there are no such tiles, or the memory is too small for them.
+    Slot s starts at vertex s · (quads + 1)²; rows run from north to south. ``quads`` along a side is 32, 64,
+    128 or 256. ``memory`` is on the context's device; None allocates a buffer.
     """
 
     def __init__(
         self, context: ComputeContext, slots: int, *, quads: int = QUADS, memory: VertexMemory | None = None
     ) -> None:
         if quads not in TILE_QUADS:
-            raise InputError(f"quads must be one of {', '.join(map(str, TILE_QUADS))}, not {quads}")
+            raise InputError(f"expected quads of {', '.join(map(str, TILE_QUADS))}, got {quads}")
         if slots < 1:
-            raise InputError(f"a store needs at least 1 slot, not {slots}")
+            raise InputError(f"expected at least 1 slot, got {slots}")
         self.context = context
         self.slots = slots
         self.quads = quads
         if memory is not None and memory.nbytes < self.nbytes:
-            raise InputError(f"{slots} tiles need {self.nbytes} bytes, there are {memory.nbytes}")
+            raise InputError(f"expected {self.nbytes} bytes for {slots} tiles, got {memory.nbytes}")
         self.memory = memory
         self.buffer: Any = context.empty(self.nbytes, np.uint8) if memory is None else memory.buffer
 
@@ -104,12 +90,12 @@ class VertexStore:
         return self.slots * self.tile_bytes
 
     def acquire(self) -> None:
-        """Make the vertices the device's."""
+        """Give the vertices to the device."""
         if self.memory is not None:
             self.memory.acquire()
 
     def release(self, slots: npt.NDArray[np.int64]) -> None:
-        """Make them OpenGL's again, those in slots newly written."""
+        """Give the vertices to OpenGL, with newly written slots."""
         if self.memory is None:
             return
         written = np.sort(slots)
@@ -120,19 +106,11 @@ class VertexStore:
         self.memory.release([(int(first) * size, int(count) * size) for first, count in runs])
 
     def write(self, slot: int, tile: npt.NDArray[np.void]) -> None:
-        """Put vertices that were not made on the device into a slot, once they are the device's.
-
-        Parameters
-        ----------
-        slot
-            Where to.
-        tile
-            (quads + 1, quads + 1) of `VERTEX`, row 0 north.
-        """
+        """Upload a tile (quads + 1, quads + 1) of `VERTEX`, row 0 north, to a slot that the device holds."""
         self.context.upload_into(self.buffer, np.ascontiguousarray(tile), start=slot * self.tile_bytes)
 
     def heights(self, slot: int) -> npt.NDArray[np.float32]:
-        """Wait for the device, whose the vertices must be, and return a tile's heights (m)."""
+        """Wait for the device, which must hold the vertices, and return a tile's heights (m)."""
         tile = np.empty((self.quads + 1, self.quads + 1), VERTEX)
         self.context.download_into(self.buffer, tile, start=slot * self.tile_bytes)
         return np.ascontiguousarray(tile["height"])

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.errors import InputError
 from sketchterrain.placement.hashing import hash_keys
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
-from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.patch_layout import run_to_completion
 from sketchterrain.vegetation.graded_poisson import GradedPoisson
 from sketchterrain.vegetation.plants import (
@@ -119,28 +119,21 @@ class Meadow:
 
 
 LEVELS: Final = 3
-"""Coarser Poisson-disk sets among the plants, at twice the distance each."""
+"""Coarser Poisson-disk sets nested in the plants, each of twice the distance."""
 
 _RULES: Final[dict[str, type[Woods] | type[Meadow]]] = {"woody": Woods, "grass": Meadow}
 _SQUARES: Final = {
     "woody": 2048.0,
     "grass": 256.0,
-}  # m, side of the squares in whose order plants come, about
-_AT_ONCE = 1 << 12  # plants whose ground is evaluated in a step
-_SAMPLES = 16  # blocks along a side of those that an estimate reads
-_ERRORS = 2.0  # standard errors that are added to their mean
-_MARGIN = 1.3  # times as many plants as the spacing says there may be
+}  # m, approximate side of the squares by which plants are sorted
+_AT_ONCE = 1 << 12  # plants evaluated in a step
+_SAMPLES = 16  # blocks along a side that an estimate reads
+_ERRORS = 2.0  # standard errors added to their mean
+_MARGIN = 1.3  # safety factor on the density
 
 
 class Storey:
-    """StructuredArray of one storey, a function of the world.
-
-    Parameters
-    ----------
-    evaluator
-    name
-        One of ``STOREYS``.
-    """
+    """Plants of one storey of ``STOREYS``, a function of the world."""
 
     def __init__(self, evaluator: Evaluator, name: str) -> None:
         recipe = evaluator.recipe
@@ -160,42 +153,42 @@ class Storey:
         self._square = power_of_two_step(_SQUARES[name], recipe.extent)
 
     def bound(self, area: Area) -> int:
-        """Return how many plants an area (lattice units) holds at most if they stand thickest all over it."""
+        """Return the greatest possible number of plants in an area (lattice units)."""
         thickest = GREATEST_DENSITY / self._rule.least**2
-        return math.ceil(_ground(area) * thickest + _a_row(area, thickest))
+        return math.ceil(_lattice_units(area) * thickest + _border_surplus(area, thickest))
 
     def estimate(self, area: Area) -> int:
-        """Return about how many plants an area (lattice units) holds at most, by some of its blocks."""
-        if _ground(area) == 0:
+        """Return an estimate, rarely exceeded, of the number of plants in an area (lattice units)."""
+        if _lattice_units(area) == 0:
             return 0
         side = BLOCK * self._rule.step
         columns, rows = (range(low // side, -(-high // side)) for low, high in _spans(area))
         if len(columns) * len(rows) <= _SAMPLES**2:
-            thick = self._thick(self._spacing.raster(*area).spacing)
+            density = self._density(self._spacing.raster(*area).spacing)
         else:
-            blocks = self._spacing.blocks(_strewn(columns, rows))
-            each = np.array([self._thick(block) for block in blocks])
-            thick = float(each.mean() + _ERRORS * each.std() / math.sqrt(each.size))
-        most = _MARGIN * _ground(area) * thick + _a_row(area, thick)
+            blocks = self._spacing.blocks(_stratified_blocks(columns, rows))
+            each = np.array([self._density(block) for block in blocks])
+            density = float(each.mean() + _ERRORS * each.std() / math.sqrt(each.size))
+        most = _MARGIN * _lattice_units(area) * density + _border_surplus(area, density)
         return min(math.ceil(most), self.bound(area))
 
-    def _thick(self, spacing: npt.NDArray[np.float32]) -> float:
-        """Mean density of plants over a raster, per lattice unit squared."""
+    def _density(self, spacing: npt.NDArray[np.float32]) -> float:
+        """Return the mean density of plants over a raster, per lattice unit squared."""
         apart = spacing.astype(np.float64)
         return float(np.mean(np.where(apart <= self._rule.most, FILL / apart**2, 0.0)))
 
     def parts(self, area: Area, *, most: int) -> Iterator[Area]:
-        """Cut an area (lattice units) into parts that hold so many plants at most, along lines of the world.
+        """Cut an area (lattice units) into parts of at most so many plants, along lines of the world.
 
-        The plants of the parts, one after the other, are those of the area in their order.
+        Concatenated, the plants of the parts are those of the area in order.
         """
         west, south, east, north = area
-        if _ground(area) == 0:
+        if _lattice_units(area) == 0:
             return
-        a_square = self.bound((0, 0, self._square, self._square))
+        per_square = self.bound((0, 0, self._square, self._square))
         columns, rows = (range(low // self._square, -(-high // self._square)) for low, high in _spans(area))
-        wide = min(max(most // a_square, 1), len(columns))
-        high = max(most // (a_square * wide), 1) if wide == len(columns) else 1
+        wide = min(max(most // per_square, 1), len(columns))
+        high = max(most // (per_square * wide), 1) if wide == len(columns) else 1
         for row in range(rows.start, rows.stop, high):
             for column in range(columns.start, columns.stop, wide):
                 yield (
@@ -206,34 +199,34 @@ class Storey:
                 )
 
     def plants_steps(self, area: Area) -> Generator[None, None, StructuredArray]:
-        """Find the plants of an area (lattice units) in steps of a few ms; the last one returns them."""
-        # Beforehand, for the sampler asks for all it needs at once.
+        """Find the plants of an area (lattice units) in steps of a few ms; the generator returns them."""
+        # In advance, as the sampler reads the whole raster at once.
         halo = self._points.halo
         west, south, east, north = area
         yield from self._spacing.prefetch_steps(west - halo, south - halo, east + halo, north + halo)
         points = yield from self._points.steps(area)
-        # They come from south to north already, and stay so within the squares.
+        # Points are sorted from south to north, and remain so within the squares.
         points = points[np.lexsort((points["x"] // self._square, points["y"] // self._square))]
-        found = []
+        plants = []
         for start in range(0, len(points), _AT_ONCE):
             yield
-            found.append(self._grown(points[start : start + _AT_ONCE]))
-        return np.concatenate(found) if found else np.zeros(0, PLANT)
+            plants.append(self._grown(points[start : start + _AT_ONCE]))
+        return np.concatenate(plants) if plants else np.zeros(0, PLANT)
 
     def _grown(self, points: npt.NDArray[Any]) -> StructuredArray:
-        """Return what grows at points, but for those where the ground lets nothing stand."""
+        """Return the plants at points, except where they cannot grow."""
         places = (np.ascontiguousarray(points[axis]) for axis in ("x", "y"))
-        foot = PlantSites.evaluate(self._evaluator, *places)
-        kept = self._rule.survives(foot)
-        points, foot = points[kept], foot.subset(kept)
+        sites = PlantSites.evaluate(self._evaluator, *places)
+        surviving = self._rule.survives(sites)
+        points, sites = points[surviving], sites.subset(surviving)
         plants = np.zeros(len(points), PLANT)
         if not len(points):
             return plants
-        plants["x"], plants["y"], plants["z"] = foot.x * self._unit, foot.y * self._unit, foot.z
-        plants["normal"], plants["level"] = foot.normal, points["level"]
-        plants["rotation"] = 2 * np.pi * self._noise.draw("rotation", foot.x, foot.y)
-        plants["tint"] = self._noise.draw("tint", foot.x, foot.y)
-        self._rule.assign_species(plants, foot, points["spacing"] * self._unit)
+        plants["x"], plants["y"], plants["z"] = sites.x * self._unit, sites.y * self._unit, sites.z
+        plants["normal"], plants["level"] = sites.normal, points["level"]
+        plants["rotation"] = 2 * np.pi * self._noise.draw("rotation", sites.x, sites.y)
+        plants["tint"] = self._noise.draw("tint", sites.x, sites.y)
+        self._rule.assign_species(plants, sites, points["spacing"] * self._unit)
         return plants
 
 
@@ -247,18 +240,18 @@ def _sides(area: Area) -> tuple[int, int]:
     return east - west, north - south
 
 
-def _ground(area: Area) -> int:
-    """Lattice units squared."""
+def _lattice_units(area: Area) -> int:
+    """Return the area in lattice units squared."""
     return math.prod(_sides(area))
 
 
-def _a_row(area: Area, thick: float) -> float:
-    """Return how many more plants of a density (on a unit squared) may stand just within the border."""
+def _border_surplus(area: Area, thick: float) -> float:
+    """Return how many more plants of a density there may be just inside the border."""
     return sum(_sides(area)) * math.sqrt(thick) + 1
 
 
-def _strewn(columns: range, rows: range) -> list[tuple[int, int]]:
-    """Return some of many blocks, spread evenly, none in line with those of the next row."""
+def _stratified_blocks(columns: range, rows: range) -> list[tuple[int, int]]:
+    """Return some of many blocks, evenly spread, rows staggered."""
     down = min(_SAMPLES, len(rows))
     some_rows = [rows[i * len(rows) // down] for i in range(down)]
     across = min(_SAMPLES**2 // len(some_rows), len(columns))

@@ -35,69 +35,38 @@ if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
 
 
-_POOLED: Final = 4  # quads of the raster along the squares whose ranges are kept
+_POOLED: Final = 4  # quads of the raster along the squares whose ranges are stored
 
 
 class SpacingRaster(NamedTuple):
-    """The distance between points, bilinear between the vertices of a raster of the world.
+    """Distance between points, bilinear between the vertices of a raster of the world."""
 
-    Attributes
-    ----------
-    west, south : int
-        Of the first vertex, lattice units; multiples of ``step``.
-    step : int
-        Lattice units between vertices, a power of two.
-    spacing : float32 (rows, columns)
-        Lattice units, row 0 southernmost; over the greatest distance where nothing stands.
-    """
-
-    west: int
+    west: int  # of the first vertex, lattice units; multiples of ``step``
     south: int
-    step: int
+    step: int  # lattice units between vertices, a power of two
+    # (rows, columns), lattice units, row 0 southernmost; over the greatest distance if there are no points.
     spacing: npt.NDArray[np.float32]
 
 
 class SpacingRanges(NamedTuple):
-    """The least and the greatest distance in squares of a raster, ``_POOLED`` of its steps wide.
+    """Range of the distance in squares of a raster, ``_POOLED`` of its steps wide."""
 
-    Attributes
-    ----------
-    west, south : int
-        Of the first square, lattice units.
-    side : int
-        Of a square, lattice units.
-    low, high : float32 (rows, columns)
-        Lattice units, row 0 southernmost; what is between a square's vertices lies between them.
-    """
-
-    west: int
+    west: int  # of the first square, lattice units
     south: int
-    side: int
-    low: npt.NDArray[np.float32]
+    side: int  # of a square, lattice units
+    low: npt.NDArray[np.float32]  # (rows, columns), row 0 southernmost; bounds of the interpolated values
     high: npt.NDArray[np.float32]
 
     @classmethod
     def from_raster(cls, raster: SpacingRaster) -> SpacingRanges:
-        """Return those of a raster."""
+        """Return the ranges of a raster."""
         low, high = (_pooled(best, raster.spacing) for best in (np.minimum, np.maximum))
         return cls(raster.west, raster.south, raster.step * _POOLED, low, high)
 
     def over(
         self, start: list[npt.NDArray[np.int64]], sides: list[int]
     ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-        """Return the ranges over rectangles.
-
-        Parameters
-        ----------
-        start
-            First rows (n,) and columns (m,), lattice units.
-        sides
-            Height and width of all, lattice units.
-
-        Returns
-        -------
-        low, high : float32 (n, m)
-        """
+        """Return the ranges (n, m) over rectangles of one size, from first rows (n,) and columns (m,)."""
         spans = []
         for origin, from_, side, many in zip(
             (self.south, self.west), start, sides, self.low.shape, strict=True
@@ -125,7 +94,7 @@ def _pooled(best: np.ufunc, values: npt.NDArray[np.float32]) -> npt.NDArray[np.f
 def _reduced(
     best: np.ufunc, values: npt.NDArray[np.float32], spans: list[npt.NDArray[np.int64]]
 ) -> npt.NDArray[np.float32]:
-    """Reduce the values in spans of rows and of columns, given as starts and ends in turn."""
+    """Reduce the values in spans of rows and of columns, given as alternating starts and ends."""
     for axis, span in enumerate(spans):
         values = np.concatenate([values, values.take([-1], axis)], axis)  # a span may end after the last
         values = best.reduceat(values, span, axis).take(range(0, len(span), 2), axis)

@@ -26,11 +26,11 @@ from rasterio.enums import Resampling
 from rasterio.errors import RasterioError
 from rasterio.io import MemoryFile
 
+from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.document.store import pack_sketch
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.export.files import prepare_folder
 from sketchterrain.io.files import atomic_path, wrap_os_errors, write_atomic
-from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.world import store
 from sketchterrain.world.grid import CHUNK, LAYER_SPECS, SHARD, Ground, Level, Shard
 from sketchterrain.world.job import Georeference, Job

@@ -11,8 +11,8 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.errors import InputError
-from sketchterrain.terrain.materials import MATERIALS
 
 SHARD: Final = 2048
 """Vertices along the side of a shard: what is computed and written at once, a file of each layer."""

@@ -14,9 +14,9 @@ import numpy.typing as npt
 
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import Device, choose_device, fallback_device
+from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.export.sampled import quantise_normals, quantise_weights
-from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.rasters import QuantizedBand
 from sketchterrain.terrain.self_test import self_test
 from sketchterrain.terrain.surfaces import Band

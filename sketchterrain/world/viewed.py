@@ -18,6 +18,7 @@ from sketchterrain.app.progress import Stages
 from sketchterrain.app.stills import PictureOptions, sketch_weather
 from sketchterrain.array_types import Bounds
 from sketchterrain.compute.context import ComputeContext
+from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.export.files import prepare_folder
@@ -29,7 +30,6 @@ from sketchterrain.render.snapshot import render_picture
 from sketchterrain.render.views import check_view
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS, finest_level
-from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.patch_layout import run_to_completion
 from sketchterrain.terrain.surfaces import TerrainFeatures
 from sketchterrain.terrain.terrain import Terrain

@@ -38,13 +38,13 @@ def distances(size, row, column) -> tuple[np.ndarray, np.ndarray]:
     return down - row, across - column
 
 
-def somewhere(rng: Rng, size: tuple[int, int]) -> tuple[float, float]:
-    """A place, a little beyond the edges too."""
+def random_position(rng: Rng, size: tuple[int, int]) -> tuple[float, float]:
+    """Return a position, possibly just beyond the edges."""
     return tuple(rng.uniform(-0.1, 1.1, 2) * size)
 
 
 def blob(rng: Rng, size: tuple[int, int]) -> BoolArray:
-    down, across = distances(size, *somewhere(rng, size))
+    down, across = distances(size, *random_position(rng, size))
     angle = np.arctan2(down, across)
     radius = rng.uniform(0.05, 0.35) * min(size)
     outline = 1.0 + sum(0.3 / k * np.cos(k * angle + rng.uniform(0, 6.3)) for k in range(2, 6))
@@ -68,7 +68,7 @@ def cross(rng: Rng, size: tuple[int, int]) -> BoolArray:
 
 def sliver(rng: Rng, size: tuple[int, int]) -> BoolArray:
     mask = np.zeros(size, np.bool_)
-    stroke(mask, [somewhere(rng, size), somewhere(rng, size)], rng.choice([0.5, 0.7, 1.0, 1.6]))
+    stroke(mask, [random_position(rng, size), random_position(rng, size)], rng.choice([0.5, 0.7, 1.0, 1.6]))
     return mask
 
 
@@ -94,7 +94,7 @@ def canvas(rng: Rng, size: tuple[int, int]) -> BoolArray:
 
 
 def tiny(rng: Rng, size: tuple[int, int], *, count: int = 500) -> BoolArray:
-    """500 shapes of one to six pixels, as far as they find room apart from each other."""
+    """Return up to 500 separate shapes of one to six pixels."""
     rows, columns = (np.arange(1, side - 2, 4) for side in size)
     at = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)
     mask = np.zeros(size, np.bool_)
@@ -104,7 +104,7 @@ def tiny(rng: Rng, size: tuple[int, int], *, count: int = 500) -> BoolArray:
 
 
 def checkers(rng: Rng, size: tuple[int, int]) -> BoolArray:
-    """Squares that touch at their corners, so that they are one shape."""
+    """Return squares that touch at their corners, so that they are one shape."""
     side = int(rng.integers(1, 9))
     down, across = distances(size, 0, 0)
     return (down // side + across // side) % 2 == 0
@@ -177,12 +177,12 @@ def touching_itself(rng: Rng, size: tuple[int, int]) -> BoolArray:
 
 
 def dabs(rng: Rng, size: tuple[int, int]) -> BoolArray:
-    """Fewer than 500: every water is traced on the ground."""
+    """Return fewer than 500: every lake is routed on the terrain."""
     return tiny(rng, size, count=60)
 
 
 def flooded(rng: Rng, size: tuple[int, int]) -> BoolArray:
-    """Somebody used the bucket."""
+    """Return the whole canvas or a blob."""
     return canvas(rng, size) if rng.random() < 0.2 else blob(rng, size)
 
 
@@ -192,7 +192,7 @@ KINDS = len(AREA_KINDS) + len(RIVER_KINDS) + 1
 
 
 def random_sketch(number: int) -> Sketch:
-    """Sketch `number`: its main kind goes through all there are, the rest is thrown."""
+    """Return sketch `number`: its main kind cycles through all, the rest is random."""
     rng = np.random.default_rng([20261121, number])
     size = random_size(rng, number)
     layers = {name: np.zeros(size, np.uint8) for name in LAYERS}
@@ -246,7 +246,7 @@ def paint(
 
 
 def random_value(rng: Rng, parameter: Parameter) -> object:
-    """The default, either end of what is allowed, or anything between."""
+    """Return the default, either bound, or a value between."""
     if parameter.choices:
         return str(rng.choice(parameter.choices))
     low, high = float(parameter.low), float(parameter.high)
@@ -256,7 +256,7 @@ def random_value(rng: Rng, parameter: Parameter) -> object:
 
 
 LEAST_RADIUS = 1.5  # px
-LEAST_SHARE = 0.36  # of the label's strength, for which a feature's reach is worked out
+LEAST_SHARE = 0.36  # of the label's strength, from which a feature's radius is derived
 ROUNDING = 1 + 1e-5  # radii and strengths are float32
 
 SAMPLE = range(7, COUNT, 10)
@@ -329,7 +329,7 @@ def check(sketch: Sketch) -> None:
 
 
 def pixels_of(ids: np.ndarray, sketch: Sketch) -> tuple[np.ndarray, np.ndarray]:
-    """Row and column that an id names."""
+    """Return the row and column of ids."""
     return np.divmod((ids.astype(np.uint64) & np.uint64(2**48 - 1)).astype(np.int64), sketch.width_px)
 
 
@@ -351,7 +351,7 @@ def check_placed(sketch: Sketch) -> StructuredArray:
 
 
 def check_points(sketch: Sketch, name: str, own: StructuredArray) -> None:
-    """Every shape has a feature; every feature stands where, and is as large and high as, the rules say."""
+    """Every shape has a feature; every feature has a position, radius and strength within the rules."""
     rule, image, pixel = TYPES[name], sketch.layers[name], sketch.pixel_size
     shapes = label_shapes(name, image)
     row, column = pixels_of(own["id"], sketch)
@@ -365,27 +365,29 @@ def check_points(sketch: Sketch, name: str, own: StructuredArray) -> None:
     for shape in shapes:
         depth[shape.rows, shape.columns] += shape.depth
     disc = np.maximum(depth[row, column], 1.0) * pixel
-    # A feature reaches farther the lower it is, and the sharper, but not without end.
-    shown = shown_at(name, np.array([LEAST_SHARE]), np.array([1.0]), sketch.fidelity)
-    assert np.all(own["radius"] <= np.maximum(rule.reach * disc / shown, LEAST_RADIUS * pixel) * ROUNDING)
+    # A feature's radius grows the lower and the sharper it is, but is bounded.
+    visible = shown_at(name, np.array([LEAST_SHARE]), np.array([1.0]), sketch.fidelity)
+    assert np.all(own["radius"] <= np.maximum(rule.reach * disc / visible, LEAST_RADIUS * pixel) * ROUNDING)
     assert np.all(own["radius"] >= LEAST_RADIUS * pixel / ROUNDING)
 
-    away = np.hypot(own["x"] - (column + 0.5) * pixel, own["y"] - (sketch.height_px - row - 0.5) * pixel)
-    assert np.all(away <= MAX_DISPLACEMENT * (1 - sketch.fidelity) * disc + 1e-9 * sketch.extent)
+    displacement = np.hypot(
+        own["x"] - (column + 0.5) * pixel, own["y"] - (sketch.height_px - row - 0.5) * pixel
+    )
+    assert np.all(displacement <= MAX_DISPLACEMENT * (1 - sketch.fidelity) * disc + 1e-9 * sketch.extent)
 
     key = "density" if name == "forest" else "height"
-    asked = np.zeros(256)
+    requested = np.zeros(256)
     for label in np.unique(image[image > 0]):
-        asked[label] = sketch.properties(name, int(label))[key]
-    asked = asked[image[row, column]]
-    highest = np.minimum(asked * (1 + rule.variation), rule.most_slope * disc)
+        requested[label] = sketch.properties(name, int(label))[key]
+    requested = requested[image[row, column]]
+    highest = np.minimum(requested * (1 + rule.variation), rule.most_slope * disc)
     assert np.all(own["strength"] <= highest * ROUNDING)
-    # A forest may be asked to have no trees at all.
-    assert np.all((own["strength"] > 0) | (asked == 0))
+    # A forest may have density 0.
+    assert np.all((own["strength"] > 0) | (requested == 0))
 
 
 def check_strengths(recipe: TerrainRecipe, placed: StructuredArray) -> None:
-    """The recipe has what was placed and nothing else, with strengths that were solved for."""
+    """The recipe has exactly the placed features, with solved strengths."""
     assert np.all(np.diff(placed["id"].astype(np.int64)) > 0)
     for field in ("id", "x", "y", "radius"):
         assert np.array_equal(recipe.painted[field], placed[field])
@@ -394,7 +396,7 @@ def check_strengths(recipe: TerrainRecipe, placed: StructuredArray) -> None:
 
 
 def check_rivers(sketch: Sketch, rivers: Sequence[River]) -> None:
-    """Every network has a river; water never rises on its way."""
+    """Every network has a river; water never rises downstream."""
     painted = sketch.layers["river"] > 0
     shapes = label_shapes("river", painted.astype(np.uint8))
     row, column = pixels_of(np.array([river.id for river in rivers], dtype=np.uint64), sketch)
@@ -409,16 +411,16 @@ def check_rivers(sketch: Sketch, rivers: Sequence[River]) -> None:
 
 
 def check_fields(sketch: Sketch, recipe: TerrainRecipe) -> None:
-    """Every lake is there, and every cover that is not asked to be invisible."""
-    for name, made in (("lake", recipe.lakes), ("material", recipe.covers)):
-        row, column = pixels_of(np.array([each.id for each in made], dtype=np.uint64), sketch)
+    """Every lake exists, and every cover with a strength above 0."""
+    for name, fields in (("lake", recipe.lakes), ("material", recipe.covers)):
+        row, column = pixels_of(np.array([each.id for each in fields], dtype=np.uint64), sketch)
         shapes = tuple(
             shape
             for shape in label_shapes(name, sketch.layers[name])
             if name == "lake" or sketch.properties(name, shape.label)["strength"] > 0
         )
         assert number_of_shapes_hit(shapes, row, column) == len(shapes)
-        for each in made:
+        for each in fields:
             assert np.isfinite(each.shape.inside).all()
             assert each.shape.spacing > 0
     for lake in recipe.lakes:
@@ -435,7 +437,7 @@ def check_fill(fill: Fill, west: float, south: float, east: float, north: float)
 
 
 def check_heights(sketch: Sketch, recipe: TerrainRecipe) -> None:
-    """Some places of the terrain, on and off the sketch: rivers' points among them."""
+    """Heights are finite at random points and at points of rivers."""
     rng = np.random.default_rng(sketch.seed)
     at = rng.uniform(-0.1, 1.1, (40, 2)) * sketch.size
     if recipe.rivers:

@@ -19,7 +19,7 @@ if not list_devices():
 
 
 def tiers(names, quick, slow=(), soak=()):
-    """Parametrise a test by cases of the default tier, and by those of later tiers that are no quick ones."""
+    """Parametrise a test by cases of the default tier, and by others of later tiers."""
     later = [(case, pytest.mark.slow) for case in slow if case not in quick]
     later += [(case, pytest.mark.soak) for case in soak]
     one = isinstance(names, str)
@@ -28,7 +28,7 @@ def tiers(names, quick, slow=(), soak=()):
 
 
 def half_sums(parent: np.ndarray) -> dict[tuple[int, int], np.ndarray]:
-    """What lies between a parent's vertices, twice: along its edges and its north-west diagonals."""
+    """Return twice the values between a parent's vertices: along its edges and its north-west diagonals."""
     return {
         (0, 1): parent[:, :-1] + parent[:, 1:],
         (1, 0): parent[:-1] + parent[1:],
@@ -38,25 +38,25 @@ def half_sums(parent: np.ndarray) -> dict[tuple[int, int], np.ndarray]:
 
 @pytest.fixture
 def calls(monkeypatch) -> list[str]:
-    """What contexts are asked to do from now on: clear it to begin."""
+    """Calls of OpenCL since the start, or since the list was cleared."""
     done, real = [], ComputeContext._call
 
-    def counted(self, doing, *given, **named):
-        done.append(doing)
-        return real(self, doing, *given, **named)
+    def counted(self, action, *given, **named):
+        done.append(action)
+        return real(self, action, *given, **named)
 
     monkeypatch.setattr(ComputeContext, "_call", counted)
     return done
 
 
 def launches(calls: list[str]) -> list[str]:
-    """The kernels launched."""
+    """Return the kernels launched."""
     return [call.removeprefix("launching ") for call in calls if call.startswith("launching")]
 
 
 @pytest.fixture
 def with_kernel(monkeypatch):
-    """Return what adds a program: a kernel file and more source."""
+    """Return a function that adds a program: a kernel file and more source."""
     source = resources.source
 
     def add(name: str, base: str, kernel: str) -> None:
@@ -69,7 +69,7 @@ def with_kernel(monkeypatch):
 
 
 def assert_same(one, other, *, parents=False) -> None:
-    """Two tiles or rasters have the same bits."""
+    """Assert that two tiles or rasters are bit-equal."""
     for name in ("height", "normal", "materials", *(("parent_height", "parent_normal") if parents else ())):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
 
@@ -107,7 +107,7 @@ def feature(kind, x, y, radius, strength, **more) -> np.ndarray[Any, Any]:
 
 
 def octave_arguments(context, octaves, corner, step_bits) -> tuple[object, ...]:
-    """What a kernel is given of octaves for a patch whose south-west vertex is ``corner``, in steps."""
+    """Return the octave arguments of a kernel for a patch whose south-west vertex is ``corner``, in steps."""
     corners = np.array([corner], np.int64) << step_bits
     scale, corner = octaves.scale.astype(context.real_dtype), corner_table(octaves, corners, step_bits)
     arrays = (octaves.form, octaves.offset, scale, corner)
@@ -115,20 +115,20 @@ def octave_arguments(context, octaves, corner, step_bits) -> tuple[object, ...]:
 
 
 def river_of(line: np.ndarray, width: float, *, every: int = 20, depth: float = 2.0) -> River:
-    """A river of one width and depth whose control points are some of its centreline's."""
+    """Return a river of one width and depth whose control points are some of its centreline's."""
     ones = np.ones(len(line), np.float32)
     few, points = ones[::every], line[::every]
     return River(1, 1, points, width * few, depth * few, line, width * ones, depth * ones)
 
 
 def straight_river(y: float = 2048.0, *, width: float = 20.0, fall: float = 0.004) -> River:
-    """A river from west to east along a slightly waving line."""
+    """Return a river from west to east along a slightly waving line."""
     x = np.linspace(200, 3900, 300)
     return river_of(np.column_stack([x, y + 150 * np.sin(x / 400), 12 - fall * x]), width)
 
 
 def round_field(x, y, radius, *, spacing=8.0, margin=80.0) -> ShapeField:
-    """The field of a disc."""
+    """Return the distance field of a disc."""
     count = int(np.ceil((radius + margin) / spacing)) + 1
     step = np.arange(-count, count + 1) * spacing
     inside = radius - np.hypot(step, step[:, None])
@@ -136,18 +136,18 @@ def round_field(x, y, radius, *, spacing=8.0, margin=80.0) -> ShapeField:
 
 
 def lake(x: float, y: float, radius: float, level: float, *, depth: float = 8.0, **more: float) -> Lake:
-    """A round lake."""
+    """Return a round lake."""
     return Lake(1, 1, round_field(x, y, radius, **more), level, depth)
 
 
 def cover(x: float, y: float, radius: float, material: int, strength: float = 1.0) -> Cover:
-    """A round patch of one material."""
+    """Return a round patch of one material."""
     return Cover(1, 1, round_field(x, y, radius), material, strength)
 
 
 @pytest.fixture(scope="session")
 def make_recipe() -> Callable[..., TerrainRecipe]:
-    """Make a 4096 m recipe of just the given features and rivers."""
+    """Return a function that makes a 4096 m recipe of only the given features and rivers."""
 
     def make(*features, rivers=(), **changes) -> TerrainRecipe:
         painted = np.concatenate([np.zeros(0, FEATURE), *features])
@@ -203,7 +203,7 @@ LAKES = (
 
 @pytest.fixture(params=list(CASES))
 def case(request, make_recipe) -> tuple[str, TerrainRecipe]:
-    """One kind of feature alone on the ground."""
+    """One kind of feature alone."""
     name = request.param
     rivers = (straight_river(), straight_river(900, width=6)) if name == "river" else ()
     lakes = LAKES if name == "lake" else ()

@@ -1,4 +1,4 @@
-"""The measure on cases whose answer is known, and the bounds that the terrain must keep."""
+"""Adherence on cases with known results, and the bounds that terrains must satisfy."""
 
 import json
 import math
@@ -6,13 +6,13 @@ import math
 import numpy as np
 import pytest
 
+from sketchterrain.benchmarks.naturalness import measure_naturalness, outline_ratio
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.io.resources import preset_names
 from sketchterrain.placement.shapes import label_shapes
 from sketchterrain.terrain.adherence import agreement, measure_adherence
 from sketchterrain.terrain.building import build
-from sketchterrain.terrain.naturalness import measure_naturalness, outline_ratio
 from sketchterrain.terrain.terrain import Terrain
 
 from .conftest import tiers
@@ -30,8 +30,8 @@ def measured(painted: np.ndarray, effect: np.ndarray, *, height: float = HEIGHT,
     image = painted.astype(np.uint8)
     sketch = Sketch(extent=pixel * SIDE, layers={"mountain": image})
     shapes = label_shapes("mountain", image)
-    asked = np.full(len(shapes), height)
-    return agreement(sketch, shapes, effect.astype(np.float32), asked, has_height=True)[0]
+    requested = np.full(len(shapes), height)
+    return agreement(sketch, shapes, effect.astype(np.float32), requested, has_height=True)[0]
 
 
 def test_agreement_of_shapes_is_as_computed_by_hand() -> None:
@@ -71,16 +71,16 @@ def test_agreement_of_shapes_is_as_computed_by_hand() -> None:
 
 def test_adherence_of_a_preset_as_json(valley) -> None:
     found = measure_adherence(valley)
-    told = json.loads(json.dumps(found.as_dict()))
-    assert told["lost"] == 0
+    report = json.loads(json.dumps(found.as_dict()))
+    assert report["lost"] == 0
     painted = {name for name, image in valley.sketch.layers.items() if image.any()}
-    assert painted - {"material"} == set(told["layers"])
-    for name, layer in told["layers"].items():
+    assert painted - {"material"} == set(report["layers"])
+    for name, layer in report["layers"].items():
         assert layer["shapes"] == len(label_shapes(name, valley.sketch.layers[name]))
-    assert all(river["descending"] == 1.0 for river in told["rivers"])
+    assert all(river["descending"] == 1.0 for river in report["rivers"])
 
 
-def test_every_speck_shows(context) -> None:
+def test_every_single_pixel_has_an_effect(context) -> None:
     mountain, hill, forest = (np.zeros((SIDE, SIDE), np.uint8) for _ in range(3))
     mountain[10:120:12, 10:120:12] = 1
     hill[16:120:12, 16:120:12] = 1
@@ -97,8 +97,8 @@ def test_noise_has_no_outline_and_a_step_has() -> None:
     assert outline_ratio(np.where(distance < 1.5, 5.0, 1.0), area) > 4.0
 
 
-def checked(terrain: Terrain) -> float:
-    """The mean overlap; nothing is lost, and peaks are as high as asked."""
+def mean_overlap(terrain: Terrain) -> float:
+    """Return the mean overlap; assert that nothing is lost, and that peaks have the requested height."""
     found = measure_adherence(terrain)
     assert found.lost == 0
     assert found.peaks.measured or not terrain.sketch.layers["mountain"].any()
@@ -108,8 +108,8 @@ def checked(terrain: Terrain) -> float:
     return found.mean_iou
 
 
-def painted_by_hand(layer: str) -> dict[str, np.ndarray]:
-    """Blobs, strokes, a ring and a cross, 256² pixels."""
+def hand_painted_layers(layer: str) -> dict[str, np.ndarray]:
+    """Return blobs, strokes, a ring and a cross, 256² pixels."""
     side = 256
     rows, columns = np.mgrid[:side, :side]
     image = np.zeros((side, side), bool)
@@ -127,12 +127,12 @@ def painted_by_hand(layer: str) -> dict[str, np.ndarray]:
     [("mountain", 0.8, 0.75), ("forest", 1.0, 0.92)],
     [("mountain", 1.0, 0.92), ("hill", 0.8, 0.75), ("hill", 1.0, 0.92), ("forest", 0.8, 0.75)],
 )
-def test_blobs_strokes_and_rings_are_where_they_were_painted(layer, fidelity, least, context) -> None:
+def test_blobs_strokes_and_rings_match_their_paint(layer, fidelity, least, context) -> None:
     overlaps = []
     for seed in (1, 2):
-        labels, layers = {("mountain", 1): {"height": 300.0, "multitude": 3}}, painted_by_hand(layer)
+        labels, layers = {("mountain", 1): {"height": 300.0, "multitude": 3}}, hand_painted_layers(layer)
         sketch = Sketch(extent=4096.0, seed=seed, fidelity=fidelity, layers=layers, labels=labels)
-        overlaps.append(checked(build(sketch, device=context)))
+        overlaps.append(mean_overlap(build(sketch, device=context)))
     assert np.mean(overlaps) >= least
 
 
@@ -141,13 +141,11 @@ def test_blobs_strokes_and_rings_are_where_they_were_painted(layer, fidelity, le
     [(("valley_river",), 0.8, 0.75)],
     [(preset_names(), 0.8, 0.75), (preset_names(), 1.0, 0.92)],
 )
-def test_presets_are_where_they_were_painted_and_outlines_do_not_show(
-    presets, fidelity, least, context
-) -> None:
+def test_presets_match_their_paint_and_outlines_are_invisible(presets, fidelity, least, context) -> None:
     overlaps = []
     for name in presets:
         terrain = build(load_sketch(name).replace(fidelity=fidelity), device=context)
-        overlaps.append(checked(terrain))
+        overlaps.append(mean_overlap(terrain))
         if fidelity == 0.8:
             natural = measure_naturalness(terrain)
             assert natural.slope == pytest.approx(1.03, abs=0.05), name
@@ -167,7 +165,7 @@ def test_hills_reach_the_height_of_their_label(name, seed, context) -> None:
     assert max(abs(ratio - 1.0) for ratio in reached) < 0.1
 
 
-def test_a_mountain_that_is_not_there_reaches_nothing(context) -> None:
+def test_a_mountain_without_strength_is_lost(context) -> None:
     terrain = build(
         Sketch(extent=1280.0, layers={"mountain": disc(60, 60, 20).astype(np.uint8)}), device=context
     )

@@ -1,4 +1,4 @@
-"""The self-test of a device, smaller batches without memory, and non-finite values."""
+"""Self-test of a device, smaller batches when memory is short, and non-finite values."""
 
 import time
 from collections.abc import Iterator
@@ -27,35 +27,35 @@ KEYS = [(3, 1, 2), *((4, 2 + i, 4 + j) for i in (0, 1) for j in (0, 1))]
 CACHED = (self_test, check_device, verdicts._probe_in_child)
 
 
-def forget() -> None:
+def clear_caches() -> None:
     for function in CACHED:
         function.cache_clear()
 
 
 def full() -> None:
-    """Fail as a device without memory does."""
+    """Fail like a device without free memory."""
     code = cl.status_code.MEM_OBJECT_ALLOCATION_FAILURE
     raise cl.MemoryError(cl._cl._ErrorRecord(msg="", code=code, routine="clInjected"))
 
 
 @pytest.fixture
 def fresh(tmp_path, monkeypatch) -> Iterator[None]:
-    """Verdicts are cached in the process and on disk: forget them before and after."""
+    """Clear verdicts cached in the process and on disk, before and after."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    forget()
+    clear_caches()
     yield
-    forget()
+    clear_caches()
 
 
 @pytest.fixture
 def right_arithmetic(fresh, monkeypatch) -> None:
-    """No device needs its child process for the arithmetic."""
+    """Skip the child process that checks arithmetic, with a positive result."""
     monkeypatch.setattr(device_check, "module_result", lambda *_, **__: b"[]")
 
 
 @pytest.fixture(scope="module")
 def probe() -> Any:
-    """What a device with the right bits makes of the small terrain."""
+    """The small terrain of a device with the right bits."""
     return verdicts._probe(list_devices()[0])
 
 
@@ -70,7 +70,7 @@ def test_known_devices_pass_and_the_verdict_is_cached(device) -> None:
         assert time.perf_counter() - start < 0.01
 
 
-def test_the_small_terrain_has_something_of_everything(probe) -> None:
+def test_the_small_terrain_contains_every_kind_of_feature(probe) -> None:
     recipe = verdicts._probe_recipe()
     assert set(recipe.painted["type"].tolist()) >= set(range(4))
     assert recipe.rivers
@@ -79,7 +79,9 @@ def test_the_small_terrain_has_something_of_everything(probe) -> None:
     assert len(probe.rest["plants"]) > 100
 
 
-def test_without_another_driver_float64_is_near(right_arithmetic, probe, monkeypatch) -> None:
+def test_without_another_driver_heights_are_compared_with_float64(
+    right_arithmetic, probe, monkeypatch
+) -> None:
     device = list_devices()[0]
     monkeypatch.setattr(verdicts, "list_devices", lambda: (device,))
     monkeypatch.setattr(verdicts, "_probe_in_child", lambda _: probe)
@@ -111,8 +113,8 @@ def test_wrong_arithmetic_is_other_bits(right_arithmetic, probe, monkeypatch) ->
         assert self_test(device, compare=compare).bits == "other"
 
 
-def test_a_device_that_fails_its_test(right_arithmetic, probe, monkeypatch) -> None:
-    """In its arithmetic; in the terrain; a device to compare with that fails is passed over."""
+def test_a_device_that_fails_its_self_test(right_arithmetic, probe, monkeypatch) -> None:
+    """In its arithmetic or in the terrain; other devices that fail are skipped."""
     device = KNOWN[0]
 
     def in_child(tested: Any) -> Any:
@@ -132,7 +134,7 @@ def test_a_device_that_fails_its_test(right_arithmetic, probe, monkeypatch) -> N
     assert self_test(device, compare=False).line == "failed: it is gone"
 
 
-def test_batches_are_halved_until_there_is_room() -> None:
+def test_batches_are_halved_until_they_fit() -> None:
     for room, most, halvings in ((1, 1, [32, 16, 8, 4, 2, 1]), (3, 2, [32, 16, 8, 4, 2]), (100, 64, [])):
         done: list[int] = []
         dropped: list[int] = []
@@ -154,7 +156,7 @@ def test_batches_are_halved_until_there_is_room() -> None:
         Batches(64).run(5, lambda _: work(slice(0, 999)))
 
 
-def answers(context: ComputeContext, x: np.ndarray) -> list[np.ndarray]:
+def evaluations(context: ComputeContext, x: np.ndarray) -> list[np.ndarray]:
     """A raster, tiles and single heights of the small terrain."""
     terrain = build(verdicts.probe_terrain(), device=context)
     raster, tiles = terrain.raster(257), terrain.tiles([(4, 3 + i, 5) for i in range(9)])
@@ -169,10 +171,10 @@ def packed_vertices(context: ComputeContext) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("room", [1, 5])
-def test_little_memory_changes_no_bit(room, context, monkeypatch) -> None:
+def test_short_memory_changes_no_bit(room, context, monkeypatch) -> None:
     """Allocation fails for more than so many patches or two hundred points at once."""
     x = np.linspace(0, 1024, 900)
-    expected = answers(context, x) + packed_vertices(context)
+    expected = evaluations(context, x) + packed_vertices(context)
     real = ComputeContext.launch
 
     def launch(self: ComputeContext, file: str, kernel: str, size: Any, *given: Any, **named: Any) -> None:
@@ -181,13 +183,13 @@ def test_little_memory_changes_no_bit(room, context, monkeypatch) -> None:
         real(self, file, kernel, size, *given, **named)
 
     monkeypatch.setattr(ComputeContext, "launch", launch)
-    for one, other in zip(answers(context, x) + packed_vertices(context), expected, strict=True):
+    for one, other in zip(evaluations(context, x) + packed_vertices(context), expected, strict=True):
         np.testing.assert_array_equal(one, other)
 
 
 @tiers("which", ["first of each kind"], ["every ninth"], ["every"])
-def test_no_room_once_anywhere(which, context, monkeypatch) -> None:
-    """At any call: the same bits from smaller batches, or one clear error; never other values."""
+def test_one_failed_allocation_changes_no_value(which, context, monkeypatch) -> None:
+    """At any call: the same bits from smaller batches, or one clear error."""
     x = np.linspace(0, 1024, 700)
     calls: list[str] = []
     failing = -1
@@ -201,17 +203,17 @@ def test_no_room_once_anywhere(which, context, monkeypatch) -> None:
 
     def job() -> list[Any]:
         calls.clear()
-        return answers(context, x)
+        return evaluations(context, x)
 
     monkeypatch.setattr(ComputeContext, "_call", call)
     expected, kinds = job(), list(calls)
     errors = []
-    chosen = {
+    selected = {
         "first of each kind": [kinds.index(kind) for kind in dict.fromkeys(kinds)],
         "every ninth": range(0, len(kinds), 9),
         "every": range(len(kinds)),
     }[which]
-    for failing in chosen:  # `call` reads it
+    for failing in selected:  # `call` reads it
         try:
             found = job()
         except DeviceMemoryError as error:
@@ -219,11 +221,11 @@ def test_no_room_once_anywhere(which, context, monkeypatch) -> None:
             continue
         for one, other in zip(found, expected, strict=True):
             np.testing.assert_array_equal(one, other)
-    assert len(errors) < len(chosen)
+    assert len(errors) < len(selected)
     assert all(f"has no memory left for {kind}" in line for kind, line in errors)
 
 
-def test_non_finite_values_are_refused(context, monkeypatch) -> None:
+def test_non_finite_values_are_errors(context, monkeypatch) -> None:
     terrain = build(verdicts.probe_terrain(), device=context)
     real = ComputeContext.download_into
     for value in (np.nan, np.inf):

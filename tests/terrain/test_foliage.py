@@ -1,4 +1,4 @@
-"""Plants: species, density, spacing by the ground, independence of the queried area, and edits."""
+"""Plants: species, density, spacing by the terrain, independence of the queried area, and edits."""
 
 import itertools
 from dataclasses import replace
@@ -32,7 +32,7 @@ def grown(recipe, context, *area, storey: str = "woody") -> np.ndarray:
     return FoliageSampler(Evaluator(recipe, context)).within(*area, storey)
 
 
-def test_forests_are_where_they_are_painted(valley, desert) -> None:
+def test_forests_grow_where_they_are_painted(valley, desert) -> None:
     assert len(desert.foliage(2000, 2000, 4000, 4000)) < 40
     forest = valley.sketch.layers["forest"] > 0
     plants = valley.foliage(0, 0, *valley.size)
@@ -64,7 +64,7 @@ def per_cell(x: np.ndarray, y: np.ndarray, width: float, weights: np.ndarray | N
     return np.bincount(col * (row.max() + 1) + row, weights, minlength=(col.max() + 1) * (row.max() + 1))
 
 
-def test_species_stand_in_patches(make_recipe, context) -> None:
+def test_species_grow_in_stands(make_recipe, context) -> None:
     for share, first, second in ((1.0, "spruce", "pine"), (0.0, "oak", "birch")):
         plants = grown(make_recipe(wide_forest(share)), context, 1500, 1500, 2500, 2500)
         pair = [SPECIES.index(first), SPECIES.index(second)]
@@ -77,7 +77,7 @@ def test_species_stand_in_patches(make_recipe, context) -> None:
         assert shares.std() > 2.0 * by_chance, (first, second)
 
 
-def test_undergrowth_stands_at_a_forests_edge(make_recipe, context) -> None:
+def test_undergrowth_grows_at_a_forests_edge(make_recipe, context) -> None:
     evaluator = Evaluator(make_recipe(wide_forest(0.5)), context)
     plants = FoliageSampler(evaluator).within(1300, 1300, 2700, 2700)
     places = to_lattice(np.stack([plants["x"], plants["y"]]), evaluator.recipe.extent)
@@ -93,14 +93,14 @@ def test_undergrowth_stands_at_a_forests_edge(make_recipe, context) -> None:
     assert low[inside].mean() < 0.35
 
 
-def test_lone_plants_stand_in_loose_groups(make_recipe, context) -> None:
+def test_isolated_plants_form_loose_groups(make_recipe, context) -> None:
     plants = grown(make_recipe(), context, 0, 0, 4000, 4000)
     assert 2000 < len(plants) < 12000
     many = per_cell(plants["x"], plants["y"], 100.0)
-    assert many.var() > 2.0 * many.mean()  # strewn evenly, both would be about the same
+    assert many.var() > 2.0 * many.mean()  # a Poisson process would have equal ones
 
 
-def test_no_tree_stands_in_a_lake(make_recipe, context) -> None:
+def test_no_tree_grows_in_a_lake(make_recipe, context) -> None:
     recipe = make_recipe(wide_forest(), lakes=(lake(2000, 2000, 80, 10.0, spacing=5.0),))
     plants = grown(recipe, context, 1850, 1850, 2150, 2150)
     distance = np.hypot(plants["x"] - 2000, plants["y"] - 2000)
@@ -112,40 +112,40 @@ def test_no_tree_stands_in_a_lake(make_recipe, context) -> None:
 
 
 def spacing_at(recipe, context, rule, *area) -> np.ndarray:
-    """The raster of a rectangle (m), in metres, not a number where nothing stands."""
+    """Return the raster of a rectangle (m), in metres, NaN where nothing grows."""
     unit = metres_per_unit(recipe.extent)
-    chosen = rule(Evaluator(recipe, context))
-    raster = SpacingBlocks(chosen, recipe.extent).raster(*(round(each / unit) for each in area))
-    return np.where(raster.spacing > chosen.most, np.nan, raster.spacing * unit)
+    rule_of_recipe = rule(Evaluator(recipe, context))
+    raster = SpacingBlocks(rule_of_recipe, recipe.extent).raster(*(round(each / unit) for each in area))
+    return np.where(raster.spacing > rule_of_recipe.most, np.nan, raster.spacing * unit)
 
 
 @pytest.mark.parametrize(("rule", "origin"), [(Woods, (-FAR, FAR)), (Meadow, (0.0, 0.0))])
 def test_spacing_is_independent_of_the_queried_area(valley, rule, origin, monkeypatch) -> None:
-    chosen = rule(valley._evaluator)
-    side = 4 * plant_spacing.BLOCK * chosen.step
+    own = rule(valley._evaluator)
+    side = 4 * plant_spacing.BLOCK * own.step
     unit = metres_per_unit(valley.extent)
-    west, south = (round(each / unit) // chosen.step * chosen.step for each in origin)
-    whole = SpacingBlocks(chosen, valley.extent).raster(west, south, west + side, south + side)
-    assert (whole.west, whole.south, whole.step) == (west, south, chosen.step)
-    assert whole.spacing.shape == (side // chosen.step + 1,) * 2
+    west, south = (round(each / unit) // own.step * own.step for each in origin)
+    whole = SpacingBlocks(own, valley.extent).raster(west, south, west + side, south + side)
+    assert (whole.west, whole.south, whole.step) == (west, south, own.step)
+    assert whole.spacing.shape == (side // own.step + 1,) * 2
     assert whole.spacing.dtype == np.float32
-    assert whole.spacing.min() >= chosen.least
-    assert whole.spacing.max() < 1.3 * chosen.most
+    assert whole.spacing.min() >= own.least
+    assert whole.spacing.max() < 1.3 * own.most
     monkeypatch.setattr(plant_spacing, "_CACHED", 3)  # so that blocks are evaluated again
-    blocks = SpacingBlocks(chosen, valley.extent)
-    for u, v in np.random.default_rng(0).integers(0, side - 7 * chosen.step, (12, 2)).tolist():
-        part = blocks.raster(west + u, south + v, west + u + 7 * chosen.step, south + v + 5 * chosen.step)
-        column, row = u // chosen.step, v // chosen.step
+    blocks = SpacingBlocks(own, valley.extent)
+    for u, v in np.random.default_rng(0).integers(0, side - 7 * own.step, (12, 2)).tolist():
+        part = blocks.raster(west + u, south + v, west + u + 7 * own.step, south + v + 5 * own.step)
+        column, row = u // own.step, v // own.step
         rows, columns = part.spacing.shape
-        assert (part.west, part.south) == (west + column * chosen.step, south + row * chosen.step)
-        assert part.west + (columns - 1) * part.step >= west + u + 7 * chosen.step
-        assert part.south + (rows - 1) * part.step >= south + v + 5 * chosen.step
+        assert (part.west, part.south) == (west + column * own.step, south + row * own.step)
+        assert part.west + (columns - 1) * part.step >= west + u + 7 * own.step
+        assert part.south + (rows - 1) * part.step >= south + v + 5 * own.step
         np.testing.assert_array_equal(
             part.spacing, whole.spacing[row : row + rows, column : column + columns]
         )
 
 
-def test_noise_over_a_grid_is_that_at_its_places(make_recipe) -> None:
+def test_noise_over_a_grid_equals_noise_at_its_positions(make_recipe) -> None:
     noise = PlantNoise(make_recipe())
     x = np.arange(-300, 500, 7, dtype=np.int64) * 1024
     y = np.arange(90_000, 90_300, 11, dtype=np.int64) * 1024
@@ -155,7 +155,7 @@ def test_noise_over_a_grid_is_that_at_its_places(make_recipe) -> None:
         np.testing.assert_array_equal(noise.over_grid("group", width, x, y), at)
 
 
-def test_half_a_forest_stands_at_root_two_times_the_distance(make_recipe, context) -> None:
+def test_half_density_is_root_two_times_the_spacing(make_recipe, context) -> None:
     def middle(strength: float) -> np.ndarray:
         forest = feature("forest", 2000, 2000, 900, strength, peakiness=conifer_code(1.0))
         return spacing_at(make_recipe(forest), context, Woods, 1850, 1850, 2150, 2150)
@@ -167,7 +167,7 @@ def test_half_a_forest_stands_at_root_two_times_the_distance(make_recipe, contex
     assert np.isclose(half / full, np.sqrt(2.0), rtol=1e-3)[full < 6.4].mean() > 0.98
 
 
-def test_trees_end_at_the_tree_line_and_at_walls(make_recipe, context) -> None:
+def test_no_trees_above_the_tree_line_and_on_walls(make_recipe, context) -> None:
     mountain = feature("mountain", 2000, 2000, 1200, 1100, peakiness=0.6)
     forest = feature("forest", 2000, 2000, 1500, 1.0)
     recipe = make_recipe(mountain, forest)
@@ -190,7 +190,7 @@ def test_trees_end_at_the_tree_line_and_at_walls(make_recipe, context) -> None:
     assert stands[1:-1, 1:-1][low & (steep < 0.7)].mean() > 0.8
 
 
-def test_grass_grows_where_the_ground_lets_it(make_recipe, context) -> None:
+def test_grass_density_follows_the_material(make_recipe, context) -> None:
     sand, soil = 4, 1  # of MATERIALS
     sandy, soiled = cover(1500, 2000, 200, sand), cover(2500, 2000, 200, soil)
     forest = feature("forest", 2000, 1000, 300, 1.0)
@@ -208,7 +208,7 @@ def test_grass_grows_where_the_ground_lets_it(make_recipe, context) -> None:
     assert around["meadow"] < around["forest"] < around["soil"] < around["sand"]
 
 
-def test_a_lakes_bed_does_not_thin_the_trees_ashore(make_recipe, context) -> None:
+def test_a_lakes_bed_does_not_thin_trees_ashore(make_recipe, context) -> None:
     forest = feature("forest", 2000, 2000, 900, 1.0, peakiness=conifer_code(1.0))
     dry = spacing_at(make_recipe(forest), context, Woods, 1700, 1700, 2300, 2300)
     recipe = make_recipe(forest, lakes=(lake(2000, 2000, 150, 4.0),))
@@ -227,7 +227,7 @@ def square(place: tuple[float, float], storey: str) -> tuple[float, float, float
 
 @tiers(("storey", "place"), [("woody", PLACES[0]), ("grass", PLACES[3])], itertools.product(STOREYS, PLACES))
 def test_plants_are_a_function_of_the_world(valley, place, storey) -> None:
-    """One rectangle, or sixteen in shuffled order from a terrain that knows of nothing: the same bits."""
+    """One rectangle, or sixteen in shuffled order from a new sampler: the same bits."""
     west, south, east, north = square(place, storey)
     whole = valley.foliage(west, south, east, north, storey=storey)
     assert len(whole) > 50
@@ -246,28 +246,28 @@ def test_plants_are_a_function_of_the_world(valley, place, storey) -> None:
     [("grass", PLACES[2])],
     [("woody", PLACES[0]), ("grass", PLACES[0]), ("woody", PLACES[2])],
 )
-def test_plants_keep_the_distance_that_the_ground_says(valley, place, storey) -> None:
+def test_plants_keep_the_distance_of_the_raster(valley, place, storey) -> None:
     """At every level, by a tree of all pairs that could be too near."""
     plants = valley.foliage(*square(place, storey), storey=storey)
     unit = metres_per_unit(valley.extent)
     spacing = unit * raster_at(valley, plants, storey)
     for level in range(LEVELS + 1):
-        kept = plants["level"] >= level
-        if not kept.any():
+        of_level = plants["level"] >= level
+        if not of_level.any():
             continue
-        at = np.stack([plants["x"] - place[0], plants["y"] - place[1]], axis=-1)[kept]
-        own = spacing[kept] * 2**level
+        at = np.stack([plants["x"] - place[0], plants["y"] - place[1]], axis=-1)[of_level]
+        own = spacing[of_level] * 2**level
         # All within the greatest distance would be most pairs: sorted by distance, near ones first.
-        for reach in np.unique(np.minimum(2.0 ** np.ceil(np.log2(own)), own.max())):
-            some = own <= reach
-            pairs = cKDTree(at[some]).query_pairs(reach, output_type="ndarray")
+        for limit in np.unique(np.minimum(2.0 ** np.ceil(np.log2(own)), own.max())):
+            some = own <= limit
+            pairs = cKDTree(at[some]).query_pairs(limit, output_type="ndarray")
             away = np.linalg.norm(at[some][pairs[:, 0]] - at[some][pairs[:, 1]], axis=1)
             needed = own[some][pairs].mean(axis=1)
             assert (away >= needed * (1 - 1e-5) - 2 * unit).all()
 
 
 def raster_at(terrain: st.Terrain, plants: np.ndarray, storey: str) -> np.ndarray:
-    """What the raster says at plants, lattice units, in float64."""
+    """Return the raster's spacing at plants, lattice units, in float64."""
     x, y = to_lattice(np.stack([plants["x"], plants["y"]]), terrain.extent)
     blocks = terrain._foliage._storeys[storey]._spacing
     raster = blocks.raster(int(x.min()), int(y.min()), int(x.max()) + 1, int(y.max()) + 1)
@@ -316,7 +316,7 @@ def test_pieces_are_the_whole(valley, storey, monkeypatch) -> None:
     np.testing.assert_array_equal(np.concatenate(pieces), whole)
 
 
-def test_an_estimate_is_an_upper_bound_and_not_much_more(valley) -> None:
+def test_an_estimate_is_a_close_upper_bound(valley) -> None:
     for storey, place in itertools.product(STOREYS, PLACES[:3]):
         area = square(place, storey)
         most, size = valley.foliage_estimate(*area, storey=storey)
@@ -326,7 +326,7 @@ def test_an_estimate_is_an_upper_bound_and_not_much_more(valley) -> None:
         assert valley.foliage_estimate(0, 0, 0, 500, storey=storey) == (0, 0)
 
 
-def test_refused_areas_and_storeys(valley, monkeypatch) -> None:
+def test_invalid_areas_and_storeys_are_errors(valley, monkeypatch) -> None:
     for area, message in (
         ((10, 0, 0, 10), "west ≤ east and south ≤ north, got 10, 0, 0, 10"),
         ((0, 10, 10, 0), "west ≤ east and south ≤ north"),
@@ -365,8 +365,8 @@ def test_a_forest_of_one_pixel_in_a_sketch_of_any_size(context) -> None:
         assert terrain.foliage(middle, middle, middle, middle).size == 0
 
 
-def test_a_thin_forest_is_as_even_as_a_thick_one(make_recipe, context) -> None:
-    """Not a thick one with trees left out at random, of which some would stand side by side."""
+def test_a_sparse_forest_is_as_even_as_a_dense_one(make_recipe, context) -> None:
+    """Not a dense one with random trees omitted, some of which would be adjacent."""
 
     def inside(strength: float) -> np.ndarray:
         forest = feature("forest", 2000, 2000, 900, strength, peakiness=conifer_code(0.5))
@@ -408,7 +408,7 @@ def test_ferns_grow_in_forests_and_flowers_outside(make_recipe, context) -> None
 
 
 def test_grass_is_independent_of_trees(valley) -> None:
-    """They stand as near to trees as chance has it."""
+    """They are as near to trees as by chance."""
     area = (3350.0, 4350.0, 3550.0, 4550.0)  # at a forest's edge
     tufts, trees = (valley.foliage(*area, storey=storey) for storey in ("grass", "woody"))
     assert np.intersect1d(tufts["species"], trees["species"]).size == 0
@@ -434,14 +434,14 @@ def before(context) -> st.Terrain:
 
 
 def _repainted(terrain: st.Terrain) -> Sketch:
-    """The forest in the north-east has lost its east."""
+    """Return a sketch whose forest in the north-east has lost its east."""
     layers = {name: layer.copy() for name, layer in terrain.sketch.layers.items()}
     layers["forest"][10:24, 48:56] = 0
     return replace(terrain.sketch, layers=layers)
 
 
 def _moved(terrain: st.Terrain) -> Sketch:
-    """The river takes another way, half a kilometre aside."""
+    """Return a sketch whose river has been moved by half a kilometre."""
     river = terrain.features.rivers[0]
     x, y = (float(each) for each in river.points[3, :2])
     return replace(terrain.sketch, edits=(Edit("move_point", river.id, index=3, x=x + 60.0, y=y - 500.0),))
@@ -450,7 +450,7 @@ def _moved(terrain: st.Terrain) -> Sketch:
 def _away(
     terrains: tuple[st.Terrain, st.Terrain], storey: str, area: Bounds, plants: np.ndarray
 ) -> np.ndarray:
-    """Metres from plants to the nearest vertex at which the spacing or the ground is another one."""
+    """Return metres from plants to the nearest vertex at which the spacing or the terrain differs."""
     unit = metres_per_unit(EXTENT)
     wider = (area[0] - MARGIN, area[1] - MARGIN, area[2] + MARGIN, area[3] + MARGIN)
     blocks = [each._foliage._storeys[storey]._spacing for each in terrains]
@@ -469,14 +469,14 @@ AREAS = {
     _repainted: {"woody": (2000.0, 1800.0, 4096.0, 3800.0), "grass": (2900.0, 2400.0, 3200.0, 2700.0)},
     _moved: {"woody": (0.0, 800.0, 2400.0, 3000.0), "grass": (800.0, 1900.0, 1100.0, 2200.0)},
 }
-"""m: where plants are compared."""
+"""Rectangles (m) where plants are compared."""
 NEAR = {"woody": (300.0, 30.0, 100.0), "grass": (40.0, 4.0, 10.0)}
-"""m from the change: none beyond the first is another one, few beyond the others are."""
-MARGIN = 400.0  # m around those, in which changes are looked for
+"""Distances (m) from the change: no plant differs beyond the first, few beyond the others."""
+MARGIN = 400.0  # m around the rectangles
 
 
 def _others(own: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Which plants are not among the others, bit for bit."""
+    """Return which plants are not among the others, bit for bit."""
     there = {row.tobytes() for row in others}
     return np.array([row.tobytes() not in there for row in own], dtype=bool)
 
@@ -484,7 +484,7 @@ def _others(own: np.ndarray, others: np.ndarray) -> np.ndarray:
 @tiers(
     ("edit", "storey"), [(_repainted, "woody")], [(_repainted, "grass"), (_moved, "woody"), (_moved, "grass")]
 )
-def test_an_edit_changes_plants_near_it_alone(before, edit, storey) -> None:
+def test_an_edit_changes_only_nearby_plants(before, edit, storey) -> None:
     after, areas = rebuild(before, edit(before))
     area = AREAS[edit][storey]
     plants = [each.foliage(*area, storey=storey) for each in (before, after)]
@@ -497,7 +497,7 @@ def test_an_edit_changes_plants_near_it_alone(before, edit, storey) -> None:
     assert (away > near).sum() > 1000
     assert changed[(away > half) & (away <= near)].mean() < 0.1
     assert changed[(away > tenth) & (away <= near)].mean() < 0.02
-    # What may be another one at all, heights and masks included, is known beforehand: nothing else is, here.
+    # Plants outside the changed areas are unchanged.
     outside = [
         not touches(areas, (x, y, x, y), margin=near) for x, y in zip(both["x"], both["y"], strict=True)
     ]

@@ -1,4 +1,4 @@
-"""Ground packed on a device: the bytes that NumPy rounds the same values to."""
+"""Quantization on a device: the bytes that NumPy rounds the same values to."""
 
 from typing import Any
 
@@ -46,7 +46,7 @@ def desert(desert, with_double) -> Terrain:
     return Terrain(desert.sketch, desert.recipe, with_double)
 
 
-def test_devices_without_doubles_are_refused_and_the_host_packs(desert) -> None:
+def test_devices_without_doubles_are_errors_and_the_host_packs(desert) -> None:
     window = {"cell": 8.0, **WINDOWS["whole"]}
     for device in WITHOUT_DOUBLE:
         other = Terrain(desert.sketch, desert.recipe, ComputeContext(device))
@@ -97,7 +97,7 @@ def test_smaller_batches_change_no_byte(valley) -> None:
     window = {"cell": 4.0, **WINDOWS["whole"]}
     (one,) = valley.window_bytes(0.0, 4096.0, **window)
     other = Terrain(valley.sketch, valley.recipe, valley.context)
-    other._evaluator._patches_at_once.most = 1
+    other._evaluator._patches_at_once.limit = 1
     (two,) = other.window_bytes(0.0, 4096.0, **window)
     assert_same(one, two)
 
@@ -110,15 +110,15 @@ def launched(
     rows, columns = count // ACROSS * (SIDE - 1) + 1, ACROSS * (SIDE - 1) + 1
     size = rows * columns
     planes = (context.empty(size, real), context.empty(3 * size, np.uint8), context.empty(8 * size, np.uint8))
-    odd = context.upload(np.zeros(1, np.int32), writable=True)
+    nonfinite = context.upload(np.zeros(1, np.int32), writable=True)
     arrays = [context.upload(np.ascontiguousarray(each, real)) for each in (ground, weights)]
     scalars = [np.int32(each) for each in (0, ACROSS, rows, columns)]
     size3 = (SIDE, SIDE, count)
-    context.launch("ground_bytes.cl", "ground_bytes", size3, *scalars, *arrays, *planes, odd)
+    context.launch("ground_bytes.cl", "ground_bytes", size3, *scalars, *arrays, *planes, nonfinite)
     height = context.download(planes[0], (rows, columns), real)
     normal = context.download(planes[1], (3, rows, columns), np.uint8)
     weight = context.download(planes[2], (8, rows, columns), np.uint8)
-    return height, normal, weight, int(context.download(odd, 1, np.int32)[0])
+    return height, normal, weight, int(context.download(nonfinite, 1, np.int32)[0])
 
 
 def patches_of(plane: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -147,8 +147,8 @@ def test_weights_are_rounded_as_numpy_rounds_them(real) -> None:
     for kind in ("one", "equal", "ties", "tiny", "random"):
         plane = weights_of(kind, (4 * (SIDE - 1) + 1, ACROSS * (SIDE - 1) + 1)).astype(context.real_dtype)
         ground = np.zeros((*plane.shape[:2], 4), context.real_dtype)
-        _, _, weight, odd = launched(context, patches_of(ground), patches_of(plane))
-        assert odd == 0
+        _, _, weight, nonfinite = launched(context, patches_of(ground), patches_of(plane))
+        assert nonfinite == 0
         np.testing.assert_array_equal(weight, quantise_weights(plane).transpose(2, 0, 1), err_msg=kind)
 
 
@@ -178,12 +178,12 @@ def test_non_finite_ground_and_empty_windows_are_errors(valley, monkeypatch) -> 
         quantized_bands(valley._evaluator, (0.0, 0.0), 1.0, 0, 0, 0, 5)
     read = ComputeContext.read
 
-    def odd(context: ComputeContext, buffer: Any, array: npt.NDArray[Any]) -> Any:
+    def nonfinite(context: ComputeContext, buffer: Any, array: npt.NDArray[Any]) -> Any:
         context.wait(read(context, buffer, array))
         if array.dtype == np.int32:
             array[0] = 7
         return read(context, buffer, np.empty_like(array))
 
-    monkeypatch.setattr(ComputeContext, "read", odd)
+    monkeypatch.setattr(ComputeContext, "read", nonfinite)
     with pytest.raises(DeviceFailedError, match=r"produced non-finite values .*: 7"):
         list(valley.window_bytes(0.0, 0.0, cell=4.0, **WINDOWS["one"]))

@@ -1,4 +1,4 @@
-"""The kernels against NumPy float64 and their own REAL=double build; recipes shifted over the lattice."""
+"""Kernels against NumPy float64 and their own REAL=double build; recipes shifted on the lattice."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -31,7 +31,7 @@ def places(count: int = 4000, *, far: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
 
 def expected_ground(case: tuple[str, TerrainRecipe], cell_size: float) -> HostSamples:
-    """The reference at `places()`, evaluated once a case and cell size."""
+    """Return the host's samples at `places()`, evaluated once per case and cell size."""
     name, recipe = case
     if (name, cell_size) not in _EXPECTED:
         _EXPECTED[name, cell_size] = host_samples(recipe, *places(), cell_size=cell_size)
@@ -52,8 +52,8 @@ def test_float_kernel_agrees_with_numpy_float64(case, context) -> None:
     assert reached == {mask: mask == WET.get(name, name) for mask in MASKS}
 
 
-def test_double_kernel_is_the_numpy_reference(case, double_context) -> None:
-    """Two independent writings of the same formulas agree, up to the fixed-point fraction's 24 bits."""
+def test_double_kernel_equals_host_evaluation(case, double_context) -> None:
+    """Two independent implementations agree, up to the fixed-point fraction's 24 bits."""
     _, recipe = case
     for cell_size in CELLS:
         height, masks = Evaluator(recipe, double_context).points(*places(), cell_size=cell_size)
@@ -63,8 +63,8 @@ def test_double_kernel_is_the_numpy_reference(case, double_context) -> None:
             np.testing.assert_allclose(masks[:, number], getattr(expected, mask), atol=2e-6, rtol=0)
 
 
-def test_far_from_the_origin_it_is_as_exact_as_near(case, context) -> None:
-    """A thousand million units away noise comes from the same integers; only features stay behind."""
+def test_accuracy_is_the_same_far_from_the_origin(case, context) -> None:
+    """A thousand million units away noise has the same integers, and there are no features."""
     name, recipe = case
     x, y = places(far=10**9 << 10)
     height, masks = Evaluator(recipe, context).points(x, y, cell_size=0.0)
@@ -112,7 +112,7 @@ SIDE = 35
 
 
 def recipe_of(kind, corner, make_recipe) -> tuple[TerrainRecipe, np.ndarray[Any, Any]]:
-    """One kind of thing as high as a kilometre in a far corner, and its middle (m)."""
+    """Return one kind of feature, up to a kilometre high, in a far corner, and its centre (m)."""
     x, y = middle = np.array(corner) * (FARTHEST - 1500)
     eroded = {"erosion": 0.8, "gullies": 0.5} if kind == "eroded" else {}
     ground = {"relief": 1000.0 if kind == "ground" else 60.0, "wavelength": 2400.0, "roughness": 0.48}
@@ -200,8 +200,8 @@ def moved(recipe: TerrainRecipe, shift: Shift) -> TerrainRecipe:
     return replace(recipe, painted=painted, rivers=rivers, lakes=lakes, covers=covers)
 
 
-def on_the_lattice(recipe: TerrainRecipe) -> TerrainRecipe:
-    """The same recipe with all places whole units, so that floats far away lose nothing of them."""
+def snap_to_lattice(recipe: TerrainRecipe) -> TerrainRecipe:
+    """Return the recipe with all positions rounded to whole units, exact as floats far away."""
     painted = recipe.painted.copy()
     for axis in ("x", "y"):
         painted[axis] = np.rint(painted[axis] / UNIT) * UNIT
@@ -231,7 +231,7 @@ def shift_noise(monkeypatch) -> Callable[[Shift], None]:
     return to
 
 
-def everything(make_recipe: Callable[..., TerrainRecipe], *names: str) -> TerrainRecipe:
+def complete_recipe(make_recipe: Callable[..., TerrainRecipe], *names: str) -> TerrainRecipe:
     recipe = make_recipe(
         *(feature for name in names for feature in CASES[name]),
         rivers=(straight_river(), straight_river(900, width=6)),
@@ -239,7 +239,7 @@ def everything(make_recipe: Callable[..., TerrainRecipe], *names: str) -> Terrai
         covers=(cover(1900.0, 2000.0, 60.0, 4, 0.8),),
     )
     assert metres_per_unit(recipe.extent) == UNIT
-    return on_the_lattice(recipe)
+    return snap_to_lattice(recipe)
 
 
 def compare(recipe, shift, shift_noise, context) -> None:
@@ -269,14 +269,14 @@ def compare(recipe, shift, shift_noise, context) -> None:
 
 
 @tiers("shift", [SHIFTS[1], SHIFTS[3]], SHIFTS)
-def test_a_shifted_recipe_is_the_same_terrain(shift, make_recipe, shift_noise, context) -> None:
-    """Hills, mountains, forest, rivers, lakes and painted ground, heights to materials."""
-    compare(everything(make_recipe, "hill", "mountain", "forest"), shift, shift_noise, context)
+def test_a_shifted_recipe_gives_the_same_terrain(shift, make_recipe, shift_noise, context) -> None:
+    """Hills, mountains, forest, rivers, lakes and covers, heights to materials."""
+    compare(complete_recipe(make_recipe, "hill", "mountain", "forest"), shift, shift_noise, context)
 
 
 @tiers("shift", [(19 * PERIOD, -20 * PERIOD)], [(PERIOD, 0)])
 def test_dunes_shift_by_their_periods(shift, make_recipe, shift_noise, context) -> None:
-    compare(everything(make_recipe, "dune", "hill"), shift, shift_noise, context)
+    compare(complete_recipe(make_recipe, "dune", "hill"), shift, shift_noise, context)
 
 
 def test_detail_goes_down_to_a_tenth_of_a_metre(make_recipe, context) -> None:

@@ -1,4 +1,4 @@
-"""Material weights: the table against the formulas it stands for, and the kernels against NumPy float64."""
+"""Material weights: rules against their formulas, and kernels against NumPy float64."""
 
 from collections.abc import Callable
 from dataclasses import fields
@@ -18,18 +18,18 @@ from sketchterrain.document.material_rules import (
     RuleChange,
     resolved_rules,
 )
+from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.document.store import load_sketch
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.changes import EVERYWHERE, changed_areas
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import host_samples
-from sketchterrain.terrain.host_materials import Site, patch_weights, rule_weights
 from sketchterrain.terrain.kernel_arguments import pack_rules
 from sketchterrain.terrain.lattice import metres_per_unit
-from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.recipe import TerrainRecipe
 
 from .conftest import CASES, LAKES, cover, straight_river
+from .host_materials import Site, patch_weights, rule_weights
 
 CLIMATES = (
     {"snow_line": 900.0, "tree_line": 500.0, "aridity": 0.2},
@@ -37,7 +37,7 @@ CLIMATES = (
     {"snow_line": -100.0, "tree_line": 40.0, "aridity": 0.55},
 )
 
-# `weights` gives points of any values what `surfaces` gives vertices.
+# `weights` evaluates the rules of `surfaces` at arbitrary inputs.
 KERNEL = """
 __kernel void weights(RULE_ARGUMENTS, __global const REAL *values, __global const REAL4 *masks,
                       __global REAL *out)
@@ -63,7 +63,7 @@ def sites(count: int = 8_000, *, seed: int = 1, real: Any = np.float64) -> Site:
 
 @pytest.fixture
 def weigh(with_kernel) -> Callable[..., np.ndarray]:
-    """Evaluate a recipe's rules at sites on a device."""
+    """Return a function that evaluates a recipe's rules at sites on a device."""
     with_kernel("weights.cl", "tiles.cl", KERNEL)
 
     def run(recipe: TerrainRecipe, site: Site, context: ComputeContext) -> np.ndarray:
@@ -80,7 +80,7 @@ def weigh(with_kernel) -> Callable[..., np.ndarray]:
 
 
 def some_rules(count: int = 12, *, seed: int = 7) -> tuple[MaterialRule, ...]:
-    """Rules that weigh everything that can be weighed."""
+    """Return rules that use every input."""
     rng = np.random.default_rng(seed)
     scale = {"height": 1e-3, "above_snow_line": 1e-3, "above_tree_line": -1e-3}
 
@@ -97,7 +97,7 @@ def some_rules(count: int = 12, *, seed: int = 7) -> tuple[MaterialRule, ...]:
     )
 
 
-def test_any_table_has_the_weights_of_numpy(make_recipe, context, double_context, weigh) -> None:
+def test_rules_have_the_weights_of_numpy(make_recipe, context, double_context, weigh) -> None:
     most = np.zeros(len(MATERIALS))
     for rules, climate in (
         *(((), CLIMATES[0]), ((MaterialRule("all", "snow"),), CLIMATES[0]), (some_rules(), CLIMATES[0])),
@@ -118,7 +118,7 @@ def test_any_table_has_the_weights_of_numpy(make_recipe, context, double_context
     assert (most > 0.7).all()  # the sites reach every material
 
 
-def test_all_devices_weigh_bit_for_bit(make_recipe, weigh) -> None:
+def test_all_devices_have_the_same_weights(make_recipe, weigh) -> None:
     devices = list_devices()
     if len(devices) < 2:
         pytest.skip("one device has nothing to differ from")
@@ -162,7 +162,7 @@ def test_surfaces_have_the_weights_of_numpy(cell, make_recipe, context, double_c
 
 
 def material_at(name: str, climate: dict, rules=DEFAULT_RULES, **values: float) -> float:
-    """Weight of a material at one place; what is not given is 0."""
+    """Return the weight of a material at one place; inputs not given are 0."""
     site = Site(*(np.full(1, values.get(each.name, 0.0)) for each in fields(Site)))
     return float(rule_weights(rules, climate, site)[0, MATERIALS.index(name)])
 
@@ -185,7 +185,7 @@ def test_soil_shows_on_crests_and_slopes_and_grass_holds_in_hollows_and_beside_w
     assert soil(water=0.5) < soil() - 0.08
 
 
-def test_rules_put_materials_where_they_belong() -> None:
+def test_default_rules_at_typical_sites() -> None:
     climate = {"snow_line": 1e4, "tree_line": 1e4, "aridity": 0.15}
     for material, mottle in (("soil", -0.5), ("grass", 0.15), ("sand", 0.5)):
         assert material_at(material, climate, water=0.65, mottle=mottle) > 0.5, material
@@ -217,8 +217,8 @@ def test_a_sketch_overrides_the_table(context) -> None:
     np.testing.assert_array_equal(before.raster(65).height, after.raster(65).height)
 
 
-def test_the_desert_has_rules_of_its_own() -> None:
-    """Slip faces are sand however steep they are, flat open ground is stony, hollows at feet hold soil."""
+def test_the_desert_preset_has_its_own_rules() -> None:
+    """Slip faces are sand, flat open terrain is stony, hollows at feet have soil."""
     sketch = load_sketch("desert_mountains")
     own = resolved_rules(sketch.material_rules)
     places = {

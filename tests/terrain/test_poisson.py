@@ -1,4 +1,4 @@
-"""Poisson-disk points with one distance or with many: apart, dense, nested, and a function of the world."""
+"""Poisson-disk sets of constant and varying distance: separated, dense, nested, functions of the world."""
 
 import itertools
 import math
@@ -33,24 +33,24 @@ def poisson_disk(context, area, radius, **options):
 
 
 def waves(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return distances from 4 to 68 m, smooth: where it is over 60 m nothing stands."""
+    """Return smooth distances from 4 to 68 m; above 60 m there are no points."""
     return 4.0 * 17.0 ** (0.5 + 0.5 * np.sin(x / 61.0) * np.cos(y / 47.0))
 
 
 def patches(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return distances that leap from place to place, over the whole range."""
+    """Return piecewise constant distances over the whole range."""
     draw = np.sin(np.floor(x / 37.0) * 12.9898 + np.floor(y / 53.0) * 78.233) * 43758.5453
     return 4.0 * 15.0 ** (draw - np.floor(draw))
 
 
 def raster_of(field: Field) -> Callable[[int, int, int, int], SpacingRaster]:
-    def asked(west: int, south: int, east: int, north: int) -> SpacingRaster:
+    def raster(west: int, south: int, east: int, north: int) -> SpacingRaster:
         first, last = (west // STEP, south // STEP), (-(-east // STEP) + 1, -(-north // STEP) + 1)
         x, y = (STEP / METRE * np.arange(first[k], last[k]) for k in range(2))
         spacing = METRE * field(x[None, :] % 4e5, y[:, None] % 4e5) + np.zeros((len(y), len(x)))
         return SpacingRaster(first[0] * STEP, first[1] * STEP, STEP, spacing.astype(np.float32))
 
-    return asked
+    return raster
 
 
 def sampler(context, field, *, levels=3, seed=1, least=LEAST) -> GradedPoisson:
@@ -61,11 +61,13 @@ def square(origin: int, metres: int) -> Area:
     return (origin, -origin, origin + metres * METRE, metres * METRE - origin)
 
 
-def slack(points: np.ndarray, level: int) -> float:
-    """Return the smallest distance of two points over what they have to keep, for those from a level on."""
-    chosen = points[points["level"] >= level]
-    place = np.stack([chosen["x"] - points["x"].min(), chosen["y"] - points["y"].min()], axis=1).astype(float)
-    spacing = chosen["spacing"].astype(np.float64)
+def least_ratio(points: np.ndarray, level: int) -> float:
+    """Return the least distance of two points of a level and above over the required one."""
+    selected = points[points["level"] >= level]
+    place = np.stack([selected["x"] - points["x"].min(), selected["y"] - points["y"].min()], axis=1).astype(
+        float
+    )
+    spacing = selected["spacing"].astype(np.float64)
     pairs = cKDTree(place).query_pairs(spacing.max() * 2.0**level, output_type="ndarray")
     if not len(pairs):
         return math.inf
@@ -75,12 +77,12 @@ def slack(points: np.ndarray, level: int) -> float:
 
 
 def nearest(points: np.ndarray) -> float:
-    """Return the smallest distance of two points, found in float64 about their corner."""
+    """Return the least distance of two points, in float64 relative to their corner."""
     at = (points - points.min(axis=0)).astype(np.float64)
     return float(cKDTree(at).query(at, k=2)[0][:, 1].min())
 
 
-def test_points_keep_their_distance(context) -> None:
+def test_points_keep_their_distance_and_fill_the_area(context) -> None:
     side = 150 * RADIUS
     for origin in PLACES:
         points = poisson_disk(context, (origin, -origin, origin + side, side - origin), RADIUS, seed=1)
@@ -113,8 +115,8 @@ def test_ten_million_points_keep_their_distance(context) -> None:
     assert nearest(points) >= RADIUS
 
 
-def cut_up(origin: int, side: int, cuts: int) -> list[Area]:
-    """A square's tiles, in shuffled order."""
+def shuffled_tiles(origin: int, side: int, cuts: int) -> list[Area]:
+    """Return a square's tiles, in shuffled order."""
     edges = [origin + side * i // cuts for i in range(cuts + 1)]
     tiles = [(edges[i], edges[j], edges[i + 1], edges[j + 1]) for i in range(cuts) for j in range(cuts)]
     np.random.default_rng(0).shuffle(tiles)
@@ -126,7 +128,9 @@ def test_points_are_a_function_of_the_world(origin, cuts, context) -> None:
     """One rectangle, or 1, 16 and 256 tiles in shuffled order: the same points."""
     side = 96 * RADIUS + 13
     disk = PoissonDisk(context, RADIUS, seed=3, trials=16, levels=1)
-    parts = [disk.within(area) for area in cut_up(origin, side, 1) + cut_up(origin, side, cuts)]
+    parts = [
+        disk.within(area) for area in shuffled_tiles(origin, side, 1) + shuffled_tiles(origin, side, cuts)
+    ]
     whole, *rows = (np.column_stack([each.position, each.level]) for each in parts)
     together = np.concatenate(rows)
     np.testing.assert_array_equal(together[np.lexsort(together.T)], whole[np.lexsort(whole.T)], strict=True)
@@ -149,8 +153,8 @@ def test_windows_join_without_a_seam_and_in_order(context, monkeypatch) -> None:
         np.testing.assert_array_equal(small.level, whole.level)
 
 
-def test_every_dart_lands_where_its_hash_says(context) -> None:
-    """The first round against NumPy: a dart a cell, kept if it is the earliest of those it conflicts with."""
+def test_darts_follow_their_hash(context) -> None:
+    """The first round against NumPy: a dart a cell, accepted if the earliest of its conflicts."""
     side = math.ceil((RADIUS + math.sqrt(2)) / math.sqrt(2))
     count = 40
     points = poisson_disk(context, (0, 0, count * side, count * side), RADIUS, seed=9, trials=1)
@@ -166,14 +170,14 @@ def test_every_dart_lands_where_its_hash_says(context) -> None:
     pairs = cKDTree(at.astype(float)).query_pairs(math.sqrt(r2) + 1, output_type="ndarray")
     near = np.sum((at[pairs[:, 0]] - at[pairs[:, 1]]) ** 2, axis=1) < min(r2, 2 * SIDE**2)
     first, second = pairs[near].T
-    beaten = np.zeros(len(at), bool)
+    rejected = np.zeros(len(at), bool)
     # Indices run in the order of cells, which decides between darts of one time.
     later = np.where(when[first] < when[second], second, first)
-    beaten[np.where(when[first] == when[second], np.maximum(first, second), later)] = True
+    rejected[np.where(when[first] == when[second], np.maximum(first, second), later)] = True
     inner = (column.ravel() >= 0) & (column.ravel() < count) & (row.ravel() >= 0) & (row.ravel() < count)
     corner = np.stack([column, row], axis=-1).reshape(-1, 2) * side
     offset = (np.stack([x, y], axis=-1).reshape(-1, 2).astype(np.int64) * side) >> 12
-    np.testing.assert_array_equal(points, (corner + offset)[inner & ~beaten])
+    np.testing.assert_array_equal(points, (corner + offset)[inner & ~rejected])
 
 
 def _mixed(h: np.ndarray) -> np.ndarray:
@@ -199,7 +203,7 @@ def test_a_schedule_throws_all_its_darts_once() -> None:
         assert all(tries in (1, 2) or tries % 4 == 0 for _, tries in rounds), trials
 
 
-def test_degenerate_areas_and_refused_options(context) -> None:
+def test_degenerate_areas_and_invalid_options(context) -> None:
     for radius in (0, -5, 1, math.nan, math.inf):
         with pytest.raises(InputError, match=r"expected a distance of .* lattice units, got"):
             poisson_disk(context, (0, 0, 10, 10), radius, seed=1)  # type: ignore[arg-type]
@@ -232,12 +236,12 @@ def test_degenerate_areas_and_refused_options(context) -> None:
     [(waves, FAR_OFF, 3), (patches, CORNERS[1], 1)],
     itertools.product((waves, patches), CORNERS, (0, 1, 3)),
 )
-def test_points_keep_the_mean_of_their_distances(field, origin, levels, context) -> None:
+def test_graded_points_keep_the_mean_of_their_distances(field, origin, levels, context) -> None:
     points = sampler(context, field, levels=levels).within(square(origin, 700))
     assert len(points) > 2000
     for level in range(levels + 1):
         assert (points["level"] >= level).sum() > 10
-        assert slack(points, level) >= 1.0, level
+        assert least_ratio(points, level) >= 1.0, level
 
 
 @tiers(
@@ -248,12 +252,14 @@ def test_points_keep_the_mean_of_their_distances(field, origin, levels, context)
 def test_graded_points_are_a_function_of_the_world(origin, cuts, levels, context) -> None:
     """One rectangle, or 16 and 256 tiles in shuffled order: the same points, to the bit."""
     own, side = sampler(context, waves, levels=levels), 320 * METRE + 13
-    whole, *parts = (own.within(area) for area in cut_up(origin, side, 1) + cut_up(origin, side, cuts))
+    whole, *parts = (
+        own.within(area) for area in shuffled_tiles(origin, side, 1) + shuffled_tiles(origin, side, cuts)
+    )
     together = np.concatenate(parts)
     np.testing.assert_array_equal(together[np.lexsort((together["x"], together["y"]))], whole)
 
 
-def test_a_points_distance_is_that_of_its_place(context) -> None:
+def test_a_points_distance_is_that_of_the_raster(context) -> None:
     """Bilinear between vertices, in float64; float32 rounds each of four steps."""
     points = sampler(context, waves).within(square(0, 500))
     raster = raster_of(waves)(0, 0, 500 * METRE, 500 * METRE)
@@ -266,7 +272,7 @@ def test_a_points_distance_is_that_of_its_place(context) -> None:
     assert points["spacing"].max() <= MOST
 
 
-def test_even_ground_is_as_full_as_with_one_distance(context) -> None:
+def test_a_constant_raster_is_as_dense_as_one_distance(context) -> None:
     for metres in (4.0, 7.9, 8.1, 20.0):
         side = 90 * round(metres)
         flat = sampler(context, lambda x, y, metres=metres: metres + 0 * x * y, levels=2)
@@ -275,8 +281,8 @@ def test_even_ground_is_as_full_as_with_one_distance(context) -> None:
         assert 0.88 < fill < 1.0, metres
 
 
-def test_a_place_with_room_is_taken(context) -> None:
-    """Share of the ground where another point of the finest level would still fit."""
+def test_graded_sets_are_nearly_maximal(context) -> None:
+    """Share of the area where another point of the finest level would fit."""
     points = sampler(context, waves).within(square(0, 900))
     place = np.stack([points["x"], points["y"]], axis=1) / METRE
     rng = np.random.default_rng(3)
@@ -314,7 +320,7 @@ def test_the_content_of_new_buffers_changes_nothing(context, monkeypatch) -> Non
         np.testing.assert_array_equal(found, expected, err_msg=hex(byte))
 
 
-def test_thin_places_have_fewer_levels_and_beyond_the_greatest_distance_none(context) -> None:
+def test_sparse_areas_have_fewer_levels_and_beyond_the_range_no_points(context) -> None:
     def shore(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return np.where(x < 200.0, 5.0, 61.0) + 0 * y
 
@@ -327,7 +333,7 @@ def test_thin_places_have_fewer_levels_and_beyond_the_greatest_distance_none(con
     assert points["level"][points["spacing"] > 32.1 * METRE].max() == 0
 
 
-def test_the_raster_is_queried_no_farther_than_the_reach(context) -> None:
+def test_the_raster_is_read_no_farther_than_the_halo(context) -> None:
     for metres, levels in ((0, 0), (1, 3), (90, 1), (3000, 3)):
         asked = []
 
@@ -343,8 +349,8 @@ def test_the_raster_is_queried_no_farther_than_the_reach(context) -> None:
         assert 0.9 * own.halo < far <= own.halo, (metres, levels)
 
 
-def finished(runs: list) -> list:
-    """What runs that take turns return."""
+def interleaved(runs: list) -> list:
+    """Return the results of generators run in turns."""
     found: dict[int, object] = {}
     while len(found) < len(runs):
         for number, run in enumerate(runs):
@@ -356,11 +362,11 @@ def finished(runs: list) -> list:
     return [found[number] for number in range(len(runs))]
 
 
-def test_two_runs_may_be_under_way_at_once(context) -> None:
+def test_two_runs_may_be_interleaved(context) -> None:
     disk, graded = PoissonDisk(context, RADIUS, seed=6), sampler(context, waves)
     areas = [(0, 0, 50 * RADIUS, 50 * RADIUS), (FAR, 0, FAR + 70 * RADIUS, 60 * RADIUS)]
-    for found, area in zip(finished([disk.steps(area) for area in areas]), areas, strict=True):
+    for found, area in zip(interleaved([disk.steps(area) for area in areas]), areas, strict=True):
         np.testing.assert_array_equal(found.position, disk.within(area).position)
     areas = [square(0, 200), square(FAR_OFF, 300)]
-    for found, area in zip(finished([graded.steps(area) for area in areas]), areas, strict=True):
+    for found, area in zip(interleaved([graded.steps(area) for area in areas]), areas, strict=True):
         np.testing.assert_array_equal(found, graded.within(area))

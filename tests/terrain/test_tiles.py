@@ -1,4 +1,4 @@
-"""Tiles, rasters, single heights, features that reach them, and bounds of the detail that they miss."""
+"""Tiles, rasters, single heights, culling, and bounds of omitted detail."""
 
 import itertools
 from functools import cache
@@ -51,7 +51,7 @@ def test_culling_changes_no_bit(valley, monkeypatch) -> None:
     keys = [(5, 12, 14), (5, 20, 9), (5, 25, 30), (3, 3, 3)]
     culled = valley.tiles(keys)
     monkeypatch.setattr("sketchterrain.terrain.culling.BoxIndex.touching", everything_touches)
-    # A terrain that has gathered nothing yet: all painted features stand in the list of every block.
+    # A terrain without caches: all painted features are in the list of every block.
     uncut = Terrain(valley.sketch, valley.recipe, valley.context)
     for one, two in zip(culled, uncut.tiles(keys), strict=True):
         assert_same(one, two, parents=True)
@@ -90,7 +90,7 @@ def test_normals_are_the_slopes_of_the_heights_and_weights_sum_to_one(valley, de
 
 
 def test_coarser_cells_only_lose_detail(valley) -> None:
-    """The ground at a cell size differs from full detail by less the finer the cells."""
+    """The finer the cells, the smaller the difference from full detail."""
     rng = np.random.default_rng(2)
     x, y = rng.uniform(0, valley.extent, (2, 3000))
     full = valley.heights(x, y)
@@ -100,7 +100,7 @@ def test_coarser_cells_only_lose_detail(valley) -> None:
     np.testing.assert_array_equal(valley.heights(x, y, cell_size=0.05), full)
 
 
-def test_refused_queries(valley) -> None:
+def test_invalid_queries_are_errors(valley) -> None:
     for x in (np.nan, np.inf, 1e30):
         with pytest.raises(InputError, match="finite and within"):
             valley.heights(x, 0.0)
@@ -126,7 +126,7 @@ def assert_parent(tile: st.Tile, parent: st.Tile) -> None:
 
 @tiers("level", [-12, 0, 5, 13], [-3, 2, 9, 18])
 def test_a_tile_carries_its_parent(valley, level) -> None:
-    """Bit-equal where they share vertices; between them half the sum along an edge or the diagonal."""
+    """Bit-equal at shared vertices; between them half the sum along an edge or the diagonal."""
     for column, row in ((3, 2), (2, 3), (-1, -5)):
         tile = valley.tile(level, column, row)
         if level > -12:
@@ -153,8 +153,8 @@ def test_32_and_64_bit_positions_give_the_same_bits(valley, level, monkeypatch) 
         assert_same(one, two, parents=True)
 
 
-def test_tiles_are_filled_where_they_live(valley) -> None:
-    """In slots of a store, of several levels in one call; other slots stay as they are."""
+def test_fill_tiles_writes_only_its_slots(valley) -> None:
+    """Of several levels in one call."""
     keys = [(6, 20, 31), (6, 21, 31), (2, 1, 2), (9, -4, 700), (6, 30, 30)]
     slots = [7, 0, 3, 6, 2]
     store = valley.tile_store(9)
@@ -177,11 +177,8 @@ def test_tiles_are_filled_where_they_live(valley) -> None:
 
 
 @pytest.mark.parametrize("bare", [False, True])
-def test_filling_allocates_nothing_and_waits_for_nothing(bare, valley, make_recipe, calls) -> None:
-    """Once there is room, a batch is one transfer a launch of heights.
-
-    Ground with features must have been looked at before; without any, no ground is new.
-    """
+def test_filling_again_neither_allocates_nor_waits(bare, valley, make_recipe, calls) -> None:
+    """A batch is one transfer per launch of heights, once buffers and features are cached."""
     terrain = Terrain(valley.sketch, make_recipe(), valley.context) if bare else valley
     keys = [(5, c, r) for c in range(10, 18) for r in range(10, 18)]
     store = terrain.tile_store(len(keys))
@@ -194,8 +191,8 @@ def test_filling_allocates_nothing_and_waits_for_nothing(bare, valley, make_reci
     assert {call for call in calls if not call.startswith("launching")} == {"uploading"}
 
 
-def test_rules_that_are_left_out_would_cover_nothing(valley, desert, monkeypatch) -> None:
-    """Materials' rules on tiles without mountain, dune, forest or water: the same bits as with all rules."""
+def test_omitted_rules_have_no_weight(valley, desert, monkeypatch) -> None:
+    """Tiles without mountain, dune, forest or water: the same bits as with all rules."""
     for terrain in (valley, desert):
         keys = [(5, c, r) for c in range(0, 32, 5) for r in range(0, 32, 5)]
         left_out = terrain.tiles(keys)
@@ -219,8 +216,10 @@ def opened(device: int, preset: str) -> Terrain:
     return build(load_sketch(preset), device=ComputeContext(list_devices()[device]))
 
 
-def drawn(terrain: Terrain, level: int, count: int, rng: np.random.Generator) -> list[tuple[int, int, int]]:
-    """Tiles, each with the one east or north of it and the one over it.
+def random_tiles(
+    terrain: Terrain, level: int, count: int, rng: np.random.Generator
+) -> list[tuple[int, int, int]]:
+    """Return tiles, each followed by the one east or north of it and by its parent.
 
     Half of them in and around the sketch, the others up to 10,000 km away, some of these on the axes.
     """
@@ -256,22 +255,22 @@ def check_tiles(terrain: Terrain, preset: str, tiles: int) -> None:
     rng = np.random.default_rng([list(preset_names()).index(preset), 4])
     each = -(-tiles // (len(preset_names()) * len(DRAWN_LEVELS)))
     for level in DRAWN_LEVELS:
-        chosen = drawn(terrain, level, each, rng)
+        chosen = random_tiles(terrain, level, each, rng)
         for first in range(0, len(chosen), 3 * AT_ONCE):
             found = terrain.tiles(chosen[first : first + 3 * AT_ONCE])
             for number in range(0, len(found), 3):
                 check(*found[number : number + 3])
 
 
-def compared(low, high, reach, blocks):
-    """Every pair of a block and an item, compared."""
+def brute_force(low, high, reach, blocks):
+    """Return all pairs (block, item) that touch, by comparing them all."""
     grow = np.ceil(reach).astype(np.int64)[:, None]
     low, high, blocks = low - grow, high + grow, blocks[:, None]
     touch = (blocks[..., :2] <= high).all(axis=-1) & (blocks[..., 2:] >= low).all(axis=-1)
     return np.nonzero(touch)
 
 
-def test_an_index_finds_what_comparing_finds(monkeypatch) -> None:
+def test_the_index_equals_brute_force(monkeypatch) -> None:
     monkeypatch.setattr("sketchterrain.terrain.culling._FEW", -1)
     for seed, far in itertools.product(range(6), (0, -(1 << 50), 1 << 50)):
         rng = np.random.default_rng(seed)
@@ -286,7 +285,7 @@ def test_an_index_finds_what_comparing_finds(monkeypatch) -> None:
         # One that only shares a corner with the first item.
         area[-1, :2] = area[-1, 2:] = high[0] + int(np.ceil(reach[0]))
         found = BoxIndex(low, high, reach).touching(area)
-        for one, other in zip(found, compared(low, high, reach, area), strict=True):
+        for one, other in zip(found, brute_force(low, high, reach, area), strict=True):
             np.testing.assert_array_equal(one, other, err_msg=f"seed {seed}, far {far}")
     monkeypatch.undo()
     none = np.zeros((0, 2), np.int64)
@@ -295,41 +294,41 @@ def test_an_index_finds_what_comparing_finds(monkeypatch) -> None:
 
 
 @tiers("level", [1, 7], [4, 11])
-def test_surroundings_give_the_lists_of_all_features(valley, level) -> None:
-    """The same features for each block, by slot and in the same order, whatever is gathered around it."""
+def test_batches_give_the_lists_of_all_features(valley, level) -> None:
+    """The same features for each block, by slot and in the same order, whatever the batch."""
     recipe = valley.recipe
     rng = np.random.default_rng(level)
     step = 1 << (24 - level)
     column, row = rng.integers(-(2**level), 2 ** (level + 1), (2, 5))
     blocks = np.stack([column, row, column + 1, row + 1], axis=-1) * step
     cell = recipe.extent / 2.0**level / 64
-    gathered = FeatureCache(recipe, valley.context).batch(blocks, cell)
+    batch = FeatureCache(recipe, valley.context).batch(blocks, cell)
     whole = np.array([[*blocks[:, :2].min(axis=0), *blocks[:, 2:].max(axis=0)]])
     every = features_near(recipe, whole, cell)
     every = np.concatenate([recipe.painted, every[~np.isin(every["id"], recipe.painted["id"])]])
     every = every[np.argsort(every["id"], kind="stable")]
     packed = pack_features(recipe, every, cell)
     unit = recipe.extent / 2.0**24
-    block, item = compared(packed.at, packed.at, packed.support / unit, blocks)
-    starts, members = gathered.lists(blocks)
-    at = valley.context.download(gathered.at, (len(gathered.packed.slot), 2), np.int64)
+    block, item = brute_force(packed.at, packed.at, packed.support / unit, blocks)
+    starts, members = batch.lists(blocks)
+    at = valley.context.download(batch.at, (len(batch.packed.slot), 2), np.int64)
     for number in range(len(blocks)):
         expected = item[block == number]
         expected = expected[np.argsort(packed.slot[expected], kind="stable")]
         listed = members[starts[number, 0] : starts[number, -1]]
         np.testing.assert_array_equal(at[listed], packed.at[expected])
-        np.testing.assert_array_equal(gathered.packed.shape[listed, 1], packed.shape[expected, 1])
-        sizes = np.bincount(packed.slot[expected], minlength=gathered.slots)
+        np.testing.assert_array_equal(batch.packed.shape[listed, 1], packed.shape[expected, 1])
+        sizes = np.bincount(packed.slot[expected], minlength=batch.slots)
         np.testing.assert_array_equal(np.diff(starts[number]), sizes)
 
 
 BOUND_LEVELS = range(-4, 13)
-MOST_TIMES = 30.0
-"""How many times what is there the bound is at most, in the median of a level's tiles."""
+MAX_RATIO = 30.0
+"""Greatest ratio of the bound to the actual difference, in the median of a level's tiles."""
 
 
-def missing(terrain: Terrain, tile: st.Tile, rng: np.random.Generator) -> float:
-    """The largest difference between a tile's level and full detail at places of it."""
+def omitted_detail(terrain: Terrain, tile: st.Tile, rng: np.random.Generator) -> float:
+    """Return the largest difference between a tile's level and full detail at random points."""
     west, south, east, north = tile.bounds
     x, y = rng.uniform(west, east, 400), rng.uniform(south, north, 400)
     if terrain.recipe.rivers:
@@ -344,7 +343,7 @@ def missing(terrain: Terrain, tile: st.Tile, rng: np.random.Generator) -> float:
 
 
 @tiers("preset", ["valley_river"], preset_names())
-def test_full_detail_stays_within_the_bound(preset) -> None:
+def test_omitted_detail_is_within_the_bound(preset) -> None:
     terrain = opened(0, preset)
     rng = np.random.default_rng(8)
     rivers = [river.centreline[:, :2] for river in terrain.recipe.rivers]
@@ -356,16 +355,16 @@ def test_full_detail_stays_within_the_bound(preset) -> None:
             place[6:] = line[rng.integers(len(line), size=3)]
         keys = [(level, int(column), int(row)) for column, row in np.floor(place / width)]
         tiles = terrain.tiles(keys)
-        found = np.array([missing(terrain, tile, rng) for tile in tiles])
+        found = np.array([omitted_detail(terrain, tile, rng) for tile in tiles])
         bound = np.array([tile.detail_bound for tile in tiles])
         assert (found <= bound).all(), level
-        told = bound[found > 1e-3] / found[found > 1e-3]
-        if level >= 2 and len(told) > 4:
-            assert np.median(told) < MOST_TIMES, level
+        ratio = bound[found > 1e-3] / found[found > 1e-3]
+        if level >= 2 and len(ratio) > 4:
+            assert np.median(ratio) < MAX_RATIO, level
 
 
 @tiers("name", ["eroded", "river", "everything"], CASES)
-def test_each_kind_of_feature_stays_within_it(name, make_recipe, valley) -> None:
+def test_each_kind_of_feature_is_within_the_bound(name, make_recipe, valley) -> None:
     features = [one for kind in CASES for one in CASES[kind]] if name == "everything" else CASES[name]
     rivers = (straight_river(), straight_river(900, width=6)) if name in ("river", "everything") else ()
     lakes = LAKES if name in ("lake", "everything") else ()
@@ -375,10 +374,10 @@ def test_each_kind_of_feature_stays_within_it(name, make_recipe, valley) -> None
         span = 4096.0 / 2.0**level
         places = rng.uniform(400, 3600, (6, 2)) // span
         for tile in terrain.tiles([(level, int(column), int(row)) for column, row in places]):
-            assert missing(terrain, tile, rng) <= tile.detail_bound, level
+            assert omitted_detail(terrain, tile, rng) <= tile.detail_bound, level
 
 
-def test_full_detail_misses_nothing(valley) -> None:
+def test_the_finest_level_omits_nothing(valley) -> None:
     fine = next(level for level in range(20) if valley.extent / 2.0**level / 64 <= 0.125)
     tile = valley.tile(fine, 2 ** (fine - 1), 2 ** (fine - 1))
     assert tile.detail_bound == 0.0
@@ -386,8 +385,8 @@ def test_full_detail_misses_nothing(valley) -> None:
     assert min(coarser) > 0
 
 
-def test_no_octave_of_noise_goes_beyond_its_peak() -> None:
-    """All three corners with the gradients that make most of them, and what may be between samples."""
+def test_noise_is_within_its_peak() -> None:
+    """All three corners with the worst gradients, and the greatest change between samples."""
     step = np.linspace(0.0, 1.0, 1001)
     u, v = np.meshgrid(step, step)
     back = (u + v) * UNSKEW

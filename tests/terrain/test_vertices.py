@@ -1,4 +1,4 @@
-"""Packed vertices of tiles: their values, those of their parents, and the facts of each tile."""
+"""Packed vertices of tiles: their values, their parents', and the facts of each tile."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from sketchterrain.terrain.vertices import TILE_QUADS, VERTEX
 
 from .conftest import half_sums, launches, tiers
 
-# A parent, its four children and a grandchild; far and coarse tiles: each with its parent's place here.
+# A parent, its four children and a grandchild; far and coarse tiles: each with its parent's index here.
 FAMILY = [
     ((5, 15, 15), None),
     ((6, 30, 30), 0),
@@ -27,14 +27,14 @@ KEYS = [key for key, _ in FAMILY]
 
 
 def written_at(terrain, keys, parents=None, *, quads=64) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-    """The vertices and facts of tiles in consecutive slots."""
+    """Return the vertices and facts of tiles in consecutive slots."""
     store = terrain.vertex_store(len(keys), quads=quads)
     facts = terrain.write_tiles(keys, range(len(keys)), parents or [-1] * len(keys), store)
     return store.download(), facts
 
 
 def written(terrain, order, *, quads=64) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-    """The family's vertices and facts, in the family's order, written in any order."""
+    """Return the family's vertices and facts in its order, written in any order."""
     store = terrain.vertex_store(len(FAMILY) + 2, quads=quads)
     slots = list(np.random.default_rng(4).permutation(len(FAMILY) + 2)[: len(FAMILY)])
     parents = [-1 if parent is None else slots[parent] for _, parent in FAMILY]
@@ -44,8 +44,8 @@ def written(terrain, order, *, quads=64) -> tuple[np.ndarray[Any, Any], np.ndarr
     return store.download()[slots], facts[np.argsort(order)]
 
 
-def test_vertices_are_the_tiles(valley) -> None:
-    """Heights to the bit, also the parents'; slopes and weights to half a step of what they are packed in."""
+def test_vertices_are_quantized_tiles(valley) -> None:
+    """Heights are bit-equal, also the parents'; slopes and weights within half a step."""
     assert VERTEX.itemsize == 32
     assert [VERTEX.fields[name][1] for name in VERTEX.names] == [0, 4, 8, 12, 16, 24]
     vertices, facts = written(valley, list(range(len(FAMILY))))
@@ -62,8 +62,8 @@ def test_vertices_are_the_tiles(valley) -> None:
         assert (fact["low"], fact["high"]) == (both.min(), both.max())
 
 
-def test_the_parents_part_is_what_the_parent_draws(valley) -> None:
-    """Its values where it has a vertex, else half the sum along its edge or its north-west diagonal."""
+def test_the_parents_part_equals_the_parents_vertices(valley) -> None:
+    """Its values at its vertices, else half the sum along its edge or its north-west diagonal."""
     vertices, _ = written(valley, list(range(len(FAMILY))))
     for vertex, ((_, column, row), parent) in zip(vertices, FAMILY, strict=True):
         if parent is None:
@@ -83,7 +83,7 @@ def test_the_parents_part_is_what_the_parent_draws(valley) -> None:
 
 
 def test_neighbours_share_their_borders_bytes(valley) -> None:
-    """Also of children of different parents, all that is drawn of the parent included."""
+    """Also children of different parents, with their parents' values."""
     keys = [(4, 7, 7), (4, 8, 7), (5, 15, 14), (5, 16, 14), (5, 15, 15), (5, 16, 15)]
     vertices, _ = written_at(valley, keys, [-1, -1, 0, 1, 0, 1])
     for west, east in ((2, 3), (4, 5)):
@@ -93,7 +93,7 @@ def test_neighbours_share_their_borders_bytes(valley) -> None:
 
 
 def test_any_order_gives_the_same_bytes(valley) -> None:
-    """In one call, whatever comes first, and in one call a tile."""
+    """In one call, in any order, and with one call per tile."""
     straight, facts = written(valley, list(range(len(FAMILY))))
     for seed in range(3):
         order = list(np.random.default_rng(seed).permutation(len(FAMILY)))
@@ -109,7 +109,7 @@ def test_any_order_gives_the_same_bytes(valley) -> None:
 
 @pytest.mark.parametrize("quads", TILE_QUADS)
 def test_tiles_of_any_size(valley, quads) -> None:
-    """A tile is as wide at its level as ever, and its heights are those of its cell size."""
+    """A level's tiles have the same width, and heights for their cell size."""
     level = 5
     width = valley.extent / 2**level
     store = valley.vertex_store(3, quads=quads)
@@ -127,7 +127,7 @@ def test_tiles_of_any_size(valley, quads) -> None:
         valley.write_tiles([(finest + 1, 5, 5)], [1], [-1], store)
 
 
-def test_refused_slots_parents_stores_and_non_finite_heights(valley) -> None:
+def test_invalid_slots_parents_stores_and_non_finite_heights(valley) -> None:
     store = valley.vertex_store(4)
     for slots, parents in (
         *(([0], [-1]), ([1, 1], [-1, -1]), ([0, 4], [-1, -1])),
@@ -135,7 +135,7 @@ def test_refused_slots_parents_stores_and_non_finite_heights(valley) -> None:
     ):
         with pytest.raises(InputError, match="slot"):
             valley.write_tiles([(3, 0, 0), (3, 1, 0)], slots, parents, store)
-    with pytest.raises(InputError, match="quads must be one of 32, 64, 128, 256, not 48"):
+    with pytest.raises(InputError, match="expected quads of 32, 64, 128, 256, got 48"):
         valley.vertex_store(4, quads=48)
     with pytest.raises(InputError, match="at least 1 slot"):
         valley.vertex_store(0)
@@ -147,10 +147,10 @@ def test_refused_slots_parents_stores_and_non_finite_heights(valley) -> None:
         valley.write_tiles([(5, 6, 6)], [1], [0], store)
 
 
-def test_the_error_is_what_a_close_look_finds(valley) -> None:
-    """25,600 places a tile at full detail: 99 in 100 within δ, nine tiles in ten wholly within 4 δ.
+def test_the_error_bounds_full_detail(valley) -> None:
+    """25,600 points per tile: 99 in 100 within δ, nine tiles in ten wholly within 4 δ.
 
-    What is narrower than two quads can lie between samples: at banks a tile may be farther off somewhere.
+    Features narrower than two quads can lie between samples: at banks a tile may differ more somewhere.
     """
     rng = np.random.default_rng(6)
     levels = [level for level in (1, 3, 4, 5, 6, 7) for _ in range(4)]
@@ -165,9 +165,9 @@ def test_the_error_is_what_a_close_look_finds(valley) -> None:
         flat = np.where(v > u, nw + v * (sw - nw) + u * (se - sw), nw + u * (ne - nw) + v * (se - ne))
         width = valley.extent / 2**level
         x, y = (column + (i + u) / 64) * width, (row + 1 - (j + v) / 64) * width
-        apart = np.abs(valley.heights(x, y) - flat)
-        within.append(np.mean(apart <= fact["error"]))
-        worst.append(apart.max() / fact["error"])
+        deviation = np.abs(valley.heights(x, y) - flat)
+        within.append(np.mean(deviation <= fact["error"]))
+        worst.append(deviation.max() / fact["error"])
     assert np.mean(within) > 0.99
     assert min(within) > 0.98
     assert np.median(worst) < 2.0
@@ -175,19 +175,18 @@ def test_the_error_is_what_a_close_look_finds(valley) -> None:
 
 
 @tiers("quads", [64], TILE_QUADS)
-def test_squares_are_the_same_as_the_whole(valley, quads, monkeypatch) -> None:
-    """Fewer features reach a square than the tile; none of those left out would have changed a bit."""
+def test_culling_by_squares_changes_no_bit(valley, quads, monkeypatch) -> None:
     keys = [(-2, 0, 0), (0, 0, 0), (1, 0, 1), (3, 3, 3), (3, 4, 5), (6, 31, 30)]
     found = []
     for least in (0.1, 200.0, np.inf):
-        monkeypatch.setattr("sketchterrain.terrain.vertex_writer._LEAST_SQUARE", least)
+        monkeypatch.setattr("sketchterrain.terrain.vertex_writer._MIN_SQUARE", least)
         found.append([part.tobytes() for part in written_at(valley, keys, quads=quads)])
     assert found[0] == found[1] == found[2]
 
 
 @pytest.mark.parametrize("quads", TILE_QUADS)
-def test_the_error_is_measured_in_the_middle_of_every_second_quad(valley, quads) -> None:
-    """By single points at full detail, which take another way through the kernels."""
+def test_the_error_is_sampled_at_every_second_quads_centre(valley, quads) -> None:
+    """By single points at full detail, which use other kernels."""
     keys = [(2, 1, 2), (6, 30, 31), (9, 250, 240)]
     for (level, column, row), vertex, fact in zip(keys, *written_at(valley, keys, quads=quads), strict=True):
         step = valley.extent / 2**level / quads
@@ -196,13 +195,13 @@ def test_the_error_is_measured_in_the_middle_of_every_second_quad(valley, quads)
         x, y = np.meshgrid((column * quads + middle) * step, ((row + 1) * quads - middle) * step)
         z = vertex["height"]
         flat = np.float32(0.5) * (z[:-1:stride, :-1:stride] + z[1::stride, 1::stride])
-        apart = np.sort(np.abs(valley.heights(x, y) - flat).ravel())
-        usual = apart[int(np.ceil(0.99 * apart.size)) - 1]
-        assert fact["error"] == max(usual, apart[-1] / np.float32(1.5))
+        deviation = np.sort(np.abs(valley.heights(x, y) - flat).ravel())
+        usual = deviation[int(np.ceil(0.99 * deviation.size)) - 1]
+        assert fact["error"] == max(usual, deviation[-1] / np.float32(1.5))
 
 
 def test_every_level_has_an_error(valley) -> None:
-    """Wide tiles by what one place in them shows; 0 where quads end."""
+    """Wide tiles from one square in them; 0 at the finest level."""
     _, facts = written_at(valley, [(level, 0, 0) for level in range(-12, 19)], [-1, *range(30)])
     assert np.isfinite(facts["error"]).all()
     assert (facts["error"][:5] > 100).all()
@@ -219,13 +218,13 @@ def test_the_double_build_agrees(valley, double_context) -> None:
     for part in ("", "parent_"):
         np.testing.assert_allclose(single[f"{part}height"], exact[f"{part}height"], rtol=0, atol=2e-3)
         for name, most in (("slope", 40), ("weights", 6)):
-            apart = single[f"{part}{name}"].astype(int) - exact[f"{part}{name}"]
-            assert np.abs(apart).max() <= most
+            deviation = single[f"{part}{name}"].astype(int) - exact[f"{part}{name}"]
+            assert np.abs(deviation).max() <= most
     np.testing.assert_allclose(facts["error"], others["error"], rtol=0, atol=4e-3)
 
 
 def test_writing_allocates_and_launches_little(valley, calls) -> None:
-    """Four launches a level, and one wait for all."""
+    """Four launches per level, and one wait."""
     keys = [(6, c, r) for c in range(20, 28) for r in range(20, 28)] + [(5, 10, 10), (5, 11, 10)]
     store = valley.vertex_store(len(keys))
     parents = [-1] * len(keys)

@@ -1,4 +1,4 @@
-"""Lakes hold water, beds never rise, banks hold, valleys cut mountains; covers lie where they are painted."""
+"""Lakes hold water, beds never rise, banks hold, valleys cut mountains; covers match their paint."""
 
 import itertools
 from typing import Any
@@ -9,6 +9,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from sketchterrain.compute.context import ComputeContext
+from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.hydrology.lakes import distance_inside
@@ -19,7 +20,6 @@ from sketchterrain.terrain.building import make_recipe as recipe_of
 from sketchterrain.terrain.centrelines import TOLERANCE_CELLS, nearest_on_arc, tolerance_cell
 from sketchterrain.terrain.evaluator import MASKS, Evaluator
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
-from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.packing import pack_rivers
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.terrain import Terrain
@@ -51,8 +51,8 @@ def straight(*, x: tuple[float, float], z: tuple[float, float], width: float = 1
     return river_of(np.column_stack([at, np.full(200, CENTRE), np.linspace(*z, 200)]), width)
 
 
-def test_a_lake_is_deep_within_and_nothing_spills(make_recipe, context) -> None:
-    """Whatever the ground was: water stands inside the shore, and flooding from it never gets out."""
+def test_a_lake_holds_its_water(make_recipe, context) -> None:
+    """On any terrain: water inside the shore, and flooding from it never gets out."""
     step = np.arange(-500, 501, 2.0)
     radius = np.hypot(step, step[:, None])
     for level in (-25.0, 0.0, 25.0):
@@ -67,7 +67,7 @@ def test_a_lake_is_deep_within_and_nothing_spills(make_recipe, context) -> None:
 
 
 def test_the_shore_is_smooth(make_recipe, context) -> None:
-    """Slopes along a line across it change by little from metre to metre: no wall, no step."""
+    """The slope along a line across it changes little from metre to metre: no wall, no step."""
     line = np.arange(1500.0, 2600.0, 0.5)
     bare = np.gradient(heights(make_recipe(), context, line, CENTRE), line)
     slope = np.gradient(heights(make_recipe(lakes=(lake(300, 4.0),)), context, line, CENTRE), line)
@@ -99,7 +99,7 @@ def test_small_lakes_fade_with_the_cell_size(make_recipe, context) -> None:
 
 @pytest.mark.parametrize("inward", [True, False])
 def test_a_river_enters_and_leaves_without_a_dam(make_recipe, context, inward) -> None:
-    """Its water has a free way between the lake and open country, and the lake keeps its depth."""
+    """Water flows freely between the lake and open country, and the lake keeps its depth."""
     level = 6.0
     if inward:
         stream = straight(x=(500.0, 1800.0), z=(14.0, level))
@@ -137,7 +137,7 @@ def materials(recipe: TerrainRecipe, context: ComputeContext, radius: float) -> 
     return surface.materials[0], np.hypot(step, step[:, None])[1:-1, 1:-1]
 
 
-def test_a_cover_takes_its_share(make_recipe, context) -> None:
+def test_a_cover_has_its_weight(make_recipe, context) -> None:
     snow = MATERIALS.index("snow")
     bare, _ = materials(make_recipe(), context, 200.0)
     for strength in (1.0, 0.4):
@@ -165,7 +165,7 @@ ROW, COLUMN = np.mgrid[:SIDE, :SIDE]
 
 
 def every_metre(river: River) -> tuple[np.ndarray, np.ndarray]:
-    """Metres from the spring, and (x, y, level, width) there."""
+    """Return metres from the source, and (x, y, level, width) there."""
     line = np.column_stack([river.centreline, river.centreline_width])
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line[:, :2], axis=0).T))])
     at = np.append(np.arange(0.0, arc[-1], 1.0), arc[-1])
@@ -173,13 +173,13 @@ def every_metre(river: River) -> tuple[np.ndarray, np.ndarray]:
 
 
 def depth_in_lakes(terrain: Terrain, places: np.ndarray) -> np.ndarray:
-    """How far inside the nearest lake (m); negative outside."""
+    """Return the distance inside the nearest lake (m); negative outside."""
     distances = [distance_inside(lake.shape, places) for lake in terrain.recipe.lakes]
     return np.max(distances, axis=0) if distances else np.full(len(places), -np.inf)
 
 
 def greatest_rise(terrain: Terrain, river: River) -> float:
-    """How far the bed lies above a place upstream (m), lakes left out: they are deeper than their outlets."""
+    """Return how far the bed lies above a point upstream (m), without lakes, deeper than their outlets."""
     _, line = every_metre(river)
     dry = line[depth_in_lakes(terrain, line[:, :2]) <= 0.0]
     if not len(dry):
@@ -189,7 +189,7 @@ def greatest_rise(terrain: Terrain, river: River) -> float:
 
 
 def lowest_bank(terrain: Terrain, river: River) -> float:
-    """Height (m) of the ground 1.5 widths to either side over the water, away from all other water."""
+    """Return the height (m) over the water of the terrain 1.5 widths beside it, away from other water."""
     at, line = every_metre(river)
     width = line[:, 3]
     free = (at > 3 * width) & (at[-1] - at > 3 * width)
@@ -280,7 +280,7 @@ def test_in_the_presets_no_bed_rises_and_every_bank_holds(name, context) -> None
     assert_water_stays(terrain)
 
 
-# The last ones failed once: beds at joints and in sharp bends, water beside lakes and in sharp bends.
+# Regressions: beds at joints and in sharp bends, water beside lakes and in sharp bends.
 @tiers("seed", [0, 100, 115, 172, 205], [*range(40), 130, 175, 287])
 def test_no_bed_rises_and_every_bank_holds(seed, context) -> None:
     terrain = build(random_sketch(seed), device=context)
@@ -289,7 +289,7 @@ def test_no_bed_rises_and_every_bank_holds(seed, context) -> None:
 
 @tiers("poses", [range(4)], [range(4, 100)])
 def test_a_river_across_a_mountain_runs_below_the_straight_line(poses, context) -> None:
-    """In random poses: the bed between where it enters and leaves is not above the line between."""
+    """In random poses: the bed on the mountain is not above the line between its ends."""
     for pose in poses:
         rng = np.random.default_rng(pose)
         centre, angle = rng.uniform(0.4, 0.6, 2) * SIDE, rng.uniform(0, np.pi)
@@ -323,9 +323,9 @@ def test_a_river_ends_in_a_lake_at_its_level(context) -> None:
     (found,), (water,) = terrain.recipe.rivers, terrain.recipe.lakes
     assert distance_inside(water.shape, found.centreline[-1:, :2])[0] > 0
     assert found.centreline[-1, 2] == pytest.approx(water.level, abs=0.05)
-    (told,) = terrain.recipe.resolutions
-    assert told.line == f"river 1 ends in lake 1: water at {water.level:.1f} m"
-    assert distance_inside(water.shape, np.array([[told.x, told.y]]))[0] > 0
+    (resolution,) = terrain.recipe.resolutions
+    assert resolution.line == f"river 1 ends in lake 1: water at {water.level:.1f} m"
+    assert distance_inside(water.shape, np.array([[resolution.x, resolution.y]]))[0] > 0
     assert greatest_rise(terrain, found) <= RISE_M
 
 
@@ -334,9 +334,9 @@ def test_a_lake_in_a_mountain_is_a_tarn_with_a_rim(context) -> None:
     lake = (np.hypot(COLUMN - 120, ROW - 96) < 9).astype(np.uint8)
     terrain = build(Sketch(extent=5000.0, layers={"mountain": mountain, "lake": lake}), device=context)
     (tarn,) = terrain.recipe.lakes
-    (told,) = terrain.recipe.resolutions
-    assert told.line == f"lake 1 lies in mountain 1: a tarn at {tarn.level:.0f} m"
-    assert distance_inside(tarn.shape, np.array([[told.x, told.y]]))[0] > 0
+    (resolution,) = terrain.recipe.resolutions
+    assert resolution.line == f"lake 1 lies in mountain 1: a tarn at {tarn.level:.0f} m"
+    assert distance_inside(tarn.shape, np.array([[resolution.x, resolution.y]]))[0] > 0
     angle, pixel = np.linspace(0, 2 * np.pi, 200), 5000.0 / SIDE
     middle = np.array([120.5, SIDE - 96.5]) * pixel
     around = middle + 11 * pixel * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -363,14 +363,14 @@ def hairpin(gap: float) -> list[tuple[float, float]]:
 
 
 def ground(evaluator: Evaluator, places: np.ndarray, cell_size: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Heights and the water mask at places (m)."""
+    """Return heights and the water mask at points (m)."""
     x, y = to_lattice(places, evaluator.recipe.extent).T
     height, masks = evaluator.points(x, y, cell_size=cell_size)
     return height.astype(np.float64), masks[:, MASKS.index("water")]
 
 
-def assert_no_jump(evaluator: Evaluator, start: tuple[float, float], end: tuple[float, float]) -> None:
-    """Ten times finer steps make a tenth of the difference, nearly."""
+def assert_continuous(evaluator: Evaluator, start: tuple[float, float], end: tuple[float, float]) -> None:
+    """Ten times finer steps give about a tenth of the difference."""
     largest = []
     for count in (601, 6001):
         height, water = ground(evaluator, np.linspace(start, end, count))
@@ -381,26 +381,26 @@ def assert_no_jump(evaluator: Evaluator, start: tuple[float, float], end: tuple[
 @tiers(
     ("gap", "width"), [(40.0, 10.0), (6.0, 40.0)], [(6.0, 10.0), (300.0, 10.0), (40.0, 40.0), (300.0, 40.0)]
 )
-def test_nothing_jumps_between_branches_equally_near(gap, width, make_recipe, double_context) -> None:
+def test_no_discontinuity_between_equally_near_branches(gap, width, make_recipe, double_context) -> None:
     """In a hairpin narrower or wider than its river."""
     evaluator = Evaluator(make_recipe(rivers=(river(hairpin(gap), width=width),)), double_context)
     for x in (1600.0, 1900.0, 2050.0, 2150.0):
-        assert_no_jump(evaluator, (x, 2000.0 - gap), (x, 2000.0 + gap))
+        assert_continuous(evaluator, (x, 2000.0 - gap), (x, 2000.0 + gap))
     # Along the middle both branches are as far, and one lies higher.
-    assert_no_jump(evaluator, (1520.0, 2000.0), (2160.0, 2000.0))
+    assert_continuous(evaluator, (1520.0, 2000.0), (2160.0, 2000.0))
 
 
-def test_nothing_jumps_between_rivers_that_meet(make_recipe, double_context) -> None:
+def test_no_discontinuity_at_a_confluence(make_recipe, double_context) -> None:
     main = river([(1400.0 + 150 * k, 2000.0) for k in range(9)], width=24.0)
     end = main.centreline[160]
     other = river([(1550.0, 2300.0), (1700.0, 2220.0), (1900.0, 2090.0), (end[0], end[1])], width=9.0)
     other.centreline[:, 2] += end[2] - other.centreline[-1, 2]
     evaluator = Evaluator(make_recipe(rivers=(main, other)), double_context)
     for x in np.linspace(1850.0, 2080.0, 12):
-        assert_no_jump(evaluator, (x, 1960.0), (x, 2160.0))
+        assert_continuous(evaluator, (x, 1960.0), (x, 2160.0))
 
 
-def test_narrower_than_two_cells_a_river_is_a_material_and_no_trench(make_recipe, context) -> None:
+def test_a_river_narrower_than_two_cells_has_no_channel(make_recipe, context) -> None:
     for width in (3.0, 10.0, 30.0):
         course = river([(1400.0 + 150 * k, 2000.0 + 40 * (-1) ** k) for k in range(9)], width=width)
         evaluator = Evaluator(make_recipe(rivers=(course,)), context)
@@ -450,7 +450,7 @@ def test_arcs_stay_within_a_hundredth_of_a_cell_of_the_spline(name, samples) -> 
     assert finest_first == sorted(finest_first, reverse=True)
 
 
-def test_a_cell_size_is_flattened_for_one_not_above_it() -> None:
+def test_tolerance_cells_are_rounded_down() -> None:
     assert [tolerance_cell(cell) for cell in TOLERANCE_CELLS] == list(TOLERANCE_CELLS)
     assert tolerance_cell(0.0) == TOLERANCE_CELLS[0]
     assert tolerance_cell(1e9) == TOLERANCE_CELLS[-1]

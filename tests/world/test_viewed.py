@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from sketchterrain.compute.context import ComputeContext
+from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.terrain.building import build
-from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.world.grid import CHUNK
 from sketchterrain.world.viewed import BARE, StoredPyramid, StoredTerrain
 

@@ -11,8 +11,8 @@ import numpy.typing as npt
 from contourpy import LineType, contour_generator
 from scipy.ndimage import gaussian_filter, map_coordinates
 
+from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.export.map.drawing import Box, Colour, Points
-from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.terrain import Terrain
 
 Grid: TypeAlias = npt.NDArray[np.float32]

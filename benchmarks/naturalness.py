@@ -1,4 +1,4 @@
-"""Whether the outlines that a person painted show in the terrain, by its slopes and curvatures."""
+"""Visibility of painted outlines in the terrain, from slopes and curvatures."""
 
 from __future__ import annotations
 
@@ -14,28 +14,26 @@ if TYPE_CHECKING:
 
 
 _LAYERS = ("mountain", "hill")
-_NEAR = 1.5  # px: pixel centres so near to unpainted (or painted) ones are along the outline
-_BESIDE = (3.0, 9.0)  # px: the bands on both sides with which the outline is compared
+_NEAR = 1.5  # px: half the width of the outline
+_BESIDE = (3.0, 9.0)  # px: the bands on both sides to which the outline is compared
 
 
 @dataclass(frozen=True)
 class Naturalness:
-    """How the ground along painted outlines differs from the ground beside them.
+    """Ratio of the terrain along painted outlines of mountains and hills to bands 3 to 9 pixels away.
 
-    Attributes
-    ----------
-    curvature, slope : float or None
-        Mean along the outlines of mountains and hills over the mean of the bands inside and outside, 3 to 9
-        pixels away. 1 where an outline does not show; a crease or a step along it makes it larger. None where
-        neither is painted.
+    1 where an outline is invisible; creases or steps make it larger. None without mountains and hills.
     """
 
+    # curvature, slope: Mean along the outlines of mountains and hills over the mean of the bands inside and
+    # outside, 3 to 9 pixels away. 1 where an outline does not show; a crease or a step along it makes it
+    # larger. None where neither is painted
     curvature: float | None
     slope: float | None
 
 
 def measure_naturalness(terrain: Terrain) -> Naturalness:
-    """Measure how much painted outlines show, at the sketch's pixels and with what these can carry."""
+    """Measure the visibility of painted outlines at the sketch's pixels and their resolution."""
     sketch, step = terrain.sketch, terrain.sketch.pixel_size
     painted = [sketch.layers[name] > 0 for name in _LAYERS if sketch.layers[name].any()]
     if not painted:
@@ -51,15 +49,7 @@ def measure_naturalness(terrain: Terrain) -> Naturalness:
 
 
 def outline_ratio(quantity: Float64Array, painted: BoolArray) -> float:
-    """Return the mean along the outline of an area over the mean of the bands inside and outside it.
-
-    Parameters
-    ----------
-    quantity : (height, width) float64
-        Not negative.
-    painted : (height, width) bool
-        Neither all True nor all False.
-    """
+    """Return the mean of a quantity (height, width) ≥ 0 along an outline over that of bands beside it."""
     inside = np.asarray(ndimage.distance_transform_edt(painted))
     outside = np.asarray(ndimage.distance_transform_edt(~painted))
     depth = np.maximum(inside, outside)
@@ -71,7 +61,7 @@ def outline_ratio(quantity: Float64Array, painted: BoolArray) -> float:
 
 
 def _derivatives(height: Float64Array, step: float) -> tuple[Float64Array, Float64Array]:
-    """|Laplacian| (1/m) and slope of all but the outermost samples."""
+    """Return |Laplacian| (1/m) and slope of all but the outermost samples."""
     middle = height[1:-1, 1:-1]
     across, down = (height[1:-1, 2:], height[1:-1, :-2]), (height[2:, 1:-1], height[:-2, 1:-1])
     laplacian = (sum(across) + sum(down) - 4.0 * middle) / step**2

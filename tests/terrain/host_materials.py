@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.terrain.host_heights import field_distance
-from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.noise import fbm
 from sketchterrain.terrain.packing import pack_covers, pack_fields, pack_world
 

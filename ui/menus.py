@@ -14,12 +14,12 @@ from PyQt6.QtWidgets import QMainWindow, QMenu, QToolBar, QWidget
 from sketchterrain.document.parameters import LAYERS
 from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.commands.placed_edits import is_edited, is_locked, name_of
-from sketchterrain.ui.commands.selection import delete, lock, reset, unlock
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.files import Files
 from sketchterrain.ui.look.theme import icon
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.preferences import RecentFiles
+from sketchterrain.ui.models.selection import delete, lock, reset, unlock
 from sketchterrain.ui.models.workspace import OVERLAYS, TOOLS, Selection, Workspace
 
 

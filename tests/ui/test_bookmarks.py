@@ -76,7 +76,7 @@ def test_a_folder_that_cannot_be_written_is_told(document, folder, tmp_path):
     bookmarks.failed.connect(lines.append)
     document.mark_saved(document.sketch, tmp_path / "one.sketch")
     bookmarks.add(Bookmark("a", HERE))
-    assert "cannot be kept" in lines[0]
+    assert "cannot be saved" in lines[0]
     assert len(bookmarks.all) == 1
 
 

@@ -14,12 +14,12 @@ from sketchterrain.document.label_layers import DRAW_ORDER
 from sketchterrain.document.parameters import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.ui.canvas.canvas import Canvas
-from sketchterrain.ui.canvas.layer_brushes import (
+from sketchterrain.ui.canvas.compositing import (
     MASK,
     HatchTable,
     LayerCompositor,
     LayerHatch,
-    Paint,
+    LayerPaint,
     level_for,
 )
 from sketchterrain.ui.canvas.tool_context import LARGEST, Viewport
@@ -32,7 +32,7 @@ def test_a_fitted_sheet_is_whole_and_in_the_middle():
     for size, sides in (((800, 600), (512, 512)), ((300, 900), (4096, 1024)), ((900, 300), (7, 5))):
         viewport = Viewport(*size, *sides).fitted(margin=20)
         lows = (viewport.left, viewport.top)
-        for low, side, room in zip(lows, viewport.sheet_size, size, strict=True):
+        for low, side, room in zip(lows, viewport.sketch_size, size, strict=True):
             assert 19 <= low <= room - 19 - side
             assert abs(low - (room - low - side)) <= 2
 
@@ -64,7 +64,7 @@ def test_the_sheet_is_never_lost():
                 viewport = viewport.resized(rng.randint(60, 1500), rng.randint(60, 1500))
             assert 0.0 < viewport.scale <= LARGEST
             lows, rooms = (viewport.left, viewport.top), (viewport.width, viewport.height)
-            for low, side, room in zip(lows, viewport.sheet_size, rooms, strict=True):
+            for low, side, room in zip(lows, viewport.sketch_size, rooms, strict=True):
                 assert min(low + side, room) - max(low, 0) >= min(40, side - 1)
 
 
@@ -82,7 +82,7 @@ def sketch_layers(height: int, width: int, labels: int) -> dict[str, np.ndarray]
     return layers
 
 
-PAINTS = tuple(Paint(name, colours(k), 0.3 + 0.25 * k) for k, name in enumerate("abc"))
+PAINTS = tuple(LayerPaint(name, colours(k), 0.3 + 0.25 * k) for k, name in enumerate("abc"))
 
 
 def mixed(layers: dict[str, np.ndarray]) -> np.ndarray:
@@ -104,13 +104,13 @@ def parts(pixels: np.ndarray) -> np.ndarray:
 def test_colours_and_codes_are_those_of_the_layers_over_one_another():
     for labels in [2, 200]:
         layers = sketch_layers(300, 530, labels)
-        pixels, codes = LayerCompositor(layers.__getitem__, PAINTS).window(0, (0, 0, 300, 530))
+        pixels, codes = LayerCompositor(layers.__getitem__, PAINTS).read(0, (0, 0, 300, 530))
         assert np.abs(parts(pixels) - mixed(layers)).max() <= 0.51, labels
         expected = sum((layers[name] > 0).astype(int) << bit for bit, name in enumerate("abc"))
         assert np.array_equal(codes & MASK, expected), labels
 
     layers = sketch_layers(300, 530, 4)
-    _, codes = LayerCompositor(layers.__getitem__, PAINTS).window(0, (0, 0, 300, 530))
+    _, codes = LayerCompositor(layers.__getitem__, PAINTS).read(0, (0, 0, 300, 530))
     key = sum(layers[name].astype(int) * 10**place for place, name in enumerate("abc"))
     # Equal labels have equal codes in every tile; different ones nearly always differ.
     for value in np.unique(key):
@@ -128,8 +128,8 @@ def test_a_window_is_a_part_of_the_whole():
     layers = sketch_layers(700, 530, 3)
     flattening = LayerCompositor(layers.__getitem__, PAINTS)
     for level in (0, 1, 2):
-        everything = flattening.window(level, whole(700, 530, level))
-        part = flattening.window(level, (31, 17, 97, 101))
+        everything = flattening.read(level, whole(700, 530, level))
+        part = flattening.read(level, (31, 17, 97, 101))
         for cut, image in zip(part, everything, strict=True):
             assert np.array_equal(cut, image[31:97, 17:101])
 
@@ -138,13 +138,13 @@ def test_what_changed_is_made_anew():
     layers = sketch_layers(700, 530, 3)
     flattening = LayerCompositor(layers.__getitem__, PAINTS)
     for level in (0, 1, 3):
-        flattening.window(level, whole(700, 530, level))
+        flattening.read(level, whole(700, 530, level))
     layers["b"][201:333, 250:301] = 2
-    flattening.forget((201, 250, 333, 301))
+    flattening.invalidate((201, 250, 333, 301))
     fresh = LayerCompositor(layers.__getitem__, PAINTS)
     for level in (0, 1, 3):
         box = whole(700, 530, level)
-        for kept, made in zip(flattening.window(level, box), fresh.window(level, box), strict=True):
+        for kept, made in zip(flattening.read(level, box), fresh.read(level, box), strict=True):
             assert np.array_equal(kept, made)
 
 
@@ -152,11 +152,11 @@ def test_paint_where_nothing_was_is_seen_at_every_level():
     layers = {name: np.zeros((2100, 3000), np.uint8) for name in "abc"}
     flattening = LayerCompositor(layers.__getitem__, PAINTS)
     for level in (4, 2, 0):
-        assert not flattening.window(level, whole(2100, 3000, level))[1].any()
+        assert not flattening.read(level, whole(2100, 3000, level))[1].any()
     layers["c"][2050:2060, 1020:1030] = 1
-    flattening.forget((2050, 1020, 2060, 1030))
+    flattening.invalidate((2050, 1020, 2060, 1030))
     for level in (0, 2, 3, 4, 5):
-        codes = flattening.window(level, whole(2100, 3000, level))[1]
+        codes = flattening.read(level, whole(2100, 3000, level))[1]
         rows, columns = np.nonzero(codes)
         assert (rows.min(), rows.max()) == (2050 >> level, 2059 >> level)
         assert (columns.min(), columns.max()) == (1020 >> level, 1029 >> level)
@@ -166,7 +166,7 @@ def test_a_thin_line_stays_visible_from_afar():
     layers = {name: np.zeros((1000, 900), np.uint8) for name in "abc"}
     layers["b"][:, 333] = 1
     for level in range(6):
-        _, codes = LayerCompositor(layers.__getitem__, PAINTS).window(level, whole(1000, 900, level))
+        _, codes = LayerCompositor(layers.__getitem__, PAINTS).read(level, whole(1000, 900, level))
         assert ((codes > 0).sum(axis=1) == 1).all()
 
     assert [level_for(scale) for scale in (8.0, 1.0, 0.99, 0.5, 0.49, 0.25)] == [0, 0, 1, 1, 2, 2]
@@ -194,7 +194,7 @@ def test_lines_are_drawn_where_codes_change():
     table = HatchTable([LayerHatch("dots", (0, 0, 0), 0.0)], 1.0)
     codes = np.zeros((12, 12), np.uint16)
     codes[4:8, 5:9] = 1
-    pixels = table.drawn(codes, 0, 0)
+    pixels = table.render(codes, 0, 0)
     assert pixels.shape == (10, 10)
     inner = pixels > 0
     # Of the border between two pixels of the screen, one is drawn on.
@@ -298,9 +298,9 @@ def test_painting_repaints_what_changed_and_nothing_is_left_behind(canvas, plain
         for end in (lambda: None, draft.cancel):
             end()
             kept = pixels(canvas)
-            canvas._shown.refresh()
+            canvas._sketch_view.refresh()
             assert np.array_equal(kept, pixels(canvas))
-        assert np.array_equal(canvas._desk.document.layer("mountain"), plain.sketch.layers["mountain"])
+        assert np.array_equal(canvas._context.document.layer("mountain"), plain.sketch.layers["mountain"])
 
 
 def test_moving_the_sheet_shows_what_a_fresh_picture_does(canvas, link, placed):
@@ -310,8 +310,8 @@ def test_moving_the_sheet_shows_what_a_fresh_picture_does(canvas, link, placed):
     for _ in range(8):
         canvas.scroll_by(rng.randint(-90, 90), rng.randint(-90, 90))
         moved = pixels(canvas)
-        canvas._shown.refresh()
-        canvas._marks._of = (None, None, False)
+        canvas._sketch_view.refresh()
+        canvas._marks._key = (None, None, False)
         # Qt counts shares of pixels from where a strip begins: they round differently.
         assert np.abs(moved - pixels(canvas)).max() <= 2
 
@@ -336,7 +336,7 @@ def test_the_relief_lies_beneath_the_paint_and_is_redrawn_where_it_changed(canva
     workspace.show_overlay("relief", True)
     show(1, light)
     kept = show(2, spot)
-    canvas._shown.refresh()
+    canvas._sketch_view.refresh()
     assert np.abs(kept - pixels(canvas)).max() <= 2
 
 
@@ -381,7 +381,7 @@ def test_another_document_is_shown_whole(canvas, plain):
     plain.open(Sketch(layers=layers))
     viewport = canvas.viewport
     assert (viewport.columns, viewport.rows) == (90, 40)
-    sheet = QRect(viewport.left, viewport.top, *viewport.sheet_size)
+    sheet = QRect(viewport.left, viewport.top, *viewport.sketch_size)
     assert QRect(0, 0, viewport.width, viewport.height).contains(sheet)
     pixels(canvas)
 
@@ -389,11 +389,15 @@ def test_another_document_is_shown_whole(canvas, plain):
 def test_places_of_the_mouse_are_those_of_the_sketch(canvas, monkeypatch):
     for ratio in [1.0, 1.25, 2.0]:
         monkeypatch.setattr(type(canvas), "devicePixelRatioF", lambda _, ratio=ratio: ratio)
-        canvas._resize(fits=True)
+        canvas._resize(fitted=True)
         for zoom in (1.0, 0.3, 7.0):
             canvas.zoom(zoom, QPointF(150.0, 120.0))
-            context = canvas._desk
+            context = canvas._context
             for x, y in ((0.0, 0.0), (31.25, 12.5), (64.0, 64.0)):
-                assert context.on_sketch(context.at(x, y)) == pytest.approx((x, y), abs=1e-6), ratio
-                assert context.pixels(*context.metres(x, y)) == pytest.approx((x, y), abs=1e-9), ratio
+                assert context.sketch_from_screen(context.screen_from_sketch(x, y)) == pytest.approx(
+                    (x, y), abs=1e-6
+                ), ratio
+                assert context.sketch_from_world(*context.world_from_sketch(x, y)) == pytest.approx(
+                    (x, y), abs=1e-9
+                ), ratio
             pixels(canvas)

@@ -33,7 +33,7 @@ def canvas(blank, workspace, link, shown):
 
 def at(canvas: Canvas, x: float, y: float) -> QPoint:
     """The place of the widget over a place of the sketch (px)."""
-    place = canvas._desk.at(x, y)
+    place = canvas._context.screen_from_sketch(x, y)
     return QPoint(round(place.x()), round(place.y()))
 
 
@@ -109,7 +109,7 @@ def test_escape_undo_another_tool_the_focus_and_another_document_end_a_stroke(
     def another_tool():
         workspace.tool = "line"
 
-    for number, end in enumerate((another_tool, canvas._hands.finish, canvas.hide), start=1):
+    for number, end in enumerate((another_tool, canvas._input._finish, canvas.hide), start=1):
         qtbot.mousePress(canvas, LEFT, pos=at(canvas, 20.0 * number, 30.0))
         end()
         assert steps(blank) == ("Paint mountains",) * number
@@ -156,7 +156,7 @@ def test_a_line_by_clicks_double_click_or_freehand(canvas, blank, workspace, qtb
     blank.undo()
     qtbot.mouseClick(canvas, LEFT, pos=at(canvas, 20.0, 20.0))
     qtbot.keyClick(canvas, Qt.Key.Key_Escape)
-    assert not canvas._hands.tool.is_busy
+    assert not canvas._input.tool.is_busy
     qtbot.mouseClick(canvas, LEFT, pos=at(canvas, 20.0, 60.0))
     qtbot.mouseClick(canvas, LEFT, pos=at(canvas, 90.0, 60.0))
     qtbot.mouseDClick(canvas, LEFT, pos=at(canvas, 90.0, 60.0))
@@ -200,11 +200,11 @@ def test_pick_takes_the_topmost_paint_that_is_shown(canvas, blank, workspace, qt
 
 def test_wheel_and_keys_zoom_scroll_and_size_the_brush(canvas, workspace, qtbot):
     place = at(canvas, 40.0, 90.0)
-    before = canvas._desk.on_sketch(QPointF(place))
+    before = canvas._context.sketch_from_screen(QPointF(place))
     scale = canvas.viewport.scale
     events.wheel(canvas, place.x(), place.y(), 1)
     assert canvas.viewport.scale == pytest.approx(1.2 * scale)
-    assert canvas._desk.on_sketch(QPointF(place)) == pytest.approx(before, abs=0.6 / scale)
+    assert canvas._context.sketch_from_screen(QPointF(place)) == pytest.approx(before, abs=0.6 / scale)
     events.wheel(canvas, place.x(), place.y(), 1, Qt.KeyboardModifier.ControlModifier)
     assert workspace.brush == pytest.approx(5.0 * 1.15)
     events.wheel(canvas, place.x(), place.y(), -1, Qt.KeyboardModifier.ShiftModifier)
@@ -298,7 +298,7 @@ def mountain(placed: Placement) -> np.void:
 
 
 def over(canvas: Canvas, x: float, y: float) -> QPoint:
-    place = canvas._desk.screen_from_world(float(x), float(y))
+    place = canvas._context.screen_from_world(float(x), float(y))
     return QPoint(round(place.x()), round(place.y()))
 
 
@@ -317,10 +317,10 @@ def test_a_drag_moves_a_feature_in_one_step_and_escape_puts_it_back(full, docume
     assert steps(document) == ("Move mountain",)
     (edit,) = document.sketch.edits
     assert edit.x == pytest.approx(
-        peak["x"] + 40 / full._desk.px_per_metre, abs=1.5 / full._desk.px_per_metre
+        peak["x"] + 40 / full._context.px_per_metre, abs=1.5 / full._context.px_per_metre
     )
     assert edit.y == pytest.approx(
-        peak["y"] - 20 / full._desk.px_per_metre, abs=1.5 / full._desk.px_per_metre
+        peak["y"] - 20 / full._context.px_per_metre, abs=1.5 / full._context.px_per_metre
     )
     document.undo()
     assert document.sketch.edits == ()
@@ -344,9 +344,9 @@ def test_handles_resize_widen_and_move_points(full, document, workspace, placed,
 
 
 def grab(canvas: Canvas, qtbot, placed, role, off):
-    handles = [each for each in canvas._hands.tool._handles(placed) if each.role == role]
+    handles = [each for each in canvas._input.tool._visible_handles(placed) if each.role == role]
     handle = handles[len(handles) // 2]
-    place = canvas._hands.tool._shown_at(handle)
+    place = canvas._input.tool._handle_place(handle)
     drag_by(canvas, qtbot, QPoint(round(place.x()), round(place.y())), off)
 
 
@@ -370,7 +370,7 @@ def test_hovering_highlights_clicks_select_and_double_clicks_move_the_view(
     move(full, over(full, peak["x"], peak["y"]))
     assert full.cursor().shape() == Qt.CursorShape.PointingHandCursor
     assert full.grab().toImage() != before
-    full._hands.leave()
+    full._input._leave(None)
     assert full.grab().toImage() == before
 
     qtbot.mouseClick(full, LEFT, pos=over(full, peak["x"], peak["y"]))
@@ -380,7 +380,7 @@ def test_hovering_highlights_clicks_select_and_double_clicks_move_the_view(
     assert workspace.selection is None
 
     for tool in ("select", "pan"):
-        full._desk.workspace.tool = tool
+        full._context.workspace.tool = tool
         qtbot.mouseDClick(full, LEFT, pos=over(full, 2000.0, 1500.0))
         qtbot.mouseRelease(full, LEFT, pos=over(full, 2000.0, 1500.0))
         told = link.requests[-1]

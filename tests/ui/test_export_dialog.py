@@ -178,7 +178,7 @@ def test_choices_are_remembered_and_unusable_ones_count_as_never_chosen(opened, 
         dialog.preferences.set_export_options("unity", bad)
         assert opened("unity").target.options() == usual
     dialog.preferences._settings.setValue("export/unity", "no JSON")
-    assert dialog.preferences.exported("unity") == {}
+    assert dialog.preferences.export_options("unity") == {}
 
 
 def test_everything_is_asked_for_as_the_command_line_does(opened):

@@ -6,7 +6,7 @@ import pytest
 from sketchterrain.hydrology.lakes import lake_centre
 from sketchterrain.placement.feature_types import FEATURE, FILL_BIT
 from sketchterrain.ui.engine.protocol import Placement
-from sketchterrain.ui.models.handles import FeatureDrag, Handle, handles_of, select_at
+from sketchterrain.ui.models.selection import FeatureDrag, Handle, handles_of, select_at
 from sketchterrain.ui.models.workspace import Selection
 
 

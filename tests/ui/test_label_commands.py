@@ -8,7 +8,7 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.errors import InputError
 from sketchterrain.ui.commands import settings as labels
-from sketchterrain.ui.commands.settings import WORLD, declared, reset_setting, set_setting, setting, settings
+from sketchterrain.ui.commands.settings import WORLD, declared, reset_setting, set_setting, settings
 
 
 @pytest.fixture
@@ -87,12 +87,12 @@ def test_every_setting_can_be_set_and_reset(sketch):
             if value == parameter.default:
                 value = parameter.kind(parameter.low)
             changed = set_setting(sketch, table, name, value)
-            assert setting(changed, table, name) == value, table
+            assert settings(changed, table)[name] == value, table
             others = {key: each for key, each in settings(changed, table).items() if key != name}
             wanted = {key: each for key, each in settings(sketch, table).items() if key != name}
             assert others == wanted, table
             assert set_setting(changed, table, name, value) is changed, table
-            assert setting(reset_setting(changed, table, name), table, name) == parameter.default, table
+            assert settings(reset_setting(changed, table, name), table)[name] == parameter.default, table
 
     assert list(declared(WORLD)) == list(SKETCH)
     assert all(

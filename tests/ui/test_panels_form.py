@@ -56,7 +56,7 @@ def test_every_number_has_a_scale_within_its_range_and_wide_ranges_go_by_ratios(
 
 
 def test_titles_units_numbers_and_special_values_are_worded():
-    assert wording.drag_title("snow_line") == "Snow line"
+    assert wording.setting_title("snow_line") == "Snow line"
     each_of_a_kind = (HEIGHT, FLOW, TABLES["density"]["hill"], SKETCH["name"])
     assert [wording.suffix_of(each) for each in each_of_a_kind] == [" m", "°", " /km²", ""]
     assert (wording.with_unit(HEIGHT, 600.0), wording.with_unit(FLOW, -1.0)) == ("600 m", "downhill")

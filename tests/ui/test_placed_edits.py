@@ -21,7 +21,7 @@ from sketchterrain.ui.commands.placed_edits import (
     name_of,
 )
 from sketchterrain.ui.engine.protocol import Placement
-from sketchterrain.ui.models.handles import handles_of
+from sketchterrain.ui.models.selection import handles_of
 from sketchterrain.ui.models.workspace import Selection
 
 MEMORY = PlacementCache()

@@ -7,7 +7,7 @@ import numpy as np
 from .person import Person
 
 HANDLES = (
-    "__import__('sketchterrain.ui.models.handles', fromlist=['handles_of'])"
+    "__import__('sketchterrain.ui.models.selection', fromlist=['handles_of'])"
     ".handles_of(window._link.placed, window._workspace.chosen)"
 )
 _SHOWN = (

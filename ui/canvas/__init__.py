@@ -1,1 +1,1 @@
-"""The sketch as one paints on it."""
+"""The sketch editor."""

@@ -1,4 +1,4 @@
-"""Decorations of the canvas: scale bar, the camera of the 3-D view, warnings, adherence."""
+"""Decorations of the canvas: scale bar, 3-D camera, contradiction warnings, adherence legend."""
 
 from __future__ import annotations
 
@@ -16,44 +16,43 @@ from sketchterrain.ui.engine.protocol import FrameFacts, Pose
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, tabular, theme
 
 _PAD = 5.0
+_BAR = 120.0  # px, approximate length of the scale bar
+_CONE = 34.0  # px, length of the camera's cone
+_EDGE = 14.0  # px, least distance of the camera from the canvas border
+_WARNING = 10.0  # px, radius in which a warning has a tool tip
 
 
 def write_beside(painter: QPainter, at: QPointF, text: str) -> QRectF:
-    """Write a line on a plate whose lower left corner is at a place; return the plate's rectangle."""
+    """Write a text label whose lower left corner is at a position; return its rectangle."""
     painter.save()
     painter.setFont(tabular(painter.font()))
     metrics = QFontMetricsF(painter.font())
     size = (metrics.horizontalAdvance(text) + 2.0 * _PAD, metrics.height() + _PAD)
     place = QRectF(at.x(), at.y() - size[1], *size)
-    plate(painter, place)
+    _draw_label(painter, place)
     painter.setPen(theme().text)
     painter.drawText(place, Qt.AlignmentFlag.AlignCenter, text)
     painter.restore()
     return place
 
 
-def plate(painter: QPainter, place: QRectF) -> None:
-    """Draw a plate to write on, in the colours of the theme."""
-    ground, line = QColor(theme().window), QColor(theme().line)
-    ground.setAlpha(228)
-    painter.setPen(line)
-    painter.setBrush(ground)
+def _draw_label(painter: QPainter, place: QRectF) -> None:
+    """Draw a label's background in the theme's colours."""
+    background = QColor(theme().window)
+    background.setAlpha(228)
+    painter.setPen(QColor(theme().line))
+    painter.setBrush(background)
     painter.drawRoundedRect(place.adjusted(0.5, 0.5, -0.5, -0.5), 4.0, 4.0)
 
 
-_BAR = 120.0  # px, about as long as the scale bar is
-_EYE = 34.0  # px, how far the eye's cone reaches
-_WARNING = 10.0  # px around a warning that are the warning
-
-
 def nice_length(most: float) -> float:
-    """Return the longest of 1, 2 and 5 times a power of ten that is no longer than `most` (m)."""
+    """Return the largest of 1, 2 and 5 times a power of ten that is at most `most` (m)."""
     power = 10.0 ** math.floor(math.log10(most))
     return max(step for step in (1.0, 2.0, 5.0) if step * power <= most * (1.0 + 1e-9)) * power
 
 
 def draw_scale_bar(painter: QPainter, context: ToolContext, height: float) -> None:
-    """Draw how long a round number of metres is, in the lower left corner."""
+    """Draw the scale bar in the lower left corner."""
     metres = nice_length(_BAR / context.px_per_metre)
     length = metres * context.px_per_metre
     text = f"{metres / 1000.0:g} km" if metres >= 1000.0 else f"{metres:g} m"
@@ -61,7 +60,7 @@ def draw_scale_bar(painter: QPainter, context: ToolContext, height: float) -> No
     font = QFontMetricsF(painter.font())
     size = (length + 2.0 * SPACING, font.height() + 3.0 * SMALL + 4.0)
     place = QRectF(MARGIN, height - MARGIN - size[1], *size)
-    plate(painter, place)
+    _draw_label(painter, place)
     painter.setPen(theme().text)
     painter.drawText(place.adjusted(0, SMALL / 2, 0, -8.0), Qt.AlignmentFlag.AlignCenter, text)
     left, right, base = place.left() + SPACING, place.left() + SPACING + length, place.bottom() - 6.0
@@ -70,21 +69,21 @@ def draw_scale_bar(painter: QPainter, context: ToolContext, height: float) -> No
     painter.drawPolyline(QPolygonF([QPointF(x, y) for x, y in ends]))
 
 
-def eye_area(context: ToolContext, pose: Pose) -> QRectF:
-    """Return the rectangle (logical px) of the canvas in which `draw_eye` draws."""
-    at = _eye_place(context, pose)
-    return QRectF(at.x() - _EYE - 4, at.y() - _EYE - 4, 2 * _EYE + 8, 2 * _EYE + 8)
+def camera_area(context: ToolContext, pose: Pose) -> QRectF:
+    """Return the rectangle (logical px) of `draw_camera`."""
+    at, size = _camera_place(context, pose), _CONE + 4
+    return QRectF(at.x() - size, at.y() - size, 2 * size, 2 * size)
 
 
-def draw_eye(painter: QPainter, context: ToolContext, pose: Pose) -> None:
-    """Draw where the 3-D view looks from, and which way; at the border if that is outside of the canvas."""
-    at = _eye_place(context, pose)
+def draw_camera(painter: QPainter, context: ToolContext, pose: Pose) -> None:
+    """Draw position and direction of the 3-D camera, clamped to the canvas."""
+    at = _camera_place(context, pose)
     east, north = pose.target[0] - pose.eye[0], pose.target[1] - pose.eye[1]
     heading = math.degrees(math.atan2(north, east))
     opening = pose.fov * 1.2
     cone = QPainterPath(at)
-    around = QRectF(at.x() - _EYE, at.y() - _EYE, 2 * _EYE, 2 * _EYE)
-    cone.arcTo(around, heading - 0.5 * opening, opening)
+    circle = QRectF(at.x() - _CONE, at.y() - _CONE, 2 * _CONE, 2 * _CONE)
+    cone.arcTo(circle, heading - 0.5 * opening, opening)
     cone.closeSubpath()
     fill = QColor(SELECTED)
     fill.setAlpha(70)
@@ -99,21 +98,19 @@ def draw_eye(painter: QPainter, context: ToolContext, pose: Pose) -> None:
     painter.drawEllipse(at, 4.5, 4.5)
 
 
-def _eye_place(context: ToolContext, pose: Pose) -> QPointF:
+def _camera_place(context: ToolContext, pose: Pose) -> QPointF:
     at = context.screen_from_world(pose.eye[0], pose.eye[1])
     width, height = context.viewport.width / context.ratio, context.viewport.height / context.ratio
-    edge = 14.0
-    return QPointF(
-        min(max(at.x(), edge), max(width - edge, edge)), min(max(at.y(), edge), max(height - edge, edge))
-    )
+    x = min(max(at.x(), _EDGE), max(width - _EDGE, _EDGE))
+    return QPointF(x, min(max(at.y(), _EDGE), max(height - _EDGE, _EDGE)))
 
 
 def draw_warnings(painter: QPainter, context: ToolContext) -> None:
-    """Mark the places where layers contradict each other."""
+    """Draw a warning sign where layers contradict each other."""
     placed = context.link.placed
     for _, x, y in placed.resolutions if placed is not None else ():
         at = context.screen_from_world(x, y)
-        sign = _warning().translated(at)
+        sign = _warning_sign().translated(at)
         painter.setPen(QPen(QColor(255, 255, 255, 220), 4.0, join=Qt.PenJoinStyle.RoundJoin))
         painter.drawPath(sign)
         painter.setBrush(QColor(244, 176, 44))
@@ -125,7 +122,7 @@ def draw_warnings(painter: QPainter, context: ToolContext) -> None:
 
 
 @cache
-def _warning() -> QPainterPath:
+def _warning_sign() -> QPainterPath:
     path = QPainterPath()
     path.addPolygon(QPolygonF([QPointF(-8.5, 7.0), QPointF(0.0, -8.0), QPointF(8.5, 7.0)]))
     path.closeSubpath()
@@ -133,24 +130,24 @@ def _warning() -> QPainterPath:
 
 
 def warning_at(context: ToolContext, place: QPointF) -> str:
-    """Return what was decided at a place of the screen, a line each; empty where nothing was."""
+    """Return the resolved contradictions at a screen position, a line each."""
     placed = context.link.placed
     lines = []
     for line, x, y in placed.resolutions if placed is not None else ():
-        off = context.screen_from_world(x, y) - place
-        if math.hypot(off.x(), off.y()) <= _WARNING:
+        offset = context.screen_from_world(x, y) - place
+        if math.hypot(offset.x(), offset.y()) <= _WARNING:
             lines.append(line)
     return "\n".join(lines)
 
 
 def draw_agreement(painter: QPainter, context: ToolContext, width: float) -> None:
-    """Write in the upper right corner how far a layer is as painted, and what the colours mean."""
+    """Draw the active layer's adherence and the legend of its colours in the upper right corner."""
     adherence, placed, layer = context.link.adherence, context.link.placed, context.workspace.layer
     title = LAYERS[layer].title
     figures = adherence.figures.get("layers", {}).get(layer) if adherence is not None else None
     if adherence is None or figures is None:
         rows: list[tuple[QColor | None, str]] = [
-            (None, f"{title}: {'measuring …' if adherence is None else 'nothing is measured'}")
+            (None, f"{title}: {'measuring …' if adherence is None else 'not measured'}")
         ]
     else:
         overlap, spill = figures.get("iou_mean"), figures.get("spill")
@@ -165,7 +162,7 @@ def draw_agreement(painter: QPainter, context: ToolContext, width: float) -> Non
     line = font.height() + 2.0
     place = QRectF(0, MARGIN, wide + 2 * SPACING, len(rows) * line + SPACING)
     place.moveRight(width - MARGIN)
-    plate(painter, place)
+    _draw_label(painter, place)
     for number, (colour, text) in enumerate(rows):
         row = QRectF(place.left() + SPACING, place.top() + SPACING / 2 + number * line, wide, line)
         if colour is not None:
@@ -175,39 +172,39 @@ def draw_agreement(painter: QPainter, context: ToolContext, width: float) -> Non
         painter.drawText(row, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, text)
 
 
-class Overlays:
-    """Draws what lies over the sketch."""
+class Decorations:
+    """Draws everything over the sketch image."""
 
     def __init__(self, context: ToolContext, marks: FeatureMarks) -> None:
-        self._desk = context
+        self._context = context
         self._marks = marks
-        self._eye: Pose | None = None
+        self._pose: Pose | None = None
 
-    def forget_eye(self) -> None:
-        """Forget where the eye was drawn: all is drawn anew."""
-        self._eye = None
+    def reset(self) -> None:
+        """Forget the drawn camera: the whole canvas is redrawn."""
+        self._pose = None
 
-    def eye_moved(self, facts: FrameFacts) -> tuple[QRectF, ...]:
-        """Return the rectangles (logical px) of the canvas in which the eye is not as it was."""
-        before, pose = self._eye, facts.pose
-        if pose == before or "eye" not in self._desk.workspace.overlays:
+    def camera_moved(self, facts: FrameFacts) -> tuple[QRectF, ...]:
+        """Return the rectangles (logical px) to redraw after the 3-D camera moved."""
+        before, pose = self._pose, facts.pose
+        if pose == before or "eye" not in self._context.workspace.overlays:
             return ()
-        self._eye = pose
-        return tuple(eye_area(self._desk, each) for each in (before, pose) if each is not None)
+        self._pose = pose
+        return tuple(camera_area(self._context, each) for each in (before, pose) if each is not None)
 
     def draw(self, painter: QPainter, area: QRect, tool: Tool, width: float, height: float) -> None:
-        """Draw into an area (logical px) of a canvas of a size."""
-        context, shown, placed = self._desk, self._desk.workspace.overlays, self._desk.link.placed
-        if placed is not None and "features" in shown:
+        """Draw an area (logical px) of a canvas of a size."""
+        context, overlays, placed = self._context, self._context.workspace.overlays, self._context.link.placed
+        if placed is not None and "features" in overlays:
             image, ratio = self._marks.image(placed), context.ratio
             source = QRectF(area.x() * ratio, area.y() * ratio, area.width() * ratio, area.height() * ratio)
             painter.drawImage(QRectF(area), image, source)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        if "contradictions" in shown:
+        if "contradictions" in overlays:
             draw_warnings(painter, context)
-        if "eye" in shown and context.link.frame is not None:
-            draw_eye(painter, context, context.link.frame.pose)
+        if "eye" in overlays and context.link.frame is not None:
+            draw_camera(painter, context, context.link.frame.pose)
         tool.draw(painter)
         draw_scale_bar(painter, context, height)
-        if "adherence" in shown:
+        if "adherence" in overlays:
             draw_agreement(painter, context, width)

@@ -1,4 +1,4 @@
-"""Tools that paint: brush and eraser, fill, label picker, lines."""
+"""Paint tools: brush and eraser, flood fill, label picker, lines."""
 
 from __future__ import annotations
 
@@ -8,18 +8,25 @@ from PyQt6.QtCore import QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QPainter, QPen, QPolygonF
 
 from sketchterrain.document.parameters import LAYERS
+from sketchterrain.ui.canvas.compositing import visible_layers
 from sketchterrain.ui.canvas.decorations import write_beside
-from sketchterrain.ui.canvas.layer_brushes import visible_layers
 from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
 from sketchterrain.ui.look.layer_colours import label_colour
 from sketchterrain.ui.models.document import Draft
 from sketchterrain.ui.models.painting import Stroke, draw_line, flood_fill, line_path, line_width, pick
 
-_LEAST_PRESSURE = 0.2  # share of the radius that the lightest touch has
+_LEAST_PRESSURE = 0.2  # fraction of the radius at the lightest touch
+
+
+def _draw_ring(painter: QPainter, centre: QPointF, radius: float) -> None:
+    painter.setBrush(Qt.BrushStyle.NoBrush)
+    for colour, width in ((QColor(255, 255, 255, 190), 3.0), (QColor(20, 20, 20, 220), 1.2)):
+        painter.setPen(QPen(colour, width))
+        painter.drawEllipse(centre, radius, radius)
 
 
 class BrushTool(Tool):
-    """Paints strokes with the label that one paints with, or erases."""
+    """Paints strokes with the active label, or erases."""
 
     cursor = Qt.CursorShape.CrossCursor
 
@@ -34,46 +41,42 @@ class BrushTool(Tool):
 
     @property
     def is_busy(self) -> bool:
-        """Whether a stroke is being drawn."""
+        """Whether a stroke is in progress."""
         return self._draft is not None
 
     def press(self, pointer: Pointer) -> None:
-        """Begin a stroke."""
-        self._follow(pointer)
+        """Start a stroke."""
+        self._move_ring(pointer)
         if self._draft is not None or not self.context.may_paint():
             return
         workspace = self.context.workspace
         erases = self._always_erases or pointer.erases
-        verb = "Erase" if erases else "Paint"
-        self._title = f"{verb} {LAYERS[workspace.layer].title.lower()}"
+        self._title = f"{'Erase' if erases else 'Paint'} {LAYERS[workspace.layer].title.lower()}"
         self._draft = self.context.document.begin_draft(workspace.layer)
         grain = 1.0 / max(self.context.scale, 1e-6)
         self._stroke = Stroke(self._draft.image, 0 if erases else workspace.label, grain=grain)
         self._extend(pointer)
 
     def move(self, pointer: Pointer) -> None:
-        """Go on with it; show the ring where the mouse is."""
-        self._follow(pointer)
+        """Extend the stroke, move the ring."""
+        self._move_ring(pointer)
         self._extend(pointer)
 
     def release(self, pointer: Pointer) -> None:
-        """End it."""
+        """Finish the stroke."""
         self._extend(pointer)
         self.finish()
 
-    def key(self, key: int) -> bool:
-        """Cancel the stroke by Escape."""
-        if not self.takes(key):
-            return False
-        self.cancel()
-        return True
-
-    def takes(self, key: int) -> bool:
-        """Take Escape while a stroke is being drawn."""
+    def takes_key(self, key: int) -> bool:
+        """Take Escape during a stroke."""
         return self.is_busy and key == Qt.Key.Key_Escape
 
+    def press_key(self, key: int) -> None:
+        """Cancel the stroke."""
+        self.cancel()
+
     def finish(self) -> None:
-        """Make the stroke a step of the history."""
+        """Record the stroke as a history step."""
         draft, stroke = self._draft, self._stroke
         self._draft = self._stroke = None
         if draft is None or stroke is None or draft is not self.context.document.draft:
@@ -84,74 +87,71 @@ class BrushTool(Tool):
         draft.commit(self._title)
 
     def cancel(self) -> None:
-        """Forget the stroke."""
+        """Discard the stroke."""
         draft = self._draft
         self._draft = self._stroke = None
         if draft is not None and draft is self.context.document.draft:
             draft.cancel()
 
     def leave(self) -> None:
-        """Show the ring no longer."""
-        self.context.tells.redraw(self.extent())
+        """Hide the ring."""
+        self._redraw_ring()
         self._place = None
 
-    def extent(self) -> QRectF:
-        """Return the rectangle around the ring."""
-        if self._place is None:
-            return QRectF()
-        reach = self._radius * self.context.scale + 3.0
-        middle = self.context.at(*self._place)
-        return QRectF(middle.x() - reach, middle.y() - reach, 2.0 * reach, 2.0 * reach)
-
     def draw(self, painter: QPainter) -> None:
-        """Draw the ring in the brush's size."""
-        if self._place is None:
-            return
-        middle, reach = self.context.at(*self._place), max(self._radius * self.context.scale, 1.0)
-        painter.setBrush(Qt.BrushStyle.NoBrush)
-        for colour, width in ((QColor(255, 255, 255, 190), 3.0), (QColor(20, 20, 20, 220), 1.2)):
-            painter.setPen(QPen(colour, width))
-            painter.drawEllipse(middle, reach, reach)
+        """Draw the ring, as large as the brush."""
+        if self._place is not None:
+            centre = self.context.screen_from_sketch(*self._place)
+            _draw_ring(painter, centre, max(self._radius * self.context.scale, 1.0))
 
     def show_size(self, place: QPointF | None) -> None:
-        """Show the ring in the brush's size, where the mouse is."""
-        self.context.tells.redraw(self.extent())
+        """Resize the ring to the brush, at the mouse (logical px)."""
+        self._redraw_ring()
         if place is not None:
-            self._place = self.context.on_sketch(place)
+            self._place = self.context.sketch_from_screen(place)
         self._radius = self.context.workspace.brush
-        self.context.tells.redraw(self.extent())
+        self._redraw_ring()
 
-    def _follow(self, pointer: Pointer) -> None:
-        self.context.tells.redraw(self.extent())
+    def _move_ring(self, pointer: Pointer) -> None:
+        self._redraw_ring()
         self._place = (pointer.x, pointer.y)
-        self._radius = self._pressed(pointer)
-        self.context.tells.redraw(self.extent())
+        self._radius = self._brush_radius(pointer)
+        self._redraw_ring()
 
-    def _pressed(self, pointer: Pointer) -> float:
-        return self.context.workspace.brush * (_LEAST_PRESSURE + (1.0 - _LEAST_PRESSURE) * pointer.pressure)
+    def _redraw_ring(self) -> None:
+        area = QRectF()
+        if self._place is not None:
+            radius = self._radius * self.context.scale + 3.0
+            centre = self.context.screen_from_sketch(*self._place)
+            area = QRectF(centre.x() - radius, centre.y() - radius, 2.0 * radius, 2.0 * radius)
+        self.context.signals.redraw(area)
+
+    def _brush_radius(self, pointer: Pointer) -> float:
+        share = _LEAST_PRESSURE + (1.0 - _LEAST_PRESSURE) * pointer.pressure
+        return self.context.workspace.brush * share
 
     def _extend(self, pointer: Pointer) -> None:
         if self._draft is None or self._stroke is None:
             return
-        if self._draft is not self.context.document.draft:  # an undo, or another document, took it away
+        if self._draft is not self.context.document.draft:  # cancelled by an undo or another document
             self._draft = self._stroke = None
             return
-        box = self._stroke.to(pointer.x, pointer.y, self._pressed(pointer))
+        box = self._stroke.to(pointer.x, pointer.y, self._brush_radius(pointer))
         if box is not None:
             self._draft.touch(box)
 
 
 class FillTool(Tool):
-    """Gives a connected region the label that one paints with, or clears it."""
+    """Fills a connected region with the active label, or clears it."""
 
     cursor = Qt.CursorShape.CrossCursor
 
     def press(self, pointer: Pointer) -> None:
-        """Fill, or pick."""
+        """Fill the region under the mouse."""
         if not self.context.may_paint():
             return
-        workspace, document = self.context.workspace, self.context.document
-        draft = document.begin_draft(workspace.layer)
+        workspace = self.context.workspace
+        draft = self.context.document.begin_draft(workspace.layer)
         label = 0 if pointer.erases else workspace.label
         box = flood_fill(draft.image, math.floor(pointer.y), math.floor(pointer.x), label)
         if box is None:
@@ -163,36 +163,35 @@ class FillTool(Tool):
 
 
 class PickTool(Tool):
-    """Goes on with the layer and label that are painted where one clicks."""
+    """Activates the layer and label under the mouse."""
 
     cursor = Qt.CursorShape.PointingHandCursor
 
     def press(self, pointer: Pointer) -> None:
-        """Fill, or pick."""
+        """Pick the label under the mouse."""
         pick_label(self.context, pointer)
 
 
 def pick_label(context: ToolContext, pointer: Pointer) -> None:
-    """Paint with what is seen at a place from now on; tells a person if that is nothing."""
+    """Activate the topmost visible layer and label at a position; report if there is none."""
     layers = [(name, context.document.layer(name)) for name in reversed(visible_layers(context.workspace))]
     found = pick(layers, math.floor(pointer.y), math.floor(pointer.x))
     if found is None:
-        context.tells.message.emit("Nothing is painted here.")
+        context.signals.message.emit("Nothing is painted here.")
     else:
         context.workspace.use_label(*found)
-        context.tells.message.emit(f"Paints {LAYERS[found[0]].title.lower()}, label {found[1]}.")
+        context.signals.message.emit(f"Paints {LAYERS[found[0]].title.lower()}, label {found[1]}.")
 
 
-_DRAG = 6.0  # logical px after which a press is no click but draws freehand
-_NODES = 5.0  # logical px between the points of a line that is drawn freehand
-_ENDS = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
+_DRAG = 6.0  # logical px after which a press draws freehand
+_NODE_DISTANCE = 5.0  # logical px between the points of a freehand line
+_FINISH_KEYS = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
 
 class LineTool(Tool):
-    """Collects points; Enter or a double click paints the line through them, Escape forgets them.
+    """Paints a smooth line through points, finished by Enter or a double click, cancelled by Escape.
 
-    A press that is dragged draws freehand, and paints when it is let go. Backspace or the right button
-    takes the last point away.
+    A drag draws freehand. Backspace or the right button removes the last point.
     """
 
     cursor = Qt.CursorShape.CrossCursor
@@ -203,7 +202,7 @@ class LineTool(Tool):
         self._place: tuple[float, float] | None = None
         self._pressed: tuple[float, float] | None = None
         self._freehand = False
-        self._paints: tuple[str, int] = ("", 0)
+        self._target: tuple[str, int] = ("", 0)  # layer, label
 
     @property
     def is_busy(self) -> bool:
@@ -212,41 +211,42 @@ class LineTool(Tool):
 
     @property
     def width(self) -> float:
-        """How wide the line is painted, px of the sketch."""
+        """Painted width, px of the sketch."""
         workspace = self.context.workspace
         return line_width(self.context.document.sketch, workspace.layer, workspace.label, workspace.brush)
 
     def press(self, pointer: Pointer) -> None:
-        """Add a point."""
+        """Add a point, or remove the last one."""
         if pointer.erases:
-            self.key(Qt.Key.Key_Backspace)
+            if self.is_busy:
+                self.press_key(Qt.Key.Key_Backspace)
             return
         workspace = self.context.workspace
         if not self.context.may_paint():
             self.cancel()
             return
-        if self._paints != (workspace.layer, workspace.label):
+        if self._target != (workspace.layer, workspace.label):
             self._points.clear()
-        self._paints = (workspace.layer, workspace.label)
+        self._target = (workspace.layer, workspace.label)
         at = (pointer.x, pointer.y)
         if not self._points or math.dist(at, self._points[-1]) * self.context.scale > 1.0:
             self._points.append(at)
         self._pressed, self._place = at, at
-        self.context.tells.redraw()
+        self.context.signals.redraw()
 
     def move(self, pointer: Pointer) -> None:
-        """Show where the line would go on; draw freehand."""
+        """Move the tip, or draw freehand."""
         at = (pointer.x, pointer.y)
         self._place = at
         if self._pressed is not None and self._points:
-            away = math.dist(at, self._points[-1]) * self.context.scale
             self._freehand |= math.dist(at, self._pressed) * self.context.scale > _DRAG
-            if self._freehand and away > _NODES:
+            distance = math.dist(at, self._points[-1]) * self.context.scale
+            if self._freehand and distance > _NODE_DISTANCE:
                 self._points.append(at)
-        self.context.tells.redraw()
+        self.context.signals.redraw()
 
     def release(self, pointer: Pointer) -> None:
-        """End what was drawn freehand."""
+        """Paint a freehand line."""
         self._pressed = None
         if self._freehand:
             self._freehand = False
@@ -258,29 +258,25 @@ class LineTool(Tool):
         """Paint the line."""
         self.finish()
 
-    def key(self, key: int) -> bool:
-        """Paint, forget, or take a point back."""
-        if not self.takes(key):
-            return False
-        if key in _ENDS:
+    def takes_key(self, key: int) -> bool:
+        """Take Enter, Escape and Backspace while there are points."""
+        return self.is_busy and key in (*_FINISH_KEYS, Qt.Key.Key_Escape, Qt.Key.Key_Backspace)
+
+    def press_key(self, key: int) -> None:
+        """Paint or cancel the line, or remove its last point."""
+        if key in _FINISH_KEYS:
             self.finish()
         elif key == Qt.Key.Key_Escape:
             self.cancel()
         else:
             self._points.pop()
-        self.context.tells.redraw()
-        return True
-
-    def takes(self, key: int) -> bool:
-        """Take Enter, Escape and Backspace while there are points."""
-        return self.is_busy and key in (*_ENDS, Qt.Key.Key_Escape, Qt.Key.Key_Backspace)
+        self.context.signals.redraw()
 
     def finish(self) -> None:
-        """Paint the line, a step of the history."""
-        points, self._points = self._points, []
-        self._pressed, self._freehand = None, False
-        self.context.tells.redraw()
-        layer, label = self._paints
+        """Paint the line as a history step."""
+        points = self._points
+        self.cancel()
+        layer, label = self._target
         if not points or layer != self.context.workspace.layer or not self.context.may_paint():
             return
         width = line_width(self.context.document.sketch, layer, label, self.context.workspace.brush)
@@ -293,48 +289,38 @@ class LineTool(Tool):
         draft.commit(f"Draw a line of {LAYERS[layer].title.lower()}")
 
     def cancel(self) -> None:
-        """Forget the line."""
+        """Discard the points."""
         self._points = []
         self._pressed, self._freehand = None, False
-        self.context.tells.redraw()
+        self.context.signals.redraw()
 
     def leave(self) -> None:
-        """Show the tip no longer."""
+        """Hide the tip."""
         self._place = None
-        self.context.tells.redraw()
+        self.context.signals.redraw()
 
     def draw(self, painter: QPainter) -> None:
-        """Draw the line as wide as it will be, its points and its tip."""
+        """Draw the line in its width, its points and its tip."""
         context, points = self.context, list(self._points)
         wide = max(self.width * context.scale, 1.0)
-        follows = self._place is not None and not self._freehand
-        if follows and points and self._place is not None and self._place != points[-1]:
+        if points and self._place is not None and not self._freehand and self._place != points[-1]:
             points.append(self._place)
-        colour = label_colour(context.workspace.layer, context.workspace.label)
         if len(points) > 1:
-            path = QPolygonF([context.at(x, y) for x, y in line_path(points)])
-            for shade, more in ((QColor(255, 255, 255, 170), 3.0), (QColor(20, 20, 20, 150), 1.5)):
-                painter.setPen(_pen(shade, wide + more))
+            path = QPolygonF([context.screen_from_sketch(x, y) for x, y in line_path(points)])
+            colour = label_colour(context.workspace.layer, context.workspace.label)
+            outlines = ((QColor(255, 255, 255, 170), 3.0), (QColor(20, 20, 20, 150), 1.5), (colour, 0.0))
+            cap, join = Qt.PenCapStyle.RoundCap, Qt.PenJoinStyle.RoundJoin
+            for shade, more in outlines:
+                painter.setPen(QPen(shade, wide + more, Qt.PenStyle.SolidLine, cap, join))
                 painter.drawPolyline(path)
-            painter.setPen(_pen(colour, wide))
-            painter.drawPolyline(path)
         if self._place is not None:
-            self._draw_tip(painter, context.at(*self._place), wide)
+            tip = context.screen_from_sketch(*self._place)
+            _draw_ring(painter, tip, 0.5 * wide)
+            metres = self.width * context.document.sketch.pixel_size
+            text = f"{metres:.0f} m wide" if metres >= 9.5 else f"{metres:.1f} m wide"
+            write_beside(painter, tip + QPointF(0.5 * wide + 10.0, -0.5 * wide - 8.0), text)
         for x, y in self._points if not self._freehand else []:
-            at = context.at(x, y)
+            at = context.screen_from_sketch(x, y)
             painter.setPen(QPen(QColor(20, 20, 20), 1.0))
             painter.setBrush(QColor(255, 255, 255))
             painter.drawRect(QRectF(at.x() - 3.0, at.y() - 3.0, 6.0, 6.0))
-
-    def _draw_tip(self, painter: QPainter, at: QPointF, wide: float) -> None:
-        painter.setBrush(Qt.BrushStyle.NoBrush)
-        for shade, line in ((QColor(255, 255, 255, 190), 3.0), (QColor(20, 20, 20, 220), 1.2)):
-            painter.setPen(QPen(shade, line))
-            painter.drawEllipse(at, 0.5 * wide, 0.5 * wide)
-        metres = self.width * self.context.document.sketch.pixel_size
-        text = f"{metres:.0f} m wide" if metres >= 9.5 else f"{metres:.1f} m wide"
-        write_beside(painter, at + QPointF(0.5 * wide + 10.0, -0.5 * wide - 8.0), text)
-
-
-def _pen(colour: QColor, width: float) -> QPen:
-    return QPen(colour, width, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap, Qt.PenJoinStyle.RoundJoin)

@@ -1,4 +1,4 @@
-"""Choosing and dragging what was placed."""
+"""The selection tool: selects placed features, drags them and their handles."""
 
 from __future__ import annotations
 
@@ -8,23 +8,22 @@ from PyQt6.QtCore import QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QPainter, QPen
 
 from sketchterrain.ui.canvas.decorations import write_beside
-from sketchterrain.ui.canvas.marks import SELECTED, FeatureMarks, draw_selection
+from sketchterrain.ui.canvas.marks import SELECTED, FeatureMarks
 from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
 from sketchterrain.ui.commands.placed_edits import exists, name_of
-from sketchterrain.ui.commands.selection import delete
 from sketchterrain.ui.engine.protocol import GoTo, Placement
-from sketchterrain.ui.models.handles import FeatureDrag, Handle, handles_of, select_at
+from sketchterrain.ui.models.selection import FeatureDrag, Handle, delete, handles_of, select_at
 from sketchterrain.ui.models.workspace import Selection
 
-_REACH = 9.0  # logical px by which a click may miss
+_TOLERANCE = 9.0  # logical px around a handle or feature
 _DRAG = 4.0  # logical px after which a press is a drag
-_OUT = 12.0  # logical px that a width's handle stands off its bank
-_APART = 16.0  # logical px between control points that are shown
-_DELETES = (Qt.Key.Key_Delete, Qt.Key.Key_Backspace)
+_WIDTH_OFFSET = 12.0  # logical px of a width handle from its bank
+_LEAST_DISTANCE = 16.0  # logical px between visible control points
+_DELETE_KEYS = (Qt.Key.Key_Delete, Qt.Key.Key_Backspace)
 
 
 class SelectTool(Tool):
-    """A click chooses, a drag moves, handles resize."""
+    """A click selects, a drag moves, handles resize."""
 
     def __init__(self, context: ToolContext, marks: FeatureMarks) -> None:
         super().__init__(context)
@@ -32,96 +31,92 @@ class SelectTool(Tool):
         self._hovered: Selection | None = None
         self._drag: FeatureDrag | None = None
         self._pressed: tuple[float, float] | None = None
-        self._doubled: tuple[float, float] | None = None
-        self._shown: tuple[Placement | None, FeatureDrag] | None = None
+        self._double_clicked: tuple[float, float] | None = None
+        self._last_drag: tuple[Placement, FeatureDrag] | None = None  # drawn until it is placed
 
     @property
     def is_busy(self) -> bool:
-        """Whether something is dragged."""
+        """Whether a drag is in progress."""
         return self._drag is not None
 
     def press(self, pointer: Pointer) -> None:
-        """Choose, or take hold of a handle."""
+        """Select, or start dragging a handle."""
         placed = self.context.link.placed
         if placed is None or pointer.erases:
             return
-        at = self.context.metres(pointer.x, pointer.y)
-        handle = self._handle_at(placed, pointer)
+        at = self.context.world_from_sketch(pointer.x, pointer.y)
+        handle = self._handle_at(placed, self.context.screen_from_sketch(pointer.x, pointer.y))
         if handle is not None:
             self.context.workspace.selection = handle.selection
-            self._begin(placed, handle, at)
+            self._start_drag(placed, handle, at)
             return
-        self.context.workspace.selection = self._chosen_at(placed, at)
+        self.context.workspace.selection = self._selection_at(placed, at)
         self._pressed = at
-        self.context.tells.redraw()
+        self.context.signals.redraw()
 
     def move(self, pointer: Pointer) -> None:
-        """Drag, or show what would be chosen."""
-        at = self.context.metres(pointer.x, pointer.y)
+        """Drag, or highlight what a click would select."""
+        at = self.context.world_from_sketch(pointer.x, pointer.y)
         placed = self.context.link.placed
         if self._drag is not None:
             self._drag.to(*at)
             if self._drag.problem:
-                self.context.tells.message.emit(self._drag.problem)
-            self.context.tells.redraw()
+                self.context.signals.message.emit(self._drag.problem)
+            self.context.signals.redraw()
         elif placed is not None and self._pressed is not None:
             if math.dist(at, self._pressed) * self.context.px_per_metre > _DRAG:
                 handles = handles_of(placed, self.context.workspace.selection)
                 if handles and handles[0].role == "move":
-                    self._begin(placed, handles[0], self._pressed)
+                    self._start_drag(placed, handles[0], self._pressed)
                     self.move(pointer)
         elif placed is not None:
-            hovered = None if self._handle_at(placed, pointer) else self._chosen_at(placed, at)
+            handle = self._handle_at(placed, self.context.screen_from_sketch(pointer.x, pointer.y))
+            hovered = None if handle else self._selection_at(placed, at)
             if hovered != self._hovered:
                 self._hovered = hovered
-                self.context.tells.redraw()
+                self.context.signals.redraw()
 
     def release(self, pointer: Pointer) -> None:
-        """Let go; after a double click that was not dragged bring the 3-D view there."""
-        self._pressed = None
+        """Finish the drag; after a double click without one, move the 3-D view there."""
         self.finish()
-        doubled, self._doubled = self._doubled, None
-        if doubled is not None and math.dist(doubled, (pointer.x, pointer.y)) * self.context.scale <= _DRAG:
-            self.context.link.send(GoTo(*self.context.metres(*doubled)))
+        at, self._double_clicked = self._double_clicked, None
+        if at is not None and math.dist(at, (pointer.x, pointer.y)) * self.context.scale <= _DRAG:
+            self.context.link.send(GoTo(*self.context.world_from_sketch(*at)))
 
     def double(self, pointer: Pointer) -> None:
-        """Begin as with any press: who clicks and at once drags means the drag."""
+        """Press: a click followed at once by a drag is a drag."""
         self.press(pointer)
-        self._doubled = (pointer.x, pointer.y)
+        self._double_clicked = (pointer.x, pointer.y)
 
     def finish(self) -> None:
-        """Let go: what was dragged is a step of the history."""
+        """Record the drag as a history step."""
         drag, self._drag = self._drag, None
         self._pressed = None
         if drag is not None:
             drag.finish()
-            self.context.tells.redraw()
+            self.context.signals.redraw()
 
     def cancel(self) -> None:
-        """Put what was dragged back."""
+        """Revert the drag."""
         drag, self._drag = self._drag, None
-        self._shown = self._pressed = None
+        self._last_drag = self._pressed = None
         if drag is not None:
             drag.cancel()
-            self.context.tells.redraw()
+            self.context.signals.redraw()
 
     def leave(self) -> None:
-        """Show no longer what would be chosen."""
+        """Remove the highlight."""
         self._hovered = None
-        self.context.tells.redraw()
+        self.context.signals.redraw()
 
-    def takes(self, key: int) -> bool:
-        """Take Escape and Delete while something is chosen."""
-        selection = self.context.workspace.selection
-        return (key == Qt.Key.Key_Escape and (self.is_busy or selection is not None)) or (
-            key in _DELETES and selection is not None
-        )
+    def takes_key(self, key: int) -> bool:
+        """Take Escape during a drag, Escape and Delete while something is selected."""
+        selected = self.context.workspace.selection is not None
+        return (key == Qt.Key.Key_Escape and (self.is_busy or selected)) or (key in _DELETE_KEYS and selected)
 
-    def key(self, key: int) -> bool:
-        """Let go or choose nothing by Escape; delete what is chosen."""
+    def press_key(self, key: int) -> None:
+        """Cancel the drag, deselect, or delete the selection."""
         workspace, placed = self.context.workspace, self.context.link.placed
-        if not self.takes(key):
-            return False
         if key == Qt.Key.Key_Escape and self.is_busy:
             self.cancel()
         elif key == Qt.Key.Key_Escape:
@@ -129,123 +124,115 @@ class SelectTool(Tool):
         elif placed is not None and workspace.selection is not None:
             self.finish()
             delete(self.context.document, workspace, placed, workspace.selection)
-        return True
 
-    def chosen_under(self, place: QPointF) -> Selection | None:
-        """Return what a click at a place of the screen would choose."""
+    def selection_under(self, place: QPointF) -> Selection | None:
+        """Return what a click at a screen position would select."""
         placed = self.context.link.placed
-        at = self.context.metres(*self.context.on_sketch(place))
-        return None if placed is None else self._chosen_at(placed, at)
+        at = self.context.world_from_sketch(*self.context.sketch_from_screen(place))
+        return None if placed is None else self._selection_at(placed, at)
 
     def cursor_at(self, place: QPointF) -> Qt.CursorShape:
-        """Return what shows whether there is something to take hold of."""
+        """Return the cursor for a handle, a feature or empty space."""
         if self._drag is not None:
             return Qt.CursorShape.ClosedHandCursor
         placed = self.context.link.placed
-        handle = None if placed is None else self._handle_near(placed, place)
-        if handle is not None:
+        if placed is not None and self._handle_at(placed, place) is not None:
             return Qt.CursorShape.SizeAllCursor
         return Qt.CursorShape.PointingHandCursor if self._hovered else Qt.CursorShape.ArrowCursor
 
     def draw(self, painter: QPainter) -> None:
-        """Draw what is chosen with its handles, and what would be chosen."""
-        placed, selection = self.context.link.placed, self.context.workspace.selection
+        """Draw the selection with its handles, and the hovered object."""
+        placed, selection, hovered = self.context.link.placed, self.context.workspace.selection, self._hovered
         if placed is None:
             return
-        hover, accent = QColor(SELECTED), SELECTED
-        hover.setAlpha(150)
-        if self._hovered is not None and self._drag is None and exists(placed, self._hovered):
-            draw_selection(painter, self._marks, self.context, placed, self._hovered, hover)
-            if selection is None or self._hovered.id != selection.id:
-                self._draw_name(painter, placed, self._hovered)
+        if hovered is not None and self._drag is None and exists(placed, hovered):
+            colour = QColor(SELECTED)
+            colour.setAlpha(150)
+            self._marks.draw_selection(painter, placed, hovered, colour)
+            handles = handles_of(placed, hovered)
+            other = selection is None or hovered.id != selection.id
+            if other and handles and handles[0].role == "move":
+                at = self.context.screen_from_world(handles[0].x, handles[0].y)
+                write_beside(painter, at + QPointF(10.0, -9.0), name_of(placed, hovered).capitalize())
         if selection is None or not exists(placed, selection):
             return
-        draw_selection(painter, self._marks, self.context, placed, selection, accent)
-        for handle in self._handles(placed):
+        self._marks.draw_selection(painter, placed, selection, SELECTED)
+        for handle in self._visible_handles(placed):
             self._draw_handle(painter, handle, selection)
         self._draw_drag(painter, placed)
 
     def _draw_handle(self, painter: QPainter, handle: Handle, selection: Selection) -> None:
-        at, base = self._shown_at(handle), self.context.screen_from_world(handle.base_x, handle.base_y)
+        at = self._handle_place(handle)
         if handle.role in ("radius", "width"):
             painter.setPen(QPen(SELECTED, 1.0, Qt.PenStyle.DashLine))
-            painter.drawLine(base, at)
-        strong = handle.selection.index is not None and handle.selection.index == selection.index
+            painter.drawLine(self.context.screen_from_world(handle.base_x, handle.base_y), at)
+        active = handle.selection.index is not None and handle.selection.index == selection.index
         painter.setPen(QPen(SELECTED, 1.8))
-        painter.setBrush(SELECTED if strong else QColor(255, 255, 255))
+        painter.setBrush(SELECTED if active else QColor(255, 255, 255))
         if handle.role == "point":
             painter.drawRect(QRectF(at.x() - 3.5, at.y() - 3.5, 7.0, 7.0))
         else:
             painter.drawEllipse(at, 5.0, 5.0)
 
     def _draw_drag(self, painter: QPainter, placed: Placement) -> None:
-        """Draw where the handle is, before the engine has placed it there."""
-        if self._shown is None or (self._drag is None and self._shown[0] is not placed):
-            self._shown = None
+        """Draw the dragged handle until the engine has placed it."""
+        if self._last_drag is None or (self._drag is None and self._last_drag[0] is not placed):
+            self._last_drag = None
             return
-        drag = self._shown[1]
+        drag = self._last_drag[1]
         at = self.context.screen_from_world(drag.x, drag.y)
-        if self._drag is not None or self._shown[0] is placed:
-            painter.setPen(QPen(QColor(255, 255, 255), 2.0))
-            painter.setBrush(SELECTED)
-            painter.drawEllipse(at, 5.5, 5.5)
+        painter.setPen(QPen(QColor(255, 255, 255), 2.0))
+        painter.setBrush(SELECTED)
+        painter.drawEllipse(at, 5.5, 5.5)
         if self._drag is None:
             return
         handle = drag.handle
-        away = math.dist((drag.x, drag.y), (handle.base_x, handle.base_y))
-        texts = {"radius": f"{away:.0f} m", "width": f"{2.0 * away:.0f} m wide"}
+        distance = math.dist((drag.x, drag.y), (handle.base_x, handle.base_y))
+        texts = {"radius": f"{distance:.0f} m", "width": f"{2.0 * distance:.0f} m wide"}
         text = texts.get(handle.role, f"{drag.x:.0f} m, {drag.y:.0f} m")
         write_beside(painter, at + QPointF(12.0, -10.0), text)
 
-    def _draw_name(self, painter: QPainter, placed: Placement, selection: Selection) -> None:
-        handles = handles_of(placed, selection)
-        if handles and handles[0].role == "move":
-            at = self.context.screen_from_world(handles[0].x, handles[0].y)
-            write_beside(painter, at + QPointF(10.0, -9.0), name_of(placed, selection).capitalize())
-
-    def _begin(self, placed: Placement, handle: Handle, at: tuple[float, float]) -> None:
+    def _start_drag(self, placed: Placement, handle: Handle, at: tuple[float, float]) -> None:
         self._drag = FeatureDrag(self.context.document, placed, handle, grab=at)
-        self._shown = (placed, self._drag)
+        self._last_drag = (placed, self._drag)
         self._hovered = None
-        self.context.tells.redraw()
+        self.context.signals.redraw()
 
-    def _chosen_at(self, placed: Placement, at: tuple[float, float]) -> Selection | None:
-        return select_at(placed, *at, reach=_REACH / self.context.px_per_metre)
+    def _selection_at(self, placed: Placement, at: tuple[float, float]) -> Selection | None:
+        return select_at(placed, *at, reach=_TOLERANCE / self.context.px_per_metre)
 
-    def _handle_at(self, placed: Placement, pointer: Pointer) -> Handle | None:
-        return self._handle_near(placed, self.context.at(pointer.x, pointer.y))
-
-    def _handle_near(self, placed: Placement, place: QPointF) -> Handle | None:
-        """Find the handle that is shown near a place of the screen."""
+    def _handle_at(self, placed: Placement, place: QPointF) -> Handle | None:
         near = []
-        for handle in self._handles(placed):
-            off = self._shown_at(handle) - place
-            near.append((math.hypot(off.x(), off.y()), handle))
+        for handle in self._visible_handles(placed):
+            offset = self._handle_place(handle) - place
+            near.append((math.hypot(offset.x(), offset.y()), handle))
         best = min(near, key=lambda pair: pair[0], default=None)
-        return best[1] if best is not None and best[0] <= _REACH else None
+        return best[1] if best is not None and best[0] <= _TOLERANCE else None
 
-    def _handles(self, placed: Placement) -> list[Handle]:
-        """Return the handles that have room on the screen; the chosen point's before its neighbours'."""
+    def _visible_handles(self, placed: Placement) -> list[Handle]:
+        """Return handles that do not overlap on the screen; the selected point's before its neighbours'."""
         selection = self.context.workspace.selection
-        handles = handles_of(placed, selection)
-        own = None if selection is None else selection.index
-        kept: list[Handle] = []
+        index = None if selection is None else selection.index
+        handles: list[Handle] = []
         places: list[QPointF] = []
-        for handle in sorted(handles, key=lambda each: each.role == "point" and each.selection.index != own):
-            place = self._shown_at(handle)
+        for handle in sorted(
+            handles_of(placed, selection),
+            key=lambda each: each.role == "point" and each.selection.index != index,
+        ):
+            place = self._handle_place(handle)
             if handle.role == "point" and any(
-                math.hypot(place.x() - other.x(), place.y() - other.y()) < _APART for other in places
+                math.hypot(place.x() - other.x(), place.y() - other.y()) < _LEAST_DISTANCE for other in places
             ):
                 continue
-            kept.append(handle)
+            handles.append(handle)
             places.append(place)
-        return kept
+        return handles
 
-    def _shown_at(self, handle: Handle) -> QPointF:
-        """Where a handle is drawn: that of a width stands off its bank, clear of the course."""
+    def _handle_place(self, handle: Handle) -> QPointF:
+        """Return a handle's screen position: a width handle lies off its bank, clear of the river."""
         at = self.context.screen_from_world(handle.x, handle.y)
         if handle.role != "width":
             return at
-        off = at - self.context.screen_from_world(handle.base_x, handle.base_y)
-        length = math.hypot(off.x(), off.y())
-        return at + (off * (_OUT / length) if length > 0.0 else QPointF(0.0, -_OUT))
+        offset = at - self.context.screen_from_world(handle.base_x, handle.base_y)
+        length = math.hypot(offset.x(), offset.y())
+        return at + (offset * (_WIDTH_OFFSET / length) if length > 0.0 else QPointF(0.0, -_WIDTH_OFFSET))

@@ -1,18 +1,18 @@
-"""The composited raster of the sketch: paper, relief, paint and adherence, updated where it is stale."""
+"""The composited raster of the sketch: paper, relief, paint and adherence, redrawn where it is stale."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
-from PyQt6.QtCore import QObject, QPoint, QRect, QRectF, QSizeF, pyqtSignal
+from PyQt6.QtCore import QObject, QPoint, QPointF, QRect, QRectF, QSizeF, pyqtSignal
 from PyQt6.QtGui import QColor, QImage, QPainter, QPen, QRegion
 
 from sketchterrain.document.label_layers import Box
-from sketchterrain.ui.canvas.layer_brushes import (
+from sketchterrain.ui.canvas.compositing import (
     Colours,
     HatchTable,
     LayerCompositor,
@@ -24,9 +24,45 @@ from sketchterrain.ui.canvas.tool_context import ToolContext, Viewport
 from sketchterrain.ui.engine.protocol import Adherence, Relief
 from sketchterrain.ui.look.theme import looks, theme
 
+PAPER = QColor(247, 245, 240)
+"""The unpainted sketch."""
+AGREEMENT = {
+    "as painted": QColor(0, 158, 115),
+    "missing": QColor(230, 130, 0),
+    "spill": QColor(204, 70, 150),
+}
+"""Okabe and Ito's colours of painted and present, only painted, only present pixels."""
 
-def scrolled(image: QImage, right: int, down: int) -> list[QRect]:
-    """Move the pixels of an image; return the areas that are left to draw."""
+_SHADOW = 10  # logical px of the sketch's drop shadow
+_SHADOW_OFFSET = 2  # px down
+_BRIGHT_SHADE = 196.0  # from which the paper is not darkened; level terrain is a little below
+_DARKEST = (0.44, 0.42, 0.41)  # of the paper's red, green and blue, in the deepest shade
+_TINT = 0.62  # opacity of the adherence colours
+_MAX_AREAS = 12  # stale areas composed one by one
+_BAND = 64  # screen rows composed at a time, so that their pixels stay in the CPU's cache
+_SHARP = 4.0  # px of the screen per pixel, from which pixels have sharp edges
+
+
+@dataclass(frozen=True)
+class Surround:
+    """Colours around the sketch, and device pixels a logical one."""
+
+    background: QColor
+    shadow: QColor
+    border: QColor
+    ratio: float
+
+
+def theme_surround(ratio: float) -> Surround:
+    """Return the current theme's surround."""
+    dark = theme().name == "dark"
+    shadow = QColor(0, 0, 0, 200 if dark else 90)
+    border = QColor(0, 0, 0) if dark else QColor(150, 150, 147)
+    return Surround(theme().canvas, shadow, border, ratio)
+
+
+def scroll_image(image: QImage, right: int, down: int) -> list[QRect]:
+    """Move an image's pixels; return the uncovered areas."""
     width, height = image.width(), image.height()
     if abs(right) >= width or abs(down) >= height:
         return [image.rect()]
@@ -35,113 +71,72 @@ def scrolled(image: QImage, right: int, down: int) -> list[QRect]:
     painter.setCompositionMode(QPainter.CompositionMode.CompositionMode_Source)
     painter.drawImage(max(right, 0), max(down, 0), moved)
     painter.end()
-    bared = []
+    uncovered = []
     if right:
-        bared.append(QRect(0 if right > 0 else width + right, 0, abs(right), height))
+        uncovered.append(QRect(0 if right > 0 else width + right, 0, abs(right), height))
     if down:
-        bared.append(QRect(0, 0 if down > 0 else height + down, width, abs(down)))
-    return bared
+        uncovered.append(QRect(0, 0 if down > 0 else height + down, width, abs(down)))
+    return uncovered
 
 
-_REACH = 10  # px of the shadow
-_DROP = 2  # px that it lies lower
-
-
-@dataclass(frozen=True)
-class Surround:
-    """Colours around the sheet, and device pixels a logical one."""
-
-    ground: QColor
-    shadow: QColor
-    border: QColor
-    ratio: float
-
-
-def surround(ratio: float) -> Surround:
-    """Return what goes with the theme that is shown."""
-    dark = theme().name == "dark"
-    shadow = QColor(0, 0, 0, 200 if dark else 90)
-    border = QColor(0, 0, 0) if dark else QColor(150, 150, 147)
-    return Surround(theme().canvas, shadow, border, ratio)
-
-
-def draw_surround(painter: QPainter, area: QRect, sheet: QRect, colours: Surround) -> None:
-    """Draw the ground and, around the sheet, its shadow and border; what lies on the sheet is undefined."""
+def _draw_surround(painter: QPainter, area: QRect, sketch: QRect, surround: Surround) -> None:
+    """Draw background, shadow and border outside the sketch's rectangle."""
     painter.save()
-    painter.setClipRegion(QRegion(area) - QRegion(sheet))
-    painter.fillRect(area, colours.ground)
-    reach, drop = round(_REACH * colours.ratio), round(_DROP * colours.ratio)
-    if sheet.adjusted(-reach, -reach, reach, reach + drop).intersects(area):
+    painter.setClipRegion(QRegion(area) - QRegion(sketch))
+    painter.fillRect(area, surround.background)
+    size, offset = round(_SHADOW * surround.ratio), round(_SHADOW_OFFSET * surround.ratio)
+    if sketch.adjusted(-size, -size, size, size + offset).intersects(area):
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        shadow = QColor(colours.shadow)
-        for step in range(reach + drop):
-            shadow.setAlphaF(colours.shadow.alphaF() * (1.0 - step / (reach + drop)) ** 2)
-            away = step - drop + 0.5
+        shadow = QColor(surround.shadow)
+        for step in range(size + offset):
+            shadow.setAlphaF(surround.shadow.alphaF() * (1.0 - step / (size + offset)) ** 2)
+            away = step - offset + 0.5
             painter.setPen(QPen(shadow, 1.0))
-            grown = QRectF(sheet.translated(0, drop)).adjusted(-away, -away, away, away)
+            grown = QRectF(sketch.translated(0, offset)).adjusted(-away, -away, away, away)
             painter.drawRoundedRect(grown, max(away, 0.0), max(away, 0.0))
-        line = max(round(colours.ratio), 1)
-        painter.fillRect(sheet.adjusted(-line, -line, line, line), colours.border)
+        line = max(round(surround.ratio), 1)
+        painter.fillRect(sketch.adjusted(-line, -line, line, line), surround.border)
     painter.restore()
 
 
-PAPER = QColor(247, 245, 240)
-"""What nothing is painted on."""
-
-AGREEMENT = {
-    "as painted": QColor(0, 158, 115),
-    "missing": QColor(230, 130, 0),
-    "spill": QColor(204, 70, 150),
-}
-"""Okabe and Ito's colours for what is painted and shown, only painted, only shown."""
-
-_LEVEL = 196.0  # shade from which the paper is bare; level ground has a little less
-_DARKEST = (0.44, 0.42, 0.41)  # of the paper's red, green and blue, in the deepest shade
-_TINT = 0.62  # opacity of the colours of agreement
-
-
 def relief_image(relief: Relief) -> QImage:
-    """Return the relief as light and shade on paper."""
-    share = np.minimum(np.arange(256, dtype=np.float32) / _LEVEL, 1.0)[:, None]
+    """Return the relief as shaded paper."""
+    share = np.minimum(np.arange(256, dtype=np.float32) / _BRIGHT_SHADE, 1.0)[:, None]
     paper = np.array([PAPER.red(), PAPER.green(), PAPER.blue()], np.float32)
     colours = paper * (np.array(_DARKEST, np.float32) * (1.0 - share) + share)
     red, green, blue = np.rint(colours).astype(np.uint32).T
     table: npt.NDArray[np.uint32] = np.uint32(0xFF000000) | red << 16 | green << 8 | blue
-    return _owned(table[relief.shade], QImage.Format.Format_RGB32)
+    return _view_image(table[relief.shade], QImage.Format.Format_RGB32).copy()
 
 
 def adherence_image(adherence: Adherence, layer: str) -> QImage | None:
-    """Return where a layer is as painted, missing or spilt; None if that was not measured."""
+    """Return a layer's agreement with the terrain in colour; None if it was not measured."""
     if layer not in adherence.images:
         return None
-    painted, shown = adherence.images[layer]
+    painted, present = adherence.images[layer]
     table = np.zeros(4, np.uint32)
     for at, name in ((3, "as painted"), (1, "missing"), (2, "spill")):
         colour = AGREEMENT[name]
         red, green, blue = (round(part * _TINT) for part in (colour.red(), colour.green(), colour.blue()))
         table[at] = round(255 * _TINT) << 24 | red << 16 | green << 8 | blue
-    pixels = table[painted.astype(np.uint8) | shown.astype(np.uint8) << 1]
-    return _owned(pixels, QImage.Format.Format_ARGB32_Premultiplied)
+    return _view_image(table[painted.astype(np.uint8) | present.astype(np.uint8) << 1]).copy()
 
 
-def _owned(pixels: npt.NDArray[np.uint32], form: QImage.Format) -> QImage:
+def _view_image(pixels: Colours, form: QImage.Format = QImage.Format.Format_ARGB32_Premultiplied) -> QImage:
+    """Return an image that refers to an array's memory, which must outlive it."""
     height, width = pixels.shape
-    return QImage(np.ascontiguousarray(pixels).tobytes(), width, height, 4 * width, form).copy()
+    image: QImage = QImage(pixels.data, width, height, 4 * width, form)  # type: ignore[call-overload] # a buffer
+    return image
 
 
 _Pixel = TypeVar("_Pixel", np.uint16, np.uint32)
 
 
-_MOST_AREAS = 12  # composed one by one
-_BAND = 64  # rows of the screen at a time: their pixels stay in the processor's memory
-_SHARP = 4.0  # px of the screen a pixel, from which pixels have sharp borders
-
-
 class SketchImage:
-    """Composes the sketch into an image of the screen, where it is stale."""
+    """Composes the sketch into an image of the screen (device px), where it is stale."""
 
-    def __init__(self, flattening: LayerCompositor, hatches: HatchTable, surround: Surround) -> None:
-        self.flattening = flattening
+    def __init__(self, compositor: LayerCompositor, hatches: HatchTable, surround: Surround) -> None:
+        self.compositor = compositor
         self.hatches = hatches
         self.surround = surround
         self.relief: QImage | None = None
@@ -151,21 +146,25 @@ class SketchImage:
         self._image = QImage()
         self._stale: list[QRect] = []
 
-    def look(self, viewport: Viewport) -> None:
-        """Show the sketch through another viewport; what was only moved is kept."""
+    def set_viewport(self, viewport: Viewport) -> None:
+        """Show the sketch through a viewport; panning reuses pixels."""
         before, self._viewport = self._viewport, viewport
         size = (viewport.width, viewport.height)
         if size != (self._image.width(), self._image.height()):
             self._image = QImage(*size, QImage.Format.Format_RGB32)
-            self.spoil()
+            self.invalidate()
         elif before == viewport:
             return
         elif before is not None and replace(before, left=viewport.left, top=viewport.top) == viewport:
-            self._scroll(viewport.left - before.left, viewport.top - before.top)
+            right, down = viewport.left - before.left, viewport.top - before.top
+            stale, self._stale = self._stale, []
+            moved = [each.translated(right, down) for each in stale]
+            for area in [*moved, *scroll_image(self._image, right, down)]:
+                self.invalidate(area)
         else:
-            self.spoil()
+            self.invalidate()
 
-    def spoil(self, area: QRect | None = None) -> None:
+    def invalidate(self, area: QRect | None = None) -> None:
         """Mark an area of the screen as stale; None: all of it."""
         whole = self._image.rect()
         area = whole if area is None else area.intersected(whole)
@@ -174,24 +173,20 @@ class SketchImage:
         if not area.isEmpty():
             self._stale.append(area)
 
-    def spoil_box(self, box: Box) -> QRect:
-        """Forget a box of the sketch; return the area of the screen that is stale now."""
-        self.flattening.forget(box)
+    def invalidate_box(self, box: Box) -> QRect:
+        """Mark a box of the sketch as stale; return its area of the screen."""
+        self.compositor.invalidate(box)
         area = self.area_of(box)
-        self.spoil(area)
+        self.invalidate(area)
         return area
 
     def area_of(self, box: Box) -> QRect:
-        """Return the area of the screen in which a box of the sketch shows."""
+        """Return the area of the screen that a box of the sketch affects."""
         if self._viewport is None:
             return QRect()
         step = 1 << level_for(self._viewport.scale)
-        top, left, bottom, right = (
-            box[0] // step * step,
-            box[1] // step * step,
-            -(-box[2] // step) * step,
-            -(-box[3] // step) * step,
-        )
+        top, left = box[0] // step * step, box[1] // step * step
+        bottom, right = -(-box[2] // step) * step, -(-box[3] // step) * step
         margin = 2 + self.hatches.halo + int(self._viewport.scale * step)
         x0, y0 = self._viewport.to_screen(left, top)
         x1, y1 = self._viewport.to_screen(right, bottom)
@@ -199,178 +194,149 @@ class SketchImage:
         return QRect(corner, QPoint(int(np.ceil(x1)) + margin, int(np.ceil(y1)) + margin))
 
     def image(self) -> QImage:
-        """Return the picture, composed anew where it was stale."""
+        """Return the image, its stale areas composed."""
         stale, self._stale = self._stale, []
+        if len(stale) > _MAX_AREAS:
+            stale = [reduce(QRect.united, stale)]
         if stale:
             painter = QPainter(self._image)
-            for area in stale if len(stale) <= _MOST_AREAS else [_around(stale)]:
+            for area in stale:
                 self._compose(painter, area)
             painter.end()
         return self._image
 
-    def _scroll(self, right: int, down: int) -> None:
-        stale, self._stale = self._stale, []
-        for area in [*(each.translated(right, down) for each in stale), *scrolled(self._image, right, down)]:
-            self.spoil(area)
-
     def _compose(self, painter: QPainter, area: QRect) -> None:
         viewport = self._viewport
-        assert viewport is not None  # noqa: S101 # there is nothing stale without one
+        assert viewport is not None  # noqa: S101 # nothing is stale without one
         painter.save()
         painter.setClipRect(area)
-        sheet = QRect(viewport.left, viewport.top, *viewport.sheet_size)
-        draw_surround(painter, area, sheet, self.surround)
-        inner = sheet.intersected(area)
+        sketch = QRect(viewport.left, viewport.top, *viewport.sketch_size)
+        _draw_surround(painter, area, sketch, self.surround)
+        inner = sketch.intersected(area)
         if not inner.isEmpty():
             painter.setClipRect(inner)
             painter.fillRect(inner, PAPER)
-            exact = QRectF(
-                viewport.left,
-                viewport.top,
-                viewport.columns * viewport.scale,
-                viewport.rows * viewport.scale,
-            )
+            corner, scale = QPointF(viewport.left, viewport.top), viewport.scale
             painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
             if self.relief is not None:
-                side = viewport.scale * self.relief_step
+                side = scale * self.relief_step
                 samples = QSizeF(self.relief.width() * side, self.relief.height() * side)
-                painter.drawImage(QRectF(exact.topLeft(), samples), self.relief)
-            if self.flattening.paints:
+                painter.drawImage(QRectF(corner, samples), self.relief)
+            if self.compositor.paints:
                 for top in range(inner.top(), inner.bottom() + 1, _BAND):
                     height = min(_BAND, inner.bottom() + 1 - top)
                     self._paint(painter, viewport, QRect(inner.left(), top, inner.width(), height))
             painter.setClipRect(inner)
             if self.tint is not None:
-                painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform, viewport.scale < _SHARP)
-                painter.drawImage(exact, self.tint)
+                painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform, scale < _SHARP)
+                size = QSizeF(viewport.columns * scale, viewport.rows * scale)
+                painter.drawImage(QRectF(corner, size), self.tint)
         painter.restore()
 
     def _paint(self, painter: QPainter, viewport: Viewport, area: QRect) -> None:
-        """Paint a band of the screen with colours and hatches."""
+        """Draw colours and hatches in a band of the screen."""
         level, halo = level_for(viewport.scale), self.hatches.halo
         scale = viewport.scale * (1 << level)
         x, y = area.left() - viewport.left, area.top() - viewport.top
         sides = (-(-viewport.columns >> level), -(-viewport.rows >> level))
-        across = _places(x - halo, area.width() + 2 * halo, scale, sides[0])
-        down = _places(y - halo, area.height() + 2 * halo, scale, sides[1])
+        across = _source_indices(x - halo, area.width() + 2 * halo, scale, sides[0])
+        down = _source_indices(y - halo, area.height() + 2 * halo, scale, sides[1])
         margin = 2 if scale < _SHARP else 0
         left, right = max(across[0] - margin, 0), min(across[-1] + 1 + margin, sides[0])
         top, bottom = max(down[0] - margin, 0), min(down[-1] + 1 + margin, sides[1])
-        colours, codes = self.flattening.window(level, (int(top), int(left), int(bottom), int(right)))
+        colours, codes = self.compositor.read(level, (int(top), int(left), int(bottom), int(right)))
         if not codes.any():
             return
         across, down = across - left, down - top
         painter.setClipRect(area)
         if scale < _SHARP:
-            target = QRectF(
-                viewport.left + left * scale,
-                viewport.top + top * scale,
-                (right - left) * scale,
-                (bottom - top) * scale,
-            )
-            painter.drawImage(target, _as_image(colours))
+            size = QSizeF((right - left) * scale, (bottom - top) * scale)
+            corner = QPointF(viewport.left + left * scale, viewport.top + top * scale)
+            painter.drawImage(QRectF(corner, size), _view_image(colours))
         else:
-            within = np.s_[halo:-halo]
-            painter.drawImage(area.topLeft(), _as_image(_picked(colours, down[within], across[within])))
-        painter.drawImage(area.topLeft(), _as_image(self.hatches.drawn(_picked(codes, down, across), x, y)))
+            inner = np.s_[halo:-halo]
+            painter.drawImage(area.topLeft(), _view_image(_gather(colours, down[inner], across[inner])))
+        painter.drawImage(
+            area.topLeft(), _view_image(self.hatches.render(_gather(codes, down, across), x, y))
+        )
 
 
-def _around(areas: Sequence[QRect]) -> QRect:
-    whole = QRect()
-    for area in areas:
-        whole = whole.united(area)
-    return whole
-
-
-def _places(first: int, count: int, scale: float, side: int) -> npt.NDArray[np.intp]:
-    """Return which pixel of the sketch each pixel of the screen shows, from the sheet's corner on."""
+def _source_indices(first: int, count: int, scale: float, side: int) -> npt.NDArray[np.intp]:
+    """Return the sketch pixel that each screen pixel shows, counted from the sketch's corner."""
     places = np.floor((np.arange(first, first + count) + 0.5) / scale)
     return np.asarray(np.clip(places, 0, side - 1), np.intp)
 
 
-def _picked(
+def _gather(
     pixels: npt.NDArray[_Pixel], rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp]
 ) -> npt.NDArray[_Pixel]:
-    picked: npt.NDArray[_Pixel] = pixels.take(rows, axis=0).take(columns, axis=1)
-    return picked
-
-
-def _as_image(pixels: Colours) -> QImage:
-    """Return an image that looks at an array, which must outlive it."""
-    height, width = pixels.shape
-    form = QImage.Format.Format_ARGB32_Premultiplied
-    image: QImage = QImage(pixels.data, width, height, 4 * width, form)  # type: ignore[call-overload] # a buffer
-    return image
+    gathered: npt.NDArray[_Pixel] = pixels.take(rows, axis=0).take(columns, axis=1)
+    return gathered
 
 
 class SketchView(QObject):
-    """Keeps the picture of the sketch in step with the models."""
+    """Keeps the sketch image up to date with the models, and draws it."""
 
-    stale = pyqtSignal(object)
-    """A `QRect` of the screen (device px) in which the picture is another one."""
+    stale = pyqtSignal(object)  # QRect of the screen (device px) that changed
 
     def __init__(self, context: ToolContext, parent: QObject) -> None:
         super().__init__(parent)
-        self._desk = context
+        self._context = context
         self._relief: Relief | None = None
         self._tint: tuple[Adherence | None, str] = (None, "")
         hatches = HatchTable(hatches_of(context.workspace), context.ratio)
-        flattening = LayerCompositor(context.document.layer, paints_of(context.workspace))
-        self._sheet = SketchImage(flattening, hatches, surround(context.ratio))
+        compositor = LayerCompositor(context.document.layer, paints_of(context.workspace))
+        self._image = SketchImage(compositor, hatches, theme_surround(context.ratio))
 
         context.document.opened.connect(self._on_opened)
         context.document.painted.connect(self._on_painted)
         context.workspace.look_changed.connect(self.refresh)
-        context.workspace.overlays_changed.connect(self.refresh_pictures)
-        context.workspace.label_changed.connect(self.refresh_pictures)
-        context.link.adherence_changed.connect(self.refresh_pictures)
+        context.workspace.overlays_changed.connect(self.refresh_overlays)
+        context.workspace.label_changed.connect(self.refresh_overlays)
+        context.link.adherence_changed.connect(self.refresh_overlays)
         context.link.relief_changed.connect(self._on_relief)
         looks.changed.connect(self.refresh)
 
     def refresh(self, *_: object) -> None:
-        """Compose all anew: another document, other layers are shown, another theme."""
-        context = self._desk
-        self._sheet.flattening.paints = paints_of(context.workspace)
-        self._sheet.hatches = HatchTable(hatches_of(context.workspace), context.ratio)
-        self._sheet.surround = surround(context.ratio)
-        self._sheet.spoil()
-        self.refresh_pictures()
+        """Compose everything again: another document, layer look or theme."""
+        context = self._context
+        self._image.compositor.paints = paints_of(context.workspace)
+        self._image.hatches = HatchTable(hatches_of(context.workspace), context.ratio)
+        self._image.surround = theme_surround(context.ratio)
+        self._image.invalidate()
+        self.refresh_overlays()
 
-    def refresh_pictures(self, *_: object) -> None:
-        """Show the relief and the adherence, or not, as the workspace says."""
-        context, shown = self._desk, self._desk.workspace.overlays
-        wanted = context.link.relief if "relief" in shown else None
-        if (wanted is None) != (self._sheet.relief is None):
-            self._relief = None
-            self._sheet.relief = None
-            self._take_relief()
-            self._sheet.spoil()
-        measured = context.link.adherence if "adherence" in shown else None
+    def refresh_overlays(self, *_: object) -> None:
+        """Show or hide relief and adherence."""
+        context, overlays = self._context, self._context.workspace.overlays
+        relief = context.link.relief if "relief" in overlays else None
+        if (relief is None) != (self._image.relief is None):
+            self._relief = self._image.relief = None
+            self._update_relief()
+            self._image.invalidate()
+        measured = context.link.adherence if "adherence" in overlays else None
         tint = (measured, context.workspace.layer if measured is not None else "")
         if tint[0] is not self._tint[0] or tint[1] != self._tint[1]:
             self._tint = tint
-            self._sheet.tint = None if measured is None else adherence_image(measured, tint[1])
-            self._sheet.spoil()
-        self._tell_all()
-
-    def _tell_all(self) -> None:
-        self.stale.emit(QRect(0, 0, self._desk.viewport.width, self._desk.viewport.height))
+            self._image.tint = None if measured is None else adherence_image(measured, tint[1])
+            self._image.invalidate()
+        self.stale.emit(QRect(0, 0, context.viewport.width, context.viewport.height))
 
     def _on_relief(self) -> None:
-        area = self._take_relief()
+        area = self._update_relief()
         if not area.isEmpty():
             self.stale.emit(area)
 
-    def _take_relief(self) -> QRect:
-        """Take the newest relief; return the area of the screen (device px) in which it is another one."""
-        relief, sketch = self._desk.link.relief, self._desk.document.sketch
-        if relief is None or "relief" not in self._desk.workspace.overlays:
+    def _update_relief(self) -> QRect:
+        """Apply the newest relief; return the area of the screen (device px) that changed."""
+        relief, sketch = self._context.link.relief, self._context.document.sketch
+        if relief is None or "relief" not in self._context.workspace.overlays:
             return QRect()
         rows, columns = relief.shade.shape
         if (rows, columns) != (-(-sketch.height_px // relief.step), -(-sketch.width_px // relief.step)):
-            return QRect()  # of the document before
+            return QRect()  # of the previous document
         before, self._relief = self._relief, relief
-        self._sheet.relief, self._sheet.relief_step = relief_image(relief), relief.step
+        self._image.relief, self._image.relief_step = relief_image(relief), relief.step
         box = (0, 0, rows, columns)
         if before is not None and before.shade.shape == relief.shade.shape:
             changed = before.shade != relief.shade
@@ -380,23 +346,23 @@ class SketchView(QObject):
             box = (int(down[0]), int(across[0]), int(down[-1]) + 1, int(across[-1]) + 1)
         top, left, bottom, right = (side * relief.step for side in box)
         margin = 2 * relief.step
-        area = self._sheet.area_of((top - margin, left - margin, bottom + margin, right + margin))
-        self._sheet.spoil(area)
+        area = self._image.area_of((top - margin, left - margin, bottom + margin, right + margin))
+        self._image.invalidate(area)
         return area
 
     def _on_opened(self) -> None:
-        self._relief = self._sheet.relief = None
-        self._sheet.spoil()
+        self._relief = self._image.relief = None
+        self._image.invalidate()
 
     def _on_painted(self, layer: str, box: object) -> None:
-        if any(paint.layer == layer for paint in self._sheet.flattening.paints):
-            self.stale.emit(self._sheet.spoil_box(cast("Box", box)))
+        if any(paint.layer == layer for paint in self._image.compositor.paints):
+            self.stale.emit(self._image.invalidate_box(cast("Box", box)))
 
     def draw(self, painter: QPainter, area: QRect) -> None:
-        """Draw the sketch into an area (logical px) of the canvas."""
-        ratio = self._desk.ratio
-        if self._sheet.surround.ratio != ratio:
+        """Draw an area (logical px) of the canvas."""
+        ratio = self._context.ratio
+        if self._image.surround.ratio != ratio:
             self.refresh()
-        self._sheet.look(self._desk.viewport)
+        self._image.set_viewport(self._context.viewport)
         source = QRectF(area.x() * ratio, area.y() * ratio, area.width() * ratio, area.height() * ratio)
-        painter.drawImage(QRectF(area), self._sheet.image(), source)
+        painter.drawImage(QRectF(area), self._image.image(), source)

@@ -1,4 +1,4 @@
-"""What tools of the canvas work on: viewport, document, tells."""
+"""Canvas tools: their interface, and what they share: viewport, coordinate transforms, models, signals."""
 
 from __future__ import annotations
 
@@ -15,176 +15,168 @@ from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
 
-LARGEST: Final = 64.0
-"""Most pixels of the screen along a pixel of the sketch."""
-
-_LEAST_SEEN = 48  # px of the sheet that stay on the screen, however it is moved
-_SMALLEST = 96.0  # px of the screen along the sheet's longer side
+LARGEST: Final = 64.0  # screen px per sketch px
+_LEAST_VISIBLE = 48  # px of the sketch that stay on the screen
+_SMALLEST = 96.0  # screen px along the sketch's longer side
 
 
 @dataclass(frozen=True)
 class Viewport:
-    """Where the sheet lies on the screen.
+    """Position and scale of the sketch on the screen.
 
-    All of the screen is counted in device pixels from the widget's upper left corner; pixels of the
-    sketch are counted as floats from its north-west corner, x along columns, y along rows.
+    Screen: device px from the widget's upper left corner. Sketch: px from its north-west corner.
     """
 
-    width: int  # px of the screen
+    width: int  # screen px
     height: int
-    columns: int  # px of the sketch
+    columns: int  # sketch px
     rows: int
-    scale: float = 1.0  # px of the screen along a pixel of the sketch
-    left: int = 0  # The sheet's upper left corner on the screen
+    scale: float = 1.0  # screen px per sketch px
+    left: int = 0  # the sketch's upper left corner on the screen
     top: int = 0
 
     @property
-    def sheet_size(self) -> tuple[int, int]:
-        """Width and height of the sheet on the screen (px)."""
+    def sketch_size(self) -> tuple[int, int]:
+        """Width and height of the sketch on the screen (px)."""
         return max(round(self.columns * self.scale), 1), max(round(self.rows * self.scale), 1)
 
     def to_sketch(self, x: float, y: float) -> tuple[float, float]:
-        """Return the place of the sketch at a place of the screen."""
+        """Return the sketch position at a screen position."""
         return (x - self.left) / self.scale, (y - self.top) / self.scale
 
     def to_screen(self, x: float, y: float) -> tuple[float, float]:
-        """Return the place of the screen at a place of the sketch."""
+        """Return the screen position of a sketch position."""
         return self.left + x * self.scale, self.top + y * self.scale
 
     def fitted(self, *, margin: int) -> Viewport:
-        """Return one that shows the whole sheet in the middle, a margin (px of the screen) around it."""
-        room_x = max(self.width - 2 * margin, 16)
-        room_y = max(self.height - 2 * margin, 16)
-        scale = min(room_x / self.columns, room_y / self.rows, LARGEST)
-        return self._with(scale, *self._centred(scale))
+        """Return a viewport that shows the whole sketch, centred, with a margin (px)."""
+        width, height = max(self.width - 2 * margin, 16), max(self.height - 2 * margin, 16)
+        scale = min(width / self.columns, height / self.rows, LARGEST)
+        left, top = 0.5 * (self.width - self.columns * scale), 0.5 * (self.height - self.rows * scale)
+        return self._clamped(scale, left, top)
 
     def zoomed(self, factor: float, x: float, y: float) -> Viewport:
-        """Return one in which the sheet is larger by a factor; what is at (x, y) of the screen stays."""
+        """Return a viewport zoomed about a screen position."""
         smallest = min(_SMALLEST / max(self.columns, self.rows), 1.0)
         scale = min(max(self.scale * factor, smallest), LARGEST)
         at_x, at_y = self.to_sketch(x, y)
-        return self._with(scale, x - at_x * scale, y - at_y * scale)
+        return self._clamped(scale, x - at_x * scale, y - at_y * scale)
 
     def moved(self, right: float, down: float) -> Viewport:
-        """Return one in which the sheet lies elsewhere, by px of the screen."""
-        return self._with(self.scale, self.left + right, self.top + down)
+        """Return a viewport panned by screen px."""
+        return self._clamped(self.scale, self.left + right, self.top + down)
 
     def resized(self, width: int, height: int) -> Viewport:
-        """Return one for a screen of another size; what was in the middle stays there."""
+        """Return a viewport for another screen size, with the same centre."""
         resized = Viewport(width, height, self.columns, self.rows, self.scale)
         right, down = 0.5 * (width - self.width), 0.5 * (height - self.height)
-        return resized._with(self.scale, self.left + right, self.top + down)
+        return resized._clamped(self.scale, self.left + right, self.top + down)
 
     def with_middle(self, x: float, y: float) -> Viewport:
-        """Return one with a place of the sketch in the middle of the screen."""
-        return self._with(self.scale, 0.5 * self.width - x * self.scale, 0.5 * self.height - y * self.scale)
+        """Return a viewport centred on a sketch position."""
+        return self._clamped(
+            self.scale, 0.5 * self.width - x * self.scale, 0.5 * self.height - y * self.scale
+        )
 
-    def _centred(self, scale: float) -> tuple[float, float]:
-        return 0.5 * (self.width - self.columns * scale), 0.5 * (self.height - self.rows * scale)
-
-    def _with(self, scale: float, left: float, top: float) -> Viewport:
-        """Keep the sheet within reach: some of it is always on the screen."""
+    def _clamped(self, scale: float, left: float, top: float) -> Viewport:
+        """Return a viewport clamped so that part of the sketch is always visible."""
         sides = (self.columns * scale, self.rows * scale)
         corner = []
-        for at, side, room in zip((left, top), sides, (self.width, self.height), strict=True):
-            seen = min(_LEAST_SEEN, side, room)
-            corner.append(math.floor(min(max(at, seen - side), room - seen) + 0.5))
+        for at, side, size in zip((left, top), sides, (self.width, self.height), strict=True):
+            visible = min(_LEAST_VISIBLE, side, size)
+            corner.append(math.floor(min(max(at, visible - side), size - visible) + 0.5))
         return Viewport(self.width, self.height, self.columns, self.rows, scale, corner[0], corner[1])
 
 
 @dataclass(frozen=True)
 class Pointer:
-    """Where the mouse or the pen is."""
+    """Position and state of the mouse or pen."""
 
-    x: float  # px of the sketch, to the right and down, centres of pixels at +0.5
+    x: float  # px of the sketch, right and down, pixel centres at +0.5
     y: float
-    pressure: float = 1.0  # 0 … 1; 1 of a mouse
-    erases: bool = False  # Whether the right button or a pen's eraser is used
-    picks: bool = False  # Whether Alt is held
-    adds: bool = False  # Whether Shift is held
+    pressure: float = 1.0  # 0 … 1; 1 for a mouse
+    erases: bool = False  # right button or a pen's eraser
+    picks: bool = False  # Alt
+
+
+class ToolSignals(QObject):
+    """Signals of the tools to the canvas."""
+
+    message = pyqtSignal(str)  # a line for the user
+    stale = pyqtSignal(object)  # rectangle (logical px) to redraw; None: everything
+
+    def redraw(self, area: QRectF | None = None) -> None:
+        """Request a redraw of a tool's overlay."""
+        self.stale.emit(area)
 
 
 @dataclass(eq=False)
 class ToolContext:
-    """The models, where the sheet lies, and what tools tell the canvas."""
+    """Models, viewport and signals; transforms between screen (logical px), sketch (px) and world (m)."""
 
     document: Document
     workspace: Workspace
     link: EngineLink
     viewport: Viewport = field(default_factory=lambda: Viewport(1, 1, 1, 1))
-    ratio: float = 1.0  # Device pixels a logical one
-    tells: ToolSignals = field(default_factory=lambda: ToolSignals())
+    ratio: float = 1.0  # device pixels a logical one
+    signals: ToolSignals = field(default_factory=ToolSignals)
 
     @property
     def scale(self) -> float:
-        """Logical pixels of the screen along a pixel of the sketch."""
+        """Logical pixels along a sketch pixel."""
         return self.viewport.scale / self.ratio
 
-    def at(self, x: float, y: float) -> QPointF:
-        """Return the place of the screen (logical px) of a place of the sketch (px)."""
+    @property
+    def px_per_metre(self) -> float:
+        """Logical pixels along a metre."""
+        return self.scale / self.document.sketch.pixel_size
+
+    def screen_from_sketch(self, x: float, y: float) -> QPointF:
+        """Return the screen position of a sketch position."""
         right, down = self.viewport.to_screen(x, y)
         return QPointF(right / self.ratio, down / self.ratio)
 
-    def on_sketch(self, place: QPointF) -> tuple[float, float]:
-        """Return the place of the sketch (px) at a place of the screen (logical px)."""
+    def sketch_from_screen(self, place: QPointF) -> tuple[float, float]:
+        """Return the sketch position at a screen position."""
         return self.viewport.to_sketch(place.x() * self.ratio, place.y() * self.ratio)
 
-    def metres(self, x: float, y: float) -> tuple[float, float]:
-        """Return the place of the world (m) of a place of the sketch (px)."""
+    def world_from_sketch(self, x: float, y: float) -> tuple[float, float]:
+        """Return the world position of a sketch position."""
         sketch = self.document.sketch
         return x * sketch.pixel_size, (sketch.height_px - y) * sketch.pixel_size
 
     @overload
-    def pixels(self, x: float, y: float) -> tuple[float, float]: ...
+    def sketch_from_world(self, x: float, y: float) -> tuple[float, float]: ...
     @overload
-    def pixels(self, x: Float64Array, y: Float64Array) -> tuple[Float64Array, Float64Array]: ...
-    def pixels(self, x: Any, y: Any) -> Any:
-        """Return the place of the sketch (px) of a place of the world (m), or of many."""
+    def sketch_from_world(self, x: Float64Array, y: Float64Array) -> tuple[Float64Array, Float64Array]: ...
+    def sketch_from_world(self, x: Any, y: Any) -> Any:
+        """Return the sketch position of a world position, or arrays of many."""
         sketch = self.document.sketch
         return x / sketch.pixel_size, sketch.height_px - y / sketch.pixel_size
 
     def screen_from_world(self, x: float, y: float) -> QPointF:
-        """Return the place of the screen (logical px) of a place of the world (m)."""
-        return self.at(*self.pixels(x, y))
+        """Return the screen position of a world position."""
+        return self.screen_from_sketch(*self.sketch_from_world(x, y))
 
     def screens_from_world(self, x: Float64Array, y: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Return the places of the screen (logical px) of many places of the world (m)."""
-        columns, rows = self.pixels(x, y)
-        left, top = self.viewport.left, self.viewport.top
-        return (left + columns * self.viewport.scale) / self.ratio, (
-            top + rows * self.viewport.scale
+        """Return the screen positions of world positions."""
+        viewport, (columns, rows) = self.viewport, self.sketch_from_world(x, y)
+        return (viewport.left + columns * viewport.scale) / self.ratio, (
+            viewport.top + rows * viewport.scale
         ) / self.ratio
 
-    @property
-    def px_per_metre(self) -> float:
-        """Logical pixels of the screen along a metre."""
-        return self.scale / self.document.sketch.pixel_size
-
     def may_paint(self) -> bool:
-        """Whether the layer that one paints on lets itself be painted on; tells a person if not."""
+        """Return whether the active layer is visible and unlocked; otherwise report why not."""
         look, title = self.workspace.look(self.workspace.layer), LAYERS[self.workspace.layer].title
         if look.locked:
-            self.tells.message.emit(f"{title} are locked. Unlock the layer to paint on it.")
+            self.signals.message.emit(f"{title} are locked. Unlock the layer to paint on it.")
         elif not look.visible:
-            self.tells.message.emit(f"{title} are hidden. Show the layer to paint on it.")
+            self.signals.message.emit(f"{title} are hidden. Show the layer to paint on it.")
         return look.visible and not look.locked
 
 
-class ToolSignals(QObject):
-    """What tools tell the canvas."""
-
-    message = pyqtSignal(str)
-    """A line for a person."""
-    stale = pyqtSignal(object)
-    """What a tool draws is another picture in a rectangle (logical px); None: somewhere."""
-
-    def redraw(self, area: QRectF | None = None) -> None:
-        """Tell that what a tool draws changed."""
-        self.stale.emit(area)
-
-
 class Tool:
-    """A tool that does nothing; others say what they do."""
+    """A tool that does nothing."""
 
     cursor = Qt.CursorShape.ArrowCursor
 
@@ -193,46 +185,41 @@ class Tool:
 
     @property
     def is_busy(self) -> bool:
-        """Whether something was begun that can be finished or cancelled."""
+        """Whether an operation can be finished or cancelled."""
         return False
 
     def press(self, pointer: Pointer) -> None:
-        """Begin: a button is pressed, or the pen touches."""
+        """Start: a button is pressed, or the pen touches."""
 
     def move(self, pointer: Pointer) -> None:
-        """Go on: the mouse moves, with or without a button."""
+        """Continue: the mouse moves, with or without a button."""
 
     def release(self, pointer: Pointer) -> None:
-        """Let go."""
+        """Release the button."""
 
     def double(self, pointer: Pointer) -> None:
-        """Do what a double click means: a second press."""
+        """Handle a double click: a second press."""
         self.press(pointer)
 
-    def key(self, key: int) -> bool:
-        """Take a key (`Qt.Key`); return whether it meant something."""
+    def takes_key(self, key: int) -> bool:
+        """Return whether the tool handles a key (`Qt.Key`) now, before any shortcut."""
         return False
 
-    def takes(self, key: int) -> bool:
-        """Whether `key` would take a key now, so that no shortcut has it."""
-        return False
+    def press_key(self, key: int) -> None:
+        """Handle a key that `takes_key` accepted."""
 
     def finish(self) -> None:
-        """Come to an end with what was begun: the focus is lost, or another tool is chosen."""
+        """Finish the operation: the focus is lost, or the tool changes."""
 
     def cancel(self) -> None:
-        """Forget what was begun."""
+        """Cancel the operation."""
 
     def leave(self) -> None:
-        """Forget where the mouse was: it left the canvas."""
+        """Hide what follows the mouse: it left the canvas."""
 
     def draw(self, painter: QPainter) -> None:
-        """Draw what the tool shows over the sketch, in logical pixels."""
+        """Draw the tool's overlay, in logical pixels."""
 
     def cursor_at(self, place: QPointF) -> Qt.CursorShape:
-        """Return the shape of the mouse's cursor at a place of the screen."""
+        """Return the cursor's shape at a screen position."""
         return self.cursor
-
-    def extent(self) -> QRectF:
-        """Return the rectangle (logical px) outside of which `draw` draws nothing; empty: all of it."""
-        return QRectF()

@@ -1,1 +1,1 @@
-"""Changes of a sketch: functions from a sketch to another one. No Qt."""
+"""Pure functions from a sketch to a changed sketch, recorded by the caller as history steps."""

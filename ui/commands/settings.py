@@ -1,4 +1,4 @@
-"""Undoable changes of labels and of the world's settings."""
+"""Changes of labels and settings: functions from a sketch to a changed sketch."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _PIXELS_AT_ONCE = 1 << 20
 
 
 def label_areas(image: LabelImage) -> dict[int, int]:
-    """Return the pixels that each label, 1 to 255, covers in a label image; only labels that stand in it."""
+    """Return the pixel counts of the labels (1 to 255) that occur in an image."""
     rows = max(1, _PIXELS_AT_ONCE // max(1, image.shape[1]))
     counts = np.zeros(256, dtype=np.int64)
     for top in range(0, image.shape[0], rows):  # bincount widens its input eightfold
@@ -25,34 +25,34 @@ def label_areas(image: LabelImage) -> dict[int, int]:
 
 
 def labels_of(sketch: Sketch, layer: str) -> tuple[int, ...]:
-    """Return the labels of a layer that are painted or have properties of their own, ascending."""
+    """Return the painted or declared labels of a layer, ascending."""
     declared = {label for name, label in sketch.labels if name == layer}
     return tuple(sorted(declared | set(label_areas(sketch.layers[layer]))))
 
 
 def free_label(sketch: Sketch, layer: str) -> int:
     """Return the smallest label of a layer that is neither painted nor declared."""
-    taken = labels_of(sketch, layer)
-    if len(taken) >= MAX_LABELS:
+    used = labels_of(sketch, layer)
+    if len(used) >= MAX_LABELS:
         raise InputError(f"{LAYERS[layer].title}: a layer has at most {MAX_LABELS} labels")
-    return next(label for label in range(1, 256) if label not in taken)
+    return next(label for label in range(1, 256) if label not in used)
 
 
 def new_label(sketch: Sketch, layer: str, label: int) -> Sketch:
-    """Declare a label, with the default properties."""
+    """Declare a label with default properties."""
     if (layer, label) in sketch.labels:
         return sketch
     return sketch.replace(labels={**sketch.labels, (layer, label): {}})
 
 
 def copy_label(sketch: Sketch, layer: str, label: int, *, source: int) -> Sketch:
-    """Declare a label with the properties of another one of its layer."""
+    """Declare a label with the properties of another label of its layer."""
     properties = dict(sketch.labels.get((layer, source), {}))
     return sketch.replace(labels={**sketch.labels, (layer, label): properties})
 
 
 def delete_label(sketch: Sketch, layer: str, label: int) -> Sketch:
-    """Remove a label: its properties and all that is painted with it."""
+    """Remove a label: its properties and its paint."""
     labels = {key: value for key, value in sketch.labels.items() if key != (layer, label)}
     image = sketch.layers[layer]
     painted = image == label
@@ -63,7 +63,7 @@ def delete_label(sketch: Sketch, layer: str, label: int) -> Sketch:
 
 
 def clear_layer(sketch: Sketch, layer: str) -> Sketch:
-    """Erase all that is painted on a layer; its labels keep their properties."""
+    """Erase a layer's paint; its labels keep their properties."""
     image = sketch.layers[layer]
     if not image.any():
         return sketch
@@ -71,7 +71,7 @@ def clear_layer(sketch: Sketch, layer: str) -> Sketch:
 
 
 def set_property(sketch: Sketch, layer: str, label: int, name: str, value: Value) -> Sketch:
-    """Give a label another value of a property."""
+    """Set a property of a label."""
     if sketch.properties(layer, label).get(name) == value:
         return sketch
     properties = {**sketch.labels.get((layer, label), {}), name: value}
@@ -79,7 +79,7 @@ def set_property(sketch: Sketch, layer: str, label: int, name: str, value: Value
 
 
 def reset_property(sketch: Sketch, layer: str, label: int, name: str) -> Sketch:
-    """Give a property of a label its default again."""
+    """Reset a property of a label to its default."""
     declared = sketch.labels.get((layer, label), {})
     if name not in declared:
         return sketch
@@ -93,11 +93,11 @@ def _frozen(image: LabelImage) -> LabelImage:
 
 
 WORLD = "sketch"
-"""Stands for the keys at the top of the file where the name of a table is expected."""
+"""Name of the table of top-level keys."""
 
 
 def declared(table: str) -> Mapping[str, Parameter]:
-    """Return what can be set in a table: `WORLD` or a name of ``TABLES``."""
+    """Return the parameters of a table: `WORLD` or a name of ``TABLES``."""
     if table == WORLD:
         return SKETCH
     if table not in TABLES:
@@ -108,21 +108,17 @@ def declared(table: str) -> Mapping[str, Parameter]:
 def settings(sketch: Sketch, table: str) -> dict[str, Value]:
     """Return all values of a table, in the order of their declaration."""
     parameters = declared(table)
-    given = getattr(sketch, table) if table != WORLD else {name: getattr(sketch, name) for name in SKETCH}
-    return {name: given[name] for name in parameters}
-
-
-def setting(sketch: Sketch, table: str, name: str) -> Value:
-    """Return one value of a table."""
-    return settings(sketch, table)[name]
+    if table == WORLD:
+        return {name: getattr(sketch, name) for name in parameters}
+    return {name: getattr(sketch, table)[name] for name in parameters}
 
 
 def set_setting(sketch: Sketch, table: str, name: str, value: Value) -> Sketch:
-    """Return a sketch with another value in a table."""
+    """Set a value of a table."""
     parameters = declared(table)
     if name not in parameters:
         raise InputError(f"no setting {name!r} in {table}: expected {', '.join(parameters)}")
-    if setting(sketch, table, name) == value:
+    if settings(sketch, table)[name] == value:
         return sketch
     if table == WORLD:
         return sketch.replace(**{name: value})
@@ -130,5 +126,5 @@ def set_setting(sketch: Sketch, table: str, name: str, value: Value) -> Sketch:
 
 
 def reset_setting(sketch: Sketch, table: str, name: str) -> Sketch:
-    """Return a sketch with the default of a value in a table."""
+    """Reset a value of a table to its default."""
     return set_setting(sketch, table, name, declared(table)[name].default)

@@ -243,7 +243,7 @@ class ExportDialog(QDialog):
         for name in TARGET_NAMES:
             self.targets.addItem(target_named(name).title, name)
         self.targets.setCurrentIndex(max(self.targets.findData(preferences.export_target), 0))
-        self.everything = EverythingForm(sketch, preferences.exported(""))
+        self.everything = EverythingForm(sketch, preferences.export_options(""))
         self.target = TargetForm(sketch)
         self._shown = ""  # the target whose controls are there
         folder = preferences.export_folder or preferences.last_folder / "terrain"
@@ -312,7 +312,7 @@ class ExportDialog(QDialog):
         self.everything.setVisible(not self._shown)
         self.target.setVisible(bool(self._shown))
         if self._shown:
-            kept = self._set.get(self._shown) or self._preferences.exported(self._shown)
+            kept = self._set.get(self._shown) or self._preferences.export_options(self._shown)
             self.target.use(target_named(self._shown), kept)
         self._check()
         QTimer.singleShot(0, self._fit)

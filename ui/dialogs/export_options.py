@@ -283,7 +283,7 @@ class TargetForm(Form):
             typed.setValidator(QIntValidator(2, 99_999, typed))
             typed.setAccessibleName("Vertices along the longer side")
             sizes.setEditText(str(target.size))
-        label = self.drag_title("size")
+        label = self.title_label("size")
         if label is not None:
             label.setText("&Size of a tile" if target.sizes else "&Size")
             label.setBuddy(sizes)

@@ -120,7 +120,7 @@ class Form(QWidget):
             row = self._add(line) if isinstance(line, Field) else self._add_line(line)
             self._lines[line.name] = row
             self._rows.addRow(line.title, row)
-            label = self.drag_title(line.name)
+            label = self.title_label(line.name)
             if label is not None and isinstance(line, Line):
                 first = next(each for each in line.parts if isinstance(each, Field))
                 label.setBuddy(self._controls[first.name])
@@ -152,7 +152,7 @@ class Form(QWidget):
         for name in names:
             self._controls[name].setEnabled(enabled)
 
-    def drag_title(self, name: str) -> QLabel | None:
+    def title_label(self, name: str) -> QLabel | None:
         """Return the label before a line."""
         label = self._rows.labelForField(self._lines[name])
         return label if isinstance(label, QLabel) else None

@@ -216,7 +216,7 @@ class WorldDialog(QDialog):
         self._is_estimated = False
         self._notes: list[str] = []
         rows = column(self, "Write world")
-        self.form = WorldForm(sketch, preferences.exported(_KEPT))
+        self.form = WorldForm(sketch, preferences.export_options(_KEPT))
         folder = preferences.export_folder
         usual = (preferences.last_folder if folder is None else folder.parent) / "world"
         self.output = QLineEdit(f"{usual}{ENDINGS[self.form.values['form']]}")

@@ -13,8 +13,8 @@ from sketchterrain.render.camera import Camera
 from sketchterrain.render.sky import Weather
 from sketchterrain.render.views import find_view
 from sketchterrain.ui.engine import protocol as msg
+from sketchterrain.ui.engine.camera_controller import CameraController
 from sketchterrain.ui.engine.channel import Channel, ready
-from sketchterrain.ui.engine.eye import CameraController
 from sketchterrain.ui.engine.relief import ReliefBuilder
 
 if TYPE_CHECKING:

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from sketchterrain.array_types import Bounds
     from sketchterrain.render.scene import TerrainSource
-    from sketchterrain.ui.engine.eye import CameraController
-    from sketchterrain.ui.engine.stage import ViewRenderer
+    from sketchterrain.ui.engine.camera_controller import CameraController
+    from sketchterrain.ui.engine.view_renderer import ViewRenderer
 
 SLOTS: Final = 2
 """Frames that the shared memory holds."""

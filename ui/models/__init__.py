@@ -1,1 +1,1 @@
-"""What a person works on: the document, what is chosen and shown. QtCore for signals, no widgets."""
+"""Models of the window: document, selection, painting, preferences; QtCore only, no widgets."""

@@ -1,4 +1,4 @@
-"""Keeping unsaved work in case of a crash: recovery files, their locks, the timer."""
+"""Autosave: recovery files of unsaved work, their locks and the timer."""
 
 from __future__ import annotations
 
@@ -22,24 +22,13 @@ from sketchterrain.io.system import lock_file
 from sketchterrain.ui.models.background import BackgroundQueue
 from sketchterrain.ui.models.document import Document
 
-_ABOUT = "recovery.json"
+_METADATA = "recovery.json"
+_PAUSE = 2.0  # s without a change after which the document is written; never more than the interval
 
 
 @dataclass(frozen=True)
 class Recovery:
-    """A sketch that a program kept, and did not come to save.
-
-    Attributes
-    ----------
-    path : Path
-        A ``*.sketch`` file that can be loaded.
-    name : str
-        What the sketch is called.
-    when : datetime
-        When it was kept.
-    original : Path or None
-        Where it had been saved before.
-    """
+    """A recovery file: a loadable `path`, the sketch's name, its time, and the path it was last saved at."""
 
     path: Path
     name: str
@@ -48,37 +37,37 @@ class Recovery:
 
     @property
     def was_saved_since(self) -> bool:
-        """Whether the sketch that it had been saved as was written to later: it may hold all of this."""
+        """Whether the sketch's own file is newer than the recovery file."""
         if self.original is None:
             return False
         try:
             files = self.original.iterdir() if self.original.is_dir() else [self.original]
             times = [each.stat().st_mtime for each in files if each.is_file()]
-        except OSError:  # it is out of reach now
+        except OSError:  # not accessible
             return False
         return max(times, default=0.0) > self.when.timestamp()
 
 
 class Lock:
-    """Held by one program at a time; it goes with the program, however that ends."""
+    """An exclusive file lock, released when its process ends."""
 
     def __init__(self, path: Path) -> None:
         self._path = path.with_suffix(".lock")
-        self._file = self._opened()
-        while not self._is_there():  # whoever held it removed it meanwhile
+        self._file = self._open()
+        while not self._exists():  # its previous owner removed it meanwhile
             self._file.close()
-            self._file = self._opened()
+            self._file = self._open()
 
     def release(self) -> None:
-        """Let others have it."""
+        """Release the lock."""
         self._file.close()
 
     def remove(self) -> None:
-        """Let it go, for what it guarded is no more."""
+        """Delete the lock file and release the lock."""
         self._path.unlink(missing_ok=True)
         self._file.close()
 
-    def _opened(self) -> IO[bytes]:
+    def _open(self) -> IO[bytes]:
         file = self._path.open("ab")
         try:
             lock_file(file.fileno())
@@ -87,7 +76,7 @@ class Lock:
             raise
         return file
 
-    def _is_there(self) -> bool:
+    def _exists(self) -> bool:
         try:
             return self._path.stat().st_ino == os.fstat(self._file.fileno()).st_ino
         except FileNotFoundError:
@@ -95,52 +84,38 @@ class Lock:
 
 
 def new_recovery_path(folder: Path) -> Path:
-    """Return a name in a folder under which no other program keeps a sketch."""
+    """Return an unused recovery path in a folder."""
     return folder / f"{os.getpid()}-{secrets.token_hex(4)}.sketch"
 
 
 def write_recovery(path: Path, sketch: Sketch, original: Path | None) -> None:
-    """Keep a sketch, whole or not at all."""
-    about = {
+    """Write a recovery file atomically."""
+    metadata = {
         "name": sketch.name,
         "when": datetime.now(UTC).isoformat(),
         "original": None if original is None else str(original.absolute()),
     }
-    write_atomic(path, pack_sketch(sketch, extra_files={_ABOUT: json.dumps(about).encode("utf-8")}))
+    write_atomic(path, pack_sketch(sketch, extra_files={_METADATA: json.dumps(metadata).encode("utf-8")}))
 
 
 def read_recovery(path: Path) -> Recovery | None:
-    """Return what is known of a sketch that was kept; None if it is none of ours, or damaged."""
+    """Return a recovery file's description; None if it is foreign or damaged."""
     try:
         with zipfile.ZipFile(path) as archive:
-            about = json.loads(archive.read(_ABOUT))
-        original = about["original"]
-        when = datetime.fromisoformat(about["when"])
-        return Recovery(path, str(about["name"]), when, None if original is None else Path(original))
+            metadata = json.loads(archive.read(_METADATA))
+        original, when = metadata["original"], datetime.fromisoformat(metadata["when"])
+        return Recovery(path, str(metadata["name"]), when, None if original is None else Path(original))
     except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile):
         return None
 
 
-def recovery_paths(folder: Path) -> list[Path]:
-    """Return where programs keep sketches in a folder, or were about to; dead ones and living ones."""
-    return sorted(
-        {path.with_suffix(".sketch") for kind in ("sketch", "lock") for path in folder.glob(f"*.{kind}")}
-    )
-
-
-_PAUSE = 2.0
-"""s without another step after which the document is kept; never more than the interval."""
-
-
 class Autosave(QObject):
-    """Keeps a document that is modified in a file, beside the window, and drops that when it is saved.
+    """Writes a modified document to a recovery file in the background; removes it once saved.
 
-    A step is kept at most `interval_s` seconds after it was done, and the time that writing takes; sooner if
-    the person pauses.
+    A change is written at most `interval_s` seconds after it was made, sooner if the user pauses.
     """
 
-    failed = pyqtSignal(str)
-    """Why the document cannot be kept, one line; told once until it works again."""
+    failed = pyqtSignal(str)  # error in one line, once until writing succeeds again
 
     def __init__(
         self, document: Document, folder: Path, *, interval_s: float = 20.0, parent: QObject | None = None
@@ -148,74 +123,71 @@ class Autosave(QObject):
         super().__init__(parent)
         self._document = document
         self._folder = folder
-        self._path = new_recovery_path(folder)
+        self.path = new_recovery_path(folder)
         self._lock: Lock | None = None
         self._background = BackgroundQueue(self)
-        self._kept: Sketch | None = None
+        self._written: Sketch | None = None
         self._claimed: dict[Path, Lock] = {}
-        self._leaving: list[Path] = []
+        self._discarded: list[Path] = []
         self._has_failed = False
         self._interval, self._pause = QTimer(self), QTimer(self)
         for timer, seconds in ((self._interval, interval_s), (self._pause, min(_PAUSE, interval_s))):
             timer.setSingleShot(True)
             timer.setInterval(round(1000 * seconds))
             timer.timeout.connect(self.save_now)
-        document.sketch_changed.connect(self._wait)
-        document.saved_changed.connect(self._wait)
+        document.sketch_changed.connect(self._schedule)
+        document.saved_changed.connect(self._schedule)
         document.opened.connect(self.save_now)
 
-    @property
-    def path(self) -> Path:
-        """Where the document is kept, when it is."""
-        return self._path
-
     def recoverable(self) -> list[Recovery]:
-        """Return what programs that ended before their time have kept, the newest first.
-
-        It belongs to this program then, until it is discarded or this program ends.
-        """
+        """Return the recovery files of crashed instances, newest first, and lock them."""
+        paths = {
+            path.with_suffix(".sketch")
+            for kind in ("sketch", "lock")
+            for path in self._folder.glob(f"*.{kind}")
+        }
         found = []
-        for path in recovery_paths(self._folder):
-            if path == self._path or not (path in self._claimed or self._claim(path)):
+        for path in sorted(paths):
+            if path == self.path or not (path in self._claimed or self._claim(path)):
                 continue
             recovery = read_recovery(path)
             if recovery is not None:
                 found.append(recovery)
-            elif not path.exists():  # it ended before it kept anything
+            elif not path.exists():  # it crashed before the first write
                 self._claimed.pop(path).remove()
         return sorted(found, key=lambda each: each.when, reverse=True)
 
     def discard(self, recovery: Recovery) -> None:
-        """Drop what was recovered. If it was opened, it stays until this program has kept it itself."""
-        self._leaving.append(recovery.path)
+        """Remove a recovery file; if it was opened, once this document's own is written."""
+        self._discarded.append(recovery.path)
         if not self._background.is_busy:
-            self._leave()
+            self._remove_discarded()
 
     def save_now(self) -> None:
-        """Keep the document now, beside the window, or drop what is kept if there is nothing to save."""
+        """Write the recovery file in the background, or remove it if nothing is modified."""
         self._interval.stop()
         self._pause.stop()
         sketch = self._document.sketch
         if not self._document.is_modified:
-            if self._kept is not None or self._background.is_busy:
-                self._kept = None
-                self._background.do("keep", partial(self._path.unlink, missing_ok=True), self._finish)
-        elif sketch is not self._kept:
-            self._kept = sketch
-            self._background.do("keep", partial(self._write, sketch, self._document.path), self._finish)
+            if self._written is not None or self._background.is_busy:
+                self._written = None
+                self._background.do("write", partial(self.path.unlink, missing_ok=True), self._finish)
+        elif sketch is not self._written:
+            self._written = sketch
+            self._background.do("write", partial(self._write, sketch, self._document.path), self._finish)
 
     def wait(self) -> None:
-        """Block until what is being kept is kept."""
+        """Block until pending writes are done."""
         self._background.wait()
 
     def close(self) -> None:
-        """Leave nothing of this program behind, and to others what it did not discard."""
-        self._document.sketch_changed.disconnect(self._wait)
-        self._document.saved_changed.disconnect(self._wait)
+        """Remove this document's recovery file and release locks."""
+        self._document.sketch_changed.disconnect(self._schedule)
+        self._document.saved_changed.disconnect(self._schedule)
         self._document.opened.disconnect(self.save_now)
         self._interval.stop()
         self._pause.stop()
-        self._background.do("keep", partial(self._path.unlink, missing_ok=True), self._finish)
+        self._background.do("write", partial(self.path.unlink, missing_ok=True), self._finish)
         self._background.wait()
         if self._lock is not None:
             self._lock.remove()
@@ -224,7 +196,7 @@ class Autosave(QObject):
             lock.release()
         self._claimed.clear()
 
-    def _wait(self) -> None:
+    def _schedule(self) -> None:
         if self._document.is_modified:
             if not self._interval.isActive():
                 self._interval.start()
@@ -235,27 +207,27 @@ class Autosave(QObject):
     def _write(self, sketch: Sketch, original: Path | None) -> None:
         self._folder.mkdir(parents=True, exist_ok=True)
         if self._lock is None:
-            self._lock = Lock(self._path)
-        write_recovery(self._path, sketch, original)
+            self._lock = Lock(self.path)
+        write_recovery(self.path, sketch, original)
 
     def _finish(self, line: str) -> None:
         if line:
-            self._kept = None
+            self._written = None
             if not self._has_failed:
                 self.failed.emit(line)
         self._has_failed = bool(line)
         if not line and not self._background.is_busy:
-            self._leave()
+            self._remove_discarded()
 
     def _claim(self, path: Path) -> bool:
-        with suppress(OSError):  # its program lives, or another one has claimed it
+        with suppress(OSError):  # its program runs, or another one has claimed it
             self._claimed[path] = Lock(path)
         return path in self._claimed
 
-    def _leave(self) -> None:
-        for path in self._leaving:
+    def _remove_discarded(self) -> None:
+        for path in self._discarded:
             path.unlink(missing_ok=True)
             lock = self._claimed.pop(path, None)
             if lock is not None:
                 lock.remove()
-        self._leaving.clear()
+        self._discarded.clear()

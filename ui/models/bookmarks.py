@@ -1,4 +1,4 @@
-"""Places to look from that a person keeps, by sketch: in a file of their own beside the program's state."""
+"""Camera bookmarks by sketch, stored beside the program's state."""
 
 from __future__ import annotations
 
@@ -17,22 +17,12 @@ from sketchterrain.io.files import write_atomic
 from sketchterrain.ui.engine.protocol import MODES, Pose
 from sketchterrain.ui.models.document import Document
 
-_LONGEST = 80  # letters of a name
+_MAX_NAME = 80  # characters
 
 
 @dataclass(frozen=True)
 class Bookmark:
-    """A place to look from.
-
-    Attributes
-    ----------
-    name : str
-    pose : Pose
-    mode : str
-        One of `MODES`.
-    picture : bytes
-        A small JPEG of what was seen; empty: none.
-    """
+    """A named camera pose, its mode (one of `MODES`) and a thumbnail (JPEG, may be empty)."""
 
     name: str
     pose: Pose
@@ -41,70 +31,61 @@ class Bookmark:
 
 
 class Bookmarks(QObject):
-    """The bookmarks of the sketch that is open.
+    """The bookmarks of the open sketch, stored by its path; an unreadable file counts as empty.
 
-    They are kept by the sketch's path, for a sketch is about the terrain and not about who looks at it. Those
-    of a sketch that was never saved are kept with it as soon as it is. A file that cannot be read counts as
-    none.
+    They are not part of the sketch, which describes the terrain. An unsaved sketch's are stored on saving.
     """
 
     changed = pyqtSignal()
-    """There are other ones."""
-    failed = pyqtSignal(str)
-    """They cannot be written: why."""
+    failed = pyqtSignal(str)  # error of writing
 
     def __init__(self, document: Document | None, folder: Path, path: Path | None = None) -> None:
         super().__init__()
         self._document, self._folder = document, folder
         self._path = path if document is None else document.path
-        self._all = self._read()
+        self.all = self._read()
         if document is not None:
-            document.opened.connect(self._open)
-            document.saved_changed.connect(self._follow)
-
-    @property
-    def all(self) -> tuple[Bookmark, ...]:
-        """In their order."""
-        return self._all
+            document.opened.connect(self._on_opened)
+            document.saved_changed.connect(self._on_saved)
 
     def free_name(self) -> str:
-        """Return a name that none has: ``View 3``."""
-        names = {each.name for each in self._all}
+        """Return an unused name: ``View 3``."""
+        names = {each.name for each in self.all}
         return next(name for number in range(1, len(names) + 2) if (name := f"View {number}") not in names)
 
     def add(self, bookmark: Bookmark) -> None:
-        """Keep one more, as the last."""
-        self._set((*self._all, bookmark))
+        """Append a bookmark."""
+        self._set((*self.all, bookmark))
 
     def rename(self, index: int, name: str) -> None:
-        """Give one another name; an empty one changes nothing."""
-        name = " ".join(name.split())[:_LONGEST]
-        if name and name != self._all[index].name:
-            self._set(self._with(index, replace(self._all[index], name=name)))
+        """Rename a bookmark; an empty name changes nothing."""
+        name = " ".join(name.split())[:_MAX_NAME]
+        if name and name != self.all[index].name:
+            self._replace(index, replace(self.all[index], name=name))
 
     def renew(self, index: int, bookmark: Bookmark) -> None:
-        """Let one be about another place, under its own name."""
-        self._set(self._with(index, replace(bookmark, name=self._all[index].name)))
+        """Replace a bookmark's pose and thumbnail."""
+        self._replace(index, replace(bookmark, name=self.all[index].name))
 
     def delete(self, index: int) -> None:
-        """Keep one no longer."""
-        self._set(self._all[:index] + self._all[index + 1 :])
+        """Delete a bookmark."""
+        self._set(self.all[:index] + self.all[index + 1 :])
 
-    def _with(self, index: int, bookmark: Bookmark) -> tuple[Bookmark, ...]:
-        return (*self._all[:index], bookmark, *self._all[index + 1 :])
+    def _replace(self, index: int, bookmark: Bookmark) -> None:
+        self._set((*self.all[:index], bookmark, *self.all[index + 1 :]))
 
     def _set(self, bookmarks: tuple[Bookmark, ...]) -> None:
-        self._all = bookmarks
+        self.all = bookmarks
         self._write()
         self.changed.emit()
 
-    def _open(self) -> None:
+    def _on_opened(self) -> None:
         self._path = None if self._document is None else self._document.path
-        self._all = self._read()
+        self.all = self._read()
         self.changed.emit()
 
-    def _follow(self) -> None:
-        """Keep them by another path, after the sketch was saved there."""
+    def _on_saved(self) -> None:
+        """Store the bookmarks under the path that the sketch was saved at."""
         if self._document is not None and self._document.path != self._path:
             self._path = self._document.path
             self._write()
@@ -125,14 +106,14 @@ class Bookmarks(QObject):
 
     def _write(self) -> None:
         file = self._file()
-        if file is None or not (self._all or file.exists()):
+        if file is None or not (self.all or file.exists()):
             return
-        table = {"sketch": str(self._path), "bookmarks": [_table(each) for each in self._all]}
+        table = {"sketch": str(self._path), "bookmarks": [_table(each) for each in self.all]}
         try:
             file.parent.mkdir(parents=True, exist_ok=True)
             write_atomic(file, json.dumps(table, indent=1).encode())
         except (OSError, SketchterrainError) as error:
-            self.failed.emit(f"bookmarks cannot be kept: {error}")
+            self.failed.emit(f"bookmarks cannot be saved: {error}")
 
 
 def _table(bookmark: Bookmark) -> dict[str, Any]:
@@ -148,12 +129,12 @@ def _table(bookmark: Bookmark) -> dict[str, Any]:
 
 
 def _bookmark(table: dict[str, Any]) -> Bookmark:
-    """Return what a table says."""
+    """Return the bookmark of a table; raise ValueError if it is invalid."""
     numbers = [float(each) for each in (*table["eye"], *table["target"], table["fov"])]
-    if len(numbers) != 7 or not all(math.isfinite(each) for each in numbers) or numbers[:3] == numbers[3:6]:
-        raise ValueError("expected an eye and a target of three numbers each, and a field of view")
-    if table["mode"] not in MODES or not 1.0 <= numbers[6] <= 160.0:
-        raise ValueError(f"expected one of {', '.join(MODES)} and a field of view from 1 to 160 degrees")
     x, y, z, to_x, to_y, to_z, fov = numbers
+    if not all(map(math.isfinite, numbers)) or (x, y, z) == (to_x, to_y, to_z) or not 1.0 <= fov <= 160.0:
+        raise ValueError(f"invalid pose: {numbers}")
+    if table["mode"] not in MODES:
+        raise ValueError(f"expected one of {', '.join(MODES)}, got {table['mode']!r}")
     picture = base64.b64decode(table["picture"], validate=True)
     return Bookmark(str(table["name"]), Pose((x, y, z), (to_x, to_y, to_z), fov), table["mode"], picture)

@@ -1,4 +1,4 @@
-"""Brush strokes, fills and lines on label images."""
+"""Painting on label images: brush strokes, lines, flood fill, picking."""
 
 from __future__ import annotations
 
@@ -7,56 +7,41 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
+from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.document.label_layers import Box, LabelImage, union_box
 from sketchterrain.document.parameters import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.hydrology.splines import cubics
 
-_Integers = npt.NDArray[np.int64]
-
-
-_ROWS = 256  # looked at together: what is compared stays in the cache
+_ROWS = 256  # scanned at once, so that they stay in the CPU's cache
 
 
 def flood_fill(image: LabelImage, row: int, column: int, label: int) -> Box | None:
-    """Give the region around a pixel a label.
+    """Relabel the region around a pixel of an image in place; return its box, None if nothing changes.
 
-    Empty ground is bounded by any paint, also by a line that is one pixel wide and goes along a diagonal; a
-    painted region is the whole shape, pixels that touch at a corner included, as the terrain knows it.
-
-    Parameters
-    ----------
-    image : (height, width) uint8
-        Painted into.
-    row, column
-        The pixel.
-    label
-        0 … 255.
-
-    Returns
-    -------
-    Box or None
-        Around the region; None if nothing changes, or the pixel lies outside of the image.
+    An unpainted region is bounded by any paint, also by a diagonal line one pixel wide (4-connected); a
+    painted region is the whole shape, as placement sees it (8-connected).
     """
     if not (0 <= row < image.shape[0] and 0 <= column < image.shape[1]) or image[row, column] == label:
         return None
     starts, ends, rows = _runs(image, int(image[row, column]))
-    of = _components(starts, ends, rows, touch=int(image[row, column] != 0))
+    component = _components(starts, ends, rows, touch=int(image[row, column] != 0))
     first = np.searchsorted(rows, row)
-    mine = first + np.searchsorted(
+    clicked = first + np.searchsorted(
         ends[first : np.searchsorted(rows, row, side="right")], column, side="right"
     )
-    chosen = np.flatnonzero(of == of[mine])
-    rows, starts, ends = rows[chosen], starts[chosen], ends[chosen]
+    filled = component == component[clicked]
+    rows, starts, ends = rows[filled], starts[filled], ends[filled]
     for each, begin, stop in zip(rows.tolist(), starts.tolist(), ends.tolist(), strict=True):
         image[each, begin:stop] = label
     return int(rows[0]), int(starts.min()), int(rows[-1]) + 1, int(ends.max())
 
 
-def _runs(image: LabelImage, label: int) -> tuple[_Integers, _Integers, _Integers]:
-    """Return the runs of a label, row by row: first columns, columns after the last, rows."""
+def _runs(image: LabelImage, label: int) -> tuple[Int64Array, Int64Array, Int64Array]:
+    """Return the runs of a label in row order: first columns, columns after the last, rows."""
     height, width = image.shape
     found = []
     # A column of other labels on either side, so that each run begins and ends.
@@ -72,8 +57,8 @@ def _runs(image: LabelImage, label: int) -> tuple[_Integers, _Integers, _Integer
     return starts, ends, rows
 
 
-def _components(starts: _Integers, ends: _Integers, rows: _Integers, *, touch: int) -> _Integers:
-    """Return a number for each run, equal where runs are connected; `touch` 1: also by corners."""
+def _components(starts: Int64Array, ends: Int64Array, rows: Int64Array, *, touch: int) -> Int64Array:
+    """Return a component number for each run; `touch` 1: also diagonally connected."""
     stride = int(ends.max()) + 2  # so that no run reaches into the next row
     begin, stop = rows * stride + starts, rows * stride + ends
     first = np.searchsorted(stop, begin + stride - touch, side="right")
@@ -81,37 +66,12 @@ def _components(starts: _Integers, ends: _Integers, rows: _Integers, *, touch: i
     counts = np.maximum(last - first, 0)
     above = np.repeat(np.arange(len(starts)), counts)
     below = np.arange(len(above)) + np.repeat(first - (np.cumsum(counts) - counts), counts)
-    return _roots(len(starts), above, below)
-
-
-def _roots(count: int, above: _Integers, below: _Integers) -> _Integers:
-    """Return the least run that each run is connected with, by the pairs that touch.
-
-    Each round hangs every tree of runs that touches another one onto one of less number, so that there are at
-    most half as many trees of those after it.
-    """
-    root = np.arange(count)
-    while True:
-        one, other = root[above], root[below]
-        apart = one != other
-        if not apart.any():
-            return root
-        above, below, one, other = above[apart], below[apart], one[apart], other[apart]
-        np.minimum.at(root, np.maximum(one, other), np.minimum(one, other))
-        while ((higher := root[root]) != root).any():
-            root = higher
+    adjacent = coo_array((np.ones(len(above), np.bool_), (above, below)), (len(starts), len(starts)))
+    return np.asarray(connected_components(adjacent, directed=False)[1], np.int64)
 
 
 def pick(layers: Iterable[tuple[str, LabelImage]], row: int, column: int) -> tuple[str, int] | None:
-    """Return the layer and the label of the paint that is seen at a pixel.
-
-    Parameters
-    ----------
-    layers
-        Names and images, the topmost first.
-    row, column
-        The pixel; it may lie outside of the images.
-    """
+    """Return the layer and label of the topmost paint at a pixel; layers are ordered from the top."""
     for name, image in layers:
         if 0 <= row < image.shape[0] and 0 <= column < image.shape[1] and image[row, column]:
             return name, int(image[row, column])
@@ -119,40 +79,30 @@ def pick(layers: Iterable[tuple[str, LabelImage]], row: int, column: int) -> tup
 
 
 Dab = tuple[float, float, float]
-"""Where a disc's centre is (px right, px down; centres of pixels at +0.5) and its radius (px)."""
+"""Centre (px right, px down; pixel centres at +0.5) and radius (px) of a disc."""
+THINNEST = 0.5
+"""Radius (px) of the thinnest brush: a line one pixel wide."""
 
 _GRID = 1024.0
-_TOUCH = 1e-9
-"""px beyond a straight edge at which a pixel's centre still counts as on it, whatever was rounded."""
+_TOLERANCE = 1e-9  # px beyond an edge at which a pixel centre counts as covered
+_SPACING = 2.0  # grains between nodes
+_MAX_SHIFT = 0.5  # of that: by which smoothing moves a node
+_SAGITTA = 0.1  # px between a path's straight parts and its curve
 
 
 def snap(value: float) -> float:
-    """Return a coordinate at the nearest 1/1024 px.
+    """Return a coordinate rounded to 1/1024 px.
 
-    Squares of such numbers are exact, so that whether a pixel is covered does not hang on rounding, and a
-    mirrored stroke is the stroke mirrored.
+    Squares of such numbers are exact, so that coverage does not depend on rounding, and a mirrored stroke
+    paints the mirrored pixels.
     """
     return round(value * _GRID) / _GRID
 
 
 def paint_sweep(image: LabelImage, start: Dab, end: Dab, label: int) -> Box | None:
-    """Paint what a disc covers that goes straight from `start` to `end`, its radius changing evenly.
+    """Paint the convex hull of two discs in place; return the painted box.
 
-    One disc that stands still always paints the pixel that its centre is in.
-
-    Parameters
-    ----------
-    image : (height, width) uint8
-        Painted into.
-    start, end
-        The same twice: one disc.
-    label
-        0 … 255.
-
-    Returns
-    -------
-    Box or None
-        Around the pixels painted; None if there are none in the image.
+    Equal discs are one dab, which always paints the pixel of its centre.
     """
     top = math.ceil(min(start[1] - start[2], end[1] - end[2], start[1] - 0.5, end[1] - 0.5) - 0.5)
     bottom = math.floor(max(start[1] + start[2], end[1] + end[2], start[1] + 0.5, end[1] + 0.5) - 0.5) + 1
@@ -172,9 +122,7 @@ def paint_sweep(image: LabelImage, start: Dab, end: Dab, label: int) -> Box | No
     return int(rows[0]) + top, int(first[rows].min()), int(rows[-1]) + top + 1, int(last[rows].max())
 
 
-def _stroke_runs(
-    start: Dab, end: Dab, y: npt.NDArray[np.float64]
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _stroke_runs(start: Dab, end: Dab, y: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Return where each row is entered and left, px; where nothing is covered it is left before."""
     left, right = np.full(len(y), np.inf), np.full(len(y), -np.inf)
     for centre_x, centre_y, radius in (start, end) if start != end else (start,):
@@ -185,16 +133,15 @@ def _stroke_runs(
             half[np.abs(y - centre_y) <= 0.5] = np.maximum(half[np.abs(y - centre_y) <= 0.5], 0.5)
         left, right = np.minimum(left, centre_x - half), np.maximum(right, centre_x + half)
     for (ax, ay), (bx, by) in _edges(start, end):
-        inside = (min(ay, by) - _TOUCH <= y) & (y <= max(ay, by) + _TOUCH)
-        # An edge along a row joins the two discs, which reach as far there.
+        inside = (min(ay, by) - _TOLERANCE <= y) & (y <= max(ay, by) + _TOLERANCE)
         across = ax + (bx - ax) * np.clip((y[inside] - ay) / (by - ay), 0.0, 1.0)
-        left[inside] = np.minimum(left[inside], across - _TOUCH)
-        right[inside] = np.maximum(right[inside], across + _TOUCH)
+        left[inside] = np.minimum(left[inside], across - _TOLERANCE)
+        right[inside] = np.maximum(right[inside], across + _TOLERANCE)
     return left, right
 
 
 def _edges(start: Dab, end: Dab) -> list[tuple[tuple[float, float], tuple[float, float]]]:
-    """Return the straight edges of a swept disc, which touch both its ends, but for those along rows."""
+    """Return the two common outer tangents of the discs, without horizontal ones."""
     (ax, ay, a), (bx, by, b) = start, end
     dx, dy = bx - ax, by - ay
     length = math.hypot(dx, dy)
@@ -213,60 +160,51 @@ def _edges(start: Dab, end: Dab) -> list[tuple[tuple[float, float], tuple[float,
     return edges
 
 
-_SPACING = 2.0  # grains between nodes
-_FARTHEST = 0.5  # of that: how far a node is moved to where its neighbours have it
-
-
 class StrokeSmoother:
-    """Turns the places of a pen into fewer nodes of its path.
+    """Reduces pen positions to fewer, smoother path nodes.
 
-    A slow pen's places are averaged, and each node is moved a little to the middle of its neighbours: a line
-    drawn through whole pixels trembles less than half as much then. A quick pen's places stay where they are,
-    but for a pixel of the screen.
-
-    Parameters
-    ----------
-    grain
-        Side (px) of the pixels in which places are told; 0: they are exact, and each is a node.
+    Positions of a slow pen are averaged, and each node is moved a little towards the middle of its
+    neighbours: jitter of integer pixels drops to less than half. A fast pen's positions move by at most a
+    screen pixel. `grain`: px that positions are quantised to; 0: exact, each position is a node.
     """
 
     def __init__(self, grain: float) -> None:
         self._spacing = _SPACING * grain
-        self._seen: list[Dab] = []
+        self._positions: list[Dab] = []
         self._nodes: list[Dab] = []
         self._anchor: Dab | None = None
 
     def to(self, place: Dab) -> Dab | None:
-        """Go on to a place; return the next node of the path, if one is known now."""
+        """Add a position; return the next path node once it is known."""
         if self._anchor is None:
             self._anchor = place
             self._nodes = [place]
             return place
-        self._seen.append(place)
-        way = math.dist(place[:2], self._anchor[:2])
-        if way == 0.0 or way < self._spacing:
+        self._positions.append(place)
+        distance = math.dist(place[:2], self._anchor[:2])
+        if distance == 0.0 or distance < self._spacing:
             return None
         self._anchor = place
-        node = _mean(self._seen)
-        self._seen = []
+        node = _mean(self._positions)
+        self._positions = []
         if not self._spacing:
             return node
         self._nodes = [*self._nodes[-2:], node]
-        return self._calmed() if len(self._nodes) == 3 else None
+        return self._smoothed_node() if len(self._nodes) == 3 else None
 
     def finish(self) -> list[Dab]:
-        """Return the last nodes; the path ends where the pen is."""
-        place = self._seen[-1] if self._seen else self._anchor
+        """Return the remaining nodes; the path ends at the last position."""
+        place = self._positions[-1] if self._positions else self._anchor
         if place is None or not self._spacing:
             return []
         self._nodes = [*self._nodes[-2:], place]
-        return [self._calmed(), place] if len(self._nodes) == 3 else [place]
+        return [self._smoothed_node(), place] if len(self._nodes) == 3 else [place]
 
-    def _calmed(self) -> Dab:
-        """Return the middle one of three nodes, moved."""
+    def _smoothed_node(self) -> Dab:
+        """Return the smoothed middle one of three nodes."""
         (ax, ay, _), (x, y, radius), (bx, by, _) = self._nodes
         dx, dy = 0.25 * (ax + bx) - 0.5 * x, 0.25 * (ay + by) - 0.5 * y
-        share = min(1.0, _FARTHEST * self._spacing / max(math.hypot(dx, dy), 1e-9))
+        share = min(1.0, _MAX_SHIFT * self._spacing / max(math.hypot(dx, dy), 1e-9))
         return snap(x + share * dx), snap(y + share * dy), radius
 
 
@@ -277,66 +215,36 @@ def _mean(dabs: Sequence[Dab]) -> Dab:
     return x, y, radius
 
 
-THINNEST = 0.5
-"""Radius (px) of the thinnest brush: a line one pixel wide."""
-
-_SAGITTA = 0.1
-"""px that the straight parts of a path may be from its curve."""
-
-
 class Stroke:
-    """A round brush that is drawn over a label image.
+    """A round brush stroke on a label image; label 0 erases.
 
-    The path is the centripetal Catmull-Rom spline through the pen's places, so that corners do not show
-    however few of them are told. A piece of it is known once the pen has gone on beyond it: what is painted
-    lags one place behind the pen, and `finish` paints the last piece. On a straight line the same pixels are
-    painted however many places are told.
-
-    Parameters
-    ----------
-    image : (height, width) uint8
-        Painted into.
-    label
-        0 … 255; 0 erases.
-    grain
-        Side (px) of the pixels in which the pen's places are told, those of a screen for a mouse; 0 if they
-        are exact. See `StrokeSmoother`.
+    The path is the centripetal Catmull-Rom spline through the pen's positions, so that sparse positions leave
+    no corners. A segment is painted once the next position is known: painting lags one position behind the
+    pen, and `finish` paints the last segment. On a straight line the painted pixels do not depend on the
+    sampling. `grain`: see `StrokeSmoother`.
     """
 
     def __init__(self, image: LabelImage, label: int, *, grain: float = 0.0) -> None:
         self._image = image
         self._label = label
-        self._hand = StrokeSmoother(grain)
+        self._smoother = StrokeSmoother(grain)
         self._dabs: list[Dab] = []
         self._last: Dab | None = None
 
     def to(self, x: float, y: float, radius: float) -> Box | None:
-        """Go on to a place.
-
-        Parameters
-        ----------
-        x, y
-            px to the right and down, centres of pixels at +0.5; may lie outside of the image.
-        radius
-            px, changing evenly between places; at least `THINNEST` is taken.
-
-        Returns
-        -------
-        Box or None
-            Around the pixels painted; None if none were.
-        """
+        """Extend the stroke to a position and radius (px); return the painted box."""
         self._last = snap(x), snap(y), max(snap(radius), THINNEST)
-        begins = not self._dabs
-        node = self._hand.to(self._last)
+        starts = not self._dabs
+        node = self._smoother.to(self._last)
         box = None if node is None else self._add(node)
-        return union_box(box, self._sweep([self._last, self._last])) if begins else box
+        return union_box(box, self._sweep([self._last, self._last])) if starts else box
 
     def finish(self) -> Box | None:
-        """Paint up to the last place; return the box around the pixels painted, None if none were."""
+        """Paint up to the last position; return the painted box."""
         if self._last is None:
             return None
         box = self._sweep([self._last, self._last])
-        for node in self._hand.finish():
+        for node in self._smoother.finish():
             box = union_box(box, self._add(node))
         near = self._dabs[-3:]
         if len(near) > 1:
@@ -359,25 +267,18 @@ class Stroke:
 
 
 def smooth_dabs(dabs: Sequence[Dab], piece: int) -> list[Dab]:
-    """Return discs along a piece of the smooth path through discs, its two ends first and last.
+    """Return discs along the spline from ``dabs[piece]`` to ``dabs[piece + 1]``; neighbours must differ.
 
-    Straight lines between them are within a tenth of a pixel of the curve.
-
-    Parameters
-    ----------
-    dabs
-        Two or more, no two neighbours in one place.
-    piece
-        The curve from ``dabs[piece]`` to ``dabs[piece + 1]``.
+    Straight lines between them deviate from the curve by at most a tenth of a pixel.
     """
     start, end = dabs[piece], dabs[piece + 1]
     near = np.array(dabs[max(piece - 1, 0) : piece + 3])[:, :2]
     c = cubics(near)[min(piece, 1)]
-    way = near[min(piece, 1) + 1] - near[min(piece, 1)]
-    # How far the curve bends aside of its chord; along it, it may run unevenly without being crooked.
+    chord = near[min(piece, 1) + 1] - near[min(piece, 1)]
+    # The curve's second derivative across its chord; uneven speed along it does not matter.
     bends = (c[:, 2], c[:, 2] + 3.0 * c[:, 3])
-    aside = max(abs(way[0] * bend[1] - way[1] * bend[0]) for bend in bends) / math.hypot(*way)
-    count = math.ceil(math.sqrt(aside / (4.0 * _SAGITTA)) - 1e-6)
+    across = max(abs(chord[0] * bend[1] - chord[1] * bend[0]) for bend in bends) / math.hypot(*chord)
+    count = math.ceil(math.sqrt(across / (4.0 * _SAGITTA)) - 1e-6)
     return [start, *_between(c.tolist(), start[2], end[2], count), end]
 
 
@@ -389,15 +290,7 @@ def _between(c: list[list[float]], from_radius: float, to_radius: float, count: 
 
 
 def line_width(sketch: Sketch, layer: str, label: int, brush: float) -> float:
-    """Return how wide a line of a label is painted, px.
-
-    Parameters
-    ----------
-    sketch, layer, label
-        A label that has a width, as rivers have, is painted as wide as that, never thinner than a pixel.
-    brush
-        Radius (px) of the brush, for all others.
-    """
+    """Return the painted width (px) of a line: the label's width property, else the brush's diameter."""
     if "width" not in LAYERS[layer].parameters:
         return 2.0 * brush
     width = sketch.properties(layer, label)["width"]
@@ -406,37 +299,14 @@ def line_width(sketch: Sketch, layer: str, label: int, brush: float) -> float:
 
 
 def line_path(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Return the smooth curve through points as a polyline, to be shown while points are added.
-
-    Parameters
-    ----------
-    points
-        px to the right and down, centres of pixels at +0.5.
-    """
+    """Return the smooth curve through points (px) as a polyline, for the preview."""
     return [(x, y) for x, y, _ in _path(points, THINNEST)]
 
 
 def draw_line(
     image: LabelImage, points: Sequence[tuple[float, float]], width: float, label: int
 ) -> Box | None:
-    """Paint the smooth curve through points, with round ends.
-
-    Parameters
-    ----------
-    image : (height, width) uint8
-        Painted into.
-    points
-        One or more: px to the right and down, centres of pixels at +0.5; they may lie outside of the image.
-    width
-        px; at least one is taken.
-    label
-        0 … 255.
-
-    Returns
-    -------
-    Box or None
-        Around the pixels painted; None if none were.
-    """
+    """Paint the smooth curve through points (px), with round ends; return the painted box."""
     path = _path(points, max(snap(0.5 * width), THINNEST))
     box = None
     for start, end in [*pairwise(path), *zip(path[:1] + path[-1:], path[:1] + path[-1:], strict=True)]:

@@ -1,4 +1,4 @@
-"""What the program remembers of a person between two runs: choices, and recent files."""
+"""Preferences and recent files, stored between runs."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from sketchterrain.errors import SketchterrainError
 from sketchterrain.io.files import write_atomic
 
 _THEMES = ("system", "light", "dark")
+_MAX_RECENT = 12
 
 
 def config_folder() -> Path:
-    """Return the folder for what a person chose, after ``XDG_CONFIG_HOME``."""
+    """Return the folder for preferences (``XDG_CONFIG_HOME``)."""
     return _folder("XDG_CONFIG_HOME", ".config")
 
 
 def state_folder() -> Path:
-    """Return the folder for what the program keeps from run to run, after ``XDG_STATE_HOME``."""
+    """Return the folder for state (``XDG_STATE_HOME``)."""
     return _folder("XDG_STATE_HOME", ".local/state")
 
 
-def _folder(variable: str, usual: str) -> Path:
-    given = os.environ.get(variable, "")
-    # The standard says that a relative path there counts for nothing.
-    base = Path(given) if given.startswith("/") else Path.home() / usual
-    return base / "sketchterrain"
+def _folder(variable: str, default: str) -> Path:
+    value = os.environ.get(variable, "")
+    # The XDG specification: relative paths are ignored.
+    return (Path(value) if value.startswith("/") else Path.home() / default) / "sketchterrain"
 
 
 class Preferences(QObject):
-    """A person's choices. What cannot be read counts as never chosen."""
+    """The user's preferences; unreadable values count as unset."""
 
     theme_changed = pyqtSignal(str)
     device_changed = pyqtSignal()
@@ -59,7 +59,7 @@ class Preferences(QObject):
 
     @property
     def device(self) -> str | None:
-        """Selector of the device that terrain is worked out on; None: the program chooses."""
+        """Selector of the OpenCL device; None: automatic."""
         return self._text("device") or None
 
     @device.setter
@@ -70,7 +70,7 @@ class Preferences(QObject):
 
     @property
     def last_folder(self) -> Path:
-        """Where a file was opened or saved last; the home folder at first, or where that folder is gone."""
+        """Folder of the last opened or saved file; the home folder if unset or missing."""
         folder = Path(self._text("last_folder") or Path.home())
         return folder if folder.is_dir() else Path.home()
 
@@ -80,7 +80,7 @@ class Preferences(QObject):
 
     @property
     def export_folder(self) -> Path | None:
-        """Where a terrain was exported to last."""
+        """Folder of the last export."""
         text = self._text("export_folder")
         return Path(text) if text else None
 
@@ -90,28 +90,28 @@ class Preferences(QObject):
 
     @property
     def export_target(self) -> str:
-        """What a terrain was exported to last; empty: everything, as at first."""
+        """Last export target; empty: all files."""
         return self._text("export_target")
 
     @export_target.setter
     def export_target(self, target: str) -> None:
         self._settings.setValue("export_target", target)
 
-    def exported(self, target: str) -> dict[str, Any]:
-        """Return how a terrain was exported to a target the last time; empty: it never was."""
+    def export_options(self, target: str) -> dict[str, Any]:
+        """Return the options of the last export to a target; empty if none."""
         try:
-            kept = json.loads(self._text(f"export/{target or 'everything'}"))
+            values = json.loads(self._text(f"export/{target or 'everything'}"))
         except ValueError:
             return {}
-        return kept if isinstance(kept, dict) else {}
+        return values if isinstance(values, dict) else {}
 
     def set_export_options(self, target: str, values: Mapping[str, object]) -> None:
-        """Remember how a terrain was exported to a target."""
+        """Store the options of an export to a target."""
         self._settings.setValue(f"export/{target or 'everything'}", json.dumps(dict(values)))
 
     @property
     def layout(self) -> tuple[QByteArray, QByteArray] | None:
-        """The window's geometry and the places of its panels, as Qt keeps them; None: as at first."""
+        """Window geometry and dock state in Qt's format; None: default."""
         geometry, state = (self._settings.value(f"window/{key}") for key in ("geometry", "state"))
         if isinstance(geometry, QByteArray) and isinstance(state, QByteArray):
             return geometry, state
@@ -126,7 +126,7 @@ class Preferences(QObject):
         self._settings.setValue("window/state", layout[1])
 
     def save(self) -> None:
-        """Write what was chosen now, not when the program ends."""
+        """Write to disk now."""
         self._settings.sync()
 
     def _text(self, key: str) -> str:
@@ -134,14 +134,11 @@ class Preferences(QObject):
         return value if isinstance(value, str) else ""
 
 
-_MOST = 12
-
-
 class RecentFiles(QObject):
-    """Paths of sketches, the newest first, kept in a file.
+    """Paths of recent sketches, newest first, stored in a file.
 
-    Other programs of ours may write that file too: it is read before each change. Where it cannot be read or
-    written, paths are known until the program ends.
+    Other instances may write that file: it is read before each change. If it is not accessible, paths last
+    until the program ends.
     """
 
     changed = pyqtSignal()
@@ -150,48 +147,48 @@ class RecentFiles(QObject):
         super().__init__(parent)
         self._file = file
         self._paths: tuple[Path, ...] = ()
-        self._is_kept = True
+        self._is_stored = True
         self._read()
 
     @property
     def paths(self) -> tuple[Path, ...]:
-        """The newest first, twelve at most; some may be gone."""
+        """Up to twelve paths, newest first; some may no longer exist."""
         return self._paths
 
     def add(self, path: Path) -> None:
-        """Put a path first."""
+        """Move a path to the front."""
         self._read()
         whole = path.absolute()
-        self._keep([whole, *(each for each in self._paths if each != whole)][:_MOST])
+        self._store([whole, *(each for each in self._paths if each != whole)][:_MAX_RECENT])
 
     def forget(self, path: Path) -> None:
-        """Drop a path, if it is there."""
+        """Remove a path."""
         self._read()
         whole = path.absolute()
-        self._keep([each for each in self._paths if each != whole])
+        self._store([each for each in self._paths if each != whole])
 
     def clear(self) -> None:
-        """Drop all paths."""
-        self._keep([])
+        """Remove all paths."""
+        self._store([])
 
     def _read(self) -> None:
-        if not self._is_kept:
+        if not self._is_stored:
             return
         try:
             found = json.loads(self._file.read_text(encoding="utf-8"))
         except (OSError, ValueError):
             return
         if isinstance(found, list):
-            self._paths = tuple(Path(each) for each in found if isinstance(each, str))[:_MOST]
+            self._paths = tuple(Path(each) for each in found if isinstance(each, str))[:_MAX_RECENT]
 
-    def _keep(self, paths: Sequence[Path]) -> None:
+    def _store(self, paths: Sequence[Path]) -> None:
         if tuple(paths) == self._paths:
             return
         self._paths = tuple(paths)
         try:
             self._file.parent.mkdir(parents=True, exist_ok=True)
             write_atomic(self._file, json.dumps([str(path) for path in paths], indent=1).encode("utf-8"))
-            self._is_kept = True
+            self._is_stored = True
         except (OSError, SketchterrainError):
-            self._is_kept = False  # not worth a message
+            self._is_stored = False  # not worth a message
         self.changed.emit()

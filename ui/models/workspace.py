@@ -1,4 +1,4 @@
-"""What a person works with, beside the document: the tool, the layer, what is chosen and what is shown."""
+"""Editing state that is not part of the sketch: tool, layer, label, brush, selection, overlays."""
 
 from __future__ import annotations
 
@@ -13,26 +13,18 @@ TOOLS: Final = ("select", "brush", "eraser", "line", "fill", "pick", "pan")
 OVERLAYS: Final = {
     "relief": "the terrain's relief beneath the paint",
     "features": "placed features and rivers",
-    "contradictions": "where layers contradict each other, and what was decided",
-    "adherence": "where the terrain does what the sketch says",
-    "eye": "where the 3-D view looks from",
+    "contradictions": "where layers contradict each other, and how it was resolved",
+    "adherence": "where the terrain agrees with the sketch",
+    "eye": "position and direction of the 3-D camera",
 }
-"""What can be laid over the sketch."""
+"""Overlays of the canvas and their descriptions."""
 BRUSHES: Final = (0.5, 512.0)
-"""Least and greatest radius of the brush, px of the sketch."""
+"""Range of the brush radius, px of the sketch."""
 
 
 @dataclass(frozen=True)
 class LayerLook:
-    """How a layer is shown.
-
-    Attributes
-    ----------
-    visible, locked : bool
-        Whether it is shown; whether it is kept from being painted on.
-    opacity : float
-        0 … 1.
-    """
+    """Visibility, lock and opacity (0 … 1) of a layer."""
 
     visible: bool = True
     locked: bool = False
@@ -41,33 +33,21 @@ class LayerLook:
 
 @dataclass(frozen=True)
 class Selection:
-    """What is selected of what was generated.
+    """A selected feature, river or lake, by its id in `features.json`."""
 
-    Attributes
-    ----------
-    kind : {'feature', 'river', 'lake'}
-    id : int
-        As in `features.json`.
-    index : int or None
-        Of a river's control point.
-    """
-
-    kind: str
+    kind: str  # feature, river or lake
     id: int
-    index: int | None = None
+    index: int | None = None  # of a river's control point
 
 
 class Workspace(QObject):
-    """The state of the program that is no part of the sketch. Setting what is already so tells nobody."""
+    """Editing state with change signals; setting an equal value emits nothing."""
 
     tool_changed = pyqtSignal(str)
-    label_changed = pyqtSignal(str, int)
-    """The layer and the label that one paints with."""
+    label_changed = pyqtSignal(str, int)  # layer, label
     brush_changed = pyqtSignal(float)
-    look_changed = pyqtSignal(str)
-    """A layer's `LayerLook`."""
-    selection_changed = pyqtSignal(object)
-    """`Selection` or None."""
+    look_changed = pyqtSignal(str)  # layer
+    selection_changed = pyqtSignal(object)  # Selection or None
     overlays_changed = pyqtSignal()
 
     def __init__(self) -> None:
@@ -76,7 +56,7 @@ class Workspace(QObject):
         self._layer, self._label = "mountain", 1
         self._brush = 16.0
         self._looks = {name: LayerLook() for name in LAYERS}
-        self._chosen: Selection | None = None
+        self._selection: Selection | None = None
         self._overlays = frozenset({"relief", "features", "eye"})
 
     @property
@@ -94,23 +74,23 @@ class Workspace(QObject):
 
     @property
     def layer(self) -> str:
-        """The layer that one paints on."""
+        """The active layer."""
         return self._layer
 
     @property
     def label(self) -> int:
-        """The label that one paints with, 1 to 255."""
+        """The active label, 1 to 255."""
         return self._label
 
     def use_label(self, layer: str, label: int) -> None:
-        """Paint on a layer with a label from now on."""
+        """Activate a layer and a label."""
         if (layer, label) != (self._layer, self._label):
             self._layer, self._label = LAYERS[layer].name, label
             self.label_changed.emit(layer, label)
 
     @property
     def brush(self) -> float:
-        """Radius of the brush, px of the sketch."""
+        """Brush radius, px of the sketch."""
         return self._brush
 
     @brush.setter
@@ -121,11 +101,11 @@ class Workspace(QObject):
             self.brush_changed.emit(radius)
 
     def look(self, layer: str) -> LayerLook:
-        """Return how a layer is shown."""
+        """Return a layer's look."""
         return self._looks[layer]
 
     def set_look(self, layer: str, **changes: object) -> None:
-        """Change how a layer is shown, by the names of `LayerLook`."""
+        """Change fields of a layer's `LayerLook`."""
         look = replace(self._looks[layer], **changes)  # type: ignore[arg-type] # names are LayerLook's
         if look != self._looks[layer]:
             self._looks[layer] = look
@@ -133,25 +113,25 @@ class Workspace(QObject):
 
     @property
     def selection(self) -> Selection | None:
-        """What is selected of what was generated."""
-        return self._chosen
+        """The selected object."""
+        return self._selection
 
     @selection.setter
     def selection(self, selection: Selection | None) -> None:
-        if selection != self._chosen:
-            self._chosen = selection
+        if selection != self._selection:
+            self._selection = selection
             self.selection_changed.emit(selection)
 
     @property
     def overlays(self) -> frozenset[str]:
-        """Names of `OVERLAYS` that are shown."""
+        """Names of the visible `OVERLAYS`."""
         return self._overlays
 
-    def show_overlay(self, name: str, shown: bool) -> None:
-        """Show an overlay or hide it."""
+    def show_overlay(self, name: str, visible: bool) -> None:
+        """Show or hide an overlay."""
         if name not in OVERLAYS:
             raise ValueError(f"expected an overlay, one of {', '.join(OVERLAYS)}, got {name!r}")
-        wanted = self._overlays | {name} if shown else self._overlays - {name}
-        if wanted != self._overlays:
-            self._overlays = wanted
+        overlays = self._overlays | {name} if visible else self._overlays - {name}
+        if overlays != self._overlays:
+            self._overlays = overlays
             self.overlays_changed.emit()

@@ -27,9 +27,9 @@ from sketchterrain.ui.panels.numbers import (
     NumberBox,
     Scale,
     comfortable_range,
-    drag_title,
     help_of,
     scroll_past,
+    setting_title,
     slider,
     special_of,
     suffix_of,
@@ -58,7 +58,7 @@ class ParameterRow(QWidget):
     ) -> None:
         super().__init__(parent)
         self.parameter = parameter
-        self.title = title or drag_title(parameter.name)
+        self.title = title or setting_title(parameter.name)
         self._grid = QGridLayout(self)
         self._grid.setContentsMargins(0, 0, 0, 0)
         self._grid.setHorizontalSpacing(SPACING)

@@ -54,7 +54,7 @@ _COMFORTABLE: Final = {"extent": (128.0, 262144.0), "x": (0.0, 4096.0), "y": (0.
 """What sliders offer where the declaration allows far more; the number beside them takes all."""
 
 
-def drag_title(name: str) -> str:
+def setting_title(name: str) -> str:
     """Return a key of the file as words: ``"Snow line"``."""
     return name.replace("_", " ").capitalize()
 

@@ -11,15 +11,15 @@ from PyQt6.QtWidgets import QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 from sketchterrain.document.parameter_types import Value
 from sketchterrain.document.parameters import LAYERS
 from sketchterrain.ui.commands.placed_edits import exists, find_river, is_edited, is_locked, name_of
-from sketchterrain.ui.commands.selection import delete, lock, reset, unlock
 from sketchterrain.ui.commands.settings import reset_property, set_property
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.look.theme import MARGIN, SMALL, icon
 from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.selection import delete, lock, reset, unlock
 from sketchterrain.ui.models.workspace import Selection, Workspace
 from sketchterrain.ui.panels.form import ParameterForm
-from sketchterrain.ui.panels.numbers import drag_title, label_title
+from sketchterrain.ui.panels.numbers import label_title, setting_title
 from sketchterrain.ui.panels.parts import PageHead, ScrollingPanel, faint_label
 from sketchterrain.ui.panels.placed_forms import FeatureForm, LakeForm, RiverForm
 
@@ -77,7 +77,7 @@ class LabelPage(QWidget):
 
 
 def _of(layer: str, label: int, name: str) -> str:
-    return f"{drag_title(name).lower()} of {label_title(layer, label).lower()}"
+    return f"{setting_title(name).lower()} of {label_title(layer, label).lower()}"
 
 
 class ChosenPage(QWidget):

@@ -27,7 +27,7 @@ from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.look.theme import SMALL, SPACING, tabular, tool_button
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.panels.form import NumberRow, ParameterForm
-from sketchterrain.ui.panels.numbers import drag_title, help_of, number, tool_tip
+from sketchterrain.ui.panels.numbers import help_of, number, setting_title, tool_tip
 from sketchterrain.ui.panels.parts import Group, ScrollingPanel, faint_label
 
 # Names are those of `render.overlays.OVERLAYS`, which a window does not import: it would load OpenGL.
@@ -143,7 +143,7 @@ def _box(title: str, tip: str) -> QCheckBox:
 
 
 def _words(name: str) -> str:
-    return _TITLES.get(name, drag_title(name)).lower()
+    return _TITLES.get(name, setting_title(name)).lower()
 
 
 _SEED: Final[Parameter] = SKETCH["seed"]
@@ -309,7 +309,7 @@ class WorldPanel(ScrollingPanel):
 
 
 def _world_words(table: str, name: str) -> str:
-    word = _WORLD_TITLES.get(table, {}).get(name, drag_title(name)).lower()
+    word = _WORLD_TITLES.get(table, {}).get(name, setting_title(name)).lower()
     return f"density of {word}" if table == "density" else word
 
 

@@ -12,12 +12,11 @@ from PyQt6.QtWidgets import QWidget
 
 from sketchterrain.placement.feature_types import FEATURE_TYPES
 from sketchterrain.ui.commands.placed_edits import exists
-from sketchterrain.ui.commands.selection import add
 from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import GoTo, PickResult, Placement
 from sketchterrain.ui.menus import ContextMenu, add_selection_commands
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.handles import FeatureDrag, Handle, handles_of, select_at
+from sketchterrain.ui.models.selection import FeatureDrag, Handle, add, handles_of, select_at
 from sketchterrain.ui.models.workspace import Selection, Workspace
 from sketchterrain.ui.view3d.marks import Grip, Marks
 from sketchterrain.ui.view3d.navigation import dragged, zoomed

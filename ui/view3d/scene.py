@@ -12,7 +12,7 @@ from sketchterrain.ui.commands.placed_edits import find_point, find_river, is_lo
 from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.look.theme import DARK, theme
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.handles import Handle
+from sketchterrain.ui.models.selection import Handle
 from sketchterrain.ui.models.workspace import Selection, Workspace
 from sketchterrain.ui.view3d.marks import Dot, Grip, Line, Marks, marks_of
 from sketchterrain.ui.view3d.projection import Ground, Projection, length_text, scale_bar, standing_text

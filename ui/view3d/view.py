@@ -21,11 +21,11 @@ from PyQt6.QtGui import (
 from PyQt6.QtWidgets import QSizePolicy, QWidget
 
 from sketchterrain.ui.actions import ShortcutOverride
-from sketchterrain.ui.commands.selection import delete_or_reset
 from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import MODES, ErrorReport, Look
 from sketchterrain.ui.look.theme import looks
 from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.selection import delete_or_reset
 from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.view3d.hud import Hud
 from sketchterrain.ui.view3d.mouse import Mouse

@@ -1,4 +1,4 @@
-"""Colours and hatching of layers on the canvas."""
+"""Compositing of label layers: tiled colour images with codes of the painted layers, and hatch patterns."""
 
 from __future__ import annotations
 
@@ -20,69 +20,71 @@ Codes: TypeAlias = npt.NDArray[np.uint16]
 Floats: TypeAlias = npt.NDArray[np.float32]
 
 MASK: Final = 127
-"""Bits of a code that say which layers are painted, bit i for the i-th `Paint`; the others are for labels."""
+"""Code bits of painted layers, bit i for the i-th `LayerPaint`; the other bits are a hash of the labels."""
 
-_TILE = 256  # px of a level along a tile
-_MOST_TILES = 320  # kept; 126 MB
-_BLOCK = 1024  # px of the sketch along a square that is remembered to be empty
-_MARKS = (2654435761, 40503017, 3266489917, 668265263, 374761393, 2246822519, 3432918353)  # odd
-_MOST_MIXTURES = 4096  # of labels, that are looked up in a table
+_TILE = 256  # px of a level along a tile's side
+_MAX_TILES = 320  # 126 MB
+_BLOCK = 1024  # px of the sketch along a block that may be known to be unpainted
+_HASH_FACTORS = (2654435761, 40503017, 3266489917, 668265263, 374761393, 2246822519, 3432918353)  # odd
+_MAX_MIXTURES = 4096  # label combinations of a look-up table
 
 
 @dataclass(frozen=True, eq=False)
-class Paint:
-    """What a layer is painted with."""
+class LayerPaint:
+    """Colours and opacity of a layer."""
 
     layer: str
-    colours: Floats  # Red, green and blue by label, 0 … 1
+    colours: Floats  # red, green and blue by label, 0 … 1
     opacity: float  # 0 … 1
 
 
 def level_for(scale: float) -> int:
-    """Return the level whose pixels are at least as large as the screen's; `scale`: px of it a pixel."""
+    """Return the finest level whose pixels are at least a screen pixel large at a scale (see `Viewport`)."""
     return 0 if scale >= 1.0 else int(np.ceil(-np.log2(scale) - 1e-9))
 
 
 class LayerCompositor:
-    """The visible layers on top of one another, by tiles, made when they are looked at.
+    """The visible layers composited in tiles on demand.
 
-    At level l a pixel stands for 2^l × 2^l pixels of the sketch and has, of each layer, their greatest
-    label: what is thin stays visible from afar.
+    A pixel of level l covers 2^l × 2^l sketch pixels and has each layer's greatest label there, so that thin
+    features stay visible from afar.
     """
 
-    def __init__(self, layer: Callable[[str], LabelImage], paints: Sequence[Paint] = ()) -> None:
+    def __init__(self, layer: Callable[[str], LabelImage], paints: Sequence[LayerPaint] = ()) -> None:
         self._layer = layer
         self._paints = tuple(paints)
-        self._bare: dict[tuple[str, int, int], bool] = {}
+        self._empty_blocks: dict[tuple[str, int, int], bool] = {}
         self._tiles: OrderedDict[tuple[int, int, int], _Tile] = OrderedDict()
 
     @property
-    def paints(self) -> tuple[Paint, ...]:
-        """Of the visible layers, the lowest first; setting them forgets all tiles."""
+    def paints(self) -> tuple[LayerPaint, ...]:
+        """Paints of the visible layers from bottom to top; setting them discards all tiles."""
         return self._paints
 
     @paints.setter
-    def paints(self, paints: Sequence[Paint]) -> None:
+    def paints(self, paints: Sequence[LayerPaint]) -> None:
         self._paints = tuple(paints)
-        self.forget()
+        self.invalidate()
 
-    def forget(self, box: Box | None = None) -> None:
-        """Forget what was made of a box of the sketch, or all of it."""
+    def invalidate(self, box: Box | None = None) -> None:
+        """Mark a box of the sketch as stale, or everything."""
         if box is None:
             self._tiles.clear()
-            self._bare.clear()
+            self._empty_blocks.clear()
             return
         rows = range(box[0] // _BLOCK, -(-box[2] // _BLOCK))
         columns = range(box[1] // _BLOCK, -(-box[3] // _BLOCK))
-        self._bare = {
-            key: bare for key, bare in self._bare.items() if key[1] not in rows or key[2] not in columns
+        self._empty_blocks = {
+            key: empty
+            for key, empty in self._empty_blocks.items()
+            if key[1] not in rows or key[2] not in columns
         }
         for (level, row, column), tile in self._tiles.items():
             step, side = 1 << level, _TILE << level
             top, left = row * side, column * side
             tile.stale = union_box(
                 tile.stale,
-                _within(
+                _clip(
                     (box[0] - top) // step,
                     (box[1] - left) // step,
                     -((top - box[2]) // step),
@@ -90,8 +92,8 @@ class LayerCompositor:
                 ),
             )
 
-    def window(self, level: int, box: Box) -> tuple[Colours, Codes]:
-        """Return the pixels of a level in a box of that level's rows and columns."""
+    def read(self, level: int, box: Box) -> tuple[Colours, Codes]:
+        """Return colours and codes of a level in a box of its rows and columns."""
         top, left, bottom, right = box
         colours = np.empty((bottom - top, right - left), np.uint32)
         codes = np.empty(colours.shape, np.uint16)
@@ -110,75 +112,75 @@ class LayerCompositor:
         key = (level, row, column)
         tile = self._tiles.get(key)
         if tile is None:
-            tile = self._tiles[key] = _Tile(stale=(0, 0, _TILE, _TILE))
-            if len(self._tiles) > _MOST_TILES:
+            tile = self._tiles[key] = _Tile()
+            if len(self._tiles) > _MAX_TILES:
                 self._tiles.popitem(last=False)
         self._tiles.move_to_end(key)
         if tile.stale is not None:
             top, left, bottom, right = tile.stale
             area = np.s_[top:bottom, left:right]
             north, west = row * _TILE, column * _TILE
-            made = self._flattened(level, (north + top, west + left, north + bottom, west + right))
-            if made is None:
+            pixels = self._composite(level, (north + top, west + left, north + bottom, west + right))
+            if pixels is None:
                 tile.colours[area], tile.codes[area] = 0, 0
             else:
-                height, width = made[0].shape  # less at the sketch's edges
+                height, width = pixels[0].shape  # less at the sketch's edges
                 area = np.s_[top : top + height, left : left + width]
-                tile.colours[area], tile.codes[area] = made
+                tile.colours[area], tile.codes[area] = pixels
             tile.stale = None
         return tile
 
-    def _flattened(self, level: int, box: Box) -> tuple[Colours, Codes] | None:
+    def _composite(self, level: int, box: Box) -> tuple[Colours, Codes] | None:
         """Return colours and codes in a box of a level; None where nothing is painted."""
         area = np.s_[box[0] << level : box[2] << level, box[1] << level : box[3] << level]
         images, bits = [], []
         for bit, paint in enumerate(self._paints):
-            if self._is_bare(paint.layer, level, box):  # as most layers are in most places
+            if self._is_empty(paint.layer, level, box):  # as most layers are in most places
                 continue
             image = self._layer(paint.layer)[area]
             if image.max(initial=0) > 0:
-                images.append(_reduced(image, level))
+                images.append(_reduce(image, level))
                 bits.append(bit)
         if not images:
             return None
-        mixture, labels = _mixtures(images)
-        colour, code = _mixed([self._paints[bit] for bit in bits], bits, labels)
+        mixture, labels = _label_mixtures(images)
+        colour, code = _blend([self._paints[bit] for bit in bits], bits, labels)
         return colour[mixture], code[mixture]
 
-    def _is_bare(self, layer: str, level: int, box: Box) -> bool:
-        """Whether a large box of a level is known to be empty, so that a large sketch is read once only."""
+    def _is_empty(self, layer: str, level: int, box: Box) -> bool:
+        """Return whether a large box of a level is unpainted; blocks are scanned only once."""
         step = 1 << level
         if (box[2] - box[0]) * step < _BLOCK or (box[3] - box[1]) * step < _BLOCK:
             return False
         image = self._layer(layer)
-        bare = True
+        empty = True
         for row in range(box[0] * step // _BLOCK, -(-box[2] * step // _BLOCK)):
             for column in range(box[1] * step // _BLOCK, -(-box[3] * step // _BLOCK)):
                 key = (layer, row, column)
-                if key not in self._bare:
+                if key not in self._empty_blocks:
                     block = image[row * _BLOCK : (row + 1) * _BLOCK, column * _BLOCK : (column + 1) * _BLOCK]
-                    self._bare[key] = not block.max(initial=0)
-                bare &= self._bare[key]
-        return bare
+                    self._empty_blocks[key] = not block.max(initial=0)
+                empty &= self._empty_blocks[key]
+        return empty
 
 
 class _Tile:
-    """Pixels of a level, and the box of them that is not up to date."""
+    """Pixels of a level, and their stale box."""
 
-    def __init__(self, *, stale: Box) -> None:
+    def __init__(self) -> None:
         self.colours: Colours = np.zeros((_TILE, _TILE), np.uint32)
         self.codes: Codes = np.zeros((_TILE, _TILE), np.uint16)
-        self.stale: Box | None = stale
+        self.stale: Box | None = (0, 0, _TILE, _TILE)
 
 
-def _within(top: int, left: int, bottom: int, right: int) -> Box | None:
-    """Return the part of a box that lies in a tile, if there is one."""
+def _clip(top: int, left: int, bottom: int, right: int) -> Box | None:
+    """Return the part of a box inside a tile."""
     top, left, bottom, right = max(top, 0), max(left, 0), min(bottom, _TILE), min(right, _TILE)
     return (top, left, bottom, right) if top < bottom and left < right else None
 
 
-def _reduced(image: LabelImage, level: int) -> LabelImage:
-    """Return the greatest label of every 2^level × 2^level pixels, fewer at the ends."""
+def _reduce(image: LabelImage, level: int) -> LabelImage:
+    """Return the greatest label of every 2^level × 2^level pixels, fewer at the right and bottom edges."""
     if level == 0:
         return image
     step, whole = 1 << level, image.shape[0] >> level
@@ -193,10 +195,10 @@ def _reduced(image: LabelImage, level: int) -> LabelImage:
     return image
 
 
-def _mixtures(images: Sequence[LabelImage]) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.uint8]]:
-    """Return which mixture of labels each pixel has, and the mixtures, (n, layers)."""
+def _label_mixtures(images: Sequence[LabelImage]) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.uint8]]:
+    """Return the index of each pixel's mixture of labels, and the mixtures, (n, layers)."""
     counts = [int(image.max()) + 1 for image in images]
-    if np.prod([float(count) for count in counts]) <= _MOST_MIXTURES:
+    if np.prod([float(count) for count in counts]) <= _MAX_MIXTURES:
         number = np.zeros(images[0].shape, np.intp)
         for image, count in zip(images, counts, strict=True):
             number *= count
@@ -211,58 +213,58 @@ def _mixtures(images: Sequence[LabelImage]) -> tuple[npt.NDArray[np.intp], npt.N
     return number.reshape(key.shape), (found[:, None] >> shifts & np.uint64(255)).astype(np.uint8)
 
 
-def _mixed(
-    paints: Sequence[Paint], bits: Sequence[int], labels: npt.NDArray[np.uint8]
+def _blend(
+    paints: Sequence[LayerPaint], bits: Sequence[int], labels: npt.NDArray[np.uint8]
 ) -> tuple[Colours, Codes]:
     """Return colour and code of each mixture of labels, (n, layers)."""
     colour = np.zeros((len(labels), 3), np.float32)
     alpha = np.zeros((len(labels), 1), np.float32)
     mask = np.zeros(len(labels), np.uint16)
-    mark = np.zeros(len(labels), np.uint32)
+    hashes = np.zeros(len(labels), np.uint32)
     for place, (paint, bit) in enumerate(zip(paints, bits, strict=True)):
         label = labels[:, place]
         cover = np.where(label > 0, np.float32(paint.opacity), np.float32(0.0))[:, None]
         colour += (paint.colours[label] - colour) * cover
         alpha += (1.0 - alpha) * cover
         mask |= np.where(label > 0, np.uint16(1 << bit), np.uint16(0))
-        mark += label * np.uint32(_MARKS[bit])
+        hashes += label * np.uint32(_HASH_FACTORS[bit])
     red, green, blue = np.rint(255.0 * colour).astype(np.uint32).T
     packed = np.rint(255.0 * alpha[:, 0]).astype(np.uint32) << 24 | red << 16 | green << 8 | blue
-    mark = (mark ^ mark >> np.uint32(13)) * np.uint32(2246822519)
-    return packed, mask | ((mark >> np.uint32(16) & np.uint32(511)) << np.uint32(7)).astype(np.uint16)
+    hashes = (hashes ^ hashes >> np.uint32(13)) * np.uint32(2246822519)
+    return packed, mask | ((hashes >> np.uint32(16) & np.uint32(511)) << np.uint32(7)).astype(np.uint16)
 
 
-_BENEATH = 0.35  # share of its strength that a hatch keeps below another layer
+_UNDERLYING = 0.35  # strength of a hatch below another layer
 _OUTLINE = (30, 26, 22)  # red, green, blue
-_OUTLINE_STRENGTH = 0.5
+_OUTLINE_OPACITY = 0.5
 
 
 @dataclass(frozen=True)
 class LayerHatch:
     """A layer's hatch."""
 
-    kind: str  # One of `sketchterrain.ui.look.hatching.HATCHES`
-    colour: tuple[int, int, int]  # Red, green, blue, 0 to 255
+    kind: str  # one of `sketchterrain.ui.look.layer_colours.HATCHES`
+    colour: tuple[int, int, int]  # red, green, blue, 0 to 255
     strength: float  # 0 … 1
 
 
 class HatchTable:
-    """Draws hatches and outlines from codes."""
+    """Renders hatches and outlines from codes by table look-up."""
 
     def __init__(self, hatches: Sequence[LayerHatch], ratio: float) -> None:
         self._period = hatch_period(ratio)
         self._table = _table(hatches, self._period)
         self._line = max(round(ratio), 1)
-        red, green, blue = (round(part * _OUTLINE_STRENGTH) for part in _OUTLINE)
-        self._outline = np.uint32(round(255 * _OUTLINE_STRENGTH) << 24 | red << 16 | green << 8 | blue)
+        red, green, blue = (round(part * _OUTLINE_OPACITY) for part in _OUTLINE)
+        self._outline = np.uint32(round(255 * _OUTLINE_OPACITY) << 24 | red << 16 | green << 8 | blue)
 
     @property
     def halo(self) -> int:
-        """Pixels around the wanted ones whose codes are needed."""
+        """Pixels around the target whose codes are needed."""
         return self._line
 
-    def drawn(self, codes: Codes, x: int, y: int) -> Colours:
-        """Return hatches and outlines."""
+    def render(self, codes: Codes, x: int, y: int) -> Colours:
+        """Return hatches and outlines of codes at a screen position (px, for the pattern's phase)."""
         halo, period = self._line, self._period
         inner = codes[halo:-halo, halo:-halo]
         height, width = inner.shape
@@ -284,16 +286,16 @@ class HatchTable:
 
 
 def _table(hatches: Sequence[LayerHatch], period: int) -> Colours:
-    """Pixels by mask, row and column, flattened."""
+    """Return premultiplied pixels by mask, row and column, flattened."""
     colour = np.zeros((MASK + 1, period, period, 3), np.float32)
     alpha = np.zeros((MASK + 1, period, period, 1), np.float32)
     masks = np.arange(MASK + 1)
     for bit, layer in enumerate(hatches):
         painted = (masks >> bit & 1) == 1
         cover = hatch(layer.kind, period)[None, :, :, None] * np.float32(layer.strength)
-        kept = (1.0 - cover) * np.float32(_BENEATH)
-        colour[painted] = colour[painted] * kept + np.array(layer.colour, np.float32) * cover
-        alpha[painted] = alpha[painted] * kept + cover
+        below = (1.0 - cover) * np.float32(_UNDERLYING)
+        colour[painted] = colour[painted] * below + np.array(layer.colour, np.float32) * cover
+        alpha[painted] = alpha[painted] * below + cover
     red, green, blue = np.moveaxis(np.rint(colour).astype(np.uint32), -1, 0)
     packed = np.rint(255.0 * alpha[..., 0]).astype(np.uint32) << np.uint32(24)
     table: npt.NDArray[np.uint32] = packed | red << np.uint32(16) | green << np.uint32(8) | blue
@@ -301,28 +303,26 @@ def _table(hatches: Sequence[LayerHatch], period: int) -> Colours:
 
 
 def visible_layers(workspace: Workspace) -> tuple[str, ...]:
-    """Return the layers that are shown, the lowest first."""
+    """Return the visible layers from bottom to top."""
     looks = {name: workspace.look(name) for name in DRAW_ORDER}
     return tuple(name for name, look in looks.items() if look.visible and look.opacity > 0.0)
 
 
-def paints_of(workspace: Workspace) -> tuple[Paint, ...]:
-    """Return the paints of the layers that are shown, the lowest first."""
+def paints_of(workspace: Workspace) -> tuple[LayerPaint, ...]:
+    """Return the visible layers' paints from bottom to top."""
     return tuple(
-        Paint(name, _colours(name), workspace.look(name).opacity) for name in visible_layers(workspace)
+        LayerPaint(name, _colours(name), workspace.look(name).opacity) for name in visible_layers(workspace)
     )
 
 
 def hatches_of(workspace: Workspace) -> tuple[LayerHatch, ...]:
-    """Return the hatches of the layers that are shown, in the order of `paints_of`."""
+    """Return the visible layers' hatches in the order of `paints_of`."""
     hatches = []
     for name in visible_layers(workspace):
         colour, opacity = hatch_colour(name), workspace.look(name).opacity
-        # A hatch stays readable where its paint is thin.
-        strength = colour.alphaF() * (0.4 + 0.6 * opacity)
-        hatches.append(
-            LayerHatch(layer_pattern(name), (colour.red(), colour.green(), colour.blue()), strength)
-        )
+        strength = colour.alphaF() * (0.4 + 0.6 * opacity)  # readable where the paint is thin, too
+        rgb = (colour.red(), colour.green(), colour.blue())
+        hatches.append(LayerHatch(layer_pattern(name), rgb, strength))
     return tuple(hatches)
 
 

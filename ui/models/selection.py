@@ -1,0 +1,224 @@
+"""The selection: hit testing of placed features, drag handles and drags, commands; one history step each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sketchterrain.array_types import Float64Array, StructuredArray
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.errors import InputError
+from sketchterrain.hydrology.lakes import distance_inside
+from sketchterrain.placement.feature_types import (
+    FEATURE_TYPES,
+    Lake,
+    River,
+    area_profile,
+    hill_profile,
+    mountain_profile,
+)
+from sketchterrain.ui.commands import placed_edits
+from sketchterrain.ui.commands.placed_edits import (
+    drag_title,
+    dragged,
+    find_parent_river,
+    find_point,
+    find_river,
+    name_of,
+)
+from sketchterrain.ui.engine.protocol import Placement
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.workspace import Selection, Workspace
+
+_TREE_HEIGHT = 20.0  # m that a dense forest counts when compared with mountains
+
+
+@dataclass(frozen=True)
+class Handle:
+    """A drag handle of a selection, which for a river's control point has its index."""
+
+    role: str  # move, radius, point (of a river) or width
+    selection: Selection
+    x: float  # position, m
+    y: float
+    base_x: float  # origin of a radius or width, m: the feature's centre or the river's centreline
+    base_y: float
+
+
+def select_at(placed: Placement, x: float, y: float, *, reach: float) -> Selection | None:
+    """Return the object at a position (m), within a tolerance (m).
+
+    A feature's centre goes before a river, a river before a lake; elsewhere it is the highest feature.
+    """
+    points = placed.points
+    distance = np.hypot(points["x"] - x, points["y"] - y)
+    if len(points) and distance.min() <= reach:
+        return Selection("feature", int(points["id"][int(np.argmin(distance))]))
+    rivers = [(_bank_distance(river, x, y), river.id) for river in placed.rivers]
+    if rivers and min(rivers)[0] <= reach:
+        return Selection("river", min(rivers)[1])
+    lake = next((each for each in placed.lakes if _contains(each, x, y)), None)
+    if lake is not None:
+        return Selection("lake", lake.id)
+    heights = _heights(points, distance)
+    if not len(heights) or heights.max() <= 0.0:
+        return None
+    return Selection("feature", int(points["id"][int(np.argmax(heights))]))
+
+
+def handles_of(placed: Placement, selection: Selection | None) -> tuple[Handle, ...]:
+    """Return a selection's handles: none for lakes and missing objects, none where a river joins another."""
+    if selection is None:
+        return ()
+    whole = Selection(selection.kind, selection.id)
+    point = find_point(placed, selection)
+    if point is not None:
+        x, y, radius = (float(point[key]) for key in ("x", "y", "radius"))
+        return Handle("move", whole, x, y, x, y), Handle("radius", whole, x + radius, y, x, y)
+    river = find_river(placed, selection)
+    if river is None:
+        return ()
+    free = len(river.points) - (find_parent_river(placed, river) is not None)
+    places = river.points[:free, :2].tolist()
+    points = [Handle("point", Selection("river", river.id, i), x, y, x, y) for i, (x, y) in enumerate(places)]
+    return (*points, _width_handle(river, whole))
+
+
+def _width_handle(river: River, selection: Selection) -> Handle:
+    """Return the width handle: on the left bank, halfway down the river between two control points."""
+    line = river.centreline[:, :2]
+    half = len(river.points) // 2
+    near = river.points[half - 1 : half + 1, :2]
+    ends = [int(np.argmin(((line - point) ** 2).sum(axis=1))) for point in near]
+    at = min(max(sum(ends) // 2, 1), len(line) - 2) if len(line) > 2 else 0
+    east, north = line[min(at + 1, len(line) - 1)] - line[max(at - 1, 0)]
+    across = 0.5 * float(river.centreline_width[at]) / max(float(np.hypot(east, north)), 1e-9)
+    x, y = (float(each) for each in line[at])
+    return Handle("width", selection, x - across * float(north), y + across * float(east), x, y)
+
+
+def _bank_distance(river: River, x: float, y: float) -> float:
+    """Return the distance (m) of a position from a river's banks; 0 in its water."""
+    start, segment = river.centreline[:-1, :2], np.diff(river.centreline[:, :2], axis=0)
+    offset = np.array([x, y]) - start
+    along = np.clip((offset * segment).sum(axis=1) / np.maximum((segment**2).sum(axis=1), 1e-12), 0.0, 1.0)
+    distance = np.hypot(*(offset - along[:, None] * segment).T) - 0.5 * river.centreline_width[:-1]
+    return max(float(distance.min()), 0.0)
+
+
+def _contains(lake: Lake, x: float, y: float) -> bool:
+    return float(distance_inside(lake.shape, np.array([[x, y]]))[0]) > 0.0
+
+
+def _heights(points: StructuredArray, distance: Float64Array) -> Float64Array:
+    """Return each feature's approximate height (m) at a distance (m) from its centre; trees count."""
+    t = distance / np.maximum(points["radius"], 1e-6)
+    kinds = points["type"]
+    profiles = {
+        "mountain": mountain_profile(t, points["peakiness"].astype(np.float64), 1.0),
+        "hill": hill_profile(t, 1.0),
+        "dune": area_profile(t),
+        "forest": _TREE_HEIGHT * area_profile(t),
+    }
+    cases = [kinds == FEATURE_TYPES.index(name) for name in profiles]
+    profile = np.select(cases, list(profiles.values()), 0.0)
+    return np.asarray(np.where(t < 1.0, points["strength"] * profile, 0.0))
+
+
+class FeatureDrag:
+    """A drag of a handle: edits the document, as one history step."""
+
+    def __init__(
+        self,
+        document: Document,
+        placed: Placement,
+        handle: Handle,
+        *,
+        grab: tuple[float, float] | None = None,
+    ) -> None:
+        self._document = document
+        self._placed = placed
+        self._before = document.sketch
+        self._last: Sketch | None = document.sketch
+        self._title = drag_title(placed, handle)
+        self._offset = (0.0, 0.0) if grab is None else (handle.x - grab[0], handle.y - grab[1])
+        self._merge = object()
+        self.handle = handle
+        self.x, self.y = handle.x, handle.y
+        self.problem = ""
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether only this drag has changed the document; otherwise it has no further effect."""
+        return self._document.sketch is self._last
+
+    def to(self, x: float, y: float) -> None:
+        """Drag to a position (m)."""
+        if not self.is_alive:
+            return
+        x, y = x + self._offset[0], y + self._offset[1]
+        self.problem = ""
+        try:
+            self._do(dragged(self._before, self._placed, self.handle, x, y))
+            self.x, self.y = x, y
+        except InputError as error:
+            self.problem = str(error)
+
+    def finish(self) -> None:
+        """End the drag."""
+        self._last = None
+
+    def cancel(self) -> None:
+        """Revert and end the drag."""
+        if self.is_alive and self._last is not self._before:
+            self._do(self._before)
+        self.x, self.y = self.handle.x, self.handle.y
+        self.finish()
+
+    def _do(self, sketch: Sketch) -> None:
+        self._document.do(self._title, sketch, merge=self._merge)
+        self._last = self._document.sketch
+
+
+def add(document: Document, workspace: Workspace, kind: str, x: float, y: float) -> None:
+    """Add a feature at a position (m) and select it."""
+    sketch = placed_edits.added_at(document.sketch, kind, x, y)
+    document.do(f"Add {kind}", sketch)
+    workspace.selection = Selection("feature", sketch.edits[-1].feature or 0)
+
+
+def lock(document: Document, workspace: Workspace, placed: Placement, selection: Selection) -> None:
+    """Lock a feature: it keeps its values whatever is painted."""
+    changed = placed_edits.locked(document.sketch, placed, selection)
+    document.do(f"Lock {name_of(placed, selection)}", changed)
+
+
+def unlock(document: Document, workspace: Workspace, placed: Placement, selection: Selection) -> None:
+    """Unlock a feature: it follows the sketch again."""
+    changed = placed_edits.unlocked(document.sketch, selection)
+    document.do(f"Unlock {name_of(placed, selection)}", changed)
+
+
+def reset(document: Document, workspace: Workspace, placed: Placement, selection: Selection) -> None:
+    """Remove the edits of an object."""
+    changed = placed_edits.reset(document.sketch, placed, selection)
+    document.do(f"Reset {name_of(placed, selection)}", changed)
+
+
+def delete(document: Document, workspace: Workspace, placed: Placement, selection: Selection) -> None:
+    """Delete an object and deselect it."""
+    changed = placed_edits.deleted(document.sketch, selection)
+    document.do(f"Delete {name_of(placed, selection)}", changed)
+    workspace.selection = None
+
+
+def delete_or_reset(document: Document, workspace: Workspace, placed: Placement, selection: Selection) -> str:
+    """Delete the selection, or reset a river's control point; return why not, or nothing."""
+    if selection.index is None:
+        delete(document, workspace, placed, selection)
+    elif placed_edits.is_edited(document.sketch, placed, selection):
+        document.do("Reset a point of a river", placed_edits.reset(document.sketch, placed, selection))
+    else:
+        return "A river's control point cannot be deleted; click the river to delete all of it"
+    return ""

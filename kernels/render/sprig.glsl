@@ -1,16 +1,16 @@
 // The leaves of a spray, cut out of a sheet. Pure; the same in NumPy float64: look/tree_levels.py.
 
 const float LEAF_PAIRS = 5.0;    // of leaves along a spray
-const float LEAF_FORWARD = 0.55; // how far a leaf points to the spray's tip, its length over its width
+const float LEAF_FORWARD = 0.55; // inclination of a leaf towards the spray's tip, length over width
 const float LEAF_FULL = 0.47;    // half a leaf's width at its widest, of the distance between leaves
 const float COMBS = 8.0;         // of needles along a spray
 const float NEEDLE_FORWARD = 0.5;
 const float NEEDLE_FULL = 0.36;
 const float TWIG = 0.06;         // half the twig's width, of the sheet's
 
-// Tell whether a place is leaf: above 0 inside.
+// Positive inside leaves.
 //   at:   across the sheet -1..1 and along it 0..1
-//   kind: 0 and 0.125 all of it (bark, and bark with bands), 0.5 pairs of leaves, 1 needles
+//   kind: 0 and 0.125 solid (bark, banded bark), 0.5 pairs of leaves, 1 needles
 float leaf_mask(vec2 at, float kind)
 {
     bool needles = kind > 0.75;
@@ -18,11 +18,11 @@ float leaf_mask(vec2 at, float kind)
     float forward = needles ? NEEDLE_FORWARD : LEAF_FORWARD;
     float count = needles ? COMBS : LEAF_PAIRS;
     float row = (at.y - 0.3 * forward * away) * count + (at.x < 0.0 ? 0.5 : 0.0);
-    // How far leaves reach to the side where they leave the twig: little at root and tip.
+    // Length of leaves along the twig: short at root and tip.
     float along = clamp(at.y - 0.3 * forward * away, 0.0, 1.0);
     float reach = needles ? sqrt(1.0 - along * along) * min(6.0 * along + 0.5, 1.0)
                           : sqrt(max(1.0 - along * along, 0.0)) * min(4.0 * along + 0.35, 1.0);
-    // No two leaves of a broad spray are as long as each other.
+    // Leaves of a broad spray vary in length.
     float grown = needles ? 1.0 : 0.7 + 0.3 * fract(floor(row) * 0.618034 + (at.x < 0.0 ? 0.37 : 0.0));
     float out_ = away / max(reach * grown, 1e-3);
     float full = needles ? NEEDLE_FULL * (1.0 - 0.5 * out_) : LEAF_FULL * 2.0 * sqrt(max(out_ * (1.0 - out_), 0.0));
@@ -31,8 +31,7 @@ float leaf_mask(vec2 at, float kind)
     return kind < 0.25 ? 1.0 : max(leaf, twig);
 }
 
-// Brightness of the leaf that a place lies in, about 1: no two leaves of a spray face the light alike, and their
-// ends are young.
+// Brightness of the leaf at a position, mean 1: leaves vary, and their ends are young.
 float leaf_tone(vec2 at, float kind)
 {
     bool needles = kind > 0.75;

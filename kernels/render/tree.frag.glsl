@@ -1,6 +1,6 @@
 #version 430 core
-// Leaves and bark near by, lit by sun and sky (tree_light.glsl).
-//   SPRIGS 1: leaves are cut out of their sprays
+// Nearby leaves and bark, lit by sun and sky (tree_light.glsl).
+//   SPRIGS 1: leaves are alpha-masked
 #include "render/frame.glsl"
 #include "render/shade.glsl"
 #include "render/clouds.glsl"
@@ -13,18 +13,18 @@ in vec3 position;
 in vec4 leaf_normal;
 in vec3 albedo;
 in vec3 light;
-in vec3 cut;
+in vec3 spray;
 out vec4 radiance;
 
-const float CROWN_EDGE = 0.5;                    // m, towards the sun: a leaf does not shade itself
+const float CROWN_EDGE = 0.5;                    // m towards the sun, against self-shadowing
 
 void main()
 {
     vec3 colour = albedo;
 #if SPRIGS
-    vec2 on_spray = vec2(cut.x * 2.0 - 1.0, cut.y);
-    if (leaf_mask(on_spray, cut.z) <= 0.0) discard;
-    colour *= leaf_normal.w > 0.5 ? leaf_tone(on_spray, cut.z) : bark_tone(cut.xy, cut.z);
+    vec2 on_spray = vec2(spray.x * 2.0 - 1.0, spray.y);
+    if (leaf_mask(on_spray, spray.z) <= 0.0) discard;
+    colour *= leaf_normal.w > 0.5 ? leaf_tone(on_spray, spray.z) : bark_tone(spray.xy, spray.z);
 #endif
     float sun = light.x * cloud_shadow(position) * tree_shade(position + to_sun.xyz * CROWN_EDGE, vec3(0.0));
     vec3 lit = leaf_light(colour, normalize(leaf_normal.xyz), leaf_normal.w, normalize(position), sun, light.y, light.z);

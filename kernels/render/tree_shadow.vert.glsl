@@ -1,13 +1,13 @@
 #version 430 core
-// A plant as the sun sees it.
+// A plant in a shadow map.
 uniform mat4 to_map; // from the anchor of all plants to the map's clip space
 
-in vec3 place;
-in vec4 stand;
-in vec4 manner;
+in vec3 local_position;
+in vec4 foot_height;
+in vec4 appearance;
 
 void main()
 {
-    mat2 turn = mat2(manner.x, manner.y, -manner.y, manner.x);
-    gl_Position = to_map * vec4(stand.xyz + stand.w * vec3(turn * place.xy, place.z), 1.0);
+    mat2 turn = mat2(appearance.x, appearance.y, -appearance.y, appearance.x);
+    gl_Position = to_map * vec4(foot_height.xyz + foot_height.w * vec3(turn * local_position.xy, local_position.z), 1.0);
 }

@@ -1,19 +1,18 @@
-// Plants in the wind: all of a plant leans and sways with the square of the height, its boughs swing by themselves, its
-// leaves flutter where SPRIGS is 1: near by. Nothing moves without wind, and no foot ever does. Oracle:
-// tests/render/test_tree_wind.py.
+// Plants in the wind: a plant leans and sways with the square of the height, its boughs swing, nearby leaves (SPRIGS 1)
+// flutter. Nothing moves without wind, and no foot ever does. Oracle: tests/render/test_trees.py.
 #ifndef SPRIGS
 #define SPRIGS 1
 #endif
 
 const float LEAN = 0.16;         // of its height, in a storm
-const float STORM = 18.0;        // m/s, wind at which half of that is reached
+const float STORM = 18.0;        // m/s, wind of half of that
 const float GUST_LENGTH = 70.0;  // m, from gust to gust
 const float SWAY_PACE = 1.1;     // rad/s, of a plant
 const float BOUGH_PACE = 2.6;    // rad/s
 const float FLUTTER_PACE = 8.5;  // rad/s, of leaves
 const float FLUTTER = 0.012;     // heights of the plant, in a storm
 
-// How strongly it blows at a place, about 1: gusts that travel with the wind.
+// Relative strength of gusts, mean 1, that travel with the wind.
 float gust(vec2 place, vec2 wind, float time)
 {
     float speed = length(wind);
@@ -23,8 +22,7 @@ float gust(vec2 place, vec2 wind, float time)
     return 1.0 + 0.45 * sin(run * turn + 1.7 * sin(aside * turn * 0.37)) + 0.25 * sin(run * turn * 2.3 + aside * turn);
 }
 
-// What the wind does to a plant. xy: how far its top is moved, heights; z: how strongly it blows there; w: rad, its
-// own part in the sway: plants do not sway in step.
+// Sway of a plant. xy: displacement of its top, heights; z: wind strength; w: phase, rad, so that plants are not in step.
 //   foot: m in the world, modulo any long period
 //   tall: its height, m
 vec4 sway_of(vec2 foot, float tall, vec2 wind, float time)
@@ -34,13 +32,13 @@ vec4 sway_of(vec2 foot, float tall, vec2 wind, float time)
     float force = speed * speed / (speed * speed + STORM * STORM);
     float blow = force * gust(foot, wind, time);
     float own = dot(foot, vec2(0.37, 0.59));
-    float slow = SWAY_PACE * pow(max(tall, 0.5) / 12.0, -0.5); // high ones are slower
+    float slow = SWAY_PACE * pow(max(tall, 0.5) / 12.0, -0.5); // tall ones are slower
     float lean = LEAN * (blow + 0.35 * force * sin(slow * time + own));
     float aside = 0.25 * LEAN * force * sin(0.83 * slow * time + 2.0 * own);
     return vec4(along * lean + vec2(-along.y, along.x) * aside, blow, own);
 }
 
-// How far a point of a plant is moved, m.
+// Displacement of a point of a plant, m.
 //   at:    point, in heights of the plant from its foot
 //   sway:  see sway_of
 //   phase: of the bough, 0..1
@@ -48,7 +46,7 @@ vec4 sway_of(vec2 foot, float tall, vec2 wind, float time)
 vec3 swayed(vec3 at, float tall, vec4 sway, float phase, float leafy, float time)
 {
     vec2 level = sway.xy * at.z * at.z;
-    float held = clamp(at.z * 12.0, 0.0, 1.0); // so that the foot of a shrub's leaves stays too
+    float held = clamp(at.z * 12.0, 0.0, 1.0); // fixes the leaves at a shrub's foot
     float bough = 0.10 * length(at.xy) * sin(BOUGH_PACE * time + 6.2831853 * phase + sway.w);
     vec3 own = vec3(0.0, 0.0, bough);
 #if SPRIGS

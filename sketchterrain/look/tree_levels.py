@@ -344,7 +344,9 @@ def _hull(plant: _Plant, size: float) -> Triangles:
     )
 
 
-VERTEX: Final = np.dtype([("place", "f4", 3), ("outward", "u1", 4), ("colour", "u1", 4), ("sprig", "u1", 4)])
+VERTEX: Final = np.dtype(
+    [("position", "f4", 3), ("normal", "u1", 4), ("colour", "u1", 4), ("leaf_uv", "u1", 4)]
+)
 
 
 @cache
@@ -357,15 +359,15 @@ def plant_mesh(species: str, variant: int, detail: int) -> npt.NDArray[np.void]:
     """
     triangles = level(species, variant, detail)
     mesh = np.empty(triangles.position.shape[0] * 3, VERTEX)
-    mesh["place"] = triangles.position.reshape(-1, 3)
-    mesh["outward"][:, :3] = _byte(0.5 + 0.5 * triangles.normal.reshape(-1, 3))
-    mesh["outward"][:, 3] = _byte(np.repeat(triangles.leafiness, 3))
+    mesh["position"] = triangles.position.reshape(-1, 3)
+    mesh["normal"][:, :3] = _byte(0.5 + 0.5 * triangles.normal.reshape(-1, 3))
+    mesh["normal"][:, 3] = _byte(np.repeat(triangles.leafiness, 3))
     mesh["colour"][:, :3] = _byte(np.sqrt(np.clip(triangles.albedo.reshape(-1, 3), 0.0, 1.0)))
     mesh["colour"][:, 3] = _byte(triangles.openness.reshape(-1))
-    mesh["sprig"][:, 0] = _byte(0.5 + 0.5 * triangles.leaf_uv[..., 0].ravel())
-    mesh["sprig"][:, 1] = _byte(triangles.leaf_uv[..., 1].ravel())
-    mesh["sprig"][:, 2] = _byte(np.repeat(triangles.mask, 3))
-    mesh["sprig"][:, 3] = _byte(np.repeat(triangles.phase, 3))
+    mesh["leaf_uv"][:, 0] = _byte(0.5 + 0.5 * triangles.leaf_uv[..., 0].ravel())
+    mesh["leaf_uv"][:, 1] = _byte(triangles.leaf_uv[..., 1].ravel())
+    mesh["leaf_uv"][:, 2] = _byte(np.repeat(triangles.mask, 3))
+    mesh["leaf_uv"][:, 3] = _byte(np.repeat(triangles.phase, 3))
     mesh.flags.writeable = False
     return mesh
 

@@ -69,6 +69,15 @@ class WorkRate:
         self.unit = unit if unit > self.unit else (1.0 - _SMOOTHING) * self.unit + _SMOOTHING * unit
         self._fastest = min(self._fastest, self.unit)
 
+    def run(self, budget: TimeBudget, work: Callable[[int], object], *, count: int, step: int = 1) -> int:
+        """Do as many of `count` steps (of `step` units) as fit the budget, measured; return how many."""
+        steps = min(self.steps_within(budget, step=step), count)
+        if steps:
+            before = budget.spent
+            work(steps)
+            self.record(steps * step, budget.spent - before)
+        return steps
+
 
 @dataclass(frozen=True)
 class FrameStats:

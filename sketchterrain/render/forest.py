@@ -1,4 +1,4 @@
-"""Plants in the view, as instances in levels of detail that pass into each other."""
+"""Plants as instances in cross-fading levels of detail."""
 
 from __future__ import annotations
 
@@ -8,34 +8,33 @@ import numpy as np
 
 from sketchterrain.look.tree_levels import DETAILS, MASKED_DETAILS
 from sketchterrain.render.plant_cells import (
-    ROOM,
-    Place,
+    CROWN_MARGIN,
+    CellKey,
     PlantCells,
-    Stand,
+    PlantInstances,
+    cells_in_view,
     cells_near,
-    in_view,
-    joined,
-    reach_of,
+    join_cells,
+    vanish_distance,
 )
 from sketchterrain.render.plant_meshes import (
     KINDS,
-    Instances,
+    MeshInstances,
     PlantBatch,
+    PlantDensity,
     PlantMeshes,
-    Thinning,
-    share_of,
-    width_of,
+    visible_share,
+    width_scale,
 )
-from sketchterrain.render.plant_shade import PlantShade
+from sketchterrain.render.plant_shade import PlantShadows
 from sketchterrain.render.programs import build_program, build_transform
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     import moderngl
-    import numpy.typing as npt
 
-    from sketchterrain.array_types import Float64Array
+    from sketchterrain.array_types import BoolArray, Bounds, Float32Array, Float64Array, FloatArray
     from sketchterrain.render.budgets import TimeBudget
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.lit_ground import GroundLighting
@@ -43,51 +42,26 @@ if TYPE_CHECKING:
     from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.sky import Sun
 
-
 PIXELS: Final = (170.0, 60.0, 30.0, 14.0, 6.0)
-"""Height of a plant in pixels under which the next coarser detail does."""
+"""Height of a plant (px) below which the next coarser detail is used."""
 HULL: Final = 20.0
-"""px; the coarsest detail does for no higher plants, however low the quality."""
-LIT: Final = 4
-"""Detail from which on plants are lit at their vertices, by what is found once for each."""
-DRAWN: Final = (range(MASKED_DETAILS), range(MASKED_DETAILS, LIT), range(LIT, DETAILS))
-"""Details that are drawn together. Only fine leaves are cut out: what may be cut hides nothing before it is
-shaded."""
+"""Largest height (px) of a plant in the coarsest detail, however low the quality."""
+VERTEX_LIT: Final = 4
+"""First detail that is lit at its vertices, with shadows and air sampled once an instance."""
+BATCHES: Final = (range(MASKED_DETAILS), range(MASKED_DETAILS, VERTEX_LIT), range(VERTEX_LIT, DETAILS))
+"""Details drawn together; only masked leaves need a fragment shader that discards: no early depth test."""
 BAND: Final = 0.08
-"""Share of such a height, up and down, over which one detail passes into the next."""
+"""Relative range of such a height over which one detail cross-fades into the next."""
 VANISH: Final = 0.05
-"""Share of the reach over which a single plant goes."""
+"""Share of the draw distance over which a single plant fades."""
 UNKNOWN: Final = (-1e5, 1e5)
-"""m; lowest and highest point of a cell that is not made yet."""
+"""Vertical bounds of a cell that is not generated yet (m)."""
 GROW: Final = 1.0
-"""s in which the plants of a new cell come."""
+"""Seconds in which the plants of a new cell fade in."""
 
 
 class Forest:
-    """The plants around an eye.
-
-    Parameters
-    ----------
-    context
-        Where they are drawn.
-    terrain
-        Whose plants.
-    sun
-        What they stand before.
-    quality
-        How far and how finely they are drawn.
-    defines
-        Macros of the shading, see `Shading.defines`.
-
-    Attributes
-    ----------
-    reach : float
-        Distance at which the last plants stand (m).
-    shade : PlantShade
-        The shadows that they throw.
-    thinning : Thinning
-        From what angle on they go.
-    """
+    """The plants around an eye up to `draw_distance` (m), their `density` LOD and their `shadows`."""
 
     def __init__(
         self,
@@ -98,42 +72,44 @@ class Forest:
         quality: Quality,
         defines: Mapping[str, int],
     ) -> None:
-        self.reach = min(quality.woods, 0.45 * terrain.extent)
+        self.draw_distance = min(quality.woods, 0.45 * terrain.extent)
         self._pixels = np.array(PIXELS) / quality.leaves
         self._pixels[-1] = min(self._pixels[-1], HULL)
         self._cells = PlantCells(terrain)
         self._context, self._meshes = context, PlantMeshes(context)
-        self.build(defines)
-        self.shade = PlantShade(context, self._meshes, self._cells, sun, quality=quality, reach=self.reach)
-        self._planted = quality.includes("trees")
-        self._asked = self._grown = False
-        self._seen: list[Place] = []
-        self._wanted: tuple[object, ...] = ()
+        self.rebuild(defines)
+        self.shadows = PlantShadows(
+            context, self._meshes, self._cells, sun, quality=quality, draw_distance=self.draw_distance
+        )
+        self._enabled = quality.includes("trees")
+        self._requested = self._grown = False
+        self._visible: list[CellKey] = []
+        self._requested_view: tuple[object, ...] = ()
         self._height = 1
         self._elapsed: float | None = None
         self._thin = quality.thin
-        self.thinning = Thinning(quality.plants)
+        self.density = PlantDensity(quality.plants)
         self._origin = np.zeros(2)
 
-    def build(self, defines: Mapping[str, int]) -> None:
-        """Draw plants by programs with other macros from now on."""
-        self._batches = [_batch(self._context, self._meshes, details, defines) for details in DRAWN]
-        self._chosen: tuple[object, ...] = ()
+    def rebuild(self, defines: Mapping[str, int]) -> None:
+        """Replace the programs by ones with other macros."""
+        self._batches = [_batch(self._context, self._meshes, details, defines) for details in BATCHES]
+        self._selected_view: tuple[object, ...] = ()
 
     @property
     def settled(self) -> bool:
-        """Whether all plants and shadows that the last camera needs are there, fully grown."""
+        """Whether all plants and shadows of the last camera are complete and fully grown."""
         grown = self._cells.complete and self._cells.youngest >= GROW
-        return self._asked and grown and self.thinning.settled and self.shade.settled
+        return self._requested and grown and self.density.settled and self.shadows.settled
 
     @property
     def triangles(self) -> int:
-        """Triangles that the last picture drew."""
+        """Triangles of the last frame."""
         return sum(batch.triangles for batch in self._batches)
 
     @property
     def count(self) -> int:
-        """Plants that the last picture drew."""
+        """Instances of the last frame."""
         return sum(batch.count for batch in self._batches)
 
     def update(
@@ -142,169 +118,148 @@ class Forest:
         size: tuple[int, int],
         lit: GroundLighting,
         elapsed: float,
-        allowance: TimeBudget,
+        budget: TimeBudget,
     ) -> None:
-        """Go on by a frame: make a part of the plants and of the shadows that are missing.
+        """Advance by a frame: generate plants and shadows within a time budget.
 
-        Parameters
-        ----------
-        camera
-            From where.
-        size
-            Of the whole picture (px), even where a smaller one is drawn and enlarged.
-        lit
-            The ground.
-        elapsed
-            Since the last frame (s).
-        allowance
-            What may be spent.
+        `size` is that of the whole picture (px), even where a smaller one is drawn and enlarged.
         """
         self._elapsed = elapsed
-        self._want(camera, size, lit)
+        self._request(camera, size, lit)
         self._cells.grow(elapsed)
-        self.shade.go_on(camera.eye, elapsed, allowance.fraction(0.5))
-        self._cells.go_on(allowance)
+        self.shadows.advance(camera.eye, elapsed, budget.fraction(0.5))
+        self._cells.advance(budget)
 
-    def change(self, terrain: TerrainSource, areas: Sequence[tuple[float, float, float, float]]) -> None:
-        """Show the plants of another terrain from now on, by and by; see `PlantCells.change`."""
-        self._cells.change(terrain, areas)
-        self._wanted = ()
+    def set_terrain(self, terrain: TerrainSource, areas: Sequence[Bounds]) -> None:
+        """Replace the terrain; plants follow over the next frames, see `PlantCells.set_terrain`."""
+        self._cells.set_terrain(terrain, areas)
+        self._requested_view = ()
 
     def relight(self, sun: Sun) -> None:
-        """Let another sun shine from now on: shadows stay until there are new ones."""
-        self.shade.relight(sun)
-        self._wanted = ()
+        """Replace the sun; shadow maps stay until new ones are ready."""
+        self.shadows.relight(sun)
+        self._requested_view = ()
 
     def settle(self, camera: Camera, size: tuple[int, int], lit: GroundLighting) -> None:
-        """Make all that a camera's picture of a size (px) needs."""
+        """Complete everything that a camera's picture of a size (px) needs."""
         self._elapsed = None
-        self._want(camera, size, lit)
+        self._request(camera, size, lit)
         self._cells.finish()
-        self._want(camera, size, lit)  # what stands in a cell says whether it is seen
-        if self._planted:
-            self._choose(camera, size)
-        self.shade.finish(camera.eye)
+        self._request(camera, size, lit)  # visibility depends on the cells' vertical bounds
+        if self._enabled:
+            self._select(camera, size)
+        self.shadows.finish(camera.eye)
 
-    def _want(self, camera: Camera, size: tuple[int, int], lit: GroundLighting) -> None:
-        self._asked, self._height = True, size[1]
+    def _request(self, camera: Camera, size: tuple[int, int], lit: GroundLighting) -> None:
+        self._requested, self._height = True, size[1]
         view = (camera, size, self._cells.changes)
-        if not self._planted or (view == self._wanted and lit.settled):
+        if not self._enabled or (view == self._requested_view and lit.settled):
             return
-        self._wanted = view
-        near = cells_near(camera.eye[0], camera.eye[1], self.reach)
-        cells = [self._cells[place] for place in near]
+        self._requested_view = view
+        near = cells_near(camera.eye[0], camera.eye[1], self.draw_distance)
+        cells = [self._cells[key] for key in near]
         bounds = np.array(
-            [UNKNOWN if cell is None or cell.outdated else (cell.low, cell.high) for cell in cells]
+            [UNKNOWN if cell is None or cell.stale else (cell.low, cell.high) for cell in cells]
         )
-        seen = in_view(camera.frustum(size[0] / size[1]), near, bounds)
-        self._seen = [place for place, is_seen in zip(near, seen.tolist(), strict=True) if is_seen]
-        shading = [place for place in self.shade.places(camera, lit) if place not in set(self._seen)]
-        self._cells.want(self._seen + shading)
+        visible = cells_in_view(camera.frustum(size[0] / size[1]), near, bounds)
+        self._visible = [key for key, is_visible in zip(near, visible.tolist(), strict=True) if is_visible]
+        shading = [key for key in self.shadows.request(camera, lit) if key not in set(self._visible)]
+        self._cells.request(self._visible + shading)
 
     def draw(self, camera: Camera, size: tuple[int, int], uniforms: Mapping[str, object]) -> None:
-        """Draw the plants that a camera sees in a picture of a size (px)."""
-        if not self._planted:
+        """Draw the plants in a camera's view of a size (px)."""
+        if not self._enabled:
             return
-        self._choose(camera, size)
+        self._select(camera, size)
         anchor = (*(self._origin - camera.eye[:2]).tolist(), -camera.eye[2])
         for batch in self._batches:
-            batch.draw_all({**uniforms, "anchor": anchor})
+            batch.evaluate_and_draw({**uniforms, "anchor": anchor})
 
-    def _choose(self, camera: Camera, size: tuple[int, int]) -> None:
-        """Choose the plants that are drawn, and how; nothing changes for an eye at rest."""
-        cells = [cell for cell in (self._cells[place] for place in self._seen) if cell is not None]
-        view = (camera, size, tuple(self._seen), self._cells.changes)
+    def _select(self, camera: Camera, size: tuple[int, int]) -> None:
+        """Select the instances and their details; skipped for a view at rest."""
+        cells = [cell for cell in (self._cells[key] for key in self._visible) if cell is not None]
+        view = (camera, size, tuple(self._visible), self._cells.changes)
         grown = all(cell.age >= GROW for cell in cells)
-        if view == self._chosen and self._grown and self.thinning.settled:
+        if view == self._selected_view and self._grown and self.density.settled:
             return
-        self._chosen, self._grown = view, grown
+        self._selected_view, self._grown = view, grown
         self._origin = cells[0].corner if cells else np.zeros(2)
         tangent = 2.0 * np.tan(np.radians(camera.fov) / 2.0)
         least = self._thin * tangent / self._height
-        floor = self.thinning.floor(least, still=self._elapsed is None)
-        counts = [cell.held(camera.eye, floor) for cell in cells]
-        stand = joined(cells, self._origin, counts)
-        place = stand.place - (np.asarray(camera.eye) - [*self._origin, 0.0]).astype(np.float32)
-        level = np.hypot(place[:, 0], place[:, 1])
-        away = np.maximum(np.hypot(level, place[:, 2]), 1.0)
+        floor = self.density.floor(least, still=self._elapsed is None)
+        counts = [cell.count_above(camera.eye, floor) for cell in cells]
+        plants = join_cells(cells, self._origin, counts)
+        position = plants.position - (np.asarray(camera.eye) - [*self._origin, 0.0]).astype(np.float32)
+        level = np.hypot(position[:, 0], position[:, 1])
+        away = np.maximum(np.hypot(level, position[:, 2]), 1.0)
         ages = [cell.ages(count) for cell, count in zip(cells, counts, strict=True)]
         age = np.concatenate([np.zeros(0, np.float32), *ages])
-        there = _present(stand.whim, level, age, self.reach)
-        there *= _beside(camera.frustum(size[0] / size[1]), place)
-        held = stand.hold / away
-        seen = np.flatnonzero((held > floor) & (there > 0.0))
-        stand, away, there, held = stand.some(seen), away[seen], there[seen], held[seen]
-        drawn = shares(stand.tall * (size[1] / tangent) / away, stand.whim, self._pixels)
-        self.thinning.follow(held, np.count_nonzero(drawn, axis=1), least=least, elapsed=self._elapsed)
-        self.shade.angle = angle = self.thinning.angle
-        drawn *= (there * share_of(stand.hold, away, angle))[:, None]
-        stand.rows[:, 4:6] *= width_of(stand.bulk, away, angle)[:, None]
-        for batch, details in zip(self._batches, DRAWN, strict=True):
-            batch.put(_grouped(stand, drawn, details))
+        presence = _presence(plants.rank, level, age, self.draw_distance)
+        presence *= _between_sides(camera.frustum(size[0] / size[1]), position)
+        angles = plants.cull / away
+        visible = np.flatnonzero((angles > floor) & (presence > 0.0))
+        plants, away, presence, angles = (
+            plants.subset(visible),
+            away[visible],
+            presence[visible],
+            angles[visible],
+        )
+        shares = detail_shares(plants.height * (size[1] / tangent) / away, plants.rank, self._pixels)
+        copies = np.count_nonzero(shares, axis=1)
+        self.density.update(angles, copies, least=least, elapsed=self._elapsed)
+        self.shadows.angle = angle = self.density.angle
+        shares *= (presence * visible_share(plants.cull, away, angle))[:, None]
+        plants.rows[:, 4:6] *= width_scale(plants.importance, away, angle)[:, None]
+        for batch, details in zip(self._batches, BATCHES, strict=True):
+            batch.set_instances(_sorted_by_mesh(plants, shares, details))
 
 
 def _batch(
     context: moderngl.Context, meshes: PlantMeshes, details: range, defines: Mapping[str, int]
 ) -> PlantBatch:
-    far = details.start >= LIT
+    far = details.start >= VERTEX_LIT
     own = {**defines, "SPRIGS": int(details.start < MASKED_DETAILS), "FAR": int(far)}
-    found = ("ground", "sway", "veil", "clear") if far else ("ground", "sway")
-    return meshes.drawn_by(
+    captured = ("ground", "sway", "veil", "clear") if far else ("ground", "sway")
+    return PlantBatch(
+        meshes,
         build_program(context, "tree.vert.glsl", "lit.frag.glsl" if far else "tree.frag.glsl", defines=own),
-        standing=build_transform(context, "tree_stand.vert.glsl", found, defines=own),
-        found=found,
+        transform=build_transform(context, "tree_stand.vert.glsl", captured, defines=own),
+        captured=captured,
     )
 
 
-def shares(
-    pixels: npt.NDArray[np.floating], whim: npt.NDArray[np.floating], steps: Float64Array
-) -> npt.NDArray[np.float64]:
-    """Return how much of each detail is drawn of plants.
+def detail_shares(pixels: FloatArray, rank: FloatArray, steps: Float64Array) -> Float64Array:
+    """Return (n, details) cross-fade weights for plants of (n,) heights (px), each row's sum 1.
 
-    Parameters
-    ----------
-    pixels
-        (n,) their heights, px.
-    whim
-        (n,) 0..1, moves the heights at which a plant changes, so that no ring of them shows.
-    steps
-        (details - 1,) heights at which the next coarser detail does, px, falling.
-
-    Returns
-    -------
-    (n, details) float64
-        0..1, sum 1; more than one of them is above 0 only near a step.
+    `rank` 0..1 shifts a plant's thresholds, so that no ring of switching plants is visible; `steps` are the
+    falling heights of the next coarser detail (px).
     """
-    height = np.asarray(pixels, np.float64) / (0.85 + 0.3 * np.asarray(whim, np.float64))
+    height = np.asarray(pixels, np.float64) / (0.85 + 0.3 * np.asarray(rank, np.float64))
     finer = np.clip((height[:, None] / steps - (1.0 - BAND)) / (2.0 * BAND), 0.0, 1.0)
     edges = np.concatenate([np.zeros((len(finer), 1)), finer, np.ones((len(finer), 1))], axis=1)
     return np.diff(edges, axis=1)
 
 
-def _present(
-    whim: npt.NDArray[np.float32], away: npt.NDArray[np.floating], age: npt.NDArray[np.floating], reach: float
-) -> npt.NDArray[np.floating]:
-    """How much of each plant is there: it goes at its own distance and comes at its own time."""
-    gone = (reach_of(whim, reach) - away) / (VANISH * reach)
-    come = 2.0 * age / GROW - (1.0 - whim)
-    return np.asarray(np.clip(np.minimum(gone, come), 0.0, 1.0))
+def _presence(rank: Float32Array, away: FloatArray, age: FloatArray, draw_distance: float) -> FloatArray:
+    """Return plants' opacity: each vanishes at its own distance and appears at its own time."""
+    vanished = (vanish_distance(rank, draw_distance) - away) / (VANISH * draw_distance)
+    appeared = 2.0 * age / GROW - (1.0 - rank)
+    return np.asarray(np.clip(np.minimum(vanished, appeared), 0.0, 1.0))
 
 
-def _beside(planes: Float64Array, place: npt.NDArray[np.floating]) -> npt.NDArray[np.bool_]:
-    """Tell which places relative to the eye lie between the left and the right border of a view."""
-    return np.asarray((place @ planes[:2, :3].T.astype(place.dtype) > -ROOM).all(axis=1))
+def _between_sides(planes: Float64Array, position: FloatArray) -> BoolArray:
+    """Return which eye-relative positions are between the left and right plane of a view."""
+    return np.asarray((position @ planes[:2, :3].T.astype(position.dtype) > -CROWN_MARGIN).all(axis=1))
 
 
-def _grouped(stand: Stand, share: Float64Array, details: range) -> Instances:
-    """Put plants in the order of kind and detail, those that are drawn in two of the details twice."""
-    detail, plant = np.nonzero(share.T[details.start : details.stop] > 1.0 / 512.0)
+def _sorted_by_mesh(plants: PlantInstances, shares: Float64Array, details: range) -> MeshInstances:
+    """Sort instances by kind and detail, cross-fading ones twice."""
+    detail, plant = np.nonzero(shares.T[details.start : details.stop] > 1.0 / 512.0)
     detail += details.start
-    group = stand.kind[plant] * DETAILS + detail
-    order = np.argsort(
-        group.astype(np.uint8), kind="stable"
-    )  # of a byte: sorted by its digits, thrice as fast
+    group = plants.kind[plant] * DETAILS + detail
+    order = np.argsort(group.astype(np.uint8), kind="stable")  # bytes: radix sort, three times as fast
     plant, detail = plant[order], detail[order]
-    rows = stand.rows[plant]
-    rows[:, 7] = share[plant, detail]
+    rows = plants.rows[plant]
+    rows[:, 7] = shares[plant, detail]
     counts = np.bincount(group, minlength=KINDS * DETAILS)
-    return Instances(rows, counts.reshape(KINDS, DETAILS))
+    return MeshInstances(rows, counts.reshape(KINDS, DETAILS))

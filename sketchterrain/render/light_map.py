@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
@@ -159,15 +159,13 @@ class LightMap:
         renderer, n = self._renderer, self.square.texels
         while self._pending:
             west, south, east, north = self._pending[0]
-            if not _work(renderer.sampling, budget, self._sample, step=east - west, count=north - south):
+            if not renderer.sampling.run(budget, self._sample, step=east - west, count=north - south):
                 return
-        if not self._uploaded and not _work(
-            renderer.uploading, budget, lambda _: self._upload(), step=n * n, count=1
-        ):
+        if not self._uploaded and not renderer.uploading.run(budget, self._upload, step=n * n, count=1):
             return
         rate = renderer.lighting_close if self._close else renderer.lighting
         while self._lit_rows < n:
-            if not _work(rate, budget, self._light_rows, step=n, count=n - self._lit_rows):
+            if not rate.run(budget, self._light_rows, step=n, count=n - self._lit_rows):
                 return
         self._complete()
 
@@ -226,7 +224,7 @@ class LightMap:
         if end < north:
             self._pending.insert(0, (west, end, east, north))
 
-    def _upload(self) -> None:
+    def _upload(self, _: int = 1) -> None:
         self.heights.write(self.relief.heights.tobytes())
         self.heights.build_mipmaps()
         self.heights.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
@@ -248,17 +246,6 @@ class LightMap:
         self._target.scissor = (0, 0, square.texels, square.texels)
         renderer.context.finish()
         self._lit_rows += rows
-
-
-def _work(rate: WorkRate, budget: TimeBudget, work: Callable[[int], None], *, step: int, count: int) -> bool:
-    """Do as many of `count` steps (of `step` units) as fit the budget, measured; return whether any."""
-    steps = min(rate.steps_within(budget, step=step), count)
-    if not steps:
-        return False
-    before = budget.spent
-    work(steps)
-    rate.record(steps * step, budget.spent - before)
-    return True
 
 
 def _frame_in(square: TexelSquare, wider: TexelSquare) -> tuple[float, float, float, float]:

@@ -1,4 +1,10 @@
-"""Plant meshes, and how many instances are drawn at a distance."""
+"""Plant meshes in one vertex buffer, drawn by indirect calls, and the density LOD of their instances.
+
+A plant's removal rank is the share of plants removed before it: all of a level of the Poisson-disk sets
+before those of the next, within a level by chance, so that what remains is spread evenly. Of plants n times
+as small on screen one in n² remains, as many in each part of the picture; they grow wider, to cover what all
+did.
+"""
 
 from __future__ import annotations
 
@@ -14,164 +20,112 @@ from sketchterrain.look.tree_species import SPECIES
 from sketchterrain.render.programs import set_uniforms
 
 if TYPE_CHECKING:
-    from sketchterrain.array_types import FloatArray
+    from sketchterrain.array_types import Float64Array, FloatArray, Int64Array
 
-
-LEVELS_KEEP: Final = 0.25
-"""Share of a level's plants that are of a higher one: as many as stand at twice the distance."""
+LEVEL_RATIO: Final = 0.25
+"""Share of a level's plants that are in the next level: twice the distance between plants."""
 TALL: Final = 12.0
-"""m, of a plant that counts as large as it is; lower ones count for more, higher ones for less."""
+"""Height of a plant that counts as large as it is (m); lower ones count for more, higher ones for less."""
 LONE: Final = 1.5
-"""By how much more a plant counts that stands alone: nothing covers its place when it goes."""
+"""Added importance of a solitary plant: nothing covers its place when it is removed."""
 SOFT: Final = 0.15
-"""Share of the distance at which a plant goes over which it does."""
+"""Share of its distance over which a plant fades."""
 WIDEST: Final = 1.8
-"""Times its own width that a plant is drawn at most."""
+"""Largest factor of a plant's width."""
 FILL: Final = 0.85
-"""Of the budget, what is aimed at: the rest is for what comes while the scale follows."""
+"""Share of the budget that is aimed at; the rest is a reserve while the scale follows."""
 PACE: Final = 0.8
-"""s in which the scale covers two thirds of its way."""
+"""Time constant of the scale, s."""
 STEP: Final = 0.8
-"""The scale falls to no less of itself in a frame: plants that come then are looked for only so far."""
+"""Smallest factor of the scale between frames: plants are searched only that far."""
 NEAR: Final = 1e-3
-"""Share by which the scale may be off when it has arrived."""
+"""Relative tolerance of convergence."""
+KINDS: Final = len(SPECIES) * VARIANTS
+"""Species times variants; a species' variants follow each other."""
+VECTOR: Final = 4 * 4
+"""Bytes of a captured vec4."""
 
 
-def whim_of(level: npt.NDArray[np.integer], chance: FloatArray) -> npt.NDArray[np.float64]:
-    """Return the share of plants, 0..1, that go before plants of some levels do.
-
-    Parameters
-    ----------
-    level
-        (n,) of the Poisson-disk sets, a quarter of the plants in each set are in the next.
-    chance
-        (n,) 0..1, decides within a level.
-    """
-    return 1.0 - LEVELS_KEEP ** level.astype(np.float64) * (1.0 - (1.0 - LEVELS_KEEP) * chance)
+def removal_rank(level: npt.NDArray[np.integer], chance: FloatArray) -> Float64Array:
+    """Return the share of plants removed before those of a Poisson-disk level; `chance` orders within it."""
+    return 1.0 - LEVEL_RATIO ** level.astype(np.float64) * (1.0 - (1.0 - LEVEL_RATIO) * chance)
 
 
-def bulk_of(tall: FloatArray, crowding: FloatArray) -> npt.NDArray[np.float64]:
-    """Return how large plants count (m), by their heights (m) and how much others crowd them (0..1)."""
-    return np.asarray(np.sqrt(tall * TALL) * (1.0 + LONE * (1.0 - crowding)), np.float64)
+def plant_importance(height: FloatArray, crowding: FloatArray) -> Float64Array:
+    """Return plants' importance (m) by their heights (m) and how crowded they are (0..1)."""
+    return np.asarray(np.sqrt(height * TALL) * (1.0 + LONE * (1.0 - crowding)), np.float64)
 
 
-def hold_of(bulk: FloatArray, whim: FloatArray) -> npt.NDArray[np.float64]:
-    """Return at what distance (m) plants go if those of whim 0 go where their bulk is 1 rad."""
-    return np.asarray(bulk / np.sqrt(np.maximum(1.0 - whim, 1e-9)), np.float64)
+def cull_distance(importance: FloatArray, rank: FloatArray) -> Float64Array:
+    """Return the distances (m) at which plants go if those of rank 0 go at 1 rad of their importance."""
+    return np.asarray(importance / np.sqrt(np.maximum(1.0 - rank, 1e-9)), np.float64)
 
 
-def share_of(hold: FloatArray, away: FloatArray, angle: float) -> npt.NDArray[np.float64]:
-    """Return how much of plants is there, 0..1, where those of whim 0 go at an angle (rad) of their bulk."""
-    return np.clip((hold / (np.maximum(away, 1.0) * angle) - 1.0) / SOFT, 0.0, 1.0)
+def visible_share(cull: FloatArray, away: FloatArray, angle: float) -> Float64Array:
+    """Return plants' opacity, 0..1, by `cull_distance`, if those of rank 0 go at an angle (rad)."""
+    return np.clip((cull / (np.maximum(away, 1.0) * angle) - 1.0) / SOFT, 0.0, 1.0)
 
 
-def width_of(bulk: FloatArray, away: FloatArray, angle: float) -> npt.NDArray[np.float64]:
-    """Return how many times as wide plants are that stay, so that they cover what all did."""
-    return np.clip(np.maximum(away, 1.0) * angle / bulk, 1.0, WIDEST)
+def width_scale(importance: FloatArray, away: FloatArray, angle: float) -> Float64Array:
+    """Return the width factor of remaining plants that preserves the covered area."""
+    return np.clip(np.maximum(away, 1.0) * angle / importance, 1.0, WIDEST)
 
 
-class Thinning:
-    """The angle of a plant's bulk below which it may go: what is asked for, more where a budget needs it.
+class PlantDensity:
+    """Culling angle (rad) of plants' importance, raised where an instance budget needs it; follows softly."""
 
-    It follows what is in view softly, so that no crowd of plants comes or goes at once.
-
-    Parameters
-    ----------
-    most
-        Instances that may be drawn.
-
-    Attributes
-    ----------
-    angle : float
-        rad; 0 before the first view.
-    settled : bool
-        Whether it is where the last view wants it.
-    """
-
-    def __init__(self, most: int) -> None:
-        self._most = most
+    def __init__(self, budget: int) -> None:
+        self._budget = budget
         self.angle = 0.0
         self.settled = False
 
     def floor(self, least: float, *, still: bool) -> float:
-        """Return the angle (rad), `least` or more, under which no plants need to be looked for."""
+        """Return the angle (rad) below which no plants need to be searched."""
         return least if still else max(least, STEP * self.angle)
 
-    def follow(
-        self, held: FloatArray, copies: npt.NDArray[np.integer], *, least: float, elapsed: float | None
+    def update(
+        self, angles: FloatArray, copies: npt.NDArray[np.integer], *, least: float, elapsed: float | None
     ) -> None:
-        """Go on to what a view needs.
+        """Follow what a view needs; at once if `elapsed` (s) is None.
 
-        Parameters
-        ----------
-        held
-            (n,) rad, holds over distances of all plants in view that are above the floor of `least`.
-        copies
-            (n,) how many instances each of them is drawn as.
-        least
-            rad, the angle wherever the budget allows it.
-        elapsed
-            s since the last view; None: be there at once.
+        `angles` are cull distances over distances (rad) of all plants in view above the floor of `least`, the
+        angle wherever the budget allows it; `copies` the instances each is drawn as.
         """
         still = elapsed is None or self.angle == 0.0
         floor = self.floor(least, still=still)
-        aimed, allowed = _fitting(held, copies, [FILL * self._most, self._most])
-        wanted = max(aimed, floor)
+        aimed, allowed = _fitting_angles(angles, copies, [FILL * self._budget, self._budget])
+        target = max(aimed, floor)
         if elapsed is None or still:
-            self.angle, self.settled = wanted, True
+            self.angle, self.settled = target, True
             return
-        angle = wanted + (self.angle - wanted) * float(np.exp(-elapsed / PACE))
-        arrived = abs(angle - wanted) < NEAR * wanted
-        self.settled = arrived and (wanted > floor or floor == least)
-        self.angle = max(wanted if arrived else angle, allowed)
+        angle = target + (self.angle - target) * float(np.exp(-elapsed / PACE))
+        arrived = abs(angle - target) < NEAR * target
+        self.settled = arrived and (target > floor or floor == least)
+        self.angle = max(target if arrived else angle, allowed)
 
 
-def _fitting(held: FloatArray, copies: npt.NDArray[np.integer], budgets: list[float]) -> list[float]:
-    """Return the angles above which no more instances are than budgets, rising ones, allow; 0 for all."""
+def _fitting_angles(angles: FloatArray, copies: npt.NDArray[np.integer], budgets: list[float]) -> list[float]:
+    """Return the angles above which instances fit into rising budgets; 0 for all."""
     most = int(budgets[-1])
     if copies.sum() <= budgets[0]:
         return [0.0] * len(budgets)
-    if len(held) > most + 1:  # each plant is an instance at least
-        first = np.argpartition(-held, most)[: most + 1]
-        held, copies = held[first], copies[first]
-    order = np.argsort(-held, kind="stable")
-    kept = np.searchsorted(np.cumsum(copies[order]), np.floor(budgets), side="right")
-    angles = np.append(held[order], 0.0)[kept]
-    return [float(angle) for angle in angles]
+    if len(angles) > most + 1:  # each plant is an instance at least
+        first = np.argpartition(-angles, most)[: most + 1]
+        angles, copies = angles[first], copies[first]
+    order = np.argsort(-angles, kind="stable")
+    fitting = np.searchsorted(np.cumsum(copies[order]), np.floor(budgets), side="right")
+    return [float(angle) for angle in np.append(angles[order], 0.0)[fitting]]
 
 
-KINDS: Final = len(SPECIES) * VARIANTS
-"""Of plants: every species' first variant, second, … follow each other."""
+class MeshInstances(NamedTuple):
+    """Instances (`PlantInstances.rows`, with their visible share last) sorted by mesh."""
 
-
-VECTOR: Final = 4 * 4
-"""Bytes of each vector that is found of a plant."""
-
-
-class Instances(NamedTuple):
-    """Plants to draw, by kind and detail.
-
-    Attributes
-    ----------
-    rows : (n, 8) float32
-        Foot from an anchor and height (m); cosine and sine, times as wide as it is drawn; temper (see
-        `Stand`), and the share of its triangles that is drawn.
-    counts : (kinds, details) int64
-        How many of each mesh; rows follow in this order.
-    """
-
-    rows: npt.NDArray[np.float32]
-    counts: npt.NDArray[np.int64]
+    rows: npt.NDArray[np.float32]  # (n, 8)
+    counts: Int64Array  # (kinds, details)
 
 
 class PlantMeshes:
-    """Vertices of all kinds in all details.
-
-    Attributes
-    ----------
-    first, vertices : (kinds, details) int64
-        Where each mesh begins, and how many vertices it has.
-    """
+    """Vertex buffer of all kinds in all details: first vertex and vertex count of each, (kinds, details)."""
 
     def __init__(self, context: moderngl.Context) -> None:
         meshes = [
@@ -183,34 +137,11 @@ class PlantMeshes:
         sizes = np.array([len(mesh) for mesh in meshes], dtype=np.int64)
         self.vertices = sizes.reshape(KINDS, DETAILS)
         self.first = (np.cumsum(sizes) - sizes).reshape(self.vertices.shape)
-        self._context = context
-        self._buffer = context.buffer(np.concatenate(meshes).tobytes())
+        self.context = context
+        self.buffer = context.buffer(np.concatenate(meshes).tobytes())
 
-    def drawn_by(
-        self,
-        program: moderngl.Program,
-        *,
-        standing: moderngl.Program | None = None,
-        found: Sequence[str] = (),
-    ) -> PlantBatch:
-        """Return what draws plants by a program.
-
-        Parameters
-        ----------
-        program
-            Of tree.vert.glsl, or of tree_shadow.vert.glsl.
-        standing
-            For the first, of tree_stand.vert.glsl.
-        found
-            Names of what that finds of a plant, four floats each.
-        """
-        form: tuple[str, ...] = ("3f4 12x", "place")
-        if standing is not None:
-            form = ("3f4 4f1 4f1 4f1", "place", "outward", "colour", "sprig_at")
-        return PlantBatch(self._context, self, program, (self._buffer, *form), standing, found)
-
-    def commands(self, counts: npt.NDArray[np.int64], start: int, stop: int) -> npt.NDArray[np.uint32]:
-        """Return indirect draws of the instances from `start` to `stop`: one row a mesh."""
+    def commands(self, counts: Int64Array, start: int, stop: int) -> npt.NDArray[np.uint32]:
+        """Return indirect draw commands of the instances from `start` to `stop`, one row a mesh."""
         last = np.cumsum(counts.ravel())
         begin = np.clip(last - counts.ravel(), start, stop)
         end = np.clip(last, start, stop)
@@ -223,62 +154,66 @@ class PlantMeshes:
 
 
 class PlantBatch:
-    """Instances on the GPU, and the programs that draw them."""
+    """Instances, drawn by a program of tree.vert.glsl or tree_shadow.vert.glsl.
+
+    For the former, `transform` (tree_stand.vert.glsl) computes the vec4s named in `captured` once a plant.
+    """
 
     def __init__(
         self,
-        context: moderngl.Context,
         meshes: PlantMeshes,
         program: moderngl.Program,
-        vertices: tuple[object, ...],
-        standing: moderngl.Program | None,
-        found: Sequence[str],
+        *,
+        transform: moderngl.Program | None = None,
+        captured: Sequence[str] = (),
     ) -> None:
-        self._program, self._standing = program, standing
+        context = meshes.context
+        self._program, self._transform = program, transform
         self._meshes = meshes
         self._instances = context.buffer(reserve=32 * 1024, dynamic=True)
-        self._ground = context.buffer(reserve=32 * 1024, dynamic=True)
+        self._captured = context.buffer(reserve=32 * 1024, dynamic=True)
+        self._captured_bytes = VECTOR * len(captured)
         self._commands = context.buffer(reserve=20 * meshes.vertices.size, dynamic=True)
         self._counts = np.zeros_like(meshes.vertices)
-        parts = [vertices, (self._instances, "4f4 4f4/i", "stand", "manner")]
-        self._stands = None
-        if standing is not None:
-            self._found = VECTOR * len(found)
-            parts.append((self._ground, " ".join(["4f4"] * len(found)) + "/i", *found))
-            self._stands = context.vertex_array(standing, [(self._instances, "4f4 16x", "stand")])
+        vertex = ("3f4 12x", "local_position")
+        if transform is not None:
+            vertex = ("3f4 4f1 4f1 4f1", "local_position", "local_normal", "vertex_colour", "leaf_uv")
+        parts = [(meshes.buffer, *vertex), (self._instances, "4f4 4f4/i", "foot_height", "appearance")]
+        if transform is not None:
+            parts.append((self._captured, " ".join(["4f4"] * len(captured)) + "/i", *captured))
+            self._evaluation = context.vertex_array(transform, [(self._instances, "4f4 16x", "foot_height")])
         self._array = context.vertex_array(program, parts)
-
-    def draw_all(self, uniforms: Mapping[str, object]) -> None:
-        """Find out what each plant's vertices share, and draw all."""
-        if self.count:
-            if self._standing is not None and self._stands is not None:
-                set_uniforms(self._standing, uniforms)
-                self._ground.orphan(max(self._found * self.count, self._ground.size))
-                self._stands.transform(self._ground, vertices=self.count)
-            set_uniforms(self._program, uniforms)
-            self.draw()
 
     @property
     def count(self) -> int:
-        """How many plants are held."""
+        """Number of instances."""
         return int(self._counts.sum())
 
     @property
     def triangles(self) -> int:
-        """How many triangles all of them have."""
+        """Triangles of all instances."""
         return int((self._counts * self._meshes.vertices).sum()) // 3
 
-    def put(self, instances: Instances) -> None:
-        """Hold other plants."""
+    def set_instances(self, instances: MeshInstances) -> None:
+        """Replace the instances."""
         self._counts = instances.counts
         if self.count:
-            size = max(instances.rows.nbytes, self._instances.size)
-            self._instances.orphan(size)
+            self._instances.orphan(max(instances.rows.nbytes, self._instances.size))
             self._instances.write(instances.rows.tobytes())
 
-    def draw(self, start: int = 0, stop: int | None = None) -> None:
-        """Draw those from `start` to `stop`, all by default."""
-        commands = self._meshes.commands(self._counts, start, self.count if stop is None else stop)
+    def evaluate_and_draw(self, uniforms: Mapping[str, object]) -> None:
+        """Compute the attributes shared by an instance's vertices, and draw all instances."""
+        if self.count:
+            if self._transform is not None:
+                set_uniforms(self._transform, uniforms)
+                self._captured.orphan(max(self._captured_bytes * self.count, self._captured.size))
+                self._evaluation.transform(self._captured, vertices=self.count)
+            set_uniforms(self._program, uniforms)
+            self.draw(0, self.count)
+
+    def draw(self, start: int, stop: int) -> None:
+        """Draw instances from `start` to `stop`."""
+        commands = self._meshes.commands(self._counts, start, stop)
         if len(commands):
             self._commands.write(commands.tobytes())
             self._array.render_indirect(self._commands, moderngl.TRIANGLES, count=len(commands))

@@ -96,7 +96,7 @@ class Scenery:
         )
         self.forest = Forest(context, terrain, sun, quality=quality, defines=self.shading.defines)
         self.surface = SurfaceMap(
-            context, self.stream.tile_renderer, texels=quality.surface_texels, reach=self.forest.reach
+            context, self.stream.tile_renderer, texels=quality.surface_texels, reach=self.forest.draw_distance
         )
         self.cover = GroundCover(context, quality=quality, shading=self.shading)
         self._water = Water(
@@ -122,7 +122,7 @@ class Scenery:
         """Replace the terrain: tiles and water at once, light and plants over the next frames."""
         tile_stats = self.stream.set_terrain(terrain, areas)
         self.lit.set_terrain(terrain, areas)
-        self.forest.change(terrain, areas)
+        self.forest.set_terrain(terrain, areas)
         self.surface.invalidate()
         self._features = terrain.features
         self._water.set_features(self._features)
@@ -157,7 +157,7 @@ class Scenery:
             return
         self._cloudiness = cloudiness
         self.shading, self._clouds = self._lighting()
-        self.forest.build(self.shading.defines)
+        self.forest.rebuild(self.shading.defines)
         self.cover = GroundCover(self._context, quality=self._quality, shading=self.shading)
         self._water.rebuild(self._features, self.shading.defines)
 
@@ -221,9 +221,9 @@ class Scenery:
         frame["reach"] = (distance, lit.haze_base, *targets.sample_size)
         for field, value in lit.uniforms(eye).items():
             frame[field] = value
-        frame["to_shade"] = self.forest.shade.matrices(eye)
-        frame["shade_share"] = self.forest.shade.shown_share
-        frame["trees"] = (self.forest.reach, self._aridity, _pixel(camera, height))
+        frame["to_shade"] = self.forest.shadows.matrices(eye)
+        frame["shade_share"] = self.forest.shadows.fade_shares
+        frame["trees"] = (self.forest.draw_distance, self._aridity, _pixel(camera, height))
         frame.upload()
 
     def _bind(self, targets: RenderTargets) -> dict[str, object]:
@@ -234,7 +234,7 @@ class Scenery:
             "noise_field": self._noise,
             "material_colour": self._materials.colour,
             "material_relief": self._materials.relief,
-            **self.forest.shade.textures,
+            **self.forest.shadows.textures,
             **self.surface.textures,
             **self._water.textures,
             **targets.textures,

@@ -1,4 +1,4 @@
-"""Plants that are drawn: cells, levels of detail, thinning with distance."""
+"""Plants that are drawn: cells, levels of detail, density with distance."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -9,24 +9,32 @@ import pytest
 from sketchterrain.look.tree_levels import DETAILS
 from sketchterrain.render.budgets import TimeBudget
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.forest import BAND, GROW, PIXELS, Forest, shares
+from sketchterrain.render.forest import BAND, GROW, PIXELS, Forest, detail_shares
 from sketchterrain.render.lit_ground import GroundLighting
-from sketchterrain.render.plant_cells import CELL, KEPT, SINK, PlantCells, cells_near, joined, stand_of
+from sketchterrain.render.plant_cells import (
+    CELL,
+    MAX_CELLS,
+    SINK,
+    PlantCells,
+    cells_near,
+    join_cells,
+    plant_instances,
+)
 from sketchterrain.render.plant_cells import CELL as STAND_CELL
 from sketchterrain.render.plant_meshes import (
     FILL,
     KINDS,
     SOFT,
     WIDEST,
+    PlantDensity,
     PlantMeshes,
-    Thinning,
-    bulk_of,
-    hold_of,
-    share_of,
-    whim_of,
-    width_of,
+    cull_distance,
+    plant_importance,
+    removal_rank,
+    visible_share,
+    width_scale,
 )
-from sketchterrain.render.plant_shade import PlantShade, shade_matrix, sun_axes
+from sketchterrain.render.plant_shade import PlantShadows, shadow_matrix, sun_axes
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.sky import Sun
 from sketchterrain.vegetation.plants import PLANT
@@ -84,27 +92,27 @@ def test_plants_of_cells_are_those_of_the_terrain():
     meadow = Lattice()
     cells, whole = PlantCells(meadow), PlantCells(meadow)
     places = [(col, row) for col in range(-2, 2) for row in range(3)]
-    cells.want(places)
+    cells.request(places)
     while not cells.complete:
-        cells.go_on(TimeBudget(1.0))
-    whole.want(places)
+        cells.advance(TimeBudget(1.0))
+    whole.request(places)
     whole.finish()
     assert len(meadow.asked) == len(places) + 1
     stands = []
     for each in (cells, whole):
         found = [each[place] for place in places]
-        stands.append(in_order(joined(found, np.zeros(2))))
+        stands.append(in_order(join_cells(found, np.zeros(2))))
     assert (stands[0] == stands[1]).all()
     assert len(stands[0]) == len(places) * (CELL / 16) ** 2
 
-    cells.want([(3, -2)])
+    cells.request([(3, -2)])
     cells.finish()
     cell = cells[3, -2]
-    place = cell.stand.place.astype(float)
+    place = cell.instances.position.astype(float)
     x, y = (place[:, :2] + cell.corner).T
     assert np.abs(place[:, 2] - (0.02 * x - 0.01 * y - SINK)).max() < 1e-4
     assert cell.low <= place[:, 2].min()
-    assert cell.high >= (cell.stand.place[:, 2] + cell.stand.tall).max()
+    assert cell.high >= (cell.instances.position[:, 2] + cell.instances.height).max()
 
 
 def test_nearest_cells_come_first_and_none_is_left_out():
@@ -121,7 +129,7 @@ def test_nearest_cells_come_first_and_none_is_left_out():
 def test_cells_are_made_in_steps_and_dropped_when_long_unused():
     meadow = Lattice()
     cells = PlantCells(meadow)
-    cells.want([(0, 0)])
+    cells.request([(0, 0)])
     now = [0.0]
 
     def timer():
@@ -130,21 +138,21 @@ def test_cells_are_made_in_steps_and_dropped_when_long_unused():
 
     frames = 0
     while not cells.complete:
-        cells.go_on(TimeBudget(0.008, timer=timer))
+        cells.advance(TimeBudget(0.008, timer=timer))
         frames += 1
     assert frames > 1
-    for col in range(KEPT + 20):
-        cells.want([(col, 5)])
+    for col in range(MAX_CELLS + 20):
+        cells.request([(col, 5)])
         cells.finish()
     assert cells[0, 0] is None
-    assert cells[KEPT + 19, 5] is not None
+    assert cells[MAX_CELLS + 19, 5] is not None
 
 
 def test_levels_of_detail_of_a_plant_fade_into_each_other():
     steps = np.array(PIXELS)
     pixels = np.geomspace(1.0, 400.0, 4001)
-    whim = np.full(len(pixels), 0.3)
-    drawn = shares(pixels, whim, steps)
+    rank = np.full(len(pixels), 0.3)
+    drawn = detail_shares(pixels, rank, steps)
     assert np.allclose(drawn.sum(axis=1), 1.0)
     assert ((drawn > 0).sum(axis=1) <= 2).all()
     assert (drawn[-1] == np.eye(DETAILS)[0]).all()
@@ -152,7 +160,7 @@ def test_levels_of_detail_of_a_plant_fade_into_each_other():
     step = np.log(pixels[1] / pixels[0])
     assert np.abs(np.diff(drawn, axis=0)).max() <= 1.2 * step / (2 * BAND)
     # Plants do not all change at once.
-    finest = [shares(pixels, np.full(len(pixels), w), steps)[:, 0] > 0.5 for w in (0.0, 1.0)]
+    finest = [detail_shares(pixels, np.full(len(pixels), w), steps)[:, 0] > 0.5 for w in (0.0, 1.0)]
     changes = [pixels[np.argmax(each)] for each in finest]
     assert changes[1] / changes[0] > 1.2
 
@@ -174,10 +182,10 @@ def test_shadows_are_drawn_in_a_right_handed_frame_along_the_light():
     axes = sun_axes(SUN)
     assert np.allclose(axes @ axes.T, np.eye(3))
     assert np.allclose(np.cross(axes[0], axes[1]), axes[2])
-    corner = shade_matrix(SUN, np.zeros(3), 50.0, 400.0) @ [*(axes[0] * 50.0 + axes[1] * 50.0), 1.0]
+    corner = shadow_matrix(SUN, np.zeros(3), 50.0, 400.0) @ [*(axes[0] * 50.0 + axes[1] * 50.0), 1.0]
     assert np.allclose(corner[:2], 1.0)
     centre = np.array([10.0, 20.0, -3.0])
-    along = shade_matrix(SUN, centre, 50.0, 400.0) @ [*(centre + 100.0 * SUN.direction), 1.0]
+    along = shadow_matrix(SUN, centre, 50.0, 400.0) @ [*(centre + 100.0 * SUN.direction), 1.0]
     assert np.allclose(along, [0.0, 0.0, -0.25, 1.0])
 
 
@@ -191,19 +199,19 @@ def test_shadows_drawn_in_slices_are_those_drawn_at_once(gl, allowance):
     drawn = []
     for sliced in (False, True):
         cells, meshes = PlantCells(meadow), PlantMeshes(gl)
-        shade = PlantShade(gl, meshes, cells, SUN, quality=quality, reach=400.0)
-        cells.want(shade.places(CAMERA, lit))
+        shade = PlantShadows(gl, meshes, cells, SUN, quality=quality, draw_distance=400.0)
+        cells.request(shade.request(CAMERA, lit))
         cells.finish()
         if sliced:
             frames = 0
             while not shade.settled:
-                shade.go_on(CAMERA.eye, 0.05, TimeBudget(allowance))
+                shade.advance(CAMERA.eye, 0.05, TimeBudget(allowance))
                 frames += 1
                 assert frames < 3000
         else:
             shade.finish(CAMERA.eye)
         drawn.append([shade.textures[name].read() for name in ("shade_near", "shade_far")])
-        assert shade.shown_share == (1.0, 1.0)
+        assert shade.fade_shares == (1.0, 1.0)
         assert np.frombuffer(drawn[-1][1], np.float32).min() < 1.0
     assert drawn[0] == drawn[1]
 
@@ -213,13 +221,15 @@ def test_shadow_maps_keep_their_grid_while_the_eye_moves(gl):
     meadow = Lattice()
     lit = GroundLighting(gl, meadow, SUN, texels=64)
     cells = PlantCells(meadow)
-    shade = PlantShade(gl, PlantMeshes(gl), cells, SUN, quality=Quality(shade_texels=256), reach=400.0)
+    shade = PlantShadows(
+        gl, PlantMeshes(gl), cells, SUN, quality=Quality(shade_texels=256), draw_distance=400.0
+    )
     point = np.array([510.0, 150.0, 8.0])
     places = []
     for dx in (0.0, 3.0, 60.0, 200.0):
         camera = Camera((500.0 + dx, 60.0, 120.0), (500.0 + dx, 700.0, 60.0))
         lit.settle(camera)
-        cells.want(shade.places(camera, lit))
+        cells.request(shade.request(camera, lit))
         cells.finish()
         shade.finish(camera.eye)
         matrix = shade.matrices(camera.eye)[1]
@@ -239,7 +249,7 @@ def test_plants_grow_in_and_the_forest_settles(gl):
     frames = 0
     while not forest.settled:
         forest.update(CAMERA, SIZE, lit, 0.05, TimeBudget(0.02))
-        forest._choose(CAMERA, SIZE)
+        forest._select(CAMERA, SIZE)
         triangles.append(forest.triangles)
         shown.append(forest.count)
         frames += 1
@@ -260,7 +270,7 @@ SPACING = 5.0
 
 
 def drawn(forest):
-    """Feet (m in the world), widths and shares of what the last view chose, each plant once."""
+    """Feet (m in the world), widths and detail_shares of what the last view chose, each plant once."""
     rows = [
         np.frombuffer(batch._instances.read(), np.float32).reshape(-1, 8)[: batch.count]
         for batch in forest._batches
@@ -276,35 +286,37 @@ def test_whims_are_even_and_plants_of_a_cell_are_sorted_by_how_long_they_stay():
     rng = np.random.default_rng(1)
     chance = rng.uniform(0.0, 1.0, 400_000)
     level = np.floor(-np.log(rng.uniform(0.0, 1.0, chance.size)) / np.log(4.0)).astype(np.uint8)
-    whim = whim_of(level, chance)
-    shares = np.histogram(whim, bins=20, range=(0.0, 1.0))[0] / whim.size
-    assert np.abs(shares - 0.05).max() < 0.002
+    rank = removal_rank(level, chance)
+    detail_shares = np.histogram(rank, bins=20, range=(0.0, 1.0))[0] / rank.size
+    assert np.abs(detail_shares - 0.05).max() < 0.002
     for above in range(4):
-        assert whim[level == above].max() <= whim[level > above].min()
+        assert rank[level == above].max() <= rank[level > above].min()
 
-    stand = stand_of(taiga().foliage(0.0, 0.0, STAND_CELL, STAND_CELL), np.zeros(2))
-    assert (np.diff(stand.hold) <= 0.0).all()
-    assert (stand.whim[:4] > 0.98).all()
+    stand = plant_instances(taiga().foliage(0.0, 0.0, STAND_CELL, STAND_CELL), np.zeros(2))
+    assert (np.diff(stand.cull) <= 0.0).all()
+    assert (stand.rank[:4] > 0.98).all()
     # Plants that stand alone count for more.
-    assert bulk_of(np.array([12.0]), np.array([1.0])) == pytest.approx(12.0)
-    assert bulk_of(np.array([12.0]), np.array([0.0])) > bulk_of(np.array([12.0]), np.array([0.9]))
+    assert plant_importance(np.array([12.0]), np.array([1.0])) == pytest.approx(12.0)
+    assert plant_importance(np.array([12.0]), np.array([0.0])) > plant_importance(
+        np.array([12.0]), np.array([0.9])
+    )
 
 
 def test_plants_are_kept_by_the_square_of_their_size_and_fade_gradually():
     rng = np.random.default_rng(2)
-    whim = rng.uniform(0.0, 1.0, 200_000)
-    hold = hold_of(np.full(whim.size, 10.0), whim)
+    rank = rng.uniform(0.0, 1.0, 200_000)
+    hold = cull_distance(np.full(rank.size, 10.0), rank)
     for ratio in (0.5, 1.0, 2.0, 4.0):
-        away = np.full(whim.size, 1000.0 * ratio)
-        kept = (share_of(hold, away, 0.01) > 0.0).mean()
+        away = np.full(rank.size, 1000.0 * ratio)
+        kept = (visible_share(hold, away, 0.01) > 0.0).mean()
         assert kept == pytest.approx(min(ratio**-2, 1.0), rel=0.05)
-        width = width_of(np.full(whim.size, 10.0), away, 0.01)
+        width = width_scale(np.full(rank.size, 10.0), away, 0.01)
         assert width == pytest.approx(np.clip(ratio, 1.0, WIDEST))
         assert ratio > WIDEST or kept * width[0] ** 2 == pytest.approx(1.0, rel=0.05)  # cover
 
     away = np.linspace(500.0, 2500.0, 4001)
-    share = share_of(np.full(away.size, 10.0), away, 0.01)
-    width = width_of(np.full(away.size, 10.0), away, 0.01)
+    share = visible_share(np.full(away.size, 10.0), away, 0.01)
+    width = width_scale(np.full(away.size, 10.0), away, 0.01)
     assert share[0] == 1.0
     assert share[-1] == 0.0
     step = np.abs(np.diff(away) / away[1:]).max()
@@ -317,41 +329,41 @@ def test_the_scale_keeps_the_budget_at_once():
     held, copies = rng.pareto(2.0, 5000) + 0.001, rng.integers(1, 3, 5000)
     for most in (1, 40, 1000, 10_000):
         for elapsed in (None, 0.05):
-            thinning = Thinning(most)
+            density = PlantDensity(most)
             for _ in range(3):
-                thinning.follow(held, copies, least=1e-3, elapsed=elapsed)
-                assert copies[held > thinning.angle].sum() <= most
+                density.update(held, copies, least=1e-3, elapsed=elapsed)
+                assert copies[held > density.angle].sum() <= most
         if most < 5000:
-            assert copies[held > thinning.angle].sum() > (FILL - 0.01) * most - 2
+            assert copies[held > density.angle].sum() > (FILL - 0.01) * most - 2
         else:
-            assert thinning.angle == 1e-3
+            assert density.angle == 1e-3
 
 
 def test_the_scale_follows_smoothly_and_converges_to_that_of_a_still():
     rng = np.random.default_rng(4)
     held = rng.pareto(2.0, 20_000) + 0.001
     crowd, few = held, held[:1500]
-    still, thinning = Thinning(1000), Thinning(1000)
+    still, density = PlantDensity(1000), PlantDensity(1000)
 
     def follow():
-        seen = few[few > thinning.floor(1e-3, still=False)]
-        thinning.follow(seen, np.ones(len(seen), int), least=1e-3, elapsed=0.05)
+        seen = few[few > density.floor(1e-3, still=False)]
+        density.update(seen, np.ones(len(seen), int), least=1e-3, elapsed=0.05)
 
-    thinning.follow(few, np.ones(1500, int), least=1e-3, elapsed=0.05)
+    density.update(few, np.ones(1500, int), least=1e-3, elapsed=0.05)
     for _ in range(200):
         follow()
-    assert thinning.settled
-    still.follow(few, np.ones(1500, int), least=1e-3, elapsed=None)
-    assert thinning.angle == pytest.approx(still.angle, rel=1e-6)
-    thinning.follow(crowd, np.ones(20_000, int), least=1e-3, elapsed=0.05)
-    assert not thinning.settled
+    assert density.settled
+    still.update(few, np.ones(1500, int), least=1e-3, elapsed=None)
+    assert density.angle == pytest.approx(still.angle, rel=1e-6)
+    density.update(crowd, np.ones(20_000, int), least=1e-3, elapsed=0.05)
+    assert not density.settled
     steps = []
     for _ in range(400):  # out of the crowd again
-        before = thinning.angle
+        before = density.angle
         follow()
-        steps.append(thinning.angle / before)
+        steps.append(density.angle / before)
     assert min(steps) > 0.9
-    assert thinning.angle == pytest.approx(still.angle, rel=1e-3)
+    assert density.angle == pytest.approx(still.angle, rel=1e-3)
 
 
 @pytest.fixture(scope="module")
@@ -390,7 +402,7 @@ def test_a_step_of_the_eye_changes_few_plants(forest_of):
     before = drawn(forest)
     moved = replace(THIN_CAMERA, eye=(3000.6, 300.8, 160.0), target=(3000.6, 1700.8, -200.0))
     forest.update(moved, FRAME, lit, 0.05, TimeBudget(0.0))
-    forest._choose(moved, FRAME)
+    forest._select(moved, FRAME)
     after = drawn(forest)
     both, a, b = np.intersect1d(before[0], after[0], return_indices=True)
     assert len(both) > 0.98 * len(before[0])
@@ -408,11 +420,11 @@ def test_plants_are_not_chosen_again_for_an_eye_at_rest(forest_of, monkeypatch):
     forest, lit = forest_of(plants=3000)
     forest.settle(THIN_CAMERA, FRAME, lit)
     chosen = []
-    monkeypatch.setattr("sketchterrain.render.forest.joined", lambda *_: chosen.append(1))
-    monkeypatch.setattr("sketchterrain.render.forest.in_view", lambda *_: chosen.append(1))
+    monkeypatch.setattr("sketchterrain.render.forest.join_cells", lambda *_: chosen.append(1))
+    monkeypatch.setattr("sketchterrain.render.forest.cells_in_view", lambda *_: chosen.append(1))
     for _ in range(3):
         forest.update(THIN_CAMERA, FRAME, lit, 0.05, TimeBudget(0.0))
-        forest._choose(THIN_CAMERA, FRAME)
+        forest._select(THIN_CAMERA, FRAME)
     assert not chosen
     assert forest.settled
 
@@ -427,7 +439,7 @@ def test_a_flight_that_comes_to_rest_shows_what_a_still_does(forest_of):
     flown.settle(away, FRAME, lit)
     for _ in range(400):
         flown.update(THIN_CAMERA, FRAME, lit, 0.05, TimeBudget(1.0))
-        flown._choose(THIN_CAMERA, FRAME)
+        flown._select(THIN_CAMERA, FRAME)
         if flown.settled:
             break
     assert flown.settled

@@ -10,8 +10,7 @@ import pytest
 from sketchterrain.errors import BuildError
 from sketchterrain.io.resources import source
 from sketchterrain.look.texture_maker import LAYERS, filtered_roughness
-from sketchterrain.render import clouds, scatter
-from sketchterrain.render import plant_cells as plant_stand
+from sketchterrain.render import clouds, plant_cells, scatter
 from sketchterrain.render import textures as texture_places
 from sketchterrain.render.atmosphere import GROUND
 from sketchterrain.render.camera import Camera
@@ -116,7 +115,7 @@ def test_constants_of_shaders_are_those_of_the_program():
         ("hex_tiling.glsl", "HEX_PERIOD", texture_places.PERIOD),
         ("matter.glsl", "RATIO", texture_places.RATIO),
         ("scatter.glsl", "BAND", scatter.BAND),
-        ("tree_stand.vert.glsl", "SINK", plant_stand.SINK),
+        ("tree_stand.vert.glsl", "SINK", plant_cells.SINK),
     ):
         (said,) = re.findall(rf"const \w+ {name} = ([\d.e]+);", source(f"render/{file}"))
         assert float(said) == value, (file, name)

@@ -32,11 +32,11 @@ def test_plants_stand_on_the_ground_one_unit_high_and_get_simpler():
         assert counts[0] > (2000 if species == "shrub" else 4000), (species, variant)
         assert counts[-1] == 12, (species, variant)
         for mesh in meshes:
-            assert -0.2 < mesh["place"][:, 2].min() < 0.05, (species, variant)
-            assert 0.85 < mesh["place"][:, 2].max() < 1.2, (species, variant)
-            outward = mesh["outward"][:, :3] / 127.5 - 1.0
+            assert -0.2 < mesh["position"][:, 2].min() < 0.05, (species, variant)
+            assert 0.85 < mesh["position"][:, 2].max() < 1.2, (species, variant)
+            outward = mesh["normal"][:, :3] / 127.5 - 1.0
             assert np.abs(np.linalg.norm(outward, axis=1) - 1.0).max() < 0.02, (species, variant)
-        wood = meshes[0]["place"][meshes[0]["outward"][:, 3] == 0]
+        wood = meshes[0]["position"][meshes[0]["normal"][:, 3] == 0]
         foot = wood[wood[:, 2] < 0.0]
         assert np.abs(foot[:, :2]).max() < 0.1, (species, variant)
     assert total < 20e6  # bytes
@@ -230,7 +230,7 @@ def test_plants_lit_at_their_vertices_have_the_colour_of_those_lit_at_each_pixel
     bare = picture(without=(*STILL, "trees"), shade_maps=maps)
     coarse = {"leaves": 0.03, "shade_maps": maps}  # all of them coarse
     at_vertices = picture(**coarse)
-    monkeypatch.setattr("sketchterrain.render.forest.LIT", DETAILS)
+    monkeypatch.setattr("sketchterrain.render.forest.VERTEX_LIT", DETAILS)
     at_pixels = picture.__wrapped__(**coarse)
     changed = [np.abs(each - bare).max(axis=2) > 20 for each in (at_vertices, at_pixels)]
     both = changed[0] & changed[1]
@@ -256,7 +256,9 @@ def test_feet_stand_on_the_ground_as_it_is_drawn():
         feet = []
         for batch in batches:
             rows = np.frombuffer(batch._instances.read(), np.float32).reshape(-1, 8)[: batch.count]
-            ground = np.frombuffer(batch._ground.read(), np.float32)[:: batch._found // 4][: batch.count]
+            ground = np.frombuffer(batch._captured.read(), np.float32)[:: batch._captured_bytes // 4][
+                : batch.count
+            ]
             feet.append(np.c_[rows[:, :2] + renderer.scenery.forest._origin, ground + camera.eye[2] + 0.15])
         feet = np.concatenate(feet)
         # The same ground without plants: its depth at the feet.

@@ -86,7 +86,7 @@ def test_facets_cover_the_surface_once(gl):
 
 def test_a_broken_program_names_its_files(gl, monkeypatch):
     monkeypatch.setattr(
-        "sketchterrain.io.resources.source", lambda name: HEADER + "void main() { nonsense; }"
+        "sketchterrain.render.programs.source", lambda name: HEADER + "void main() { nonsense; }"
     )
     with pytest.raises(BuildError, match=r"screen\.vert\.glsl and sky\.frag\.glsl.*nonsense"):
         build_program(gl, "screen.vert.glsl", "sky.frag.glsl")

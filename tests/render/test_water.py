@@ -316,7 +316,7 @@ def test_a_far_river_fades_by_its_share_of_a_pixel(gl, monkeypatch):
     def plain(name):
         return PLAIN if name == "render/water.frag.glsl" else read(name)
 
-    monkeypatch.setattr("sketchterrain.io.resources.source", plain)
+    monkeypatch.setattr("sketchterrain.render.programs.source", plain)
     size = (64, 256)
     far = straight(width=24.0, start=(-4e4, 0.0), end=(4e4, 0.0), count=2001)
     assert not Water(gl, features(far), enabled=False)

@@ -7,17 +7,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 
-CORE = {
-    "errors",
-    "array_types",
-    "io",
-    "document",
-    "placement",
-    "hydrology",
-    "compute",
-    "terrain",
-    "vegetation",
-}
+BASE = {"errors", "array_types", "io", "document"}
+CORE = BASE | {"placement", "hydrology", "compute", "terrain", "vegetation"}
 # Each room and the rooms it may import; a room may always import itself.
 MAY_IMPORT = {
     "errors": set(),
@@ -27,8 +18,7 @@ MAY_IMPORT = {
     "placement": {"errors", "array_types", "document"},
     "hydrology": {"errors", "array_types", "document", "placement"},
     "compute": {"errors", "array_types", "io"},
-    # `Terrain.foliage` returns the plants of a terrain: vegetation is the one room below that terrain imports.
-    "terrain": CORE,
+    "terrain": CORE,  # also vegetation, for the plants of `Terrain.foliage`
     "vegetation": CORE,
     "tiles": {"errors", "array_types"},
     "look": CORE,

@@ -96,20 +96,13 @@ def _export_target(request: TargetRequest, sketch: Sketch, stages: Stages) -> di
 def _generate(request: ExportRequest, sketch: Sketch, stages: Stages) -> dict[str, Any]:
     with stages.stage("program", "Loading the program"):
         from sketchterrain.app.estimates import check_size
-        from sketchterrain.app.generate import PreviewOptions, generate
+        from sketchterrain.app.generate import GenerateOptions, generate
         from sketchterrain.export.foliage_files import FoliageOptions
 
         check_size(sketch, request.size)
-    done = generate(
-        sketch,
-        request.folder,
-        device=request.device,
-        fast=False,
-        size=request.size,
-        foliage=FoliageOptions(request.foliage, request.grass),
-        extras=PreviewOptions(request.preview, request.view, map=request.map),
-        stages=stages,
-    )
+    foliage = FoliageOptions(request.foliage, request.grass)
+    options = GenerateOptions(request.size, foliage, request.preview, request.view, map=request.map)
+    done = generate(sketch, request.folder, options, device=request.device, stages=stages)
     return {
         "files": [str(path) for path in done.files],
         "problem": done.problem,

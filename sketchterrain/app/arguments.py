@@ -1,7 +1,11 @@
-"""Arguments that commands share, and how their texts are parsed."""
+"""Arguments and options of the commands, and the parsing of their values.
+
+Invalid text raises ``typer.BadParameter``, a usage error. Nothing heavy is imported for ``--help``.
+"""
 
 from __future__ import annotations
 
+import math
 import re
 import sys
 from pathlib import Path
@@ -12,14 +16,23 @@ import typer
 if TYPE_CHECKING:
     from sketchterrain.app.progress import Stages
     from sketchterrain.document.sketch import Sketch
+    from sketchterrain.export.target import ExportOptions
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.scene import TerrainSource
 
+Point = tuple[float, float, float]
 
-_PIXELS = range(16, 8193)  # what the renderer can draw
-_LONGEST = 3600.0  # s, of a flight
-_FILMS = (".mp4", ".webp", ".gif")  # what is no folder of frames
+_PIXELS = range(16, 8193)  # a picture's side
+_MAX_COORDINATE = 1e9  # m
+_MAX_SECONDS = 3600.0  # of a flight
+_FILMS = (".mp4", ".webp", ".gif")
 _FOLIAGE = ("csv", "ply", "both", "none")
+_MAPS = ("png", "svg")
+# Those of sketchterrain.export.targets, which is not loaded for --help; a test compares them.
+TARGETS = (
+    *("unity", "unreal", "godot", "blender", "gltf", "geotiff"),
+    *("raw", "png16", "exr", "npy", "obj", "stl"),
+)
 
 
 def _parse_picture_size(text: str) -> tuple[int, int]:
@@ -31,11 +44,64 @@ def _parse_picture_size(text: str) -> tuple[int, int]:
     return width, height
 
 
+def _parse_tiles(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"([1-9]\d{0,4})[x×]([1-9]\d{0,4})", text.strip())
+    if match is None:
+        raise typer.BadParameter(f"expected COLUMNSxROWS of tiles, as 4x4, got {text!r}")
+    return int(match[1]), int(match[2])
+
+
+def _parse_hour(text: str) -> float:
+    match = re.fullmatch(r"(\d{1,2})(?::([0-5]\d))?", text.strip())
+    hour = int(match[1]) + int(match[2] or 0) / 60.0 if match else 25.0
+    if hour > 24.0:
+        raise typer.BadParameter(f"expected a time of day HH or HH:MM, up to 24, got {text!r}")
+    return hour
+
+
+def _parse_numbers(text: str, count: int, expected: str) -> tuple[float, ...]:
+    try:
+        numbers = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != count or not all(math.isfinite(number) for number in numbers):
+        raise typer.BadParameter(f"expected {expected}, got {text!r}")
+    return numbers
+
+
+def _parse_point(text: str) -> tuple[float, ...]:
+    point = _parse_numbers(text, 3, "three numbers X,Y,Z in metres")
+    if max(abs(number) for number in point) > _MAX_COORDINATE:
+        raise typer.BadParameter(f"expected numbers of at most {_MAX_COORDINATE:g} m, got {text!r}")
+    return point
+
+
+def _parse_pair(text: str) -> tuple[float, ...]:
+    return _parse_numbers(text, 2, "two numbers with a comma between them")
+
+
+def _parse_metric_bounds(text: str) -> tuple[float, ...]:
+    return _parse_numbers(text, 4, "WEST,SOUTH,EAST,NORTH in metres")
+
+
+def _parse_source_bounds(text: str) -> tuple[float, ...]:
+    west, south, east, north = bounds = _parse_numbers(text, 4, "WEST,SOUTH,EAST,NORTH")
+    if not (west < east and south < north):
+        raise typer.BadParameter(f"expected west < east and south < north, got {text!r}")
+    return bounds
+
+
 def _check_picture_file(path: Path | None) -> Path | None:
-    if path is None:
-        return None
-    if path.suffix.lower() != ".png" or path.is_dir():
+    if path is not None and (path.suffix.lower() != ".png" or path.is_dir()):
         raise typer.BadParameter(f"expected the name of a .png file, got {str(path)!r}")
+    return path
+
+
+def _check_render_file(path: Path) -> Path:
+    if path.suffix.lower() not in (".png", ".svg") or path.is_dir():
+        raise typer.BadParameter(
+            f"expected the name of a .png file, or with --map of an .svg file, got {str(path)!r}"
+        )
     return path
 
 
@@ -47,44 +113,57 @@ def _check_film_place(path: Path | None) -> Path | None:
     )
 
 
+def _check_textures(folder: Path | None) -> Path | None:
+    if folder is not None and not folder.is_dir():
+        raise typer.BadParameter(f"expected a folder of textures, got {str(folder)!r}")
+    return folder
+
+
 def _check_foliage(kind: str) -> str:
     if kind not in _FOLIAGE:
         raise typer.BadParameter(f"expected {', '.join(_FOLIAGE[:-1])} or {_FOLIAGE[-1]}, got {kind!r}")
     return kind
 
 
+def _check_map_kind(kind: str | None) -> str | None:
+    if kind not in (None, *_MAPS):
+        raise typer.BadParameter(f"expected {' or '.join(_MAPS)}, got {kind!r}")
+    return kind
+
+
 def _check_seconds(seconds: float | None) -> float | None:
-    if seconds is None or 0.0 < seconds <= _LONGEST:
+    if seconds is None or 0.0 < seconds <= _MAX_SECONDS:
         return seconds
-    raise typer.BadParameter(f"expected more than 0 and at most {_LONGEST:g} seconds, got {seconds:g}")
+    raise typer.BadParameter(f"expected more than 0 and at most {_MAX_SECONDS:g} seconds, got {seconds:g}")
 
 
-AsJson = Annotated[bool, typer.Option("--json", help="Write JSON to stdout.")]
+def _check_target(name: str) -> str:
+    if name not in TARGETS:
+        raise typer.BadParameter(f"expected one of {', '.join(TARGETS)}, got {name!r}")
+    return name
+
+
+# Values with a parser are Any: typer would take a tuple for several options.
+
+# Sketches, devices, results
+SketchName = Annotated[str, typer.Argument(metavar="SKETCH", help="A folder, a .sketch file or a preset.")]
+SketchNames = Annotated[
+    list[str] | None, typer.Argument(metavar="[SKETCH]...", help="Folders, .sketch files or presets.")
+]
+WorldPath = Annotated[
+    Path, typer.Argument(metavar="WORLD", help="Output of `world`: .zarr, .tif or a folder of tiles.")
+]
+Seed = Annotated[int | None, typer.Option(metavar="N", help="In place of the sketch's own seed.")]
 DeviceName = Annotated[
     str | None,
-    typer.Option(
-        "--device",
-        metavar="NAME",
-        help="Index in `devices`, gpu, cpu, or a part of a platform's or device's name.",
-    ),
+    typer.Option("--device", metavar="NAME", help="Index in `devices`, gpu, cpu, or part of a name."),
 ]
-Fast = Annotated[bool, typer.Option("--fast", help="Trade the same bits everywhere for speed.")]
-FilmPlace = Annotated[
-    Path | None,
-    typer.Option(
-        "--output",
-        "-o",
-        metavar="DIR|FILE",
-        callback=_check_film_place,
-        help=f"Folder for the frames, 0000.png and so on, or a file named {', '.join(_FILMS)}; "
-        "without it only the numbers.",
-    ),
-]
-FlightFile = Annotated[
-    Path | None,
-    typer.Option("--path", metavar="FILE", help="A recorded path; by default a round over the sketch."),
-]
+Fast = Annotated[bool, typer.Option("--fast", help="Faster arithmetic, whose bits depend on the device.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Write JSON to stdout.")]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="Report what it would take; write nothing.")]
+Resume = Annotated[bool, typer.Option("--resume", help="Resume: recompute only missing or broken files.")]
 Folder = Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Folder to write into.")]
+Vertices = Annotated[int, typer.Option("--size", metavar="N", help="Vertices along the longer side.")]
 FoliageKind = Annotated[
     str,
     typer.Option(
@@ -94,28 +173,19 @@ FoliageKind = Annotated[
         help="Trees and shrubs as foliage.csv, as foliage.ply (binary, for millions), both, or none.",
     ),
 ]
-FrameQuality = Annotated[
-    float | None,
-    typer.Option(
-        "--quality",
-        metavar="0..1",
-        min=0.0,
-        max=1.0,
-        help="What a frame may cost; by default the best, with --real-time what suits the device.",
-    ),
-]
-Fps = Annotated[int, typer.Option("--fps", metavar="N", min=1, max=240, help="Frames a second.")]
-Grass = Annotated[bool, typer.Option("--grass", help="Grass, flowers and ferns too, in foliage.ply.")]
+Grass = Annotated[bool, typer.Option("--grass", help="Include grass, flowers and ferns: many plants.")]
+
+# Pictures, maps and films
 PictureFile = Annotated[
-    Path,
+    Path | None,
     typer.Option(
         "--output", "-o", metavar="FILE.png", callback=_check_picture_file, help="Picture to write."
     ),
 ]
-OptionalPictureFile = Annotated[
-    Path | None,
+RenderFile = Annotated[
+    Path,
     typer.Option(
-        "--output", "-o", metavar="FILE.png", callback=_check_picture_file, help="Picture to write too."
+        "--output", "-o", metavar="FILE", callback=_check_render_file, help="Picture to write, a .png."
     ),
 ]
 PictureSize = Annotated[
@@ -124,90 +194,17 @@ PictureSize = Annotated[
         "--size",
         parser=_parse_picture_size,
         metavar="WxH",
-        help="Width and height, pixels; 1280x720 by default. A map fits in.",
+        help="Pixels, by default 1280x720; a map fits in.",
     ),
 ]
-FilmSize = Annotated[
-    Any, typer.Option("--size", parser=_parse_picture_size, metavar="WxH", help="Width and height, pixels.")
+ViewKind = Annotated[
+    str | None,
+    typer.Option("--view", metavar="KIND", help="The view to find: auto, ground, hill or air."),
 ]
-RealTime = Annotated[
-    bool,
-    typer.Option(
-        "--real-time",
-        help="Show what is ready within a frame's budget, as a viewer does; else each frame is complete.",
-    ),
-]
-Seconds = Annotated[
-    float | None,
-    typer.Option(
-        "--seconds", metavar="N", callback=_check_seconds, help="Only so much of the path; 20 without --path."
-    ),
-]
-Seed = Annotated[int | None, typer.Option(metavar="N", help="In place of the sketch's own seed.")]
-SketchName = Annotated[
-    str, typer.Argument(metavar="SKETCH", help="A sketch's folder or .sketch file, or a preset's name.")
-]
-Vertices = Annotated[int, typer.Option("--size", metavar="N", help="Vertices along the longer side.")]
-
-
-Point = tuple[float, float, float]
-
-_FARTHEST = 1e9  # m
-_MAPS = ("png", "svg")
-
-
-def _parse_point(text: str) -> Point:
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError:
-        raise typer.BadParameter(f"expected three numbers X,Y,Z in metres, got {text!r}") from None
-    if not all(abs(number) <= _FARTHEST for number in (x, y, z)):  # false for NaN too
-        raise typer.BadParameter(f"expected numbers of at most {_FARTHEST:g} m, got {text!r}")
-    return x, y, z
-
-
-def _parse_hour(text: str) -> float:
-    match = re.fullmatch(r"(\d{1,2})(?::([0-5]\d))?", text.strip())
-    hour = int(match[1]) + int(match[2] or 0) / 60.0 if match else 25.0
-    if hour > 24.0:
-        raise typer.BadParameter(f"expected a time of day HH or HH:MM, up to 24, got {text!r}")
-    return hour
-
-
-def _check_map_kind(kind: str | None) -> str | None:
-    if kind not in (None, *_MAPS):
-        raise typer.BadParameter(f"expected {' or '.join(_MAPS)}, got {kind!r}")
-    return kind
-
-
-def _check_textures(folder: Path | None) -> Path | None:
-    if folder is not None and not folder.is_dir():
-        raise typer.BadParameter(f"expected a folder of textures, got {str(folder)!r}")
-    return folder
-
-
-def _check_still_file(path: Path) -> Path:
-    if path.suffix.lower() not in (".png", ".svg") or path.is_dir():
-        raise typer.BadParameter(
-            f"expected the name of a .png file, or with --map of an .svg file, got {str(path)!r}"
-        )
-    return path
-
-
-Clouds = Annotated[
-    float | None,
-    typer.Option(
-        "--clouds",
-        metavar="0..1",
-        min=0.0,
-        max=1.0,
-        help="Share of the sky that clouds cover, in place of the sketch's.",
-    ),
-]
-Eye = Annotated[
-    # Any: typer turns a text that is no tuple of options into one through the parser alone.
+Eye = Annotated[Any, typer.Option(parser=_parse_point, metavar="X,Y,Z", help="Camera position, m.")]
+LookAt = Annotated[
     Any,
-    typer.Option(parser=_parse_point, metavar="X,Y,Z", help="Where the camera stands, m."),
+    typer.Option(parser=_parse_point, metavar="X,Y,Z", help="Target, m; by default the sketch's middle."),
 ]
 Hour = Annotated[
     Any,
@@ -218,78 +215,164 @@ Hour = Annotated[
         help="Local solar time; by default the sketch's, or the light that suits the view.",
     ),
 ]
-LookAt = Annotated[
-    Any,
-    typer.Option(
-        parser=_parse_point, metavar="X,Y,Z", help="What it looks at, m; the sketch's middle if missing."
-    ),
+Clouds = Annotated[
+    float | None,
+    typer.Option("--clouds", metavar="0..1", min=0.0, max=1.0, help="Cloud cover, in place of the sketch's."),
 ]
-MapFlag = Annotated[
-    bool, typer.Option("--map", help="A topographic map instead, .png or .svg by the file's name.")
-]
-MapKind = Annotated[
-    str | None,
-    typer.Option("--map", metavar="png|svg", callback=_check_map_kind, help="Draw map.png or map.svg too."),
-]
-OverlayNames = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--overlay",
-        metavar="NAME",
-        help="Lay over it wireframe, levels, error, screen-error, materials, features, triplanar.",
-    ),
-]
-QualityNumber = Annotated[
+Quality = Annotated[
     float | None,
     typer.Option(
         "--quality",
         metavar="0..1",
         min=0.0,
         max=1.0,
-        help="What the picture may cost; the best by default.",
+        help="Rendering cost; by default 1, with --real-time what suits the device.",
     ),
-]
-StillFile = Annotated[
-    Path,
-    typer.Option(
-        "--output", "-o", metavar="FILE", callback=_check_still_file, help="Picture to write, a .png."
-    ),
-]
-Textures = Annotated[
-    Path | None,
-    typer.Option(
-        "--textures",
-        metavar="DIR",
-        callback=_check_textures,
-        help="Your own textures, grass.png and so on, in place of the program's.",
-    ),
-]
-ViewKind = Annotated[
-    str | None,
-    typer.Option("--view", metavar="KIND", help="The view to find: auto, ground, hill or air."),
 ]
 Without = Annotated[
     list[str] | None,
+    typer.Option(metavar="PART", help="Leave out shadows, clouds, haze, water, trees, rocks, grass, detail."),
+]
+Textures = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", callback=_check_textures, help="Your own textures, grass.png and so on."),
+]
+OverlayNames = Annotated[
+    list[str] | None,
     typer.Option(
-        "--without",
-        metavar="PART",
-        help="Leave out shadows, clouds, haze, water, trees, rocks, grass, detail.",
+        "--overlay",
+        metavar="NAME",
+        help="Draw wireframe, levels, error, screen-error, materials, features, triplanar on it.",
+    ),
+]
+MapFlag = Annotated[bool, typer.Option("--map", help="A topographic map instead, .png or .svg.")]
+MapKind = Annotated[
+    str | None,
+    typer.Option("--map", metavar="png|svg", callback=_check_map_kind, help="Draw map.png or map.svg too."),
+]
+FilmPlace = Annotated[
+    Path | None,
+    typer.Option(
+        "--output",
+        "-o",
+        metavar="DIR|FILE",
+        callback=_check_film_place,
+        help=f"Folder of frames, or a file named {', '.join(_FILMS)}; without it only statistics.",
+    ),
+]
+FlightFile = Annotated[
+    Path | None,
+    typer.Option("--path", metavar="FILE", help="Path file; by default a tour of the sketch."),
+]
+Fps = Annotated[int, typer.Option("--fps", metavar="N", min=1, max=240, help="Frames a second.")]
+Seconds = Annotated[
+    float | None,
+    typer.Option(metavar="N", callback=_check_seconds, help="Duration; by default the path's, or 20."),
+]
+RealTime = Annotated[
+    bool, typer.Option("--real-time", help="Draw frames within a time budget, as a viewer; else complete.")
+]
+
+# Exports
+TargetName = Annotated[
+    str,
+    typer.Option(
+        "--to",
+        metavar="TARGET",
+        callback=_check_target,
+        help=f"One of {', '.join(TARGETS)}; `targets` describes them.",
+    ),
+]
+WholeSize = Annotated[
+    int | None,
+    typer.Option("--size", metavar="N", min=2, help="Vertices along the longer side of all tiles together."),
+]
+Tiles = Annotated[
+    Any, typer.Option("--tiles", parser=_parse_tiles, metavar="CxR", help="Columns and rows of tiles.")
+]
+Overlap = Annotated[
+    int | None,
+    typer.Option(metavar="N", min=0, help="Vertices that neighbouring tiles share: 1 is an edge."),
+]
+TileName = Annotated[
+    str | None,
+    typer.Option("--tile-name", metavar="PATTERN", help="As {name}_x{x}_y{y}; {x:02} has leading zeros."),
+]
+TileFirst = Annotated[
+    int | None, typer.Option("--tile-first", metavar="N", min=0, help="Number of the first tile each way.")
+]
+TilesFromSouth = Annotated[
+    bool | None,
+    typer.Option("--tiles-from-south/--tiles-from-north", help="Which row of tiles has the first number."),
+]
+Format = Annotated[
+    str | None, typer.Option("--format", metavar="NAME", help="Of heights, where a target has several.")
+]
+Heights = Annotated[
+    Any,
+    typer.Option(
+        "--heights",
+        parser=_parse_pair,
+        metavar="LOW,HIGH",
+        help="Range of 16-bit heights, m, as for several terrains; by default the terrain's.",
+    ),
+]
+MeshError = Annotated[
+    float | None,
+    typer.Option("--error", metavar="M", help="Tolerance of a mesh, m; by default it has all vertices."),
+]
+Crs = Annotated[
+    str | None,
+    typer.Option("--crs", metavar="CRS", help="Coordinate reference system in metres, as EPSG:25832."),
+]
+Origin = Annotated[
+    Any,
+    typer.Option("--origin", parser=_parse_pair, metavar="E,N", help="The sketch's south-west corner in it."),
+]
+Plants = Annotated[
+    bool | None, typer.Option("--plants/--no-plants", help="Write trees and shrubs, as by default.")
+]
+
+# Worlds and vector sources
+WorldBounds = Annotated[
+    Any,
+    typer.Option(
+        "--bounds",
+        parser=_parse_metric_bounds,
+        metavar="W,S,E,N",
+        help="Metres; by default the sketch's rectangle.",
+    ),
+]
+SourceBounds = Annotated[
+    Any,
+    typer.Option(
+        "--bounds",
+        parser=_parse_source_bounds,
+        metavar="W,S,E,N",
+        help="Part of vectors, in their own coordinates.",
     ),
 ]
 
 
 def reject_combination(option: str, others: dict[str, object], why: str) -> None:
-    """Refuse options that contradict one that was given."""
+    """Raise a usage error if any of the other options (values by name) is given together with an option."""
     for name, value in others.items():
         if value is not None and value is not False and value != []:
             raise typer.BadParameter(f"{name} with {option}: {why}")
 
 
-def camera_from_options(terrain: TerrainSource, eye: Point | None, target: Point | None) -> Camera | None:
-    """Return the camera that `--eye` and `--look-at` ask for, None without an eye.
+def check_camera(eye: Point | None, look_at: Point | None, view: str | None) -> None:
+    """Raise a usage error if camera options contradict each other."""
+    if look_at is not None and (eye is None or eye == look_at):
+        raise typer.BadParameter("--look-at needs an --eye at another place")
+    if eye is not None:
+        reject_combination("--eye", {"--view": view}, "either a camera or a view to find")
 
-    Without a target it looks at the middle of the sketch, and from the middle north. A note on stderr tells
-    of an eye under the ground.
+
+def camera_from_options(terrain: TerrainSource, eye: Point | None, target: Point | None) -> Camera | None:
+    """Return the camera of `--eye` and `--look-at`, None without an eye; print a note if it is underground.
+
+    The default target is the middle of the sketch, or north of it for an eye in the middle.
     """
     if eye is None:
         return None
@@ -299,17 +382,40 @@ def camera_from_options(terrain: TerrainSource, eye: Point | None, target: Point
     west, south, east, north = visible_rectangle(terrain)
     x, y = (west + east) / 2, (south + north) / 2
     if abs(eye[0] - x) + abs(eye[1] - y) < 0.02 * terrain.extent:
-        y += terrain.extent / 2  # it stands in the middle: it looks north
-    middle, here = (float(z) for z in terrain.heights([x, eye[0]], [y, eye[1]]))
-    if eye[2] < here:
-        sys.stderr.write(f"sketchterrain: note: the eye is {here - eye[2]:.1f} m under the ground\n")
+        y += terrain.extent / 2
+    middle, ground = (float(z) for z in terrain.heights([x, eye[0]], [y, eye[1]]))
+    if eye[2] < ground:
+        sys.stderr.write(f"sketchterrain: note: the eye is {ground - eye[2]:.1f} m under the ground\n")
     return Camera(eye, target or (x, y, middle))
 
 
+def export_options(
+    tiles: tuple[int, int] | None = None,
+    form: str | None = None,
+    origin: tuple[float, float] | None = None,
+    plants: bool | None = None,
+    **options: Any,
+) -> ExportOptions:
+    """Return export options, None for defaults; raise a usage error for options of tiles if there is one."""
+    from sketchterrain.export.target import ExportOptions
+
+    if tiles is None or tiles == (1, 1):
+        names = ("overlap", "tile_name", "tile_first", "tiles_from_south")
+        tiling = {f"--{name.replace('_', '-')}": options.get(name) for name in names}
+        reject_combination("no --tiles", tiling, "there is one tile")
+    return ExportOptions(
+        tiles=tiles or (1, 1),
+        format=form,
+        origin=origin or (0.0, 0.0),
+        plants=plants is not False,
+        **options,
+    )
+
+
 def read_sketch(name: str, seed: int | None, stages: Stages) -> Sketch:
-    """Read the sketch that a command was given, with another seed if one was asked for."""
+    """Load a folder, a .sketch file or a preset, with another seed if one is given."""
     with stages.stage("sketch", "Reading the sketch"):
-        from sketchterrain.document.store import load_sketch  # NumPy and Pillow: not for a command's --help
+        from sketchterrain.document.store import load_sketch
 
         sketch = load_sketch(name)
         return sketch if seed is None else sketch.replace(seed=seed)

@@ -1,7 +1,7 @@
-"""The command line: reads what was asked for, loads only the rooms that do it, tells what came of it.
+"""The command line: `main`, and the commands for one sketch.
 
 Data goes to stdout, progress and errors to stderr. Exit codes: 0 ok, 1 failed, 2 usage, 3 bad input,
-4 no device, 5 partial, 130 interrupted.
+4 no device, 5 partial, 130 interrupted. A command imports what it needs when it runs.
 """
 
 from __future__ import annotations
@@ -13,18 +13,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sketchterrain.app import arguments as given
-from sketchterrain.app import arguments as pictured
-from sketchterrain.app.arguments import read_sketch
-from sketchterrain.app.commands import export as taken
-from sketchterrain.app.commands import info as queries
+from sketchterrain.app import arguments as args
+from sketchterrain.app.commands import info
 from sketchterrain.app.commands.batch import batch
+from sketchterrain.app.commands.export import export, targets
 from sketchterrain.app.commands.trace import trace
 from sketchterrain.app.commands.world import stats, view, world
 from sketchterrain.app.errors import DEBUG, INTERRUPTED, PARTIAL, USAGE_ERROR, describe_error, fail
 from sketchterrain.app.listings import (
     adherence_lines,
-    flown_lines,
+    flight_lines,
     generated_lines,
     legend_lines,
     print_json,
@@ -43,7 +41,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="sketchterrain",
-    help="Paint a rough sketch, get a seamless terrain that does what the sketch says.",
+    help="Paint a rough sketch, get a seamless terrain that matches it.",
     add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -53,7 +51,7 @@ app = typer.Typer(
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; every failure is one line on stderr."""
     for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):  # a terminal that cannot show a sign must not stop the work
+        if hasattr(stream, "reconfigure"):  # a terminal without a character must not raise
             stream.reconfigure(errors="replace")
     try:
         with sigterm_as_interrupt():
@@ -61,7 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             code = command.main(arguments, prog_name="sketchterrain", standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
         code = INTERRUPTED
-    except Exception as error:  # noqa: BLE001 - whatever it is, a person gets one line
+    except Exception as error:  # noqa: BLE001 - any error is one line
         if os.environ.get(DEBUG):
             traceback.print_exc()
         return fail(*describe_error(error))
@@ -70,8 +68,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code if isinstance(code, int) else 0
 
 
-def _show_version(wanted: bool) -> None:
-    if wanted:
+def _show_version(requested: bool) -> None:
+    if requested:
         from importlib.metadata import version
 
         print_lines(f"sketchterrain {version('sketchterrain')}")
@@ -89,49 +87,43 @@ def _program(
         raise USAGE_ERROR("expected a command; `sketchterrain --help` lists them")
 
 
-app.command()(queries.new)
+app.command()(info.new)
 
 
 @app.command()
 def generate(
-    sketch: given.SketchName,
-    output: given.Folder,
-    seed: given.Seed = None,
-    size: given.Vertices = 1025,
-    device: given.DeviceName = None,
-    fast: given.Fast = False,
-    foliage: given.FoliageKind = "csv",
-    grass: given.Grass = False,
+    sketch: args.SketchName,
+    output: args.Folder,
+    seed: args.Seed = None,
+    size: args.Vertices = 1025,
+    device: args.DeviceName = None,
+    fast: args.Fast = False,
+    foliage: args.FoliageKind = "csv",
+    grass: args.Grass = False,
     preview: Annotated[bool, typer.Option("--preview/--no-preview", help="Render preview.png too.")] = True,
-    view: pictured.ViewKind = None,
-    time: pictured.Hour = None,
-    clouds: pictured.Clouds = None,
-    map_kind: pictured.MapKind = None,
-    as_json: given.AsJson = False,
+    view: args.ViewKind = None,
+    time: args.Hour = None,
+    clouds: args.Clouds = None,
+    map_kind: args.MapKind = None,
+    as_json: args.AsJson = False,
 ) -> None:
     """Write a terrain: heights, normals, materials, plants, features, a preview and a report."""
     if grass and foliage not in ("ply", "both"):
-        raise USAGE_ERROR(f"--grass with --foliage {foliage}: only foliage.ply holds it, take ply or both")
+        raise USAGE_ERROR(f"--grass with --foliage {foliage}: expected --foliage ply or both")
     if not preview:
-        given = {"--view": view, "--time": time, "--clouds": clouds}
-        pictured.reject_combination("--no-preview", given, "it is the preview's")
+        light = {"--view": view, "--time": time, "--clouds": clouds}
+        args.reject_combination("--no-preview", light, "it is the preview's")
     with Stages() as stages:
-        document = read_sketch(sketch, seed, stages)
+        document = args.read_sketch(sketch, seed, stages)
         with stages.stage("program", "Loading the program"):
-            from sketchterrain.app import generate as whole
+            from sketchterrain.app import generate as app
+            from sketchterrain.app.estimates import check_size
+            from sketchterrain.export.foliage_files import FoliageOptions
 
-            whole.check_size(document, size)
-            extras = whole.PreviewOptions(preview, view or "auto", time, clouds, map_kind)
-        done = whole.generate(
-            document,
-            output,
-            device=device,
-            fast=fast,
-            size=size,
-            foliage=whole.FoliageOptions(foliage, grass),
-            extras=extras,
-            stages=stages,
-        )
+            check_size(document, size)
+            plants = FoliageOptions(foliage, grass)
+            options = app.GenerateOptions(size, plants, preview, view or "auto", time, clouds, map_kind)
+        done = app.generate(document, output, options, device=device, fast=fast, stages=stages)
     if as_json:
         print_json(done.report | {"folder": str(output)})
     else:
@@ -142,122 +134,103 @@ def generate(
 
 @app.command()
 def render(
-    sketch: given.SketchName,
-    output: pictured.StillFile,
-    size: given.PictureSize = None,
-    view: pictured.ViewKind = None,
-    eye: pictured.Eye = None,
-    look_at: pictured.LookAt = None,
-    time: pictured.Hour = None,
-    clouds: pictured.Clouds = None,
-    quality: pictured.QualityNumber = None,
-    without: pictured.Without = None,
-    textures: pictured.Textures = None,
-    overlay: pictured.OverlayNames = None,
-    top_down: pictured.MapFlag = False,
-    seed: given.Seed = None,
-    device: given.DeviceName = None,
-    fast: given.Fast = False,
+    sketch: args.SketchName,
+    output: args.RenderFile,
+    size: args.PictureSize = None,
+    view: args.ViewKind = None,
+    eye: args.Eye = None,
+    look_at: args.LookAt = None,
+    time: args.Hour = None,
+    clouds: args.Clouds = None,
+    quality: args.Quality = None,
+    without: args.Without = None,
+    textures: args.Textures = None,
+    overlay: args.OverlayNames = None,
+    top_down: args.MapFlag = False,
+    seed: args.Seed = None,
+    device: args.DeviceName = None,
+    fast: args.Fast = False,
 ) -> None:
-    """Render one picture of a sketch's terrain from a view it finds or from your own, or draw a map."""
-    if look_at is not None and (eye is None or eye == look_at):
-        raise USAGE_ERROR("--look-at needs an --eye at another place")
-    if eye is not None:
-        pictured.reject_combination(
-            "--eye", {"--view": view}, "either you or the program chooses where to stand"
-        )
-    vectors = output.suffix.lower() == ".svg"
+    """Render a picture of a sketch's terrain from an automatic view or your own, or draw a map."""
+    args.check_camera(eye, look_at, view)
+    is_svg = output.suffix.lower() == ".svg"
     if top_down:
         light = {"--time": time, "--clouds": clouds, "--quality": quality, "--textures": textures}
         others = {"--eye": eye, "--view": view, **light, "--without": without, "--overlay": overlay}
-        pictured.reject_combination("--map", others, "it is for pictures")
-        if vectors:
-            pictured.reject_combination("--map", {"--size": size}, "an .svg has no pixels")
-    elif vectors:
+        args.reject_combination("--map", others, "it is for pictures")
+        if is_svg:
+            args.reject_combination("--map", {"--size": size}, "an .svg has no pixels")
+    elif is_svg:
         raise USAGE_ERROR(f"expected the name of a .png file, or --map, got {str(output)!r}")
     with Stages() as stages:
-        document = read_sketch(sketch, seed, stages)
+        document = args.read_sketch(sketch, seed, stages)
         with stages.stage("program", "Loading the program"):
-            from sketchterrain.app import stills as whole
-
-        still = whole.PictureOptions(
-            size=size,
-            eye=eye,
-            look_at=look_at,
-            view=view or "auto",
-            hour=time,
-            clouds=clouds,
-            quality=1.0 if quality is None else quality,
+            from sketchterrain.app import stills
+        options = stills.PictureOptions(
+            *(size, eye, look_at, view or "auto", time, clouds, 1.0 if quality is None else quality),
             without=tuple(without or ()),
             overlays=tuple(overlay or ()),
             textures=textures,
             top_down=top_down,
         )
-        legend = whole.render_to_file(document, output, still, device=device, fast=fast, stages=stages)
+        legend = stills.render_to_file(document, output, options, device=device, fast=fast, stages=stages)
     print_lines(str(output), *legend_lines(legend))
 
 
 @app.command()
 def fly(
-    sketch: given.SketchName,
-    path: given.FlightFile = None,
-    output: given.FilmPlace = None,
-    size: given.FilmSize = "1280x720",
-    seconds: given.Seconds = None,
-    fps: given.Fps = 30,
-    time: pictured.Hour = None,
-    clouds: pictured.Clouds = None,
-    quality: given.FrameQuality = None,
-    without: pictured.Without = None,
-    textures: pictured.Textures = None,
-    real_time: given.RealTime = False,
-    overlay: pictured.OverlayNames = None,
-    seed: given.Seed = None,
-    device: given.DeviceName = None,
-    fast: given.Fast = False,
-    as_json: given.AsJson = False,
+    sketch: args.SketchName,
+    path: args.FlightFile = None,
+    output: args.FilmPlace = None,
+    size: args.PictureSize = "1280x720",
+    seconds: args.Seconds = None,
+    fps: args.Fps = 30,
+    time: args.Hour = None,
+    clouds: args.Clouds = None,
+    quality: args.Quality = None,
+    without: args.Without = None,
+    textures: args.Textures = None,
+    real_time: args.RealTime = False,
+    overlay: args.OverlayNames = None,
+    seed: args.Seed = None,
+    device: args.DeviceName = None,
+    fast: args.Fast = False,
+    as_json: args.AsJson = False,
 ) -> None:
-    """Fly over a sketch's terrain along a path: a film of it, and what its frames took."""
+    """Fly over a sketch's terrain along a path: write a film, and report frame statistics."""
     with Stages() as stages:
-        document = read_sketch(sketch, seed, stages)
+        document = args.read_sketch(sketch, seed, stages)
         with stages.stage("program", "Loading the program"):
-            from sketchterrain.app import fly as whole
+            from sketchterrain.app import fly as app
             from sketchterrain.render.flight import load_flight
             from sketchterrain.render.overlays import check_overlays
 
             check_overlays(overlay or ())
             flight = None if path is None else load_flight(path)
-        take = whole.FlightOptions(
-            size,
-            fps,
-            seconds,
-            quality,
-            real_time,
-            tuple(overlay or ()),
-            hour=time,
-            clouds=clouds,
+        options = app.FlightOptions(
+            *(size, fps, seconds, quality, real_time, tuple(overlay or ()), time, clouds),
             without=tuple(without or ()),
             textures=textures,
         )
-        flown = whole.fly(document, flight, take, output=output, device=device, fast=fast, stages=stages)
-    flown["path"] = None if path is None else str(path)
+        report = app.fly(document, flight, options, output=output, device=device, fast=fast, stages=stages)
+    report["path"] = None if path is None else str(path)
     if as_json:
-        print_json(flown)
+        print_json(report)
     else:
-        print_lines(*flown_lines(flown))
+        print_lines(*flight_lines(report))
 
 
 @app.command()
 def adherence(
-    sketch: given.SketchName,
-    output: given.OptionalPictureFile = None,
-    seed: given.Seed = None,
-    device: given.DeviceName = None,
-    as_json: given.AsJson = False,
+    sketch: args.SketchName,
+    output: args.PictureFile = None,
+    seed: args.Seed = None,
+    device: args.DeviceName = None,
+    as_json: args.AsJson = False,
 ) -> None:
-    """Measure how far the terrain does what its sketch says; with -o, show where it does not."""
+    """Measure the adherence of a terrain to its sketch; with -o, draw where they differ."""
     with Stages() as stages:
-        document = read_sketch(sketch, seed, stages)
+        document = args.read_sketch(sketch, seed, stages)
         with stages.stage("program", "Loading the program"):
             from sketchterrain.app.jobs import run_with_fallback
             from sketchterrain.terrain.adherence import measure_adherence
@@ -291,23 +264,12 @@ def edit(
         typer.Argument(metavar="[SKETCH]", help="A sketch's folder or .sketch file, or a preset's name."),
     ] = None,
 ) -> None:
-    """Open the desktop program: paint, see the terrain follow, change what was generated."""
+    """Open the desktop program: paint, see the terrain, edit generated features."""
     from sketchterrain.ui.app import run
 
     restore_default_sigterm()  # no exceptions inside Qt's event loop; autosave recovers unsaved work
     raise typer.Exit(run(sketch))
 
 
-for _command in (
-    batch,
-    world,
-    stats,
-    view,
-    taken.export,
-    taken.targets,
-    trace,
-    queries.bench,
-    queries.devices,
-    queries.presets,
-):
+for _command in (batch, world, stats, view, export, targets, trace, info.bench, info.devices, info.presets):
     app.command()(_command)

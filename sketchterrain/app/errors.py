@@ -1,4 +1,4 @@
-"""What the command line says of an error, in one line, and the exit code it ends with."""
+"""Error lines and exit codes of the command line."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from typing import Any
 
 import typer
 
-from sketchterrain.errors import SketchterrainError
+from sketchterrain.errors import SketchterrainError, one_line
 
 FAILED = 1
 PARTIAL = 5
 INTERRUPTED = 130
 DEBUG = "SKETCHTERRAIN_DEBUG"
-"""The environment's variable that asks for a traceback."""
+"""Environment variable that enables tracebacks."""
 USAGE_ERROR: Any = typer.BadParameter.__base__
-"""The base of every usage error of typer, whichever version of click it brings along."""
+"""Base of all usage errors, in every version of typer and click."""
 
 
 def describe_error(error: Exception) -> tuple[str, int]:
-    """Return what to say of an error, and its exit code."""
+    """Return the message of an error and its exit code."""
     if isinstance(error, USAGE_ERROR):
         return error.format_message(), error.exit_code
     if isinstance(error, SketchterrainError):
@@ -30,11 +30,10 @@ def describe_error(error: Exception) -> tuple[str, int]:
     if isinstance(error, MemoryError):
         return "out of memory", FAILED
     kind = type(error).__name__
-    return f"unexpected {kind}: {error}; please report it, with what {DEBUG}=1 shows", FAILED
+    return f"unexpected {kind}: {error}; please report it, with the traceback of {DEBUG}=1", FAILED
 
 
 def fail(message: str, code: int) -> int:
-    """Write one line on stderr and return the exit code."""
-    line = "".join(char if char.isprintable() else "\ufffd" for char in " ".join(message.split()))
-    sys.stderr.write(f"sketchterrain: error: {line}\n")
+    """Write one line to stderr and return the exit code."""
+    sys.stderr.write(f"sketchterrain: error: {one_line(' '.join(message.split()))}\n")
     return code

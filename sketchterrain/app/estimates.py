@@ -23,7 +23,7 @@ _WOODY, _GRASS = 0.004, 2.0  # plants per square metre
 
 @dataclass(frozen=True)
 class Estimate:
-    """Bytes on disk by part, those that are there already, and bytes of memory that are in use at once."""
+    """Bytes on disk by part, those already present, and peak bytes of memory."""
 
     disk: dict[str, float]
     memory: float
@@ -35,19 +35,16 @@ class Estimate:
         return max(sum(self.disk.values()) - self.present, 0.0)
 
     def check(self, path: Path, what: str) -> None:
-        """Raise an InputError if the disk of a path has no room for it, or this machine no memory.
-
-        `what` names what is written, in the plural: "the world's files".
-        """
+        """Raise InputError if disk or memory are too small for `what`, a plural noun: "the world's files"."""
         check_disk(path, self.disk_needed, what)
         if self.memory > free_memory():
             raise InputError(
                 f"{what} need about {format_bytes(self.memory)} of memory at once, "
-                f"{format_bytes(free_memory())} are left"
+                f"{format_bytes(free_memory())} are free"
             )
 
     def as_dict(self, path: Path) -> dict[str, Any]:
-        """Return it as JSON has it, with what is left on the disk of a path and of memory."""
+        """Return a JSON entry, with the free disk space at a path and the free memory."""
         return {
             "disk": {
                 "parts": {name: round(size) for name, size in self.disk.items()},
@@ -59,29 +56,29 @@ class Estimate:
         }
 
     def lines(self, path: Path) -> list[str]:
-        """Return it as text: a line for the disk and one for memory."""
+        """Return the same as text: a line for the disk and one for memory."""
         parts = ", ".join(f"{name} {format_bytes(size)}" for name, size in self.disk.items())
         parts = f" ({parts})" if len(self.disk) > 1 else ""
-        present = f", {format_bytes(self.present)} are there" if self.present else ""
+        present = f", {format_bytes(self.present)} are present" if self.present else ""
         return [
             f"disk: up to {format_bytes(sum(self.disk.values()))}{parts}{present}, "
-            f"{format_bytes(free_disk_space(path))} are left",
-            f"memory: about {format_bytes(self.memory)} at once, {format_bytes(free_memory())} are left",
+            f"{format_bytes(free_disk_space(path))} are free",
+            f"memory: about {format_bytes(self.memory)} at once, {format_bytes(free_memory())} are free",
         ]
 
 
 def layer_bytes(vertices: float, layers: Iterable[str]) -> dict[str, float]:
-    """Return the bytes on disk of each layer of so many vertices, compressed."""
+    """Return the compressed bytes on disk of each layer of a number of vertices."""
     return {name: vertices * _LAYER_BYTES[name] for name in layers}
 
 
 def plant_bytes(area: float, form: str, *, grass: bool = False) -> float:
-    """Return the bytes on disk of the plants of so many square metres in a file format."""
+    """Return the bytes on disk of the plants of an area (m²) in a file format."""
     return area * (_WOODY + _GRASS * grass) * _PLANT_BYTES[form]
 
 
 def free_memory() -> int:
-    """Return the bytes of memory that are free; all that there are where the system does not tell."""
+    """Return the free memory, bytes; where the system does not report it, all physical memory."""
     free = proc_memory("meminfo", "MemAvailable")
     return physical_memory() if free is None else free
 

@@ -1,9 +1,9 @@
-"""A flight over a sketch's terrain: drawn along a path, written as a film, and what it took."""
+"""Films of flights over a sketch's terrain, with their frame statistics."""
 
 from __future__ import annotations
 
 import statistics
-from contextlib import closing, nullcontext
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    import numpy as np
-    import numpy.typing as npt
-
     from sketchterrain.app.progress import Stages
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.document.sketch import Sketch
@@ -32,18 +29,18 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.terrain import Terrain
 
 SECONDS = 20.0
-"""Of a flight without a path, if nothing else is asked for."""
+"""Default duration of a flight without a path."""
 
 
 @dataclass(frozen=True)
 class FlightOptions:
-    """How a flight is taken."""
+    """How to film a flight; by default all of the path, complete frames, in the sketch's weather."""
 
-    size: tuple[int, int] = (1280, 720)
+    size: tuple[int, int] = (1280, 720)  # width, height (px)
     fps: int = 30
     seconds: float | None = None
-    quality: float | None = None
-    real_time: bool = False
+    quality: float | None = None  # 0 … 1; by default the best, or in real time what suits the device
+    real_time: bool = False  # draw frames within a time budget, as a viewer does
     overlays: tuple[str, ...] = ()
     hour: float | None = None
     clouds: float | None = None
@@ -54,122 +51,103 @@ class FlightOptions:
 def fly(
     sketch: Sketch,
     flight: Flight | None,
-    take: FlightOptions,
+    options: FlightOptions,
     *,
     output: Path | None,
     device: str | None,
     fast: bool,
     stages: Stages,
 ) -> dict[str, Any]:
-    """Fly over a sketch's terrain."""
-    Quality(without=frozenset(take.without))  # refuses now what there is not
-    weather = sketch_weather(sketch, take.hour, take.clouds)
+    """Film a flight, by default a tour of the sketch, to a folder or file, if any; return the JSON report."""
+    Quality(without=frozenset(options.without))  # refuses unknown parts before any work
+    weather = sketch_weather(sketch, options.hour, options.clouds)
+    seconds = options.seconds or (SECONDS if flight is None else None)
 
     def work(context: ComputeContext, restarts: tuple[str, ...]) -> dict[str, Any]:
         if output is not None:
-            check_film(output, size=take.size, frames=_frames(flight, take))
+            count = round((seconds or SECONDS) * options.fps)
+            frame_count = max(1, count) if flight is None else len(flight.times(options.fps, seconds))
+            check_film(output, size=options.size, frames=frame_count)
         with stages.stage("features", "Placing features"):
             terrain = build(sketch, device=context)
         with stages.stage("path", "Choosing a path"):
-            views = _views(terrain, flight, take)
-            lowest = _lowest(terrain, views)
-        with stages.stage("frames", "Flying") as tell:
-            shots = _shoot(terrain, views, take, weather, output, tell)
-        seconds = stages.seconds | {"total": stages.elapsed}
+            path = tour(terrain, seconds=seconds or SECONDS) if flight is None else flight
+            views = path.over(terrain.heights).at(path.times(options.fps, seconds))
+            clearance = views.eye[:, 2] - terrain.heights(views.eye[:, 0], views.eye[:, 1])
+        with stages.stage("frames", "Flying") as progress:
+            frames = _capture(terrain, views, options, weather, output, progress)
+        timings = stages.seconds | {"total": stages.elapsed}
         return {
             "sketch": sketch.name,
             "seed": sketch.seed,
-            "size": {"width": take.size[0], "height": take.size[1]},
-            "fps": take.fps,
-            "seconds": len(shots) / take.fps,
-            "lowest": lowest,
-            "real_time": take.real_time,
-            **_told(shots),
+            "size": {"width": options.size[0], "height": options.size[1]},
+            "fps": options.fps,
+            "seconds": len(frames) / options.fps,
+            "lowest": float(clearance.min()),
+            "real_time": options.real_time,
+            **_statistics(frames),
             "device": device_entry(context.device),
             "fast": context.fast,
             "restarts": list(restarts),
-            "timings": {name: round(value, 4) for name, value in seconds.items()},
+            "timings": {name: round(value, 4) for name, value in timings.items()},
             "output": None if output is None else str(output),
         }
 
     return run_with_fallback(work, device=device, fast=fast, stages=stages)
 
 
-def _frames(flight: Flight | None, take: FlightOptions) -> int:
-    if flight is None:
-        return max(1, round((take.seconds or SECONDS) * take.fps))
-    return len(flight.times(take.fps, take.seconds))
-
-
-def _views(terrain: Terrain, flight: Flight | None, take: FlightOptions) -> CameraStates:
-    seconds = take.seconds
-    if flight is None:
-        seconds = seconds or SECONDS
-        flight = tour(terrain, seconds=seconds)
-    return flight.over(terrain.heights).at(flight.times(take.fps, seconds))
-
-
-def _shoot(
+def _capture(
     terrain: Terrain,
     views: CameraStates,
-    take: FlightOptions,
+    options: FlightOptions,
     weather: Weather,
     output: Path | None,
-    tell: Callable[[float], None],
+    progress: Callable[[float], None],
 ) -> list[CapturedFrame]:
-    frames = len(views.eye)
-    writing = (
-        nullcontext(_ignore) if output is None else film(output, size=take.size, fps=take.fps, frames=frames)
-    )
-    seen = capture_frames(
+    count = len(views.eye)
+    captured = capture_frames(
         terrain,
         views,
-        fps=take.fps,
-        size=take.size,
+        fps=options.fps,
+        size=options.size,
         weather=weather,
-        textures=take.textures,
-        quality=None if take.quality is None else Quality.from_level(take.quality),
-        without=take.without,
-        complete=not take.real_time,
-        overlays=take.overlays,
+        textures=options.textures,
+        quality=None if options.quality is None else Quality.from_level(options.quality),
+        without=options.without,
+        complete=not options.real_time,
+        overlays=options.overlays,
         pixels=output is not None,
     )
-    shots: list[CapturedFrame] = []
-    with writing as add, closing(seen):
-        for shot, picture in seen:
-            shots.append(shot)
-            if picture is not None:
-                add(picture)
-            tell(len(shots) / frames)
-    return shots
+    frames: list[CapturedFrame] = []
+    with ExitStack() as stack:
+        write = None
+        if output is not None:
+            write = stack.enter_context(film(output, size=options.size, fps=options.fps, frames=count))
+        stack.enter_context(closing(captured))
+        for frame, picture in captured:
+            frames.append(frame)
+            if write is not None and picture is not None:
+                write(picture)
+            progress(len(frames) / count)
+    return frames
 
 
-def _ignore(_: npt.NDArray[np.uint8]) -> None:
-    """Take a frame that nobody wants."""
-
-
-def _lowest(terrain: Terrain, views: CameraStates) -> float:
-    """Return how high above the ground (m) the eye is where it is lowest."""
-    ground = terrain.heights(views.eye[:, 0], views.eye[:, 1])
-    return float((views.eye[:, 2] - ground).min())
-
-
-def _told(shots: Sequence[CapturedFrame]) -> dict[str, Any]:
-    """Return what frames took, in the thesis's terms: what generation takes at first, and while updating."""
-    updating = [shot.generation_seconds for shot in shots[1:] if shot.tiles_generated]
-    seconds = [shot.seconds for shot in shots]
-    triangles = [shot.triangles for shot in shots]
+def _statistics(frames: Sequence[CapturedFrame]) -> dict[str, Any]:
+    """Return frame statistics in the thesis's terms: generation at first, and while updating."""
+    updating = [frame.generation_seconds for frame in frames[1:] if frame.tiles_generated]
+    seconds = [frame.seconds for frame in frames]
+    triangles = [frame.triangles for frame in frames]
     return {
-        "frames": len(shots),
-        "settled": sum(shot.settled for shot in shots),
+        "frames": len(frames),
+        "settled": sum(frame.settled for frame in frames),
         "generation": {
-            "initial": shots[0].generation_seconds,
+            "initial": frames[0].generation_seconds,
             "updating_frames": len(updating),
             "mean": statistics.fmean(updating or [0.0]),
             "worst": max(updating, default=0.0),
-            "tiles": sum(shot.tiles_generated for shot in shots),
+            "tiles": sum(frame.tiles_generated for frame in frames),
         },
         "triangles": {"mean": statistics.fmean(triangles), "most": max(triangles)},
         "frame": {"mean": statistics.fmean(seconds), "worst": max(seconds)},
-        "frames_per_second": len(shots) / sum(seconds),
+        "frames_per_second": len(frames) / sum(seconds),
     }

@@ -1,4 +1,7 @@
-"""Work on a device, and where the device misbehaves, all of it again on a CPU: never a mixture."""
+"""Running work on a device, restarted on a CPU device if the device fails.
+
+Results never mix bits of two devices.
+"""
 
 from __future__ import annotations
 
@@ -27,64 +30,63 @@ def run_with_fallback(
     fast: bool = False,
     stages: Stages,
 ) -> T:
-    """Do work on a device, and where that fails all of it again on a CPU device that has not failed yet."""
+    """Run work on the device that a selector names, with a `DeviceFallback` of its own."""
     return DeviceFallback(device, fast=fast).run(work, stages=stages)
 
 
 class DeviceFallback:
-    """The device that jobs are done on, one after the other or at once; one that failed is left for good."""
+    """The device of jobs, which may be concurrent; once it fails a CPU device replaces it for good."""
 
     def __init__(self, device: str | None, *, fast: bool = False) -> None:
         self.fast = fast
-        self._chosen = choose_device(device)
+        self._device = choose_device(device)
         self._failed: list[Device] = []
+        self._reported: set[Device] = set()
         self._lock = Lock()
-        self._told: set[Device] = set()
-
-    @property
-    def chosen(self) -> Device:
-        """The one that the next job begins on."""
-        return self._chosen
 
     def run(self, work: Callable[[ComputeContext, tuple[str, ...]], T], *, stages: Stages) -> T:
-        """Do work as :func:`run_with_fallback` does it, on the device that did not fail in any job yet."""
-        told: list[str] = []
+        """Run work on the device, and all of it again on a CPU device if the device fails.
+
+        `work` gets an open device and a line for each device that failed; it must have no effect before it
+        returns. Raise DeviceFailedError if no device remains.
+        """
+        restarts: list[str] = []
         while True:
-            chosen = self._chosen
+            device = self._device
             try:
                 with stages.stage("device", "Opening the device"):
                     if not self.fast:
-                        self._tell_other_bits(chosen)
-                    context = ComputeContext(chosen, fast=self.fast)
-                return work(context, tuple(told))
+                        self._check_bits(device)
+                    context = ComputeContext(device, fast=self.fast)
+                return work(context, tuple(restarts))
             except DeviceFailedError as error:
-                spare = self._after(chosen, error)
-                told.append(f"{error}; all of it is done again on {spare.name} ({spare.platform})")
-            _note(told[-1])
+                spare = self._replacement(device, error)
+                restarts.append(f"{error}; restarted on {spare.name} ({spare.platform})")
+            _print_note(restarts[-1])
 
-    def _after(self, failed: Device, error: DeviceFailedError) -> Device:
-        """Return the device that takes the place of one that failed; several jobs may tell it at once."""
+    def _replacement(self, failed: Device, error: DeviceFailedError) -> Device:
+        """Return the device to use after a failure, which several jobs may report at once."""
         with self._lock:
             if failed not in self._failed:
                 self._failed.append(failed)
-            if self._chosen in self._failed:
+            if self._device in self._failed:
                 spare = fallback_device(self._failed)
                 if spare is None:
-                    raise DeviceFailedError(f"{error}; there is no other device to start again on") from error
-                self._chosen = spare
-            return self._chosen
+                    raise DeviceFailedError(f"{error}; there is no other device to restart on") from error
+                self._device = spare
+            return self._device
 
-    def _tell_other_bits(self, device: Device) -> None:
-        # A driver whose bits the tests hold is spared the terrain, which takes it longer than opening.
+    def _check_bits(self, device: Device) -> None:
+        # Comparing terrain takes longer than opening, so drivers whose bits the tests hold are exempt.
         with self._lock:
             verdict = self_test(device, compare=not device.known)
-            told = device in self._told
-            self._told.add(device)
+            reported = device in self._reported
+            self._reported.add(device)
         if verdict.bits == "failed":
             raise DeviceFailedError(f"{device.name} ({device.platform}) failed: {verdict.detail}")
-        if verdict.bits != "same" and not told:
-            _note(f"self-test of {device.name} ({device.platform}): {verdict.line}")
+        if verdict.bits != "same" and not reported:
+            _print_note(f"self-test of {device.name} ({device.platform}): {verdict.line}")
 
 
-def _note(line: str) -> None:
+def _print_note(line: str) -> None:
     sys.stderr.write(f"sketchterrain: note: {one_line(line)}\n")

@@ -1,4 +1,4 @@
-"""What there is and what was done, told to people in lines and to programs as entries."""
+"""Results of commands as text lines and as JSON entries."""
 
 from __future__ import annotations
 
@@ -17,8 +17,13 @@ if TYPE_CHECKING:
     from sketchterrain.render.sharing_probe import Sharing
     from sketchterrain.terrain.self_test import Verdict
 
-_NAME = 10  # columns of the first word
-_FILES_SHOWN = 6  # of an export, if there are many
+
+_NAME_WIDTH = 10  # columns
+
+
+_MAX_FILES = 6  # names of an export's files in its text
+
+
 _GL_SHARING = {
     "extension": "shares buffers through cl_khr_gl_sharing",
     "mapped": "kernels write into mapped vertex buffers, no copy",
@@ -38,7 +43,7 @@ def print_json(value: object) -> None:
 
 
 def device_entry(device: Device) -> dict[str, Any]:
-    """Return what there is to know about a device; memory in bytes."""
+    """Return the facts about a device; memory in bytes."""
     return {
         "index": device.index,
         "name": device.name,
@@ -54,7 +59,7 @@ def device_entry(device: Device) -> dict[str, Any]:
 
 
 def device_test_entry(device: Device, verdict: Verdict, sharing: Sharing) -> dict[str, Any]:
-    """Return that, what the self-test found, and how vertices really reach OpenGL."""
+    """Return the facts about a device, its self-test, and how vertices are shared with OpenGL."""
     return device_entry(device) | {
         "self_test": {"bits": verdict.bits, "detail": verdict.detail},
         "gl_sharing": sharing.kind,
@@ -62,12 +67,12 @@ def device_test_entry(device: Device, verdict: Verdict, sharing: Sharing) -> dic
     }
 
 
-def device_lines(device: Device, verdict: Verdict, sharing: Sharing, *, chosen: bool) -> list[str]:
-    """Return the same for a person; `chosen` is the one taken by default."""
+def device_lines(device: Device, verdict: Verdict, sharing: Sharing, *, default: bool) -> list[str]:
+    """Return the same as text."""
     note = f" ({sharing.reason})" if sharing.reason else ""
     doubles = "float64" if device.has_double else "no float64"
     return [
-        f"{device.index}: {device.name}{' (taken by default)' if chosen else ''}",
+        f"{device.index}: {device.name}{' (default)' if default else ''}",
         f"   {device.platform}, {device.version}, driver {device.driver}",
         f"   {device.type}, {device.compute_units} compute units, "
         f"{device.memory_bytes / (1 << 30):.1f} GiB, {doubles}",
@@ -77,7 +82,7 @@ def device_lines(device: Device, verdict: Verdict, sharing: Sharing, *, chosen: 
 
 
 def preset_entry(name: str, sketch: Sketch) -> dict[str, Any]:
-    """Return what a preset is: its name, title, extent (m), seed, painted layers and rules of materials."""
+    """Return a preset's name, title, extent (m), seed, painted layers and material rules."""
     return {
         "name": name,
         "title": sketch.name,
@@ -89,55 +94,55 @@ def preset_entry(name: str, sketch: Sketch) -> dict[str, Any]:
 
 
 def preset_lines(entries: list[dict[str, Any]]) -> list[str]:
-    """Return a line for each entry of a preset."""
+    """Return a line for each preset."""
     width = max((len(entry["name"]) for entry in entries), default=0)
     return [
         f"{entry['name']:<{width}}  {entry['title']}: {entry['extent']:g} m, {', '.join(entry['layers'])}"
-        + (f"; own rules of materials: {', '.join(rules)}" if (rules := entry["material_rules"]) else "")
+        + (f"; own material rules: {', '.join(rules)}" if (rules := entry["material_rules"]) else "")
         for entry in entries
     ]
 
 
 def generated_lines(report: dict[str, Any], folder: Path) -> list[str]:
-    """Return what was made, how long it took, where it lies, what was decided, and notes."""
-    size, heights, counts = report["size"], report["heights"], report["counts"]
-    device, seconds = report["device"], report["timings"]["total"]
+    """Return the text of a generated terrain's report."""
+    size, counts, device = report["size"], report["counts"], report["device"]
+    heights = report["heights"]
     lines = [
         f"{report['sketch']}, seed {report['seed']}: {size['columns']} × {size['rows']} vertices "
         f"{report['spacing']['x']:.3g} m apart, {heights['minimum']:.1f} to {heights['maximum']:.1f} m high, "
         f"{pluralize(sum(counts['features'].values()), 'feature')}, {pluralize(counts['rivers'], 'river')}, "
         f"{pluralize(counts['lakes'], 'lake')}"
         + (f", {pluralize(sum(counts['plants'].values()), 'plant')}" if counts["plants"] else ""),
-        f"in {seconds:.1f} s on {device['name']} ({device['platform']})"
+        f"in {report['timings']['total']:.1f} s on {device['name']} ({device['platform']})"
         f"{', with --fast: other bits than without' if report['fast'] else ''}",
         f"files: {folder}: {' '.join(report['files'])}",
     ]
     if "preview.png" in report["files"]:
         lines.append(f"preview: {folder / 'preview.png'}")
-    lines += [f"started again: {line}" for line in report["restarts"]]
-    lines += [f"decided: {line}" for line in report["resolutions"]]
+    lines += [f"restarted: {line}" for line in report["restarts"]]
+    lines += [f"resolved: {line}" for line in report["resolutions"]]
     return [*lines, *(f"note: {line}" for line in report["notes"])]
 
 
 def exported_lines(report: dict[str, Any], folder: Path, seconds: float) -> list[str]:
-    """Return what was written, where it lies, and what to type in where it is imported."""
+    """Return the text of an export's sidecar, with the settings to enter where it is imported."""
     from sketchterrain.export.sidecar import setting_rows
 
     grid, heights, tiles = report["grid"], report["heights"], report["tiles"]
-    cut = f" in {len(tiles)} tiles" if len(tiles) > 1 else ""
+    layout = f" in {len(tiles)} tiles" if len(tiles) > 1 else ""
     names = [entry["file"] for entry in report["files"]]
-    more = len(names) - _FILES_SHOWN
-    shown = [*names[:_FILES_SHOWN], f"and {more} more"] if more > 1 else names
+    more = len(names) - _MAX_FILES
+    names = [*names[:_MAX_FILES], f"and {more} more"] if more > 1 else names
     lines = [
         f"{report['sketch']}, seed {report['seed']}, for {report['target']}: {grid['columns']} × "
-        f"{grid['rows']} vertices{cut} {grid['spacing']['x']:.6g} m apart, {heights['minimum']:.1f} to "
+        f"{grid['rows']} vertices{layout} {grid['spacing']['x']:.6g} m apart, {heights['minimum']:.1f} to "
         f"{heights['maximum']:.1f} m high, in {seconds:.1f} s",
-        f"files: {folder}: {' '.join(shown)}",
+        f"files: {folder}: {' '.join(names)}",
     ]
-    lines += [f"started again: {line}" for line in report.get("restarts", [])]
+    lines += [f"restarted: {line}" for line in report.get("restarts", [])]
     rows = setting_rows(report["import"])
     if rows:
-        lines.append("to type in where they are imported:")
+        lines.append("import settings:")
         width = max(2 * row.depth + len(row.name) for row in rows)
         for row in rows:
             name = "  " * row.depth + row.name
@@ -146,7 +151,7 @@ def exported_lines(report: dict[str, Any], folder: Path, seconds: float) -> list
 
 
 def target_entry(target: Target) -> dict[str, Any]:
-    """Return what a target is and what it takes."""
+    """Return an export target's sizes, formats and options."""
     from sketchterrain.export.planning import option_names
 
     return {
@@ -163,66 +168,63 @@ def target_entry(target: Target) -> dict[str, Any]:
 
 
 def target_lines(entry: dict[str, Any]) -> list[str]:
-    """Return lines that tell a person what a target is and takes."""
+    """Return an export target's entry as text."""
     if entry["spacing"] is not None:
         sizes = f"vertices {entry['spacing']:g} m apart"
     elif entry["tile_sizes"] is not None:
         sizes = f"sides of {', '.join(str(side) for side in entry['tile_sizes'])} vertices"
     else:
-        sizes = f"any size, {entry['size']} vertices unless you say so"
+        sizes = f"any size, by default {entry['size']} vertices"
     formats = f"; formats {', '.join(entry['formats'])}" if entry["formats"] else ""
     options = " ".join(f"--{name.replace('_', '-')}" for name in entry["options"])
-    lines = [f"{entry['name']:<{_NAME}}{entry['title']}: {entry['line']}"]
-    lines += [f"{'':<{_NAME}}{line}" for line in (f"{sizes}{formats}", options)]
-    return lines
+    lines = [f"{entry['name']:<{_NAME_WIDTH}}{entry['title']}: {entry['line']}"]
+    return lines + [f"{'':<{_NAME_WIDTH}}{line}" for line in (f"{sizes}{formats}", options)]
 
 
-def flown_lines(told: dict[str, Any]) -> list[str]:
-    """Return what was flown, what its frames took, and where they lie."""
-    size, frame, device = told["size"], told["frame"], told["device"]
-    generation, triangles = told["generation"], told["triangles"]
+def flight_lines(report: dict[str, Any]) -> list[str]:
+    """Return a flight's report as text."""
+    size, frame, device = report["size"], report["frame"], report["device"]
+    generation, triangles = report["generation"], report["triangles"]
     lines = [
-        f"{told['sketch']}, seed {told['seed']}: {pluralize(told['frames'], 'frame')} of {size['width']} × "
-        f"{size['height']} pixels, {told['seconds']:.3g} s at {told['fps']} a second",
-        f"drawn: {told['frames_per_second']:.1f} frames a second, {1e3 * frame['mean']:.1f} ms a frame, "
-        f"{1e3 * frame['worst']:.1f} ms at most; {told['settled']} of {told['frames']} complete",
+        f"{report['sketch']}, seed {report['seed']}: {pluralize(report['frames'], 'frame')} of "
+        f"{size['width']} × {size['height']} pixels, {report['seconds']:.3g} s at {report['fps']} a second",
+        f"drawn: {report['frames_per_second']:.1f} frames a second, {1e3 * frame['mean']:.1f} ms a frame, "
+        f"{1e3 * frame['worst']:.1f} ms at most; {report['settled']} of {report['frames']} complete",
         f"generation: {1e3 * generation['initial']:.1f} ms at first, then {1e3 * generation['mean']:.2f} ms "
         f"a frame and {1e3 * generation['worst']:.2f} ms at most in "
         f"{pluralize(generation['updating_frames'], 'frame')} with new tiles",
         f"triangles: {triangles['mean']:,.0f} a frame, {triangles['most']:,} at most",
-        f"in {told['timings']['total']:.1f} s on {device['name']} ({device['platform']})",
+        f"in {report['timings']['total']:.1f} s on {device['name']} ({device['platform']})",
     ]
-    if told["output"] is not None:
-        lines.append(f"film: {told['output']}")
-    if told["lowest"] < 0.0:
-        lines.append(f"note: the path goes {-told['lowest']:.1f} m under the ground")
-    return lines + [f"started again: {line}" for line in told["restarts"]]
+    if report["output"] is not None:
+        lines.append(f"film: {report['output']}")
+    if report["lowest"] < 0.0:
+        lines.append(f"note: the path is up to {-report['lowest']:.1f} m below the ground")
+    return lines + [f"restarted: {line}" for line in report["restarts"]]
 
 
 def legend_lines(legend: Iterable[LegendEntry]) -> list[str]:
-    """Return a line for each colour of overlays: what it is and what it means."""
+    """Return a line for each colour of the overlays."""
     return [f"#{bytes(entry.colour).hex()}  {entry.meaning}" for entry in legend]
 
 
 def pluralize(count: int, noun: str) -> str:
-    """Return a number and what there are so many of: ``1 shape``, ``2 shapes``."""
+    """Return a count and its noun: ``1 shape``, ``2 shapes``."""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
-def adherence_lines(told: dict[str, Any]) -> list[str]:
-    """Return how far a terrain does what its sketch says, a line a layer and a river, and notes."""
+def adherence_lines(entry: dict[str, Any]) -> list[str]:
+    """Return a terrain's adherence to its sketch: a line for each layer and river, and notes."""
     lines = [
-        f"{told['sketch']}, seed {told['seed']}, fidelity {told['fidelity']:g}: "
-        f"{pluralize(told['lost'], 'shape')} lost"
+        f"{entry['sketch']}, seed {entry['seed']}, fidelity {entry['fidelity']:g}: "
+        f"{pluralize(entry['lost'], 'shape')} lost"
     ]
-    lines += [f"{name:<{_NAME}}{_layer_line(layer)}" for name, layer in told["layers"].items()]
-    if told["peaks"]["measured"]:
-        lines.append(f"{'peaks':<{_NAME}}{_peaks_line(told['peaks'])}")
-    lines += [
-        f"{f'course {number}':<{_NAME}}{_course_line(river)}"
-        for number, river in enumerate(told["rivers"], start=1)
-    ]
-    return [*lines, *(f"note: {line}" for line in told["notes"])]
+    lines += [f"{name:<{_NAME_WIDTH}}{_layer_line(layer)}" for name, layer in entry["layers"].items()]
+    if entry["peaks"]["measured"]:
+        lines.append(f"{'peaks':<{_NAME_WIDTH}}{_peaks_line(entry['peaks'])}")
+    for number, river in enumerate(entry["rivers"], start=1):
+        lines.append(f"{f'course {number}':<{_NAME_WIDTH}}{_river_line(river)}")
+    return [*lines, *(f"note: {line}" for line in entry["notes"])]
 
 
 def _layer_line(layer: dict[str, Any]) -> str:
@@ -238,28 +240,28 @@ def _layer_line(layer: dict[str, Any]) -> str:
 
 def _peaks_line(peaks: dict[str, Any]) -> str:
     line = (
-        f"{pluralize(peaks['measured'], 'mountain')}, reached over asked height: {peaks['least']:.2f} to "
+        f"{pluralize(peaks['measured'], 'mountain')}, actual over requested height: {peaks['least']:.2f} to "
         f"{peaks['most']:.2f}, mean {peaks['mean']:.2f}"
     )
-    return line + (f"; {peaks['capped']} too small for the label's height: capped" if peaks["capped"] else "")
+    return line + (f"; {peaks['capped']} capped, too small for the label's height" if peaks["capped"] else "")
 
 
-def _course_line(river: dict[str, Any]) -> str:
+def _river_line(river: dict[str, Any]) -> str:
     if river["lost"]:
         return "of a river: lost"
     return (
-        f"{river['mean_distance']:.2f} px from what was painted, at most "
+        f"{river['mean_distance']:.2f} px from the painted course, at most "
         f"{river['greatest_distance']:.2f} px; {river['descending']:.1%} descends, deepest pit "
         f"{river['deepest_pit']:.2f} m"
     )
 
 
 def undescribed_labels(sketch: Sketch) -> list[str]:
-    """Return a line for each label that is painted and not described: a slip of the brush, maybe."""
+    """Return a note for each painted label without a table in the settings, which may be a mistake."""
     from sketchterrain.document.label_layers import labels_in
 
     return [
-        f"label {label} of {layer} is painted, but sketch.toml has no [{layer}.{label}]: it has defaults"
+        f"label {label} of {layer} is painted, but sketch.toml has no [{layer}.{label}]: defaults are used"
         for layer, image in sketch.layers.items()
         for label in labels_in(image)
         if (layer, label) not in sketch.labels

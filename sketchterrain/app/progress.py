@@ -1,4 +1,4 @@
-"""What is being done, told on stderr and timed: bars on a terminal, a line a slow stage elsewhere."""
+"""Progress of a command on stderr: bars on a terminal, elsewhere a line for each slow stage."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ if TYPE_CHECKING:
 
     Show = Callable[[str], AbstractContextManager[Callable[[float], None]]]
 
-_QUIET = 1.0  # s until a stage is worth a line in a log
+_SLOW = 1.0  # s until a stage is printed without a terminal
 
 
 class Stages:
-    """The stages of one command, in the order they are done.
+    """Timed stages of a command, a context manager; `show` replaces output on stderr.
 
-    Use it as a context manager: a bar must be taken off the terminal however the command ends.
+    `show` takes a stage's title and returns a context that yields a callback for the share that is done.
     """
 
     def __init__(self, show: Show | None = None) -> None:
         self.seconds: dict[str, float] = {}
         self._start = time.perf_counter()
         self._bars: Progress | None = _bars() if show is None and sys.stderr.isatty() else None
-        self._show: Show = show or self._told
+        self._show: Show = show or self._show_on_stderr
 
     def __enter__(self) -> Stages:
         if self._bars is not None:
@@ -42,28 +42,28 @@ class Stages:
 
     @property
     def elapsed(self) -> float:
-        """Wall time since the first stage could begin, s."""
+        """Wall time since creation, s."""
         return time.perf_counter() - self._start
 
     @contextmanager
     def stage(self, name: str, title: str) -> Iterator[Callable[[float], None]]:
-        """Time what is done within this context and tell that it is being done."""
+        """Show and time a stage, by `name` in `seconds`; yield a callback for the share done, 0 … 1."""
         start = time.perf_counter()
-        with self._show(title) as tell:
-            yield tell
+        with self._show(title) as progress:
+            yield progress
         self.seconds[name] = time.perf_counter() - start
 
     @contextmanager
-    def _told(self, title: str) -> Iterator[Callable[[float], None]]:
+    def _show_on_stderr(self, title: str) -> Iterator[Callable[[float], None]]:
         if self._bars is None:
-            slow = Timer(_QUIET, sys.stderr.write, [f"{title} …\n"])
+            slow = Timer(_SLOW, sys.stderr.write, [f"{title} …\n"])
             slow.daemon = True
             slow.start()
             try:
                 yield lambda _: None
             finally:
                 slow.cancel()
-                slow.join()  # a line that is being written is written before the next one
+                slow.join()  # so that lines do not interleave
             return
         bars = self._bars
         task = bars.add_task(title, total=None)
@@ -72,7 +72,7 @@ class Stages:
 
 
 def _bars() -> Progress:
-    # Only a terminal needs rich, and its import takes a tenth of a second.
+    # Importing rich takes 0.1 s.
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 

@@ -1,4 +1,4 @@
-"""What ``report.json`` says of a generated terrain."""
+"""The content of ``report.json``."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.terrain import Terrain
 
 REPORT = "report.json"
-"""The file's name."""
 
 
 def terrain_report(terrain: Terrain, raster: Raster, plants: FoliageResult) -> dict[str, Any]:
-    """Return what a terrain is and what was counted in its files."""
+    """Return what is known of a terrain and its files."""
     rows, columns = raster.height.shape
     features = terrain.features
     kinds = Counter(FEATURE_TYPES[code] for code in features.points["type"].tolist())
+    plant_count = sum(plants.counts.values())
     return report_header(terrain) | {
         "extent": terrain.extent,
         "size": {"columns": columns, "rows": rows},
@@ -43,15 +43,15 @@ def terrain_report(terrain: Terrain, raster: Raster, plants: FoliageResult) -> d
         },
         "foliage": {
             "files": [path.name for path in plants.files],
-            "plants": sum(plants.counts.values()),
+            "plants": plant_count,
             "seconds": round(plants.seconds, 4),
-            "plants_per_second": round(sum(plants.counts.values()) / plants.seconds),
+            "plants_per_second": round(plant_count / plants.seconds),
         },
     }
 
 
 def report_header(terrain: Terrain) -> dict[str, Any]:
-    """Return what every report says of a terrain, whatever its files are."""
+    """Return the entries of every report of a terrain."""
     sketch, recipe, context = terrain.sketch, terrain.recipe, terrain.context
     return {
         "format": 1,
@@ -67,7 +67,7 @@ def report_header(terrain: Terrain) -> dict[str, Any]:
 
 
 def run_statistics(stages: Stages, rendering: dict[str, float], files: Sequence[Path]) -> dict[str, Any]:
-    """Return what every report says of the work."""
+    """Return times (s), those of the preview's `rendering` too, memory (bytes) and the written files."""
     return {
         "timings": rounded(stages.seconds | {"total": stages.elapsed}),
         "rendering": rounded(rendering),
@@ -76,18 +76,18 @@ def run_statistics(stages: Stages, rendering: dict[str, float], files: Sequence[
     }
 
 
-def stale_report_files(folder: Path, told: dict[str, Any]) -> list[Path]:
-    """Return the files of the last time in a folder that there is none of this time in place of."""
+def stale_report_files(folder: Path, report: dict[str, Any]) -> list[Path]:
+    """Return files of the previous run, of the same format and target, that a new report does not list."""
     try:
         before = json.loads((folder / REPORT).read_bytes())
-        if before["format"] != told["format"] or before.get("target") != told.get("target"):
+        if before["format"] != report["format"] or before.get("target") != report.get("target"):
             return []
         names = [str(name) for name in before["files"]]
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        return []  # there is none, or none of ours
-    return stale_files(folder, names, told["files"])
+        return []  # there is no report, or not one of ours
+    return stale_files(folder, names, report["files"])
 
 
 def rounded(seconds: dict[str, float]) -> dict[str, float]:
-    """Return seconds to a tenth of a millisecond."""
+    """Return times rounded to 0.1 ms."""
     return {name: round(value, 4) for name, value in seconds.items()}

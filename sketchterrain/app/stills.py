@@ -1,4 +1,4 @@
-"""One still of a sketch's terrain: a picture, or a map."""
+"""`render`: a picture or a topographic map of a sketch's terrain."""
 
 from __future__ import annotations
 
@@ -31,56 +31,56 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PictureOptions:
-    """How a picture is taken."""
+    """Camera, light and content of a picture; of a map only the size counts."""
 
-    size: tuple[int, int] | None = None
-    eye: Point | None = None
+    size: tuple[int, int] | None = None  # width, height (px)
+    eye: Point | None = None  # m; without it a view is found
     look_at: Point | None = None
     view: str = "auto"
-    hour: float | None = None
+    hour: float | None = None  # in place of the sketch's, as clouds
     clouds: float | None = None
     quality: float = 1.0
     without: tuple[str, ...] = ()
     overlays: tuple[str, ...] = ()
     textures: Path | None = None
-    top_down: bool = False
+    top_down: bool = False  # a map
 
 
 def sketch_weather(sketch: scene.Sketch, hour: float | None, clouds: float | None) -> Weather:
-    """Return a sketch's weather, with an hour and clouds in place of its own if they are given."""
+    """Return a sketch's weather, with another hour or clouds if given; raise InputError at night."""
     weather = Weather.from_sketch(sketch, hour=hour, clouds=clouds)
     if weather.hour is not None:
-        sun_at(weather.hour, weather.latitude)  # now, not when all else is done
+        sun_at(weather.hour, weather.latitude)
     return weather
 
 
 def render_to_file(
-    sketch: Sketch, path: Path, still: PictureOptions, *, device: str | None, fast: bool, stages: Stages
+    sketch: Sketch, path: Path, options: PictureOptions, *, device: str | None, fast: bool, stages: Stages
 ) -> list[LegendEntry]:
-    """Draw a sketch's terrain and write it."""
-    check_overlays(still.overlays)
-    check_view(still.view)
-    quality = Quality.from_level(still.quality, without=still.without)
-    weather = sketch_weather(sketch, still.hour, still.clouds)
+    """Render a sketch's terrain to a .png, or a map to an .svg too; return the legend of the overlays."""
+    check_overlays(options.overlays)
+    check_view(options.view)
+    quality = Quality.from_level(options.quality, without=options.without)
+    weather = sketch_weather(sketch, options.hour, options.clouds)
 
     def work(context: ComputeContext, _: tuple[str, ...]) -> list[LegendEntry]:
         with stages.stage("features", "Placing features"):
             terrain = build(sketch, device=context)
         legend: list[LegendEntry] = []
-        with stages.stage("picture", "Drawing the map" if still.top_down else "Rendering"):
+        with stages.stage("picture", "Drawing the map" if options.top_down else "Rendering"):
             prepare_folder(path.parent)
-            if still.top_down:
-                write_map(path, terrain, size=still.size)
+            if options.top_down:
+                write_map(path, terrain, size=options.size)
                 return legend
             picture = render_picture(
                 terrain,
-                size=still.size or (1280, 720),
-                camera=camera_from_options(terrain, still.eye, still.look_at),
-                view=still.view,
+                size=options.size or (1280, 720),
+                camera=camera_from_options(terrain, options.eye, options.look_at),
+                view=options.view,
                 weather=weather,
-                textures=still.textures,
+                textures=options.textures,
                 quality=quality,
-                overlays=still.overlays,
+                overlays=options.overlays,
                 legend=legend,
             )
             write_picture(path, picture)

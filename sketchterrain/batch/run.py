@@ -19,8 +19,8 @@ from sketchterrain.app.errors import describe_error
 from sketchterrain.app.estimates import Estimate, free_memory
 from sketchterrain.app.export import write_export
 from sketchterrain.app.generate import (
+    GenerateOptions,
     GenerateResult,
-    PreviewOptions,
     SharedResources,
     generate,
     render_preview,
@@ -307,15 +307,9 @@ def make(
     """Write a terrain's files; they come into the folder together, when all of them are there."""
     if output.target is not None:
         return _export(sketch, folder, output, output.target, shared, stages)
-    return generate(
-        sketch,
-        folder,
-        size=output.size or DEFAULT_SIZE,
-        foliage=FoliageOptions(output.foliage, output.grass),
-        extras=PreviewOptions(output.preview, output.view, map=output.map),
-        stages=stages,
-        shared=shared,
-    )
+    foliage, size = FoliageOptions(output.foliage, output.grass), output.size or DEFAULT_SIZE
+    options = GenerateOptions(size, foliage, output.preview, output.view, map=output.map)
+    return generate(sketch, folder, options, stages=stages, shared=shared)
 
 
 def _export(

@@ -37,7 +37,7 @@ def manifest(folder: Path) -> Any:
 def test_the_same_bytes_as_one_by_one(call, sketch, tmp_path):
     done = call("batch", sketch, "-o", tmp_path / "all", "--seeds", "3,1-2", *QUICK)
     assert (done.code, done.err.count("\n")) == (0, 3)
-    assert "3 terrains made in" in done.out
+    assert "3 terrains written in" in done.out
     for seed in (1, 2, 3):
         alone = tmp_path / f"alone-{seed}"
         assert call("generate", sketch, "-o", alone, "--seed", seed, *QUICK).code == 0
@@ -105,13 +105,13 @@ def test_bad_items_are_told_in_a_table(call, sketch, tmp_path):
     assert done.err.splitlines()[-1] == (
         "sketchterrain: error: 2 of 4 terrains failed; --resume tries them again"
     )
-    assert "2 terrains made" in done.out
+    assert "2 terrains written" in done.out
     assert (out / "north_east" / "seed-002" / "height.tif").exists()
     save_sketch(load_sketch(str(sketch)), tmp_path / "broken")
     again = call("batch", tmp_path / "broken", sketch, "-o", out, "--seeds", "1-2", *QUICK, "--resume")
     assert again.code == 0
-    assert "2 terrains made in" in again.out
-    assert "2 were there" in again.out
+    assert "2 terrains written in" in again.out
+    assert "2 unchanged" in again.out
 
 
 def test_a_dry_run_writes_nothing(call, sketch, tmp_path):

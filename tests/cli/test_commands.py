@@ -66,7 +66,7 @@ def test_presets_tells_each(call):
     lines = call("presets").out.splitlines()
     assert [line.split()[0] for line in lines] == list(preset_names())
     for entry, line in zip(told, lines, strict=True):
-        assert ("own rules of materials: " in line) == bool(entry["material_rules"])
+        assert ("own material rules: " in line) == bool(entry["material_rules"])
         assert all(name in line for name in entry["material_rules"])
     assert any(entry["material_rules"] for entry in told)
 
@@ -195,7 +195,7 @@ def test_a_quick_stage_says_nothing_and_a_slow_one_a_line(capsys, monkeypatch):
     with Stages() as stages, stages.stage("a", "Quick"):
         pass
     assert capsys.readouterr().err == ""
-    monkeypatch.setattr(sketchterrain.app.progress, "_QUIET", 0.001)
+    monkeypatch.setattr(sketchterrain.app.progress, "_SLOW", 0.001)
     with Stages() as stages, stages.stage("a", "Slow"):
         time.sleep(0.2)
     assert capsys.readouterr() == ("", "Slow …\n")

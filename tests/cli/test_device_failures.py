@@ -19,7 +19,7 @@ from sketchterrain.errors import DeviceFailedError
 from sketchterrain.terrain.self_test import Verdict, self_test
 
 DEVICES = [device for device in list_devices() if device.known]
-two_devices = pytest.mark.skipif(len(DEVICES) < 2, reason="there is no other device to start again on")
+two_devices = pytest.mark.skipif(len(DEVICES) < 2, reason="there is no other device to restart on")
 pytestmark = pytest.mark.skipif(not DEVICES, reason="no OpenCL device")
 
 
@@ -103,7 +103,7 @@ def test_a_failure_at_any_call_starts_all_again_elsewhere(call, tiny, tmp_path, 
         assert len(notes) == len(told["restarts"]) == 1, done.err
         assert notes[0] == f"sketchterrain: note: {told['restarts'][0]}"
         assert f"{first.name} ({first.platform}) failed at {calls[number]}" in notes[0]
-        assert f"done again on {spare.name}" in notes[0]
+        assert f"restarted on {spare.name}" in notes[0]
         assert told["device"]["platform"] == spare.platform
 
 
@@ -120,7 +120,7 @@ def test_without_another_device_nothing_is_written(call, tiny, tmp_path, monkeyp
     done = generate(call, tiny, tmp_path / "out", "--device", device.index)
     assert done.code == 4
     assert "failed at" in done.error
-    assert done.error.endswith("there is no other device to start again on")
+    assert done.error.endswith("there is no other device to restart on")
     assert [(file.name, file.read_text()) for file in (tmp_path / "out").iterdir()] == [("height.tif", "old")]
 
 
@@ -156,7 +156,7 @@ def test_a_failure_in_the_preview_starts_all_again_too(call, tiny, tmp_path, mon
     size = ["--size", 9, "--device", DEVICES[0].index]
     assert call("generate", tiny, "-o", tmp_path, *size).code == 0
     told = report(tmp_path)
-    assert told["restarts"][0].startswith("it broke; all of it is done again on ")
+    assert told["restarts"][0].startswith("it broke; restarted on ")
     assert "preview.png" in told["files"]
     done = call("render", tiny, "-o", tmp_path / "a.png", "--device", DEVICES[0].index)
     assert (done.code, done.out) == (0, f"{tmp_path / 'a.png'}\n")

@@ -18,7 +18,7 @@ import sketchterrain.app.jobs
 import sketchterrain.export.files
 import sketchterrain.export.planning
 import sketchterrain.export.sidecar
-from sketchterrain.app.commands.target_options import TARGETS
+from sketchterrain.app.arguments import TARGETS
 from sketchterrain.app.export import file_name
 from sketchterrain.errors import DeviceFailedError
 from sketchterrain.export.sampled import TerrainSamples
@@ -72,7 +72,7 @@ def test_a_person_is_told_what_to_type_in(call, sketch, tmp_path):
     done = call("export", sketch, "--to", "raw", "-o", tmp_path, *options)
     assert done.code == 0, done.err
     assert "33 × 25 vertices in 16 tiles 16 m apart" in done.out
-    assert "to type in" in done.out
+    assert "import settings:" in done.out
     assert "and 60 more" in done.out
     assert "Byte Order       little-endian\n" in done.out
 
@@ -223,7 +223,7 @@ def test_after_a_device_failed_all_is_done_again_on_another(call, sketch, tmp_pa
     )  # compiled already
     done = call(*words, tmp_path / "again")
     assert (plain.code, done.code) == (0, 0), done.err
-    assert "started again: the device is gone; all of it is done again on" in done.out
+    assert "restarted: the device is gone; restarted on" in done.out
     first, second = (
         {path.name: path.read_bytes() for path in (tmp_path / name).iterdir()} for name in ("plain", "again")
     )

@@ -30,7 +30,7 @@ USAGE = [
 ]
 GENERATE = [
     ("--foliage obj", 2, ("expected csv, ply, both or none, got 'obj'",)),
-    ("--grass", 2, ("--grass with --foliage csv: only foliage.ply holds it, take ply or both",)),
+    ("--grass", 2, ("--grass with --foliage csv: expected --foliage ply or both",)),
     ("--foliage none --grass", 2, ("--grass with --foliage none",)),
     ("--map pdf", 2, ("expected png or svg, got 'pdf'",)),
     ("--no-preview --time 12", 2, ("--time with --no-preview: it is the preview's",)),
@@ -74,7 +74,7 @@ EXPORT = [
     ("--to raw --size 66 --tiles 2x2", 3, ("66 vertices ", " nearest: 65 or 67")),
     ("--to raw --size 9 --tiles 9x1", 3, ("nearest: 10\n",)),
     ("--to raw --tiles 300x300", 3, ("expected 1 to 65536 tiles",)),
-    ("--to raw --tiles 2x2 --tile-name {x}/{y}", 3, ("file's name",)),
+    ("--to raw --tiles 2x2 --tile-name {x}/{y}", 3, ("expected a valid file name",)),
     ("--to raw --tiles 2x2 --tile-name {x}{z}", 3, ("expected only",)),
     ("--to raw --tiles 2x2 --tile-name {x}", 3, ("same name",)),
     ("--to raw --format r64", 3, ("expected r16 or r32 or r16be as format, got 'r64'",)),
@@ -101,8 +101,8 @@ BATCH = [
     ("SKETCH --set lake.1.depth=3", 3, ("no sketch of the batch has a label 1",)),
     ("SKETCH --size 99999", 3, ("expected 2 to 16385 vertices",)),
     ("SKETCH --to nowhere", 3, ("nowhere",)),
-    ("SKETCH --to raw --map png", 2, ("map and a target",)),
-    ("SKETCH --tiles 2x2", 2, ("expected --to TARGET",)),
+    ("SKETCH --to raw --map png", 2, ("map with a target",)),
+    ("SKETCH --tiles 2x2", 2, ("needs --to TARGET",)),
     ("SKETCH --no-preview --view air", 2, ("it is the preview's",)),
     ("SKETCH --jobs 0", 2, ("--jobs",)),
     ("SKETCH --foliage odd", 3, ("expected foliage as one of",)),

@@ -77,7 +77,7 @@ def test_broken_files_are_named_and_made_again(call, sketch, tmp_path):
     assert "0/height/c/0/0 is missing" in checked.out
     assert "0/normal/c/0/0/0 has 7 bytes" in checked.out
     assert checked.err.splitlines()[-1] == (
-        "sketchterrain: error: 2 files are missing or broken; `world --resume` mends them"
+        "sketchterrain: error: 2 files are missing or broken; `world --resume` repairs them"
     )
     told = json.loads(call("stats", out, "--check", "--json").out)
     assert [each["file"] for each in told["broken"]] == ["0/height/c/0/0", "0/normal/c/0/0/0"]
@@ -85,7 +85,7 @@ def test_broken_files_are_named_and_made_again(call, sketch, tmp_path):
     assert again.code == 0, again.err
     assert "0/height/c/0/0 is missing: is made again" in again.err
     assert files(out) == before
-    assert call("stats", out, "--check").out == f"{out}: every file is as it was written\n"
+    assert call("stats", out, "--check").out == f"{out}: all files are intact\n"
     other = call("world", sketch, *SMALL, "-o", out, "--resume", "--seed", 99)
     assert (other.code, "another sketch, seed, bounds" in other.error) == (3, True)
     taken = call("world", sketch, *SMALL, "-o", out)

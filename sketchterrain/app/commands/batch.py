@@ -1,4 +1,4 @@
-"""The command that makes many terrains: what it was asked for, and what came of it."""
+"""Command `batch`."""
 
 from __future__ import annotations
 
@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sketchterrain.app import arguments as given
-from sketchterrain.app import arguments as pictured
-from sketchterrain.app.commands import target_options as asked
+from sketchterrain.app import arguments as args
 from sketchterrain.app.errors import PARTIAL, USAGE_ERROR, fail
 from sketchterrain.app.listings import pluralize, print_json, print_lines
 
@@ -22,14 +20,8 @@ if TYPE_CHECKING:
     from sketchterrain.batch.results import Output
     from sketchterrain.batch.run import Done
 
-__all__ = ["batch"]
+_MAX_JOBS = 64
 
-_MOST_JOBS = 64
-
-Sketches = Annotated[
-    list[str] | None,
-    typer.Argument(metavar="[SKETCH]...", help="Sketches' folders or .sketch files, or presets' names."),
-]
 Seeds = Annotated[
     str | None,
     typer.Option(metavar="A-B", help="Seeds, as 1-100 or 1,5,9-12; by default each sketch's own."),
@@ -45,23 +37,14 @@ Settings = Annotated[
 ]
 SweepPath = Annotated[
     Path | None,
-    typer.Option("--sweep", metavar="FILE", help="All this in a TOML file; options here come first."),
+    typer.Option("--sweep", metavar="FILE", help="All this in a TOML file; options take precedence."),
 ]
 TargetName = Annotated[
     str | None,
-    typer.Option("--to", metavar="TARGET", help="Take each terrain to a target; `targets` lists them."),
+    typer.Option("--to", metavar="TARGET", help="Export each terrain to a target; `targets` lists them."),
 ]
 Jobs = Annotated[
-    int | None,
-    typer.Option(
-        metavar="N", min=1, max=_MOST_JOBS, help="Terrains in work at once; 2 where there are cores."
-    ),
-]
-Resume = Annotated[
-    bool, typer.Option("--resume", help="Go on with the batch in DIR: what is whole and unchanged stays.")
-]
-DryRun = Annotated[
-    bool, typer.Option("--dry-run", help="List what would be made, what it would take, and write nothing.")
+    int | None, typer.Option(metavar="N", min=1, max=_MAX_JOBS, help="Concurrent terrains, by default 2.")
 ]
 Foliage = Annotated[
     str | None,
@@ -70,43 +53,40 @@ Foliage = Annotated[
 Preview = Annotated[
     bool | None, typer.Option("--preview/--no-preview", help="Render previews and a contact sheet.")
 ]
-Plants = Annotated[
-    bool | None, typer.Option("--plants/--no-plants", help="With --to: write trees and shrubs.")
-]
 
 
 def batch(
-    output: given.Folder,
-    sketches: Sketches = None,
+    output: args.Folder,
+    sketches: args.SketchNames = None,
     seeds: Seeds = None,
     settings: Settings = None,
     sweep: SweepPath = None,
     jobs: Jobs = None,
-    resume: Resume = False,
-    dry_run: DryRun = False,
-    size: asked.WholeSize = None,
+    resume: args.Resume = False,
+    dry_run: args.DryRun = False,
+    size: args.WholeSize = None,
     preview: Preview = None,
-    view: pictured.ViewKind = None,
+    view: args.ViewKind = None,
     foliage: Foliage = None,
-    grass: given.Grass = False,
-    map_kind: pictured.MapKind = None,
+    grass: args.Grass = False,
+    map_kind: args.MapKind = None,
     target: TargetName = None,
-    tiles: asked.Tiles = None,
-    overlap: asked.Overlap = None,
-    tile_name: asked.TileName = None,
-    tile_first: asked.TileFirst = None,
-    tiles_from_south: asked.TilesFromSouth = None,
-    form: asked.Format = None,
-    heights: asked.Heights = None,
-    error: asked.MeshError = None,
-    crs: asked.Crs = None,
-    origin: asked.Origin = None,
-    plants: Plants = None,
-    device: given.DeviceName = None,
-    fast: given.Fast = False,
-    as_json: given.AsJson = False,
+    tiles: args.Tiles = None,
+    overlap: args.Overlap = None,
+    tile_name: args.TileName = None,
+    tile_first: args.TileFirst = None,
+    tiles_from_south: args.TilesFromSouth = None,
+    form: args.Format = None,
+    heights: args.Heights = None,
+    error: args.MeshError = None,
+    crs: args.Crs = None,
+    origin: args.Origin = None,
+    plants: args.Plants = None,
+    device: args.DeviceName = None,
+    fast: args.Fast = False,
+    as_json: args.AsJson = False,
 ) -> None:
-    """Make many terrains: every sketch with every seed and every value of its settings."""
+    """Generate many terrains: every sketch with every seed and every value of its settings."""
     from sketchterrain.batch.plan import (
         SweepFile,
         parse_seeds,
@@ -124,7 +104,7 @@ def batch(
     options = {"tiles": tiles, "overlap": overlap, "tile_name": tile_name, "tile_first": tile_first}
     options |= {"tiles_from_south": tiles_from_south, "format": form, "heights": heights, "error": error}
     options |= {"crs": crs, "origin": origin, "plants": plants}
-    wanted = _output(
+    written = _output(
         {name: getattr(file, name) if value is None else value for name, value in keys.items()},
         {name: file.export.get(name) if value is None else value for name, value in options.items()},
         fast=fast,
@@ -134,15 +114,15 @@ def batch(
     items = plan(sources, file.seed_list if seeds is None else parse_seeds(seeds), swept)
     jobs = jobs or min(2, os.cpu_count() or 1)
     if dry_run:
-        _report_plan(items, output, wanted, jobs=jobs, resume=resume, as_json=as_json)
+        _report_plan(items, output, written, jobs=jobs, resume=resume, as_json=as_json)
         return
     with BatchProgress() as progress:
-        done = run_batch(items, output, wanted, device=device, jobs=jobs, resume=resume, progress=progress)
+        done = run_batch(items, output, written, device=device, jobs=jobs, resume=resume, progress=progress)
     _report_done(done, output, as_json=as_json)
 
 
 def _output(keys: dict[str, Any], options: dict[str, Any], *, fast: bool) -> Output:
-    """Return what is written of each terrain, by the keys of a sweep file and of its table ``export``."""
+    """Return what to write of each terrain, from the keys of a sweep file and of its table ``export``."""
     from sketchterrain.batch.results import Output
     from sketchterrain.export.foliage_files import FoliageOptions
     from sketchterrain.export.targets import target_named
@@ -150,28 +130,23 @@ def _output(keys: dict[str, Any], options: dict[str, Any], *, fast: bool) -> Out
 
     preview, view = keys["preview"] is not False, keys["view"] or "auto"
     if not preview and keys["view"] is not None:
-        raise USAGE_ERROR("a view and no preview: it is the preview's")
+        raise USAGE_ERROR("a view without a preview: it is the preview's")
     if keys["map"] not in (None, "png", "svg"):
         raise USAGE_ERROR(f"expected a map as png or svg, got {keys['map']!r}")
     check_view(view)
     if keys["to"] is None:
         extra = next((name for name, value in options.items() if value is not None), None)
         if extra is not None:
-            raise USAGE_ERROR(f"{extra.replace('_', '-')} is a target's: expected --to TARGET with it")
+            raise USAGE_ERROR(f"{extra.replace('_', '-')} needs --to TARGET")
         files = FoliageOptions(keys["foliage"] or "csv", bool(keys["grass"]))
         return Output(keys["size"], preview, view, files.kind, files.grass, keys["map"], fast=fast)
     for name in ("foliage", "map"):
         if keys[name] is not None:
-            raise USAGE_ERROR(f"{name} and a target: it is for the files of `generate`")
+            raise USAGE_ERROR(f"{name} with a target: it is for the files of `generate`")
     target_named(keys["to"])
-    chosen = asked.export_options(
-        size=keys["size"],
-        grass=bool(keys["grass"]),
-        plants=options.pop("plants") is not False,
-        form=options.pop("format"),
-        **options,
-    )
-    return Output(keys["size"], preview, view, "none", target=keys["to"], options=chosen, fast=fast)
+    form, grass = options.pop("format"), bool(keys["grass"])
+    exported = args.export_options(size=keys["size"], form=form, grass=grass, **options)
+    return Output(keys["size"], preview, view, "none", target=keys["to"], options=exported, fast=fast)
 
 
 def _report_plan(
@@ -183,10 +158,10 @@ def _report_plan(
     needs = items_needs(items, output)
     check_folder(folder, resume=resume)
     whole = whole_items(items, folder, output)
-    to_make = {name: need for name, need in needs.items() if isinstance(need, Needs) and name not in whole}
-    jobs, estimate = estimate_batch(to_make.values(), output, jobs)
+    missing = {name: need for name, need in needs.items() if isinstance(need, Needs) and name not in whole}
+    jobs, estimate = estimate_batch(missing.values(), output, jobs)
     states = [
-        "there" if item.name in whole else "to make" if item.name in to_make else "fails" for item in items
+        "there" if item.name in whole else "to make" if item.name in missing else "fails" for item in items
     ]
     problems = ["" if isinstance(need, Needs) else str(need) for need in needs.values()]
     if as_json:
@@ -208,21 +183,21 @@ def _report_plan(
     for item, state, problem in zip(items, states, problems, strict=True):
         print_lines(f"{item.name:<{width}}  {problem or state}")
     print_lines(
-        f"{pluralize(len(to_make), 'terrain')} to make in {folder}, {jobs} at once", *estimate.lines(folder)
+        f"{pluralize(len(missing), 'terrain')} to write to {folder}, {jobs} at once", *estimate.lines(folder)
     )
 
 
 def _report_done(done: Done, folder: Path, *, as_json: bool) -> None:
-    """Report what came of a batch, failures as a table on stderr; exit with the code for partial results."""
+    """Print the result, with failures as a table on stderr; exit with the code for partial results."""
     from msgspec import to_builtins
 
     new = [entry for entry in done.entries if entry.name not in done.skipped]
-    made, partial, failed = (
+    complete, partial, failed = (
         [entry for entry in new if entry.state == state] for state in ("done", "partial", "failed")
     )
     if as_json:
         counts = {
-            "made": len(made),
+            "made": len(complete),
             "skipped": len(done.skipped),
             "partial": len(partial),
             "failed": len(failed),
@@ -230,10 +205,10 @@ def _report_done(done: Done, folder: Path, *, as_json: bool) -> None:
         facts = {"folder": str(folder), **counts, "seconds": round(done.seconds, 3), "sheets": done.sheets}
         print_json(facts | {"items": to_builtins(done.entries)})
     else:
-        count = len(made) + len(partial)
+        count = len(complete) + len(partial)
         rate = f", {60.0 * count / done.seconds:.1f} a minute" if count and done.seconds > 0 else ""
-        there = f", {len(done.skipped)} were there" if done.skipped else ""
-        print_lines(f"{pluralize(count, 'terrain')} made in {done.seconds:.1f} s{rate}{there}: {folder}")
+        there = f", {len(done.skipped)} unchanged" if done.skipped else ""
+        print_lines(f"{pluralize(count, 'terrain')} written in {done.seconds:.1f} s{rate}{there}: {folder}")
         print_lines(*(f"contact sheet: {folder / name}" for name in done.sheets))
     bad = [*failed, *partial]
     if bad:

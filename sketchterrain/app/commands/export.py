@@ -1,38 +1,36 @@
-"""Commands that take a terrain to a program, and that tell which programs there are."""
+"""Commands `export` and `targets`."""
 
 from __future__ import annotations
 
-from sketchterrain.app import arguments as given
-from sketchterrain.app.arguments import read_sketch
-from sketchterrain.app.commands import target_options as asked
+from sketchterrain.app import arguments as args
 from sketchterrain.app.listings import exported_lines, print_json, print_lines, target_entry, target_lines
 from sketchterrain.app.progress import Stages
 
 
 def export(
-    sketch: given.SketchName,
-    target: asked.TargetName,
-    output: given.Folder,
-    size: asked.WholeSize = None,
-    tiles: asked.Tiles = None,
-    overlap: asked.Overlap = None,
-    tile_name: asked.TileName = None,
-    tile_first: asked.TileFirst = None,
-    tiles_from_south: asked.TilesFromSouth = None,
-    form: asked.Format = None,
-    heights: asked.Heights = None,
-    error: asked.MeshError = None,
-    crs: asked.Crs = None,
-    origin: asked.Origin = None,
-    plants: asked.Plants = True,
-    grass: asked.GrassToo = False,
-    seed: given.Seed = None,
-    device: given.DeviceName = None,
-    fast: given.Fast = False,
-    as_json: given.AsJson = False,
+    sketch: args.SketchName,
+    target: args.TargetName,
+    output: args.Folder,
+    size: args.WholeSize = None,
+    tiles: args.Tiles = None,
+    overlap: args.Overlap = None,
+    tile_name: args.TileName = None,
+    tile_first: args.TileFirst = None,
+    tiles_from_south: args.TilesFromSouth = None,
+    form: args.Format = None,
+    heights: args.Heights = None,
+    error: args.MeshError = None,
+    crs: args.Crs = None,
+    origin: args.Origin = None,
+    plants: args.Plants = None,
+    grass: args.Grass = False,
+    seed: args.Seed = None,
+    device: args.DeviceName = None,
+    fast: args.Fast = False,
+    as_json: args.AsJson = False,
 ) -> None:
-    """Take a terrain to an engine, a GIS or a plain format: the right size, the right way up."""
-    options = asked.export_options(
+    """Export a terrain to an engine, a GIS or a plain format, in the size and orientation it expects."""
+    options = args.export_options(
         size=size,
         tiles=tiles,
         overlap=overlap,
@@ -48,20 +46,19 @@ def export(
         grass=grass,
     )
     with Stages() as stages:
-        document = read_sketch(sketch, seed, stages)
+        document = args.read_sketch(sketch, seed, stages)
         with stages.stage("program", "Loading the program"):
-            from sketchterrain.app import export as whole
-        done = whole.export(document, output, target, options, device=device, fast=fast, stages=stages)
+            from sketchterrain.app import export as app
+        done = app.export(document, output, target, options, device=device, fast=fast, stages=stages)
     if as_json:
-        print_json(
-            done.report | {"folder": str(output), "timings": stages.seconds | {"total": stages.elapsed}}
-        )
+        timings = stages.seconds | {"total": stages.elapsed}
+        print_json(done.report | {"folder": str(output), "timings": timings})
     else:
         print_lines(*exported_lines(done.report, output, stages.elapsed))
 
 
-def targets(as_json: given.AsJson = False) -> None:
-    """List where a terrain can be taken: sizes, formats, options, and what must be installed."""
+def targets(as_json: args.AsJson = False) -> None:
+    """List the export targets: sizes, formats, options and required libraries."""
     from sketchterrain.export.targets import TARGET_NAMES, target_named
 
     entries = [target_entry(target_named(name)) for name in TARGET_NAMES]

@@ -1,4 +1,4 @@
-"""Commands that make no terrain of a sketch: a starter sketch, and what there is and how fast it is."""
+"""Commands `new`, `bench`, `devices` and `presets`."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from sketchterrain.app.progress import Stages
 
 
 def new(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A new or an empty folder.")]) -> None:
-    """Write a starter sketch, to be painted in any paint program."""
+    """Write a starter sketch, to be edited in any paint program."""
     from sketchterrain.document.store import new_sketch
 
     new_sketch(folder)
@@ -49,17 +49,17 @@ def bench(
 
 
 def devices(as_json: AsJson = False) -> None:
-    """List the OpenCL devices, test whether each computes the same bits and how it reaches OpenGL."""
+    """List the OpenCL devices, with a self-test of their bits and of sharing with OpenGL."""
     from sketchterrain.compute.device import choose_device, list_devices
     from sketchterrain.compute.device_check import clear_check_results
     from sketchterrain.errors import DeviceFailedError
     from sketchterrain.render.sharing_probe import Sharing, probe_sharing
     from sketchterrain.terrain.self_test import self_test
 
-    clear_check_results()  # what a cached failure asked for may be installed by now
-    chosen, tested = None, []
-    with suppress(DeviceFailedError):  # the list has the reason
-        chosen = choose_device()
+    clear_check_results()  # a missing driver or linker may be installed by now
+    default, tested = None, []
+    with suppress(DeviceFailedError):  # the self-test reports it
+        default = choose_device()
     with Stages() as stages:
         for device in list_devices():
             with stages.stage(str(device.index), f"Testing {device.name} ({device.platform})"):
@@ -68,14 +68,14 @@ def devices(as_json: AsJson = False) -> None:
                 sharing = Sharing("none", "it runs no kernel") if failed else probe_sharing(device)
                 tested.append((device, verdict, sharing))
     if as_json:
-        print_json([device_test_entry(*each) | {"default": each[0] == chosen} for each in tested])
+        print_json([device_test_entry(*each) | {"default": each[0] == default} for each in tested])
         return
     for device, verdict, sharing in tested:
-        print_lines(*device_lines(device, verdict, sharing, chosen=device == chosen))
+        print_lines(*device_lines(device, verdict, sharing, default=device == default))
 
 
 def presets(as_json: AsJson = False) -> None:
-    """List the presets, which can stand wherever a sketch can."""
+    """List the presets, which are valid wherever a sketch is expected."""
     from sketchterrain.document.store import load_sketch
     from sketchterrain.io.resources import preset_names
 

@@ -1,4 +1,4 @@
-"""StructuredArray as a CSV table or a PLY point cloud, written in chunks of bounded memory.
+"""Plants as a CSV table or a PLY point cloud, written in chunks of bounded memory.
 
 Turk 1994, "The PLY polygon file format": an ASCII header that names the properties, then rows of bytes.
 """
@@ -132,7 +132,7 @@ def _storey_chunks(
         for plants in terrain.foliage_pieces(*bounds, storey=storey):
             yield storey, plants
             if progress is not None and len(plants):
-                # StructuredArray are in rows from south to north: y is the progress.
+                # Plants are in rows from south to north: y is the progress.
                 share = max(share, float(plants["y"].max() - south) / (north - south))
                 progress((before + share * count) / total)
         before += count

@@ -1,4 +1,10 @@
-"""Triangle meshes of a terrain."""
+"""Terrain and water as triangles: all vertices of a grid, or an adaptive mesh with a measured error bound.
+
+Garland & Heckbert 1995, "Fast Polygonal Approximation of Terrains and Height Fields": the vertex with the
+largest error is inserted into a Delaunay triangulation until no error exceeds the bound. pydelatin works in
+float32, so the error is measured again in float64 at all vertices of the grid; triangles are clipped by rows
+in integers, so none on an edge is missed.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plans of an export: sizes, height steps, memory, known before any work."""
+"""Export plans: height quantisation, sample grid, tiling and memory, checked before any work is done."""
 
 from __future__ import annotations
 

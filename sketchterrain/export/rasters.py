@@ -1,4 +1,4 @@
-"""Raster files: PNG, raw and GeoTIFF."""
+"""Rasters as PNG with JSON, raw numbers, NumPy files, OpenEXR and (Cloud-Optimised) GeoTIFF."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sampled terrain: what all export targets are written from."""
+"""Sample grids, terrains sampled at their vertices, and material weights as bytes."""
 
 from __future__ import annotations
 

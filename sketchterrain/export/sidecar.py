@@ -1,4 +1,4 @@
-"""Metadata beside exported files, and agreement of files with the terrain."""
+"""The sidecar of an export, ``terrain.json``, with import settings as rows; the adherence image."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Export targets: what a target declares, its options and tiles."""
+"""Export targets: the record of an engine or file format, its options, tiles and output."""
 
 from __future__ import annotations
 

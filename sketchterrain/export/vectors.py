@@ -1,4 +1,4 @@
-"""Features and rivers as vector layers and JSON."""
+"""Features, rivers, lakes and plants as JSON and as vector layers of a GeoPackage."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ from sketchterrain.export.sidecar import SIDECAR, SettingRow, setting_rows, stal
 from sketchterrain.io.files import write_atomic
 
 
-def test_new_content_replaces_the_old_and_a_failed_write_leaves_it_whole(tmp_path, monkeypatch):
+def test_failed_writes_leave_the_old_file_unchanged(tmp_path, monkeypatch):
     with pytest.raises(SketchterrainError, match="cannot be written") as caught:
         write_atomic(tmp_path / "no" / "a.bin", b"")
     assert str(caught.value).isprintable()
@@ -35,7 +35,7 @@ def test_new_content_replaces_the_old_and_a_failed_write_leaves_it_whole(tmp_pat
     path = tmp_path / "a.bin"
     write_atomic(path, b"new")
     assert write_atomic(path, b"old") == path
-    for failure, told in [
+    for failure, message in [
         (OSError(28, "No space left on device"), r"a\.bin: cannot be written \(No space left on device\)$"),
         (KeyboardInterrupt(), "^$"),
     ]:
@@ -44,7 +44,7 @@ def test_new_content_replaces_the_old_and_a_failed_write_leaves_it_whole(tmp_pat
             raise failure
 
         monkeypatch.setattr(os, "fsync", failing)
-        with pytest.raises((SketchterrainError, KeyboardInterrupt), match=told):
+        with pytest.raises((SketchterrainError, KeyboardInterrupt), match=message):
             write_atomic(path, b"new")
         assert path.read_bytes() == b"old"
         assert [entry.name for entry in tmp_path.iterdir()] == ["a.bin"]
@@ -55,7 +55,7 @@ def run_killed(code, path):
     assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
 
 
-def test_a_killed_process_leaves_the_old_file_whole(tmp_path):
+def test_killed_process_leaves_the_old_file_unchanged(tmp_path):
     path = tmp_path / "a.bin"
     write_atomic(path, b"old")
     code = (
@@ -67,7 +67,7 @@ def test_a_killed_process_leaves_the_old_file_whole(tmp_path):
     assert path.read_bytes() == b"old"
 
 
-def test_a_folder_is_made_with_its_parents_or_refused(tmp_path):
+def test_folders_are_created_with_parents_or_refused(tmp_path):
     prepare_folder(tmp_path / "a" / "b")
     prepare_folder(tmp_path / "a" / "b")
     assert list((tmp_path / "a" / "b").iterdir()) == []
@@ -80,7 +80,7 @@ def test_a_folder_is_made_with_its_parents_or_refused(tmp_path):
     assert (tmp_path / "c").read_bytes() == b"mine"
 
 
-def test_json_keeps_order_and_letters_and_refuses_nan(tmp_path):
+def test_json_preserves_order_and_unicode_and_refuses_nan(tmp_path):
     text = write_json(tmp_path / "a.json", {"z": 1, "a": "Höhe"}).read_text(encoding="utf-8")
     assert list(json.loads(text)) == ["z", "a"]
     assert "Höhe" in text
@@ -105,7 +105,7 @@ def test_staged_files_are_moved_together_and_errors_name_the_final_folder(tmp_pa
         pass
 
 
-def test_folders_of_killed_processes_are_removed_and_folders_in_use_kept(tmp_path):
+def test_abandoned_staging_folders_are_removed_and_active_ones_not(tmp_path):
     code = (
         "from sketchterrain.export.files import staging\n"
         "with staging(pathlib.Path(sys.argv[1])) as hidden:\n"
@@ -124,7 +124,7 @@ def test_folders_of_killed_processes_are_removed_and_folders_in_use_kept(tmp_pat
     assert [*tmp_path.iterdir()] == []
 
 
-def test_only_files_of_an_earlier_export_of_the_same_sketch_are_replaced(tmp_path):
+def test_stale_files_are_those_of_the_same_sketch_and_target(tmp_path):
     for name in ("a", "b", "c"):
         (tmp_path / name).write_bytes(b"")
     (tmp_path / "inner").mkdir()
@@ -137,21 +137,21 @@ def test_only_files_of_an_earlier_export_of_the_same_sketch_are_replaced(tmp_pat
         return {"format": 1, "target": target, "sketch": "a", "files": files}
 
     (tmp_path / "old").write_bytes(b"")
-    (tmp_path / "kept").write_bytes(b"")
-    told = sidecar("kept", "new")
-    assert stale_export_files(tmp_path, told) == []
-    for content in ("[]", "{", json.dumps(sidecar("old", "kept", target="png16"))):
+    (tmp_path / "common").write_bytes(b"")
+    current = sidecar("common", "new")
+    assert stale_export_files(tmp_path, current) == []
+    for content in ("[]", "{", json.dumps(sidecar("old", "common", target="png16"))):
         (tmp_path / SIDECAR).write_text(content)
-        assert stale_export_files(tmp_path, told) == [], content
-    (tmp_path / SIDECAR).write_text(json.dumps(sidecar("old", "kept")))
-    assert stale_export_files(tmp_path, told) == [tmp_path / "old"]
+        assert stale_export_files(tmp_path, current) == [], content
+    (tmp_path / SIDECAR).write_text(json.dumps(sidecar("old", "common")))
+    assert stale_export_files(tmp_path, current) == [tmp_path / "old"]
 
 
-def test_settings_become_rows_with_headings_and_many_tiles_are_cut_short():
+def test_settings_become_rows_with_headings_and_limited_lists():
     settings = {"Resolution": 65, "Flip": False, "scale": 1 / 3, "crs": None, "bands": [1, 2]}
-    shown = [(row.name, row.value) for row in setting_rows(settings)]
+    rows = [(row.name, row.value) for row in setting_rows(settings)]
     values = ("65", "no", "0.3333333333", "none", "1, 2")
-    assert shown == list(zip(settings, values, strict=True))
+    assert rows == list(zip(settings, values, strict=True))
     scale = {"Scale": {"X": 100.0, "Y": -2.5, "Z": 87.28125}}
     assert setting_rows(scale) == [SettingRow(0, "Scale", "X 100  Y -2.5  Z 87.28125")]
 
@@ -171,7 +171,7 @@ def test_settings_become_rows_with_headings_and_many_tiles_are_cut_short():
     ]
 
 
-def test_rows_of_numbers_are_formatted_as_python_does():
+def test_numbers_are_formatted_as_by_python():
     for places in [1, 3, 4, 7]:
         for size in [1e-6, 1.0, 12.0, 9999.0, 123456.0, 1e8]:
             values = np.random.default_rng(places).normal(0.0, size, 2000)
@@ -194,12 +194,12 @@ def test_rows_of_numbers_are_formatted_as_python_does():
             format_rows("%.3f\n", np.array([1.0, broken, 2.0]))
 
 
-def test_long_lists_are_json_and_a_failed_one_leaves_no_file(tmp_path):
+def test_json_lists_are_valid_and_failed_ones_leave_no_file(tmp_path):
     pieces = [b"[1.0,1.0],\n[-22.25,-22.2]", b"", b"[0.0,0.0]"]
-    told = json.loads(
+    content = json.loads(
         write_json_list(tmp_path / "a.json", {"format": 1, "é": "ü"}, "rows", pieces).read_text()
     )
-    assert told == {"format": 1, "é": "ü", "rows": [[1.0, 1.0], [-22.25, -22.2], [0.0, 0.0]]}
+    assert content == {"format": 1, "é": "ü", "rows": [[1.0, 1.0], [-22.25, -22.2], [0.0, 0.0]]}
     assert json.loads(write_json_list(tmp_path / "b.json", {}, "rows", []).read_text()) == {"rows": []}
     with pytest.raises(SketchterrainError, match="cannot be written"):
         write_json_list(tmp_path / "gone" / "a.json", {}, "rows", [])
@@ -213,7 +213,7 @@ def test_long_lists_are_json_and_a_failed_one_leaves_no_file(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.json", "b.json"]
 
 
-def test_pillow_and_gdal_read_the_values_of_a_png_back(tmp_path):
+def test_png_values_round_trip_in_pillow_and_gdal(tmp_path):
     random, path = np.random.default_rng(1), tmp_path / "a.png"
     whole = np.arange(60 * 80, dtype=np.uint16).reshape(60, 80)
     cases = [

@@ -15,12 +15,12 @@ SIZE = (64, 48)
 def frames(count):
     """A bright bar that goes from left to right over a slope of colours."""
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
-    made = []
+    result = []
     for number in range(count):
         picture = np.stack([4 * x, 5 * y, np.full_like(x, 60)], axis=-1).astype(np.uint8)
         picture[:, 4 * number : 4 * number + 8] = (250, 240, 20)
-        made.append(picture)
-    return made
+        result.append(picture)
+    return result
 
 
 def write(path, count, *, fps=30, failure=None):
@@ -35,7 +35,7 @@ def entries(folder):
     return sorted(each.name for each in folder.iterdir())
 
 
-def test_a_folder_of_frames_is_numbered_and_exact(tmp_path):
+def test_frames_in_a_folder_are_numbered_and_exact(tmp_path):
     write(tmp_path / "made" / "frames", 12)
     assert entries(tmp_path / "made" / "frames") == [f"{number:04d}.png" for number in range(12)]
     for number, frame in enumerate(frames(12)):
@@ -48,7 +48,7 @@ def test_a_folder_of_frames_is_numbered_and_exact(tmp_path):
     assert _frame_name(9999, 10_000) == "9999.png"
 
 
-def test_animated_pictures_have_all_frames_and_their_length(tmp_path):
+def test_animated_images_have_all_frames_and_their_duration(tmp_path):
     for ending, near in [(".webp", 12), (".gif", 30)]:
         path = tmp_path / ending[1:] / f"a{ending}"
         write(path, 12, fps=30)
@@ -56,10 +56,10 @@ def test_animated_pictures_have_all_frames_and_their_length(tmp_path):
         length = 0
         with Image.open(path) as image:
             assert (image.size, image.n_frames) == (SIZE, 12), ending
-            for shown, frame in zip(ImageSequence.Iterator(image), frames(12), strict=True):
-                difference = np.asarray(shown.convert("RGB")).astype(int) - frame
+            for decoded, frame in zip(ImageSequence.Iterator(image), frames(12), strict=True):
+                difference = np.asarray(decoded.convert("RGB")).astype(int) - frame
                 assert np.abs(difference).mean() < near, ending
-                length += shown.info["duration"]
+                length += decoded.info["duration"]
         assert length == 400, ending
 
     for name in ("a.webp", "a.gif", "frames"):
@@ -67,7 +67,7 @@ def test_animated_pictures_have_all_frames_and_their_length(tmp_path):
     assert entries(tmp_path / "one") == ["a.gif", "a.webp", "frames"]
 
 
-def test_a_video_has_all_frames_its_length_and_its_colours(tmp_path):
+def test_videos_have_all_frames_duration_and_colours(tmp_path):
     av = pytest.importorskip("av")
     path = tmp_path / "a.mp4"
     write(path, 12, fps=25)
@@ -75,14 +75,14 @@ def test_a_video_has_all_frames_its_length_and_its_colours(tmp_path):
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
         assert (stream.width, stream.height, stream.average_rate, stream.frames) == (*SIZE, 25, 12)
-        for shown, frame in zip(container.decode(stream), frames(12), strict=True):
-            assert int(shown.colorspace) == 1
-            difference = shown.to_ndarray(format="rgb24").astype(int) - frame
+        for decoded, frame in zip(container.decode(stream), frames(12), strict=True):
+            assert int(decoded.colorspace) == 1
+            difference = decoded.to_ndarray(format="rgb24").astype(int) - frame
             assert np.abs(difference).mean() < 8
             assert np.abs(difference.mean(axis=(0, 1))).max() < 2  # no colour is off as a whole
 
 
-def test_an_interrupted_film_leaves_nothing(tmp_path):
+def test_interrupted_films_leave_no_files(tmp_path):
     for name in ["frames", "a.webp", "a.gif", "a.mp4"]:
         for failure in [KeyboardInterrupt(), SketchterrainError("it broke")]:
             if name.endswith(VIDEO):
@@ -92,13 +92,13 @@ def test_an_interrupted_film_leaves_nothing(tmp_path):
             (folder / "a.webp").write_text("old")
             with pytest.raises(type(failure)):
                 write(folder / name, 5, failure=failure)
-            there = entries(folder)
-            assert there == ["a.webp"] + ["frames"] * (name == "frames"), (name, failure)
+            names = entries(folder)
+            assert names == ["a.webp"] + ["frames"] * (name == "frames"), (name, failure)
             assert (folder / "a.webp").read_text() == "old", (name, failure)
             assert not list((folder / "frames").iterdir()) if name == "frames" else True, (name, failure)
 
 
-def test_longer_films_odd_sides_missing_libraries_and_files_in_the_way_are_refused(tmp_path, monkeypatch):
+def test_longer_films_odd_sides_missing_libraries_and_existing_files_are_refused(tmp_path, monkeypatch):
     write(tmp_path, 5)
     check_film(tmp_path, size=SIZE, frames=5)
     (tmp_path / "notes.png").write_text("mine")

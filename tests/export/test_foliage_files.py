@@ -58,7 +58,7 @@ def plants(count):
     return some
 
 
-def test_each_plant_is_a_line_of_fixed_decimals_and_bounded_length(tmp_path):
+def test_csv_rows_have_fixed_decimals_and_bounded_length(tmp_path):
     some = plants(300)
     with written(tmp_path, "csv", some).open(newline="", encoding="ascii") as stream:
         rows = list(csv.DictReader(stream))
@@ -88,7 +88,7 @@ def assert_same(vertices, plants):
         np.testing.assert_array_equal(vertices[name], plants["normal"][:, axis])
 
 
-def test_every_bit_of_a_plant_is_in_the_cloud_for_independent_readers(tmp_path):
+def test_ply_is_bit_equal_in_independent_readers(tmp_path):
     some = plants(100_003)
     path = written(tmp_path, "ply", some)
     cloud = read(path)
@@ -112,7 +112,7 @@ def test_every_bit_of_a_plant_is_in_the_cloud_for_independent_readers(tmp_path):
     assert tuple(species) == SPECIES
 
 
-def test_plants_in_pieces_are_the_same_file(tmp_path):
+def test_plants_in_chunks_give_the_same_file(tmp_path):
     lengths = set()
     for count in [0, 1, 9, 10, 4096, 4097, 70_001]:
         some = plants(count)
@@ -129,7 +129,7 @@ def test_plants_in_pieces_are_the_same_file(tmp_path):
     assert "species 5 grass" in read(written(tmp_path, "ply")).comments
 
 
-def test_an_interrupt_a_missing_folder_and_non_finite_numbers_leave_no_partial_file(tmp_path):
+def test_failures_leave_no_partial_foliage_file(tmp_path):
     for kind, write in WRITERS.items():
         old = written(tmp_path, kind, plants(3)).read_bytes()
         for after in [0, 1, 20_000]:
@@ -213,13 +213,13 @@ def test_only_the_requested_files_are_written_and_contradictions_refused(tmp_pat
         assert str(caught.value) == line, kind
 
 
-def test_grass_comes_after_the_trees_and_into_the_cloud_alone(tmp_path):
-    told = []
-    terrain, wanted = Plantation(woody=1000, grass=3000), FoliageOptions("both", grass=True)
-    done = write_foliage(tmp_path, terrain, AREA, wanted, progress=told.append)
-    assert told == sorted(told)
-    assert 0.0 < told[0] < 0.25 == pytest.approx(told[4], abs=1e-3)
-    assert told[-1] == pytest.approx(1.0, abs=1e-3)
+def test_grass_follows_the_trees_in_the_ply_only(tmp_path):
+    progress = []
+    terrain, options = Plantation(woody=1000, grass=3000), FoliageOptions("both", grass=True)
+    done = write_foliage(tmp_path, terrain, AREA, options, progress=progress.append)
+    assert progress == sorted(progress)
+    assert 0.0 < progress[0] < 0.25 == pytest.approx(progress[4], abs=1e-3)
+    assert progress[-1] == pytest.approx(1.0, abs=1e-3)
     found = vertices(tmp_path)
     grass = np.isin(found["species"], [SPECIES.index(name) for name in STOREYS["grass"]])
     assert grass.tolist() == [False] * 1000 + [True] * 3000
@@ -234,7 +234,7 @@ def test_grass_comes_after_the_trees_and_into_the_cloud_alone(tmp_path):
     assert done.counts == dict.fromkeys(SPECIES, 0)
 
 
-def test_many_plants_take_no_more_memory_than_few(tmp_path):
+def test_memory_is_independent_of_the_number_of_plants(tmp_path):
     most = []
     for count in (10_000, 40_000):
         tracemalloc.start()
@@ -245,7 +245,7 @@ def test_many_plants_take_no_more_memory_than_few(tmp_path):
     assert most[1] < most[0] + (1 << 18)  # both files of the second have 3.6 MB more
 
 
-def test_a_stop_between_pieces_leaves_nothing(tmp_path):
+def test_interrupt_between_chunks_leaves_no_files(tmp_path):
     for stop in [KeyboardInterrupt, SketchterrainError("the device gave up")]:
 
         class Broken(Plantation):
@@ -260,10 +260,10 @@ def test_a_stop_between_pieces_leaves_nothing(tmp_path):
         assert list(tmp_path.iterdir()) == [], stop
 
 
-def test_a_full_disk_is_told_of_the_file_that_has_no_room(tmp_path, files_no_larger_than):
+def test_full_disk_is_reported_with_the_file_name(tmp_path, files_no_larger_than):
     for kind, name in [("csv", "csv"), ("both", "csv"), ("ply", "ply")]:
-        told = rf"/foliage\.{name}: cannot be written \(File too large"
-        with files_no_larger_than(1 << 20), pytest.raises(SketchterrainError, match=told):
+        progress = rf"/foliage\.{name}: cannot be written \(File too large"
+        with files_no_larger_than(1 << 20), pytest.raises(SketchterrainError, match=progress):
             write_foliage(tmp_path, Plantation(50_000), AREA, FoliageOptions(kind))
         assert list(tmp_path.iterdir()) == [], kind
 
@@ -271,16 +271,16 @@ def test_a_full_disk_is_told_of_the_file_that_has_no_room(tmp_path, files_no_lar
 Usage = namedtuple("Usage", "total used free")
 
 
-def test_foliage_beyond_the_free_space_is_refused_with_the_figures(tmp_path, monkeypatch):
+def test_foliage_beyond_the_free_disk_space_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(shutil, "disk_usage", lambda _: Usage(10**11, 10**10, 10**10))
-    for wanted, line in [
+    for options, line in [
         (FoliageOptions("csv"), r"foliage\.csv: up to 2e\+08 plants need up to 15\.6 GiB, .* 9\.3 GiB free"),
         (FoliageOptions("both"), r"foliage\.csv and foliage\.ply: up to 2e\+08 plants need up to 24\.2 GiB,"),
         (FoliageOptions("ply", grass=True), r"foliage\.ply: up to 2\.2e\+09 plants need up to 94\.2 GiB,"),
     ]:
         terrain = Plantation(10**8, 10**9)
         with pytest.raises(InputError, match=line) as caught:
-            check_disk_space(tmp_path, terrain, AREA, wanted)
+            check_disk_space(tmp_path, terrain, AREA, options)
         assert "\n" not in str(caught.value), line
         assert terrain.asked == [], line
 

@@ -36,28 +36,28 @@ def read(path):
 
 def decoded(tmp_path, raster):
     image, meaning = write_height_png(tmp_path, raster)
-    told = json.loads(meaning.read_text(encoding="utf-8"))
+    content = json.loads(meaning.read_text(encoding="utf-8"))
     value = read(image)
     assert value.dtype == np.uint16
-    return told["minimum"] + value * told["metres_per_step"], told
+    return content["minimum"] + value * content["metres_per_step"], content
 
 
-def test_heights_round_trip_within_half_a_step_and_lie_where_the_json_says(tmp_path, terrain, raster):
-    height, told = decoded(tmp_path, raster)
-    np.testing.assert_allclose(height, raster.height, rtol=0, atol=0.5001 * told["metres_per_step"])
-    assert (told["minimum"], told["maximum"]) == (raster.height.min(), raster.height.max())
+def test_height_png_round_trips_within_half_a_step(tmp_path, terrain, raster):
+    height, content = decoded(tmp_path, raster)
+    np.testing.assert_allclose(height, raster.height, rtol=0, atol=0.5001 * content["metres_per_step"])
+    assert (content["minimum"], content["maximum"]) == (raster.height.min(), raster.height.max())
     value = read(tmp_path / "height.png")
     assert (value.min(), value.max()) == (0, 65535)
     east, north = terrain.size
-    assert told["bounds"] == {"west": 0.0, "south": 0.0, "east": east, "north": north}
-    assert told["spacing"] == {"x": raster.spacing[0], "y": raster.spacing[1]}
-    assert (told["height"], told["width"]) == raster.height.shape
-    assert told["orientation"] == {"row_0": "north", "column_0": "west", "samples": "vertices"}
-    assert (told["units"], told["file"]) == ("m", "height.png")
+    assert content["bounds"] == {"west": 0.0, "south": 0.0, "east": east, "north": north}
+    assert content["spacing"] == {"x": raster.spacing[0], "y": raster.spacing[1]}
+    assert (content["height"], content["width"]) == raster.height.shape
+    assert content["orientation"] == {"row_0": "north", "column_0": "west", "samples": "vertices"}
+    assert (content["units"], content["file"]) == ("m", "height.png")
 
     for level in [0.0, -17.25, 8000.0]:
-        height, told = decoded(tmp_path, ground(np.full((4, 6), level)))
-        assert told["metres_per_step"] == 0, level
+        height, content = decoded(tmp_path, ground(np.full((4, 6), level)))
+        assert content["metres_per_step"] == 0, level
         np.testing.assert_array_equal(height, level)
     low = np.float32(1e-45)  # the smallest float32: a 65535th of it is no float32
     height, _ = decoded(tmp_path, ground([[0.0, low], [low, 0.0]]))
@@ -76,7 +76,7 @@ def test_normals_are_red_east_green_north_blue_up(tmp_path, raster):
     np.testing.assert_allclose(colour / 127.5 - 1, raster.normal, rtol=0, atol=0.5001 / 127.5)
 
 
-def test_height_tif_round_trips_bit_for_bit_with_vertices_at_their_places(tmp_path, raster, terrain):
+def test_height_tif_is_bit_equal_with_vertices_at_their_positions(tmp_path, raster, terrain):
     (path,) = write_height_tif(tmp_path, raster)
     with rasterio.open(path, driver="GTiff") as file:
         assert (file.count, file.dtypes, file.units) == (1, ("float32",), ("m",))
@@ -104,13 +104,13 @@ def test_height_tif_round_trips_bit_for_bit_with_vertices_at_their_places(tmp_pa
     assert [RASTER_TYPE_KEY, 0, 1, PIXEL_IS_POINT] in keys.tolist()
 
 
-def test_the_files_sum_to_255_hold_the_weights_and_are_filled_up_with_zeros(tmp_path, terrain, raster):
+def test_material_files_hold_the_weights_padded_with_zeros(tmp_path, terrain, raster):
     *images, meaning = write_materials(tmp_path, raster, terrain.material_names)
     assert [path.name for path in images] == ["materials.png", "materials-2.png"]
-    told = json.loads(meaning.read_text(encoding="utf-8"))["materials"]
-    assert [entry["name"] for entry in told] == list(terrain.material_names)
+    content = json.loads(meaning.read_text(encoding="utf-8"))["materials"]
+    assert [entry["name"] for entry in content] == list(terrain.material_names)
     by_file = {path.name: np.asarray(Image.open(path)) for path in images}
-    weights = np.stack([by_file[e["file"]][..., CHANNELS.index(e["channel"])] for e in told], axis=-1)
+    weights = np.stack([by_file[e["file"]][..., CHANNELS.index(e["channel"])] for e in content], axis=-1)
     assert weights.dtype == np.uint8
     assert (weights.sum(axis=-1, dtype=int) == 255).all()
     assert np.abs(weights - 255.0 * raster.materials).max() < 1.001
@@ -127,7 +127,7 @@ def test_the_files_sum_to_255_hold_the_weights_and_are_filled_up_with_zeros(tmp_
 
 @given(some.lists(some.lists(some.floats(0, 1, width=32), min_size=8, max_size=8), min_size=1, max_size=9))
 @settings(max_examples=80, deadline=None)
-def test_any_weights_sum_to_255_and_are_off_by_less_than_one(rows):
+def test_quantised_weights_sum_to_255_with_errors_below_one(rows):
     weights = np.array([rows], np.float32)
     weights[weights.sum(axis=-1) == 0, 0] = 1
     result = quantise_weights(weights)
@@ -137,7 +137,7 @@ def test_any_weights_sum_to_255_and_are_off_by_less_than_one(rows):
     assert (result[weights == 0] == 0).all()
 
 
-def test_the_largest_remainders_get_the_missing_steps():
+def test_largest_remainders_are_rounded_up():
     for weights, expected in [
         ([0, 1, 0], [0, 255, 0]),
         ([1, 1, 1], [85, 85, 85]),
@@ -156,7 +156,7 @@ def test_the_largest_remainders_get_the_missing_steps():
     assert (quantise_weights(tall) == quantise_weights(row)).all()
 
 
-def test_resampled_weights_reach_the_edges_and_agree_between_tiles():
+def test_splat_weights_include_the_edges_and_agree_between_tiles():
     ramp = np.arange(33)
     weights = np.zeros((33, 33, 3), np.uint8)
     weights[..., 0] = np.rint(ramp * 255 / 32)[None]
@@ -177,7 +177,7 @@ def test_resampled_weights_reach_the_edges_and_agree_between_tiles():
         np.testing.assert_array_equal(west[:, -1], east[:, 0])
 
 
-def test_bits_of_the_control_map_are_finite_floats():
+def test_control_map_values_are_finite_floats():
     weights = np.uint8([[[255, 0, 0], [0, 200, 55], [128, 127, 0], [85, 85, 85]]])
     bits = control_map(weights).view(np.uint32)[0].tolist()
     fields = [(b >> 27, b >> 22 & 0x1F, b >> 14 & 0xFF, b & 0x3FFF) for b in bits]
@@ -208,7 +208,7 @@ def test_heights_round_trip_within_half_a_step(heights):
     assert steps.range <= max(1.0, float(np.ptp(height.astype(np.float64))) * 65536 / 65535 + 0.0025)
 
 
-def test_the_whole_range_of_numbers_is_used_and_what_lies_outside_is_refused():
+def test_quantisation_uses_the_full_range_and_refuses_heights_outside():
     height = np.float32([[0.0, 1000.0]])
     ((first, last),) = HeightQuantisation.from_heights(height).encode(height)
     assert first == 0 < 65534 <= last
@@ -221,13 +221,13 @@ def test_the_whole_range_of_numbers_is_used_and_what_lies_outside_is_refused():
     steps = HeightQuantisation.from_heights(np.array([[10.0, 20.0]], np.float32), (-100.0, 900.0))
     assert (steps.low, steps.range) == (-100.0, 1000.0)
     assert steps.highest == pytest.approx(900.0 - 1000.0 / 65536.0)
-    for wanted in [(0.0, 500.0), (11.0, 1000.0), (10.0, 999.98)]:
+    for requested in [(0.0, 500.0), (11.0, 1000.0), (10.0, 999.98)]:
         with pytest.raises(InputError, match=r"the terrain goes from 10\.00 to 1000\.00 m"):
-            HeightQuantisation.from_heights(np.array([[10.0, 1000.0]], np.float32), wanted)
+            HeightQuantisation.from_heights(np.array([[10.0, 1000.0]], np.float32), requested)
 
-    for wanted in [(5.0, 5.0), (5.0, 4.0), (float("nan"), 1.0), (0.0, float("inf"))]:
+    for requested in [(5.0, 5.0), (5.0, 4.0), (float("nan"), 1.0), (0.0, float("inf"))]:
         with pytest.raises(InputError, match="expected the lowest and the highest"):
-            HeightQuantisation.from_heights(np.zeros((2, 2), np.float32), wanted)
+            HeightQuantisation.from_heights(np.zeros((2, 2), np.float32), requested)
 
     steps = HeightQuantisation(0.0, 100.0)
     for outside in (-0.01, 100.0):
@@ -235,7 +235,7 @@ def test_the_whole_range_of_numbers_is_used_and_what_lies_outside_is_refused():
             steps.encode(np.array([[outside]], np.float32))
 
 
-def test_a_tilted_plane_has_the_brightness_of_lamberts_law():
+def test_hillshade_of_planes_follows_lamberts_law():
     sketch = SimpleNamespace(pixel_size=4.0, width_px=6, height_px=5)
     sun = np.array([-0.5, 0.5, 0.7]) / np.linalg.norm([-0.5, 0.5, 0.7])
     for east, north in ((0.0, 0.0), (0.5, 0.0), (0.0, -0.75), (-1.5, 2.0), (3.0, -3.0)):

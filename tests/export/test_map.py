@@ -20,17 +20,17 @@ from sketchterrain.export.map.features import (
     WATER,
     WIDTHS,
     choose_interval,
+    contour_rings,
     prominences,
-    rings_above,
     trace_contours,
 )
-from sketchterrain.export.map.ground import (
+from sketchterrain.export.map.relief import (
     SCALES,
     MapFrame,
     MapSamples,
     fit_frame,
     nearest_round,
-    sample_ground,
+    sample_map,
     shaded_relief,
 )
 from sketchterrain.export.map.sheet import map_sheet, write_map, write_sheet
@@ -55,7 +55,7 @@ def terrain():
 
 @pytest.fixture(scope="module")
 def ground(terrain):
-    return sample_ground(terrain, fit_frame(terrain.size))
+    return sample_map(terrain, fit_frame(terrain.size))
 
 
 @pytest.fixture(scope="module")
@@ -64,8 +64,8 @@ def sheet(terrain):
 
 
 def labels(sheet, *layers):
-    chosen = layers or tuple(sheet.layers)
-    return [shape for name in chosen for shape in sheet.layers[name] if isinstance(shape, Label)]
+    names = layers or tuple(sheet.layers)
+    return [shape for name in names for shape in sheet.layers[name] if isinstance(shape, Label)]
 
 
 def paths(sheet, layer, kind):
@@ -77,11 +77,11 @@ def metres(frame, path):
     return np.stack([x, frame.north - (path[:, 1] - frame.top) / frame.mm_per_metre], axis=-1)
 
 
-def around(terrain, ground, points, reach):
+def around(terrain, ground, points, radius):
     """Return the lowest and the highest ground (m) within a distance (mm of the sheet) of points (m)."""
     angle = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
     circle = np.concatenate([[[0.0, 0.0]], np.stack([np.cos(angle), np.sin(angle)], axis=-1)])
-    near = np.clip(points[:, None] + reach / ground.frame.mm_per_metre * circle, 0.0, terrain.size)
+    near = np.clip(points[:, None] + radius / ground.frame.mm_per_metre * circle, 0.0, terrain.size)
     heights = terrain.heights(near[..., 0], near[..., 1], cell_size=ground.cell_size)
     return np.stack([heights.min(axis=1), heights.max(axis=1)])
 
@@ -101,7 +101,7 @@ def places(side=201):
     return x[None, :], x[::-1, None]
 
 
-def test_a_frame_has_a_round_scale_and_north_up():
+def test_map_frame_has_a_round_scale_and_north_up():
     for size in ((6144.0, 6144.0), (16384.0, 8192.0), (1.0, 1.0), (200.0, 1e6), (1e6, 17.0)):
         fitted = fit_frame(size)
         assert 180.0 < max(fitted.box[2:]) <= 275.0 + 1e-6
@@ -109,7 +109,7 @@ def test_a_frame_has_a_round_scale_and_north_up():
         assert fitted.scale / 10 ** np.floor(np.log10(fitted.scale)) in SCALES
     frame = fit_frame((4096.0, 3072.0))
     left, top, width, height = frame.box
-    corners = frame.place([[0.0, 0.0], [4096.0, 0.0], [0.0, 3072.0]])
+    corners = frame.to_sheet([[0.0, 0.0], [4096.0, 0.0], [0.0, 3072.0]])
     expected = [[left, top + height], [left + width, top + height], [left, top]]
     assert corners == pytest.approx(np.array(expected))
     assert width * frame.scale == pytest.approx(4096.0 * 1000.0)
@@ -118,7 +118,7 @@ def test_a_frame_has_a_round_scale_and_north_up():
         assert nearest_round(number, up=True) == pytest.approx(above), number
 
 
-def test_contours_run_where_the_ground_has_their_height(terrain, ground):
+def test_contours_follow_their_height(terrain, ground):
     interval = choose_interval(ground)
     contours = trace_contours(ground, interval)
     levels = np.unique([contour.height for contour in contours])
@@ -149,15 +149,17 @@ def test_contours_run_where_the_ground_has_their_height(terrain, ground):
         assert choose_interval(level_ground(slope * x + 0.0 * y, scale)) == expected
 
 
-def test_drawn_contours_keep_their_height_and_avoid_lakes_and_labels(terrain, ground, sheet):
+def test_drawn_contours_follow_their_height_and_avoid_lakes_and_labels(terrain, ground, sheet):
     interval = choose_interval(ground)
     lines = paths(sheet, "contours", Polylines)
     assert {line.colour for line in lines} <= set(PENS.values())
     assert {line.width for line in lines} == set(WIDTHS.values())
-    drawn = [path for line in lines for path in line.paths]
-    text = shapely.union_all([label.outline(air=0.0) for label in labels(sheet, "labels") if not label.halo])
-    assert not shapely.intersects(text, shapely.MultiLineString(drawn))
-    courses = [metres(ground.frame, path) for path in drawn]
+    visible = [path for line in lines for path in line.paths]
+    text = shapely.union_all(
+        [label.outline(margin=0.0) for label in labels(sheet, "labels") if not label.halo]
+    )
+    assert not shapely.intersects(text, shapely.MultiLineString(visible))
+    courses = [metres(ground.frame, path) for path in visible]
     points, ends = np.concatenate(courses), np.cumsum([len(path) for path in courses])[:-1]
     height = terrain.heights(*points.T, cell_size=ground.cell_size)
     own = np.array([float(np.median(part)) for part in np.split(height, ends)])
@@ -168,7 +170,7 @@ def test_drawn_contours_keep_their_height_and_avoid_lakes_and_labels(terrain, gr
     assert not standing_water(terrain.recipe, "lake", x, y, terrain.heights(x, y)).any()
 
 
-def test_rivers_and_lakes_are_drawn_where_they_are(terrain, ground, sheet):
+def test_rivers_and_lakes_are_drawn_at_their_positions(terrain, ground, sheet):
     rivers = [line for line in paths(sheet, "rivers", Polylines) if line.colour in (BANK, WATER)]
     along = np.linspace(0.0, 1.0, 400)[:, None]
     pieces = [pair for line in rivers for path in line.paths for pair in itertools.pairwise(path)]
@@ -177,7 +179,7 @@ def test_rivers_and_lakes_are_drawn_where_they_are(terrain, ground, sheet):
     inside = ((river.centreline[:, :2] > 0.0) & (river.centreline[:, :2] < terrain.size)).all(axis=1)
     x, y = river.centreline[inside, :2].T
     dry = ~standing_water(terrain.recipe, "lake", x, y, terrain.heights(x, y))
-    for place in ground.frame.place(river.centreline[inside][dry])[::7]:
+    for place in ground.frame.to_sheet(river.centreline[inside][dry])[::7]:
         assert np.hypot(*(points - place).T).min() < 0.15  # mm
     assert max(line.width for line in rivers) == pytest.approx(30.0 * ground.frame.mm_per_metre, abs=0.6)
 
@@ -190,10 +192,10 @@ def test_rivers_and_lakes_are_drawn_where_they_are(terrain, ground, sheet):
     assert f"{lake.level:.0f}" in [label.text for label in labels(sheet, "labels")]
 
 
-def test_labels_do_not_collide_and_are_not_clipped(terrain, ground, sheet):
+def test_labels_neither_overlap_nor_are_clipped(terrain, ground, sheet):
     left, top, width, height = ground.frame.box
-    on_map = [label.outline(air=0.0) for label in labels(sheet, "labels")]
-    everywhere = [label.outline(air=0.0) for label in labels(sheet)]
+    on_map = [label.outline(margin=0.0) for label in labels(sheet, "labels")]
+    everywhere = [label.outline(margin=0.0) for label in labels(sheet)]
     assert len(on_map) > 10
     for page, outlines in (
         (shapely.box(left, top, left + width, top + height), on_map),
@@ -208,7 +210,7 @@ def test_labels_do_not_collide_and_are_not_clipped(terrain, ground, sheet):
 
 
 @pytest.mark.slow
-def test_the_legend_lists_what_is_on_the_sheet(terrain, sheet, tmp_path):
+def test_legend_lists_the_contents_of_the_sheet(terrain, sheet, tmp_path):
     entries = {"River, flow", "Forest", "Lake, water level (m)", "Summit, height (m)"}
     scale = f"1 : {fit_frame(terrain.size).scale:,.0f}".replace(",", " ")
     assert {*entries, "N", scale} <= {label.text for label in labels(sheet)}
@@ -222,7 +224,7 @@ def test_the_legend_lists_what_is_on_the_sheet(terrain, sheet, tmp_path):
     assert not {*entries, "Snow"} & plain
 
 
-def test_files_have_the_size_asked_for_vectors_and_text(sheet, tmp_path):
+def test_map_files_have_the_requested_size_vectors_and_text(sheet, tmp_path):
     (svg,) = write_sheet(tmp_path / "a.svg", sheet)
     root = ET.fromstring(svg.read_text())  # noqa: S314 - written here
     assert svg.stat().st_size < 4_000_000
@@ -241,7 +243,7 @@ def test_files_have_the_size_asked_for_vectors_and_text(sheet, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_same_terrain_gives_the_same_map(terrain, sheet, tmp_path):
+def test_maps_are_deterministic(terrain, sheet, tmp_path):
     for suffix in ("png", "svg"):
         (first,) = write_sheet(tmp_path / f"a.{suffix}", sheet, size=(500, 5000))
         (second,) = write_map(tmp_path / f"b.{suffix}", terrain, size=(500, 5000))
@@ -250,7 +252,7 @@ def test_the_same_terrain_gives_the_same_map(terrain, sheet, tmp_path):
         write_map(tmp_path / "a.pdf", terrain)
 
 
-def test_the_relief_covers_the_frame(ground, sheet):
+def test_relief_covers_the_frame(ground, sheet):
     (relief,) = sheet.layers["relief"]
     left, _, width, _ = relief.box
     columns = relief.pixels.shape[1]
@@ -259,15 +261,15 @@ def test_the_relief_covers_the_frame(ground, sheet):
     assert width * (columns - 1) / columns == pytest.approx(ground.frame.box[2])
 
 
-def test_prominence_is_the_way_down_to_a_higher_summit():
+def test_prominence_is_the_descent_towards_a_higher_summit():
     found = prominences(np.array([[0.0, 5.0, 2.0, 9.0, 4.0, 7.0, 1.0]]))
     assert [(p, c) for p, _, c in found] == [(9.0, 3), (3.0, 1), (3.0, 5)]
 
 
-def test_label_space_is_given_once_and_only_on_the_map():
+def test_label_space_is_reserved_once_and_only_on_the_map():
     space = LabelSpace((0.0, 0.0, 100.0, 50.0))
     text = Label("123", 50.0, 25.0, 2.0, (0, 0, 0), "middle", 30.0)
-    outline = text.outline(air=0.0)
+    outline = text.outline(margin=0.0)
     assert outline.centroid.coords[0] == pytest.approx((50.0, 25.0))
     assert outline.length == pytest.approx(2 * (text.width + 0.72 * text.size))
     assert (outline.bounds[3] - outline.bounds[1]) > 0.5 * text.width  # it is turned
@@ -276,14 +278,14 @@ def test_label_space_is_given_once_and_only_on_the_map():
     assert Label("123123", 0, 0, 2.0, (0, 0, 0)).width == pytest.approx(2.0 * text.width, rel=0.1)
 
 
-def test_shores_close_at_the_maps_border():
+def test_contour_rings_close_at_the_border():
     x, y = places()
     depth = (100.0 - np.hypot(x, y - 500.0)).astype(np.float32)  # half a disc at the western border
-    ((ring,),) = rings_above(depth, [0.0], level_ground(0.0 * depth))
+    ((ring,),) = contour_rings(depth, [0.0], level_ground(0.0 * depth))
     assert shapely.Polygon(ring).area == pytest.approx(0.5 * np.pi * 20.0**2, rel=0.05)
 
 
-def test_slopes_to_the_north_west_are_lighter_and_flat_ground_is_even():
+def test_north_western_slopes_are_lighter_and_flat_terrain_is_even():
     x, y = places(101)
     flat = shaded_relief(level_ground(0.0 * x + 0.0 * y)).astype(int)
     assert np.ptp(flat.reshape(-1, 3), axis=0).max() == 0
@@ -291,7 +293,7 @@ def test_slopes_to_the_north_west_are_lighter_and_flat_ground_is_even():
     assert cone[25, 25] > cone[75, 75] + 60
 
 
-def test_a_sheet_is_drawn_where_its_shapes_lie():
+def test_shapes_are_rendered_at_their_positions():
     ring = np.array([[2.0, 2.0], [8.0, 2.0], [8.0, 8.0], [2.0, 8.0]])
     hole = 0.5 * (ring - 5.0) + 5.0
     layers = {

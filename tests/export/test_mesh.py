@@ -56,25 +56,25 @@ def doubled_areas(mesh):
     return (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (y[:, 1] - y[:, 0]) * (x[:, 2] - x[:, 0])
 
 
-def test_a_mesh_is_never_further_off_than_asked_covers_the_rectangle_once_and_faces_up():
+def test_adaptive_mesh_is_within_its_error_covers_once_and_faces_up():
     for ground, values in GROUNDS.items():
         height = values.astype(np.float32)
         rows, columns = height.shape
         for error in [0.001, 0.5, 20.0]:
-            made = adaptive_mesh(height, error)
+            result = adaptive_mesh(height, error)
             # NaN where nothing covers it.
-            off = np.abs(surface_by_brute_force(made.mesh, height) - height).max()
+            off = np.abs(surface_by_brute_force(result.mesh, height) - height).max()
             assert off <= error, (error, ground)
             near = 1e-9 * max(1.0, float(np.abs(height).max()))
-            assert made.error == pytest.approx(off, abs=near), (error, ground)
-            mesh = made.mesh
+            assert result.error == pytest.approx(off, abs=near), (error, ground)
+            mesh = result.mesh
             assert (doubled_areas(mesh) > 0).all(), (error, ground)
             assert doubled_areas(mesh).sum() == 2 * (rows - 1) * (columns - 1), (error, ground)
             places = {*zip(mesh.column.tolist(), mesh.row.tolist(), strict=True)}
             assert len(places) == len(mesh.column), (error, ground)
 
 
-def test_meshes_are_deterministic_and_grow_with_finer_errors():
+def test_meshes_are_deterministic_and_finer_for_smaller_errors():
     assert len(adaptive_mesh(GROUNDS["flat"].astype(np.float32), 0.001).mesh.triangles) == 2
     height = GROUNDS["rough"].astype(np.float32)
     counts = [len(adaptive_mesh(height, error).mesh.triangles) for error in (40.0, 10.0, 2.0, 0.5)]
@@ -91,38 +91,42 @@ def test_meshes_are_deterministic_and_grow_with_finer_errors():
     assert (first.column == second.column).all()
 
 
-def test_a_library_that_misses_its_own_bound_is_asked_again(monkeypatch):
+def test_mesh_is_refined_when_the_library_misses_its_bound(monkeypatch):
     for careless in [1.5, 50.0, np.inf]:
 
-        def made(height, *, max_error, careless=careless):
+        def result(height, *, max_error, careless=careless):
             return pydelatin.Delatin(height, max_error=min(careless * max_error, 1e30))
 
-        monkeypatch.setitem(sys.modules, "pydelatin", SimpleNamespace(Delatin=made))
+        monkeypatch.setitem(sys.modules, "pydelatin", SimpleNamespace(Delatin=result))
         height = GROUNDS["rough"].astype(np.float32)
         done = adaptive_mesh(height, 2.0)
         assert np.abs(surface_by_brute_force(done.mesh, height) - height).max() <= 2.0, careless
 
 
-def test_a_solid_is_closed_and_has_the_volume_under_the_ground():
+def test_solid_is_closed_and_has_the_volume_below_the_surface():
     for ground in GROUNDS:
         height = GROUNDS[ground].astype(np.float32)
         mesh = adaptive_mesh(height, 0.5).mesh
-        place = np.stack([mesh.column, -mesh.row, height[mesh.row, mesh.column]], axis=-1).astype(np.float32)
+        position = np.stack([mesh.column, -mesh.row, height[mesh.row, mesh.column]], axis=-1).astype(
+            np.float32
+        )
         base = float(height.min()) - 10.0
-        body_position, body_triangles = closed_solid(mesh, place, base)
+        body_position, body_triangles = closed_solid(mesh, position, base)
         edges = np.concatenate([body_triangles[:, [k, (k + 1) % 3]] for k in range(3)]).astype(np.int64)
-        there = {*map(tuple, edges.tolist())}
-        assert len(there) == len(edges), ground  # each edge once …
-        assert all((b, a) in there for a, b in there), ground  # … and once the other way
+        directed = {*map(tuple, edges.tolist())}
+        assert len(directed) == len(edges), ground  # each edge once …
+        assert all((b, a) in directed for a, b in directed), ground  # … and once the other way
         a, b, c = (body_position[body_triangles[:, k]].astype(np.float64) for k in range(3))
-        upper = (place[mesh.triangles][..., 2].astype(np.float64).mean(axis=1) - base) @ _areas(place, mesh)
-        volume = ((a - place[0]) * np.cross(b - place[0], c - place[0])).sum() / 6.0
+        upper = (position[mesh.triangles][..., 2].astype(np.float64).mean(axis=1) - base) @ _areas(
+            position, mesh
+        )
+        volume = ((a - position[0]) * np.cross(b - position[0], c - position[0])).sum() / 6.0
         assert volume == pytest.approx(upper, rel=1e-6), ground
         assert len(boundary(mesh)) == len({*boundary(mesh).tolist()}), ground
 
 
-def _areas(place, mesh):
-    a, b, c = (place[mesh.triangles[:, k], :2].astype(np.float64) for k in range(3))
+def _areas(position, mesh):
+    a, b, c = (position[mesh.triangles[:, k], :2].astype(np.float64) for k in range(3))
     return 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
 
 
@@ -132,14 +136,14 @@ def two_triangles(columns, rows):
     return GridMesh(column, row, np.array([[0, 1, 3], [0, 3, 2]], np.uint32))
 
 
-def test_errors_of_two_triangles_are_analytic():
+def test_mesh_error_of_two_triangles_is_analytic():
     row, column = np.indices((33, 65))
     assert mesh_error(two_triangles(65, 33), 3.0 * column - 7.0 * row + 11.0) < 1e-12
 
-    for place in [(1, 1), (16, 32), (31, 1), (32, 5), (7, 64), (0, 3)]:
+    for position in [(1, 1), (16, 32), (31, 1), (32, 5), (7, 64), (0, 3)]:
         height = np.zeros((33, 65))
-        height[place] = -12.5
-        assert mesh_error(two_triangles(65, 33), height) == 12.5, place
+        height[position] = -12.5
+        assert mesh_error(two_triangles(65, 33), height) == 12.5, position
 
     height = np.full((9, 9), 3.25)
     mesh = two_triangles(9, 9)
@@ -178,7 +182,7 @@ def areas(water):
     return 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
 
 
-def test_waters_face_up_end_at_the_grids_edge_and_never_lie_in_one_plane(found):
+def test_water_meshes_face_up_are_clipped_and_never_coplanar(found):
     assert list(found) == ["lake 3", "river 7"]
     for water in found.values():
         assert (areas(water) > 0.0).all()
@@ -186,12 +190,12 @@ def test_waters_face_up_end_at_the_grids_edge_and_never_lie_in_one_plane(found):
     water = found["lake 3"]
     assert (water.position[:, 2] == LEVEL).all()
     assert 90.0**2 < areas(water).sum() / np.pi < 96.0**2  # it ends within its banks
-    place = found["river 7"].position
-    assert place[:, 0].min() == 0.0
-    assert place[:, 0].max() < 250.0 - 90.0 + 20.0
-    wet = np.hypot(place[:, 0] - 250.0, place[:, 1] - 200.0) < 90.0 - 1.0
+    position = found["river 7"].position
+    assert position[:, 0].min() == 0.0
+    assert position[:, 0].max() < 250.0 - 90.0 + 20.0
+    wet = np.hypot(position[:, 0] - 250.0, position[:, 1] - 200.0) < 90.0 - 1.0
     assert wet.any()
-    assert (place[wet, 2] < LEVEL - 0.02).all()
-    assert (place[~wet, 2] > LEVEL - 0.05).all()
+    assert (position[wet, 2] < LEVEL - 0.02).all()
+    assert (position[~wet, 2] > LEVEL - 0.05).all()
     beside = np.stack([np.linspace(0.0, 300.0, 40), np.full(40, 900.0), np.full(40, 5.0)], axis=-1)
     assert not list(water_meshes(SimpleNamespace(lakes=[], rivers=[river(1, beside, 8.0)]), GRID))

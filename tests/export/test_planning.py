@@ -33,7 +33,7 @@ def grid_of(sketch, target, **options):
     return plan_export(sketch, target, ExportOptions(**options)).grid
 
 
-def test_grids_follow_the_rectangle_the_tiles_and_fixed_spacing():
+def test_grids_follow_extent_tiles_and_spacing():
     assert grid_of(WIDE, PLAIN, size=65) == SampleGrid(0.0, 0.0, 1024.0, 768.0, 65, 49)
     assert grid_of(HIGH, PLAIN, size=65) == SampleGrid(0.0, 0.0, 768.0, 1024.0, 49, 65)
 
@@ -64,17 +64,17 @@ def test_grids_follow_the_rectangle_the_tiles_and_fixed_spacing():
 @settings(deadline=None)
 @given(some.integers(1, 6), some.integers(1, 6), some.sampled_from([WIDE, HIGH]))
 def test_square_tiles_cover_the_sketch_with_square_quads(columns, rows, sketch):
-    made = plan_export(sketch, SQUARE, ExportOptions(tiles=(columns, rows)))
-    dx, dy = made.grid.spacing
+    plan = plan_export(sketch, SQUARE, ExportOptions(tiles=(columns, rows)))
+    dx, dy = plan.grid.spacing
     assert dx == pytest.approx(dy, rel=1e-12)
-    assert made.tile_side == (65, 65)
+    assert plan.tile_side == (65, 65)
     east, north = sketch.size
-    assert made.grid.east >= east
-    assert made.grid.north >= north
-    assert made.grid.east == east or made.grid.north == north
+    assert plan.grid.east >= east
+    assert plan.grid.north >= north
+    assert plan.grid.east == east or plan.grid.north == north
 
 
-def test_refusals_name_the_option_and_the_nearest_size():
+def test_errors_name_the_option_and_the_nearest_size():
     for size, tiles, nearest in [(2, (1, 1), "33 "), (100, (2, 2), "65 or 129")]:
         with pytest.raises(InputError, match=f"nearest: {nearest}"):
             grid_of(WIDE, SQUARE, size=size, tiles=tiles)
@@ -84,7 +84,7 @@ def test_refusals_name_the_option_and_the_nearest_size():
         grid_of(WIDE, PLAIN, size=1)
 
 
-def test_every_target_declares_known_options_and_sizes_that_can_be_planned():
+def test_targets_declare_known_options_and_valid_sizes():
     for name in TARGET_NAMES:
         target = target_named(name)
         assert target.options <= set(vars(ExportOptions())), name
@@ -104,7 +104,7 @@ def test_every_target_declares_known_options_and_sizes_that_can_be_planned():
 COUNTS = some.integers(1, 9)
 
 
-def test_tiles_are_counted_and_named():
+def test_tiles_are_numbered_and_named():
     tiling = Tiling()
     assert list(tiling.tiles(33, 17)) == [TileWindow(0, 0, 0, 0, 33, 17)]
     assert tiling.tile_name("valley", TileWindow(0, 0, 0, 0, 33, 17)) == "valley"
@@ -123,7 +123,7 @@ def test_tiles_are_counted_and_named():
 
 @settings(deadline=None)
 @given(COUNTS, COUNTS, some.integers(0, 5), some.integers(1, 9))
-def test_tiles_cover_the_whole_and_agree_where_they_overlap(columns, rows, overlap, step):
+def test_tiles_cover_the_grid(columns, rows, overlap, step):
     side = max(step + overlap, 2)
     tiling = Tiling(columns, rows, overlap=overlap)
     width, height = tiling.grid_side(side, columns), tiling.grid_side(side, rows)
@@ -141,7 +141,7 @@ def test_tiles_cover_the_whole_and_agree_where_they_overlap(columns, rows, overl
 
 @settings(deadline=None)
 @given(some.integers(2, 200), some.integers(1, 9), some.integers(0, 5))
-def test_the_nearest_sizes_can_be_cut_and_none_is_nearer(vertices, tiles, overlap):
+def test_nearest_sizes_are_valid_and_nearest(vertices, tiles, overlap):
     tiling = Tiling(tiles, tiles, overlap=overlap)
     near = tiling.nearest_sides(vertices, tiles)
     for each in near:
@@ -152,7 +152,7 @@ def test_the_nearest_sizes_can_be_cut_and_none_is_nearer(vertices, tiles, overla
             tiling.tile_side(nearer, tiles)
 
 
-def test_unusable_patterns_numbers_and_sizes_are_refused_in_one_line():
+def test_invalid_patterns_numbers_and_sizes_are_refused():
     patterns = {
         "expected {x} and {y}": ["{name}", "{name}_{x}"],
         "two tiles would have the same name": ["{x}{y}"],
@@ -206,35 +206,35 @@ OPTIONS = some.builds(
 
 @settings(deadline=None)
 @given(some.sampled_from(TARGET_NAMES), OPTIONS)
-def test_any_options_are_a_plan_or_one_line(name, options):
+def test_arbitrary_options_give_a_plan_or_one_line(name, options):
     target = target_named(name)
-    heeded = {each: getattr(options, each) for each in option_names(target)}
-    for asked in (options, ExportOptions(**heeded)):
+    supported = {each: getattr(options, each) for each in option_names(target)}
+    for chosen_options in (options, ExportOptions(**supported)):
         told = None
         try:
-            made = plan_export(WIDE, target, asked)
+            plan = plan_export(WIDE, target, chosen_options)
         except InputError as error:
             told = str(error)
         if told is not None:
             assert told.isprintable()
             continue
-        side = made.tile_side
+        side = plan.tile_side
         assert not target.sizes or side[0] == side[1] in target.sizes
-        pieces = list(made.tiling.tiles(made.grid.columns, made.grid.rows))
-        assert len({made.tiling.tile_name("a", each).casefold() for each in pieces}) == len(pieces)
+        pieces = list(plan.tiling.tiles(plan.grid.columns, plan.grid.rows))
+        assert len({plan.tiling.tile_name("a", each).casefold() for each in pieces}) == len(pieces)
 
 
-def test_the_sketch_s_rectangle_is_the_raster_to_the_bit(terrain, raster):
+def test_samples_of_the_sketch_are_bit_equal_to_the_raster(terrain, raster):
     grid = SampleGrid(0.0, 0.0, *terrain.size, columns=129, rows=97)
     samples = sample_terrain(terrain, grid)
     np.testing.assert_array_equal(samples.height, raster.height)
     np.testing.assert_array_equal(samples.weights, quantise_weights(raster.materials))
     assert np.abs(samples.normal / 127.5 - 1.0 - raster.normal).max() <= 0.5 / 127.5 + 1e-6
-    kept = (samples.height, samples.normal, samples.weights)
-    assert sum(each.nbytes for each in kept) == BYTES_PER_VERTEX * 129 * 97
+    arrays = (samples.height, samples.normal, samples.weights)
+    assert sum(each.nbytes for each in arrays) == BYTES_PER_VERTEX * 129 * 97
 
 
-def test_bands_change_no_bit(terrain, monkeypatch):
+def test_sampling_in_bands_is_bit_equal(terrain, monkeypatch):
     grid = SampleGrid(-100.0, 50.0, 800.0, 1100.0, columns=150, rows=201)
     whole = sample_terrain(terrain, grid)
     monkeypatch.setattr(raster_windows, "_PATCHES_PER_BAND", 1)
@@ -247,7 +247,7 @@ def test_bands_change_no_bit(terrain, monkeypatch):
     assert told[-1] == 1.0
 
 
-def test_vertices_and_parts_are_where_the_grid_says(terrain):
+def test_samples_and_windows_are_at_the_grid_positions(terrain):
     """Whole lattice steps apart, outside of the sketch too."""
     grid = SampleGrid(-128.0, -64.0, 896.0, 1216.0, columns=65, rows=81)
     x = np.linspace(grid.west, grid.east, grid.columns)
@@ -264,7 +264,7 @@ def test_vertices_and_parts_are_where_the_grid_says(terrain):
     np.testing.assert_array_equal(sample_terrain(terrain, part.grid).height, part.height)
 
 
-def test_empty_and_non_finite_rectangles_are_refused(terrain):
+def test_empty_and_non_finite_bounds_are_refused(terrain):
     areas = [(0, 0, end, 1) for end in (0.0, float("nan"), float("inf"), 1e300)]
     for area, columns in [*((area, 2) for area in areas), ((0, 1, 1, 0), 2), ((0, 0, 1, 1), 1)]:
         with pytest.raises(InputError, match=r"expected|must be"):
@@ -274,7 +274,7 @@ def test_empty_and_non_finite_rectangles_are_refused(terrain):
 COMMON = {"id", "type", "x", "y", "radius", "strength", "painted"}
 
 
-def test_points_rivers_and_types_are_written_exactly(tmp_path, terrain):
+def test_features_json_is_exact(tmp_path, terrain):
     (path,) = write_features(tmp_path, terrain.features)
     told = json.loads(path.read_text(encoding="utf-8"))
     assert list(told) == ["format", "features", "splines", "lakes"]
@@ -301,7 +301,7 @@ def test_points_rivers_and_types_are_written_exactly(tmp_path, terrain):
         assert (np.diff(np.array(entry["centreline"])[:, 2]) <= 0).all()
 
 
-def test_each_type_has_only_its_own_properties_and_a_lake_its_outline(tmp_path):
+def test_features_json_has_columns_by_type_and_lake_outlines(tmp_path):
     points = np.zeros(len(FEATURE_TYPES), FEATURE)
     points["type"] = np.arange(len(points))
     (path,) = write_features(tmp_path, TerrainFeatures(points, ()))

@@ -1,4 +1,4 @@
-"""Shapes on a sheet of paper, written as SVG, and as PNG by resvg from the same SVG."""
+"""Shapes on a map sheet, written as SVG, and as PNG rendered from it by resvg."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ Colour: TypeAlias = tuple[int, int, int]
 Box: TypeAlias = tuple[float, float, float, float]  # left, top, width, height (mm)
 Points: TypeAlias = npt.NDArray[np.float64]  # (n, 2): x to the right, y down (mm)
 
-UNITS: Final = 100  # of the SVG's coordinates a mm; all are whole
-TOLERANCE: Final = 0.02  # mm by which a drawn line may leave the true one
+UNITS: Final = 100  # of SVG coordinates per mm, in integers
+TOLERANCE: Final = 0.02  # mm, of simplified lines
 PAPER: Final = (253, 252, 248)
 FONTS: Final = "Aileron, 'Helvetica Neue', Helvetica, Arial, sans-serif"
-CENTRE: Final = 0.36  # from the middle of the digits to the base line, in font sizes
-HALO, BOLD = 0.28, 0.044  # widths of the strokes that make a halo and bold letters, in font sizes
+CENTRE: Final = 0.36  # from the centre of digits to the baseline, in font sizes
+HALO, BOLD = 0.28, 0.044  # stroke widths of halos and bold letters, in font sizes
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,11 +69,11 @@ class Label:
         """Width of the text (mm)."""
         return float(_font().getlength(self.text)) * self.size / _font().size
 
-    def outline(self, *, air: float) -> shapely.Polygon:
-        """Return the box around the text with some air (mm)."""
+    def outline(self, *, margin: float) -> shapely.Polygon:
+        """Return the turned box around the text with a margin (mm)."""
         left = self.x - {"start": 0.0, "middle": 0.5, "end": 1.0}[self.anchor] * self.width
         top, bottom = self.y - CENTRE * self.size, self.y + CENTRE * self.size
-        box = shapely.box(left - air, top - air, left + self.width + air, bottom + air)
+        box = shapely.box(left - margin, top - margin, left + self.width + margin, bottom + margin)
         return rotate(box, self.turn, (self.x, self.y))
 
 
@@ -99,7 +99,7 @@ class MapSheet:
 
 
 class LabelSpace:
-    """Free space of a map for labels and symbols."""
+    """Space of a map for labels and symbols without overlap."""
 
     def __init__(self, box: Box) -> None:
         left, top, width, height = box
@@ -107,7 +107,7 @@ class LabelSpace:
         self._occupied: list[shapely.Geometry] = []
 
     def reserve(self, area: shapely.Geometry) -> bool:
-        """Occupy an area if it lies in the map and touches nothing; tell whether it does."""
+        """Occupy an area if it is within the map and free; return whether it was."""
         free = bool(self._frame.contains(area) and not shapely.intersects(area, self._occupied).any())
         if free:
             self._occupied.append(area)
@@ -121,7 +121,7 @@ def rectangle(left: float, top: float, width: float, height: float) -> Points:
 
 
 def sheet_svg(sheet: MapSheet, *, embed_font: bool = True) -> str:
-    """Return a sheet as SVG; the same sheet always gives the same text."""
+    """Return a sheet as SVG, deterministically."""
     parts = [
         '<?xml version="1.0" encoding="UTF-8"?>',
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{sheet.width:.2f}mm" height="{sheet.height:.2f}mm"',
@@ -143,7 +143,7 @@ def sheet_png(sheet: MapSheet, *, width: int) -> bytes:
     svg = sheet_svg(sheet, embed_font=False)
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "aileron.ttf").write_bytes(_font().font_bytes)
-        # The font has all letters but those of some sketches' names.
+        # Other fonts are only needed for letters of a sketch's name.
         own, paper = svg.replace("·", "").isascii(), _hex(PAPER)
         return resvg_py.svg_to_bytes(
             svg_string=svg, width=width, dpi=96.0, background=paper, font_dirs=[folder], skip_system_fonts=own
@@ -170,7 +170,7 @@ def _element(shape: Shape) -> str:
 
 
 def _path(points: Points) -> str:
-    """Return a polyline in relative steps, without points that lie nearly on the line through others."""
+    """Return a simplified polyline as SVG path data in relative steps."""
     line = shapely.simplify(shapely.LineString(points), TOLERANCE, preserve_topology=False)
     whole = np.rint(shapely.get_coordinates(line) * UNITS).astype(np.int64)
     steps = np.diff(whole, axis=0).tolist()
@@ -180,7 +180,7 @@ def _path(points: Points) -> str:
 
 def _text(label: Label) -> str:
     x, y = _units(label.x), _units(label.y)
-    # In whatever font a viewer has, the text keeps the space that was left for it.
+    # In any font the text gets the measured width.
     look = f'text-anchor="{label.anchor}" textLength="{_units(label.width)}" lengthAdjust="spacingAndGlyphs"'
     look += f' font-size="{_units(label.size)}" fill="{_hex(label.colour)}"'
     if label.halo or label.bold:
@@ -205,5 +205,5 @@ def _data_uri(kind: str, content: bytes) -> str:
 
 @cache
 def _font() -> ImageFont.FreeTypeFont:
-    """Return Aileron Regular (CC0), which Pillow carries, at the size that texts are measured at."""
+    """Return Aileron Regular (CC0), bundled with Pillow, at the size for measuring."""
     return cast("ImageFont.FreeTypeFont", ImageFont.load_default(100.0))

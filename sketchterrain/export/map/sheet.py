@@ -1,4 +1,4 @@
-"""A topographic map: frame, margins, legend and all layers."""
+"""Topographic map sheets: all layers with grid, border, title, legend, scale bar and north arrow."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.map import features as c
-from sketchterrain.export.map import features as f
+from sketchterrain.export.map import features
 from sketchterrain.export.map.drawing import (
     PAPER,
     Label,
@@ -37,14 +36,14 @@ from sketchterrain.export.map.features import (
     label_peaks,
     trace_contours,
 )
-from sketchterrain.export.map.ground import (
+from sketchterrain.export.map.relief import (
     MARGIN,
     TINTS,
     MapFrame,
     MapSamples,
     fit_frame,
     nearest_round,
-    sample_ground,
+    sample_map,
     shaded_relief,
 )
 from sketchterrain.io.files import write_atomic
@@ -54,22 +53,22 @@ Entry: TypeAlias = tuple[str, list[Shape]]
 """Meaning and symbol; the symbol's left end is at the origin, at half its height."""
 
 INK, GREY, WHITE = (38, 36, 34), (92, 90, 88), (255, 255, 255)
-GRID: Final = 25.0  # mm between grid lines at least
-BAND, OUTER = (0.9, 1.9), 3.0  # mm from the map to both sides of the checkered band, and to the outer line
+GRID: Final = 25.0  # mm between grid lines, at least
+BAND, OUTER = (0.9, 1.9), 3.0  # mm from the map to both sides of the chequered band, and to the outer line
 TITLE, SUBTITLE, TEXT = 7.2, 2.9, 2.5  # mm
 WIDTH, HEIGHT, COLUMN, ROW = 11.0, 4.4, 52.0, 6.6  # mm of symbols, and of the legend
 ABOVE, SCALE_WIDTH = 13.0, 78.0  # mm from the map to the legend; of scale bar and north arrow
-BAR: Final = (36.0, 5)  # mm that the scale bar is long, about, and its parts
+BAR: Final = (36.0, 5)  # mm, approximate length of the scale bar; its parts
 
 
 def grid_lines(frame: MapFrame) -> list[Shape]:
-    """Return the grid's faint lines, and a cross wherever two of them meet."""
+    """Return the grid's faint lines, with crosses at their intersections."""
     step = nearest_round(GRID / frame.mm_per_metre, up=True)
     east, north = (np.arange(step, length - 0.01 * step, step) for length in (frame.east, frame.north))
-    lines = [frame.place([[x, 0.0], [x, frame.north]]) for x in east]
-    lines += [frame.place([[0.0, y], [frame.east, y]]) for y in north]
+    lines = [frame.to_sheet([[x, 0.0], [x, frame.north]]) for x in east]
+    lines += [frame.to_sheet([[0.0, y], [frame.east, y]]) for y in north]
     arms = 1.6 * np.array([[[-1.0, 0.0], [1.0, 0.0]], [[0.0, -1.0], [0.0, 1.0]]])  # mm
-    crosses = [frame.place([x, y]) + arm for x in east for y in north for arm in arms]
+    crosses = [frame.to_sheet([x, y]) + arm for x in east for y in north for arm in arms]
     return [Polylines(lines, INK, 0.08, 0.28), Polylines(crosses, INK, 0.14, 0.75)]
 
 
@@ -98,65 +97,71 @@ def border(frame: MapFrame) -> list[Shape]:
         labels += [Label(grouped(metres), x, y, size, GREY, "middle", -90) for x in (left - out, right + out)]
     pens = ((0.0, 0.2), (near, 0.12), (far, 0.12), (OUTER, 0.45))
     lines = [Polylines([around(off)], INK, pen) for off, pen in pens]
-    paper = Polygons([around(1000.0), around(0.0)], PAPER)  # over what reaches beyond the map
+    paper = Polygons([around(1000.0), around(0.0)], PAPER)  # covers shapes outside of the map
     return [paper, Polygons([around(far), around(near)], WHITE), Polygons(black, INK), *lines, *labels]
 
 
 def title(frame: MapFrame, name: str, subtitle: str) -> list[Shape]:
-    """Return the map's name and what it is, above it."""
+    """Return the map's title and subtitle."""
     head = Label(name, MARGIN, 11.0, TITLE, INK, bold=True)
-    room = 2.0 * frame.left + frame.box[2] - 2.0 * MARGIN
-    if head.width > room:  # a long name is set smaller
-        head = replace(head, size=TITLE * room / head.width)
+    width = 2.0 * frame.left + frame.box[2] - 2.0 * MARGIN
+    if head.width > width:
+        head = replace(head, size=TITLE * width / head.width)
     return [head, Label(subtitle, MARGIN, 17.6, SUBTITLE, GREY)]
 
 
 def legend_entries(
-    contours: Sequence[c.Contour],
-    ground: MapSamples,
+    contours: Sequence[features.Contour],
+    samples: MapSamples,
     interval: float,
     present: set[str],
     heights: list[Label],
 ) -> list[Entry]:
-    """Return what is on the sheet; `present` has some of river, lake, forest and peak."""
+    """Return the entries of the legend; `present` has some of river, lake, forest and peak."""
     entries: list[Entry] = []
     patch = rectangle(0.0, -HEIGHT / 2, WIDTH, HEIGHT)
     if any(contour.index for contour in contours):
         example = max((height.text for height in heights), key=len, default="0")
-        label = Label(example, WIDTH / 2, 0.0, c.LABEL_SIZE, c.LABEL_COLOUR, "middle")
+        label = Label(example, WIDTH / 2, 0.0, features.LABEL_SIZE, features.LABEL_COLOUR, "middle")
         gap = WIDTH / 2 + (label.width / 2 + 0.4) * np.array([-1.0, 1.0])
         lines = [np.array([[start, 0.0], [end, 0.0]]) for start, end in ((0.0, gap[0]), (gap[1], WIDTH))]
-        symbol: list[Shape] = [Polylines(lines, c.PENS["ground"], c.WIDTHS[True]), label]
-        entries.append((f"Index contour, each {c.INDEX * interval:g} m", symbol))
+        symbol: list[Shape] = [Polylines(lines, features.PENS["ground"], features.WIDTHS[True]), label]
+        entries.append((f"Index contour, each {features.INDEX * interval:g} m", symbol))
     if contours:
         entries.append((f"Contour, each {interval:g} m", _contours(["ground"])))
-        pens = c.pen_numbers(ground)
-        stony = [name for number, name in enumerate(c.PENS) if number and np.mean(pens == number) > 0.005]
+        pens = features.pen_numbers(samples)
+        stony = [
+            name for number, name in enumerate(features.PENS) if number and np.mean(pens == number) > 0.005
+        ]
         entries += [(f"Contours on {' and '.join(stony)}", _contours(stony))] if stony else []
     course = _wave(0.0, 0.5, WIDTH, 0.6)
-    arrow = f.flow_arrow(np.array([5.7, -1.5]), np.array([1.0, 0.0]))
+    arrow = features.flow_arrow(np.array([5.7, -1.5]), np.array([1.0, 0.0]))
     angle = np.linspace(0.0, 2 * np.pi, 48)
     radius = 1.0 + 0.08 * np.sin(3 * angle)
     shore = np.stack([WIDTH / 2 * (1.0 + radius * np.cos(angle)), 2.2 * radius * np.sin(angle)], axis=-1)
-    level = Label("12", WIDTH / 2, 0.0, 2.0, f.LEVEL, "middle")
-    lake: list[Shape] = [Polygons([shore], f.WATER), Polylines([shore], f.BANK, f.SHORE_WIDTH), level]
-    river = [Polylines([course], f.BANK, 0.8), Polylines([course], f.WATER, 0.52), *arrow]
-    peak = [*f.peak_triangle(2.4, 0.4), Label("345", 4.0, 0.0, f.PEAK_SIZE, INK)]
+    level = Label("12", WIDTH / 2, 0.0, 2.0, features.LEVEL, "middle")
+    lake: list[Shape] = [
+        Polygons([shore], features.WATER),
+        Polylines([shore], features.BANK, features.SHORE_WIDTH),
+        level,
+    ]
+    river = [Polylines([course], features.BANK, 0.8), Polylines([course], features.WATER, 0.52), *arrow]
+    peak = [*features.peak_triangle(2.4, 0.4), Label("345", 4.0, 0.0, features.PEAK_SIZE, INK)]
     known: dict[str, Entry] = {
         "river": ("River, flow", river),
         "lake": ("Lake, water level (m)", lake),
-        "forest": ("Forest", [Polygons([patch], TINTS["grass"][0]), *f.forest([patch])]),
+        "forest": ("Forest", [Polygons([patch], TINTS["grass"][0]), *features.forest([patch])]),
         "peak": ("Summit, height (m)", peak),
     }
     entries += [entry for name, entry in known.items() if name in present]
     for name, (tint, meaning) in TINTS.items():
-        if meaning and ground.share(name).mean() > 0.01:
+        if meaning and samples.cover_weight(name).mean() > 0.01:
             entries.append((meaning, [Polygons([patch], tint), Polylines([patch], GREY, 0.1)]))
     return entries
 
 
 def legend(frame: MapFrame, entries: Sequence[Entry], note: str) -> tuple[list[Shape], float]:
-    """Return legend, scale bar, north arrow and a last line below a map, and where the sheet ends (mm)."""
+    """Return legend, scale bar, north arrow and a note below a map, and the bottom of the sheet (mm)."""
     left, top, width, height = frame.box
     right, top = 2.0 * left + width - MARGIN, top + height + ABOVE
     columns = max(int((right - MARGIN - SCALE_WIDTH) / COLUMN), 1)
@@ -173,7 +178,7 @@ def legend(frame: MapFrame, entries: Sequence[Entry], note: str) -> tuple[list[S
 
 
 def grouped(number: float) -> str:
-    """Return a number with gaps between thousands, as maps write it."""
+    """Return a number with spaces between thousands."""
     return f"{number:,.10g}".replace(",", " ")
 
 
@@ -193,7 +198,10 @@ def _wave(x: float, y: float, width: float, height: float) -> Points:
 def _contours(pens: Sequence[str]) -> list[Shape]:
     part, gap = WIDTH / len(pens), 0.8 if len(pens) > 1 else 0.0
     waves = ([_wave(i * part, y, part - gap, 0.35) for y in (-1.1, 0.0, 1.1)] for i in range(len(pens)))
-    return [Polylines(paths, c.PENS[pen], c.WIDTHS[False]) for pen, paths in zip(pens, waves, strict=True)]
+    return [
+        Polylines(paths, features.PENS[pen], features.WIDTHS[False])
+        for pen, paths in zip(pens, waves, strict=True)
+    ]
 
 
 def _scale_bar(frame: MapFrame) -> list[Shape]:
@@ -237,7 +245,7 @@ def write_map(path: Path, terrain: Terrain, *, size: tuple[int, int] | None = No
 
 
 def write_sheet(path: Path, sheet: MapSheet, *, size: tuple[int, int] | None = None) -> tuple[Path, ...]:
-    """Write a sheet as .png of `MAP_WIDTH` px, or fitting into a size (px), or as .svg in millimetres."""
+    """Write a sheet as .png of `MAP_WIDTH` px, or fitted into a size (px), or as .svg in millimetres."""
     _check_suffix(path)
     if path.suffix.lower() == ".svg":
         return (write_atomic(path, sheet_svg(sheet).encode()),)
@@ -246,29 +254,29 @@ def write_sheet(path: Path, sheet: MapSheet, *, size: tuple[int, int] | None = N
 
 
 def map_sheet(terrain: Terrain) -> MapSheet:
-    """Return a terrain's map as shapes on a sheet; the same terrain always gives the same sheet."""
+    """Return a terrain's map as shapes on a sheet, deterministically."""
     frame = fit_frame(terrain.size)
-    ground = sample_ground(terrain, frame)
-    interval = choose_interval(ground)
-    contours = trace_contours(ground, interval)
+    samples = sample_map(terrain, frame)
+    interval = choose_interval(samples)
+    contours = trace_contours(samples, interval)
     space = LabelSpace(frame.box)
-    # Whoever comes first has the choice of places.
-    peaks = label_peaks(terrain, ground, space, interval)
-    levels = label_lakes(terrain, ground, space)
-    rivers = draw_rivers(terrain, ground, space)
-    heights = label_contours(contours, ground, space, interval)
-    lakes, forests = draw_lakes(ground), draw_forests(ground)
+    # In order of priority for space.
+    peaks = label_peaks(terrain, samples, space, interval)
+    levels = label_lakes(terrain, samples, space)
+    rivers = draw_rivers(terrain, samples, space)
+    heights = label_contours(contours, samples, space, interval)
+    lakes, forests = draw_lakes(samples), draw_forests(samples)
     left, top, width, height = frame.box
-    # Samples are pixel centres: the image reaches half a sample beyond the frame.
-    x, y = (0.5 * step * frame.mm_per_metre for step in ground.spacing)
-    image = RasterImage(shaded_relief(ground), (left - x, top - y, width + 2 * x, height + 2 * y))
-    features = {"river": rivers, "lake": lakes, "forest": forests, "peak": peaks}
-    present = {name for name, shapes in features.items() if shapes}
-    entries = legend_entries(contours, ground, interval, present, heights)
+    # Samples are pixel centres: the image extends half a sample beyond the frame.
+    x, y = (0.5 * step * frame.mm_per_metre for step in samples.spacing)
+    image = RasterImage(shaded_relief(samples), (left - x, top - y, width + 2 * x, height + 2 * y))
+    drawn = {"river": rivers, "lake": lakes, "forest": forests, "peak": peaks}
+    present = {name for name, shapes in drawn.items() if shapes}
+    entries = legend_entries(contours, samples, interval, present, heights)
     name = terrain.sketch.name or "Terrain"
     facts = [f"Topographic map 1 : {grouped(frame.scale)}"]
     facts += [f"contour interval {interval:g} m"] if contours else []
-    facts += [f"{ground.height.min():.0f} to {ground.height.max():.0f} m"]
+    facts += [f"{samples.height.min():.0f} to {samples.height.max():.0f} m"]
     margins, bottom = legend(frame, entries, f"Sketchterrain, seed {terrain.sketch.seed}")
     return MapSheet(
         f"{name}: topographic map",
@@ -277,7 +285,7 @@ def map_sheet(terrain: Terrain) -> MapSheet:
         {
             "relief": [image],
             "forests": forests,
-            "contours": contour_lines(contours, ground, heights, interval),
+            "contours": contour_lines(contours, samples, heights, interval),
             "lakes": lakes,
             "rivers": rivers,
             "grid": grid_lines(frame),

@@ -1,4 +1,9 @@
-"""Mesh formats: OBJ, STL and PLY."""
+"""Plain meshes: OBJ with materials, and STL as a printable solid.
+
+Wavefront's "Object Files (.obj)": vertices are counted from 1 through the whole file; texture coordinates
+grow from the picture's lower left corner. 3D Systems' "StereoLithography Interface Specification": a header
+of 80 bytes, the number of triangles, then 50 bytes each, corners counter-clockwise from outside.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A terrain that proves orientation, and whole exports of it."""
+"""A terrain that proves orientation, and its exports."""
 
 import json
 from dataclasses import dataclass
@@ -17,18 +17,18 @@ from sketchterrain.export.target import ExportOptions
 
 @dataclass(frozen=True)
 class Outcome:
-    """An export that was made: its folder, and what its sidecar says."""
+    """An export: its folder and sidecar."""
 
     folder: Path
     sidecar: dict[str, Any]
 
-    def of(self, ending):
-        """Return the files whose names end so, in the order of the sidecar."""
+    def paths(self, ending):
+        """Return the files whose names have an ending, in the order of the sidecar."""
         names = [entry["file"] for entry in self.sidecar["files"]]
         return [self.folder / name for name in names if name.endswith(ending)]
 
     def places(self, tile=0):
-        """Return x and y of a tile's vertices, (rows, columns), from what the sidecar says alone."""
+        """Return x and y of a tile's vertices, (rows, columns), by the sidecar."""
         grid = self.sidecar["tiles"][tile]
         bounds = grid["bounds"]
         x = np.linspace(bounds["west"], bounds["east"], grid["columns"])
@@ -56,21 +56,21 @@ def terrain(corner):
 
 @pytest.fixture(scope="session")
 def exported(terrain, corner, tmp_path_factory):
-    """Return what makes an export of the terrain: ``exported("raw", size=65, plants=False)``."""
-    made = {}
+    """Return a function that exports the terrain: ``exported("raw", size=65, plants=False)``."""
+    cache = {}
 
     def export(target, **options):
         key = f"{target} {sorted(options.items())}"
-        if key not in made:
+        if key not in cache:
             folder = tmp_path_factory.mktemp(target)
             done = write_export(
                 checked_plan(corner, target, ExportOptions(**options)), terrain, folder, stages=Stages()
             )
-            told = json.loads((folder / "terrain.json").read_text(encoding="utf-8"))
-            assert told == json.loads(json.dumps(done.report))
-            assert [entry["file"] for entry in told["files"]] == [path.name for path in done.files]
+            content = json.loads((folder / "terrain.json").read_text(encoding="utf-8"))
+            assert content == json.loads(json.dumps(done.report))
+            assert [entry["file"] for entry in content["files"]] == [path.name for path in done.files]
             assert {path.name for path in folder.iterdir()} == {path.name for path in done.files}
-            made[key] = Outcome(folder, told)
-        return made[key]
+            cache[key] = Outcome(folder, content)
+        return cache[key]
 
     return export

@@ -47,11 +47,15 @@ def numbers(path, shape):
 
 def unity(outcome):
     """ImportRawHeightmap.ReadRaw: heights[y, x] = number · 1/(1 << 16), row by row, y upward from z = 0."""
-    told, found = outcome.sidecar["import"], []
-    origin, side = outcome.sidecar["axes"]["origin"], told["Resolution"]
-    assert {told["Byte Order"], told["Depth"], told["Flip Vertically"]} == {"Windows", "Bit 16", False}
-    for tile in told["tiles"]:
-        size, place = told["Terrain Size"], tile["Position"]
+    content, found = outcome.sidecar["import"], []
+    origin, side = outcome.sidecar["axes"]["origin"], content["Resolution"]
+    assert {content["Byte Order"], content["Depth"], content["Flip Vertically"]} == {
+        "Windows",
+        "Bit 16",
+        False,
+    }
+    for tile in content["tiles"]:
+        size, place = content["Terrain Size"], tile["Position"]
         height = numbers(outcome.folder / tile["file"], (side, side)) / 65536 * size["Y"] + place["Y"]
         at = np.arange(side) / (side - 1)
         east, north = (
@@ -63,20 +67,20 @@ def unity(outcome):
 
 def unreal_(outcome):
     """Rows go southward; 128 steps from 32768 on are one unit of scale in cm; tiles share an edge."""
-    told, axes, found = outcome.sidecar["import"], outcome.sidecar["axes"], []
-    side, scale = told["Overall Resolution"]["X"], told["Scale"]
+    content, axes, found = outcome.sidecar["import"], outcome.sidecar["axes"], []
+    side, scale = content["Overall Resolution"]["X"], content["Scale"]
     tiling = outcome.sidecar.get("tiling", {"columns": 1, "rows": 1})
-    first = told["Heightmap File"]
+    first = content["Heightmap File"]
     for y in range(tiling["rows"]):
         for x in range(tiling["columns"]):
             path = outcome.folder / first.replace("_x0_", f"_x{x}_")
             if tiling["rows"] > 1:
                 path = path.with_name(f"high_corner_height_x{x}_y{y}{path.suffix}")
-            down = tiling["rows"] - 1 - y if told.get("Flip Tile Y Coordinate") else y
+            down = tiling["rows"] - 1 - y if content.get("Flip Tile Y Coordinate") else y
             local = (numbers(path, (side, side)).astype(np.float64) - 32768.0) / 128.0
-            height = (local * scale["Z"] + told["Location"]["Z"]) / 100.0
+            height = (local * scale["Z"] + content["Location"]["Z"]) / 100.0
             across, along = (
-                told["Location"][axis] + ((side - 1) * at + np.arange(side)) * scale[axis]
+                content["Location"][axis] + ((side - 1) * at + np.arange(side)) * scale[axis]
                 for axis, at in (("X", x), ("Y", down))
             )
             east, north = axes["origin"]["east"] + across / 100.0, axes["origin"]["north"] - along / 100.0
@@ -86,9 +90,9 @@ def unreal_(outcome):
 
 def godot_(outcome):
     """Terrain3DUtil.load_image: metres, or a share of a range; z grows southward, vertices are 1 m apart."""
-    told, origin, found = outcome.sidecar["import"], outcome.sidecar["axes"]["origin"], []
-    for tile in told["tiles"]:
-        size, ends = told.get("r16_size", {"x": 0, "y": 0}), told.get("r16_range")
+    content, origin, found = outcome.sidecar["import"], outcome.sidecar["axes"]["origin"], []
+    for tile in content["tiles"]:
+        size, ends = content.get("r16_size", {"x": 0, "y": 0}), content.get("r16_range")
         height = numbers(outcome.folder / tile["height_file_name"], (size["y"], size["x"]))
         if ends is not None:
             height = height / 65535.0 * (ends["y"] - ends["x"]) + ends["x"]
@@ -114,9 +118,9 @@ def world(axes, vectors, *, places=True):
 
 def bilinear(ground, places):
     order = 1 if ground.north[0] < ground.north[-1] else -1
-    made = RegularGridInterpolator((ground.north[::order], ground.east), ground.height[::order].astype(float))
+    plan = RegularGridInterpolator((ground.north[::order], ground.east), ground.height[::order].astype(float))
     low, high = (ground.north.min(), ground.east.min()), (ground.north.max(), ground.east.max())
-    return made(np.clip(places[:, 1::-1], low, high))
+    return plan(np.clip(places[:, 1::-1], low, high))
 
 
 QUICK = [
@@ -133,7 +137,7 @@ LARGE = [
 
 
 @pytest.mark.parametrize("exports", [QUICK, pytest.param(LARGE, marks=pytest.mark.slow)])
-def test_heights_are_those_of_the_terrain_where_the_engine_puts_them(terrain, exported, exports):
+def test_engine_heights_match_the_terrain(terrain, exported, exports):
     for target, options in exports:
         outcome = exported(target, plants=False, **options)
         for tile in IMPORT[target](outcome):
@@ -147,7 +151,7 @@ def test_heights_are_those_of_the_terrain_where_the_engine_puts_them(terrain, ex
             assert off <= (tile.step / 2 + 1e-4 if tile.step else 0.0), (target, options)
 
 
-def test_normals_follow_the_slopes(exported):
+def test_normals_match_slopes(exported):
     for target, options in ENGINES.items():
         outcome = exported(target, **options)
         (tile,) = IMPORT[target](outcome)
@@ -161,9 +165,9 @@ def test_normals_follow_the_slopes(exported):
         assert (normal[..., 2] > 0.0).all(), target
 
 
-def test_tiles_joined_are_the_whole_to_the_bit(exported):
-    ways = [{"tiles_from_south": False}, {"tiles_from_south": True}]
-    for target, options in [("unity", {}), ("unreal", ways[0]), ("unreal", ways[1]), ("godot", {})]:
+def test_tiles_are_bit_equal_to_the_whole_grid(exported):
+    flips = [{"tiles_from_south": False}, {"tiles_from_south": True}]
+    for target, options in [("unity", {}), ("unreal", flips[0]), ("unreal", flips[1]), ("godot", {})]:
         (whole,) = IMPORT[target](exported(target, **ENGINES[target]))
         cut = exported(target, **ENGINES[target], tiles=(2, 2), plants=target == "unity", **options)
         joined, count = np.full(whole.height.shape, np.nan), 0
@@ -181,23 +185,23 @@ def test_tiles_joined_are_the_whole_to_the_bit(exported):
 
 def layers(outcome, kind, at=""):
     """Return weights [row, column, layer] of images whose first row is the north edge."""
-    paths = [path for path in outcome.of(f"{at}.png") if f"_{kind}" in path.name]
+    paths = [path for path in outcome.paths(f"{at}.png") if f"_{kind}" in path.name]
     images = [np.asarray(Image.open(path)).astype(int) for path in paths]
     return np.concatenate([image if image.ndim == 3 else image[..., None] for image in images], axis=-1)
 
 
-def test_weights_sum_to_255_and_lie_where_the_materials_are(exported):
+def test_weights_sum_to_255_at_the_right_positions(exported):
     for target, kind in (("unity", "splat"), ("unreal", "weight_"), ("godot", "weights")):
         outcome = exported(target, **ENGINES[target])
         found = layers(outcome, kind)
         side = len(IMPORT[target](outcome)[0].height) - (target == "unity")
         assert found.shape == (side, side, 8), target
         assert (found.sum(axis=-1) == 255).all(), target
-        told = outcome.sidecar["textures"] if target == "godot" else outcome.sidecar["layers"]
+        content = outcome.sidecar["textures"] if target == "godot" else outcome.sidecar["layers"]
         if target == "unity":
-            assert told[7] == {"name": "forest_floor", "file": "splat2", "channel": "alpha"}
+            assert content[7] == {"name": "forest_floor", "file": "splat2", "channel": "alpha"}
         else:
-            assert (told["7"] if target == "godot" else told[7]) == "forest_floor"
+            assert (content["7"] if target == "godot" else content[7]) == "forest_floor"
         wood = found[..., 7] / found[..., 7].sum()
         y, x = np.indices(wood.shape) / (side - 1)
         # Painted in columns 34 … 52 of 64 and rows 40 … 56 from the north.
@@ -212,7 +216,7 @@ def test_weights_sum_to_255_and_lie_where_the_materials_are(exported):
     np.testing.assert_array_equal(sw[0], nw[-1])
 
 
-def test_the_control_map_has_the_two_heaviest_materials(exported):
+def test_control_map_has_the_two_heaviest_materials(exported):
     outcome = exported("godot", **ENGINES["godot"])
     (tile,) = outcome.sidecar["import"]["tiles"]
     bits = numbers(outcome.folder / tile["control_file_name"], (0, 0)).view(np.uint32)
@@ -231,15 +235,15 @@ def test_the_control_map_has_the_two_heaviest_materials(exported):
     assert np.abs(blend / 255.0 - share).max() <= 0.5 / 255.0 + 1e-9
 
 
-def test_plants_are_the_terrains_and_stand_on_the_engines_ground(terrain, exported):
+def test_plants_match_the_terrain_in_engine_coordinates(terrain, exported):
     for target, side in (("unreal", 1024.0), ("godot", 1023.0)):
         outcome = exported(target, **ENGINES[target])
-        told = json.loads((outcome.folder / "high_corner_plants.json").read_text(encoding="utf-8"))
-        rows = dict(zip(told["fields"], np.array(told["plants"]).T, strict=True))
+        content = json.loads((outcome.folder / "high_corner_plants.json").read_text(encoding="utf-8"))
+        rows = dict(zip(content["fields"], np.array(content["plants"]).T, strict=True))
         true = terrain.foliage(0.0, 0.0, side, side)
         np.testing.assert_array_equal(rows["species"], true["species"], target)
-        place = world(told["axes"], np.stack([rows[axis] for axis in "xyz"], axis=-1))
-        unit = {"m": 1.0, "cm": 0.01}[told["axes"]["unit"]]  # numbers have three decimals
+        place = world(content["axes"], np.stack([rows[axis] for axis in "xyz"], axis=-1))
+        unit = {"m": 1.0, "cm": 0.01}[content["axes"]["unit"]]  # numbers have three decimals
         np.testing.assert_allclose(place[:, :2], np.stack([true["x"], true["y"]], axis=-1), atol=1e-3 * unit)
         (ground,) = IMPORT[target](outcome)
         assert np.abs(place[:, 2] - bilinear(ground, place)).max() <= ground.step / 2 + 2e-3 * unit + 8e-5, (
@@ -249,10 +253,10 @@ def test_plants_are_the_terrains_and_stand_on_the_engines_ground(terrain, export
         turn = -np.radians(rows["rotation"]) if target == "unreal" else rows["rotation"]
         np.testing.assert_allclose(np.exp(1j * turn), np.exp(1j * true["rotation"]), atol=1e-4)
         normal = np.stack([rows[f"normal_{axis}"] for axis in "xyz"], axis=-1)
-        np.testing.assert_allclose(world(told["axes"], normal, places=False), true["normal"], atol=1e-4)
+        np.testing.assert_allclose(world(content["axes"], normal, places=False), true["normal"], atol=1e-4)
 
 
-def test_trees_are_the_terrains_and_stand_on_unitys_ground(terrain, exported):
+def test_unity_trees_match_the_terrain(terrain, exported):
     for tiles in [(1, 1), (2, 2)]:
         outcome = exported("unity", size=129, **({"tiles": tiles, "plants": True} if tiles == (2, 2) else {}))
         settings, count = outcome.sidecar["import"], 0
@@ -260,11 +264,11 @@ def test_trees_are_the_terrains_and_stand_on_unitys_ground(terrain, exported):
             settings["tiles"], unity(outcome), outcome.sidecar["tiles"], strict=True
         ):
             name = tile["file"].replace("high_corner", "high_corner_plants").replace(".raw", ".json")
-            told = json.loads((outcome.folder / name).read_text(encoding="utf-8"))
-            assert told["terrain"] == tile["file"], tiles
+            content = json.loads((outcome.folder / name).read_text(encoding="utf-8"))
+            assert content["terrain"] == tile["file"], tiles
             true = terrain.foliage(*(bounds["bounds"][side] for side in ("west", "south", "east", "north")))
-            trees = told["instances"]
-            assert [told["prototypes"][tree["prototypeIndex"]] for tree in trees] == [
+            trees = content["instances"]
+            assert [content["prototypes"][tree["prototypeIndex"]] for tree in trees] == [
                 terrain.species_names[species] for species in true["species"]
             ], tiles
             at = np.array([[tree["position"][axis] for axis in "xzy"] for tree in trees])
@@ -283,7 +287,7 @@ def test_trees_are_the_terrains_and_stand_on_unitys_ground(terrain, exported):
         assert count == len(terrain.foliage(0.0, 0.0, 1024.0, 1024.0)) > 1000, tiles
 
 
-def test_grass_is_a_file_of_its_own(corner, tmp_path):
+def test_grass_has_a_separate_file(corner, tmp_path):
     meadow = replace(corner, extent=48.0)
     terrain = st.build(meadow)
     write_export(
@@ -293,57 +297,59 @@ def test_grass_is_a_file_of_its_own(corner, tmp_path):
         stages=Stages(),
     )
     for kind, storey in (("plants", "woody"), ("grass", "grass")):
-        told = json.loads((tmp_path / f"high_corner_{kind}.json").read_text(encoding="utf-8"))
+        content = json.loads((tmp_path / f"high_corner_{kind}.json").read_text(encoding="utf-8"))
         true = terrain.foliage(0.0, 0.0, 48.0, 48.0, storey=storey)
-        assert [row[0] for row in told["plants"]] == true["species"].tolist()
+        assert [row[0] for row in content["plants"]] == true["species"].tolist()
 
 
-def test_waters_are_the_terrains_along_the_engines_axes(terrain, exported):
+def test_water_matches_the_terrain_in_engine_coordinates(terrain, exported):
     (river,), (lake,) = terrain.features.rivers, terrain.features.lakes
     for target, options in ENGINES.items():
         outcome = exported(target, **options)
-        told = json.loads((outcome.folder / "high_corner_water.json").read_text(encoding="utf-8"))
-        (line,), (area,) = told["rivers"], told["lakes"]
-        unit = {"m": 1.0, "cm": 0.01}[told["axes"]["unit"]]
+        content = json.loads((outcome.folder / "high_corner_water.json").read_text(encoding="utf-8"))
+        (line,), (area,) = content["rivers"], content["lakes"]
+        unit = {"m": 1.0, "cm": 0.01}[content["axes"]["unit"]]
         np.testing.assert_allclose(
-            world(told["axes"], np.array(line["points"])), river.centreline, atol=1e-3 * unit
+            world(content["axes"], np.array(line["points"])), river.centreline, atol=1e-3 * unit
         )
         np.testing.assert_allclose(unit * np.array(line["width"]), river.centreline_width, atol=6e-4 * unit)
-        outline = world(told["axes"], np.array(area["outline"][0]))
+        outline = world(content["axes"], np.array(area["outline"][0]))
         np.testing.assert_allclose(outline[:, 2], lake.level, atol=1e-3 * unit)
         assert unit * area["level"] == pytest.approx(lake.level, abs=1e-3 * unit), target
 
 
-def test_unreal_components_and_the_z_scale_follow_the_guide(corner, exported, tmp_path):
+def test_unreal_components_and_z_scale_follow_the_guide(corner, exported, tmp_path):
     # Epic's table of recommended sizes: quads a section, components; 2 sections a component.
     sizes = (127, 253, 505, 1009, 2017, 4033, 8129)
     assert sizes == unreal.TARGETS[0].sizes
     for size, quads, components in zip(sizes, [63] * 6 + [127], (1, 2, 4, 8, 16, 32, 32), strict=True):
-        made = checked_plan(corner, "unreal", ExportOptions(size=size, plants=False))
-        export = Export(None, "a", made.options, made.grid, made.tiling, None, tmp_path, None)
+        plan = checked_plan(corner, "unreal", ExportOptions(size=size, plants=False))
+        export = Export(None, "a", plan.options, plan.grid, plan.tiling, None, tmp_path, None)
         settings = unreal._settings(export, HeightQuantisation(-256.0, 512.0))
         assert settings["Section Size"] == f"{quads}x{quads} Quads", size
         assert settings["Sections Per Component"] == "2x2 Sections", size
         assert settings["Number of Components"] == {"X": components, "Y": components}, size
         assert settings["Overall Resolution"] == {"X": size, "Y": size}, size
 
-    told = exported("unreal", size=127, heights=(-100.0, 924.0), plants=False).sidecar["import"]
-    assert told["Scale"]["Z"] == 1024.0 * 100.0 / 512.0
-    assert told["Location"]["Z"] == 41200.0
-    assert told["Scale"]["X"] == told["Scale"]["Y"] == pytest.approx(102400.0 / 126)
+    content = exported("unreal", size=127, heights=(-100.0, 924.0), plants=False).sidecar["import"]
+    assert content["Scale"]["Z"] == 1024.0 * 100.0 / 512.0
+    assert content["Location"]["Z"] == 41200.0
+    assert content["Scale"]["X"] == content["Scale"]["Y"] == pytest.approx(102400.0 / 126)
 
     for from_south in [False, True]:
-        told = exported("unreal", size=253, tiles=(2, 2), tiles_from_south=from_south, plants=False).sidecar
-        assert told["import"]["Flip Tile Y Coordinate"] is from_south
-        offset = told["import"].get("Tile Coordinates Offset")
+        content = exported(
+            "unreal", size=253, tiles=(2, 2), tiles_from_south=from_south, plants=False
+        ).sidecar
+        assert content["import"]["Flip Tile Y Coordinate"] is from_south
+        offset = content["import"].get("Tile Coordinates Offset")
         assert offset == (None if from_south else {"X": 0, "Y": 0})
-    told = exported("unreal", size=253, tiles=(2, 1), plants=False).sidecar
-    assert told["grid"]["bounds"] == {"west": 0.0, "south": 0.0, "east": 2048.0, "north": 1024.0}
-    told = exported("unreal", size=254, tiles=(2, 2), overlap=0, plants=False).sidecar
-    assert (told["grid"]["columns"], told["tiles"][1]["left"]) == (254, 127)
+    content = exported("unreal", size=253, tiles=(2, 1), plants=False).sidecar
+    assert content["grid"]["bounds"] == {"west": 0.0, "south": 0.0, "east": 2048.0, "north": 1024.0}
+    content = exported("unreal", size=254, tiles=(2, 2), overlap=0, plants=False).sidecar
+    assert (content["grid"]["columns"], content["tiles"][1]["left"]) == (254, 127)
 
 
-def test_godot_terrains_fill_whole_regions_around_the_origin(corner, exported):
+def test_godot_terrains_have_complete_regions_around_the_origin(corner, exported):
     for side, region, position in [
         (512, 256, -256),
         (1024, 256, -512),
@@ -365,20 +371,22 @@ def test_godot_terrains_fill_whole_regions_around_the_origin(corner, exported):
         (1024.0, (3, 3), 1536),
         (9000.0, (2, 2), 9216),
     ]:
-        made = plan_export(replace(corner, extent=extent), godot.TARGETS[0], ExportOptions(tiles=tiles))
-        assert (made.grid.columns, made.grid.rows) == (vertices, vertices), (extent, tiles)
-        assert made.grid.spacing == (1.0, 1.0), (extent, tiles)
-        assert made.tile_side[0] % godot.region_size(made.grid) == 0, (extent, tiles)
+        plan = plan_export(replace(corner, extent=extent), godot.TARGETS[0], ExportOptions(tiles=tiles))
+        assert (plan.grid.columns, plan.grid.rows) == (vertices, vertices), (extent, tiles)
+        assert plan.grid.spacing == (1.0, 1.0), (extent, tiles)
+        assert plan.tile_side[0] % godot.region_size(plan.grid) == 0, (extent, tiles)
 
-    told = exported("godot", format="exr", tiles=(2, 2), plants=False)
-    assert not [path for path in told.of(".png") if "height" in path.name]  # Godot reads 8 bits of a PNG
-    assert told.sidecar["import"]["region_size"] == 256
-    for tile in told.sidecar["import"]["tiles"]:
+    content = exported("godot", format="exr", tiles=(2, 2), plants=False)
+    assert not [
+        path for path in content.paths(".png") if "height" in path.name
+    ]  # Godot reads 8 bits of a PNG
+    assert content.sidecar["import"]["region_size"] == 256
+    for tile in content.sidecar["import"]["tiles"]:
         assert tile["import_position"]["x"] % 256 == tile["import_position"]["y"] % 256 == 0
 
 
-def test_options_that_a_program_cannot_import_are_refused(corner):
-    for target, options, says in [
+def test_invalid_options_are_refused(corner):
+    for target, options, message in [
         ("unity", {"size": 1000}, "513 or 1025"),
         ("unity", {"size": 8193}, "4097"),
         ("unity", {"size": 129, "overlap": 0}, "overlap"),
@@ -395,7 +403,7 @@ def test_options_that_a_program_cannot_import_are_refused(corner):
         ("raw", {"format": "r32", "heights": (0.0, 1.0)}, "only 16-bit numbers have a range"),
         ("geotiff", {"origin": (np.nan, 0.0)}, "expected two finite numbers, m"),
     ]:
-        with pytest.raises(InputError, match=says):
+        with pytest.raises(InputError, match=message):
             checked_plan(corner, target, ExportOptions(**options))
     with pytest.raises(InputError, match="16384"):
         checked_plan(replace(corner, extent=20000.0), "godot", ExportOptions())
@@ -411,15 +419,15 @@ def same_bytes(*folders):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("target", ["raw", "png16", "exr", "npy", "gltf", "geotiff"])
-def test_the_same_terrain_gives_the_same_bytes(terrain, exported, tmp_path, target):
+def test_exports_are_deterministic(terrain, exported, tmp_path, target):
     options = {"size": 65, "crs": "EPSG:25832", "origin": (5e5, 5e6)} if target == "geotiff" else {"size": 65}
     outcome = exported(target, **options)
-    wanted = checked_plan(terrain.sketch, target, ExportOptions(**options))
-    write_export(wanted, terrain, tmp_path, stages=Stages())
+    options_ = checked_plan(terrain.sketch, target, ExportOptions(**options))
+    write_export(options_, terrain, tmp_path, stages=Stages())
     same_bytes(outcome.folder, tmp_path)
 
 
-def test_bare_ground_is_exported_to_the_same_bytes_without_water_and_plants(corner, tmp_path):
+def test_bare_terrain_exports_are_deterministic_and_without_plants(corner, tmp_path):
     bare = st.build(replace(corner, extent=256.0, layers={}, labels={}))
     for target, options in (
         ("unity", {"size": 33}),
@@ -429,10 +437,10 @@ def test_bare_ground_is_exported_to_the_same_bytes_without_water_and_plants(corn
         folders = [tmp_path / f"{target}-{name}" for name in ("one", "two", "none")]
         for folder in folders:
             folder.mkdir()
-            wanted = ExportOptions(plants="none" not in folder.name, **options)
-            done = write_export(checked_plan(bare.sketch, target, wanted), bare, folder, stages=Stages())
+            options_ = ExportOptions(plants="none" not in folder.name, **options)
+            done = write_export(checked_plan(bare.sketch, target, options_), bare, folder, stages=Stages())
         same_bytes(*folders[:2])
         names = {path.name for path in done.files}
         assert not [name for name in names if "plants" in name or "grass.json" in name], target
-        told = json.loads((folders[2] / "high_corner_water.json").read_text(encoding="utf-8"))
-        assert told["rivers"] == told["lakes"] == [], target
+        content = json.loads((folders[2] / "high_corner_water.json").read_text(encoding="utf-8"))
+        assert content["rivers"] == content["lakes"] == [], target

@@ -28,7 +28,7 @@ def outcome(exported):
 
 
 def raster(outcome, what):
-    (path,) = outcome.of(f"_{what}.tif")
+    (path,) = outcome.paths(f"_{what}.tif")
     return path
 
 
@@ -40,12 +40,12 @@ def world(file):
 
 
 def layer(outcome, name):
-    (path,) = outcome.of(".gpkg")
+    (path,) = outcome.paths(".gpkg")
     meta, _, geometry, fields = pyogrio.raw.read(path, layer=name)
     return meta, shapely.from_wkb(geometry), dict(zip(meta["fields"], fields, strict=True))
 
 
-def test_gdal_reads_heights_at_their_places_with_and_without_a_crs(outcome, terrain, exported):
+def test_gdal_reads_heights_at_their_positions_with_and_without_crs(outcome, terrain, exported):
     with rasterio.open(raster(outcome, "height")) as file:
         height = file.read(1)
         x, y = world(file)
@@ -69,7 +69,7 @@ def test_gdal_reads_heights_at_their_places_with_and_without_a_crs(outcome, terr
     assert shapely.contains_xy(lakes[0], 10 * 16.0, 10 * 16.0)
 
 
-def test_files_are_cloud_optimised_with_overviews_that_are_means(outcome):
+def test_files_are_cloud_optimised_with_averaged_overviews(outcome):
     """As GDAL's validate_cloud_optimized_geotiff.py wants it, but read without GDAL."""
     for what in ["height", "normal", "materials"]:
         path = raster(outcome, what)
@@ -87,15 +87,15 @@ def test_files_are_cloud_optimised_with_overviews_that_are_means(outcome):
         height = file.read(1).astype(np.float64)
         assert file.overviews(1) == [2]
     with rasterio.open(raster(outcome, "height"), overview_level=0) as coarse:
-        shown = coarse.read(1)
-    assert shown.shape == (256, 256)
+        overview = coarse.read(1)
+    assert overview.shape == (256, 256)
     # Exactly 513/256 pixels a pixel: the mean with the shares of those that are cut.
     edges = np.linspace(0.0, 513.0, 257)
     share = np.clip(
         np.minimum(edges[1:, None], np.arange(1, 514)) - np.maximum(edges[:-1, None], np.arange(513)), 0, 1
     )
     share /= share.sum(axis=1, keepdims=True)
-    np.testing.assert_allclose(shown, share @ height @ share.T, atol=1e-3)
+    np.testing.assert_allclose(overview, share @ height @ share.T, atol=1e-3)
 
 
 def test_normals_and_weights_have_named_bands(outcome, terrain):
@@ -114,7 +114,7 @@ def test_normals_and_weights_have_named_bands(outcome, terrain):
         assert np.all(file.read().sum(axis=0, dtype=int) == 255)
 
 
-def test_rivers_and_lakes_lie_where_they_were_painted(outcome, terrain):
+def test_rivers_and_lakes_match_the_terrain(outcome, terrain):
     meta, (line,), fields = layer(outcome, "rivers")
     assert meta["geometry_type"] == "LineString Z"
     assert rasterio.crs.CRS.from_user_input(meta["crs"]).to_epsg() == 25832
@@ -143,12 +143,12 @@ def test_rivers_and_lakes_lie_where_they_were_painted(outcome, terrain):
     )
 
 
-def test_an_island_is_a_hole_and_a_pond_on_it_an_area():
+def test_lake_areas_have_islands_and_ponds():
     away = np.hypot(*(np.indices((41, 41)) - 20.0))
     inside = np.where(away < 4, 3.0 - away, np.minimum(away - 8.0, 17.0 - away)).astype(np.float32)
     field = ShapeField(west=100.0, south=200.0, spacing=2.0, inside=inside)
-    made = lake_layer([Lake(7, 1, field, 12.5, 3.0)], Origin(1000.0, 2000.0))
-    (area,) = made.geometry
+    layer_ = lake_layer([Lake(7, 1, field, 12.5, 3.0)], Origin(1000.0, 2000.0))
+    (area,) = layer_.geometry
     assert area.is_valid
     assert [len(part.interiors) for part in sorted(area.geoms, key=lambda part: -part.area)] == [1, 0]
     assert area.area == pytest.approx(4 * np.pi * (17**2 - 8**2 + 3**2), rel=0.02)
@@ -171,7 +171,7 @@ def test_features_and_plants_are_points_with_a_spatial_index(outcome, terrain):
     assert woods["species"].tolist() == [terrain.species_names[each] for each in plants["species"]]
     np.testing.assert_allclose(np.radians(woods["rotation"]), plants["rotation"], atol=1e-5)
 
-    (path,) = outcome.of(".gpkg")
+    (path,) = outcome.paths(".gpkg")
     box = (EAST + 500, NORTH + 100, EAST + 700, NORTH + 300)
     info = pyogrio.raw.read(path, layer="plants", bbox=box)[2]
     assert len(info) == len(terrain.foliage(500, 100, 700, 300)) > 0
@@ -185,12 +185,12 @@ def lawn():
     )
 
 
-def test_every_layer_is_written_even_an_empty_one_and_to_the_same_bytes(lawn, tmp_path):
+def test_empty_layers_are_written_and_files_are_deterministic(lawn, tmp_path):
     terrain = st.build(lawn)
-    wanted = checked_plan(lawn, "geotiff", ExportOptions(size=9, grass=True))
-    done = write_export(wanted, terrain, tmp_path, stages=Stages())
+    plan = checked_plan(lawn, "geotiff", ExportOptions(size=9, grass=True))
+    done = write_export(plan, terrain, tmp_path, stages=Stages())
     (tmp_path / "again").mkdir()
-    for again in write_export(wanted, terrain, tmp_path / "again", stages=Stages()).files:
+    for again in write_export(plan, terrain, tmp_path / "again", stages=Stages()).files:
         assert again.read_bytes() == (tmp_path / again.name).read_bytes(), again.name
     assert pyogrio.get_gdal_config_option("OGR_CURRENT_DATE") is None  # the clock runs on for others
     path = tmp_path / "lawn.gpkg"
@@ -203,8 +203,8 @@ def test_every_layer_is_written_even_an_empty_one_and_to_the_same_bytes(lawn, tm
     assert grass > 0
 
 
-def test_unusable_reference_systems_are_refused(corner, capfd):
-    for crs, told in [
+def test_invalid_reference_systems_are_refused(corner, capfd):
+    for crs, message in [
         ("nonsense", "'nonsense' is no coordinate reference system"),
         ("", "'' is no coordinate"),
         ("EPSG:999999", "is no coordinate"),
@@ -220,13 +220,13 @@ def test_unusable_reference_systems_are_refused(corner, capfd):
     ]:
         with pytest.raises(InputError) as refused:
             checked_plan(corner, "geotiff", ExportOptions(crs=crs))
-        assert told in str(refused.value), crs
+        assert message in str(refused.value), crs
         assert "\n" not in str(refused.value), crs
         assert len(str(refused.value)) < 220, crs
         assert capfd.readouterr().err == "", crs  # GDAL says nothing of its own
 
 
-def test_a_folder_may_be_called_anything(tmp_path):
+def test_folder_names_are_not_interpreted(tmp_path):
     layer = VectorLayer("plants", "Point", shapely.points([[1.0, 2.0]]), {"number": np.arange(1)})
     for name in ["out!", "a!b.zip", "zip:c", "späť 'x\" ?#%20", "d.zip"]:
         path = tmp_path / name / "plants.gpkg"
@@ -243,25 +243,25 @@ def test_a_folder_may_be_called_anything(tmp_path):
         path.parent.rmdir()
 
 
-def test_a_full_disk_leaves_no_geopackage_that_looks_whole(tmp_path, files_no_larger_than):
+def test_full_disk_is_reported_for_incomplete_geopackages(tmp_path, files_no_larger_than):
     points = shapely.points(np.random.default_rng(3).random((5000, 2)))
     layer = VectorLayer("plants", "Point", points, {"number": np.arange(5000)})
     whole = tmp_path / "whole.gpkg"
     with geopackage(whole, "EPSG:25832") as file:
         file.add(layer)
     for share in [0.1, 0.5, 0.8, 0.97]:
-        room = int(whole.stat().st_size * share)
+        limit = int(whole.stat().st_size * share)
         with (
-            files_no_larger_than(room),
-            pytest.raises(SketchterrainError, match=r"cut\.gpkg: cannot be written") as told,
+            files_no_larger_than(limit),
+            pytest.raises(SketchterrainError, match=r"cut\.gpkg: cannot be written") as message,
             geopackage(tmp_path / "cut.gpkg", "EPSG:25832") as file,
         ):
             file.add(layer)
-        assert "\n" not in str(told.value), share
+        assert "\n" not in str(message.value), share
 
 
-def test_the_geopackage_can_be_traced_back_to_the_sketch(outcome, corner):
-    (path,) = outcome.of(".gpkg")
+def test_geopackage_traces_back_to_the_sketch(outcome, corner):
+    (path,) = outcome.paths(".gpkg")
     bounds = (EAST, NORTH, EAST + 1024, NORTH + 1024)
     traced = sketch_from_vectors(path, bounds=bounds, size_px=64).sketch
     assert traced.extent == corner.extent

@@ -33,15 +33,15 @@ def read(path, tile):
 
 def heights(done, tile=0):
     """Return a tile's heights in metres, as whoever knows the sidecar alone would."""
-    told = done.sidecar["heights"]
+    content = done.sidecar["heights"]
     endings = (".r16", ".r32", ".exr", "_height.npy", "_height.png")
-    (path,) = (path for ending in endings for path in done.of(ending)[tile : tile + 1])
+    (path,) = (path for ending in endings for path in done.paths(ending)[tile : tile + 1])
     number = read(path, done.sidecar["tiles"][tile])
     if done.sidecar.get("byte_order") == "big-endian":
         number = number.byteswap()
-    if told["numbers"] == "float32":
+    if content["numbers"] == "float32":
         return number.astype(np.float64)
-    return told["low"] + number.astype(np.float64) * told["metres_per_step"]
+    return content["low"] + number.astype(np.float64) * content["metres_per_step"]
 
 
 @pytest.fixture(params=FORMS, ids=lambda form: form[1] or form[0])
@@ -50,12 +50,12 @@ def done(request, exported):
     return exported(target, size=SIDE, **({"format": form} if form else {}))
 
 
-def test_a_plain_export_is_read_back(done, terrain):
-    told = done.sidecar["heights"]
+def test_plain_exports_round_trip(done, terrain):
+    content = done.sidecar["heights"]
     expected = terrain.heights(*done.places(), cell_size=done.sidecar["grid"]["spacing"]["x"])
     off = np.abs(heights(done) - expected)
-    assert off.max() <= 0.5 * told.get("metres_per_step", 0.0) * (1 + 1e-9)
-    assert (told["minimum"], told["maximum"]) == (expected.min(), expected.max())
+    assert off.max() <= 0.5 * content.get("metres_per_step", 0.0) * (1 + 1e-9)
+    assert (content["minimum"], content["maximum"]) == (expected.min(), expected.max())
 
     bed = weights(done)[..., 6]
     assert bed[:, : SIDE // 4].sum() > 0
@@ -65,7 +65,7 @@ def test_a_plain_export_is_read_back(done, terrain):
     named = [each if isinstance(each, str) else each["name"] for each in done.sidecar["materials"]]
     assert named == list(terrain.material_names)
 
-    path = (done.of("_normal.npy") or done.of("_normal.png"))[0]
+    path = (done.paths("_normal.npy") or done.paths("_normal.png"))[0]
     normal = read(path, done.sidecar["tiles"][0]).astype(np.float64) / 127.5 - 1.0
     dx, dy = (done.sidecar["grid"]["spacing"][axis] for axis in "xy")
     south, east = np.gradient(heights(done), dy, dx)
@@ -75,11 +75,11 @@ def test_a_plain_export_is_read_back(done, terrain):
     assert np.abs(normal - slope)[inner].max() < 0.02
 
     if done.sidecar["target"] == "npy":
-        plants = np.load(done.of("foliage.npy")[0])
+        plants = np.load(done.paths("foliage.npy")[0])
         x, y, z = (plants[axis] for axis in "xyz")
         assert set(plants["species"]) <= set(range(len(done.sidecar["species"])))
     else:
-        with done.of("foliage.csv")[0].open(encoding="ascii") as stream:
+        with done.paths("foliage.csv")[0].open(encoding="ascii") as stream:
             rows = list(csv.DictReader(stream))
         x, y, z = (np.array([float(row[axis]) for row in rows]) for axis in "xyz")
     assert len(x) > 100
@@ -87,26 +87,26 @@ def test_a_plain_export_is_read_back(done, terrain):
     wood = (x > 34 * 16) & (x < 52 * 16) & (y > 8 * 16) & (y < 24 * 16)
     assert wood.mean() > 0.8
 
-    told = json.loads(done.of("features.json")[0].read_text(encoding="utf-8"))
-    assert told["splines"][0]["id"] == terrain.features.rivers[0].id
+    content = json.loads(done.paths("features.json")[0].read_text(encoding="utf-8"))
+    assert content["splines"][0]["id"] == terrain.features.rivers[0].id
     assert done.sidecar["grid"]["bounds"] == {"west": 0.0, "south": 0.0, "east": 1024.0, "north": 1024.0}
 
 
 def weights(done):
     if done.sidecar["target"] == "npy":
-        return np.asarray(np.load(done.of("_materials.npy")[0]))
-    images = done.of("_materials.png") + done.of("_materials-2.png")
+        return np.asarray(np.load(done.paths("_materials.npy")[0]))
+    images = done.paths("_materials.png") + done.paths("_materials-2.png")
     return np.concatenate([np.asarray(Image.open(path)) for path in images], axis=-1)
 
 
-def test_tiles_joined_are_the_whole_and_each_says_where_it_lies(exported, terrain):
+def test_tiles_join_to_the_whole_at_the_positions_in_the_sidecar(exported, terrain):
     for overlap in [0, 1, 3]:
         side = 4 * 16 + overlap
         whole = exported("raw", size=side, format="r32", plants=False)
         cut = exported("raw", size=side, format="r32", plants=False, tiles=(4, 2), overlap=overlap)
         joined = np.full((side, side), np.nan)
         assert len(cut.sidecar["tiles"]) == 8, overlap
-        assert not cut.of("foliage.csv"), overlap
+        assert not cut.paths("foliage.csv"), overlap
         for number, tile in enumerate(cut.sidecar["tiles"]):
             part = joined[tile["top"] :, tile["left"] :][: tile["rows"], : tile["columns"]]
             values = heights(cut, number)
@@ -118,18 +118,18 @@ def test_tiles_joined_are_the_whole_and_each_says_where_it_lies(exported, terrai
     done = exported("exr", size=SIDE, plants=False, tiles=(2, 2), tiles_from_south=True, tile_first=1)
     assert [(tile["x"], tile["y"]) for tile in done.sidecar["tiles"]] == [(1, 2), (2, 2), (1, 1), (2, 1)]
     for number, tile in enumerate(done.sidecar["tiles"]):
-        path = done.of(".exr")[number]
+        path = done.paths(".exr")[number]
         assert path.name == f"high_corner_x{tile['x']}_y{tile['y']}_height.exr"
         expected = terrain.heights(*done.places(number), cell_size=16.0)
         np.testing.assert_array_equal(heights(done, number), expected)
 
 
-def test_grass_comes_too_where_it_is_asked_for(tmp_path):
+def test_grass_is_exported_on_request(tmp_path):
     meadow = st.build(st.Sketch(name="Meadow", extent=64.0, layers={"forest": np.ones((16, 16), np.uint8)}))
     counts = []
     for grass in (False, True):
-        wanted = checked_plan(meadow.sketch, "npy", ExportOptions(size=9, grass=grass))
-        write_export(wanted, meadow, tmp_path, stages=Stages())
+        plan = checked_plan(meadow.sketch, "npy", ExportOptions(size=9, grass=grass))
+        write_export(plan, meadow, tmp_path, stages=Stages())
         counts.append(np.bincount(np.load(tmp_path / "foliage.npy")["species"], minlength=8))
     np.testing.assert_array_equal(counts[0][:5], counts[1][:5])
     assert counts[0][:5].sum() > 0

@@ -1,4 +1,4 @@
-"""GLB, OBJ, STL and Blender's displacement by independent readers: in place, upright, within the error."""
+"""GLB, OBJ, STL and Blender's displacement by independent readers: position, orientation, error."""
 
 import io
 import json
@@ -36,7 +36,7 @@ def plants(terrain):
     return terrain.foliage(0.0, 0.0, 1024.0, 1024.0)
 
 
-def wanted(outcome, terrain):
+def expected_vertices(outcome, terrain):
     """The vertices of the terrain as x east, y north, z up."""
     x, y = (each.ravel() for each in outcome.places())
     return np.stack([x, y, terrain.heights(x, y, cell_size=SPACING)], axis=-1)
@@ -48,10 +48,10 @@ def by_place(places):
 
 def ground_of(outcome):
     """The ground's vertices as x east, y north, z up, and its triangles, by trimesh."""
-    if outcome.of(".stl"):
-        mesh = trimesh.load(outcome.of(".stl")[0])
+    if outcome.paths(".stl"):
+        mesh = trimesh.load(outcome.paths(".stl")[0])
         return mesh.vertices, mesh
-    path = (outcome.of(".obj") or outcome.of("high_corner.glb"))[0]
+    path = (outcome.paths(".obj") or outcome.paths("high_corner.glb"))[0]
     scene = trimesh.load(path, process=False)
     turn, geometry = scene.graph.get("ground")
     mesh = scene.geometry[geometry]
@@ -61,20 +61,20 @@ def ground_of(outcome):
 
 def accessor(gltf, index):
     """An accessor's numbers, read by what pygltflib says of them."""
-    told = gltf.accessors[index]
-    view = gltf.bufferViews[told.bufferView]
-    kind = {5126: "<f4", 5125: "<u4", 5123: "<u2"}[told.componentType]
-    wide = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}[told.type]
-    start = view.byteOffset + (told.byteOffset or 0)
-    blob = gltf.binary_blob()[start : start + told.count * wide * np.dtype(kind).itemsize]
-    return np.frombuffer(blob, kind).reshape(told.count, wide)
+    content = gltf.accessors[index]
+    view = gltf.bufferViews[content.bufferView]
+    kind = {5126: "<f4", 5125: "<u4", 5123: "<u2"}[content.componentType]
+    wide = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}[content.type]
+    start = view.byteOffset + (content.byteOffset or 0)
+    blob = gltf.binary_blob()[start : start + content.count * wide * np.dtype(kind).itemsize]
+    return np.frombuffer(blob, kind).reshape(content.count, wide)
 
 
-def test_the_ground_has_the_terrains_heights_and_faces_up(whole, obj, terrain):
+def test_terrain_mesh_matches_heights_and_faces_up(whole, obj, terrain):
     for outcome in (whole, obj):
         places, mesh = ground_of(outcome)
         found = by_place(np.unique(places.round(9), axis=0))
-        assert np.abs(found - by_place(wanted(outcome, terrain))).max() < 1e-3
+        assert np.abs(found - by_place(expected_vertices(outcome, terrain))).max() < 1e-3
         assert len(mesh.faces) == 2 * (SIZE - 1) ** 2
         assert (mesh.face_normals[:, 1] > 0.0).all()
         assert (mesh.vertex_normals[:, 1] > 0.0).all()
@@ -86,18 +86,18 @@ def test_the_ground_has_the_terrains_heights_and_faces_up(whole, obj, terrain):
     assert np.abs(places[:, 1] - (1024.0 - SPACING * row)).max() < 1e-3
 
 
-def test_an_adaptive_ground_stays_within_its_error(exported, terrain):
+def test_adaptive_mesh_is_within_its_error(exported, terrain):
     for target, error in [("gltf", 0.25), ("gltf", 2.0), ("gltf", 20.0), ("obj", 1.0), ("stl", 1.0)]:
         outcome = exported(target, size=SIZE, error=error, plants=False)
-        assert not outcome.of("plant_points.glb")
-        told = outcome.sidecar["mesh"]
-        assert told["error_measured"] <= told["error_asked"] == error, (target, error)
+        assert not outcome.paths("plant_points.glb")
+        content = outcome.sidecar["mesh"]
+        assert content["error_measured"] <= content["error_asked"] == error, (target, error)
         places, mesh = ground_of(outcome)
         faces = mesh.faces[mesh.face_normals[:, 2 if target == "stl" else 1] > 1e-9]
         assert len(faces) < 2 * (SIZE - 1) ** 2, (target, error)
-        assert told["triangles"] == len(faces) or target == "stl", (target, error)
+        assert content["triangles"] == len(faces) or target == "stl", (target, error)
         assert target != "stl" or mesh.is_watertight
-        x, y, z = wanted(outcome, terrain).T
+        x, y, z = expected_vertices(outcome, terrain).T
         surface = np.full(x.size, np.nan)
         for a, b, c in places[faces]:
             area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
@@ -105,25 +105,28 @@ def test_an_adaptive_ground_stays_within_its_error(exported, terrain):
             wc = ((b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])) / area
             inside = (wb > -1e-9) & (wc > -1e-9) & (wb + wc < 1.0 + 1e-9)
             surface[inside] = (a[2] + wb * (b[2] - a[2]) + wc * (c[2] - a[2]))[inside]
-        assert np.abs(surface - z).max() == pytest.approx(told["error_measured"], abs=1e-3), (target, error)
+        assert np.abs(surface - z).max() == pytest.approx(content["error_measured"], abs=1e-3), (
+            target,
+            error,
+        )
 
 
-def test_chunks_and_accessors_follow_the_format(whole):
-    for path in whole.of(".glb"):
+def test_glb_chunks_and_accessors_follow_the_specification(whole):
+    for path in whole.paths(".glb"):
         content = path.read_bytes()
         magic, version, length = struct.unpack_from("<4sII", content)
         assert (magic, version, length) == (b"glTF", 2, len(content))
         text, kind = struct.unpack_from("<I4s", content, 12)
         binary, other = struct.unpack_from("<I4s", content, 20 + text)
         assert (kind, other, text % 4, binary % 4) == (b"JSON", b"BIN\0", 0, 0)
-        told = json.loads(content[20 : 20 + text])
-        assert told["buffers"] == [{"byteLength": binary}]
-        assert all(view["byteOffset"] % 4 == 0 for view in told["bufferViews"])
-        ends = [view["byteOffset"] + view["byteLength"] for view in told["bufferViews"]]
-        starts = [view["byteOffset"] for view in told["bufferViews"][1:]] + [binary]
+        scene = json.loads(content[20 : 20 + text])
+        assert scene["buffers"] == [{"byteLength": binary}]
+        assert all(view["byteOffset"] % 4 == 0 for view in scene["bufferViews"])
+        ends = [view["byteOffset"] + view["byteLength"] for view in scene["bufferViews"]]
+        starts = [view["byteOffset"] for view in scene["bufferViews"][1:]] + [binary]
         assert all(end <= start < end + 4 for end, start in zip(ends, starts, strict=True))
 
-    gltf = pygltflib.GLTF2().load(whole.of("high_corner.glb")[0])
+    gltf = pygltflib.GLTF2().load(whole.paths("high_corner.glb")[0])
     for mesh in gltf.meshes:
         (primitive,) = mesh.primitives
         if primitive.indices is not None:
@@ -135,8 +138,8 @@ def test_chunks_and_accessors_follow_the_format(whole):
         assert np.abs(np.linalg.norm(accessor(gltf, primitive.attributes.NORMAL), axis=1) - 1).max() < 1e-5
 
 
-def test_the_baked_colours_lie_where_the_materials_are(whole, terrain):
-    gltf = pygltflib.GLTF2().load(whole.of("high_corner.glb")[0])
+def test_baked_colours_match_materials(whole, terrain):
+    gltf = pygltflib.GLTF2().load(whole.paths("high_corner.glb")[0])
     view = gltf.bufferViews[gltf.images[0].bufferView]
     content = gltf.binary_blob()[view.byteOffset : view.byteOffset + view.byteLength]
     image = np.asarray(Image.open(io.BytesIO(content)).convert("RGB")).astype(int)
@@ -154,40 +157,43 @@ def test_the_baked_colours_lie_where_the_materials_are(whole, terrain):
     assert green > red > blue  # grass
 
 
-def test_instances_stand_where_the_plants_do(whole, plants):
-    gltf = pygltflib.GLTF2().load(whole.of("high_corner.glb")[0])
+def test_instances_match_plants(whole, plants):
+    gltf = pygltflib.GLTF2().load(whole.paths("high_corner.glb")[0])
     assert gltf.extensionsUsed == [INSTANCING]
     assert not gltf.extensionsRequired
     rows = []
     for node in gltf.nodes:
         if not node.extensions:
             continue
-        told = node.extensions[INSTANCING]["attributes"]
-        place = accessor(gltf, told["TRANSLATION"]) + np.array(node.translation)
-        spin, scale = accessor(gltf, told["ROTATION"]), accessor(gltf, told["SCALE"])
+        content = node.extensions[INSTANCING]["attributes"]
+        position = accessor(gltf, content["TRANSLATION"]) + np.array(node.translation)
+        spin, scale = accessor(gltf, content["ROTATION"]), accessor(gltf, content["SCALE"])
         assert (spin[:, [0, 2]] == 0.0).all()
-        assert (place[0] == np.array(node.translation)).all()  # where the extension is not known
+        assert (position[0] == np.array(node.translation)).all()  # where the extension is not known
         turn = 2.0 * np.arctan2(spin[:, 1], spin[:, 3])
         assert (scale == scale[:, :1]).all()
-        rows.append(np.column_stack([place[:, 0], -place[:, 2], place[:, 1], scale[:, 0], turn]))
+        rows.append(np.column_stack([position[:, 0], -position[:, 2], position[:, 1], scale[:, 0], turn]))
     found = np.concatenate(rows)
     assert len(found) == len(plants) == whole.sidecar["plants"]["count"] > 500
-    found, wanted = found[np.lexsort(found[:, :2].round(3).T)], plants[np.lexsort((plants["x"], plants["y"]))]
+    found, expected_vertices = (
+        found[np.lexsort(found[:, :2].round(3).T)],
+        plants[np.lexsort((plants["x"], plants["y"]))],
+    )
     found = found[np.lexsort((found[:, 0], found[:, 1]))]
     for column, name, bound in ((0, "x", 1e-3), (1, "y", 1e-3), (3, "scale", 1e-6)):
-        assert np.abs(found[:, column] - wanted[name]).max() < bound
-    assert np.abs(np.exp(1j * found[:, 4]) - np.exp(1j * wanted["rotation"])).max() < 1e-5
+        assert np.abs(found[:, column] - expected_vertices[name]).max() < bound
+    assert np.abs(np.exp(1j * found[:, 4]) - np.exp(1j * expected_vertices["rotation"])).max() < 1e-5
 
 
-def test_models_of_plants_stand_on_their_feet_at_their_size(whole):
-    gltf = pygltflib.GLTF2().load(whole.of("high_corner.glb")[0])
+def test_plant_models_have_their_origin_at_the_foot_and_true_size(whole):
+    gltf = pygltflib.GLTF2().load(whole.paths("high_corner.glb")[0])
     names = {mesh.name: mesh for mesh in gltf.meshes if mesh.name.split()[0] in {"oak", "spruce", "birch"}}
     assert names
     for mesh in names.values():
-        place = accessor(gltf, mesh.primitives[0].attributes.POSITION)
-        assert 8.0 < place[:, 1].max() < 20.0
-        assert -1.0 < place[:, 1].min() <= 0.05
-        assert np.abs(place[:, [0, 2]].mean(axis=0)).max() < 1.5
+        position = accessor(gltf, mesh.primitives[0].attributes.POSITION)
+        assert 8.0 < position[:, 1].max() < 20.0
+        assert -1.0 < position[:, 1].min() <= 0.05
+        assert np.abs(position[:, [0, 2]].mean(axis=0)).max() < 1.5
 
     for species in ["grass", "flower", "fern"]:
         model = herb_model(species)
@@ -195,24 +201,24 @@ def test_models_of_plants_stand_on_their_feet_at_their_size(whole):
         assert (model.normal[:, 1] > 0.0).all(), species
 
 
-def test_points_are_the_same_plants_for_programs_without_the_extension(whole, plants):
-    gltf = pygltflib.GLTF2().load(whole.of("plant_points.glb")[0])
+def test_plant_points_match_plants(whole, plants):
+    gltf = pygltflib.GLTF2().load(whole.paths("plant_points.glb")[0])
     assert not gltf.extensionsUsed
     count = 0
     for node in gltf.nodes:
         (primitive,) = gltf.meshes[node.mesh].primitives
         assert primitive.mode == pygltflib.POINTS
-        place = accessor(gltf, primitive.attributes.POSITION).astype(float) + np.array(node.translation)
+        position = accessor(gltf, primitive.attributes.POSITION).astype(float) + np.array(node.translation)
         of_species = plants[plants["species"] == ["spruce", "pine", "oak", "birch", "shrub"].index(node.name)]
-        assert len(place) == len(of_species) == len(accessor(gltf, primitive.attributes._SCALE))
-        assert np.sort(place[:, 0]) == pytest.approx(np.sort(of_species["x"]), abs=1e-3)
-        assert np.sort(-place[:, 2]) == pytest.approx(np.sort(of_species["y"]), abs=1e-3)
-        count += len(place)
+        assert len(position) == len(of_species) == len(accessor(gltf, primitive.attributes._SCALE))
+        assert np.sort(position[:, 0]) == pytest.approx(np.sort(of_species["x"]), abs=1e-3)
+        assert np.sort(-position[:, 2]) == pytest.approx(np.sort(of_species["y"]), abs=1e-3)
+        count += len(position)
     assert count == len(plants)
 
 
-def test_waters_lie_where_they_were_placed(whole, terrain):
-    scene = trimesh.load(whole.of("high_corner.glb")[0], process=False)
+def test_water_meshes_match_rivers_and_lakes(whole, terrain):
+    scene = trimesh.load(whole.paths("high_corner.glb")[0], process=False)
     (lake,), (river,) = terrain.features.lakes, terrain.features.rivers
     for name, line in ((f"river {river.id}", river.centreline), (f"lake {lake.id}", None)):
         turn, geometry = scene.graph.get(name)
@@ -231,7 +237,7 @@ def test_waters_lie_where_they_were_placed(whole, terrain):
             assert abs(-south[at] - north[1]) < 40.0
 
 
-def test_oversized_and_unusable_scenes_are_refused(exported, monkeypatch, tmp_path):
+def test_oversized_and_invalid_scenes_are_refused(exported, monkeypatch, tmp_path):
     for error in (0.0, -1.0, float("nan"), 1e-9):
         with pytest.raises(InputError, match="expected an error of a mesh"):
             check_glb(ExportOptions(error=error))
@@ -251,12 +257,12 @@ def test_oversized_and_unusable_scenes_are_refused(exported, monkeypatch, tmp_pa
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_obj_names_what_is_there(obj, terrain):
-    lines = obj.of(".obj")[0].read_text(encoding="ascii").splitlines()
+def test_obj_names_its_objects_and_materials(obj, terrain):
+    lines = obj.paths(".obj")[0].read_text(encoding="ascii").splitlines()
     (lake,), (river,) = terrain.features.lakes, terrain.features.rivers
     objects = [line[2:] for line in lines if line.startswith("o ")]
     assert objects == ["ground", f"lake_{lake.id}", f"river_{river.id}"]
-    library = obj.of(".mtl")[0].read_text(encoding="ascii")
+    library = obj.paths(".mtl")[0].read_text(encoding="ascii")
     for line in lines:
         if line.startswith("usemtl "):
             assert f"newmtl {line[7:]}" in library
@@ -265,21 +271,21 @@ def test_an_obj_names_what_is_there(obj, terrain):
         assert image.size == (SIZE, SIZE)
 
 
-def test_an_stl_is_a_closed_solid_in_the_binary_format(exported, terrain):
+def test_stl_is_a_closed_binary_solid(exported, terrain):
     stl = exported("stl", size=SIZE)
-    mesh = trimesh.load(stl.of(".stl")[0])
+    mesh = trimesh.load(stl.paths(".stl")[0])
     assert mesh.is_watertight
     assert mesh.is_winding_consistent
     assert mesh.volume > 0.0
-    z = wanted(stl, terrain)[:, 2]
+    z = expected_vertices(stl, terrain)[:, 2]
     floor = stl.sidecar["mesh"]["floor"]
     assert mesh.bounds[0] == pytest.approx([0.0, 0.0, floor], abs=1e-3)
     assert mesh.bounds[1] == pytest.approx([1024.0, 1024.0, z.max()], abs=1e-3)
     assert floor == pytest.approx(z.min() - 0.02 * 1024.0, abs=1e-2)
     ground = np.unique(mesh.vertices[mesh.vertices[:, 2] > floor + 1.0], axis=0)
-    assert np.abs(by_place(ground) - by_place(wanted(stl, terrain))).max() < 1e-3
+    assert np.abs(by_place(ground) - by_place(expected_vertices(stl, terrain))).max() < 1e-3
 
-    content = stl.of(".stl")[0].read_bytes()
+    content = stl.paths(".stl")[0].read_bytes()
     (count,) = struct.unpack_from("<I", content, 80)
     assert not content.startswith(b"solid")  # that would be text
     assert len(content) == 84 + 50 * count
@@ -297,13 +303,13 @@ def blender(exported):
 
 @pytest.fixture(scope="module")
 def image(blender):
-    with OpenEXR.File(str(blender.of("_height.exr")[0]), separate_channels=True) as file:
+    with OpenEXR.File(str(blender.paths("_height.exr")[0]), separate_channels=True) as file:
         return {name: np.array(channel.pixels) for name, channel in file.channels().items()}
 
 
-def displaced(told, image):
+def displaced(content, image):
     """A grid as Blender makes it of the settings: U eastward, V northward, a picture's first row on top."""
-    grid = told["displace_modifier"]["grid"]
+    grid = content["displace_modifier"]["grid"]
     columns, rows = grid["x_subdivisions"] + 1, grid["y_subdivisions"] + 1
     v, u = (each.ravel() for each in np.mgrid[0 : 1 : rows * 1j, 0 : 1 : columns * 1j])
     x = (u - 0.5) * grid["size"] * grid["scale"]["x"] + grid["location"]["x"]
@@ -311,11 +317,11 @@ def displaced(told, image):
     high, wide = image.shape
     column = np.minimum((u * wide).astype(int), wide - 1)  # no interpolation, edges extended
     row = high - 1 - np.minimum((v * high).astype(int), high - 1)
-    modifier = told["displace_modifier"]
+    modifier = content["displace_modifier"]
     return x, y, modifier["strength"] * (image[row, column] - modifier["midlevel"])
 
 
-def test_the_displaced_grid_and_the_glb_are_the_terrain(blender, image, terrain):
+def test_displaced_grid_and_glb_match_the_terrain(blender, image, terrain):
     assert all((channel == image["R"]).all() for channel in image.values())
     assert {channel.dtype.name for channel in image.values()} == {"float32"}
     x, y, z = displaced(blender.sidecar["import"], image["R"])
@@ -335,10 +341,10 @@ def test_the_displaced_grid_and_the_glb_are_the_terrain(blender, image, terrain)
     assert np.abs(by_place(glb) - by_place(grid)).max() < 1e-3
 
 
-def test_plants_stand_apart_as_instances_and_as_points(exported):
-    told = exported("blender", size=SIZE)
-    names = [path.name for path in told.of(".glb")]
+def test_blender_plants_are_separate_instances_and_points(exported):
+    content = exported("blender", size=SIZE)
+    names = [path.name for path in content.paths(".glb")]
     assert sorted(names) == ["high_corner.glb", "high_corner_plant_points.glb", "high_corner_plants.glb"]
-    scene = trimesh.load(told.of("corner.glb")[0], process=False)
+    scene = trimesh.load(content.paths("corner.glb")[0], process=False)
     assert {name.split()[0] for name in scene.geometry} == {"ground", "river", "lake"}
-    assert told.sidecar["plants"]["count"] > 500
+    assert content.sidecar["plants"]["count"] > 500

@@ -1,4 +1,4 @@
-"""Ground of a map: its frame on the sheet, the terrain samples for it, and the shaded relief."""
+"""Frame and samples of a map, and its shaded relief."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from sketchterrain.terrain.terrain import Terrain
 
 Grid: TypeAlias = npt.NDArray[np.float32]
 
-LONGEST: Final = 275.0  # mm of the map's longer side at most, on a sheet of A3
+MAX_SIDE: Final = 275.0  # mm of the map's longer side, for A3
 MARGIN, TOP = 12.5, 28.0  # mm from the sheet's edges to the map
-NARROWEST: Final = 160.0  # mm of the sheet's width at least, so that there is room for the legend
+MIN_WIDTH: Final = 160.0  # mm of the sheet, for the legend
 SCALES: Final = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.5, 8.0)
 
-STEP, SMOOTH = 0.2, 0.5  # mm between samples, and of the cell size of the heights for contours
-COVER_SIGMA: Final = 0.45  # mm: how far materials are blurred, so that no speckles are left
+STEP, SMOOTH = 0.2, 0.5  # mm between samples; mm, cell size of the heights for contours
+COVER_SIGMA: Final = 0.45  # mm, blur of materials against speckles
 
 TINTS: Final[dict[str, tuple[Colour, str | None]]] = {
     "grass": ((223, 230, 194), "Grassland"),
@@ -35,33 +35,33 @@ TINTS: Final[dict[str, tuple[Colour, str | None]]] = {
     "river_bed": ((226, 226, 203), None),
     "forest_floor": ((212, 224, 182), None),
 }
-"""Of each material on paper, and what the legend calls it."""
+"""Colour of each material and its name in the legend."""
 LIGHTS: Final = ((315.0, 0.46), (270.0, 0.2), (0.0, 0.2), (225.0, 0.14))
-"""Compass bearing and share of each light: after Mark (1992), but the north-west leads."""
+"""Azimuth (degrees) and weight of each light: after Mark (1992), with more weight in the north-west."""
 ELEVATION: Final = np.radians(45.0)  # of all lights
-SIZES: Final = ((0.0, 0.5), (3.0, 0.3), (12.0, 0.2))  # blur (samples) and share of each size of landforms
-STEEP, EXAGGERATION = 0.9, (0.8, 6.0)  # slope to which the steepest tenth is exaggerated, and limits
-SHADOW: Final = np.array([0.55, 0.55, 0.66], np.float32)  # what a full shadow leaves of red, green and blue
-LIGHT, LIGHT_SHARE = np.array([255.0, 252.0, 236.0], np.float32), 0.55  # its share on slopes that face it
-HOLLOW, HOLLOW_SIZE = 0.16, 9.0  # how much darker the deepest hollows are; their size (samples)
+SIZES: Final = ((0.0, 0.5), (3.0, 0.3), (12.0, 0.2))  # blur (samples) and weight of each scale of landforms
+STEEP, EXAGGERATION = 0.9, (0.8, 6.0)  # target of the 90th percentile of slope; limits of the factor
+SHADOW: Final = np.array([0.55, 0.55, 0.66], np.float32)  # factors of colour in full shadow
+LIGHT, LIGHT_SHARE = np.array([255.0, 252.0, 236.0], np.float32), 0.55  # and its opacity on slopes facing it
+HOLLOW, HOLLOW_SIZE = 0.16, 9.0  # darkening of the deepest hollows; their size (samples)
 LOW, HIGH = np.array([[0.93, 0.965, 0.935], [1.05, 1.02, 0.99]], np.float32)
-"""Factors of colour at the lowest and the highest ground."""
-FAINT: Final = 0.78  # contrast of the lowest ground over the highest's: aerial perspective (Imhof 1965)
+"""Factors of colour at the lowest and the highest terrain."""
+FAINT: Final = 0.78  # contrast of the lowest over the highest terrain: aerial perspective (Imhof 1965)
 
 
 @dataclass(frozen=True)
 class MapFrame:
-    """A map's place on the sheet: its north-west corner (mm), what it shows (m), and its scale 1 : n."""
+    """Position, extent and scale of a map on the sheet."""
 
-    left: float
+    left: float  # mm, north-west corner on the sheet
     top: float
-    east: float
+    east: float  # m, extent
     north: float
-    scale: float
+    scale: float  # 1 : n
 
     @property
     def mm_per_metre(self) -> float:
-        """Length of a metre of ground on the sheet (mm)."""
+        """Length of a metre on the sheet (mm)."""
         return 1000.0 / self.scale
 
     @property
@@ -69,8 +69,8 @@ class MapFrame:
         """Box of the map on the sheet (mm)."""
         return self.left, self.top, self.east * self.mm_per_metre, self.north * self.mm_per_metre
 
-    def place(self, points: npt.ArrayLike) -> Points:
-        """Return where points (…, 2 or more) x, y (m) lie on the sheet: (…, 2) mm, y down."""
+    def to_sheet(self, points: npt.ArrayLike) -> Points:
+        """Convert points (…, ≥ 2) x, y (m) to the sheet: (…, 2) mm, y down."""
         point = np.asarray(points, np.float64)
         x = self.left + point[..., 0] * self.mm_per_metre
         y = self.top + (self.north - point[..., 1]) * self.mm_per_metre
@@ -79,7 +79,7 @@ class MapFrame:
 
 @dataclass(frozen=True, eq=False)
 class MapSamples:
-    """Samples (rows, columns) of the ground at the vertices of a grid over the whole sketch, row 0 north."""
+    """Samples (rows, columns) of the terrain at the vertices of a grid over the sketch, row 0 north."""
 
     frame: MapFrame
     spacing: tuple[float, float]  # m between columns and between rows
@@ -94,21 +94,21 @@ class MapSamples:
         """Rise over run of the smooth heights: eastward, northward, and steepest."""
         return _slopes(self.smooth, self.spacing)
 
-    def share(self, *names: str) -> Grid:
-        """Return the weight of some materials together, (rows, columns)."""
+    def cover_weight(self, *names: str) -> Grid:
+        """Return the total weight of some materials, (rows, columns)."""
         return np.asarray(sum(self.cover[..., MATERIALS.index(name)] for name in names), np.float32)
 
     def metres(self, row: float, column: float) -> tuple[float, float]:
-        """Return the place x, y (m) of a sample."""
+        """Return x, y (m) of a sample."""
         return column * self.spacing[0], (len(self.height) - 1 - row) * self.spacing[1]
 
-    def at(self, field: npt.NDArray[np.floating], points: Points) -> Points:
-        """Interpolate a field of the grid at points (n, 2 or more) x, y (m)."""
+    def interpolate(self, field: npt.NDArray[np.floating], points: Points) -> Points:
+        """Interpolate a field at points (n, ≥ 2) x, y (m)."""
         index = [len(self.height) - 1 - points[:, 1] / self.spacing[1], points[:, 0] / self.spacing[0]]
         return np.asarray(map_coordinates(field, index, np.float64, order=1, mode="nearest"))
 
     def isolines(self, field: Grid, levels: list[float], *, border: int = 0) -> list[list[Points]]:
-        """Return lines x, y (m) of each level of a field that reaches some samples over the grid."""
+        """Return lines x, y (m) of each level of a field, which may have a border of more samples."""
         rows, columns = field.shape
         x = (np.arange(columns) - border) * self.spacing[0]
         y = (rows - 1 - border - np.arange(rows)) * self.spacing[1]
@@ -117,13 +117,13 @@ class MapSamples:
 
 
 def fit_frame(size: tuple[float, float]) -> MapFrame:
-    """Return the frame of a sketch of a size (m), east and north, at the largest round scale that fits."""
-    scale = nearest_round(max(size) * 1000.0 / LONGEST, steps=SCALES, up=True)
-    return MapFrame(max(MARGIN, (NARROWEST - size[0] * 1000.0 / scale) / 2.0), TOP, *size, scale)
+    """Return the frame for a sketch of a size (m) at the largest round scale that fits."""
+    scale = nearest_round(max(size) * 1000.0 / MAX_SIDE, steps=SCALES, up=True)
+    return MapFrame(max(MARGIN, (MIN_WIDTH - size[0] * 1000.0 / scale) / 2.0), TOP, *size, scale)
 
 
 def nearest_round(number: float, *, steps: tuple[float, ...] = (1.0, 2.0, 5.0), up: bool = False) -> float:
-    """Return the nearest step times a power of ten, by factor; with `up` the least one not below."""
+    """Return the nearest step times a power of ten, by ratio; with `up` the least one not below."""
     power = np.floor(np.log10(number))
     choices = np.array([step * 10.0 ** (power + shift) for shift in (-1, 0, 1) for step in steps])
     if up:
@@ -131,8 +131,8 @@ def nearest_round(number: float, *, steps: tuple[float, ...] = (1.0, 2.0, 5.0), 
     return float(choices[np.argmin(np.abs(np.log(choices / number)))])
 
 
-def sample_ground(terrain: Terrain, frame: MapFrame) -> MapSamples:
-    """Sample a terrain as finely as its map shows it."""
+def sample_map(terrain: Terrain, frame: MapFrame) -> MapSamples:
+    """Sample a terrain at the resolution of its map."""
     raster = terrain.raster(max(round(max(frame.box[2:]) / STEP), 64) + 1)
     rows, columns = raster.height.shape
     cell = SMOOTH / frame.mm_per_metre
@@ -146,24 +146,24 @@ def sample_ground(terrain: Terrain, frame: MapFrame) -> MapSamples:
     return MapSamples(frame, raster.spacing, raster.height, smooth, cell, depth, cover)
 
 
-def shaded_relief(ground: MapSamples) -> npt.NDArray[np.uint8]:
-    """Return the ground's colours, lit from several sides: (rows, columns, 3), row 0 north."""
+def shaded_relief(samples: MapSamples) -> npt.NDArray[np.uint8]:
+    """Return the terrain's colours with multidirectional hillshading: (rows, columns, 3), row 0 north."""
     tints = np.array([TINTS[name][0] for name in MATERIALS], np.float32)
-    colour = ground.cover @ tints / np.maximum(ground.cover.sum(axis=-1, keepdims=True), 1e-6)
-    rise = _rise(ground.height)[..., None]
+    colour = samples.cover @ tints / np.maximum(samples.cover.sum(axis=-1, keepdims=True), 1e-6)
+    rise = _rise(samples.height)[..., None]
     colour *= LOW + rise * (HIGH - LOW)
-    lit = _light(ground)[..., None]
+    lit = _light(samples)[..., None]
     flat = np.float32(np.sin(ELEVATION))
     contrast = FAINT + (1.0 - FAINT) * rise
     colour *= 1.0 - np.clip((flat - lit) / flat * contrast, 0.0, 1.0) * (1.0 - SHADOW)
     colour += LIGHT_SHARE * np.clip((lit - flat) / (1.0 - flat) * contrast, 0.0, 1.0) * (LIGHT - colour)
-    under = np.maximum(gaussian_filter(ground.height, HOLLOW_SIZE) - ground.height, 0.0)[..., None]
+    under = np.maximum(gaussian_filter(samples.height, HOLLOW_SIZE) - samples.height, 0.0)[..., None]
     colour *= 1.0 - HOLLOW * np.clip(under / max(float(np.percentile(under, 99.0)), 1e-6), 0.0, 1.0)
     return np.asarray(np.clip(np.rint(colour), 0, 255), np.uint8)
 
 
 def _lake_depth(terrain: Terrain, height: Grid, x: Points, y: Points) -> Grid:
-    """Return how deep lakes are (m); off their painted shapes it falls with the distance."""
+    """Return the depth of lakes (m), falling with the distance outside of their painted shapes."""
     depth = np.full(height.shape, -1e6, np.float32)
     for lake in terrain.features.lakes:
         field = lake.shape
@@ -171,7 +171,7 @@ def _lake_depth(terrain: Terrain, height: Grid, x: Points, y: Points) -> Grid:
         columns = np.flatnonzero((column >= 0) & (column <= field.inside.shape[1] - 1))
         rows = np.flatnonzero((row >= 0) & (row <= field.inside.shape[0] - 1))
         index = np.meshgrid(row[rows], column[columns], indexing="ij")
-        # A lake's water reaches no farther than two samples over its painted border.
+        # Water extends at most two samples beyond the painted shape.
         inside = map_coordinates(field.inside, index, np.float64, order=1) + 2.0 * field.spacing
         there = np.ix_(rows, columns)
         depth[there] = np.maximum(depth[there], np.minimum(lake.level - height[there], inside))
@@ -179,7 +179,7 @@ def _lake_depth(terrain: Terrain, height: Grid, x: Points, y: Points) -> Grid:
 
 
 def _rise(height: Grid) -> Grid:
-    """Return 0 … 1 from the lowest to the highest ground: half by height, half by how much lies lower."""
+    """Return relative elevation, 0 … 1: the mean of normalised height and percentile rank."""
     share = np.linspace(0.0, 1.0, 65)
     steps = np.quantile(height, share)
     rank = np.interp(height, steps, share)
@@ -187,13 +187,13 @@ def _rise(height: Grid) -> Grid:
     return np.asarray(0.5 * rank + 0.5 * part, np.float32)
 
 
-def _light(ground: MapSamples) -> Grid:
-    """Return the mean cosine of incidence of all lights, over the landforms of all sizes."""
-    total = np.zeros(ground.height.shape, np.float32)
+def _light(samples: MapSamples) -> Grid:
+    """Return the weighted mean cosine of incidence over all lights and scales of landforms."""
+    total = np.zeros(samples.height.shape, np.float32)
     up, level = np.sin(ELEVATION), np.cos(ELEVATION)
     for sigma, share in SIZES:
-        height = gaussian_filter(ground.height, sigma) if sigma else ground.height
-        east, north, steep = _slopes(height, ground.spacing)
+        height = gaussian_filter(samples.height, sigma) if sigma else samples.height
+        east, north, steep = _slopes(height, samples.spacing)
         times = np.float32(np.clip(STEEP / max(float(np.percentile(steep, 90.0)), 1e-6), *EXAGGERATION))
         east, north, length = east * times, north * times, np.hypot(1.0, steep * times)
         for bearing, part in LIGHTS:

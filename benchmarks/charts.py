@@ -8,21 +8,16 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from sketchterrain.benchmarks.accuracy import DOUBLE, FLOAT, NUMPY
-from sketchterrain.benchmarks.adherence_chart import draw_adherence
 from sketchterrain.benchmarks.blue_noise_chart import draw_room, draw_spectra, draw_table_6_1
 from sketchterrain.benchmarks.choices_chart import draw_choices
 from sketchterrain.benchmarks.culling_chart import draw_culling
 from sketchterrain.benchmarks.erosion_chart import draw_erosion, draw_normals
 from sketchterrain.benchmarks.flight_chart import draw_errors, draw_frames, draw_generation
 from sketchterrain.benchmarks.live_chart import draw_live
-from sketchterrain.benchmarks.meshes_chart import draw_meshes
 from sketchterrain.benchmarks.outcome import value_of
-from sketchterrain.benchmarks.packing_chart import draw_packing
 from sketchterrain.benchmarks.pictures_chart import draw_parts, draw_qualities
-from sketchterrain.benchmarks.scaling_chart import draw_scaling
 from sketchterrain.benchmarks.speed_chart import draw_rates, draw_thesis
 from sketchterrain.benchmarks.spline_chart import draw_splines
-from sketchterrain.benchmarks.tracing_chart import draw_tracing
 from sketchterrain.benchmarks.worlds_chart import draw_worlds
 
 if TYPE_CHECKING:
@@ -240,58 +235,17 @@ def _kernels(rows: Sequence[Row]) -> Any:
     return figure
 
 
-# Tiles ----------------------------------------------------------------------------------------------------
-
-
-def _tiles(rows: Sequence[Row]) -> Any:
-    """Vertices a second by batch size: a pair of lines a ground."""
-    figure = _figure(7.0, 4.0)
-    axes = figure.subplots()
-    grounds = dict.fromkeys(str(row["ground"]) for row in rows)
-    for ground, colour in zip(grounds, _HUES, strict=False):
-        of_ground = [row for row in rows if row["ground"] == ground]
-        batches = [value_of(row, "batch") for row in of_ground]
-        for key, what, style in (
-            ("launch_rate", "launches alone", "--"),
-            ("total_rate", "with download", "-"),
-        ):
-            rates = [value_of(row, key) for row in of_ground]
-            axes.plot(batches, rates, f"o{style}", color=colour, markersize=4, linewidth=1.4)
-            axes.annotate(
-                f"{ground}, {what}",
-                (batches[-1], rates[-1]),
-                (7, 4 if key == "launch_rate" else -4),
-                textcoords="offset points",
-                color=colour,
-                va="center",
-                fontsize=_SMALL + 0.5,
-            )
-    batches = sorted({int(value_of(row, "batch")) for row in rows})
-    axes.set_xscale("log", base=2)
-    axes.set_xticks(batches, [str(batch) for batch in batches])
-    axes.set(xlim=(batches[0] / 1.3, batches[-1] * 7), ylim=(0, None))
-    axes.set(xlabel="tiles a launch", ylabel="million vertices a second")
-    figure.suptitle("Tiles of 64 quads with normals and materials", x=0.01, ha="left")
-    return figure
-
-
 CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
     "accuracy": _accuracy,
-    "adherence": lambda rows: draw_adherence(_figure(9.0, 5.4), rows, _HUES),
     "culling": lambda rows: draw_culling(_figure(7.0, 4.0), rows),
     "erosion": draw_erosion,
     "flight": draw_errors,
     "kernels": _kernels,
     "live": draw_live,
-    "meshes": draw_meshes,
-    "packing": draw_packing,
     "pictures": draw_qualities,
     "points": draw_table_6_1,
-    "sketch": draw_scaling,
     "speed": lambda rows: draw_rates(_figure(9.0, 3.6), rows),
     "splines": draw_splines,
-    "tiles": _tiles,
-    "trace": draw_tracing,
     "world": draw_worlds,
 }
 """How each benchmark that has a chart draws it, from the rows of its first table."""

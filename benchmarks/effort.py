@@ -10,175 +10,69 @@ from sketchterrain.render.quality import PARTS
 
 @dataclass(frozen=True)
 class Effort:
-    """Sizes of every benchmark.
+    """Sizes of every benchmark."""
 
-    Attributes
-    ----------
-    rounds : int
-        Measured rounds after one for warming up.
-    presets : tuple of str
-        Presets whose features are placed and evaluated.
-    kernel_levels : tuple of int
-        Tile levels at which kernels are timed.
-    kernel_tiles, kernel_points : int
-        Tiles and single points a launch.
-    noise_side : int
-        Vertices along the side of the noise benchmark's grid.
-    tile_counts : tuple of (str, int)
-        Ground and number of tiles evaluated for each size of batch.
-    tile_batches : tuple of int
-        Tiles a launch; sizes above a ground's number of tiles are left out.
-    thesis_tiles : int
-        Tiles evaluated in the thesis's way.
-    spline_count : int
-        Splines of each kind of trap.
-    culling_features : tuple of int
-        Features in the worlds in which culling is measured.
-    foliage_side : float
-        Side of the square that is planted, m.
-    point_side : float
-        Side of the square of table 6.1 of the thesis, in the unit of its distances.
-    point_distances, point_trials : tuple of int
-        r and k of table 6.1 of the thesis.
-    room_side : float
-        Side of the square whose room is measured, in distances.
-    room_trials, peer_trials : tuple of int
-        k at which the room that is left is measured: of this program and the thesis's way, of libraries.
-    room_places : int
-        Places drawn to see whether another point would fit there.
-    scipy_side : float
-        Side of scipy's square, in distances.
-    point_sides : tuple of float
-        Sides of squares with many points, in distances.
-    spectrum_sets : int
-        Sets of points whose spectra are averaged.
-    sketch_sides, sketch_shapes : tuple of int
-        Sides (px) and numbers of shapes of the sketches on which placement's growth is measured.
-    sketch_rounds : int
-        Measured rounds of each.
-    accuracy_grounds : tuple of str
-        Presets on which errors are measured.
-    accuracy_levels : tuple of int
-        Tile levels, which set the cell size, at which errors are measured.
-    accuracy_tiles : int
-        Tiles a level.
-    choice_tiles : int
-        Tiles, a square number, on which other ways are compared.
-    fidelities : tuple of float
-        At which adherence is measured.
-    flight_views, flight_frames : int
-        Places of the flight at which errors are measured, and frames that are flown.
-    flight_every : int
-        Pixels between samples of a picture.
-    flight_size : (int, int)
-        Width and height of frames that are drawn, px.
-    flight_quads, flight_own_quads : tuple of int
-        Sizes of tiles that are flown with, and those of this program whose errors are measured.
-    flight_own_pixels, flight_pixels : tuple of float
-        τ at which errors are measured, px: of this program, which flies with them too; of the peers.
-    flight_tessellations, flight_factors : tuple of float
-        T of the thesis's metric at which errors are measured, and those that are flown with.
-    flight_grid_levels : tuple of int
-        Levels of the uniform grids.
-    picture_views : tuple of (str, str)
-        Preset and kind of view of the pictures; in the last one parts are left out.
-    picture_numbers : tuple of float
-        Their qualities, besides the best.
-    picture_parts : tuple of str
-        Parts that are left out in turn.
-    picture_rounds : int
-        Measured rounds of each.
-    picture_size : (int, int)
-        Width and height of pictures, px.
-    live_strokes, live_dabs : int
-        Strokes, and single dabs, that are painted while the terrain follows.
-    mesh_side : int
-        Vertices along the longer side of the grids that are meshed.
-    mesh_errors : tuple of float
-        Errors that meshes are asked for, m.
-    mesh_rounds : int
-        Measured rounds of each.
-    batch_size : int
-        Vertices along a side of a batch's terrains.
-    batch_files : tuple of {'all', 'without preview'}
-        What is written of each.
-    batch_seeds, batch_fresh : int
-        Terrains of a batch, and those made one by one, in a round.
-    batch_jobs : tuple of int
-        Terrains of a batch in work at once.
-    batch_rounds : int
-        Measured rounds.
-    world_sides : tuple of int
-        Vertices along a side of worlds that are written.
-    world_workers_side : int
-        Vertices along a side of the world that workers share.
-    world_workers : tuple of int
-        How many they are, besides none.
-    world_rounds : int
-        Measured rounds of each.
-    """
-
-    rounds: int
-    presets: tuple[str, ...]
-    kernel_levels: tuple[int, ...]
-    kernel_tiles: int
+    rounds: int  # Measured rounds after one for warming up
+    presets: tuple[str, ...]  # Presets whose features are placed and evaluated
+    kernel_levels: tuple[int, ...]  # Tile levels at which kernels are timed
+    kernel_tiles: int  # Tiles and single points a launch
     kernel_points: int
-    noise_side: int
-    tile_counts: tuple[tuple[str, int], ...]
-    tile_batches: tuple[int, ...]
-    thesis_tiles: int
-    spline_count: int
-    culling_features: tuple[int, ...]
-    foliage_side: float
-    point_side: float
-    point_distances: tuple[int, ...]
+    noise_side: int  # Vertices along the side of the noise benchmark's grid
+    thesis_tiles: int  # Tiles evaluated in the thesis's way
+    spline_count: int  # Splines of each kind of trap
+    culling_features: tuple[int, ...]  # Features in the worlds in which culling is measured
+    point_side: float  # Side of the square of table 6.1 of the thesis, in the unit of its distances
+    point_distances: tuple[int, ...]  # r and k of table 6.1 of the thesis
     point_trials: tuple[int, ...]
-    room_side: float
-    room_trials: tuple[int, ...]
+    room_side: float  # Side of the square whose room is measured, in distances
+    room_trials: tuple[
+        int, ...
+    ]  # k at which the room that is left is measured: of this program and the thesis's way, of libraries
     peer_trials: tuple[int, ...]
-    room_places: int
-    scipy_side: float
-    point_sides: tuple[float, ...]
-    spectrum_sets: int
-    sketch_sides: tuple[int, ...]
-    sketch_shapes: tuple[int, ...]
-    sketch_rounds: int
-    accuracy_grounds: tuple[str, ...]
-    accuracy_levels: tuple[int, ...]
-    accuracy_tiles: int
-    choice_tiles: int
-    fidelities: tuple[float, ...]
-    flight_views: int
+    room_places: int  # Places drawn to see whether another point would fit there
+    scipy_side: float  # Side of scipy's square, in distances
+    point_sides: tuple[float, ...]  # Sides of squares with many points, in distances
+    spectrum_sets: int  # Sets of points whose spectra are averaged
+    accuracy_grounds: tuple[str, ...]  # Presets on which errors are measured
+    accuracy_levels: tuple[int, ...]  # Tile levels, which set the cell size, at which errors are measured
+    accuracy_tiles: int  # Tiles a level
+    choice_tiles: int  # Tiles, a square number, on which other ways are compared
+    flight_views: int  # Places of the flight at which errors are measured, and frames that are flown
     flight_frames: int
-    flight_every: int
-    flight_size: tuple[int, int]
-    flight_quads: tuple[int, ...]
+    flight_every: int  # Pixels between samples of a picture
+    flight_size: tuple[int, int]  # Width and height of frames that are drawn, px
+    flight_quads: tuple[
+        int, ...
+    ]  # Sizes of tiles that are flown with, and those of this program whose errors are measured
     flight_own_quads: tuple[int, ...]
     flight_pixels: tuple[float, ...]
-    flight_tessellations: tuple[float, ...]
-    flight_own_pixels: tuple[float, ...]
+    flight_tessellations: tuple[
+        float, ...
+    ]  # T of the thesis's metric at which errors are measured, and those that are flown with
+    flight_own_pixels: tuple[
+        float, ...
+    ]  # τ at which errors are measured, px: of this program, which flies with them too; of the peers
     flight_factors: tuple[float, ...]
-    flight_grid_levels: tuple[int, ...]
-    picture_views: tuple[tuple[str, str], ...]
-    picture_numbers: tuple[float, ...]
-    picture_parts: tuple[str, ...]
-    picture_rounds: int
-    picture_size: tuple[int, int]
-    live_strokes: int
+    flight_grid_levels: tuple[int, ...]  # Levels of the uniform grids
+    picture_views: tuple[
+        tuple[str, str], ...
+    ]  # Preset and kind of view of the pictures; in the last one parts are left out
+    picture_numbers: tuple[float, ...]  # Their qualities, besides the best
+    picture_parts: tuple[str, ...]  # Parts that are left out in turn
+    picture_rounds: int  # Measured rounds of each
+    picture_size: tuple[int, int]  # Width and height of pictures, px
+    live_strokes: int  # Strokes, and single dabs, that are painted while the terrain follows
     live_dabs: int
-    mesh_side: int
-    mesh_errors: tuple[float, ...]
-    mesh_rounds: int
-    batch_size: int
-    batch_files: tuple[str, ...]
-    batch_seeds: int
+    batch_size: int  # Vertices along a side of a batch's terrains
+    batch_files: tuple[str, ...]  # What is written of each
+    batch_seeds: int  # Terrains of a batch, and those made one by one, in a round
     batch_fresh: int
-    batch_jobs: tuple[int, ...]
-    batch_rounds: int
-    world_sides: tuple[int, ...]
-    world_workers_side: int
-    world_workers: tuple[int, ...]
-    world_rounds: int
+    batch_jobs: tuple[int, ...]  # Terrains of a batch in work at once
+    batch_rounds: int  # Measured rounds
+    world_sides: tuple[int, ...]  # Vertices along a side of worlds that are written
+    world_workers_side: int  # Vertices along a side of the world that workers share
+    world_workers: tuple[int, ...]  # How many they are, besides none
+    world_rounds: int  # Measured rounds of each
 
 
 QUICK = Effort(
@@ -188,12 +82,9 @@ QUICK = Effort(
     kernel_tiles=8,
     kernel_points=1 << 14,
     noise_side=512,
-    tile_counts=(("bare", 256), ("valley_river", 16)),
-    tile_batches=(1, 16, 64, 256),
     thesis_tiles=9,
     spline_count=24,
     culling_features=(100, 1_000, 10_000, 100_000),
-    foliage_side=400.0,
     point_side=512.0,
     point_distances=(1, 2, 4, 8),
     point_trials=(4, 8, 12),
@@ -204,14 +95,10 @@ QUICK = Effort(
     scipy_side=16.0,
     point_sides=(512.0,),
     spectrum_sets=5,
-    sketch_sides=(256, 512, 1024),
-    sketch_shapes=(5, 50, 500),
-    sketch_rounds=2,
     accuracy_grounds=("valley_river",),
     accuracy_levels=(2, 5, 8, 11),
     accuracy_tiles=2,
     choice_tiles=4,
-    fidelities=(0.0, 0.4, 0.8, 1.0),
     flight_views=1,
     flight_frames=10,
     flight_every=8,
@@ -230,9 +117,6 @@ QUICK = Effort(
     picture_size=(640, 360),
     live_strokes=3,
     live_dabs=6,
-    mesh_side=257,
-    mesh_errors=(8.0, 2.0, 0.5),
-    mesh_rounds=2,
     batch_size=257,
     batch_files=("without preview",),
     batch_seeds=2,
@@ -253,12 +137,9 @@ FULL = Effort(
     kernel_tiles=64,
     kernel_points=1 << 18,
     noise_side=2048,
-    tile_counts=(("bare", 256), ("valley_river", 256)),
-    tile_batches=(1, 16, 64, 256),
     thesis_tiles=256,
     spline_count=1737,
     culling_features=(100, 1_000, 10_000, 100_000, 1_000_000),
-    foliage_side=2000.0,
     point_side=512.0,
     point_distances=(1, 2, 4, 8),
     point_trials=(4, 8, 12),
@@ -269,14 +150,10 @@ FULL = Effort(
     scipy_side=32.0,
     point_sides=(1024.0, 4096.0),
     spectrum_sets=20,
-    sketch_sides=(256, 512, 1024, 2048, 4096),
-    sketch_shapes=(5, 50, 500, 5000),
-    sketch_rounds=1,
     accuracy_grounds=("valley_river", "desert_mountains"),
     accuracy_levels=(2, 4, 6, 8, 10, 12),
     accuracy_tiles=4,
     choice_tiles=16,
-    fidelities=(0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0),
     flight_views=6,
     flight_frames=300,
     flight_every=4,
@@ -295,9 +172,6 @@ FULL = Effort(
     picture_size=(1280, 720),
     live_strokes=60,
     live_dabs=120,
-    mesh_side=1025,
-    mesh_errors=(16.0, 4.0, 1.0, 0.25),
-    mesh_rounds=3,
     batch_size=1025,
     batch_files=("all", "without preview"),
     batch_seeds=6,

@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from sketchterrain.benchmarks.latency_probe import LatencyProbe
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
-from sketchterrain.benchmarks.sketch_scaling import sketch_of
 from sketchterrain.benchmarks.timing import spread
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.placement.feature_types import FEATURE_TYPES
 
 if TYPE_CHECKING:
+    from sketchterrain.array_types import UInt8Array
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.latency_probe import Painted
     from sketchterrain.benchmarks.timing import TimedContext
-    from sketchterrain.document.sketch import Sketch
 
 SEED: Final = 11
 STAGES: Final = ("waiting", "placing", "areas", "handing over", "tiles")
 _SIDE, _BLOBS = 512, 18
+_SKETCH_SEED = 5
+_RADIUS_SHARE = 0.38  # of a shape's cell
+_ROUGHNESS = ((2, 0.15), (3, 0.1), (5, 0.05))  # lobes of an outline and their depths
 _LAYERS: Final = ("mountain", "hill", "dune", "forest", "river", "lake")
 
 _COLUMNS = (
@@ -106,3 +111,31 @@ def _found(painting: str, times: list[tuple[float, ...]], stalls: list[float]) -
         "stall_p95_ms": float(np.percentile(stalls or [0.0], 95)) * 1e3,
         "seconds": samples,
     }
+
+
+def sketch_of(side: int, shapes: int) -> Sketch:
+    """Return blobs in rows, a fourth of them in each layer of point features, and a winding river."""
+    rng = np.random.default_rng(_SKETCH_SEED)
+    layers = {name: np.zeros((side, side), np.uint8) for name in (*FEATURE_TYPES, "river")}
+    columns = math.ceil(math.sqrt(shapes))
+    cell = side / columns
+    for number in range(shapes):
+        row, column = divmod(number, columns)
+        image = layers[FEATURE_TYPES[number % len(FEATURE_TYPES)]]
+        _paint_blob(image, ((row + 0.5) * cell, (column + 0.5) * cell), _RADIUS_SHARE * cell, rng)
+    across = np.arange(side)
+    down = (side * (0.5 + 0.2 * np.sin(9.0 * across / side))).astype(int)
+    for offset in range(-(side // 256), side // 256 + 1):
+        layers["river"][np.clip(down + offset, 0, side - 1), across] = 1
+    return Sketch(layers=layers)
+
+
+def _paint_blob(image: UInt8Array, at: tuple[float, float], radius: float, rng: np.random.Generator) -> None:
+    top, left = (max(int(middle - radius), 0) for middle in at)
+    bottom, right = (math.ceil(middle + radius) + 1 for middle in at)
+    window = image[top:bottom, left:right]
+    down, across = np.ogrid[: window.shape[0], : window.shape[1]]
+    down, across = down + top + 0.5 - at[0], across + left + 0.5 - at[1]
+    angle = np.arctan2(down, across)
+    outline = 0.7 + sum(depth * np.cos(k * angle + rng.uniform(0, 2 * math.pi)) for k, depth in _ROUGHNESS)
+    window[down**2 + across**2 <= np.maximum(radius * outline, 0.8) ** 2] = 1

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from sketchterrain.benchmarks import (
     accuracy,
-    adherence,
     batches,
     blue_noise,
     culling,
@@ -16,18 +15,10 @@ from sketchterrain.benchmarks import (
     flight,
     kernel_times,
     live,
-    meshes,
     noise,
-    packing,
-    part_costs,
     pictures,
-    placement,
-    planting,
-    sketch_scaling,
     speed,
     splines,
-    tile_rates,
-    tracing,
     worlds,
 )
 from sketchterrain.benchmarks.grounds import BARE_SEED
@@ -86,19 +77,7 @@ BENCHMARKS = {
             f"noise {noise.SEED}, bare ground {BARE_SEED}, presets their own",
             speed.measure,
         ),
-        Benchmark("noise", "a square grid of vertices 1 m apart", str(noise.SEED), noise.measure),
-        Benchmark(
-            "tiles",
-            "bare ground: 4096 m of default relief without features; valley_river",
-            f"bare ground {BARE_SEED}, valley_river its own",
-            tile_rates.measure,
-        ),
         Benchmark("culling", "hills at one density in worlds of any size", str(BARE_SEED), culling.measure),
-        Benchmark("parts", "valley_river and desert_mountains", _OWN, part_costs.measure),
-        Benchmark("features", f"the sketches of {_PRESETS}", _OWN, placement.measure),
-        Benchmark("adherence", f"the sketches of {_PRESETS}", _OWN, adherence.measure),
-        Benchmark("sketch", "blobs and a river", str(sketch_scaling.SEED), sketch_scaling.measure),
-        Benchmark("foliage", f"the middle of {_PRESETS}", _OWN, planting.measure),
         Benchmark(
             "points",
             "a square, and its middle for spectra",
@@ -114,11 +93,8 @@ BENCHMARKS = {
             "pictures", "valley_river, from the ground; full run: from high above too", _OWN, pictures.measure
         ),
         Benchmark("erosion", "the middle of alpine_range, 8 km wide in a full run", _OWN, erosion.measure),
-        Benchmark("meshes", f"the whole of {_PRESETS}", _OWN, meshes.measure),
         Benchmark("batch", "valley_river over 6144 m", "1 and on", batches.measure),
         Benchmark("world", "valley_river and what lies beyond it", _OWN, worlds.measure),
-        Benchmark("packing", f"the middle of {_PRESETS}", _OWN, packing.measure),
-        Benchmark("trace", f"the sketches of {_PRESETS}", "none", tracing.measure),
         Benchmark(
             "accuracy",
             "tiles drawn from the whole of valley_river (full run: of desert_mountains too)",

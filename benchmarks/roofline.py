@@ -10,7 +10,6 @@ import numpy as np
 from sketchterrain.benchmarks.grounds import BARE, central_keys, open_ground
 from sketchterrain.benchmarks.noise import OCTAVES, NoiseGrid
 from sketchterrain.benchmarks.outcome import Column, Row, Table
-from sketchterrain.benchmarks.tile_rates import LEVEL
 from sketchterrain.benchmarks.timing import alternate, spread
 from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.terrain.kernel_arguments import KernelArguments
@@ -28,6 +27,7 @@ if TYPE_CHECKING:
 OPERATIONS = 97
 """Of an octave of simplex noise at a point, whole and real, as a compiler counts them; loads are none."""
 
+LEVEL = 5  # of tiles
 _FILE = "baselines/roofline.cl"
 _CHAINS = 8  # of the kernels
 _OPERATING = (("one by one", "roof_operate", 1), ("in eights", "roof_operate_eights", 8))

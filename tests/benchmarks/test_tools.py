@@ -1,7 +1,6 @@
 """Registry, timing, tables and small measures of the benchmarks."""
 
 import io
-import itertools
 import re
 from importlib.resources import files
 
@@ -9,7 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from sketchterrain.benchmarks import BENCHMARKS, meshes
+from sketchterrain.benchmarks import BENCHMARKS
 from sketchterrain.benchmarks.charts import CHARTS
 from sketchterrain.benchmarks.effort import FULL, QUICK
 from sketchterrain.benchmarks.kernel_times import WRITTEN
@@ -19,7 +18,6 @@ from sketchterrain.benchmarks.registry import choose
 from sketchterrain.benchmarks.tables import markdown, shown, terminal
 from sketchterrain.benchmarks.timing import Lap, Launch, alternate, lap, spread
 from sketchterrain.errors import InputError
-from sketchterrain.export.mesh import mesh_error
 from sketchterrain.io.resources import preset_names
 
 
@@ -38,9 +36,9 @@ def test_every_benchmark_describes_itself_and_charts_and_efforts_name_known_ones
 
 def test_benchmarks_are_chosen_by_name_in_the_order_of_the_registry():
     assert [b.name for b in choose([])] == list(BENCHMARKS)
-    assert [b.name for b in choose(["tiles", "noise", "tiles"])] == ["noise", "tiles"]
+    assert [b.name for b in choose(["live", "culling", "live"])] == ["culling", "live"]
     with pytest.raises(InputError) as caught:
-        choose(["noise", "nothing"])
+        choose(["culling", "nothing"])
     line = str(caught.value)
     assert "'nothing'" in line
     assert all(name in line for name in BENCHMARKS)
@@ -136,25 +134,6 @@ def test_context_counts_the_items_of_each_launch(context):
         ]
         assert one.device == pytest.approx(sum(launch.seconds for launch in one.launches))
         assert all(launch.seconds >= 0 for launch in one.launches)
-
-
-def test_a_uniform_grid_covers_the_ground_with_no_fewer_triangles():
-    for shape, least in itertools.product([(33, 33), (17, 65), (5, 40)], [1, 7, 90, 10_000]):
-        mesh = meshes.uniform_mesh(*shape, least=least)
-        assert len(mesh.triangles) >= min(least, 2 * (shape[0] - 1) * (shape[1] - 1)), (shape, least)
-        # Infinite if any vertex were uncovered.
-        assert mesh_error(mesh, np.zeros(shape)) == 0.0, (shape, least)
-
-
-@pytest.mark.slow
-def test_errors_are_kept_and_uniform_grids_are_further_off(context, tiny):
-    pytest.importorskip("pydelatin")
-    (table,) = meshes.measure(context, tiny).tables
-    assert [row["asked"] for row in table.rows] == list(tiny.mesh_errors)
-    for row in table.rows:
-        assert 0.0 < row["error"] <= row["asked"]
-        assert row["uniform_triangles"] >= row["triangles"]
-        assert row["uniform_error"] > row["error"]
 
 
 def test_stages_of_live_painting_add_up_to_the_whole():

@@ -10,7 +10,7 @@ import numpy as np
 
 from sketchterrain.benchmarks import choices
 from sketchterrain.benchmarks.grounds import open_ground, scattered_keys
-from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
+from sketchterrain.benchmarks.report import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import host_samples

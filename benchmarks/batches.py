@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
+from sketchterrain.benchmarks.report import Column, Outcome, Row, Table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -8,22 +8,22 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from sketchterrain.benchmarks.accuracy import DOUBLE, FLOAT, NUMPY
-from sketchterrain.benchmarks.blue_noise_chart import draw_room, draw_spectra, draw_table_6_1
-from sketchterrain.benchmarks.choices_chart import draw_choices
-from sketchterrain.benchmarks.culling_chart import draw_culling
-from sketchterrain.benchmarks.erosion_chart import draw_erosion, draw_normals
+from sketchterrain.benchmarks.choices import draw_choices
+from sketchterrain.benchmarks.culling import draw_culling
+from sketchterrain.benchmarks.erosion import draw_erosion, draw_normals
 from sketchterrain.benchmarks.flight_chart import draw_errors, draw_frames, draw_generation
-from sketchterrain.benchmarks.live_chart import draw_live
-from sketchterrain.benchmarks.outcome import value_of
-from sketchterrain.benchmarks.pictures_chart import draw_parts, draw_qualities
-from sketchterrain.benchmarks.speed_chart import draw_rates, draw_thesis
-from sketchterrain.benchmarks.spline_chart import draw_splines
-from sketchterrain.benchmarks.worlds_chart import draw_worlds
+from sketchterrain.benchmarks.live import draw_live
+from sketchterrain.benchmarks.pictures import draw_parts, draw_qualities
+from sketchterrain.benchmarks.points import draw_room, draw_spectra, draw_table_6_1
+from sketchterrain.benchmarks.report import value_of
+from sketchterrain.benchmarks.speed import draw_rates, draw_thesis
+from sketchterrain.benchmarks.splines import draw_splines
+from sketchterrain.benchmarks.worlds import draw_worlds
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from sketchterrain.benchmarks.outcome import Outcome, Row
+    from sketchterrain.benchmarks.report import Outcome, Row
 
 # Okabe and Ito's palette, which colour-blind people can tell apart.
 _BLUE, _VERMILION, _GREEN, _PURPLE, _ORANGE = "#0072B2", "#D55E00", "#009E73", "#AA5586", "#E69F00"

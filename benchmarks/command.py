@@ -12,8 +12,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from sketchterrain.benchmarks.effort import FULL, QUICK
 from sketchterrain.benchmarks.machine import describe
 from sketchterrain.benchmarks.registry import BENCHMARKS, choose
-from sketchterrain.benchmarks.report import Report
-from sketchterrain.benchmarks.tables import terminal
+from sketchterrain.benchmarks.report import Report, terminal
 from sketchterrain.benchmarks.timing import TimedContext
 
 if TYPE_CHECKING:

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sketchterrain.benchmarks.flight_errors import MOST
+from sketchterrain.benchmarks.flight import MOST
 from sketchterrain.benchmarks.flight_generation import BUDGET
 from sketchterrain.benchmarks.flight_ways import OURS, THESIS
-from sketchterrain.benchmarks.outcome import samples_of, value_of
+from sketchterrain.benchmarks.report import samples_of, value_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from sketchterrain.benchmarks.outcome import Row
+    from sketchterrain.benchmarks.report import Row
 
 # Okabe and Ito's palette, which colour-blind people can tell apart.
 _BLUE, _SKY, _VERMILION, _ORANGE, _GREEN, _PURPLE, _GREY = (

@@ -11,10 +11,9 @@ import numpy as np
 
 from sketchterrain.array_types import Int64Array
 from sketchterrain.benchmarks.flight_meshes import height_range
-from sketchterrain.benchmarks.flight_scene import PICTURE, RATE, stops
-from sketchterrain.benchmarks.flight_stream import OwnTiles, view_of, within_world
+from sketchterrain.benchmarks.flight_scene import PICTURE, RATE, OwnTiles, stops, view_of, within_world
 from sketchterrain.benchmarks.flight_ways import OURS, THESIS, thesis_seconds, thesis_view
-from sketchterrain.benchmarks.outcome import Column, Row, Table
+from sketchterrain.benchmarks.report import Column, Row, Table
 from sketchterrain.tiles.lod import inside_frustum
 from sketchterrain.tiles.quadtree import tile_indices
 
@@ -22,8 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from sketchterrain.benchmarks.effort import Effort
-    from sketchterrain.benchmarks.flight_scene import Stop
-    from sketchterrain.benchmarks.flight_stream import OwnFrame
+    from sketchterrain.benchmarks.flight_scene import OwnFrame, Stop
     from sketchterrain.benchmarks.timing import TimedContext
     from sketchterrain.terrain.terrain import Terrain
 

@@ -13,8 +13,7 @@ from sketchterrain.benchmarks.baselines.problem import Absent
 from sketchterrain.benchmarks.baselines.thesis import Sampling, ThesisTiles
 from sketchterrain.benchmarks.flight_meshes import Tiles, drawn, uniform_tiles
 from sketchterrain.benchmarks.flight_peers import MESHERS, Rasters, mesher
-from sketchterrain.benchmarks.flight_scene import FINEST_CELL
-from sketchterrain.benchmarks.flight_stream import OwnTiles, view_of, within_world
+from sketchterrain.benchmarks.flight_scene import FINEST_CELL, OwnTiles, view_of, within_world
 from sketchterrain.benchmarks.thesis_view import ThesisView, feature_discs
 from sketchterrain.benchmarks.timing import lap
 from sketchterrain.tiles.stream import QUADS

@@ -1,23 +1,142 @@
-"""While one paints: from a stroke to the changed terrain in the view, and whether the window stalls."""
+"""Latency from a brush stroke to the changed terrain in the view, and stalls of the window."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final
+import os
+import time
+from collections.abc import Callable, Sequence
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from sketchterrain.benchmarks.latency_probe import LatencyProbe
-from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
+from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, samples_of, value_of
 from sketchterrain.benchmarks.timing import spread
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.errors import DeviceError
 from sketchterrain.placement.feature_types import FEATURE_TYPES
+from sketchterrain.ui.app import new_window
+from sketchterrain.ui.models.painting import Stroke
 
 if TYPE_CHECKING:
+    from PyQt6.QtCore import QCoreApplication
+
     from sketchterrain.array_types import UInt8Array
     from sketchterrain.benchmarks.effort import Effort
-    from sketchterrain.benchmarks.latency_probe import Painted
     from sketchterrain.benchmarks.timing import TimedContext
+    from sketchterrain.ui.engine.protocol import ErrorReport, TerrainUpdated
+
+
+_RATE, _TIMEOUT, _HEARTBEAT = 0.008, 120.0, 5  # s between places of the mouse, s to wait, ms
+
+
+class Painted(NamedTuple):
+    """Times of one stroke: a row for each sketch that was sent, and how late the event loop was."""
+
+    # s of the monotonic clock: sketch made, placing begun and ended, recipe sent, received, tiles written
+    times: tuple[tuple[float, ...], ...]
+    stalls: tuple[float, ...]  # s that each beat of a timer in the event loop came too late
+
+
+@cache
+def _application() -> QCoreApplication:
+    """Return Qt's application, kept to the end: all Qt objects would be deleted with it."""
+    from PyQt6.QtWidgets import QApplication
+
+    return QApplication.instance() or QApplication([])
+
+
+class LatencyProbe:
+    """The program's window with its real processes, and a heartbeat in its event loop."""
+
+    def __init__(self, sketch: Sketch) -> None:
+        if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+            os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+        from PyQt6.QtCore import Qt, QTimer
+
+        from sketchterrain.ui.application import GarbageCollection
+        from sketchterrain.ui.engine.link import EngineLink
+        from sketchterrain.ui.models.document import Document
+        from sketchterrain.ui.models.preferences import Preferences
+
+        self._application = _application()
+        self._document = Document(sketch)
+        self._link = EngineLink(self._document)
+        self._made: dict[int, float] = {}
+        self._followed: list[TerrainUpdated] = []
+        self._troubles: list[ErrorReport] = []
+        self._beats: list[float] = []
+        self._link.sent.connect(self._made.__setitem__)
+        self._link.terrain_updated.connect(self._followed.append)
+        self._link.error_reported.connect(self._troubles.append)
+        self._heart = QTimer(timerType=Qt.TimerType.PreciseTimer)  # type: ignore[call-arg] # a property
+        self._heart.timeout.connect(lambda: self._beats.append(time.monotonic()))
+        self._folder = TemporaryDirectory(prefix="sketchterrain-latency-")
+        folder = Path(self._folder.name)
+        self._window = new_window(self._document, self._link, Preferences(folder / "desktop.ini"), folder)
+        self._window.resize(1600, 900)
+        self._window.show()
+        self._link.start()
+        self._wait(lambda: self._link.frame is not None)
+        self._garbage = GarbageCollection()
+
+    def end(self) -> None:
+        """Close the window and end the processes."""
+        self._garbage.stop()
+        self._link.stop()
+        self._document.mark_saved(self._document.sketch, Path(self._folder.name))  # or it would ask
+        self._window.close()
+        self._window.deleteLater()
+        self._application.processEvents()
+        self._folder.cleanup()
+
+    def paint(self, layer: str, label: int, path: Sequence[tuple[float, float]], radius: float) -> Painted:
+        """Paint a stroke (px of the sketch) at a mouse's rate, wait for the terrain, and undo it."""
+        for watched in (self._made, self._followed, self._beats):
+            watched.clear()
+        draft = self._document.begin_draft(layer)
+        stroke = Stroke(draft.image, label)
+        self._heart.start(_HEARTBEAT)
+        for x, y in path:
+            began = time.monotonic()
+            if (box := stroke.to(x, y, radius)) is not None:
+                draft.touch(box)
+            self._pause(began + _RATE)
+        if (box := stroke.finish()) is not None:
+            draft.touch(box)
+        draft.commit(f"Paint {layer}")
+        self._heart.stop()
+        stalls = np.diff(self._beats) - _HEARTBEAT * 1e-3
+        self._wait(self._is_there)
+        times = []
+        for version, made in sorted(self._made.items()):
+            at = next(each for each in self._followed if each.version >= version)
+            times.append((made, at.started, at.placed, at.sent, at.received, at.displayed))
+        self._document.undo()
+        self._wait(self._is_there)
+        return Painted(tuple(times), tuple(stalls.tolist()))
+
+    def _is_there(self) -> bool:
+        return all(any(each.version >= version for each in self._followed) for version in self._made)
+
+    def _pause(self, until: float) -> None:
+        while (left := until - time.monotonic()) > 0.0:
+            self._application.processEvents()
+            time.sleep(min(left, 0.001))
+        self._application.processEvents()
+
+    def _wait(self, until: Callable[[], bool]) -> None:
+        end = time.monotonic() + _TIMEOUT
+        self._pause(time.monotonic() + 0.02)  # so that what was painted last is on its way
+        while not until():
+            if self._troubles or time.monotonic() > end:
+                lines = "; ".join(each.line for each in self._troubles) or "no answer"
+                raise DeviceError(f"the terrain does not follow what is painted: {lines}")
+            self._pause(time.monotonic() + 0.002)
+
 
 SEED: Final = 11
 STAGES: Final = ("waiting", "placing", "areas", "handing over", "tiles")
@@ -139,3 +258,39 @@ def _paint_blob(image: UInt8Array, at: tuple[float, float], radius: float, rng: 
     angle = np.arctan2(down, across)
     outline = 0.7 + sum(depth * np.cos(k * angle + rng.uniform(0, 2 * math.pi)) for k, depth in _ROUGHNESS)
     window[down**2 + across**2 <= np.maximum(radius * outline, 0.8) ** 2] = 1
+
+
+GOAL = 150.0
+"""ms, within which 95 % of strokes shall be there."""
+# Okabe and Ito's palette, which colour-blind people can tell apart.
+_COLOURS = ("#999999", "#0072B2", "#AA5586", "#E69F00", "#009E73")
+_LINES = ("#0072B2", "#D55E00")
+_INK = "#333333"
+
+
+def draw_live(rows: Sequence[Row]) -> Any:
+    """How many sketches are there after a time; what the mean of it is made of."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10.0, 3.8), layout="constrained")
+    shares, parts = figure.subplots(1, 2)
+    for row, colour in zip(rows, _LINES, strict=False):
+        ms = np.sort(samples_of(row, "seconds")) * 1e3
+        share = np.arange(1, len(ms) + 1) / len(ms) * 100.0
+        shares.plot(ms, share, color=colour, linewidth=1.8, label=str(row["painting"]))
+    shares.axvline(GOAL, color=_INK, linewidth=0.9, linestyle=":")
+    shares.axhline(95.0, color=_INK, linewidth=0.9, linestyle=":")
+    shares.set(xlim=(0, None), ylim=(0, 101), xlabel="ms from the stroke to its heights in the view's tiles")
+    shares.set(ylabel="% of sketches", title="There after")
+    shares.legend(frameon=False, loc="lower right")
+    names = [str(row["painting"]) for row in rows]
+    left = np.zeros(len(rows))
+    for stage, colour in zip(STAGES, _COLOURS, strict=True):
+        widths = np.array([value_of(row, f"{stage}_ms".replace(" ", "_")) for row in rows])
+        parts.barh(names, widths, left=left, color=colour, height=0.5, label=stage)
+        left = left + widths
+    parts.invert_yaxis()
+    parts.set(xlabel="ms, mean", title="Where the time goes")
+    parts.legend(frameon=False, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.18), fontsize=8)
+    figure.suptitle("Painting while the terrain follows", x=0.01, ha="left")
+    return figure

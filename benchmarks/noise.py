@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sketchterrain.benchmarks.baselines.problem import NoiseProblem
-from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
+from sketchterrain.benchmarks.report import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import alternate, lap, spread
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.noise import NoiseStack, corner_table, fbm, fbm_slope, octave_table

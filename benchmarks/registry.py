@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from sketchterrain.benchmarks import (
     accuracy,
     batches,
-    blue_noise,
     culling,
     erosion,
     flight,
@@ -21,6 +20,9 @@ from sketchterrain.benchmarks import (
     splines,
     worlds,
 )
+from sketchterrain.benchmarks import (
+    points as blue_noise,
+)
 from sketchterrain.benchmarks.grounds import BARE_SEED
 from sketchterrain.errors import InputError
 
@@ -28,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from sketchterrain.benchmarks.effort import Effort
-    from sketchterrain.benchmarks.outcome import Outcome
+    from sketchterrain.benchmarks.report import Outcome
     from sketchterrain.benchmarks.timing import TimedContext
 
 

@@ -1,4 +1,4 @@
-"""The program against its rivals, in one run: noise, and tiles against the thesis's way."""
+"""Rates of noise and tiles beside rivals and beside the roofline of the device."""
 
 from __future__ import annotations
 
@@ -8,23 +8,124 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sketchterrain.benchmarks import roofline, thesis_tiles
+from sketchterrain.benchmarks import thesis_tiles
 from sketchterrain.benchmarks.baselines import c_noise, fastnoise2, numba_noise, numpy_noise
 from sketchterrain.benchmarks.baselines.problem import Absent, Rival
+from sketchterrain.benchmarks.grounds import BARE, central_keys, open_ground
 from sketchterrain.benchmarks.noise import OCTAVES, NoiseGrid
-from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
+from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
+from sketchterrain.benchmarks.thesis_tiles import OURS
 from sketchterrain.benchmarks.timing import TimedContext, alternate, lap, spread
 from sketchterrain.compute.device import list_devices
 from sketchterrain.compute.device_check import is_usable
 from sketchterrain.io.system import cpu_count
+from sketchterrain.terrain.kernel_arguments import KernelArguments
+from sketchterrain.terrain.lattice import QUADS
+from sketchterrain.terrain.materials import MATERIALS
+from sketchterrain.terrain.patch_layout import tile_patches
+from sketchterrain.terrain.patches import PatchLauncher
+from sketchterrain.terrain.surfaces import SurfaceStore
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     import numpy.typing as npt
 
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.timing import Lap
+
+
+OPERATIONS = 97
+"""Of an octave of simplex noise at a point, whole and real, as a compiler counts them; loads are none."""
+
+LEVEL = 5  # of tiles
+_FILE = "baselines/roofline.cl"
+_CHAINS = 8  # of the kernels
+_OPERATING = (("one by one", "roof_operate", 1), ("in eights", "roof_operate_eights", 8))
+_REAL = 4
+_TILES = 256
+_VERTEX = _REAL * (4 + len(MATERIALS))  # height and normal, weights
+# Values, work items, and rounds of each: milliseconds on a processor, enough for a graphics card.
+_SIZES = {"CPU": (1 << 24, 1 << 17, 256), "GPU": (1 << 28, 1 << 22, 1024)}
+
+_COLUMNS = (
+    Column("work", "work"),
+    Column("items", "points"),
+    Column("median_ms", "median, ms"),
+    Column("million_per_s", "M points/s"),
+    Column("bytes", "bytes a point"),
+    Column("operations", "operations a point"),
+    Column("gigabytes_per_s", "GB/s"),
+    Column("giga_operations_per_s", "G operations/s"),
+    Column("bound", "bound by"),
+    Column("share", "share of the roofline"),
+)
+
+
+def _roofline(context: TimedContext, effort: Effort) -> Table:
+    """Measure the roof and what stands under it, in turn."""
+    values, items, rounds = _SIZES.get(context.device.type, _SIZES["GPU"])
+    grid = NoiseGrid(context, effort.noise_side)
+    tiles, octaves, vertices = _bare_tiles(context, min(_TILES, effort.thesis_tiles))
+    out = context.empty(values, context.real_dtype)
+    operands = (context.real_dtype.type(0.999), np.int32(rounds), out)
+    # Work, points, bytes and operations of each.
+    works: dict[str, tuple[Callable[[], object], int, float, float]] = {
+        "writing": (partial(context.launch, _FILE, "roof_write", (values,), out), values, _REAL, 0),
+        **{
+            f"multiplying and adding, {what}": (
+                partial(context.launch, _FILE, kernel, (items // width,), *operands),
+                items,
+                _REAL,
+                2 * _CHAINS * rounds,
+            )
+            for what, kernel, width in _OPERATING
+        },
+        f"noise, {OCTAVES} octaves": (grid.launch, effort.noise_side**2, _REAL, OPERATIONS * OCTAVES),
+        f"tiles of bare ground, {octaves} octaves": (tiles, vertices, _VERTEX, OPERATIONS * octaves),
+    }
+    laps = alternate(
+        {name: partial(context.lap, work) for name, (work, *_) in works.items()}, rounds=effort.rounds
+    )
+    seconds = {name: [one.device for one in found] for name, found in laps.items()}
+    rate = {name: points / spread(seconds[name]).median for name, (_, points, *_) in works.items()}
+    # A roof is the best that was seen, not what is usual.
+    bandwidth = values * _REAL / min(seconds["writing"])
+    quickest = min(min(seconds[f"multiplying and adding, {what}"]) for what, *_ in _OPERATING)
+    peak = items * 2 * _CHAINS * rounds / quickest
+    rows: list[Row] = []
+    for name, (_, points, size, operations) in works.items():
+        roofs = {"bytes": bandwidth / size} | ({"operations": peak / operations} if operations else {})
+        bound = min(roofs, key=roofs.__getitem__)
+        rows.append(
+            {
+                "work": name,
+                "items": points,
+                "median_ms": spread(seconds[name]).median * 1e3,
+                "million_per_s": rate[name] * 1e-6,
+                "bytes": size,
+                "operations": operations,
+                "gigabytes_per_s": rate[name] * size * 1e-9,
+                "giga_operations_per_s": rate[name] * operations * 1e-9,
+                "bound": bound,
+                "share": rate[name] / roofs[bound],
+                "seconds": seconds[name],
+            }
+        )
+    return Table("Share of the roofline", _COLUMNS, tuple(rows))
+
+
+def _bare_tiles(context: TimedContext, count: int) -> tuple[Callable[[], object], int, int]:
+    """Return what launches tiles without features, their octaves at a vertex, and their vertices."""
+    recipe = open_ground(BARE, context).recipe
+    arguments, keys = KernelArguments(recipe, context), central_keys(LEVEL, count)
+    patches = tile_patches(LEVEL, [key[1:] for key in keys], recipe.extent, up=0)
+    ranges = arguments.world(patches.cell_size)["table"].ranges
+    octaves = sum(last - first for first, last in (ranges["ground"], ranges["mottle"]))
+    launcher, store = PatchLauncher(arguments), SurfaceStore(context, QUADS + 1, count)
+    work = partial(launcher.surfaces, patches, store, np.arange(count))
+    return work, octaves, count * (QUADS + 1) ** 2
+
 
 ASKED: Mapping[str, float] = {"FastNoise2": 1.0, "numba, a point": 8.0, "NumPy": 25.0}
 """How many times as fast as each rival the first device shall be."""
@@ -40,7 +141,7 @@ _RIVALS = (
 _QUICK = 0.2  # s a lap
 _MORE = 4  # times as many rounds of quick laps
 
-_COLUMNS = (
+_SPEED_COLUMNS = (
     Column("method", "method"),
     Column("threads", "threads"),
     Column("rounds", "rounds"),
@@ -82,7 +183,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     their bytes and the operations of their octaves set; a processor computes whole numbers beside real
     ones, so that noise can pass its bound. By profiling events.
     """
-    tables = (_noise(context, effort), thesis_tiles.table(context, effort), roofline.table(context, effort))
+    tables = (_noise(context, effort), thesis_tiles.table(context, effort), _roofline(context, effort))
     return Outcome(tables)
 
 
@@ -141,7 +242,7 @@ def _noise(context: TimedContext, effort: Effort) -> Table:
         for one in found
         if isinstance(one, Absent)
     ]
-    return Table(f"Noise: simplex fBm, {OCTAVES} octaves, {side}²", _COLUMNS, tuple(rows))
+    return Table(f"Noise: simplex fBm, {OCTAVES} octaves, {side}²", _SPEED_COLUMNS, tuple(rows))
 
 
 def _kernels(context: TimedContext, side: int) -> Iterator[_Method]:
@@ -165,3 +266,69 @@ def _method(rival: Rival) -> _Method:
 def _once(grid: NoiseGrid) -> None:
     grid.launch()
     grid.finish()
+
+
+_OWN, _OTHER = "#0072B2", "#999999"
+_LEAST = 1e-4  # mm; what is exact stands there
+
+
+def draw_rates(figure: Any, rows: Sequence[Row]) -> Any:
+    """Draw a bar a method, longer is faster; methods that are absent have none."""
+    axes = figure.subplots()
+    names = [str(row["method"]) for row in rows]
+    rates = [value_of(row, "million_octaves_per_s") for row in rows]
+    colours = [_OWN if name.startswith(OURS) else _OTHER for name in names]
+    axes.barh(range(len(rows)), rates, color=colours, height=0.62)
+    for place, (row, rate) in enumerate(zip(rows, rates, strict=True)):
+        text = f"{rate:.0f}" if rate else str(row.get("note") or "absent")
+        axes.annotate(text, (rate, place), (4, 0), textcoords="offset points", va="center", fontsize=8.0)
+    axes.set_yticks(range(len(rows)), names)
+    axes.set(xlim=(0, max(rates) * 1.12), xlabel="million points × octaves a second")
+    axes.invert_yaxis()
+    axes.grid(visible=False, axis="y")
+    figure.suptitle("Simplex fBm of 8 octaves, the same threads for all but NumPy", x=0.01, ha="left")
+    return figure
+
+
+def draw_thesis(figure: Any, rows: Sequence[Row]) -> Any:
+    """Draw a dot a way, a panel a ground: the error of 99 % of the vertices against time.
+
+    Without float64 no error is known, and nothing is drawn.
+    """
+    from matplotlib.ticker import FormatStrFormatter, NullFormatter
+
+    rows = [row for row in rows if row.get("error_mm") is not None]
+    if not rows:
+        return figure
+    grounds = list(dict.fromkeys(str(row["ground"]) for row in rows))
+    panels = figure.subplots(1, len(grounds), squeeze=False, sharey=True)[0]
+    for ground, axes in zip(grounds, panels, strict=True):
+        for number, row in enumerate(row for row in rows if row["ground"] == ground):
+            own = str(row["method"]).startswith(OURS)
+            x, y = value_of(row, "us_per_tile"), max(value_of(row, "error_mm"), _LEAST)
+            colour = _OWN if own else _OTHER
+            axes.plot(x, y, "o", color=colour, markersize=6, clip_on=False)
+            text = str(row["method"]).removeprefix("the thesis's way, ").removeprefix(f"{OURS}, ")
+            weight = "bold" if own else "normal"
+            axes.annotate(
+                text,
+                (x, y),
+                (6, -11 if number % 2 else 4),
+                textcoords="offset points",
+                color=colour,
+                fontsize=7.5,
+                fontweight=weight,
+            )
+        times = [value_of(row, "us_per_tile") for row in rows if row["ground"] == ground]
+        axes.set(xscale="log", yscale="log", xlim=(min(times) / 1.5, max(times) * 5), title=ground)
+        axes.set_xlabel("µs a tile")
+        axes.set_ylim(_LEAST / 2, 3 * max(value_of(row, "error_mm") for row in rows) + _LEAST)
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.xaxis.set_major_formatter(FormatStrFormatter("%g"))
+    panels[0].set_ylabel("height error of 99 % of the vertices, mm")
+    figure.suptitle(
+        "Tiles against the thesis's way: samples a piece × rounds. Down and left is better.",
+        x=0.01,
+        ha="left",
+    )
+    return figure

@@ -11,8 +11,8 @@ import numpy as np
 
 from sketchterrain.benchmarks.baselines.thesis import Sampling, ThesisTiles
 from sketchterrain.benchmarks.grounds import BARE, central_keys, open_ground
-from sketchterrain.benchmarks.outcome import Column, Row, Table
-from sketchterrain.benchmarks.roofline import LEVEL
+from sketchterrain.benchmarks.report import Column, Row, Table
+from sketchterrain.benchmarks.speed import LEVEL
 from sketchterrain.benchmarks.timing import TimedContext, alternate, lap, spread
 from sketchterrain.terrain import kernel_arguments
 from sketchterrain.terrain.kernel_arguments import KernelArguments

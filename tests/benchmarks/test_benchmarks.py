@@ -16,7 +16,7 @@ from sketchterrain.benchmarks import BENCHMARKS, batches, charts, pictures, worl
 from sketchterrain.benchmarks.accuracy import DOUBLE, FLOAT, NUMPY
 from sketchterrain.benchmarks.choices import SUBJECTS
 from sketchterrain.benchmarks.effort import Effort
-from sketchterrain.benchmarks.outcome import Outcome
+from sketchterrain.benchmarks.report import Outcome
 from sketchterrain.benchmarks.timing import TimedContext
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import save_sketch

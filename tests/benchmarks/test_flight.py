@@ -5,11 +5,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sketchterrain.benchmarks.flight_errors import MOST, at_one_pixel, reaching
+from sketchterrain.benchmarks.flight import MOST, at_one_pixel, reaching
 from sketchterrain.benchmarks.flight_meshes import Tiles, View, _refined, drawn, uniform_tiles
 from sketchterrain.benchmarks.flight_peers import MESHERS, Mesher, Square, mesher
-from sketchterrain.benchmarks.flight_scene import EXTENT, PICTURE, open_world, stops
-from sketchterrain.benchmarks.flight_stream import OwnTiles, view_of, within_world
+from sketchterrain.benchmarks.flight_scene import (
+    EXTENT,
+    PICTURE,
+    OwnTiles,
+    open_world,
+    stops,
+    view_of,
+    within_world,
+)
 from sketchterrain.benchmarks.flight_ways import THESIS
 from sketchterrain.terrain.terrain import Terrain
 

@@ -7,12 +7,7 @@ import numpy.typing as npt
 import pytest
 from PIL import Image
 
-from sketchterrain.benchmarks import (
-    material_picture,
-    method_pictures,
-    plant_sheet,
-    spectrum_picture,
-)
+from sketchterrain.benchmarks import material_picture, method_pictures, plant_sheet, spectrum_picture
 
 
 def pixels_of(path: Path) -> npt.NDArray[np.int64]:

@@ -7,10 +7,10 @@ import numpy.typing as npt
 import pytest
 from scipy.spatial import cKDTree
 
-from sketchterrain.benchmarks import blue_noise
+from sketchterrain.benchmarks import points as blue_noise
 from sketchterrain.benchmarks.baselines.dart_thrower import throw_darts
-from sketchterrain.benchmarks.outcome import Outcome
 from sketchterrain.benchmarks.point_ways import fill_of, room_of
+from sketchterrain.benchmarks.report import Outcome
 from sketchterrain.benchmarks.spectrum import HIGHEST, LOWEST, SETS, SIDE, spectrum_of
 from sketchterrain.vegetation.poisson import GREATEST_DENSITY, TRIALS, PoissonDisk
 

@@ -13,9 +13,8 @@ from sketchterrain.benchmarks.charts import CHARTS
 from sketchterrain.benchmarks.effort import FULL, QUICK
 from sketchterrain.benchmarks.kernel_times import WRITTEN
 from sketchterrain.benchmarks.live import STAGES, _found, measure
-from sketchterrain.benchmarks.outcome import Column, Table
 from sketchterrain.benchmarks.registry import choose
-from sketchterrain.benchmarks.tables import markdown, shown, terminal
+from sketchterrain.benchmarks.report import Column, Table, markdown, shown, terminal
 from sketchterrain.benchmarks.timing import Lap, Launch, alternate, lap, spread
 from sketchterrain.errors import InputError
 from sketchterrain.io.resources import preset_names

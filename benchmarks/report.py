@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, TypeAlias
 from rich import box
 from rich.table import Table as RichTable
 
-from sketchterrain.benchmarks import charts
 from sketchterrain.io.files import wrap_os_errors, write_atomic
 
 if TYPE_CHECKING:
@@ -206,17 +205,19 @@ class Report:
         SketchterrainError
             If the folder can't be made or written to.
         """
+        from sketchterrain.benchmarks.charts import available, draw  # charts read the tables of results
+
         pictures: dict[str, list[str]] = {}
         with wrap_os_errors(folder):
             folder.mkdir(parents=True, exist_ok=True)
         for benchmark, outcome in self.outcomes:
-            for suffix, image in charts.draw(benchmark.name, outcome).items():
+            for suffix, image in draw(benchmark.name, outcome).items():
                 write_atomic(folder / f"{benchmark.name}{suffix}", image)
                 if suffix.endswith(".png"):
                     pictures.setdefault(benchmark.name, []).append(f"{benchmark.name}{suffix}")
         write_atomic(folder / "bench.json", (self.json() + "\n").encode())
         write_atomic(folder / "bench.md", self.page(pictures).encode())
-        return charts.available()
+        return available()
 
 
 def _rounded(cell: Cell) -> Cell:

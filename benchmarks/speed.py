@@ -14,14 +14,14 @@ from sketchterrain.benchmarks.baselines.problem import Absent, Rival
 from sketchterrain.benchmarks.grounds import BARE, central_keys, open_ground
 from sketchterrain.benchmarks.noise import OCTAVES, NoiseGrid
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
-from sketchterrain.benchmarks.thesis_tiles import OURS
+from sketchterrain.benchmarks.thesis_tiles import LEVEL, OURS
 from sketchterrain.benchmarks.timing import TimedContext, alternate, lap, spread
 from sketchterrain.compute.device import list_devices
 from sketchterrain.compute.device_check import is_usable
+from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.io.system import cpu_count
 from sketchterrain.terrain.kernel_arguments import KernelArguments
 from sketchterrain.terrain.lattice import QUADS
-from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.patch_layout import tile_patches
 from sketchterrain.terrain.patches import PatchLauncher
 from sketchterrain.terrain.surfaces import SurfaceStore
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 OPERATIONS = 97
 """Of an octave of simplex noise at a point, whole and real, as a compiler counts them; loads are none."""
 
-LEVEL = 5  # of tiles
 _FILE = "baselines/roofline.cl"
 _CHAINS = 8  # of the kernels
 _OPERATING = (("one by one", "roof_operate", 1), ("in eights", "roof_operate_eights", 8))

@@ -11,7 +11,7 @@ from sketchterrain.benchmarks.splines import CELL_SIZES, failures
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
 from sketchterrain.hydrology.splines import catmull_rom, cubics
-from sketchterrain.terrain.centrelines import flattened, nearest_on_arc, position
+from sketchterrain.terrain.centrelines import flatten, nearest_on_arc, position
 
 COUNT, EACH = 20, 64
 NEVER_WRONG = ("all roots", SEGMENTS, ARCS)
@@ -138,8 +138,8 @@ def test_the_distance_to_an_arc_is_that_to_its_circle_or_its_ends():
 def test_arcs_of_a_circle_are_few_and_straight_lines_one():
     angle = np.linspace(0, 1.5 * np.pi, 9)
     circle = cubics(100.0 * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
-    arcs, chords = (flattened(circle, 0.01, arcs=each) for each in (True, False))
+    arcs, chords = (flatten(circle, 0.01, arcs=each) for each in (True, False))
     assert len(arcs.bend) * 3 < len(chords.bend)
     line = cubics(np.array([[0.0, 0.0], [10.0, 5.0], [30.0, 15.0]]))
-    assert len(flattened(line, 1e-6).bend) == 2
-    assert np.all(flattened(line, 1e-6).bend == 0.0)
+    assert len(flatten(line, 1e-6).bend) == 2
+    assert np.all(flatten(line, 1e-6).bend == 0.0)

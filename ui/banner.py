@@ -160,10 +160,10 @@ class ErrorReporter(QObject):
     def _resolve(self, topic: str, _: object = None) -> None:
         self._banner.withdraw(topic)
 
-    def _report(self, trouble: ErrorReport) -> None:
-        kind = "warning" if trouble.source in ("sketch", "view") else "error"
-        buttons = (("Start again", self._link.start),) if trouble.source == "engine" else ()
-        self._banner.show_message(Message(kind, trouble.line, trouble.source, buttons))
+    def _report(self, error: ErrorReport) -> None:
+        kind = "warning" if error.source in ("sketch", "view") else "error"
+        buttons = (("Start again", self._link.start),) if error.source == "engine" else ()
+        self._banner.show_message(Message(kind, error.line, error.source, buttons))
 
 
 class UncaughtExceptions(QObject):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -14,7 +13,8 @@ from sketchterrain.errors import InputError
 from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.banner import Banner, Message
 from sketchterrain.ui.commands.placed_edits import exists, find_point, is_edited, is_locked
-from sketchterrain.ui.commands.settings import WORLD, labels_of, set_setting
+from sketchterrain.ui.commands.selection import delete, lock, reset, unlock
+from sketchterrain.ui.commands.settings import WORLD, labels_of, random_seed, set_setting
 from sketchterrain.ui.engine.link import EngineLink, ViewSource
 from sketchterrain.ui.engine.protocol import MODES, MeasureAdherence, Placement
 from sketchterrain.ui.models.document import Document
@@ -56,13 +56,6 @@ class ViewActions(QObject):
 
 
 _BRUSH_STEP = 1.25
-_SEEDS = 1_000_000  # fewer than there are: short enough to remember
-
-
-def random_seed(current: int | None = None) -> int:
-    """Return a short random seed other than the current one."""
-    seed = random.randrange(_SEEDS - 1)  # noqa: S311 - not cryptographic
-    return seed if current is None else seed + (seed >= current)
 
 
 class SketchActions(QObject):

@@ -43,7 +43,9 @@ class Action:
 
 def _position(name: str, way: str) -> Parameter:
     return Parameter(
-        name, float, 0.0, -_MAX_COORDINATE, _MAX_COORDINATE, "m", f"{way} of the sketch's south-west corner"
+        *(name, float, 0.0, -_MAX_COORDINATE, _MAX_COORDINATE, "m"),
+        f"{way} of the sketch's south-west corner",
+        soft_range=(0.0, 4096.0),
     )
 
 
@@ -75,7 +77,9 @@ _STYLE = parameter_table(
     LAYERS["forest"].parameters["conifers"],
 )
 
-_WIDTH = dataclasses.replace(LAYERS["river"].parameters["width"], low=0.5, help="from bank to bank")
+_WIDTH = dataclasses.replace(
+    LAYERS["river"].parameters["width"], low=0.5, help="from bank to bank", sentinel=None
+)
 
 ACTIONS: Mapping[str, Action] = {
     "move": Action("moves a feature", parameter_table(_X, _Y)),

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from numbers import Integral, Real
 from types import MappingProxyType
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 from sketchterrain.errors import InputError, format_value, unknown_key
 
@@ -18,6 +18,14 @@ _T = TypeVar("_T")
 
 Properties: TypeAlias = Mapping[str, Any]
 """Values by the names of their parameters, each of its parameter's kind."""
+
+
+class Sentinel(NamedTuple):
+    """A number that stands for a choice, such as -1 for "By elevation"; `start` is the first real number."""
+
+    value: float
+    title: str
+    start: float
 
 
 @dataclass(frozen=True)
@@ -33,6 +41,8 @@ class Parameter:
     help: str
     choices: tuple[Value, ...] = ()
     form: tuple[str, str] = ("", "")  # of a str that is not empty: a regular expression, and its name
+    sentinel: Sentinel | None = None
+    soft_range: tuple[float, float] | None = None  # of sliders, where it is narrower than low … high
 
     @property
     def range(self) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-from sketchterrain.document.parameter_types import Parameter, parameter_table
+from sketchterrain.document.parameter_types import Parameter, Sentinel, parameter_table
 
 FORMAT = 1
 """Version of the sketch file format."""
@@ -45,7 +45,10 @@ def _erosion(default: float) -> tuple[Parameter, Parameter]:
 
 SKETCH: Mapping[str, Parameter] = parameter_table(
     Parameter("name", str, "Untitled", 0, 200, "characters", "what the sketch is called"),
-    Parameter("extent", float, 4096.0, 1.0, 1e6, "m", "length of the sketch's longer side"),
+    Parameter(
+        *("extent", float, 4096.0, 1.0, 1e6, "m", "length of the sketch's longer side"),
+        soft_range=(128.0, 262144.0),
+    ),
     Parameter("seed", int, 0, 0, 2**63 - 1, "", "another seed gives another terrain of the same sketch"),
     Parameter(
         "fidelity", float, 0.8, 0.0, 1.0, "", "0 is a loose guideline, 1 is exactly where it was painted"
@@ -69,15 +72,26 @@ GROUND: Mapping[str, Parameter] = parameter_table(
 """Keys of ``[ground]``: the plain under and between the features."""
 
 CLIMATE: Mapping[str, Parameter] = parameter_table(
-    Parameter("snow_line", float, 1e4, -1e4, 1e4, "m", "elevation above which snow lies"),
-    Parameter("tree_line", float, 1e4, -1e4, 1e4, "m", "elevation above which no tree stands"),
+    Parameter(
+        *("snow_line", float, 1e4, -1e4, 1e4, "m", "elevation above which snow lies"),
+        sentinel=Sentinel(1e4, "No snow", 2000.0),
+        soft_range=(0.0, 5000.0),
+    ),
+    Parameter(
+        *("tree_line", float, 1e4, -1e4, 1e4, "m", "elevation above which no tree stands"),
+        sentinel=Sentinel(1e4, "No limit", 1800.0),
+        soft_range=(0.0, 5000.0),
+    ),
     Parameter("aridity", float, 0.2, 0.0, 1.0, "", "0 is lush, 1 is a desert"),
 )
 """Keys of ``[climate]``: what grows and lies on the ground."""
 
 WEATHER: Mapping[str, Parameter] = parameter_table(
     Parameter(
-        "hour", float, -1.0, -1.0, 24.0, "h", "local solar time; -1 is whichever light shows the ground best"
+        *("hour", float, -1.0, -1.0, 24.0, "h"),
+        "local solar time; -1 is whichever light shows the ground best",
+        sentinel=Sentinel(-1.0, "Best light", 12.0),
+        soft_range=(0.0, 24.0),
     ),
     Parameter("latitude", float, 45.0, -90.0, 90.0, "°", "north of the equator; how high the sun climbs"),
     Parameter("clouds", float, 0.35, 0.0, 1.0, "", "share of the sky that they cover; 1 is overcast"),
@@ -145,17 +159,16 @@ LAYERS: Mapping[str, Layer] = MappingProxyType(
                 "where rivers flow: paint strokes along their courses",
                 parameter_table(
                     Parameter(
-                        "width", float, 12.0, 0.0, 2000.0, "m", "from bank to bank; 0 is as wide as painted"
+                        *("width", float, 12.0, 0.0, 2000.0, "m"),
+                        "from bank to bank; 0 is as wide as painted",
+                        sentinel=Sentinel(0.0, "As wide as painted", 12.0),
+                        soft_range=(0.5, 2000.0),
                     ),
                     Parameter("depth", float, 2.0, 0.1, 100.0, "m", "from the water's surface to the bed"),
                     Parameter(
-                        "flow",
-                        float,
-                        -1.0,
-                        -1.0,
-                        360.0,
-                        "°",
-                        "where it runs to: 0 north; -1 downhill",
+                        *("flow", float, -1.0, -1.0, 360.0, "°", "where it runs to: 0 north; -1 downhill"),
+                        sentinel=Sentinel(-1.0, "Downhill", 180.0),
+                        soft_range=(0.0, 360.0),
                     ),
                 ),
             ),
@@ -183,13 +196,9 @@ LAYERS: Mapping[str, Layer] = MappingProxyType(
                         "density", float, 0.8, 0.0, 1.0, "", "share of the trees that the ground can carry"
                     ),
                     Parameter(
-                        "conifers",
-                        float,
-                        -1.0,
-                        -1.0,
-                        1.0,
-                        "",
-                        "share of conifers; -1 is by elevation",
+                        *("conifers", float, -1.0, -1.0, 1.0, "", "share of conifers; -1 is by elevation"),
+                        sentinel=Sentinel(-1.0, "By elevation", 0.5),
+                        soft_range=(0.0, 1.0),
                     ),
                     _multitude(20, "groves"),
                 ),

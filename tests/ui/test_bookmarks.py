@@ -105,11 +105,11 @@ def titles(panel) -> list[str]:
 
 
 def test_a_view_is_kept_with_its_picture_and_gone_to(panel, link):
-    assert not buttons(panel)["Keep"].isEnabled()
+    assert not buttons(panel)["Add"].isEnabled()
     panel.add()
     assert titles(panel) == []
     picture(link)
-    buttons(panel)["Keep"].click()
+    buttons(panel)["Add"].click()
     picture(link, THERE)
     panel.add()
     rows = rows_of(panel)
@@ -139,7 +139,7 @@ def test_they_are_renamed_and_deleted_in_the_list(qtbot, panel, link):
     assert titles(panel) == ["Gorge", "View 2"]
     rows.setCurrentRow(0)
     picture(link, THERE)
-    buttons(panel)["Let"].click()
+    buttons(panel)["Replace"].click()
     panel.go_to(0)
     assert link.requests[-1] == Look(THERE)
     rows.setFocus()

@@ -63,7 +63,7 @@ def test_every_target_is_offered_with_its_options_and_distinct_letters(opened, s
             assert visible(controls) == set(option_names(target)), name
             controls["columns"].setValue(1)
         assert dialog.target.problem == "", name
-        assert dialog._go.isEnabled()
+        assert dialog.accept_button.isEnabled()
         usual = checked_plan(small, name, ExportOptions())
         asked = checked_plan(small, name, controls.options())
         assert (asked.grid, asked.tiling) == (usual.grid, usual.tiling), name
@@ -84,7 +84,7 @@ def test_what_an_export_will_be_is_told_at_once(opened):
     dialog = opened("unreal")
     controls = dialog.target
     assert told(dialog).startswith("1009 × 1009 vertices, 0.5079 m apart.")
-    assert "512 × 512 m: the world goes on beyond the sketch." in told(dialog)
+    assert "512 × 512 m: the terrain extends beyond the sketch." in told(dialog)
     controls["columns"].setValue(2)
     controls["rows"].setValue(2)
     assert told(dialog).startswith("4 tiles of 1009 × 1009, 0.254 m apart.")
@@ -100,21 +100,21 @@ def test_impossible_sizes_ranges_and_folders_are_refused_before_the_export_begin
     controls = dialog.target
     controls["size"].setEditText("1024")
     controls["columns"].setValue(2)
-    assert "1023 or 1025" in dialog._refused.text()
-    assert not dialog._go.isEnabled()
+    assert "1023 or 1025" in dialog.hint.text()
+    assert not dialog.accept_button.isEnabled()
     assert told(dialog) == ""
     controls["size"].setEditText("")
-    assert "expected a number of vertices" in dialog._refused.text()
+    assert "expected a number of vertices" in dialog.hint.text()
     controls["size"].setEditText("1025")
-    assert dialog._refused.text() == ""
-    assert dialog._go.isEnabled()
+    assert dialog.hint.text() == ""
+    assert dialog.accept_button.isEnabled()
     controls["tile_name"].setText("{name}")
-    assert not dialog._go.isEnabled()
+    assert not dialog.accept_button.isEnabled()
     choose(dialog, "geotiff")
-    assert dialog._go.isEnabled()
+    assert dialog.accept_button.isEnabled()
     controls["crs"].setText("EPSG:4326")
-    assert "EPSG:4326" in dialog._refused.text()
-    assert not dialog._go.isEnabled()
+    assert "EPSG:4326" in dialog.hint.text()
+    assert not dialog.accept_button.isEnabled()
 
     dialog = opened("png16")
     controls = dialog.target
@@ -122,18 +122,18 @@ def test_impossible_sizes_ranges_and_folders_are_refused_before_the_export_begin
     assert not controls["low"].isEnabled()
     controls["ranged"].setChecked(True)
     controls["low"].setValue(3000.0)
-    assert "expected the lowest and the highest" in dialog._refused.text()
+    assert "expected the lowest and the highest" in dialog.hint.text()
     controls["low"].setValue(-100.0)
     assert controls.options().heights == (-100.0, 2000.0)
-    assert dialog._go.isEnabled()
+    assert dialog.accept_button.isEnabled()
 
     dialog = opened()
     (tmp_path / "file").write_text("")
-    assert dialog._go.isEnabled()
+    assert dialog.accept_button.isEnabled()
     for folder, refused in ((str(tmp_path / "file"), "is a file: expected a folder"), ("", "")):
-        dialog.folder.setText(folder)
-        assert not dialog._go.isEnabled()
-        assert refused in dialog._refused.text()
+        dialog.path_field.setText(folder)
+        assert not dialog.accept_button.isEnabled()
+        assert refused in dialog.hint.text()
 
 
 def test_sizes_that_are_offered_can_be_cut_into_the_tiles(opened):
@@ -152,7 +152,7 @@ def test_sizes_that_are_offered_can_be_cut_into_the_tiles(opened):
     choose(dialog, "unreal")
     controls["columns"].setValue(2)
     controls["overlap"].setValue(2000)
-    assert dialog._refused.text() == "tiles of 1009 vertices cannot share 2000"
+    assert dialog.hint.text() == "tiles of 1009 vertices cannot share 2000"
 
 
 def test_choices_are_remembered_and_unusable_ones_count_as_never_chosen(opened, tmp_path):
@@ -170,7 +170,7 @@ def test_choices_are_remembered_and_unusable_ones_count_as_never_chosen(opened, 
     again = opened()
     assert again.targets.currentData() == "unity"
     assert again.target.options() == controls.options() != usual
-    assert again.folder.text() == str(tmp_path / "out")
+    assert again.path_field.text() == str(tmp_path / "out")
     for bad in (
         {"columns": "many", "size": 17, "low": float("nan"), "plants": 3, "tile_name": None, "format": []},
         {"size": {}, "grass": "yes"},
@@ -197,7 +197,7 @@ def test_an_export_to_a_target_writes_what_the_command_line_writes(qtbot, opened
     controls["size"].setEditText("65")
     controls["rows"].setValue(2)
     controls["plants"].setChecked(False)
-    dialog._begin()
+    dialog._export()
     with qtbot.waitSignal(dialog.job.finished, timeout=120_000) as done:
         pass
     sidecar = json.loads((tmp_path / "out" / "terrain.json").read_text())
@@ -217,7 +217,7 @@ def test_an_export_writes_what_the_command_line_writes(qtbot, opened, tmp_path):
     dialog.everything["size"].setCurrentIndex(0)
     dialog.everything["view"].setCurrentIndex(dialog.everything["view"].count() - 1)
     seen = []
-    dialog._begin()
+    dialog._export()
     dialog.job.stage_changed.connect(seen.append)
     with qtbot.waitSignal(dialog.job.finished, timeout=120_000) as told:
         pass
@@ -233,7 +233,7 @@ def test_an_export_writes_what_the_command_line_writes(qtbot, opened, tmp_path):
 @pytest.mark.slow
 def test_a_cancelled_export_leaves_nothing(qtbot, opened, tmp_path):
     dialog = opened()
-    dialog._begin()
+    dialog._export()
     with qtbot.waitSignal(dialog.job.share_changed, timeout=60_000):
         pass
     with qtbot.waitSignal(dialog.job.failed, timeout=30_000) as told:
@@ -248,8 +248,8 @@ def test_a_cancelled_export_leaves_nothing(qtbot, opened, tmp_path):
 def test_an_export_that_cannot_be_written_says_why(qtbot, opened, tmp_path):
     (tmp_path / "file").write_text("")
     dialog = opened()
-    dialog.folder.setText(str(tmp_path / "file" / "out"))
-    dialog._begin()
+    dialog.path_field.setText(str(tmp_path / "file" / "out"))
+    dialog._export()
     with qtbot.waitSignal(dialog.job.failed, timeout=60_000) as told:
         pass
     assert "cannot be written" in told.args[0]

@@ -5,10 +5,9 @@ from PyQt6.QtCore import Qt
 from PyQt6.QtTest import QTest
 
 from sketchterrain.document.parameters import LAYERS, SKETCH, TABLES
-from sketchterrain.ui.panels import numbers as gesture_module
-from sketchterrain.ui.panels import numbers as wording
-from sketchterrain.ui.panels.form import ChoiceRow, NumberRow, TextRow, row_of
-from sketchterrain.ui.panels.numbers import WAY, ClockBox, Gesture, Scale
+from sketchterrain.ui.panels import numbers
+from sketchterrain.ui.panels.form import ChoiceRow, NumberRow, TextRow
+from sketchterrain.ui.panels.numbers import SLIDER_STEPS, ClockBox, Gesture, Scale
 
 from .events import wheel
 
@@ -25,7 +24,7 @@ SCALES = [Scale(0.0, 1.0), Scale(1.0, 9000.0, "ratio"), Scale(0.0, 2000.0, "cube
 
 def test_a_scale_is_monotonic_from_end_to_end_and_inverted_by_its_share():
     for scale in [*SCALES, Scale(1, 500, "ratio", whole=True)]:
-        values = [scale.at(n / 500) for n in range(501)]
+        values = [scale.value(n / 500) for n in range(501)]
         assert values[0] == scale.low, scale
         assert values[-1] == scale.high, scale
         assert values == sorted(values), scale
@@ -33,48 +32,48 @@ def test_a_scale_is_monotonic_from_end_to_end_and_inverted_by_its_share():
 
     for scale in SCALES:
         for n in range(11):
-            value = scale.at(n / 10)
-            assert scale.share(value) == pytest.approx(n / 10, abs=0.004), scale  # values are rounded
-            assert scale.at(scale.share(value)) == pytest.approx(value, rel=1e-9, abs=1e-9), scale
+            value = scale.value(n / 10)
+            assert scale.fraction(value) == pytest.approx(n / 10, abs=0.004), scale  # values are rounded
+            assert scale.value(scale.fraction(value)) == pytest.approx(value, rel=1e-9, abs=1e-9), scale
 
 
 def test_every_number_has_a_scale_within_its_range_and_wide_ranges_go_by_ratios():
     for name, parameter in NUMBERS.items():
-        low, high = wording.comfortable_range(parameter)
+        low, high = numbers.slider_range(parameter)
         assert parameter.low <= low < high <= parameter.high, name
-        scale = Scale.of(parameter, low, high)
+        scale = Scale.suited(parameter, low, high)
         for n in range(21):
-            parameter.check(int(scale.at(n / 20)) if parameter.kind is int else scale.at(n / 20))
+            parameter.check(int(scale.value(n / 20)) if parameter.kind is int else scale.value(n / 20))
 
-    assert Scale.of(HEIGHT, 1.0, 9000.0).kind == "ratio"
-    assert Scale.of(TABLES["ground"]["relief"], 0.0, 2000.0).kind == "cube"
-    assert Scale.of(LAYERS["dune"].parameters["wind"], 0.0, 360.0).kind == "even"
-    assert Scale.of(LAYERS["forest"].parameters["density"], 0.0, 1.0).kind == "even"
+    assert Scale.suited(HEIGHT, 1.0, 9000.0).kind == "ratio"
+    assert Scale.suited(TABLES["ground"]["relief"], 0.0, 2000.0).kind == "cube"
+    assert Scale.suited(LAYERS["dune"].parameters["wind"], 0.0, 360.0).kind == "even"
+    assert Scale.suited(LAYERS["forest"].parameters["density"], 0.0, 1.0).kind == "even"
 
-    assert Scale(1.0, 9000.0, "ratio").at(0.7) == 586.0
-    assert Scale(0.0, 1.0).at(0.3337) == 0.33
+    assert Scale(1.0, 9000.0, "ratio").value(0.7) == 586.0
+    assert Scale(0.0, 1.0).value(0.3337) == 0.33
 
 
 def test_titles_units_numbers_and_special_values_are_worded():
-    assert wording.setting_title("snow_line") == "Snow line"
+    assert numbers.title_from_key("snow_line") == "Snow line"
     each_of_a_kind = (HEIGHT, FLOW, TABLES["density"]["hill"], SKETCH["name"])
-    assert [wording.suffix_of(each) for each in each_of_a_kind] == [" m", "°", " /km²", ""]
-    assert (wording.with_unit(HEIGHT, 600.0), wording.with_unit(FLOW, -1.0)) == ("600 m", "downhill")
-    assert [wording.number(each) for each in (12.250, -0.0, 100.0, -3.5)] == ["12.25", "0", "100", "−3.5"]
-    sizes = [wording.size_text(each) for each in (900, 14_200, 812e6, 2.5e9)]
+    assert [numbers.suffix_of(each) for each in each_of_a_kind] == [" m", "°", " /km²", ""]
+    assert (numbers.with_unit(HEIGHT, 600.0), numbers.with_unit(FLOW, -1.0)) == ("600 m", "downhill")
+    assert [numbers.number(each) for each in (12.250, -0.0, 100.0, -3.5)] == ["12.25", "0", "100", "−3.5"]
+    sizes = [numbers.size_text(each) for each in (900, 14_200, 812e6, 2.5e9)]
     assert sizes == ["0.9 kB", "14 kB", "812 MB", "2.5 GB"]
-    assert "1 to 9000 m" in wording.tool_tip(HEIGHT)
-    special = {name for name, each in EVERY.items() if wording.special_of(each)}
+    assert "1 to 9000 m" in numbers.tool_tip(HEIGHT)
+    special = {name for name, each in EVERY.items() if each.sentinel}
     expected = {"river.flow", "river.width", "forest.conifers", "weather.hour"}
     assert special == expected | {"climate.snow_line", "climate.tree_line"}
     for name, parameter in EVERY.items():
-        assert wording.help_of(parameter)[0] == wording.help_of(parameter)[0].upper(), name
-        assert "-1" not in wording.help_of(parameter), name
+        assert numbers.help_text(parameter)[0] == numbers.help_text(parameter)[0].upper(), name
+        assert "-1" not in numbers.help_text(parameter), name
 
 
 def test_a_drag_is_one_gesture_and_keys_in_a_row_are_one(monkeypatch):
     now = 100.0
-    monkeypatch.setattr(gesture_module.time, "monotonic", lambda: now)
+    monkeypatch.setattr(numbers.time, "monotonic", lambda: now)
     gesture = Gesture()
     first = gesture.key
     now += 0.5
@@ -109,7 +108,8 @@ def listened(shown, told):
 
 def test_every_parameter_has_a_row_that_shows_and_tells_nobody(listened, told):
     for name, parameter in EVERY.items():
-        row = listened(row_of(parameter))
+        kind = ChoiceRow if parameter.choices else TextRow if parameter.kind is str else NumberRow
+        row = listened(kind(parameter))
         text = parameter.choices[-1] if parameter.choices else "words"
         value = text if parameter.kind is str else parameter.kind(parameter.high)
         row.show_value(value)
@@ -144,7 +144,7 @@ def test_a_dragged_slider_tells_values_with_one_key_and_keeps_its_place(listened
     for _ in range(30):  # keys go on however small a step is
         QTest.keyClick(row.slider, Qt.Key.Key_Right)
     assert row.slider.value() == before + 30 * row.slider.singleStep()
-    assert row.slider.maximum() == WAY
+    assert row.slider.maximum() == SLIDER_STEPS
 
 
 def test_a_number_is_told_once_typed_and_never_rounded_by_being_shown(listened, told):

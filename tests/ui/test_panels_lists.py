@@ -50,11 +50,11 @@ def test_adherence_is_measured_on_demand_and_again_after_a_failure(shown, worksp
     link.adherence = msg.Adherence(1, {**FIGURES, "peaks": PEAKS})
     link.adherence_changed.emit(link.adherence)
     assert [name for name, bar in panel.bars.items() if bar.isVisible()] == ["mountain"]
-    assert "91 % overlap. 3 shapes · 1 lost · spills over by 5 %" in panel.bars["mountain"].text
+    assert "91 % overlap. 3 shapes · 1 lost · spills over by 5 %" in panel.bars["mountain"].accessibleName()
     thin = {**LAYER, "measured": 0, "iou_mean": None, "spill": None}
     link.adherence = msg.Adherence(1, {"mean_iou": None, "layers": {"hill": thin}, "peaks": None})
     link.adherence_changed.emit(link.adherence)
-    assert "too thin to measure" in panel.bars["hill"].text
+    assert "too thin to measure" in panel.bars["hill"].accessibleName()
     panel.grab()
 
 

@@ -17,7 +17,7 @@ from sketchterrain.ui.engine.protocol import ViewState
 from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.panels.layer_list import EYE, LOCK, NAME
 from sketchterrain.ui.panels.layers import LayersPanel
-from sketchterrain.ui.panels.parts import Group
+from sketchterrain.ui.panels.parts import CollapsibleGroup
 from sketchterrain.ui.panels.properties import PropertiesPanel
 from sketchterrain.ui.panels.settings import OVERLAY_TITLES, ViewPanel, WorldPanel
 
@@ -99,7 +99,7 @@ def test_a_click_uses_a_label_and_turns_eyes_and_locks(layers, workspace):
     workspace.use_label("hill", 2)
     assert ("dune", 5) not in places(layers)
     workspace.use_label("mountain", 1)
-    layers.choose_layer("hill")
+    layers.use_layer("hill")
     assert (workspace.layer, workspace.label) == ("hill", 2), "remembered"
 
 
@@ -214,7 +214,7 @@ def test_a_dragged_slider_is_one_live_step_even_over_its_first_value(properties,
 
 
 def test_what_is_being_typed_belongs_to_what_was_shown(properties, document, workspace, placed, mountain):
-    row = properties.chosen_page.forms["feature"].rows["radius"]
+    row = properties.selection_page.forms["feature"].rows["radius"]
     typed(row.box, "123")
     workspace.selection = Selection("feature", int(placed.points["id"][placed.points["type"] == 0][1]))
     assert [(edit.feature, edit.radius) for edit in document.sketch.edits] == [(int(mountain["id"]), 123.0)]
@@ -233,7 +233,7 @@ def test_what_is_being_typed_belongs_to_what_was_shown(properties, document, wor
 def test_a_selected_feature_replaces_the_label_and_its_numbers_become_edits(
     properties, document, mountain, workspace
 ):
-    rows = properties.chosen_page.forms["feature"].rows
+    rows = properties.selection_page.forms["feature"].rows
     assert not properties.label_page.isVisible()
     assert not rows["density"].isVisible()
     columns = (("x", "x", "move"), ("radius", "radius", "resize"), ("height", "strength", "strength"))
@@ -254,7 +254,7 @@ def test_a_selected_feature_replaces_the_label_and_its_numbers_become_edits(
 
 
 def test_lock_reset_and_delete_are_steps_that_undo_shows(properties, document, mountain, workspace):
-    page, selection = properties.chosen_page, workspace.selection
+    page, selection = properties.selection_page, workspace.selection
     page.lock.click()
     assert is_locked(document.sketch, selection)
     document.undo()
@@ -274,7 +274,7 @@ def test_lock_reset_and_delete_are_steps_that_undo_shows(properties, document, m
 
 
 def test_what_is_gone_is_said(properties, link, placed, mountain):
-    page = properties.chosen_page
+    page = properties.selection_page
     for found, there in ((dataclasses.replace(placed, points=placed.points[:0]), False), (placed, True)):
         link.placed = found
         link.placed_changed.emit(found)
@@ -285,7 +285,7 @@ def test_what_is_gone_is_said(properties, link, placed, mountain):
 def test_a_rivers_width_and_control_points_are_edited(properties, document, workspace, placed):
     river = max(placed.rivers, key=lambda each: len(each.points))
     workspace.selection = Selection("river", river.id)
-    form = properties.chosen_page.forms["river"]
+    form = properties.selection_page.forms["river"]
     assert form.width_row.number == pytest.approx(width_of(document.sketch, placed, workspace.selection))
     form.width_row.box.setValue(40.0)
     assert [(edit.action, edit.width) for edit in document.sketch.edits] == [("width", 40.0)]
@@ -305,8 +305,8 @@ def test_a_rivers_width_and_control_points_are_edited(properties, document, work
             workspace.selection = Selection("river", each.id, len(each.points) - 1)
             assert not form.east.isEnabled()
     workspace.selection = Selection("lake", placed.lakes[0].id)
-    assert properties.chosen_page.forms["lake"].isVisible()
-    assert properties.chosen_page.delete.isEnabled()
+    assert properties.selection_page.forms["lake"].isVisible()
+    assert properties.selection_page.delete.isEnabled()
 
 
 def test_seeds_are_thrown_typed_and_come_back(world, document):
@@ -314,7 +314,7 @@ def test_seeds_are_thrown_typed_and_come_back(world, document):
     for _ in range(3):
         world.seed.dice.click()
     assert len({first, *world.seed.used}) == 4
-    oldest = world.seed.earlier.menu().actions()[-1]
+    oldest = world.seed.previous.menu().actions()[-1]
     assert str(first) in oldest.text()
     oldest.trigger()
     assert document.sketch.seed == world.seed.used[0] == first
@@ -354,7 +354,7 @@ def test_settings_are_steps_with_titles_and_fidelity_is_one_live_step(world, doc
 
 
 def test_a_group_collapses_out_of_the_tab_order_and_opens_at_full_height(world):
-    group = next(each for each in world.findChildren(Group) if each.text() == "Climate")
+    group = next(each for each in world.findChildren(CollapsibleGroup) if each.text() == "Climate")
     header, content = group.toggleButton(), group.content()
     assert not content.isVisible()
     header.setFocus()

@@ -29,12 +29,12 @@ def opened(shown):
 
 
 def ready(qtbot, dialog: TraceDialog):
-    qtbot.waitUntil(dialog.agree.isEnabled, timeout=20_000)
+    qtbot.waitUntil(dialog.create_button.isEnabled, timeout=20_000)
 
 
 def test_colours_are_found_named_and_change_size_extent_and_name(qtbot, opened, picture):
     dialog = opened(picture)
-    assert not dialog.agree.isEnabled()
+    assert not dialog.create_button.isEnabled()
     ready(qtbot, dialog)
     assert dialog.colours.meanings == (NOTHING, Meaning("forest", 1), Meaning("mountain", 1))
     assert [box.currentText() for box in dialog.colours.boxes] == ["Nothing", "Forests", "Mountains"]
@@ -56,7 +56,7 @@ def test_colours_are_found_named_and_change_size_extent_and_name(qtbot, opened, 
     sketch = dialog.sketch()
     assert (sketch.name, sketch.extent) == ("Far isle", 9000.0)
     assert (sketch.width_px, sketch.height_px) == (60, 40)
-    assert "60 × 40 px, 9 km × 6 km" in dialog.told.text()
+    assert "60 × 40 px, 9 km × 6 km" in dialog.status.text()
 
 
 def test_a_colour_is_given_another_meaning_by_keys_and_none_at_all_is_refused(qtbot, opened, picture):
@@ -68,7 +68,7 @@ def test_a_colour_is_given_another_meaning_by_keys_and_none_at_all_is_refused(qt
         before = box.currentIndex()
         qtbot.keyClick(box, Qt.Key.Key_Down)
         assert box.currentIndex() > before
-    assert not dialog.agree.isEnabled()
+    assert not dialog.create_button.isEnabled()
     ready(qtbot, dialog)
     assert not dialog.sketch().layers["forest"].any()
     assert dialog.sketch().layers["lake"][20:70, 80:115].all()
@@ -77,8 +77,8 @@ def test_a_colour_is_given_another_meaning_by_keys_and_none_at_all_is_refused(qt
     ready(qtbot, dialog)
     for box in dialog.colours.boxes:
         box.setCurrentIndex(0)
-    qtbot.waitUntil(lambda: "Say what at least one" in dialog.told.text(), timeout=20_000)
-    assert not dialog.agree.isEnabled()
+    qtbot.waitUntil(lambda: "Choose what at least one" in dialog.status.text(), timeout=20_000)
+    assert not dialog.create_button.isEnabled()
     dialog.colours.boxes[1].setCurrentIndex(3)
     ready(qtbot, dialog)
 
@@ -111,8 +111,8 @@ def test_vectors_have_their_own_scale(qtbot, opened, tmp_path):
 def test_unreadable_pictures_are_reported_and_reading_is_cancelled(qtbot, opened, tmp_path, picture):
     (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\nbroken")
     dialog = opened(tmp_path / "a.png")
-    qtbot.waitUntil(lambda: "expected a whole PNG" in dialog.told.text(), timeout=20_000)
-    assert not dialog.agree.isEnabled()
+    qtbot.waitUntil(lambda: "expected a whole PNG" in dialog.status.text(), timeout=20_000)
+    assert not dialog.create_button.isEnabled()
     qtbot.keyClick(dialog, Qt.Key.Key_Escape)
     assert dialog.isHidden()
 
@@ -120,4 +120,4 @@ def test_unreadable_pictures_are_reported_and_reading_is_cancelled(qtbot, opened
     dialog.reject()
     qtbot.wait(300)
     assert dialog.isHidden()
-    assert not dialog.agree.isEnabled()
+    assert not dialog.create_button.isEnabled()

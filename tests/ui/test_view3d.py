@@ -17,7 +17,7 @@ from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.protocol import Fly, GoTo, Look, Pan, Pick, PickResult, Turn, Zoom
 from sketchterrain.ui.menus import ContextMenu
 from sketchterrain.ui.models.workspace import Selection
-from sketchterrain.ui.view3d.hud import Bar, Card, Compass
+from sketchterrain.ui.view3d.hud import Compass, ModeBar, Placeholder
 from sketchterrain.ui.view3d.navigation import overview
 from sketchterrain.ui.view3d.view import View3D
 
@@ -64,7 +64,7 @@ def motions(link):
 
 
 def grips(view):
-    return {each.handle.role: each for each in view._scene.marks(view.width(), view.height()).grips}
+    return {each.handle.role: each for each in view._scene.marks(view.width(), view.height()).handles}
 
 
 def answer(link, place):
@@ -175,7 +175,7 @@ def test_handles_stay_under_the_mouse_and_a_drag_is_one_step(view, document, sel
     assert motions(link) == [], "the eye stands still"
     edit = document.sketch.edits[-1]
     projection = view._scene.projection(view.width(), view.height())
-    at = projection.see([[edit.x, edit.y, 0.0]]).at[0]
+    at = projection.project([[edit.x, edit.y, 0.0]]).pixels[0]
     assert at == pytest.approx([grip.x + 80, grip.y + 40], abs=1.5)
     document.undo()
     assert document.sketch.edits == ()
@@ -190,14 +190,14 @@ def test_a_handle_is_where_it_was_left_until_it_was_placed_there(view, link, doc
     points["x"][at], points["y"][at] = document.sketch.edits[-1].x, document.sketch.edits[-1].y
     link.placed = replace(placed, points=points)
     link.placed_changed.emit(link.placed)
-    assert view._scene.dragged is None
+    assert view._scene.drag is None
     assert grips(view)["move"].x == pytest.approx(grip.x + 40, abs=1.0)
 
 
 def test_a_rivers_point_is_selected_with_its_number(view, document, workspace, placed):
     workspace.selection = Selection("river", placed.rivers[0].id)
     marks = view._scene.marks(view.width(), view.height())
-    grip = next(each for each in marks.grips if each.handle.role == "point" and 100 < each.y < 400)
+    grip = next(each for each in marks.handles if each.handle.role == "point" and 100 < each.y < 400)
     drag(view, (grip.x, grip.y), (grip.x + 20, grip.y))
     assert workspace.selection == grip.handle.selection
     assert workspace.selection.index is not None
@@ -297,7 +297,7 @@ def test_the_compass_and_the_modes_follow_keys_and_buttons(view, link, document,
     compass.click()
     assert link.requests[-1] == Turn(pytest.approx(-45.0), 0.0)
 
-    bar = view.findChildren(Bar)[0]
+    bar = view.findChildren(ModeBar)[0]
     buttons = {each.accessibleName(): each for each in bar.findChildren(QToolButton)}
     for code, mode in ((Qt.Key.Key_2, "fly"), (Qt.Key.Key_3, "walk"), (Qt.Key.Key_1, "orbit")):
         key(view, code)
@@ -337,14 +337,14 @@ def test_pictures_fill_the_view_sharp_and_undistorted(view, link):
     assert part == [255, 0] * 4
 
     view.resize(800, 480)
-    place = view._scene.place(800, 480)
+    place = view._scene.picture_rectangle(800, 480)
     assert place.width() / place.height() == pytest.approx(WIDTH / HEIGHT)
     assert place.contains(QRectF(0, 0, 800, 480))
-    assert view._scene.projection(800, 480).share(400, 240) == pytest.approx((0.5, 0.5))
+    assert view._scene.projection(800, 480).picture_fraction(400, 240) == pytest.approx((0.5, 0.5))
 
 
 def texts(view) -> str:
-    card = view.findChildren(Card)[0]
+    card = view.findChildren(Placeholder)[0]
     return "" if card.isHidden() else "\n".join(each.text() for each in card.findChildren(QLabel))
 
 
@@ -355,7 +355,7 @@ def test_without_a_picture_a_card_tells_progress_or_what_to_do(bare, link, docum
     assert "Placing features …" in texts(bare)
     show_picture(link, document, placed)
     assert texts(bare) == ""
-    assert not bare.findChildren(Card)[0]._clock.isActive()
+    assert not bare.findChildren(Placeholder)[0]._clock.isActive()
 
 
 def test_without_opengl_or_a_device_a_card_that_fits_says_what_to_do(bare, link):
@@ -365,8 +365,8 @@ def test_without_opengl_or_a_device_a_card_that_fits_says_what_to_do(bare, link)
         return texts(bare)
 
     assert "install mesa" in say(device="cpu", opengl_error="no OpenGL 4.3: install mesa's drivers")
-    assert bare.findChildren(Bar)[0].isHidden()
-    button = bare.findChildren(Card)[0].findChildren(QPushButton)[0]
+    assert bare.findChildren(ModeBar)[0].isHidden()
+    button = bare.findChildren(Placeholder)[0].findChildren(QPushButton)[0]
     assert not button.isHidden()
     button.click()
     assert link.running
@@ -375,7 +375,7 @@ def test_without_opengl_or_a_device_a_card_that_fits_says_what_to_do(bare, link)
     say(opengl_error="a rather long reason that needs some lines in such a small view " * 2)
     for size in ((160, 120), (300, 200), (900, 700)):
         bare.resize(*size)
-        card = bare.findChildren(Card)[0].geometry()
+        card = bare.findChildren(Placeholder)[0].geometry()
         assert bare.rect().contains(card)
 
 
@@ -383,7 +383,7 @@ def test_a_stopped_engine_can_be_started_again(view, link, document, placed):
     link.error_reported.emit(msg.ErrorReport("engine", "it crashed (signal 11)"))
     assert "signal 11" in texts(view)
     view.grab()
-    view.findChildren(Card)[0].findChildren(QPushButton)[0].click()
+    view.findChildren(Placeholder)[0].findChildren(QPushButton)[0].click()
     assert link.running
     assert texts(view) == ""
     link.error_reported.emit(msg.ErrorReport("engine", "again"))

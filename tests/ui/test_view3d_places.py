@@ -8,16 +8,16 @@ from sketchterrain.render.camera import Camera
 from sketchterrain.ui.engine.protocol import FrameFacts, Placement, Pose, Relief
 from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.view3d.hud import heading_of
-from sketchterrain.ui.view3d.marks import marks_of
+from sketchterrain.ui.view3d.marks import MarkBuilder
 from sketchterrain.ui.view3d.navigation import overview
 from sketchterrain.ui.view3d.projection import (
-    Ground,
     Projection,
+    TerrainHeights,
+    circle,
+    eye_height_text,
     length_text,
-    ring,
     round_length,
     scale_bar,
-    standing_text,
 )
 
 PLACE = (10.0, 20.0, 640.0, 480.0)
@@ -30,26 +30,26 @@ def projection_of(eye=EYE, target=TARGET, *, fov: float = 50.0) -> Projection:
     return Projection(FrameFacts(640, 480, 1, Pose(eye, target, fov), clip, 0.1, 0.0, 1, 1, True, 1), PLACE)
 
 
-def ground_of(heights: np.ndarray, spacing: float = 50.0) -> Ground:
-    return Ground(Relief(1, 1, heights, heights.astype(np.uint8)), spacing)
+def ground_of(heights: np.ndarray, spacing: float = 50.0) -> TerrainHeights:
+    return TerrainHeights(Relief(1, 1, heights, heights.astype(np.uint8)), spacing)
 
 
-def flat(side: int = 64, spacing: float = 50.0, height: float = 0.0) -> Ground:
+def flat(side: int = 64, spacing: float = 50.0, height: float = 0.0) -> TerrainHeights:
     return ground_of(np.full((side, side), height, np.float32), spacing)
 
 
 def test_places_are_seen_on_their_lines_of_sight_and_at_their_scale():
     projection = projection_of()
-    assert projection.see([TARGET]).at[0] == pytest.approx([330.0, 260.0], abs=1e-6)
-    assert projection.see(np.add(TARGET, (0.0, 0.0, 50.0))).at[0, 1] < 260.0
-    assert projection.see(np.add(TARGET, (50.0, 0.0, 0.0))).at[0, 0] > 330.0
+    assert projection.project([TARGET]).pixels[0] == pytest.approx([330.0, 260.0], abs=1e-6)
+    assert projection.project(np.add(TARGET, (0.0, 0.0, 50.0))).pixels[0, 1] < 260.0
+    assert projection.project(np.add(TARGET, (50.0, 0.0, 0.0))).pixels[0, 0] > 330.0
 
     rng = np.random.default_rng(1)
     for place in np.add(TARGET, rng.normal(0.0, 300.0, (100, 3))):
-        seen = projection.see(place)
-        if not seen.before[0]:
+        seen = projection.project(place)
+        if not seen.in_front[0]:
             continue
-        along = projection.ray(*seen.at[0])
+        along = projection.ray(*seen.pixels[0])
         off = place - projection.eye
         assert np.linalg.norm(np.cross(along, off)) < 1e-6 * np.linalg.norm(off)
         assert along @ off > 0
@@ -64,37 +64,37 @@ def test_a_level_is_met_where_it_is_seen_and_not_over_the_horizon():
     projection = projection_of()
     rng = np.random.default_rng(2)
     for x, y in rng.uniform(-500.0, 3000.0, (100, 2)):
-        seen = projection.see([[x, y, 120.0]])
-        if seen.before[0]:
-            met = projection.on_level(*seen.at[0], 120.0)
-            slope = abs(projection.ray(*seen.at[0])[2])
+        seen = projection.project([[x, y, 120.0]])
+        if seen.in_front[0]:
+            met = projection.intersect_level(*seen.pixels[0], 120.0)
+            slope = abs(projection.ray(*seen.pixels[0])[2])
             assert (met is None) == (slope < 0.02)
             if met is not None:
                 assert met == pytest.approx((x, y), abs=0.01)
 
     projection = projection_of((0.0, 0.0, 100.0), (0.0, 1000.0, 100.0))
     levels = ((100.0, 0.0), (260.0, 0.0), (450.0, 200.0), (450.0, 0.0))
-    met = [projection.on_level(330.0, y, level) is not None for y, level in levels]
+    met = [projection.intersect_level(330.0, y, level) is not None for y, level in levels]
     assert met == [False, False, False, True]
 
 
 def test_lines_are_cut_where_they_pass_the_eye():
     projection = projection_of((0.0, 0.0, 100.0), (0.0, 100.0, 100.0))
     line = np.array([(-50.0, y, 0.0) for y in np.linspace(-500.0, 500.0, 21)])
-    ((first, at),) = projection.runs(line)
+    ((first, at),) = projection.visible_runs(line)
     assert first == 11
     assert np.isfinite(at).all()
     assert len(at) == 11
-    assert projection.runs(line[:5]) == []
-    assert len(projection.runs(line[15:])) == 1
-    assert len(projection.runs(np.concatenate([line[15:], line[:5], line[15:]]))) == 2
+    assert projection.visible_runs(line[:5]) == []
+    assert len(projection.visible_runs(line[15:])) == 1
+    assert len(projection.visible_runs(np.concatenate([line[15:], line[:5], line[15:]]))) == 2
 
 
 def test_heights_lie_between_the_samples_that_they_stand_among():
     ground = ground_of(np.arange(12, dtype=np.float32).reshape(3, 4), 10.0)  # row 0 is the north
     places = ((5.0, 25.0), (35.0, 5.0), (10.0, 25.0), (5.0, 20.0), (-100.0, -100.0))
     assert [ground.height(*place) for place in places] == [0.0, 11.0, 0.5, 2.0, 8.0]
-    assert ground.covers([0.0, 40.0, 41.0], [0.0, 30.0, 5.0]).tolist() == [True, True, False]
+    assert ground.contains([0.0, 40.0, 41.0], [0.0, 30.0, 5.0]).tolist() == [True, True, False]
 
 
 def test_a_ridge_hides_what_lies_behind_it_and_nothing_else():
@@ -103,9 +103,9 @@ def test_a_ridge_hides_what_lies_behind_it_and_nothing_else():
     ground = ground_of(heights)
     eye = (1600.0, 100.0, 200.0)
     behind, before, above = (1600.0, 2800.0, 0.0), (1600.0, 1000.0, 0.0), (1600.0, 2800.0, 900.0)
-    assert ground.hides(eye, [behind, before, above]).tolist() == [True, False, False]
-    places = ground.on(ring(1600.0, 800.0, 400.0))
-    assert not ground.hides(eye, places).any()
+    assert ground.occludes(eye, [behind, before, above]).tolist() == [True, False, False]
+    places = ground.drape(circle(1600.0, 800.0, 400.0))
+    assert not ground.occludes(eye, places).any()
     assert np.allclose(np.hypot(places[:, 0] - 1600.0, places[:, 1] - 800.0), 400.0)
 
 
@@ -120,23 +120,23 @@ def placed_with(*places: tuple[float, float]) -> Placement:
 def test_marks_lie_where_features_are_seen_and_are_thinned_out():
     projection, ground = projection_of(), flat()
     placed = placed_with((1200.0, 900.0), (1900.0, 1500.0), (1000.0, -9e4))
-    marks = marks_of(projection, ground, placed, None, all_features=True)
+    marks = MarkBuilder(projection, ground, placed, None).marks(all_features=True)
     assert [each.selection.id for each in marks.dots] == [1, 2], "what lies behind the eye has no mark"
     for dot in marks.dots:
         at = placed.points[dot.selection.id - 1]
-        assert [dot.x, dot.y] == pytest.approx(projection.see([[at["x"], at["y"], 0.0]]).at[0])
+        assert [dot.x, dot.y] == pytest.approx(projection.project([[at["x"], at["y"], 0.0]]).pixels[0])
         assert marks.dot_at(dot.x + 3.0, dot.y, reach=11.0) == dot
     assert marks.dot_at(-100.0, 0.0, reach=11.0) is None
-    selection = marks_of(projection, ground, placed, Selection("feature", 2), all_features=True)
+    selection = MarkBuilder(projection, ground, placed, Selection("feature", 2)).marks(all_features=True)
     assert [each.selection.id for each in selection.dots] == [1]
-    assert [each.handle.role for each in selection.grips] == ["move", "radius"]
+    assert [each.handle.role for each in selection.handles] == ["move", "radius"]
     assert selection.outline
-    grip = selection.grips[0]
-    assert selection.grip_at(grip.x + 2.0, grip.y, reach=11.0) == grip
-    assert selection.grip_at(grip.x + 200.0, grip.y, reach=11.0) is None
+    grip = selection.handles[0]
+    assert selection.handle_at(grip.x + 2.0, grip.y, reach=11.0) == grip
+    assert selection.handle_at(grip.x + 200.0, grip.y, reach=11.0) is None
 
     crowd = placed_with(*[(1200.0 + 0.1 * step, 900.0) for step in range(50)])
-    assert len(marks_of(projection_of(), flat(), crowd, None, all_features=True).dots) <= 2
+    assert len(MarkBuilder(projection_of(), flat(), crowd, None).marks(all_features=True).dots) <= 2
 
 
 def test_a_rivers_grips_keep_apart(placed):
@@ -145,15 +145,17 @@ def test_a_rivers_grips_keep_apart(placed):
     projection = projection_of((x, y - 6e3, z + 4e3), (x, y, z))
     selection = Selection("river", river.id)
     ground = flat(256, 24.0)
-    far = marks_of(projection, ground, placed, selection, all_features=False)
-    points = [each for each in far.grips if each.handle.role == "point"]
+    far = MarkBuilder(projection, ground, placed, selection).marks(all_features=False)
+    points = [each for each in far.handles if each.handle.role == "point"]
     assert 3 < len(points) < len(river.points)
     apart = np.hypot(*np.diff([(each.x, each.y) for each in points], axis=0).T)
     assert apart.min() >= 13.0
     shown = {each.handle.selection.index for each in points}
     hidden = min(set(range(len(river.points))) - shown)
-    taken = marks_of(projection, ground, placed, Selection("river", river.id, hidden), all_features=False)
-    assert hidden in [each.handle.selection.index for each in taken.grips], (
+    taken = MarkBuilder(projection, ground, placed, Selection("river", river.id, hidden)).marks(
+        all_features=False
+    )
+    assert hidden in [each.handle.selection.index for each in taken.handles], (
         "the one that is selected is there"
     )
 
@@ -163,9 +165,9 @@ def test_lengths_are_round_and_worded():
         assert round_length(metres) == rounded
     words = {0.5: "0.5 m", 27.3: "27 m", 999.6: "1.0 km", 2449.0: "2.4 km", 123456.0: "123 km"}
     assert [length_text(metres) for metres in words] == list(words.values())
-    over = standing_text(Pose((100.0, 100.0, 150.0), (0.0, 0.0, 0.0)), flat(height=30.0))
-    assert over.endswith("120 m over the ground")
-    assert standing_text(Pose((-100.0, 100.0, 150.0), (0.0, 0.0, 0.0)), flat()) == "eye at 150 m"
+    over = eye_height_text(Pose((100.0, 100.0, 150.0), (0.0, 0.0, 0.0)), flat(height=30.0))
+    assert over.endswith("120 m above the ground")
+    assert eye_height_text(Pose((-100.0, 100.0, 150.0), (0.0, 0.0, 0.0)), flat()) == "eye at 150 m"
     projection = projection_of()
     length, wide = scale_bar(projection, Pose(EYE, TARGET), most=110.0)
     assert wide <= 110.0

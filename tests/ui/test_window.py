@@ -223,7 +223,7 @@ def test_exporting_goes_on_beside_the_window_and_ends_with_it(window):
 def test_pictures_are_saved_as_shown_or_asked_of_the_engine(window, link, tmp_path, monkeypatch, qtbot):
     from sketchterrain.ui.dialogs.start import PictureDialog
 
-    monkeypatch.setattr(PictureDialog, "exec", lambda dialog: dialog._ask() or 1)
+    monkeypatch.setattr(PictureDialog, "exec", lambda dialog: dialog._ask_path() or 1)
 
     def save_as(path):
         monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(path), ""))

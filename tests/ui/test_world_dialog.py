@@ -20,9 +20,11 @@ def opened(qtbot, tmp_path, small):
 
     def open_() -> WorldDialog:
         preferences = Preferences(path)
-        dialog = WorldDialog(small, preferences)
+        viewed = []
+        dialog = WorldDialog(small, preferences, view=viewed.append)
+        dialog.viewed = viewed
         dialog.preferences = preferences  # they have no other owner
-        dialog.output.setText(str(tmp_path / "world.zarr"))
+        dialog.path_field.setText(str(tmp_path / "world.zarr"))
         qtbot.addWidget(dialog)
         kept.append(dialog)
         dialog.show()
@@ -38,7 +40,7 @@ def choose(box, data):
 
 def begun(qtbot, dialog):
     """Press the button, and wait for what comes of it."""
-    dialog.go.click()
+    dialog.accept_button.click()
     with qtbot.waitSignal(dialog.job.finished, timeout=120_000) as done:
         pass
     qtbot.waitUntil(lambda: not dialog.job.is_running)
@@ -48,8 +50,8 @@ def begun(qtbot, dialog):
 def test_every_option_can_be_asked_for_and_the_first_are_the_command_lines(opened):
     dialog = opened()
     assert dialog.form.options() == WorldOptions()
-    assert dialog.go.isEnabled()
-    assert dialog.go.text() == "Estimate"
+    assert dialog.accept_button.isEnabled()
+    assert dialog.accept_button.text() == "Estimate"
 
     form = dialog.form
     choose(form["place"], "other")
@@ -84,34 +86,34 @@ def test_what_it_is_and_what_cannot_be_is_told_at_once(opened):
     dialog = opened()
     assert dialog.form.note.text() == "513 × 385 vertices, 0.2596 million on all 3 levels."
     dialog.form["crs"].setText("EPSG:4326")
-    assert "EPSG:4326" in dialog.told.text()
-    assert not dialog.go.isEnabled()
+    assert "EPSG:4326" in dialog.hint.text()
+    assert not dialog.accept_button.isEnabled()
     dialog.form["crs"].clear()
     choose(dialog.form["place"], "other")
     dialog.form["east"].setValue(-1.0)
-    assert "west < east" in dialog.told.text()
-    assert not dialog.go.isEnabled()
+    assert "west < east" in dialog.hint.text()
+    assert not dialog.accept_button.isEnabled()
     choose(dialog.form["place"], "sketch")
-    assert dialog.go.isEnabled()
-    dialog.output.setText("")
-    assert dialog.told.text() == "Choose a file or a folder."
-    dialog.output.setText("world.png")
-    assert "ends in .zarr or .tif" in dialog.told.text()
-    assert not dialog.go.isEnabled()
+    assert dialog.accept_button.isEnabled()
+    dialog.path_field.setText("")
+    assert dialog.hint.text() == "Choose a file or a folder."
+    dialog.path_field.setText("world.png")
+    assert "ends in .zarr or .tif" in dialog.hint.text()
+    assert not dialog.accept_button.isEnabled()
 
 
 def test_the_file_name_follows_the_form_and_each_letter_leads_to_one_control(opened, tmp_path):
     dialog = opened()
     for form, name in (("tif", "world.tif"), ("tiles", "world"), ("zarr", "world.zarr")):
         choose(dialog.form["form"], form)
-        assert dialog.output.text() == str(tmp_path / name)
-        assert dialog.go.isEnabled()
-    dialog.output.setText(str(tmp_path / "other.tif"))
-    assert "expected another name, or another form" in dialog.told.text()
-    assert not dialog.go.isEnabled()
-    dialog.output.setText(str(tmp_path / "v1.5"))
+        assert dialog.path_field.text() == str(tmp_path / name)
+        assert dialog.accept_button.isEnabled()
+    dialog.path_field.setText(str(tmp_path / "other.tif"))
+    assert "expected another name, or another form" in dialog.hint.text()
+    assert not dialog.accept_button.isEnabled()
+    dialog.path_field.setText(str(tmp_path / "v1.5"))
     choose(dialog.form["form"], "tif")
-    assert dialog.output.text() == str(tmp_path / "v1.5.tif")
+    assert dialog.path_field.text() == str(tmp_path / "v1.5.tif")
 
     texts = [each.text() for each in dialog.findChildren((QLabel, QAbstractButton))]
     letters = [letter for text in texts if (letter := QKeySequence.mnemonic(text).toString())]
@@ -136,44 +138,43 @@ def test_a_world_is_estimated_begun_cancelled_and_gone_on_with(qtbot, opened, tm
     told = begun(qtbot, dialog)
     assert not (tmp_path / "world.zarr").exists()
     assert (told["done"], told["problem"]) == (0, "")
-    assert dialog.go.text() == "Start"
-    assert "Memory: about" in dialog.told.text()
+    assert dialog.accept_button.text() == "Start"
+    assert "Memory: about" in dialog.hint.text()
     dialog.form["normals"].setChecked(False)  # of that one nothing is known
-    assert dialog.go.text() == "Estimate"
-    assert "Memory" not in dialog.told.text()
+    assert dialog.accept_button.text() == "Estimate"
+    assert "Memory" not in dialog.hint.text()
     dialog.form["normals"].setChecked(True)
     dialog._is_estimated = True
-    dialog.go.click()
+    dialog.accept_button.click()
     with qtbot.waitSignal(dialog.job.share_changed, timeout=60_000, check_params_cb=lambda share: share > 0):
         pass
     with qtbot.waitSignal(dialog.job.failed, timeout=60_000) as why:
         dialog.reject()
     assert why.args == [""]
-    assert "goes on from there" in dialog.doing.text()
+    assert "resumes" in dialog.progress.doing.text()
     qtbot.waitUntil(lambda: not dialog.job.is_running)
     assert not list((tmp_path / "world.zarr").rglob("*.tmp"))
     again = opened()
     there = begun(qtbot, again)["done"]
     assert there > 0
-    assert again.go.text() in ("Go on", "Verify")
+    assert again.accept_button.text() in ("Resume", "Verify")
     done = begun(qtbot, again)
     assert (done["made"], done["tasks"]) == (3 - there, 3)
     assert open_world(tmp_path / "world.zarr").levels[0].columns == 513
-    assert "3 shards" in again.doing.text()
-    with qtbot.waitSignal(again.view_requested) as viewed:
-        again.view.click()
-    assert viewed.args == [tmp_path / "world.zarr"]
+    assert "3 shards" in again.progress.doing.text()
+    again.view_button.click()
+    assert again.viewed == [tmp_path / "world.zarr"]
 
 
 def test_something_else_at_the_output_is_left_alone(qtbot, opened, tmp_path):
     (tmp_path / "world.zarr").mkdir()
     (tmp_path / "world.zarr" / "mine.txt").write_text("mine")
     dialog = opened()
-    dialog.go.click()
+    dialog.accept_button.click()
     with qtbot.waitSignal(dialog.job.failed, timeout=120_000) as told:
         pass
     assert "there is something else" in told.args[0]
-    assert dialog.told.text() == told.args[0]
-    assert dialog.go.text() == "Estimate"
+    assert dialog.hint.text() == told.args[0]
+    assert dialog.accept_button.text() == "Estimate"
     qtbot.waitUntil(lambda: not dialog.job.is_running)
     assert [each.name for each in (tmp_path / "world.zarr").iterdir()] == ["mine.txt"]

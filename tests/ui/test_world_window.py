@@ -105,10 +105,10 @@ def test_its_actions_are_those_that_make_sense_without_a_sketch(window, monkeypa
 
 
 def test_the_window_tells_what_it_shows_and_what_is_lost(window):
-    card = window.view._hud.card
+    card = window.view._hud.placeholder
     assert window.windowTitle() == "island.zarr"
-    assert "4.0 km × 2.0 km, 2 m between vertices" in window._what.text()
-    assert "Eye at 1010, 4980 m, 300 m high" in window._where.text()
+    assert "4.0 km × 2.0 km, 2 m between vertices" in window._extent.text()
+    assert "Eye at 1010, 4980 m, 300 m high" in window._position.text()
     assert window.banner.message.line == "The world holds no sketch."
     for chunk in range(2):
         window.link.error_reported.emit(ErrorReport("world", f"height {chunk}: broken"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from collections.abc import Mapping
 
 import numpy as np
@@ -128,3 +129,12 @@ def set_setting(sketch: Sketch, table: str, name: str, value: Value) -> Sketch:
 def reset_setting(sketch: Sketch, table: str, name: str) -> Sketch:
     """Reset a value of a table to its default."""
     return set_setting(sketch, table, name, declared(table)[name].default)
+
+
+_SEEDS = 1_000_000  # fewer than there are: short enough to remember
+
+
+def random_seed(current: int | None = None) -> int:
+    """Return a short random seed other than the current one."""
+    seed = random.randrange(_SEEDS - 1)  # noqa: S311 - not cryptographic
+    return seed if current is None else seed + (seed >= current)

@@ -1,4 +1,4 @@
-"""What an export is asked for, as forms: everything that `generate` writes, or one target's options."""
+"""Forms of export options: everything that `generate` writes, or one target's options."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, Final
 
 from PyQt6.QtGui import QIntValidator
-from PyQt6.QtWidgets import QWidget
 
 from sketchterrain.app.estimates import check_size, memory_needed
 from sketchterrain.document.sketch import Sketch
@@ -46,118 +45,85 @@ _FORMATS: Final = {
     "ply": "PLY",
 }
 _GRASS: Final = Field(
-    "grass", "", False, "Many: files become large", words="Grass, flowers and ferns too (millions)"
+    "grass", "", False, "Many: files become large", text="Grass, flowers and ferns too (millions)"
 )
-# Of a vertex: 4 of height.tif, 2 of height.png, 3 of normals, 8 of materials, compressed to about two thirds.
+# A vertex has 4 bytes of height.tif, 2 of height.png, 3 of normals, 8 of materials, compressed to 2/3.
 _DISK = 11
 _TILE_OPTIONS = ("overlap", "tile_name", "tile_first", "tiles_from_south")
 _TILES, _HEIGHTS, _FAR = (1, 64), (-20_000.0, 20_000.0), (-1e8, 1e8)
-_TARGET_FIELDS: Final = (
-    Field("size", "&Size", "", "Vertices of heights, normals and materials", choices={"": ""}),
-    Line(
-        "tiles",
-        "&Tiles",
-        "Columns and rows of files",
-        (
-            Field("columns", "Columns of tiles", 1, range=_TILES, decimals=0),
-            "×",
-            Field("rows", "Rows of tiles", 1, range=_TILES, decimals=0),
-        ),
-    ),
-    Field(
-        "overlap",
-        "Shared &vertices",
-        1,
-        "That neighbouring tiles both have: 1 is an edge",
-        range=(0, 4096),
-        decimals=0,
-    ),
-    Field("tile_name", "Na&mes", "", "With {name}, {x} and {y}; {x:02} has leading zeros"),
-    Field("tile_first", "First num&ber", 0, "Of the first tile each way", range=(0, 9999), decimals=0),
-    Field(
-        "tiles_from_south",
-        "&Rows counted",
-        False,
-        "Which row of tiles has the first number",
-        choices={False: "From the north", True: "From the south"},
-    ),
-    Field("format", "F&ormat", "", "Of the heights", choices={"": ""}),
-    Line(
-        "heights",
-        "&Heights",
-        "What 16 bits hold: the same range for many terrains fits together",
-        (
-            Field("ranged", "A fixed range of heights", False, words="Always"),
-            "from",
-            Field("low", "Lowest height", 0.0, range=_HEIGHTS, unit="m"),
-            "to",
-            Field("high", "Highest height", 2000.0, range=_HEIGHTS, unit="m"),
-        ),
-    ),
-    Field(
-        "error",
-        "&Error at most",
-        0.0,
-        "Metres that the mesh may be off: fewer triangles",
-        range=(0.0, 1000.0),
-        unit="m",
-        words="All vertices",
-        width=128,
-    ),
-    Field(
-        "crs",
-        "&CRS",
-        "",
-        "Coordinate reference system in metres, where the terrain shall lie",
-        words="None, or EPSG:25832",
-    ),
-    Line(
-        "origin",
-        "Corner &at",
-        "Where the sketch's south-west corner lies in it",
-        (
-            Field("east", "Easting of the corner", 0.0, range=_FAR, unit="m", width=128),
-            "east,",
-            Field("north", "Northing of the corner", 0.0, range=_FAR, unit="m", width=128),
-            "north",
-        ),
-    ),
-    Field("plants", "&Plants", True, "Where each one stands, how tall it is", words="Trees and shrubs"),
-    _GRASS,
-)
-_USUAL: Final = {
+_ROW_ORDERS: Final = {False: "From the north", True: "From the south"}
+
+
+def _target_fields() -> tuple[Field | Line, ...]:
+    tiles = (
+        Field("columns", "Columns of tiles", 1, range=_TILES),
+        Field("rows", "Rows of tiles", 1, range=_TILES),
+    )
+    overlap_tip = "Shared by neighbouring tiles: 1 is an edge"
+    order_tip = "Which row of tiles has the first number"
+    heights = (
+        *(Field("ranged", "A fixed range of heights", False, text="Always"), "from"),
+        *(Field("low", "Lowest height", 0.0, range=_HEIGHTS, unit="m"), "to"),
+        Field("high", "Highest height", 2000.0, range=_HEIGHTS, unit="m"),
+    )
+    range_tip = "Range of 16-bit heights: terrains with the same range fit together"
+    error_tip = "Greatest error of the mesh in metres: fewer triangles"
+    crs_tip = "Projected coordinate reference system of the terrain, in metres"
+    corner = (
+        *(Field("east", "Easting of the corner", 0.0, range=_FAR, unit="m", width=128), "east,"),
+        *(Field("north", "Northing of the corner", 0.0, range=_FAR, unit="m", width=128), "north"),
+    )
+    error = Field("error", "&Error at most", 0.0, error_tip, range=(0.0, 1000.0), unit="m", width=128)
+    return (
+        Field("size", "&Size", "", "Vertices of heights, normals and materials", choices={"": ""}),
+        Line("tiles", "&Tiles", "Columns and rows of files", (tiles[0], "×", tiles[1])),
+        Field("overlap", "Shared &vertices", 1, overlap_tip, range=(0, 4096)),
+        Field("tile_name", "Na&mes", "", "With {name}, {x} and {y}; {x:02} has leading zeros"),
+        Field("tile_first", "First num&ber", 0, "Of the first tile each way", range=(0, 9999)),
+        Field("tiles_from_south", "&Rows counted", False, order_tip, choices=_ROW_ORDERS),
+        Field("format", "F&ormat", "", "Of the heights", choices={"": ""}),
+        Line("heights", "&Heights", range_tip, heights),
+        replace(error, text="All vertices"),
+        Field("crs", "&CRS", "", crs_tip, text="None, or EPSG:25832"),
+        Line("origin", "Corner &at", "Position of the sketch's south-west corner", corner),
+        Field("plants", "&Plants", True, "Positions and heights of plants", text="Trees and shrubs"),
+        _GRASS,
+    )
+
+
+_TARGET_FIELDS: Final = _target_fields()
+_DEFAULTS: Final = {
     field.name: field.default
     for line in _TARGET_FIELDS
-    for field in ((line,) if isinstance(line, Field) else line.parts)
-    if isinstance(field, Field) and field.name != "size"
+    for field in (line.fields if isinstance(line, Line) else (line,))
+    if field.name != "size"
 }
 
 
 class EverythingForm(Form):
-    """Asks for the size and the files of an export of everything.
+    """Size and files of an export of everything.
 
-    `problem` says why it cannot be exported so; `mark` is the name of a file that an export leaves.
+    `problem` is why it cannot be exported; `mark` names a file that every export writes.
     """
 
     mark = "report.json"
 
-    def __init__(self, sketch: Sketch, kept: Mapping[str, object], parent: QWidget | None = None) -> None:
+    def __init__(self, sketch: Sketch, stored: Mapping[str, object]) -> None:
         self._sketch = sketch
         self.problem = ""
         sizes = {size: self._size_text(size) for size in _SIZES}
         super().__init__(
-            Field("size", "&Heights", 1025, "Samples of heights, normals and materials", choices=sizes),
-            Field("plants", "&Plants", "csv", "Which file holds the plants", choices=_FOLIAGE),
+            Field("size", "&Heights", 1025, "Vertices of heights, normals and materials", choices=sizes),
+            Field("plants", "&Plants", "csv", "File format of plants", choices=_FOLIAGE),
             replace(_GRASS, tip="Only a point cloud holds so many"),
             Field("map", "&Map", "", "A topographic map", choices=_MAPS),
             Field("view", "Pre&view", "auto", "A rendered picture", choices=_VIEWS),
-            parent=parent,
         )
         self.changed.connect(self._check)
-        self.set_values(kept)
+        self.set_values(stored)
 
     def request(self, folder: Path, device: str | None) -> ExportRequest:
-        """Return what is asked for, into a folder, on a device."""
+        """Return the request for a folder and a device."""
         values = self.values
         return ExportRequest(
             folder,
@@ -195,14 +161,14 @@ class EverythingForm(Form):
 
 
 class TargetForm(Form):
-    """Asks for what one target takes, and tells what its export will be."""
+    """Options of one target, and the plan of its export."""
 
     mark = SIDECAR
 
-    def __init__(self, sketch: Sketch, parent: QWidget | None = None) -> None:
-        super().__init__(*_TARGET_FIELDS, parent=parent)
+    def __init__(self, sketch: Sketch) -> None:
+        super().__init__(*_TARGET_FIELDS)
         self._head = note()
-        self._down.insertWidget(0, self._head)
+        self._column.insertWidget(0, self._head)
         self._sketch = sketch
         self._is_wide = sketch.size[0] >= sketch.size[1]
         self._target: Target | None = None
@@ -210,8 +176,8 @@ class TargetForm(Form):
         self.problem = ""
         self.changed.connect(self._check)
 
-    def use(self, target: Target, kept: Mapping[str, object]) -> None:
-        """Show what a target takes, as it was kept."""
+    def use(self, target: Target, stored: Mapping[str, object]) -> None:
+        """Show a target's options with stored values."""
         self._target = target
         self._head.setText(f"{target.summary[:1].upper()}{target.summary[1:]}.")
         tiling = target.tiling or Tiling()
@@ -220,28 +186,28 @@ class TargetForm(Form):
         self["format"].clear()
         for name in target.formats:
             self["format"].addItem(_FORMATS.get(name, name.upper()), name)
-        usual = {
+        defaults = {
             "overlap": tiling.overlap,
             "tile_name": tiling.pattern,
             "tile_first": tiling.first,
             "tiles_from_south": tiling.from_south,
         }
-        self.set_values(_USUAL, usual, kept)
+        self.set_values(_DEFAULTS, defaults, stored)
 
     def request(self, folder: Path, device: str | None) -> TargetRequest:
-        """Return what is asked for, into a folder, on a device."""
+        """Return the request for a folder and a device."""
         if self._target is None or self._options is None:
-            raise RuntimeError("expected options that can be exported")
+            raise RuntimeError("expected valid options")
         return TargetRequest(folder, self._target.name, self._options, device)
 
     def options(self) -> ExportOptions:
-        """Return what is asked for; raises `InputError` for a size that is no number, or too many tiles."""
+        """Return the options; raise `InputError` for an invalid size or too many tiles."""
         target, values = self._target, self.values
         if target is None:
             raise RuntimeError("expected a target to be used first")
-        taken = option_names(target)
+        supported = option_names(target)
         tiles = (values["columns"], values["rows"])
-        given = {
+        options = {
             "format": values["format"],
             "heights": (values["low"], values["high"]) if values["ranged"] else None,
             "error": values["error"] or None,
@@ -249,24 +215,24 @@ class TargetForm(Form):
             "origin": (values["east"], values["north"]),
         }
         if tiles != (1, 1):
-            given |= {"tiles": tiles} | {name: values[name] for name in _TILE_OPTIONS}
-        given = {name: value for name, value in given.items() if name in taken}
-        given["plants"] = values["plants"]
-        given["grass"] = values["grass"] and values["plants"]
-        if "size" in taken:
-            given["size"] = self._size(target, given)
-        return replace(ExportOptions(), **given)
+            options |= {"tiles": tiles} | {name: values[name] for name in _TILE_OPTIONS}
+        options = {name: value for name, value in options.items() if name in supported}
+        options["plants"] = values["plants"]
+        options["grass"] = values["grass"] and values["plants"]
+        if "size" in supported:
+            options["size"] = self._size(target, options)
+        return replace(ExportOptions(), **options)
 
-    def _size(self, target: Target, given: Mapping[str, Any]) -> int:
-        """Return the vertices of the whole: where only some sides are taken, a tile's side is asked for."""
+    def _size(self, target: Target, options: Mapping[str, Any]) -> int:
+        """Return the vertices of the whole; targets with fixed sizes ask for the side of a tile."""
         if not target.sizes:
             text = self["size"].currentText().strip()
             if not text.isdecimal():
                 raise InputError(f"size {text!r}: expected a number of vertices")
             return int(text)
-        columns, rows = given.get("tiles", (1, 1))
+        columns, rows = options.get("tiles", (1, 1))
         side = int(self["size"].currentData())
-        tiling = Tiling(columns, rows, overlap=given.get("overlap", (target.tiling or Tiling()).overlap))
+        tiling = Tiling(columns, rows, overlap=options.get("overlap", (target.tiling or Tiling()).overlap))
         if tiling.count > 1 and tiling.overlap >= side:
             raise InputError(f"tiles of {side} vertices cannot share {tiling.overlap}")
         return tiling.grid_side(side, max(columns, rows))
@@ -278,10 +244,10 @@ class TargetForm(Form):
         for side in target.sizes or sorted({*_SIZES, target.size}):
             sizes.addItem(f"{side} × {side}" if target.sizes else str(side), side)
         sizes.setCurrentIndex(sizes.findData(target.size))
-        typed = sizes.lineEdit()
-        if typed is not None:
-            typed.setValidator(QIntValidator(2, 99_999, typed))
-            typed.setAccessibleName("Vertices along the longer side")
+        editor = sizes.lineEdit()
+        if editor is not None:
+            editor.setValidator(QIntValidator(2, 99_999, editor))
+            editor.setAccessibleName("Vertices along the longer side")
             sizes.setEditText(str(target.size))
         label = self.title_label("size")
         if label is not None:
@@ -289,7 +255,7 @@ class TargetForm(Form):
             label.setBuddy(sizes)
 
     def _offer_fitting_sizes(self, target: Target) -> None:
-        """Offer sizes that can be cut into the tiles; one that was typed stays as it is."""
+        """Offer sizes that divide into the tiles; a typed size stays."""
         if target.sizes or target.spacing is not None:
             return
         box = self["size"]
@@ -302,12 +268,12 @@ class TargetForm(Form):
         if fitting == [box.itemData(row) for row in range(box.count())]:
             return
         text = box.currentText()
-        chosen = box.findText(text)
+        selected = box.findText(text)
         self._is_filling = True
         box.clear()
         for size in fitting:
             box.addItem(str(size), size)
-        box.setEditText(text if chosen < 0 else str(fitting[chosen]))
+        box.setEditText(text if selected < 0 else str(fitting[selected]))
         self._is_filling = False
 
     def _check(self) -> None:
@@ -315,24 +281,24 @@ class TargetForm(Form):
         if target is None:
             return
         self._offer_fitting_sizes(target)
-        taken, values = option_names(target), self.values
+        supported, values = option_names(target), self.values
         is_cut = (values["columns"], values["rows"]) != (1, 1)
         self.show_lines(
-            {name: name in taken and (is_cut or name not in _TILE_OPTIONS) for name in self._lines}
+            {name: name in supported and (is_cut or name not in _TILE_OPTIONS) for name in self._lines}
         )
         self.enable(values["ranged"], "low", "high")
         self.enable(values["plants"], "grass")
-        self.problem, self._options, told = "", None, ""
+        self.problem, self._options, text = "", None, ""
         try:
             self._options = self.options()
-            told = plan_line(checked_plan(self._sketch, target.name, self._options), self._sketch)
+            text = plan_line(checked_plan(self._sketch, target.name, self._options), self._sketch)
         except SketchterrainError as error:
             self.problem = one_line(error)
-        self.note.setText(told)
+        self.note.setText(text)
 
 
 def plan_line(plan: ExportPlan, sketch: Sketch) -> str:
-    """Return what an export will be, for a person: vertices, tiles, the ground they cover, what it takes."""
+    """Return a plan in words: vertices, tiles, extent, disk and memory."""
     grid, (columns, rows), tiles = plan.grid, plan.tile_side, plan.tiling.count
     across, up = grid.spacing
     apart = f"{across:.4g} m" if f"{across:.4g}" == f"{up:.4g}" else f"{across:.4g} m and {up:.4g} m"
@@ -340,7 +306,7 @@ def plan_line(plan: ExportPlan, sketch: Sketch) -> str:
     lines = [f"{what}, {apart} apart."]
     width, height = grid.east - grid.west, grid.north - grid.south
     if width > sketch.size[0] + across / 2 or height > sketch.size[1] + up / 2:
-        lines.append(f"{width:.0f} × {height:.0f} m: the world goes on beyond the sketch.")
+        lines.append(f"{width:.0f} × {height:.0f} m: the terrain extends beyond the sketch.")
     disk = plan.target.disk * columns * rows * tiles
     plants = " besides the plants" if plan.options.plants else ""
     lines.append(

@@ -1,14 +1,15 @@
-"""Forms of dialogs, built from declared fields, and the layout that all dialogs share."""
+"""Forms of dialogs, built from declared fields; layout, buttons and export jobs that dialogs share."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from PyQt6.QtCore import Qt, pyqtSignal
-from PyQt6.QtGui import QPalette
+from PyQt6.QtCore import Qt, QUrl, pyqtSignal
+from PyQt6.QtGui import QCloseEvent, QDesktopServices, QPalette
 from PyQt6.QtWidgets import (
     QCheckBox,
     QComboBox,
@@ -26,35 +27,30 @@ from PyQt6.QtWidgets import (
 )
 
 from sketchterrain.document.parameters import SKETCH
-from sketchterrain.ui.look.theme import MARGIN, SPACING
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.ui.export_job import ExportJob
+from sketchterrain.ui.export_request import ExportRequest, TargetRequest, WorldRequest
+from sketchterrain.ui.look.theme import MARGIN, SPACING, column, row
+from sketchterrain.ui.models.preferences import Preferences
 from sketchterrain.ui.panels.numbers import NumberBox
 
 
 @dataclass(frozen=True)
 class Field:
-    """One control, by its default: a choice (with `choices`), a text, a switch or a number.
-
-    Attributes
-    ----------
-    title
-        With ``&`` before its key; of a part of a line: its accessible name.
-    words
-        Beside a switch; in an empty text; in place of a number's least value.
-    """
+    """One control, by its default: a choice (with `choices`), a text, a switch, an integer or a number."""
 
     name: str
-    title: str
+    title: str  # With ``&`` before its key; of a part of a line: its accessible name
     default: Any
     tip: str = ""
     choices: Mapping[Any, str] | None = None
     range: tuple[float, float] = (0.0, 0.0)
     unit: str = ""
-    decimals: int = 3
-    words: str = ""
+    text: str = ""  # Beside a switch; placeholder of a text; in place of a number's least value
     width: int = 88
 
     def control(self) -> QWidget:
-        """Return a new control at its default."""
+        """Return a new control with the default value."""
         control: QWidget
         if self.choices is not None:
             control = QComboBox()
@@ -62,41 +58,44 @@ class Field:
                 control.addItem(title, value)
             control.setCurrentIndex(control.findData(self.default))
         elif isinstance(self.default, bool):
-            control = QCheckBox(self.words)
+            control = QCheckBox(self.text)
             control.setChecked(self.default)
         elif isinstance(self.default, str):
             control = QLineEdit(self.default)
-            control.setPlaceholderText(self.words)
+            control.setPlaceholderText(self.text)
         else:
             suffix = f" {self.unit}" if self.unit else ""
-            control = NumberBox(*self.range, suffix=suffix, decimals=self.decimals)
-            control.setSpecialValueText(self.words)
+            decimals = 0 if isinstance(self.default, int) else 3
+            control = NumberBox(*self.range, suffix=suffix, decimals=decimals)
+            control.setSpecialValueText(self.text)
             control.setFixedWidth(self.width)
             control.setValue(self.default)
-        control.setAccessibleName(self.title.replace("&", "") or self.words)
+        control.setAccessibleName(self.title.replace("&", "") or self.text)
         control.setToolTip(self.tip)
         return control
 
 
 @dataclass(frozen=True)
 class Line:
-    """Several controls in a row, and words between them."""
+    """Several controls in a row, with words between them."""
 
     name: str
     title: str
     tip: str
     parts: tuple[Field | str, ...]
 
+    @property
+    def fields(self) -> list[Field]:
+        """The controls."""
+        return [part for part in self.parts if isinstance(part, Field)]
 
-NAME = Field("name", "&Name", "My terrain", "What the sketch is called")
+
+_EXTENT = SKETCH["extent"]
+NAME = Field("name", "&Name", "My terrain", "Name of the sketch")
 EXTENT = Field(
-    "extent",
-    "&Extent",
-    float(SKETCH["extent"].default),
-    SKETCH["extent"].help[:1].upper() + SKETCH["extent"].help[1:],
-    range=(SKETCH["extent"].low, SKETCH["extent"].high),
+    *("extent", "&Extent", int(_EXTENT.default), _EXTENT.help[:1].upper() + _EXTENT.help[1:]),
+    range=(_EXTENT.low, _EXTENT.high),
     unit="m",
-    decimals=0,
 )
 
 
@@ -104,37 +103,33 @@ class Form(QWidget):
     """Titled rows of controls; ``form[name]`` is a control, `note` a line of text below them."""
 
     changed = pyqtSignal()
-    """A value was changed, by a person or by `set_values`."""
 
-    def __init__(self, *lines: Field | Line, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, *lines: Field | Line) -> None:
+        super().__init__()
         self._controls: dict[str, QWidget] = {}
         self._lines: dict[str, QWidget] = {}
         self._rows = form_layout()
         self._is_filling = False
         self.note = note()
-        self._down = part(self)
-        self._down.addLayout(self._rows)
-        self._down.addWidget(self.note)
+        self._column = column(self, self._rows, self.note, spacing=MARGIN)
         for line in lines:
-            row = self._add(line) if isinstance(line, Field) else self._add_line(line)
-            self._lines[line.name] = row
-            self._rows.addRow(line.title, row)
+            widget = self._add(line) if isinstance(line, Field) else self._add_line(line)
+            self._lines[line.name] = widget
+            self._rows.addRow(line.title, widget)
             label = self.title_label(line.name)
             if label is not None and isinstance(line, Line):
-                first = next(each for each in line.parts if isinstance(each, Field))
-                label.setBuddy(self._controls[first.name])
+                label.setBuddy(self._controls[line.fields[0].name])
 
     def __getitem__(self, name: str) -> Any:
         return self._controls[name]
 
     @property
     def values(self) -> dict[str, Any]:
-        """What is set, by name: the data of a choice, a text, a number, whether something is on."""
+        """Values by name: the data of a choice, a text, a number, or whether a switch is on."""
         return {name: _value(control) for name, control in self._controls.items()}
 
     def set_values(self, *values: Mapping[str, object]) -> None:
-        """Set values, later ones over earlier; values that a control does not take are ignored."""
+        """Set values, later ones over earlier; a value that its control does not accept is ignored."""
         self._is_filling = True
         for each in values:
             for name, control in self._controls.items():
@@ -142,10 +137,10 @@ class Form(QWidget):
         self._is_filling = False
         self._report()
 
-    def show_lines(self, shown: Mapping[str, bool]) -> None:
+    def show_lines(self, visible: Mapping[str, bool]) -> None:
         """Show or hide lines with their titles."""
-        for name, visible in shown.items():
-            self._rows.setRowVisible(self._lines[name], visible)
+        for name, is_visible in visible.items():
+            self._rows.setRowVisible(self._lines[name], is_visible)
 
     def enable(self, enabled: bool, *names: str) -> None:
         """Enable or disable controls."""
@@ -159,32 +154,26 @@ class Form(QWidget):
 
     def _add(self, field: Field) -> QWidget:
         control = self._controls[field.name] = field.control()
-        _changes_of(control).connect(self._report)
+        if isinstance(control, QComboBox):
+            control.currentTextChanged.connect(self._report)
+        elif isinstance(control, QCheckBox):
+            control.toggled.connect(self._report)
+        elif isinstance(control, QLineEdit):
+            control.textChanged.connect(self._report)
+        elif isinstance(control, NumberBox):
+            control.valueChanged.connect(self._report)
         return control
 
     def _add_line(self, line: Line) -> QWidget:
-        row = QWidget()
-        across = QHBoxLayout(row)
-        across.setContentsMargins(0, 0, 0, 0)
-        across.setSpacing(SPACING)
-        for each in line.parts:
-            across.addWidget(QLabel(each) if isinstance(each, str) else self._add(each))
-        across.addStretch(1)
-        row.setToolTip(line.tip)
-        row.setAccessibleName(line.title.replace("&", ""))
-        return row
+        widget = QWidget()
+        row(widget, *(QLabel(each) if isinstance(each, str) else self._add(each) for each in line.parts), 1)
+        widget.setToolTip(line.tip)
+        widget.setAccessibleName(line.title.replace("&", ""))
+        return widget
 
     def _report(self, *_: object) -> None:
         if not self._is_filling:
             self.changed.emit()
-
-
-def _changes_of(control: QWidget) -> Any:
-    if isinstance(control, QComboBox):
-        return control.currentTextChanged
-    if isinstance(control, QCheckBox):
-        return control.toggled
-    return control.textChanged if isinstance(control, QLineEdit) else control.valueChanged  # type: ignore[attr-defined]
 
 
 def _value(control: QWidget) -> Any:
@@ -214,21 +203,11 @@ def _set(control: QWidget, value: object) -> None:
         control.setText(value)
 
 
-def column(dialog: QDialog, title: str) -> QVBoxLayout:
-    """Give a dialog its title and its column of parts."""
+def dialog_column(dialog: QDialog, title: str) -> QVBoxLayout:
+    """Set a dialog's title and return its column of parts."""
     dialog.setWindowTitle(title)
-    rows = QVBoxLayout(dialog)
-    rows.setContentsMargins(2 * MARGIN, 2 * MARGIN, 2 * MARGIN, MARGIN + SPACING)
-    rows.setSpacing(MARGIN)
-    return rows
-
-
-def part(widget: QWidget) -> QVBoxLayout:
-    """Return the column of a part of a dialog, without margins."""
-    rows = QVBoxLayout(widget)
-    rows.setContentsMargins(0, 0, 0, 0)
-    rows.setSpacing(MARGIN)
-    return rows
+    margins = (2 * MARGIN, 2 * MARGIN, 2 * MARGIN, MARGIN + SPACING)
+    return column(dialog, margins=margins, spacing=MARGIN)
 
 
 def form_layout() -> QFormLayout:
@@ -245,29 +224,17 @@ def form_layout() -> QFormLayout:
 def titled(
     title: str, control: QWidget, name: str, browse: Callable[[], object] | None = None
 ) -> QHBoxLayout:
-    """Return a row of a title and a control with an accessible name, and a button to browse for a path."""
+    """Return a row of a title, a control with an accessible name, and a button to browse for a path."""
     label = QLabel(title)
     label.setBuddy(control)
     control.setAccessibleName(name)
-    row = QHBoxLayout()
-    row.setSpacing(SPACING)
-    row.addWidget(label)
-    row.addWidget(control, 1)
+    line = row(None, label, (control, 1))
     if browse is not None:
         button = QPushButton("Browse…")
         button.setAutoDefault(False)
         button.clicked.connect(browse)
-        row.addWidget(button)
-    return row
-
-
-def progress_bar(name: str, units: int) -> QProgressBar:
-    """Return a bar without text, full at a number of units."""
-    bar = QProgressBar()
-    bar.setRange(0, units)
-    bar.setTextVisible(False)
-    bar.setAccessibleName(name)
-    return bar
+        line.addWidget(button)
+    return line
 
 
 def heading(text: str) -> QLabel:
@@ -281,7 +248,7 @@ def heading(text: str) -> QLabel:
 
 
 def note(text: str = "", *, selectable: bool = False) -> QLabel:
-    """Return secondary text; messages are selectable, to be looked up elsewhere."""
+    """Return secondary text."""
     label = QLabel(text)
     label.setWordWrap(True)
     label.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Minimum)
@@ -291,9 +258,9 @@ def note(text: str = "", *, selectable: bool = False) -> QLabel:
     return label
 
 
-def show_note(label: QLabel, text: str, *, is_wrong: bool = False) -> None:
+def show_note(label: QLabel, text: str, *, is_error: bool = False) -> None:
     """Show a note; an error in the colour of primary text."""
-    role = QPalette.ColorRole.WindowText if is_wrong else QPalette.ColorRole.PlaceholderText
+    role = QPalette.ColorRole.WindowText if is_error else QPalette.ColorRole.PlaceholderText
     label.setForegroundRole(role)
     label.setText(text)
 
@@ -302,40 +269,127 @@ def add_button(
     box: QDialogButtonBox,
     title: str,
     role: QDialogButtonBox.ButtonRole,
-    do: Callable[[], object] | None = None,
+    on_click: Callable[[], object] | None = None,
 ) -> QPushButton:
-    """Add a button to those of a dialog, and what it does besides its role."""
+    """Add a button to a dialog's."""
     button = QPushButton(title)
     box.addButton(button, role)
-    if do is not None:
-        button.clicked.connect(do)
+    if on_click is not None:
+        button.clicked.connect(on_click)
     return button
-
-
-def only_close(button: QPushButton) -> None:
-    """Make a button the one that closes a finished dialog."""
-    button.setText("Close")
-    button.setEnabled(True)
-    button.setDefault(True)
-    button.setFocus()
 
 
 def button_row(
     dialog: QDialog, accept: str, *, cancel: str = "Cancel", on_accept: Callable[[], object] | None = None
 ) -> tuple[QDialogButtonBox, QPushButton]:
-    """Return the buttons of a dialog and its default one; without `accept` there is one, which closes."""
+    """Return a dialog's buttons and the default one; without `accept` there is only one, to close."""
     box = QDialogButtonBox(dialog)
-    agree = add_button(box, accept or cancel, QDialogButtonBox.ButtonRole.AcceptRole)
-    agree.setDefault(True)
+    default = add_button(box, accept or cancel, QDialogButtonBox.ButtonRole.AcceptRole)
+    default.setDefault(True)
     if accept:
         add_button(box, cancel, QDialogButtonBox.ButtonRole.RejectRole)
     box.accepted.connect(on_accept or dialog.accept)
     box.rejected.connect(dialog.reject)
-    return box, agree
+    return box, default
 
 
 def fix_width(dialog: QDialog, width: int) -> None:
-    """Give a dialog of text a width, px, and the height that its text needs then."""
+    """Fix a dialog's width (px) and the height that its text needs then."""
     rows = dialog.layout()
     if rows is not None:
         dialog.setFixedSize(width, rows.totalHeightForWidth(width))
+
+
+class JobProgress(QWidget):
+    """Progress and outcome of an export job."""
+
+    UNITS = 1000
+    """Steps of the bar."""
+
+    def __init__(self, title: str, name: str) -> None:
+        super().__init__()
+        self.heading, self.doing, self.notes = heading(title), QLabel("Starting"), note(selectable=True)
+        self.doing.setWordWrap(True)
+        self.bar = QProgressBar()
+        self.bar.setRange(0, self.UNITS)
+        self.bar.setTextVisible(False)
+        self.bar.setAccessibleName(name)
+        self._column = column(self, self.heading, self.doing, self.bar, self.notes, spacing=MARGIN)
+
+
+class JobDialog(QDialog):
+    """Asks for options and a path, then runs an export job; subclasses call `add_buttons` and `run`."""
+
+    def __init__(self, title: str, sketch: Sketch, preferences: Preferences, parent: QWidget | None) -> None:
+        super().__init__(parent)
+        self._sketch, self._preferences = sketch, preferences
+        self.job: ExportJob | None = None
+        self.path_field, self.hint = QLineEdit(), note(selectable=True)
+        self._column = dialog_column(self, title)
+
+    def add_buttons(self, accept: str, on_accept: Callable[[], object], *others: QPushButton) -> None:
+        """Add the row of buttons; `others` are hidden until the job has finished."""
+        box, roles = QDialogButtonBox(), QDialogButtonBox.ButtonRole
+        self.accept_button = add_button(box, accept, roles.AcceptRole, on_accept)
+        for button in others:
+            box.addButton(button, roles.ActionRole)
+        self.folder_button = add_button(box, "Open folder", roles.ActionRole, self._open_folder)
+        self.close_button = add_button(box, "Cancel", roles.RejectRole, self.reject)
+        self.accept_button.setDefault(True)
+        for button in (*others, self.folder_button):
+            button.hide()
+        self._column.addWidget(box)
+
+    @property
+    def path(self) -> Path:
+        """The selected output path."""
+        return Path(self.path_field.text().strip()).expanduser()
+
+    def run(
+        self,
+        request: ExportRequest | TargetRequest | WorldRequest,
+        *,
+        on_stage: Callable[[str], object],
+        on_share: Callable[[float], object],
+        on_finish: Callable[[dict[str, Any]], object],
+        on_failure: Callable[[str], object],
+        on_note: Callable[[str], object] | None = None,
+    ) -> None:
+        """Start a job for a request."""
+        self.job = ExportJob(request, self._sketch, self)
+        self.job.stage_changed.connect(on_stage)
+        self.job.share_changed.connect(on_share)
+        self.job.finished.connect(on_finish)
+        self.job.failed.connect(on_failure)
+        if on_note is not None:
+            self.job.noted.connect(on_note)
+        self.accept_button.hide()
+        self.job.start()
+
+    def finish(self) -> None:
+        """Make the close button the default of a finished dialog."""
+        self.close_button.setText("Close")
+        self.close_button.setEnabled(True)
+        self.close_button.setDefault(True)
+        self.close_button.setFocus()
+
+    def show_cancelling(self) -> None:
+        """Show that a running job is being cancelled."""
+
+    def reject(self) -> None:
+        """Cancel a running job, else close."""
+        if self.job is not None and self.job.is_running:
+            self.close_button.setEnabled(False)
+            self.show_cancelling()
+            self.job.cancel()
+        else:
+            super().reject()
+
+    def closeEvent(self, event: QCloseEvent | None) -> None:
+        if self.job is not None:
+            self.job.stop()
+        super().closeEvent(event)
+
+    def _open_folder(self) -> None:
+        folder = self.path if self.path.is_dir() else self.path.parent
+        QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder)))

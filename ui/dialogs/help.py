@@ -1,4 +1,4 @@
-"""Help: the program, first steps, keys, and finding a command."""
+"""Help dialogs: about, first steps, keys, and command search."""
 
 from __future__ import annotations
 
@@ -11,23 +11,21 @@ from PyQt6.QtGui import QAction, QIcon, QKeyEvent, QKeySequence, QPixmap
 from PyQt6.QtWidgets import (
     QDialog,
     QGridLayout,
-    QHBoxLayout,
     QHeaderView,
     QLabel,
     QLineEdit,
     QTextBrowser,
     QTreeWidget,
     QTreeWidgetItem,
-    QVBoxLayout,
     QWidget,
 )
 
 from sketchterrain.ui.actions import COMMANDS
-from sketchterrain.ui.dialogs.form import button_row, column, fix_width, form_layout, heading, note
+from sketchterrain.ui.dialogs.form import button_row, dialog_column, fix_width, form_layout, heading, note
 from sketchterrain.ui.engine.protocol import EngineFacts
-from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, app_picture, icon, theme
+from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, app_picture, column, icon, row, theme
 
-_SAID = "Paint a rough sketch, get a seamless terrain that does what the sketch says."
+_SUMMARY = "Paint a rough sketch, get a seamless terrain that follows it."
 _PAPERS = (
     "R. Zaaijer, Semi-procedural terrain from sketches, thesis, 2013",
     "E. Bruneton, F. Neyret, Real-time rendering and editing of vector-based terrains, 2008",
@@ -42,71 +40,64 @@ class AboutDialog(QDialog):
 
     def __init__(self, facts: EngineFacts, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        rows = column(self, "About Sketchterrain")
-        head = QHBoxLayout()
-        head.setSpacing(MARGIN)
+        rows = dialog_column(self, "About Sketchterrain")
         picture = QLabel()
         picture.setPixmap(app_picture(72, self.devicePixelRatioF()))
-        head.addWidget(picture)
-        words = QVBoxLayout()
-        words.setSpacing(SMALL)
-        words.addStretch(1)
-        words.addWidget(heading(f"Sketchterrain {_version('sketchterrain')}"))
-        words.addWidget(note(_SAID))
-        words.addStretch(1)
-        head.addLayout(words, 1)
+        title = heading(f"Sketchterrain {_version()}")
+        head = row(None, picture, spacing=MARGIN)
+        head.addLayout(column(None, 1, title, note(_SUMMARY), 1, spacing=SMALL), 1)
         rows.addLayout(head)
-        runs_on = form_layout()
-        for title, said in _facts(facts).items():
-            label = QLabel(said)
+        environment = form_layout()
+        for name, text in _environment(facts).items():
+            label = QLabel(text)
             label.setWordWrap(True)
             label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-            name = note(title)
-            name.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignTop)
-            runs_on.addRow(name, label)
-        rows.addLayout(runs_on)
+            title = note(name)
+            title.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignTop)
+            environment.addRow(title, label)
+        rows.addLayout(environment)
         rows.addWidget(
             note(
-                "Free software under the GNU General Public License, version 3 or later. Its window is made "
-                "with PyQt (GPL 3) and Qt (LGPL 3)."
+                "Free software under the GNU General Public License, version 3 or later. Its window uses "
+                "PyQt (GPL 3) and Qt (LGPL 3)."
             )
         )
         papers = "".join(f"<li>{paper}</li>" for paper in _PAPERS)
-        rows.addWidget(note(f"It builds on<ul style='margin-left: -18px'>{papers}</ul>"))
+        rows.addWidget(note(f"Based on<ul style='margin-left: -18px'>{papers}</ul>"))
         rows.addStretch(1)
         rows.addWidget(button_row(self, "", cancel="Close")[0])
         fix_width(self, 520)
 
 
-def _facts(facts: EngineFacts) -> dict[str, str]:
-    """Return what the program runs on, by what it is."""
+def _environment(facts: EngineFacts) -> dict[str, str]:
+    """Return device, driver and library versions by title."""
     sharing = {
         "extension": "shared memory of OpenCL and OpenGL",
         "mapped": "memory that both map",
         "copy": "a copy in main memory",
     }
-    said = {
+    texts = {
         "OpenCL": f"{facts.device} ({facts.platform})"
         if facts.device
         else facts.device_error or "not yet known",
         "OpenGL": facts.renderer or facts.opengl_error or "not yet known",
-        "Heights travel by": sharing.get(facts.sharing, ""),
+        "Transfer of heights": sharing.get(facts.sharing, ""),
         "Python, Qt": f"PyQt {PYQT_VERSION_STR}, Qt {qVersion()}",
     }
-    return {title: text for title, text in said.items() if text}
+    return {title: text for title, text in texts.items() if text}
 
 
-def _version(package: str) -> str:
+def _version() -> str:
     try:
-        return version(package)
-    except PackageNotFoundError:  # run from a folder that was never installed
+        return version("sketchterrain")
+    except PackageNotFoundError:  # not installed
         return ""
 
 
 _STEPS = (
     (
         "layers",
-        "Choose a layer",
+        "Select a layer",
         "Mountains, hills, rivers, dunes, forests, lakes or materials, at the left or with 1 … 7.",
     ),
     (
@@ -116,44 +107,44 @@ _STEPS = (
     ),
     (
         "settings",
-        "Say what it is like",
-        "Properties: how high, how sharp, how wide. A new label is another kind.",
+        "Set its properties",
+        "Height, sharpness, width. A new label has properties of its own.",
     ),
     (
         "target",
-        "Make it hold to the sketch",
-        "World: fidelity from loose to exact; another seed is another terrain.",
+        "Follow the sketch closely or loosely",
+        "World: fidelity from loose to exact; another seed gives another terrain.",
     ),
     (
         "select",
         "Move what was generated",
         "With V, click a mountain or a river and drag it or its handles, in either view.",
     ),
-    ("export", "Take it with you", "File ▸ Export terrain writes heights, materials, plants and maps."),
+    ("export", "Export it", "File ▸ Export terrain writes heights, materials, plants and maps."),
 )
 
 
 class FirstStepsDialog(QDialog):
-    """Six steps."""
+    """First steps in six lines."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        rows = column(self, "First steps")
+        rows = dialog_column(self, "First steps")
         rows.addWidget(heading("A terrain in a minute"))
         grid = QGridLayout()
         grid.setHorizontalSpacing(MARGIN)
         grid.setVerticalSpacing(2)
         grid.setColumnStretch(1, 1)
-        for number, (name, title, said) in enumerate(_STEPS):
-            mark = QLabel()
-            mark.setPixmap(icon(name).pixmap(28, 28))
-            words = QLabel(title)
-            font = words.font()
+        for number, (name, title, text) in enumerate(_STEPS):
+            symbol = QLabel()
+            symbol.setPixmap(icon(name).pixmap(28, 28))
+            label = QLabel(title)
+            font = label.font()
             font.setBold(True)
-            words.setFont(font)
-            grid.addWidget(mark, 3 * number, 0, 2, 1)
-            grid.addWidget(words, 3 * number, 1)
-            grid.addWidget(note(said), 3 * number + 1, 1)
+            label.setFont(font)
+            grid.addWidget(symbol, 3 * number, 0, 2, 1)
+            grid.addWidget(label, 3 * number, 1)
+            grid.addWidget(note(text), 3 * number + 1, 1)
             grid.setRowMinimumHeight(3 * number + 2, MARGIN)
         rows.addLayout(grid)
         rows.addStretch(1)
@@ -165,32 +156,32 @@ _MOUSE = {
     "On the sketch": (
         ("Paint", "left button"),
         ("Erase", "right button"),
-        ("Take a label", "Alt + click"),
+        ("Pick a label", "Alt + click"),
         ("Size of the brush", "[ and ], or Shift + wheel"),
         ("Zoom", "wheel"),
-        ("Move the sheet", "Space + drag, or middle button"),
-        ("End a line, take back its last point", "Enter, Backspace"),
-        ("Give up a stroke", "Esc"),
-        ("Delete what is selected", "Delete"),
+        ("Move the sketch", "Space + drag, or middle button"),
+        ("Finish a line, remove its last point", "Enter, Backspace"),
+        ("Cancel a stroke", "Esc"),
+        ("Delete the selection", "Delete"),
     ),
     "In the 3-D view": (
         ("Turn", "left drag"),
         ("Move over the ground", "right drag, or Shift + left drag"),
-        ("Nearer, farther", "wheel"),
-        ("Go there", "double click"),
+        ("Zoom", "wheel"),
+        ("Centre a place", "double click"),
         ("Orbit, fly, walk", "1, 2, 3"),
         ("Fly and walk", "W A S D, Q E; Shift is faster"),
-        ("See the selection, see all", "F, Home"),
+        ("View the selection, view all", "F, Home"),
     ),
 }
 
 
 class KeysDialog(QDialog):
-    """Shows every key."""
+    """Lists all keys."""
 
     def __init__(self, parent: QWidget | None = None, names: Collection[str] = COMMANDS) -> None:
         super().__init__(parent)
-        rows = column(self, "Keys")
+        rows = dialog_column(self, "Keys")
         text = QTextBrowser()
         text.setAccessibleName("All keys")
         text.setHtml(_page(names))
@@ -200,22 +191,22 @@ class KeysDialog(QDialog):
 
 
 def _page(names: Collection[str]) -> str:
-    """Return the keys of commands, and of the mouse, as a page."""
-    keys = [
+    """Return the keys of commands and the mouse as HTML."""
+    rows = [
         (command.text.replace("&", "").rstrip("…"), ", ".join(_key(key) for key in command.keys))
         for name, command in COMMANDS.items()
         if command.keys and name in names
     ]
-    parts = {**_MOUSE, "Everywhere": tuple(keys)}
-    if "fit" not in names:  # there is no sketch
+    parts = {**_MOUSE, "Everywhere": tuple(rows)}
+    if "fit" not in names:  # a window without a sketch
         del parts["On the sketch"]
     faint = theme().faint.name()
     page = ""
     for title, lines in parts.items():
         cells = "".join(
             f"<tr><td width='56%' style='padding: 2px 12px 2px 0'>{escape(what)}</td>"
-            f"<td style='color: {faint}'>{escape(how)}</td></tr>"
-            for what, how in lines
+            f"<td style='color: {faint}'>{escape(keys)}</td></tr>"
+            for what, keys in lines
         )
         page += f"<h3>{title}</h3><table width='100%'>{cells}</table>"
     return page
@@ -232,9 +223,9 @@ class FindDialog(QDialog):
         super().__init__(parent)
         self.setWindowTitle("Find a command")
         self._actions = [action for action in actions if action.isEnabled()]
-        none = QPixmap(16, 16)
-        none.fill(Qt.GlobalColor.transparent)
-        self._none = QIcon(none)  # keeps words in line
+        empty = QPixmap(16, 16)
+        empty.fill(Qt.GlobalColor.transparent)
+        self._empty = QIcon(empty)  # aligns titles without an icon
         self.text = QLineEdit()
         self.text.setPlaceholderText("What do you want to do?")
         self.text.setAccessibleName("What do you want to do?")
@@ -250,11 +241,7 @@ class FindDialog(QDialog):
             header.setSectionResizeMode(1, QHeaderView.ResizeMode.ResizeToContents)
         self.list.setAccessibleName("Commands")
         self.list.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        rows = QVBoxLayout(self)
-        rows.setContentsMargins(SPACING, SPACING, SPACING, SPACING)
-        rows.setSpacing(SPACING)
-        rows.addWidget(self.text)
-        rows.addWidget(self.list)
+        column(self, self.text, self.list, margins=SPACING)
         self.text.textChanged.connect(self._fill)
         self.text.returnPressed.connect(self.accept)
         self.text.installEventFilter(self)
@@ -264,37 +251,36 @@ class FindDialog(QDialog):
 
     @property
     def selected(self) -> QAction | None:
-        """The action that is marked."""
+        """The selected action."""
         item = self.list.currentItem()
         return None if item is None else self._actions[int(item.data(0, Qt.ItemDataRole.UserRole))]
 
     def eventFilter(self, watched: QObject | None, event: QEvent | None) -> bool:
-        """Let the arrows choose in the list while one types."""
         if isinstance(event, QKeyEvent) and event.type() == QEvent.Type.KeyPress:
             step = {Qt.Key.Key_Down: 1, Qt.Key.Key_Up: -1}.get(Qt.Key(event.key()), 0)
             count = self.list.topLevelItemCount()
             if step and count:
-                self._mark((self.list.indexOfTopLevelItem(self.list.currentItem()) + step) % count)
+                self._select((self.list.indexOfTopLevelItem(self.list.currentItem()) + step) % count)
                 return True
         return super().eventFilter(watched, event)
 
-    def _fill(self, text: str) -> None:
+    def _fill(self, pattern: str) -> None:
         self.list.clear()
-        words = text.lower().split()
-        for place, action in enumerate(self._actions):
-            said = f"{_plain(action)} {action.statusTip()}".lower()
-            if all(word in said for word in words):
+        words = pattern.lower().split()
+        for index, action in enumerate(self._actions):
+            text = f"{_plain(action)} {action.statusTip()}".lower()
+            if all(word in text for word in words):
                 keys = action.shortcut().toString(QKeySequence.SequenceFormat.NativeText)
                 item = QTreeWidgetItem([_plain(action), keys])
-                item.setIcon(0, action.icon() if not action.icon().isNull() else self._none)
+                item.setIcon(0, action.icon() if not action.icon().isNull() else self._empty)
                 item.setToolTip(0, action.statusTip())
-                item.setData(0, Qt.ItemDataRole.UserRole, place)
+                item.setData(0, Qt.ItemDataRole.UserRole, index)
                 item.setForeground(1, theme().faint)
                 item.setSizeHint(0, QSize(0, 26))
                 self.list.addTopLevelItem(item)
-        self._mark(0)
+        self._select(0)
 
-    def _mark(self, row: int) -> None:
+    def _select(self, row: int) -> None:
         item = self.list.topLevelItem(row)
         if item is not None:
             self.list.setCurrentItem(item)

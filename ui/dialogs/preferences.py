@@ -1,4 +1,4 @@
-"""The dialog for choices that are a person's, not a sketch's: theme and device."""
+"""Preferences dialog: theme and device."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import sys
 from PyQt6.QtCore import QProcess
 from PyQt6.QtWidgets import QDialog, QWidget
 
-from sketchterrain.ui.dialogs.form import Field, Form, button_row, column
+from sketchterrain.ui.dialogs.form import Field, Form, button_row, dialog_column
 from sketchterrain.ui.look.theme import CHOICES
 from sketchterrain.ui.models.preferences import Preferences
 
-# Drivers are asked in a process of their own: one that crashes takes nothing along.
-_ASK = (
+# In a process of its own, for drivers can crash.
+_LIST_DEVICES = (
     "import json\n"
     "from sketchterrain.compute.device import list_devices\n"
     "print(json.dumps([[each.name, each.platform] for each in list_devices()]))"
@@ -21,13 +21,13 @@ _ASK = (
 
 
 class PreferencesDialog(QDialog):
-    """Shows and, when it is accepted, sets a person's choices."""
+    """Shows the preferences and sets them when accepted."""
 
     def __init__(self, preferences: Preferences, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._preferences = preferences
-        rows = column(self, "Preferences")
-        devices = {"": "The program chooses"}
+        rows = dialog_column(self, "Preferences")
+        devices = {"": "Automatic"}
         if preferences.device:
             devices[preferences.device] = preferences.device
         tip = "Which OpenCL device computes the terrain"
@@ -35,18 +35,18 @@ class PreferencesDialog(QDialog):
             Field("theme", "&Theme", preferences.theme, choices=CHOICES),
             Field("device", "&Device", preferences.device or "", tip, choices=devices),
         )
-        self.form.note.setText("Looking for devices …")
+        self.form.note.setText("Searching for devices …")
         rows.addWidget(self.form)
         rows.addStretch(1)
         rows.addWidget(button_row(self, "Apply")[0])
         self.setMinimumWidth(440)
         self._process = QProcess(self)
         self._process.finished.connect(self._show_devices)
-        self._process.start(sys.executable, ["-P", "-c", _ASK])
-        self.finished.connect(self._stop_asking)
+        self._process.start(sys.executable, ["-P", "-c", _LIST_DEVICES])
+        self.finished.connect(self._stop_search)
 
     def accept(self) -> None:
-        """Set what was chosen."""
+        """Set the preferences."""
         self._preferences.theme = self.form.values["theme"]
         self._preferences.device = self.form.values["device"] or None
         super().accept()
@@ -63,16 +63,13 @@ class PreferencesDialog(QDialog):
             if devices.findData(name) < 0:
                 devices.addItem("", name)
             devices.setItemText(devices.findData(name), f"{name} ({platform})")
-        if found:
-            self.form.note.setText(
-                "Every device computes the same terrain; another one starts the engine again."
-            )
-        else:
-            self.form.note.setText(
-                "No OpenCL device was found: pip install 'sketchterrain[cpu]' brings drivers."
-            )
+        self.form.note.setText(
+            "Every device computes the same terrain; another one restarts the engine."
+            if found
+            else "No OpenCL device was found: pip install 'sketchterrain[cpu]' brings drivers."
+        )
 
-    def _stop_asking(self, *_: object) -> None:
+    def _stop_search(self, *_: object) -> None:
         if self._process.state() != QProcess.ProcessState.NotRunning:
             self._process.finished.disconnect(self._show_devices)
             self._process.kill()

@@ -1,4 +1,4 @@
-"""The dialog for a world: what of it, what it will take, how far it is, and what came of it."""
+"""World dialog: extent and options, estimate, progress and outcome."""
 
 from __future__ import annotations
 
@@ -7,37 +7,16 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from PyQt6.QtCore import QTimer, QUrl, pyqtSignal
-from PyQt6.QtGui import QCloseEvent, QDesktopServices
-from PyQt6.QtWidgets import (
-    QDialog,
-    QDialogButtonBox,
-    QFileDialog,
-    QLabel,
-    QLineEdit,
-    QWidget,
-)
+from PyQt6.QtCore import QTimer
+from PyQt6.QtWidgets import QFileDialog, QPushButton, QWidget
 
 from sketchterrain.app.estimates import format_duration
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, SketchterrainError, one_line
 from sketchterrain.io.files import format_bytes
-from sketchterrain.ui.dialogs.form import (
-    Field,
-    Form,
-    Line,
-    add_button,
-    column,
-    heading,
-    note,
-    only_close,
-    part,
-    progress_bar,
-    show_note,
-    titled,
-)
-from sketchterrain.ui.export_job import ExportJob
+from sketchterrain.ui.dialogs.form import Field, Form, JobDialog, JobProgress, Line, show_note, titled
 from sketchterrain.ui.export_request import WorldRequest
+from sketchterrain.ui.look.theme import MARGIN, column
 from sketchterrain.ui.models.preferences import Preferences
 from sketchterrain.world.grid import LAYERS
 from sketchterrain.world.job import ENDINGS
@@ -51,121 +30,64 @@ _FORMS: Final = {
 }
 _PLANTS: Final = {"none": "None", "parquet": "GeoParquet", "flatgeobuf": "FlatGeobuf"}
 _STEPS: Final = {0.0: "Every bit", 2.0**-10: "1 mm (1/1024 m)", 2.0**-7: "8 mm (1/128 m)", 0.125: "1/8 m"}
-_KEPT: Final = "world"
-"""What preferences call what was asked for."""
-_UNITS: Final = 1000
-_NOTES: Final = 4
+_PREFERENCES_KEY: Final = "world"
+_MAX_NOTES: Final = 4
+_FROM_CORNER: Final = "Metres from the sketch's south-west corner"
 
 
 def _metres(name: str, title: str, default: float = 0.0) -> Field:
-    return Field(name, title, default, range=_FAR, unit="m", width=104)
+    return Field(name, title, float(default), range=_FAR, unit="m", width=104)
+
+
+def _fields(east: float, north: float) -> tuple[Field | Line, ...]:
+    """Return the fields of a world, whose default extent is the sketch's size (m)."""
+    places = {"sketch": "The sketch's rectangle", "other": "Another rectangle"}
+    across = (_metres("west", "Western edge"), "to", _metres("east", "Eastern edge", east), "east")
+    up = (_metres("south", "Southern edge"), "to", _metres("north", "Northern edge", north), "north")
+    cell_tip = "Metres between vertices of the finest level"
+    normals, materials = (Field(name, "", True, text=name.capitalize()) for name in ("normals", "materials"))
+    plants = Field("plants", "Format of plants", "none", choices=_PLANTS)
+    grass = Field("grass", "", False, text="With grass, flowers and ferns")
+    crs_tip = "Projected coordinate reference system of the world, in metres"
+    corner = (
+        *(_metres("easting", "Easting of the corner"), "east,"),
+        *(_metres("northing", "Northing of the corner"), "north"),
+    )
+    workers_tip = "Processes of this machine that share the work"
+    return (
+        Field("place", "&Place", "sketch", "The world extends beyond the sketch", choices=places),
+        Line("across", "", _FROM_CORNER, across),
+        Line("up", "", _FROM_CORNER, up),
+        Field("cell", "&Cell", 1.0, cell_tip, range=(0.001, 1e6), unit="m"),
+        Field("form", "F&orm", "zarr", "Output format; all have overviews", choices=_FORMS),
+        Line("layers", "&Layers", "Heights are always written", ("Heights,", normals, materials)),
+        Field("steps", "&Heights to", 0.0, "Rounded heights compress better", choices=_STEPS),
+        Line("plant_files", "Pla&nts", "Positions of plants, which can be the largest part", (plants, grass)),
+        Field("crs", "C&RS", "", crs_tip, text="None, or EPSG:25832"),
+        Line("origin", "Corner &at", "Position of the sketch's south-west corner", corner),
+        Field("workers", "&Workers", 0, workers_tip, range=(0, 256), text="One process", width=110),
+    )
 
 
 class WorldForm(Form):
-    """Asks for a world; `problem` says why it cannot be written so."""
+    """Options of a world; `problem` is why it cannot be written."""
 
-    def __init__(self, sketch: Sketch, kept: Mapping[str, object], parent: QWidget | None = None) -> None:
+    def __init__(self, sketch: Sketch, stored: Mapping[str, object]) -> None:
         self._sketch = sketch
         self.problem = ""
-        east, north = (math.ceil(side) for side in sketch.size)
-        from_corner = "Metres from the sketch's south-west corner"
-        super().__init__(
-            Field(
-                "place",
-                "&Place",
-                "sketch",
-                "The world goes on beyond the sketch",
-                choices={"sketch": "The sketch's rectangle", "other": "Another rectangle"},
-            ),
-            Line(
-                "across",
-                "",
-                from_corner,
-                (_metres("west", "Western edge"), "to", _metres("east", "Eastern edge", east), "east"),
-            ),
-            Line(
-                "up",
-                "",
-                from_corner,
-                (_metres("south", "Southern edge"), "to", _metres("north", "Northern edge", north), "north"),
-            ),
-            Field(
-                "cell",
-                "&Cell",
-                1.0,
-                "Metres between vertices of the finest level",
-                range=(0.001, 1e6),
-                unit="m",
-            ),
-            Field(
-                "form",
-                "F&orm",
-                "zarr",
-                "What is written: all of them have coarser levels too",
-                choices=_FORMS,
-            ),
-            Line(
-                "layers",
-                "&Layers",
-                "Heights are always there",
-                (
-                    "Heights,",
-                    Field("normals", "", True, words="Normals"),
-                    Field("materials", "", True, words="Materials"),
-                ),
-            ),
-            Field("steps", "&Heights to", 0.0, "Rounded heights take less room on the disk", choices=_STEPS),
-            Line(
-                "plant_files",
-                "Pla&nts",
-                "Where each one stands: they can be the largest part",
-                (
-                    Field("plants", "As what plants are written", "none", choices=_PLANTS),
-                    Field("grass", "", False, words="With grass, flowers and ferns"),
-                ),
-            ),
-            Field(
-                "crs",
-                "C&RS",
-                "",
-                "Coordinate reference system in metres, where the world shall lie",
-                words="None, or EPSG:25832",
-            ),
-            Line(
-                "origin",
-                "Corner &at",
-                "Where the sketch's south-west corner lies in it",
-                (
-                    _metres("easting", "Easting of the corner"),
-                    "east,",
-                    _metres("northing", "Northing of the corner"),
-                    "north",
-                ),
-            ),
-            Field(
-                "workers",
-                "&Workers",
-                0,
-                "Processes of this machine that share the work",
-                range=(0, 256),
-                decimals=0,
-                words="One process",
-                width=110,
-            ),
-            parent=parent,
-        )
+        super().__init__(*_fields(*(math.ceil(side) for side in sketch.size)))
         self.changed.connect(self.check)
-        self.set_values(kept)
+        self.set_values(stored)
 
     def options(self) -> WorldOptions:
-        """Return what is asked for, unchecked."""
+        """Return the options, unchecked."""
         values = self.values
         bounds = (values["west"], values["south"], values["east"], values["north"])
-        off = {"normal": values["normals"], "materials": values["materials"]}
+        optional = {"normal": values["normals"], "materials": values["materials"]}
         return WorldOptions(
             bounds=bounds if values["place"] == "other" else None,
             cell=values["cell"],
-            layers=tuple(name for name in LAYERS if off.get(name, True)),
+            layers=tuple(name for name in LAYERS if optional.get(name, True)),
             plants=values["plants"],
             grass=values["grass"] and values["plants"] != "none",
             crs=values["crs"].strip() or None,
@@ -175,29 +97,26 @@ class WorldForm(Form):
         )
 
     def check(self) -> None:
-        """Find out whether it can be written, and show what it is."""
+        """Check the options and show the size of the world."""
         values = self.values
         self.show_lines(dict.fromkeys(("across", "up"), values["place"] == "other"))
         self.enable(values["plants"] != "none", "grass")
         self.enable(bool(values["crs"].strip()), "easting", "northing")
-        self.problem, told = "", ""
+        self.problem, text = "", ""
         try:
             world = self.options().check(self._sketch)
             finest = world.levels[0]
-            told = (
+            text = (
                 f"{finest.columns} × {finest.rows} vertices, {world.vertices / 1e6:.4g} million on all "
                 f"{len(world.levels)} levels."
             )
         except SketchterrainError as error:
             self.problem = one_line(error)
-        self.note.setText(told)
+        self.note.setText(text)
 
 
-class WorldDialog(QDialog):
-    """Writes the world of a sketch as it is now: what it will take is asked for first, then it begins."""
-
-    view_requested = pyqtSignal(object)
-    """The written world at a path shall be shown."""
+class WorldDialog(JobDialog):
+    """Writes the world of a sketch as it is when the dialog opens, after an estimate."""
 
     def __init__(
         self,
@@ -207,103 +126,55 @@ class WorldDialog(QDialog):
         *,
         view: Callable[[Path], object] | None = None,
     ) -> None:
-        super().__init__(parent)
-        if view is not None:
-            self.view_requested.connect(view)
-        self._sketch = sketch
-        self._preferences = preferences
-        self.job: ExportJob | None = None
+        super().__init__("Write world", sketch, preferences, parent)
         self._is_estimated = False
         self._notes: list[str] = []
-        rows = column(self, "Write world")
-        self.form = WorldForm(sketch, preferences.export_options(_KEPT))
+        self.form = WorldForm(sketch, preferences.exported(_PREFERENCES_KEY))
         folder = preferences.export_folder
-        usual = (preferences.last_folder if folder is None else folder.parent) / "world"
-        self.output = QLineEdit(f"{usual}{ENDINGS[self.form.values['form']]}")
-        self.asking, self.working = self._ask_page(), self._work_page()
-        for page in (self.asking, self.working):
-            rows.addWidget(page, 1)
-        buttons, roles = QDialogButtonBox(), QDialogButtonBox.ButtonRole
-        self.go = add_button(buttons, "Estimate", roles.AcceptRole, self._begin)
-        self.view = add_button(buttons, "View", roles.ActionRole, self._view)
-        self.show_folder = add_button(buttons, "Open folder", roles.ActionRole, self._open_folder)
-        self.close_ = add_button(buttons, "Cancel", roles.RejectRole, self.reject)
-        self.view.hide()
-        self.show_folder.hide()
-        rows.addWidget(buttons)
+        stem = (preferences.last_folder if folder is None else folder.parent) / "world"
+        self.path_field.setText(f"{stem}{ENDINGS[self.form.values['form']]}")
+        self.options_page, self.progress = (
+            QWidget(),
+            JobProgress("Writing the world", "Progress of the world"),
+        )
+        path = titled("O&utput", self.path_field, "File or folder of the world", self._browse)
+        column(self.options_page, self.form, path, self.hint, 1, spacing=MARGIN)
+        for page in (self.options_page, self.progress):
+            self._column.addWidget(page, 1)
+        self.view_button = QPushButton("View")
+        if view is not None:
+            self.view_button.clicked.connect(lambda: view(self.path))
+        self.add_buttons("Estimate", self._start, self.view_button)
         self.form.changed.connect(self._check)
-        self.form["form"].currentIndexChanged.connect(self._end_as_form)
-        self.output.textChanged.connect(self._check)
+        self.form["form"].currentIndexChanged.connect(self._use_suffix)
+        self.path_field.textChanged.connect(self._check)
         self.setMinimumWidth(620)
         self._check()
 
-    @property
-    def place(self) -> Path:
-        """The output that is chosen."""
-        return Path(self.output.text().strip()).expanduser()
+    def show_cancelling(self) -> None:
+        """Show that pending shards are being finished."""
+        self.progress.doing.setText("Finishing pending shards …")
 
-    def reject(self) -> None:
-        """Cancel what runs; else close."""
-        if self.job is not None and self.job.is_running:
-            self.close_.setEnabled(False)
-            self.doing.setText("Ends once what is begun is written …")
-            self.job.cancel()
-            return
-        super().reject()
-
-    def closeEvent(self, event: QCloseEvent | None) -> None:
-        """Cancel what runs."""
-        if self.job is not None:
-            self.job.stop()
-        super().closeEvent(event)
-
-    def _ask_page(self) -> QWidget:
-        page = QWidget()
-        rows = part(page)
-        rows.addWidget(self.form)
-        rows.addLayout(titled("O&utput", self.output, "File or folder of the world", self._browse))
-        self.told = note(selectable=True)
-        rows.addWidget(self.told)
-        rows.addStretch(1)
-        return page
-
-    def _work_page(self) -> QWidget:
-        page = QWidget()
-        rows = part(page)
-        self._head, self.doing, self.noted = (
-            heading("Writing the world"),
-            QLabel("Starting"),
-            note(selectable=True),
-        )
-        self.doing.setWordWrap(True)
-        self.bar = progress_bar("How far the world is", _UNITS)
-        for widget in (self._head, self.doing, self.bar, self.noted):
-            rows.addWidget(widget)
-        rows.addStretch(1)
-        return page
-
-    def _end_as_form(self) -> None:
-        """Give the output's name the ending of the form that is chosen."""
-        text = self.output.text().strip().rstrip("/")
+    def _use_suffix(self) -> None:
+        """Give the output the suffix of the selected form."""
+        text = self.path_field.text().strip().rstrip("/")
         if text:
             path = Path(text)
-            known = path.suffix.lower() in (".zarr", ".tif", ".tiff")
-            self.output.setText(
-                f"{path.with_suffix('') if known else path}{ENDINGS[self.form.values['form']]}"
-            )
+            stem = path.with_suffix("") if path.suffix.lower() in (".zarr", ".tif", ".tiff") else path
+            self.path_field.setText(f"{stem}{ENDINGS[self.form.values['form']]}")
 
     def _check(self, *_: object) -> None:
-        """Say what cannot be; an estimate holds only for what it was made of."""
-        line = self.form.problem or self._problem_of_output()
+        """Show errors; a changed option invalidates the estimate."""
+        line = self.form.problem or self._path_error()
         self._is_estimated = False
-        self.go.setText("Estimate")
-        self.go.setEnabled(not line)
-        self.go.setDefault(True)
-        show_note(self.told, line, is_wrong=bool(line))
-        self._turn_to(self.asking)
+        self.accept_button.setText("Estimate")
+        self.accept_button.setEnabled(not line)
+        self.accept_button.setDefault(True)
+        show_note(self.hint, line, is_error=bool(line))
+        self._show_page(self.options_page)
 
-    def _problem_of_output(self) -> str:
-        text = self.output.text().strip()
+    def _path_error(self) -> str:
+        text = self.path_field.text().strip()
         if not text:
             return "Choose a file or a folder."
         try:
@@ -311,103 +182,86 @@ class WorldDialog(QDialog):
         except InputError as error:
             return one_line(error)
         if form != self.form.values["form"]:
-            ending = ENDINGS[self.form.values["form"]] or "no ending"
-            return f"This form's name has {ending}: expected another name, or another form."
+            suffix = ENDINGS[self.form.values["form"]] or "no suffix"
+            return f"This form's name has {suffix}: expected another name, or another form."
         return ""
 
-    def _turn_to(self, page: QWidget) -> None:
-        """Show a page, and be as high as it needs."""
-        for each in (self.asking, self.working):
+    def _show_page(self, page: QWidget) -> None:
+        for each in (self.options_page, self.progress):
             each.setVisible(each is page)
         QTimer.singleShot(0, lambda: self.resize(self.width(), self.sizeHint().height()))
 
     def _browse(self) -> None:
-        start = str(self.place)
         if self.form.values["form"] == "tif":
+            start = str(self.path)
             name, _ = QFileDialog.getSaveFileName(self, "Write the world as", start, "GeoTIFF (*.tif)")
         else:
-            name = QFileDialog.getExistingDirectory(
-                self, "Write the world into a folder", str(self.place.parent)
-            )
+            start = str(self.path.parent)
+            name = QFileDialog.getExistingDirectory(self, "Write the world into a folder", start)
             if name and self.form.values["form"] == "zarr" and not name.endswith(".zarr"):
                 name = str(Path(name) / "world.zarr")
         if name:
-            self.output.setText(name)
+            self.path_field.setText(name)
 
-    def _begin(self) -> None:
-        """Sample what the world will take; once that is told, write it."""
-        self._preferences.set_export_options(_KEPT, self.form.values)
+    def _start(self) -> None:
+        """Estimate the world; once estimated, write it."""
+        self._preferences.set_export_options(_PREFERENCES_KEY, self.form.values)
         only_estimate = not self._is_estimated
-        output, device = self.place.absolute(), self._preferences.device
+        output, device = self.path.absolute(), self._preferences.device
         workers = self.form.values["workers"]
-        request = WorldRequest(output, self.form.options(), workers, device, only_estimate)
-        self.job = job = ExportJob(request, self._sketch, self)
         self._notes = []
-        self.noted.clear()
-        self.bar.setValue(0)
-        self._head.setText("What it will take" if only_estimate else "Writing the world")
-        self._turn_to(self.working)
-        self.go.hide()
-        self.close_.setText("Cancel")
-        job.stage_changed.connect(self._show_stage)
-        job.share_changed.connect(lambda share: self.bar.setValue(round(_UNITS * share)))
-        job.noted.connect(self._note)
-        job.finished.connect(self._show_estimate if only_estimate else self._show_done)
-        job.failed.connect(self._show_not_estimated if only_estimate else self._show_failed)
-        job.start()
+        self.progress.notes.clear()
+        self.progress.bar.setValue(0)
+        self.progress.heading.setText("Estimate" if only_estimate else "Writing the world")
+        self._show_page(self.progress)
+        self.close_button.setText("Cancel")
+        self.run(
+            WorldRequest(output, self.form.options(), workers, device, only_estimate),
+            on_stage=self.progress.doing.setText,
+            on_share=lambda share: self.progress.bar.setValue(round(JobProgress.UNITS * share)),
+            on_finish=self._show_estimate if only_estimate else self._show_done,
+            on_failure=self._show_not_estimated if only_estimate else self._show_failed,
+            on_note=self._add_note,
+        )
 
-    def _show_stage(self, title: str) -> None:
-        self.doing.setText(title)
-
-    def _note(self, line: str) -> None:
+    def _add_note(self, line: str) -> None:
         self._notes.append(line)
-        self.noted.setText("\n".join(self._notes[-_NOTES:]))
+        self.progress.notes.setText("\n".join(self._notes[-_MAX_NOTES:]))
 
-    def _show_estimate(self, told: dict[str, Any]) -> None:
-        lines = [line[:1].upper() + line[1:] for line in told["lines"]]
-        self._is_estimated = not told["problem"]
-        self.go.setEnabled(self._is_estimated)
-        if told["problem"]:
-            show_note(self.told, "\n".join([*lines, told["problem"]]), is_wrong=True)
-        else:
-            done, tasks = told["done"], told["tasks"]
-            self.go.setText("Start" if not done else "Go on" if done < tasks else "Verify")
-            show_note(self.told, "\n".join(lines))
-        self._ask_again()
+    def _show_estimate(self, estimate: dict[str, Any]) -> None:
+        lines = [line[:1].upper() + line[1:] for line in estimate["lines"]]
+        problem, done, tasks = estimate["problem"], estimate["done"], estimate["tasks"]
+        self._is_estimated = not problem
+        self.accept_button.setEnabled(self._is_estimated)
+        if not problem:
+            self.accept_button.setText("Start" if not done else "Resume" if done < tasks else "Verify")
+        show_note(self.hint, "\n".join([*lines, problem]).strip(), is_error=bool(problem))
+        self._show_options()
 
     def _show_not_estimated(self, line: str) -> None:
-        show_note(self.told, line, is_wrong=True)
-        self._ask_again()
+        show_note(self.hint, line, is_error=True)
+        self._show_options()
 
-    def _ask_again(self) -> None:
-        self._turn_to(self.asking)
-        self.go.show()
-        self.close_.setEnabled(True)
-        self.go.setDefault(True)
+    def _show_options(self) -> None:
+        self._show_page(self.options_page)
+        self.accept_button.show()
+        self.close_button.setEnabled(True)
+        self.accept_button.setDefault(True)
 
-    def _show_done(self, told: dict[str, Any]) -> None:
-        self._head.setText("Written" if told["made"] else "All of it was there")
-        self.bar.setValue(_UNITS)
-        self.doing.setText(
-            f"{told['made']} of {told['tasks']} shards in {format_duration(told['seconds'])}, "
-            f"{told['files']} files, {format_bytes(told['bytes'])}, into\n{self.place}"
+    def _show_done(self, summary: dict[str, Any]) -> None:
+        self.progress.heading.setText("Written" if summary["made"] else "Already complete")
+        self.progress.bar.setValue(JobProgress.UNITS)
+        self.progress.doing.setText(
+            f"{summary['made']} of {summary['tasks']} shards in {format_duration(summary['seconds'])}, "
+            f"{summary['files']} files, {format_bytes(summary['bytes'])}, into\n{self.path}"
         )
-        self.view.show()
-        self._finish()
+        self.view_button.show()
+        self.folder_button.show()
+        self.finish()
 
     def _show_failed(self, line: str) -> None:
-        self._head.setText("Not written" if line else "Cancelled")
-        self.doing.setText("What is written stays: the same world at the same output goes on from there.")
-        self.noted.setText("\n".join([*self._notes[-_NOTES:], line]).strip())
-        self._finish()
-
-    def _finish(self) -> None:
-        self.show_folder.show()
-        only_close(self.close_)
-
-    def _view(self) -> None:
-        self.view_requested.emit(self.place)
-
-    def _open_folder(self) -> None:
-        folder = self.place if self.place.is_dir() else self.place.parent
-        QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder)))
+        self.progress.heading.setText("Not written" if line else "Cancelled")
+        self.progress.doing.setText("Finished shards remain: the same world at the same output resumes.")
+        self.progress.notes.setText("\n".join([*self._notes[-_MAX_NOTES:], line]).strip())
+        self.folder_button.show()
+        self.finish()

@@ -280,19 +280,20 @@ Margins = int | tuple[int, int, int, int]
 def column(
     owner: QWidget | None, *items: LayoutItem, margins: Margins = 0, spacing: int = SPACING
 ) -> QVBoxLayout:
-    """Return a vertical layout of items (px; a spacing of -1 is the style's)."""
+    """Return a vertical layout of items (px; -1: the style's)."""
     return _filled(QVBoxLayout(owner), items, margins, spacing)
 
 
 def row(
     owner: QWidget | None, *items: LayoutItem, margins: Margins = 0, spacing: int = SPACING
 ) -> QHBoxLayout:
-    """Return a horizontal layout of items (px; a spacing of -1 is the style's)."""
+    """Return a horizontal layout of items (px; -1: the style's)."""
     return _filled(QHBoxLayout(owner), items, margins, spacing)
 
 
 def _filled(box: _Box, items: Iterable[LayoutItem], margins: Margins, spacing: int) -> _Box:
-    box.setContentsMargins(*((margins,) * 4 if isinstance(margins, int) else margins))
+    if margins != -1:
+        box.setContentsMargins(*((margins,) * 4 if isinstance(margins, int) else margins))
     box.setSpacing(spacing)
     for item in items:
         if isinstance(item, int):

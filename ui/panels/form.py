@@ -1,38 +1,29 @@
-"""Forms made from declared parameters: one row each, with its title, unit, help and a way to the default."""
+"""Forms of declared parameters: a row with title, control, help and reset button for each."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import partial
 from itertools import pairwise
 
 from PyQt6.QtCore import QSignalBlocker, pyqtSignal
-from PyQt6.QtWidgets import (
-    QCheckBox,
-    QComboBox,
-    QGridLayout,
-    QHBoxLayout,
-    QLabel,
-    QLineEdit,
-    QToolButton,
-    QVBoxLayout,
-    QWidget,
-)
+from PyQt6.QtWidgets import QCheckBox, QComboBox, QGridLayout, QLabel, QLineEdit, QToolButton, QWidget
 
 from sketchterrain.document.parameter_types import Parameter, Value
-from sketchterrain.ui.look.theme import SPACING, tool_button
+from sketchterrain.ui.look.theme import SPACING, column, row, tool_button
 from sketchterrain.ui.panels.numbers import (
-    WAY,
+    SLIDER_STEPS,
     ClockBox,
     Gesture,
     NumberBox,
     Scale,
-    comfortable_range,
-    help_of,
+    help_text,
     scroll_past,
     setting_title,
     slider,
-    special_of,
+    slider_range,
     suffix_of,
+    title_from_key,
     tool_tip,
     with_unit,
 )
@@ -40,52 +31,45 @@ from sketchterrain.ui.panels.parts import faint_label
 
 
 class ParameterRow(QWidget):
-    """A parameter's title and help about a control that a subclass adds."""
+    """A parameter's title and help; subclasses add its control."""
 
     edited = pyqtSignal(object, object)
-    """Another value was entered; and the merge key of the gesture."""
-    reset_asked = pyqtSignal()
-    """The default is asked for."""
+    """The new value, and the merge key of the gesture."""
+    reset_requested = pyqtSignal()
 
     def __init__(
-        self,
-        parameter: Parameter,
-        *,
-        title: str = "",
-        explains: bool = True,
-        resets: bool = True,
-        parent: QWidget | None = None,
+        self, parameter: Parameter, *, title: str = "", has_help: bool = True, has_reset: bool = True
     ) -> None:
-        super().__init__(parent)
+        super().__init__()
         self.parameter = parameter
-        self.title = title or setting_title(parameter.name)
+        self.title = title or title_from_key(parameter.name)
         self._grid = QGridLayout(self)
         self._grid.setContentsMargins(0, 0, 0, 0)
         self._grid.setHorizontalSpacing(SPACING)
         self._grid.setVerticalSpacing(0)
         self._grid.setColumnStretch(0, 1)
-        self._label = QLabel(self.title, self)
+        self._label = QLabel(self.title)
         self._label.setMinimumWidth(40)
         self._grid.addWidget(self._label, 0, 0)
-        self.reset = self._reset_button() if resets else None
+        self.reset = self._reset_button() if has_reset else None
         if self.reset is not None:
             self._grid.addWidget(self.reset, 0, 2)
-        if explains:
-            self._grid.addWidget(faint_label(help_of(parameter), self), 2, 0, 1, -1)
+        if has_help:
+            self._grid.addWidget(faint_label(help_text(parameter)), 2, 0, 1, -1)
         self.setToolTip(tool_tip(parameter))
 
     def show_value(self, value: Value) -> None:
-        """Show a value without emitting anything."""
+        """Show a value without emitting a signal."""
         if self.reset is not None:
             self.reset.setVisible(value != self.parameter.default)
 
     def finish(self) -> None:
-        """Take what is being typed as it stands, as when the focus leaves."""
+        """Accept the text being typed."""
 
     def _add(self, control: QWidget, *, below: bool = False, name: str = "") -> None:
-        """Add a control behind the title or below it, with its accessible name, help and tool tip."""
+        """Add a control beside or below the title, with accessible name, help and tool tip."""
         control.setAccessibleName(name or self.title)
-        control.setAccessibleDescription(help_of(self.parameter))
+        control.setAccessibleDescription(help_text(self.parameter))
         control.setToolTip(self.toolTip())
         if below:
             self._grid.addWidget(control, 1, 0, 1, -1)
@@ -95,26 +79,26 @@ class ParameterRow(QWidget):
         self._set_tab_order(control)
 
     def _set_tab_order(self, *controls: QWidget) -> None:
-        for one, next_one in pairwise([*controls, *([self.reset] if self.reset else [])]):
-            QWidget.setTabOrder(one, next_one)
+        for first, second in pairwise([*controls, *([self.reset] if self.reset else [])]):
+            QWidget.setTabOrder(first, second)
 
     def _reset_button(self) -> QToolButton:
         tip = f"Back to {with_unit(self.parameter, self.parameter.default)}"
-        button = tool_button("reset", f"{self.title}: back to the default", tip=tip, side=14, parent=self)
+        button = tool_button("reset", f"{self.title}: back to the default", tip=tip, side=14)
         button.setFixedSize(22, 22)
         button.setAutoRaise(True)
         policy = button.sizePolicy()
         policy.setRetainSizeWhenHidden(True)
         button.setSizePolicy(policy)
         button.hide()
-        button.clicked.connect(self.reset_asked)
+        button.clicked.connect(self.reset_requested)
         return button
 
 
 class NumberRow(ParameterRow):
-    """A number: a box, a slider, and a check box for a value that stands for something else.
+    """A number: a box, a slider, and a check box for a sentinel.
 
-    While the slider is dragged every value has one key, so that the drag is one undo step.
+    All values of a slider's drag share one merge key, so that the drag is one undo step.
     """
 
     def __init__(
@@ -122,55 +106,59 @@ class NumberRow(ParameterRow):
         parameter: Parameter,
         *,
         title: str = "",
-        explains: bool = True,
-        resets: bool = True,
+        has_help: bool = True,
+        has_reset: bool = True,
         decimals: int = 3,
-        parent: QWidget | None = None,
     ) -> None:
-        super().__init__(parameter, title=title, explains=explains, resets=resets, parent=parent)
-        self._special = special_of(parameter)
+        super().__init__(parameter, title=title, has_help=has_help, has_reset=has_reset)
         self._gesture = Gesture()
-        low, high = comfortable_range(parameter)
-        self._scale = Scale.of(parameter, low, high)
-        self._number = low if self._special is None else self._special.start
+        low, high = slider_range(parameter)
+        self._scale = Scale.suited(parameter, low, high)
+        self._sentinel = parameter.sentinel
+        self._number = low if self._sentinel is None else self._sentinel.start
         self.box = self._number_box(0 if parameter.kind is int else decimals)
-        self.slider = slider(self)
-        self.check: QCheckBox | None = None
+        self.slider, self.check = (
+            slider(),
+            None if self._sentinel is None else QCheckBox(self._sentinel.title),
+        )
         self._add(self.box)
-        if self._special is None:
-            self._add(self.slider, below=True)
-        else:
-            self._add_special(self._special.title)
+        self._add(self.slider, below=True)
+        if self.check is not None:
+            self._add(self.check, below=True, name=f"{self.title}: {self.check.text().lower()}")
+            self.check.toggled.connect(self._report_sentinel)
+            line = QWidget()
+            row(line, (self.slider, 1), self.check)
+            self._grid.addWidget(line, 1, 0, 1, -1)
         self._set_tab_order(self.box, self.slider, *([self.check] if self.check else []))
         self._show_number(self._number)
         self.slider.sliderPressed.connect(self._gesture.begin)
         self.slider.sliderReleased.connect(self._gesture.end)
-        self.slider.valueChanged.connect(lambda at: self._report(self._scale.at(at / WAY)))
+        self.slider.valueChanged.connect(lambda step: self._report(self._scale.value(step / SLIDER_STEPS)))
         self.box.valueChanged.connect(self._report)
 
     @property
     def number(self) -> float:
-        """The number that is shown, not rounded."""
+        """The displayed number, not rounded."""
         return self._number
 
     def finish(self) -> None:
-        """Take what is being typed as it stands."""
+        """Accept the text being typed."""
         self.box.interpretText()
 
-    def set_span(self, low: float, high: float) -> None:
-        """Let the slider go from one value to another."""
-        self._scale = Scale.of(self.parameter, low, high)
+    def set_slider_range(self, low: float, high: float) -> None:
+        """Set the ends of the slider."""
+        self._scale = Scale.suited(self.parameter, low, high)
 
     def show_value(self, value: Value) -> None:
-        """Show a number, or the special value."""
+        """Show a number or the sentinel."""
         super().show_value(value)
-        is_special = self._special is not None and value == self._special.value
+        is_sentinel = self._sentinel is not None and value == self._sentinel.value
         if self.check is not None:
             with QSignalBlocker(self.check):
-                self.check.setChecked(is_special)
-            self.box.setDisabled(is_special)
-            self.slider.setDisabled(is_special)
-        if not is_special:
+                self.check.setChecked(is_sentinel)
+            self.box.setDisabled(is_sentinel)
+            self.slider.setDisabled(is_sentinel)
+        if not is_sentinel:
             self._show_number(float(value))
 
     def _show_number(self, number: float) -> None:
@@ -179,127 +167,95 @@ class NumberRow(ParameterRow):
             with QSignalBlocker(self.box):
                 self.box.setValue(number)
         # Values are rounded: a slider that already means this one stays, or keys could not move it.
-        if self._scale.at(self.slider.value() / WAY) != number:
+        if self._scale.value(self.slider.value() / SLIDER_STEPS) != number:
             with QSignalBlocker(self.slider):
-                self.slider.setValue(round(self._scale.share(number) * WAY))
+                self.slider.setValue(round(self._scale.fraction(number) * SLIDER_STEPS))
 
     def _report(self, number: float) -> None:
         if number != self._number or not self.box.isEnabled():
             self._number = number
             self.edited.emit(int(number) if self.parameter.kind is int else number, self._gesture.key)
 
-    def _report_special(self, checked: bool) -> None:
-        if self._special is not None:
-            self.edited.emit(self._special.value if checked else self._number, object())
+    def _report_sentinel(self, checked: bool) -> None:
+        if self._sentinel is not None:
+            self.edited.emit(self._sentinel.value if checked else self._number, object())
 
     def _number_box(self, decimals: int) -> NumberBox:
-        parameter, special = self.parameter, self._special
+        parameter, sentinel = self.parameter, self._sentinel
         low, high = parameter.low, parameter.high
-        if special is not None:
-            low = special.low if special.value == low else low
-            high = high if special.value == parameter.low else min(high, special.value)
+        if sentinel is not None and sentinel.value == low:
+            low = slider_range(parameter)[0]
         if parameter.unit == "h":
-            return ClockBox(low, high, decimals=decimals, parent=self)
-        return NumberBox(low, high, suffix=suffix_of(parameter), decimals=decimals, parent=self)
-
-    def _add_special(self, title: str) -> None:
-        line = QWidget(self)
-        across = QHBoxLayout(line)
-        across.setContentsMargins(0, 0, 0, 0)
-        across.setSpacing(SPACING)
-        self.check = QCheckBox(title, line)
-        self.check.toggled.connect(self._report_special)
-        self._add(self.check, below=True, name=f"{self.title}: {title.lower()}")
-        self._add(self.slider, below=True)
-        self._grid.addWidget(line, 1, 0, 1, -1)
-        across.addWidget(self.slider, 1)
-        across.addWidget(self.check)
+            return ClockBox(low, high, decimals=decimals)
+        return NumberBox(low, high, suffix=suffix_of(parameter), decimals=decimals)
 
 
 class ChoiceRow(ParameterRow):
-    """A parameter with a few values to choose from."""
+    """A parameter with a few allowed values."""
 
-    def __init__(
-        self, parameter: Parameter, *, title: str = "", explains: bool = True, parent: QWidget | None = None
-    ) -> None:
-        super().__init__(parameter, title=title, explains=explains, parent=parent)
-        self.box = scroll_past(QComboBox(self))
+    def __init__(self, parameter: Parameter, *, title: str = "", has_help: bool = True) -> None:
+        super().__init__(parameter, title=title, has_help=has_help)
+        self.box = scroll_past(QComboBox())
         for choice in parameter.choices:
             self.box.addItem(str(choice).replace("_", " ").capitalize(), choice)
         self.box.activated.connect(lambda _: self.edited.emit(self.box.currentData(), object()))
         self._add(self.box)
 
     def show_value(self, value: Value) -> None:
-        """Show which value is chosen."""
+        """Show the current value."""
         super().show_value(value)
         self.box.setCurrentIndex(self.box.findData(value))  # emits only `currentIndexChanged`
 
 
 class TextRow(ParameterRow):
-    """A parameter that is a text."""
+    """A text parameter."""
 
-    def __init__(
-        self, parameter: Parameter, *, title: str = "", explains: bool = True, parent: QWidget | None = None
-    ) -> None:
-        super().__init__(parameter, title=title, explains=explains, parent=parent)
-        self.field = QLineEdit(self)
+    def __init__(self, parameter: Parameter, *, title: str = "", has_help: bool = True) -> None:
+        super().__init__(parameter, title=title, has_help=has_help)
+        self.field = QLineEdit()
         self.field.setMaxLength(int(parameter.high))
         self.field.editingFinished.connect(self._report)
         self._add(self.field, below=True)
         self._grid.setVerticalSpacing(4)
-        self._shown = ""
+        self._text = ""
 
     def show_value(self, value: Value) -> None:
         """Show the text."""
         super().show_value(value)
-        self._shown = str(value)
-        if self.field.text() != self._shown:
-            self.field.setText(self._shown)  # emits only `textChanged`
+        self._text = str(value)
+        if self.field.text() != self._text:
+            self.field.setText(self._text)  # emits only `textChanged`
 
     def _report(self) -> None:
-        if self.field.text() != self._shown:
+        if self.field.text() != self._text:
             self.edited.emit(self.field.text(), object())
 
 
-def row_of(parameter: Parameter, *, title: str = "", explains: bool = True) -> ParameterRow:
-    """Return the row that suits a parameter."""
-    kind = ChoiceRow if parameter.choices else TextRow if parameter.kind is str else NumberRow
-    return kind(parameter, title=title, explains=explains)
-
-
 class ParameterForm(QWidget):
-    """Parameters below one another; `titles` replaces titles by name."""
+    """Rows of parameters; `titles` replaces titles by name."""
 
     edited = pyqtSignal(str, object, object)
-    """Another value was entered: the parameter's name, the value, the merge key of the gesture."""
-    reset_asked = pyqtSignal(str)
+    """The parameter's name, its new value, and the merge key of the gesture."""
+    reset_requested = pyqtSignal(str)
 
-    def __init__(
-        self,
-        parameters: Iterable[Parameter],
-        *,
-        titles: Mapping[str, str] | None = None,
-        parent: QWidget | None = None,
-    ) -> None:
-        super().__init__(parent)
+    def __init__(self, parameters: Iterable[Parameter], *, titles: Mapping[str, str] | None = None) -> None:
+        super().__init__()
         self.rows: dict[str, ParameterRow] = {}
-        down = QVBoxLayout(self)
-        down.setContentsMargins(0, 0, 0, 0)
-        down.setSpacing(SPACING)
         for parameter in parameters:
             name = parameter.name
-            row = row_of(parameter, title=(titles or {}).get(name, ""), explains=name != "name")
-            row.edited.connect(lambda value, key, name=name: self.edited.emit(name, value, key))
-            row.reset_asked.connect(lambda name=name: self.reset_asked.emit(name))
-            self.rows[name] = row
-            down.addWidget(row)
+            kind = ChoiceRow if parameter.choices else TextRow if parameter.kind is str else NumberRow
+            field = kind(parameter, title=(titles or {}).get(name, ""), has_help=name != "name")
+            field.edited.connect(partial(self.edited.emit, name))
+            field.reset_requested.connect(partial(self.reset_requested.emit, name))
+            self.rows[name] = field
+        column(self, *self.rows.values())
 
     def show_values(self, values: Mapping[str, Value]) -> None:
-        """Show values by name without emitting anything."""
-        for name, row in self.rows.items():
-            row.show_value(values[name])
+        """Show values by name without emitting a signal."""
+        for name, field in self.rows.items():
+            field.show_value(values[name])
 
     def finish(self) -> None:
-        """Take what is being typed as it stands."""
-        for row in self.rows.values():
-            row.finish()
+        """Accept the text being typed."""
+        for field in self.rows.values():
+            field.finish()

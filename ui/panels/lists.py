@@ -1,40 +1,32 @@
-"""The history and the contradictions as lists."""
+"""Lists of the undo history and of contradictions."""
 
 from __future__ import annotations
 
 from typing import Any, Final
 
 from PyQt6.QtCore import QAbstractListModel, QModelIndex, QRect, QRectF, QSignalBlocker, QSize, Qt, pyqtSignal
-from PyQt6.QtGui import QColor, QPainter, QPalette, QStandardItem, QStandardItemModel
-from PyQt6.QtWidgets import (
-    QCheckBox,
-    QListView,
-    QStyle,
-    QStyledItemDelegate,
-    QStyleOptionViewItem,
-    QVBoxLayout,
-    QWidget,
-)
+from PyQt6.QtGui import QPainter, QPalette, QStandardItem, QStandardItemModel
+from PyQt6.QtWidgets import QCheckBox, QListView, QStyle, QStyledItemDelegate, QStyleOptionViewItem, QWidget
 
 from sketchterrain.ui.engine.link import EngineLink
-from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, draw_icon
+from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, column, draw_icon
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.panels.numbers import size_text
-from sketchterrain.ui.panels.parts import faint_label
+from sketchterrain.ui.panels.parts import Panel, draw_band, faint_label
 
 ICON: Final = Qt.ItemDataRole.UserRole + 1
-"""Name of an icon before the text; None: there is none."""
+"""Name of an icon, or None."""
 PALE: Final = Qt.ItemDataRole.UserRole + 2
-"""Whether a row is read second."""
-_SIDE: Final = 16
+"""Whether a row has secondary text."""
+_PLACE: Final = Qt.ItemDataRole.UserRole + 9
+_ICON_SIZE: Final = 16
 
 
-class ListRow(QStyledItemDelegate):
-    """Draws a row; its text may take several lines."""
+class _RowDelegate(QStyledItemDelegate):
+    """Draws a row with an optional icon; its text may wrap."""
 
     def sizeHint(self, option: QStyleOptionViewItem, index: QModelIndex) -> QSize:
-        """Return room for all lines at the list's width."""
         view = self.parent()
         width = 240
         if isinstance(view, QListView):
@@ -45,25 +37,19 @@ class ListRow(QStyledItemDelegate):
         return QSize(width, needed.height() + 2 * SMALL + 2)
 
     def paint(self, painter: QPainter | None, option: QStyleOptionViewItem, index: QModelIndex) -> None:
-        """Draw a row."""
         if painter is None:
             return
         painter.save()
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        draw_band(painter, option, QRectF(option.rect).adjusted(2, 1, -2, -1))
         role = QPalette.ColorRole
-        selection = bool(option.state & QStyle.StateFlag.State_Selected)
-        if selection or option.state & QStyle.StateFlag.State_MouseOver:
-            band = QColor(option.palette.color(role.Highlight if selection else role.Mid))
-            band.setAlpha(255 if selection else 90)
-            painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(band)
-            painter.drawRoundedRect(QRectF(option.rect).adjusted(2, 1, -2, -1), 5, 5)
-        faint = role.PlaceholderText if index.data(PALE) else role.Text
-        colour = option.palette.color(role.HighlightedText if selection else faint)
+        is_selected = bool(option.state & QStyle.StateFlag.State_Selected)
+        text_role = role.PlaceholderText if index.data(PALE) else role.Text
+        colour = option.palette.color(role.HighlightedText if is_selected else text_role)
         name = index.data(ICON)
         if name:
-            place = QRectF(option.rect.left() + SPACING, option.rect.top() + SMALL + 2, _SIDE, _SIDE)
-            draw_icon(painter, name, place, colour)
+            left, top = option.rect.left() + SPACING, option.rect.top() + SMALL + 2
+            draw_icon(painter, name, QRectF(left, top, _ICON_SIZE, _ICON_SIZE), colour)
         painter.setPen(colour)
         text = option.rect.adjusted(self._inset(index), 0, -SPACING, 0)
         flags = Qt.AlignmentFlag.AlignVCenter | Qt.TextFlag.TextWordWrap
@@ -71,13 +57,12 @@ class ListRow(QStyledItemDelegate):
         painter.restore()
 
     def _inset(self, index: QModelIndex) -> int:
-        return SPACING + (_SIDE + SPACING if index.data(ICON) else 0)
+        return SPACING + (_ICON_SIZE + SPACING if index.data(ICON) else 0)
 
 
-def plain_list(name: str, tip: str, parent: QWidget) -> QListView:
-    """Return an empty list of such rows."""
-    view = QListView(parent)
-    view.setItemDelegate(ListRow(view))
+def _list_view(name: str, tip: str) -> QListView:
+    view = QListView()
+    view.setItemDelegate(_RowDelegate(view))
     view.setFrameShape(QListView.Shape.NoFrame)
     view.setMouseTracking(True)
     view.setResizeMode(QListView.ResizeMode.Adjust)
@@ -89,57 +74,45 @@ def plain_list(name: str, tip: str, parent: QWidget) -> QListView:
     return view
 
 
-class HistoryPanel(QWidget):
-    """A list of steps; a click on one goes there."""
+class HistoryPanel(Panel):
+    """List of undo steps; a click goes to a step."""
 
-    def __init__(self, document: Document, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, document: Document) -> None:
+        super().__init__()
         self._document = document
-        self._filling = False
+        self._is_filling = False
         self._steps = _Steps(document, self)
-        self.list = plain_list("History", "Click a step to undo or redo up to there", self)
+        self.list = _list_view("History", "Click a step to undo or redo up to there")
         self.list.setUniformItemSizes(True)
         self.list.setModel(self._steps)
-        self._memory = faint_label("", self)
+        self._memory = faint_label()
         self._memory.setContentsMargins(MARGIN - SMALL, SMALL, MARGIN, SMALL)
-        down = QVBoxLayout(self)
-        down.setContentsMargins(SMALL, SMALL, SMALL, 0)
-        down.setSpacing(0)
-        down.addWidget(self.list, 1)
-        down.addWidget(self._memory)
+        column(self, (self.list, 1), self._memory, margins=(SMALL, SMALL, SMALL, 0), spacing=0)
         selection = self.list.selectionModel()
         if selection is not None:
-            selection.currentChanged.connect(self._go)
+            selection.currentChanged.connect(self._go_to)
         document.history_changed.connect(self._refresh)
         self._refresh()
 
-    def sizeHint(self) -> QSize:
-        """Return room for a dozen steps."""
-        return QSize(300, 320)
-
-    def minimumSizeHint(self) -> QSize:
-        """Return room for a few steps."""
-        return QSize(220, 80)
-
     def _refresh(self) -> None:
         history = self._document.history
-        self._filling = True  # a blocked selection would leave the list with what is gone
+        self._is_filling = True  # blocked signals of the selection would leave removed rows in the list
         self._steps.refresh()
         current = self._steps.index(history.position)
         self.list.setCurrentIndex(current)
-        self._filling = False
+        self._is_filling = False
         self.list.scrollTo(current)
         done, undone = history.position, len(history.titles) - 1 - history.position
-        words = f"{done} step{'' if done == 1 else 's'}" + (f", {undone} undone" if undone else "")
-        self._memory.setText(f"{words} · {size_text(history.bytes)}")
+        steps = f"{done} step{'' if done == 1 else 's'}" + (f", {undone} undone" if undone else "")
+        self._memory.setText(f"{steps} · {size_text(history.bytes)}")
 
-    def _go(self, index: QModelIndex) -> None:
-        if index.isValid() and not self._filling:
+    def _go_to(self, index: QModelIndex) -> None:
+        if index.isValid() and not self._is_filling:
             self._document.go_to(index.row())
 
 
 class _Steps(QAbstractListModel):
-    """The titles of a history."""
+    """List model of a history's titles."""
 
     def __init__(self, document: Document, parent: QWidget) -> None:
         super().__init__(parent)
@@ -152,9 +125,7 @@ class _Steps(QAbstractListModel):
     def data(self, index: QModelIndex, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         if role == Qt.ItemDataRole.DisplayRole:
             return self._titles[index.row()]
-        if role == PALE:
-            return index.row() > self._document.history.position
-        return None
+        return index.row() > self._document.history.position if role == PALE else None
 
     def refresh(self) -> None:
         titles = self._document.history.titles
@@ -166,63 +137,42 @@ class _Steps(QAbstractListModel):
             self.dataChanged.emit(self.index(0), self.index(len(titles) - 1), [PALE])
 
 
-_PLACE: Final = Qt.ItemDataRole.UserRole + 9
-
-
-class ContradictionsPanel(QWidget):
-    """A list of what was decided; a click on a line shows where."""
+class ContradictionsPanel(Panel):
+    """List of resolved contradictions; a click on one shows its place."""
 
     place_activated = pyqtSignal(float, float)
-    """A person wants to see a place (m)."""
+    """A place (m)."""
 
-    def __init__(self, workspace: Workspace, link: EngineLink, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self._workspace = workspace
-        self._link = link
+    def __init__(self, workspace: Workspace, link: EngineLink) -> None:
+        super().__init__()
+        self._workspace, self._link = workspace, link
         self._lines: tuple[object, ...] = ()
         self._model = QStandardItemModel(self)
-        self.list = plain_list("Contradictions", "Click a line to see the place", self)
+        self.list = _list_view("Contradictions", "Click a line to see the place")
         self.list.setWordWrap(True)
         self.list.setModel(self._model)
-        self.mark = QCheckBox("&Mark them in the sketch", self)
+        self.mark = QCheckBox("&Mark them in the sketch")
         self.mark.setAccessibleName("Mark them in the sketch")
         self.mark.setToolTip("Marks where layers contradict each other")
         self._none = faint_label(
             "No layer contradicts another one. A river painted across a mountain would be listed here, "
-            "with the valley that it cuts.",
-            self,
+            "with the valley that it cuts."
         )
-        self._lay_out()
-        self.list.clicked.connect(self._show)
-        self.list.activated.connect(self._show)
+        margins = (MARGIN, MARGIN, MARGIN, SMALL)
+        column(self, self.mark, self._none, (self.list, 1), 0, margins=margins, spacing=MARGIN)
+        self.list.clicked.connect(self._activate)
+        self.list.activated.connect(self._activate)
         self.mark.toggled.connect(lambda on: workspace.show_overlay("contradictions", on))
-        workspace.overlays_changed.connect(self._fill_mark)
-        link.placed_changed.connect(self._fill)
-        self._fill_mark()
-        self._fill()
+        workspace.overlays_changed.connect(self._show_overlay)
+        link.placed_changed.connect(self._refresh)
+        self._show_overlay()
+        self._refresh()
 
-    def sizeHint(self) -> QSize:
-        """Return room for a few lines."""
-        return QSize(300, 240)
-
-    def minimumSizeHint(self) -> QSize:
-        """Return room for two lines."""
-        return QSize(220, 80)
-
-    def _lay_out(self) -> None:
-        down = QVBoxLayout(self)
-        down.setContentsMargins(MARGIN, MARGIN, MARGIN, SMALL)
-        down.setSpacing(MARGIN)
-        down.addWidget(self.mark)
-        down.addWidget(self._none)
-        down.addWidget(self.list, 1)
-        down.addStretch(0)
-
-    def _fill_mark(self) -> None:
+    def _show_overlay(self) -> None:
         with QSignalBlocker(self.mark):
             self.mark.setChecked("contradictions" in self._workspace.overlays)
 
-    def _fill(self) -> None:
+    def _refresh(self, *_: object) -> None:
         placed = self._link.placed
         resolutions = () if placed is None else placed.resolutions
         orphans = () if placed is None else placed.orphans
@@ -237,7 +187,7 @@ class ContradictionsPanel(QWidget):
         self._none.setHidden(bool(resolutions or orphans))
         self.list.setVisible(bool(resolutions or orphans))
 
-    def _show(self, index: QModelIndex) -> None:
+    def _activate(self, index: QModelIndex) -> None:
         place = index.data(_PLACE)
         if place is not None:
             self.place_activated.emit(*place)

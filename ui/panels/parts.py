@@ -1,14 +1,23 @@
-"""Parts of panels: labels, collapsible groups, scrolling frames, page heads."""
+"""Parts of panels: labels, collapsible groups, scrolling frames and page heads."""
 
 from __future__ import annotations
 
-from PyQt6.QtCore import QSize, Qt
-from PyQt6.QtGui import QFont, QIcon, QPalette, QPixmap
-from PyQt6.QtWidgets import QFrame, QGridLayout, QLabel, QScrollArea, QSizePolicy, QVBoxLayout, QWidget
+from PyQt6.QtCore import QRectF, QSize, Qt
+from PyQt6.QtGui import QColor, QFont, QIcon, QPainter, QPalette, QPixmap
+from PyQt6.QtWidgets import (
+    QFrame,
+    QGridLayout,
+    QLabel,
+    QScrollArea,
+    QSizePolicy,
+    QStyle,
+    QStyleOptionViewItem,
+    QWidget,
+)
 from superqt import QCollapsible, QElidingLabel
 
 from sketchterrain.ui.look.layer_colours import swatch
-from sketchterrain.ui.look.theme import MARGIN, MARKS, SPACING, tabular
+from sketchterrain.ui.look.theme import MARGIN, MARKS, SPACING, column, tabular
 
 _SMALLER = 0.88
 _UNBOUNDED = (1 << 24) - 1  # Qt's QWIDGETSIZE_MAX
@@ -16,7 +25,7 @@ _SWATCH = 28
 
 
 def small(font: QFont) -> QFont:
-    """Return a font a little smaller."""
+    """Return a slightly smaller font."""
     smaller = QFont(font)
     if font.pointSizeF() > 0:
         smaller.setPointSizeF(font.pointSizeF() * _SMALLER)
@@ -25,26 +34,26 @@ def small(font: QFont) -> QFont:
     return smaller
 
 
-def faint_label(text: str = "", parent: QWidget | None = None) -> QLabel:
+def faint_label(text: str = "") -> QLabel:
     """Return a label for secondary text: small, pale, wrapped."""
-    label = QLabel(text, parent)
+    label = QLabel(text)
     label.setFont(small(label.font()))
     label.setForegroundRole(QPalette.ColorRole.PlaceholderText)
     label.setWordWrap(True)
     return label
 
 
-def heading(text: str, parent: QWidget | None = None) -> QLabel:
-    """Return a label for the title of a part."""
-    label = QLabel(text, parent)
+def heading(text: str = "") -> QLabel:
+    """Return a label for a title."""
+    label = QLabel(text)
     font = QFont(label.font())
     font.setWeight(QFont.Weight.DemiBold)
     label.setFont(font)
     return label
 
 
-def figure(tip: str, sample: str | None = None) -> QElidingLabel:
-    """Return one elided line of secondary text, as wide as `sample`, or else as there is room."""
+def status_label(tip: str, sample: str | None = None) -> QElidingLabel:
+    """Return one elided line of secondary text, as wide as `sample` or as the available room."""
     label = QElidingLabel()
     label.setFont(tabular(label.font()))
     label.setForegroundRole(QPalette.ColorRole.PlaceholderText)
@@ -56,13 +65,25 @@ def figure(tip: str, sample: str | None = None) -> QElidingLabel:
     return label
 
 
-class Group(QCollapsible):  # type: ignore[misc] # superqt has no types
-    """Controls under a heading that collapses them, without animation and out of the tab order."""
+def draw_band(painter: QPainter, option: QStyleOptionViewItem, band: QRectF) -> None:
+    """Draw the rounded background of a selected or hovered row, clipped to its cell."""
+    is_selected = bool(option.state & QStyle.StateFlag.State_Selected)
+    if not (is_selected or option.state & QStyle.StateFlag.State_MouseOver):
+        return
+    role = QPalette.ColorRole
+    colour = QColor(option.palette.color(role.Highlight if is_selected else role.Mid))
+    colour.setAlpha(255 if is_selected else 90)
+    painter.setClipRect(option.rect)
+    painter.setPen(Qt.PenStyle.NoPen)
+    painter.setBrush(colour)
+    painter.drawRoundedRect(band, 5, 5)
 
-    def __init__(
-        self, title: str, content: QWidget, *, is_open: bool = True, parent: QWidget | None = None
-    ) -> None:
-        super().__init__(title, parent, *(QIcon(str(MARKS / f"{name}.svg")) for name in ("down", "right")))
+
+class CollapsibleGroup(QCollapsible):  # type: ignore[misc] # superqt has no types
+    """Controls under a heading; a collapsed group is not animated and not in the tab order."""
+
+    def __init__(self, title: str, content: QWidget, *, is_open: bool = True) -> None:
+        super().__init__(title, None, *(QIcon(str(MARKS / f"{name}.svg")) for name in ("down", "right")))
         self.content().deleteLater()
         self.layout().setContentsMargins(0, 0, 0, 0)
         self.setContent(content)
@@ -88,43 +109,48 @@ class Group(QCollapsible):  # type: ignore[misc] # superqt has no types
         self.content().hide()
 
 
-class ScrollingPanel(QScrollArea):
-    """A panel of controls below one another that scrolls where there is no room for all."""
+class Panel(QWidget):
+    """A dock's content with its usual and smallest size."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def sizeHint(self) -> QSize:
+        return QSize(300, 320)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(220, 80)
+
+
+class ScrollingPanel(QScrollArea):
+    """A vertically scrolling panel of controls."""
+
+    def __init__(self) -> None:
+        super().__init__()
         self.setWidgetResizable(True)
         self.setFrameShape(QFrame.Shape.NoFrame)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         page = QWidget(self)
-        self._down = QVBoxLayout(page)
-        self._down.setContentsMargins(MARGIN, MARGIN, MARGIN, MARGIN)
-        self._down.setSpacing(MARGIN)
-        self._down.addStretch(1)
+        self._column = column(page, 1, margins=MARGIN, spacing=MARGIN)
         self.setWidget(page)
 
-    def add(self, widget: QWidget) -> None:
-        """Add a control below the others."""
-        self._down.insertWidget(self._down.count() - 1, widget)
+    def add(self, *widgets: QWidget) -> None:
+        """Add controls below the others."""
+        for widget in widgets:
+            self._column.insertWidget(self._column.count() - 1, widget)
 
     def sizeHint(self) -> QSize:
-        """Return a comfortable width."""
         return QSize(300, 420)
 
     def minimumSizeHint(self) -> QSize:
-        """Return the least width at which nothing is clipped."""
         return QSize(220, 80)
 
 
 class PageHead(QWidget):
-    """The head of a page of properties: a swatch, a title and a line below it."""
+    """The head of a properties page: a swatch, a title and a line."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self._picture = QLabel(self)
+    def __init__(self) -> None:
+        super().__init__()
+        self._picture, self._title, self._line = QLabel(), heading(), faint_label()
         self._picture.setFixedSize(_SWATCH, _SWATCH)
-        self._title, self._line = heading("", self), faint_label("", self)
         grid = QGridLayout(self)
         grid.setContentsMargins(0, 0, 0, 0)
         grid.setHorizontalSpacing(SPACING + 2)
@@ -135,7 +161,7 @@ class PageHead(QWidget):
         grid.setColumnStretch(1, 1)
 
     def show_text(self, title: str, line: str, label: tuple[str, int] | None = None) -> None:
-        """Show what the page is about, with the swatch of a layer's label if there is one."""
+        """Show a title, a line and the swatch of a layer's label."""
         picture = QPixmap() if label is None else swatch(*label, _SWATCH, self.devicePixelRatioF())
         self._picture.setPixmap(picture)
         self._title.setText(title)

@@ -1,179 +1,64 @@
-"""Panels of the view and of the world's settings."""
+"""Panels of settings: those of the sketch as a whole, and those of the 3-D view."""
 
 from __future__ import annotations
 
-import random
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
-from PyQt6.QtCore import QRegularExpression, QSignalBlocker, QTimer, pyqtSignal
+from PyQt6.QtCore import QRegularExpression, QSignalBlocker, pyqtSignal
 from PyQt6.QtGui import QRegularExpressionValidator
-from PyQt6.QtWidgets import (
-    QCheckBox,
-    QHBoxLayout,
-    QLabel,
-    QLineEdit,
-    QMenu,
-    QToolButton,
-    QVBoxLayout,
-    QWidget,
-)
+from PyQt6.QtWidgets import QCheckBox, QLabel, QLineEdit, QMenu, QToolButton, QWidget
 
-from sketchterrain.document.parameter_types import Parameter, Value
-from sketchterrain.document.parameters import SKETCH, WEATHER
+from sketchterrain.document.parameter_types import Parameter, Sentinel, Value
+from sketchterrain.document.parameters import SKETCH
 from sketchterrain.errors import InputError
-from sketchterrain.ui.commands.settings import WORLD, declared, reset_setting, set_setting, settings
+from sketchterrain.ui.application import single_shot
+from sketchterrain.ui.commands.settings import (
+    WORLD,
+    declared,
+    random_seed,
+    reset_setting,
+    set_setting,
+    settings,
+)
 from sketchterrain.ui.engine.link import EngineLink
-from sketchterrain.ui.look.theme import SMALL, SPACING, tabular, tool_button
+from sketchterrain.ui.look.theme import SMALL, SPACING, column, row, tabular, tool_button
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.panels.form import NumberRow, ParameterForm
-from sketchterrain.ui.panels.numbers import help_of, number, setting_title, tool_tip
-from sketchterrain.ui.panels.parts import Group, ScrollingPanel, faint_label
-
-# Names are those of `render.overlays.OVERLAYS`, which a window does not import: it would load OpenGL.
-OVERLAY_TITLES: Final = {
-    "features": ("Placed features", "Rings about features, rivers' splines, lakes' shores"),
-    "materials": ("Materials", "What covers the ground, each in a colour of its own"),
-    "wireframe": ("Triangles", "The triangles that are drawn, coloured by their tile's level"),
-    "levels": ("Levels of detail", "Tiles, coloured by level"),
-    "error": ("Geometric error", "Tiles, coloured by how far they are from full detail (m)"),
-    "screen-error": ("Error on the screen", "Tiles, coloured by what their error covers on the screen (px)"),
-    "triplanar": ("Texture planes", "Which planes the ground is textured from"),
-}
-"""What can be laid over the view: its title and its help, by name."""
-
-_TITLES: Final = {"hour": "Time of day", "wind_from": "Wind from"}
-_AUTOMATIC: Final = -1.0
-_QUALITY: Final = Parameter(
-    "quality", float, _AUTOMATIC, _AUTOMATIC, 1.0, "", "0 is quick, 1 is as good as it gets"
-)
-_PAUSE: Final = (
-    120  # ms that a slider of the quality rests before it is told: a change of it is no small work
-)
-
-
-class ViewPanel(ScrollingPanel):
-    """Settings of the picture. The weather is the sketch's; the rest is forgotten with the program."""
-
-    def __init__(self, document: Document, link: EngineLink, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self._document = document
-        self._link = link
-        self.weather = ParameterForm(WEATHER.values(), titles=_TITLES)
-        self.quality = NumberRow(_QUALITY, title="Picture quality", decimals=2)
-        self.plays = _box("Things &move", "Water runs, clouds drift and plants sway")
-        self.overlays = {name: _box(*words) for name, words in OVERLAY_TITLES.items()}
-        self._wanted: float | None = None
-        self._timer = QTimer(self)
-        self._timer.setSingleShot(True)
-        self._timer.setInterval(_PAUSE)
-        self._lay_out()
-        self._connect()
-        self._fill_weather()
-        self._fill_view()
-
-    def _lay_out(self) -> None:
-        self.add(Group("Light and weather", self.weather))
-        picture = QWidget(self)
-        down = QVBoxLayout(picture)
-        down.setContentsMargins(0, 0, 0, 0)
-        down.setSpacing(SPACING)
-        down.addWidget(self.quality)
-        down.addWidget(self.plays)
-        self.add(Group("Picture", picture))
-        shown = QWidget(self)
-        column = QVBoxLayout(shown)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(SMALL)
-        for box in self.overlays.values():
-            column.addWidget(box)
-        self.add(Group("Shown on the terrain", shown))
-
-    def _connect(self) -> None:
-        self.weather.edited.connect(self._set_weather)
-        self.weather.reset_asked.connect(self._reset_weather)
-        self.quality.edited.connect(self._want_quality)
-        self.quality.reset_asked.connect(lambda: self._want_quality(_AUTOMATIC))
-        self._timer.timeout.connect(self._show_quality)
-        self.plays.toggled.connect(lambda on: self._link.set_view(replace(self._link.view, plays=on)))
-        for name, box in self.overlays.items():
-            box.toggled.connect(lambda on, name=name: self._show_overlay(name, on))
-        self._document.sketch_changed.connect(self._fill_weather)
-        self._link.view_changed.connect(self._fill_view)
-
-    def _fill_weather(self) -> None:
-        self.weather.show_values(settings(self._document.sketch, "weather"))
-
-    def _fill_view(self) -> None:
-        view = self._link.view
-        if not self._timer.isActive():
-            self.quality.show_value(_AUTOMATIC if view.quality is None else view.quality)
-        for box, on in [(self.plays, view.plays)] + [
-            (box, name in view.overlays) for name, box in self.overlays.items()
-        ]:
-            with QSignalBlocker(box):
-                box.setChecked(on)
-
-    def _set_weather(self, name: str, value: Value, key: object) -> None:
-        changed = set_setting(self._document.sketch, "weather", name, value)
-        self._document.do(f"Set {_words(name)}", changed, merge=key)
-
-    def _reset_weather(self, name: str) -> None:
-        changed = reset_setting(self._document.sketch, "weather", name)
-        self._document.do(f"Reset {_words(name)}", changed)
-
-    def _want_quality(self, quality: float) -> None:
-        self._wanted = None if quality == _AUTOMATIC else quality
-        self._timer.start()
-        self.quality.show_value(quality)
-
-    def _show_quality(self) -> None:
-        self._link.set_view(replace(self._link.view, quality=self._wanted))
-
-    def _show_overlay(self, name: str, on: bool) -> None:
-        kept = [each for each in OVERLAY_TITLES if (on if each == name else each in self._link.view.overlays)]
-        self._link.set_view(replace(self._link.view, overlays=tuple(kept)))
-
-
-def _box(title: str, tip: str) -> QCheckBox:
-    box = QCheckBox(title)
-    box.setAccessibleName(title.replace("&", ""))
-    box.setToolTip(tip)
-    return box
-
-
-def _words(name: str) -> str:
-    return _TITLES.get(name, setting_title(name)).lower()
-
+from sketchterrain.ui.panels.numbers import help_text, number, title_from_key, tool_tip
+from sketchterrain.ui.panels.parts import CollapsibleGroup, ScrollingPanel, faint_label
 
 _SEED: Final[Parameter] = SKETCH["seed"]
-_REMEMBERED: Final = 20
-_FACES: Final = 1_000_000
-"""Dice show fewer seeds than there are: numbers that one can tell another person."""
+_MAX_USED_SEEDS: Final = 20
 
 
 class SeedRow(QWidget):
-    """The seed of a sketch, and those that it had before."""
+    """The seed of a sketch and its previous seeds."""
 
     edited = pyqtSignal(object)
-    """A person wants another seed."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self._seed = 0
         self._used: list[int] = []
-        self.field = self._make_field()
-        self.dice = tool_button(
-            "dice", "Throw a seed", tip="Another seed: another terrain of the same sketch", parent=self
-        )
-        self.dice.clicked.connect(lambda: self.edited.emit(_other_than(self._seed)))
-        self.earlier = tool_button(
-            "undo", "Seeds used before", tip="Go back to a seed that was used before", parent=self
-        )
-        self.earlier.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
-        self._menu = QMenu(self.earlier)
-        self.earlier.setMenu(self._menu)
-        self._lay_out()
+        self.field = QLineEdit()
+        self.field.setFont(tabular(self.field.font()))
+        self.field.setValidator(QRegularExpressionValidator(QRegularExpression("[0-9]{0,19}"), self.field))
+        self.field.setAccessibleName("Seed")
+        self.field.setToolTip(tool_tip(_SEED))
+        self.field.editingFinished.connect(self._finish)
+        self.dice = tool_button("dice", "Random seed", tip="Another seed: another terrain of the same sketch")
+        self.dice.clicked.connect(lambda: self.edited.emit(random_seed(self._seed)))
+        self.previous = tool_button("undo", "Previous seeds", tip="Return to a previous seed")
+        self.previous.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
+        self._menu = QMenu(self.previous)
+        self.previous.setMenu(self._menu)
+        title = QLabel("&Seed")
+        title.setBuddy(self.field)
+        title.setContentsMargins(0, 0, SPACING, 0)
+        line = row(None, title, (self.field, 1), self.dice, self.previous, spacing=SMALL)
+        column(self, line, faint_label(help_text(_SEED)), spacing=SMALL)
 
     @property
     def used(self) -> tuple[int, ...]:
@@ -181,111 +66,64 @@ class SeedRow(QWidget):
         return tuple(self._used)
 
     def show_seed(self, seed: int) -> None:
-        """Show the seed and remember it."""
+        """Show a seed and add it to the previous ones."""
         self._seed = seed
         if self.field.text() != str(seed):
             self.field.setText(str(seed))
         if not self._used or self._used[0] != seed:
-            self._used = [seed, *(each for each in self._used if each != seed)][:_REMEMBERED]
-            self._fill_menu()
+            self._used = [seed, *(each for each in self._used if each != seed)][:_MAX_USED_SEEDS]
+            self._menu.clear()
+            for each in self._used[1:]:
+                action = self._menu.addAction(f"Seed {each}")
+                if action is not None:
+                    action.triggered.connect(lambda _, seed=each: self.edited.emit(seed))
+            self.previous.setEnabled(len(self._used) > 1)
 
-    def forget(self) -> None:
-        """Forget which seeds were used: it is another sketch."""
+    def clear_used(self) -> None:
+        """Forget the previous seeds."""
         self._used = []
 
     def _finish(self) -> None:
-        text = self.field.text()
         try:
-            seed = int(_SEED.check(int(text or "0")))
+            seed = int(_SEED.check(int(self.field.text() or "0")))
         except InputError:
-            seed = int(_SEED.high)  # nineteen digits can say more than a seed holds
+            seed = int(_SEED.high)  # nineteen digits can exceed it
         self.field.setText(str(seed))
         if seed != self._seed:
             self.edited.emit(seed)
 
-    def _fill_menu(self) -> None:
-        self._menu.clear()
-        for seed in self._used[1:]:
-            action = self._menu.addAction(f"Seed {seed}")
-            if action is not None:
-                action.triggered.connect(lambda _, seed=seed: self.edited.emit(seed))
-        self.earlier.setEnabled(len(self._used) > 1)
-
-    def _make_field(self) -> QLineEdit:
-        field = QLineEdit(self)
-        field.setFont(tabular(field.font()))
-        field.setValidator(QRegularExpressionValidator(QRegularExpression("[0-9]{0,19}"), field))
-        field.setAccessibleName("Seed")
-        field.setToolTip(tool_tip(_SEED))
-        field.editingFinished.connect(self._finish)
-        return field
-
-    def _lay_out(self) -> None:
-        title = QLabel("&Seed", self)
-        title.setBuddy(self.field)
-        across = QHBoxLayout()
-        across.setSpacing(SMALL)
-        across.addWidget(title)
-        across.addSpacing(SPACING)
-        across.addWidget(self.field, 1)
-        across.addWidget(self.dice)
-        across.addWidget(self.earlier)
-        down = QVBoxLayout(self)
-        down.setContentsMargins(0, 0, 0, 0)
-        down.setSpacing(SMALL)
-        down.addLayout(across)
-        down.addWidget(faint_label(help_of(_SEED), self))
-
-
-def _other_than(seed: int) -> int:
-    thrown = random.randrange(_FACES - 1)  # noqa: S311 # a terrain, no secret
-    return thrown + (thrown >= seed)
-
 
 _GROUPS: Final = {"ground": "Ground between", "climate": "Climate", "density": "Unpainted land"}
-"""Tables that are shown here, in this order, and what they are called."""
-_WORLD_TITLES: Final = {
-    "density": {"mountain": "Mountains", "hill": "Hills", "dune": "Dunes", "forest": "Groves"}
+"""Titles of the displayed tables."""
+_TITLES: Final = {
+    "density": {"mountain": "Mountains", "hill": "Hills", "dune": "Dunes", "forest": "Groves"},
+    "weather": {"hour": "Time of day", "wind_from": "Wind from"},
 }
 
 
 class WorldPanel(ScrollingPanel):
     """The settings of a sketch as a whole."""
 
-    def __init__(self, document: Document, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, document: Document) -> None:
+        super().__init__()
         self._document = document
-        self.fidelity = NumberRow(SKETCH["fidelity"], title="Follow the paint", decimals=2, parent=self)
-        self.seed = SeedRow(self)
+        self.fidelity = NumberRow(SKETCH["fidelity"], title="Follow the paint", decimals=2)
+        self.seed = SeedRow()
         self.top = ParameterForm([SKETCH["name"], SKETCH["extent"]])
         self._size = faint_label()
-        self.forms = {
-            table: ParameterForm(declared(table).values(), titles=_WORLD_TITLES.get(table))
-            for table in _GROUPS
-        }
-        self._lay_out()
-        self.fidelity.edited.connect(lambda value, key: self._set(WORLD, "fidelity", value, key))
-        self.fidelity.reset_asked.connect(lambda: self._reset(WORLD, "fidelity"))
-        self.seed.edited.connect(lambda seed: self._set(WORLD, "seed", seed, object()))
-        for table, form in {WORLD: self.top, **self.forms}.items():
-            self._connect(table, form)
-        document.opened.connect(self.seed.forget)
-        document.sketch_changed.connect(self._fill)
-        self._fill()
-
-    def _lay_out(self) -> None:
-        self.add(self.fidelity)
-        self.add(self.seed)
-        self.add(self.top)
-        self.add(self._size)
+        self.forms = {table: table_form(document, table) for table in _GROUPS}
+        self.add(self.fidelity, self.seed, self.top, self._size)
         for table, title in _GROUPS.items():
-            self.add(Group(title, self.forms[table], is_open=table == "ground"))
+            self.add(CollapsibleGroup(title, self.forms[table], is_open=table == "ground"))
+        self.fidelity.edited.connect(partial(_set, document, WORLD, "fidelity"))
+        self.fidelity.reset_requested.connect(partial(_reset, document, WORLD, "fidelity"))
+        self.seed.edited.connect(lambda seed: _set(document, WORLD, "seed", seed, object()))
+        _connect(document, WORLD, self.top)
+        document.opened.connect(self.seed.clear_used)
+        document.sketch_changed.connect(self._refresh)
+        self._refresh()
 
-    def _connect(self, table: str, form: ParameterForm) -> None:
-        form.edited.connect(lambda name, value, key: self._set(table, name, value, key))
-        form.reset_asked.connect(lambda name: self._reset(table, name))
-
-    def _fill(self) -> None:
+    def _refresh(self) -> None:
         sketch = self._document.sketch
         self.fidelity.show_value(sketch.fidelity)
         self.seed.show_seed(sketch.seed)
@@ -298,20 +136,114 @@ class WorldPanel(ScrollingPanel):
         for table, form in self.forms.items():
             form.show_values(settings(sketch, table))
 
-    def _set(self, table: str, name: str, value: Value, key: object) -> None:
-        changed = set_setting(self._document.sketch, table, name, value)
-        self._document.do(_title(table, name), changed, merge=key)
 
-    def _reset(self, table: str, name: str) -> None:
-        self._document.do(
-            f"Reset {_world_words(table, name)}", reset_setting(self._document.sketch, table, name)
-        )
+def table_form(document: Document, table: str) -> ParameterForm:
+    """Return a form for a table of the sketch file whose changes are undo steps."""
+    form = ParameterForm(declared(table).values(), titles=_TITLES.get(table))
+    _connect(document, table, form)
+    return form
 
 
-def _world_words(table: str, name: str) -> str:
-    word = _WORLD_TITLES.get(table, {}).get(name, setting_title(name)).lower()
-    return f"density of {word}" if table == "density" else word
+def _connect(document: Document, table: str, form: ParameterForm) -> None:
+    form.edited.connect(partial(_set, document, table))
+    form.reset_requested.connect(partial(_reset, document, table))
 
 
-def _title(table: str, name: str) -> str:
-    return f"Set {_world_words(table, name)}"
+def _set(document: Document, table: str, name: str, value: Value, key: object) -> None:
+    changed = set_setting(document.sketch, table, name, value)
+    document.do(f"Set {_setting_title(table, name)}", changed, merge=key)
+
+
+def _reset(document: Document, table: str, name: str) -> None:
+    document.do(f"Reset {_setting_title(table, name)}", reset_setting(document.sketch, table, name))
+
+
+def _setting_title(table: str, name: str) -> str:
+    title = _TITLES.get(table, {}).get(name, title_from_key(name)).lower()
+    return f"density of {title}" if table == "density" else title
+
+
+# Names are those of `sketchterrain.render.OVERLAYS`, whose import would load OpenGL.
+OVERLAY_TITLES: Final = {
+    "features": ("Placed features", "Outlines of features, splines of rivers, shores of lakes"),
+    "materials": ("Materials", "Ground materials, each in its own colour"),
+    "wireframe": ("Triangles", "Rendered triangles, coloured by the level of their tile"),
+    "levels": ("Levels of detail", "Tiles, coloured by level"),
+    "error": ("Geometric error", "Tiles, coloured by their geometric error (m)"),
+    "screen-error": ("Error on the screen", "Tiles, coloured by their screen-space error (px)"),
+    "triplanar": ("Texture planes", "Planes of the triplanar textures"),
+}
+"""Title and help of the 3-D view's overlays."""
+
+_AUTOMATIC: Final = -1.0
+_QUALITY: Final = Parameter(
+    *("quality", float, _AUTOMATIC, _AUTOMATIC, 1.0, "", "0 is fastest, 1 is best"),
+    sentinel=Sentinel(_AUTOMATIC, "Automatic", 0.5),
+    soft_range=(0.0, 1.0),
+)
+_QUALITY_DELAY: Final = 120  # ms of rest until the quality changes, which is slow
+
+
+class ViewPanel(ScrollingPanel):
+    """Weather, which is the sketch's, and picture settings, which are not stored."""
+
+    def __init__(self, document: Document, link: EngineLink) -> None:
+        super().__init__()
+        self._document, self._link = document, link
+        self.weather = table_form(document, "weather")
+        self.quality = NumberRow(_QUALITY, title="Picture quality", decimals=2)
+        self.plays = _check_box("Things &move", "Animate water, clouds and plants")
+        self.overlays = {name: _check_box(*texts) for name, texts in OVERLAY_TITLES.items()}
+        self._timer = single_shot(self, _QUALITY_DELAY, self._send_quality)
+        picture, overlays = QWidget(), QWidget()
+        column(picture, self.quality, self.plays)
+        column(overlays, *self.overlays.values(), spacing=SMALL)
+        for title, page in (
+            ("Light and weather", self.weather),
+            ("Picture", picture),
+            ("Shown on the terrain", overlays),
+        ):
+            self.add(CollapsibleGroup(title, page))
+        self._quality = _AUTOMATIC
+        self.quality.edited.connect(lambda quality, _: self._set_quality(quality))
+        self.quality.reset_requested.connect(lambda: self._set_quality(_AUTOMATIC))
+        self.plays.toggled.connect(lambda on: link.set_view(replace(link.view, plays=on)))
+        for name, box in self.overlays.items():
+            box.toggled.connect(partial(self._show_overlay, name))
+        document.sketch_changed.connect(self._show_weather)
+        link.view_changed.connect(self._show_view)
+        self._show_weather()
+        self._show_view()
+
+    def _show_weather(self) -> None:
+        self.weather.show_values(settings(self._document.sketch, "weather"))
+
+    def _show_view(self, *_: object) -> None:
+        view = self._link.view
+        if not self._timer.isActive():
+            self.quality.show_value(_AUTOMATIC if view.quality is None else view.quality)
+        states = [(box, name in view.overlays) for name, box in self.overlays.items()]
+        for box, on in [(self.plays, view.plays), *states]:
+            with QSignalBlocker(box):
+                box.setChecked(on)
+
+    def _set_quality(self, quality: float) -> None:
+        self._quality = quality
+        self._timer.start()
+        self.quality.show_value(quality)
+
+    def _send_quality(self) -> None:
+        quality = None if self._quality == _AUTOMATIC else self._quality
+        self._link.set_view(replace(self._link.view, quality=quality))
+
+    def _show_overlay(self, name: str, on: bool) -> None:
+        visible = {*self._link.view.overlays, name} if on else {*self._link.view.overlays} - {name}
+        overlays = tuple(each for each in OVERLAY_TITLES if each in visible)
+        self._link.set_view(replace(self._link.view, overlays=overlays))
+
+
+def _check_box(title: str, tip: str) -> QCheckBox:
+    box = QCheckBox(title)
+    box.setAccessibleName(title.replace("&", ""))
+    box.setToolTip(tip)
+    return box

@@ -1,4 +1,4 @@
-"""Controls over the 3-D view: mode bar, compass, and a card in place of a missing picture."""
+"""Controls over the 3-D view: mode bar, compass, and a placeholder for a missing picture."""
 
 from __future__ import annotations
 
@@ -13,31 +13,29 @@ from PyQt6.QtWidgets import (
     QAbstractButton,
     QButtonGroup,
     QFrame,
-    QHBoxLayout,
     QLabel,
     QPushButton,
     QSizePolicy,
     QToolButton,
-    QVBoxLayout,
     QWidget,
 )
 
 from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import MODES, ErrorReport, FrameFacts, Turn, ViewState
-from sketchterrain.ui.look.theme import MARGIN, SPACING, draw_icon, looks, theme
+from sketchterrain.ui.look.theme import MARGIN, Symbol, column, draw_icon, looks, row, theme
 
 _HELP: Final = {
-    "orbit": "Turn around the terrain: drag turns, right drag or Shift moves, wheel zooms (1)",
+    "orbit": "Orbit: drag turns, right drag or Shift moves, wheel zooms (1)",
     "fly": "Fly: W A S D, Q and E, drag looks around, Shift is faster (2)",
     "walk": "Walk on the ground: W A S D, drag looks around, Shift is faster (3)",
 }
 _PLATE = QColor(18, 21, 24, 165)
-_SIGN = QColor(240, 243, 245)
+_SYMBOL = QColor(240, 243, 245)
 _SIDE, _ICON = 28, 18
 
 
 class _Button(QToolButton):
-    """A light sign on the dark plate, in either theme."""
+    """A light symbol on the dark plate, in either theme."""
 
     def __init__(self, parent: QWidget, name: str) -> None:
         super().__init__(parent)
@@ -45,7 +43,6 @@ class _Button(QToolButton):
         self.setFixedSize(_SIDE, _SIDE)
 
     def paintEvent(self, event: QPaintEvent | None) -> None:
-        """Draw it as it is: pressed, checked, under the mouse or with the focus."""
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         place = QRectF(self.rect())
@@ -53,53 +50,44 @@ class _Button(QToolButton):
         painter.setBrush(QColor(255, 255, 255, shine))
         painter.setPen(QColor(255, 255, 255, 170) if self.hasFocus() else Qt.PenStyle.NoPen)
         painter.drawRoundedRect(place.adjusted(0.5, 0.5, -0.5, -0.5), 5.0, 5.0)
-        sign = QRectF(0.0, 0.0, _ICON, _ICON)
-        sign.moveCenter(place.center())
-        draw_icon(painter, self._name, sign, _SIGN)
+        symbol = QRectF(0.0, 0.0, _ICON, _ICON)
+        symbol.moveCenter(place.center())
+        draw_icon(painter, self._name, symbol, _SYMBOL)
 
 
-class Bar(QFrame):
-    """A row of buttons on a dark plate: pictures of ground are dark, whatever the theme."""
+class ModeBar(QFrame):
+    """A row of buttons on a dark plate, as pictures of terrain are dark in either theme."""
 
-    mode_chosen = pyqtSignal(str)
+    mode_selected = pyqtSignal(str)
     see_all = pyqtSignal()
     see_best = pyqtSignal()
     picture_requested = pyqtSignal()
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(3, 3, 3, 3)
-        row.setSpacing(1)
+        self._row = row(self, margins=3, spacing=1)
         self._modes = QButtonGroup(self)
         for number, mode in enumerate(MODES):
             button = self._button(mode, _HELP[mode], mode.capitalize())
             button.setCheckable(True)
             self._modes.addButton(button, number)
-            row.addWidget(button)
-        self._modes.idClicked.connect(self._choose)
-        row.addSpacing(7)
+        self._modes.idClicked.connect(lambda number: self.mode_selected.emit(MODES[number]))
+        self._row.addSpacing(7)
         for name, tip, what, signal in (
             ("fit", "See the whole sketch (R)", "See the whole sketch", self.see_all),
-            ("camera", "Stand where the terrain looks best (C)", "Best view", self.see_best),
+            ("camera", "Go to the best viewpoint (C)", "Best view", self.see_best),
             ("screenshot", "Save a picture…", "Save a picture", self.picture_requested),
         ):
-            button = self._button(name, tip, what)
-            button.clicked.connect(signal)
-            row.addWidget(button)
+            self._button(name, tip, what).clicked.connect(signal)
         self.adjustSize()
 
     def show_mode(self, mode: str) -> None:
-        """Mark how the eye moves."""
+        """Check the button of a mode."""
         button = self._modes.button(MODES.index(mode))
         if button is not None:
             button.setChecked(True)
 
-    def _choose(self, number: int) -> None:
-        self.mode_chosen.emit(MODES[number])
-
     def paintEvent(self, event: QPaintEvent | None) -> None:
-        """Draw the plate."""
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         painter.setPen(Qt.PenStyle.NoPen)
@@ -110,67 +98,62 @@ class Bar(QFrame):
         button = _Button(self, name)
         button.setToolTip(tip)
         button.setAccessibleName(what)
+        self._row.addWidget(button)
         return button
 
 
-_PATIENCE = 2  # s, after which it says how long it has been
+_TIME_DELAY = 2  # s of waiting after which the time is shown
 
 
 @dataclass(frozen=True)
 class Notice:
-    """What a card says."""
+    """Text of a placeholder."""
 
-    icon: str  # Of `ui.look.icons`; empty: one waits, and is told for how long
+    icon: str  # Name of an icon; empty while waiting, when the time is shown
     title: str
     line: str = ""
-    button: str = ""  # Empty where there is nothing to press
+    button: str = ""
 
 
-def notice_of(link: ViewSource, trouble: ErrorReport | None) -> Notice | None:
-    """Return why there is no picture, or none that is worth looking at; None if all is well."""
-    if trouble is not None and trouble.source == "engine":
-        return Notice("error", "The 3-D view stopped", trouble.line, "Start again")
+def notice_of(link: ViewSource, error: ErrorReport | None) -> Notice | None:
+    """Return why there is no current picture; None if there is one."""
+    if error is not None and error.source == "engine":
+        return Notice("error", "The 3-D view stopped", error.line, "Start again")
     if link.facts.opengl_error:
         line = f"{link.facts.opengl_error}\n{link.without_view}".strip()
-        return Notice("warning", "There is no 3-D view", line, "Try again")
+        return Notice("warning", "No 3-D view", line, "Try again")
     if link.picture is not None:
         return None
     if link.facts.device_error:
-        return Notice("warning", "There is no device for the terrain", link.facts.device_error, "Try again")
-    if trouble is not None:
-        return Notice("error", "The 3-D view cannot be drawn", trouble.line, "Start again")
+        return Notice("warning", "No device for the terrain", link.facts.device_error, "Try again")
+    if error is not None:
+        return Notice("error", "The 3-D view cannot be drawn", error.line, "Start again")
     return Notice("", "Preparing the terrain", link.activity or "Starting")
 
 
-class Card(QFrame):
+class Placeholder(QFrame):
     """Shows a `Notice`, or hides."""
 
     pressed = pyqtSignal()
-    """Its button was pressed."""
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
         self._notice: Notice | None = None
         self._seconds = 0
-        self._mark = _Mark(self)
-        self._title = QLabel(self)
-        self._line = QLabel(self)
+        self._symbol = Symbol(32)
+        self._title, self._line = QLabel(), QLabel()
         self._line.setTextFormat(Qt.TextFormat.PlainText)
         self._line.setWordWrap(True)
         self._line.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self._line.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.MinimumExpanding)
-        self._button = QPushButton(self)
+        self._button = QPushButton()
         self._button.setAutoDefault(False)
         self._button.clicked.connect(self.pressed)
         for label in (self._title, self._line):
             label.setAlignment(Qt.AlignmentFlag.AlignHCenter)
-        rows = QVBoxLayout(self)
-        rows.setContentsMargins(2 * MARGIN, 2 * MARGIN, 2 * MARGIN, 2 * MARGIN)
-        rows.setSpacing(SPACING)
-        rows.addWidget(self._mark, 0, Qt.AlignmentFlag.AlignHCenter)
-        rows.addWidget(self._title)
-        rows.addWidget(self._line)
-        rows.addWidget(self._button, 0, Qt.AlignmentFlag.AlignHCenter)
+        rows = column(self, self._symbol, self._title, self._line, self._button, margins=2 * MARGIN)
+        for widget in (self._symbol, self._button):
+            rows.setAlignment(widget, Qt.AlignmentFlag.AlignHCenter)
         font = self._title.font()
         font.setPointSizeF(font.pointSizeF() * 1.15)
         font.setBold(True)
@@ -178,16 +161,16 @@ class Card(QFrame):
         self._clock = QTimer(self)
         self._clock.setInterval(1000)
         self._clock.timeout.connect(self._tick)
-        looks.changed.connect(self.update)
+        looks.changed.connect(self._show_symbol)
         self.hide()
 
     @property
     def notice(self) -> Notice | None:
-        """What it says."""
+        """The current notice."""
         return self._notice
 
-    def tell(self, notice: Notice | None) -> None:
-        """Say something else, or hide."""
+    def show_notice(self, notice: Notice | None) -> None:
+        """Show a notice, or hide for None."""
         if notice == self._notice:
             return
         before, self._notice = self._notice, notice
@@ -201,18 +184,17 @@ class Card(QFrame):
             self._clock.start()
         elif not waits:
             self._clock.stop()
-        self._mark.name = notice.icon
-        self._mark.setVisible(bool(notice.icon))
+        self._show_symbol()
         self._title.setText(notice.title)
         self._button.setText(notice.button)
         self._button.setVisible(bool(notice.button))
         self.setAccessibleName(notice.title)
-        self._write()
+        self._show_line()
         self.show()
-        self.place()
+        self.update_position()
 
-    def place(self) -> None:
-        """Come to the middle of the parent."""
+    def update_position(self) -> None:
+        """Centre the placeholder in its parent."""
         parent = self.parentWidget()
         if parent is None or self.isHidden():
             return
@@ -225,7 +207,6 @@ class Card(QFrame):
         self.move((parent.width() - self.width()) // 2, (parent.height() - self.height()) // 2)
 
     def paintEvent(self, event: QPaintEvent | None) -> None:
-        """Draw a plate with a thin border."""
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         colours = theme()
@@ -235,49 +216,39 @@ class Card(QFrame):
 
     def _tick(self) -> None:
         self._seconds += 1
-        self._write()
+        self._show_line()
 
-    def _write(self) -> None:
+    def _show_symbol(self) -> None:
+        icon, colours = "" if self._notice is None else self._notice.icon, theme()
+        colour = {"error": colours.error, "warning": colours.warning}.get(icon, colours.text)
+        self._symbol.show_icon(icon, colour)
+        self._symbol.setVisible(bool(icon))
+        self.update()
+
+    def _show_line(self) -> None:
         if self._notice is None:
             return
         line = self._notice.line
         if not self._notice.icon:
             line = line.rstrip(" .…") + " …"
-            line += f" {self._seconds} s" if self._seconds >= _PATIENCE else ""
+            line += f" {self._seconds} s" if self._seconds >= _TIME_DELAY else ""
         self._line.setText(line)
         self._line.setVisible(bool(line))
 
 
-class _Mark(QWidget):
-    """What kind of notice it is, by shape and colour."""
-
-    def __init__(self, parent: QWidget) -> None:
-        super().__init__(parent)
-        self.name = ""
-        self.setFixedSize(32, 32)
-
-    def paintEvent(self, event: QPaintEvent | None) -> None:
-        """Draw the icon in the colour of what it means."""
-        if self.name:
-            colours = theme()
-            colour = {"error": colours.error, "warning": colours.warning}.get(self.name, colours.text)
-            draw_icon(QPainter(self), self.name, QRectF(self.rect()), colour)
-
-
 _NORTH = QColor("#ff7a66")
 _SOUTH = QColor(235, 238, 240, 210)
-_COMPASS_PLATE = QColor(18, 21, 24, 165)
 _COMPASS_SIDE = 40
 _POINTS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
 
 
 def heading_of(eye: tuple[float, float, float], target: tuple[float, float, float]) -> float:
-    """Return the compass bearing (degrees, 0 … 360) of a look from one place (m) to another."""
+    """Return the bearing (degrees, 0 … 360) from an eye to a target (m)."""
     return math.degrees(math.atan2(target[0] - eye[0], target[1] - eye[1])) % 360.0
 
 
 class Compass(QAbstractButton):
-    """Shows a heading in degrees."""
+    """Compass; a click faces north."""
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
@@ -290,7 +261,7 @@ class Compass(QAbstractButton):
 
     @property
     def heading(self) -> float:
-        """Compass bearing of the view, degrees."""
+        """Bearing of the view, degrees."""
         return self._heading
 
     @heading.setter
@@ -301,16 +272,14 @@ class Compass(QAbstractButton):
             self.update()
 
     def sizeHint(self) -> QSize:
-        """Return its one size."""
         return QSize(_COMPASS_SIDE, _COMPASS_SIDE)
 
     def paintEvent(self, event: QPaintEvent | None) -> None:
-        """Draw a needle on a round plate."""
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         rim = QPen(QColor(255, 255, 255, 210 if self.underMouse() or self.hasFocus() else 60), 1.2)
         painter.setPen(rim)
-        painter.setBrush(_COMPASS_PLATE)
+        painter.setBrush(_PLATE)
         painter.drawEllipse(QRectF(self.rect()).adjusted(1.0, 1.0, -1.0, -1.0))
         painter.translate(0.5 * _COMPASS_SIDE, 0.5 * _COMPASS_SIDE)
         painter.rotate(-self._heading)
@@ -334,75 +303,74 @@ class Compass(QAbstractButton):
         self.setAccessibleDescription(f"Looking {point}")
 
 
-_REFINES: Final = 0.6  # s without a finished picture until that is said
-_EDGE: Final = 10  # px, around what lies over the picture
+_REFINING_DELAY: Final = 0.6  # s without a finished picture until "refining" is shown
+_EDGE: Final = 10  # px around the controls
 
 
 class Hud(QObject):
-    """Lies over a view, which is repainted as pictures come."""
+    """Places the controls over a view, which is repainted when a picture arrives."""
 
     def __init__(self, view: QWidget, link: ViewSource) -> None:
         super().__init__(view)
         self._view, self._link = view, link
-        self._trouble: ErrorReport | None = None
-        self._unsettled: float | None = None
-        self.bar, self.compass, self.card = Bar(view), Compass(view), Card(view)
-        link.frame_shown.connect(self._take_frame)
-        link.error_reported.connect(self._take_trouble)
-        link.activity_changed.connect(self.show_card)
-        link.view_changed.connect(self._take_view)
-        self.bar.mode_chosen.connect(self.use_mode)
+        self._error: ErrorReport | None = None
+        self._unsettled: float | None = None  # since when pictures are unfinished
+        self.bar, self.compass, self.placeholder = ModeBar(view), Compass(view), Placeholder(view)
+        link.frame_shown.connect(self._show_frame)
+        link.facts_changed.connect(self._refresh)
+        link.error_reported.connect(self._show_error)
+        link.activity_changed.connect(self._refresh)
+        link.view_changed.connect(self._show_view)
+        self.bar.mode_selected.connect(self._set_mode)
         self.compass.clicked.connect(self._face_north)
-        self.card.pressed.connect(self._start_again)
-        self._take_view(link.view)
-        self.show_card()
+        self.placeholder.pressed.connect(self._restart)
+        self._show_view(link.view)
+        self._refresh()
 
     @property
-    def refines(self) -> bool:
-        """Whether a better picture has been on its way for a while."""
-        return self._unsettled is not None and time.monotonic() - self._unsettled > _REFINES
+    def is_refining(self) -> bool:
+        """Whether a better picture has been pending for a while."""
+        return self._unsettled is not None and time.monotonic() - self._unsettled > _REFINING_DELAY
 
-    def place(self) -> None:
-        """Put all in its places, in a view of another size."""
+    def update_positions(self) -> None:
+        """Place the controls after the view was resized."""
         self.bar.move(_EDGE, _EDGE)
         self.compass.move(self._view.width() - self.compass.width() - _EDGE, _EDGE)
-        self.card.place()
+        self.placeholder.update_position()
 
-    def show_card(self, *_: object) -> None:
-        """Show why there is no picture, or what one moves with."""
-        self.card.tell(notice_of(self._link, self._trouble))
+    def _refresh(self, *_: object) -> None:
+        self.placeholder.show_notice(notice_of(self._link, self._error))
         for each in (self.bar, self.compass):
-            each.setVisible(self.card.notice is None)
+            each.setVisible(self.placeholder.notice is None)
 
-    def use_mode(self, mode: str) -> None:
-        """Move in one of `MODES`."""
+    def _set_mode(self, mode: str) -> None:
         self._link.set_view(replace(self._link.view, mode=mode))
 
     def _face_north(self) -> None:
         heading = (self.compass.heading + 180.0) % 360.0 - 180.0
         self._link.send(Turn(heading if self._link.view.mode == "orbit" else -heading, 0.0))
 
-    def _start_again(self) -> None:
-        self._trouble = None
+    def _restart(self) -> None:
+        self._error = None
         self._link.start()
-        self.show_card()
+        self._refresh()
         self._view.update()
 
-    def _take_frame(self, frame: FrameFacts) -> None:
-        self._trouble = None
+    def _show_frame(self, frame: FrameFacts) -> None:
+        self._error = None
         self.compass.heading = heading_of(frame.pose.eye, frame.pose.target)
         if frame.settled:
             self._unsettled = None
         elif self._unsettled is None:
             self._unsettled = time.monotonic()
-        self.show_card()
+        self._refresh()
         self._view.update()
 
-    def _take_trouble(self, trouble: ErrorReport) -> None:
-        if trouble.source in ("engine", "view"):
-            self._trouble = trouble
-            self.show_card()
+    def _show_error(self, error: ErrorReport) -> None:
+        if error.source in ("engine", "view"):
+            self._error = error
+            self._refresh()
             self._view.update()
 
-    def _take_view(self, view: ViewState) -> None:
+    def _show_view(self, view: ViewState) -> None:
         self.bar.show_mode(view.mode)

@@ -1,248 +1,225 @@
-"""What is laid over a picture: features, rivers and handles where they are seen, and what the mouse hits."""
+"""Marks over the 3-D view: features, rivers and handles in pixels, and hit tests."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.placement.feature_types import FEATURE_TYPES, Lake, River
 from sketchterrain.ui.canvas.marks import shore_lines
 from sketchterrain.ui.commands.placed_edits import find_lake, find_point, find_river
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.selection import Handle, handles_of
 from sketchterrain.ui.models.workspace import Selection
-from sketchterrain.ui.view3d.projection import Ground, Projection, ring
+from sketchterrain.ui.view3d.projection import Flags, Floats, Projection, TerrainHeights, circle
 
-_MOST_DOTS = 300
-_MOST_PIECES = 200  # of a river's line
-_MOST_SHORE = 1500  # pieces of a shore
-_LEAST_RADIUS = 5.0  # px; smaller features are not marked
-_SQUARE = 13.0  # px; there is one feature's mark in a square, that of the largest
-_STEP = 13.0  # px between the control points of a river that are shown
-_WIDTH_ARM = 14.0  # px, between a river's bank and the handle of its width: rivers are thin
+_MAX_DOTS = 300
+_MAX_RIVER_SEGMENTS = 200
+_MAX_SHORE_SEGMENTS = 1500
+_MIN_RADIUS = 5.0  # px; smaller features have no mark
+_DOT_SPACING = 13.0  # px; side of a square with one mark, that of the largest feature
+_POINT_SPACING = 13.0  # px between a river's visible control points
+_WIDTH_ARM = 14.0  # px from a river's bank to the handle of its width, for rivers are thin
+
+Drag = tuple[Handle, float, float]
+"""A handle and where it has been dragged (m)."""
 
 
 @dataclass(frozen=True)
 class Dot:
-    """The middle of a feature: px, its type, whether ground hides it."""
+    """The centre of a feature, px."""
 
     selection: Selection
     kind: str
     x: float
     y: float
-    hidden: bool
+    hidden: bool  # By the terrain
 
 
 @dataclass(frozen=True)
-class Grip:
-    """A handle as it is seen."""
+class HandleMark:
+    """A handle, px."""
 
     handle: Handle
-    x: float  # px
+    x: float
     y: float
-    base_x: float  # px, of what it is counted from
+    base_x: float  # px, of what its distance is measured from
     base_y: float
-    z: float  # m, the height of the level on which it is dragged
-    hidden: bool  # Whether ground hides it
+    z: float  # m, height of the level on which it is dragged
+    hidden: bool  # By the terrain
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
-    """Straight pieces as they are seen: from x, y to x, y (n, 4) in px, and which ones ground hides."""
+class Segments:
+    """Line segments."""
 
-    pieces: Float64Array
-    hidden: BoolArray
+    pixels: Floats  # (n, 4): x, y to x, y
+    hidden: Flags  # By the terrain
 
 
 @dataclass(frozen=True, eq=False)
 class Marks:
-    """All that is laid over a picture."""
+    """All marks over a picture."""
 
-    dots: tuple[Dot, ...] = ()  # Features that can be clicked
-    rivers: tuple[Line, ...] = ()  # Those that are not selected
-    outline: tuple[Line, ...] = ()  # Of what is selected
-    grips: tuple[Grip, ...] = field(default=())
+    dots: tuple[Dot, ...] = ()
+    rivers: tuple[Segments, ...] = ()  # Without the selected one
+    outline: tuple[Segments, ...] = ()  # Of the selection
+    handles: tuple[HandleMark, ...] = ()
 
     def dot_at(self, x: float, y: float, *, reach: float) -> Dot | None:
-        """Return the nearest feature's middle within `reach` px that no ground hides."""
-        seen = [each for each in self.dots if not each.hidden]
-        near = min(seen, key=lambda dot: np.hypot(dot.x - x, dot.y - y), default=None)
-        return near if near is not None and np.hypot(near.x - x, near.y - y) <= reach else None
+        """Return the nearest visible dot within `reach` px."""
+        near = [each for each in self.dots if not each.hidden and np.hypot(each.x - x, each.y - y) <= reach]
+        return min(near, key=lambda dot: np.hypot(dot.x - x, dot.y - y), default=None)
 
-    def grip_at(self, x: float, y: float, *, reach: float) -> Grip | None:
-        """Return the nearest handle within `reach` px; one that ground hides only if no other is there."""
-        near = [each for each in self.grips if np.hypot(each.x - x, each.y - y) <= reach]
-        return min(near, key=lambda grip: (grip.hidden, np.hypot(grip.x - x, grip.y - y)), default=None)
-
-
-def marks_of(
-    projection: Projection,
-    ground: Ground,
-    placed: Placement,
-    selection: Selection | None,
-    *,
-    all_features: bool,
-    dragged: tuple[Handle, float, float] | None = None,
-) -> Marks:
-    """Return what is laid over a picture."""
-    dots = _dots(projection, ground, placed, selection) if all_features else ()
-    others = (
-        [each for each in placed.rivers if selection is None or each.id != selection.id]
-        if all_features
-        else []
-    )
-    rivers = tuple(line for each in others for line in _lines(projection, ground, _course(ground, each)))
-    outline = _outline(projection, ground, placed, selection, dragged)
-    grips = _grips(projection, ground, placed, selection, dragged)
-    return Marks(dots, rivers, outline, grips)
+    def handle_at(self, x: float, y: float, *, reach: float) -> HandleMark | None:
+        """Return the nearest handle within `reach` px, a visible one if possible."""
+        near = [each for each in self.handles if np.hypot(each.x - x, each.y - y) <= reach]
+        return min(near, key=lambda mark: (mark.hidden, np.hypot(mark.x - x, mark.y - y)), default=None)
 
 
-def _dots(
-    projection: Projection, ground: Ground, placed: Placement, selection: Selection | None
-) -> tuple[Dot, ...]:
-    points = placed.points[placed.points["painted"]]
-    if not len(points):
-        return ()
-    places = ground.on(np.column_stack([points["x"], points["y"]]))
-    seen = projection.see(places)
-    size = points["radius"] / np.maximum(seen.away, 1e-3)
-    _, _, _, height = projection.place
-    shown = seen.before & (size * height > _LEAST_RADIUS)
-    if selection is not None and selection.kind == "feature":
-        shown &= points["id"] != np.uint64(selection.id)
-    kept = np.flatnonzero(shown)
-    kept = _apart(kept[np.argsort(-size[kept], kind="stable")], seen.at)[:_MOST_DOTS]
-    hidden = ground.hides(projection.eye, places[kept])
-    return tuple(
-        Dot(
-            Selection("feature", int(points["id"][at])),
-            FEATURE_TYPES[int(points["type"][at])],
-            float(seen.at[at, 0]),
-            float(seen.at[at, 1]),
-            bool(off),
+@dataclass(frozen=True, eq=False)
+class MarkBuilder:
+    """Projects the marks of a placement and a selection."""
+
+    projection: Projection
+    terrain: TerrainHeights
+    placed: Placement
+    selection: Selection | None
+    drag: Drag | None = None
+
+    def marks(self, *, all_features: bool) -> Marks:
+        """Return the marks of all features, or of the selection only."""
+        if not all_features:
+            return Marks(outline=self._outline(), handles=self._handles())
+        selected = None if self.selection is None else self.selection.id
+        others = [river for river in self.placed.rivers if river.id != selected]
+        rivers = tuple(line for river in others for line in self._segments(self._course(river)))
+        return Marks(self._dots(), rivers, self._outline(), self._handles())
+
+    def _dots(self) -> tuple[Dot, ...]:
+        points = self.placed.points[self.placed.points["painted"]]
+        if not len(points):
+            return ()
+        places = self.terrain.drape(np.column_stack([points["x"], points["y"]]))
+        projected = self.projection.project(places)
+        size = points["radius"] / np.maximum(projected.depth, 1e-3)
+        visible = projected.in_front & (size * self.projection.rectangle[3] > _MIN_RADIUS)
+        if self.selection is not None and self.selection.kind == "feature":
+            visible &= points["id"] != np.uint64(self.selection.id)
+        order = np.flatnonzero(visible)
+        order = _thinned(order[np.argsort(-size[order], kind="stable")], projected.pixels)[:_MAX_DOTS]
+        hidden = self.terrain.occludes(self.projection.eye, places[order])
+        return tuple(
+            Dot(
+                Selection("feature", int(points["id"][index])),
+                FEATURE_TYPES[int(points["type"][index])],
+                float(projected.pixels[index, 0]),
+                float(projected.pixels[index, 1]),
+                bool(is_hidden),
+            )
+            for index, is_hidden in zip(order, hidden, strict=True)
         )
-        for at, off in zip(kept, hidden, strict=True)
-    )
+
+    def _course(self, river: River) -> Floats:
+        """Return a river's simplified line (n, 3), within the sketch at least as high as the terrain."""
+        last = len(river.centreline) - 1
+        step = max(last // _MAX_RIVER_SEGMENTS, 1)
+        line: Floats = river.centreline[[*range(0, last, step), last]]
+        inside = self.terrain.contains(line[:, 0], line[:, 1])
+        line[inside, 2] = np.maximum(line[inside, 2], self.terrain.height(line[inside, 0], line[inside, 1]))
+        return line
+
+    def _outline(self) -> tuple[Segments, ...]:
+        if self.selection is None:
+            return ()
+        find = (self.placed, self.selection)
+        river, point, lake = find_river(*find), find_point(*find), find_lake(*find)
+        if lake is not None:
+            return (self._shore(lake),)
+        if river is not None:
+            return self._segments(self._course(river))
+        if point is None:
+            return ()
+        x, y, radius = float(point["x"]), float(point["y"]), float(point["radius"])
+        if self.drag is not None and self.drag[0].role == "move":
+            x, y = self.drag[1:]
+        elif self.drag is not None and self.drag[0].role == "radius":
+            radius = float(np.hypot(self.drag[1] - x, self.drag[2] - y))
+        return self._segments(self.terrain.drape(circle(x, y, radius)))
+
+    def _segments(self, line: Floats) -> tuple[Segments, ...]:
+        """Return the visible parts of a line (n, 3); a segment is hidden if both of its ends are."""
+        parts = []
+        for first, pixels in self.projection.visible_runs(line):
+            own = line[np.clip(np.arange(first, first + len(pixels)), 0, len(line) - 1)]
+            hidden = self.terrain.occludes(self.projection.eye, own)
+            parts.append(
+                Segments(np.concatenate([pixels[:-1], pixels[1:]], axis=1), hidden[1:] & hidden[:-1])
+            )
+        return tuple(parts)
+
+    def _shore(self, lake: Lake) -> Segments:
+        segments = _shore_segments(lake)
+        level = np.full((len(segments), 1), lake.level)
+        starts, ends = np.hstack([segments[:, :2], level]), np.hstack([segments[:, 2:], level])
+        first, second = self.projection.project(starts), self.projection.project(ends)
+        visible = first.in_front & second.in_front
+        pixels = np.concatenate([first.pixels, second.pixels], axis=1)[visible]
+        return Segments(pixels, self.terrain.occludes(self.projection.eye, starts[visible]))
+
+    def _handles(self) -> tuple[HandleMark, ...]:
+        handles = handles_of(self.placed, self.selection)
+        if not handles:
+            return ()
+        places, bases = self._handle_places(handles)
+        projected, base = self.projection.project(places), self.projection.project(bases)
+        hidden = self.terrain.occludes(self.projection.eye, places)
+        marks = []
+        last = np.full(2, -np.inf)
+        for i, handle in enumerate(handles):
+            if not projected.in_front[i]:
+                continue
+            pixel = projected.pixels[i]
+            if handle.role == "point":
+                is_dragged = self.drag is not None and self.drag[0] == handle
+                is_active = handle.selection == self.selection or is_dragged
+                if np.hypot(*(pixel - last)) < _POINT_SPACING and not is_active:
+                    continue
+                last = pixel
+            base_pixel = base.pixels[i] if base.in_front[i] else pixel
+            if handle.role == "width":
+                arm = pixel - base_pixel
+                pixel = pixel + arm * _WIDTH_ARM / max(float(np.hypot(*arm)), 1e-6)
+            (x, y), (base_x, base_y), z = pixel.tolist(), base_pixel.tolist(), float(places[i, 2])
+            marks.append(HandleMark(handle, x, y, base_x, base_y, z, bool(hidden[i])))
+        return tuple(marks)
+
+    def _handle_places(self, handles: tuple[Handle, ...]) -> tuple[Floats, Floats]:
+        """Return handles and their bases on the terrain, (n, 3); a moved centre moves all of them."""
+        places = np.array([(each.x, each.y) for each in handles])
+        bases = np.array([(each.base_x, each.base_y) for each in handles])
+        if self.drag is not None:
+            handle, x, y = self.drag
+            if handle.role == "move":
+                shift = np.array([x - handle.x, y - handle.y])
+                places, bases = places + shift, bases + shift
+            dragged = [each == handle for each in handles]
+            places[dragged] = x, y
+        return self.terrain.drape(places), self.terrain.drape(bases)
 
 
-def _apart(order: npt.NDArray[np.intp], at: Float64Array) -> npt.NDArray[np.intp]:
-    """Return the first of those that share a square of the picture, so that marks can be told apart."""
-    squares = np.floor(at[order] / _SQUARE).astype(np.int64)
+def _thinned(order: npt.NDArray[np.intp], pixels: Floats) -> npt.NDArray[np.intp]:
+    """Return the first of the points that share a square of the picture."""
+    squares = np.floor(pixels[order] / _DOT_SPACING).astype(np.int64)
     _, first = np.unique(squares, axis=0, return_index=True)
     return order[np.sort(first)]
 
 
-def _course(ground: Ground, river: River) -> Float64Array:
-    """Return a river's line (n, 3) in few pieces; in the sketch it lies on the ground that is shown."""
-    last = len(river.centreline) - 1
-    step = max(last // _MOST_PIECES, 1)
-    line: Float64Array = river.centreline[[*range(0, last, step), last]]
-    inside = ground.covers(line[:, 0], line[:, 1])
-    line[inside, 2] = np.maximum(line[inside, 2], ground.height(line[inside, 0], line[inside, 1]))
-    return line
-
-
-def _outline(
-    projection: Projection,
-    ground: Ground,
-    placed: Placement,
-    selection: Selection | None,
-    dragged: tuple[Handle, float, float] | None,
-) -> tuple[Line, ...]:
-    if selection is None:
-        return ()
-    river, point, lake = (
-        find_river(placed, selection),
-        find_point(placed, selection),
-        find_lake(placed, selection),
-    )
-    if lake is not None:
-        return (_shore(projection, ground, lake),)
-    if river is not None:
-        return tuple(_lines(projection, ground, _course(ground, river)))
-    if point is None:
-        return ()
-    x, y, radius = float(point["x"]), float(point["y"]), float(point["radius"])
-    if dragged is not None and dragged[0].role == "move":
-        x, y = dragged[1:]
-    elif dragged is not None and dragged[0].role == "radius":
-        radius = float(np.hypot(dragged[1] - x, dragged[2] - y))
-    return tuple(_lines(projection, ground, ground.on(ring(x, y, radius))))
-
-
-def _lines(projection: Projection, ground: Ground, places: Float64Array) -> list[Line]:
-    """Return the parts of a line (n, 3) that are seen; a piece is hidden if both of its ends are."""
-    found = []
-    for first, at in projection.runs(places):
-        own = places[np.clip(np.arange(first, first + len(at)), 0, len(places) - 1)]
-        off = ground.hides(projection.eye, own)
-        found.append(Line(np.concatenate([at[:-1], at[1:]], axis=1), off[1:] & off[:-1]))
-    return found
-
-
-def _shore(projection: Projection, ground: Ground, lake: Lake) -> Line:
-    """Return a lake's shore, as far as it lies before the eye."""
-    pieces = _shore_of(lake)
-    level = np.full((len(pieces), 1), lake.level)
-    starts, ends = np.hstack([pieces[:, :2], level]), np.hstack([pieces[:, 2:], level])
-    one, other = projection.see(starts), projection.see(ends)
-    shown = one.before & other.before
-    at = np.concatenate([one.at, other.at], axis=1)[shown]
-    return Line(at, ground.hides(projection.eye, starts[shown]))
-
-
 @lru_cache(maxsize=4)
-def _shore_of(lake: Lake) -> Float64Array:
-    pieces = shore_lines(lake.shape)
-    return pieces[:: max(len(pieces) // _MOST_SHORE, 1)] if len(pieces) > 2 * _MOST_SHORE else pieces
-
-
-def _grips(
-    projection: Projection,
-    ground: Ground,
-    placed: Placement,
-    selection: Selection | None,
-    dragged: tuple[Handle, float, float] | None,
-) -> tuple[Grip, ...]:
-    handles = handles_of(placed, selection)
-    if not handles:
-        return ()
-    now = [
-        (dragged[1], dragged[2]) if dragged is not None and dragged[0] == each else (each.x, each.y)
-        for each in handles
-    ]
-    shift = np.zeros(2)
-    if dragged is not None and dragged[0].role == "move":  # what hangs on the middle comes along
-        shift = np.array(dragged[1:]) - [dragged[0].x, dragged[0].y]
-        now = [
-            at if each.role == "move" else (each.x + shift[0], each.y + shift[1])
-            for each, at in zip(handles, now, strict=True)
-        ]
-    places = ground.on(now)
-    bases = ground.on(np.array([(each.base_x, each.base_y) for each in handles]) + shift)
-    seen, below = projection.see(places), projection.see(bases)
-    hidden = ground.hides(projection.eye, places)
-    found = []
-    last = np.full(2, -np.inf)
-    for i, handle in enumerate(handles):
-        if not seen.before[i]:
-            continue
-        if handle.role == "point":
-            is_taken = handle.selection == selection or (dragged is not None and dragged[0] == handle)
-            if np.hypot(*(seen.at[i] - last)) < _STEP and not is_taken:
-                continue
-            last = seen.at[i]
-        (x, y), (base_x, base_y) = seen.at[i], below.at[i] if below.before[i] else seen.at[i]
-        if handle.role == "width":
-            away = max(float(np.hypot(x - base_x, y - base_y)), 1e-6)
-            x, y = x + (x - base_x) * _WIDTH_ARM / away, y + (y - base_y) * _WIDTH_ARM / away
-        found.append(
-            Grip(
-                handle, float(x), float(y), float(base_x), float(base_y), float(places[i, 2]), bool(hidden[i])
-            )
-        )
-    return tuple(found)
+def _shore_segments(lake: Lake) -> Floats:
+    segments = shore_lines(lake.shape)
+    limit = _MAX_SHORE_SEGMENTS
+    return segments[:: max(len(segments) // limit, 1)] if len(segments) > 2 * limit else segments

@@ -1,16 +1,18 @@
-"""Mouse input of the 3-D view: it moves the camera, selects features and drags their handles."""
+"""Mouse input of the 3-D view: camera motion, selection, handles and the context menu."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
-from PyQt6.QtCore import QObject, QPointF, Qt, QTimer, pyqtSignal
+from PyQt6.QtCore import QEvent, QObject, QPointF, Qt, pyqtSignal
 from PyQt6.QtGui import QMouseEvent, QWheelEvent
 from PyQt6.QtWidgets import QWidget
 
 from sketchterrain.placement.feature_types import FEATURE_TYPES
+from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.commands.placed_edits import exists
 from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import GoTo, PickResult, Placement
@@ -18,43 +20,21 @@ from sketchterrain.ui.menus import ContextMenu, add_selection_commands
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.selection import FeatureDrag, Handle, add, handles_of, select_at
 from sketchterrain.ui.models.workspace import Selection, Workspace
-from sketchterrain.ui.view3d.marks import Grip, Marks
-from sketchterrain.ui.view3d.navigation import dragged, zoomed
+from sketchterrain.ui.view3d.marks import HandleMark, Marks
+from sketchterrain.ui.view3d.navigation import drag_motion, zoom_motion
 from sketchterrain.ui.view3d.projection import Projection
 from sketchterrain.ui.view3d.scene import Scene
 
+Place = tuple[float, float, float]
+_Button = Qt.MouseButton
 
-class Picks(QObject):
-    """Asks the engine, and hands each answer to whom it is for."""
-
-    def __init__(self, link: ViewSource, parent: QObject) -> None:
-        super().__init__(parent)
-        self._link = link
-        self._waiting: dict[str, tuple[int, Callable[[tuple[float, float, float] | None], None]]] = {}
-        link.picked.connect(self._take)
-
-    def ask(
-        self, kind: str, x: float, y: float, then: Callable[[tuple[float, float, float] | None], None]
-    ) -> None:
-        """Ask for a place of the picture (shares); an older question of that kind is forgotten."""
-        self._waiting[kind] = self._link.pick(x, y), then
-
-    def waits(self, kind: str) -> bool:
-        """Whether a question of a kind is not answered yet."""
-        return kind in self._waiting
-
-    def forget(self) -> None:
-        """Wait for no answer any more."""
-        self._waiting.clear()
-
-    def _take(self, picked: PickResult) -> None:
-        for kind, (token, then) in tuple(self._waiting.items()):
-            if token == picked.token:
-                del self._waiting[kind]
-                then(picked.place)
-
-
-_ALONG = (
+_CLICK = 4.0  # px that the mouse may move during a click
+_REACH = 11.0  # px from a handle or a mark
+_PICK_INTERVAL = 120  # ms between picks of the terrain under the mouse
+_MAX_DRAG = 3.0  # extents from the sketch's centre
+_PLACEMENT_TIMEOUT = 1500  # ms that a dropped handle waits for its placement
+_PLACED = 0.5  # m; a placement this near confirms a dropped handle
+_CURSORS = (
     Qt.CursorShape.SizeHorCursor,
     Qt.CursorShape.SizeFDiagCursor,
     Qt.CursorShape.SizeVerCursor,
@@ -62,38 +42,34 @@ _ALONG = (
 )
 
 
-def grip_cursor(grip: Grip) -> Qt.CursorShape:
-    """Return the cursor over a handle: all ways, or along the way in which it is drawn out."""
-    if grip.handle.role in ("move", "point"):
+def handle_cursor(mark: HandleMark) -> Qt.CursorShape:
+    """Return the cursor over a handle: for all directions or along that of a radius or width."""
+    if mark.handle.role in ("move", "point"):
         return Qt.CursorShape.SizeAllCursor
-    angle = math.degrees(math.atan2(grip.y - grip.base_y, grip.x - grip.base_x))
-    return _ALONG[round(angle / 45.0) % 4]
+    angle = math.degrees(math.atan2(mark.y - mark.base_y, mark.x - mark.base_x))
+    return _CURSORS[round(angle / 45.0) % 4]
 
 
-_FARTHEST = 3.0  # extents from the sketch's middle
+class HandleDrag:
+    """Drags a handle by rays on the level plane where it was pressed.
 
-
-class GripDrag:
-    """Drags a handle by lines of sight.
-
-    It moves on the level plane of the place where it was taken, not on the ground that is seen: that ground
-    is what it changes, and a mountain would come nearer the more it is dragged.
+    Not on the visible terrain, which the drag changes: a mountain would come nearer with every motion.
     """
 
     def __init__(
-        self, document: Document, placed: Placement, grip: Grip, projection: Projection, x: float, y: float
+        self, document: Document, placed: Placement, mark: HandleMark, projection: Projection, start: QPointF
     ) -> None:
-        self._level = grip.z
-        self._middle = (0.5 * document.sketch.size[0], 0.5 * document.sketch.size[1])
-        self._reach = _FARTHEST * document.sketch.extent
-        self._grab = (x, y)
-        self._moved = False
-        start = projection.on_level(x, y, grip.z)
-        self._drag = FeatureDrag(document, placed, grip.handle, grab=start)
+        self._level, self._start = mark.z, start
+        self._centre = (0.5 * document.sketch.size[0], 0.5 * document.sketch.size[1])
+        self._limit = _MAX_DRAG * document.sketch.extent
+        self._is_moved = False
+        grab = projection.intersect_level(start.x(), start.y(), mark.z)
+        self._drag = FeatureDrag(document, placed, mark.handle, grab=grab)
+        self.finish, self.cancel = self._drag.finish, self._drag.cancel
 
     @property
-    def now(self) -> tuple[Handle, float, float]:
-        """The handle, and where it is (m)."""
+    def state(self) -> tuple[Handle, float, float]:
+        """The handle and its position (m)."""
         return self._drag.handle, self._drag.x, self._drag.y
 
     @property
@@ -101,62 +77,24 @@ class GripDrag:
         """Why the last motion changed nothing."""
         return self._drag.problem
 
-    def to(self, projection: Projection, x: float, y: float) -> None:
-        """Drag it on, to a place (px) of a picture; over the horizon it stays where it was."""
-        if not self._moved and max(abs(x - self._grab[0]), abs(y - self._grab[1])) < 2.0:
+    def move(self, projection: Projection, at: QPointF) -> None:
+        """Drag to a pixel; above the horizon nothing changes."""
+        way = at - self._start
+        if not self._is_moved and max(abs(way.x()), abs(way.y())) < 2.0:
             return
-        self._moved = True
-        place = projection.on_level(x, y, self._level)
+        self._is_moved = True
+        place = projection.intersect_level(at.x(), at.y(), self._level)
         if place is None:
             return
-        if max(abs(place[0] - self._middle[0]), abs(place[1] - self._middle[1])) <= self._reach:
+        if max(abs(place[0] - self._centre[0]), abs(place[1] - self._centre[1])) <= self._limit:
             self._drag.to(*place)
 
-    def finish(self) -> None:
-        """Let go."""
-        self._drag.finish()
 
-    def cancel(self) -> None:
-        """Let go and leave everything as it was."""
-        self._drag.cancel()
+class ViewMouse(QObject):
+    """Event filter of a view that handles the mouse."""
 
-
-def feature_menu(
-    parent: QWidget,
-    document: Document,
-    workspace: Workspace,
-    placed: Placement,
-    *,
-    selection: Selection | None,
-    place: tuple[float, float] | None,
-) -> ContextMenu:
-    """Return the menu of a place."""
-    menu = ContextMenu(parent)
-    if selection is not None and exists(placed, selection):
-        add_selection_commands(menu, document, workspace, placed, selection)
-    if place is not None:
-        menu.addSeparator()
-        x, y = place
-        for kind in FEATURE_TYPES:
-            menu.add_command("add", f"Add {kind} here", partial(add, document, workspace, kind, x, y))
-    return menu
-
-
-_CLICK = 4.0  # px that the mouse may move in a click
-_REACH = 11.0  # px from a handle or a mark
-_ASKED = 120  # ms between questions for the ground under the mouse
-_LINGERS = 1500  # ms that a handle is shown where it was left, until what was placed has come there too
-_THERE = 0.5  # m; a handle that was placed so near has come there
-_Button = Qt.MouseButton
-
-Place = tuple[float, float, float]
-
-
-class Mouse(QObject):
-    """Follows the mouse over a view."""
-
-    ground = pyqtSignal(object)
-    """The ground under the mouse: (x, y, height) in m, or None."""
+    terrain_hovered = pyqtSignal(object)
+    """The terrain under the mouse: (x, y, height) in m, or None."""
     message = pyqtSignal(str)
 
     def __init__(
@@ -170,25 +108,28 @@ class Mouse(QObject):
         super().__init__(view)
         self._view, self._scene = view, scene
         self._document, self._workspace, self._link = document, workspace, link
-        self._picks = Picks(link, self)
-        self._drag: GripDrag | None = None
+        self._picks: dict[str, tuple[int, Callable[[Place | None], None]]] = {}  # pending, by purpose
+        self._drag: HandleDrag | None = None
         self._start: QPointF | None = None
         self._last = QPointF()
-        self._travels = self._doubled = False
+        self._is_moved = self._is_double = False
         self.hovered: Handle | Selection | None = None
-        self._asks = QTimer(self)
-        self._asks.setSingleShot(True)
-        self._asks.setInterval(_ASKED)
-        self._asks.timeout.connect(self._ask_for_ground)
-        self._lingers = QTimer(self)
-        self._lingers.setSingleShot(True)
-        self._lingers.setInterval(_LINGERS)
-        self._lingers.timeout.connect(self._forget_drag)
-        link.placed_changed.connect(self._come_there)
-        workspace.selection_changed.connect(self._other_chosen)
+        self._pick_timer = single_shot(self, _PICK_INTERVAL, self._pick_hovered)
+        self._drop_timer = single_shot(self, _PLACEMENT_TIMEOUT, self._forget_drag)
+        self._handlers: dict[QEvent.Type, Callable[[Any], None]] = {
+            QEvent.Type.MouseButtonPress: self._press,
+            QEvent.Type.MouseMove: self._move,
+            QEvent.Type.MouseButtonRelease: self._release,
+            QEvent.Type.MouseButtonDblClick: self._double_click,
+            QEvent.Type.Wheel: self._wheel,
+        }
+        view.installEventFilter(self)
+        link.picked.connect(self._answer)
+        link.placed_changed.connect(self._confirm_drop)
+        workspace.selection_changed.connect(self._change_selection)
 
     @property
-    def drags(self) -> bool:
+    def is_dragging(self) -> bool:
         """Whether a handle is being dragged."""
         return self._drag is not None
 
@@ -197,70 +138,13 @@ class Mouse(QObject):
         """Whether a button is held."""
         return self._start is not None
 
-    def press(self, event: QMouseEvent) -> None:
-        """Take hold: of a handle, or of the ground."""
-        at = event.position()
-        if self._start is not None:
-            return  # another button: what the first one began goes on
-        self._start = self._last = at
-        self._travels = self._doubled = False
-        plain = event.modifiers() == Qt.KeyboardModifier.NoModifier
-        projection, placed, document = self._projection(), self._link.placed, self._document
-        grip = self._marks().grip_at(at.x(), at.y(), reach=_REACH)
-        if event.button() == _Button.LeftButton and plain and grip and projection and placed and document:
-            self._forget_drag()
-            self._drag = GripDrag(document, placed, grip, projection, at.x(), at.y())
-            self._workspace.selection = grip.handle.selection
-            self._scene.dragged = self._drag.now
-
-    def move(self, event: QMouseEvent) -> None:
-        """Go on: drag the handle, move the eye, or see what is under the mouse."""
-        at = event.position()
-        if self._start is None:
-            self._hover(at)
-        elif self._drag is not None:
-            projection = self._projection()
-            if projection is not None:
-                self._drag.to(projection, at.x(), at.y())
-                self._scene.dragged = self._drag.now
-                if self._drag.problem:
-                    self.message.emit(self._drag.problem)
-                self._view.update()
-        else:
-            self._travel(at, event)
-
-    def release(self, event: QMouseEvent) -> None:
-        """Let go; where nothing was moved it was a click."""
-        if self._start is None or event.buttons() != _Button.NoButton:
-            return
-        at, self._start = event.position(), None
-        if self._drag is not None:
-            self._drag.finish()
-            self._drag = None
-            self._lingers.start()
-            self._come_there()
-        elif not self._travels and not self._doubled:
-            if event.button() == _Button.LeftButton:
-                self._select(at)
-            elif event.button() == _Button.RightButton:
-                self._ask("menu", at, lambda place: self.open_menu(at, place))
-        self._hover(at)
-
-    def double(self, event: QMouseEvent) -> None:
-        """Bring the ground under the mouse into the middle."""
-        if event.button() != _Button.LeftButton:
-            return
-        self._start = self._last = event.position()
-        self._travels, self._doubled = False, True
-        self._ask("go", event.position(), self._go_to)
-
-    def wheel(self, event: QWheelEvent) -> None:
-        """Zoom about the mouse."""
-        notches = event.angleDelta().y() / 120.0
-        projection = self._projection()
-        if notches and projection is not None:
-            at = event.position()
-            self._link.send(zoomed(notches, *projection.share(at.x(), at.y())))
+    def eventFilter(self, watched: QObject | None, event: QEvent | None) -> bool:
+        handler = None if event is None else self._handlers.get(event.type())
+        if handler is not None:
+            handler(event)
+        elif event is not None and event.type() == QEvent.Type.Leave:
+            self.leave()
+        return handler is not None
 
     def cancel(self) -> bool:
         """Cancel the drag of a handle; return whether there was one."""
@@ -272,87 +156,144 @@ class Mouse(QObject):
         return True
 
     def leave(self) -> None:
-        """Take note that the mouse is elsewhere, or the view hidden."""
-        self._asks.stop()
+        """Stop hovering: the mouse has left, or the view is hidden."""
+        self._pick_timer.stop()
         self._set_hovered(None)
-        self.ground.emit(None)
+        self.terrain_hovered.emit(None)
 
-    def forget(self) -> None:
-        """Wait for no answer any more: the engine ended."""
-        self._picks.forget()
+    def forget_picks(self) -> None:
+        """Drop pending picks, as when the engine ended."""
+        self._picks.clear()
 
     def open_menu(self, at: QPointF, place: Place | None) -> None:
-        """Open the menu of a place of the view (px) where ground (m) is seen, or of what is selected."""
-        placed = self._link.placed
-        if placed is None or self._document is None:
+        """Open the menu of a pixel and its place (m), or of the selection without a place."""
+        placed, document, workspace = self._link.placed, self._document, self._workspace
+        if placed is None or document is None:
             return
-        selection = self._workspace.selection if place is None else self._found(place)
+        menu = ContextMenu(self._view)
         if place is not None:
-            self._workspace.selection = selection
-        menu = feature_menu(
-            self._view,
-            self._document,
-            self._workspace,
-            placed,
-            selection=selection,
-            place=None if place is None else place[:2],
-        )
+            workspace.selection = self._find(place)
+        selection = workspace.selection
+        if selection is not None and exists(placed, selection):
+            add_selection_commands(menu, document, workspace, placed, selection)
+        if place is not None:
+            menu.addSeparator()
+            for kind in FEATURE_TYPES:
+                create = partial(add, document, workspace, kind, place[0], place[1])
+                menu.add_command("add", f"Add {kind} here", create)
         if menu.isEmpty():
             menu.close()
         else:
             menu.popup(self._view.mapToGlobal(at.toPoint()))
 
-    def _travel(self, at: QPointF, event: QMouseEvent) -> None:
-        """Move the eye by what the mouse moved."""
+    def _press(self, event: QMouseEvent) -> None:
+        at = event.position()
+        if self._start is not None:
+            return  # another button: the first one's action continues
+        self._start = self._last = at
+        self._is_moved = self._is_double = False
+        plain = event.modifiers() == Qt.KeyboardModifier.NoModifier
+        projection, placed, document = self._projection(), self._link.placed, self._document
+        mark = self._marks().handle_at(at.x(), at.y(), reach=_REACH)
+        if event.button() == _Button.LeftButton and plain and mark and projection and placed and document:
+            self._forget_drag()
+            self._drag = HandleDrag(document, placed, mark, projection, at)
+            self._workspace.selection = mark.handle.selection
+            self._scene.drag = self._drag.state
+
+    def _move(self, event: QMouseEvent) -> None:
+        at = event.position()
+        projection = self._projection()
+        if self._start is None:
+            self._hover(at)
+        elif self._drag is None:
+            self._move_camera(at, event)
+        elif projection is not None:
+            self._drag.move(projection, at)
+            self._scene.drag = self._drag.state
+            if self._drag.problem:
+                self.message.emit(self._drag.problem)
+            self._view.update()
+
+    def _release(self, event: QMouseEvent) -> None:
+        if self._start is None or event.buttons() != _Button.NoButton:
+            return
+        at, self._start = event.position(), None
+        if self._drag is not None:
+            self._drag.finish()
+            self._drag = None
+            self._drop_timer.start()
+            self._confirm_drop()
+        elif not self._is_moved and not self._is_double:
+            if event.button() == _Button.LeftButton:
+                self._select(at)
+            elif event.button() == _Button.RightButton:
+                self._pick("menu", at, partial(self.open_menu, at))
+        self._hover(at)
+
+    def _double_click(self, event: QMouseEvent) -> None:
+        """Centre the terrain under the mouse."""
+        if event.button() == _Button.LeftButton:
+            self._start = self._last = event.position()
+            self._is_moved, self._is_double = False, True
+            self._pick("go", event.position(), self._go_to)
+
+    def _wheel(self, event: QWheelEvent) -> None:
+        notches = event.angleDelta().y() / 120.0
+        projection = self._projection()
+        if notches and projection is not None:
+            at = event.position()
+            self._link.send(zoom_motion(notches, *projection.picture_fraction(at.x(), at.y())))
+
+    def _move_camera(self, at: QPointF, event: QMouseEvent) -> None:
         start = self._start
-        if not self._travels and start is not None:
+        if not self._is_moved and start is not None:
             way = at - start
             if max(abs(way.x()), abs(way.y())) < _CLICK:
                 return
-            self._travels = True
+            self._is_moved = True
             self._view.setCursor(Qt.CursorShape.ClosedHandCursor)
         way, self._last = at - self._last, at
         shift = bool(event.modifiers() & Qt.KeyboardModifier.ShiftModifier)
         turns = event.buttons() == _Button.LeftButton and not shift
         height = max(self._view.height(), 1)
-        motion = dragged(self._link.view.mode, way.x(), way.y(), height=height, pans=not turns)
-        self._link.send(motion)
+        self._link.send(drag_motion(self._link.view.mode, way.x(), way.y(), height=height, pans=not turns))
 
     def _hover(self, at: QPointF) -> None:
         marks = self._marks()
-        grip = marks.grip_at(at.x(), at.y(), reach=_REACH)
-        dot = None if grip is not None else marks.dot_at(at.x(), at.y(), reach=_REACH)
-        if grip is not None:
-            self._view.setCursor(grip_cursor(grip))
+        mark = marks.handle_at(at.x(), at.y(), reach=_REACH)
+        dot = None if mark is not None else marks.dot_at(at.x(), at.y(), reach=_REACH)
+        if mark is not None:
+            self._view.setCursor(handle_cursor(mark))
         elif dot is not None:
             self._view.setCursor(Qt.CursorShape.PointingHandCursor)
         else:
             self._view.unsetCursor()
-        self._set_hovered(grip.handle if grip is not None else dot.selection if dot is not None else None)
-        if not self._asks.isActive():
-            self._asks.start()
+        self._set_hovered(mark.handle if mark is not None else dot.selection if dot is not None else None)
+        if not self._pick_timer.isActive():
+            self._pick_timer.start()
 
     def _set_hovered(self, hovered: Handle | Selection | None) -> None:
         if hovered != self.hovered:
             self.hovered = hovered
             self._view.update()
 
-    def _ask_for_ground(self) -> None:
+    def _pick_hovered(self) -> None:
         at = self._view.mapFromGlobal(self._view.cursor().pos()).toPointF()
-        if self._start is None and self._view.underMouse() and not self._picks.waits("hover"):
-            self._ask("hover", at, self.ground.emit)
+        if self._start is None and self._view.underMouse() and "hover" not in self._picks:
+            self._pick("hover", at, self.terrain_hovered.emit)
 
     def _select(self, at: QPointF) -> None:
         dot = self._marks().dot_at(at.x(), at.y(), reach=_REACH)
         if dot is not None:
             self._workspace.selection = dot.selection
         else:
-            self._ask("select", at, self._select_at)
+            self._pick("select", at, self._select_at)
 
     def _select_at(self, place: Place | None) -> None:
-        self._workspace.selection = None if place is None else self._found(place)
+        self._workspace.selection = None if place is None else self._find(place)
 
-    def _found(self, place: Place) -> Selection | None:
+    def _find(self, place: Place) -> Selection | None:
         projection, placed = self._projection(), self._link.placed
         if projection is None or placed is None:
             return None
@@ -362,31 +303,39 @@ class Mouse(QObject):
         if place is not None:
             self._link.send(GoTo(place[0], place[1]))
 
-    def _ask(self, kind: str, at: QPointF, then: Callable[[Place | None], None]) -> None:
+    def _pick(self, purpose: str, at: QPointF, then: Callable[[Place | None], None]) -> None:
+        """Ask the engine for the terrain at a pixel; replaces a pending pick of the same purpose."""
         projection = self._projection()
         if projection is not None:
-            self._picks.ask(kind, *projection.share(at.x(), at.y()), then)
+            token = self._link.pick(*projection.picture_fraction(at.x(), at.y()))
+            self._picks[purpose] = token, then
 
-    def _come_there(self, *_: object) -> None:
-        """Show a handle where it was placed again, as soon as that is where it was left."""
-        dragged, placed = self._scene.dragged, self._link.placed
-        if self._drag is not None or dragged is None or placed is None:
+    def _answer(self, picked: PickResult) -> None:
+        for purpose, (token, then) in tuple(self._picks.items()):
+            if token == picked.token:
+                del self._picks[purpose]
+                then(picked.place)
+
+    def _confirm_drop(self, *_: object) -> None:
+        """Forget a dropped handle as soon as it has been placed there."""
+        drag, placed = self._scene.drag, self._link.placed
+        if self._drag is not None or drag is None or placed is None:
             return
-        handle, x, y = dragged
+        handle, x, y = drag
         for each in handles_of(placed, handle.selection):
-            same = (each.role, each.selection) == (handle.role, handle.selection)
-            if same and max(abs(each.x - x), abs(each.y - y)) < _THERE:
+            is_same = (each.role, each.selection) == (handle.role, handle.selection)
+            if is_same and max(abs(each.x - x), abs(each.y - y)) < _PLACED:
                 self._forget_drag()
                 return
 
-    def _other_chosen(self, *_: object) -> None:
+    def _change_selection(self, *_: object) -> None:
         if self._drag is None:
             self._forget_drag()
 
     def _forget_drag(self) -> None:
-        self._lingers.stop()
-        if self._scene.dragged is not None:
-            self._scene.dragged = None
+        self._drop_timer.stop()
+        if self._scene.drag is not None:
+            self._scene.drag = None
             self._view.update()
 
     def _projection(self) -> Projection | None:

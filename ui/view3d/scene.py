@@ -1,4 +1,4 @@
-"""What the 3-D view paints: the last picture and the marks over it."""
+"""Painting of the 3-D view: the last picture and the marks over it."""
 
 from __future__ import annotations
 
@@ -14,31 +14,37 @@ from sketchterrain.ui.look.theme import DARK, theme
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.selection import Handle
 from sketchterrain.ui.models.workspace import Selection, Workspace
-from sketchterrain.ui.view3d.marks import Dot, Grip, Line, Marks, marks_of
-from sketchterrain.ui.view3d.projection import Ground, Projection, length_text, scale_bar, standing_text
+from sketchterrain.ui.view3d.marks import Dot, Drag, HandleMark, MarkBuilder, Marks, Segments
+from sketchterrain.ui.view3d.projection import (
+    Projection,
+    TerrainHeights,
+    eye_height_text,
+    length_text,
+    scale_bar,
+)
 
 _RIM: Final = QColor(12, 16, 20, 150)
 _LIGHT: Final = QColor(255, 255, 255, 235)
 _WATER: Final = QColor("#9fd4ff")
-_ACCENT: Final = QColor(DARK.accent)  # pictures of ground are as dark as a dark theme
-_HIDDEN = 0.28  # opacity of what ground hides
-_GRIP, _DOT = 5.0, 3.2  # px, radii
-_QUIET = 0.8  # opacity of what is not under the mouse
+_ACCENT: Final = QColor(DARK.accent)  # pictures of terrain are as dark as a dark theme
+_HIDDEN = 0.28  # opacity of marks behind the terrain
+_HANDLE, _DOT = 5.0, 3.2  # px, radii
+_IDLE = 0.8  # opacity of dots that are not hovered
 
 
 def draw_marks(painter: QPainter, marks: Marks, *, hovered: Handle | Selection | None) -> None:
-    """Draw everything."""
+    """Draw all marks."""
     painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-    _draw_lines(painter, marks.rivers, _WATER, 1.4)
+    _draw_segments(painter, marks.rivers, _WATER, 1.4)
     for dot in marks.dots:
         _draw_dot(painter, dot, larger=dot.selection == hovered)
-    _draw_lines(painter, marks.outline, _ACCENT, 2.0)
-    for grip in marks.grips:
-        _draw_grip(painter, grip, larger=grip.handle == hovered)
+    _draw_segments(painter, marks.outline, _ACCENT, 2.0)
+    for mark in marks.handles:
+        _draw_handle(painter, mark, larger=mark.handle == hovered)
 
 
-def draw_tag(painter: QPainter, text: str, x: float, y: float, font: QFont, within: QRectF) -> None:
-    """Write a line on a dark plate, above a place (px) and inside a rectangle."""
+def draw_label(painter: QPainter, text: str, x: float, y: float, font: QFont, within: QRectF) -> None:
+    """Draw a label on a dark plate above a pixel, inside a rectangle."""
     metrics = QFontMetricsF(font)
     plate = QRectF(0.0, 0.0, metrics.horizontalAdvance(text) + 14.0, metrics.height() + 6.0)
     plate.moveCenter(QPointF(x, y - 0.5 * plate.height() - 12.0))
@@ -53,13 +59,13 @@ def draw_tag(painter: QPainter, text: str, x: float, y: float, font: QFont, with
     painter.drawText(plate, Qt.AlignmentFlag.AlignCenter, text)
 
 
-def _draw_lines(painter: QPainter, lines: Iterable[Line], colour: QColor, width: float) -> None:
+def _draw_segments(painter: QPainter, lines: Iterable[Segments], colour: QColor, width: float) -> None:
     painter.setBrush(Qt.BrushStyle.NoBrush)
     for hidden in (True, False):
         painter.setOpacity(_HIDDEN if hidden else 1.0)
         path = QPainterPath()
         for line in lines:
-            _add_pieces(path, line, hidden=hidden)
+            _add_segments(path, line, hidden=hidden)
         for pen_colour, pen_width in ((_RIM, width + 2.2), (colour, width)):
             pen = QPen(pen_colour, pen_width)
             pen.setCapStyle(Qt.PenCapStyle.RoundCap)
@@ -69,9 +75,9 @@ def _draw_lines(painter: QPainter, lines: Iterable[Line], colour: QColor, width:
     painter.setOpacity(1.0)
 
 
-def _add_pieces(path: QPainterPath, line: Line, *, hidden: bool) -> None:
+def _add_segments(path: QPainterPath, line: Segments, *, hidden: bool) -> None:
     last = None
-    for (x, y, to_x, to_y), off in zip(line.pieces.tolist(), line.hidden.tolist(), strict=True):
+    for (x, y, to_x, to_y), off in zip(line.pixels.tolist(), line.hidden.tolist(), strict=True):
         if off == hidden:
             if last != (x, y):
                 path.moveTo(x, y)
@@ -80,7 +86,7 @@ def _add_pieces(path: QPainterPath, line: Line, *, hidden: bool) -> None:
 
 
 def _draw_dot(painter: QPainter, dot: Dot, *, larger: bool) -> None:
-    painter.setOpacity(_HIDDEN if dot.hidden else 1.0 if larger else _QUIET)
+    painter.setOpacity(_HIDDEN if dot.hidden else 1.0 if larger else _IDLE)
     painter.setPen(QPen(_RIM, 1.4))
     painter.setBrush(_ACCENT if larger else _LIGHT)
     shape = _shape(dot.kind, _DOT * (1.7 if larger else 1.0))
@@ -89,7 +95,7 @@ def _draw_dot(painter: QPainter, dot: Dot, *, larger: bool) -> None:
 
 
 def _shape(kind: str, size: float) -> QPainterPath:
-    """Return the mark of a type around the origin: told apart without colour."""
+    """Return the symbol of a feature type around the origin, distinct without colour."""
     path = QPainterPath()
     if kind == "mountain":
         corners = [
@@ -113,101 +119,85 @@ def _shape(kind: str, size: float) -> QPainterPath:
     return path
 
 
-def _draw_grip(painter: QPainter, grip: Grip, *, larger: bool) -> None:
-    painter.setOpacity(_HIDDEN + 0.2 if grip.hidden else 1.0)
-    at = QPointF(grip.x, grip.y)
-    size = _GRIP * (1.4 if larger else 1.0)
-    if grip.handle.role in ("radius", "width"):
+def _draw_handle(painter: QPainter, mark: HandleMark, *, larger: bool) -> None:
+    painter.setOpacity(_HIDDEN + 0.2 if mark.hidden else 1.0)
+    at = QPointF(mark.x, mark.y)
+    size = _HANDLE * (1.4 if larger else 1.0)
+    if mark.handle.role in ("radius", "width"):
         for colour, width in ((_RIM, 3.2), (_ACCENT, 1.2)):
             painter.setPen(QPen(colour, width))
-            painter.drawLine(QPointF(grip.base_x, grip.base_y), at)
+            painter.drawLine(QPointF(mark.base_x, mark.base_y), at)
     painter.setPen(QPen(_RIM, 2.0))
     painter.setBrush(_ACCENT if larger else _LIGHT)
-    if grip.handle.role == "point":
+    if mark.handle.role == "point":
         painter.drawEllipse(at, 0.8 * size, 0.8 * size)
-    elif grip.handle.role == "move":
+    elif mark.handle.role == "move":
         painter.drawEllipse(at, 1.2 * size, 1.2 * size)
         painter.setPen(Qt.PenStyle.NoPen)
         painter.setBrush(_LIGHT if larger else _ACCENT)
         painter.drawEllipse(at, 0.55 * size, 0.55 * size)
     else:
-        painter.drawRoundedRect(QRectF(grip.x - size, grip.y - size, 2.0 * size, 2.0 * size), 2.0, 2.0)
+        painter.drawRoundedRect(QRectF(mark.x - size, mark.y - size, 2.0 * size, 2.0 * size), 2.0, 2.0)
     painter.setOpacity(1.0)
 
 
 _TEXT_LIGHT, _TEXT_RIM = QColor(255, 255, 255, 225), QColor(12, 16, 20, 140)
-_BAR = 110.0  # px, the longest scale bar
-_REFINES = "refining …"
+_MAX_SCALE_BAR = 110.0  # px
+_REFINING = "refining …"
 _EDGE = 12.0  # px, from the widget's edge
 
 
 class Scene:
-    """Looks after what is drawn; remembers marks until something that they depend on is another one."""
+    """Paints the view; marks are cached until their inputs change."""
 
     def __init__(self, document: Document | None, workspace: Workspace, link: ViewSource) -> None:
         self._document, self._workspace, self._link = document, workspace, link
-        self.dragged: tuple[Handle, float, float] | None = None
+        self.drag: Drag | None = None
         self._marks = Marks()
-        self._marks_of: tuple[object, ...] = ()
-        self._ground: tuple[object, Ground] | None = None
+        self._marks_key: tuple[object, ...] = ()
+        self._terrain: tuple[object, TerrainHeights] | None = None
 
-    def place(self, width: int, height: int) -> QRectF:
-        """Return where the picture lies in a widget of a size (px): it covers it all and is not stretched."""
+    def picture_rectangle(self, width: int, height: int) -> QRectF:
+        """Return the rectangle of the picture, which covers a widget of a size (px) undistorted."""
         picture = self._link.picture
         if picture is None or picture.isNull():
             return QRectF(0.0, 0.0, width, height)
         scale = max(width / picture.width(), height / picture.height())
-        shown = QRectF(0.0, 0.0, picture.width() * scale, picture.height() * scale)
-        shown.moveCenter(QPointF(0.5 * width, 0.5 * height))
-        return shown
+        rectangle = QRectF(0.0, 0.0, picture.width() * scale, picture.height() * scale)
+        rectangle.moveCenter(QPointF(0.5 * width, 0.5 * height))
+        return rectangle
 
     def projection(self, width: int, height: int) -> Projection | None:
-        """Return the camera of the picture that is shown; None while there is none."""
+        """Return the camera of the current picture; None without one."""
         frame = self._link.frame
         if frame is None or self._link.picture is None or width < 1 or height < 1:
             return None
-        at = self.place(width, height)
+        at = self.picture_rectangle(width, height)
         return Projection(frame, (at.left(), at.top(), at.width(), at.height()))
 
-    def ground(self) -> Ground | None:
-        """Return the heights of the sketch's ground; None until they are known."""
+    def terrain(self) -> TerrainHeights | None:
+        """Return the heights of the sketch's terrain; None until they are known."""
         relief = self._link.relief
         if relief is None or self._document is None:
             return None
-        if self._ground is None or self._ground[0] is not relief:
+        if self._terrain is None or self._terrain[0] is not relief:
             sketch = self._document.sketch
-            self._ground = relief, Ground(relief, sketch.pixel_size * relief.step)
-        return self._ground[1]
+            self._terrain = relief, TerrainHeights(relief, sketch.pixel_size * relief.step)
+        return self._terrain[1]
 
     def marks(self, width: int, height: int) -> Marks:
-        """Return what is laid over the picture."""
+        """Return the marks over the picture."""
         link, workspace = self._link, self._workspace
         all_features = "features" in workspace.overlays and workspace.tool == "select"
-        key = (
-            link.frame,
-            link.placed,
-            link.relief,
-            workspace.selection,
-            all_features,
-            self.dragged,
-            width,
-            height,
-        )
-        if key == self._marks_of:
-            return self._marks
-        self._marks_of = key
-        projection, ground = self.projection(width, height), self.ground()
-        if projection is None or ground is None or link.placed is None:
+        inputs = (link.frame, link.placed, link.relief, workspace.selection, self.drag)
+        key = (*inputs, all_features, width, height)
+        if key != self._marks_key:
+            self._marks_key = key
+            projection, terrain, placed = self.projection(width, height), self.terrain(), link.placed
             self._marks = Marks()
-        else:
-            self._marks = marks_of(
-                projection,
-                ground,
-                link.placed,
-                workspace.selection,
-                all_features=all_features,
-                dragged=self.dragged,
-            )
+            if projection is not None and terrain is not None and placed is not None:
+                builder = MarkBuilder(projection, terrain, placed, workspace.selection, self.drag)
+                self._marks = builder.marks(all_features=all_features)
         return self._marks
 
     def paint(
@@ -218,15 +208,15 @@ class Scene:
         *,
         hovered: Handle | Selection | None,
         dim: bool,
-        refines: bool,
+        is_refining: bool,
     ) -> None:
-        """Draw everything."""
+        """Paint picture, marks, label and scale bar."""
         picture = self._link.picture
         painter.fillRect(size, theme().canvas)
         if picture is None or picture.isNull():
             return
         width, height = round(size.width()), round(size.height())
-        at = self.place(width, height)
+        at = self.picture_rectangle(width, height)
         sharp = abs(at.width() * ratio - picture.width()) < 1.0
         painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform, not sharp)
         painter.drawImage(at, picture)
@@ -237,33 +227,33 @@ class Scene:
             return
         marks = self.marks(width, height)
         draw_marks(painter, marks, hovered=hovered)
-        self._paint_tag(painter, marks, size)
+        self._paint_label(painter, marks, size)
         self._paint_readout(painter, size)
-        if refines:
-            wide = QFontMetricsF(painter.font()).horizontalAdvance(_REFINES)
-            _write_text(painter, _REFINES, size.right() - _EDGE - wide, size.bottom() - _EDGE)
+        if is_refining:
+            width_px = QFontMetricsF(painter.font()).horizontalAdvance(_REFINING)
+            _draw_text(painter, _REFINING, size.right() - _EDGE - width_px, size.bottom() - _EDGE)
 
     def paint_focus(self, painter: QPainter, size: QRectF) -> None:
-        """Show that keys go to the view."""
+        """Draw the frame of the keyboard focus."""
         painter.setBrush(Qt.BrushStyle.NoBrush)
         painter.setPen(QPen(theme().accent, 2.0))
         painter.drawRect(size.adjusted(1.0, 1.0, -1.0, -1.0))
 
-    def _paint_tag(self, painter: QPainter, marks: Marks, size: QRectF) -> None:
-        """Name what is selected, beside its first handle or amid a river."""
+    def _paint_label(self, painter: QPainter, marks: Marks, size: QRectF) -> None:
+        """Label the selection at its first handle, a lake at its northern shore."""
         placed, selection = self._link.placed, self._workspace.selection
         if placed is None or selection is None:
             return
-        if selection.kind == "lake" and marks.outline and len(marks.outline[0].pieces):
-            shore = marks.outline[0].pieces
+        if selection.kind == "lake" and marks.outline and len(marks.outline[0].pixels):
+            shore = marks.outline[0].pixels
             top = shore[shore[:, 1].argmin()]
             text = name_of(placed, selection).capitalize()
-            draw_tag(painter, text, float(top[0]), float(top[1]), painter.font(), size)
+            draw_label(painter, text, float(top[0]), float(top[1]), painter.font(), size)
             return
         index = selection.index
         river = find_river(placed, selection)
         role = "move" if river is None else "width" if index is None else "point"
-        own = [each for each in marks.grips if each.handle.role == role]
+        own = [each for each in marks.handles if each.handle.role == role]
         own = [each for each in own if index is None or each.handle.selection.index == index]
         if not own:
             return
@@ -271,17 +261,17 @@ class Scene:
         point = find_point(placed, selection)
         if river is not None and index is None:
             text += f" · {length_text(float(river.centreline_width[len(river.centreline_width) // 2]))} wide"
-        elif point is not None and self.dragged is not None and self.dragged[0].role == "radius":
-            x, y = self.dragged[1] - self.dragged[0].base_x, self.dragged[2] - self.dragged[0].base_y
+        elif point is not None and self.drag is not None and self.drag[0].role == "radius":
+            x, y = self.drag[1] - self.drag[0].base_x, self.drag[2] - self.drag[0].base_y
             text += f" · radius {length_text((x * x + y * y) ** 0.5)}"
         elif point is not None and text != "Forest":
             text += f" · {length_text(float(point['strength']))}"
         if self._document is not None and is_locked(self._document.sketch, selection):
             text += " · locked"
-        draw_tag(painter, text, own[0].x, own[0].y, painter.font(), size)
+        draw_label(painter, text, own[0].x, own[0].y, painter.font(), size)
 
     def _paint_readout(self, painter: QPainter, size: QRectF) -> None:
-        """Draw a scale bar, or say how high the eye is, in the lower left corner."""
+        """Draw a scale bar in orbit mode, else the eye's height, in the lower left corner."""
         frame = self._link.frame
         projection = self.projection(round(size.width()), round(size.height()))
         if frame is None or projection is None:
@@ -291,9 +281,9 @@ class Scene:
         font.setPointSizeF(max(font.pointSizeF() * 0.88, 7.0))
         painter.setFont(font)
         if self._link.view.mode != "orbit":
-            _write_text(painter, standing_text(frame.pose, self.ground()), left, below)
+            _draw_text(painter, eye_height_text(frame.pose, self.terrain()), left, below)
             return
-        bar = scale_bar(projection, frame.pose, most=_BAR)
+        bar = scale_bar(projection, frame.pose, most=_MAX_SCALE_BAR)
         if bar is None:
             return
         length, wide = bar
@@ -308,11 +298,11 @@ class Scene:
             painter.setPen(pen)
             for start, end in ticks:
                 painter.drawLine(start, end)
-        _write_text(painter, length_text(length), left + 1.0, below - 9.0)
+        _draw_text(painter, length_text(length), left + 1.0, below - 9.0)
 
 
-def _write_text(painter: QPainter, text: str, x: float, y: float) -> None:
-    """Write light text with a dark rim, its base line's start at a place (px)."""
+def _draw_text(painter: QPainter, text: str, x: float, y: float) -> None:
+    """Draw light text with a dark rim, its baseline starting at a pixel."""
     painter.setPen(_TEXT_RIM)
     for right, down in ((-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)):
         painter.drawText(QPointF(x + right, y + down), text)

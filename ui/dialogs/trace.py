@@ -33,7 +33,7 @@ from sketchterrain.importing.image_colours import DetectedColour
 from sketchterrain.importing.images import SPECKS, ColouredMap, Kind, coloured_map, detect_kind, read_picture
 from sketchterrain.importing.layered import trace_folder, trace_mask, trace_open_raster
 from sketchterrain.importing.legend import INK, NOTHING, Meaning
-from sketchterrain.importing.traced_layers import LONGEST, Sheet, Traced, sketch_picture
+from sketchterrain.importing.traced_layers import DEFAULT_MAX_SIDE, TraceOptions, TraceResult, sketch_picture
 from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.dialogs.form import (
     EXTENT,
@@ -64,10 +64,10 @@ class TraceSource:
 
 
 @dataclass(frozen=True, eq=False)
-class TraceResult:
+class PreviewedTrace:
     """A traced sketch and its preview, (height, width, 4)."""
 
-    traced: Traced
+    traced: TraceResult
     preview: Rgba
 
 
@@ -78,35 +78,35 @@ def read_source(path: Path) -> TraceSource:
         return TraceSource(path, kind)
     picture = read_picture(path)
     preview = _preview(picture.rgba, Image.Resampling.BOX)
-    return TraceSource(path, kind, None if picture.is_grey else map_of(picture, path), preview)
+    return TraceSource(path, kind, None if picture.is_grey else coloured_map(picture, path), preview)
 
 
 def trace_source(
     source: TraceSource,
-    sheet: TraceOptions,
+    options: TraceOptions,
     *,
     meanings: Sequence[Meaning | None],
     layer: str,
     specks: int,
     narrow: float,
-) -> TraceResult:
+) -> PreviewedTrace:
     """Trace a file."""
     if source.map is not None:
-        traced: TraceResult = source.map.traced(sheet, meanings=meanings, specks=specks, narrow=narrow)
+        traced: TraceResult = source.map.traced(options, meanings=meanings, specks=specks, narrow=narrow)
     elif source.kind == "picture":
-        traced = trace_mask(source.path, layer, sheet)
+        traced = trace_mask(source.path, layer, options)
     elif source.kind == "folder":
-        traced = trace_folder(source.path, sheet)
+        traced = trace_folder(source.path, options)
     elif source.kind == "open raster":
-        traced = trace_open_raster(source.path, sheet)
+        traced = trace_open_raster(source.path, options)
     else:
         from sketchterrain.importing.vectors import sketch_from_vectors
 
-        size_px = sheet.size_px or DEFAULT_SIDE
-        traced = sketch_from_vectors(source.path, name=sheet.name, size_px=size_px)
+        size_px = options.size_px or DEFAULT_SIDE
+        traced = sketch_from_vectors(source.path, name=options.name, size_px=size_px)
     opaque = np.full((traced.sketch.height_px, traced.sketch.width_px, 4), 255, dtype=np.uint8)
     opaque[..., :3] = sketch_picture(traced.sketch)
-    return TraceResult(traced, _preview(opaque, Image.Resampling.NEAREST))
+    return PreviewedTrace(traced, _preview(opaque, Image.Resampling.NEAREST))
 
 
 def _preview(rgba: Rgba, resampling: Image.Resampling) -> Rgba:
@@ -196,7 +196,7 @@ class ColourTable(QScrollArea):
         """The meaning of each colour."""
         return (*(box.currentData() for box in self.boxes), *self._rest)
 
-    def show_colours(self, colours: Sequence[FoundColour], meanings: Sequence[Meaning | None]) -> None:
+    def show_colours(self, colours: Sequence[DetectedColour], meanings: Sequence[Meaning | None]) -> None:
         """Show the colours of a map."""
         self._rest = tuple(meanings[_MAX_ROWS:])
         self.boxes = []
@@ -248,7 +248,7 @@ class TraceDialog(QDialog):
     def __init__(self, path: Path, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._source: TraceSource | None = None
-        self._result: TraceResult | None = None
+        self._result: PreviewedTrace | None = None
         self._reading = BackgroundReader(self)
         self._reading.failed.connect(self._show_error)
         self._timer = single_shot(self, _DELAY, self._trace)
@@ -351,7 +351,7 @@ class TraceDialog(QDialog):
         trace = partial(
             trace_source,
             self._source,
-            Sheet(size_px=values["size_px"], extent=float(values["extent"]), name=name),
+            TraceOptions(size_px=values["size_px"], extent=float(values["extent"]), name=name),
             meanings=self.colours.meanings,
             layer=str(self.layer.currentData()),
             specks=values["specks"],
@@ -360,7 +360,7 @@ class TraceDialog(QDialog):
         self._reading.read(trace, self._show_result)
 
     def _show_result(self, result: object) -> None:
-        self._result = result = cast(TraceResult, result)
+        self._result = result = cast(PreviewedTrace, result)
         self.after.show_pixels(result.preview)
         sketch = result.traced.sketch
         if not self.form["extent"].isEnabled():  # vectors have a scale of their own

@@ -13,7 +13,6 @@ from sketchterrain.errors import InputError
 from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.banner import Banner, Message
 from sketchterrain.ui.commands.placed_edits import exists, find_point, is_edited, is_locked
-from sketchterrain.ui.commands.selection import delete, lock, reset, unlock
 from sketchterrain.ui.commands.settings import WORLD, labels_of, random_seed, set_setting
 from sketchterrain.ui.engine.link import EngineLink, ViewSource
 from sketchterrain.ui.engine.protocol import MODES, MeasureAdherence, Placement

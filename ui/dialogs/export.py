@@ -240,7 +240,7 @@ class ExportDialog(JobDialog):
         self.everything.setVisible(not self._shown)
         self.target.setVisible(bool(self._shown))
         if self._shown:
-            stored = self._values.get(self._shown) or self._preferences.exported(self._shown)
+            stored = self._values.get(self._shown) or self._preferences.export_options(self._shown)
             self.target.use(target_named(self._shown), stored)
         self._check()
         QTimer.singleShot(0, self._fit_height)

@@ -129,7 +129,7 @@ class WorldDialog(JobDialog):
         super().__init__("Write world", sketch, preferences, parent)
         self._is_estimated = False
         self._notes: list[str] = []
-        self.form = WorldForm(sketch, preferences.exported(_PREFERENCES_KEY))
+        self.form = WorldForm(sketch, preferences.export_options(_PREFERENCES_KEY))
         folder = preferences.export_folder
         stem = (preferences.last_folder if folder is None else folder.parent) / "world"
         self.path_field.setText(f"{stem}{ENDINGS[self.form.values['form']]}")

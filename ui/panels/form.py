@@ -19,7 +19,6 @@ from sketchterrain.ui.panels.numbers import (
     Scale,
     help_text,
     scroll_past,
-    setting_title,
     slider,
     slider_range,
     suffix_of,

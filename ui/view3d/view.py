@@ -11,7 +11,6 @@ from PyQt6.QtGui import QFocusEvent, QHideEvent, QKeyEvent, QPainter, QPaintEven
 from PyQt6.QtWidgets import QSizePolicy, QWidget
 
 from sketchterrain.ui.application import single_shot
-from sketchterrain.ui.commands.selection import delete_or_reset
 from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import MODES, ErrorReport, Look
 from sketchterrain.ui.look.theme import looks

@@ -55,13 +55,13 @@ def label_mountains(sketch: Sketch, regions: Sequence[Region] | None = None) -> 
 
 def mountain_crossings(sketch: Sketch, numbers: Int64Array, line: Float64Array) -> list[Crossing]:
     """Return the runs of a centreline (m, 2) inside mountains, upstream first."""
-    under = _at(sketch, numbers, line)
-    turns = np.flatnonzero(np.diff(under)) + 1
-    firsts, ends = np.concatenate([[0], turns]), np.concatenate([turns, [len(line)]])
+    labels = _labels_along(sketch, numbers, line)
+    changes = np.flatnonzero(np.diff(labels)) + 1
+    firsts, ends = np.concatenate([[0], changes]), np.concatenate([changes, [len(line)]])
     return [
-        Crossing(int(first), int(end) - 1, int(under[first]))
+        Crossing(int(first), int(end) - 1, int(labels[first]))
         for first, end in zip(firsts, ends, strict=True)
-        if under[first]
+        if labels[first]
     ]
 
 
@@ -81,34 +81,34 @@ def resolve_conflicts(
     for number, (river, ground) in enumerate(zip(rivers, grounds, strict=True), 1):
         line = river.centreline[:, :2]
         for run in mountain_crossings(sketch, numbers, line):
-            what = f"river {number} {_met(run, river, ground, rivers)}"
-            found.append(_resolved(what, line[_place(run.first, run.last, len(line))]))
+            text = f"river {number} {_describe_crossing(run, river, ground, rivers)}"
+            found.append(_resolution_at(text, line[_display_point(run.first, run.last, len(line))]))
         for first, last, at in runs_inside(lakes, line):
             verb = "springs from" if first == 0 else "runs through"
             verb = "ends in" if last == len(line) - 1 else verb
-            what = f"river {number} {verb} lake {at + 1}: water at {lakes[at].level:.1f} m"
-            found.append(_resolved(what, line[_place(first, last, len(line))]))
+            text = f"river {number} {verb} lake {at + 1}: water at {lakes[at].level:.1f} m"
+            found.append(_resolution_at(text, line[_display_point(first, last, len(line))]))
     for number, lake in enumerate(lakes, 1):
         centre = lake_centre(lake)
-        mountain = int(_at(sketch, numbers, centre[None])[0])
+        mountain = int(_labels_along(sketch, numbers, centre[None])[0])
         if mountain and lake.label:
-            what = f"lake {number} lies in mountain {mountain}: a tarn at {lake.level:.0f} m"
-            found.append(_resolved(what, centre))
+            text = f"lake {number} lies in mountain {mountain}: a tarn at {lake.level:.0f} m"
+            found.append(_resolution_at(text, centre))
     return tuple(found)
 
 
-def _resolved(line: str, at: Float64Array) -> Resolution:
+def _resolution_at(line: str, at: Float64Array) -> Resolution:
     return Resolution(line, float(at[0]), float(at[1]))
 
 
-def _place(first: int, last: int, count: int) -> int:
+def _display_point(first: int, last: int, count: int) -> int:
     """Return the point of a line to show a run at: its loose end if it has just one, else its middle."""
     if (first == 0) != (last == count - 1):
         return 0 if first == 0 else count - 1
     return (first + last) // 2
 
 
-def _met(run: Crossing, river: River, ground: Float64Array, rivers: Sequence[River]) -> str:
+def _describe_crossing(run: Crossing, river: River, ground: Float64Array, rivers: Sequence[River]) -> str:
     inside = slice(run.first, run.last + 1)
     cut = max(float((ground[inside] - river.centreline[inside, 2]).max()), 0.0)
     if run.first == 0:
@@ -116,12 +116,12 @@ def _met(run: Crossing, river: River, ground: Float64Array, rivers: Sequence[Riv
     if run.last == len(river.centreline) - 1:
         end = river.centreline[-1]
         joins = any((other.centreline == end).all(axis=1).any() for other in rivers if other is not river)
-        what = "joins a river in" if joins else "ends in"
-        return f"{what} mountain {run.mountain}: valley cut {cut:.0f} m"
+        text = "joins a river in" if joins else "ends in"
+        return f"{text} mountain {run.mountain}: valley cut {cut:.0f} m"
     return f"crosses mountain {run.mountain}: valley cut {cut:.0f} m"
 
 
-def _at(sketch: Sketch, numbers: Int64Array, line: Float64Array) -> Int64Array:
+def _labels_along(sketch: Sketch, numbers: Int64Array, line: Float64Array) -> Int64Array:
     column = np.floor(line[:, 0] / sketch.pixel_size).astype(np.int64)
     row = np.floor(sketch.height_px - line[:, 1] / sketch.pixel_size).astype(np.int64)
     inside = (row >= 0) & (row < sketch.height_px) & (column >= 0) & (column < sketch.width_px)

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 
 EXTENSION_SHARE = 0.35
-"""How far a river runs on beyond the sketch's edge, as a share of the sketch's longer side."""
+"""Length of a river's extension beyond the sketch's edge, as a share of the longer side."""
 
-_WIDEST_EXIT = math.radians(50.0)  # between a river's heading beyond the edge and straight out
+_WIDEST_EXIT = math.radians(50.0)  # between a river's heading beyond the edge and the normal
 _WANDER = 0.5  # rad to either side
 
 
@@ -82,10 +82,10 @@ def extend_path(
     return np.asarray(path[-1] + np.cumsum(steps, axis=0))
 
 
-_DEPTH_POWER = 0.6  # how depth follows width along a river
+_DEPTH_POWER = 0.6  # exponent of depth over width along a river
 _SMOOTH = 6.0  # px along the course
-_MOST_MORE = 1.5  # px that a stroke is wider than twice the distance to its border
-_NARROWEST, _WIDEST = 0.5, 2000.0  # m
+_MAX_EXCESS = 1.5  # px added to twice the distance to a stroke's border, at most
+_MIN_WIDTH, _MAX_WIDTH = 0.5, 2000.0  # m
 
 
 def painted_sizes(
@@ -106,14 +106,14 @@ def painted_sizes(
     as_painted = np.zeros(len(pixels), dtype=np.bool_)
     for label in np.unique(labels):
         properties, here = sketch.properties("river", int(label)), labels == label
-        widths[here], depths[here] = max(properties["width"], _NARROWEST), properties["depth"]
+        widths[here], depths[here] = max(properties["width"], _MIN_WIDTH), properties["depth"]
         as_painted[here] = properties["width"] == 0.0
     if as_painted.any():
-        wide = stroke_widths(sketch, skeleton, pixels)
-        wide[own:] = wide[own - 1]
-        wide = np.clip(smoothed(wide[:, None], _SMOOTH)[:, 0], _NARROWEST, _WIDEST)
-        follows = depth_ratio(wide / wide[as_painted].mean())
-        widths, depths = np.where(as_painted, wide, widths), np.where(as_painted, depths * follows, depths)
+        stroke = stroke_widths(sketch, skeleton, pixels)
+        stroke[own:] = stroke[own - 1]
+        stroke = np.clip(smoothed(stroke[:, None], _SMOOTH)[:, 0], _MIN_WIDTH, _MAX_WIDTH)
+        ratio = depth_ratio(stroke / stroke[as_painted].mean())
+        widths, depths = np.where(as_painted, stroke, widths), np.where(as_painted, depths * ratio, depths)
     if labels.min() != labels.max():
         widths, depths = (gaussian_filter(each, _SMOOTH) for each in (widths, depths))
     return widths, depths, main
@@ -130,22 +130,22 @@ def stroke_widths(sketch: Sketch, skeleton: Skeleton, pixels: Int64Array) -> Flo
     Twice the distance to the border alone is up to a pixel too little.
     """
     at = np.stack([skeleton.rows[pixels], skeleton.columns[pixels]], axis=-1)
-    least, most = 2.0 * skeleton.depth[pixels], 2.0 * skeleton.depth[pixels] + _MOST_MORE
-    reach = math.ceil(0.5 * float(most.max()))
+    lower, upper = 2.0 * skeleton.depth[pixels], 2.0 * skeleton.depth[pixels] + _MAX_EXCESS
+    reach = math.ceil(0.5 * float(upper.max()))
     low, high = np.maximum(at.min(axis=0) - reach, 0), at.max(axis=0) + reach + 1
     area = np.argwhere(sketch.layers["river"][low[0] : high[0], low[1] : high[1]] > 0) + low
     nearest = cKDTree(np.stack([skeleton.rows, skeleton.columns], axis=-1)).query(area)[1]
     count = np.bincount(nearest, minlength=len(skeleton.rows))[pixels].astype(np.float64)
     arc = arc_length(at.astype(np.float64))
     step = np.gradient(arc) if len(arc) > 1 else np.ones(1)
-    count = np.minimum(count, most * step)
+    count = np.minimum(count, upper * step)
     area_of, length = (gaussian_filter(each, _SMOOTH / 3.0) for each in (count, step))
-    return np.asarray(np.clip(area_of / length, np.maximum(least, 1.0), most) * sketch.pixel_size)
+    return np.asarray(np.clip(area_of / length, np.maximum(lower, 1.0), upper) * sketch.pixel_size)
 
 
 LAKE_GAP = 3.0
-"""Pixels between a river's painted end and a lake that a person does not mean."""
-_MOST_SAMPLES = 64  # of a centreline between two control points
+"""Largest unintended gap (px) between a river's painted end and a lake."""
+_MAX_SAMPLES = 64  # of a centreline between two control points
 _SAGITTA_WIDTHS = 0.01
 
 
@@ -192,25 +192,25 @@ def reach_course(
         joint = 1 + int(np.argmin(((parent.line[1:] - path[-1]) ** 2).sum(axis=1)))
         path[-1] = parent.line[joint]
     widths, depths, label = painted_sizes(sketch, skeleton, pixels, joins=parent is not None)
-    drawn = np.column_stack([smoothed(path, 2.0 + 3.0 * loose), widths, depths])
+    sized_path = np.column_stack([smoothed(path, 2.0 + 3.0 * loose), widths, depths])
     if lake is not None:
-        drawn = _into_lake(drawn[::-1], sketch, skeleton, int(pixels[0]), lake)[::-1]
+        sized_path = _extend_into_lake(sized_path[::-1], sketch, skeleton, int(pixels[0]), lake)[::-1]
         if parent is None:
-            drawn = _into_lake(drawn, sketch, skeleton, int(pixels[-1]), lake)
-    points = spaced(drawn, interval)
+            sized_path = _extend_into_lake(sized_path, sketch, skeleton, int(pixels[-1]), lake)
+    points = spaced(sized_path, interval)
 
     name = _id(sketch, skeleton, int(pixels[0]))
     size = (sketch.height_px, sketch.width_px)
     beyond = EXTENSION_SHARE * max(size) * sketch.pixel_size
     taper = float(arc_length(points)[-1]) / 3.0
     if parent is None and (out := exit_normal(skeleton, pixels, size)):
-        points = _lengthened(points, out, length=beyond, interval=interval, seed=seed, name=2 * name)
+        points = _extend_river(points, out, length=beyond, interval=interval, seed=seed, name=2 * name)
     if out := exit_normal(skeleton, pixels[::-1], size):
-        upstream = _lengthened(
+        upstream = _extend_river(
             points[::-1], out, length=beyond, interval=interval, seed=seed, name=2 * name + 1
         )
         points, taper = upstream[::-1], beyond
-    # Where a river joins another, its end is a point of the other's curve.
+    # At a confluence the end is a point of the stem's curve.
     own = len(points) - (parent is not None)
     points[:own, :2] = rounded(points[:own, :2], _step(sketch))
     course = course_through(points, name, label, parent=parent, joint=joint, taper=taper)
@@ -251,21 +251,21 @@ def reversed_course(course: RiverCourse) -> RiverCourse:
     )
 
 
-def _into_lake(
-    drawn: Float64Array, sketch: Sketch, skeleton: Skeleton, end: int, lake: cKDTree
+def _extend_into_lake(
+    sized_path: Float64Array, sketch: Sketch, skeleton: Skeleton, end: int, lake: cKDTree
 ) -> Float64Array:
     """Extend a path from its last point to just inside the shore, if the gap is small enough."""
     at = np.array([skeleton.rows[end], skeleton.columns[end]], dtype=np.float64)
     gap, nearest = lake.query(at)
     if not 0.0 < gap <= float(skeleton.depth[end]) + LAKE_GAP:
-        return drawn
+        return sized_path
     ahead = (np.asarray(lake.data)[int(nearest)] - at) * (1.0 + 2.0 / gap)
     to_others = np.hypot(skeleton.rows - at[0] - ahead[0], skeleton.columns - at[1] - ahead[1])
     if to_others.min() < np.hypot(*ahead) - 1e-6:
-        return drawn  # another reach lies between
+        return sized_path  # another reach is between
     step = ahead * sketch.pixel_size
     more = np.array([step[1], -step[0], 0.0, 0.0])
-    return np.concatenate([drawn, drawn[-1:] + more])
+    return np.concatenate([sized_path, sized_path[-1:] + more])
 
 
 def _id(sketch: Sketch, skeleton: Skeleton, pixel: int) -> int:
@@ -273,7 +273,7 @@ def _id(sketch: Sketch, skeleton: Skeleton, pixel: int) -> int:
     return int(pixel_id("river", skeleton.rows[at], skeleton.columns[at], sketch.width_px)[0])
 
 
-def _lengthened(
+def _extend_river(
     points: Float64Array, out: tuple[float, float], *, length: float, interval: float, seed: int, name: int
 ) -> Float64Array:
     """Extend a river from its last point; width and depth stay constant."""
@@ -288,12 +288,12 @@ def course_through(
     """Sample the spline through points of x, y, width and depth."""
     points = drop_repeats(points, of=2)
     step = float(np.clip(0.5 * points[:, 2].min(), 2.0, 12.0))
-    # A sketch of a continent has no more shape between two control points than one of a valley.
+    # Large sketches have no more detail between two control points than small ones.
     spans = np.hypot(*np.diff(points[:, :2], axis=0).T)
-    step = max(step, float(np.median(spans)) / _MOST_SAMPLES)
-    # Where it bends sharply, closer: off its line by this much the bed is shallower by 0.4 ‰ of the depth.
+    step = max(step, float(np.median(spans)) / _MAX_SAMPLES)
+    # Finer in sharp bends: this deviation changes the bed by 0.4 ‰ of the depth.
     sagitta = _SAGITTA_WIDTHS * float(points[:, 2].min())
-    line, u = sample_catmull_rom(points[:, :2], step, sagitta=sagitta, most=_MOST_SAMPLES)
+    line, u = sample_catmull_rom(points[:, :2], step, sagitta=sagitta, most=_MAX_SAMPLES)
     number = np.arange(len(points))
     return RiverCourse(
         id=name,

@@ -29,16 +29,16 @@ if TYPE_CHECKING:
 Runs: TypeAlias = list[tuple[int, int, int]]
 """First point, last point and lake (an index) of each run of a course inside a lake, upstream first."""
 
-_MARGIN_PIXELS, _MARGIN = 6.0, 60.0  # px, m; the larger counts
-_LOW_SHORE = 10.0  # percentile of the heights along the shore that the water may reach
+_MARGIN_PIXELS, _MARGIN = 6.0, 60.0  # px, m; the larger one applies
+_LOW_SHORE = 10.0  # percentile of the heights along the shore that limits the water level
 _SHORE_POINTS = 4096
 _FREEBOARD = 0.25  # m between the water and that height
-_RIM = 0.2  # share of the margin around a lake in which its own ground rules
+_RIM = 0.2  # share of the margin around a lake where the lake alone shapes the terrain
 _ROUNDS = 16
 _MOUTH_WIDTHS = 5.0  # of the river: radius of the lake in which it ends
 _MOUTH_EXTENT = (0.012, 0.05)  # … between these shares of the sketch's extent
 _MOUTH_DEPTHS = 3.0  # of the river: depth of that lake
-_BEYOND_BIT = 1 << 47  # in the id of a lake that was not painted
+_BEYOND_BIT = 1 << 47  # in the ids of lakes that were not painted
 
 
 def painted_lakes(
@@ -49,8 +49,8 @@ def painted_lakes(
     """Return the painted lakes in reading order, each as high as the low parts of its shore allow."""
     cache = PlacementCache() if cache is None else cache
     image = sketch.layers["lake"]
-    outlines: list[_Outline] = cache.layers.get_or_compute(
-        ("lakes", IdentityKey(image), sketch.extent, sketch.fidelity), lambda: _outlines(sketch)
+    outlines: list[_LakeOutline] = cache.layers.get_or_compute(
+        ("lakes", IdentityKey(image), sketch.extent, sketch.fidelity), lambda: _lake_outlines(sketch)
     )
     if not outlines:
         return []
@@ -74,7 +74,7 @@ def _rim_level(shore: Float64Array) -> float:
     return float(rounded(np.percentile(shore, _LOW_SHORE))) - _FREEBOARD
 
 
-class _Outline(NamedTuple):
+class _LakeOutline(NamedTuple):
     """A painted lake without its water."""
 
     id: int
@@ -83,12 +83,12 @@ class _Outline(NamedTuple):
     shore: Float64Array
 
 
-def _outlines(sketch: Sketch) -> list[_Outline]:
+def _lake_outlines(sketch: Sketch) -> list[_LakeOutline]:
     margin = max(_MARGIN_PIXELS * sketch.pixel_size, _MARGIN)
     found = []
     for shape in label_shapes("lake", sketch.layers["lake"]):
         field = shape_field(sketch, shape, margin=margin)
-        found.append(_Outline(LAYER_CODES["lake"] << 48 | shape.id, shape.label, field, _shore(field)))
+        found.append(_LakeOutline(LAYER_CODES["lake"] << 48 | shape.id, shape.label, field, _shore(field)))
     return found
 
 
@@ -121,7 +121,7 @@ def mouth_lakes(sketch: Sketch, courses: Sequence[RiverCourse], *, seed: int) ->
             Lake(
                 id=LAYER_CODES["lake"] << 48 | _BEYOND_BIT | (course.id & (_BEYOND_BIT - 1)),
                 label=0,
-                shape=_blob(end, radius, margin, seed=seed, name=course.id),
+                shape=_rounded_shape(end, radius, margin, seed=seed, name=course.id),
                 level=float("inf"),
                 depth=_MOUTH_DEPTHS * float(course.depth[-1]),
             )
@@ -171,9 +171,9 @@ def lake_reaches(lakes: Sequence[Lake], line: Float64Array) -> list[tuple[int, i
     return sorted(found, key=lambda run: run[1:])
 
 
-def _runs(there: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
+def _runs(mask: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Return first and last index of each run of True."""
-    turns = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(np.int8)))
+    turns = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return [(int(a), int(b) - 1) for a, b in zip(turns[::2], turns[1::2], strict=True)]
 
 
@@ -185,16 +185,16 @@ def solve_lake_levels(
     water = np.array([lake.level for lake in lakes])
     levels = solve_water_levels(network, grounds, [()] * len(runs))
     for _ in range(_ROUNDS):
-        before = water.copy()
+        previous = water.copy()
         for own, level in zip(runs, levels, strict=True):
             for _, first, last, lake in own:
                 if last < first:
-                    continue  # it only passes by
-                comes = level[first - 1] if first > 0 else level[min(last + 1, len(level) - 1)]
-                water[lake] = min(water[lake], comes)
+                    continue  # the course only passes by
+                inflow = level[first - 1] if first > 0 else level[min(last + 1, len(level) - 1)]
+                water[lake] = min(water[lake], inflow)
         still = [[LakeReach(shore, a, b, float(water[lake])) for shore, a, b, lake in own] for own in runs]
         levels = solve_water_levels(network, grounds, still)
-        if (water == before).all():
+        if (water == previous).all():
             break
     return [
         dataclasses.replace(lake, level=float(level))
@@ -209,8 +209,8 @@ def lake_pixels(sketch: Sketch) -> cKDTree | None:
     return cKDTree(painted) if len(painted) else None
 
 
-def _distance(place: Float64Array, line: Float64Array) -> float:
-    return float(np.sqrt(((line - place) ** 2).sum(axis=1)).min())
+def _distance(point: Float64Array, line: Float64Array) -> float:
+    return float(np.sqrt(((line - point) ** 2).sum(axis=1)).min())
 
 
 def _shore(field: ShapeField) -> Float64Array:
@@ -221,7 +221,7 @@ def _shore(field: ShapeField) -> Float64Array:
     return np.asarray(at + np.array([field.west, field.south]))
 
 
-def _blob(centre: Float64Array, radius: float, margin: float, *, seed: int, name: int) -> ShapeField:
+def _rounded_shape(centre: Float64Array, radius: float, margin: float, *, seed: int, name: int) -> ShapeField:
     """Return a rounded shape with a hashed outline around a point."""
     spacing = radius / 12.0
     half = int(np.ceil((1.4 * radius + margin) / spacing)) + 1

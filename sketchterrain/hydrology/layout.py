@@ -53,27 +53,27 @@ def separate_beyond_edge(courses: list[RiverCourse], size: tuple[float, float]) 
 
     Parents come first; earlier courses take precedence. Unchanged courses are the identical objects.
     """
-    done: list[RiverCourse] = []
-    now: dict[
+    finished: list[RiverCourse] = []
+    replaced: dict[
         int, tuple[RiverCourse, int]
-    ] = {}  # by the old course: the new one, and how many points its head lost
+    ] = {}  # by old course: the new one, and the number of points removed at its head
     for course in courses:
         head, tail = _beyond(course.line, size)
         first, last = 0, len(course.line)
         if tail < last:
-            others = [*done, *([_part(course, 0, head)] if head > 1 else [])]
+            others = [*finished, *([_part(course, 0, head)] if head > 1 else [])]
             last = tail + _free(course.line[tail:], course.width[tail:], others)
         if head > 0:
-            upstream = _free(course.line[:head][::-1], course.width[:head][::-1], done)
+            upstream = _free(course.line[:head][::-1], course.width[:head][::-1], finished)
             first = head - upstream
         part = _part(course, min(first, last - 2), max(last, first + 2))
         if part.parent is not None:
-            parent, lost = now[id(course.parent)]
-            if parent is not part.parent or lost:
-                part = dataclasses.replace(part, parent=parent, joint=course.joint - lost)
-        now[id(course)] = part, min(first, last - 2)
-        done.append(part)
-    return done
+            parent, removed = replaced[id(course.parent)]
+            if parent is not part.parent or removed:
+                part = dataclasses.replace(part, parent=parent, joint=course.joint - removed)
+        replaced[id(course)] = part, min(first, last - 2)
+        finished.append(part)
+    return finished
 
 
 def _beyond(line: Float64Array, size: tuple[float, float]) -> tuple[int, int]:
@@ -110,9 +110,9 @@ def _part(course: RiverCourse, first: int, last: int) -> RiverCourse:
 GroundHeight: TypeAlias = "Callable[[Float64Array, Float64Array], npt.NDArray[np.floating[Any]]]"
 
 _EDGE_BONUS = (10.0, 0.02)
-"""A mouth at the sketch's edge may lie this much higher: metres, and metres for each metre of river."""
+"""Preference for mouths at the sketch's edge: m, and m per metre of river."""
 
-_LONGEST_DAB = 2.0  # px; so short a skeleton is a dab, however thin
+_MAX_DAB = 2.0  # px; a shorter skeleton is a dab, however thin
 
 
 def lay_out_rivers(
@@ -123,9 +123,11 @@ def lay_out_rivers(
     if not found:
         return []
     image = sketch.layers["river"]
-    rivers = [(bone, each) for bone, each in zip(found, outlines, strict=True) if isinstance(each, tuple)]
+    rivers = [
+        (skeleton, each) for skeleton, each in zip(found, outlines, strict=True) if isinstance(each, tuple)
+    ]
     closed = cache.layers.get_or_compute(
-        ("closed", IdentityKey(image), *(IdentityKey(bone) for bone, _ in rivers)),
+        ("closed", IdentityKey(image), *(IdentityKey(skeleton) for skeleton, _ in rivers)),
         lambda: close_gaps(image, rivers, LAKE_GAP),
     )
     if closed is not None:
@@ -165,14 +167,14 @@ def _networks(
     )
     return found, [
         cache.rivers.get_or_compute(
-            ("outline", IdentityKey(each), settings, _seen_around(sketch, each)),
-            partial(_dab_or_ends, sketch, each, seed),
+            ("outline", IdentityKey(each), settings, _surroundings_key(sketch, each)),
+            partial(_outline, sketch, each, seed),
         )
         for each in found
     ]
 
 
-def _seen_around(sketch: Sketch, skeleton: Skeleton) -> IdentityKey | None:
+def _surroundings_key(sketch: Sketch, skeleton: Skeleton) -> IdentityKey | None:
     """Return a key of the layer beside a skeleton if its width is as painted, else None."""
     image = sketch.layers["river"]
     labels = np.unique(image[skeleton.rows, skeleton.columns])
@@ -184,7 +186,7 @@ def _skeletons(sketch: Sketch, settings: tuple[object, ...], cache: PlacementCac
     image = sketch.layers["river"]
     widths = _label_widths(sketch)
 
-    def made(region: Region) -> Skeleton:
+    def compute(region: Region) -> Skeleton:
         window = np.where(region.mask, image[region.rows, region.columns], 0)
         corner = (region.rows.start, region.columns.start, window.shape)
         return cache.rivers.get_or_compute(
@@ -192,7 +194,7 @@ def _skeletons(sketch: Sketch, settings: tuple[object, ...], cache: PlacementCac
             lambda: _weighted(sketch, thin_region(region, widths[window], image.shape)),
         )
 
-    return sort_skeletons(made(region) for region in find_regions((image > 0).astype(np.uint8)))
+    return sort_skeletons(compute(region) for region in find_regions((image > 0).astype(np.uint8)))
 
 
 def _weighted(sketch: Sketch, skeleton: Skeleton) -> Skeleton:
@@ -210,10 +212,10 @@ def _label_widths(sketch: Sketch) -> Float64Array:
     return widths
 
 
-def _dab_or_ends(sketch: Sketch, skeleton: Skeleton, seed: int) -> RiverCourse | tuple[RiverEnd, ...]:
+def _outline(sketch: Sketch, skeleton: Skeleton, seed: int) -> RiverCourse | tuple[RiverEnd, ...]:
     path = longest_path(skeleton)
     steps = np.hypot(np.diff(skeleton.rows[path]), np.diff(skeleton.columns[path]))
-    if float(steps.sum()) <= max(2.0 * float(skeleton.depth[path].max()), _LONGEST_DAB):
+    if float(steps.sum()) <= max(2.0 * float(skeleton.depth[path].max()), _MAX_DAB):
         return dab_course(sketch, skeleton, path, seed=seed)
     return river_ends(skeleton)
 
@@ -241,19 +243,19 @@ def _mouth(
     length = max(end.length for end in ends) * sketch.pixel_size
     bonus = _EDGE_BONUS[0] + _EDGE_BONUS[1] * length
     size = (sketch.height_px, sketch.width_px)
-    favoured = np.array([exit_normal(skeleton, end.lead, size) is not None for end in ends])
+    preferred = np.array([exit_normal(skeleton, end.lead, size) is not None for end in ends])
     if lake is not None:
-        places = np.stack([skeleton.rows[at], skeleton.columns[at]], axis=-1)
-        favoured |= lake.query(places)[0] <= skeleton.depth[at] + LAKE_GAP
-    return ends[int(np.argmin(heights - bonus * favoured))].pixel
+        pixels = np.stack([skeleton.rows[at], skeleton.columns[at]], axis=-1)
+        preferred |= lake.query(pixels)[0] <= skeleton.depth[at] + LAKE_GAP
+    return ends[int(np.argmin(heights - bonus * preferred))].pixel
 
 
 def _flow(sketch: Sketch, skeleton: Skeleton) -> Float64Array | None:
     """Return the flow direction (east, north) of a network's main label; None: downhill."""
     labels = sketch.layers["river"][skeleton.rows, skeleton.columns]
-    said = float(sketch.properties("river", int(np.argmax(np.bincount(labels))))["flow"])
-    towards = np.deg2rad(said)
-    return None if said < 0.0 else np.array([np.sin(towards), np.cos(towards)])
+    azimuth = float(sketch.properties("river", int(np.argmax(np.bincount(labels))))["flow"])
+    angle = np.deg2rad(azimuth)
+    return None if azimuth < 0.0 else np.array([np.sin(angle), np.cos(angle)])
 
 
 def _courses(
@@ -274,7 +276,7 @@ def _courses(
         return [cache.rivers.get_or_compute(("turned", *key), lambda: reversed_course(dab))]
     mouth = _mouth(sketch, skeleton, outline, heights, lake)
 
-    def made() -> list[RiverCourse]:
+    def compute() -> list[RiverCourse]:
         courses: list[RiverCourse] = []
         for reach in split_into_reaches(skeleton, mouth):
             parent = courses[reach.parent] if reach.parent >= 0 else None
@@ -282,5 +284,5 @@ def _courses(
         return courses
 
     return cache.rivers.get_or_compute(
-        ("courses", *key, mouth, IdentityKey(lake), _seen_around(sketch, skeleton)), made
+        ("courses", *key, mouth, IdentityKey(lake), _surroundings_key(sketch, skeleton)), compute
     )

@@ -39,8 +39,8 @@ class Skeleton:
 
     def paths_from(self, root: int) -> tuple[Float64Array, Int64Array]:
         """Return length (px) and predecessor (< 0: none) of the shortest path from a pixel to each."""
-        length, before = dijkstra(self.graph, indices=np.array([root]), return_predecessors=True)
-        return np.asarray(length[0]), np.asarray(before[0], dtype=np.int64)
+        length, predecessor = dijkstra(self.graph, indices=np.array([root]), return_predecessors=True)
+        return np.asarray(length[0]), np.asarray(predecessor[0], dtype=np.int64)
 
 
 def skeletons(painted: npt.NDArray[np.bool_], weight: Float64Array | None = None) -> tuple[Skeleton, ...]:
@@ -115,7 +115,7 @@ def _graph(thin: npt.NDArray[np.bool_], rows: Int64Array, columns: Int64Array) -
     return graph
 
 
-_EDGE_GAP = 2.5  # px between a river's painted end and the sketch's edge that a person does not mean
+_EDGE_GAP = 2.5  # px between a river's painted end and the sketch's edge that is unintended
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,14 +133,14 @@ def split_into_reaches(skeleton: Skeleton, root: int) -> tuple[Reach, ...]:
     the river's width at its joint is a spur of the skeleton, not a river. Loops are cut where both paths to
     the root are equally long, and so become two arms.
     """
-    length, before = skeleton.paths_from(root)
-    leads_on = np.zeros(len(length), dtype=np.bool_)
-    leads_on[before[before >= 0]] = True
-    leaves = np.flatnonzero(~leads_on)
+    length, predecessor = skeleton.paths_from(root)
+    has_successor = np.zeros(len(length), dtype=np.bool_)
+    has_successor[predecessor[predecessor >= 0]] = True
+    leaves = np.flatnonzero(~has_successor)
     owner = np.full(len(length), -1, dtype=np.int64)
     reaches: list[Reach] = []
-    for leaf in leaves[np.lexsort((leaves, -_weighted(skeleton, length, before)[leaves]))]:
-        path = _path_down(int(leaf), before, owner)
+    for leaf in leaves[np.lexsort((leaves, -_weighted(skeleton, length, predecessor)[leaves]))]:
+        path = _path_to_root(int(leaf), predecessor, owner)
         joint = path[-1]
         parent = int(owner[joint])
         if parent >= 0 and length[leaf] - length[joint] < 2.0 * skeleton.depth[joint] + 2.0:
@@ -206,28 +206,28 @@ def exit_normal(skeleton: Skeleton, pixels: Int64Array, size: tuple[int, int]) -
     return steepest[1] if steepest[0] > 0.2 else None
 
 
-def _weighted(skeleton: Skeleton, length: Float64Array, before: Int64Array) -> Float64Array:
+def _weighted(skeleton: Skeleton, length: Float64Array, predecessor: Int64Array) -> Float64Array:
     """Return the weighted length of each pixel's path to the root."""
     if np.all(skeleton.weight == skeleton.weight[0]):
         return length
     total = np.zeros(len(length))
     for pixel in np.argsort(length, kind="stable")[1:]:
-        step = length[pixel] - length[before[pixel]]
-        total[pixel] = total[before[pixel]] + skeleton.weight[pixel] * step
+        step = length[pixel] - length[predecessor[pixel]]
+        total[pixel] = total[predecessor[pixel]] + skeleton.weight[pixel] * step
     return total
 
 
-def _path_down(leaf: int, before: Int64Array, owner: Int64Array) -> list[int]:
+def _path_to_root(leaf: int, predecessor: Int64Array, owner: Int64Array) -> list[int]:
     """Return pixels from a leaf to the root, or to the first pixel that belongs to a reach."""
     path = [leaf]
-    while owner[path[-1]] < 0 and before[path[-1]] >= 0:
-        path.append(int(before[path[-1]]))
+    while owner[path[-1]] < 0 and predecessor[path[-1]] >= 0:
+        path.append(int(predecessor[path[-1]]))
     return path
 
 
-_AHEAD = 0.8  # cosine between an end's heading and the way to the stem
-_LEAD = 8  # px of a reach that say where its end heads
-_MIDDLE = 4.0  # px farther than a spur that both rivers must go on
+_AHEAD = 0.8  # least cosine between an end's heading and the direction of the stem
+_LEAD = 8  # px of a reach that define the heading of its end
+_MIDDLE = 4.0  # px that both rivers must extend beyond the length of a spur
 
 
 def close_gaps(
@@ -243,21 +243,23 @@ def close_gaps(
     """
     labelled, count = ndimage.label(painted > 0, structure=np.ones((3, 3)))
     regions = np.asarray(labelled, dtype=np.int64)
-    of = {int(regions[bone.rows[0], bone.columns[0]]): (bone, ends) for bone, ends in rivers}
-    family = np.arange(count + 1)
+    of = {int(regions[skeleton.rows[0], skeleton.columns[0]]): (skeleton, ends) for skeleton, ends in rivers}
+    component = np.arange(count + 1)
     closed = None
-    for region, (bone, ends) in of.items():
+    for region, (skeleton, ends) in of.items():
         for end in ends:
-            at = np.array([bone.rows[end.pixel], bone.columns[end.pixel]], dtype=np.int64)
-            found = _ahead(regions, region, at, _heading(bone, end), float(bone.depth[end.pixel]) + gap + 1.0)
+            at = np.array([skeleton.rows[end.pixel], skeleton.columns[end.pixel]], dtype=np.int64)
+            found = _ahead(
+                regions, region, at, _heading(skeleton, end), float(skeleton.depth[end.pixel]) + gap + 1.0
+            )
             if found is None:
                 continue
             other = int(regions[tuple(found)])
-            if other not in of or family[other] == family[region]:
+            if other not in of or component[other] == component[region]:
                 continue
             if not _in_the_middle(*of[other], found, end.length):
                 continue
-            family[family == family[other]] = family[region]
+            component[component == component[other]] = component[region]
             closed = painted.copy() if closed is None else closed
             steps = int(np.abs(found - at).max())
             line = np.rint(np.linspace(at, found, steps + 1)).astype(np.int64)
@@ -266,10 +268,12 @@ def close_gaps(
     return closed
 
 
-def _heading(bone: Skeleton, end: RiverEnd) -> Float64Array | None:
+def _heading(skeleton: Skeleton, end: RiverEnd) -> Float64Array | None:
     """Return the direction (rows, columns) of an end, a unit vector; None if it is too short."""
-    back = end.lead[-min(max(_LEAD, int(2.0 * bone.depth[end.pixel])), len(end.lead))]
-    run = np.array([bone.rows[end.pixel] - bone.rows[back], bone.columns[end.pixel] - bone.columns[back]])
+    back = end.lead[-min(max(_LEAD, int(2.0 * skeleton.depth[end.pixel])), len(end.lead))]
+    run = np.array(
+        [skeleton.rows[end.pixel] - skeleton.rows[back], skeleton.columns[end.pixel] - skeleton.columns[back]]
+    )
     length = float(np.hypot(*run))
     return run / length if length >= 2.0 else None
 
@@ -284,14 +288,14 @@ def _ahead(
     window = regions[low[0] : at[0] + int(reach) + 2, low[1] : at[1] + int(reach) + 2]
     there = np.argwhere((window > 0) & (window != own)) + low
     away = np.hypot(*(there - at).T)
-    meant = (away <= reach) & ((there - at) @ heading >= _AHEAD * away)
-    if not meant.any():
+    candidate = (away <= reach) & ((there - at) @ heading >= _AHEAD * away)
+    if not candidate.any():
         return None
-    return np.asarray(there[meant][int(np.argmin(away[meant]))])
+    return np.asarray(there[candidate][int(np.argmin(away[candidate]))])
 
 
-def _in_the_middle(bone: Skeleton, ends: Sequence[RiverEnd], at: Int64Array, length: float) -> bool:
+def _in_the_middle(skeleton: Skeleton, ends: Sequence[RiverEnd], at: Int64Array, length: float) -> bool:
     """Return whether both the river at a place and what joins it there are longer than a spur."""
-    away = np.hypot(bone.rows - at[0], bone.columns - at[1])
-    least = 2.0 * float(bone.depth[int(np.argmin(away))]) + 2.0 + _MIDDLE
+    away = np.hypot(skeleton.rows - at[0], skeleton.columns - at[1])
+    least = 2.0 * float(skeleton.depth[int(np.argmin(away))]) + 2.0 + _MIDDLE
     return length >= least and min(float(away[end.pixel]) for end in ends) >= least

@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from sketchterrain.hydrology.courses import RiverCourse
 
 
-LEAST_FALL = 1e-4
-"""Metres that water falls on every metre of its way."""
+MIN_GRADIENT = 1e-4
+"""Least gradient of water, m per m."""
 
-_STEEPEST, _LEAST_STEEPEST, _STEEPEST_DEPTHS = 0.6, 0.03, 1.2
+_MAX_GRADIENT, _MIN_MAX_GRADIENT, _GRADIENT_DEPTHS = 0.6, 0.03, 1.2
 _SPRING_WIDTH = 0.4  # of the label's width
 _BEND_ROUNDS = 60
-_WIDEST = 2.0  # times what the label says: confluences widen a river no further
+_MAX_WIDENING = 2.0  # times the label's width, at most, at confluences
 
 
 def smoothstep(t: Float64Array) -> Float64Array:
@@ -51,8 +51,10 @@ def river_widths(
     width = base * (_SPRING_WIDTH + (1.0 - _SPRING_WIDTH) * grown)
     for index, joining in sorted(tributaries):
         joined = smoothstep((arc - arc[index]) / (3.0 * max(joining, float(width[index]))))
-        # A tributary wider than its stem is the river from here on.
-        wider = np.maximum(np.minimum(np.hypot(width, joining), _WIDEST * base), np.maximum(width, joining))
+        # From here on a tributary wider than its stem sets the width.
+        wider = np.maximum(
+            np.minimum(np.hypot(width, joining), _MAX_WIDENING * base), np.maximum(width, joining)
+        )
         width = width + (wider - width) * joined
     return width
 
@@ -67,15 +69,15 @@ def water_surface(
     """
     spacing = max(float(arc[-1]) / max(len(arc) - 1, 1), 1e-9)
     sigma = min(6.0 * width / spacing, len(arc) / 4.0)
-    wanted = _blurred(ground, sigma) - (0.3 * depth + 0.5)
+    target = _blurred(ground, sigma) - (0.3 * depth + 0.5)
     for index, level in ceilings:
-        wanted[index:] = np.minimum(wanted[index:], level)
-    falling = np.minimum.accumulate(wanted)
+        target[index:] = np.minimum(target[index:], level)
+    falling = np.minimum.accumulate(target)
     falling = rounded(_blurred(falling, 0.5 * sigma))
-    for index, level in ceilings:  # once more: the blur rounds their steps
-        falling[index:] = np.minimum(falling[index:], level + LEAST_FALL * arc[index])
+    for index, level in ceilings:  # again, as the blur rounds their steps
+        falling[index:] = np.minimum(falling[index:], level + MIN_GRADIENT * arc[index])
     falling = np.minimum.accumulate(falling)
-    return np.asarray(falling - LEAST_FALL * arc)
+    return np.asarray(falling - MIN_GRADIENT * arc)
 
 
 def limit_gradient(
@@ -86,11 +88,11 @@ def limit_gradient(
     At most 1.2 depths over a width, and 0.6 m per metre: beside a wide water surface that is steeper no bank
     is possible.
     """
-    steepest = np.clip(_STEEPEST_DEPTHS * depth / width, _LEAST_STEEPEST, _STEEPEST)
-    steps = 0.5 * (steepest[1:] + steepest[:-1]) * np.diff(arc)
+    limit_per_metre = np.clip(_GRADIENT_DEPTHS * depth / width, _MIN_MAX_GRADIENT, _MAX_GRADIENT)
+    steps = 0.5 * (limit_per_metre[1:] + limit_per_metre[:-1]) * np.diff(arc)
     most = np.concatenate([[0.0], np.cumsum(steps)])
     limit = np.minimum.accumulate((level + most)[::-1])[::-1] - most
-    return np.asarray(np.where(level > limit + 1e-9, limit, level))  # the end stays to the bit
+    return np.asarray(np.where(level > limit + 1e-9, limit, level))  # the end is bit-equal
 
 
 def join_level(level: Float64Array, arc: Float64Array, *, end: float, width: float) -> Float64Array:
@@ -99,7 +101,7 @@ def join_level(level: Float64Array, arc: Float64Array, *, end: float, width: flo
     It is raised where it is lower; where it would end too high it falls over the last 30 widths.
     """
     left = arc[-1] - arc
-    level = np.maximum(level, end + LEAST_FALL * left)
+    level = np.maximum(level, end + MIN_GRADIENT * left)
     approach = smoothstep(1.0 - left / max(min(30.0 * width, float(arc[-1])), 1e-9))
     level = level - (level[-1] - end) * approach
     level[-1] = end
@@ -117,7 +119,7 @@ def level_pool(level: Float64Array, arc: Float64Array, first: float, last: float
     start = max(first - 4.0 * (last - first), 0.0)
     earlier = last - (first - np.clip(arc, start, first)) * (last - start) / max(first - start, 1e-9)
     moved = np.interp(np.where(arc < first, earlier, last), arc, level)
-    pool = float(np.interp(last, arc, level)) + LEAST_FALL * (last - arc)
+    pool = float(np.interp(last, arc, level)) + MIN_GRADIENT * (last - arc)
     inside = (arc >= start) & (arc <= last)
     return np.asarray(np.where(inside, np.minimum(level, np.maximum(moved, pool)), level))
 
@@ -141,17 +143,17 @@ def lower_in_bends(level: Float64Array, arc: Float64Array, bends: Bends, depth: 
     same = before == bends.upper
     bank = np.minimum(0.25, 0.5 * smoothstep((bends.off - 1.0) / 0.8)) * depth[bends.upper]
     run = np.interp(bends.lower, np.arange(len(arc)), arc) - arc[bends.upper]
-    bank = np.maximum(bank, 1.1 * LEAST_FALL * run)  # no lower than the water must fall on its way
+    bank = np.maximum(bank, 1.1 * MIN_GRADIENT * run)  # at least the fall of the water in between
     for _ in range(_BEND_ROUNDS if len(share) else 0):
         between = (1.0 - share) * level[before] + share * level[before + 1]
-        # Within one piece the place further down falls as the point itself does.
+        # Within one piece the point further down falls with the point itself.
         most = np.where(same, level[before + 1] + bank / np.maximum(share, 1e-9), between + bank)
         if (level[bends.upper] <= most + 1e-6).all():
             break
-        lowered = level + LEAST_FALL * arc
-        np.minimum.at(lowered, bends.upper, most + LEAST_FALL * arc[bends.upper])
-        lowered = np.minimum.accumulate(lowered) - LEAST_FALL * arc
-        level = np.where(level > lowered + 1e-9, lowered, level)  # the rest stays to the bit
+        lowered = level + MIN_GRADIENT * arc
+        np.minimum.at(lowered, bends.upper, most + MIN_GRADIENT * arc[bends.upper])
+        lowered = np.minimum.accumulate(lowered) - MIN_GRADIENT * arc
+        level = np.where(level > lowered + 1e-9, lowered, level)  # the rest is bit-equal
     return level
 
 
@@ -159,7 +161,7 @@ def _blurred(values: Float64Array, sigma: float) -> Float64Array:
     return smoothed(values[:, None], max(sigma, 1e-3))[:, 0]
 
 
-_SHOWS = 0.25  # of two rivers' widths' mean: so near, the bed of one shows in the other's centreline
+_BED_RATIO = 0.25  # of the mean of two widths: within it one bed is visible in the other's centreline
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,10 +215,10 @@ def build_network(
     confluences: list[Confluence | None] = [
         None
         if parent < 0
-        else _meeting(course, courses[parent], arcs[n], arcs[parent], widths[n], widths[parent])
+        else _confluence_at(course, courses[parent], arcs[n], arcs[parent], widths[n], widths[parent])
         for n, (course, parent) in enumerate(zip(courses, parents, strict=True))
     ]
-    widths = _beside_neighbours(courses, parents, arcs, widths, confluences)
+    widths = _narrow_neighbours(courses, parents, arcs, widths, confluences)
     bends = [
         cache.rivers.get_or_compute(
             ("bends", IdentityKey(course), blake2b(width.tobytes()).digest()),
@@ -237,23 +239,23 @@ def _bends(line: Float64Array, arc: Float64Array, width: Float64Array) -> Bends:
     half = 0.5 * np.interp(fine, np.arange(count), width)
     upper, lower, off = [], [], []
     points = np.arange(count)
-    # What lies beside a point turns from the piece before it to the one after it.
+    # The normal at a point turns from the piece before it to the one after it.
     for widths, normal in itertools.product(
         (-1.6, -1.5, -1.0, 1.0, 1.5, 1.6),
         (across[np.maximum(points - 1, 0)], across[np.minimum(points, count - 2)]),
     ):
-        answer: Any = tree.query(line + widths * width[:, None] * normal)
-        distance, found = (np.asarray(part) for part in answer)
-        place = np.minimum((found + 1) / 4.0, count - 1.0)
-        run = np.interp(place, points, arc) - arc
-        below = np.flatnonzero((place > points + 0.25) & (run < 4.0 * width))
+        result: Any = tree.query(line + widths * width[:, None] * normal)
+        distance, found = (np.asarray(part) for part in result)
+        position = np.minimum((found + 1) / 4.0, count - 1.0)
+        run = np.interp(position, points, arc) - arc
+        below = np.flatnonzero((position > points + 0.25) & (run < 4.0 * width))
         upper.append(below)
-        lower.append(place[below])
+        lower.append(position[below])
         off.append((distance / half[found])[below])
     return Bends(np.concatenate(upper), np.concatenate(lower), np.concatenate(off))
 
 
-def _meeting(
+def _confluence_at(
     course: RiverCourse,
     parent: RiverCourse,
     arc: Float64Array,
@@ -262,27 +264,27 @@ def _meeting(
     parent_width: Float64Array,
 ) -> Confluence:
     """Return the tributary's last run in which its water overlaps its parent's."""
-    answer: Any = cKDTree(parent.line).query(course.line)
-    distance, nearest = (np.asarray(part) for part in answer)
+    result: Any = cKDTree(parent.line).query(course.line)
+    distance, nearest = (np.asarray(part) for part in result)
     overlap = distance < 0.55 * (width + parent_width[nearest])
     apart = np.flatnonzero(~overlap)
     first = int(apart[-1]) + 1 if len(apart) else 0
     along = parent_arc[nearest[first:]] - parent_arc[course.joint]
     margin = 0.5 * float(parent_width[course.joint]) + 0.5 * float(width[-1])
-    shows = _SHOWS * np.sqrt(width * parent_width[nearest])[first:]
-    shown = along[distance[first:] < shows]
+    bed_range = _BED_RATIO * np.sqrt(width * parent_width[nearest])[first:]
+    in_bed = along[distance[first:] < bed_range]
     return Confluence(
         length=max(float(arc[-1] - arc[min(first, len(arc) - 1)]), margin),
         above=max(-float(along.min(initial=0.0)), 0.0) + margin,
         below=max(float(along.max(initial=0.0)), 0.0) + margin,
         bed=(
-            max(-float(shown.min(initial=0.0)), 0.0) + float(shows[-1]),
-            max(float(shown.max(initial=0.0)), 0.0) + float(shows[-1]),
+            max(-float(in_bed.min(initial=0.0)), 0.0) + float(bed_range[-1]),
+            max(float(in_bed.max(initial=0.0)), 0.0) + float(bed_range[-1]),
         ),
     )
 
 
-def _beside_neighbours(
+def _narrow_neighbours(
     courses: Sequence[RiverCourse],
     parents: Sequence[int],
     arcs: Sequence[Float64Array],
@@ -302,23 +304,23 @@ def _beside_neighbours(
                 continue
             if (boxes[number][1] < boxes[other][0]).any():
                 continue
-            # Further apart than this nobody is narrowed, so nobody farther is looked for.
+            # Beyond this distance nothing is narrowed.
             widest = 0.5 * float(widths[number].max() + widths[other].max())
             low, high = boxes[other]
-            asked = _apart(number, other, parents, arcs, courses, confluences)
-            asked &= ((course.line >= low - widest) & (course.line <= high + widest)).all(axis=1)
-            if not asked.any():
+            checked = _apart(number, other, parents, arcs, courses, confluences)
+            checked &= ((course.line >= low - widest) & (course.line <= high + widest)).all(axis=1)
+            if not checked.any():
                 continue
-            answer = tree.query(course.line[asked], distance_upper_bound=1.01 * widest)
-            distance, nearest = (np.asarray(part) for part in answer)
+            result = tree.query(course.line[checked], distance_upper_bound=1.01 * widest)
+            distance, nearest = (np.asarray(part) for part in result)
             found = np.isfinite(distance)
-            asked[asked], distance, nearest = found, distance[found], nearest[found]
-            total = 0.5 * (widths[number][asked] + widths[other][nearest])
+            checked[checked], distance, nearest = found, distance[found], nearest[found]
+            total = 0.5 * (widths[number][checked] + widths[other][nearest])
             counts = _apart(other, number, parents, arcs, courses, confluences)[nearest]
             scale = np.where(counts, np.clip(distance / total, 0.05, 1.0), 1.0)
-            scales[number][asked] = np.minimum(scales[number][asked], scale)
+            scales[number][checked] = np.minimum(scales[number][checked], scale)
     return [
-        width * _softened(scale, arc, float(width.max()))
+        width * _smooth_transition(scale, arc, float(width.max()))
         for width, scale, arc in zip(widths, scales, arcs, strict=True)
     ]
 
@@ -343,7 +345,7 @@ def _apart(
     return away
 
 
-def _softened(scale: Float64Array, arc: Float64Array, width: float) -> Float64Array:
+def _smooth_transition(scale: Float64Array, arc: Float64Array, width: float) -> Float64Array:
     """Let a narrow place begin some widths before it and end some widths after it."""
     narrow = np.flatnonzero(scale < 1.0)
     if not len(narrow):

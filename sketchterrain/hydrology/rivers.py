@@ -47,17 +47,17 @@ def targets_lake(edit: Edit) -> bool:
 
 def apply_lake_edits(lakes: list[Lake], edits: Iterable[Edit]) -> tuple[list[Lake], tuple[str, ...]]:
     """Return the lakes that the user did not delete, and one line for each edit whose lake is missing."""
-    there = {lake.id for lake in lakes}
-    taken: set[int] = set()
+    known = {lake.id for lake in lakes}
+    deleted: set[int] = set()
     orphans = []
     for edit in filter(targets_lake, edits):
         if edit.action != "delete":
-            orphans.append(f"{edit.action} of lake {edit.feature}: a lake has only delete")
-        elif edit.feature not in there:
-            orphans.append(f"delete of lake {edit.feature}: there is no such lake any more")
+            orphans.append(f"{edit.action} of lake {edit.feature}: a lake supports only delete")
+        elif edit.feature not in known:
+            orphans.append(f"delete of lake {edit.feature}: no such lake")
         else:
-            taken.add(edit.feature)
-    return [lake for lake in lakes if lake.id not in taken], tuple(orphans)
+            deleted.add(edit.feature)
+    return [lake for lake in lakes if lake.id not in deleted], tuple(orphans)
 
 
 def apply_river_edits(
@@ -68,28 +68,28 @@ def apply_river_edits(
     A tributary of a moved river follows it; one of a deleted river becomes a river of its own.
     """
     by_id = {course.id: course for course in courses}
-    wanted: dict[int, list[Edit]] = {}
+    edits_by_river: dict[int, list[Edit]] = {}
     controls = {course.id: np.array(course.line[course.controls]) for course in courses}
     orphans = []
     for edit in filter(targets_river, edits):
         name = edit.feature or 0
-        problem = _problem(by_id.get(name), controls.get(name), edit)
-        if problem:
-            orphans.append(f"{edit.action} of river {name}: {problem}")
+        error = _edit_error(by_id.get(name), controls.get(name), edit)
+        if error:
+            orphans.append(f"{edit.action} of river {name}: {error}")
             continue
-        wanted.setdefault(name, []).append(edit)
+        edits_by_river.setdefault(name, []).append(edit)
         if edit.action == "move_point":
             controls[name][_control(controls[name], edit)] = edit.x, edit.y
-    if not wanted:
+    if not edits_by_river:
         return courses, tuple(orphans)
     after: dict[int, RiverCourse | None] = {}
     for course in courses:
-        own = wanted.get(course.id, [])
+        own = edits_by_river.get(course.id, [])
         if any(edit.action == "delete" for edit in own):
             after[course.id] = None
         else:
             parent = None if course.parent is None else after[course.parent.id]
-            after[course.id] = _changed(course, parent, own, controls[course.id])
+            after[course.id] = _apply_edits(course, parent, own, controls[course.id])
     return [course for course in after.values() if course is not None], tuple(orphans)
 
 
@@ -109,19 +109,19 @@ def _control(points: npt.NDArray[np.float64], edit: Edit) -> int | None:
     return nearest if away[nearest] <= beside.max() else None
 
 
-def _problem(course: RiverCourse | None, points: npt.NDArray[np.float64] | None, edit: Edit) -> str | None:
+def _edit_error(course: RiverCourse | None, points: npt.NDArray[np.float64] | None, edit: Edit) -> str | None:
     if course is None or points is None:
-        return "there is no such river any more"
+        return "no such river"
     if edit.action not in _ACTIONS:
-        return f"a river has only {', '.join(sorted(_ACTIONS))}"
+        return f"a river supports only {', '.join(sorted(_ACTIONS))}"
     if edit.action == "move_point" and _control(points, edit) is None:
         if edit.from_x is not None:
-            return f"there is no control point near ({edit.from_x:.0f}, {edit.from_y:.0f}) m any more"
-        return f"there is no control point {edit.index}, only {len(points)} of them"
+            return f"no control point near ({edit.from_x:.0f}, {edit.from_y:.0f}) m"
+        return f"no control point {edit.index}: the river has {len(points)}"
     return None
 
 
-def _changed(
+def _apply_edits(
     course: RiverCourse, parent: RiverCourse | None, edits: list[Edit], points: npt.NDArray[np.float64]
 ) -> RiverCourse:
     joint = -1
@@ -132,13 +132,13 @@ def _changed(
         points[-1] = parent.line[joint]
     grows = course.grows
     if not np.array_equal(points, course.line[course.controls]):
-        course = _redrawn(course, points)
+        course = _with_controls(course, points)
     widths = [edit.width for edit in edits if edit.action == "width"]
     width = np.full_like(course.width, widths[-1]) if widths else course.width
     return dataclasses.replace(course, parent=parent, joint=joint, width=width, grows=grows or bool(widths))
 
 
-def _redrawn(course: RiverCourse, points: npt.NDArray[np.float64]) -> RiverCourse:
+def _with_controls(course: RiverCourse, points: npt.NDArray[np.float64]) -> RiverCourse:
     sizes = (course.width[course.controls], course.depth[course.controls])
     return course_through(
         np.column_stack([points, *sizes]), course.id, course.label, parent=None, joint=-1, taper=course.taper
@@ -187,25 +187,25 @@ def trace_hydrology(
     raise to cancel. Results with and without a cache are bit-equal.
     """
     cache = PlacementCache() if cache is None else cache
-    pause = _go_on if checkpoint is None else checkpoint
+    pause = _no_checkpoint if checkpoint is None else checkpoint
     lakes = painted_lakes(sketch, ground, cache)
     pause()
-    drawn = lay_out_rivers(sketch, seed=seed, ground=ground, cache=cache)
-    courses, orphans = apply_river_edits(drawn, sketch.edits)
+    painted = lay_out_rivers(sketch, seed=seed, ground=ground, cache=cache)
+    courses, orphans = apply_river_edits(painted, sketch.edits)
     pause()
     courses = cache.rivers.get_or_compute(
         ("apart", sketch.size, *map(IdentityKey, courses)), lambda: separate_beyond_edge(courses, sketch.size)
     )
-    lakes, lost = apply_lake_edits([*lakes, *mouth_lakes(sketch, courses, seed=seed)], sketch.edits)
+    lakes, lake_orphans = apply_lake_edits([*lakes, *mouth_lakes(sketch, courses, seed=seed)], sketch.edits)
     pause()
-    rivers, lakes, grounds = _with_water(sketch, courses, lakes, ground, cache, pause)
+    rivers, lakes, grounds = _solve_water(sketch, courses, lakes, ground, cache, pause)
     pause()
-    decided = resolve_conflicts(sketch, _mountains(sketch, cache), rivers, grounds, lakes)
-    return Hydrology(tuple(rivers), tuple(lakes), decided, orphans + lost, tuple(grounds))
+    resolutions = resolve_conflicts(sketch, _mountains(sketch, cache), rivers, grounds, lakes)
+    return Hydrology(tuple(rivers), tuple(lakes), resolutions, orphans + lake_orphans, tuple(grounds))
 
 
-def _go_on() -> None:
-    """Never abandon the work."""
+def _no_checkpoint() -> None:
+    """Never cancel."""
 
 
 def _mountains(sketch: Sketch, cache: PlacementCache) -> npt.NDArray[np.int64]:
@@ -216,7 +216,7 @@ def _mountains(sketch: Sketch, cache: PlacementCache) -> npt.NDArray[np.int64]:
     return numbers
 
 
-def _with_water(
+def _solve_water(
     sketch: Sketch,
     courses: list[RiverCourse],
     lakes: list[Lake],
@@ -241,17 +241,17 @@ def _with_water(
     levels = tuple(each.tobytes() for each in grounds)
     pause()
 
-    def flown() -> tuple[list[River], list[Lake]]:
+    def compute() -> tuple[list[River], list[Lake]]:
         network = replace(shape, cuts=cuts)
         filled, levels = solve_lake_levels(lakes, network, grounds)
-        return _same_again(build_rivers(network, levels), cache), filled
+        return _reuse_unchanged(build_rivers(network, levels), cache), filled
 
-    rivers, filled = cache.rivers.get_or_compute(("water", IdentityKey(shape), cuts, before, levels), flown)
+    rivers, filled = cache.rivers.get_or_compute(("water", IdentityKey(shape), cuts, before, levels), compute)
     order = sorted(range(len(rivers)), key=lambda number: rivers[number].id)
     return [rivers[number] for number in order], filled, [grounds[number] for number in order]
 
 
-def _same_again(rivers: Sequence[River], cache: PlacementCache) -> list[River]:
+def _reuse_unchanged(rivers: Sequence[River], cache: PlacementCache) -> list[River]:
     """Return the cached object for each river that is unchanged, bit for bit."""
     return [
         cache.rivers.get_or_compute(

@@ -10,7 +10,7 @@ import numpy as np
 from sketchterrain.array_types import Float64Array
 from sketchterrain.hydrology.courses import depth_ratio
 from sketchterrain.hydrology.river_shape import (
-    LEAST_FALL,
+    MIN_GRADIENT,
     join_level,
     level_pool,
     limit_gradient,
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from sketchterrain.hydrology.river_shape import Network
 
 
-_MOST_GROWTH = 2.0  # times the label's width: a river that a wider one joins gets no deeper than so
+_MAX_GROWTH = 2.0  # widening that still deepens a river, times the label's width
 _ROUNDS = 8
-_LEAST_DEPTH = 0.05  # m, of water, whatever the beds of neighbours ask
+_MIN_DEPTH = 0.05  # m, of water
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,26 +77,26 @@ def join_water_levels(network: Network, falling: Sequence[Float64Array]) -> list
             level = join_level(level, arc, end=float(levels[parent][course.joint]), width=width)
             level = level_pool(level, arc, float(arc[-1]) - meeting.length, float(arc[-1]))
         level = limit_gradient(level, arc, width=network.widths[number], depth=course.depth)
-        level = _held(network, number, level)
-        # From the mouth upward: a pool moves the fall above it upstream.
+        level = _confine(network, number, level)
+        # From the mouth upward: a pool shifts the fall above it upstream.
         for other in sorted(network.joining(number), key=lambda each: -courses[each].joint):
-            met = network.confluences[other]
-            if met is not None:
+            confluence = network.confluences[other]
+            if confluence is not None:
                 joint = float(arc[courses[other].joint])
-                level = level_pool(level, arc, joint - met.above, joint + met.below)
-        level = _held(network, number, level)
+                level = level_pool(level, arc, joint - confluence.above, joint + confluence.below)
+        level = _confine(network, number, level)
         levels[number] = _below_chord(level, arc, network.cuts[number])
     return levels
 
 
-def _held(network: Network, number: int, level: Float64Array) -> Float64Array:
+def _confine(network: Network, number: int, level: Float64Array) -> Float64Array:
     """Lower water that no bank confines: in sharp bends, and where they make it fall too steeply."""
     course, arc = network.courses[number], network.arcs[number]
     for _ in range(_ROUNDS):
-        before = level
+        previous = level
         level = lower_in_bends(level, arc, network.bends[number], course.depth)
         level = limit_gradient(level, arc, width=network.widths[number], depth=course.depth)
-        if np.array_equal(level, before):
+        if np.array_equal(level, previous):
             break
     return level
 
@@ -109,7 +109,7 @@ def _through_lakes(
         rim = slice(lake.shore, lake.first)
         if lake.shore < lake.first and level[lake.shore] > lake.level:
             first = min(lake.first, len(arc) - 1)
-            level[rim] = np.minimum(level[rim], lake.level + LEAST_FALL * (arc[first] - arc[rim]))
+            level[rim] = np.minimum(level[rim], lake.level + MIN_GRADIENT * (arc[first] - arc[rim]))
             if lake.shore > 0:
                 above = slice(0, lake.shore + 1)
                 level[above] = join_level(level[above], arc[above], end=float(level[lake.shore]), width=width)
@@ -137,25 +137,25 @@ def build_rivers(network: Network, levels: Sequence[Float64Array]) -> list[River
     for number, (course, width, level) in enumerate(
         zip(network.courses, network.widths, levels, strict=True)
     ):
-        depth = course.depth * depth_ratio(np.minimum(width / course.width, _MOST_GROWTH))
+        depth = course.depth * depth_ratio(np.minimum(width / course.width, _MAX_GROWTH))
         bed = np.minimum.accumulate(level - depth)
         parent, meeting = network.parents[number], network.confluences[number]
         if parent >= 0 and meeting is not None:
             end, arc = float(beds[parent][course.joint]), network.arcs[number]
             bed = np.maximum(bed, end)
             bed += (end - bed) * smoothstep((arc - arc[-1] + 2.0 * meeting.length) / meeting.length)
-        bed = _one_bed(network, number, np.minimum.accumulate(bed))
+        bed = _level_bed(network, number, np.minimum.accumulate(bed))
         bed = _below_chord(bed, network.arcs[number], network.cuts[number])
-        bed = np.minimum(bed, level - _LEAST_DEPTH)
+        bed = np.minimum(bed, level - _MIN_DEPTH)
         beds.append(bed)
-        rivers.append(_river(course, width, level, level - bed))
+        rivers.append(_create_river(course, width, level, level - bed))
     return rivers
 
 
-def _one_bed(network: Network, number: int, bed: Float64Array) -> Float64Array:
+def _level_bed(network: Network, number: int, bed: Float64Array) -> Float64Array:
     """Level a river's bed at confluences: else the tributaries' would rise at their ends to meet it."""
     arc = network.arcs[number]
-    # From the mouth upward, as with levels.
+    # From the mouth upward, as for levels.
     for other in sorted(network.joining(number), key=lambda each: -network.courses[each].joint):
         meeting, joint = network.confluences[other], float(arc[network.courses[other].joint])
         if meeting is not None:
@@ -163,7 +163,9 @@ def _one_bed(network: Network, number: int, bed: Float64Array) -> Float64Array:
     return bed
 
 
-def _river(course: RiverCourse, width: Float64Array, level: Float64Array, depth: Float64Array) -> River:
+def _create_river(
+    course: RiverCourse, width: Float64Array, level: Float64Array, depth: Float64Array
+) -> River:
     line = np.column_stack([course.line, level])
     widths, depths = width.astype(np.float32), depth.astype(np.float32)
     return River(

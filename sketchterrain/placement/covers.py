@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 # Standard deviation of the blur that rounds an outline at fidelity 0, pixels.
 _BLUR = 4.0
-# A blur is no wider than this share of the shape's greatest depth: a small shape keeps its form.
+# A blur is no wider than this share of the shape's greatest depth: small shapes keep their form.
 _BLUR_SHARE = 0.5
 
 
@@ -69,7 +69,7 @@ def _rounded(distance: Float64Array, mask: npt.NDArray[np.bool_], blur: float) -
     return np.asarray(smooth - 0.5 * (below + above))
 
 
-# Pixels around a cover that its border may take, at fidelity 1 and at 0 (``terrain/field_packing.py``).
+# Width (px) of a cover's transition at fidelity 1 and at 0, as packed for the kernel.
 _MARGIN = (1.0, 7.0)
 
 
@@ -88,8 +88,8 @@ def create_covers(sketch: Sketch, *, cache: PlacementCache | None = None) -> tup
 
 
 def _create(sketch: Sketch) -> tuple[Cover, ...]:
-    sharp, loose = _MARGIN
-    margin = (loose + (sharp - loose) * sketch.fidelity) * sketch.pixel_size
+    sharp, soft = _MARGIN
+    margin = (soft + (sharp - soft) * sketch.fidelity) * sketch.pixel_size
     covers = []
     for shape in label_shapes("material", sketch.layers["material"]):
         properties = sketch.properties("material", shape.label)

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array
 
-_FEW = 64  # pixels for each place asked about: for fewer places than so a map of distances does not pay
+_MAP_RATIO = 64  # pixels per query; with fewer queries a map of distances does not pay
 
 
 class PaintedDistance:
@@ -28,7 +28,7 @@ class PaintedDistance:
         self._height, self._width = mask.shape
         self._pixel_size = pixel_size
         self._mask = mask
-        self._asked = 0
+        self._queried = 0
         self._tree: cKDTree | None = None
         self._map: npt.NDArray[np.float32] | None = None
 
@@ -44,8 +44,8 @@ class PaintedDistance:
 
     def _pixels(self, rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp]) -> npt.NDArray[np.float32]:
         """Return the distance in pixels from a pixel's centre to that of the nearest painted one."""
-        self._asked += rows.size
-        if self._map is None and self._asked * _FEW > self._mask.size and self._mask.any():
+        self._queried += rows.size
+        if self._map is None and self._queried * _MAP_RATIO > self._mask.size and self._mask.any():
             distance = np.asarray(ndimage.distance_transform_edt(~self._mask), dtype=np.float32)
             self._map = distance
         if self._map is not None:
@@ -70,7 +70,7 @@ def _border(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
 
 Ints = npt.NDArray[np.intp]
 
-_WIDER = 1 + 1e-9  # so that rounding leaves out no pair; one too many counts nothing
+_MARGIN = 1 + 1e-9  # so that rounding drops no pair; an extra one has weight 0
 
 
 def cubic(t: Float64Array) -> Float64Array:
@@ -102,17 +102,17 @@ class DensityField:
         mean = np.bincount(position, weight * values[feature], minlength=len(at))
         return np.where(total > 0.0, mean / np.where(total > 0.0, total, 1.0), default)
 
-    def around(self, places: Float64Array, radius: Float64Array) -> Float64Array:
+    def around(self, positions: Float64Array, radius: Float64Array) -> Float64Array:
         """Return `total`, bit for bit, (m, k), for groups (m, k, 2) of positions with one radius each."""
-        count = places.shape[1]
-        # Features beyond a place's own radius count nothing, to the bit: cubic(1) is 0.
-        group, feature = self._near(places[:, 0], radius + spread(places))
-        offset = places[group] - self._positions[feature][:, None]
+        count = positions.shape[1]
+        # Features beyond a position's own radius count nothing, to the bit: cubic(1) is 0.
+        group, feature = self._near(positions[:, 0], radius + spread(positions))
+        offset = positions[group] - self._positions[feature][:, None]
         distance = np.sqrt(offset[..., 0] ** 2 + offset[..., 1] ** 2)
         weight = cubic(distance / np.maximum(radius[group], 1e-9)[:, None]) * self._sizes[feature][:, None]
-        place = group[:, None] * count + np.arange(count)
-        total = np.bincount(place.ravel(), weight.ravel(), minlength=len(places) * count)
-        return total.astype(np.float64).reshape(len(places), count)
+        position_index = group[:, None] * count + np.arange(count)
+        total = np.bincount(position_index.ravel(), weight.ravel(), minlength=len(positions) * count)
+        return total.astype(np.float64).reshape(len(positions), count)
 
     def _pairs(self, at: Float64Array, radius: Float64Array) -> tuple[Ints, Ints, Float64Array]:
         """Return position index, feature index and kernel weight of each pair within the radius."""
@@ -127,21 +127,21 @@ class DensityField:
         Sorted by position and feature: the summation order never depends on how the tree was built.
         """
         if self._tree is None or len(at) == 0:
-            none = np.zeros(0, dtype=np.intp)
-            return none, none
-        found = self._tree.query_ball_point(at, radius * _WIDER, return_sorted=True)
+            empty = np.zeros(0, dtype=np.intp)
+            return empty, empty
+        found = self._tree.query_ball_point(at, radius * _MARGIN, return_sorted=True)
         counts = np.fromiter(map(len, found), dtype=np.intp, count=len(at))
         position = np.repeat(np.arange(len(at)), counts)
         return position, np.fromiter(chain.from_iterable(found), dtype=np.intp, count=int(counts.sum()))
 
 
-def spread(places: Float64Array) -> Float64Array:
+def spread(positions: Float64Array) -> Float64Array:
     """Return the greatest distance (m) of each group's positions, (m, k, 2), from its first one."""
-    offset = places - places[:, :1]
+    offset = positions - positions[:, :1]
     return np.asarray(np.sqrt((offset[..., 0] ** 2 + offset[..., 1] ** 2).max(axis=1)))
 
 
-_DENSITY_MEMORY_WIDER = 1 + 1e-6  # than reach, by more than rounding does
+_CACHE_MARGIN = 1 + 1e-6  # on radii, more than rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,44 +168,44 @@ class DensityCache:
     def __init__(self) -> None:
         self._last: tuple[FeatureSet, FeatureSet, Float64Array] | None = None
 
-    def around(self, features: FeatureSet, asked: FeatureSet) -> Float64Array:
-        """Return the density of `features` at groups of positions `asked`, (m, k), in units of the sizes."""
-        count = asked.positions.shape[1]
-        result, anew = np.zeros((len(asked.ids), count)), np.ones(len(asked.ids), dtype=np.bool_)
+    def around(self, features: FeatureSet, queries: FeatureSet) -> Float64Array:
+        """Return the density of `features` at groups of positions, (m, k), in units of its sizes."""
+        count = queries.positions.shape[1]
+        result, changed = np.zeros((len(queries.ids), count)), np.ones(len(queries.ids), dtype=np.bool_)
         last = self._last  # read once: another thread may replace it
         if last is not None:
-            features_then, asked_then, answers = last
-            known, row = asked.same(asked_then)
-            result[known] = answers[row[known]]
-            anew = ~known | _near_changes(features_then, features, asked)
-        places, reach = asked.positions[anew], asked.sizes[anew]
-        if len(places):
-            near = _in_box(features.positions, places, float(reach.max()))
+            features_then, queries_then, values = last
+            unchanged, row = queries.same(queries_then)
+            result[unchanged] = values[row[unchanged]]
+            changed = ~unchanged | _near_changes(features_then, features, queries)
+        positions, radius = queries.positions[changed], queries.sizes[changed]
+        if len(positions):
+            near = _in_box(features.positions, positions, float(radius.max()))
             field = DensityField(features.positions[near], features.sizes[near])
-            result[anew] = field.around(places, reach)
-        self._last = (features, asked, result)
+            result[changed] = field.around(positions, radius)
+        self._last = (features, queries, result)
         return result
 
 
-def _near_changes(before: FeatureSet, after: FeatureSet, asked: FeatureSet) -> BoolArray:
+def _near_changes(before: FeatureSet, after: FeatureSet, queries: FeatureSet) -> BoolArray:
     """Return which groups of positions an added or removed feature may affect."""
     changed = np.concatenate(
         [one.positions[~one.same(other)[0]] for one, other in ((before, after), (after, before))]
     )
-    if len(changed) == 0 or len(asked.ids) == 0:
-        return np.zeros(len(asked.ids), dtype=np.bool_)
-    reach = (asked.sizes + spread(asked.positions)) * _DENSITY_MEMORY_WIDER
+    if len(changed) == 0 or len(queries.ids) == 0:
+        return np.zeros(len(queries.ids), dtype=np.bool_)
+    radius = (queries.sizes + spread(queries.positions)) * _CACHE_MARGIN
     distance, _ = cKDTree(changed).query(
-        asked.positions[:, 0], distance_upper_bound=float(reach.max()) * _DENSITY_MEMORY_WIDER
+        queries.positions[:, 0], distance_upper_bound=float(radius.max()) * _CACHE_MARGIN
     )
-    return np.asarray(distance <= reach)
+    return np.asarray(distance <= radius)
 
 
-def _in_box(positions: Float64Array, places: Float64Array, reach: float) -> BoolArray:
-    """Return which positions lie in the rectangle around all `places`, widened by `reach`."""
-    every = places.reshape(-1, 2)
+def _in_box(features: Float64Array, queries: Float64Array, radius: float) -> BoolArray:
+    """Return which feature positions are in the bounding box of all queries, widened by a radius."""
+    every = queries.reshape(-1, 2)
     low, high = (
-        every.min(axis=0) - reach * _DENSITY_MEMORY_WIDER,
-        every.max(axis=0) + reach * _DENSITY_MEMORY_WIDER,
+        every.min(axis=0) - radius * _CACHE_MARGIN,
+        every.max(axis=0) + radius * _CACHE_MARGIN,
     )
-    return np.asarray(((low <= positions) & (positions <= high)).all(axis=1))
+    return np.asarray(((low <= features) & (features <= high)).all(axis=1))

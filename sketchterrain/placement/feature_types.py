@@ -16,34 +16,34 @@ if TYPE_CHECKING:
 
 
 FEATURE_TYPES: Final = ("mountain", "hill", "dune", "forest")
-"""Types of point feature; a type's index is the code that stands in ``FEATURE["type"]``."""
+"""Types of point feature; the index of a type is its code in ``FEATURE["type"]``."""
 
 FEATURE: Final = np.dtype(
     [
-        ("id", "u8"),  # top bit: clear for painted features, set for those that fill unpainted ground
+        ("id", "u8"),  # top bit: clear for painted features, set for features of the fill
         ("type", "u1"),  # index into FEATURE_TYPES
         ("x", "f8"),  # m east of the sketch's south-west corner
         ("y", "f8"),  # m north of it
-        ("radius", "f4"),  # m, ground radius of the compact support
+        ("radius", "f4"),  # m, of the compact support
         ("strength", "f4"),  # mountain, hill, dune: m of height; forest: share of the trees, 0..1
         ("peakiness", "f4"),  # mountain: 0 rounded .. 1 sharp; forest: see `conifer_code`; 0 for the others
         ("wavelength", "f4"),  # dune: m from crest to crest; 0 for the others
         ("wind", "f4"),  # dune: degrees the wind blows from; 0 for the others
         ("erosion", "f4"),  # mountain, hill: 0 no gullies .. 1 deep ones
         ("gullies", "f4"),  # mountain, hill: width of the widest gullies, in radii
-        ("painted", "?"),  # False for features that fill unpainted ground
+        ("painted", "?"),  # False for features of the fill
     ]
 )
 """One placed feature. Arrays of it are sorted by id, the order in which terrain sums them."""
 
 STYLE: Final = ("peakiness", "wavelength", "wind", "erosion", "gullies")
-"""What a feature has as its label says it, by the names of the label's parameters; 0 where it has none."""
+"""Fields copied from the label's parameters of the same name; 0 where its type has no such parameter."""
 
 FILL_BIT: Final = np.uint64(1 << 63)
-"""Set in the id of every feature that fills unpainted ground."""
+"""Set in the id of every feature of the fill."""
 
 BY_ELEVATION: Final = -1.0
-"""The share of conifers of a forest in which the elevation decides."""
+"""Share of conifers of a forest where elevation decides."""
 
 
 def conifer_code(share: float) -> float:
@@ -62,8 +62,7 @@ class River:
 
     id: int  # stable: layer code and the first pixel of the reach
     label: int  # in the river layer
-    # (n, 3) control points x, y (m, multiples of 1/1024 but for a confluence) and water surface z
-    # (m), upstream first
+    # (n, 3) control points, upstream first: x, y (m, in steps of 1/1024 except at a confluence), water level
     points: npt.NDArray[np.float64]
     width: npt.NDArray[np.float32]  # (n,) of the water at the control points, m
     depth: npt.NDArray[np.float32]  # (n,) of the bed below the water surface, m
@@ -107,12 +106,12 @@ class Cover:
 
 
 VISIBLE_SHARE: Final = 0.25
-"""Share of its label's height at which a shape begins, to the eye and to the measure of adherence."""
+"""Share of its label's height above which a shape counts as visible, also in the measure of adherence."""
 
 _STEEPEST = 0.6  # added to the flank at fidelity 1
-_LOOSE = 0.6  # fidelity up to which flanks are as gentle as they can be
+_LOOSE = 0.6  # fidelity up to which flanks are gentlest
 _TIP = 0.12  # share of a radius over which a mountain's tip is rounded
-_CUT_IN = 0.2  # how much farther a mountain reaches at fidelity 0, as valleys cut into its outline
+_CUT_IN = 0.2  # radius added to a mountain at fidelity 0, as valleys cut into its outline
 _HALVINGS = 30
 
 
@@ -131,8 +130,8 @@ def cubic(t: Float64Array) -> Float64Array:
 def hill_profile(t: Float64Array, steepness: float | Float64Array) -> Float64Array:
     """Return the share of a hill's height at t: 1 up to 1 - 1/steepness, then down to a concave foot at 1.
 
-    A round top, below it a slope that fades evenly into the terrain, without an edge at the foot: nearly (1 -
-    s)², but level at s = 0.
+    A round top, below it a slope that fades evenly into the terrain, without an edge at the foot: nearly
+    (1 - s)², but level at s = 0.
     """
     s = np.maximum(1.0 - steepness * (1.0 - np.minimum(t, 1.0)), 0.0)
     return np.asarray((1.0 - s) ** 2 * (1.0 + s * (2.0 + s * (1.4 * s - 3.0))))
@@ -193,7 +192,7 @@ def visible_radius(name: str, share: Float64Array, peakiness: Float64Array, fide
 
 
 LAYER_CODES: Final = {"mountain": 0, "hill": 1, "dune": 2, "forest": 3, "river": 4, "lake": 5, "material": 6}
-"""Codes that ids and hashes carry. Never renumber: every terrain would change."""
+"""Layer codes in ids and hashes. Never renumber: every terrain would change."""
 
 
 @dataclass(frozen=True)
@@ -222,7 +221,7 @@ TYPES: Final[dict[str, TypeRule]] = {
     "dune": TypeRule(1.03, (0.85, 1.00), 0.85, 0.25, 0.10, _TAN_70, 900.0, 0.20, 0.20),
     "forest": TypeRule(1.14, (0.90, 1.00), 0.90, 0.00, 0.05, _ANY, 260.0, 0.10, _ANY),
 }
-"""In the order in which they are placed: earlier types do not give way to later ones."""
+"""In the order of placement: earlier types take precedence."""
 
 
 @dataclass(frozen=True)
@@ -255,8 +254,8 @@ PREFERENCES: Final = (
     Preference("forest", "final", "dune", -1.0, 1.0),
 )
 
-SUMMIT_SHUNS_SUMMIT: Final = -1.5
-"""Weight with which summits of one type keep apart (reach: two radii of the disc)."""
+SUMMIT_REPULSION: Final = -1.5
+"""Weight of the repulsion between summits of one type within two radii of the disc."""
 
 SPACING: Final[dict[tuple[str, str], float]] = {
     ("mountain", "mountain"): 0.60,
@@ -268,7 +267,7 @@ SPACING: Final[dict[tuple[str, str], float]] = {
     ("dune", "forest"): 0.80,
     ("forest", "forest"): 0.40,
 }
-"""Where nothing was painted, two features conflict when nearer than this times the sum of their radii."""
+"""Two features of the fill conflict within this times the sum of their radii."""
 
 CLEARANCE: Final[dict[tuple[str, str], float]] = {
     ("mountain", "mountain"): 0.80,
@@ -292,11 +291,10 @@ CLEARANCE: Final[dict[tuple[str, str], float]] = {
     ("forest", "dune"): 1.00,
     ("forest", "forest"): 0.50,
 }
-"""What fills unpainted ground (first) keeps this many of its radii away from pixels of a painted layer
-(second). Zero: only off the painted pixels themselves."""
+"""Clearance of fill features (first) from pixels of a painted layer (second), in radii; 0: only unpainted."""
 
 
-_LEAST, _MOST = 0.15, 0.45  # half the length of a crest, in ground radii
+_MIN, _MAX = 0.15, 0.45  # half the length of a crest, in ground radii
 
 
 def crest_offsets(points: StructuredArray) -> npt.NDArray[np.float64]:
@@ -306,7 +304,7 @@ def crest_offsets(points: StructuredArray) -> npt.NDArray[np.float64]:
     mountains.
     """
     number = points["id"].astype(np.uint64).view(np.int64)
-    length = _LEAST + (_MOST - _LEAST) * hash_unit(0, "crest length", number)
+    length = _MIN + (_MAX - _MIN) * hash_unit(0, "crest length", number)
     length[points["painted"] | (points["type"] != FEATURE_TYPES.index("mountain"))] = 0.0
     turn = np.pi * hash_unit(0, "crest direction", number)
     return np.stack([length * np.cos(turn), length * np.sin(turn)], axis=-1)

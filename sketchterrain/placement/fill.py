@@ -40,9 +40,9 @@ if TYPE_CHECKING:
 
 
 _SMALLEST = 0.4  # least radius over largest
-_MOST_CROWDING = 0.3  # expected rivals of its own type that a candidate has within its spacing
+_MAX_CROWDING = 0.3  # expected rivals of a candidate within its spacing
 _KM2 = 1e6  # m²
-_LEAST_CELL, _MOST_CELL = 16.0, 32768.0  # m
+_MIN_CELL, _MAX_CELL = 16.0, 32768.0  # m
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class CandidateRule:
 def candidate_rules(sketch: Sketch) -> dict[str, CandidateRule]:
     """Return a rule for each type whose density is not 0, in order of precedence."""
     proposals: dict[str, CandidateRule] = {}
-    kept: dict[str, tuple[float, float, float]] = {}  # density (1/m²) and radii of the types before
+    kept: dict[str, tuple[float, float, float]] = {}  # density (1/m²) and radii of preceding types
     for name, rule in TYPES.items():
         density = float(sketch.density.get(name, 0.0)) / _KM2
         if density <= 0.0:
@@ -67,16 +67,16 @@ def candidate_rules(sketch: Sketch) -> dict[str, CandidateRule]:
         factor = SPACING.get((name, name), 0.0)
         high = min(rule.fill_radius, rule.fill_extent * sketch.extent)
         crowding = density * math.pi * _mean_square(factor, (_SMALLEST, 1.0), (_SMALLEST, 1.0))
-        high = float(np.float32(min(high, math.sqrt(_MOST_CROWDING / crowding))))
+        high = float(np.float32(min(high, math.sqrt(_MAX_CROWDING / crowding))))
         low = _SMALLEST * high
-        # Proposals that conflict thin out (Matérn): propose as many more as will be lost.
+        # Conflicting candidates are removed (Matérn): propose as many more as will be lost.
         lost = density * math.pi * _mean_square(factor, (low, high), (low, high))
         rate = density * -math.log1p(-lost) / lost
         for other, (density_of, low_of, high_of) in kept.items():
             of_other = _mean_square(SPACING.get((other, name), 0.0), (low_of, high_of), (low, high))
             rate *= math.exp(min(density_of * math.pi * of_other, 1.0))
         cell = 2.0 ** round(math.log2(1.0 / math.sqrt(rate)))
-        cell = min(max(cell, _LEAST_CELL), _MOST_CELL)
+        cell = min(max(cell, _MIN_CELL), _MAX_CELL)
         proposals[name] = CandidateRule(name, low, high, cell, rate * cell * cell)
         kept[name] = (rate, low, high)
     return proposals
@@ -93,8 +93,11 @@ def _moments(low: float, high: float) -> tuple[float, float]:
     return (high - low) / span, (high**2 - low**2) / (2.0 * span)
 
 
-_EXTENTS, _RADII = 0.4, 2.0  # around the sketch: as far as rivers run on, and what reaches them there
-_MOST_CANDIDATES = 6000
+_EXTENTS, _RADII = (
+    0.4,
+    2.0,
+)  # margin around the sketch: the extensions of rivers, and features that influence them
+_MAX_CANDIDATES = 6000
 
 
 def cached_bounds(
@@ -104,7 +107,7 @@ def cached_bounds(
     east, north = sketch.size
     wide = _EXTENTS * sketch.extent + _RADII * max((each.high for each in proposals), default=0.0)
     rate = sum(each.per_cell / (each.cell * each.cell) for each in proposals)
-    if (east + 2.0 * wide) * (north + 2.0 * wide) * rate > _MOST_CANDIDATES:
+    if (east + 2.0 * wide) * (north + 2.0 * wide) * rate > _MAX_CANDIDATES:
         return None
     return -wide, -wide, east + wide, north + wide
 
@@ -133,21 +136,23 @@ class PaintedClearance:
 
     def clearance_mask(self, name: str, features: StructuredArray, cache: LRUCache) -> BoolArray:
         """Return which features of a type are clear of paint and of placed features."""
-        room = np.ones(len(features), dtype=np.bool_)
+        clear = np.ones(len(features), dtype=np.bool_)
         if len(features) == 0:
-            return room
+            return clear
         for layer, distance in self._distance.items():
             if (name, layer) in CLEARANCE:
-                key = ("clear", name, layer, IdentityKey(features), IdentityKey(distance))
-                room &= cache.get_or_compute(key, partial(_clear, features, distance, CLEARANCE[name, layer]))
+                key = ("clearance", name, layer, IdentityKey(features), IdentityKey(distance))
+                clear &= cache.get_or_compute(
+                    key, partial(_clear, features, distance, CLEARANCE[name, layer])
+                )
         for other, placed in self._placed.items():
             factor = SPACING.get((other, name), 0.0)
             if factor > 0.0 and len(placed):
                 reach = factor * float(placed["radius"].max() + features["radius"].max())
-                near = ("spaced", name, other, IdentityKey(features), blake2b(placed.tobytes()).digest())
+                near = ("spacing", name, other, IdentityKey(features), blake2b(placed.tobytes()).digest())
                 made = partial(suppressed_by, features, placed, factor, reach, same=False)
-                room &= ~cache.get_or_compute(near, made)
-        return room
+                clear &= ~cache.get_or_compute(near, made)
+        return clear
 
 
 def _clear(
@@ -170,8 +175,8 @@ def suppressed_by(
     centre = np.array([mine["x"][0], mine["y"][0]])
     at = np.stack([mine["x"], mine["y"]], axis=-1) - centre
     others = np.stack([rivals["x"], rivals["y"]], axis=-1) - centre
-    # The tree only proposes pairs, from a little farther than needed; the decision is made on plain numbers
-    # that are the same whichever rectangle was asked for.
+    # The tree only proposes pairs, from slightly farther than needed; the decision is made on plain numbers
+    # that do not depend on the queried rectangle.
     pairs = cKDTree(at).sparse_distance_matrix(cKDTree(others), reach * 1.001 + 0.01, output_type="ndarray")
     i, j = pairs["i"], pairs["j"]
     across, along = mine["x"][i] - rivals["x"][j], mine["y"][i] - rivals["y"][j]
@@ -204,22 +209,22 @@ class Fill:
     ) -> None:
         self.sketch = sketch
         self.seed = seed
-        self._proposals = candidate_rules(sketch)
-        self.max_radius = max((proposal.high for proposal in self._proposals.values()), default=0.0)
+        self._rules = candidate_rules(sketch)
+        self.max_radius = max((proposal.high for proposal in self._rules.values()), default=0.0)
         self.painted = painted
         cache = PlacementCache() if cache is None else cache
-        distances = distances_to_layers(sketch, cache, tuple(self._proposals))
+        distances = distances_to_layers(sketch, cache, tuple(self._rules))
         self._river_distance = river_distance
         if river_distance is not None:
             distances["river"] = river_distance
         self._painted = PaintedClearance(painted, distances)
-        self._cached_box = cached_bounds(sketch, tuple(self._proposals.values()))
+        self._cached_box = cached_bounds(sketch, tuple(self._rules.values()))
         self._cached_features: StructuredArray | None = None
         self._cache = cache.candidates
 
     def __reduce__(self) -> tuple[Callable[..., Fill], tuple[object, ...]]:
         """Pickle the arguments and the features near the sketch."""
-        return _made_again, (
+        return _rebuild, (
             self.sketch,
             self.painted,
             self.seed,
@@ -230,18 +235,18 @@ class Fill:
     @property
     def rules(self) -> tuple[object, ...]:
         """Everything that it depends on everywhere: fills with equal rules differ only near changed paint."""
-        own = [tuple(self.sketch.properties(name, 1).items()) for name in self._proposals]
+        own = [tuple(self.sketch.properties(name, 1).items()) for name in self._rules]
         size = (self.sketch.extent, self.sketch.width_px, self.sketch.height_px)
-        return self.seed, size, tuple(self._proposals.values()), tuple(own)
+        return self.seed, size, tuple(self._rules.values()), tuple(own)
 
     @property
     def types(self) -> tuple[str, ...]:
         """Types that it has features of, in order of precedence."""
-        return tuple(self._proposals)
+        return tuple(self._rules)
 
     def max_strength(self, name: str, radius: float) -> float:
         """Return an upper bound of the strength of a type's features up to a ground radius (m); 0 if none."""
-        proposal = self._proposals.get(name)
+        proposal = self._rules.get(name)
         if proposal is None or radius <= proposal.low:
             return 0.0
         properties = self.sketch.properties(name, 1)
@@ -254,7 +259,7 @@ class Fill:
         `name` is the type of the changed feature or the painted layer. A feature too close is suppressed, and
         then those that it had suppressed may survive.
         """
-        largest = {own: np.array([proposal.high]) for own, proposal in self._proposals.items()}
+        largest = {own: np.array([proposal.high]) for own, proposal in self._rules.items()}
         ways = {own: self.candidate_influence(own, name, high, radius) for own, high in largest.items()}
         direct = {own: float(way[0]) for own, way in ways.items() if way is not None}
         far = dict(direct)
@@ -273,17 +278,17 @@ class Fill:
             return factor * (radius + radii) if factor > 0.0 else None
         if (own, name) not in CLEARANCE:
             return None
-        # Beyond the sketch's edge a distance may be told too short by a factor of up to √2.
+        # Beyond the sketch's edge a distance may be underestimated by a factor of up to √2.
         return math.sqrt(2.0) * CLEARANCE[own, name] * radii + 2.0 * self.sketch.pixel_size
 
     def candidates(self, name: str, box: tuple[float, float, float, float]) -> StructuredArray:
         """Return candidates of a type in a rectangle (west, south, east, north, m), ignoring paint."""
-        return self._proposed(self._proposals[name], box)
+        return self._proposed(self._rules[name], box)
 
     @property
     def dune_styles(self) -> frozenset[tuple[float, float]]:
         """Distinct (wavelength in m, wind in degrees) of its dunes, rounded as in ``FEATURE``."""
-        if "dune" not in self._proposals:
+        if "dune" not in self._rules:
             return frozenset()
         properties = self.sketch.properties("dune", 1)
         style = (float(np.float32(properties["wavelength"])), float(np.float32(properties["wind"])))
@@ -316,7 +321,7 @@ class Fill:
         return kept
 
     def _found(self, box: tuple[float, float, float, float], min_radius: float) -> StructuredArray:
-        asked = [proposal for proposal in self._proposals.values() if proposal.high >= min_radius]
+        asked = [proposal for proposal in self._rules.values() if proposal.high >= min_radius]
         near = self._candidates_around(box, asked)
         parts = [np.zeros(0, dtype=FEATURE)]
         parts.extend(self._survivors(proposal, near, box, min_radius) for proposal in asked)
@@ -331,7 +336,7 @@ class Fill:
         near = {}
         # Most candidates near the sketch are those of the sketch before.
         cache = self._cache if box is self._cached_box else LRUCache(0)
-        for rival in self._proposals.values():
+        for rival in self._rules.values():
             ways = [SPACING.get((rival.name, own.name), 0.0) * (rival.high + own.high) for own in asked]
             reach = max(ways, default=0.0)
             if reach > 0.0 or rival in asked:
@@ -350,7 +355,7 @@ class Fill:
         inside = (box[0] <= mine["x"]) & (mine["x"] < box[2]) & (box[1] <= mine["y"]) & (mine["y"] < box[3])
         mine = mine[inside & (mine["radius"] >= min_radius)]
         alive = np.ones(len(mine), dtype=np.bool_)
-        for rival in self._proposals.values():
+        for rival in self._rules.values():
             factor = SPACING.get((rival.name, proposal.name), 0.0)
             if factor > 0.0 and len(mine):
                 reach = factor * (rival.high + proposal.high)
@@ -373,8 +378,8 @@ class Fill:
         column = np.arange(math.floor(box[0] / cell), math.floor(box[2] / cell) + 1)[None, :, None]
         row = np.arange(math.floor(box[1] / cell), math.floor(box[3] / cell) + 1)[:, None, None]
         number = np.arange(most)[None, None, :]
-        wanted = np.floor(proposal.per_cell + hash_unit(self.seed, f"{name} count", column, row))
-        rows, columns, numbers = np.nonzero(number < wanted)
+        count = np.floor(proposal.per_cell + hash_unit(self.seed, f"{name} count", column, row))
+        rows, columns, numbers = np.nonzero(number < count)
         keys = (column[0, columns, 0], row[rows, 0, 0], numbers)
 
         x = (keys[0] + hash_unit(self.seed, f"{name} x", *keys)) * cell
@@ -386,10 +391,10 @@ class Fill:
         result["type"], result["x"], result["y"] = code, x[inside], y[inside]
         size = hash_unit(self.seed, f"{name} size", *keys)
         result["radius"] = proposal.low * (proposal.high / proposal.low) ** size
-        self._dress(result, proposal, hash_unit(self.seed, f"{name} strength", *keys))
+        self._set_strength(result, proposal, hash_unit(self.seed, f"{name} strength", *keys))
         return result
 
-    def _dress(self, features: StructuredArray, proposal: CandidateRule, chance: Float64Array) -> None:
+    def _set_strength(self, features: StructuredArray, proposal: CandidateRule, chance: Float64Array) -> None:
         """Set strength and style from the properties of the layer's label 1, lower where it is smaller."""
         properties = self.sketch.properties(proposal.name, 1)
         radius = features["radius"].astype(np.float64)
@@ -397,16 +402,16 @@ class Fill:
             strength = properties["density"] * (0.7 + 0.3 * chance)
         else:
             strength = properties["height"] * (radius / proposal.high) ** 0.8 * (0.8 + 0.2 * chance)
-        # A crest leaves less room for the flanks.
-        room = 1.0 - np.hypot(*crest_offsets(features).T)
-        features["strength"] = np.minimum(strength, TYPES[proposal.name].fill_slope * radius) * room
+        # A crest shortens the flanks.
+        clear = 1.0 - np.hypot(*crest_offsets(features).T)
+        features["strength"] = np.minimum(strength, TYPES[proposal.name].fill_slope * radius) * clear
         for key in STYLE:
             features[key] = properties.get(key, 0.0)
         if proposal.name == "forest":
             features["peakiness"] = conifer_code(float(properties["conifers"]))
 
 
-def _made_again(
+def _rebuild(
     sketch: Sketch,
     painted: StructuredArray,
     seed: int,

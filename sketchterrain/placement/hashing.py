@@ -39,7 +39,7 @@ def hash_keys(seed: int, stream: str, *keys: Key) -> npt.NDArray[np.uint64]:
     state: int | npt.NDArray[np.uint64] = _start(seed & _MASK, stream)
     for key in keys:
         word = _word(key & _MASK) if isinstance(key, int) else _mixed(_words(key))
-        # Whole numbers of Python's are mixed as such: NumPy's overheads would be most of the work.
+        # Python integers are mixed as such: NumPy's overhead would dominate.
         both_whole = isinstance(state, int) and isinstance(word, int)
         state = (
             _word(int(state ^ word)) if both_whole else _mixed(np.asarray(_as_word(state) ^ _as_word(word)))
@@ -90,7 +90,7 @@ def _as_word(state: int | npt.NDArray[np.uint64]) -> np.uint64 | npt.NDArray[np.
 def _mixed(state: npt.NDArray[np.uint64]) -> npt.NDArray[np.uint64]:
     if state.ndim == 0:
         return np.asarray(_word(int(state)), dtype=np.uint64)
-    # Wrapping is the point; arrays do it without a word.
+    # Overflow is intended; arrays wrap without a warning.
     state = state + _GOLDEN
     state ^= state >> _SHIFTS[0]
     state *= _FIRST
@@ -101,12 +101,12 @@ def _mixed(state: npt.NDArray[np.uint64]) -> npt.NDArray[np.uint64]:
 
 
 STEP = 2.0**-10
-"""Metres: what river points and water levels are rounded to."""
+"""Rounding step of river points and water levels, m."""
 
 RATIO_STEP = 2.0**-20
-"""What ratios near 1 are rounded to."""
+"""Rounding step of ratios near 1."""
 
-# Not ½: straight strokes have points exactly halfway between steps, which either rounding could win.
+# Not ½: straight strokes have points exactly halfway between steps, which could round either way.
 _UP_FROM = 0.53
 _WEIGHT_STEP = 2.0**-40
 
@@ -129,7 +129,7 @@ def gaussian_filter(
 
     radius = int(truncate * sigma + 0.5)
     weights = rounded(np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2), _WEIGHT_STEP)
-    weights /= weights.sum()  # exact in whatever order
+    weights /= weights.sum()  # exact in any order
     blurred = np.asarray(values, dtype=np.float64)
     for axis in axes:
         blurred = correlate1d(blurred, weights, axis=axis, mode=mode)

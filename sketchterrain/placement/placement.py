@@ -19,7 +19,7 @@ from sketchterrain.placement.feature_types import (
     FEATURE_TYPES,
     PREFERENCES,
     STYLE,
-    SUMMIT_SHUNS_SUMMIT,
+    SUMMIT_REPULSION,
     TYPES,
     Preference,
     conifer_code,
@@ -33,12 +33,12 @@ if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
 
 MAX_DISPLACEMENT = 0.5
-"""How far a feature may move at fidelity 0, in radii of its disc."""
+"""Greatest displacement of a feature at fidelity 0, in radii of its disc."""
 
-_PLACES = 8  # places that a feature compares; the first is where it was painted
-_SUMMIT_REACH = 2.0  # discs at which summits of one type keep apart
-_LEAST_RADIUS = 1.5  # px
-_LEAST_SHARE = 0.36  # of its label's strength: a lower feature does not reach farther for being low
+_CANDIDATES = 8  # positions that a feature compares; the first is the painted one
+_SUMMIT_RADIUS = 2.0  # discs; range of the repulsion between summits of one type
+_MIN_RADIUS = 1.5  # px
+_MIN_SHARE = 0.36  # of its label's strength: lower features do not get larger radii
 
 
 def place(
@@ -61,13 +61,13 @@ def place(
             checkpoint()
         users[name] = cache.user_features(sketch, name, seed=seed)
     placed: dict[str, StructuredArray] = {}
-    around = _Around(sketch, users, placed, cache)
+    context = _PlacementContext(sketch, users, placed, cache)
     for name in TYPES:
         if checkpoint is not None:
             checkpoint()
         positions = _painted_positions(sketch, users[name])
         if sketch.fidelity < 1.0 and len(positions):
-            positions = _preferred(around, name, seed)
+            positions = _preferred(context, name, seed)
         placed[name] = _features(sketch, name, users[name], positions)
     everything = np.concatenate(list(placed.values()))
     ordered: StructuredArray = everything[np.argsort(everything["id"], kind="stable")]
@@ -80,7 +80,7 @@ def _painted_positions(sketch: Sketch, users: npt.NDArray[np.void]) -> Float64Ar
     return np.stack([x, y], axis=-1)
 
 
-class _Around:
+class _PlacementContext:
     """Everything a position is judged by: user features, placed features, painted pixels."""
 
     def __init__(
@@ -93,22 +93,24 @@ class _Around:
         self.sketch = sketch
         self.users = users
         self._placed = placed
-        self._memory = cache
+        self._cache = cache
 
-    def presence(self, preference: Preference, asked: FeatureSet) -> Float64Array:
+    def presence(self, preference: Preference, queries: FeatureSet) -> Float64Array:
         """Return how much of a preference's target is near each position: about 1 for one of like size."""
-        disc = asked.sizes
-        reach = preference.reach * disc
+        disc = queries.sizes
+        radius = preference.reach * disc
         if preference.what == "layer":
-            away = self._memory.distance_to_paint(self.sketch, preference.of, asked.positions)
-            return cubic(away / reach[:, None])
+            away = self._cache.distance_to_paint(self.sketch, preference.of, queries.positions)
+            return cubic(away / radius[:, None])
         if preference.what == "user":
             features = self.painted(preference.of)
         else:
             final = self._placed[preference.of]
             at = np.stack([final["x"], final["y"]], axis=-1)
             features = FeatureSet(final["id"], at, final["radius"].astype(np.float64))
-        return self.density(preference.feature, f"{preference.what} {preference.of}", features, asked, reach)
+        return self.density(
+            preference.feature, f"{preference.what} {preference.of}", features, queries, radius
+        )
 
     def painted(self, name: str) -> FeatureSet:
         """Return the user features of a type: painted positions and discs (m)."""
@@ -118,45 +120,47 @@ class _Around:
         )
 
     def density(
-        self, feature: str, term: str, features: FeatureSet, asked: FeatureSet, reach: Float64Array
+        self, feature: str, term: str, features: FeatureSet, queries: FeatureSet, radius: Float64Array
     ) -> Float64Array:
-        """Return the density of features within `reach` (m) of each position, relative to its disc."""
-        cache = self._memory.density(feature, term)
-        return cache.around(features, replace(asked, sizes=reach)) / asked.sizes[:, None]
+        """Return the density of features within `radius` (m) of each position, relative to its disc."""
+        cache = self._cache.density(feature, term)
+        return cache.around(features, replace(queries, sizes=radius)) / queries.sizes[:, None]
 
 
-def _preferred(around: _Around, name: str, seed: int) -> Float64Array:
-    own = around.painted(name)
-    number = np.arange(_PLACES)
+def _preferred(context: _PlacementContext, name: str, seed: int) -> Float64Array:
+    own = context.painted(name)
+    number = np.arange(_CANDIDATES)
     angle = 2.0 * np.pi * hash_unit(seed, "place angle", own.ids[:, None], number)
     distance = np.sqrt(hash_unit(seed, "place distance", own.ids[:, None], number)) * (number > 0)
-    distance *= MAX_DISPLACEMENT * (1.0 - around.sketch.fidelity) * own.sizes[:, None]
+    distance *= MAX_DISPLACEMENT * (1.0 - context.sketch.fidelity) * own.sizes[:, None]
     offset = np.stack([distance * np.cos(angle), distance * np.sin(angle)], axis=-1)
-    places = replace(own, positions=own.positions[:, None, :] + offset)
+    candidates = replace(own, positions=own.positions[:, None, :] + offset)
 
-    score = np.zeros(places.positions.shape[:2])
+    score = np.zeros(candidates.positions.shape[:2])
     for preference in PREFERENCES:
         if preference.feature == name:
-            score += preference.weight * around.presence(preference, places)
-    score += SUMMIT_SHUNS_SUMMIT * _other_summits(around, name, own, places)
+            score += preference.weight * context.presence(preference, candidates)
+    score += SUMMIT_REPULSION * _other_summits(context, name, own, candidates)
     best = np.argmax(score, axis=1)
-    return np.asarray(places.positions[np.arange(len(best)), best])
+    return np.asarray(candidates.positions[np.arange(len(best)), best])
 
 
-def _other_summits(around: _Around, name: str, own: FeatureSet, places: FeatureSet) -> Float64Array:
+def _other_summits(
+    context: _PlacementContext, name: str, own: FeatureSet, candidates: FeatureSet
+) -> Float64Array:
     """Return the density of the other summits of this type, as painted; 0 for support features."""
-    summit = np.flatnonzero(around.users[name]["summit"])
-    summits, asked = _rows(own, summit), _rows(places, summit)
-    reach = _SUMMIT_REACH * summits.sizes
-    itself = np.hypot(*np.moveaxis(asked.positions - summits.positions[:, None], -1, 0))
-    result = np.zeros(places.positions.shape[:2])
-    density = around.density(name, "other summits", summits, asked, reach)
-    result[summit] = density - cubic(itself / reach[:, None])
+    summit = np.flatnonzero(context.users[name]["summit"])
+    summits, queries = _rows(own, summit), _rows(candidates, summit)
+    radius = _SUMMIT_RADIUS * summits.sizes
+    itself = np.hypot(*np.moveaxis(queries.positions - summits.positions[:, None], -1, 0))
+    result = np.zeros(candidates.positions.shape[:2])
+    density = context.density(name, "other summits", summits, queries, radius)
+    result[summit] = density - cubic(itself / radius[:, None])
     return result
 
 
-def _rows(of: FeatureSet, chosen: npt.NDArray[np.intp]) -> FeatureSet:
-    return FeatureSet(of.ids[chosen], of.positions[chosen], of.sizes[chosen])
+def _rows(of: FeatureSet, indices: npt.NDArray[np.intp]) -> FeatureSet:
+    return FeatureSet(of.ids[indices], of.positions[indices], of.sizes[indices])
 
 
 def _features(
@@ -177,11 +181,11 @@ def _features(
         if name == "forest":
             result["peakiness"][of_label] = conifer_code(float(properties["conifers"]))
     if name != "forest":
-        # A ridge between summits has no tips of its own.
+        # Ridges between summits have no tips.
         result["peakiness"][~users["summit"]] = 0.0
-    share = np.maximum(users["share"], _LEAST_SHARE)
+    share = np.maximum(users["share"], _MIN_SHARE)
     shown = visible_radius(name, share, result["peakiness"].astype(np.float64), sketch.fidelity)
-    result["radius"] = np.maximum(disc * rule.reach / shown, _LEAST_RADIUS * sketch.pixel_size)
+    result["radius"] = np.maximum(disc * rule.reach / shown, _MIN_RADIUS * sketch.pixel_size)
     if name == "forest":
         result["strength"] = np.minimum(result["strength"], 1.0)
     return result

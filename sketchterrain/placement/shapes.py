@@ -15,7 +15,7 @@ from sketchterrain.placement.feature_types import LAYER_CODES
 from sketchterrain.placement.hashing import hash_keys
 
 EDGE_OVERHANG = 0.125
-"""A shape that touches the sketch's edge is taken to go on beyond it, by this share of the longer side."""
+"""Extension of a shape beyond the sketch's edge that it touches, as a share of the longer side."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +31,7 @@ class Shape:
     area: int  # pixels
     # row, column; depth-weighted centre of its pixels, pixel indices of the image
     centre: tuple[float, float]
-    # (h, w) distance to the border, px, 0 outside; beyond the sketch's edge it extends by the
-    # overhang
+    # (h, w) distance to the border, px, 0 outside; extended beyond the sketch's edge
     depth: npt.NDArray[np.float64]
     image_width: int
 
@@ -71,7 +70,7 @@ def find_regions(image: npt.NDArray[np.uint8]) -> tuple[Region, ...]:
     row, start, end = row[order], start[order], end[order]
     left, right = np.minimum.reduceat(start, bounds[:-1]), np.maximum.reduceat(end, bounds[:-1])
     found = []
-    # Runs of a region are in reading order; sorted by their first ones, so are the regions.
+    # Runs of a region are in reading order, and regions in the order of their first runs.
     for number in np.argsort(order[bounds[:-1]]).tolist():
         own = slice(int(bounds[number]), int(bounds[number + 1]))
         top, west, east = int(row[own.start]), int(left[number]), int(right[number])
@@ -151,8 +150,8 @@ def _depth(
     return np.where(mask, np.minimum(distance, to_end), 0.0)
 
 
-LEAST_DISC = 1.0
-"""Radius (px) of the smallest disc: even a lone pixel must show."""
+MIN_DISC = 1.0
+"""Radius (px) of the smallest disc: a single pixel must be visible."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +161,7 @@ class Pixels:
     row: Int64Array  # in the bounding box
     column: Int64Array
     depth: Float64Array  # px
-    disc: Float64Array  # px, radius of the user feature that would stand here
+    disc: Float64Array  # px, radius of the user feature centred here
     priority: npt.NDArray[np.uint64]  # lowest first
 
     @classmethod
@@ -176,6 +175,6 @@ class Pixels:
             row=row,
             column=column,
             depth=depth,
-            disc=np.maximum(np.minimum(depth, most), LEAST_DISC),
+            disc=np.maximum(np.minimum(depth, most), MIN_DISC),
             priority=hash_keys(seed, "dart", LAYER_CODES[shape.layer], shape.label, index),
         )

@@ -12,17 +12,17 @@ from scipy import ndimage
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
 from sketchterrain.placement.feature_types import LAYER_CODES, TYPES
 from sketchterrain.placement.hashing import hash_unit, value_noise
-from sketchterrain.placement.shapes import LEAST_DISC, Pixels
+from sketchterrain.placement.shapes import MIN_DISC, Pixels
 
 if TYPE_CHECKING:
     from sketchterrain.placement.shapes import Shape
 
 
-_DARTS_EACH = 64  # darts thrown for each summit asked for, before giving up
-_ROUNDS = 8  # of darts, closer each time
+_DARTS_EACH = 64  # darts per requested summit
+_ROUNDS = 8  # of darts, closer in each one
 _AXIS_SLOPE = 0.7  # of the distance map, below which a pixel is on the medial axis
 _SPINE_SPACING = 0.5  # of a disc's radius, between discs along the medial axis at fidelity 1
-_LEAST_SPINE = 0.3  # of the largest summit's disc: thinner twigs of the axis are a brush's raggedness
+_MIN_SPINE = 0.3  # of the largest summit's disc: thinner branches of the axis are noise of the brush
 
 
 def throw_summits(shape: Shape, pixels: Pixels, mean: float, multitude: int) -> Int64Array:
@@ -37,20 +37,20 @@ def throw_summits(shape: Shape, pixels: Pixels, mean: float, multitude: int) -> 
         darts = darts[np.argpartition(pixels.priority[darts], most)[:most]]
     darts = darts[np.argsort(pixels.priority[darts], kind="stable")]
 
-    # In a thin shape summits stand along a line, so that its length, not its area, spaces them.
+    # In a thin shape summits are on a line, so their spacing depends on its length, not its area.
     spacing = max(1.7 * mean, 0.6 * shape.area / (2.0 * max(deepest, 0.5) * multitude))
-    # As many discs of the mean size have the shape's area; specks have no room for that many.
-    wanted = min(multitude, math.ceil(shape.area / (math.pi * LEAST_DISC**2)))
+    # That many discs of the mean size have the shape's area; specks hold fewer.
+    target = min(multitude, math.ceil(shape.area / (math.pi * MIN_DISC**2)))
     accepted: list[int] = []
     for _ in range(_ROUNDS):
         free = np.ones(len(darts), dtype=np.bool_)
         for index in accepted:
             free &= _apart(pixels, darts, index, spacing)
-        while free.any() and len(accepted) < wanted:
+        while free.any() and len(accepted) < target:
             index = int(darts[np.argmax(free)])
             accepted.append(index)
             free &= _apart(pixels, darts, index, spacing)
-        if len(accepted) >= wanted:
+        if len(accepted) >= target:
             break
         spacing *= 0.75
     return np.asarray(accepted, dtype=np.int64)
@@ -64,20 +64,20 @@ def _apart(pixels: Pixels, darts: Int64Array, index: int, spacing: float | Float
 
 def throw_spine(shape: Shape, pixels: Pixels, summits: Int64Array, fidelity: float) -> Int64Array:
     """Throw darts at the medial axis, so close that the discs overlap."""
-    # A distance map climbs by one a pixel but on the medial axis, where it turns.
+    # A distance map has slope 1 except on the medial axis.
     down, across = np.gradient(np.pad(shape.depth, 1))
     slope2 = np.asarray(down * down + across * across)[1:-1, 1:-1]
     turning = slope2 < _AXIS_SLOPE**2
     darts = np.flatnonzero(turning[pixels.row, pixels.column])
     darts = darts[np.argsort(pixels.priority[darts], kind="stable")]
     spacing = (_SPINE_SPACING + (1.0 - fidelity)) * pixels.disc[darts]
-    free = pixels.disc[darts] > _LEAST_SPINE * pixels.disc[summits].max()
+    free = pixels.disc[darts] > _MIN_SPINE * pixels.disc[summits].max()
     near = _Near(shape, pixels, darts, np.maximum(spacing, 1.0))
     for index in summits:
         near.clear(free, int(index))
     accepted: list[int] = []
-    for turn, index in enumerate(darts.tolist()):
-        if free[turn]:
+    for number, index in enumerate(darts.tolist()):
+        if free[number]:
             accepted.append(index)
             near.clear(free, index)
     return np.asarray(accepted, dtype=np.int64)
@@ -89,33 +89,33 @@ class _Near:
     def __init__(self, shape: Shape, pixels: Pixels, darts: Int64Array, spacing: Float64Array) -> None:
         self._pixels, self._darts, self._spacing = pixels, darts, spacing
         self._reach = math.ceil(float(spacing.max(initial=0.0)))
-        self._turn: Int64Array | None = None
+        self._number: Int64Array | None = None
         if len(darts) > (2 * self._reach + 1) ** 2:
-            self._turn = np.full(shape.mask.shape, -1, dtype=np.int64)
-            self._turn[pixels.row[darts], pixels.column[darts]] = np.arange(len(darts))
+            self._number = np.full(shape.mask.shape, -1, dtype=np.int64)
+            self._number[pixels.row[darts], pixels.column[darts]] = np.arange(len(darts))
 
     def clear(self, free: BoolArray, index: int) -> None:
         """Reject the darts that are too close to a pixel."""
-        if self._turn is None:
+        if self._number is None:
             free &= _apart(self._pixels, self._darts, index, self._spacing)
             return
         row, column = int(self._pixels.row[index]), int(self._pixels.column[index])
         rows, columns = (slice(max(at - self._reach, 0), at + self._reach + 1) for at in (row, column))
-        window = self._turn[rows, columns]
+        window = self._number[rows, columns]
         near = window[window >= 0]
         free[near] &= _apart(self._pixels, self._darts[near], index, self._spacing[near])
 
 
-_LEAST_HOLE = 0.9  # px; what is narrower is the raggedness of a brush, which fidelity 1 keeps
+_MIN_HOLE = 0.9  # px; narrower holes are noise of the brush, filled at fidelity 1 only
 
 
-def fill_holes(shape: Shape, pixels: Pixels, chosen: Int64Array, fidelity: float) -> Int64Array:
+def fill_holes(shape: Shape, pixels: Pixels, selected: Int64Array, fidelity: float) -> Int64Array:
     """Return discs for uncovered pixels, the deepest holes first, until enough is covered."""
     cover = _Cover(shape, pixels)
-    for index in chosen:
+    for index in selected:
         cover.add(int(index))
     bare_at_most = (1.0 - (0.6 + 0.395 * fidelity**2)) * shape.area
-    narrow = _LEAST_HOLE - (_LEAST_HOLE - 0.5) * fidelity**8
+    narrow = _MIN_HOLE - (_MIN_HOLE - 0.5) * fidelity**8
     least = max(narrow, 0.35 * math.sqrt(1.0 - fidelity) * float(pixels.disc.max()))
     accepted: list[int] = []
     for _ in range(_ROUNDS):
@@ -140,7 +140,7 @@ class _Cover:
         self._number = np.full(shape.mask.shape, -1, dtype=np.int64)
         self._number[pixels.row, pixels.column] = np.arange(shape.area)
         self._largest = float(pixels.disc.max())
-        self._chosen = np.zeros(shape.area, dtype=np.bool_)
+        self._selected = np.zeros(shape.area, dtype=np.bool_)
         self.covered = np.zeros(shape.area, dtype=np.bool_)
         self.bare = shape.area
 
@@ -148,17 +148,17 @@ class _Cover:
         """Cover a pixel's disc."""
         near, distance = self._around(index, float(self._pixels.disc[index]) + 0.5)
         newly = near[(distance < self._pixels.disc[index] + 0.5) & ~self.covered[near]]
-        self._chosen[index] = True
+        self._selected[index] = True
         self.covered[newly] = True
         self.bare -= len(newly)
 
     def patch(self, hole: int, depth: float) -> int:
         """Cover a hole, `depth` deep at a pixel, by the largest disc of the shape that can."""
         near, distance = self._around(hole, self._largest)
-        able = near[(distance + depth <= self._pixels.disc[near] + 0.5) & ~self._chosen[near]]
+        able = near[(distance + depth <= self._pixels.disc[near] + 0.5) & ~self._selected[near]]
         if len(able) == 0:
             able = np.array([hole])
-        # Steps of a quarter pixel: among discs of about one size the hash decides, not the reading order.
+        # Steps of a quarter pixel: the hash, not the reading order, decides among discs of similar size.
         size = np.round(4.0 * self._pixels.disc[able])
         best = able[size == size.max()]
         index = int(best[np.argmin(self._pixels.priority[best])])
@@ -196,7 +196,7 @@ USER_FEATURE = np.dtype(
         ("label", "u1"),
         ("row", "i4"),
         ("column", "i4"),
-        ("disc", "f8"),  # px, radius of the part of the shape that it stands for
+        ("disc", "f8"),  # px, radius of the part of the shape that it represents
         ("share", "f8"),  # of the label's strength
         ("summit", "?"),
     ]
@@ -215,7 +215,7 @@ def mean_size(area: int, multitude: int) -> float:
 
     The steps keep a dab at a shape's edge from changing all of its features.
     """
-    radius = max(math.sqrt(area / (math.pi * multitude)), LEAST_DISC)
+    radius = max(math.sqrt(area / (math.pi * multitude)), MIN_DISC)
     return float(2.0 ** (round(8.0 * math.log2(radius)) / 8.0))
 
 
@@ -227,20 +227,20 @@ def user_features(shape: Shape, *, multitude: int, fidelity: float, seed: int) -
     """
     mean = mean_size(shape.area, multitude)
     pixels = Pixels.from_shape(shape, most=1.25 * mean, seed=seed)
-    if shape.area == 1:  # sketches may be sprinkled with thousands of them
-        summits = chosen = np.zeros(1, dtype=np.int64)
+    if shape.area == 1:  # a sketch may contain thousands
+        summits = selected = np.zeros(1, dtype=np.int64)
     else:
         summits = throw_summits(shape, pixels, mean, multitude)
         spine = throw_spine(shape, pixels, summits, fidelity)
         support = fill_holes(shape, pixels, np.concatenate([summits, spine]), fidelity)
-        chosen = np.concatenate([summits, spine, support])
+        selected = np.concatenate([summits, spine, support])
 
-    result = np.zeros(len(chosen), dtype=USER_FEATURE)
-    result["row"] = pixels.row[chosen] + int(shape.rows.start)
-    result["column"] = pixels.column[chosen] + int(shape.columns.start)
+    result = np.zeros(len(selected), dtype=USER_FEATURE)
+    result["row"] = pixels.row[selected] + int(shape.rows.start)
+    result["column"] = pixels.column[selected] + int(shape.columns.start)
     result["id"] = pixel_id(shape.layer, result["row"], result["column"], shape.image_width)
     result["type"], result["label"] = LAYER_CODES[shape.layer], shape.label
-    result["disc"] = pixels.disc[chosen]
+    result["disc"] = pixels.disc[selected]
     result["summit"][: len(summits)] = True
     result["share"] = _shares(shape, result, fidelity, seed)
     return result
@@ -258,7 +258,7 @@ def _shares(shape: Shape, features: npt.NDArray[np.void], fidelity: float, seed:
     share = np.where(summit, 1.0, low + (high - low) * swing) * size
     whole = summit & (disc == largest)
     pixel = features["id"].astype(np.uint64)
-    # Only summits differ at random: neighbouring discs of a ridge would look like a string of pearls.
+    # Only summits differ at random: otherwise ridges would look like strings of pearls.
     swing = np.where(summit, rule.variation * (2.0 * hash_unit(seed, "strength", pixel) - 1.0), 0.0)
     share = np.where(whole, 1.0, np.minimum(share * (1.0 + swing), 1.0))
     return np.asarray(np.maximum(share, rule.held * fidelity**4))

@@ -78,7 +78,7 @@ class EditedFill:
 
 def apply_painted_edits(painted: StructuredArray, edits: Iterable[Edit]) -> EditedPoints:
     """Apply the user's edits, in order, to painted features; those of waters and of the fill are ignored."""
-    return _edited(painted, [edit for edit in edits if _of_points(edit) and not _of_fill(edit)])
+    return _edited(painted, [edit for edit in edits if _targets_points(edit) and not _targets_fill(edit)])
 
 
 def apply_fill_edits(fill: Fill, edits: Iterable[Edit], *, size: tuple[float, float]) -> EditedPoints:
@@ -86,11 +86,11 @@ def apply_fill_edits(fill: Fill, edits: Iterable[Edit], *, size: tuple[float, fl
 
     Returns only the changed features; `EditedFill` removes the `replaced` ones from the fill.
     """
-    own = [edit for edit in edits if _of_points(edit) and _of_fill(edit)]
+    own = [edit for edit in edits if _targets_points(edit) and _targets_fill(edit)]
     found = np.zeros(0, dtype=FEATURE)
     if own:
         found = fill.within(0.0, 0.0, *size)
-        found = found[_among(found, [edit.feature or 0 for edit in own])]
+        found = found[_has_id(found, [edit.feature or 0 for edit in own])]
     return _edited(found, own)
 
 
@@ -104,11 +104,11 @@ def lock_edit(point: np.void) -> Edit:
     return Edit("lock", int(point["id"]), type=name, **values)
 
 
-def _of_points(edit: Edit) -> bool:
+def _targets_points(edit: Edit) -> bool:
     return not targets_river(edit) and not targets_lake(edit)
 
 
-def _of_fill(edit: Edit) -> bool:
+def _targets_fill(edit: Edit) -> bool:
     return (edit.feature or 0) >= int(FILL_BIT)
 
 
@@ -125,18 +125,20 @@ def _edited(before: StructuredArray, edits: list[Edit]) -> EditedPoints:
             if edit.action == "lock":
                 unlocked.setdefault(name, row)
         elif row is None and name not in locks:
-            orphans.append(f"{edit.action} of feature {name}: there is no such feature any more")
+            orphans.append(f"{edit.action} of feature {name}: no such feature")
         elif row is not None:
             changed[name] = None if edit.action == "delete" else _with_values(row, edit)
-    hidden = before[_among(before, changed)]
+    hidden = before[_has_id(before, changed)]
     points = _sorted(
-        [before[~_among(before, changed)], *(row for row in changed.values() if row is not None)]
+        [before[~_has_id(before, changed)], *(row for row in changed.values() if row is not None)]
     )
     originals = _sorted([before[:0], *(row for row in unlocked.values() if row is not None)])
-    asked = _sorted([points[~_among(points, originals["id"])], originals[_among(originals, points["id"])]])
-    locked = _among(points, unlocked)
-    held = locked & ~_among(points, originals["id"])
-    return EditedPoints(points, asked, locked, held, hidden, tuple(orphans))
+    unlocked_points = _sorted(
+        [points[~_has_id(points, originals["id"])], originals[_has_id(originals, points["id"])]]
+    )
+    locked = _has_id(points, unlocked)
+    lock_only = locked & ~_has_id(points, originals["id"])
+    return EditedPoints(points, unlocked_points, locked, lock_only, hidden, tuple(orphans))
 
 
 def _sorted(parts: list[StructuredArray]) -> StructuredArray:
@@ -145,7 +147,7 @@ def _sorted(parts: list[StructuredArray]) -> StructuredArray:
     return ordered
 
 
-def _among(points: StructuredArray, ids: Iterable[int]) -> npt.NDArray[np.bool_]:
+def _has_id(points: StructuredArray, ids: Iterable[int]) -> npt.NDArray[np.bool_]:
     return np.isin(points["id"], np.array(list(ids), dtype=np.uint64))
 
 
@@ -158,10 +160,10 @@ def _row(points: StructuredArray, name: int) -> StructuredArray | None:
 def _stored(edit: Edit) -> StructuredArray:
     """Return the feature stored in a lock or an addition."""
     row = np.zeros(1, dtype=FEATURE)
-    row["id"], row["painted"] = edit.feature, not _of_fill(edit)
+    row["id"], row["painted"] = edit.feature, not _targets_fill(edit)
     name = cast("str", edit.type)
     row["type"] = FEATURE_TYPES.index(name)
-    # What is not given is as the type's own labels have it.
+    # Missing values are the defaults of the type's labels.
     table = {**ACTIONS[edit.action].values, **LAYERS[name].parameters}
     given = {key: edit.values.get(key, parameter.default) for key, parameter in table.items()}
     for key in ("x", "y", "radius", "strength", *_STYLE.get(name, ())):

@@ -98,7 +98,7 @@ def test_edits_survive_painting_elsewhere_and_are_orphans_without_their_feature(
     moved = _of(make_recipe(more).painted, name)
     assert (moved["x"], moved["y"]) == (500.0, 700.0)
     erased = make_recipe(edited.replace(layers={"river": sketch.layers["river"]}))
-    assert erased.orphans == (f"move of feature {name}: there is no such feature any more",)
+    assert erased.orphans == (f"move of feature {name}: no such feature",)
 
 
 def test_a_lock_keeps_a_feature_whatever_is_painted(sketch):
@@ -182,7 +182,7 @@ def test_a_control_point_named_by_its_place_is_found_in_a_repainted_river(sketch
     assert int(np.argmin(found)) != index
     gone = _rivers(edited.replace(layers={**sketch.layers, "river": _with_a_bow(70, 105)}))[1]
     assert len(gone) == 1
-    assert "there is no control point near" in gone[0]
+    assert "no control point near" in gone[0]
 
 
 def _with_a_bow(start=None, stop=None):
@@ -212,21 +212,21 @@ def test_a_river_gets_the_width_that_it_is_given_and_its_tributary_lives_without
 def test_edits_without_their_river_or_lake_are_orphans(sketch):
     lost = (4 << 48) + 1
     edits = [Edit("width", lost, width=5.0), Edit("delete", lost), Edit("width", 7, width=5.0)]
-    expected = {f"{edit.action} of river {edit.feature}: there is no such river any more" for edit in edits}
+    expected = {f"{edit.action} of river {edit.feature}: no such river" for edit in edits}
     assert {*make_recipe(sketch.replace(edits=tuple(edits))).orphans} == expected
     stem, _ = _stem_and_tributary(_rivers(sketch)[0])
     edited = sketch.with_edit(Edit("resize", stem.id, radius=5.0))
     edited = edited.with_edit(Edit("move_point", stem.id, index=99_999, x=0.0, y=0.0))
     orphans = make_recipe(edited).orphans
     assert len(orphans) == 2
-    assert "a river has only delete, move_point, width" in orphans[0]
-    assert f"there is no control point 99999, only {len(stem.points)} of them" in orphans[1]
+    assert "a river supports only delete, move_point, width" in orphans[0]
+    assert f"no control point 99999: the river has {len(stem.points)}" in orphans[1]
 
     painted = sketch.replace(layers={**sketch.layers, "lake": _image((110, 20, 6), (110, 60, 6))})
     first, second = (lake.id for lake in make_recipe(painted).lakes if lake.label)
     edited = painted.with_edit(Edit("delete", first)).with_edit(Edit("resize", second, radius=5.0))
     recipe = make_recipe(edited)
     assert [lake.id for lake in recipe.lakes if lake.label] == [second]
-    assert recipe.orphans == (f"resize of lake {second}: a lake has only delete",)
+    assert recipe.orphans == (f"resize of lake {second}: a lake supports only delete",)
     gone = make_recipe(edited.replace(layers=sketch.layers)).orphans
-    assert f"delete of lake {first}: there is no such lake any more" in gone
+    assert f"delete of lake {first}: no such lake" in gone

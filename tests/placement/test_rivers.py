@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.hydrology.network import skeletons
-from sketchterrain.hydrology.river_shape import LEAST_FALL
+from sketchterrain.hydrology.river_shape import MIN_GRADIENT
 from sketchterrain.hydrology.rivers import trace_rivers
 
 SIZE = 160
@@ -99,7 +99,7 @@ def test_the_centreline_follows_the_painted_skeleton_below_the_ground():
     line = river.centreline
     assert np.all(line[:, 2] < southward(line[:, 0], line[:, 1]))
     falls = -np.diff(line[:, 2]) / np.hypot(*np.diff(line[:, :2], axis=0).T)
-    assert falls.min() >= LEAST_FALL * 0.999
+    assert falls.min() >= MIN_GRADIENT * 0.999
 
 
 def test_rivers_join_over_small_gaps_and_not_apart_beside_or_end_to_end():

@@ -75,7 +75,7 @@ def recorded(terrain: Terrain) -> Flight:
         target = eye + _AHEAD * ahead
         keys.append(Keyframe(number * _APART, (*eye.tolist(), height), (*target.tolist(), _LOOK), _FOV))
     flight = Flight(tuple(keys), heights="above ground")
-    return flight.over(lambda x, y: terrain.heights(x, y).astype(np.float64), clearance=2.0)
+    return flight.with_absolute_heights(lambda x, y: terrain.heights(x, y).astype(np.float64), clearance=2.0)
 
 
 def stops(

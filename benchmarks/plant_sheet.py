@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.terrain import Terrain
 
 LEAVES: Final = (10.0, 0.7, 0.26, 0.12, 0.05)
-"""`Quality.leaves` at which plants of the sheet's size are drawn at each level of detail."""
+"""`Quality.plant_lod_scale` at which plants of the sheet's size are drawn at each level of detail."""
 EACH: Final = 2
 """Plants of a species."""
 TALL: Final = 15.0
@@ -84,7 +84,7 @@ def main(arguments: list[str]) -> int:
     sheet = Image.new("RGB", (SIZE[0], SIZE[1] * len(LEAVES)))
     for level, leaves in enumerate(LEAVES):
         with canvas(SIZE) as (context, texture, framebuffer):
-            quality = Quality(leaves=leaves, without=frozenset(("clouds", "grass", "rocks")))
+            quality = Quality(plant_lod_scale=leaves, without=frozenset(("clouds", "grass", "rocks")))
             weather = Weather(clouds=0.0, wind=2.0)
             renderer = Renderer(context, terrain, sun=Sun(140.0, 38.0), weather=weather, quality=quality)
             renderer.prepare(camera, SIZE)

@@ -72,7 +72,7 @@ def fly(
             terrain = build(sketch, device=context)
         with stages.stage("path", "Choosing a path"):
             path = tour(terrain, seconds=seconds or SECONDS) if flight is None else flight
-            views = path.over(terrain.heights).at(path.times(options.fps, seconds))
+            views = path.with_absolute_heights(terrain.heights).at(path.times(options.fps, seconds))
             clearance = views.eye[:, 2] - terrain.heights(views.eye[:, 0], views.eye[:, 1])
         with stages.stage("frames", "Flying") as progress:
             frames = _capture(terrain, views, options, weather, output, progress)

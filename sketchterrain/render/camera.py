@@ -14,29 +14,29 @@ from sketchterrain.errors import InputError
 
 Floats: TypeAlias = npt.NDArray[np.float64]
 Vector: TypeAlias = tuple[float, float, float]
-Ground: TypeAlias = Callable[[npt.ArrayLike, npt.ArrayLike], npt.NDArray[Any]]
-"""Heights (m) of the ground at places x, y (m), arrays that broadcast together."""
+HeightFunction: TypeAlias = Callable[[npt.ArrayLike, npt.ArrayLike], npt.NDArray[Any]]
+"""Terrain heights (m) at x, y (m), which broadcast together."""
 
 _NEAR = (0.1, 100.0)  # m
 
 
 def direction(heading: float, pitch: float) -> Floats:
-    """Return the unit vector that points along a compass bearing and an elevation, both in degrees."""
+    """Return the unit vector along a compass bearing and an elevation, both in degrees."""
     bearing, rise = np.radians([heading, pitch])
     return np.array([np.sin(bearing) * np.cos(rise), np.cos(bearing) * np.cos(rise), np.sin(rise)])
 
 
 def clip_planes(clearance: float, draw_distance: float) -> tuple[float, float]:
-    """Return clipping distances (m) that cut off nothing and leave depth its precision."""
+    """Return near and far distance (m) for an eye `clearance` m above the terrain: nothing is cut off."""
     near = float(np.clip(0.25 * clearance, *_NEAR))
     return near, max(1.1 * draw_distance, 2.0 * near)
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Where the picture is taken from.
+    """Camera at `eye` looking at `target` (m), with a vertical field of view (degrees) and clip planes (m).
 
-    Everything is computed in float64; only positions relative to the eye ever go to the GPU as float32.
+    Everything is float64; only positions relative to the eye are passed to the GPU, as float32.
     """
 
     eye: Vector
@@ -74,7 +74,7 @@ class Camera:
         return float(np.degrees(np.arcsin(np.clip(self.forward[2], -1.0, 1.0))))
 
     def ray(self, x: float, y: float, aspect: float) -> Floats:
-        """Return the unit vector from the eye through a place of the picture."""
+        """Return the unit vector through a picture position; x and y are −1 … 1 to the right and up."""
         half = np.tan(np.radians(self.fov) / 2.0)
         along = self.view()[:3, :3].T @ np.array([x * half * aspect, y * half, -1.0])
         return np.asarray(along / np.linalg.norm(along))
@@ -107,13 +107,16 @@ class Camera:
         return self.projection(aspect) @ self.view()
 
     def frustum(self, aspect: float) -> Floats:
-        """Return the six planes of the view in world coordinates."""
+        """Return the six view planes (6, 4): a·x + b·y + c·z + d ≥ 0 inside, unit normals; read-only.
+
+        Order: left, right, bottom, top, near, far.
+        """
         return _frustum(self, aspect)
 
 
 @lru_cache(maxsize=8)
 def _frustum(camera: Camera, aspect: float) -> Floats:
-    """See `Camera.frustum`: all that is drawn in a frame asks for the same planes."""
+    """Compute `Camera.frustum`, cached since many objects of a frame are culled by it."""
     rows = camera.to_clip(aspect)
     planes = np.concatenate([rows[3] + rows[:3], rows[3] - rows[:3]])[[0, 3, 1, 4, 2, 5]]
     planes /= np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
@@ -123,20 +126,20 @@ def _frustum(camera: Camera, aspect: float) -> Floats:
 
 
 CLIMB: Final = 8.0
-"""m by which the draw distance grows with each metre of height above the ground."""
+"""Increase of the draw distance (m) per metre of height above the terrain."""
 FARTHEST: Final = 16.0
-"""Extents: draw distance at most; the coarsest tiles are as wide."""
+"""Largest draw distance, in extents: the width of the coarsest tiles."""
 
 
 def draw_distance(clearance: float, *, extent: float, reach: float) -> float:
-    """Return how far the ground is drawn (m)."""
+    """Return the draw distance (m) for an eye `clearance` m above the terrain; `reach` in extents."""
     return min(reach * extent + CLIMB * clearance, FARTHEST * extent)
 
 
 def with_clip_planes(
     camera: Camera, clearance: float, *, extent: float, reach: float
 ) -> tuple[Camera, float]:
-    """Return a camera with clipping planes that suit its height, and the draw distance (m)."""
+    """Return the camera with clip planes for its height, and the draw distance (m)."""
     distance = draw_distance(clearance, extent=extent, reach=reach)
     near, far = clip_planes(clearance, distance)
     return replace(camera, near=near, far=far), distance

@@ -1,10 +1,9 @@
-"""Flights: key frames, motion along splines, flight files."""
+"""Flights: keyframes, camera splines, flight files."""
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -20,77 +19,80 @@ from sketchterrain.io.files import write_atomic
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from sketchterrain.render.camera import Camera, Floats, Ground, Vector
+    from sketchterrain.render.camera import Camera, Floats, HeightFunction, Vector
 
 
-_PER_SEGMENT: Final = 64
-"""Samples of the curve between two keys, for the length of its arc."""
-_MOMENT: Final = 1e-5
-"""s, over which a velocity is measured."""
-_APART: Final = 1e-3
-"""m between two points of the curve, at least."""
+_SAMPLES_PER_SEGMENT: Final = 64
+"""Samples between two keyframes for the arc length."""
+_DIFFERENCE_STEP: Final = 1e-5
+"""s, step of the finite differences of the velocity."""
+_MIN_DISTANCE: Final = 1e-3
+"""Least distance (m) of two points of the curve."""
 
 
-class Motion:
-    """An eye that goes along a curve, by a schedule, and looks along directions that turn.
+class CameraSpline:
+    """Eye along a spline, with view directions, at given times.
 
-    How far along the curve it is, and where it looks, follow the keys by monotone cubics (Fritsch & Carlson),
-    which never overshoot: a camera that halts, halts.
+    Arc length and direction are interpolated by monotone cubics (Fritsch & Carlson), which never overshoot: a
+    camera that halts does halt.
     """
 
     def __init__(self, times: Floats, eyes: Floats, targets: Floats, fovs: Floats) -> None:
-        from scipy.interpolate import PchipInterpolator  # takes half a second: only for whoever flies
+        from scipy.interpolate import PchipInterpolator  # importing takes half a second
 
         self._end = float(times[-1])
-        self._points, knot = _places(eyes)
+        self._points, knot = _distinct_points(eyes)
         if len(self._points) > 1:
-            # Centripetal knots: over them the curve's velocity has no jumps.
-            self._knots = _sums(np.sqrt(np.linalg.norm(np.diff(self._points, axis=0), axis=1)))
-            u = np.linspace(0.0, len(self._points) - 1.0, _PER_SEGMENT * (len(self._points) - 1) + 1)
+            # Centripetal knots: the velocity is continuous in them.
+            self._knots = _cumulative(np.sqrt(np.linalg.norm(np.diff(self._points, axis=0), axis=1)))
+            u = np.linspace(0.0, len(self._points) - 1.0, _SAMPLES_PER_SEGMENT * (len(self._points) - 1) + 1)
             curve = catmull_rom(self._points, u)
-            arc = _sums(np.linalg.norm(np.diff(curve, axis=0), axis=1))
-            self._place = PchipInterpolator(arc, np.interp(u, np.arange(len(self._knots)), self._knots))
-            self._arc = PchipInterpolator(times, arc[::_PER_SEGMENT][knot])
-        self._look = PchipInterpolator(times, np.column_stack([*_looks(targets - eyes), fovs]))
+            arc = _cumulative(np.linalg.norm(np.diff(curve, axis=0), axis=1))
+            self._knot_at = PchipInterpolator(arc, np.interp(u, np.arange(len(self._knots)), self._knots))
+            self._arc_at = PchipInterpolator(times, arc[::_SAMPLES_PER_SEGMENT][knot])
+        self._angles_at = PchipInterpolator(times, np.column_stack([*_view_angles(targets - eyes), fovs]))
 
     def at(self, times: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Return eyes (n, 3), targets (n, 3), fields of view (n,) and velocities (n, 3) at times (s)."""
         times = np.clip(times, 0.0, self._end)
         eye = self._eye(times)
-        heading, pitch, distance, fov = self._look(times).T
+        heading, pitch, distance, fov = self._angles_at(times).T
         level = np.cos(pitch)
         along = np.stack([np.sin(heading) * level, np.cos(heading) * level, np.sin(pitch)], axis=1)
-        before, after = np.maximum(times - _MOMENT, 0.0), np.minimum(times + _MOMENT, self._end)
+        before, after = (
+            np.maximum(times - _DIFFERENCE_STEP, 0.0),
+            np.minimum(times + _DIFFERENCE_STEP, self._end),
+        )
         velocity = (self._eye(after) - self._eye(before)) / (after - before)[:, None]
         return eye, eye + np.exp(distance)[:, None] * along, fov, velocity
 
     def _eye(self, times: Floats) -> Floats:
         if len(self._points) == 1:
             return np.repeat(self._points, len(times), axis=0)
-        knot = self._place(self._arc(times))
+        knot = self._knot_at(self._arc_at(times))
         return catmull_rom(self._points, np.interp(knot, self._knots, np.arange(len(self._knots))))
 
 
-def _sums(steps: Floats) -> Floats:
+def _cumulative(steps: Floats) -> Floats:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def _places(eyes: Floats) -> tuple[Floats, list[int]]:
-    """Return the points that a curve goes through, and at which of them each eye is."""
+def _distinct_points(eyes: Floats) -> tuple[Floats, list[int]]:
+    """Return the distinct points of the curve, and the point index of each eye."""
     points, knots = [eyes[0]], [0]
     for eye in eyes[1:]:
-        if float(np.abs(eye - points[-1]).max()) > _APART:
+        if float(np.abs(eye - points[-1]).max()) > _MIN_DISTANCE:
             points.append(eye)
         knots.append(len(points) - 1)
     return np.array(points), knots
 
 
-def _looks(along: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return headings without jumps, pitches (radians) and logarithms of lengths of (n, 3) vectors."""
+def _view_angles(along: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return unwrapped headings, pitches (rad) and logarithms of lengths of (n, 3) vectors."""
     length = np.linalg.norm(along, axis=1)
     level = np.hypot(along[:, 0], along[:, 1])
     heading = np.arctan2(along[:, 0], along[:, 1])
-    # Straight up or down there is no heading: the key before lends its own, or else the first that has one.
+    # Vertical directions take the heading of the keyframe before, or else of the first that has one.
     has_one = level > 1e-9 * length
     last = np.maximum.accumulate(np.where(has_one, np.arange(len(along)), -1))
     first = int(np.argmax(has_one))
@@ -98,13 +100,13 @@ def _looks(along: Floats) -> tuple[Floats, Floats, Floats]:
     return heading, np.arctan2(along[:, 2], level), np.log(length)
 
 
-MOST_KEYS: Final = 20_000
-"""Of one flight."""
+MAX_KEYS: Final = 20_000
+"""Keyframes of a flight."""
 
-_FARTHEST = 1e9  # m
-_SOONEST = 1e-3  # s from one key to the next
-_ROUNDS = 40
-_SAMPLES_PER_SECOND = 240
+_MAX_COORDINATE = 1e9  # m
+_MIN_INTERVAL = 1e-3  # s between keyframes
+_RAISE_ROUNDS = 40
+_RAISE_RATE = 240
 
 HEIGHTS: Final = Parameter(
     "heights",
@@ -113,33 +115,39 @@ HEIGHTS: Final = Parameter(
     0,
     20,
     "",
-    "what heights (z) are counted from: the world's zero, or the ground below each point",
+    "reference of heights (z): the world's zero, or the terrain below each point",
     choices=("absolute", "above ground"),
 )
 
-KEY: Final[Mapping[str, Parameter]] = parameter_table(
-    Parameter("time", float, 0.0, 0.0, 1e6, "s", "when the camera is there"),
-    Parameter("eye", float, 0.0, -_FARTHEST, _FARTHEST, "m", "where it is: x, y, z"),
+KEYFRAME: Final[Mapping[str, Parameter]] = parameter_table(
+    Parameter("time", float, 0.0, 0.0, 1e6, "s", "time of the keyframe"),
+    Parameter("eye", float, 0.0, -_MAX_COORDINATE, _MAX_COORDINATE, "m", "position of the camera: x, y, z"),
     Parameter(
-        "target", float, 0.0, -_FARTHEST, _FARTHEST, "m", "a point in the middle of the picture: x, y, z"
+        "target",
+        float,
+        0.0,
+        -_MAX_COORDINATE,
+        _MAX_COORDINATE,
+        "m",
+        "point in the centre of the picture: x, y, z",
     ),
     Parameter("fov", float, 50.0, 5.0, 120.0, "°", "vertical field of view"),
 )
-"""What a key of a flight says; of ``eye`` and ``target`` each of three numbers."""
+"""Parameters of a keyframe; ``eye`` and ``target`` have three components."""
 
 
 @dataclass(frozen=True)
 class Keyframe:
-    """Where the camera is at one time."""
+    """Camera at one time (s): `eye` and `target` (m), vertical `fov` (degrees)."""
 
     time: float
     eye: Vector
     target: Vector
-    fov: float = float(KEY["fov"].default)
+    fov: float = float(KEYFRAME["fov"].default)
 
     def __post_init__(self) -> None:
         for name in ("time", "fov"):
-            object.__setattr__(self, name, KEY[name].check(getattr(self, name)))
+            object.__setattr__(self, name, KEYFRAME[name].check(getattr(self, name)))
         for name in ("eye", "target"):
             object.__setattr__(self, name, _point(name, getattr(self, name)))
         if self.eye == self.target:
@@ -149,7 +157,7 @@ class Keyframe:
 
 
 class CameraStates(NamedTuple):
-    """What a camera is like at several times."""
+    """Camera states at several times."""
 
     eye: Floats  # (n, 3) m
     target: Floats  # (n, 3) m
@@ -159,11 +167,11 @@ class CameraStates(NamedTuple):
 
 @dataclass(frozen=True)
 class Flight:
-    """The way of a camera.
+    """Camera path through two or more keyframes in the order of their times.
 
-    The eye goes along a centripetal Catmull-Rom spline through the keys, which has no loops and no cusps, and
-    is at each key at its time; its speed has no jumps. The look turns from one key's direction to that of the
-    next, the shorter way.
+    The eye follows a centripetal Catmull-Rom spline (no loops, no cusps) with continuous speed; the view
+    direction turns from keyframe to keyframe along the shorter arc. Resolve heights ``"above ground"`` with
+    `with_absolute_heights` before sampling.
     """
 
     keys: tuple[Keyframe, ...]
@@ -171,120 +179,121 @@ class Flight:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "heights", HEIGHTS.check(self.heights))
-        object.__setattr__(self, "keys", check_items(Keyframe, self.keys, "keys", most=MOST_KEYS))
+        object.__setattr__(self, "keys", check_items(Keyframe, self.keys, "keys", most=MAX_KEYS))
         if len(self.keys) < 2:
             raise InputError(f"{len(self.keys)} keys: expected two or more")
         for number, (before, key) in enumerate(zip(self.keys, self.keys[1:], strict=False), 2):
-            if key.time < before.time + _SOONEST:
+            if key.time < before.time + _MIN_INTERVAL:
                 raise InputError(
-                    f"key {number}: time = {format_value(key.time)}: expected {_SOONEST:g} s or more "
+                    f"key {number}: time = {format_value(key.time)}: expected {_MIN_INTERVAL:g} s or more "
                     f"after the key before, which is at {format_value(before.time)} s"
                 )
 
     @classmethod
-    def recorded(cls, shots: Iterable[tuple[float, Camera]], *, interval: float = 0.25) -> Flight:
-        """Return the flight of cameras at rising times (s), with a key about each `interval` (s)."""
-        kept: list[tuple[float, Camera]] = []
+    def from_cameras(cls, cameras: Iterable[tuple[float, Camera]], *, interval: float = 0.25) -> Flight:
+        """Return the flight of recorded cameras at rising times (s), with a keyframe every `interval` s."""
+        selected: list[tuple[float, Camera]] = []
         last: tuple[float, Camera] | None = None
-        for time, camera in shots:
+        for time, camera in cameras:
             last = (time, camera)
-            if not kept or time >= kept[-1][0] + interval:
-                kept.append(last)
-        if last is not None and last[0] >= kept[-1][0] + _SOONEST:
-            kept.append(last)
-        return cls(tuple(Keyframe(time, camera.eye, camera.target, camera.fov) for time, camera in kept))
+            if not selected or time >= selected[-1][0] + interval:
+                selected.append(last)
+        if last is not None and last[0] >= selected[-1][0] + _MIN_INTERVAL:
+            selected.append(last)
+        return cls(tuple(Keyframe(time, camera.eye, camera.target, camera.fov) for time, camera in selected))
 
     @property
     def duration(self) -> float:
-        """From the first key to the last one, s."""
+        """Seconds from the first to the last keyframe."""
         return self.keys[-1].time - self.keys[0].time
 
     def at(self, times: Any) -> CameraStates:
-        """Return the views at times (s) since the first key; before it and after the end nothing moves."""
-        return CameraStates(*self._motion.at(np.atleast_1d(np.asarray(times, np.float64))))
+        """Return the camera at times (s) since the first keyframe, clamped to the flight."""
+        return CameraStates(*self._spline.at(np.atleast_1d(np.asarray(times, np.float64))))
 
     def times(self, fps: float, seconds: float | None = None) -> Floats:
-        """Return the times (s) of frames, the first at 0, for all of the flight or its first seconds."""
+        """Return the times (s) of the frames of the flight, or of its first `seconds`."""
         length = self.duration if seconds is None else min(seconds, self.duration)
         return np.arange(max(1, round(length * fps))) / fps
 
-    def over(self, ground: Ground, *, clearance: float = 2.0) -> Flight:
-        """Return the flight with absolute heights."""
+    def with_absolute_heights(self, heights_at: HeightFunction, *, clearance: float = 2.0) -> Flight:
+        """Return the flight with absolute heights, raised to stay `clearance` m above the terrain."""
         if self.heights == "absolute":
             return self
-        places = np.array([[*key.eye, *key.target] for key in self.keys])
-        places[:, 2] += ground(places[:, 0], places[:, 1])
-        places[:, 5] += ground(places[:, 3], places[:, 4])
-        return _with_places(self, places).raised(ground, clearance=clearance)
+        places = self._rows[:, 1:7].copy()
+        places[:, 2] += heights_at(places[:, 0], places[:, 1])
+        places[:, 5] += heights_at(places[:, 3], places[:, 4])
+        return self._moved(places).raised_above(heights_at, clearance=clearance)
 
-    def raised(self, ground: Ground, *, clearance: float) -> Flight:
-        """Return the flight with keys (eye and target) so far raised that it never is under the ground."""
+    def raised_above(self, heights_at: HeightFunction, *, clearance: float) -> Flight:
+        """Return the flight with keyframes raised until the eye stays `clearance` m above the terrain.
+
+        The terrain is sampled 240 times per second of the flight, in several rounds.
+        """
         flight = self
-        times = np.linspace(0.0, self.duration, max(2, round(self.duration * _SAMPLES_PER_SECOND) + 1))
-        moments = np.array([key.time for key in self.keys]) - self.keys[0].time
+        times = np.linspace(0.0, self.duration, max(2, round(self.duration * _RAISE_RATE) + 1))
+        moments = self._rows[:, 0]
         segment = np.clip(np.searchsorted(moments, times, side="right") - 1, 0, len(moments) - 2)
-        for _ in range(_ROUNDS):
+        for _ in range(_RAISE_ROUNDS):
             eye = flight.at(times).eye
-            missing = np.asarray(ground(eye[:, 0], eye[:, 1]), np.float64) + clearance - eye[:, 2]
+            missing = np.asarray(heights_at(eye[:, 0], eye[:, 1]), np.float64) + clearance - eye[:, 2]
             if (missing <= 0.0).all():
                 break
             lift = np.zeros(len(moments))
-            # A hundredth more, so that what nearly does it does not take many rounds.
+            # 1 % more, for fewer rounds.
             np.maximum.at(lift, segment, 1.01 * missing)
             np.maximum.at(lift, segment + 1, 1.01 * missing)
-            places = np.array([[*key.eye, *key.target] for key in flight.keys])
+            places = flight._rows[:, 1:7].copy()
             places[:, [2, 5]] += lift[:, None]
-            flight = _with_places(flight, places)
+            flight = flight._moved(places)
         return flight
 
     @cached_property
-    def _motion(self) -> Motion:
-        return Motion(
-            np.array([key.time for key in self.keys]) - self.keys[0].time,
-            np.array([key.eye for key in self.keys], np.float64),
-            np.array([key.target for key in self.keys], np.float64),
-            np.array([key.fov for key in self.keys], np.float64),
-        )
+    def _rows(self) -> Floats:
+        """Seconds since the first keyframe, eye, target and field of view, (n, 8)."""
+        start = self.keys[0].time
+        return np.array([[key.time - start, *key.eye, *key.target, key.fov] for key in self.keys], np.float64)
 
+    @cached_property
+    def _spline(self) -> CameraSpline:
+        times, fovs = self._rows[:, 0], self._rows[:, 7]
+        return CameraSpline(times, self._rows[:, 1:4], self._rows[:, 4:7], fovs)
 
-def _with_places(flight: Flight, places: Floats) -> Flight:
-    """Return a flight of absolute heights whose keys are at (n, 6) other eyes and targets."""
-    keys = [
-        dataclasses.replace(key, eye=tuple(place[:3]), target=tuple(place[3:]))
-        for key, place in zip(flight.keys, places.tolist(), strict=True)
-    ]
-    return Flight(tuple(keys))
+    def _moved(self, places: Floats) -> Flight:
+        """Return the flight with absolute heights and other eyes and targets, (n, 6)."""
+        rows = zip(self.keys, places.tolist(), strict=True)
+        return Flight(tuple(replace(key, eye=tuple(row[:3]), target=tuple(row[3:])) for key, row in rows))
 
 
 def _point(name: str, value: object) -> tuple[object, ...]:
     if not isinstance(value, list | tuple) or len(value) != 3:
         raise InputError(f"{name} = {format_value(value)}: expected three numbers, x, y and z")
     return tuple(
-        float(KEY[name].check(each, f"{name} {axis}")) for axis, each in zip("xyz", value, strict=True)
+        float(KEYFRAME[name].check(each, f"{name} {axis}")) for axis, each in zip("xyz", value, strict=True)
     )
 
 
 FORMAT: Final = 1
-_LARGEST = 8 << 20  # bytes, of a file
-_NEEDED = ("time", "eye", "target")
+_MAX_BYTES = 8 << 20  # bytes, of a file
+_REQUIRED = ("time", "eye", "target")
 _KNOWN = ("format", "heights", "key")
 
 _HEAD = f"""\
 # The flight of a camera, for `sketchterrain fly SKETCH --path`. Metres from the sketch's south-west corner: x
-# east, y north, z up. heights says {HEIGHTS.help}.
+# east, y north, z up. heights is the {HEIGHTS.help}.
 """
 
 
 def load_flight(path: str | Path) -> Flight:
-    """Read a flight."""
+    """Read a flight file; raise InputError with file, key and value."""
     place = one_line(path)
     try:
         with Path(path).open("rb") as stream:
-            data = stream.read(_LARGEST + 1)
+            data = stream.read(_MAX_BYTES + 1)
     except OSError as error:
         raise InputError(f"{place}: cannot be read ({error.strerror})") from None
-    if len(data) > _LARGEST:
-        raise InputError(f"{place}: expected at most {_LARGEST >> 20} MiB")
+    if len(data) > _MAX_BYTES:
+        raise InputError(f"{place}: expected at most {_MAX_BYTES >> 20} MiB")
     try:
         return parse_flight(data)
     except InputError as error:
@@ -292,12 +301,12 @@ def load_flight(path: str | Path) -> Flight:
 
 
 def save_flight(flight: Flight, path: str | Path) -> Path:
-    """Write a flight to a file; reading it again gives the same flight."""
+    """Write a flight to a file; reading it returns an equal flight."""
     return write_atomic(Path(path), flight_text(flight).encode())
 
 
 def parse_flight(data: bytes) -> Flight:
-    """Return the flight that the content of a file says."""
+    """Return the flight of a file's content; raise InputError for unknown keys or wrong values."""
     document = load_toml(data)
     for name, value in document.items():
         if name not in _KNOWN:
@@ -311,28 +320,30 @@ def parse_flight(data: bytes) -> Flight:
         raise InputError(
             f"key = {format_value(rows)}: expected tables, each with [[key]] on a line of its own"
         )
-    if len(rows) > MOST_KEYS:
-        raise InputError(f"{len(rows)} keys: expected at most {MOST_KEYS}")
+    if len(rows) > MAX_KEYS:
+        raise InputError(f"{len(rows)} keys: expected at most {MAX_KEYS}")
     keys = tuple(_key(row, number) for number, row in enumerate(rows, 1))
     return Flight(keys, str(HEIGHTS.check(document.get("heights", HEIGHTS.default))))
 
 
 def flight_text(flight: Flight) -> str:
-    """Return a flight as TOML; numbers are written so that reading gives the same bits."""
+    """Return a flight as TOML, with numbers that are read back bit for bit."""
     lines = [_HEAD, f"format = {FORMAT}", f'heights = "{flight.heights}"']
     for key in flight.keys:
-        lines += ["", "[[key]]", *(f"{name} = {_written(getattr(key, name))}" for name in KEY)]
+        values = ((name, getattr(key, name)) for name in KEYFRAME)
+        rows = (f"{name} = {list(value) if isinstance(value, tuple) else value!r}" for name, value in values)
+        lines += ["", "[[key]]", *rows]
     return "\n".join(lines) + "\n"
 
 
 def _key(row: Mapping[str, object], number: int) -> Keyframe:
     try:
         for name, value in row.items():
-            if name not in KEY:
-                raise _unknown(name, value, tuple(KEY))
-        missing = [name for name in _NEEDED if name not in row]
+            if name not in KEYFRAME:
+                raise _unknown(name, value, tuple(KEYFRAME))
+        missing = [name for name in _REQUIRED if name not in row]
         if missing:
-            raise InputError(f"no {missing[0]}: expected {', '.join(_NEEDED)}")
+            raise InputError(f"no {missing[0]}: expected {', '.join(_REQUIRED)}")
         return Keyframe(**row)  # type: ignore[arg-type] # Keyframe checks every value
     except InputError as error:
         raise InputError(f"[[key]] number {number}: {error}") from None
@@ -343,7 +354,3 @@ def _unknown(name: str, value: object, known: tuple[str, ...]) -> InputError:
         f"unknown key {format_value(name)} = {format_value(value)}: expected {', '.join(known)}"
         f"{did_you_mean(name, known)}"
     )
-
-
-def _written(value: float | tuple[float, ...]) -> str:
-    return repr(list(value) if isinstance(value, tuple) else value)

@@ -72,8 +72,8 @@ class Forest:
         quality: Quality,
         defines: Mapping[str, int],
     ) -> None:
-        self.draw_distance = min(quality.woods, 0.45 * terrain.extent)
-        self._pixels = np.array(PIXELS) / quality.leaves
+        self.draw_distance = min(quality.plant_distance, 0.45 * terrain.extent)
+        self._pixels = np.array(PIXELS) / quality.plant_lod_scale
         self._pixels[-1] = min(self._pixels[-1], HULL)
         self._cells = PlantCells(terrain)
         self._context, self._meshes = context, PlantMeshes(context)
@@ -87,8 +87,8 @@ class Forest:
         self._requested_view: tuple[object, ...] = ()
         self._height = 1
         self._elapsed: float | None = None
-        self._thin = quality.thin
-        self.density = PlantDensity(quality.plants)
+        self._thin = quality.thinning_pixels
+        self.density = PlantDensity(quality.max_plants)
         self._origin = np.zeros(2)
 
     def rebuild(self, defines: Mapping[str, int]) -> None:

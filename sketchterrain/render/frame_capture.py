@@ -1,4 +1,4 @@
-"""What a camera sees along a flight, frame by frame, and what each frame took."""
+"""Frame capture along a flight, with statistics of each frame."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CapturedFrame:
-    """What a frame took and showed."""
+    """Statistics of a captured frame."""
 
     seconds: float
     generation_seconds: float
@@ -54,7 +54,12 @@ def capture_frames(
     overlays: Sequence[str] = (),
     pixels: bool = True,
 ) -> Generator[tuple[CapturedFrame, npt.NDArray[np.uint8] | None]]:
-    """Draw what a camera sees along a flight, a frame for each of its views."""
+    """Draw a frame for each camera state of a flight, 1/fps s apart; yield statistics and pixels.
+
+    Complete frames equal `render_picture`; otherwise each frame shows what is ready within the budget, as in
+    a viewer. `without` leaves out more parts than the quality does; pixels are (height, width, 3) sRGB or, if
+    not requested, None.
+    """
     check_size(size)
     check_overlays(overlays)
     with canvas(size) as (context, texture, framebuffer):
@@ -65,14 +70,14 @@ def capture_frames(
         weather = weather or Weather.from_sketch(terrain.sketch)
         sun = sun or sun_for_view(terrain, cameras[0], weather)
         renderer = Renderer(context, terrain, sun=sun, weather=weather, textures=textures, quality=quality)
-        shoot = _complete if complete else _ready
         overlay = Overlay(context, terrain, renderer.stream) if overlays else None
         for number, camera in enumerate(cameras):
-            shot = shoot(renderer, camera, framebuffer, elapsed=1.0 / fps, clock=number / fps)
+            elapsed, clock = 1.0 / fps, number / fps
+            stats = _capture(renderer, camera, framebuffer, elapsed=elapsed, clock=clock, complete=complete)
             if overlay is not None:
                 for name in overlays:
                     overlay.draw(name, camera.eye, framebuffer)
-            yield shot, read_picture(texture) if pixels else None
+            yield stats, read_picture(texture) if pixels else None
 
 
 def _cameras(views: CameraStates) -> list[Camera]:
@@ -80,36 +85,30 @@ def _cameras(views: CameraStates) -> list[Camera]:
     return [Camera(tuple(eye), tuple(target), fov=fov) for eye, target, fov in rows]
 
 
-def _complete(
-    renderer: Renderer, camera: Camera, framebuffer: moderngl.Framebuffer, *, elapsed: float, clock: float
+def _capture(
+    renderer: Renderer,
+    camera: Camera,
+    framebuffer: moderngl.Framebuffer,
+    *,
+    elapsed: float,
+    clock: float,
+    complete: bool,
 ) -> CapturedFrame:
-    """Draw the picture that `render` gives, whatever there was before."""
-    del elapsed
-    start, ground = time.perf_counter(), renderer.stream
-    before = renderer.timings.get("tiles", 0.0), ground.written
-    renderer.prepare(camera, framebuffer.size)
-    renderer.draw(camera, framebuffer, clock=clock)
+    """Draw a complete picture, independent of earlier frames, or what is ready within a frame's budget."""
+    start, stream = time.perf_counter(), renderer.stream
+    tile_seconds, written = renderer.timings.get("tiles", 0.0), stream.written
+    if complete:
+        renderer.prepare(camera, framebuffer.size)
+        renderer.draw(camera, framebuffer, clock=clock)
+        generation, settled = renderer.timings["tiles"] - tile_seconds, True
+    else:
+        stats = renderer.frame(camera, framebuffer, elapsed=elapsed, clock=clock)
+        generation, settled = stats.generation_seconds, stats.settled
     return CapturedFrame(
         seconds=time.perf_counter() - start,
-        generation_seconds=renderer.timings["tiles"] - before[0],
-        tiles_generated=ground.written - before[1],
-        tiles_drawn=ground.tile_renderer.tiles,
+        generation_seconds=generation,
+        tiles_generated=stream.written - written,
+        tiles_drawn=stream.tile_renderer.tiles,
         triangles=renderer.triangles,
-        settled=True,
-    )
-
-
-def _ready(
-    renderer: Renderer, camera: Camera, framebuffer: moderngl.Framebuffer, *, elapsed: float, clock: float
-) -> CapturedFrame:
-    """Draw what is ready, and a little more of it each time."""
-    start = time.perf_counter()
-    stats = renderer.frame(camera, framebuffer, elapsed=elapsed, clock=clock)
-    return CapturedFrame(
-        seconds=time.perf_counter() - start,
-        generation_seconds=stats.generation_seconds,
-        tiles_generated=stats.tiles_generated,
-        tiles_drawn=stats.tiles_drawn,
-        triangles=stats.triangles,
-        settled=stats.settled,
+        settled=settled,
     )

@@ -277,7 +277,7 @@ class Grass:
         self.triangles = self.plants = 0
         self._kinds = (
             [_Kind(context, kind, quality=quality, defines=defines) for kind in KINDS]
-            if quality.grass > 0.0 and quality.includes("grass")
+            if quality.grass_distance > 0.0 and quality.includes("grass")
             else []
         )
 
@@ -310,8 +310,8 @@ class _Kind:
     ) -> None:
         self.triangles = self.plants = 0
         own = {**defines, "KIND": KINDS.index(kind)}
-        self._spread = 1.0 / quality.blades
-        self._strewing = STREWN[kind].as_far(quality.grass, share=quality.blades)
+        self._spread = 1.0 / quality.ground_cover_density
+        self._strewing = STREWN[kind].as_far(quality.grass_distance, share=quality.ground_cover_density)
         self._nearby = Nearby(self._strewing)
         self._context = context
         self.tufts = Strewn(

@@ -190,10 +190,10 @@ class Rocks:
         self.triangles = self.stones = 0
         self._context = context
         self._sorts: list[tuple[_Stones, Nearby]] = []
-        if quality.grass == 0.0 or not quality.includes("rocks"):
+        if quality.grass_distance == 0.0 or not quality.includes("rocks"):
             return
         for each in STONES:
-            strewing = each.strewing.as_far(quality.grass, share=quality.blades)
+            strewing = each.strewing.as_far(quality.grass_distance, share=quality.ground_cover_density)
             self._sorts.append((replace(each, strewing=strewing), Nearby(strewing, sort=by_mesh)))
         self.pool = Strewn(
             context,
@@ -267,7 +267,7 @@ class GroundCover:
             Rocks(context, quality=quality, defines=shading.defines),
             Grass(context, quality=quality, defines=shading.defines),
         )
-        self._any = quality.grass > 0.0 and (quality.includes("rocks") or quality.includes("grass"))
+        self._any = quality.grass_distance > 0.0 and (quality.includes("rocks") or quality.includes("grass"))
 
     def __bool__(self) -> bool:
         """Tell whether anything is ever drawn."""

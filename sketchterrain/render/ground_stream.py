@@ -91,7 +91,7 @@ class TerrainStream:
             or ScreenError(
                 quality.tolerance,
                 quad=QUAD + QUAD_PER_TOLERANCE * quality.tolerance,
-                neighbour_limit=quality.steep,
+                neighbour_limit=quality.neighbour_limit,
             ),
         )
         self.draws: DrawList | None = None

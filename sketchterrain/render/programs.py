@@ -62,16 +62,8 @@ FRAME_BINDING = 0
 def build_program(
     context: moderngl.Context, vertex: str, fragment: str, *, defines: Mapping[str, int] | None = None
 ) -> moderngl.Program:
-    """Build a program from two files relative to ``kernels/render``."""
-    try:
-        program = context.program(
-            vertex_shader=_with_defines(source(f"render/{vertex}"), defines),
-            fragment_shader=_with_defines(source(f"render/{fragment}"), defines),
-        )
-    except moderngl.Error as error:
-        log = " ".join(str(error).split())
-        raise BuildError(f"GLSL program of {vertex} and {fragment} did not build: {log}") from error
-    return _with_frame(program)
+    """Build a program from two files in ``kernels/render``, with integer macros; raise BuildError."""
+    return _build(context, defines, vertex, fragment)
 
 
 def build_transform(
@@ -81,26 +73,40 @@ def build_transform(
     *,
     defines: Mapping[str, int] | None = None,
 ) -> moderngl.Program:
-    """Build a program that draws nothing: what its vertex shader computes is captured."""
+    """Build a transform feedback program that captures vertex shader outputs; raise BuildError."""
+    return _build(context, defines, vertex, varyings=tuple(captured))
+
+
+def _build(
+    context: moderngl.Context,
+    defines: Mapping[str, int] | None,
+    vertex: str,
+    fragment: str | None = None,
+    varyings: tuple[str, ...] = (),
+) -> moderngl.Program:
+    macros = "".join(f"#define {name} {value}\n" for name, value in (defines or {}).items())
+
+    def shader(file: str) -> str:
+        version, _, rest = source(f"render/{file}").partition("\n")
+        return f"{version}\n{macros}#line 2\n{rest}"
+
     try:
         program = context.program(
-            vertex_shader=_with_defines(source(f"render/{vertex}"), defines), varyings=tuple(captured)
+            vertex_shader=shader(vertex),
+            fragment_shader=None if fragment is None else shader(fragment),
+            varyings=varyings,
         )
     except moderngl.Error as error:
-        raise BuildError(f"GLSL program of {vertex} did not build: {' '.join(str(error).split())}") from error
-    return _with_frame(program)
-
-
-def _with_frame(program: moderngl.Program) -> moderngl.Program:
-    if "Frame" in program:
-        block = program["Frame"]
-        if isinstance(block, moderngl.UniformBlock):
-            block.binding = FRAME_BINDING
+        names, log = " and ".join(filter(None, (vertex, fragment))), " ".join(str(error).split())
+        raise BuildError(f"GLSL program of {names} did not build: {log}") from error
+    block = program.get("Frame", None)
+    if isinstance(block, moderngl.UniformBlock):
+        block.binding = FRAME_BINDING
     return program
 
 
 def set_uniforms(program: moderngl.Program, values: Mapping[str, object]) -> None:
-    """Set those uniforms that the program has: compilers drop what it does not use, of an array the end."""
+    """Set the active uniforms: compilers remove unused ones and the unused end of arrays."""
     for name, value in values.items():
         member = program.get(name, None)
         if isinstance(member, moderngl.Uniform):
@@ -114,11 +120,5 @@ def set_uniforms(program: moderngl.Program, values: Mapping[str, object]) -> Non
 def fullscreen_pass(
     context: moderngl.Context, fragment: str, *, defines: Mapping[str, int] | None = None
 ) -> moderngl.VertexArray:
-    """Make a pass that runs a fragment shader over the whole framebuffer: ``.render(vertices=3)``."""
+    """Return a full-screen pass of a fragment shader, for ``.render(vertices=3)``."""
     return context.vertex_array(build_program(context, "screen.vert.glsl", fragment, defines=defines), [])
-
-
-def _with_defines(text: str, defines: Mapping[str, int] | None) -> str:
-    version, _, rest = text.partition("\n")
-    macros = "".join(f"#define {name} {value}\n" for name, value in (defines or {}).items())
-    return f"{version}\n{macros}#line 2\n{rest}"

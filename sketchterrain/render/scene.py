@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Sketch(Protocol):
-    """The document that the terrain was built from."""
+    """Document of a terrain."""
 
     @property
     def climate(self) -> Mapping[str, float]:
@@ -30,7 +30,7 @@ class Sketch(Protocol):
 
     @property
     def look(self) -> Mapping[str, Mapping[str, Any]]:
-        """What materials look like, by material, as far as the sketch says."""
+        """Settings of the ``[look]`` table by material."""
         ...
 
     @property
@@ -40,7 +40,7 @@ class Sketch(Protocol):
 
 
 class TileSource(Protocol):
-    """A terrain that writes tiles where they are drawn from; see `sketchterrain.terrain.TerrainSource`."""
+    """Terrain that writes tiles into vertex memory; see `sketchterrain.terrain.Terrain`."""
 
     @property
     def extent(self) -> float:
@@ -49,13 +49,13 @@ class TileSource(Protocol):
 
     @property
     def context(self) -> ComputeContext:
-        """What computes it."""
+        """Compute context of the terrain."""
         ...
 
     def vertex_store(
         self, slots: int, *, quads: int = QUADS, memory: VertexMemory | None = None
     ) -> VertexStore:
-        """Room for so many tiles."""
+        """Return storage for tiles."""
         ...
 
     def write_tiles(
@@ -65,31 +65,31 @@ class TileSource(Protocol):
         parents: npt.ArrayLike,
         store: VertexStore,
     ) -> npt.NDArray[np.void]:
-        """Write tiles, and tell their lowest and highest height and their error."""
+        """Write tiles; return their lowest and highest height and error."""
         ...
 
 
 @runtime_checkable
 class BoundedTerrain(Protocol):
-    """What a ground tells besides if it ends, and is not known as finely as one likes."""
+    """Terrain of finite extent and resolution."""
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
-        """West, south, east, north (m): nothing is drawn beyond them."""
+        """West, south, east, north (m) of the drawn region."""
         ...
 
     @property
     def finest_cell(self) -> float:
-        """Metres between its vertices: no tile is finer."""
+        """Least vertex spacing of tiles (m)."""
         ...
 
 
 class TerrainSource(TileSource, Protocol):
-    """An endless terrain, see `sketchterrain.terrain`."""
+    """Terrain that a renderer draws; see `sketchterrain.terrain.Terrain`."""
 
     @property
     def size(self) -> tuple[float, float]:
-        """East and north size of the sketch (m)."""
+        """Width and height of the sketch (m)."""
         ...
 
     @property
@@ -99,34 +99,34 @@ class TerrainSource(TileSource, Protocol):
 
     @property
     def features(self) -> PlacedFeatures:
-        """What the terrain is evaluated from."""
+        """Placed features."""
         ...
 
     def heights(
         self, x: npt.ArrayLike, y: npt.ArrayLike, *, cell_size: float = 0.0
     ) -> npt.NDArray[np.float32]:
-        """Heights (m) at places (m), band-limited to a cell size (m)."""
+        """Return heights (m) at positions (m), band-limited to a cell size (m)."""
         ...
 
     def foliage(self, west: float, south: float, east: float, north: float) -> npt.NDArray[np.void]:
-        """Plants in a rectangle (m): x, y, z, species, scale, rotation."""
+        """Return plants in a rectangle (m): x, y, z, species, scale, rotation."""
         ...
 
     def foliage_steps(
         self, west: float, south: float, east: float, north: float
     ) -> Generator[None, None, npt.NDArray[np.void]]:
-        """Find them in steps of a few ms."""
+        """Yield between steps of a few ms; return the plants."""
         ...
 
 
 def visible_rectangle(terrain: TerrainSource) -> tuple[float, float, float, float]:
-    """Return west, south, east, north (m) of what there is to see: the sketch, or a ground that ends."""
+    """Return west, south, east, north (m) of the sketch, or of the bounds of a `BoundedTerrain`."""
     return terrain.bounds if isinstance(terrain, BoundedTerrain) else (0.0, 0.0, *terrain.size)
 
 
 @dataclass(frozen=True, eq=False)
 class HeightMap:
-    """Heights on a square grid of texel centres."""
+    """Heights (n, n; m), row 0 south, at the texel centres of a square of `width` m."""
 
     west: float
     south: float
@@ -139,7 +139,7 @@ class HeightMap:
         return self.width / len(self.heights)
 
     def at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Float64Array:
-        """Interpolate heights (m); places outside take the border's."""
+        """Return bilinear heights (m), clamped to the border."""
         n = len(self.heights)
         col = np.clip((np.asarray(x, np.float64) - self.west) / self.texel - 0.5, 0.0, n - 1.001)
         row = np.clip((np.asarray(y, np.float64) - self.south) / self.texel - 0.5, 0.0, n - 1.001)
@@ -153,7 +153,10 @@ class HeightMap:
     def rasterized_mask(
         self, places: Sequence[npt.NDArray[Any]], widths: Sequence[npt.NDArray[Any]]
     ) -> HeightMap:
-        """Make a map of the same square that is 1 around the given places and 0 elsewhere."""
+        """Return a mask of the same square: 1 in squares of `widths` (m) around `places` (m), 0 elsewhere.
+
+        Squares narrower than a texel have their share of it as value, at least 1/3.
+        """
         n = len(self.heights)
         marks = np.zeros((n, n), np.float32)
         for place, width in zip(places, widths, strict=True):
@@ -169,7 +172,7 @@ class HeightMap:
 def sample_heights(
     terrain: TerrainSource, centre: tuple[float, float], width: float, texels: int
 ) -> HeightMap:
-    """Sample a square of a terrain, band-limited to what the texels can carry."""
+    """Return heights of a square of a terrain, band-limited to the texels."""
     west, south = centre[0] - width / 2, centre[1] - width / 2
     along = (np.arange(texels) + 0.5) * (width / texels)
     heights = terrain.heights(west + along[None, :], south + along[:, None], cell_size=width / texels)

@@ -1,4 +1,4 @@
-"""Which kind of vertex memory really works: tried in a child process, for drivers crash and hang here."""
+"""Probe of OpenCL–OpenGL buffer sharing, in a child process because drivers crash and hang here."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ T = TypeVar("T")
 _MODULE: Final = "sketchterrain.render.sharing_probe"
 _WORDS: Final = 1 << 18
 _ROUNDS: Final = 3
-_TIMEOUT: Final = 60.0  # s: the first build of a kernel may take a while
+_TIMEOUT: Final = 60.0  # s, with the first build of a kernel
 
 
 @dataclass(frozen=True)
 class Sharing:
-    """How vertices reach OpenGL."""
+    """Working method of sharing vertices with OpenGL ('none' without OpenGL), and why no better one works."""
 
     kind: str
     reason: str = ""
@@ -34,23 +34,25 @@ class Sharing:
 
 @cache
 def probe_sharing(device: Device, *, timeout: float = _TIMEOUT) -> Sharing:
-    """Find out, once a process, which kind of memory a device and OpenGL can share.
+    """Return the best working sharing method of a device, probed once a process.
 
-    Each kind that the device offers is tried in a child, the best first: a kernel writes OpenGL's buffer
-    three times, and what OpenGL then holds is compared. What crashes, hangs or differs is not taken.
+    Each method is tried in a child, the best first: a kernel writes OpenGL's buffer three times and its
+    content is compared. Methods that crash, time out or differ are rejected.
     """
     reasons: list[str] = []
     offered = [device.gl_sharing, "mapped", "copy"] if device.type == "CPU" else [device.gl_sharing, "copy"]
     for kind in dict.fromkeys(offered):
-        failure = _tried(device, kind, timeout)
-        if failure is None:
+        try:
+            run_child(_command(device, kind), name="the probe", timeout=timeout)
+        except ChildFailedError as error:
+            reasons.append(f"{kind}: {error}")
+        else:
             return Sharing(kind, "; ".join(reasons))
-        reasons.append(f"{kind}: {failure}")
     return Sharing("none", "; ".join(reasons))
 
 
 def open_device(device: Device, *, real: str = "float", fast: bool = False) -> ComputeContext:
-    """Open a device so that it shares buffers with the OpenGL context that is current, where that works."""
+    """Open a device that shares buffers with the current OpenGL context if that works."""
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.compute.gl_interop import current_handles
 
@@ -59,10 +61,9 @@ def open_device(device: Device, *, real: str = "float", fast: bool = False) -> C
 
 
 def shared_with_gl(terrain: T) -> T:
-    """Return a terrain on a device that shares buffers with the OpenGL context that is current.
+    """Return a terrain in a context that shares buffers with the current OpenGL context, with equal bits.
 
-    The same bits: only programs and lists are put on the device anew. Where no buffers can be shared, where
-    they are already, and what is no `Terrain`, comes back as it is.
+    The argument is returned if buffers cannot be shared, are shared already, or it is not a `Terrain`.
     """
     from sketchterrain.terrain.terrain import Terrain
 
@@ -74,7 +75,7 @@ def shared_with_gl(terrain: T) -> T:
 
 
 def moved_to_context(terrain: T, context: ComputeContext) -> T:
-    """Return a terrain in an open context: itself where it is, and what is no `Terrain`."""
+    """Return a `Terrain` in another compute context; anything else is returned unchanged."""
     from sketchterrain.terrain.terrain import Terrain
 
     if not isinstance(terrain, Terrain) or terrain.context is context:
@@ -82,21 +83,12 @@ def moved_to_context(terrain: T, context: ComputeContext) -> T:
     return type(terrain)(terrain.sketch, terrain.recipe, context, memory=terrain.memory)
 
 
-def _tried(device: Device, kind: str, timeout: float) -> str | None:
-    """Return what went wrong with a kind, in one line; None where it works."""
-    try:
-        run_child(_command(device, kind), name="the probe", timeout=timeout)
-    except ChildFailedError as error:
-        return str(error)
-    return None
-
-
 def _command(device: Device, kind: str) -> list[str]:
     return [sys.executable, "-m", _MODULE, str(device.index), kind]
 
 
 def _probe(index: int, kind: str) -> None:
-    """Try a kind on a device, here."""
+    """Test a sharing method in this process; raise SketchterrainError if OpenGL's content differs."""
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.compute.device import list_devices
     from sketchterrain.compute.gl_interop import current_handles
@@ -106,7 +98,7 @@ def _probe(index: int, kind: str) -> None:
     gl = open_context()
     handles = current_handles() if kind == "extension" else None
     if kind == "extension" and handles is None:
-        raise SketchterrainError("the OpenGL context that is current can't be told to OpenCL")
+        raise SketchterrainError("the current OpenGL context has no handles for OpenCL")
     context = ComputeContext(list_devices()[index], gl=handles)
     memory = open_vertex_memory(gl, context, 4 * _WORDS, kind=kind)
     for turn in range(_ROUNDS):

@@ -1,4 +1,4 @@
-"""One picture of a terrain, without a window."""
+"""Offscreen rendering of single pictures."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from sketchterrain.render.sky import Sun
 
 LARGEST = 8192
-"""Pixels along a side."""
+"""Largest width and height (px)."""
 
 
 def render_picture(
@@ -47,7 +47,11 @@ def render_picture(
     legend: list[LegendEntry] | None = None,
     timings: dict[str, float] | None = None,
 ) -> npt.NDArray[np.uint8]:
-    """Draw one picture of a terrain."""
+    """Return a picture of a terrain, (height, width, 3) sRGB, row 0 on top; deterministic for a driver.
+
+    By default `find_view` chooses the camera for the view kind and the weather's hour sets the sun. Overlays
+    are drawn in the given order; `legend` and `timings` (s) are filled if given.
+    """
     check_size(size)
     check_overlays(overlays)
     check_view(view)
@@ -76,7 +80,7 @@ def render_picture(
 def canvas(
     size: tuple[int, int],
 ) -> Iterator[tuple[moderngl.Context, moderngl.Texture, moderngl.Framebuffer]]:
-    """Open a context with an RGBA texture and a framebuffer that draws into it; close it after."""
+    """Open a context with an RGBA texture and its framebuffer; close it on exit."""
     context = open_context()
     try:
         texture = context.texture(size, 4)
@@ -86,14 +90,14 @@ def canvas(
 
 
 def check_size(size: tuple[int, int]) -> None:
-    """Refuse pictures that are too small or too large to be drawn."""
+    """Raise InputError unless both sides are 16 to `LARGEST` px."""
     width, height = size
     if not (16 <= width <= LARGEST and 16 <= height <= LARGEST):
         raise InputError(f"expected a picture of 16 to {LARGEST} pixels a side, got {width}×{height}")
 
 
 def read_picture(texture: moderngl.Texture) -> npt.NDArray[np.uint8]:
-    """Return what was drawn into an RGBA texture: (height, width, 3) uint8, row 0 on top."""
+    """Return the pixels of an RGBA texture: (height, width, 3) uint8, row 0 on top."""
     width, height = texture.size
     pixels = np.frombuffer(texture.read(), np.uint8).reshape(height, width, 4)
     return np.ascontiguousarray(pixels[::-1, :, :3])

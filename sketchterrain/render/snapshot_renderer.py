@@ -1,4 +1,4 @@
-"""Pictures of one terrain after another: OpenGL is opened once, and what they share is made once."""
+"""Offscreen rendering of many terrains with one OpenGL context and shared resources."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class SnapshotRenderer:
         check_size(size)
         self._size = size
         self._context = open_context()
-        # What is dead is deleted here, not in whichever thread Python finds it.
+        # Objects must be deleted in this thread, not where Python collects them.
         self._context.gc_mode = "context_gc"
         self._texture = self._context.texture(size, 4)
         self._framebuffer = self._context.framebuffer([self._texture])
@@ -58,7 +58,7 @@ class SnapshotRenderer:
         weather: Weather | None = None,
         timings: dict[str, float] | None = None,
     ) -> npt.NDArray[np.uint8]:
-        """Return a picture; parameters, errors and bytes are those of `render_picture`."""
+        """Return a picture; see `render_picture`."""
         check_view(view)
         start = time.perf_counter()
         terrain = moved_to_context(terrain, self._beside(terrain.context))
@@ -78,17 +78,17 @@ class SnapshotRenderer:
             renderer.release()
             return picture
         finally:
-            renderer = None  # type: ignore[assignment]  # before what it held is deleted
+            renderer = None  # type: ignore[assignment]  # its objects are deleted next
             release_orphans(self._context)
 
     def close(self) -> None:
-        """Give back all that it holds."""
+        """Release all resources and the context."""
         self._kept.close()
         release_orphans(self._context)
         close_context(self._context)
 
     def _beside(self, context: ComputeContext) -> ComputeContext:
-        """Return a device of the same kind with a queue of its own: two threads must not share one."""
+        """Return a context of the same device with its own queue: threads must not share one."""
         known = self._device
         if known is None or (known.device, known.fast) != (context.device, context.fast):
             self._device = known = open_device(context.device, real=context.real, fast=context.fast)

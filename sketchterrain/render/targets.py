@@ -77,7 +77,7 @@ def _depth(context: moderngl.Context, size: tuple[int, int]) -> moderngl.Texture
 
 
 class PictureTarget:
-    """A texture with a framebuffer that draws into it, made anew for another size."""
+    """RGBA texture with a framebuffer, re-created when the size changes."""
 
     def __init__(self, context: moderngl.Context) -> None:
         self._context = context
@@ -85,7 +85,7 @@ class PictureTarget:
         self._framebuffer: moderngl.Framebuffer | None = None
 
     def sized(self, size: tuple[int, int]) -> moderngl.Framebuffer:
-        """Return the framebuffer, of a width and a height (px)."""
+        """Return the framebuffer of a width and a height (px)."""
         if self._framebuffer is None or self._framebuffer.size != size:
             for old in (self._framebuffer, self._texture):
                 if old is not None:
@@ -95,16 +95,16 @@ class PictureTarget:
         return self._framebuffer
 
     def read_into(self, memory: memoryview) -> None:
-        """Copy what was drawn: 4 bytes a pixel, red, green, blue and one of no meaning; row 0 on top."""
+        """Copy the pixels, 4 bytes each (red, green, blue, unused), row 0 on top."""
         if self._texture is None:
-            raise ValueError("nothing was drawn: expected `sized` to be asked before")
+            raise ValueError("expected a call of `sized` before")
         width, height = self._texture.size
         read = np.frombuffer(self._texture.read(), np.uint8).reshape(height, width, 4)
         np.frombuffer(memory, np.uint8).reshape(height, width, 4)[:] = read[::-1]
 
 
 NOISE_PERIOD: Final = 65_536.0
-"""m; all noise that is looked up by place repeats after this, so the eye is given modulo it."""
+"""m; positional noise repeats after this, so the eye is passed modulo it."""
 
 _FRAME: Final = np.dtype(
     [
@@ -132,16 +132,16 @@ _FRAME: Final = np.dtype(
 
 
 def wrap_to_noise_period(coordinate: float) -> float:
-    """Return a coordinate (m) modulo `NOISE_PERIOD`, as near to 0 as it can be.
+    """Return a coordinate (m) modulo `NOISE_PERIOD`, with the least magnitude.
 
-    Not all that is looked up by place fits the period, and so jumps where this does: far from any sketch, not
-    at its western and southern border.
+    Lookups that do not fit the period jump where this does: far from any sketch, not at its western and
+    southern border.
     """
     return math.remainder(coordinate, NOISE_PERIOD)
 
 
 class FrameBlock:
-    """Values of the block, by field name, and the buffer that holds them on the GPU."""
+    """Values of the block by field name, and their GPU buffer."""
 
     def __init__(self, context: moderngl.Context) -> None:
         self._values = np.zeros((), _FRAME)
@@ -149,7 +149,7 @@ class FrameBlock:
         self._buffer.bind_to_uniform_block(FRAME_BINDING)
 
     def __setitem__(self, field: str, value: npt.ArrayLike) -> None:
-        """Set a field; matrices are given row by row and fewer numbers than a field has leave its rest."""
+        """Set a field; matrices are row-major, and missing components stay unchanged."""
         array = np.asarray(value, dtype=np.float64)
         target = self._values[field]
         if target.ndim >= 2 and target.shape[-2:] == (4, 4):
@@ -158,10 +158,10 @@ class FrameBlock:
             target[..., : array.shape[-1]] = array
 
     def __getitem__(self, field: str) -> npt.NDArray[np.float32]:
-        """Return a copy of a field as it stands in the block."""
+        """Return a copy of a field."""
         return np.array(self._values[field])
 
     def upload(self) -> None:
-        """Hand all fields to the GPU."""
+        """Upload all fields."""
         self._buffer.write(self._values.tobytes())
         self._buffer.bind_to_uniform_block(FRAME_BINDING)

@@ -24,13 +24,13 @@ if TYPE_CHECKING:
 
 
 OCTAVES: Final = 6
-"""Sizes in which textures are laid."""
+"""Number of texture scales."""
 RATIO: Final = 3.7
-"""Of one octave's width to the next."""
+"""Width ratio of successive octaves."""
 PERIOD: Final = 64
-"""Textures after which the hexagons of kernels/render/hex_tiling.glsl come round."""
+"""Texture widths after which the hexagons of kernels/render/hex_tiling.glsl repeat."""
 TURN: Final = 0.65
-"""rad, of one octave against the next, where nothing has to lie level or along the wind."""
+"""rad, rotation of successive octaves of layers without a direction."""
 _PLANES: Final = ((1, 2), (0, 2), (0, 1))
 _SUITED: Final = {
     "grass": (0, 2),
@@ -43,13 +43,13 @@ _SUITED: Final = {
     "forest_floor": (0, 2),
     "canopy": (2, 2),
 }
-"""Finest and coarsest octave that a layer looks right in: blades of grass are never a metre wide."""
+"""Finest and coarsest octave of a layer: blades of grass are never a metre wide."""
 _ALIGNED: Final = {"rock": 0.0, "sand": 0.1, "snow": 0.2}
-"""Layers with a direction of their own, and how far from it their hexagons may turn (rad)."""
+"""Layers with a direction, and the largest rotation of their hexagons (rad)."""
 
 
 def texture_widths(looks: Mapping[str, Mapping[str, Any]] | None = None) -> npt.NDArray[np.float64]:
-    """Return the width (m) of each layer's texture at octave 0."""
+    """Return the width (m) of each layer's texture at octave 0, from the sketch's ``[look]`` or defaults."""
     own = {name: layer.width for name, layer in LAYERS.items()}
     wanted = {name: look["size"] for name, look in (looks or {}).items() if look.get("size", 0.0) > 0.0}
     return np.array([{**own, **wanted}[name] for name in LAYERS])
@@ -65,9 +65,9 @@ def texture_uniforms(widths: npt.NDArray[np.float64]) -> dict[str, object]:
 
 
 def texture_phases(eye: Sequence[float], widths: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
-    """Say where the eye lies in the material textures.
+    """Return the eye's texture coordinates (layers · 3 planes · OCTAVES, 2), modulo PERIOD.
 
-    Computed in float64, so that textures stay put however far from the origin the eye is.
+    Planes are yz, xz, xy. Computed in float64, so that textures do not swim far from the origin.
     """
     octave = np.arange(OCTAVES)
     angle = np.multiply.outer(_turns(), octave)[:, None, :]
@@ -87,7 +87,13 @@ _TEXTURE_2D_ARRAY, _RGBA8, _RGBA, _UNSIGNED_BYTE = 0x8C1A, 0x8058, 0x1908, 0x140
 
 
 class MaterialTextures:
-    """Texture arrays with one layer a material, tileable, with mipmaps."""
+    """Tileable texture arrays with one layer per material and mipmaps, `size` texels a side.
+
+    `colour` has √albedo and height (RGBA8), `relief` normal x and y, roughness and openness (`texture_mips`),
+    `means` the mean albedo of each layer. `looks` are the sketch's settings by material, pictures in `folder`
+    replace textures (`texture_files`); `smooth` blends mipmaps. Textures missing on disk are computed on
+    `device`.
+    """
 
     def __init__(
         self,
@@ -119,7 +125,7 @@ class MaterialTextures:
     def for_terrain(
         cls, context: moderngl.Context, terrain: TerrainSource, quality: Quality, *, folder: Path | None
     ) -> MaterialTextures:
-        """Return those of a terrain; where no device computes it, the best one computes them."""
+        """Return the textures of a terrain, computed on its device or else on the best one."""
         device = terrain.context.device
         return cls(
             context,
@@ -132,7 +138,7 @@ class MaterialTextures:
 
 
 def _write_level(level: int, texels: npt.NDArray[np.uint8]) -> None:
-    """Write a level of the array that is in use, which moderngl can't."""
+    """Write a mipmap level of the bound array, which moderngl cannot."""
     layers, height, width, _ = texels.shape
     c_int, c_uint = ctypes.c_int, ctypes.c_uint
     kinds = (c_uint, c_int, c_int, c_int, c_int, c_int, c_int, c_uint, c_uint, ctypes.c_void_p)
@@ -150,7 +156,10 @@ def noise_texture(context: moderngl.Context) -> moderngl.Texture:
 
 
 def tileable_noise(size: int = NOISE_SIZE) -> npt.NDArray[np.float32]:
-    """Make four independent fields of 1/f noise on a torus."""
+    """Return four independent fields of 1/f noise on a torus, (size, size, 4).
+
+    Mean 0, standard deviation 0.5; amplitude falls with frequency to the power 1.6, 1.6, 1.35 and 2.0.
+    """
     rng = np.random.default_rng(20131)
     frequency = np.fft.fftfreq(size)[:, None] ** 2 + np.fft.rfftfreq(size)[None, :] ** 2
     frequency[0, 0] = np.inf

@@ -1,4 +1,4 @@
-"""The flight of a sketch that has none: a round about its middle, along valleys and water where it can."""
+"""Automatic flight over a sketch: a closed loop around its centre along valleys and water."""
 
 from __future__ import annotations
 
@@ -22,35 +22,32 @@ if TYPE_CHECKING:
 FOV: Final = 50.0
 TEXELS: Final = 256
 BEARINGS: Final = 72
-"""Directions from the middle in which the round may be nearer or farther."""
+"""Directions from the centre."""
 RADII: Final = np.linspace(0.16, 0.42, 27)
-"""How far from the middle, in sizes of the sketch."""
+"""Candidate radii of the loop, in sizes of the sketch."""
 RISE: Final = 0.028
-"""Height over the ground, in extents …"""
+"""Height above the terrain, in extents …"""
 RISE_LIMITS: Final = (25.0, 140.0)
-"""… and m."""
+"""… limited in m."""
 SPEED: Final = 0.75
-"""Heights a second."""
+"""Heights above the terrain per second."""
 KEY_EVERY: Final = 1.5
 """s."""
 LOOK_AHEAD: Final = 5.0
-"""s, along the round …"""
+"""s along the loop …"""
 LOOK_IN: Final = 0.25
-"""… and this share towards the middle."""
+"""… and this share towards the centre."""
 LOOK_DOWN: Final = -9.0
 """Degrees."""
 LOW: Final = 0.45
-"""Share of its height over the ground that is never used up."""
-_STAY = 0.10  # cost of a step nearer or farther
-_WATER = 1.2  # what water is worth, in the ground's range of heights
-_MIDDLE = 0.20  # cost of the innermost and outermost radius, in the same
+"""Least clearance, as share of the height above the terrain."""
+_STAY = 0.10  # cost of changing the radius by a step
+_WATER = 1.2  # gain of water, in ranges of terrain height
+_MIDDLE = 0.20  # cost of the smallest and largest radius, in the same unit
 
 
 def tour(terrain: TerrainSource, *, seconds: float = 20.0) -> Flight:
-    """Return a flight over a sketch; the same terrain always has the same round.
-
-    The round closes: a longer flight goes around again.
-    """
+    """Return a flight of at least `seconds` over an endless terrain, deterministic; the loop repeats."""
     east, north = terrain.size
     extent = terrain.extent
     relief = sample_heights(terrain, (east / 2, north / 2), 1.2 * extent, TEXELS)
@@ -59,7 +56,7 @@ def tour(terrain: TerrainSource, *, seconds: float = 20.0) -> Flight:
     loop = _spaced(_round(terrain, relief), speed * KEY_EVERY)
     keys = len(loop)
     ahead = max(round(LOOK_AHEAD / KEY_EVERY), 1)
-    # With a whole round and some keys after the end, what is flown does not depend on how long it is.
+    # A whole loop and some keyframes after the end: the path does not depend on the duration.
     wanted = int(np.ceil(seconds / KEY_EVERY)) + 4
     number = np.arange(max(wanted, keys))
     here = loop[number % keys]
@@ -74,11 +71,11 @@ def tour(terrain: TerrainSource, *, seconds: float = 20.0) -> Flight:
     flight = Flight(
         tuple(Keyframe(KEY_EVERY * i, tuple(eye), tuple(target), FOV) for i, (eye, target) in enumerate(rows))
     )
-    return Flight(flight.raised(terrain.heights, clearance=LOW * rise).keys[:wanted])
+    return Flight(flight.raised_above(terrain.heights, clearance=LOW * rise).keys[:wanted])
 
 
 def _round(terrain: TerrainSource, relief: HeightMap) -> Float64Array:
-    """Return a closed way about the middle, (n, 2) m, that begins before what it likes best."""
+    """Return a closed path around the centre, (n, 2; m), that starts before its cheapest part."""
     size = np.array(terrain.size)
     angle = 2.0 * np.pi * np.arange(BEARINGS) / BEARINGS
     spoke = np.stack([np.sin(angle), np.cos(angle)], axis=1)
@@ -92,7 +89,7 @@ def _round(terrain: TerrainSource, relief: HeightMap) -> Float64Array:
 
 
 def _costs(terrain: TerrainSource, relief: HeightMap, places: Float64Array) -> Float64Array:
-    """Return what it costs to fly over places (b, r, 2): heights do, water pays."""
+    """Return costs (b, r) of flying over positions (b, r, 2): heights cost, water gains."""
     marks = water_map(terrain, relief)
     water = replace(marks, heights=gaussian_filter(marks.heights, 3.0))
     x, y = places[..., 0], places[..., 1]
@@ -107,7 +104,7 @@ def _costs(terrain: TerrainSource, relief: HeightMap, places: Float64Array) -> F
 
 
 def _cheapest(costs: Float64Array) -> npt.NDArray[np.intp]:
-    """Return the cheapest closed way through costs (b, r), at most one radius nearer or farther a bearing."""
+    """Return the cheapest closed path through costs (b, r), with radius steps of at most one a bearing."""
     bearings, radii = costs.shape
     far = np.full((radii, 1), np.inf)
     start = np.where(np.eye(radii, dtype=bool), costs[0], np.inf)  # by where it starts, and where it is
@@ -131,19 +128,19 @@ def _cheapest(costs: Float64Array) -> npt.NDArray[np.intp]:
 
 
 def _heights(relief: HeightMap, loop: Float64Array, rise: float) -> Float64Array:
-    """Return how high to fly over the keys of a round: above all that is near, evenly."""
+    """Return smooth flight heights of the keyframes above all nearby terrain."""
     texels = max(round(rise / relief.texel), 1)
     near = replace(relief, heights=maximum_filter(relief.heights, 2 * texels + 1, mode="nearest"))
     return _smooth(near.at(loop[:, 0], loop[:, 1])) + rise
 
 
 def _smooth(values: Float64Array) -> Float64Array:
-    """Average neighbours around a circle."""
+    """Smooth values around a circle."""
     return np.asarray(gaussian_filter1d(values, 1.5, mode="wrap"))
 
 
 def _spaced(loop: Float64Array, step: float) -> Float64Array:
-    """Return points of a closed way that are about `step` apart, four at least."""
+    """Return points of a closed path about `step` apart, at least four."""
     closed = np.concatenate([loop, loop[:1]])
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
     count = max(round(arc[-1] / step), 4)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from contextlib import contextmanager, suppress
 from functools import cache
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
@@ -30,7 +30,7 @@ COMMAND: Final = np.dtype(
         ("base_instance", "<u4"),
     ]
 )
-"""One draw of indexed vertices in a buffer of commands: DrawElementsIndirectCommand."""
+"""DrawElementsIndirectCommand."""
 
 _LIBRARIES: Final = ("libOpenGL.so.0", "libGL.so.1", "opengl32")
 _ASKED: Final = (("libEGL.so.1", "eglGetProcAddress"), ("opengl32", "wglGetProcAddress"))
@@ -43,7 +43,7 @@ _CLIP_DISTANCES: Final = range(0x3000, 0x3004)  # GL_CLIP_DISTANCE0 …
 
 @cache
 def gl_function(name: str, result: Any, *arguments: Any) -> Any:
-    """Return a function of OpenGL, with the ctypes of its result and arguments."""
+    """Return an OpenGL function with ctypes of its result and arguments; raise DeviceError if missing."""
     for library in _LIBRARIES:
         with suppress(OSError, AttributeError):
             function = getattr(ctypes.CDLL(library), name)
@@ -60,11 +60,11 @@ def gl_function(name: str, result: Any, *arguments: Any) -> Any:
 
 
 def wait_for_gl() -> None:
-    """Wait until OpenGL has finished with all that it was told so far."""
+    """Wait until OpenGL has finished all issued commands."""
     fence = gl_function("glFenceSync", ctypes.c_void_p, ctypes.c_uint, ctypes.c_uint)(_COMPLETE, 0)
     wait = gl_function("glClientWaitSync", ctypes.c_uint, ctypes.c_void_p, ctypes.c_uint, ctypes.c_uint64)
     if not fence:
-        raise DeviceError("OpenGL gave no fence to wait for")
+        raise DeviceError("OpenGL returned no fence")
     try:
         found = _TIMEOUT_EXPIRED
         while found == _TIMEOUT_EXPIRED:
@@ -72,12 +72,12 @@ def wait_for_gl() -> None:
     finally:
         gl_function("glDeleteSync", None, ctypes.c_void_p)(fence)
     if found == _WAIT_FAILED:
-        raise DeviceError("OpenGL failed while it was waited for")
+        raise DeviceError("waiting for OpenGL failed")
 
 
 @contextmanager
 def clipping(context: moderngl.Context) -> Iterator[None]:
-    """Cut off what the four ``gl_ClipDistance`` of vertex shaders say, while this lasts."""
+    """Enable the four ``gl_ClipDistance`` of vertex shaders."""
     for distance in _CLIP_DISTANCES:
         context.enable_direct(distance)
     try:
@@ -87,29 +87,19 @@ def clipping(context: moderngl.Context) -> Iterator[None]:
             context.disable_direct(distance)
 
 
-_TARGET: Final = 0x8F37  # GL_COPY_WRITE_BUFFER: no one else's binding is disturbed
+_TARGET: Final = 0x8F37  # GL_COPY_WRITE_BUFFER: no other binding is disturbed
 _READ, _WRITE, _PERSISTENT, _COHERENT = 0x1, 0x2, 0x40, 0x80
 _STORAGE_VERSION: Final = 440
 _STORAGE_EXTENSION: Final = "GL_ARB_buffer_storage"
 
 
-class _Written(Protocol):
-    """One of the kinds in :mod:`sketchterrain.compute.sharing`."""
-
-    nbytes: int
-    buffer: Any
-
-    def acquire(self) -> None: ...
-
-    def release(self, parts: Sequence[tuple[int, int]]) -> None: ...
-
-    def close(self) -> None: ...
+_DeviceMemory: TypeAlias = CopiedMemory | ExtensionMemory | MappedMemory
 
 
 class GLVertexMemory:
-    """Bytes that a device writes and OpenGL draws from; a ``memory`` for ``Terrain.vertex_store``.
+    """Memory that a device writes and OpenGL draws from; a ``memory`` for ``Terrain.vertex_store``.
 
-    All calls belong to the thread in which the OpenGL context is current.
+    Use it in the thread of the OpenGL context. `reason` says why `kind` is not a better one.
     """
 
     def __init__(
@@ -117,7 +107,7 @@ class GLVertexMemory:
         gl: moderngl.Context,
         kind: str,
         vertices: moderngl.Buffer,
-        written: _Written,
+        written: _DeviceMemory,
         *,
         reason: str = "",
     ) -> None:
@@ -130,7 +120,7 @@ class GLVertexMemory:
 
     @property
     def nbytes(self) -> int:
-        """How much it is."""
+        """Size in bytes."""
         return self._written.nbytes
 
     @property
@@ -139,17 +129,17 @@ class GLVertexMemory:
         return self._written.buffer
 
     def acquire(self) -> None:
-        """Make it the device's, once OpenGL has finished with what it was told to draw."""
-        if self.kind != "copy":  # which OpenGL itself puts in order
+        """Hand the memory to the device after OpenGL has finished drawing."""
+        if self.kind != "copy":  # OpenGL orders copies itself
             wait_for_gl()
         self._written.acquire()
 
     def release(self, parts: Sequence[tuple[int, int]]) -> None:
-        """Wait for the device and make what it wrote, parts (start, size in bytes), visible to OpenGL."""
+        """Wait for the device and make written parts (start, size; bytes) visible to OpenGL."""
         self._written.release(parts)
 
     def read(self) -> bytes:
-        """Return what OpenGL sees; moderngl's own way refuses a buffer that is mapped."""
+        """Return OpenGL's content; moderngl's own ``read`` rejects mapped buffers."""
         beside = self._gl.buffer(reserve=self.nbytes)
         try:
             self._gl.copy_buffer(beside, self.vertices, self.nbytes)
@@ -158,10 +148,10 @@ class GLVertexMemory:
             beside.release()
 
     def close(self) -> None:
-        """Give the memory back; nothing may draw from it or write to it any more."""
+        """Release the memory."""
         self._written.close()
         self.vertices.release()
-        if self.kind == "mapped":  # moderngl leaves alone what it did not make
+        if self.kind == "mapped":  # moderngl does not delete external buffers
             name = ctypes.c_uint(self._name)
             gl_function("glDeleteBuffers", None, ctypes.c_int, ctypes.POINTER(ctypes.c_uint))(1, name)
 
@@ -169,7 +159,7 @@ class GLVertexMemory:
 def open_vertex_memory(
     gl: moderngl.Context, context: ComputeContext, nbytes: int, *, kind: str | None = None
 ) -> GLVertexMemory:
-    """Make a buffer for vertices that a device's kernels write."""
+    """Allocate vertex memory of a sharing method, or of the best one that works; raise DeviceError."""
     ways = {"extension": _by_extension, "mapped": _mapped, "copy": _copied}
     reasons: list[str] = []
     for each in (kind,) if kind is not None else sharing_methods(context):
@@ -186,9 +176,9 @@ def open_vertex_memory(
 
 def _by_extension(
     gl: moderngl.Context, context: ComputeContext, nbytes: int
-) -> tuple[moderngl.Buffer, _Written]:
+) -> tuple[moderngl.Buffer, _DeviceMemory]:
     if context.gl is None:
-        raise DeviceError(f"{context.device.name} was not opened beside an OpenGL context")
+        raise DeviceError(f"{context.device.name} was not opened with an OpenGL context")
     vertices = gl.buffer(reserve=nbytes, dynamic=True)
     wait_for_gl()
     try:
@@ -198,9 +188,11 @@ def _by_extension(
         raise
 
 
-def _mapped(gl: moderngl.Context, context: ComputeContext, nbytes: int) -> tuple[moderngl.Buffer, _Written]:
+def _mapped(
+    gl: moderngl.Context, context: ComputeContext, nbytes: int
+) -> tuple[moderngl.Buffer, _DeviceMemory]:
     if context.device.type != "CPU":
-        raise DeviceError(f"{context.device.name} is no CPU: it can't write where OpenGL maps a buffer")
+        raise DeviceError(f"{context.device.name} is not a CPU and cannot write mapped OpenGL buffers")
     if gl.version_code < _STORAGE_VERSION and _STORAGE_EXTENSION not in gl.extensions:
         raise DeviceError(f"this machine's OpenGL has no {_STORAGE_EXTENSION}")
     unsigned, size, address = ctypes.c_uint, ctypes.c_ssize_t, ctypes.c_void_p
@@ -216,12 +208,14 @@ def _mapped(gl: moderngl.Context, context: ComputeContext, nbytes: int) -> tuple
     bind(_TARGET, 0)
     if not place:
         gl_function("glDeleteBuffers", None, ctypes.c_int, ctypes.POINTER(unsigned))(1, name)
-        raise DeviceError(f"OpenGL maps no buffer of {nbytes} bytes for good ({gl.error})")
+        raise DeviceError(f"OpenGL cannot map a persistent buffer of {nbytes} bytes ({gl.error})")
     host = np.ctypeslib.as_array(ctypes.cast(place, ctypes.POINTER(ctypes.c_uint8)), (nbytes,))
     return gl.external_buffer(name.value, nbytes), MappedMemory(context, host)
 
 
-def _copied(gl: moderngl.Context, context: ComputeContext, nbytes: int) -> tuple[moderngl.Buffer, _Written]:
+def _copied(
+    gl: moderngl.Context, context: ComputeContext, nbytes: int
+) -> tuple[moderngl.Buffer, _DeviceMemory]:
     vertices = gl.buffer(reserve=nbytes, dynamic=True)
 
     def write(start: int, part: npt.NDArray[np.uint8]) -> None:

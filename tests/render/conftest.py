@@ -21,7 +21,7 @@ class Surface:
 
 
 class Waves:
-    """A terrain of two long waves, with a straight river along y = 500 and a row of trees."""
+    """Terrain of two long waves with a straight river at y = 500 and a row of trees."""
 
     context = HostContext()
     extent = 1000.0

@@ -1,4 +1,4 @@
-"""Oracles of the ground: its vertex shader in NumPy, packed vertices; pictures of it and their holes."""
+"""Oracles of terrain tiles: vertex shader in NumPy, packed vertices, pictures and their holes."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -52,12 +52,12 @@ class Draws:
 
 
 def neighbours(eye):
-    """Four tiles of a level and a coarser one west of them; morphs at random, but as they must be."""
+    """Four tiles of a level and a coarser one west of them, with random valid morphs."""
     rng, west = np.random.default_rng(5), 4
     x, y = (int(axis // 1000.0) for axis in eye[:2])
     keys = [(1, 2 * x, 2 * y)]
     keys += [(2, 4 * x + col, 4 * y + row) for col, row in ((2, 1), (3, 1), (2, 0), (3, 0))]
-    grid = rng.uniform(0, 1, (5, 5)).astype(np.float32)  # controls of the four, shared where they touch
+    grid = rng.uniform(0, 1, (5, 5)).astype(np.float32)  # shared control values
     grid[:, 0] = 1.0
     coarse = rng.uniform(0, 1, (3, 3)).astype(np.float32)
     coarse[:, 2] = 0.0
@@ -102,7 +102,7 @@ def pack_tiles(terrain, keys):
 
 
 class HostContext:
-    """What vertices' memory needs of a device, where a terrain has none: buffers are arrays."""
+    """Compute context whose buffers are NumPy arrays."""
 
     gl = None
     device = SimpleNamespace(type="none", name="NumPy")
@@ -115,7 +115,7 @@ class HostContext:
 
 
 def write_tiles(terrain, keys, slots, parents, store):
-    """What `Terrain.write_tiles` does, in NumPy."""
+    """`Terrain.write_tiles` in NumPy."""
     side = store.quads + 1
     vertices = store.buffer.view(VERTEX).reshape(-1, side, side)
     facts = np.zeros(len(keys), FACTS)
@@ -135,7 +135,7 @@ def write_tiles(terrain, keys, slots, parents, store):
 
 
 def shaded(draws, vertices, extent, eye):
-    """What the shader computes: places (n, SIDE, SIDE, 3) float32, parent's shares, slopes, weights."""
+    """Output of the shader: positions (n, SIDE, SIDE, 3) float32, parent shares, slopes, weights."""
     unit = metres_per_unit(extent)
     here = np.floor(np.asarray(eye[:2]) / unit)
     fraction = np.float32(np.asarray(eye[:2]) - here * unit)
@@ -162,7 +162,7 @@ def shaded(draws, vertices, extent, eye):
 
 @cache
 def rims(quads=QUADS):
-    """For each case, the directed edges that only one of a tile's triangles has: (k, 2) vertices."""
+    """Return the directed border edges of a tile for each case: (k, 2) vertices."""
     indices, first, count = tile_indices(quads)
     found = []
     for start, many in zip(first, count, strict=True):
@@ -175,22 +175,19 @@ def rims(quads=QUADS):
 
 
 def along_rims(draws, values):
-    """Values at vertices, (n, SIDE, SIDE, k), at the ends of the drawn tiles' rims: (edges, 2, k)."""
+    """Return values (n, SIDE, SIDE, k) at the ends of border edges: (edges, 2, k)."""
     flat = values.reshape(len(values), SIDE * SIDE, -1)
     return np.concatenate([flat[tile][rims()[case]] for tile, case in enumerate(draws.cases)])
 
 
 def names_of(places):
-    """One number for each place (..., 3) float32, the same for the same bits."""
+    """Return an id for each position (..., 3) float32, equal for equal bits."""
     codes = np.ascontiguousarray(places).view(np.dtype((np.void, 12)))[..., 0]
     return np.unique(codes, return_inverse=True)[1].reshape(codes.shape).astype(np.int64)
 
 
 def open_edges(draws, places):
-    """Return edges of drawn triangles that no other triangle has the other way round: (k, 2, 3) float32.
-
-    A whole surface has them along its outer border alone, whatever its tiles and levels.
-    """
+    """Return edges (k, 2, 3) of drawn triangles without an opposite edge: only along the outer border."""
     edges = along_rims(draws, places)
     names = names_of(edges)
     assert (names[:, 0] != names[:, 1]).all()
@@ -199,7 +196,7 @@ def open_edges(draws, places):
 
 
 def beyond(draws, edges, extent, eye):
-    """Tell which directed edges (k, 2, 3), m from the eye, have no drawn tile on their right: (k,) bool."""
+    """Return whether directed edges (k, 2, 3), m from the eye, have no drawn tile on their right."""
     unit = metres_per_unit(extent)
     start, end = edges[:, 0, :2].astype(np.float64), edges[:, 1, :2].astype(np.float64)
     way = end - start
@@ -226,14 +223,11 @@ void main()
 }
 """
 FINER = 4
-"""Samples a pixel along each axis: one would see facets come and go that are far smaller than a pixel."""
+"""Samples a pixel along each axis, against aliasing of tiny facets."""
 
 
 class Shade:
-    """Draws a stream's ground lit from the side, up to 250, before a sky of 255; averages over pixels.
-
-    Towards the draw distance it goes over into the sky, as in frame.glsl.
-    """
+    """Draws tiles lit from the side (up to 250) before a sky of 255, faded at the draw distance."""
 
     def __init__(self, gl, stream, size):
         self.gl, self.size = gl, size
@@ -267,7 +261,7 @@ class Shade:
 
 
 def change(before, after):
-    """By how much each pixel leaves what it and its eight neighbours showed: an edge may move a pixel."""
+    """Return the change of each pixel beyond its 3 × 3 neighbourhood: edges may move by a pixel."""
     padded = np.pad(before, 1, mode="edge")
     height, width = before.shape
     near = [padded[i : i + height, j : j + width] for i in range(3) for j in range(3)]
@@ -275,7 +269,7 @@ def change(before, after):
 
 
 def rays(camera, size):
-    """Where each pixel's middle looks, (height, width, 3), row 0 the lowest."""
+    """Return the directions of pixel centres, (height, width, 3), row 0 at the bottom."""
     width, height = size
     half = np.tan(np.radians(camera.fov) / 2.0)
     x = ((np.arange(width) + 0.5) / width * 2.0 - 1.0) * half * width / height
@@ -285,7 +279,7 @@ def rays(camera, size):
 
 
 def must_be_covered(camera, size, reach, lowest):
-    """Which pixels' rays meet the plane under all ground (at `lowest` m) within reach: (height, width)."""
+    """Return whether pixel rays meet the plane below all terrain (`lowest` m) within reach."""
     way = rays(camera, size)
     with np.errstate(divide="ignore"):
         far = (camera.eye[2] - lowest) / np.maximum(-way[..., 2], 0.0)
@@ -293,13 +287,13 @@ def must_be_covered(camera, size, reach, lowest):
 
 
 def holes(picture, camera, reach, lowest):
-    """How many pixels of a picture (height, width, 4) show magenta although they must be covered."""
+    """Return the number of magenta pixels of a picture (height, width, 4) that must be covered."""
     magenta = (picture[..., :3] == MAGENTA).all(axis=-1)
     return int(np.count_nonzero(magenta & must_be_covered(camera, picture.shape[1::-1], reach, lowest)))
 
 
 class Eye:
-    """Draws a stream's ground before magenta."""
+    """Draws tiles before magenta."""
 
     def __init__(self, gl, size):
         self.gl, self.size = gl, size

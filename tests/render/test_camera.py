@@ -1,4 +1,4 @@
-"""Cameras: projection, orbiting, walking, lines of sight, the ground near the eye."""
+"""Cameras: projection, orbit and walk controllers, line of sight, terrain near the eye."""
 
 import itertools
 from unittest.mock import Mock
@@ -8,30 +8,38 @@ import pytest
 
 from sketchterrain.errors import InputError
 from sketchterrain.render.camera import Camera, clip_planes, direction
-from sketchterrain.render.navigation import CLEARANCE, EYE_HEIGHT, NARROWEST, NearGround, Orbit, Walk, sight
+from sketchterrain.render.navigation import (
+    CLEARANCE,
+    EYE_HEIGHT,
+    MIN_WIDTH,
+    LocalHeights,
+    OrbitController,
+    WalkController,
+    intersect_terrain,
+)
 from sketchterrain.render.navigation import CLEARANCE as ORBIT_CLEARANCE
 
 ASPECT = 16 / 9
 
 
-def place(of, point):
-    """Where a point lies in the picture, each −1 … 1, and its depth."""
-    clip = of.to_clip(ASPECT) @ np.append(np.subtract(point, of.eye), 1.0)
+def project(camera, point):
+    """Return the picture position of a point, −1 … 1, and its depth."""
+    clip = camera.to_clip(ASPECT) @ np.append(np.subtract(point, camera.eye), 1.0)
     return clip[:3] / clip[3]
 
 
 AHEAD = ((0.0, 90.0, 0.0), (40.0, -30.0, -12.0), (-1.0, 0.0, 3.0))
 
 
-def test_the_projection_has_north_up_east_right_depth_from_minus_one_to_one_and_its_frustum():
+def test_projection_axes_depth_range_and_frustum():
     camera = Camera((0.0, 0.0, 0.0), (0.0, 100.0, 0.0), fov=90.0, near=2.0, far=500.0)
-    assert np.allclose(place(camera, (10.0, 100.0, 0.0))[:2], [0.1 / ASPECT, 0.0])
-    assert np.allclose(place(camera, (0.0, 100.0, 100.0))[:2], [0.0, 1.0])
-    assert place(camera, (0.0, 2.0, 0.0))[2] == pytest.approx(-1.0)
-    assert place(camera, (0.0, 500.0, 0.0))[2] == pytest.approx(1.0)
+    assert np.allclose(project(camera, (10.0, 100.0, 0.0))[:2], [0.1 / ASPECT, 0.0])
+    assert np.allclose(project(camera, (0.0, 100.0, 100.0))[:2], [0.0, 1.0])
+    assert project(camera, (0.0, 2.0, 0.0))[2] == pytest.approx(-1.0)
+    assert project(camera, (0.0, 500.0, 0.0))[2] == pytest.approx(1.0)
     down = Camera((0.0, 0.0, 50.0), (0.0, 0.0, 0.0))  # has an up, too
     assert np.isfinite(down.to_clip(1.0)).all()
-    assert place(down, (0.0, 10.0, 0.0))[1] > 0
+    assert project(down, (0.0, 10.0, 0.0))[1] > 0
 
     camera = Camera((5000.0, -300.0, 70.0), (5400.0, 100.0, 40.0), near=1.0, far=2000.0)
     rng = np.random.default_rng(3)
@@ -55,15 +63,15 @@ def test_invalid_cameras_are_refused():
             Camera(**({"eye": (0.0, 0.0, 0.0), "target": (0.0, 1.0, 0.0)} | bad))
 
 
-def test_rays_go_through_their_places_and_the_target_in_the_middle_lies_at_heading_and_pitch():
+def test_rays_pass_through_their_picture_position_and_heading_and_pitch_point_at_the_target():
     far_off = (1e7, -3e6, 250.0)
     for eye, ahead in itertools.product(((5.0, 6.0, 7.0), far_off), AHEAD):
         camera = Camera(eye, tuple(np.add(eye, ahead)))
-        assert np.allclose(place(camera, camera.target)[:2], 0.0, atol=1e-7), (eye, ahead)
+        assert np.allclose(project(camera, camera.target)[:2], 0.0, atol=1e-7), (eye, ahead)
         for x, y in ((0.0, 0.0), (1.0, -1.0), (-0.3, 0.7)):
             along = camera.ray(x, y, ASPECT)
             assert np.linalg.norm(along) == pytest.approx(1.0)
-            assert place(camera, camera.eye + 50.0 * along)[:2] == pytest.approx(
+            assert project(camera, camera.eye + 50.0 * along)[:2] == pytest.approx(
                 [x, y], abs=1e-9 if eye == far_off else 1e-12
             )
 
@@ -74,34 +82,34 @@ def test_rays_go_through_their_places_and_the_target_in_the_middle_lies_at_headi
         assert (camera.heading, camera.pitch) == pytest.approx((heading, pitch))
 
 
-def test_clip_planes_follow_the_height_above_ground_and_the_draw_distance():
+def test_clip_planes_follow_clearance_and_draw_distance():
     for clearance, near in ((0.0, 0.1), (1.7, 0.425), (80.0, 20.0), (400.0, 100.0), (2e4, 100.0)):
         assert clip_planes(clearance, 28_000.0) == pytest.approx((near, 30_800.0))
         near, far = clip_planes(clearance, 0.0)
         assert 0.0 < near < far
 
 
-def test_heights_near_the_eye_are_those_of_the_ground_from_few_maps(waves):
+def test_cached_heights_near_the_eye_match_the_terrain(waves):
     for east, north in ((300.0, 200.0), (1e6, -4e5)):
         for spread in (0.0, 3.0, 200.0):
             x = east + np.linspace(-0.5, 0.5, 7) * spread
             y = north + np.linspace(0.5, -0.5, 7) * spread
-            found = NearGround(waves)(x, y)
+            found = LocalHeights(waves)(x, y)
             assert found == pytest.approx(waves.heights(x, y), abs=0.02 + 2e-3 * spread), (east, spread)
 
     counted = Mock(wraps=waves, extent=waves.extent)
-    ground = NearGround(counted)
-    asked = []
-    for x in ([0.0], [10.0], [-0.45 * NARROWEST], [40.0], [0.0, 500.0], [250.0], [250.0, 260.0]):
+    ground = LocalHeights(counted)
+    calls = []
+    for x in ([0.0], [10.0], [-0.45 * MIN_WIDTH], [40.0], [0.0, 500.0], [250.0], [250.0, 260.0]):
         ground(x, 0.0)
-        asked.append(counted.heights.call_count)
-    assert asked == [1, 1, 1, 2, 3, 4, 4]
+        calls.append(counted.heights.call_count)
+    assert calls == [1, 1, 1, 2, 3, 4, 4]
 
 
-def test_a_moving_eye_never_is_in_the_ground_and_asks_for_few_maps(waves):
+def test_a_moving_eye_stays_above_the_terrain_with_few_height_maps(waves):
     for boost in (1.0, 20.0):
         counted = Mock(wraps=waves, extent=waves.extent)
-        walk = Walk(NearGround(counted), (100.0, 300.0, 0.0), heading=40.0, pitch=-20.0)
+        walk = WalkController(LocalHeights(counted), (100.0, 300.0, 0.0), heading=40.0, pitch=-20.0)
         for _ in range(600):
             walk.look(0.2, 0.0)
             walk.advance(1 / 60, forward=1.0, boost=boost)
@@ -122,9 +130,9 @@ def camera(orbit):
     return orbit.camera(draw_distance=7000.0)
 
 
-def test_it_keeps_its_distance_and_looks_at_the_pivot():
+def test_an_orbit_keeps_its_distance_and_looks_at_the_pivot():
     for pivot in ((0.0, 0.0, 0.0), (1e6, -2e6, 0.0)):
-        orbit = Orbit(plain, pivot, distance=400.0)
+        orbit = OrbitController(plain, pivot, distance=400.0)
         rng = np.random.default_rng(3)
         for _ in range(200):
             orbit.turn(rng.normal(0, 30), rng.normal(5, 20))
@@ -132,14 +140,13 @@ def test_it_keeps_its_distance_and_looks_at_the_pivot():
             if 400.0 * np.sin(np.radians(orbit.elevation)) > 2.0:
                 distance = np.linalg.norm(np.subtract(camera(orbit).eye, pivot))
                 assert distance == pytest.approx(400.0, abs=1e-6), pivot
-            assert place(camera(orbit), pivot)[:2] == pytest.approx([0.0, 0.0], abs=1e-6), pivot
+            assert project(camera(orbit), pivot)[:2] == pytest.approx([0.0, 0.0], abs=1e-6), pivot
 
 
-def test_the_path_does_not_depend_on_the_frame_rate():
-    """Where nothing is asked for in between it is the same to rounding."""
+def test_an_orbit_does_not_depend_on_the_frame_rate():
     ends = []
     for steps in ([0.5], [1 / 60] * 30, [1 / 240] * 120, np.diff([0.0, 0.01, 0.03, 0.2, 0.21, 0.5]).tolist()):
-        orbit = Orbit(hills, (0.0, 0.0, 0.0), distance=400.0)
+        orbit = OrbitController(hills, (0.0, 0.0, 0.0), distance=400.0)
         orbit.turn(80.0, 20.0)
         orbit.pan(0.3, 0.2)
         orbit.zoom(0.4, about=(50.0, 30.0, 10.0))
@@ -149,36 +156,36 @@ def test_the_path_does_not_depend_on_the_frame_rate():
     assert np.ptp(ends, axis=0).max() < 1e-9
 
 
-def test_a_zoom_keeps_its_point_in_the_picture_up_to_its_ends():
-    orbit = Orbit(plain, (0.0, 0.0, 0.0), distance=800.0, heading=30.0)
+def test_a_zoom_keeps_its_point_fixed_up_to_the_distance_limits():
+    orbit = OrbitController(plain, (0.0, 0.0, 0.0), distance=800.0, heading=30.0)
     point = (120.0, 60.0, 20.0)
-    first = place(camera(orbit), point)[:2]
+    first = project(camera(orbit), point)[:2]
     for factor in (0.5, 0.5, 3.0, 0.1):
         orbit.zoom(factor, about=point)
         for _ in range(10):
             orbit.advance(1 / 60)
-            assert place(camera(orbit), point)[:2] == pytest.approx(first, abs=1e-9)
+            assert project(camera(orbit), point)[:2] == pytest.approx(first, abs=1e-9)
     orbit.advance(10.0)
     assert orbit.distance == pytest.approx(60.0)
-    orbit = Orbit(plain, (0.0, 0.0, 0.0), distance=800.0, elevation=89.0)
+    orbit = OrbitController(plain, (0.0, 0.0, 0.0), distance=800.0, elevation=89.0)
     point = (50.0, 90.0, 0.0)
-    first = place(camera(orbit), point)[:2]
+    first = project(camera(orbit), point)[:2]
     for factor in (1e-9, 1e12):
         orbit.zoom(factor, about=point)
         orbit.advance(100.0)
-        assert place(camera(orbit), point)[:2] == pytest.approx(first, abs=1e-6)
+        assert project(camera(orbit), point)[:2] == pytest.approx(first, abs=1e-6)
     assert orbit.distance == pytest.approx(5e6)
 
 
-def test_a_pan_drags_the_ground_and_the_pivot_follows_it():
+def test_a_pan_moves_the_pivot_along_the_terrain():
     for heading in (0.0, 130.0):
-        orbit = Orbit(plain, (0.0, 0.0, 0.0), distance=500.0, heading=heading, elevation=89.0)
+        orbit = OrbitController(plain, (0.0, 0.0, 0.0), distance=500.0, heading=heading, elevation=89.0)
         orbit.pan(0.25, 0.125)  # the eye goes right and up: the pivot's old place, left and down
         orbit.advance(10.0)
-        found = place(camera(orbit), (0.0, 0.0, 0.0))[:2]
+        found = project(camera(orbit), (0.0, 0.0, 0.0))[:2]
         assert found == pytest.approx([-0.5 / ASPECT, -0.25], rel=0.02), heading
 
-    orbit = Orbit(hills, (10.0, 20.0, float(hills(10.0, 20.0)) + 5.0))
+    orbit = OrbitController(hills, (10.0, 20.0, float(hills(10.0, 20.0)) + 5.0))
     for _ in range(20):
         orbit.pan(0.2, 0.3)
     orbit.advance(10.0)
@@ -186,14 +193,14 @@ def test_a_pan_drags_the_ground_and_the_pivot_follows_it():
     assert z == pytest.approx(float(hills(x, y)) + 5.0)
 
 
-def test_the_eye_is_lifted_out_of_the_ground_without_a_jump():
-    """Around a valley among steep cones, at and under the horizon: 0.05° more never move the eye 2 m."""
+def test_an_orbit_is_lifted_above_the_terrain_without_a_jump():
+    """Around a valley among steep cones, at and below the horizon: steps of 0.05° move the eye smoothly."""
 
     def cones(x, y):
         x, y = np.asarray(x), np.asarray(y)
         return np.maximum(250.0 - 2.0 * np.abs(np.hypot(x, y) - 300.0), 0.0) * (np.sin(x / 40) + 1)
 
-    orbit = Orbit(cones, (0.0, 0.0, 0.0), distance=300.0, elevation=-20.0)
+    orbit = OrbitController(cones, (0.0, 0.0, 0.0), distance=300.0, elevation=-20.0)
     eyes = []
     for _ in range(7200):
         orbit.turn(0.05, 0.002)
@@ -204,8 +211,8 @@ def test_the_eye_is_lifted_out_of_the_ground_without_a_jump():
     assert np.ptp(np.array(eyes)[:, 2]) > 300.0
 
 
-def test_a_jump_takes_no_time_and_an_orbit_at_rest_does_not_move():
-    orbit = Orbit(plain, (0.0, 0.0, 0.0), heading=10.0, distance=300.0)
+def test_an_orbit_jumps_at_once_and_comes_to_rest():
+    orbit = OrbitController(plain, (0.0, 0.0, 0.0), heading=10.0, distance=300.0)
     orbit.turn(-40.0, 10.0)
     orbit.jump((5e5, 6e5, 7.0), distance=90.0)
     before = camera(orbit)
@@ -213,7 +220,7 @@ def test_a_jump_takes_no_time_and_an_orbit_at_rest_does_not_move():
     orbit.advance(1.0)
     assert camera(orbit) == before
 
-    orbit = Orbit(hills, (1e6, 1e6, 0.0))
+    orbit = OrbitController(hills, (1e6, 1e6, 0.0))
     orbit.turn(50.0, 10.0)
     orbit.zoom(0.3, about=(1e6 + 100.0, 1e6, 0.0))
     for _ in range(600):
@@ -224,22 +231,24 @@ def test_a_jump_takes_no_time_and_an_orbit_at_rest_does_not_move():
         assert np.abs(np.subtract(camera(orbit).eye, rest.eye)).max() < 1e-9
 
 
-def test_a_line_of_sight_ends_where_it_first_meets_the_ground():
+def test_a_line_of_sight_ends_at_its_first_intersection():
     for seed in range(5):
         rng = np.random.default_rng(seed)
-        orbit = Orbit(hills, (*rng.uniform(-500, 500, 2), 0.0), heading=rng.uniform(0, 360), distance=900.0)
+        orbit = OrbitController(
+            hills, (*rng.uniform(-500, 500, 2), 0.0), heading=rng.uniform(0, 360), distance=900.0
+        )
         view = camera(orbit)
         x, y = rng.uniform(-0.9, 0.9, 2)
         along = view.ray(x, y, ASPECT)
-        point = sight(hills, view.eye, along, reach=20_000.0)
-        assert place(view, point)[:2] == pytest.approx([x, y], abs=1e-9), seed
+        point = intersect_terrain(hills, view.eye, along, reach=20_000.0)
+        assert project(view, point)[:2] == pytest.approx([x, y], abs=1e-9), seed
         assert point[2] == pytest.approx(float(hills(*point[:2])), abs=1e-4), seed
         t = np.linspace(0.0, np.linalg.norm(np.subtract(point, view.eye)) - 1.0, 5000)[:, None]
         way = view.eye + t * along
         assert (way[:, 2] >= hills(way[:, 0], way[:, 1])).all(), seed
-    # Nothing in the sky; from below the ground, the place itself.
-    assert sight(plain, (0.0, 0.0, 10.0), (0.0, 0.6, 0.8), reach=1e5) is None
-    assert sight(plain, (0.0, 0.0, -3.0), (0.0, 1.0, 0.0), reach=1e5) == (0.0, 0.0, -3.0)
+    # No intersection in the sky; the start point from below the terrain.
+    assert intersect_terrain(plain, (0.0, 0.0, 10.0), (0.0, 0.6, 0.8), reach=1e5) is None
+    assert intersect_terrain(plain, (0.0, 0.0, -3.0), (0.0, 1.0, 0.0), reach=1e5) == (0.0, 0.0, -3.0)
 
 
 def slopes(x, y):
@@ -249,7 +258,7 @@ def slopes(x, y):
 
 
 def cliffs(seed):
-    """Ground in steps of random height, 1 to 300 m, every 7 m: as steep as ground can be."""
+    """Vertical steps of random height, 1 to 300 m, every 7 m."""
     heights = np.random.default_rng(seed).exponential(80.0, (64, 64))
 
     def ground(x, y):
@@ -265,8 +274,8 @@ def irregular(seconds, seed=5):
     return np.diff(np.concatenate([[0.0], times, [seconds]])).tolist()
 
 
-def fly(walk, steps, *, look=0.0, **keys):
-    """Fly through steps of time, turning all the while."""
+def advance(walk, steps, *, look=0.0, **keys):
+    """Advance by time steps while turning."""
     for h in steps:
         walk.look(look * h, 0.0)
         walk.advance(h, **keys)
@@ -274,34 +283,36 @@ def fly(walk, steps, *, look=0.0, **keys):
 
 
 @pytest.mark.slow
-def test_the_path_does_not_depend_on_the_frame_rate_when_walking():
-    """A tenth of a percent of the way after ten seconds, also where steps are irregular (0 … 150 ms)."""
+def test_a_walk_does_not_depend_on_the_frame_rate():
+    """0.1 % of the path after ten seconds, also with irregular steps (0 … 150 ms)."""
     rates = {str(rate): [1 / rate] * 10 * rate for rate in (24, 60, 240)} | {"irregular": irregular(10.0)}
     for ground, on_foot in itertools.product((plain, slopes), (False, True)):
         ends = {}
         for name, steps in rates.items():
-            walk = Walk(ground, (10.0, 20.0, 150.0), pitch=-2.0, on_foot=on_foot)
-            ends[name] = fly(walk, steps, forward=1.0, right=0.3, boost=4.0)
+            walk = WalkController(ground, (10.0, 20.0, 150.0), pitch=-2.0, on_foot=on_foot)
+            ends[name] = advance(walk, steps, forward=1.0, right=0.3, boost=4.0)
         way = np.linalg.norm(ends["240"] - [10.0, 20.0, ends["240"][2]])
         assert way > 100
         for name, end in ends.items():
             assert np.linalg.norm(end - ends["240"]) < 1e-3 * way, (ground, on_foot, name)
         assert np.linalg.norm(ends["60"] - ends["240"]) < 1e-6 * way, (ground, on_foot)
 
-    # The mouse itself moves in steps of a frame: 2 % of the way.
+    # Mouse motion comes in steps of a frame: 2 % of the path.
     ends = [
-        fly(Walk(plain, (0.0, 0.0, 300.0)), [1 / rate] * (5 * rate), look=40.0, forward=1.0)
+        advance(WalkController(plain, (0.0, 0.0, 300.0)), [1 / rate] * (5 * rate), look=40.0, forward=1.0)
         for rate in (60, 240)
     ]
     assert np.linalg.norm(ends[0] - ends[1]) < 0.02 * np.linalg.norm(ends[1])
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 4))])
-def test_the_eye_is_never_in_the_ground_however_steep_and_fast(seed):
+def test_a_walk_stays_above_cliffs_at_any_speed(seed):
     for boost, on_foot in itertools.product((0.2, 1.0, 30.0, 1000.0), (False, True)):
         ground = cliffs(seed)
         rng = np.random.default_rng(seed)
-        walk = Walk(ground, (3.0, 4.0, -50.0), heading=rng.uniform(0, 360), pitch=-60.0, on_foot=on_foot)
+        walk = WalkController(
+            ground, (3.0, 4.0, -50.0), heading=rng.uniform(0, 360), pitch=-60.0, on_foot=on_foot
+        )
         for h in irregular(8.0, seed):
             walk.look(rng.normal(0, 20), rng.normal(0, 20))
             walk.advance(h, forward=1.0, right=rng.uniform(-1, 1), up=rng.uniform(-1, 1), boost=boost)
@@ -311,12 +322,12 @@ def test_the_eye_is_never_in_the_ground_however_steep_and_fast(seed):
             assert np.isfinite(walk.eye).all(), (boost, on_foot)
 
 
-def test_an_eye_at_rest_does_not_move():
-    """1,000 km away and farther: after the keys are let go the camera comes to rest to the last bit."""
+def test_a_walk_comes_to_rest_without_input():
+    """Also 1,000 km and more from the origin."""
     for origin, on_foot in itertools.product((0.0, 1e6, -3e7), (False, True)):
-        walk = Walk(slopes, (origin + 3.0, origin - 5.0, 40.0), on_foot=on_foot)
-        fly(walk, [1 / 60] * 60, look=30.0, forward=1.0, up=-1.0)
-        fly(walk, [1 / 60] * 60 * 8)
+        walk = WalkController(slopes, (origin + 3.0, origin - 5.0, 40.0), on_foot=on_foot)
+        advance(walk, [1 / 60] * 60, look=30.0, forward=1.0, up=-1.0)
+        advance(walk, [1 / 60] * 60 * 8)
         rest = walk.camera(draw_distance=7000.0)
         for h in irregular(2.0):
             walk.advance(h)
@@ -326,17 +337,17 @@ def test_an_eye_at_rest_does_not_move():
         assert (walk.velocity == 0.0).all(), (origin, on_foot)
 
 
-def test_a_hillside_lifts_the_eye_without_a_jerk():
-    """Up a slope of 45°, at 40 m/s: less than letting the keys go (190 m/s²); a hard stop takes 4,600."""
+def test_a_slope_lifts_the_eye_smoothly():
+    """A slope of 45° at 40 m/s: less than releasing the keys (190 m/s²); an abrupt stop takes 4,600."""
 
     def ramp(x, y):
         return np.clip(np.asarray(y) - 300.0, 0.0, 60.0) + 0.0 * np.asarray(x)
 
-    walk = Walk(ramp, (0.0, 0.0, 12.0))
+    walk = WalkController(ramp, (0.0, 0.0, 12.0))
     steps = 1 / 120
     path = []
     while walk.eye[1] < 500.0:
-        fly(walk, [steps], forward=1.0, boost=4.0)
+        advance(walk, [steps], forward=1.0, boost=4.0)
         path.append(walk.eye)
         assert len(path) < 5000
     vertical = np.diff(np.array(path)[:, 2]) / steps
@@ -344,8 +355,8 @@ def test_a_hillside_lifts_the_eye_without_a_jerk():
     assert path[-1][2] > 60.0 + CLEARANCE
 
 
-def test_on_foot_the_eye_keeps_to_the_ground_and_speed_grows_with_the_height_above_it():
-    walk = Walk(slopes, (0.0, 0.0, 500.0), on_foot=True)
+def test_on_foot_the_eye_follows_the_terrain_and_flying_speed_grows_with_height():
+    walk = WalkController(slopes, (0.0, 0.0, 500.0), on_foot=True)
     assert walk.eye[2] == slopes(0.0, 0.0) + EYE_HEIGHT
     heights = []
     for _ in range(1200):
@@ -357,25 +368,25 @@ def test_on_foot_the_eye_keeps_to_the_ground_and_speed_grows_with_the_height_abo
 
     speeds = []
     for height in (0.0, 100.0, 1000.0, 20_000.0):
-        walk = Walk(plain, (0.0, 0.0, height))
-        fly(walk, [1 / 60] * 120, forward=1.0)
+        walk = WalkController(plain, (0.0, 0.0, height))
+        advance(walk, [1 / 60] * 120, forward=1.0)
         speeds.append(np.linalg.norm(walk.velocity))
     assert speeds == pytest.approx([4.0, 80.0, 800.0, 3000.0], rel=0.01)
 
 
-def test_keys_move_in_their_directions_and_the_look_stops_short_of_straight_up():
+def test_input_moves_along_its_axis_and_pitch_is_limited():
     for keys, way in (
         ({"forward": 1.0}, (1, 0, 0)),
         ({"right": 1.0}, (0, -1, 0)),
         ({"forward": -1.0, "right": -1.0}, (-1, 1, 0)),
         ({"up": 1.0}, (0, 0, 1)),
     ):
-        walk = Walk(plain, (0.0, 0.0, 100.0), heading=90.0)
-        fly(walk, [0.1] * 5, **keys)
-        gone = np.subtract(walk.eye, (0.0, 0.0, 100.0))
-        assert gone / np.linalg.norm(gone) == pytest.approx(way / np.linalg.norm(way), abs=1e-9), keys
+        walk = WalkController(plain, (0.0, 0.0, 100.0), heading=90.0)
+        advance(walk, [0.1] * 5, **keys)
+        moved = np.subtract(walk.eye, (0.0, 0.0, 100.0))
+        assert moved / np.linalg.norm(moved) == pytest.approx(way / np.linalg.norm(way), abs=1e-9), keys
 
-    walk = Walk(plain, (0.0, 0.0, 100.0), heading=350.0)
+    walk = WalkController(plain, (0.0, 0.0, 100.0), heading=350.0)
     walk.look(30.0, 500.0)
     turns = [(walk.advance(1 / 60), walk.heading, walk.pitch)[1:] for _ in range(60)]
     assert turns[-1] == pytest.approx((20.0, 89.0))
@@ -384,9 +395,9 @@ def test_keys_move_in_their_directions_and_the_look_stops_short_of_straight_up()
     assert (camera.heading, camera.pitch) == pytest.approx((20.0, 89.0))
 
 
-def test_jumps_and_long_pauses_end_above_the_ground():
-    walk = Walk(slopes, (0.0, 0.0, 500.0))
-    fly(walk, [1 / 60] * 30, forward=1.0)
+def test_jumps_and_long_pauses_end_above_the_terrain():
+    walk = WalkController(slopes, (0.0, 0.0, 500.0))
+    advance(walk, [1 / 60] * 30, forward=1.0)
     walk.jump((1e6, 2e6, -900.0), heading=45.0, pitch=-10.0)
     assert walk.eye == (1e6, 2e6, slopes(1e6, 2e6) + EYE_HEIGHT)
     assert (walk.heading, walk.pitch) == (45.0, -10.0)
@@ -394,7 +405,7 @@ def test_jumps_and_long_pauses_end_above_the_ground():
     walk.advance(0.1)
     assert walk.camera(draw_distance=100.0).forward == pytest.approx(before.forward, abs=1e-12)
 
-    walk = Walk(slopes, (0.0, 0.0, 100.0))
+    walk = WalkController(slopes, (0.0, 0.0, 100.0))
     walk.advance(0.0, forward=1.0)
     assert walk.eye == (0.0, 0.0, 100.0)
     walk.advance(1e5, forward=-1.0, up=-1.0)

@@ -1,4 +1,4 @@
-"""Flights: paths, their files, tours that are found, capture_frames along them."""
+"""Flights: motion, files, automatic tours, captured frames."""
 
 import dataclasses
 import itertools
@@ -13,7 +13,7 @@ from sketchterrain.render import tour as room
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.flight import (
     HEIGHTS,
-    KEY,
+    KEYFRAME,
     Flight,
     Keyframe,
     flight_text,
@@ -41,7 +41,7 @@ def random_flight(seed, keys=12, **options):
 
 
 def circle(radius=300.0, keys=24, seconds=24.0):
-    """Once around a target at even speed."""
+    """A circle around a target at constant speed."""
     angles = np.linspace(0.0, 2 * np.pi, keys + 1)
     return Flight(
         tuple(
@@ -51,7 +51,7 @@ def circle(radius=300.0, keys=24, seconds=24.0):
     )
 
 
-def test_it_is_at_each_key_at_its_time_and_moves_continuously_with_its_velocity():
+def test_a_flight_passes_its_keyframes_with_continuous_motion():
     for seed in range(4):
         flight = random_flight(seed)
         times = [key.time - flight.keys[0].time for key in flight.keys]
@@ -69,7 +69,7 @@ def test_it_is_at_each_key_at_its_time_and_moves_continuously_with_its_velocity(
         way = np.linalg.norm(np.diff(views.eye, axis=0), axis=1).sum()
         assert np.abs(views.eye[0] + gone - views.eye[1:]).max() < 1e-4 * way, seed
 
-    """Halving the step halves how much position, direction and velocity change."""
+    # Halving the step halves the changes of position, direction and velocity.
     for seed in range(2):
         flight = random_flight(seed)
 
@@ -84,11 +84,11 @@ def test_it_is_at_each_key_at_its_time_and_moves_continuously_with_its_velocity(
         assert (fine < 0.6 * coarse).all(), seed
 
 
-def test_around_a_circle_at_even_speed_with_the_target_amid_the_picture():
-    """24 keys: the speed stays within 1 %, the radius too, and the look within 0.1° of the target."""
+def test_keyframes_on_a_circle_give_circular_motion():
+    """24 keyframes: speed and radius within 1 %, direction within 0.1° of the target."""
     flight = circle()
     views = flight.at(flight.times(60))
-    inner = slice(120, -120)  # the ends have no key beyond
+    inner = slice(120, -120)  # without the ends
     assert np.linalg.norm(views.velocity, axis=1)[inner] == pytest.approx(2 * np.pi * 300 / 24, rel=0.01)
     assert np.hypot(*views.eye.T[:2]) == pytest.approx(300.0, rel=0.01)
     forward = views.target - views.eye
@@ -97,7 +97,7 @@ def test_around_a_circle_at_even_speed_with_the_target_amid_the_picture():
     assert np.degrees(np.arccos(np.minimum(cosine, 1.0))).max() < 0.1
 
 
-def test_turns_are_the_shorter_way_and_keep_the_heading_when_looking_down():
+def test_turns_take_the_shorter_arc_and_keep_the_heading_when_looking_down():
     keys = [
         Keyframe(t, (0, 0, 0), (np.sin(h), np.cos(h), 0)) for t, h in enumerate(np.radians([350.0, 10.0]))
     ]
@@ -111,7 +111,7 @@ def test_turns_are_the_shorter_way_and_keep_the_heading_when_looking_down():
     assert (views.target[:, 0] > -1e-6).all()
 
 
-def test_a_camera_that_halts_or_only_turns_does_not_move():
+def test_a_camera_that_halts_or_turns_in_place_does_not_move():
     places = [(0, 0, 5), (100, 0, 5), (100, 0, 5), (200, 50, 5)]
     keys = [Keyframe(2 * i, place, (place[0], 300, 0)) for i, place in enumerate(places)]
     views = Flight(tuple(keys)).at(np.linspace(2.0, 4.0, 50))
@@ -121,14 +121,14 @@ def test_a_camera_that_halts_or_only_turns_does_not_move():
     views = Flight(tuple(keys)).at(np.linspace(0.0, 2.0, 50))
     assert (views.eye == (1e6, 1e6, 5.0)).all()
     assert np.isfinite(views.target).all()
-    # Keys hardly apart are one place.
+    # Nearly equal positions are one.
     keys = [Keyframe(t, (1e8 + 1e-5 * t, 0, 5), (1e8, 300, 0)) for t in range(5)]
     views = Flight(tuple(keys)).at(np.linspace(0.0, 4.0, 9))
     assert all(np.isfinite(part).all() for part in views)
     assert all((a == b).all() for a, b in itertools.pairwise(views.eye))
 
 
-def test_times_of_frames_and_of_recorded_keys_are_even():
+def test_frame_times_and_recorded_keyframes_are_equidistant():
     flight = circle(seconds=10.0)
     assert flight.times(25) == pytest.approx(np.arange(250) / 25)
     assert flight.times(25, 2.0) == pytest.approx(np.arange(50) / 25)
@@ -136,24 +136,24 @@ def test_times_of_frames_and_of_recorded_keys_are_even():
     assert flight.times(0.001) == pytest.approx([0.0])
 
     shots = [(t / 60, Camera((t, 2.0 * t, 30.0), (t, 2.0 * t + 100.0, 0.0))) for t in range(100)]
-    flight = Flight.recorded(shots)
+    flight = Flight.from_cameras(shots)
     assert [key.time for key in flight.keys] == pytest.approx([0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 99 / 60])
     times = np.array([time for time, _ in shots])
     assert flight.at(times).eye == pytest.approx(np.array([camera.eye for _, camera in shots]), abs=1e-3)
 
 
-def test_heights_above_ground_follow_the_ground():
+def test_heights_above_ground_follow_the_terrain():
     for seed in range(4):
-        flight = random_flight(seed, heights="above ground").over(hills, clearance=3.0)
+        flight = random_flight(seed, heights="above ground").with_absolute_heights(hills, clearance=3.0)
         assert flight.heights == "absolute"
         eye = flight.at(np.linspace(0.0, flight.duration, 20_000)).eye
         assert (eye[:, 2] - hills(eye[:, 0], eye[:, 1])).min() > 2.9, seed
 
     keys = tuple(Keyframe(t, (90.0 * t, 0.0, 20.0), (90.0 * t, 50.0, 1.0)) for t in range(4))
-    flight = Flight(keys, "above ground").over(lambda x, y: np.full(np.shape(x), 700.0))
+    flight = Flight(keys, "above ground").with_absolute_heights(lambda x, y: np.full(np.shape(x), 700.0))
     assert [key.eye[2] for key in flight.keys] == [720.0] * 4
     assert [key.target[2] for key in flight.keys] == [701.0] * 4
-    assert flight.over(hills) is flight
+    assert flight.with_absolute_heights(hills) is flight
 
 
 TWO = """
@@ -168,7 +168,7 @@ target = [50, 100, 0]
 """
 
 
-def test_a_saved_flight_loads_as_the_same_and_missing_values_have_the_documented_defaults(tmp_path):
+def test_flight_files_round_trip_with_documented_defaults(tmp_path):
     for seed, heights in enumerate(("absolute", "above ground")):
         flight = random_flight(seed, heights=heights)
         path = save_flight(flight, tmp_path / "a.toml")
@@ -177,19 +177,23 @@ def test_a_saved_flight_loads_as_the_same_and_missing_values_have_the_documented
     text = flight_text(circle(keys=2))
     assert text.startswith("# The flight of a camera")
     assert text.count("[[key]]") == 3
-    assert "z up. heights says what heights (z) are counted from" in text.replace("\n# ", " ")
+    assert "z up. heights is the reference of heights (z)" in text.replace("\n# ", " ")
 
     flight = parse_flight(f"format = 1\n{TWO}".encode())
     assert (flight.heights, flight.duration, flight.keys[0].fov) == ("absolute", 4.5, 50.0)
     assert isinstance(flight.keys[0].eye[0], float)
 
     page = (Path(__file__).parents[2] / "docs/flying.md").read_text(encoding="utf-8")
-    for name, key in KEY.items():
+    for name, key in KEYFRAME.items():
         assert f"| `{name}` | {key.range} {key.unit} | {key.help}" in page
-    assert f"`heights` says {HEIGHTS.help}" in " ".join(page.split())
+    assert f"`heights` is the {HEIGHTS.help}" in " ".join(page.split())
     (example,) = re.findall(r"```toml\n(.*?)```", page, re.S)
     flight = parse_flight(example.encode())
-    assert (flight.heights, flight.duration, flight.keys[1].fov) == ("above ground", 8.0, KEY["fov"].default)
+    assert (flight.heights, flight.duration, flight.keys[1].fov) == (
+        "above ground",
+        8.0,
+        KEYFRAME["fov"].default,
+    )
 
 
 TWO_KEYS = "format = 1" + TWO
@@ -216,20 +220,24 @@ WRONG = {
 
 def test_invalid_files_are_refused_with_file_key_and_value(tmp_path):
     path = tmp_path / "wrong.toml"
-    for text, told in WRONG.items():
+    for text, message in WRONG.items():
         path.write_text(text, encoding="utf-8")
         with pytest.raises(InputError) as error:
             load_flight(path)
         assert str(error.value).startswith(f"{path}: "), text
-        assert told in str(error.value), text
+        assert message in str(error.value), text
         assert "\n" not in str(error.value), text
     path.write_bytes(b"\xff\xfe\x00")
-    for name, told in (("missing", "cannot be read"), (".", "cannot be read"), (path.name, "is not UTF-8")):
-        with pytest.raises(InputError, match=told):
+    for name, message in (
+        ("missing", "cannot be read"),
+        (".", "cannot be read"),
+        (path.name, "is not UTF-8"),
+    ):
+        with pytest.raises(InputError, match=message):
             load_flight(tmp_path / name)
 
 
-def test_a_tour_stays_low_above_the_ground_at_even_speed_with_slow_turns(waves):
+def test_a_tour_stays_low_at_constant_speed_with_slow_turns(waves):
     for rivers in (waves.features.rivers, ()):
         waves.features.rivers = rivers
         flight = tour(waves, seconds=60.0)
@@ -249,7 +257,7 @@ def test_a_tour_stays_low_above_the_ground_at_even_speed_with_slow_turns(waves):
         assert turns.max() < 40.0  # degrees a second, on so small a sketch
 
 
-def test_a_tour_is_as_long_as_asked_repeatable_closed_and_near_water(waves):
+def test_a_tour_has_the_requested_duration_is_deterministic_closed_and_near_water(waves):
     flight = tour(waves, seconds=20.0)
     assert 20.0 <= flight.duration < 20.0 + 5 * room.KEY_EVERY
     assert tour(waves, seconds=20.0) == flight
@@ -261,7 +269,7 @@ def test_a_tour_is_as_long_as_asked_repeatable_closed_and_near_water(waves):
     again = np.linalg.norm(eyes[60:] - eyes[0], axis=1)
     assert again.min() < 25.0
 
-    """The river lies along y = 500: nearer to it than a circle would be, in the mean over the round."""
+    # On average the loop is nearer to the river at y = 500 than without it.
     with_river = tour(waves, seconds=150.0)
     waves.features.rivers = ()
     without = tour(waves, seconds=150.0)
@@ -269,7 +277,7 @@ def test_a_tour_is_as_long_as_asked_repeatable_closed_and_near_water(waves):
     assert distances[0] < distances[1]
 
 
-def test_the_cheapest_path_is_that_of_brute_force():
+def test_the_cheapest_loop_equals_brute_force():
     rng = np.random.default_rng(2)
     for _ in range(10):
         costs = rng.uniform(0.0, 1.0, (6, 4))
@@ -288,7 +296,7 @@ WHOLE = Quality(samples=1, map_texels=128)
 
 @pytest.fixture
 def views():
-    """Four frames across hills and the river, with a cut to the other end of the sketch in the middle."""
+    """Four frames with a cut to the other end of the sketch in the middle."""
     keys = [Keyframe(t, (500.0, 100.0 + 60.0 * t, 140.0), (520.0, 500.0 + 60.0 * t, 30.0)) for t in range(3)]
     keys += [Keyframe(2.001 + t, (200.0 + 50.0 * t, 900.0, 160.0), (300.0, 400.0, 30.0)) for t in range(3)]
     return Flight(tuple(keys)).at([0.0, 2.0, 2.001, 3.0])
@@ -299,7 +307,7 @@ def views():
 @pytest.mark.usefixtures("gl")
 @pytest.mark.parametrize("quality", [QUICK, pytest.param(WHOLE, marks=pytest.mark.slow)])
 def test_a_complete_frame_equals_the_picture_of_its_camera(waves, views, quality):
-    # So many frames a second that water, which goes by the clock, stands.
+    # A frame rate at which the water does not move.
     frames = list(capture_frames(waves, views, fps=1e9, size=SIZE, quality=quality))
     cameras = [
         Camera(tuple(eye), tuple(target), fov=fov)
@@ -319,7 +327,7 @@ def test_a_complete_frame_equals_the_picture_of_its_camera(waves, views, quality
 @pytest.mark.gl
 @pytest.mark.slow
 @pytest.mark.usefixtures("gl")
-def test_frames_as_a_viewer_shows_them_are_never_empty(waves, views):
+def test_incomplete_frames_are_never_empty(waves, views):
     frames = list(capture_frames(waves, views, fps=30.0, size=SIZE, complete=False, quality=QUICK))
     assert all(shot.tiles_drawn > 0 and shot.triangles > 0 for shot, _ in frames)
     assert all(shot.seconds > 0.0 for shot, _ in frames)

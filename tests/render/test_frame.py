@@ -1,4 +1,4 @@
-"""Frames: streamed and changed ones end as fresh ones; budgets."""
+"""Moving pictures: streamed and updated frames converge to fresh ones; time budgets."""
 
 import ctypes
 from dataclasses import replace
@@ -73,7 +73,7 @@ def camera(before):
 
 
 class View:
-    """A renderer and the picture that it draws."""
+    """A renderer with its picture."""
 
     def __init__(self, gl, terrain, *, size=SIZE, **options):
         self.texture = gl.texture(size, 4)
@@ -91,7 +91,7 @@ class View:
             self.stats = self.frame(camera, elapsed=elapsed)
             if self.stats.settled:
                 return self.picture()
-        raise AssertionError("it never settled")
+        raise AssertionError("not settled after 300 frames")
 
     def still(self, camera):
         self.renderer.prepare(camera, self.texture.size)
@@ -107,13 +107,13 @@ def view(gl, before, camera):
 
 
 def same(picture, other):
-    """As close as the golden pictures are held."""
+    """Equal within the tolerance of the golden pictures."""
     apart = np.abs(picture - other)
     return apart.mean() <= 1.0 and (apart.max(axis=-1) > 24).mean() <= 0.01
 
 
 def drawn_vertices(renderer):
-    """Of each drawn tile, as OpenGL holds them."""
+    """Return the vertices of each drawn tile as stored in OpenGL."""
     quads = QUALITY.quads
     held = np.frombuffer(renderer.stream.memory.read(), VERTEX)
     tile = (quads + 1) ** 2
@@ -123,7 +123,7 @@ def drawn_vertices(renderer):
 
 
 def assert_tiles_are_those_of(terrain, renderer):
-    """Compare drawn tiles with those that a terrain writes that was never another one; return them."""
+    """Compare drawn tiles with those of a freshly written terrain; return them."""
     held = drawn_vertices(renderer)
     keys = list(held)
     codes = every = codes_of(keys)
@@ -139,7 +139,7 @@ def assert_tiles_are_those_of(terrain, renderer):
     return held
 
 
-def test_tiles_hold_the_new_terrain_when_change_returns(view, camera, before):
+def test_visible_tiles_hold_the_new_terrain_when_set_terrain_returns(view, camera, before):
     new, areas = painted(before, ("mountain", 50, 44, 7))
     before_change = drawn_vertices(view.renderer)
     done = view.renderer.set_terrain(new, areas)
@@ -154,8 +154,8 @@ def test_tiles_hold_the_new_terrain_when_change_returns(view, camera, before):
     assert_tiles_are_those_of(other, view.renderer)
 
 
-def test_a_change_of_everything_is_that_of_a_fresh_renderer(gl, view, camera, before):
-    """Ground, water, plants, climate, look, hour and clouds at once; the slow tests change each alone."""
+def test_a_change_of_everything_equals_a_fresh_renderer(gl, view, camera, before):
+    """Terrain, water, plants, climate, look, hour and clouds at once; the slow tests change each alone."""
     old = view.settled(camera)
     wet, areas = river(before)
     new, more = painted(wet, ("mountain", 50, 44, 7), ("forest", 72, 50, 6), ("lake", 78, 48, 6))
@@ -171,7 +171,7 @@ def test_a_change_of_everything_is_that_of_a_fresh_renderer(gl, view, camera, be
 
 
 @pytest.mark.slow
-def test_each_kind_of_change_is_that_of_a_fresh_renderer_streamed_or_still(gl, view, camera, before):
+def test_each_kind_of_change_equals_a_fresh_renderer_moving_or_still(gl, view, camera, before):
     still = View(gl, before)
     still.still(camera)
     new, areas = painted(before, ("mountain", 50, 44, 7), ("forest", 72, 50, 6))
@@ -206,7 +206,7 @@ def test_each_kind_of_change_is_that_of_a_fresh_renderer_streamed_or_still(gl, v
 
 
 @pytest.mark.slow
-def test_the_newest_of_quick_changes_of_ground_and_hour_is_shown(gl, view, camera, before):
+def test_the_last_of_several_quick_changes_is_visible(gl, view, camera, before):
     terrain = before
     for step in range(6):
         terrain, areas = painted(
@@ -221,7 +221,7 @@ def test_the_newest_of_quick_changes_of_ground_and_hour_is_shown(gl, view, camer
     assert same(view.settled(camera), View(gl, terrain, sun=Sun(255.0, 30.0)).settled(camera))
 
 
-def test_changes_out_of_view_keep_the_picture_and_another_extent_is_refused(view, camera, before):
+def test_changes_outside_the_view_keep_the_picture_and_another_extent_is_rejected(view, camera, before):
     old = view.settled(camera)
     done = view.renderer.set_terrain(before, [(1200.0, -900.0, 1800.0, 100.0)])  # behind the eye
     assert done.tiles_rewritten <= 20
@@ -233,14 +233,14 @@ def test_changes_out_of_view_keep_the_picture_and_another_extent_is_refused(view
 
 
 @pytest.mark.slow
-def test_plants_go_with_their_forest_and_the_others_stay(view, camera, before):
+def test_plants_disappear_with_their_forest_and_others_stay(view, camera, before):
     forest = view.renderer.scenery.forest
     many = forest.count
     assert many > 50
     new, areas = painted(before, ("mountain", 60, 40, 3))
     view.renderer.set_terrain(new, areas)
     counts = []
-    for _ in range(40):  # not one frame is without those that stay
+    for _ in range(40):  # every frame has the unchanged plants
         done = view.frame(camera, elapsed=0.05).settled
         counts.append(forest.count)
         if done:
@@ -258,7 +258,7 @@ def test_plants_go_with_their_forest_and_the_others_stay(view, camera, before):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("slow", [False, True])
-def test_a_view_at_rest_stays_sharp_if_that_is_quick_and_sharpens_again_if_not(gl, camera, before, slow):
+def test_a_view_at_rest_stays_at_full_size_if_drawing_is_fast(gl, camera, before, slow):
     clock = [0.0]
 
     def timer():
@@ -276,22 +276,22 @@ def test_a_view_at_rest_stays_sharp_if_that_is_quick_and_sharpens_again_if_not(g
         if stats.size == SIZE:
             break
     assert (len(sizes) == 1) != slow
-    assert not stats.settled  # light still follows
+    assert not stats.settled  # light is still outdated
     view.frame(replace(camera, eye=(camera.eye[0] + 5.0, *camera.eye[1:])))
-    assert view.frame(camera).size != SIZE  # a camera that moves sees a smaller one as before
+    assert view.frame(camera).size != SIZE  # smaller while moving
 
 
 KINDS = ("Texture", "Buffer", "Program", "Framebuffer", "VertexArray", "Renderbuffer")
 
 
 def alive(what):
-    """How many of the first names are objects of OpenGL's."""
+    """Return the number of existing OpenGL objects of a kind."""
     is_one = gl_function(f"glIs{what}", ctypes.c_ubyte, ctypes.c_uint)
     return sum(bool(is_one(name)) for name in range(1, 6000))
 
 
 @pytest.mark.slow
-def test_the_overlay_of_features_follows(gl, view, camera, before):
+def test_the_feature_overlay_follows_the_terrain(gl, view, camera, before):
     overlay = Overlay(gl, before, view.renderer.stream)
     cache = HeightCache()
     feature_lines(before, cache)
@@ -301,8 +301,8 @@ def test_the_overlay_of_features_follows(gl, view, camera, before):
         view.renderer.set_terrain(terrain, areas)
         overlay.set_terrain(terrain, areas)
         cache.invalidate(areas)
-        for kept, fresh in zip(feature_lines(terrain, cache), feature_lines(terrain), strict=True):
-            np.testing.assert_array_equal(kept, fresh)
+        for cached, fresh in zip(feature_lines(terrain, cache), feature_lines(terrain), strict=True):
+            np.testing.assert_array_equal(cached, fresh)
     pictures = []
     for each in (overlay, Overlay(gl, terrain, view.renderer.stream)):
         view.settled(camera)
@@ -313,7 +313,7 @@ def test_the_overlay_of_features_follows(gl, view, camera, before):
 
 
 @pytest.mark.slow
-def test_changes_leave_no_opengl_objects_behind(view, camera, before):
+def test_terrain_updates_leak_no_opengl_objects(view, camera, before):
     steps = 200
     wet, areas = river(before)
     terrains = [wet, before]
@@ -328,7 +328,7 @@ def test_changes_leave_no_opengl_objects_behind(view, camera, before):
 
 
 @pytest.mark.slow
-def test_light_follows_though_the_ground_changes_all_the_time(view, camera, before):
+def test_light_is_updated_during_continuous_terrain_changes(view, camera, before):
     terrains = [painted(before, ("mountain", 50, 44, 7))[0], before]
     levels = view.renderer.scenery.lit._levels.values()
     for step in range(50):
@@ -338,9 +338,9 @@ def test_light_follows_though_the_ground_changes_all_the_time(view, camera, befo
 
 
 @pytest.mark.slow
-def test_renderers_leave_no_opengl_objects_behind(gl, camera, before):
+def test_released_renderers_leak_no_opengl_objects(gl, camera, before):
     counts = []
-    for step in range(20):  # what each leaves would be there twenty times
+    for step in range(20):  # a leak would add up
         view = View(gl, before, quality=replace(QUALITY, tile_memory=4 << 20))
         view.frame(camera)
         if step % 4 == 0:
@@ -359,18 +359,18 @@ CHEAP = replace(CHEAP, tile_memory=64 << 20, tolerance=2.0, reach=3.0)
 CAMERA = Camera((500.0, 100.0, 130.0), (500.0, 800.0, 60.0))
 
 
-def test_places_repeat_and_do_not_jump_near_the_origin():
+def test_coordinates_wrap_and_are_continuous_near_the_origin():
     near = np.linspace(-0.49, 0.49, 99) * NOISE_PERIOD
     assert [wrap_to_noise_period(x) for x in near] == near.tolist()
     assert np.allclose([wrap_to_noise_period(x + 3.0 * NOISE_PERIOD) for x in near], near, atol=1e-9)
 
 
 @pytest.mark.slow
-def test_a_streamed_picture_ends_as_the_prepared_one_and_is_smaller_while_the_eye_moves(gl, waves):
-    hasty = replace(CHEAP, budget=1.0)  # a slow machine must not make it slow
+def test_a_streamed_picture_converges_to_the_still_one_and_is_smaller_during_motion(gl, waves):
+    hasty = replace(CHEAP, budget=1.0)  # independent of the machine
     expected = View(gl, waves, size=SMALL, quality=hasty).still(CAMERA)
     view = View(gl, waves, size=SMALL, quality=hasty)
-    # Tiles that were once nearer in the choice may still differ by less than the tolerance.
+    # Hysteresis of tile selection: differences below the tolerance.
     different = np.abs(view.settled(CAMERA, elapsed=0.05) - expected).max(axis=-1) > 8
     assert different.mean() < 0.01
     assert view.stats.size == SMALL
@@ -382,13 +382,13 @@ def test_a_streamed_picture_ends_as_the_prepared_one_and_is_smaller_while_the_ey
     scale = CHEAP.moving_scale
     assert stats.size == (round(SMALL[0] * scale), round(SMALL[1] * scale))
     assert not stats.settled
-    # It is the same picture, only coarser.
+    # The same picture, coarser.
     small = view.picture()
     assert np.abs(small - view.settled(moved, elapsed=0.05)).mean() < 12.0
 
 
 def test_no_frame_spends_more_than_its_budget_on_light_and_plants(gl, waves):
-    """Time stands still but for what is asked of the terrain: all of it is counted, none is overdrawn."""
+    """Simulated time passes only in calls of the terrain."""
     clock = SimpleNamespace(now=0.0)
     for name, cost in (("heights", 2e-7), ("foliage", 0.0)):
         plain = getattr(waves, name)
@@ -409,7 +409,7 @@ def test_no_frame_spends_more_than_its_budget_on_light_and_plants(gl, waves):
     assert max(spent) <= CHEAP.budget
 
 
-def test_draw_distance_grows_with_height_and_has_an_end(gl, waves):
+def test_draw_distance_grows_with_height_up_to_a_limit(gl, waves):
     renderer = Renderer(gl, waves, sun=SUN, quality=CHEAP)
     low, high, highest = (
         renderer._clipped(Camera((500.0, 300.0, z), (500.0, 800.0, 0.0)))[:2]
@@ -422,8 +422,8 @@ def test_draw_distance_grows_with_height_and_has_an_end(gl, waves):
 
 
 @pytest.mark.slow
-def test_water_hides_under_no_ground_that_is_within_the_tolerance(gl, waves):
-    """Seen from above the river is a band of water of its own width, however coarse the ground is."""
+def test_coarse_terrain_does_not_hide_water(gl, waves):
+    """From above the river has its full width at any tolerance."""
     blue = []
     camera = Camera((500.0, 120.0, 260.0), (500.0, 500.0, 0.0))
     for tolerance in (1.0, 6.0):
@@ -436,7 +436,7 @@ def test_water_hides_under_no_ground_that_is_within_the_tolerance(gl, waves):
     assert blue[1] == pytest.approx(blue[0], rel=0.25)
 
 
-def test_depth_testing_is_left_as_other_drawing_expects_it(gl, waves):
+def test_depth_state_is_restored_for_other_drawing(gl, waves):
     renderer = Renderer(gl, waves, sun=SUN, quality=CHEAP)
     texture = gl.texture(SMALL, 4)
     framebuffer = gl.framebuffer([texture], gl.depth_texture(SMALL))

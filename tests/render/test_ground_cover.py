@@ -32,7 +32,14 @@ from .test_shaders import evaluate
 SIZE = (96, 64)
 PLAIN = Quality(samples=1, materials=1, planes=1, octaves=1, hexes=1, material_texels=64, map_texels=64)
 QUALITY = replace(
-    PLAIN, tolerance=8.0, reach=0.6, shade_maps=0, woods=60.0, surface_texels=512, grass=60.0, blades=0.3
+    PLAIN,
+    tolerance=8.0,
+    reach=0.6,
+    shade_maps=0,
+    plant_distance=60.0,
+    surface_texels=512,
+    grass_distance=60.0,
+    ground_cover_density=0.3,
 )
 
 
@@ -194,7 +201,9 @@ def test_parts_left_out_by_quality_are_not_drawn(gl):
         triangles.append(scene.renderer.scenery.cover.triangles)
     assert triangles[0] > triangles[1] == 0
     assert Quality.from_level(0.25).grass == 0.0
-    bare = GroundCover(gl, quality=replace(QUALITY, grass=0.0), shading=scene.renderer.scenery.shading)
+    bare = GroundCover(
+        gl, quality=replace(QUALITY, grass_distance=0.0), shading=scene.renderer.scenery.shading
+    )
     bare.draw(camera, SIZE, {}, above=1.7)
     assert bare.triangles == 0
 

@@ -1,4 +1,4 @@
-"""Overlays on the ground and the lines of features."""
+"""Overlays and feature lines."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -29,7 +29,7 @@ CAMERA = Camera((500.0, -100.0, 160.0), (500.0, 900.0, 0.0), fov=50.0, near=5.0,
 
 @pytest.fixture
 def painted(gl, waves):
-    """Draws an overlay over plain sky: returns the picture (height, width, 3) of uint8, row 0 on top."""
+    """Return a function that draws an overlay over plain sky and returns the picture and the legend."""
     stream = TerrainStream(gl, waves, SMALL, metric=ScreenError(quad=3.0))
     stream.settle(CAMERA, SIZE, draw_distance=6000.0)
     overlay = Overlay(gl, waves, stream)
@@ -50,12 +50,12 @@ def painted(gl, waves):
 
 
 def hues(picture):
-    """Colours over their greatest part, so that light does not count."""
+    """Normalise colours by their largest channel, to remove shading."""
     return picture / np.maximum(picture.max(axis=-1, keepdims=True), 1)
 
 
 @pytest.mark.gl
-def test_overlays_cover_the_ground_leave_the_sky_and_are_documented(gl, waves, painted):
+def test_overlays_cover_the_terrain_only_and_are_documented(gl, waves, painted):
     page = (Path(__file__).parents[2] / "docs/overlays.md").read_text(encoding="utf-8")
     for name in OVERLAYS:
         assert f"| `{name}` |" in page
@@ -78,7 +78,7 @@ def test_overlays_cover_the_ground_leave_the_sky_and_are_documented(gl, waves, p
 
 
 @pytest.mark.gl
-def test_materials_levels_and_projections_have_the_colours_of_the_legend(painted):
+def test_overlays_have_the_colours_of_the_legend(painted):
     picture, legend = painted("materials")
     grass, rock = (np.array(entry.colour) for entry in legend if entry.meaning in ("grass", "rock"))
     expected = 0.75 * grass + 0.25 * rock
@@ -97,7 +97,7 @@ def test_materials_levels_and_projections_have_the_colours_of_the_legend(painted
 
 
 @pytest.mark.gl
-def test_the_whole_river_is_seen_even_where_ground_hides_it(gl, painted, waves):
+def test_rivers_are_visible_even_behind_terrain(gl, painted, waves):
     picture, _ = painted("features")
     again, _ = painted("features")
     assert (picture == again).all()
@@ -113,7 +113,7 @@ def test_the_whole_river_is_seen_even_where_ground_hides_it(gl, painted, waves):
     assert min(near) > 20
 
 
-def test_lines_of_rivers_are_their_centrelines_and_those_of_points_are_rings_with_posts(waves):
+def test_rivers_have_centrelines_and_points_have_rings_with_posts(waves):
     start, end, colour = feature_lines(waves)
     line = waves.features.rivers[0].centreline
     assert (start == line[:-1]).all()
@@ -139,7 +139,7 @@ def test_lines_of_rivers_are_their_centrelines_and_those_of_points_are_rings_wit
     assert posts.sum() == 2
 
 
-def test_lines_of_lakes_are_their_shores(waves):
+def test_lakes_have_shorelines(waves):
     step = np.arange(41) - 20
     inside = (10.0 - np.maximum(np.abs(step), np.abs(step[:, None]))) * 4.0 + 1.0
     shape = SimpleNamespace(west=100.0, south=-50.0, spacing=4.0, inside=inside.astype(np.float32))
@@ -156,7 +156,7 @@ def test_lines_of_lakes_are_their_shores(waves):
 
 @pytest.mark.slow
 @pytest.mark.gl
-def test_footage_and_pictures_draw_overlays(gl, waves, monkeypatch):
+def test_captured_frames_and_pictures_draw_overlays(gl, waves, monkeypatch):
     drawn = []
     monkeypatch.setattr(Overlay, "draw", lambda self, name, eye, framebuffer: drawn.append((name, eye[2])))
     views = SimpleNamespace(

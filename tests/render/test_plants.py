@@ -381,11 +381,11 @@ def forest_of(gl):
 @pytest.mark.slow
 @pytest.mark.gl
 def test_a_forest_of_hundreds_of_thousands_keeps_to_its_budget(forest_of):
-    forest, lit = forest_of(plants=10**9, thin=1e-3)
+    forest, lit = forest_of(max_plants=10**9, thinning_pixels=1e-3)
     forest.settle(THIN_CAMERA, FRAME, lit)
     assert forest.count > 100_000
     for most in (500, 20_000):
-        thinned, _ = forest_of(plants=most, thin=1e-3)
+        thinned, _ = forest_of(max_plants=most, thinning_pixels=1e-3)
         thinned._cells = forest._cells
         thinned.settle(THIN_CAMERA, FRAME, lit)
         assert 0.8 * most < thinned.count <= most
@@ -397,7 +397,7 @@ def test_a_forest_of_hundreds_of_thousands_keeps_to_its_budget(forest_of):
 
 @pytest.mark.gl
 def test_a_step_of_the_eye_changes_few_plants(forest_of):
-    forest, lit = forest_of(plants=20_000)
+    forest, lit = forest_of(max_plants=20_000)
     forest.settle(THIN_CAMERA, FRAME, lit)
     before = drawn(forest)
     moved = replace(THIN_CAMERA, eye=(3000.6, 300.8, 160.0), target=(3000.6, 1700.8, -200.0))
@@ -417,7 +417,7 @@ def test_a_step_of_the_eye_changes_few_plants(forest_of):
 
 @pytest.mark.gl
 def test_plants_are_not_chosen_again_for_an_eye_at_rest(forest_of, monkeypatch):
-    forest, lit = forest_of(plants=3000)
+    forest, lit = forest_of(max_plants=3000)
     forest.settle(THIN_CAMERA, FRAME, lit)
     chosen = []
     monkeypatch.setattr("sketchterrain.render.forest.join_cells", lambda *_: chosen.append(1))
@@ -432,9 +432,9 @@ def test_plants_are_not_chosen_again_for_an_eye_at_rest(forest_of, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.gl
 def test_a_flight_that_comes_to_rest_shows_what_a_still_does(forest_of):
-    still, lit = forest_of(plants=3000)
+    still, lit = forest_of(max_plants=3000)
     still.settle(THIN_CAMERA, FRAME, lit)
-    flown, _ = forest_of(plants=3000)
+    flown, _ = forest_of(max_plants=3000)
     away = replace(THIN_CAMERA, eye=(3000.0, 300.0, 400.0), target=(3000.0, 1700.0, 600.0))
     flown.settle(away, FRAME, lit)
     for _ in range(400):

@@ -1,4 +1,4 @@
-"""No hole and no pop while tiles stream: flights, random cameras, worlds that end."""
+"""No holes and no popping while tiles stream: flights, random cameras, finite worlds."""
 
 from itertools import count
 
@@ -42,13 +42,13 @@ RATE = 30.0
 SMALL = Quality(quads=64, tile_memory=600 * TILE_BYTES)
 REACH = 16_000.0
 BOUND = 4.0
-"""Of 255 levels, at 30 frames a second; beyond what an edge that moves by a pixel brings."""
+"""Largest change of 255 levels at 30 frames a second, beyond edges that move by a pixel."""
 
 
 @pytest.mark.gl
 @pytest.mark.slow
 @pytest.mark.parametrize(("z", "pitch"), [(95.0, -4.0), (180.0, -25.0)])
-def test_tiles_morph_without_a_pop_before_a_camera_at_rest(gl, waves, z, pitch):
+def test_tiles_morph_without_popping_before_a_camera_at_rest(gl, waves, z, pitch):
     stream = TerrainStream(gl, waves, SMALL, metric=ScreenError(tolerance=0.3, quad=10.0))
     shade = Shade(gl, stream, SIZE)
     stream.settle(
@@ -72,18 +72,18 @@ def test_tiles_morph_without_a_pop_before_a_camera_at_rest(gl, waves, z, pitch):
     assert stats.settled
     assert len(drawn) >= 3
     assert max(biggest) < BOUND
-    # There was something to be seen.
+    # The picture did change.
     assert np.abs(first - before).max() > 0.5
     assert max(biggest[-5:]) == 0.0
 
 
 @pytest.mark.gl
 @pytest.mark.slow
-def test_in_flight_no_frame_differs_by_more_than_the_motion(gl, waves):
-    """From one place, the tiles of the frame before and those of this one show all but the same."""
+def test_in_flight_frames_differ_only_by_the_motion(gl, waves):
+    """From one eye, the tiles of two successive frames look almost equal."""
     speed = 40.0
     metric = ScreenError(tolerance=0.3, quad=10.0)
-    ticks = count()  # a batch takes 2 ms however busy the machine is
+    ticks = count()  # a batch takes 2 ms of simulated time
     stream = TerrainStream(gl, waves, SMALL, metric=metric, timer=lambda: 2e-3 * next(ticks))
     shade = Shade(gl, stream, SIZE)
     biggest, drawn = [], set()
@@ -96,7 +96,7 @@ def test_in_flight_no_frame_differs_by_more_than_the_motion(gl, waves):
             before = shade.see(camera, REACH)
         stats = stream.update(camera, SIZE, elapsed=1 / RATE, budget=0.006, draw_distance=REACH)
         assert stats.jumped == (frame == 0)
-        if frame > 15:  # the first picture has become as good as it gets
+        if frame > 15:  # the first picture has settled
             biggest.append(change(before, shade.see(camera, REACH)).max())
             drawn.add(stats.triangles)
     assert len(drawn) > 10
@@ -120,7 +120,7 @@ def terrain(request):
 
 @pytest.mark.gl
 @pytest.mark.slow
-def test_no_holes(gl, terrain):
+def test_random_cameras_see_no_holes(gl, terrain):
     rng = np.random.default_rng(11)
     eye, stream = Eye(gl, RANDOM_SIZE), TerrainStream(gl, terrain, QUICK)
     bad, covered = [], 0
@@ -151,8 +151,8 @@ def test_no_holes(gl, terrain):
 
 @pytest.mark.gl
 @pytest.mark.slow
-def test_no_pops_before_a_camera_that_stands_still(gl, terrain):
-    """20 of 255 levels between frames; beyond what an edge that moves by a pixel brings."""
+def test_presets_do_not_pop_before_a_camera_at_rest(gl, terrain):
+    """At most 20 of 255 levels between frames, beyond edges that move by a pixel."""
     rng = np.random.default_rng(7)
     stream = TerrainStream(gl, terrain, QUICK)
     shade = Shade(gl, stream, RANDOM_SIZE)
@@ -183,7 +183,7 @@ CELL = 4.0
 @pytest.fixture(scope="module")
 def ending_terrain():
     mountain, forest = (np.zeros((64, 64), np.uint8) for _ in range(2))
-    mountain[50:64, 16:48] = 1  # at the southern border, and so beyond it
+    mountain[50:64, 16:48] = 1  # across the southern border
     forest[56:64, 50:64] = 1
     sketch = Sketch(extent=2048.0, layers={"mountain": mountain, "forest": forest})
     return build(sketch, device=ComputeContext())
@@ -191,7 +191,7 @@ def ending_terrain():
 
 @pytest.fixture(scope="module")
 def stored(ending_terrain):
-    """South of the terrain's origin, so that its viewing coordinates are the terrain's own."""
+    """South of the origin, so that viewing and terrain coordinates are equal."""
     return Grown(ending_terrain, (0.0, -401 * CELL, 512 * CELL, 0.0), CELL)
 
 
@@ -201,7 +201,7 @@ def world(stored, ending_terrain):
 
 
 class Ending:
-    """A terrain that is known no finer than a stored world, and ends where that does."""
+    """A terrain with resolution and bounds of a stored world."""
 
     def __init__(self, ending_terrain, world):
         self._terrain = ending_terrain
@@ -217,7 +217,7 @@ def streamed_of(world, **options):
 
 
 def eyes(world):
-    """Within, at the rim, high above and outside, looking around and down."""
+    """Inside, at the border, high above, outside."""
     west, south, east, north = world.bounds
     x, y = (west + east) / 2, (south + north) / 2
     return [
@@ -228,16 +228,16 @@ def eyes(world):
     ]
 
 
-def test_every_tile_that_is_drawn_has_ground_and_nothing_opens_between_them(world):
+def test_bounded_worlds_have_no_cracks(world):
     streamed = streamed_of(world, metric=ScreenError(1.5))
     rng = np.random.default_rng(2)
     west, south, east, north = world.bounds
     width, middle = np.array([east - west, north - south]), np.array([west + east, south + north]) / 2
-    levels, lonely_ones, cases, moved = set(), 0, 0, 0
+    levels, unpaired, cases, moved = set(), 0, 0, 0
     for step, start in enumerate(eyes(world) * 3):
         eye = np.array([*np.add(start[:2], rng.uniform(-60, 60, 2)), start[2]])
         view = view_from(eye.tolist())
-        options = {"budget": 0.05 if step else np.inf, "leap": not step, "drain": step % 3 == 0}
+        options = {"budget": 0.05 if step else np.inf, "jump": not step, "drain": step % 3 == 0}
         draws = streamed.frame(view, elapsed=rng.uniform(0.05, 0.3), **options)
         assert draws.keys
         unit = world.extent / 2**24
@@ -248,20 +248,20 @@ def test_every_tile_that_is_drawn_has_ground_and_nothing_opens_between_them(worl
         vertices = streamed.store.download()
         places, *_ = shaded(draws, vertices, world.extent, eye)
         edges = open_edges(draws, places) + np.float32([*eye[:2], 0.0])
-        # What no other triangle has the other way round lies on an end, or beyond one and is cut off.
+        # Edges without a neighbour are on or beyond the bounds, where they are clipped.
         inner = np.abs(edges[..., :2] - middle) < 0.5 * width - 1e-3
         assert not inner.all(axis=(-1, -2)).any()
-        lonely_ones += len(edges)
+        unpaired += len(edges)
         levels |= {key.level for key in draws.keys}
         cases |= int(np.bitwise_or.reduce(draws.cases))
         moved += int(np.count_nonzero((draws.morph > 0) & (draws.morph < 1)))
     assert len(levels) >= 2
-    assert lonely_ones > 0
+    assert unpaired > 0
     assert cases
     assert moved
 
 
-def test_tiles_are_streamed_only_within_the_bounds_of_a_world(world, ending_terrain):
+def test_tiles_are_streamed_only_within_the_bounds(world, ending_terrain):
     assert isinstance(world, BoundedTerrain)
     assert not isinstance(ending_terrain, BoundedTerrain)
     assert visible_rectangle(ending_terrain) == (0.0, 0.0, *ending_terrain.size)
@@ -277,7 +277,7 @@ def test_tiles_are_streamed_only_within_the_bounds_of_a_world(world, ending_terr
 
 
 @pytest.mark.gl
-def test_ground_is_seen_up_to_the_ends_and_nothing_beyond(gl, world, stored):
+def test_terrain_is_visible_up_to_the_bounds_and_not_beyond(gl, world, stored):
     eye = Eye(gl, SIZE)
     stream = TerrainStream(gl, world, Quality(quads=64, tile_memory=SLOTS * TILE_BYTES))
     west, south, east, north = world.bounds
@@ -292,8 +292,8 @@ def test_ground_is_seen_up_to_the_ends_and_nothing_beyond(gl, world, stored):
             stream.settle(camera, SIZE, draw_distance=END_REACH)
             picture = eye.see(stream, camera)
             seen = ~(picture[..., :3] == MAGENTA).all(axis=-1)
-            # Each ray passes over what lies between the highest and the lowest ground: none is seen where
-            # that is all outside, and none is missing where all of it is inside.
+            # A ray between the highest and lowest terrain sees it if all of it is inside the bounds, and not
+            # if all of it is outside.
             ways = rays(camera, SIZE)
             ends = [
                 np.array([x, y]) + ways[..., :2] * ((z - height) / -ways[..., 2])[..., None]
@@ -312,7 +312,7 @@ def test_ground_is_seen_up_to_the_ends_and_nothing_beyond(gl, world, stored):
 
 @pytest.mark.gl
 @pytest.mark.slow
-def test_the_picture_of_a_stored_world_is_that_of_its_terrain(world, ending_terrain):
+def test_a_stored_world_looks_like_its_terrain(world, ending_terrain):
     live = Ending(ending_terrain, world)
     ground = float(world.heights(1000.0, -1300.0))
     camera = Camera((1000.0, -1300.0, ground + 90.0), (1000.0, -200.0, ground + 60.0), fov=55.0)
@@ -325,8 +325,7 @@ def test_the_picture_of_a_stored_world_is_that_of_its_terrain(world, ending_terr
     }
     one, two = (render_picture(scene, **options).astype(int) for scene in (world, live))
     apart = np.abs(one - two).max(axis=-1)
-    # Weights are rounded to sum to 255, plants stand on samples instead of between them, shadows beyond the
-    # ends are of other ground: a pixel may differ at an edge, the picture does not.
+    # Rounded weights, plants on interpolated samples and shadows from beyond the bounds may differ.
     assert apart.mean() < 1.5
     assert np.mean(apart > 24) < 0.01
     assert one.std() > 20

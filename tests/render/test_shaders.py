@@ -1,4 +1,4 @@
-"""GLSL functions against NumPy; reflectance; maps of the ground near the eye."""
+"""GLSL functions against NumPy: texturing, reflectance, the surface map."""
 
 import dataclasses
 import itertools
@@ -38,7 +38,7 @@ pytestmark = pytest.mark.gl
 
 HEADER = "#version 430 core\n"
 SAMPLERS = {0x8B5E, 0x8B5F, 0x8B60, 0x8B62, 0x8DC1}  # 2D, 3D, cube, 2D shadow, 2D array
-MOST_SAMPLERS = 16  # in a stage, that every OpenGL 4.3 has room for
+MOST_SAMPLERS = 16  # guaranteed per stage by OpenGL 4.3
 WEIGHTS = "vec4(triplanar_weights(a.xyz), 0.0)"
 
 
@@ -48,7 +48,7 @@ def evaluate(gl, includes, call, inputs, *, set_up=lambda program: None):
     text += f"in vec4 a; out vec4 result; void main() {{ result = {call}; }}"
     program = gl.program(vertex_shader=text, varyings=["result"])
     set_up(program)
-    gl.framebuffer([gl.texture((1, 1), 4)]).use()  # a context without a window has none of its own
+    gl.framebuffer([gl.texture((1, 1), 4)]).use()  # standalone contexts have no default framebuffer
     rows = np.ascontiguousarray(inputs, dtype=np.float32)
     output = gl.buffer(reserve=rows.nbytes)
     gl.vertex_array(program, [(gl.buffer(rows.tobytes()), "4f4", "a")]).transform(output, vertices=len(rows))
@@ -65,7 +65,7 @@ def smoothstep(low, high, x):
     return t * t * (3 - 2 * t)
 
 
-def test_triplanar_weights_are_those_of_the_formula(gl):
+def test_triplanar_weights_equal_their_formula(gl):
     n = unit_vectors(400)
     got = evaluate(gl, ["render/triplanar.glsl"], WEIGHTS, np.c_[n, n[:, 0]])
     raw = smoothstep(0.57357644, 0.81915204, np.abs(n))
@@ -75,7 +75,7 @@ def test_triplanar_weights_are_those_of_the_formula(gl):
     assert np.allclose(flat[0, :3], [0, 0, 1])
 
 
-def test_facets_cover_the_surface_once(gl):
+def test_facet_distribution_is_normalised(gl):
     theta = (np.arange(20_000) + 0.5) / 20_000 * np.pi / 2
     for roughness in (0.2, 0.5, 1.0):
         rows = np.c_[np.cos(theta), np.full_like(theta, roughness), theta, theta]
@@ -92,7 +92,7 @@ def test_a_broken_program_names_its_files(gl, monkeypatch):
         build_program(gl, "screen.vert.glsl", "sky.frag.glsl")
 
 
-def test_no_stage_reads_more_textures_than_every_driver_has_room_for(gl):
+def test_no_stage_exceeds_the_guaranteed_texture_units(gl):
     quality = Quality()
     clouds = cloud_defines(quality, Weather(clouds=0.8))
     defines = Shading(gl, quality, aridity=0.2, look={}, clouds=clouds).defines
@@ -108,7 +108,7 @@ def test_no_stage_reads_more_textures_than_every_driver_has_room_for(gl):
         assert 2 < len(read) <= MOST_SAMPLERS
 
 
-def test_constants_of_shaders_are_those_of_the_program():
+def test_constants_of_shaders_equal_those_of_python():
     for file, name, value in (
         ("clouds.glsl", "CLOUD_PERIOD", clouds.PERIOD),
         ("clouds.glsl", "EARTH", GROUND),
@@ -117,8 +117,8 @@ def test_constants_of_shaders_are_those_of_the_program():
         ("scatter.glsl", "BAND", scatter.BAND),
         ("tree_stand.vert.glsl", "SINK", plant_cells.SINK),
     ):
-        (said,) = re.findall(rf"const \w+ {name} = ([\d.e]+);", source(f"render/{file}"))
-        assert float(said) == value, (file, name)
+        (literal,) = re.findall(rf"const \w+ {name} = ([\d.e]+);", source(f"render/{file}"))
+        assert float(literal) == value, (file, name)
     for file in ("matter.glsl", "rock.frag.glsl", "rock_place.vert.glsl", "variety.glsl"):
         text = source(f"render/{file}")
         numbers = dict(re.findall(r"#define (\w+) (\d)$", text, re.MULTILINE))
@@ -150,7 +150,7 @@ def hexagons(gl, places):
     return ids, weights[:, :3], weights[:, 3]
 
 
-def test_layers_show_where_they_stand_higher_and_scatter_roughens_as_in_mipmaps(gl):
+def test_height_blending_and_filtered_roughness_equal_their_formulas(gl):
     rows = uniform(500, 0.0, 1.5)
     got = evaluate(gl, ["render/height_blend.glsl"], "vec4(layer_share(a.x, a.y, a.z))", rows)[:, 0]
     below, above, weight = rows[:, 0], rows[:, 1], rows[:, 2]
@@ -163,19 +163,19 @@ def test_layers_show_where_they_stand_higher_and_scatter_roughens_as_in_mipmaps(
     assert np.abs(got - filtered_roughness(rows[:, 0], rows[:, 1])).max() < 1e-5
 
 
-def test_hexagons_over_a_place_are_the_nearest_three_with_continuous_weights(gl):
+def test_hexagons_are_the_nearest_three_with_continuous_weights(gl):
     places = uniform(300, 0.0, PERIOD, 2)
     ids, weights, count = hexagons(gl, places)
     skewed = 2.0 * np.c_[places[:, 0] - 0.5 * places[:, 1], places[:, 1]]
     for each in ids:
-        # Corners of the triangle of the skewed lattice that the place lies in.
+        # Corners of the enclosing triangle of the skewed lattice.
         assert (np.abs(each - skewed) <= 1.0 + 1e-4).all()
     assert all((np.abs(a - b).max(axis=1) == 1).all() for a, b in zip(ids, [*ids[1:], ids[0]], strict=True))
-    # Barycentric: the corners' mean by the weights before they are sharpened is the place.
+    # Barycentric: the unsharpened weighted mean of the corners is the position.
     plain = weights ** (1 / 7)
     plain /= plain.sum(axis=1, keepdims=True)
     mean = sum(plain[:, k : k + 1] * middle(ids[k]) for k in range(3))
-    # Weights of a tiny part lose their digits in the seventh power.
+    # The seventh power of tiny weights loses precision.
     sound = weights.min(axis=1) > 1e-12
     assert np.abs(mean - places)[sound].max() < 2e-3
     assert (np.diff(weights, axis=1) <= 1e-6).all()
@@ -217,14 +217,14 @@ def test_hexagons_repeat_after_the_period_and_are_independent_within_it(gl):
 
 
 def roughness_of(picture):
-    """Mean difference of neighbouring pixels of the ground, the lower third."""
+    """Mean difference of neighbouring pixels in the lower third."""
     ground = picture[-len(picture) // 3 :].astype(float)
     return np.abs(np.diff(ground, axis=1)).mean()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [0.0, 1.0])
-def test_without_detail_the_ground_is_smooth(gl, waves, number):
+def test_without_detail_the_terrain_is_smooth(gl, waves, number):
     camera = Camera((500.0, 100.0, 130.0), (500.0, 300.0, 60.0), far=20_000.0)
     others = ("grass", "rocks", "trees", "clouds", "shadows")
     pictures = [
@@ -239,12 +239,12 @@ def test_without_detail_the_ground_is_smooth(gl, waves, number):
     ]
     detailed, plain = (roughness_of(picture) for picture in pictures)
     assert plain < 0.5 * detailed
-    # The materials are the same: only their structure is gone.
+    # The mean colours are preserved.
     means = [picture[-36:].mean(axis=(0, 1)) for picture in pictures]
     assert np.abs(means[0] - means[1]).max() < 12.0
 
 
-LAID = """
+TILED = """
 uniform float across; // textures over the picture
 in vec2 uv;
 out vec4 texel;
@@ -257,14 +257,14 @@ void main()
 """
 
 
-def laid_out(gl, textures, layer, hexes, *, across=4, side=256):
+def tiled(gl, textures, layer, hexes, *, across=4, side=256):
     """Draw a plane of one layer from above: (side, side, 4), albedo and height."""
     defines = {"PLANES": 1, "SIZES": 1, "HEXES": hexes, "DETAIL": 1, "OCTAVES": OCTAVES, "PI": 3.14159265}
     macros = "".join(f"#define {name} {value}\n" for name, value in defines.items())
     macros += f"#define LAYER {layer}\n#define SIDE {side}.0\n"
     program = gl.program(
         vertex_shader=source("render/screen.vert.glsl"),
-        fragment_shader="#version 430 core\n" + macros + source("render/matter.glsl") + LAID,
+        fragment_shader="#version 430 core\n" + macros + source("render/matter.glsl") + TILED,
     )
     widths = texture_widths()
     phases = [tuple(phase) for phase in texture_phases((0.031, 0.053, 0.0), widths).tolist()]
@@ -282,15 +282,15 @@ def laid_out(gl, textures, layer, hexes, *, across=4, side=256):
 def test_hexagons_hide_the_repetition_and_keep_mean_and_contrast(gl):
     textures = MaterialTextures(gl, None, size=256, looks={})
 
-    def likeness(picture, shift):
+    def correlation(picture, shift):
         height = picture[..., 3]
         return np.corrcoef(height[:, :-shift].ravel(), height[:, shift:].ravel())[0, 1]
 
     for name in ("grass", "scree", "river_bed", "rock", "snow"):
-        plain, hidden = (laid_out(gl, textures, list(LAYERS).index(name), hexes) for hexes in (1, 3))
+        plain, hidden = (tiled(gl, textures, list(LAYERS).index(name), hexes) for hexes in (1, 3))
         # A texture's width is 64 pixels here.
-        assert likeness(plain, 64) > 0.99, name
-        assert abs(likeness(hidden, 64)) < 0.08, name
+        assert correlation(plain, 64) > 0.99, name
+        assert abs(correlation(hidden, 64)) < 0.08, name
         assert hidden[..., :3].mean() == pytest.approx(plain[..., :3].mean(), rel=0.01), name
         assert hidden[..., 3].std() > 0.92 * plain[..., 3].std(), name
 
@@ -301,7 +301,7 @@ F0 = 0.04
 
 
 def sphere_grid(cosines, turns):
-    """Directions of a hemisphere and the same share of it, over its projected area, for each."""
+    """Directions of a hemisphere with equal projected solid angles."""
     nl = np.sqrt((np.arange(cosines) + 0.5) / cosines)
     turn = (np.arange(turns) + 0.5) / turns * np.pi
     nl, turn = (grid.ravel() for grid in np.meshgrid(nl, turn))
@@ -309,8 +309,7 @@ def sphere_grid(cosines, turns):
     return np.stack([flat * np.cos(turn), flat * np.sin(turn), nl], axis=-1)
 
 
-def test_a_white_furnace_gets_no_brighter(gl):
-    """Of white light from all around a white surface sends back all at most, seen from anywhere."""
+def test_white_furnace_reflects_at_most_all_light(gl):
     light = sphere_grid(300, 300)
     for roughness, to_eye in itertools.product(ROUGHNESS, (0.05, 0.15, 0.3, 0.6, 1.0)):
         eye = f"vec3({np.sqrt(1.0 - to_eye**2)}, 0.0, {to_eye})"
@@ -326,7 +325,7 @@ def test_reflectance_is_reciprocal(gl):
     light[:, 2], eye[:, 2] = np.abs(light[:, 2]) + 0.02, np.abs(eye[:, 2]) + 0.02
     light, eye = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in (light, eye))
     for roughness in ROUGHNESS:
-        # Two directions in four numbers: x and y of each, z follows.
+        # Two directions in four numbers: x and y of each.
         call = (
             f"vec4(reflectance(vec3(0.3, 0.5, 0.7), vec3({F0}), {roughness}, vec3(0.0, 0.0, 1.0),"
             " vec3(a.xy, sqrt(1.0 - dot(a.xy, a.xy))), vec3(a.zw, sqrt(1.0 - dot(a.zw, a.zw)))), 0.0)"
@@ -336,7 +335,7 @@ def test_reflectance_is_reciprocal(gl):
         assert np.allclose(there, back, rtol=5e-4, atol=1e-6), roughness
 
 
-def test_reflectance_is_its_formula(gl):
+def test_reflectance_equals_its_formula(gl):
     """Hammon's diffuse part and Trowbridge and Reitz's facets, in double precision."""
     g, f0, albedo = 0.49, 0.04, 0.5
     light, eye = unit_vectors(200, seed=7), np.array([0.48, 0.36, 0.8])
@@ -361,11 +360,11 @@ TEXELS = 128
 REACH = 150.0
 EYES = [(502.3, 248.7, 190.0), (-3e6 + 502.123, 7e6 + 251.77, 1234.5)]
 SNAP = 1.0 / 128.0
-"""Texels by which a rasterizer may move a vertex, and twice as much for the interpolation."""
+"""Texels: rasterizer precision of vertices and interpolation."""
 
 
 class Scene:
-    """A map of five tiles' ground."""
+    """A surface map of five tiles."""
 
     def __init__(self, gl, terrain, eye, *, lift=0.0):
         self.gl, self.eye = gl, np.asarray(eye)
@@ -418,7 +417,7 @@ class Scene:
                     found[row] = share @ values[tile][triangles[k]]
         return found
 
-    def ask(self, call, rows):
+    def evaluate(self, call, rows):
         """Evaluate a GLSL expression of `a` (vec4) at rows."""
 
         def set_up(program):
@@ -436,7 +435,7 @@ def _cross(a, b):
 
 @pytest.mark.parametrize("eye", EYES)
 @pytest.mark.parametrize("far", [False, True])
-def test_texels_are_the_drawn_triangles(gl, waves, eye, far):
+def test_surface_map_equals_the_drawn_triangles(gl, waves, eye, far):
     scene = Scene(gl, waves, eye)
     places, texels = scene.texels(far)
     pick = np.random.default_rng(2).integers(0, TEXELS, (150, 2))
@@ -448,37 +447,39 @@ def test_texels_are_the_drawn_triangles(gl, waves, eye, far):
     texel = places[0, 1, 0] - places[0, 0, 0]
     steepest = 1.5  # m a metre
     np.testing.assert_allclose(got[known, 2], expected[known, 0], atol=SNAP * texel * steepest + 1e-3)
-    # Vertices' normals are made one long at each texel.
+    # Normals are normalised per texel.
     flat = expected[known, 1:]
     np.testing.assert_allclose(got[known, :2], flat, atol=0.02)
 
 
-def test_what_stands_stands_on_the_drawn_ground_not_on_the_true_one(gl, waves):
+def test_standing_height_is_on_the_drawn_terrain(gl, waves):
     eye = EYES[0]
     lift = 25.0
     scene = Scene(gl, waves, eye, lift=lift)
     away = np.random.default_rng(3).uniform(-140.0, 140.0, (120, 2))
     true = waves.heights(away[:, 0] + eye[0], away[:, 1] + eye[1]) - eye[2]
-    got = scene.ask("vec4(standing_height(a.xyz))", np.c_[away, true, true])[:, 0]
+    got = scene.evaluate("vec4(standing_height(a.xyz))", np.c_[away, true, true])[:, 0]
     drawn = scene.drawn_at(away)[:, 0]
     known = np.isfinite(drawn)
     assert np.abs(got - drawn)[known].max() < 0.35  # texels of 1.6 and 3.1 m on quads of 4 m
     assert np.abs(got - true)[known].min() > 0.5 * lift
 
 
-def test_weights_are_those_of_the_vertices_and_beyond_the_map_the_true_foot_counts(gl, waves):
+def test_surface_weights_equal_the_vertices_and_outside_the_map_the_foot_is_returned(gl, waves):
     scene = Scene(gl, waves, EYES[0])
     rows = [[0.0, 5000.0, -12.5, 0.0], [-900.0, 3.0, 77.0, 0.0]]
-    assert (scene.ask("vec4(standing_height(a.xyz))", rows)[:, 0] == [-12.5, 77.0]).all()
-    assert (scene.ask("vec4(drawn_normal(drawn_surface(a.xy)), 1.0)", rows)[:, :3] == [0.0, 0.0, 1.0]).all()
+    assert (scene.evaluate("vec4(standing_height(a.xyz))", rows)[:, 0] == [-12.5, 77.0]).all()
+    assert (
+        scene.evaluate("vec4(drawn_normal(drawn_surface(a.xy)), 1.0)", rows)[:, :3] == [0.0, 0.0, 1.0]
+    ).all()
 
     rows = np.random.default_rng(4).uniform(-90.0, 90.0, (40, 4))
-    got = scene.ask("drawn_weights_low(a.xy)", rows)
+    got = scene.evaluate("drawn_weights_low(a.xy)", rows)
     assert np.abs(got - [0.75, 0.0, 0.25, 0.0]).max() < 1.5 / 255.0
-    assert (scene.ask("drawn_weights_high(a.xy)", rows) == 0.0).all()
+    assert (scene.evaluate("drawn_weights_high(a.xy)", rows) == 0.0).all()
 
 
-def test_heights_stay_when_the_eye_moves_also_with_an_old_map(gl, waves):
+def test_surface_heights_are_stable_when_the_eye_moves(gl, waves):
     eye = np.array(EYES[0])
     scene = Scene(gl, waves, eye)
     places = np.random.default_rng(6).uniform(-60.0, 60.0, (50, 2)) + eye[:2]
@@ -487,21 +488,21 @@ def test_heights_stay_when_the_eye_moves_also_with_an_old_map(gl, waves):
         now = eye + shift
         scene.see(now)
         rows = np.c_[places - now[:2], np.zeros((len(places), 2))]
-        heights.append(scene.ask("vec4(standing_height(a.xyz))", rows)[:, 0] + now[2])
+        heights.append(scene.evaluate("vec4(standing_height(a.xyz))", rows)[:, 0] + now[2])
     heights = np.array(heights)
     assert np.abs(heights - heights[0]).max() < 0.01
 
     scene = Scene(gl, waves, eye)
     place = eye[:2] + np.array([20.0, 30.0])
     row = [[*(place - eye[:2]), 0.0, 0.0]]
-    before = scene.ask("vec4(standing_height(a.xyz))", row)[0, 0] + eye[2]
-    scene.eye = eye + np.array([3.0, -2.0, 10.0])  # the map is not drawn again
+    before = scene.evaluate("vec4(standing_height(a.xyz))", row)[0, 0] + eye[2]
+    scene.eye = eye + np.array([3.0, -2.0, 10.0])  # with the old map
     row = [[*(place - scene.eye[:2]), 0.0, 0.0]]
-    after = scene.ask("vec4(standing_height(a.xyz))", row)[0, 0] + scene.eye[2]
+    after = scene.evaluate("vec4(standing_height(a.xyz))", row)[0, 0] + scene.eye[2]
     assert after == pytest.approx(before, abs=2e-3)
 
 
-def test_nothing_is_drawn_again_while_nothing_changes(gl, waves, monkeypatch):
+def test_an_unchanged_surface_map_is_not_redrawn(gl, waves, monkeypatch):
     scene = Scene(gl, waves, EYES[0])
     drawn = []
     monkeypatch.setattr(scene.pool, "draw", lambda *args, **kwargs: drawn.append(1))

@@ -1,4 +1,4 @@
-"""Vertices that kernels write and OpenGL draws: kinds of memory, and which works, tried in a child."""
+"""Vertex memory shared by OpenCL and OpenGL, and its probe in a child process."""
 
 import sys
 from dataclasses import replace
@@ -32,26 +32,26 @@ DRAWN = """
 in float height;
 in vec2 slope;
 uniform vec2 range;
-out vec3 told;
+out vec3 value;
 void main() {
     int at = gl_VertexID % (65 * 65);
     vec2 place = (vec2(at % 65, 64 - at / 65) + 0.5) / 65.0;
     gl_Position = vec4(2.0 * place - 1.0, 0.0, 1.0);
     gl_PointSize = 1.0;
-    told = vec3((height - range.x) / range.y, slope);
+    value = vec3((height - range.x) / range.y, slope);
 }
 """
 PIXEL = """
 #version 330
-in vec3 told;
+in vec3 value;
 out vec4 pixel;
-void main() { pixel = vec4(told, 1.0); }
+void main() { pixel = vec4(value, 1.0); }
 """
 
 
 @pytest.fixture(scope="module", params=[d for d in DEVICES if d.type == "CPU"], ids=lambda d: d.platform)
 def terrain(request, gl):
-    """A terrain on a device that shares buffers with OpenGL, where its driver has cl_khr_gl_sharing."""
+    """A terrain on a device that shares buffers with OpenGL if its driver can."""
     return build(load_sketch("valley_river"), device=open_device(request.param))
 
 
@@ -69,8 +69,8 @@ def slots_of(data):
     return {slot: data[slot * size : (slot + 1) * size] for slot in SLOTS}
 
 
-def test_all_kinds_of_memory_hold_the_same_bytes(terrain, gl):
-    """Those of a store without OpenGL, read back through OpenGL."""
+def test_all_sharing_methods_store_the_same_bytes(terrain, gl):
+    """Read back through OpenGL, equal to a store without OpenGL."""
     plain = terrain.vertex_store(COUNT)
     terrain.write_tiles(KEYS, SLOTS, PARENTS, plain)
     expected = slots_of(plain.download().tobytes())
@@ -84,8 +84,8 @@ def test_all_kinds_of_memory_hold_the_same_bytes(terrain, gl):
     assert memory.kind == ("mapped" if terrain.context.gl is None else "extension")
 
 
-def test_pixels_drawn_from_it_are_right(terrain, gl):
-    """Each vertex drawn as a pixel: what is read back is the tile; and again after it was overwritten."""
+def test_drawn_vertices_equal_the_tile(terrain, gl):
+    """Each vertex drawn as a pixel, also after it was overwritten."""
     target = gl.simple_framebuffer((65, 65), components=4, dtype="f4")
     program = gl.program(vertex_shader=DRAWN, fragment_shader=PIXEL)
     for kind in sharing_methods(terrain.context):
@@ -103,9 +103,9 @@ def test_pixels_drawn_from_it_are_right(terrain, gl):
             np.testing.assert_allclose(drawn[..., 1:3], tile.normal[..., :2] * 32767.0, rtol=0, atol=0.51)
 
 
-def test_what_does_not_work_says_why(terrain, gl, monkeypatch):
+def test_unavailable_methods_report_the_reason(terrain, gl, monkeypatch):
     context = ComputeContext(terrain.context.device)
-    with pytest.raises(DeviceError, match="not opened beside an OpenGL context"):
+    with pytest.raises(DeviceError, match="not opened with an OpenGL context"):
         open_vertex_memory(gl, context, 1024, kind="extension")
     monkeypatch.setattr("sketchterrain.render.vertex_memory._STORAGE_VERSION", 10_000)
     monkeypatch.setattr("sketchterrain.render.vertex_memory._STORAGE_EXTENSION", "GL_none")
@@ -117,7 +117,7 @@ def test_what_does_not_work_says_why(terrain, gl, monkeypatch):
 
 
 CPUS = [device for device in DEVICES if device.type == "CPU"]
-MAPPED = replace(CPUS[0], gl_sharing="mapped")  # which it is unless its driver has cl_khr_gl_sharing
+MAPPED = replace(CPUS[0], gl_sharing="mapped")  # as for drivers without cl_khr_gl_sharing
 
 PROBE_FOR_EXTENSION = """
 import sys
@@ -129,14 +129,14 @@ sharing_probe._probe(int(sys.argv[1]), sys.argv[2])
 
 
 @pytest.fixture(autouse=True)
-def forgotten():
+def empty_probe_cache():
     probe_sharing.cache_clear()
     yield
     probe_sharing.cache_clear()
 
 
 def probe_for_extension(name, monkeypatch):
-    """Share through an extension of this name, here and in the probe's child."""
+    """Replace the name of the sharing extension, also in the probe's child."""
 
     def command(device, kind):
         return [sys.executable, "-c", PROBE_FOR_EXTENSION, str(device.index), kind, name]
@@ -145,14 +145,14 @@ def probe_for_extension(name, monkeypatch):
     monkeypatch.setattr(sharing_probe, "_command", command)
 
 
-def each_in_its_tier(devices):
-    """The first device by default, the others in the slow tier."""
+def first_by_default(devices):
+    """Parameters: the first device in the default tier, others in the slow one."""
     first, *others = (pytest.param(device, id=device.platform) for device in devices)
     return [first, *(pytest.param(*other.values, id=other.id, marks=pytest.mark.slow) for other in others)]
 
 
-@pytest.mark.parametrize("device", each_in_its_tier(DEVICES))
-def test_the_best_kind_that_works_is_chosen(gl, device):
+@pytest.mark.parametrize("device", first_by_default(DEVICES))
+def test_the_best_working_method_is_selected(gl, device):
     found = probe_sharing(device)
     if device.gl_sharing == "extension":
         assert (found.kind == "extension") == (found.reason == "")
@@ -172,7 +172,7 @@ FAILURES = {
 }
 
 
-def test_a_probe_that_fails_ends_in_a_copy_with_its_reason(monkeypatch):
+def test_a_failed_probe_falls_back_to_copies_with_a_reason(monkeypatch):
     device = replace(CPUS[0], type="GPU", gl_sharing="extension")
     for what, (code, reason) in FAILURES.items():
 
@@ -189,9 +189,9 @@ def test_a_probe_that_fails_ends_in_a_copy_with_its_reason(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("device", each_in_its_tier(CPUS))
-def test_a_driver_without_the_extension_is_not_asked_for_it(gl, device, monkeypatch):
-    """PoCL's would end the process."""
+@pytest.mark.parametrize("device", first_by_default(CPUS))
+def test_drivers_without_the_extension_are_not_called(gl, device, monkeypatch):
+    """PoCL would end the process."""
     handles = current_handles()
     assert handles is not None
     assert handles.window_system == "EGL"
@@ -207,7 +207,7 @@ def test_a_driver_without_the_extension_is_not_asked_for_it(gl, device, monkeypa
 
 @pytest.mark.slow
 def test_a_driver_that_ends_the_process_is_probed_in_a_child(gl, monkeypatch):
-    """Asked without the extension, in a child: it says no, or it crashes, and vertices are mapped."""
+    """Without the extension the child is refused or crashes, and vertices are mapped."""
     probe_for_extension("cl_khr_global_int32_base_atomics", monkeypatch)
     for device in CPUS:
         found = probe_sharing(replace(device, gl_sharing="extension"))
@@ -219,8 +219,7 @@ def test_a_driver_that_ends_the_process_is_probed_in_a_child(gl, monkeypatch):
             assert found.reason.startswith("extension: ")
 
 
-def test_a_terrain_moves_beside_opengl(monkeypatch):
-    """To a device that shares buffers; elsewhere it stays where it is."""
+def test_a_terrain_moves_to_a_sharing_context_if_there_is_one(monkeypatch):
     mountain = np.zeros((32, 32), np.uint8)
     mountain[8:20, 8:20] = 1
     sketch = Sketch(extent=1024.0, layers={"mountain": mountain})

@@ -1,4 +1,4 @@
-"""Views that are found, and pictures of them."""
+"""Automatic viewpoints, quality levels, resource cache, snapshots."""
 
 import dataclasses
 from concurrent.futures import ThreadPoolExecutor
@@ -18,13 +18,13 @@ from sketchterrain.render.sky import Weather
 from sketchterrain.render.snapshot import render_picture
 from sketchterrain.render.snapshot_renderer import SnapshotRenderer
 from sketchterrain.render.sunlight import sun_at
-from sketchterrain.render.viewpoints import Cover, sun_preference, unobstructed_distance
+from sketchterrain.render.viewpoints import LandCover, sun_preference, unobstructed_distance
 from sketchterrain.render.views import VIEWS, find_view
 from sketchterrain.terrain.adherence_rivers import standing_water
 from sketchterrain.terrain.building import build
 
 HEIGHTS = {"auto": (15.0, 195.0), "ground": (1.7, 4.0), "hill": (1.7, 4.0), "air": (240.0, 710.0)}
-"""m above the ground."""
+"""m above the terrain."""
 
 
 @pytest.fixture(scope="module")
@@ -50,12 +50,12 @@ def cameras(terrain):
     return {kind: find_view(terrain, kind) for kind in VIEWS}
 
 
-def test_a_view_is_from_its_height_and_its_horizon_lies_high(terrain, cameras):
+def test_views_have_their_height_and_a_high_horizon(terrain, cameras):
     for kind, camera in cameras.items():
         x, y, z = camera.eye
         low, high = HEIGHTS[kind]
         assert low <= z - float(terrain.heights(x, y)) <= high, kind
-        # Where the farthest ground is in the picture: in the upper third, none of it over the border.
+        # The skyline is in the upper third, below the border.
         bearing = np.radians(camera.heading) + np.radians(np.linspace(-25.0, 25.0, 21))[:, None]
         distance = np.geomspace(10.0, 1.5 * terrain.extent, 90)
         ground = terrain.heights(
@@ -69,7 +69,7 @@ def test_a_view_is_from_its_height_and_its_horizon_lies_high(terrain, cameras):
     assert find_view(terrain, "ground") == cameras["ground"]
 
 
-def test_views_from_the_ground_are_dry_level_and_open(terrain, cameras):
+def test_eye_level_views_are_dry_level_and_open(terrain, cameras):
     for kind in ("ground", "hill"):
         camera = cameras[kind]
         x, y, _ = camera.eye
@@ -87,21 +87,21 @@ def test_views_from_the_ground_are_dry_level_and_open(terrain, cameras):
         assert (rise < 0.5 * run).all(), kind
 
 
-def test_shores_begin_at_the_bank_and_views_end_at_the_first_plant(terrain):
-    cover = Cover(terrain, sample_heights(terrain, (1500.0, 1125.0), 3900.0, 128))
+def test_distance_to_water_is_zero_at_the_bank_and_plants_obstruct_views(terrain):
+    cover = LandCover(terrain, sample_heights(terrain, (1500.0, 1125.0), 3900.0, 128))
     river = terrain.features.rivers[0]
     middle = len(river.centreline) // 2
     along = river.centreline[middle + 1, :2] - river.centreline[middle - 1, :2]
     aside = np.array([-along[1], along[0]]) / np.hypot(*along)
     half = float(river.centreline_width[middle]) / 2.0
     places = river.centreline[middle, :2] + np.array([0.0, half + 10.0, half + 500.0])[:, None] * aside
-    assert cover.shore(*places.T) == pytest.approx([-half, 10.0, 60.0], abs=1.5)
-    assert cover.wet(*places.T).tolist() == [True, False, False]
+    assert cover.distance_to_water(*places.T) == pytest.approx([-half, 10.0, 60.0], abs=1.5)
+    assert cover.is_water(*places.T).tolist() == [True, False, False]
 
     plants = terrain.foliage(0.0, 0.0, *terrain.size)
     plant = plants[len(plants) // 2]
     eye = np.array([plant["x"] - 8.0, plant["y"], 0.0])
-    free = unobstructed_distance(terrain, eye, np.pi / 2.0, reach=30.0)  # it looks east
+    free = unobstructed_distance(terrain, eye, np.pi / 2.0, reach=30.0)  # to the east
     assert free <= 8.0 + 1e-6
     assert (
         unobstructed_distance(terrain, np.array([plant["x"] - 2.0, plant["y"], 0.0]), np.pi / 2.0, reach=30.0)
@@ -135,13 +135,13 @@ def sketch(seed, *, extent=1024.0, look=None):
 
 @pytest.mark.gl
 @pytest.mark.slow
-def test_the_same_bytes_in_any_order():
+def test_snapshots_do_not_depend_on_their_order():
     other = sketch(2, extent=700.0, look={"grass": {"colour": "#c83c3c"}})
     terrains = [build(sketch(1)), build(other)]
     with ThreadPoolExecutor(1) as thread:
-        studio = thread.submit(SnapshotRenderer, SIZE).result()
-        found = [thread.submit(studio.picture, terrains[number]).result() for number in (0, 1, 0)]
-        thread.submit(studio.close).result()
+        snapshots = thread.submit(SnapshotRenderer, SIZE).result()
+        found = [thread.submit(snapshots.picture, terrains[number]).result() for number in (0, 1, 0)]
+        thread.submit(snapshots.close).result()
     timings = {}
     assert (found[1] == render_picture(terrains[1], size=SIZE, timings=timings)).all()
     assert {"view", "tiles", "draw"} <= set(timings)
@@ -149,21 +149,21 @@ def test_the_same_bytes_in_any_order():
     assert not (found[0] == found[1]).all()
 
 
-def test_height_map_interpolates_a_plane_exactly():
+def test_height_maps_interpolate_a_plane_exactly():
     along = np.arange(32) + 0.5
     plane = HeightMap(100.0, -50.0, 32.0, (along[None, :] + 2 * along[:, None]).astype(np.float32))
     x, y = np.array([110.3, 120.0]), np.array([-40.2, -30.7])
     assert np.allclose(plane.at(x, y), (x - 100.0) + 2 * (y + 50.0))
 
 
-CHEAPER_WHEN_GREATER = {"tolerance", "steep", "thin"}
+CHEAPER_WHEN_GREATER = {"tolerance", "neighbour_limit", "thinning_pixels"}
 FIXED = {"split"}
 
 
-def test_a_greater_quality_never_costs_less_and_a_driver_without_a_gpu_gets_a_cheap_one():
+def test_costs_are_monotonic_in_the_quality_level_and_cpu_drivers_get_a_low_one():
     assert Quality.from_level(1.0) == Quality()
     steps = [Quality.from_level(number) for number in np.linspace(0.0, 1.0, 101)]
-    assert all(quality.map_texels % 64 == 0 for quality in steps)  # light maps lie on whole blocks
+    assert all(quality.map_texels % 64 == 0 for quality in steps)  # light maps consist of whole blocks
     for field in dataclasses.fields(Quality):
         if field.name == "without":
             continue
@@ -178,15 +178,15 @@ def test_a_greater_quality_never_costs_less_and_a_driver_without_a_gpu_gets_a_ch
     software = Quality.for_renderer("llvmpipe (LLVM 15.0.6, 256 bits)")
     shared = Quality.for_renderer("Mesa Intel(R) UHD Graphics 620 (KBL GT2)")
     card = Quality.for_renderer("NVIDIA H100 80GB HBM3/PCIe/SSE2")
-    assert software.woods < shared.woods < card.woods <= Quality().woods
+    assert software.plant_distance < shared.plant_distance < card.plant_distance <= Quality().plant_distance
     assert software.materials * software.planes * software.octaves == 1
     assert software.moving_scale < card.moving_scale
 
 
-def test_invalid_input_and_a_missing_opengl_are_refused(terrain, waves, monkeypatch):
+def test_invalid_input_and_missing_opengl_raise_one_line(terrain, waves, monkeypatch):
     assert not Quality.from_level(0.5, without=["grass"]).includes("grass")
     assert Quality.from_level(0.5, without=["grass"]).includes("trees")
-    for told, call in (
+    for message, call in (
         ("expected a view, one of auto, ground, hill, air, got 'moon'", lambda: find_view(terrain, "moon")),
         ("expected an hour from", lambda: find_view(terrain, "air", weather=Weather(hour=1.0))),
         ("8192", lambda: render_picture(waves, size=(0, 100))),
@@ -196,7 +196,7 @@ def test_invalid_input_and_a_missing_opengl_are_refused(terrain, waves, monkeypa
         ("from 0 to 1", lambda: Quality.from_level(float("nan"))),
         (r"one of shadows.*got 'gras'", lambda: Quality.from_level(0.5, without=["gras"])),
     ):
-        with pytest.raises(InputError, match=told):
+        with pytest.raises(InputError, match=message):
             call()
 
     def fail(**_):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.navigation import NearGround, Orbit, Walk, sight
+from sketchterrain.render.navigation import LocalHeights, OrbitController, WalkController, intersect_terrain
 from sketchterrain.render.scene import BoundedTerrain, visible_rectangle
 from sketchterrain.ui.engine.protocol import Fly, GoTo, Pan, Pose, Turn, Zoom
 
@@ -36,7 +36,7 @@ class CameraController:
 
     def __init__(self, terrain: TerrainSource, *, aspect: float = _LEAST_ASPECT) -> None:
         self._terrain = terrain
-        self._near_surface = NearGround(terrain)
+        self._near_surface = LocalHeights(terrain)
         self._motion = Fly()
         self._glide: _Glide | None = None
         self._camera: Camera | None = None
@@ -50,12 +50,12 @@ class CameraController:
             distance=_START_VIEW[0] * terrain.extent * max(_LEAST_ASPECT / aspect, 1.0),
             elevation=_START_VIEW[1],
         )
-        self._walk: Walk | None = None
+        self._walk: WalkController | None = None
 
     def set_terrain(self, terrain: TerrainSource) -> None:
         """Move over another terrain from now on; the camera stays, unless it would be below ground."""
         self._terrain = terrain
-        self._near_surface = NearGround(terrain)
+        self._near_surface = LocalHeights(terrain)
         self.restless = True
 
     def set_mode(self, mode: str) -> None:
@@ -127,7 +127,7 @@ class CameraController:
         """Return the terrain position (m) at an image position (fractions from the upper left corner)."""
         camera = self.camera()
         along = camera.ray(2.0 * x - 1.0, 1.0 - 2.0 * y, aspect)
-        return sight(self._heights, camera.eye, along, reach=_RANGE * self._terrain.extent)
+        return intersect_terrain(self._heights, camera.eye, along, reach=_RANGE * self._terrain.extent)
 
     def _heights(self, x: npt.ArrayLike, y: npt.ArrayLike) -> npt.NDArray[np.float32]:
         return self._terrain.heights(x, y)
@@ -209,15 +209,17 @@ class CameraController:
 
     def _create_orbit(
         self, pivot: Vector, *, distance: float, heading: float = 0.0, elevation: float, fov: float = _FOV
-    ) -> Orbit:
-        return Orbit(
+    ) -> OrbitController:
+        return OrbitController(
             self._surface_height, pivot, heading=heading, elevation=elevation, distance=distance, fov=fov
         )
 
     def _start_orbit(self, camera: Camera) -> None:
         """Orbit the terrain position in the image centre; if it is sky, a point in front of the camera."""
-        place = sight(self._heights, camera.eye, camera.forward, reach=_RANGE * self._terrain.extent)
-        if place is None:  # into the sky: around what is before one
+        place = intersect_terrain(
+            self._heights, camera.eye, camera.forward, reach=_RANGE * self._terrain.extent
+        )
+        if place is None:
             x, y, z = (np.asarray(camera.eye) + 0.3 * self._terrain.extent * camera.forward).tolist()
             place = (x, y, z)
         distance = float(np.linalg.norm(np.subtract(place, camera.eye)))
@@ -226,8 +228,8 @@ class CameraController:
             place, distance=distance, heading=camera.heading, elevation=-camera.pitch, fov=camera.fov
         )
 
-    def _create_walk(self, camera: Camera) -> Walk:
-        walk = Walk(self._surface_height, camera.eye, heading=camera.heading, pitch=camera.pitch)
+    def _create_walk(self, camera: Camera) -> WalkController:
+        walk = WalkController(self._surface_height, camera.eye, heading=camera.heading, pitch=camera.pitch)
         walk.on_foot = self.mode == "walk"
         return walk
 
@@ -235,7 +237,9 @@ class CameraController:
 class _Glide:
     """An eased motion of a walk to another position and direction."""
 
-    def __init__(self, walk: Walk, eye: Vector, heading: float, pitch: float, *, seconds: float) -> None:
+    def __init__(
+        self, walk: WalkController, eye: Vector, heading: float, pitch: float, *, seconds: float
+    ) -> None:
         turn = (heading - walk.heading + 180.0) % 360.0 - 180.0
         self._start = np.array([*walk.eye, walk.heading, walk.pitch])
         self._motion = np.array([*eye, walk.heading + turn, pitch]) - self._start
@@ -246,7 +250,7 @@ class _Glide:
         """Whether it has arrived."""
         return self._spent >= self._seconds
 
-    def advance(self, walk: Walk, elapsed: float) -> None:
+    def advance(self, walk: WalkController, elapsed: float) -> None:
         """Advance by `elapsed` s."""
         self._spent += elapsed
         share = min(self._spent / self._seconds, 1.0)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.render.context import open_context
 from sketchterrain.render.overlays import OVERLAYS, Overlay
-from sketchterrain.render.quality import SOFTWARE, Quality
+from sketchterrain.render.quality import CPU_DRIVERS, Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sharing_probe import open_device
 from sketchterrain.render.sky import Weather
@@ -37,7 +37,7 @@ class ViewRenderer:
     def __init__(self) -> None:
         self._context = open_context()
         self.name = str(self._context.info["GL_RENDERER"])
-        self.is_software = any(part in self.name.lower() for part in SOFTWARE)
+        self.is_software = any(part in self.name.lower() for part in CPU_DRIVERS)
         if self.is_software:
             _lower_drawing_threads()
         self._view = ViewState()

@@ -100,7 +100,7 @@ class OpenDialogs(QObject):
                 **{name: partial(self._show_help, name) for name in ("first-steps", "keys", "about")},
             }
         )
-        link.picture_written.connect(lambda path: self._picture_file.report(Path(path)))
+        link.picture_written.connect(lambda written: self._picture_file.report(Path(written.path)))
 
     def new(self) -> None:
         """Ask for size and extent and start a new sketch."""

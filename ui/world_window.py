@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from PyQt6.QtCore import QSize, Qt, pyqtSignal
 from PyQt6.QtGui import QCloseEvent, QResizeEvent
@@ -45,6 +45,7 @@ class WorldLink(ViewSource):
         super().__init__(ViewState(mode="fly"))
         self.path, self.device = path, device
         self.world: WorldFacts | None = None
+        self._routes[WorldFacts] = ("world", self.world_known)
 
     def area(self) -> tuple[tuple[float, float, float, float], float] | None:
         """Return the world's rectangle (m) and the height of its centre; None until they are known."""
@@ -55,11 +56,6 @@ class WorldLink(ViewSource):
         self._run(EngineProcesses(device=self.device, world=self.path))
         if self.frame is None:
             self.send(Look())
-
-    def _handle_other(self, message: Any) -> None:
-        if isinstance(message, WorldFacts):
-            self.world = message
-            self.world_known.emit(message)
 
 
 class WorldWindow(QMainWindow):

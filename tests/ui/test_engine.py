@@ -50,7 +50,7 @@ class Listener:
         link.terrain_updated.connect(self.followed.append)
         link.frame_shown.connect(self.frames.append)
         link.picked.connect(self.picked.append)
-        link.picture_written.connect(self.written.append)
+        link.picture_written.connect(lambda written: self.written.append(written.path))
 
 
 def settled(link, version=0):

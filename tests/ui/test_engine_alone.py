@@ -327,7 +327,7 @@ def test_a_link_hands_over_what_the_processes_tell(document, qtbot, placed, chil
         msg.PictureWritten("b.png"),
     ):
         engine.send(message)
-    qtbot.waitUntil(lambda: told[-1] == ("picture_written", "b.png"))
+    qtbot.waitUntil(lambda: told[-1] == ("picture_written", msg.PictureWritten("b.png")))
     wanted = "placed_changed placed_changed relief_changed picked facts_changed picture_written"
     assert [name for name, _ in told] == wanted.split()
     assert (link.relief.version, link.facts.device) == (8, "a")

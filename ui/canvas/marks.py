@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import cache, lru_cache
 
 import numpy as np
+from contourpy import LineType, contour_generator
 from PyQt6.QtCore import QLineF, QPointF, QRect, QRectF, Qt
 from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF
 from scipy.spatial import cKDTree
@@ -94,33 +95,13 @@ def _glyph(kind: str) -> QPainterPath:
 
 
 def shore_lines(field: ShapeField) -> Float64Array:
-    """Return a shape's border as line segments, (n, 4) m (marching squares)."""
+    """Return a shape's border as line segments, (n, 4) m."""
     step = max(-(-max(field.inside.shape) // _MAX_SAMPLES), 1)
     inside = np.asarray(field.inside[::step, ::step], np.float64)
-    inside = np.where(inside == 0.0, 1e-9, inside)
-    south, north = inside[:-1], inside[1:]
-    corners = np.stack([south[:, :-1], south[:, 1:], north[:, :-1], north[:, 1:]])
-    rows, columns = np.nonzero(np.any((corners > 0.0) != (corners[0] > 0.0), axis=0))
-    a, b, c, d = corners[:, rows, columns]
-    zero, one = np.zeros_like(a), np.ones_like(a)
-    # Crossings of each cell's sides, from its south-west corner: south, north, west, east.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        at = np.stack(
-            [
-                np.stack([a / (a - b), zero], -1),
-                np.stack([c / (c - d), one], -1),
-                np.stack([zero, a / (a - c)], -1),
-                np.stack([one, b / (b - d)], -1),
-            ],
-            axis=1,
-        )
-    crossed = np.stack([a * b < 0.0, c * d < 0.0, a * c < 0.0, b * d < 0.0], axis=1)
-    at += np.stack([columns, rows], axis=-1)[:, None, :]
-    twice = crossed.sum(axis=1) == 2
-    once = at[twice][crossed[twice]].reshape(-1, 4)
-    saddles = at[~twice][:, [[0, 2], [1, 3]]].reshape(-1, 4)
-    segments = np.concatenate([once, saddles]) * (field.spacing * step)
-    return np.asarray(segments + np.array([field.west, field.south, field.west, field.south]))
+    lines = contour_generator(z=inside, line_type=LineType.Separate).lines(0.0)
+    segments = np.concatenate([np.empty((0, 4)), *(np.hstack([line[:-1], line[1:]]) for line in lines)])
+    origin = np.array([field.west, field.south, field.west, field.south])
+    return np.asarray(segments * (field.spacing * step) + origin)
 
 
 class FeatureMarks:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import reduce
 from typing import TypeVar, cast
 
@@ -43,24 +43,6 @@ _BAND = 64  # screen rows composed at a time, so that their pixels stay in the C
 _SHARP = 4.0  # px of the screen per pixel, from which pixels have sharp edges
 
 
-@dataclass(frozen=True)
-class Surround:
-    """Colours around the sketch, and device pixels a logical one."""
-
-    background: QColor
-    shadow: QColor
-    border: QColor
-    ratio: float
-
-
-def theme_surround(ratio: float) -> Surround:
-    """Return the current theme's surround."""
-    dark = theme().name == "dark"
-    shadow = QColor(0, 0, 0, 200 if dark else 90)
-    border = QColor(0, 0, 0) if dark else QColor(150, 150, 147)
-    return Surround(theme().canvas, shadow, border, ratio)
-
-
 def scroll_image(image: QImage, right: int, down: int) -> list[QRect]:
     """Move an image's pixels; return the uncovered areas."""
     width, height = image.width(), image.height()
@@ -79,23 +61,25 @@ def scroll_image(image: QImage, right: int, down: int) -> list[QRect]:
     return uncovered
 
 
-def _draw_surround(painter: QPainter, area: QRect, sketch: QRect, surround: Surround) -> None:
-    """Draw background, shadow and border outside the sketch's rectangle."""
+def _draw_surround(painter: QPainter, area: QRect, sketch: QRect, ratio: float) -> None:
+    """Draw background, drop shadow and border outside the sketch's rectangle."""
+    dark = theme().name == "dark"
+    shadow, opacity = QColor(0, 0, 0), (200 if dark else 90) / 255
     painter.save()
     painter.setClipRegion(QRegion(area) - QRegion(sketch))
-    painter.fillRect(area, surround.background)
-    size, offset = round(_SHADOW * surround.ratio), round(_SHADOW_OFFSET * surround.ratio)
+    painter.fillRect(area, theme().canvas)
+    size, offset = round(_SHADOW * ratio), round(_SHADOW_OFFSET * ratio)
     if sketch.adjusted(-size, -size, size, size + offset).intersects(area):
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        shadow = QColor(surround.shadow)
         for step in range(size + offset):
-            shadow.setAlphaF(surround.shadow.alphaF() * (1.0 - step / (size + offset)) ** 2)
+            shadow.setAlphaF(opacity * (1.0 - step / (size + offset)) ** 2)
             away = step - offset + 0.5
             painter.setPen(QPen(shadow, 1.0))
             grown = QRectF(sketch.translated(0, offset)).adjusted(-away, -away, away, away)
             painter.drawRoundedRect(grown, max(away, 0.0), max(away, 0.0))
-        line = max(round(surround.ratio), 1)
-        painter.fillRect(sketch.adjusted(-line, -line, line, line), surround.border)
+        line = max(round(ratio), 1)
+        border = QColor(0, 0, 0) if dark else QColor(150, 150, 147)
+        painter.fillRect(sketch.adjusted(-line, -line, line, line), border)
     painter.restore()
 
 
@@ -135,10 +119,10 @@ _Pixel = TypeVar("_Pixel", np.uint16, np.uint32)
 class SketchImage:
     """Composes the sketch into an image of the screen (device px), where it is stale."""
 
-    def __init__(self, compositor: LayerCompositor, hatches: HatchTable, surround: Surround) -> None:
+    def __init__(self, compositor: LayerCompositor, hatches: HatchTable, ratio: float) -> None:
         self.compositor = compositor
         self.hatches = hatches
-        self.surround = surround
+        self.ratio = ratio  # device pixels a logical one
         self.relief: QImage | None = None
         self.relief_step = 1
         self.tint: QImage | None = None
@@ -211,7 +195,7 @@ class SketchImage:
         painter.save()
         painter.setClipRect(area)
         sketch = QRect(viewport.left, viewport.top, *viewport.sketch_size)
-        _draw_surround(painter, area, sketch, self.surround)
+        _draw_surround(painter, area, sketch, self.ratio)
         inner = sketch.intersected(area)
         if not inner.isEmpty():
             painter.setClipRect(inner)
@@ -286,7 +270,7 @@ class SketchView(QObject):
         self._tint: tuple[Adherence | None, str] = (None, "")
         hatches = HatchTable(hatches_of(context.workspace), context.ratio)
         compositor = LayerCompositor(context.document.layer, paints_of(context.workspace))
-        self._image = SketchImage(compositor, hatches, theme_surround(context.ratio))
+        self._image = SketchImage(compositor, hatches, context.ratio)
 
         context.document.opened.connect(self._on_opened)
         context.document.painted.connect(self._on_painted)
@@ -302,7 +286,7 @@ class SketchView(QObject):
         context = self._context
         self._image.compositor.paints = paints_of(context.workspace)
         self._image.hatches = HatchTable(hatches_of(context.workspace), context.ratio)
-        self._image.surround = theme_surround(context.ratio)
+        self._image.ratio = context.ratio
         self._image.invalidate()
         self.refresh_overlays()
 
@@ -361,7 +345,7 @@ class SketchView(QObject):
     def draw(self, painter: QPainter, area: QRect) -> None:
         """Draw an area (logical px) of the canvas."""
         ratio = self._context.ratio
-        if self._image.surround.ratio != ratio:
+        if self._image.ratio != ratio:
             self.refresh()
         self._image.set_viewport(self._context.viewport)
         source = QRectF(area.x() * ratio, area.y() * ratio, area.width() * ratio, area.height() * ratio)

@@ -10,7 +10,7 @@ import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
-from PyQt6.QtCore import QObject, Qt, QTimer, pyqtSignal
+from PyQt6.QtCore import QObject, Qt, QTimer, pyqtBoundSignal, pyqtSignal
 from PyQt6.QtGui import QImage
 
 from sketchterrain.ui.engine import protocol as msg
@@ -120,6 +120,11 @@ class ViewSource(QObject):
         self._starts = 0
         self._activities: dict[str, str] = {}
         self._received.connect(self._handle)  # emitted by other threads, handled on this one
+        # by message: attribute that stores it, if any, and signal that announces it
+        self._routes: dict[type, tuple[str, pyqtBoundSignal]] = {
+            msg.PickResult: ("", self.picked),
+            msg.EngineFacts: ("facts", self.facts_changed),
+        }
 
     def area(self) -> tuple[tuple[float, float, float, float], float] | None:
         """Return west, south, east, north (m) of what is displayed, and its central elevation if known."""
@@ -192,11 +197,6 @@ class ViewSource(QObject):
             self.send(msg.FrameAcknowledged())
             self.frame = message.facts
             self.frame_shown.emit(message.facts)
-        elif isinstance(message, msg.PickResult):
-            self.picked.emit(message)
-        elif isinstance(message, msg.EngineFacts):
-            self.facts = message
-            self.facts_changed.emit(message)
         elif isinstance(message, msg.Activity):
             self._activities[name] = message.text
             self._set_activity(self._activities.get("engine", "") or self._activities.get("placer", ""))
@@ -205,11 +205,21 @@ class ViewSource(QObject):
         elif isinstance(message, _ProcessEnded):
             self._terminate()
             self._handle_crash(message.line or f"the {name} closed its connection")
+        elif isinstance(message, msg.Unchanged):
+            self._revalidate(message)
         else:
-            self._handle_other(message)
+            name, signal = self._routes[type(message)]
+            if name:
+                setattr(self, name, message)
+            signal.emit(message)
 
-    def _handle_other(self, message: Any) -> None:
-        """Handle a message that only a subclass knows."""
+    def _revalidate(self, message: msg.Unchanged) -> None:
+        """Apply a version to the last placement or relief."""
+        if message.kind == "placement" and self.placed is not None:
+            self.placed = replace(self.placed, version=message.version)
+            self.placed_changed.emit(self.placed)
+        elif message.kind == "relief" and self.relief is not None:
+            self.relief = replace(self.relief, version=message.version)
 
     def _handle_crash(self, line: str) -> None:
         self._report_error("engine", line)
@@ -258,7 +268,7 @@ class EngineLink(ViewSource):
     adherence_changed = pyqtSignal(object)  # Adherence
     sent = pyqtSignal(int, float)  # version of a sent sketch, s of the system's monotonic clock
     terrain_updated = pyqtSignal(object)  # TerrainUpdated
-    picture_written = pyqtSignal(str)
+    picture_written = pyqtSignal(object)  # PictureWritten
 
     without_view = "You can paint and export all the same."
 
@@ -274,6 +284,13 @@ class EngineLink(ViewSource):
         self._timer.setSingleShot(True)
         self._timer.setTimerType(Qt.TimerType.PreciseTimer)
         self._timer.timeout.connect(self._send_sketch)
+        self._routes |= {
+            msg.Placement: ("placed", self.placed_changed),
+            msg.Relief: ("relief", self.relief_changed),
+            msg.TerrainUpdated: ("", self.terrain_updated),
+            msg.Adherence: ("adherence", self.adherence_changed),
+            msg.PictureWritten: ("", self.picture_written),
+        }
 
     def area(self) -> tuple[tuple[float, float, float, float], float] | None:
         """Return the rectangle (m) of the sketch; heights are in the relief."""
@@ -310,27 +327,6 @@ class EngineLink(ViewSource):
         self._processes.channels["placer"].send(update)
         self.send(msg.UpdatePending(update.version, fresh=fresh))
         self.sent.emit(update.version, self._sent_at)
-
-    def _handle_other(self, message: Any) -> None:
-        if isinstance(message, msg.Placement):
-            self.placed = message
-            self.placed_changed.emit(message)
-        elif isinstance(message, msg.Relief):
-            self.relief = message
-            self.relief_changed.emit(message)
-        elif isinstance(message, msg.Unchanged):
-            if message.kind == "placement" and self.placed is not None:
-                self.placed = replace(self.placed, version=message.version)
-                self.placed_changed.emit(self.placed)
-            elif message.kind == "relief" and self.relief is not None:
-                self.relief = replace(self.relief, version=message.version)
-        elif isinstance(message, msg.TerrainUpdated):
-            self.terrain_updated.emit(message)
-        elif isinstance(message, msg.Adherence):
-            self.adherence = message
-            self.adherence_changed.emit(message)
-        elif isinstance(message, msg.PictureWritten):
-            self.picture_written.emit(message.path)
 
     def _handle_crash(self, line: str) -> None:
         self._crashes = 1 if time.monotonic() - self._started_at > _CRASH_WINDOW else self._crashes + 1

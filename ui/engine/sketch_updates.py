@@ -86,21 +86,18 @@ class UpdateBuilder:
         self._boxes: dict[str, Box] = {}
         self._all = self._fresh = True
         self._notify: Callable[[], None] | None = None
+        document.painted.connect(self._on_painted)
+        document.opened.connect(self._on_opened)
 
     def start(self, notify: Callable[[], None]) -> None:
         """Call `notify` on each change; the next update is complete."""
-        self._all = True
-        if self._notify is None:
-            self._document.painted.connect(self._on_painted)
-            self._document.opened.connect(self._on_opened)
-            self._document.live_changed.connect(notify)
-        self._notify = notify
+        self.stop()
+        self._all, self._notify = True, notify
+        self._document.live_changed.connect(notify)
 
     def stop(self) -> None:
-        """Disconnect from the document."""
+        """Stop notifying."""
         if self._notify is not None:
-            self._document.painted.disconnect(self._on_painted)
-            self._document.opened.disconnect(self._on_opened)
             self._document.live_changed.disconnect(self._notify)
         self._notify = None
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import IO
 
 from PyQt6.QtCore import QObject, QTimer, pyqtSignal
 
@@ -49,14 +48,16 @@ class Recovery:
 
 
 class Lock:
-    """An exclusive file lock, released when its process ends."""
+    """An exclusive file lock, released when its process ends; OSError if another process holds it."""
 
     def __init__(self, path: Path) -> None:
         self._path = path.with_suffix(".lock")
-        self._file = self._open()
-        while not self._exists():  # its previous owner removed it meanwhile
+        self._file = self._path.open("ab")
+        try:
+            lock_file(self._file.fileno())
+        except OSError:
             self._file.close()
-            self._file = self._open()
+            raise
 
     def release(self) -> None:
         """Release the lock."""
@@ -66,21 +67,6 @@ class Lock:
         """Delete the lock file and release the lock."""
         self._path.unlink(missing_ok=True)
         self._file.close()
-
-    def _open(self) -> IO[bytes]:
-        file = self._path.open("ab")
-        try:
-            lock_file(file.fileno())
-        except OSError:
-            file.close()
-            raise
-        return file
-
-    def _exists(self) -> bool:
-        try:
-            return self._path.stat().st_ino == os.fstat(self._file.fileno()).st_ino
-        except FileNotFoundError:
-            return False
 
 
 def new_recovery_path(folder: Path) -> Path:

@@ -20,9 +20,7 @@ from sketchterrain.terrain.packing import support_radii
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import BoolArray, Float32Array
+    from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, LatticeArray
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.placement.shapes import Shape
     from sketchterrain.terrain.adherence_rivers import RiverAdherence
@@ -69,10 +67,10 @@ class SampledTerrain:
 
     terrain: Terrain
     evaluator: Evaluator
-    x: npt.NDArray[np.int64]
-    y: npt.NDArray[np.int64]
-    height: npt.NDArray[np.float32]
-    masks: npt.NDArray[np.float32]
+    x: LatticeArray
+    y: LatticeArray
+    height: Float32Array
+    masks: Float32Array
 
     @classmethod
     def evaluate(cls, terrain: Terrain) -> SampledTerrain:
@@ -105,7 +103,7 @@ def agreement(
     sketch: Sketch,
     shapes: tuple[Shape, ...],
     effect: Float32Array,
-    requested: npt.NDArray[np.float64],
+    requested: Float64Array,
     *,
     has_height: bool = False,
 ) -> tuple[tuple[ShapeAdherence, ...], AreaImages]:
@@ -167,7 +165,7 @@ def _crest_to_crest(sketch: Sketch, effect: Float32Array) -> Float32Array:
     return closed
 
 
-def pixel_centres(sketch: Sketch) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def pixel_centres(sketch: Sketch) -> tuple[Float64Array, Float64Array]:
     """Return x and y (m) of all pixel centres, each (height, width); row 0 is north."""
     x = (np.arange(sketch.width_px) + 0.5) * sketch.pixel_size
     y = (sketch.height_px - np.arange(sketch.height_px) - 0.5) * sketch.pixel_size

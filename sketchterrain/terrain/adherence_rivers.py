@@ -12,9 +12,7 @@ from sketchterrain.hydrology.network import skeletons
 from sketchterrain.placement.shapes import label_shapes
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import BoolArray, Float64Array
+    from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, LatticeArray
     from sketchterrain.placement.feature_types import Lake
     from sketchterrain.placement.shapes import Shape
     from sketchterrain.terrain.recipe import TerrainRecipe
@@ -22,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def standing_water(
-    recipe: TerrainRecipe, layer: str, x: Float64Array, y: Float64Array, ground: npt.NDArray[np.float32]
+    recipe: TerrainRecipe, layer: str, x: Float64Array, y: Float64Array, ground: Float32Array
 ) -> BoolArray:
     """Return where the terrain (heights, m) lies under the water of a layer, ``'river'`` or ``'lake'``."""
     if layer == "river":
@@ -33,9 +31,7 @@ def standing_water(
     return wet
 
 
-def _rivers(
-    recipe: TerrainRecipe, x: Float64Array, y: Float64Array, ground: npt.NDArray[np.float32]
-) -> BoolArray:
+def _rivers(recipe: TerrainRecipe, x: Float64Array, y: Float64Array, ground: Float32Array) -> BoolArray:
     rivers = recipe.rivers
     if not rivers:
         return np.zeros(x.shape, dtype=np.bool_)
@@ -170,7 +166,7 @@ def _inside(terrain: Terrain, line: Float64Array) -> Float64Array:
     return np.asarray(line[inside])
 
 
-def _positions(terrain: Terrain, rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64]) -> Float64Array:
+def _positions(terrain: Terrain, rows: LatticeArray, columns: LatticeArray) -> Float64Array:
     sketch = terrain.sketch
     x, y = columns + 0.5, sketch.height_px - rows - 0.5
     return np.stack([x, y], axis=-1) * sketch.pixel_size

@@ -116,7 +116,7 @@ class Heights:
         self,
         strength: Float64Array,
         rows: Int64Array,
-        near: npt.NDArray[np.bool_],
+        near: BoolArray,
         selected: tuple[npt.NDArray[np.intp] | slice, Int64Array],
         joint: tuple[Float64Array, Float64Array],
     ) -> Float64Array:
@@ -200,7 +200,7 @@ class StrengthCache:
 def solve_strengths(
     recipe: TerrainRecipe,
     *,
-    locked: npt.NDArray[np.bool_] | None = None,
+    locked: BoolArray | None = None,
     memory: StrengthCache | None = None,
     checkpoint: Callable[[], None] | None = None,
 ) -> StructuredArray:

@@ -16,7 +16,7 @@ from sketchterrain.terrain.recipe import FINEST_CELL
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from sketchterrain.array_types import Float64Array
+    from sketchterrain.array_types import BoolArray, Float64Array
     from sketchterrain.placement.feature_types import River
 
     Ints = npt.NDArray[np.intp]
@@ -136,7 +136,7 @@ _VALLEY_RUN_PER_DEPTH = 1.7  # about 30° for the steepest part of a valley's si
 _MAX_RADIUS = 900.0  # m
 
 
-def valley_radius(river: River, ground: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def valley_radius(river: River, ground: Float64Array) -> Float64Array:
     """Return how far (m) a river shapes the terrain on each side, at each point of its centreline, (m,).
 
     The deeper it lies below the terrain without rivers along the centreline, the wider the valley.
@@ -156,8 +156,8 @@ class ArcCentreline:
 
     # (k, 6), ends of the arcs, upstream first: x, y (m), water surface (m), half width (m), depth (m), valley
     # radius (m).
-    points: npt.NDArray[np.float64]
-    bend: npt.NDArray[np.float64]  # (k - 1,), see `sketchterrain.terrain.centrelines.nearest_on_arc`
+    points: Float64Array
+    bend: Float64Array  # (k - 1,), see `sketchterrain.terrain.centrelines.nearest_on_arc`
 
 
 def tolerance_cell(cell_size: float) -> float:
@@ -183,15 +183,15 @@ class PreparedCentreline:
     """What flattening a river's centreline needs at every cell size; see `prepare_centreline`."""
 
     river: River
-    line: npt.NDArray[np.float64]
-    curve: npt.NDArray[np.float64]
-    along: npt.NDArray[np.float64]
-    anchors: npt.NDArray[np.bool_]  # samples that are ends of arcs
-    steep: npt.NDArray[np.bool_]
+    line: Float64Array
+    curve: Float64Array
+    along: Float64Array
+    anchors: BoolArray  # samples that are ends of arcs
+    steep: BoolArray
 
 
 def prepare_centreline(
-    river: River, radii: npt.NDArray[np.float64], meeting: npt.NDArray[np.float64] | None = None
+    river: River, radii: Float64Array, meeting: Float64Array | None = None
 ) -> PreparedCentreline:
     """Prepare a river's centreline with its valley radii for flattening.
 
@@ -229,7 +229,7 @@ def flatten_to_arcs(
     return ArcCentreline(points, pieces.bend)
 
 
-def _curve(river: River) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _curve(river: River) -> tuple[Float64Array, Float64Array]:
     """Return the cubics of a river's spline, and the curve parameters of the centreline's points.
 
     A centreline that is not the spline through its control points gets the spline through all of its points.
@@ -244,9 +244,7 @@ def _curve(river: River) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float6
     return cubics(river.centreline[:, :2]), own
 
 
-def _profile_anchors(
-    river: River, line: npt.NDArray[np.float64], anchors: npt.NDArray[np.intp]
-) -> npt.NDArray[np.bool_]:
+def _profile_anchors(river: River, line: Float64Array, anchors: npt.NDArray[np.intp]) -> BoolArray:
     """Return the centreline points needed for piecewise linear level, width, depth and valley radius."""
     width, depth = float(river.centreline_width.min()), float(river.centreline_depth.max())
     # The bed is a parabola: off its axis it is shallower by depth * (2 off / width)^2.
@@ -258,7 +256,7 @@ def _profile_anchors(
     return _douglas_peucker(np.concatenate([[0.0], np.cumsum(steps)]), profile, anchors)
 
 
-def _steep(river: River) -> npt.NDArray[np.bool_]:
+def _steep(river: River) -> BoolArray:
     """Return where the water falls so much over its width that arcs must be short and even.
 
     The terrain beside it takes a weighted mean of the levels nearby; with long arcs on one side and short
@@ -271,7 +269,7 @@ def _steep(river: River) -> npt.NDArray[np.bool_]:
     return np.asarray(maximum_filter1d(np.append(steep, steep[-1:]), around), dtype=np.bool_)
 
 
-def meetings_on(river: River, meeting: npt.NDArray[np.float64] | None) -> npt.NDArray[np.intp]:
+def meetings_on(river: River, meeting: Float64Array | None) -> npt.NDArray[np.intp]:
     """Return the indices, ascending, of the centreline's ends and of its points where another river ends."""
     line = river.centreline[:, 0] + 1j * river.centreline[:, 1]
     at = np.zeros(len(line), dtype=bool) if meeting is None else np.isin(line, meeting @ np.array([1, 1j]))
@@ -279,9 +277,7 @@ def meetings_on(river: River, meeting: npt.NDArray[np.float64] | None) -> npt.ND
     return np.flatnonzero(at)
 
 
-def _douglas_peucker(
-    arc: npt.NDArray[np.float64], values: npt.NDArray[np.float64], anchors: npt.NDArray[np.intp]
-) -> npt.NDArray[np.bool_]:
+def _douglas_peucker(arc: Float64Array, values: Float64Array, anchors: npt.NDArray[np.intp]) -> BoolArray:
     """Return which points to retain so that linear interpolation stays within 1 (Douglas & Peucker 1973)."""
     retained = np.zeros(len(arc), dtype=bool)
     retained[anchors] = True

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.array_types import Float64Array
+    from sketchterrain.array_types import Float64Array, LatticeArray
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.placement.feature_types import Cover, Lake, ShapeField
     from sketchterrain.terrain.recipe import TerrainRecipe
@@ -131,9 +131,7 @@ def river_areas(old: TerrainRecipe, new: TerrainRecipe) -> list[Bounds]:
     return list(found)
 
 
-def _parts(
-    courses: list[tuple[npt.NDArray[np.int64], PreparedCentreline]], unit: float
-) -> dict[bytes, Bounds]:
+def _parts(courses: list[tuple[LatticeArray, PreparedCentreline]], unit: float) -> dict[bytes, Bounds]:
     """Return the inputs of the arcs between two control points, and the box of their support."""
     parts: dict[bytes, Bounds] = {}
     for anchor, course in courses:

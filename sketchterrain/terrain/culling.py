@@ -13,7 +13,7 @@ from sketchterrain.terrain.packing import pack_features, support_radii
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from sketchterrain.array_types import LatticeArray, StructuredArray
+    from sketchterrain.array_types import BoolArray, Float64Array, LatticeArray, StructuredArray
     from sketchterrain.terrain.packing import PackedFeatures, PackedFields, PackedRivers
     from sketchterrain.terrain.recipe import TerrainRecipe
 
@@ -33,7 +33,7 @@ class BoxIndex:
     row are adjacent in one sorted array, so that a row of a block is a pair of binary searches.
     """
 
-    def __init__(self, low: LatticeArray, high: LatticeArray, margin: npt.NDArray[np.float64]) -> None:
+    def __init__(self, low: LatticeArray, high: LatticeArray, margin: Float64Array) -> None:
         grow = np.ceil(margin).astype(np.int64)[:, None]
         self._low, self._high = low - grow, high + grow
         self._levels: tuple[LatticeArray, ...] | None = None
@@ -94,7 +94,7 @@ class BoxIndex:
         return bits, origin, columns, rows, base, keys[items], items
 
 
-def _overlap(blocks: LatticeArray, low: LatticeArray, high: LatticeArray) -> npt.NDArray[np.bool_]:
+def _overlap(blocks: LatticeArray, low: LatticeArray, high: LatticeArray) -> BoolArray:
     """Return whether blocks (…, 4) and boxes (…, 2) have a point in common."""
     return np.asarray(
         (blocks[..., 0] <= high[..., 0])
@@ -146,7 +146,7 @@ def _fill_near(recipe: TerrainRecipe, blocks: LatticeArray, min_radius: float) -
     )
 
 
-def _merge_if_compact(areas: npt.NDArray[np.float64]) -> list[tuple[float, float, float, float]]:
+def _merge_if_compact(areas: Float64Array) -> list[tuple[float, float, float, float]]:
     """Return one bounding rectangle where it is little larger than the rectangles together."""
     west, south = areas[:, :2].min(axis=0)
     east, north = areas[:, 2:].max(axis=0)
@@ -194,7 +194,7 @@ def feature_lists(
     return starts, member.astype(np.int32)
 
 
-def item_lists(index: BoxIndex, blocks: LatticeArray, visible: npt.NDArray[np.bool_] | None = None) -> Lists:
+def item_lists(index: BoxIndex, blocks: LatticeArray, visible: BoolArray | None = None) -> Lists:
     """Return ``starts`` (blocks + 1) and ``list`` of the visible items that affect each block."""
     starts = np.zeros(len(blocks) + 1, np.int32)
     if not len(index):

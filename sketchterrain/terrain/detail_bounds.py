@@ -17,9 +17,7 @@ from sketchterrain.terrain.packing import effective_cell, pack_fields, pack_lake
 from sketchterrain.terrain.recipe import FINEST_CELL
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Float64Array
+    from sketchterrain.array_types import Float64Array, LatticeArray
     from sketchterrain.terrain.kernel_arguments import CulledInputs
     from sketchterrain.terrain.recipe import TerrainRecipe
 
@@ -103,7 +101,7 @@ class DetailBound:
         )
         self._gully_depth, self._crag_depth = (float(world[name]) for name in ("gully_depth", "crag_depth"))
 
-    def bounds(self, culled: CulledInputs, blocks: npt.NDArray[np.int64], cell_size: float) -> Float64Array:
+    def bounds(self, culled: CulledInputs, blocks: LatticeArray, cell_size: float) -> Float64Array:
         """Return the bound (n,), m, of blocks (n, 4), from what affects them at the cell size."""
         omitted = self._omitted(effective_cell(cell_size))
         near = self._near(culled, blocks)
@@ -163,7 +161,7 @@ class DetailBound:
             gone = np.append(gone, of_fill)
         return float(gone.max(initial=0.0) * _MAX_OVERLAP**power)
 
-    def _near(self, culled: CulledInputs, blocks: npt.NDArray[np.int64]) -> BlockExtrema:
+    def _near(self, culled: CulledInputs, blocks: LatticeArray) -> BlockExtrema:
         recipe, features, lists = self._recipe, culled.features, culled.lists
         unit, count = metres_per_unit(recipe.extent), len(blocks)
         starts, member = lists["feature_starts"], lists["feature_list"]
@@ -242,7 +240,7 @@ class DetailBound:
         moved = np.minimum(_PLATEAU_SLOPE * np.sqrt(2) * self._recipe.warp * omitted.warp, 1.0)
         return np.asarray(np.sum(near.dune * (near.cover * np.minimum(wave, 1.0) + moved), axis=-1))
 
-    def _lakes(self, near: BlockExtrema, blocks: npt.NDArray[np.int64], cell: float) -> Float64Array:
+    def _lakes(self, near: BlockExtrema, blocks: LatticeArray, cell: float) -> Float64Array:
         """Return the greatest change by lakes that fade out.
 
         Terrain up to their rims, or down to their beds.

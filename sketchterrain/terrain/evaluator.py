@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.array_types import Bounds
+    from sketchterrain.array_types import Bounds, Float64Array, FloatArray, LatticeArray
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.terrain.recipe import TerrainRecipe
 
@@ -51,7 +51,7 @@ class Evaluator:
         self._patches_at_once = Batches(_PATCHES_PER_LAUNCH)
         self._points_at_once = Batches(_POINTS_PER_LAUNCH)
 
-    def with_strengths(self, strength: npt.NDArray[np.floating]) -> Evaluator:
+    def with_strengths(self, strength: FloatArray) -> Evaluator:
         """Return an evaluator of the same recipe with other strengths (n,) of its painted features.
 
         It shares everything on the device that stays the same.
@@ -76,8 +76,8 @@ class Evaluator:
 
     def surface(
         self,
-        axis_x: npt.NDArray[np.int64],
-        axis_y: npt.NDArray[np.int64],
+        axis_x: LatticeArray,
+        axis_y: LatticeArray,
         *,
         cell_size: float,
         progress: Callable[[float], None] | None = None,
@@ -100,8 +100,8 @@ class Evaluator:
 
     def enqueue_surfaces(
         self,
-        axis_x: npt.NDArray[np.int64],
-        axis_y: npt.NDArray[np.int64],
+        axis_x: LatticeArray,
+        axis_y: LatticeArray,
         *,
         cell_size: float,
         consume: Callable[[SurfaceStore, slice], None],
@@ -121,7 +121,7 @@ class Evaluator:
         self._patches_at_once.run(count, evaluate, on_shrink=self._release_buffers)
 
     def heights_and_masks(
-        self, axis_x: npt.NDArray[np.int64], axis_y: npt.NDArray[np.int64], *, cell_size: float
+        self, axis_x: LatticeArray, axis_y: LatticeArray, *, cell_size: float
     ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
         """Return heights (patches, n, n), m, and masks (patches, 4, n, n) of patches without a border.
 
@@ -141,7 +141,7 @@ class Evaluator:
         require_finite(masks, "masks", self.context.device)
         return height, masks
 
-    def tiles(self, keys: Sequence[tuple[int, int]], level: int) -> tuple[Surface, npt.NDArray[np.float64]]:
+    def tiles(self, keys: Sequence[tuple[int, int]], level: int) -> tuple[Surface, Float64Array]:
         """Evaluate tiles (column, row) of a level, with their parents' values and detail bounds (m)."""
         surface = Surface.empty(len(keys), QUADS + 1, real=self.context.real_dtype, parents=True)
         bounds = np.empty(len(keys))
@@ -155,12 +155,8 @@ class Evaluator:
         return surface, bounds
 
     def write(
-        self,
-        keys: Sequence[tuple[int, int]],
-        level: int,
-        store: SurfaceStore,
-        slots: npt.NDArray[np.integer],
-    ) -> npt.NDArray[np.float64]:
+        self, keys: Sequence[tuple[int, int]], level: int, store: SurfaceStore, slots: npt.NDArray[np.integer]
+    ) -> Float64Array:
         """Enqueue tiles into slots of a store; only their detail bounds come back."""
         bounds = np.empty(len(keys))
 
@@ -171,12 +167,8 @@ class Evaluator:
         return bounds
 
     def _enqueue_tiles(
-        self,
-        keys: Sequence[tuple[int, int]],
-        level: int,
-        store: SurfaceStore,
-        slots: npt.NDArray[np.integer],
-    ) -> npt.NDArray[np.float64]:
+        self, keys: Sequence[tuple[int, int]], level: int, store: SurfaceStore, slots: npt.NDArray[np.integer]
+    ) -> Float64Array:
         own, coarse = (tile_patches(level, keys, self.recipe.extent, up=up) for up in (0, 1))
         culled = self._launcher.surfaces(own, store, slots)
         self._launcher.parents(coarse, store, slots)
@@ -185,7 +177,7 @@ class Evaluator:
         return self._detail.bounds(culled, own.blocks, own.cell_size)
 
     def points(
-        self, x: npt.NDArray[np.int64], y: npt.NDArray[np.int64], *, cell_size: float
+        self, x: LatticeArray, y: LatticeArray, *, cell_size: float
     ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
         """Return heights (n,), m, and masks (n, 4) at lattice positions (n,).
 
@@ -203,7 +195,7 @@ class Evaluator:
         return height, masks
 
     def _points(
-        self, x: npt.NDArray[np.int64], y: npt.NDArray[np.int64], cell_size: float
+        self, x: LatticeArray, y: LatticeArray, cell_size: float
     ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
         context, real = self.context, self.context.real_dtype
         blocks, block = _blocks_of(x, y)
@@ -236,9 +228,7 @@ class Evaluator:
         self._launcher = PatchLauncher(self._arguments)
 
 
-def _blocks_of(
-    x: npt.NDArray[np.int64], y: npt.NDArray[np.int64]
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+def _blocks_of(x: LatticeArray, y: LatticeArray) -> tuple[LatticeArray, LatticeArray]:
     """Return the square blocks (west, south, east, north) that hold the points, and each point's block."""
     span = int(max(np.ptp(x), np.ptp(y)))
     bits = max(LATTICE_BITS - _BLOCKS_PER_EXTENT_BITS, span.bit_length() - _MAX_BLOCKS_BITS)

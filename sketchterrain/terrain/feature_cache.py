@@ -17,9 +17,7 @@ from sketchterrain.terrain.recipe import FINEST_CELL
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Bounds, LatticeArray, StructuredArray
+    from sketchterrain.array_types import BoolArray, Bounds, Float64Array, LatticeArray, StructuredArray
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.terrain.culling import BoxIndex, Lists
     from sketchterrain.terrain.packing import PackedFeatures
@@ -219,7 +217,7 @@ class FeatureCache:
         return found[unique]
 
 
-def _overlap_any(ground: LatticeArray, areas: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+def _overlap_any(ground: LatticeArray, areas: Float64Array) -> BoolArray:
     """Return which rectangles overlap any of some areas, both in lattice units."""
     low, high = ground[:, None, :2], ground[:, None, 2:]
     return np.asarray(((areas[:, :2] <= high) & (areas[:, 2:] >= low)).all(axis=-1).any(axis=-1))

@@ -17,8 +17,6 @@ from sketchterrain.placement.feature_types import hill_profile, hill_slope, moun
 from sketchterrain.terrain.noise import UNSKEW, ValueSlope, fbm, fbm_slope, gradients, skewed
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
     from sketchterrain.array_types import Float64Array, LatticeArray
     from sketchterrain.terrain.noise import OctaveTable
     from sketchterrain.terrain.packing import PackedFeatures
@@ -183,8 +181,8 @@ class SamplePoints:
 class PointPairs(NamedTuple):
     """Pairs of positions and features, by index, in the order of the features."""
 
-    place: npt.NDArray[np.int64]
-    of: npt.NDArray[np.int64]
+    place: LatticeArray
+    of: LatticeArray
 
 
 def distance_to_crest(

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.array_types import Bounds
+    from sketchterrain.array_types import Bounds, Float64Array, FloatArray, LatticeArray
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.document.material_rules import Factor
     from sketchterrain.terrain.culling import BoxIndex, Lists
@@ -71,8 +71,8 @@ class PackedRules:
 
     count: int  # How many rules there are
     form: npt.NDArray[np.int32]  # (rules, 4)
-    cover: npt.NDArray[np.float64]  # (rules,)
-    ramp: npt.NDArray[np.float64]  # (factors, 3, 4)
+    cover: Float64Array  # (rules,)
+    ramp: Float64Array  # (factors, 3, 4)
 
 
 def pack_rules(recipe: TerrainRecipe) -> PackedRules:
@@ -160,7 +160,7 @@ class KernelArguments:
         self._reset_covers()
         self._feature_cache = FeatureCache(recipe, context)
 
-    def with_strengths(self, strength: npt.NDArray[np.floating]) -> KernelArguments:
+    def with_strengths(self, strength: FloatArray) -> KernelArguments:
         """Return those of the same recipe with other strengths (n,) of its painted features.
 
         It shares everything on the device that stays the same.
@@ -214,11 +214,7 @@ class KernelArguments:
         return _cached(self._river_sets, tolerance, self._upload_rivers, _MAX_TOLERANCES)
 
     def cull(
-        self,
-        blocks: npt.NDArray[np.int64],
-        cell_size: float,
-        *,
-        ground: npt.NDArray[np.int64] | None = None,
+        self, blocks: LatticeArray, cell_size: float, *, ground: LatticeArray | None = None
     ) -> CulledInputs:
         """Return what affects blocks (n, 4) of west, south, east and north, lattice units.
 
@@ -258,7 +254,7 @@ class KernelArguments:
             lists["river_list"],
         ]
 
-    def cover_lists(self, blocks: npt.NDArray[np.int64]) -> dict[str, npt.NDArray[np.int32]]:
+    def cover_lists(self, blocks: LatticeArray) -> dict[str, npt.NDArray[np.int32]]:
         """Return which painted materials affect blocks, by the names of the kernel's arguments."""
         return _named({"cover": item_lists(self._cover_index, blocks)})
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.array_types import LatticeArray
 from sketchterrain.errors import InputError
 
 LATTICE_BITS = 24
@@ -23,7 +24,7 @@ def metres_per_unit(extent: float) -> float:
     return extent / 2.0**LATTICE_BITS
 
 
-def to_lattice(metres: npt.ArrayLike, extent: float) -> npt.NDArray[np.int64]:
+def to_lattice(metres: npt.ArrayLike, extent: float) -> LatticeArray:
     """Round coordinates (m, any shape) to lattice units; InputError if not finite or beyond 2^51 units."""
     units = np.asarray(metres, dtype=np.float64) / metres_per_unit(extent)
     if not np.all(np.abs(units) <= _FARTHEST_UNIT):  # also catches NaN

@@ -55,8 +55,8 @@ class OctaveTable:
     """Octaves of several stacks, concatenated, as ``kernels/noise.clh`` reads them."""
 
     form: npt.NDArray[np.int32]  # (n, 4) shift (bits of a cell in skewed units), hash seed, quarter turn, 0
-    offset: npt.NDArray[np.int64]  # (n, 2) shift of the octave's lattice, skewed units
-    scale: npt.NDArray[np.float64]  # (n, 2) band-limited amplitude; 1 / side of a cell, in lattice units
+    offset: LatticeArray  # (n, 2) shift of the octave's lattice, skewed units
+    scale: Float64Array  # (n, 2) band-limited amplitude; 1 / side of a cell, in lattice units
     ranges: dict[str, tuple[int, int]]  # first and last (exclusive) octave of each stack
 
     @cached_property
@@ -133,9 +133,7 @@ def fits_patches(octaves: OctaveTable, step_bits: int, steps: int = QUADS + 3) -
     return fine and steps << step_bits <= _MAX_UNITS and step_bits <= whole_step_bits(octaves)
 
 
-def corner_table(
-    octaves: OctaveTable, corner: npt.NDArray[np.int64], step_bits: int
-) -> npt.NDArray[np.uint32]:
+def corner_table(octaves: OctaveTable, corner: LatticeArray, step_bits: int) -> npt.NDArray[np.uint32]:
     """Return the position of patch corners (patches, 2) in each octave's lattice (``kernels/positions.clh``).
 
     Corners are south-west vertices in lattice units, multiples of 2^step_bits; see :func:`fits_patches`.

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.array_types import StructuredArray
+    from sketchterrain.array_types import BoolArray, Float64Array, LatticeArray, StructuredArray
     from sketchterrain.placement.feature_types import River, ShapeField
     from sketchterrain.terrain.centrelines import PreparedCentreline
     from sketchterrain.terrain.noise import OctaveTable
@@ -49,8 +49,8 @@ _centreline_cache: WeakKeyDictionary[River, tuple[tuple[float, bytes, bytes], Pr
 class PackedWorld:
     """Scalars (1,) and octaves for one cell size."""
 
-    scalars: npt.NDArray[np.void]  # ``World`` of ``kernels/world.clh``
-    styles: npt.NDArray[np.void]  # ``DuneStyle``, at least one row
+    scalars: StructuredArray  # ``World`` of ``kernels/world.clh``
+    styles: StructuredArray  # ``DuneStyle``, at least one row
     octaves: OctaveTable
 
 
@@ -58,26 +58,26 @@ class PackedWorld:
 class PackedFeatures:
     """Features that may affect the blocks of one launch, in the order of their ids."""
 
-    at: npt.NDArray[np.int64]  # (n, 2) centres, lattice units
+    at: LatticeArray  # (n, 2) centres, lattice units
     # (n, 12): 1/radius (1/m), strength, peakiness, flank (see ``hill_profile`` in ``kernels/features.clh``),
     # erosion, widest gully (m), noise weight, 0, half the crest eastward and northward (in radii), 1/its
     # length², share of height lost at its ends.
-    shape: npt.NDArray[np.float64]
-    support: npt.NDArray[np.float64]  # (n,) radius of influence, m
-    slot: npt.NDArray[np.int64]  # (n,) kind of feature: the index of its list in a block
+    shape: Float64Array
+    support: Float64Array  # (n,) radius of influence, m
+    slot: LatticeArray  # (n,) kind of feature: the index of its list in a block
 
 
 @dataclass(frozen=True)
 class PackedRivers:
     """Arcs of all centrelines (``Rivers`` of ``kernels/world.clh``)."""
 
-    start: npt.NDArray[np.int64]  # (n, 2) upstream ends, lattice units
-    along: npt.NDArray[np.float64]  # (n, 8)
-    up: npt.NDArray[np.float64]  # (n, 4)
-    down: npt.NDArray[np.float64]  # (n, 4)
+    start: LatticeArray  # (n, 2) upstream ends, lattice units
+    along: Float64Array  # (n, 8)
+    up: Float64Array  # (n, 4)
+    down: Float64Array  # (n, 4)
 
     @property
-    def support(self) -> npt.NDArray[np.float64]:
+    def support(self) -> Float64Array:
         """Greatest distance (m) of any effect of an arc from the box around its two ends, shape (n,)."""
         chord = np.hypot(self.along[:, 0], self.along[:, 1])
         sagitta = 0.5 * np.abs(self.along[:, 4]) * chord
@@ -122,7 +122,7 @@ def _depth_scale(stack: str, recipe: TerrainRecipe, depth: float) -> float:
     return float(depth * longest / (1 - chosen.gain))
 
 
-def _pack_styles(recipe: TerrainRecipe, cell: float, real: npt.DTypeLike) -> npt.NDArray[np.void]:
+def _pack_styles(recipe: TerrainRecipe, cell: float, real: npt.DTypeLike) -> StructuredArray:
     names = ("east", "north", "period_bits", "unused", "unit", "visible")
     kinds = (np.int64, np.int64, np.int32, np.int32, real, real)
     rows = []
@@ -149,7 +149,7 @@ def support_radii(recipe: TerrainRecipe) -> float:
     return float(1 + (np.sqrt(2) + _SPUR_WARPS) * recipe.warp)
 
 
-def noise_weight(recipe: TerrainRecipe, radius: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def noise_weight(recipe: TerrainRecipe, radius: Float64Array) -> Float64Array:
     """Return the weight of noise in mountains of a ground radius (m).
 
     It is less in those wider than the noise, which would cover ridges with bumps.
@@ -193,7 +193,7 @@ def pack_features(recipe: TerrainRecipe, features: StructuredArray, cell_size: f
     return PackedFeatures(at, shape, support, _slots(recipe, features))
 
 
-def _slots(recipe: TerrainRecipe, features: StructuredArray) -> npt.NDArray[np.int64]:
+def _slots(recipe: TerrainRecipe, features: StructuredArray) -> LatticeArray:
     slot = np.empty(features.size, dtype=np.int64)
     for number, name in enumerate(_SLOTS):
         slot[features["type"] == FEATURE_TYPES.index(name)] = number
@@ -231,7 +231,7 @@ def pack_rivers(recipe: TerrainRecipe, cell_size: float = FINEST_CELL) -> Packed
     return PackedRivers(start[valid], along[valid], starts[valid, 2:], ends[valid, 2:])
 
 
-def prepared_centrelines(recipe: TerrainRecipe) -> list[tuple[npt.NDArray[np.int64], PreparedCentreline]]:
+def prepared_centrelines(recipe: TerrainRecipe) -> list[tuple[LatticeArray, PreparedCentreline]]:
     """Return each river's source on the lattice, and its prepared centreline relative to that.
 
     Cached by river.
@@ -270,22 +270,22 @@ _BORDER_DEPTHS = 0.5
 class PackedFields:
     """Distance fields (``Fields`` of ``kernels/fields.clh``) of lakes or covers."""
 
-    at: npt.NDArray[np.int64]  # (n, 2) first samples, lattice units
-    far: npt.NDArray[np.int64]  # (n, 2) last samples, lattice units, rounded up
+    at: LatticeArray  # (n, 2) first samples, lattice units
+    far: LatticeArray  # (n, 2) last samples, lattice units, rounded up
     form: npt.NDArray[np.int32]  # (n, 4) index of the first sample, columns, rows, 0
-    scale: npt.NDArray[np.float64]  # (n,) samples per lattice unit
-    margin: npt.NDArray[np.float64]  # (n,) distance of the outermost samples outside the shape, m
-    depth: npt.NDArray[np.float64]  # (n,) greatest distance inside, m
-    samples: npt.NDArray[np.float64]  # spline coefficients of all fields, m
+    scale: Float64Array  # (n,) samples per lattice unit
+    margin: Float64Array  # (n,) distance of the outermost samples outside the shape, m
+    depth: Float64Array  # (n,) greatest distance inside, m
+    samples: Float64Array  # spline coefficients of all fields, m
 
 
 @dataclass(frozen=True)
 class PackedLakes:
     """Columns of ``Lakes`` in ``kernels/lakes.clh`` besides the fields, for one cell size."""
 
-    shape: npt.NDArray[np.float64]  # (n, 4)
-    profile: npt.NDArray[np.float64]  # (n, 4)
-    visible: npt.NDArray[np.bool_]  # (n,) whether anything of a lake is left at the cell size
+    shape: Float64Array  # (n, 4)
+    profile: Float64Array  # (n, 4)
+    visible: BoolArray  # (n,) whether anything of a lake is left at the cell size
 
 
 @dataclass(frozen=True)
@@ -293,7 +293,7 @@ class PackedCovers:
     """Columns that ``create_covers`` in ``kernels/materials.clh`` adds to the fields."""
 
     form: npt.NDArray[np.int32]  # (n, 4) the fields' form with the material's index in the last column
-    shape: npt.NDArray[np.float64]  # (n, 4)
+    shape: Float64Array  # (n, 4)
 
 
 def pack_fields(recipe: TerrainRecipe, fields: Sequence[ShapeField]) -> PackedFields:

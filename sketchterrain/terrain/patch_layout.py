@@ -152,13 +152,7 @@ def sample_stride(quads: int) -> int:
     return 1 if quads < QUADS else 2
 
 
-def tile_samples(
-    level: int,
-    keys: Keys,
-    *,
-    cell_size: float,
-    quads: int = QUADS,
-) -> Patches:
+def tile_samples(level: int, keys: Keys, *, cell_size: float, quads: int = QUADS) -> Patches:
     """Return the centres of every :func:`sample_stride`-th quad of tiles; not for the finest level."""
     step = level_step(level, quads)
     corner = np.array(keys, np.int64).reshape(-1, 2) * (quads * step)

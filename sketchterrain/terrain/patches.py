@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.array_types import LatticeArray
+    from sketchterrain.array_types import Float64Array, LatticeArray
     from sketchterrain.terrain.kernel_arguments import CulledInputs, KernelArguments
     from sketchterrain.terrain.noise import OctaveTable
     from sketchterrain.terrain.patch_layout import Patches
@@ -191,7 +191,7 @@ class PatchLauncher:
             across=[real.type(self._inverse_spans(patches.axis_x[:1, :3])[0, 1])],
         )
 
-    def _inverse_spans(self, axis: LatticeArray) -> npt.NDArray[np.float64]:
+    def _inverse_spans(self, axis: LatticeArray) -> Float64Array:
         """Return 1 / distance between a vertex's two neighbours (1/m); 0 at the ends."""
         inverse = np.zeros(axis.shape)
         spans = np.maximum(axis[:, 2:] - axis[:, :-2], 1) * metres_per_unit(self._arguments.recipe.extent)

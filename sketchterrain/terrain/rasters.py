@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Float32Array, FloatArray, LatticeArray, UInt8Array
     from sketchterrain.terrain.evaluator import Evaluator
     from sketchterrain.terrain.surfaces import SurfaceStore
 
@@ -70,7 +71,7 @@ def window_bands(
 
 def window_axes(
     extent: float, corner: tuple[float, float], cell: float, left: int, top: int, columns: int, rows: int
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+) -> tuple[LatticeArray, LatticeArray]:
     """Return lattice coordinates of a window's columns and rows, with one more beyond each end."""
     if columns < 1 or rows < 1:
         raise InputError(f"expected at least 1 × 1 vertices, got {columns} × {rows}")
@@ -86,12 +87,12 @@ class Strip(NamedTuple):
     top: int  # its first row in the grid
     rows: int
     shape: tuple[int, int]  # rows and columns of patches
-    axis_x: npt.NDArray[np.int64]  # (patches, QUADS + 3)
-    axis_y: npt.NDArray[np.int64]
+    axis_x: LatticeArray  # (patches, QUADS + 3)
+    axis_y: LatticeArray
     share: tuple[float, float]  # its part of the grid's patches, 0 … 1
 
 
-def strips(axis_x: npt.NDArray[np.int64], axis_y: npt.NDArray[np.int64]) -> Iterator[Strip]:
+def strips(axis_x: LatticeArray, axis_y: LatticeArray) -> Iterator[Strip]:
     """Cut the vertices of two axes, each with one more beyond its ends; y runs from north to south."""
     across, down = _windows_of(axis_x), _windows_of(axis_y)
     at_once = max(_PATCHES_PER_BAND // len(across), 1)
@@ -113,8 +114,8 @@ def strips(axis_x: npt.NDArray[np.int64], axis_y: npt.NDArray[np.int64]) -> Iter
 
 def _bands(
     evaluator: Evaluator,
-    axis_x: npt.NDArray[np.int64],
-    axis_y: npt.NDArray[np.int64],
+    axis_x: LatticeArray,
+    axis_y: LatticeArray,
     cell_size: float,
     progress: Callable[[float], None] | None,
 ) -> Iterator[Band]:
@@ -131,12 +132,12 @@ def _bands(
         yield Band(strip.top, *(_join(each, strip.shape, strip.rows, columns) for each in parts))
 
 
-def _axis_of(first: float, last: float, count: int, extent: float) -> npt.NDArray[np.int64]:
+def _axis_of(first: float, last: float, count: int, extent: float) -> LatticeArray:
     """Return lattice coordinates of ``count`` vertices from first to last (m), plus one beyond each end."""
     return to_lattice(first + np.arange(-1, count + 1) * ((last - first) / (count - 1)), extent)
 
 
-def _windows_of(axis: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+def _windows_of(axis: LatticeArray) -> LatticeArray:
     """Cut an axis into overlapping windows of QUADS + 3; the last is padded with its last vertex."""
     inner = len(axis) - 2
     starts = range(0, max(inner - 1, 1), QUADS)
@@ -144,9 +145,7 @@ def _windows_of(axis: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     return axis[index]
 
 
-def _join(
-    patches: npt.NDArray[np.floating], shape: tuple[int, int], rows: int, columns: int
-) -> npt.NDArray[np.float32]:
+def _join(patches: FloatArray, shape: tuple[int, int], rows: int, columns: int) -> Float32Array:
     """Join adjacent patches, which share rows and columns of vertices."""
     result = np.empty((rows, columns, *patches.shape[3:]), np.float32)
     for number, patch in enumerate(patches):
@@ -170,9 +169,9 @@ class QuantizedBand:
     """Some rows of a grid of vertices; row 0 is its north edge."""
 
     top: int  # the first row's index in the whole grid
-    height: npt.NDArray[np.float32]  # (rows, columns), m
-    normal: npt.NDArray[np.uint8]  # (3, rows, columns) east, north, up; 0 is −1, 255 is 1
-    materials: npt.NDArray[np.uint8]  # (materials, rows, columns); weights sum to 255 at each vertex
+    height: Float32Array  # (rows, columns), m
+    normal: UInt8Array  # (3, rows, columns) east, north, up; 0 is −1, 255 is 1
+    materials: UInt8Array  # (materials, rows, columns); weights sum to 255 at each vertex
 
 
 def quantized_bands(
@@ -196,7 +195,7 @@ def quantized_bands(
 
 
 def _ground_bytes_bands(
-    evaluator: Evaluator, axes: tuple[npt.NDArray[np.int64], ...], cell: float, columns: int
+    evaluator: Evaluator, axes: tuple[LatticeArray, ...], cell: float, columns: int
 ) -> Iterator[QuantizedBand]:
     packer, pending = _Packer(evaluator, cell, columns), None
     for strip in strips(*axes):

@@ -29,6 +29,7 @@ from sketchterrain.terrain.terrain import Terrain
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.array_types import Float32Array, Float64Array, FloatArray
     from sketchterrain.compute.device import Device
     from sketchterrain.terrain.recipe import TerrainRecipe
 
@@ -69,7 +70,7 @@ class Verdict:
 class _Probe:
     """The small terrain as evaluated by a device."""
 
-    height: npt.NDArray[np.float32]
+    height: Float32Array
     rest: dict[str, npt.NDArray[np.generic]]
 
 
@@ -131,7 +132,7 @@ def _probe(device: Device) -> _Probe:
     return _Probe(np.concatenate([part.ravel() for part in heights]), rest)
 
 
-def _points_at() -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _points_at() -> tuple[Float64Array, Float64Array]:
     east = np.linspace(0, _EXTENT, _POINTS)
     return east, (east * 7.3) % _EXTENT
 
@@ -176,7 +177,7 @@ def _against_float64(own: _Probe, wrong: tuple[str, ...]) -> Verdict:
     return Verdict("same", f"correct arithmetic, {deviation}, no other driver to compare with")
 
 
-def _millimetres(one: npt.NDArray[np.floating], other: npt.NDArray[np.floating]) -> float:
+def _millimetres(one: FloatArray, other: FloatArray) -> float:
     return float(np.max(np.abs(one.astype(np.float64) - other))) * 1e3
 
 

@@ -13,7 +13,7 @@ from sketchterrain.errors import DeviceFailedError
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from sketchterrain.array_types import StructuredArray
+    from sketchterrain.array_types import Float32Array, FloatArray, StructuredArray
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.compute.device import Device
     from sketchterrain.placement.feature_types import Lake, River
@@ -32,14 +32,14 @@ class Tile:
     cell_size: float  # Metres between vertices
     # Upper bound (m) of the difference between heights at full detail and at this level within the tile
     detail_bound: float
-    height: npt.NDArray[np.float32]  # (65, 65); Metres
-    normal: npt.NDArray[np.float32]  # (65, 65, 3); Unit vectors: east, north, up
-    materials: npt.NDArray[np.float32]  # (65, 65, 8); Weights in the order of ``MATERIALS``; they sum to 1
+    height: Float32Array  # (65, 65); Metres
+    normal: Float32Array  # (65, 65, 3); Unit vectors: east, north, up
+    materials: Float32Array  # (65, 65, 8); Weights in the order of ``MATERIALS``; they sum to 1
     # parent_height, parent_normal: (65, 65); Values of the parent tile at these vertices: bit-equal at shared
     # vertices; between two of the parent's vertices half their sum, along its edges or its diagonals from
     # north-west to south-east
-    parent_height: npt.NDArray[np.float32]
-    parent_normal: npt.NDArray[np.float32]
+    parent_height: Float32Array
+    parent_normal: Float32Array
 
 
 @dataclass(frozen=True)
@@ -47,9 +47,9 @@ class Raster:
     """The whole sketch as images of rows × columns vertices; row 0 is the north edge."""
 
     spacing: tuple[float, float]  # m between columns and between rows
-    height: npt.NDArray[np.float32]
-    normal: npt.NDArray[np.float32]
-    materials: npt.NDArray[np.float32]
+    height: Float32Array
+    normal: Float32Array
+    materials: Float32Array
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,9 @@ class Band:
     """Some rows of a grid of vertices, from row ``top`` of the grid; row 0 is the band's north edge."""
 
     top: int
-    height: npt.NDArray[np.float32]
-    normal: npt.NDArray[np.float32]
-    materials: npt.NDArray[np.float32]
+    height: Float32Array
+    normal: Float32Array
+    materials: Float32Array
 
 
 @dataclass(frozen=True)
@@ -98,17 +98,17 @@ def non_finite(what: str, device: Device, count: str) -> DeviceFailedError:
 class Surface:
     """Normals, heights and materials of patches of n×n vertices, as a device writes them."""
 
-    ground: npt.NDArray[np.floating]  # (patches, n, n, 4): unit normal (east, north, up), height (m)
-    materials: npt.NDArray[np.floating]  # (patches, n, n, len(MATERIALS)): weights that sum to 1
-    parent: npt.NDArray[np.floating]  # as ``ground``: the parents' values; (0, n, n, 4) unless requested
+    ground: FloatArray  # (patches, n, n, 4): unit normal (east, north, up), height (m)
+    materials: FloatArray  # (patches, n, n, len(MATERIALS)): weights that sum to 1
+    parent: FloatArray  # as ``ground``: the parents' values; (0, n, n, 4) unless requested
 
     @property
-    def height(self) -> npt.NDArray[np.floating]:
+    def height(self) -> FloatArray:
         """Heights (patches, n, n), m."""
         return self.ground[..., 3]
 
     @property
-    def normal(self) -> npt.NDArray[np.floating]:
+    def normal(self) -> FloatArray:
         """Unit vectors (patches, n, n, 3): east, north, up."""
         return self.ground[..., :3]
 

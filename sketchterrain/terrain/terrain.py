@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.array_types import Bounds
+    from sketchterrain.array_types import Bounds, Float32Array, Float64Array, LatticeArray, StructuredArray
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.placement.cache import PlacementCache
@@ -94,9 +94,7 @@ class Terrain:
         """Painted features, fill features inside the sketch, rivers and lakes."""
         return TerrainFeatures.from_recipe(self.recipe, self.size)
 
-    def heights(
-        self, x: npt.ArrayLike, y: npt.ArrayLike, *, cell_size: float = 0.0
-    ) -> npt.NDArray[np.float32]:
+    def heights(self, x: npt.ArrayLike, y: npt.ArrayLike, *, cell_size: float = 0.0) -> Float32Array:
         """Return heights at any points of the world.
 
         Parameters
@@ -150,7 +148,7 @@ class Terrain:
 
     def fill_tiles(
         self, keys: Sequence[tuple[int, int, int]], store: SurfaceStore, slots: Sequence[int]
-    ) -> npt.NDArray[np.float64]:
+    ) -> Float64Array:
         """Write tiles into device buffers: the values of :meth:`tiles`.
 
         The tiles of a level cost four launches, up to 256 of them at once: heights, then normals and
@@ -206,7 +204,7 @@ class Terrain:
         slots: npt.ArrayLike,
         parents: npt.ArrayLike,
         store: VertexStore,
-    ) -> npt.NDArray[np.void]:
+    ) -> StructuredArray:
         """Write tiles as OpenGL draws them, and wait for them.
 
         Parameters
@@ -348,7 +346,7 @@ class Terrain:
 
     def foliage(
         self, west: float, south: float, east: float, north: float, *, storey: str = "woody"
-    ) -> npt.NDArray[np.void]:
+    ) -> StructuredArray:
         """Return the plants in a rectangle, a function of the world whatever the rectangle.
 
         Parameters
@@ -374,13 +372,13 @@ class Terrain:
 
     def foliage_steps(
         self, west: float, south: float, east: float, north: float, *, storey: str = "woody"
-    ) -> Generator[None, None, npt.NDArray[np.void]]:
+    ) -> Generator[None, None, StructuredArray]:
         """Find the plants of :meth:`foliage` in steps of a few ms; the generator returns them."""
         return self._foliage.steps(west, south, east, north, storey)
 
     def foliage_pieces(
         self, west: float, south: float, east: float, north: float, *, storey: str = "woody"
-    ) -> Iterator[npt.NDArray[np.void]]:
+    ) -> Iterator[StructuredArray]:
         """Return any number of plants in pieces of bounded size; joined they are those of :meth:`foliage`."""
         return self._foliage.pieces(west, south, east, north, storey)
 
@@ -411,7 +409,7 @@ class Terrain:
         return Tile(level, column, row, bounds, cell, detail, *arrays)
 
 
-def _checked_slots(slots: npt.ArrayLike, count: int, limit: int) -> npt.NDArray[np.int64]:
+def _checked_slots(slots: npt.ArrayLike, count: int, limit: int) -> LatticeArray:
     """Return slots as an array; InputError unless there are ``count`` different ones below the limit."""
     place = np.asarray(slots, np.int64).reshape(-1)
     if place.size != count or np.unique(place).size != place.size:

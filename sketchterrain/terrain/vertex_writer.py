@@ -24,13 +24,13 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.array_types import Bounds, Float32Array, LatticeArray
+    from sketchterrain.array_types import Bounds, Float32Array, Float64Array, LatticeArray, StructuredArray
     from sketchterrain.terrain.kernel_arguments import KernelArguments
     from sketchterrain.terrain.patch_layout import Patches
     from sketchterrain.terrain.recipe import TerrainRecipe
     from sketchterrain.terrain.vertices import VertexStore
 
-    _Samples = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Float32Array]
+    _Samples = tuple[LatticeArray, LatticeArray, Float32Array]
 
 _WIDEST = 17e3  # m
 _MAX_CACHED = 256
@@ -121,9 +121,7 @@ class WideTileErrors:
         return self._sampled[square]
 
 
-def _on_triangles(
-    height: Float32Array, u: npt.NDArray[np.float64], v: npt.NDArray[np.float64]
-) -> Float32Array:
+def _on_triangles(height: Float32Array, u: Float64Array, v: Float64Array) -> Float32Array:
     """Return the height of quads split from north-west to south-east at u east and v south, in quads."""
     u, v = np.broadcast_arrays(u, v)
     column, row = (np.minimum(np.floor(place).astype(np.intp), len(height) - 2) for place in (u, v))
@@ -166,7 +164,7 @@ class VertexWriter:
 
     def write(
         self, keys: LatticeArray, slots: LatticeArray, parents: LatticeArray, store: VertexStore
-    ) -> npt.NDArray[np.void]:
+    ) -> StructuredArray:
         """Write tiles (level, column, row) into slots, wait for them, and return their `FACTS`, shape (n,).
 
         ``parents`` are the slots of the parents, −1 without one.
@@ -244,7 +242,7 @@ class VertexWriter:
             errors,
         )
 
-    def _heights(self, patches: Patches) -> npt.NDArray[np.float32]:
+    def _heights(self, patches: Patches) -> Float32Array:
         """Return heights of patches on the host, shape (patches, side, side)."""
         real = self._context.real_dtype
         shape = (patches.count, patches.side, patches.side)
@@ -264,7 +262,7 @@ class VertexWriter:
         self._launcher = PatchLauncher(self._arguments)
 
 
-def geometric_error(deviations: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
+def geometric_error(deviations: Float32Array) -> Float64Array:
     """Return δ of tiles from the deviations (m) of full detail from their triangles, shape (tiles, n).
 
     A hundredth of a tile may exceed it, but nothing by much: a rare crag does not decide.

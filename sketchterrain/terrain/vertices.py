@@ -12,8 +12,7 @@ from sketchterrain.terrain.lattice import QUADS
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    import numpy.typing as npt
-
+    from sketchterrain.array_types import Float32Array, LatticeArray, StructuredArray
     from sketchterrain.compute.context import ComputeContext
 
 VERTEX: Final = np.dtype(
@@ -94,7 +93,7 @@ class VertexStore:
         if self.memory is not None:
             self.memory.acquire()
 
-    def release(self, slots: npt.NDArray[np.int64]) -> None:
+    def release(self, slots: LatticeArray) -> None:
         """Give the vertices to OpenGL, with newly written slots."""
         if self.memory is None:
             return
@@ -105,17 +104,17 @@ class VertexStore:
         runs = zip(written[starts], ends - starts, strict=True)
         self.memory.release([(int(first) * size, int(count) * size) for first, count in runs])
 
-    def write(self, slot: int, tile: npt.NDArray[np.void]) -> None:
+    def write(self, slot: int, tile: StructuredArray) -> None:
         """Upload a tile (quads + 1, quads + 1) of `VERTEX`, row 0 north, to a slot that the device holds."""
         self.context.upload_into(self.buffer, np.ascontiguousarray(tile), start=slot * self.tile_bytes)
 
-    def heights(self, slot: int) -> npt.NDArray[np.float32]:
+    def heights(self, slot: int) -> Float32Array:
         """Wait for the device, which must hold the vertices, and return a tile's heights (m)."""
         tile = np.empty((self.quads + 1, self.quads + 1), VERTEX)
         self.context.download_into(self.buffer, tile, start=slot * self.tile_bytes)
         return np.ascontiguousarray(tile["height"])
 
-    def download(self) -> npt.NDArray[np.void]:
+    def download(self) -> StructuredArray:
         """Wait for the device and return the vertices of all slots, shape (slots, quads + 1, quads + 1)."""
         self.acquire()
         shape = (self.slots, self.quads + 1, self.quads + 1)

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.array_types import FloatArray, LatticeArray, StructuredArray
+    from sketchterrain.array_types import BoolArray, Float32Array, FloatArray, LatticeArray, StructuredArray
     from sketchterrain.terrain.evaluator import Evaluator
 
     Area = tuple[int, int, int, int]
@@ -99,7 +99,7 @@ class Meadow:
         thick = _THIN + (1 - _THIN) * ramp(0.6 * wide + 0.4 * narrow, 0.2, 0.6)
         return np.asarray(density * (thick * (1 - _DROUGHT * self._climate["aridity"] ** 2)))
 
-    def survives(self, sites: PlantSites) -> npt.NDArray[np.bool_]:
+    def survives(self, sites: PlantSites) -> BoolArray:
         """Return which plants can grow at their exact positions."""
         return np.asarray((sites.steepness < _STEEPEST) & (sites.water < _WATERSIDE))
 
@@ -172,7 +172,7 @@ class Storey:
         most = _MARGIN * _lattice_units(area) * density + _border_surplus(area, density)
         return min(math.ceil(most), self.bound(area))
 
-    def _density(self, spacing: npt.NDArray[np.float32]) -> float:
+    def _density(self, spacing: Float32Array) -> float:
         """Return the mean density of plants over a raster, per lattice unit squared."""
         apart = spacing.astype(np.float64)
         return float(np.mean(np.where(apart <= self._rule.most, FILL / apart**2, 0.0)))

@@ -31,6 +31,7 @@ from sketchterrain.vegetation.poisson import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
 
+    from sketchterrain.array_types import Float32Array, LatticeArray, StructuredArray
     from sketchterrain.compute.buffers import BufferSet
     from sketchterrain.compute.context import ComputeContext
 
@@ -45,7 +46,7 @@ class SpacingRaster(NamedTuple):
     south: int
     step: int  # lattice units between vertices, a power of two
     # (rows, columns), lattice units, row 0 southernmost; over the greatest distance if there are no points.
-    spacing: npt.NDArray[np.float32]
+    spacing: Float32Array
 
 
 class SpacingRanges(NamedTuple):
@@ -54,8 +55,8 @@ class SpacingRanges(NamedTuple):
     west: int  # of the first square, lattice units
     south: int
     side: int  # of a square, lattice units
-    low: npt.NDArray[np.float32]  # (rows, columns), row 0 southernmost; bounds of the interpolated values
-    high: npt.NDArray[np.float32]
+    low: Float32Array  # (rows, columns), row 0 southernmost; bounds of the interpolated values
+    high: Float32Array
 
     @classmethod
     def from_raster(cls, raster: SpacingRaster) -> SpacingRanges:
@@ -63,9 +64,7 @@ class SpacingRanges(NamedTuple):
         low, high = (_pooled(best, raster.spacing) for best in (np.minimum, np.maximum))
         return cls(raster.west, raster.south, raster.step * _POOLED, low, high)
 
-    def over(
-        self, start: list[npt.NDArray[np.int64]], sides: list[int]
-    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    def over(self, start: list[LatticeArray], sides: list[int]) -> tuple[Float32Array, Float32Array]:
         """Return the ranges (n, m) over rectangles of one size, from first rows (n,) and columns (m,)."""
         spans = []
         for origin, from_, side, many in zip(
@@ -77,7 +76,7 @@ class SpacingRanges(NamedTuple):
         return _reduced(np.minimum, self.low, spans), _reduced(np.maximum, self.high, spans)
 
 
-def _pooled(best: np.ufunc, values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def _pooled(best: np.ufunc, values: Float32Array) -> Float32Array:
     """Reduce squares of a raster's quads to one value each."""
     for axis in (0, 1):
         squares = -(-(values.shape[axis] - 1) // _POOLED)
@@ -91,9 +90,7 @@ def _pooled(best: np.ufunc, values: npt.NDArray[np.float32]) -> npt.NDArray[np.f
     return values
 
 
-def _reduced(
-    best: np.ufunc, values: npt.NDArray[np.float32], spans: list[npt.NDArray[np.int64]]
-) -> npt.NDArray[np.float32]:
+def _reduced(best: np.ufunc, values: Float32Array, spans: list[LatticeArray]) -> Float32Array:
     """Reduce the values in spans of rows and of columns, given as alternating starts and ends."""
     for axis, span in enumerate(spans):
         values = np.concatenate([values, values.take([-1], axis)], axis)  # a span may end after the last
@@ -186,7 +183,7 @@ class GradedPoisson:
             rim = -(-rim // 2) + 1 + _REACH + self._rim(number)
         return (rim + 1) * self._side << (len(self._salts) - 1)
 
-    def within(self, area: Area) -> npt.NDArray[np.void]:
+    def within(self, area: Area) -> StructuredArray:
         """Return the points (n,) of GRADED of a rectangle, lattice units, by y, then x.
 
         East and north are excluded.
@@ -195,7 +192,7 @@ class GradedPoisson:
         """
         return run_to_completion(self.steps(area))
 
-    def steps(self, area: Area) -> Generator[None, None, npt.NDArray[np.void]]:
+    def steps(self, area: Area) -> Generator[None, None, StructuredArray]:
         """Do the same in steps between which the device computes; the generator returns the points."""
         collected = [np.zeros(0, GRADED)]
         for band in bands(area, self._side, window=_WINDOW):
@@ -207,7 +204,7 @@ class GradedPoisson:
         points = np.concatenate(collected)
         return points[np.lexsort((points["x"], points["y"]))]
 
-    def _window_steps(self, room: BufferSet, area: Area) -> Generator[None, None, list[npt.NDArray[np.void]]]:
+    def _window_steps(self, room: BufferSet, area: Area) -> Generator[None, None, list[StructuredArray]]:
         """Sample the grids over an area, the coarsest first, and collect the points of each."""
         windows = [Cells.covering(area, self._side).wider(self._rim(0))]
         for number in range(1, len(self._salts)):
@@ -320,7 +317,7 @@ class GradedPoisson:
 
     def _collect(
         self, room: BufferSet, grid: _GradedGrid, area: Area, raster: tuple[Any, ...]
-    ) -> npt.NDArray[np.void]:
+    ) -> StructuredArray:
         size, where, start, per_row = count_points(self._context, room, _FILE, grid, area)
         total = int(per_row.sum())
         result = np.zeros(total, GRADED)

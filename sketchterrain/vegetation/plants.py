@@ -15,9 +15,7 @@ from sketchterrain.vegetation.graded_poisson import SpacingRaster
 if TYPE_CHECKING:
     from collections.abc import Generator
 
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Float64Array, FloatArray, LatticeArray
+    from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, FloatArray, LatticeArray
     from sketchterrain.terrain.evaluator import Evaluator
     from sketchterrain.terrain.recipe import TerrainRecipe
 
@@ -84,7 +82,7 @@ class PlantNoise:
         return np.asarray(self._unit / width * along.astype(np.float64))
 
 
-def ramp(x: npt.NDArray[np.floating], low: float, high: float) -> npt.NDArray[np.floating]:
+def ramp(x: FloatArray, low: float, high: float) -> FloatArray:
     """Return 0 up to ``low``, 1 from ``high`` on, linear between."""
     return np.asarray(np.clip((x - low) / (high - low), 0, 1))
 
@@ -142,7 +140,7 @@ class PlantSites(NamedTuple):
         upward = 1 / np.sqrt(1 + self.slope_east**2 + self.slope_north**2)
         return np.stack([-self.slope_east * upward, -self.slope_north * upward, upward], axis=-1)
 
-    def subset(self, chosen: npt.NDArray[np.bool_]) -> PlantSites:
+    def subset(self, chosen: BoolArray) -> PlantSites:
         """Return some of the positions."""
         ground = (each[chosen] for each in self[2:])
         return PlantSites(self.x[chosen], self.y[chosen], *ground)
@@ -166,7 +164,7 @@ class SpacingRule(Protocol):
     least: int  # range of spacing, lattice units
     most: int
 
-    def densities(self, x: LatticeArray, y: LatticeArray) -> npt.NDArray[np.floating]:
+    def densities(self, x: LatticeArray, y: LatticeArray) -> FloatArray:
         """Return plants per square metre at the vertices of blocks, (blocks, n, n), row 0 southernmost.
 
         x, y (blocks, n) are ascending lattice coordinates, ``step`` apart. A value depends on its vertex
@@ -181,7 +179,7 @@ class SpacingBlocks:
     def __init__(self, rule: SpacingRule, extent: float) -> None:
         self._rule = rule
         self._unit = metres_per_unit(extent)
-        self._cache: OrderedDict[tuple[int, int], npt.NDArray[np.float32]] = OrderedDict()
+        self._cache: OrderedDict[tuple[int, int], Float32Array] = OrderedDict()
 
     def raster(self, west: int, south: int, east: int, north: int) -> SpacingRaster:
         """Return the spacing at vertices in and around a rectangle (lattice units), one beyond each border.
@@ -211,10 +209,10 @@ class SpacingBlocks:
             yield
             self.blocks(missing[start : start + _PER_STEP])
 
-    def blocks(self, keys: list[tuple[int, int]]) -> list[npt.NDArray[np.float32]]:
+    def blocks(self, keys: list[tuple[int, int]]) -> list[Float32Array]:
         """Return blocks of BLOCK² vertices by column and row, counted from the world's origin."""
         missing = [key for key in keys if key not in self._cache]
-        computed: dict[tuple[int, int], npt.NDArray[np.float32]] = {}
+        computed: dict[tuple[int, int], Float32Array] = {}
         for start in range(0, len(missing), _AT_ONCE):
             part = missing[start : start + _AT_ONCE]
             computed.update(zip(part, self._compute(part), strict=True))
@@ -228,7 +226,7 @@ class SpacingBlocks:
             self._cache.popitem(last=False)
         return blocks
 
-    def _compute(self, keys: list[tuple[int, int]]) -> npt.NDArray[np.float32]:
+    def _compute(self, keys: list[tuple[int, int]]) -> Float32Array:
         rule = self._rule
         along = np.arange(BLOCK, dtype=np.int64)
         x, y = (rule.step * (BLOCK * each[:, None] + along) for each in np.array(keys, np.int64).T)
@@ -236,12 +234,12 @@ class SpacingBlocks:
         return np.clip(spacing, rule.least, _BEYOND * rule.most).astype(np.float32)
 
 
-def spacing_of(density: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+def spacing_of(density: FloatArray) -> Float64Array:
     """Return the spacing (m) of plants at a density (per square metre)."""
     return np.asarray(np.sqrt(FILL / np.maximum(density, 1e-12)), np.float64)
 
 
-def density_of(spacing: npt.NDArray[np.floating] | float) -> npt.NDArray[np.float64]:
+def density_of(spacing: FloatArray | float) -> Float64Array:
     """Return the density (per square metre) of plants at a spacing (m)."""
     return np.asarray(FILL / np.square(np.asarray(spacing, np.float64)))
 

@@ -16,8 +16,7 @@ from sketchterrain.terrain.patch_layout import run_to_completion
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterator
 
-    import numpy.typing as npt
-
+    from sketchterrain.array_types import LatticeArray, UInt8Array
     from sketchterrain.compute.buffers import BufferSet
     from sketchterrain.compute.context import ComputeContext
 
@@ -107,9 +106,9 @@ class Round(NamedTuple):
 class Points(NamedTuple):
     """Points in the order of their cells, row after row from the south, each from the west."""
 
-    position: npt.NDArray[np.int64]  # (n, 2), lattice units
-    level: npt.NDArray[np.uint8]  # (n,), 0 is the finest
-    per_row: npt.NDArray[np.int64]  # (rows,) points in each row of cells
+    position: LatticeArray  # (n, 2), lattice units
+    level: UInt8Array  # (n,), 0 is the finest
+    per_row: LatticeArray  # (rows,) points in each row of cells
 
 
 def schedule(trials: int) -> tuple[Round, ...]:
@@ -158,7 +157,7 @@ def bands(area: Area, side: int, *, window: int) -> Iterator[list[Area]]:
 
 def count_points(
     context: ComputeContext, room: BufferSet, file: str, grid: Grid, area: Area
-) -> tuple[tuple[int, int], tuple[Any, ...], Any, npt.NDArray[np.int64]]:
+) -> tuple[tuple[int, int], tuple[Any, ...], Any, LatticeArray]:
     """Count the points of a grid, inside its rim, in an area (lattice units).
 
     Returns the launch size of the kernel that writes them, its arguments for window, area and pieces, a

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.array_types import FloatArray, LatticeArray
+    from sketchterrain.array_types import BoolArray, FloatArray, LatticeArray, UInt8Array
     from sketchterrain.terrain.evaluator import Evaluator
     from sketchterrain.terrain.recipe import TerrainRecipe
     from sketchterrain.vegetation.plants import PlantSites
@@ -78,7 +78,7 @@ class SpeciesMix(NamedTuple):
         trees = self.conifer * conifers + (1 - self.conifer) * broadleaves
         return np.asarray(self.shrub * _FULL[SHRUB] + (1 - self.shrub) * trees)
 
-    def draw_species(self, draw: Callable[[str], FloatArray]) -> npt.NDArray[np.uint8]:
+    def draw_species(self, draw: Callable[[str], FloatArray]) -> UInt8Array:
         """Return a species for each position, from random numbers in [0, 1) by stream."""
         conifer = np.where(draw("pine") < self.pine, _PINE, _SPRUCE)
         broadleaf = np.where(draw("birch") < self.birch, _BIRCH, _OAK)
@@ -105,8 +105,8 @@ def tree_size(
     draw: Callable[[str], FloatArray],
     forest: FloatArray,
     above_tree_line: FloatArray,
-    young: npt.NDArray[np.bool_],
-    shrub: npt.NDArray[np.bool_],
+    young: BoolArray,
+    shrub: BoolArray,
 ) -> FloatArray:
     """Return sizes: most are mature; trees get lower towards a forest's edge and the tree line (m)."""
     size = draw("scale")
@@ -216,7 +216,7 @@ class Woods:
             density[some] = np.maximum(wood, lone[some]) + beside[some]
         return np.asarray(density * self._survival(z, steepness))
 
-    def survives(self, sites: PlantSites) -> npt.NDArray[np.bool_]:
+    def survives(self, sites: PlantSites) -> BoolArray:
         """Return which plants can grow at their exact positions."""
         too_high = sites.z >= self._recipe.climate["tree_line"] + _TREE_LINE
         return np.asarray((sites.steepness < _STEEPEST) & ~too_high & (sites.water < _WATERSIDE))

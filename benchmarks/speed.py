@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+import os
 import numpy as np
 
 from sketchterrain.benchmarks import thesis_tiles
@@ -19,7 +20,6 @@ from sketchterrain.benchmarks.timing import TimedContext, alternate, lap, spread
 from sketchterrain.compute.device import list_devices
 from sketchterrain.compute.device_check import is_usable
 from sketchterrain.document.parameters import MATERIALS
-from sketchterrain.io.system import cpu_count
 from sketchterrain.terrain.kernel_arguments import KernelArguments
 from sketchterrain.terrain.lattice import QUADS
 from sketchterrain.terrain.patch_layout import tile_patches
@@ -197,7 +197,7 @@ class _Method:
 def _noise(context: TimedContext, effort: Effort) -> Table:
     side = effort.noise_side
     grid = NoiseGrid(context, side)
-    problem = grid.problem(cpu_count())
+    problem = grid.problem(len(os.sched_getaffinity(0)))
     found = [make(problem) for make in _RIVALS]
     methods = [*_kernels(context, side), *(_method(one) for one in found if isinstance(one, Rival))]
     works = {method.name: method.lap for method in methods}

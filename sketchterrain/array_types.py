@@ -1,4 +1,4 @@
-"""Types of NumPy arrays and rectangles that annotations name."""
+"""Type aliases of NumPy arrays and rectangles."""
 
 import numpy as np
 from numpy import typing as npt

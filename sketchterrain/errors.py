@@ -1,47 +1,46 @@
-"""Error types and the wording of messages."""
+"""Errors with their exit codes, and the formatting of values in messages."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
 
+_MAX_LENGTH = 60  # characters of a value in a message
+
 
 class SketchterrainError(Exception):
-    """Something went wrong that one clear line can tell (exit code 1)."""
+    """Base of errors with a one-line message (exit code 1)."""
 
     exit_code = 1
 
 
 class InputError(SketchterrainError):
-    """What was given is not valid: a sketch, a layer, a parameter (exit code 3)."""
+    """Invalid input: a sketch, a layer, a parameter (exit code 3)."""
 
     exit_code = 3
 
 
 class DeviceError(SketchterrainError):
-    """No device can do the work (exit code 4)."""
+    """No suitable device (exit code 4)."""
 
     exit_code = 4
 
 
 class DeviceFailedError(DeviceError):
-    """A device gave up, or computed what is no number, amid work that another one may do (exit code 4)."""
+    """A device failed, or computed non-finite values; another one may succeed (exit code 4)."""
 
 
 class DeviceMemoryError(DeviceError):
-    """A device has no room for what was asked at once; less may fit (exit code 4)."""
+    """A device is out of memory; a smaller batch may fit (exit code 4)."""
 
 
 class BuildError(SketchterrainError):
-    """An OpenCL or GLSL program did not build: a defect of ours or of the driver (exit code 1)."""
+    """An OpenCL or GLSL program did not compile, by a defect of it or of the driver (exit code 1)."""
 
 
 def one_line(text: object) -> str:
-    """Return `text` with a replacement mark for each character that one line cannot show."""
+    """Return `text` with U+FFFD for each character that is not printable, as line breaks."""
     return "".join(char if char.isprintable() else "\ufffd" for char in str(text))
-
-
-_MAX_LENGTH = 60
 
 
 def format_value(value: object) -> str:

@@ -81,5 +81,5 @@ def test_every_preset_has_a_small_picture() -> None:
         picture = resources.preset_picture(name)
         assert picture.startswith(b"\xff\xd8")
         assert len(picture) < 60_000
-    with pytest.raises(InputError, match="no preset 'valley'; there are: alpine_range"):
+    with pytest.raises(InputError, match="no preset 'valley': expected alpine_range"):
         resources.preset("valley")

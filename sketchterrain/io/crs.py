@@ -1,4 +1,4 @@
-"""Metric coordinate reference systems, and paths that GDAL understands."""
+"""Coordinate reference systems (CRS), and paths that GDAL accepts."""
 
 from __future__ import annotations
 
@@ -15,74 +15,73 @@ if TYPE_CHECKING:
     from rasterio.crs import CRS
 
 
-# A code of an authority, WKT or a PROJ string: GDAL would open files and addresses too.
+# An authority's code, URN, WKT or PROJ string; GDAL would also open files and URLs.
 _FORMS = re.compile(r"[A-Za-z]+:[0-9A-Za-z]+(\+[0-9]+)?|urn:ogc:def:crs:[\w:.]+|\+[^/]*|[A-Z_]+\s*\[.*", re.S)
 _WESTWARD = re.compile(r'AXIS\["[^"]*",\s*WEST\b', re.I)
-_LONGEST = 20_000  # characters: the longest WKT of EPSG's has about 8000
-_SHOWN = 60
+_MAX_LENGTH = 20_000  # characters; the longest WKT of EPSG has about 8000
+_MAX_SHOWN = 60
 
 
 def parse_crs(text: str) -> CRS:
-    """Return the coordinate reference system that a text names."""
+    """Return the CRS of an authority's code (``EPSG:25832``), URN, WKT or PROJ string; raise InputError."""
     from rasterio import Env
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
 
-    wanted = text.strip()
-    if len(wanted) <= _LONGEST and _FORMS.fullmatch(wanted):
+    definition = text.strip()
+    if len(definition) <= _MAX_LENGTH and _FORMS.fullmatch(definition):
         try:
-            with Env():  # takes GDAL's own messages off the terminal
-                return CRS.from_user_input(wanted)
+            with Env():  # silences GDAL's own messages
+                return CRS.from_user_input(definition)
         except CRSError:
             pass
     raise InputError(
-        f"{_shown(text)!r} is no coordinate reference system: expected a code such as EPSG:25832, or WKT"
+        f"{_shorten(text)!r} is not a coordinate reference system: expected a code such as EPSG:25832, or WKT"
     )
 
 
 def parse_metric_crs(text: str) -> CRS:
-    """Return the projected coordinate reference system in metres that a text names."""
+    """Return the projected CRS in metres, eastward and northward, of a text; raise InputError for others."""
     crs = parse_crs(text)
     if crs.is_projected:
         unit, metres = crs.linear_units_factor
         if metres != 1.0:
             problem = f"is in the unit {one_line(unit)}"
         elif is_westward(crs):
-            problem = "counts westward"
+            problem = "has a westward axis"
         else:
             return crs
     elif crs.is_geographic:
         problem = "is in degrees"
     else:
-        problem = "is no map's"
+        problem = "is not projected"
     raise InputError(
-        f"the coordinate reference system {_shown(text)!r} {problem}: expected one in metres eastward and "
+        f"the coordinate reference system {_shorten(text)!r} {problem}: expected one in metres eastward and "
         "northward, such as EPSG:25832 (UTM zone 32)"
     )
 
 
 def is_westward(crs: CRS) -> bool:
-    """Return whether x counts to the west: what lies in it as if it did not is turned round."""
+    """Return whether the x axis points west."""
     return _WESTWARD.search(crs.to_wkt()) is not None
 
 
-def _shown(text: str) -> str:
+def _shorten(text: str) -> str:
     line = one_line(text.strip())
-    return line if len(line) <= _SHOWN else f"{line[: _SHOWN - 1]}…"
+    return line if len(line) <= _MAX_SHOWN else f"{line[: _MAX_SHOWN - 1]}…"
 
 
 @contextmanager
 def plain_path(path: Path) -> Iterator[Path]:
-    """Yield a path by which pyogrio finds a file, or makes one, whatever its name is.
+    """Yield a path by which pyogrio reads or writes a file of any name.
 
-    pyogrio takes a ``!`` for the end of an archive's name, and an ending ``.zip`` for an archive
-    (`pyogrio.util.vsi_path`): it would read or write another file. Such a file is reached by a link.
+    pyogrio takes ``!`` and a suffix ``.zip`` for an archive's (`pyogrio.util.vsi_path`): use a symbolic link.
     """
-    whole = path.absolute()
-    if "!" not in str(whole) and whole.suffix != ".zip":
-        yield whole
+    absolute = path.absolute()
+    if "!" not in str(absolute) and absolute.suffix != ".zip":
+        yield absolute
         return
     with tempfile.TemporaryDirectory(prefix="sketchterrain-") as folder:
         link = Path(folder) / "map.gpkg"
-        link.symlink_to(whole)
+        link.symlink_to(absolute)
         yield link

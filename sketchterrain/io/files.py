@@ -15,7 +15,7 @@ from sketchterrain.errors import InputError, SketchterrainError, one_line
 
 @contextmanager
 def wrap_os_errors(path: Path) -> Iterator[None]:
-    """Let a failure to write say where, in one line, and not name a temporary file."""
+    """Raise an OSError as a one-line SketchterrainError that names `path` instead of a temporary file."""
     try:
         yield
     except OSError as error:
@@ -25,10 +25,9 @@ def wrap_os_errors(path: Path) -> Iterator[None]:
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
-    """Yield a path that a library writes a file to; it gets its name once the context has ended well.
+    """Yield a temporary path to write to, which is flushed and renamed to `path` at the end.
 
-    Whoever reads that, even after a crash, finds the old content or the new. After an error or Ctrl-C the old
-    file, if any, is as it was.
+    A reader finds the old or the new content, even after a crash; after an error the old file is unchanged.
     """
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
     with wrap_os_errors(path):
@@ -43,13 +42,13 @@ def atomic_path(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def atomic_file(path: Path) -> Iterator[BinaryIO]:
-    """Yield a stream to write a file with in pieces; see :func:`atomic_path`."""
+    """Yield a stream to write a file as `atomic_path` does."""
     with atomic_path(path) as temporary, temporary.open("xb") as stream:
         yield stream
 
 
 def write_atomic(path: Path, content: bytes) -> Path:
-    """Write a file so that whoever reads it, even after a crash, finds the old content or the new."""
+    """Write a file as `atomic_path` does, and return its path."""
     with atomic_file(path) as stream:
         stream.write(content)
     return path

@@ -1,4 +1,4 @@
-"""The only door to the files in ``kernels/`` and ``presets/``."""
+"""Kernel and shader sources, and presets."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _INCLUDE = re.compile(r'^[ \t]*#include[ \t]+"([^"]+)"[ \t]*$', re.MULTILINE)
 
 @cache
 def source(name: str) -> str:
-    """Return the text of a kernel or shader with each ``#include "…"`` put in once.
+    """Return a source of ``kernels/`` with each ``#include "…"`` expanded once, for OpenCL and GLSL alike.
 
-    One rule serves OpenCL and GLSL, and no compiler needs an include path.
+    ``#line`` preserves line numbers; ``baselines/…`` are sources of the benchmarks.
     """
     return _inline(name, set())
 
@@ -42,18 +42,17 @@ def _inline(name: str, seen: set[str]) -> str:
     package = "sketchterrain.benchmarks" if name.startswith(_BASELINES) else "sketchterrain.kernels"
     text = files(package).joinpath(name).read_text(encoding="utf-8")
 
-    def put_in(match: re.Match[str]) -> str:
-        """Return the text that an include stands for, and where its own file goes on."""
+    def expand(match: re.Match[str]) -> str:
         included = match.group(1)
-        after = text.count("\n", 0, match.start()) + 2
+        next_line = text.count("\n", 0, match.start()) + 2
         body = "" if included in seen else f"#line 1\n{_inline(included, seen)}\n"
-        return f"{body}#line {after}"
+        return f"{body}#line {next_line}"
 
-    return _INCLUDE.sub(put_in, text)
+    return _INCLUDE.sub(expand, text)
 
 
 def preset_names() -> tuple[str, ...]:
-    """Return the names of the presets that come with the program, sorted."""
+    """Return the names of the built-in presets, sorted."""
     folder = files("sketchterrain.presets")
     return tuple(sorted(entry.name for entry in folder.iterdir() if entry.joinpath("sketch.toml").is_file()))
 
@@ -61,7 +60,7 @@ def preset_names() -> tuple[str, ...]:
 def preset(name: str) -> Traversable:
     """Return the folder of a preset."""
     if name not in preset_names():
-        raise InputError(f"no preset {name!r}; there are: {', '.join(preset_names())}")
+        raise InputError(f"no preset {name!r}: expected {', '.join(preset_names())}")
     return files("sketchterrain.presets").joinpath(name)
 
 

@@ -25,11 +25,11 @@ else:
     import resource
 
 _LOCKED_BYTE = 0x7FFFFFFE
-"""Offset of the byte that a lock covers on Windows: past any content, for locked bytes cannot be written."""
+"""Offset of the locked byte on Windows: past any content, as locked bytes cannot be written."""
 
 
 def lock_file(descriptor: int, *, wait: bool = False) -> None:
-    """Take an exclusive lock on an open file; it ends when the file is closed."""
+    """Acquire an exclusive lock on an open file until it is closed; raise BlockingIOError if it is locked."""
     if sys.platform == "win32":
         os.lseek(descriptor, _LOCKED_BYTE, os.SEEK_SET)
         try:
@@ -41,7 +41,7 @@ def lock_file(descriptor: int, *, wait: bool = False) -> None:
 
 
 def lock_folder(folder: Path, *, wait: bool = False) -> int | None:
-    """Return a descriptor that holds an exclusive lock on a folder, or None where folders have no locks."""
+    """Return a descriptor with an exclusive lock on a folder, None if unsupported; raise BlockingIOError."""
     if sys.platform == "win32":
         return None
     else:  # noqa: RET505
@@ -58,7 +58,7 @@ def lock_folder(folder: Path, *, wait: bool = False) -> int | None:
 
 
 def unlock_folder(lock: int | None) -> None:
-    """Release what `lock_folder` returned."""
+    """Release the lock that `lock_folder` returned."""
     if lock is not None:
         os.close(lock)
 
@@ -71,14 +71,6 @@ def lower_priority(increment: int) -> None:
         os.nice(increment)
 
 
-def cpu_count() -> int:
-    """Return the number of CPUs that this process may use."""
-    if sys.platform == "linux":
-        return len(os.sched_getaffinity(0))
-    else:  # noqa: RET505
-        return os.cpu_count() or 1
-
-
 def physical_memory() -> int:
     """Return the memory of this machine, bytes."""
     if sys.platform == "win32":
@@ -88,7 +80,7 @@ def physical_memory() -> int:
 
 
 def resident_memory(process: int) -> int | None:
-    """Return the resident memory of a process, bytes; None if it has ended or the system does not tell."""
+    """Return the resident memory of a process, bytes; None if it has ended or it is unknown."""
     if sys.platform == "win32":
         return int(psutil.Process(process).memory_info().rss) if psutil.pid_exists(process) else None
     else:  # noqa: RET505
@@ -100,7 +92,7 @@ def resident_memory(process: int) -> int | None:
 
 
 def memory_in_use() -> int:
-    """Return the resident memory of this process, or its peak where the system tells no more, bytes."""
+    """Return the resident memory of this process, bytes; its peak where only that is known."""
     found = resident_memory(os.getpid())
     return peak_memory() if found is None else found
 
@@ -110,14 +102,14 @@ def peak_memory() -> int:
     if sys.platform == "win32":
         return int(psutil.Process().memory_info().peak_wset)
     else:  # noqa: RET505
-        told = proc_memory("self/status", "VmHWM")  # getrusage would include the parent before the exec
-        if told is not None:
-            return told
+        peak = proc_memory("self/status", "VmHWM")  # getrusage would include the parent before the exec
+        if peak is not None:
+            return peak
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
 
 
 def proc_memory(file: str, name: str) -> int | None:
-    """Return an amount of memory from a file under ``/proc``, bytes; None where there is no such entry."""
+    """Return an entry of a file under ``/proc``, bytes; None if it does not exist."""
     path = Path("/proc", file)
     if path.exists():
         for line in path.read_text(encoding="utf-8").splitlines():
@@ -126,25 +118,25 @@ def proc_memory(file: str, name: str) -> int | None:
     return None
 
 
-_LONGEST: Final = 200  # characters of the line that the child wrote last
-# Words that a driver writes to stderr before it aborts, and what helps.
+_MAX_LINE: Final = 200  # characters of the last line of stderr
+# Words in a driver's stderr, and remedies.
 _LINKER: Final = ("linker", "'ld'", '"ld"')
 _INSTALL_LINKER: Final = "install a linker: apt install gcc libc6-dev"
 _INSTALL_DRIVER: Final = "update or reinstall the driver"
 
 
 class ChildFailedError(SketchterrainError):
-    """A child process crashed, hung, did not start or exited with an error; the message is one line."""
+    """A child process crashed, hung, did not start or exited with an error."""
 
 
 class ChildTimedOutError(ChildFailedError):
-    """A child process did not answer in time; the load of the machine may be why."""
+    """A child process did not end in time, perhaps because of the load of the machine."""
 
 
 def run_child(
     command: Sequence[str], *, name: str, timeout: float, environment: Mapping[str, str] | None = None
 ) -> None:
-    """Run a command and wait for it."""
+    """Run a command; raise ChildFailedError, with `name` and the reason, unless it exits with 0."""
     try:
         child = subprocess.run(  # noqa: S603
             command,
@@ -166,9 +158,9 @@ def run_child(
 def module_result(
     module: str, *arguments: str, name: str, timeout: float, environment: Mapping[str, str] | None = None
 ) -> bytes:
-    """Run a module of the program in a child, and return the bytes that it wrote into the file given last.
+    """Run a module in a child process, and return the bytes that it writes to the file in its last argument.
 
-    Its stdout and stderr are left to drivers.
+    It does not use stdout, to which drivers write.
     """
     with TemporaryDirectory(prefix="sketchterrain-child-") as folder:
         file = Path(folder) / "result"
@@ -181,7 +173,7 @@ def module_result(
 
 
 def _failure(name: str, code: int, errors: str) -> str:
-    lines = [one_line(line.strip()[:_LONGEST]) for line in errors.splitlines() if line.strip()]
+    lines = [one_line(line.strip()[:_MAX_LINE]) for line in errors.splitlines() if line.strip()]
     if code > 0:
         return lines[-1] if lines else f"{name} failed with code {code}"
     reason = next((line for line in lines if "error" in line.lower()), lines[-1] if lines else "")
@@ -198,7 +190,7 @@ def _signal(number: int) -> str:
 
 @contextmanager
 def sigterm_as_interrupt() -> Iterator[None]:
-    """Raise KeyboardInterrupt at a SIGTERM; off the main thread, leave signals as they are."""
+    """Raise KeyboardInterrupt on SIGTERM; do nothing off the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -214,7 +206,7 @@ def sigterm_as_interrupt() -> Iterator[None]:
 
 
 def restore_default_sigterm() -> None:
-    """Let a SIGTERM end this process as the system does it."""
+    """Restore the default action of SIGTERM."""
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
@@ -222,13 +214,13 @@ class Interrupts:
     """Defer the first signal until `check`; a second one raises at once. Other threads get no signals."""
 
     def __init__(self) -> None:
-        self.heard = False
+        self.pending = False
         self._before: dict[signal.Signals, Any] = {}
 
     def __enter__(self) -> Interrupts:
         if threading.current_thread() is threading.main_thread():
             for each in (signal.SIGINT, signal.SIGTERM):
-                self._before[each] = signal.signal(each, self._hear)
+                self._before[each] = signal.signal(each, self._handle)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -236,11 +228,11 @@ class Interrupts:
             signal.signal(each, before)
 
     def check(self) -> None:
-        """Raise KeyboardInterrupt if a signal came."""
-        if self.heard:
+        """Raise KeyboardInterrupt if a signal is pending."""
+        if self.pending:
             raise KeyboardInterrupt
 
-    def _hear(self, _: int, __: FrameType | None) -> None:
-        if self.heard:
+    def _handle(self, _: int, __: FrameType | None) -> None:
+        if self.pending:
             raise KeyboardInterrupt
-        self.heard = True
+        self.pending = True

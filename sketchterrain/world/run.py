@@ -286,13 +286,13 @@ class _Run:
             scheduler=scheduler,
             device=device,
             note=note,
-            stopped=lambda: self._interrupts.heard,
+            stopped=lambda: self._interrupts.pending,
         )
 
     def _tasks_left(self) -> Iterator[Task]:
         """Yield the tasks that are not done, until Ctrl-C or SIGTERM."""
         for task in tasks_of(self.job):
-            if self._interrupts.heard:
+            if self._interrupts.pending:
                 self.watcher.note("ends once the current shards are written; Ctrl-C again ends it at once")
                 return
             if task not in self._ledger.done:

@@ -84,12 +84,12 @@ EXPORT = [
     ("--to raw --heights=-1e30,1e30", 3, ("expected them within",)),
     ("--to raw --size 33 --heights 0,10", 3, ("the terrain goes from",)),
     ("--to raw --format r32 --heights 0,900", 3, ("only 16-bit numbers have a range",)),
-    ("--to unity --tiles 2x2 --overlap 1", 3, ("no overlap can be chosen, tiles share an edge",)),
+    ("--to unity --tiles 2x2 --overlap 1", 3, ("overlap is fixed, tiles share an edge",)),
     ("--to png16 --size 1000000", 3, ("of memory, this machine has",)),
     ("--to unity --size 1000", 3, ("1000 vertices is no size it takes; the nearest: 513 or 1025",)),
     ("--to unreal --size 1024", 3, ("the nearest: 1009 or 2017",)),
     ("--to godot --size 1025", 3, ("no size can be chosen, vertices are 1 m apart",)),
-    ("--to geotiff --crs EPSG:0", 3, ("no coordinate reference system",)),
+    ("--to geotiff --crs EPSG:0", 3, ("not a coordinate reference system",)),
     ("--to geotiff --crs EPSG:4326", 3, ("metres",)),
 ]
 BATCH = [
@@ -112,7 +112,7 @@ BATCH = [
 TRACE = [
     ("--colour sea=#0000ff", 3, ("unknown layer 'sea'",)),
     ("--colour hill=#123456", 3, ("no colour of the legend in it",)),
-    ("--colour hill=#123456 --colours x.toml", 2, ("one legend",)),
+    ("--colour hill=#123456 --colours x.toml", 2, ("expected one legend",)),
     ("--colours none.toml", 3, ("none.toml: cannot be read",)),
     ("--layer sea", 3, ("layer 'sea'",)),
     ("--layer hill --specks 3", 2, ("--specks: not with --layer",)),
@@ -123,7 +123,7 @@ TRACE = [
     ("--seed -1", 3, ("seed",)),
     ("--tolerance 2", 2, ("--tolerance",)),
     ("--preview p.jpg", 2, ("expected the name of a .png file",)),
-    ("--preview no/such/p.png", 3, ("expected a file in a folder that is there",)),
+    ("--preview no/such/p.png", 3, ("expected a file in an existing folder",)),
 ]
 WORLD = [
     ("--bounds 1,2,3", 2, ("expected WEST,SOUTH,EAST,NORTH in metres, got '1,2,3'",)),

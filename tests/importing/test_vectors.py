@@ -505,7 +505,7 @@ def test_unusable_options_are_refused(tmp_path, capfd) -> None:
         ({"bounds": (20, 47, 21, 48)}, "no usable feature within the bounds"),
         ({"bounds": (-89, -89, 89, 89)}, "set smaller bounds"),
         ({"size_px": 20000}, "size: expected 1 to 16384 px"),
-        ({"crs": "EPSG:0"}, "no coordinate reference system"),
+        ({"crs": "EPSG:0"}, "not a coordinate reference system"),
         ({"crs": "EPSG:4326"}, "in degrees"),
         ({"crs": "EPSG:27200", "bounds": (10, 46, 12, 48)}, ""),
     ]:

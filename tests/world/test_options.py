@@ -61,7 +61,7 @@ def test_default_bounds_are_the_sketch() -> None:
         ({"plants": "csv"}, "expected plants as none, parquet or flatgeobuf, got 'csv'"),
         ({"grass": True}, "grass without plants"),
         ({"crs": "EPSG:4326"}, "in degrees"),
-        ({"crs": "nowhere"}, "no coordinate reference system"),
+        ({"crs": "nowhere"}, "not a coordinate reference system"),
         ({"origin": (float("inf"), 0.0)}, "finite origin"),
         ({"layers": ("normal",)}, "expected height among them"),
     ],

@@ -1,4 +1,4 @@
-"""The command `trace`: a starting sketch from a picture, a paint program's layers, a GIS's vectors."""
+"""Command `trace`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sketchterrain.app.arguments import AsJson
+from sketchterrain.app import arguments as args
 from sketchterrain.app.errors import USAGE_ERROR
 from sketchterrain.app.listings import print_json, print_lines
 from sketchterrain.app.progress import Stages
@@ -19,18 +19,11 @@ if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.importing.traced_layers import TraceOptions, TraceResult
 
-_ZIP = ".sketch"
-# Which options are about which kind of source; the others are about all.
-_ONLY = {
-    "--colour": ("picture",),
-    "--colours": ("picture",),
-    "--tolerance": ("picture",),
-    "--specks": ("picture",),
-    "--rivers-up-to": ("picture",),
+# Options for certain kinds of sources only.
+_KINDS_OF_OPTION = {
+    **dict.fromkeys(("--colour", "--colours", "--tolerance", "--specks", "--rivers-up-to"), ("picture",)),
     "--layer": ("picture", "vectors"),
-    "--width": ("vectors",),
-    "--bounds": ("vectors",),
-    "--crs": ("vectors",),
+    **dict.fromkeys(("--width", "--bounds", "--crs"), ("vectors",)),
     "--extent": ("picture", "folder", "open raster"),
 }
 _KINDS = {
@@ -39,16 +32,6 @@ _KINDS = {
     "open raster": "an OpenRaster file",
     "vectors": "vectors",
 }
-
-
-def _bounds(text: str) -> tuple[float, ...]:
-    try:
-        west, south, east, north = (float(part) for part in text.split(","))
-    except ValueError:
-        raise typer.BadParameter(f"expected WEST,SOUTH,EAST,NORTH, got {text!r}") from None
-    if not (west < east and south < north):
-        raise typer.BadParameter(f"expected west < east and south < north, got {text!r}")
-    return west, south, east, north
 
 
 def trace(
@@ -60,72 +43,56 @@ def trace(
             "vectors (GeoJSON, GeoPackage, FlatGeobuf, Shapefile, OSM PBF).",
         ),
     ],
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="DIR|FILE.sketch", help="The sketch, new.")
-    ],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR|FILE.sketch", help="A new sketch.")],
     extent: Annotated[float | None, typer.Option(metavar="M", help="Metres along the longer side.")] = None,
     size: Annotated[
         int | None,
-        typer.Option(metavar="PX", help="Pixels along the longer side; else the picture's, at most 1024."),
+        typer.Option(
+            metavar="PX", help="Pixels along the longer side; default: the picture's, at most 1024."
+        ),
     ] = None,
     colour: Annotated[
         list[str] | None,
         typer.Option(
             metavar="LAYER=#rrggbb",
-            help="What a colour stands for: river=#0000ff, river.2=#3060ff, nothing=#ffffff, ink=#000000.",
+            help="Meaning of a colour: river=#0000ff, river.2=#3060ff, nothing=#ffffff, ink=#000000.",
         ),
     ] = None,
     colours: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.toml", help="A legend: tables [[colour]] of rgb, layer, label."),
+        Path | None, typer.Option(metavar="FILE.toml", help="Legend: tables [[colour]] of rgb, layer, label.")
     ] = None,
     tolerance: Annotated[
         float | None,
-        typer.Option(
-            metavar="T", min=0.0, max=1.0, help="How far from a legend's a colour may be, in Oklab; 0.1."
-        ),
+        typer.Option(metavar="T", min=0.0, max=1.0, help="Distance from the legend's colours, Oklab; 0.1."),
     ] = None,
     specks: Annotated[
-        int | None, typer.Option(metavar="PX", min=0, help="Areas of fewer pixels of the sketch vanish; 16.")
+        int | None, typer.Option(metavar="PX", min=0, help="Removes areas of fewer pixels; default 16.")
     ] = None,
     rivers_up_to: Annotated[
-        float | None,
-        typer.Option(
-            metavar="PX",
-            min=1.0,
-            help="Water narrower than so many pixels of the sketch is river, else lake.",
-        ),
+        float | None, typer.Option(metavar="PX", min=1.0, help="Widest water that is a river, not a lake.")
     ] = None,
     layer: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME", help="All that is painted is this layer; of vectors, what says nothing."
-        ),
+        str | None, typer.Option(metavar="NAME", help="Layer of all that is painted, or of untagged vectors.")
     ] = None,
     width: Annotated[
-        float | None, typer.Option(metavar="M", min=0.0, help="Of vectors' lines that have none.")
+        float | None, typer.Option(metavar="M", min=0.0, help="Default width of lines of vectors.")
     ] = None,
-    bounds: Annotated[
-        Any,
-        typer.Option(
-            parser=_bounds, metavar="W,S,E,N", help="Which part of vectors, in their own coordinates."
-        ),
-    ] = None,
+    bounds: args.SourceBounds = None,
     crs: Annotated[
-        str | None, typer.Option(metavar="CRS", help="What vectors are reprojected to, as EPSG:32633.")
+        str | None, typer.Option(metavar="CRS", help="CRS to reproject vectors to, as EPSG:32633.")
     ] = None,
-    name: Annotated[str | None, typer.Option(help="What the sketch is called; the file's name.")] = None,
-    seed: Annotated[int | None, typer.Option(metavar="N", help="The sketch's seed; 0.")] = None,
+    name: Annotated[str | None, typer.Option(help="Name of the sketch; default: the file's.")] = None,
+    seed: Annotated[int | None, typer.Option(metavar="N", help="Seed of the sketch; default 0.")] = None,
     preview: Annotated[
-        Path | None, typer.Option(metavar="FILE.png", help="Write a picture of it too, beside its source.")
+        Path | None, typer.Option(metavar="FILE.png", help="Picture of the sketch beside its source.")
     ] = None,
-    as_json: AsJson = False,
+    as_json: args.AsJson = False,
 ) -> None:
-    """Make a sketch of a coloured map, of a paint program's layers, or of rivers and areas of a GIS."""
+    """Trace a sketch from a coloured map, a paint program's layers, or GIS vectors."""
     if preview is not None and preview.suffix.lower() != ".png":
         raise USAGE_ERROR(f"--preview: expected the name of a .png file, got {str(preview)!r}")
     if colour and colours is not None:
-        raise USAGE_ERROR("--colour and --colours: one legend, please")
+        raise USAGE_ERROR("--colours with --colour: expected one legend")
     coloured = {"--colour": colour, "--colours": colours, "--tolerance": tolerance, "--specks": specks}
     coloured["--rivers-up-to"] = rivers_up_to
     mapped = {"--width": width, "--bounds": bounds, "--crs": crs}
@@ -136,27 +103,29 @@ def trace(
             from sketchterrain.importing.traced_layers import TraceOptions
 
             kind = detect_kind(file)
-            _refuse_others(kind, {**coloured, **mapped, "--layer": layer, "--extent": extent})
+            _reject_options(kind, {**coloured, **mapped, "--layer": layer, "--extent": extent})
             if kind == "picture" and layer is not None:
                 given = [option for option, value in coloured.items() if value not in (None, [])]
                 if given:
-                    raise USAGE_ERROR(f"{given[0]}: not with --layer, which takes all that is painted")
+                    raise USAGE_ERROR(
+                        f"{given[0]}: not with --layer, which is the layer of all that is painted"
+                    )
             _check_places(file, output, preview)
-            sheet = TraceOptions(size_px=size, extent=extent, name=name, seed=seed or 0)
+            options = TraceOptions(size_px=size, extent=extent, name=name, seed=seed or 0)
         source: npt.NDArray[np.uint8] | None = None
         with stages.stage("trace", f"Tracing {_KINDS[kind]}"):
             if kind == "picture" and layer is None:
                 from sketchterrain.importing.images import SPECKS
 
                 done, source = _from_map(
-                    *(file, sheet, colour, colours, tolerance),
+                    *(file, options, colour, colours, tolerance),
                     specks=SPECKS if specks is None else specks,
                     narrow=rivers_up_to or 0.0,
                 )
             elif kind == "vectors":
-                done = _from_vectors(file, sheet, layer=layer, width=width, bounds=bounds, crs=crs)
+                done = _from_vectors(file, options, layer=layer, width=width, bounds=bounds, crs=crs)
             else:
-                done = _from_layers(kind, file, sheet, layer)
+                done = _from_layers(kind, file, options, layer)
         with stages.stage("files", "Writing files"):
             save_sketch(done.sketch, output)
             if preview is not None:
@@ -167,16 +136,16 @@ def trace(
     if as_json:
         print_json(_entry(done, output, kind))
     else:
-        print_lines(
-            *done.notes, f"sketch: {output}", *([f"picture: {preview}"] if preview is not None else [])
-        )
+        print_lines(*done.notes, f"sketch: {output}")
+        if preview is not None:
+            print_lines(f"picture: {preview}")
 
 
-def _refuse_others(kind: str, given: dict[str, object]) -> None:
-    for option, value in given.items():
-        if value not in (None, []) and kind not in _ONLY[option]:
-            wanted = " or ".join(_KINDS[each] for each in _ONLY[option])
-            raise USAGE_ERROR(f"{option}: not with {_KINDS[kind]}, only with {wanted}")
+def _reject_options(kind: str, values: dict[str, object]) -> None:
+    for option, value in values.items():
+        if value not in (None, []) and kind not in _KINDS_OF_OPTION[option]:
+            kinds = " or ".join(_KINDS[each] for each in _KINDS_OF_OPTION[option])
+            raise USAGE_ERROR(f"{option}: not with {_KINDS[kind]}, only with {kinds}")
 
 
 def _check_places(file: Path, output: Path, preview: Path | None) -> None:
@@ -188,56 +157,56 @@ def _check_places(file: Path, output: Path, preview: Path | None) -> None:
         if output.is_dir() and any(output.iterdir()):
             raise InputError(f"{place}: expected a new or an empty folder, this one is not empty")
         if output.exists() and not output.is_dir():
-            raise InputError(f"{place} is there already: expected a new folder or {_ZIP} file")
+            raise InputError(f"{place}: expected a new folder or .sketch file, this one exists")
         if preview is None:
             return
         if not preview.parent.is_dir():
-            raise InputError(f"{one_line(preview)}: expected a file in a folder that is there")
-        whole = preview.resolve()
-        for taken in (file, output):  # it must not be written over what is traced, or over the sketch
-            if taken.resolve() in (whole, *whole.parents):
-                raise InputError(f"{one_line(preview)}: expected another place than {one_line(taken)}")
+            raise InputError(f"{one_line(preview)}: expected a file in an existing folder")
+        path = preview.resolve()
+        for other in (file, output):  # the preview must not overwrite the source or the sketch
+            if other.resolve() in (path, *path.parents):
+                raise InputError(f"{one_line(preview)}: expected another place than {one_line(other)}")
 
 
 def _from_map(
     file: Path,
-    sheet: TraceOptions,
+    options: TraceOptions,
     colour: list[str] | None,
     colours: Path | None,
     tolerance: float | None,
-    **options: Any,
+    **settings: Any,
 ) -> tuple[TraceResult, npt.NDArray[np.uint8]]:
     from sketchterrain.importing.images import read_map
     from sketchterrain.importing.legend import OWN_LEGEND, TOLERANCE, Legend, read_legend
 
-    near = TOLERANCE if tolerance is None else tolerance
+    distance = TOLERANCE if tolerance is None else tolerance
     if colours is not None:
-        legend = read_legend(colours, tolerance=near)
+        legend = read_legend(colours, tolerance=distance)
     elif colour:
-        legend = Legend.parse(colour, tolerance=near)
+        legend = Legend.parse(colour, tolerance=distance)
     else:
-        legend = OWN_LEGEND if tolerance is None else Legend(OWN_LEGEND.colours, near)
-    read = read_map(file, legend)
-    return read.traced(sheet, **options), read.rgba
+        legend = OWN_LEGEND if tolerance is None else Legend(OWN_LEGEND.colours, distance)
+    image = read_map(file, legend)
+    return image.traced(options, **settings), image.rgba
 
 
-def _from_layers(kind: str, file: Path, sheet: TraceOptions, layer: str | None) -> TraceResult:
+def _from_layers(kind: str, file: Path, options: TraceOptions, layer: str | None) -> TraceResult:
     from sketchterrain.importing.layered import trace_folder, trace_mask, trace_open_raster
 
     if layer is not None:
-        return trace_mask(file, layer, sheet)
-    return trace_folder(file, sheet) if kind == "folder" else trace_open_raster(file, sheet)
+        return trace_mask(file, layer, options)
+    return trace_folder(file, options) if kind == "folder" else trace_open_raster(file, options)
 
 
-def _from_vectors(file: Path, sheet: TraceOptions, **options: Any) -> TraceResult:
+def _from_vectors(file: Path, options: TraceOptions, **settings: Any) -> TraceResult:
     from dataclasses import replace
 
     from sketchterrain.document.sketch import DEFAULT_SIDE
     from sketchterrain.importing.vectors import sketch_from_vectors
 
-    side = DEFAULT_SIDE if sheet.size_px is None else sheet.size_px
-    traced = sketch_from_vectors(file, name=sheet.name, size_px=side, **options)
-    return replace(traced, sketch=traced.sketch.replace(seed=sheet.seed))
+    side = DEFAULT_SIDE if options.size_px is None else options.size_px
+    traced = sketch_from_vectors(file, name=options.name, size_px=side, **settings)
+    return replace(traced, sketch=traced.sketch.replace(seed=options.seed))
 
 
 def _entry(done: TraceResult, output: Path, kind: str) -> dict[str, Any]:

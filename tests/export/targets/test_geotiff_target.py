@@ -205,18 +205,18 @@ def test_empty_layers_are_written_and_files_are_deterministic(lawn, tmp_path):
 
 def test_invalid_reference_systems_are_refused(corner, capfd):
     for crs, message in [
-        ("nonsense", "'nonsense' is no coordinate reference system"),
-        ("", "'' is no coordinate"),
-        ("EPSG:999999", "is no coordinate"),
-        ("/etc/passwd", "is no coordinate"),
-        ("https://example.com/x", "is no coordinate"),
-        ("PROJCS[", "is no coordinate"),
-        ("a\nb" * 9999, "is no coordinate"),
+        ("nonsense", "'nonsense' is not a coordinate reference system"),
+        ("", "'' is not a coordinate"),
+        ("EPSG:999999", "is not a coordinate"),
+        ("/etc/passwd", "is not a coordinate"),
+        ("https://example.com/x", "is not a coordinate"),
+        ("PROJCS[", "is not a coordinate"),
+        ("a\nb" * 9999, "is not a coordinate"),
         ("EPSG:4326", "is in degrees"),
         ("EPSG:2263", "unit US survey foot"),
-        ("EPSG:4978", "is no map's"),
-        ("EPSG:2048", "counts westward"),
-        ("EPSG:5773", "is no map's"),
+        ("EPSG:4978", "is not projected"),
+        ("EPSG:2048", "has a westward axis"),
+        ("EPSG:5773", "is not projected"),
     ]:
         with pytest.raises(InputError) as refused:
             checked_plan(corner, "geotiff", ExportOptions(crs=crs))

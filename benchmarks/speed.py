@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-import os
 import numpy as np
 
 from sketchterrain.benchmarks import thesis_tiles

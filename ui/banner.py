@@ -71,7 +71,6 @@ class Banner(QFrame):
 
     @property
     def message(self) -> Message | None:
-        """The visible message."""
         return self._messages[-1] if self._messages else None
 
     def show_message(self, message: Message) -> None:
@@ -184,7 +183,6 @@ class UncaughtExceptions(QObject):
         )
 
     def uninstall(self) -> None:
-        """Restore Python's own hooks."""
         sys.excepthook = sys.__excepthook__
         threading.excepthook = threading.__excepthook__
 
@@ -208,7 +206,6 @@ class UncaughtExceptions(QObject):
         self._banner.show_message(Message("error", line, "exception", (button,)))
 
     def show_details(self, details: str) -> None:
-        """Show a traceback."""
         dialog = QDialog(self._window)
         dialog.setWindowTitle("Error details")
         text = QPlainTextEdit(details)

@@ -48,7 +48,6 @@ class ExportJob(QObject):
 
     @property
     def is_running(self) -> bool:
-        """Whether the process is running."""
         return self._process.state() != QProcess.ProcessState.NotRunning
 
     def start(self) -> None:

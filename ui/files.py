@@ -58,14 +58,12 @@ class Files(QObject):
             self._document.open(sketch, modified=modified)
 
     def ask_open(self) -> None:
-        """Ask for a file and open it."""
         start = str(self._preferences.last_folder)
         name, _ = QFileDialog.getOpenFileName(self._window, "Open a sketch", start, _OPEN_FILTER)
         if name:
             self.open(Path(name))
 
     def ask_open_folder(self) -> None:
-        """Ask for a folder and open it."""
         start = str(self._preferences.last_folder)
         name = QFileDialog.getExistingDirectory(self._window, "Open a sketch's folder", start)
         if name:

@@ -47,7 +47,6 @@ class PictureFile(QObject):
         self._banner, self._background = banner, BackgroundQueue(self)
 
     def write(self, picture: QImage, path: Path) -> None:
-        """Write a picture."""
         self._background.do("picture", partial(_write_png, picture, path), partial(self.report, path))
 
     def report(self, path: Path, error: str = "") -> None:
@@ -103,7 +102,6 @@ class OpenDialogs(QObject):
         link.picture_written.connect(lambda written: self._picture_file.report(Path(written.path)))
 
     def new(self) -> None:
-        """Ask for size and extent and start a new sketch."""
         from sketchterrain.ui.dialogs.start import NewSketchDialog
 
         dialog = NewSketchDialog(self._window)
@@ -111,7 +109,6 @@ class OpenDialogs(QObject):
             self._files.start_sketch(dialog.sketch())
 
     def presets(self) -> None:
-        """Ask for a preset and open it."""
         from sketchterrain.ui.dialogs.start import PresetsDialog
 
         dialog = PresetsDialog(self._window)
@@ -204,13 +201,11 @@ class OpenDialogs(QObject):
             self._picture_file.write(picture, dialog.path)
 
     def preferences(self) -> None:
-        """Show the preferences."""
         from sketchterrain.ui.dialogs.preferences import PreferencesDialog
 
         _run(PreferencesDialog(self._preferences, self._window))
 
     def find(self) -> None:
-        """Find a command and run it."""
         from sketchterrain.ui.dialogs.help import FindDialog
 
         dialog = FindDialog(self._actions, self._window)

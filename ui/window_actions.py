@@ -39,7 +39,6 @@ class ViewActions(QObject):
         self.refresh()
 
     def refresh(self, *_: object) -> None:
-        """Update which actions are checked."""
         if self._workspace is not None:
             for name in OVERLAYS:
                 self._actions[f"overlay-{name}"].setChecked(name in self._workspace.overlays)
@@ -116,7 +115,6 @@ class SketchActions(QObject):
         self._refresh_selection()
 
     def set_random_seed(self) -> None:
-        """Give the sketch another random seed."""
         sketch = self._document.sketch
         seed = random_seed(sketch.seed)
         self._try(lambda: self._document.do(f"Seed {seed}", set_setting(sketch, WORLD, "seed", seed)))

@@ -52,7 +52,6 @@ class WorldLink(ViewSource):
         return None if self.world is None else (self.world.bounds, self.world.middle)
 
     def start(self) -> None:
-        """Start or restart the process."""
         self._run(EngineProcesses(device=self.device, world=self.path))
         if self.frame is None:
             self.send(Look())
@@ -116,7 +115,6 @@ class WorldWindow(QMainWindow):
         )
 
     def save_picture(self) -> None:
-        """Save the current picture as PNG."""
         picture = self.link.picture
         if picture is None:
             return

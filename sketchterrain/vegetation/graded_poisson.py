@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.compute.buffers import BufferPool
 from sketchterrain.errors import InputError
 from sketchterrain.terrain.patch_layout import run_to_completion
 from sketchterrain.vegetation.poisson import (
@@ -173,6 +172,8 @@ class GradedPoisson:
         self._most, self._levels = most, levels
         self._salts = [hash_salt(seed, _STREAM, grid) for grid in range(grids)]
         self._rounds = [schedule(_COARSE_TRIALS if grid else _FINE_TRIALS) for grid in range(grids)]
+        from sketchterrain.compute.buffers import BufferPool
+
         self._scratch = BufferPool(context)
 
     @property

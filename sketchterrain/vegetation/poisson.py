@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from sketchterrain.compute.buffers import BufferPool
 from sketchterrain.errors import InputError
 from sketchterrain.placement.hashing import hash_keys
 from sketchterrain.terrain.patch_layout import run_to_completion
@@ -239,6 +238,8 @@ class PoissonDisk:
         self._side = math.ceil((radius + ROUNDING) / math.sqrt(2.0))
         r2 = math.ceil(((radius + ROUNDING) * SIDE / self._side) ** 2)
         self._r2 = np.int32(min(r2, 2 * SIDE**2))
+        from sketchterrain.compute.buffers import BufferPool
+
         self._scratch = BufferPool(context)
 
     def within(self, area: Area) -> Points:

@@ -90,11 +90,9 @@ class ExportOutcome(JobProgress):
         self._clock.start()
 
     def end(self) -> None:
-        """Stop measuring time."""
         self._clock.stop()
 
     def show_stage(self, title: str) -> None:
-        """Show the current stage."""
         self._stage = title
         self._stage_start = self.bar.value()
         self.doing.setText(f"{title} …")
@@ -221,11 +219,9 @@ class ExportDialog(JobDialog):
 
     @property
     def options(self) -> EverythingForm | TargetForm:
-        """The visible form."""
         return self.target if self.targets.currentData() else self.everything
 
     def show_cancelling(self) -> None:
-        """Show that the export is being cancelled."""
         self.outcome.doing.setText("Cancelling …")
 
     def closeEvent(self, event: QCloseEvent | None) -> None:

@@ -123,7 +123,6 @@ class EverythingForm(Form):
         self.set_values(stored)
 
     def request(self, folder: Path, device: str | None) -> ExportRequest:
-        """Return the request for a folder and a device."""
         values = self.values
         return ExportRequest(
             folder,
@@ -177,7 +176,6 @@ class TargetForm(Form):
         self.changed.connect(self._check)
 
     def use(self, target: Target, stored: Mapping[str, object]) -> None:
-        """Show a target's options with stored values."""
         self._target = target
         self._head.setText(f"{target.summary[:1].upper()}{target.summary[1:]}.")
         tiling = target.tiling or Tiling()
@@ -195,7 +193,6 @@ class TargetForm(Form):
         self.set_values(_DEFAULTS, defaults, stored)
 
     def request(self, folder: Path, device: str | None) -> TargetRequest:
-        """Return the request for a folder and a device."""
         if self._target is None or self._options is None:
             raise RuntimeError("expected valid options")
         return TargetRequest(folder, self._target.name, self._options, device)

@@ -86,7 +86,6 @@ class Line:
 
     @property
     def fields(self) -> list[Field]:
-        """The controls."""
         return [part for part in self.parts if isinstance(part, Field)]
 
 
@@ -138,12 +137,10 @@ class Form(QWidget):
         self._report()
 
     def show_lines(self, visible: Mapping[str, bool]) -> None:
-        """Show or hide lines with their titles."""
         for name, is_visible in visible.items():
             self._rows.setRowVisible(self._lines[name], is_visible)
 
     def enable(self, enabled: bool, *names: str) -> None:
-        """Enable or disable controls."""
         for name in names:
             self._controls[name].setEnabled(enabled)
 
@@ -342,7 +339,6 @@ class JobDialog(QDialog):
 
     @property
     def path(self) -> Path:
-        """The selected output path."""
         return Path(self.path_field.text().strip()).expanduser()
 
     def run(
@@ -355,7 +351,6 @@ class JobDialog(QDialog):
         on_failure: Callable[[str], object],
         on_note: Callable[[str], object] | None = None,
     ) -> None:
-        """Start a job for a request."""
         self.job = ExportJob(request, self._sketch, self)
         self.job.stage_changed.connect(on_stage)
         self.job.share_changed.connect(on_share)

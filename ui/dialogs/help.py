@@ -251,7 +251,6 @@ class FindDialog(QDialog):
 
     @property
     def selected(self) -> QAction | None:
-        """The selected action."""
         item = self.list.currentItem()
         return None if item is None else self._actions[int(item.data(0, Qt.ItemDataRole.UserRole))]
 

@@ -46,7 +46,6 @@ class PreferencesDialog(QDialog):
         self.finished.connect(self._stop_search)
 
     def accept(self) -> None:
-        """Set the preferences."""
         self._preferences.theme = self.form.values["theme"]
         self._preferences.device = self.form.values["device"] or None
         super().accept()

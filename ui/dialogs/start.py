@@ -73,7 +73,6 @@ class NewSketchDialog(QDialog):
         self._refresh()
 
     def sketch(self) -> Sketch:
-        """Return the new sketch, with a random seed."""
         values = self.form.values
         if values["starter"] and self.form["starter"].isEnabled():
             sketch = starter_sketch()
@@ -179,7 +178,6 @@ class PresetsDialog(QDialog):
 
     @property
     def name(self) -> str:
-        """The selected preset."""
         item = self.list.currentItem()
         return str(item.data(Qt.ItemDataRole.UserRole)) if item is not None else preset_names()[0]
 
@@ -219,7 +217,6 @@ class RecoveryDialog(QDialog):
 
     @property
     def selected(self) -> Recovery:
-        """The selected sketch."""
         return self._recoveries[max(self.list.currentRow(), 0)]
 
     def _refresh(self, *_: object) -> None:

@@ -133,14 +133,12 @@ class ScaledPicture(QLabel):
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
 
     def show_pixels(self, rgba: Rgba) -> None:
-        """Show a picture, (height, width, 4)."""
         height, width = rgba.shape[:2]
         image = QImage(rgba.tobytes(), width, height, 4 * width, QImage.Format.Format_RGBA8888)
         self._pixels = QPixmap.fromImage(image.copy())
         self._fit()
 
     def clear(self) -> None:
-        """Show nothing."""
         self._pixels = None
         super().clear()
 
@@ -193,11 +191,9 @@ class ColourTable(QScrollArea):
 
     @property
     def meanings(self) -> tuple[Meaning | None, ...]:
-        """The meaning of each colour."""
         return (*(box.currentData() for box in self.boxes), *self._rest)
 
     def show_colours(self, colours: Sequence[DetectedColour], meanings: Sequence[Meaning | None]) -> None:
-        """Show the colours of a map."""
         self._rest = tuple(meanings[_MAX_ROWS:])
         self.boxes = []
         page = QWidget()
@@ -268,13 +264,11 @@ class TraceDialog(QDialog):
         self._reading.read(partial(read_source, path), self._show_source)
 
     def sketch(self) -> Sketch:
-        """Return the traced sketch."""
         if self._result is None:
             raise RuntimeError("expected a traced sketch")
         return self._result.traced.sketch
 
     def done(self, result: int) -> None:
-        """Cancel pending work and close."""
         self._cancel()
         super().done(result)
 

@@ -152,7 +152,6 @@ class WorldDialog(JobDialog):
         self._check()
 
     def show_cancelling(self) -> None:
-        """Show that pending shards are being finished."""
         self.progress.doing.setText("Finishing pending shards …")
 
     def _use_suffix(self) -> None:

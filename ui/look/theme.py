@@ -90,7 +90,6 @@ class Symbol(QWidget):
         self.setFixedSize(side, side)
 
     def show_icon(self, name: str, colour: QColor) -> None:
-        """Show another icon."""
         self._name, self._colour = name, colour
         self.update()
 

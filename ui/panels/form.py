@@ -141,15 +141,12 @@ class NumberRow(ParameterRow):
         return self._number
 
     def finish(self) -> None:
-        """Accept the text being typed."""
         self.box.interpretText()
 
     def set_slider_range(self, low: float, high: float) -> None:
-        """Set the ends of the slider."""
         self._scale = Scale.suited(self.parameter, low, high)
 
     def show_value(self, value: Value) -> None:
-        """Show a number or the sentinel."""
         super().show_value(value)
         is_sentinel = self._sentinel is not None and value == self._sentinel.value
         if self.check is not None:
@@ -201,7 +198,6 @@ class ChoiceRow(ParameterRow):
         self._add(self.box)
 
     def show_value(self, value: Value) -> None:
-        """Show the current value."""
         super().show_value(value)
         self.box.setCurrentIndex(self.box.findData(value))  # emits only `currentIndexChanged`
 
@@ -219,7 +215,6 @@ class TextRow(ParameterRow):
         self._text = ""
 
     def show_value(self, value: Value) -> None:
-        """Show the text."""
         super().show_value(value)
         self._text = str(value)
         if self.field.text() != self._text:
@@ -250,11 +245,9 @@ class ParameterForm(QWidget):
         column(self, *self.rows.values())
 
     def show_values(self, values: Mapping[str, Value]) -> None:
-        """Show values by name without emitting a signal."""
         for name, field in self.rows.items():
             field.show_value(values[name])
 
     def finish(self) -> None:
-        """Accept the text being typed."""
         for field in self.rows.values():
             field.finish()

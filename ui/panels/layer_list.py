@@ -150,7 +150,6 @@ class LayerList(QTreeWidget):
 
     @property
     def rows(self) -> tuple[Row, ...]:
-        """The rows from top to bottom."""
         return tuple(self._rows)
 
     def show_rows(self, rows: Sequence[Row], current: int) -> None:

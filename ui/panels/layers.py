@@ -178,7 +178,6 @@ class LayersPanel(QWidget):
             self._workspace.set_look(name, visible=is_alone or name == layer)
 
     def menu(self) -> ContextMenu:
-        """Return the context menu of the active label."""
         layer = self._workspace.layer
         look = self._workspace.look(layer)
         title = LAYERS[layer].title.lower()

@@ -102,7 +102,6 @@ class Gesture:
         self._key, self._is_drag = object(), True
 
     def end(self) -> None:
-        """End the drag."""
         self._is_drag, self._last = False, 0.0
 
     @property
@@ -137,7 +136,6 @@ class Scale:
         return cls(low, high, "cube" if is_wide else "even", whole)
 
     def value(self, fraction: float) -> float:
-        """Return the value at a fraction."""
         fraction = min(max(fraction, 0.0), 1.0)
         if fraction in (0.0, 1.0):
             return self.high if fraction else self.low

@@ -104,7 +104,6 @@ class CollapsibleGroup(QCollapsible):  # type: ignore[misc] # superqt has no typ
         self.content().show()
 
     def collapse(self, animate: bool = False) -> None:
-        """Hide the content."""
         super().collapse(animate=False)
         self.content().hide()
 
@@ -133,7 +132,6 @@ class ScrollingPanel(QScrollArea):
         self.setWidget(page)
 
     def add(self, *widgets: QWidget) -> None:
-        """Add controls below the others."""
         for widget in widgets:
             self._column.insertWidget(self._column.count() - 1, widget)
 

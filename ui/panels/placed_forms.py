@@ -62,7 +62,6 @@ class FeatureForm(QWidget):
             field.edited.connect(partial(self._apply, name))
 
     def show_selection(self, placed: Placement, selection: Selection) -> None:
-        """Show an existing feature."""
         point = find_point(placed, selection)
         if point is None:
             return
@@ -137,7 +136,6 @@ class RiverForm(QWidget):
         self.north.edited.connect(lambda value, key: self._move(self.east.number, float(value), key))
 
     def show_selection(self, placed: Placement, selection: Selection) -> None:
-        """Show an existing river."""
         river = find_river(placed, selection)
         if river is None:
             return
@@ -207,7 +205,6 @@ class LakeForm(QWidget):
         column(self, self._text)
 
     def show_selection(self, placed: Placement, selection: Selection) -> None:
-        """Show an existing lake."""
         lake = find_lake(placed, selection)
         if lake is None:
             return

@@ -97,7 +97,6 @@ class SelectionPage(QWidget):
         self.refresh()
 
     def refresh(self, *_: object) -> None:
-        """Show the current state of the selection."""
         if self._workspace.selection is None:
             return
         placed, selection = self._link.placed, self._existing_selection()

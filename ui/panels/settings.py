@@ -80,7 +80,6 @@ class SeedRow(QWidget):
             self.previous.setEnabled(len(self._used) > 1)
 
     def clear_used(self) -> None:
-        """Forget the previous seeds."""
         self._used = []
 
     def _finish(self) -> None:

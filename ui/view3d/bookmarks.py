@@ -99,7 +99,6 @@ class BookmarksPanel(Panel):
             self._bookmarks.renew(index, bookmark)
 
     def delete_current(self) -> None:
-        """Delete the selected bookmark."""
         index = self._list.currentRow()
         if index >= 0:
             self._bookmarks.delete(index)

@@ -82,7 +82,6 @@ class ModeBar(QFrame):
         self.adjustSize()
 
     def show_mode(self, mode: str) -> None:
-        """Check the button of a mode."""
         button = self._modes.button(MODES.index(mode))
         if button is not None:
             button.setChecked(True)
@@ -166,11 +165,9 @@ class Placeholder(QFrame):
 
     @property
     def notice(self) -> Notice | None:
-        """The current notice."""
         return self._notice
 
     def show_notice(self, notice: Notice | None) -> None:
-        """Show a notice, or hide for None."""
         if notice == self._notice:
             return
         before, self._notice = self._notice, notice

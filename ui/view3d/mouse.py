@@ -130,12 +130,10 @@ class ViewMouse(QObject):
 
     @property
     def is_dragging(self) -> bool:
-        """Whether a handle is being dragged."""
         return self._drag is not None
 
     @property
     def is_pressed(self) -> bool:
-        """Whether a button is held."""
         return self._start is not None
 
     def eventFilter(self, watched: QObject | None, event: QEvent | None) -> bool:

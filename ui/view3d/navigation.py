@@ -59,15 +59,12 @@ class FlightKeys:
         self._boost = 1.0
 
     def press(self, key: int) -> Fly | None:
-        """Press a key."""
         return self._changed(self._down | {key} if key in FLYING_KEYS else self._down, self._boost)
 
     def release(self, key: int) -> Fly | None:
-        """Release a key."""
         return self._changed(self._down - {key}, self._boost)
 
     def set_boost(self, on: bool) -> Fly | None:
-        """Fly faster or at normal speed."""
         return self._changed(self._down, _BOOST if on else 1.0)
 
     def release_all(self) -> Fly | None:

@@ -186,7 +186,6 @@ class Scene:
         return self._terrain[1]
 
     def marks(self, width: int, height: int) -> Marks:
-        """Return the marks over the picture."""
         link, workspace = self._link, self._workspace
         all_features = "features" in workspace.overlays and workspace.tool == "select"
         inputs = (link.frame, link.placed, link.relief, workspace.selection, self.drag)
@@ -234,7 +233,6 @@ class Scene:
             _draw_text(painter, _REFINING, size.right() - _EDGE - width_px, size.bottom() - _EDGE)
 
     def paint_focus(self, painter: QPainter, size: QRectF) -> None:
-        """Draw the frame of the keyboard focus."""
         painter.setBrush(Qt.BrushStyle.NoBrush)
         painter.setPen(QPen(theme().accent, 2.0))
         painter.drawRect(size.adjusted(1.0, 1.0, -1.0, -1.0))

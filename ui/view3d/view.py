@@ -165,11 +165,9 @@ class View3D(QWidget):
         self._link.send(Look(overview((west, south, east, north), height, aspect=aspect)))
 
     def see_best(self) -> None:
-        """Go to the best viewpoint."""
         self._link.send(Look(None))
 
     def see_selection(self) -> None:
-        """View the selection, or everything without one."""
         area, selection = self._link.area(), self._workspace.selection
         motion = None if area is None else motion_to(self._link.placed, selection, size=area[0][2:])
         if motion is None:

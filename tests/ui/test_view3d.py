@@ -17,8 +17,8 @@ from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.protocol import Fly, GoTo, Look, Pan, Pick, PickResult, Turn, Zoom
 from sketchterrain.ui.menus import ContextMenu
 from sketchterrain.ui.models.workspace import Selection
+from sketchterrain.ui.view3d.camera import overview
 from sketchterrain.ui.view3d.hud import Compass, ModeBar, Placeholder
-from sketchterrain.ui.view3d.navigation import overview
 from sketchterrain.ui.view3d.view import View3D
 
 from . import events

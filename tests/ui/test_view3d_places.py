@@ -7,18 +7,18 @@ from sketchterrain.placement.feature_types import FEATURE
 from sketchterrain.render.camera import Camera
 from sketchterrain.ui.engine.protocol import FrameFacts, Placement, Pose, Relief
 from sketchterrain.ui.models.workspace import Selection
-from sketchterrain.ui.view3d.hud import heading_of
-from sketchterrain.ui.view3d.marks import MarkBuilder
-from sketchterrain.ui.view3d.navigation import overview
-from sketchterrain.ui.view3d.projection import (
+from sketchterrain.ui.view3d.camera import (
     Projection,
     TerrainHeights,
     circle,
     eye_height_text,
     length_text,
+    overview,
     round_length,
     scale_bar,
 )
+from sketchterrain.ui.view3d.hud import heading_of
+from sketchterrain.ui.view3d.marks import MarkBuilder
 
 PLACE = (10.0, 20.0, 640.0, 480.0)
 EYE, TARGET = (1000.0, -500.0, 800.0), (1200.0, 900.0, 100.0)

@@ -14,7 +14,7 @@ from sketchterrain.ui.commands.placed_edits import find_lake, find_point, find_r
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.selection import Handle, handles_of
 from sketchterrain.ui.models.workspace import Selection
-from sketchterrain.ui.view3d.projection import Flags, Floats, Projection, TerrainHeights, circle
+from sketchterrain.ui.view3d.camera import Flags, Floats, Projection, TerrainHeights, circle
 
 _MAX_DOTS = 300
 _MAX_RIVER_SEGMENTS = 200

@@ -20,9 +20,8 @@ from sketchterrain.ui.menus import ContextMenu, add_selection_commands
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.selection import FeatureDrag, Handle, add, handles_of, select_at
 from sketchterrain.ui.models.workspace import Selection, Workspace
+from sketchterrain.ui.view3d.camera import Projection, drag_motion, zoom_motion
 from sketchterrain.ui.view3d.marks import HandleMark, Marks
-from sketchterrain.ui.view3d.navigation import drag_motion, zoom_motion
-from sketchterrain.ui.view3d.projection import Projection
 from sketchterrain.ui.view3d.scene import Scene
 
 Place = tuple[float, float, float]

@@ -14,14 +14,8 @@ from sketchterrain.ui.look.theme import DARK, theme
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.selection import Handle
 from sketchterrain.ui.models.workspace import Selection, Workspace
+from sketchterrain.ui.view3d.camera import Projection, TerrainHeights, eye_height_text, length_text, scale_bar
 from sketchterrain.ui.view3d.marks import Dot, Drag, HandleMark, MarkBuilder, Marks, Segments
-from sketchterrain.ui.view3d.projection import (
-    Projection,
-    TerrainHeights,
-    eye_height_text,
-    length_text,
-    scale_bar,
-)
 
 _RIM: Final = QColor(12, 16, 20, 150)
 _LIGHT: Final = QColor(255, 255, 255, 235)

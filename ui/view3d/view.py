@@ -17,9 +17,9 @@ from sketchterrain.ui.look.theme import looks
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.selection import delete_or_reset
 from sketchterrain.ui.models.workspace import Workspace
+from sketchterrain.ui.view3d.camera import FLYING_KEYS, FlightKeys, motion_to, overview
 from sketchterrain.ui.view3d.hud import Hud
 from sketchterrain.ui.view3d.mouse import ViewMouse
-from sketchterrain.ui.view3d.navigation import FLYING_KEYS, FlightKeys, motion_to, overview
 from sketchterrain.ui.view3d.scene import Scene
 
 _RESIZE_DELAY: Final = 120  # ms

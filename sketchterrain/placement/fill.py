@@ -34,15 +34,20 @@ from sketchterrain.placement.feature_types import (
 from sketchterrain.placement.hashing import hash_keys, hash_unit
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from sketchterrain.document.sketch import Sketch
+    from sketchterrain.placement.density import PaintedDistance
 
+    Box = tuple[float, float, float, float]
 
-_SMALLEST = 0.4  # least radius over largest
+_MIN_RADIUS = 0.4  # of the largest
 _MAX_CROWDING = 0.3  # expected rivals of a candidate within its spacing
 _KM2 = 1e6  # m²
 _MIN_CELL, _MAX_CELL = 16.0, 32768.0  # m
+# Margin of the cached box around the sketch: the extensions of rivers, and features that influence them.
+_CACHED_EXTENTS, _CACHED_RADII = 0.4, 2.0
+_MAX_CACHED = 6000  # candidates
 
 
 @dataclass(frozen=True)
@@ -58,28 +63,28 @@ class CandidateRule:
 
 def candidate_rules(sketch: Sketch) -> dict[str, CandidateRule]:
     """Return a rule for each type whose density is not 0, in order of precedence."""
-    proposals: dict[str, CandidateRule] = {}
-    kept: dict[str, tuple[float, float, float]] = {}  # density (1/m²) and radii of preceding types
+    rules: dict[str, CandidateRule] = {}
+    preceding: dict[str, tuple[float, float, float]] = {}  # density (1/m²) and radii of preceding types
     for name, rule in TYPES.items():
         density = float(sketch.density.get(name, 0.0)) / _KM2
         if density <= 0.0:
             continue
         factor = SPACING.get((name, name), 0.0)
         high = min(rule.fill_radius, rule.fill_extent * sketch.extent)
-        crowding = density * math.pi * _mean_square(factor, (_SMALLEST, 1.0), (_SMALLEST, 1.0))
+        crowding = density * math.pi * _mean_square(factor, (_MIN_RADIUS, 1.0), (_MIN_RADIUS, 1.0))
         high = float(np.float32(min(high, math.sqrt(_MAX_CROWDING / crowding))))
-        low = _SMALLEST * high
+        low = _MIN_RADIUS * high
         # Conflicting candidates are removed (Matérn): propose as many more as will be lost.
         lost = density * math.pi * _mean_square(factor, (low, high), (low, high))
         rate = density * -math.log1p(-lost) / lost
-        for other, (density_of, low_of, high_of) in kept.items():
+        for other, (density_of, low_of, high_of) in preceding.items():
             of_other = _mean_square(SPACING.get((other, name), 0.0), (low_of, high_of), (low, high))
             rate *= math.exp(min(density_of * math.pi * of_other, 1.0))
         cell = 2.0 ** round(math.log2(1.0 / math.sqrt(rate)))
         cell = min(max(cell, _MIN_CELL), _MAX_CELL)
-        proposals[name] = CandidateRule(name, low, high, cell, rate * cell * cell)
-        kept[name] = (rate, low, high)
-    return proposals
+        rules[name] = CandidateRule(name, low, high, cell, rate * cell * cell)
+        preceding[name] = (rate, low, high)
+    return rules
 
 
 def _mean_square(factor: float, one: tuple[float, float], other: tuple[float, float]) -> float:
@@ -93,45 +98,29 @@ def _moments(low: float, high: float) -> tuple[float, float]:
     return (high - low) / span, (high**2 - low**2) / (2.0 * span)
 
 
-_EXTENTS, _RADII = (
-    0.4,
-    2.0,
-)  # margin around the sketch: the extensions of rivers, and features that influence them
-_MAX_CANDIDATES = 6000
-
-
-def cached_bounds(
-    sketch: Sketch, proposals: Sequence[CandidateRule]
-) -> tuple[float, float, float, float] | None:
+def _cached_box(sketch: Sketch, rules: dict[str, CandidateRule]) -> Box | None:
     """Return the box (m) around the sketch whose features are cached; None if too many candidates."""
     east, north = sketch.size
-    wide = _EXTENTS * sketch.extent + _RADII * max((each.high for each in proposals), default=0.0)
-    rate = sum(each.per_cell / (each.cell * each.cell) for each in proposals)
-    if (east + 2.0 * wide) * (north + 2.0 * wide) * rate > _MAX_CANDIDATES:
+    margin = _CACHED_EXTENTS * sketch.extent + _CACHED_RADII * max(
+        (rule.high for rule in rules.values()), default=0.0
+    )
+    rate = sum(rule.per_cell / (rule.cell * rule.cell) for rule in rules.values())
+    if (east + 2.0 * margin) * (north + 2.0 * margin) * rate > _MAX_CACHED:
         return None
-    return -wide, -wide, east + wide, north + wide
-
-
-def distances_to_layers(
-    sketch: Sketch, cache: PlacementCache, fills: tuple[str, ...]
-) -> dict[str, Callable[[Float64Array, Float64Array], Float64Array]]:
-    """Return the distance functions of painted layers that any of these types keeps clear of."""
-    return {
-        layer: cache.painted_distance(sketch, layer)
-        for layer, image in sketch.layers.items()
-        if any((name, layer) in CLEARANCE for name in fills) and image.any()
-    }
+    return -margin, -margin, east + margin, north + margin
 
 
 class PaintedClearance:
     """Painted shapes and features that the fill keeps clear of."""
 
     def __init__(
-        self,
-        painted: StructuredArray,
-        distances: dict[str, Callable[[Float64Array, Float64Array], Float64Array]],
+        self, sketch: Sketch, painted: StructuredArray, names: tuple[str, ...], cache: PlacementCache
     ) -> None:
-        self._distance = distances
+        self._distances = {
+            layer: cache.painted_distance(sketch, layer)
+            for layer, image in sketch.layers.items()
+            if any((name, layer) in CLEARANCE for name in names) and image.any()
+        }
         self._placed = {name: painted[painted["type"] == code] for code, name in enumerate(FEATURE_TYPES)}
 
     def clearance_mask(self, name: str, features: StructuredArray, cache: LRUCache) -> BoolArray:
@@ -139,98 +128,80 @@ class PaintedClearance:
         clear = np.ones(len(features), dtype=np.bool_)
         if len(features) == 0:
             return clear
-        for layer, distance in self._distance.items():
+        for layer, distance in self._distances.items():
             if (name, layer) in CLEARANCE:
-                key = ("clearance", name, layer, IdentityKey(features), IdentityKey(distance))
                 clear &= cache.get_or_compute(
-                    key, partial(_clear, features, distance, CLEARANCE[name, layer])
+                    ("clearance", name, layer, IdentityKey(features), IdentityKey(distance)),
+                    partial(_clear_of_paint, features, distance, CLEARANCE[name, layer]),
                 )
         for other, placed in self._placed.items():
             factor = SPACING.get((other, name), 0.0)
             if factor > 0.0 and len(placed):
-                reach = factor * float(placed["radius"].max() + features["radius"].max())
-                near = ("spacing", name, other, IdentityKey(features), blake2b(placed.tobytes()).digest())
-                made = partial(suppressed_by, features, placed, factor, reach, same=False)
-                clear &= ~cache.get_or_compute(near, made)
+                radius = factor * float(placed["radius"].max() + features["radius"].max())
+                digest = blake2b(placed.tobytes()).digest()
+                clear &= ~cache.get_or_compute(
+                    ("spacing", name, other, IdentityKey(features), digest),
+                    partial(suppressed_by, features, placed, factor, radius, same=False),
+                )
         return clear
 
 
-def _clear(
-    features: StructuredArray, distance: Callable[[Float64Array, Float64Array], Float64Array], factor: float
-) -> BoolArray:
+def _clear_of_paint(features: StructuredArray, distance: PaintedDistance, factor: float) -> BoolArray:
     away = distance(features["x"], features["y"])
     return np.asarray(away > factor * features["radius"].astype(np.float64))
 
 
 def suppressed_by(
-    mine: StructuredArray, rivals: StructuredArray, factor: float, reach: float, *, same: bool
+    own: StructuredArray, rivals: StructuredArray, factor: float, radius: float, *, same: bool
 ) -> BoolArray:
     """Return which features have a rival within `factor` times the sum of radii (if `same`: of lower id).
 
-    Ids of the fill are hashes, so a lower id is an arbitrary priority.
+    No pair is farther apart than `radius` (m). Ids of the fill are hashes, so a lower id is an arbitrary
+    priority.
     """
-    beaten = np.zeros(len(mine), dtype=np.bool_)
-    if len(mine) == 0 or len(rivals) == 0:
-        return beaten
-    centre = np.array([mine["x"][0], mine["y"][0]])
-    at = np.stack([mine["x"], mine["y"]], axis=-1) - centre
+    suppressed = np.zeros(len(own), dtype=np.bool_)
+    if len(own) == 0 or len(rivals) == 0:
+        return suppressed
+    centre = np.array([own["x"][0], own["y"][0]])
+    at = np.stack([own["x"], own["y"]], axis=-1) - centre
     others = np.stack([rivals["x"], rivals["y"]], axis=-1) - centre
     # The tree only proposes pairs, from slightly farther than needed; the decision is made on plain numbers
     # that do not depend on the queried rectangle.
-    pairs = cKDTree(at).sparse_distance_matrix(cKDTree(others), reach * 1.001 + 0.01, output_type="ndarray")
+    pairs = cKDTree(at).sparse_distance_matrix(cKDTree(others), radius * 1.001 + 0.01, output_type="ndarray")
     i, j = pairs["i"], pairs["j"]
-    across, along = mine["x"][i] - rivals["x"][j], mine["y"][i] - rivals["y"][j]
-    radii = mine["radius"][i].astype(np.float64) + rivals["radius"][j].astype(np.float64)
+    across, along = own["x"][i] - rivals["x"][j], own["y"][i] - rivals["y"][j]
+    radii = own["radius"][i].astype(np.float64) + rivals["radius"][j].astype(np.float64)
     near = across * across + along * along < (factor * radii) ** 2
     if same:
-        near &= rivals["id"][j] < mine["id"][i]
-    beaten[i[near]] = True
-    return beaten
+        near &= rivals["id"][j] < own["id"][i]
+    suppressed[i[near]] = True
+    return suppressed
 
 
 class Fill:
     """Features of unpainted terrain: a pure function of position and seed, at the sketch's densities.
 
-    The fill keeps its distance from `painted` features (`place`) and rivers: ``river_distance(x, y)`` returns
-    the distance (m) to the nearest painted river up to at least 2.5 km, by default that of the river layer.
-    No feature exceeds `max_radius` (m), 0 when every density is 0.
+    The fill keeps its distance from painted layers and from `painted` features (`place`). No feature exceeds
+    `max_radius` (m), 0 when every density is 0.
     """
 
-    max_radius: float  # radius (m) that no feature of the fill exceeds; 0 when every density is 0
-
     def __init__(
-        self,
-        sketch: Sketch,
-        painted: StructuredArray,
-        *,
-        seed: int,
-        river_distance: Callable[[Float64Array, Float64Array], Float64Array] | None = None,
-        cache: PlacementCache | None = None,
+        self, sketch: Sketch, painted: StructuredArray, *, seed: int, cache: PlacementCache | None = None
     ) -> None:
+        cache = PlacementCache() if cache is None else cache
         self.sketch = sketch
+        self.painted = painted
         self.seed = seed
         self._rules = candidate_rules(sketch)
-        self.max_radius = max((proposal.high for proposal in self._rules.values()), default=0.0)
-        self.painted = painted
-        cache = PlacementCache() if cache is None else cache
-        distances = distances_to_layers(sketch, cache, tuple(self._rules))
-        self._river_distance = river_distance
-        if river_distance is not None:
-            distances["river"] = river_distance
-        self._painted = PaintedClearance(painted, distances)
-        self._cached_box = cached_bounds(sketch, tuple(self._rules.values()))
+        self.max_radius = max((rule.high for rule in self._rules.values()), default=0.0)
+        self._clearance = PaintedClearance(sketch, painted, tuple(self._rules), cache)
+        self._cached_box = _cached_box(sketch, self._rules)
         self._cached_features: StructuredArray | None = None
         self._cache = cache.candidates
 
     def __reduce__(self) -> tuple[Callable[..., Fill], tuple[object, ...]]:
-        """Pickle the arguments and the features near the sketch."""
-        return _rebuild, (
-            self.sketch,
-            self.painted,
-            self.seed,
-            self._river_distance,
-            self._cached_features,
-        )
+        """Pickle the arguments and the cached features."""
+        return _rebuild, (self.sketch, self.painted, self.seed, self._cached_features)
 
     @property
     def rules(self) -> tuple[object, ...]:
@@ -239,19 +210,14 @@ class Fill:
         size = (self.sketch.extent, self.sketch.width_px, self.sketch.height_px)
         return self.seed, size, tuple(self._rules.values()), tuple(own)
 
-    @property
-    def types(self) -> tuple[str, ...]:
-        """Types that it has features of, in order of precedence."""
-        return tuple(self._rules)
-
     def max_strength(self, name: str, radius: float) -> float:
         """Return an upper bound of the strength of a type's features up to a ground radius (m); 0 if none."""
-        proposal = self._rules.get(name)
-        if proposal is None or radius <= proposal.low:
+        rule = self._rules.get(name)
+        if rule is None or radius <= rule.low:
             return 0.0
         properties = self.sketch.properties(name, 1)
-        most = properties["density"] if name == "forest" else properties["height"]
-        return float(min(most, TYPES[name].fill_slope * min(radius, proposal.high)))
+        strength = properties["density"] if name == "forest" else properties["height"]
+        return float(min(strength, TYPES[name].fill_slope * min(radius, rule.high)))
 
     def influence_radii(self, name: str, radius: float | None = None) -> dict[str, float]:
         """Return the invalidation radius (m) per type around a changed feature (or pixels: no `radius`).
@@ -259,31 +225,22 @@ class Fill:
         `name` is the type of the changed feature or the painted layer. A feature too close is suppressed, and
         then those that it had suppressed may survive.
         """
-        largest = {own: np.array([proposal.high]) for own, proposal in self._rules.items()}
-        ways = {own: self.candidate_influence(own, name, high, radius) for own, high in largest.items()}
-        direct = {own: float(way[0]) for own, way in ways.items() if way is not None}
-        far = dict(direct)
+        direct: dict[str, float] = {}
+        for own, rule in self._rules.items():
+            if radius is not None:
+                factor = SPACING.get((name, own), 0.0)
+                if factor > 0.0:
+                    direct[own] = factor * (radius + rule.high)
+            elif (own, name) in CLEARANCE:
+                # Beyond the sketch's edge a distance may be underestimated by a factor of up to √2.
+                clearance = math.sqrt(2.0) * CLEARANCE[own, name] * rule.high
+                direct[own] = clearance + 2.0 * self.sketch.pixel_size
+        radii = dict(direct)
         for (rival, own), factor in SPACING.items():
-            if rival in direct and own in largest:
-                after = direct[rival] + factor * float(largest[rival][0] + largest[own][0])
-                far[own] = max(far.get(own, 0.0), after)
-        return far
-
-    def candidate_influence(
-        self, own: str, name: str, radii: Float64Array, radius: float | None = None
-    ) -> Float64Array | None:
-        """Return how far (m) candidates of a type and radii (m) depend on `name`; None if they do not."""
-        if radius is not None:
-            factor = SPACING.get((name, own), 0.0)
-            return factor * (radius + radii) if factor > 0.0 else None
-        if (own, name) not in CLEARANCE:
-            return None
-        # Beyond the sketch's edge a distance may be underestimated by a factor of up to √2.
-        return math.sqrt(2.0) * CLEARANCE[own, name] * radii + 2.0 * self.sketch.pixel_size
-
-    def candidates(self, name: str, box: tuple[float, float, float, float]) -> StructuredArray:
-        """Return candidates of a type in a rectangle (west, south, east, north, m), ignoring paint."""
-        return self._proposed(self._rules[name], box)
+            if rival in direct and own in self._rules:
+                indirect = direct[rival] + factor * (self._rules[rival].high + self._rules[own].high)
+                radii[own] = max(radii.get(own, 0.0), indirect)
+        return radii
 
     @property
     def dune_styles(self) -> frozenset[tuple[float, float]]:
@@ -310,75 +267,61 @@ class Fill:
         box = (float(west), float(south), float(east), float(north))
         if not all(math.isfinite(side) for side in box) or east < west or north < south:
             raise InputError(f"expected finite bounds with west <= east and south <= north, got {box}")
-        home = self._cached_box
-        if home is None or box[0] < home[0] or box[1] < home[1] or box[2] > home[2] or box[3] > home[3]:
-            return self._found(box, min_radius)
+        near = self._cached_box
+        if near is None or box[0] < near[0] or box[1] < near[1] or box[2] > near[2] or box[3] > near[3]:
+            return self._compute(box, min_radius)
         if self._cached_features is None:
-            self._cached_features = self._found(home, 0.0)
-        near = self._cached_features
-        inside = (box[0] <= near["x"]) & (near["x"] < box[2]) & (box[1] <= near["y"]) & (near["y"] < box[3])
-        kept: StructuredArray = near[inside & (near["radius"] >= min_radius)]
-        return kept
+            self._cached_features = self._compute(near, 0.0)
+        features = self._cached_features
+        selected: StructuredArray = features[_inside(features, box) & (features["radius"] >= min_radius)]
+        return selected
 
-    def _found(self, box: tuple[float, float, float, float], min_radius: float) -> StructuredArray:
-        asked = [proposal for proposal in self._rules.values() if proposal.high >= min_radius]
-        near = self._candidates_around(box, asked)
+    def _compute(self, box: Box, min_radius: float) -> StructuredArray:
+        rules = [rule for rule in self._rules.values() if rule.high >= min_radius]
+        candidates = self._candidates_around(box, rules)
         parts = [np.zeros(0, dtype=FEATURE)]
-        parts.extend(self._survivors(proposal, near, box, min_radius) for proposal in asked)
+        for rule in rules:
+            own = candidates[rule.name]
+            own = own[_inside(own, box) & (own["radius"] >= min_radius)]
+            survives = np.ones(len(own), dtype=np.bool_)
+            for rival in self._rules.values():
+                factor = SPACING.get((rival.name, rule.name), 0.0)
+                if factor > 0.0 and len(own):
+                    radius = factor * (rival.high + rule.high)
+                    rivals = candidates[rival.name]
+                    survives &= ~suppressed_by(own, rivals, factor, radius, same=rival is rule)
+            parts.append(own[survives])
         found = np.concatenate(parts)
         ordered: StructuredArray = found[np.argsort(found["id"], kind="stable")]
         return ordered
 
-    def _candidates_around(
-        self, box: tuple[float, float, float, float], asked: list[CandidateRule]
-    ) -> dict[str, StructuredArray]:
+    def _candidates_around(self, box: Box, rules: list[CandidateRule]) -> dict[str, StructuredArray]:
         """Return candidates of each type in a rectangle, and around it as far as they may suppress others."""
-        near = {}
+        found = {}
         # Most candidates near the sketch are those of the sketch before.
         cache = self._cache if box is self._cached_box else LRUCache(0)
         for rival in self._rules.values():
-            ways = [SPACING.get((rival.name, own.name), 0.0) * (rival.high + own.high) for own in asked]
-            reach = max(ways, default=0.0)
-            if reach > 0.0 or rival in asked:
-                wide = (box[0] - reach, box[1] - reach, box[2] + reach, box[3] + reach)
-                near[rival.name] = self._candidates(rival, wide, cache)
-        return near
+            distances = [SPACING.get((rival.name, own.name), 0.0) * (rival.high + own.high) for own in rules]
+            margin = max(distances, default=0.0)
+            if margin > 0.0 or rival in rules:
+                wide = (box[0] - margin, box[1] - margin, box[2] + margin, box[3] + margin)
+                proposed = self._propose(rival, wide, cache)
+                found[rival.name] = proposed[self._clearance.clearance_mask(rival.name, proposed, cache)]
+        return found
 
-    def _survivors(
-        self,
-        proposal: CandidateRule,
-        near: dict[str, StructuredArray],
-        box: tuple[float, float, float, float],
-        min_radius: float,
-    ) -> StructuredArray:
-        mine = near[proposal.name]
-        inside = (box[0] <= mine["x"]) & (mine["x"] < box[2]) & (box[1] <= mine["y"]) & (mine["y"] < box[3])
-        mine = mine[inside & (mine["radius"] >= min_radius)]
-        alive = np.ones(len(mine), dtype=np.bool_)
-        for rival in self._rules.values():
-            factor = SPACING.get((rival.name, proposal.name), 0.0)
-            if factor > 0.0 and len(mine):
-                reach = factor * (rival.high + proposal.high)
-                alive &= ~suppressed_by(mine, near[rival.name], factor, reach, same=rival is proposal)
-        return mine[alive]
-
-    def _candidates(
-        self, proposal: CandidateRule, box: tuple[float, float, float, float], cache: LRUCache
-    ) -> StructuredArray:
-        """Return candidates of a type in a rectangle that are clear of paint."""
-        properties = tuple(self.sketch.properties(proposal.name, 1).items())
-        proposed: StructuredArray = cache.get_or_compute(
-            ("proposed", self.seed, proposal, box, properties), lambda: self._proposed(proposal, box)
+    def _propose(self, rule: CandidateRule, box: Box, cache: LRUCache) -> StructuredArray:
+        """Return candidates of a type in a rectangle, ignoring paint."""
+        properties = tuple(self.sketch.properties(rule.name, 1).items())
+        return cache.get_or_compute(
+            ("proposed", self.seed, rule, box, properties), lambda: self._hash_candidates(rule, box)
         )
-        return proposed[self._painted.clearance_mask(proposal.name, proposed, cache)]
 
-    def _proposed(self, proposal: CandidateRule, box: tuple[float, float, float, float]) -> StructuredArray:
-        name, cell, code = proposal.name, proposal.cell, FEATURE_TYPES.index(proposal.name)
-        most = math.ceil(proposal.per_cell)
+    def _hash_candidates(self, rule: CandidateRule, box: Box) -> StructuredArray:
+        name, cell, code = rule.name, rule.cell, FEATURE_TYPES.index(rule.name)
         column = np.arange(math.floor(box[0] / cell), math.floor(box[2] / cell) + 1)[None, :, None]
         row = np.arange(math.floor(box[1] / cell), math.floor(box[3] / cell) + 1)[:, None, None]
-        number = np.arange(most)[None, None, :]
-        count = np.floor(proposal.per_cell + hash_unit(self.seed, f"{name} count", column, row))
+        number = np.arange(math.ceil(rule.per_cell))[None, None, :]
+        count = np.floor(rule.per_cell + hash_unit(self.seed, f"{name} count", column, row))
         rows, columns, numbers = np.nonzero(number < count)
         keys = (column[0, columns, 0], row[rows, 0, 0], numbers)
 
@@ -390,34 +333,35 @@ class Fill:
         result["id"] = FILL_BIT | np.uint64(code << 60) | (hash_keys(self.seed, name, *keys) >> np.uint64(4))
         result["type"], result["x"], result["y"] = code, x[inside], y[inside]
         size = hash_unit(self.seed, f"{name} size", *keys)
-        result["radius"] = proposal.low * (proposal.high / proposal.low) ** size
-        self._set_strength(result, proposal, hash_unit(self.seed, f"{name} strength", *keys))
+        result["radius"] = rule.low * (rule.high / rule.low) ** size
+        self._set_strength(result, rule, hash_unit(self.seed, f"{name} strength", *keys))
         return result
 
-    def _set_strength(self, features: StructuredArray, proposal: CandidateRule, chance: Float64Array) -> None:
+    def _set_strength(self, features: StructuredArray, rule: CandidateRule, chance: Float64Array) -> None:
         """Set strength and style from the properties of the layer's label 1, lower where it is smaller."""
-        properties = self.sketch.properties(proposal.name, 1)
+        properties = self.sketch.properties(rule.name, 1)
         radius = features["radius"].astype(np.float64)
-        if proposal.name == "forest":
+        if rule.name == "forest":
             strength = properties["density"] * (0.7 + 0.3 * chance)
         else:
-            strength = properties["height"] * (radius / proposal.high) ** 0.8 * (0.8 + 0.2 * chance)
+            strength = properties["height"] * (radius / rule.high) ** 0.8 * (0.8 + 0.2 * chance)
         # A crest shortens the flanks.
-        clear = 1.0 - np.hypot(*crest_offsets(features).T)
-        features["strength"] = np.minimum(strength, TYPES[proposal.name].fill_slope * radius) * clear
+        flank = 1.0 - np.hypot(*crest_offsets(features).T)
+        features["strength"] = np.minimum(strength, TYPES[rule.name].fill_slope * radius) * flank
         for key in STYLE:
             features[key] = properties.get(key, 0.0)
-        if proposal.name == "forest":
+        if rule.name == "forest":
             features["peakiness"] = conifer_code(float(properties["conifers"]))
 
 
+def _inside(features: StructuredArray, box: Box) -> BoolArray:
+    x, y = features["x"], features["y"]
+    return np.asarray((box[0] <= x) & (x < box[2]) & (box[1] <= y) & (y < box[3]))
+
+
 def _rebuild(
-    sketch: Sketch,
-    painted: StructuredArray,
-    seed: int,
-    river_distance: Callable[[Float64Array, Float64Array], Float64Array] | None,
-    cached_features: StructuredArray | None,
+    sketch: Sketch, painted: StructuredArray, seed: int, cached_features: StructuredArray | None
 ) -> Fill:
-    fill = Fill(sketch, painted, seed=seed, river_distance=river_distance)
+    fill = Fill(sketch, painted, seed=seed)
     fill._cached_features = cached_features
     return fill

@@ -69,11 +69,6 @@ def test_the_fill_keeps_clear_of_painted_shapes_and_rivers():
             of_type = found["type"] == code
             assert np.all(distance[of_type] > CLEARANCE[name, layer] * found["radius"][of_type])
 
-    sketch = Sketch(density={"hill": 2.0})
-    shy = Fill(sketch, place(sketch, seed=1), seed=1, river_distance=lambda x, _: np.abs(x - 9000.0))
-    found = shy.within(0, 0, 20_000, 20_000)
-    assert np.all(np.abs(found["x"] - 9000.0) > 0.9 * found["radius"])
-
 
 def test_small_features_can_be_left_out_and_no_density_gives_none():
     sketch = Sketch()

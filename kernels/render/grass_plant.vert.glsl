@@ -1,6 +1,6 @@
 #version 430 core
-// What grows at a strewn place, found out once a plant and captured (render/grass.py): the draw has many vertices a
-// plant. A plant that is not there has no height.
+// Plant at a scattered point, captured by transform feedback (render/grass.py) as a plant has many vertices; its height
+// is 0 where none grows.
 //   KIND 0 tufts of a meadow, 1 tall grass in ear, 2 flowers, 3 ferns
 #include "render/frame.glsl"
 #include "render/shade.glsl"
@@ -16,42 +16,42 @@
 #define FERN 3
 
 in vec2 corner; // of the cell, relative to the eye, m
-in uvec2 seed;  // the cell's hash, the place's rank
+in uvec2 seed;  // the cell's hash, the point's rank
 
-uniform vec4 strewing; // places a cell, m up to which all are shown, m of the last, m a cell's side
-uniform float spread;  // m² a place, over what there are at the best quality: blades are so much wider
+uniform vec4 scatter_layer; // points a cell, distance of full density, draw distance, cell size (m)
+uniform float spread;  // area of a point relative to the best quality: blades are wider by it
 uniform sampler2DArray material_colour;
 uniform sampler2D scene;       // the bare ground in the picture
 uniform sampler2D scene_depth;
 uniform vec2 wind;   // where it blows to, m/s, east and north
 uniform float clock; // s
 
-out vec4 stand;  // xyz: foot relative to the eye, m; w: height, m
-out vec4 turn;   // xy: cosine and sine of its rotation; z: half the width of a blade, m; w: how far away, 0 near … 1 at the reach
+out vec4 foot_height;  // xyz: foot relative to the eye, m; w: height, m
+out vec4 turn;   // xy: cosine and sine of its rotation; z: half the width of a blade, m; w: distance over the draw distance
 out vec4 albedo; // rgb; w: bend by the wind to the east, heights
-out vec4 ground; // xyz: normal; w: share of the sun
+out vec4 ground; // xyz: normal; w: sun visibility
 out vec4 sky;    // rgb: irradiance of the sky; w: bend to the north
-out vec4 under;  // rgb: radiance of the ground that is seen at its foot; w: 1 where that is in the picture
-out vec4 veil;   // rgb: light that the air adds; w: share that comes through
+out vec4 under;  // rgb: radiance of the ground at its foot; w: 1 if that is in the picture
+out vec4 veil;   // rgb: in-scattered light; w: transmittance of the air
 
 const float BLADE = 0.0026;     // m, half the width of a blade
 const float FLOWER_PART = 0.0030; // m, the same of flowers' parts
-const float LEAST = 0.42;       // px, half the width that a blade is drawn with at least
-const float LEAST_PART = 0.13;  // px, the same of flowers: a head is four and more of these wide
-const float LIVELY = 1.35;      // brightness of a blade that is seen over the ground's texture, which has the gaps in it
-const float SAME = 0.03;        // of its distance, within which what is seen at a foot is the ground there
+const float LEAST = 0.42;       // px, smallest half width of a blade
+const float LEAST_PART = 0.13;  // px, the same of flowers, whose heads are several times as wide
+const float LIVELY = 1.35;      // brightness of a blade over the ground's texture, which includes the gaps
+const float SAME = 0.03;        // relative distance within which the picture at a foot is the ground there
 const float DRY = 0.45, VERY_DRY = 0.75; // aridity, see the sketch's [climate]
 const vec3 HAY = vec3(0.380, 0.268, 0.125); // albedo of dry bunches
-const float SUN_WARMTH = 0.5;   // of the height, by which a plant's shade is asked above its foot
+const float SUN_WARMTH = 0.5;   // of the height, where shadow maps are sampled
 
-// Of the ground's texture, so that tufts have the hue of the ground about them.
+// Mean of the ground's texture, so that tufts match the ground around them.
 vec3 meadow_albedo(vec4 wide, vec4 middle, vec4 small)
 {
     vec3 mean = textureLod(material_colour, vec3(0.5, 0.5, float(GRASS)), 20.0).rgb;
     return mean * mean * variety(GRASS, wide, middle, small);
 }
 
-// Of the kinds of flowers that stand in patches.
+// Of the kinds of flowers that foot_height in patches.
 vec3 petal_colour(float number)
 {
     return number < 0.30 ? vec3(0.70, 0.70, 0.66) : number < 0.55 ? vec3(0.74, 0.54, 0.04)
@@ -60,13 +60,13 @@ vec3 petal_colour(float number)
 
 void main()
 {
-    float room = strewing.x, full = strewing.y, reach = strewing.z;
-    uint h = place_hash(seed.x, seed.y);
-    vec2 place = corner + strewing.w * strewn(seed.x, seed.y);
+    float capacity = scatter_layer.x, full = scatter_layer.y, draw_distance = scatter_layer.z;
+    uint h = point_hash(seed.x, seed.y);
+    vec2 place = corner + scatter_layer.w * scatter_position(seed.x, seed.y);
     vec4 drawn = drawn_surface(place);
     vec3 foot = vec3(place, drawn.z);
     float away = length(foot);
-    float up = drawn.w > 0.0 ? presence(seed.y, room, away, full, reach) : 0.0;
+    float up = drawn.w > 0.0 ? presence(seed.y, capacity, away, full, draw_distance) : 0.0;
 
     vec4 low = drawn_weights_low(place), high = drawn_weights_high(place);
     vec2 world = place + eye.xy;
@@ -75,7 +75,7 @@ void main()
     vec4 small = textureLod(noise_field, world / 64.0 + 0.71, 0.0);
     vec4 fine = textureLod(noise_field, world / 17.0 + 0.13, 0.0);
 
-    float a = draw_of(scrambled(h + 3u)), b = draw_of(scrambled(h + 4u)), c = draw_of(scrambled(h + 5u));
+    float a = unit_float(hash32(h + 3u)), b = unit_float(hash32(h + 4u)), c = unit_float(hash32(h + 5u));
     float fray = 2.0 * (middle.x * 0.45 + small.x * 0.4) * low.x * (1.0 - low.x);
     float meadow = smoothstep(0.34, 0.62, low.x + fray);
     float wood = smoothstep(0.35, 0.8, high.w);
@@ -90,7 +90,7 @@ void main()
     chance = meadow * (0.05 + 0.95 * smoothstep(0.15, 0.62, 0.6 * small.w + 0.55 * fine.y + 0.35 * middle.x));
     tall = mix(0.38, 0.70, lush) * (0.7 + 0.5 * a);
     colour = mix(colour, colour * vec3(1.18, 1.04, 0.95), b);
-    // In dry lands single bunches stand on sand and soil.
+    // In dry lands single bunches foot_height on sand and soil.
     float bunch = smoothstep(DRY, VERY_DRY, trees.y) * (high.x + low.y) * 0.09 * smoothstep(-0.2, 0.7, 0.6 * small.w + 0.5 * fine.y);
     colour = bunch > chance ? HAY * mix(0.75, 1.2, b) : colour;
     tall = bunch > chance ? mix(0.22, 0.45, a) : tall;
@@ -107,10 +107,10 @@ void main()
     tall = mix(0.30, 0.62, lush) * (0.7 + 0.6 * a);
     colour = vec3(0.050, 0.096, 0.024) * mix(vec3(0.8, 0.95, 1.0), vec3(1.35, 1.12, 0.8), b);
 #endif
-    up *= step(draw_of(scrambled(h + 6u)), chance * 0.999);
+    up *= step(unit_float(hash32(h + 6u)), chance * 0.999);
     tall *= sqrt(up);
 
-    // Beside the picture nothing is drawn; blades lean and roots may lie below its edge.
+    // Frustum culling, with a margin for leaning blades and roots below the edge.
     vec4 clip = to_clip * vec4(foot + vec3(0.0, 0.0, 0.5 * tall), 1.0);
     float soft = clip.w + 1.5 * tall + 0.2;
     if (clip.w < -tall || abs(clip.x) > soft * 1.3 || abs(clip.y) > soft * 1.3) up = 0.0;
@@ -118,8 +118,8 @@ void main()
     float angle = 6.2831853 * c;
     float wider = max(away / full, 1.0);
     float grown = min(up, 1.0);
-    stand = vec4(foot - vec3(0.0, 0.0, 0.02 * tall), up > 0.0 ? tall : 0.0);
-    turn = vec4(cos(angle), sin(angle), max(half_width * wider * spread, least * trees.z * away) * grown, away / reach);
+    foot_height = vec4(foot - vec3(0.0, 0.0, 0.02 * tall), up > 0.0 ? tall : 0.0);
+    turn = vec4(cos(angle), sin(angle), max(half_width * wider * spread, least * trees.z * away) * grown, away / draw_distance);
 
     float speed = length(wind);
     vec2 along = speed > 0.0 ? wind / speed : vec2(0.0);
@@ -138,7 +138,7 @@ void main()
     sky = vec4(sky_irradiance(normal) * light.g, bend.y);
     vec3 added = through_air(vec3(0.0), foot);
     veil = vec4(added, through_air(vec3(1.0), foot).g - added.g);
-    // Far away the ground itself says what a plant looks like: nothing shows where the plants end.
+    // Distant plants take on the ground's radiance, so that their border is invisible.
     vec4 at_foot = to_clip * vec4(foot, 1.0);
     vec3 on_screen = at_foot.xyz / max(at_foot.w, 1e-3) * 0.5 + 0.5;
     bool inside = at_foot.w > 0.0 && all(greaterThan(on_screen.xy, vec2(0.0))) && all(lessThan(on_screen.xy, vec2(1.0)));

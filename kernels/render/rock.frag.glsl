@@ -1,5 +1,5 @@
 #version 430 core
-// A stone, textured from three sides in its own frame with the ground's rock, dark where it meets the ground.
+// A stone with triplanar rock texture in its own frame, darkened where it meets the ground.
 #include "render/frame.glsl"
 #include "render/surface.glsl"
 #include "render/triplanar.glsl"
@@ -18,9 +18,9 @@ in vec3 mean_albedo;
 out vec4 radiance;
 
 const float TEXTURE = 1.7;       // m, width of the texture on a stone
-const float SPAN = 0.55;         // radii over which the ground's shade ends
+const float SPAN = 0.55;         // radii over which the ground's occlusion ends
 const float DEEP = 0.30;         // light left where stone meets ground
-const float FACETS = 0.5;        // how flat the mesh's triangles look where a stone is not worn
+const float FACETS = 0.5;        // flat shading of unworn stones
 #define ROCK 2
 
 void main()

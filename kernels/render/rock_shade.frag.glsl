@@ -1,18 +1,18 @@
 #version 430 core
-// What a ball half as wide as it is long leaves of the light on the ground about it; multiplied into the picture.
+// Light that a spherical occluder leaves on the ground around it; multiplied into the picture.
 #include "render/frame.glsl"
 
 in vec3 from_middle; // radii
 in vec4 share;
 out vec4 left;
 
-const float BALL = 0.72; // radii of a stone, of the ball that stands for it
+const float BALL = 0.72; // radius of the occluder, radii of the stone
 
 void main()
 {
     float away = length(from_middle);
     vec3 to_stone = -from_middle / max(away, 1e-3);
-    // Sky that a ball hides from a plane (Quilez 2006), and the sun as far as its ray passes near the middle.
+    // Sky occluded by a sphere (Quilez 2006), and the sun by the distance of its ray from the centre.
     float hidden = max(dot(share.xyz, to_stone) + 0.35, 0.0) * BALL * BALL / max(away * away, BALL * BALL);
     float along = dot(-from_middle, to_sun.xyz);
     float beside = length(-from_middle - along * to_sun.xyz);

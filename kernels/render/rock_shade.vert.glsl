@@ -1,17 +1,17 @@
 #version 430 core
-// The patch of ground that a stone darkens: a square in the ground's plane, from under the stone away from the sun.
+// Contact shadow of a stone: a square in the ground's plane, from under the stone away from the sun.
 #include "render/frame.glsl"
 
-in vec4 stand; // of the stone, captured from rock_place.vert.glsl
+in vec4 centre_radius; // of the stone, captured from rock_place.vert.glsl
 in vec4 ground;
 in vec4 kind;
 
-out vec3 from_middle; // of the ground's point from the stone's middle, radii
-out vec4 share;       // xyz: the ground's normal; w: share of its light that is the sun's
+out vec3 from_middle; // of the ground's point from the stone's centre, radii
+out vec4 share;       // xyz: the ground's normal; w: share of direct sun in its irradiance
 
-const float ROUND = 1.9;  // radii about the stone that lose sky
-const float LONGEST = 4.0; // radii, of its shadow
-const float NEARER = 0.012; // of its distance that the patch is drawn nearer, so that it lies on uneven ground
+const float ROUND = 1.9;  // radii with occluded sky
+const float LONGEST = 4.0; // of its shadow, radii
+const float NEARER = 0.012; // relative depth offset, for uneven ground
 
 void main()
 {
@@ -23,10 +23,10 @@ void main()
     vec3 across = cross(n, away);
     float longest = min(length(flat_sun) / max(sine, 0.05), LONGEST);
     float ahead = at.x > 0.0 ? ROUND + longest : ROUND;
-    vec3 on_plane = away * (at.x * ahead) + across * (at.y * ROUND) - n * (ground.w / max(stand.w, 1e-4));
+    vec3 on_plane = away * (at.x * ahead) + across * (at.y * ROUND) - n * (ground.w / max(centre_radius.w, 1e-4));
     from_middle = on_plane;
     vec3 sun = sun_light.rgb * sine * kind.y, sky = sky_irradiance(n) * kind.z;
     share = vec4(n, dot(sun, vec3(1.0)) / max(dot(sun + sky, vec3(1.0)), 1e-6));
-    vec3 position = stand.xyz + on_plane * stand.w;
+    vec3 position = centre_radius.xyz + on_plane * centre_radius.w;
     gl_Position = to_clip * vec4(position * (1.0 - NEARER), 1.0);
 }

@@ -1,4 +1,8 @@
-"""Grass and flowers."""
+"""Grass, flowers and ferns near the eye: meshes from a few rules and a fixed seed, scattered instances.
+
+A mesh has its foot at the origin and is about one high; blades are strips about a middle line, and their
+width is scaled when they are drawn.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +12,7 @@ import moderngl
 import numpy as np
 
 from sketchterrain.render.programs import build_program, build_transform
-from sketchterrain.render.scatter import Mesh, Nearby, Strewing, Strewn
+from sketchterrain.render.scatter import Mesh, ScatteredInstances, ScatterLayer, VisiblePoints
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,15 +28,14 @@ KINDS: Final = ("meadow", "tall", "flower", "fern")
 DETAILS: Final = 3
 """Levels of detail, 0 the finest."""
 LEAF, PETAL, STALK = 0.0, 1.0, 2.0
-"""What a vertex is painted as: kernels/render/grass.vert.glsl."""
+"""Paint of a vertex: kernels/render/grass.vert.glsl."""
 
-VERTEX: Final = np.dtype([("place", "<f4", 3), ("side", "<f4", 3), ("manner", "<f4", 3)])
-"""Place on a blade's middle line (heights); what a half width moves it by; share of the way up it, the
-blade's own number 0..1, what it is painted as."""
+VERTEX: Final = np.dtype([("local_position", "<f4", 3), ("side", "<f4", 3), ("blade", "<f4", 3)])
+"""Vertex attributes of grass.vert.glsl."""
 
 
 class _Blade(NamedTuple):
-    """One strip: where it starts and leans to, how it narrows, and what it is."""
+    """One strip: base, lean, taper and paint."""
 
     base: Float64Array  # (2,) heights
     lean: Float64Array  # (2,) heights that its tip is off its base
@@ -46,15 +49,7 @@ class _Blade(NamedTuple):
 
 
 def tuft_mesh(kind: str, detail: int) -> Mesh:
-    """Make a plant of the ground.
-
-    Parameters
-    ----------
-    kind
-        One of `KINDS`.
-    detail
-        0 for one at one's feet … ``DETAILS - 1`` for one of a few pixels.
-    """
+    """Return the mesh of one of `KINDS`; `detail` 0 is the finest."""
     rng = np.random.default_rng([7, KINDS.index(kind)])
     steps = ((0.0, 0.36, 0.7, 1.0), (0.0, 0.55, 1.0), (0.0, 1.0))[detail]
     if kind == "meadow":
@@ -71,19 +66,19 @@ def tuft_mesh(kind: str, detail: int) -> Mesh:
 
 
 def _tuft(rng: np.random.Generator, *, count: int, spread: float = 0.55, lean: float = 0.75) -> list[_Blade]:
-    """Blades that lean outwards the more the farther out they stand; the first ones are spread round."""
+    """Return blades that lean more the farther out they are; the first ones are spread around."""
     around = 2.0 * np.pi * (np.arange(count) * 0.618 + rng.uniform(-0.1, 0.1, count))
     out = spread * np.sqrt((np.arange(count) + 0.5) / count)
     blades = []
     for angle, away in zip(around, out, strict=True):
         base = away * np.array([np.cos(angle), np.sin(angle)])
-        way = angle + rng.normal(0.0, 0.7)
+        direction = angle + rng.normal(0.0, 0.7)
         reach = lean * rng.uniform(0.35, 1.25)
         tall = rng.uniform(0.55, 1.0)
         blades.append(
             _Blade(
                 base,
-                reach * tall * np.array([np.cos(way), np.sin(way)]),
+                reach * tall * np.array([np.cos(direction), np.sin(direction)]),
                 tall * (1.0 - 0.25 * min(reach, 1.0)),
                 rng.normal(0.0, 0.5),
                 rng.uniform(0.75, 1.25),
@@ -94,27 +89,29 @@ def _tuft(rng: np.random.Generator, *, count: int, spread: float = 0.55, lean: f
 
 
 def _low_leaves(rng: np.random.Generator, *, count: int) -> list[_Blade]:
-    """Broad leaves that lie over the ground and close the gaps of a tuft."""
+    """Return broad leaves close to the ground that close the gaps of a tuft."""
     leaves = []
     for angle in 2.0 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count:
-        way = np.array([np.cos(angle), np.sin(angle)])
-        base = rng.uniform(0.05, 0.5) * way[::-1]
+        direction = np.array([np.cos(angle), np.sin(angle)])
+        base = rng.uniform(0.05, 0.5) * direction[::-1]
         width, tone = rng.uniform(1.5, 2.3), rng.uniform(0.2, 1.0)
         leaves.append(
-            _Blade(base, rng.uniform(0.35, 0.7) * way, rng.uniform(0.18, 0.4), 0.0, width, tone, LEAF, 2.0)
+            _Blade(
+                base, rng.uniform(0.35, 0.7) * direction, rng.uniform(0.18, 0.4), 0.0, width, tone, LEAF, 2.0
+            )
         )
     return leaves
 
 
 def _fewer(blades: list[_Blade], detail: int) -> list[_Blade]:
-    """In the coarsest detail each third blade stands for three."""
+    """Replace three blades by one of their width in the coarsest detail."""
     if detail < DETAILS - 1:
         return blades
     return [blade._replace(width=3.0 * blade.width) for blade in blades[::3]]
 
 
 def _ears(rng: np.random.Generator, *, count: int) -> list[_Blade]:
-    """Stalks with an ear each."""
+    """Return stalks with an ear each."""
     strips = []
     for _ in range(count):
         base, lean = rng.normal(0.0, 0.08, 2), rng.normal(0.0, 0.14, 2)
@@ -128,45 +125,45 @@ def _ears(rng: np.random.Generator, *, count: int) -> list[_Blade]:
 
 
 class _Strip(NamedTuple):
-    place: Float64Array  # (n, 3)
+    position: Float64Array  # (n, 3)
     side: Float64Array  # (n, 3)
-    manner: Float64Array  # (n, 3)
+    params: Float64Array  # (n, 3)
     triangles: npt.NDArray[np.int64]  # (m, 3)
 
 
 def _strip(blade: _Blade, steps: tuple[float, ...]) -> _Strip:
-    """Lay a blade: two vertices a step, one at its tip; however few steps there are, it is as large."""
+    """Triangulate a blade: two vertices a step, one at its tip; its area does not depend on their number."""
     t = np.array(steps)
     bow = 0.2 + 0.3 * min(float(np.hypot(*blade.lean)), 1.0)
-    place = np.column_stack(
+    position = np.column_stack(
         [blade.base + np.outer(t**1.8, blade.lean), blade.low + blade.tall * (t - bow * t**3) / (1.0 - bow)]
     )
     across = np.arctan2(blade.lean[1], blade.lean[0]) + np.pi / 2 + blade.twist
     edge = np.array([np.cos(across), np.sin(across), 0.0])
     fine = np.linspace(0.0, 1.0, 65)
     width = _width(blade, t) * (np.trapezoid(_width(blade, fine), fine) / np.trapezoid(_width(blade, t), t))
-    many = len(t)
-    rows = np.repeat(np.arange(many), 2)[:-1]
+    count = len(t)
+    rows = np.repeat(np.arange(count), 2)[:-1]
     sign = np.where(np.arange(len(rows)) % 2 == 0, -1.0, 1.0)
     side = edge * (sign * width[rows])[:, None]
-    manner = np.column_stack([t[rows], np.full(len(rows), blade.tone), np.full(len(rows), blade.paint)])
+    params = np.column_stack([t[rows], np.full(len(rows), blade.tone), np.full(len(rows), blade.paint)])
     first = np.arange(0, len(rows) - 3, 2)
     quads = np.concatenate(
         [np.column_stack([first, first + 1, first + 3]), np.column_stack([first, first + 3, first + 2])]
     )
     tip = len(rows) - 1
     triangles = np.concatenate([quads, [[tip - 2, tip - 1, tip]]])
-    return _Strip(place[rows], side, manner, triangles)
+    return _Strip(position[rows], side, params, triangles)
 
 
 def _width(blade: _Blade, t: Float64Array) -> Float64Array:
-    """Return how wide a blade is at shares of its way up (half widths), leaves widest over their foot."""
+    """Return a blade's width (half widths) at shares of its way up; leaves are widest above their foot."""
     full = 0.7 + 0.6 * np.minimum(t / 0.3, 1.0) if blade.narrow > 1.0 else 1.0
     return np.asarray(blade.width * (1.0 - t**blade.narrow) * full)
 
 
 def _flower(rng: np.random.Generator, steps: tuple[float, ...], *, petals: int) -> list[_Strip]:
-    """Make some stems, each with a head of petals that looks up, and a few leaves at the foot."""
+    """Return stems, each with a head of petals that faces up, and a few leaves at the foot."""
     strips = [_strip(blade, steps) for blade in _tuft(rng, count=4, spread=0.15, lean=0.4)]
     for k in range(3):
         base, lean = rng.normal(0.0, 0.22, 2), rng.normal(0.0, 0.10, 2)
@@ -179,7 +176,7 @@ def _flower(rng: np.random.Generator, steps: tuple[float, ...], *, petals: int) 
 
 
 def _head(top: Float64Array, up: Float64Array, petals: int, tone: float) -> _Strip:
-    """Make a shallow cone of petals about a middle; its size goes with the half width."""
+    """Return a shallow cone of petals whose size scales with the half width."""
     up = up / np.linalg.norm(up)
     first = np.cross(up, [0.0, 1.0, 0.0])
     first /= np.linalg.norm(first)
@@ -189,14 +186,14 @@ def _head(top: Float64Array, up: Float64Array, petals: int, tone: float) -> _Str
     rim = out[:, None] * (np.outer(np.cos(angle), first) + np.outer(np.sin(angle), second) + 0.25 * up)
     side = np.concatenate([[[0.0, 0.0, 0.0]], rim])
     along = np.concatenate([[0.0], np.where(np.arange(2 * petals) % 2 == 0, 1.0, 0.55)])
-    manner = np.column_stack([along, np.full(len(along), tone), np.full(len(along), PETAL)])
+    params = np.column_stack([along, np.full(len(along), tone), np.full(len(along), PETAL)])
     k = np.arange(2 * petals)
     triangles = np.column_stack([np.zeros_like(k), 1 + k, 1 + (k + 1) % (2 * petals)])
-    return _Strip(np.tile(top, (len(side), 1)), side, manner, triangles)
+    return _Strip(np.tile(top, (len(side), 1)), side, params, triangles)
 
 
 def _fern(rng: np.random.Generator, *, fronds: int, leaflets: int) -> list[_Strip]:
-    """Fronds that arch outwards, each of leaflets in pairs that shorten towards its tip."""
+    """Return arching fronds of paired leaflets that shorten towards the tip."""
     strips = []
     for k in range(fronds):
         angle = 2.0 * np.pi * (k + rng.uniform(-0.25, 0.25)) / fronds
@@ -206,9 +203,9 @@ def _fern(rng: np.random.Generator, *, fronds: int, leaflets: int) -> list[_Stri
         if not leaflets:
             t = np.array([0.0, 0.5, 0.5, 1.0])
             sign = np.array([0.0, -1.0, 1.0, 0.0])
-            place = _arch(t, out, reach, tall) + np.outer(0.4 * sign, across)
-            manner = np.column_stack([t, np.full(4, tone), np.zeros(4)])
-            strips.append(_Strip(place, np.zeros((4, 3)), manner, np.array([[0, 1, 2], [1, 3, 2]])))
+            position = _arch(t, out, reach, tall) + np.outer(0.4 * sign, across)
+            params = np.column_stack([t, np.full(4, tone), np.zeros(4)])
+            strips.append(_Strip(position, np.zeros((4, 3)), params, np.array([[0, 1, 2], [1, 3, 2]])))
             continue
         t = np.asarray((np.arange(leaflets) + 0.8) / (leaflets + 0.3), np.float64)
         length = 0.34 * np.sin(np.pi * np.clip(0.12 + 0.86 * t, 0.0, 1.0)) + 0.02
@@ -218,92 +215,65 @@ def _fern(rng: np.random.Generator, *, fronds: int, leaflets: int) -> list[_Stri
             end = _arch(t + step, out, reach, tall)
             tip = _arch(t + 0.9 * step, out, reach, tall) + (left * length)[:, None] * across
             tip[:, 2] -= 0.25 * length
-            place = np.stack([root, end, tip], axis=1).reshape(-1, 3)
+            position = np.stack([root, end, tip], axis=1).reshape(-1, 3)
             along = np.stack([0.75 * t, 0.75 * t, t * 0.75 + 0.25], axis=1).ravel()
-            manner = np.column_stack([along, np.full(len(along), tone), np.zeros(len(along))])
-            triangles = np.arange(len(place)).reshape(-1, 3)
-            strips.append(_Strip(place, np.zeros_like(place), manner, triangles))
+            params = np.column_stack([along, np.full(len(along), tone), np.zeros(len(along))])
+            triangles = np.arange(len(position)).reshape(-1, 3)
+            strips.append(_Strip(position, np.zeros_like(position), params, triangles))
     return strips
 
 
 def _arch(t: Float64Array, out: Float64Array, reach: float, tall: float) -> Float64Array:
-    """Points of a frond's middle line."""
+    """Return points of a frond's middle line."""
     up = tall * np.sin(0.62 * np.pi * t) * (1.0 - 0.25 * t)
     return np.asarray(np.outer(reach * t, out) + np.outer(up, [0.0, 0.0, 1.0]))
 
 
 def _joined(strips: list[_Strip]) -> Mesh:
-    starts = np.cumsum([0] + [len(strip.place) for strip in strips])
+    starts = np.cumsum([0] + [len(strip.position) for strip in strips])
     vertices = np.empty(starts[-1], VERTEX)
     for start, strip in zip(starts, strips, strict=False):
-        part = vertices[start : start + len(strip.place)]
-        part["place"], part["side"], part["manner"] = strip.place, strip.side, strip.manner
+        part = vertices[start : start + len(strip.position)]
+        part["local_position"], part["side"], part["blade"] = strip.position, strip.side, strip.params
     triangles = [strip.triangles + start for start, strip in zip(starts, strips, strict=False)]
     return Mesh(vertices, np.concatenate(triangles).astype(np.uint32))
 
 
-STREWN: Final = {
-    "meadow": Strewing(salt=101, density=85.0, full=4.2, reach=110.0, cell=3.0, details=(4.5, 18.0)),
-    "tall": Strewing(salt=202, density=7.0, full=12.0, reach=80.0, cell=6.0, details=(6.0, 22.0)),
-    "flower": Strewing(salt=303, density=3.0, full=18.0, reach=80.0, cell=6.0, details=(5.0, 14.0)),
-    "fern": Strewing(salt=404, density=1.6, full=22.0, reach=100.0, cell=8.0, details=(8.0, 26.0)),
+LAYERS: Final = {
+    "meadow": ScatterLayer(101, 85.0, 4.2, 110.0, 3.0, (4.5, 18.0)),
+    "tall": ScatterLayer(202, 7.0, 12.0, 80.0, 6.0, (6.0, 22.0)),
+    "flower": ScatterLayer(303, 3.0, 18.0, 80.0, 6.0, (5.0, 14.0)),
+    "fern": ScatterLayer(404, 1.6, 22.0, 100.0, 8.0, (8.0, 26.0)),
 }
 """At the best quality."""
-FOUND: Final = ("stand", "turn", "albedo", "ground", "sky", "under", "veil")
-"""What grass_plant.vert.glsl says of a plant."""
+CAPTURED: Final = ("foot_height", "turn", "albedo", "ground", "sky", "under", "veil")
+"""Outputs of grass_plant.vert.glsl."""
 
 
 class Grass:
-    """What grows on the ground around an eye, as far as it is not a tree.
-
-    Parameters
-    ----------
-    context
-        Where it is drawn.
-    quality
-        How far and how densely.
-    defines
-        Macros of the shading, see `Shading.defines`.
-
-    Attributes
-    ----------
-    triangles : int
-        Of the last picture.
-    plants : int
-        Places that it asked for; where something else covers the ground they stay empty.
-    """
+    """Ground plants around an eye; counts triangles and candidate points (`plants`) of the last frame."""
 
     def __init__(self, context: moderngl.Context, *, quality: Quality, defines: Mapping[str, int]) -> None:
         self.triangles = self.plants = 0
         self._kinds = (
-            [_Kind(context, kind, quality=quality, defines=defines) for kind in KINDS]
+            [_GrassKind(context, kind, quality=quality, defines=defines) for kind in KINDS]
             if quality.grass_distance > 0.0 and quality.includes("grass")
             else []
         )
 
     def draw(self, camera: Camera, aspect: float, uniforms: Mapping[str, object], *, above: float) -> None:
-        """Draw what a camera sees.
+        """Draw for a camera, an aspect ratio and a height of the eye above ground (m).
 
-        Parameters
-        ----------
-        camera
-            From where.
-        aspect
-            Width of the picture over its height.
-        uniforms
-            Of all passes: textures, `clock`, `wind`, and the map of the drawn ground.
-        above
-            m of the eye over the ground.
+        `uniforms` are those of all passes: textures, `clock`, `wind`, and the map of the displayed ground.
         """
-        self.triangles = self.plants = 0
         for kind in self._kinds:
             kind.draw(camera, aspect, uniforms, above)
-            self.triangles += kind.triangles
-            self.plants += kind.plants
+        self.triangles = sum(kind.triangles for kind in self._kinds)
+        self.plants = sum(kind.plants for kind in self._kinds)
 
 
-class _Kind:
-    """One kind of plant: its mesh in all details, and the places that it may stand at."""
+class _GrassKind:
+    """One kind of plant: its meshes and its scattered instances."""
 
     def __init__(
         self, context: moderngl.Context, kind: str, *, quality: Quality, defines: Mapping[str, int]
@@ -311,23 +281,22 @@ class _Kind:
         self.triangles = self.plants = 0
         own = {**defines, "KIND": KINDS.index(kind)}
         self._spread = 1.0 / quality.ground_cover_density
-        self._strewing = STREWN[kind].as_far(quality.grass_distance, share=quality.ground_cover_density)
-        self._nearby = Nearby(self._strewing)
+        self._layer = LAYERS[kind].scaled(quality.grass_distance, share=quality.ground_cover_density)
+        self._visible = VisiblePoints(self._layer)
         self._context = context
-        self.tufts = Strewn(
+        self.tufts = ScatteredInstances(
             context,
             [tuft_mesh(kind, detail) for detail in range(DETAILS)],
-            finding=build_transform(context, "grass_plant.vert.glsl", FOUND, defines=own),
-            found=FOUND,
-            drawing=build_program(context, "grass.vert.glsl", "lit.frag.glsl", defines=own),
+            transform=build_transform(context, "grass_plant.vert.glsl", CAPTURED, defines=own),
+            captured=CAPTURED,
+            program=build_program(context, "grass.vert.glsl", "lit.frag.glsl", defines=own),
         )
 
     def draw(self, camera: Camera, aspect: float, uniforms: Mapping[str, object], above: float) -> None:
-        strewing, places = self._strewing, self._nearby.seen(camera, aspect, above)
-        self.plants, self.triangles = len(places.rows), self.tufts.triangles(places)
-        if not self.plants:
-            return
-        numbers = (float(strewing.room), strewing.full, strewing.reach, strewing.cell)
-        self.tufts.find_out(places, {**uniforms, "strewing": numbers, "spread": self._spread})
-        self._context.enable_only(moderngl.DEPTH_TEST)
-        self.tufts.draw(places, uniforms)
+        points = self._visible.points(camera, aspect, above)
+        self.plants, self.triangles = len(points.rows), self.tufts.triangles(points)
+        if self.plants:
+            own = {"scatter_layer": self._layer.uniform, "spread": self._spread}
+            self.tufts.evaluate(points, {**uniforms, **own})
+            self._context.enable_only(moderngl.DEPTH_TEST)
+            self.tufts.draw(points, uniforms)

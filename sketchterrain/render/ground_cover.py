@@ -1,4 +1,7 @@
-"""Ground cover: stones and grass near the eye."""
+"""Ground cover: grass and stones near the eye.
+
+Stone meshes are spheres cut by planes, as frost and falls break rock, then weathered by noise.
+"""
 
 from __future__ import annotations
 
@@ -11,26 +14,30 @@ import numpy as np
 
 from sketchterrain.render.grass import Grass
 from sketchterrain.render.programs import build_program, build_transform, set_uniforms
-from sketchterrain.render.scatter import Mesh, Nearby, Strewing, Strewn, hashed
+from sketchterrain.render.scatter import (
+    Mesh,
+    ScatteredInstances,
+    ScatterLayer,
+    ScatterPoints,
+    VisiblePoints,
+    hash32,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    import numpy.typing as npt
-
     from sketchterrain.array_types import Float64Array, Int64Array
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.quality import Quality
-    from sketchterrain.render.scatter import Places
     from sketchterrain.render.shading import Shading
 
 
-VERTEX: Final = np.dtype([("place", "<f4", 3), ("outward", "<f4", 3)])
-"""In radii of the stone; a unit normal."""
+VERTEX: Final = np.dtype([("local_position", "<f4", 3), ("local_normal", "<f4", 3)])
+"""Position in radii of the stone; unit normal."""
 
 
 class _Shape(NamedTuple):
-    """How a stone is broken and worn."""
+    """Fracture and wear parameters."""
 
     axes: tuple[float, float, float]  # half widths, the last upward
     cuts: int  # planes
@@ -50,26 +57,26 @@ SHAPES: Final = (
 DETAILS: Final = 4
 """Levels of detail, 0 the finest."""
 _SPLITS: Final = (4, 3, 2, 1)
-"""Times that each triangle of an icosahedron is split into four."""
+"""Subdivisions of an icosahedron."""
 
 
 def rock_mesh(shape: int, detail: int) -> Mesh:
-    """Make a stone, one of `SHAPES`; all details are samples of the same surface."""
+    """Return one of `SHAPES`; all details are samples of the same surface."""
     directions, triangles = _ball(_SPLITS[detail])
-    place = directions * _radius(directions, shape)[:, None] * np.array(SHAPES[shape].axes)
-    a, b, c = (place[triangles[:, k]] for k in range(3))
+    position = directions * _radius(directions, shape)[:, None] * np.array(SHAPES[shape].axes)
+    a, b, c = (position[triangles[:, k]] for k in range(3))
     across = np.cross(b - a, c - a)
-    outward = np.zeros_like(place)
+    normal = np.zeros_like(position)
     for k in range(3):
-        np.add.at(outward, triangles[:, k], across)
-    vertices = np.empty(len(place), VERTEX)
-    vertices["place"] = place
-    vertices["outward"] = outward / np.linalg.norm(outward, axis=1, keepdims=True)
+        np.add.at(normal, triangles[:, k], across)
+    vertices = np.empty(len(position), VERTEX)
+    vertices["local_position"] = position
+    vertices["local_normal"] = normal / np.linalg.norm(normal, axis=1, keepdims=True)
     return Mesh(vertices, triangles.astype(np.uint32))
 
 
 def _radius(directions: Float64Array, shape: int) -> Float64Array:
-    """Return how far (radii) a stone reaches in unit directions."""
+    """Return a stone's radius in unit directions."""
     rng = np.random.default_rng([11, shape])
     form = SHAPES[shape]
     normals = _unit(rng.standard_normal((form.cuts, 3)))
@@ -84,15 +91,15 @@ def _radius(directions: Float64Array, shape: int) -> Float64Array:
 
 
 def _waves(rng: np.random.Generator, directions: Float64Array, frequency: float) -> Float64Array:
-    """Return noise of a frequency (rad a radius) and deviation 1: plane waves in all directions."""
-    ways = _unit(rng.standard_normal((9, 3))) * frequency * rng.uniform(0.7, 1.3, (9, 1))
+    """Return band-limited noise of standard deviation 1: plane waves in all directions (rad a radius)."""
+    wave_vectors = _unit(rng.standard_normal((9, 3))) * frequency * rng.uniform(0.7, 1.3, (9, 1))
     phases = rng.uniform(0.0, 2.0 * np.pi, 9)
-    return np.asarray(np.sin(directions @ ways.T + phases).sum(axis=1) * np.sqrt(2.0 / 9.0))
+    return np.asarray(np.sin(directions @ wave_vectors.T + phases).sum(axis=1) * np.sqrt(2.0 / 9.0))
 
 
 @cache
 def _ball(splits: int) -> tuple[Float64Array, Int64Array]:
-    """Split each triangle of an icosahedron so often; return unit vectors and triangles counter-clockwise."""
+    """Return unit vectors and counter-clockwise triangles of a subdivided icosahedron."""
     golden = (1.0 + np.sqrt(5.0)) / 2.0
     flat = np.array([[-1, golden], [1, golden], [-1, -golden], [1, -golden]])
     zero = np.zeros((4, 1))
@@ -134,132 +141,91 @@ def _unit(vectors: Float64Array) -> Float64Array:
 
 
 @dataclass(frozen=True)
-class _Stones:
-    """Stones of some sizes.
+class _RockLayer:
+    """Stones of a range of sizes, at the best quality."""
 
-    Attributes
-    ----------
-    strewing : Strewing
-        At the best quality.
-    sizes : (float, float)
-        m, radius of the smallest and of the largest.
-    often : float
-        Share of the places that hold one on scree.
-    tumble : float
-        rad that they lie turned over at most.
-    """
-
-    strewing: Strewing
-    sizes: tuple[float, float]
-    often: float
-    tumble: float
+    layer: ScatterLayer
+    sizes: tuple[float, float]  # m, smallest and largest radius
+    coverage: float  # share of the points that hold one on scree
+    max_tilt: float  # rad
 
 
-STONES: Final = (
-    _Stones(Strewing(11, 7.0, 3.0, 32.0, 4.0, (0.0, 0.0, 4.0)), (0.018, 0.10), 0.9, 3.0),
-    _Stones(Strewing(22, 0.8, 9.0, 120.0, 8.0, (0.0, 9.0, 28.0)), (0.09, 0.5), 0.8, 1.2),
-    _Stones(Strewing(33, 0.012, 50.0, 480.0, 40.0, (14.0, 45.0, 130.0)), (0.42, 2.6), 0.6, 0.7),
+ROCK_LAYERS: Final = (
+    _RockLayer(ScatterLayer(11, 7.0, 3.0, 32.0, 4.0, (0.0, 0.0, 4.0)), (0.018, 0.10), 0.9, 3.0),
+    _RockLayer(ScatterLayer(22, 0.8, 9.0, 120.0, 8.0, (0.0, 9.0, 28.0)), (0.09, 0.5), 0.8, 1.2),
+    _RockLayer(ScatterLayer(33, 0.012, 50.0, 480.0, 40.0, (14.0, 45.0, 130.0)), (0.42, 2.6), 0.6, 0.7),
 )
 """Pebbles, stones, boulders."""
-FOUND: Final = ("stand", "spin", "ground", "kind", "hue")
-"""What rock_place.vert.glsl says of a stone."""
-_MESHES: Final = DETAILS * len(SHAPES)
+CAPTURED: Final = ("centre_radius", "spin", "ground", "kind", "hue")
+"""Outputs of rock_place.vert.glsl."""
 
 
 class Rocks:
-    """Stones on the ground around an eye.
-
-    Parameters
-    ----------
-    context
-        Where they are drawn.
-    quality
-        How far and how many.
-    defines
-        Macros of the shading, see `Shading.defines`.
-
-    Attributes
-    ----------
-    triangles : int
-        Of the last picture.
-    stones : int
-        Places that it asked for; most of them are empty where no stones lie.
-    """
+    """Stones on the ground around an eye; counts triangles and candidate points (`stones`) of a frame."""
 
     def __init__(self, context: moderngl.Context, *, quality: Quality, defines: Mapping[str, int]) -> None:
         self.triangles = self.stones = 0
         self._context = context
-        self._sorts: list[tuple[_Stones, Nearby]] = []
+        self._layers: list[tuple[_RockLayer, VisiblePoints]] = []
         if quality.grass_distance == 0.0 or not quality.includes("rocks"):
             return
-        for each in STONES:
-            strewing = each.strewing.as_far(quality.grass_distance, share=quality.ground_cover_density)
-            self._sorts.append((replace(each, strewing=strewing), Nearby(strewing, sort=by_mesh)))
-        self.pool = Strewn(
+        for each in ROCK_LAYERS:
+            layer = each.layer.scaled(quality.grass_distance, share=quality.ground_cover_density)
+            self._layers.append((replace(each, layer=layer), VisiblePoints(layer, sort=sorted_by_mesh)))
+        self.pool = ScatteredInstances(
             context,
             [rock_mesh(shape, detail) for detail in range(DETAILS) for shape in range(len(SHAPES))],
-            finding=build_transform(context, "rock_place.vert.glsl", FOUND, defines=defines),
-            found=FOUND,
-            drawing=build_program(context, "rock.vert.glsl", "rock.frag.glsl", defines=defines),
+            transform=build_transform(context, "rock_place.vert.glsl", CAPTURED, defines=defines),
+            captured=CAPTURED,
+            program=build_program(context, "rock.vert.glsl", "rock.frag.glsl", defines=defines),
         )
         self._shade = build_program(context, "rock_shade.vert.glsl", "rock_shade.frag.glsl", defines=defines)
-        darkening = (self.pool.found, "4f4 16x 4f4 4f4 16x/i", "stand", "ground", "kind")
-        self._patches = context.vertex_array(self._shade, [darkening])
+        shade = (self.pool.instances, "4f4 16x 4f4 4f4 16x/i", "centre_radius", "ground", "kind")
+        self._contact_shadows = context.vertex_array(self._shade, [shade])
 
     def draw(self, camera: Camera, aspect: float, uniforms: Mapping[str, object], *, above: float) -> None:
-        """Draw what a camera sees; see `Grass.draw`."""
+        """Draw for a camera; see `Grass.draw`."""
         self.triangles = self.stones = 0
-        for stones, nearby in self._sorts:
-            places = nearby.seen(camera, aspect, above)
-            if len(places.rows):
-                strewing = stones.strewing
+        for rocks, visible in self._layers:
+            points = visible.points(camera, aspect, above)
+            if len(points.rows):
                 own = {
-                    "strewing": (float(strewing.room), strewing.full, strewing.reach, strewing.cell),
-                    "sizes": (*stones.sizes, stones.often),
-                    "tumble": stones.tumble,
+                    "scatter_layer": rocks.layer.uniform,
+                    "sizes": (*rocks.sizes, rocks.coverage),
+                    "max_tilt": rocks.max_tilt,
                 }
-                self.pool.find_out(places, {**uniforms, **own})
-                self._draw(places, uniforms)
+                self.pool.evaluate(points, {**uniforms, **own})
+                self._draw(points, uniforms)
 
-    def _draw(self, places: Places, uniforms: Mapping[str, object]) -> None:
-        many, context = len(places.rows), self._context
+    def _draw(self, points: ScatterPoints, uniforms: Mapping[str, object]) -> None:
+        count, context = len(points.rows), self._context
         context.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
         context.blend_func = moderngl.DST_COLOR, moderngl.ZERO
         target = context.fbo
         target.depth_mask = False
         set_uniforms(self._shade, uniforms)
-        self._patches.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=many)
+        self._contact_shadows.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=count)
         target.depth_mask = True
         context.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
         context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        self.pool.draw(places, uniforms)
+        self.pool.draw(points, uniforms)
         context.enable_only(moderngl.DEPTH_TEST)
-        self.stones += many
-        self.triangles += self.pool.triangles(places)
+        self.stones += count
+        self.triangles += self.pool.triangles(points)
 
 
-def by_mesh(places: Places) -> Places:
-    """Sort places by detail and shape, which follows from a place's hash: counts are (details · shapes,)."""
-    rows = places.rows
-    detail = np.repeat(np.arange(len(places.counts)), places.counts)
-    shape = hashed(rows["seed"] ^ hashed(rows["rank"])).astype(np.int64) % len(SHAPES)
+def sorted_by_mesh(points: ScatterPoints) -> ScatterPoints:
+    """Sort points by detail and shape, which a point's hash selects: counts are (details · shapes,)."""
+    rows = points.rows
+    detail = np.repeat(np.arange(len(points.counts)), points.counts)
+    shape = hash32(rows["seed"] ^ hash32(rows["rank"])).astype(np.int64) % len(SHAPES)
     mesh = detail * len(SHAPES) + shape
-    counts: npt.NDArray[np.int64] = np.bincount(mesh, minlength=_MESHES).astype(np.int64)
-    return places._replace(rows=rows[np.argsort(mesh, kind="stable")], counts=counts)
+    counts: Int64Array = np.bincount(mesh, minlength=DETAILS * len(SHAPES)).astype(np.int64)
+    return ScatterPoints(rows[np.argsort(mesh, kind="stable")], counts)
 
 
 class GroundCover:
-    """Stones and grass around an eye.
-
-    Parameters
-    ----------
-    context
-        Where they are drawn.
-    quality
-        How far and how many.
-    shading
-        How the ground under them is lit and tinted.
-    """
+    """Stones and grass on the displayed ground around an eye; false if the quality asks for none."""
 
     def __init__(self, context: moderngl.Context, *, quality: Quality, shading: Shading) -> None:
         self._shading = shading
@@ -270,29 +236,16 @@ class GroundCover:
         self._any = quality.grass_distance > 0.0 and (quality.includes("rocks") or quality.includes("grass"))
 
     def __bool__(self) -> bool:
-        """Tell whether anything is ever drawn."""
         return self._any
 
     @property
     def triangles(self) -> int:
-        """Of the last picture."""
+        """Triangles of the last frame."""
         return sum(part.triangles for part in self._parts)
 
     def draw(
         self, camera: Camera, size: tuple[int, int], uniforms: Mapping[str, object], *, above: float
     ) -> None:
-        """Draw what a camera sees.
-
-        Parameters
-        ----------
-        camera
-            From where.
-        size
-            Of the picture (px).
-        uniforms
-            Of all passes; the textures ``scene`` and ``scene_depth`` hold the bare ground.
-        above
-            m of the eye over the ground.
-        """
+        """Draw for an eye `above` m over the ground; ``scene`` and ``scene_depth`` hold the bare ground."""
         for part in self._parts:
             part.draw(camera, size[0] / size[1], {**uniforms, **self._shading.tints}, above=above)

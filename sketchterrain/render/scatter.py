@@ -1,4 +1,9 @@
-"""Instances scattered around the eye."""
+"""Instances scattered around the eye by hashed cells: selection, level of detail, and drawing.
+
+A cell's points depend on the cell alone, in a sequence of which every beginning is spread evenly (Roberts
+2018): a moving eye finds each point where it was, and farther cells use a shorter beginning. Positions and
+instances are evaluated on the GPU: kernels/render/scatter.glsl.
+"""
 
 from __future__ import annotations
 
@@ -16,228 +21,153 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.array_types import Float64Array
+    from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, StructuredArray
     from sketchterrain.render.camera import Camera
 
-
 BAND: Final = 0.3
-"""Over this share of the number of places shown at a distance the last ones come up; as in scatter.glsl."""
+"""Relative range of a density over which its last points fade in; as in scatter.glsl."""
 STEEPEST: Final = 1.5
-"""Rise over run of the ground between an eye and what stands near it."""
+"""Largest slope of the ground between an eye and nearby points."""
 HIGHEST: Final = 1.0
-"""m that what stands in a cell is high."""
-BEST_REACH: Final = 110.0
-"""m, of the grass at the best quality; all other distances go with it."""
+"""Largest height of what stands in a cell, m."""
+BEST_DISTANCE: Final = 110.0
+"""Draw distance of grass at the best quality, m; all other distances scale with it."""
 SEED: Final = np.dtype([("corner", "<f4", 2), ("seed", "<u4"), ("rank", "<u4")])
-"""A place: its cell's corner from the eye (m), its cell's hash, and its place in the cell's order."""
+"""A point: its cell's corner from the eye (m), its cell's hash, and its rank in the cell's sequence."""
+VECTOR: Final = 4 * 4
+"""Bytes of a captured vec4."""
 
 
 @dataclass(frozen=True)
-class Strewing:
-    """How densely something is strewn.
+class ScatterLayer:
+    """Density and draw distances of one kind of scattered instances."""
 
-    Attributes
-    ----------
-    salt : int
-        Sets its places apart from those of other things.
-    density : float
-        Places a m², near the eye.
-    full : float
-        m from the eye up to which all places are taken; beyond, as many as the distance's inverse asks for.
-    reach : float
-        m from the eye at which the last are gone.
-    cell : float
-        m, side of a cell.
-    details : tuple of float
-        m from the eye at which each coarser mesh takes over, nearest first.
-    """
-
-    salt: int
-    density: float
-    full: float
-    reach: float
-    cell: float
-    details: tuple[float, ...]
+    salt: int  # makes its points independent of other layers'
+    density: float  # points a m², near the eye
+    full_distance: float  # m up to which all points are used; beyond, the inverse distance's share
+    draw_distance: float  # m
+    cell_size: float  # m
+    details: tuple[float, ...]  # m at which each coarser mesh takes over, nearest first
 
     @property
-    def room(self) -> int:
-        """Places a cell has at most."""
-        return max(round(self.density * self.cell**2), 1)
+    def capacity(self) -> int:
+        """Largest number of points of a cell."""
+        return max(round(self.density * self.cell_size**2), 1)
 
-    def as_far(self, grass: float, *, share: float) -> Strewing:
-        """Return a share of it, scaled to where grass reaches so far (m) instead of `BEST_REACH`."""
-        scale = grass / BEST_REACH
+    @property
+    def uniform(self) -> tuple[float, float, float, float]:
+        """Value of the shaders' ``scatter_layer``."""
+        return float(self.capacity), self.full_distance, self.draw_distance, self.cell_size
+
+    def scaled(self, grass: float, *, share: float) -> ScatterLayer:
+        """Scale density by a share, and distances to a draw distance of grass (m)."""
+        scale = grass / BEST_DISTANCE
         return replace(
             self,
             density=self.density * share,
-            reach=self.reach * scale,
+            draw_distance=self.draw_distance * scale,
             details=tuple(scale * each for each in self.details),
         )
 
 
-class Places(NamedTuple):
-    """Places of some cells, by the detail in which they are drawn.
+class ScatterPoints(NamedTuple):
+    """Points (n,) of SEED, nearest cells first, and their number in each detail."""
 
-    Attributes
-    ----------
-    rows : (n,) of SEED
-        Nearest cells first.
-    counts : (details,) int64
-        How many of them belong to each detail, in this order.
-    """
-
-    rows: npt.NDArray[np.void]
-    counts: npt.NDArray[np.int64]
+    rows: StructuredArray
+    counts: Int64Array
 
 
-def hashed(x: npt.ArrayLike) -> npt.NDArray[np.uint32]:
-    """Scramble 32 bits (Wellons' lowbias32); the same in kernels/render/scatter.glsl."""
+def hash32(x: npt.ArrayLike) -> npt.NDArray[np.uint32]:
+    """Hash 32 bits (Wellons' lowbias32); the same in kernels/render/scatter.glsl."""
     h = np.asarray(x, dtype=np.uint32)
     for shift, factor in ((16, 0x7FEB352D), (15, 0x846CA68B), (16, 1)):
         h = (h ^ (h >> np.uint32(shift))) * np.uint32(factor)
     return np.asarray(h, dtype=np.uint32)
 
 
-def cells_within(eye: Sequence[float], reach: float, cell: float) -> npt.NDArray[np.int64]:
-    """Return (n, 2) columns and rows of the cells that lie within a distance (m) of an eye, nearest first."""
-    low, high = (np.floor((np.asarray(eye[:2]) + side * reach) / cell) for side in (-1.0, 1.0))
+def cells_within(eye: Sequence[float], distance: float, size: float) -> Int64Array:
+    """Return (n, 2) columns and rows of the cells within a distance (m) of an eye, nearest first."""
+    low, high = (np.floor((np.asarray(eye[:2]) + side * distance) / size) for side in (-1.0, 1.0))
     cols, rows = np.meshgrid(*(np.arange(low[k], high[k] + 1) for k in range(2)))
     cells = np.stack([cols.ravel(), rows.ravel()], axis=1).astype(np.int64)
-    away = away_from(eye, cells, cell)
+    away = cell_distances(eye, cells, size)
     order = np.argsort(away, kind="stable")
-    return cells[order[away[order] < reach]]
+    return cells[order[away[order] < distance]]
 
 
-def away_from(eye: Sequence[float], cells: npt.NDArray[np.int64], cell: float) -> Float64Array:
+def cell_distances(eye: Sequence[float], cells: Int64Array, size: float) -> Float64Array:
     """Return the horizontal distance (m) of cells' nearest points from an eye."""
-    beside = np.maximum(np.abs(cell * (cells + 0.5) - np.asarray(eye[:2])) - 0.5 * cell, 0.0)
-    return np.asarray(np.hypot(beside[:, 0], beside[:, 1]))
+    outside = np.maximum(np.abs(size * (cells + 0.5) - np.asarray(eye[:2])) - 0.5 * size, 0.0)
+    return np.asarray(np.hypot(outside[:, 0], outside[:, 1]))
 
 
-def in_sight(
-    planes: Float64Array, cells: npt.NDArray[np.int64], cell: float, eye: Sequence[float], above: float
-) -> npt.NDArray[np.bool_]:
-    """Tell which cells a view may show, where the ground is no steeper than `STEEPEST` on the way there.
-
-    Parameters
-    ----------
-    planes
-        (k, 4) of the view, see `Camera.frustum`.
-    cells
-        (n, 2) columns and rows.
-    cell
-        m, their side.
-    eye
-        m.
-    above
-        m of the eye over the ground.
-    """
-    off = STEEPEST * (away_from(eye, cells, cell) + 1.5 * cell)
+def cells_in_frustum(
+    planes: Float64Array, cells: Int64Array, size: float, eye: Sequence[float], above: float
+) -> BoolArray:
+    """Return which cells may be in view for slopes up to `STEEPEST`, from `above` m over the ground."""
+    off = STEEPEST * (cell_distances(eye, cells, size) + 1.5 * size)
     foot = eye[2] - above
-    low = np.column_stack([cells * cell, foot - off])
-    high = np.column_stack([(cells + 1) * cell, foot + off + HIGHEST])
-    seen = np.ones(len(cells), np.bool_)
+    low = np.column_stack([cells * size, foot - off])
+    high = np.column_stack([(cells + 1) * size, foot + off + HIGHEST])
+    inside = np.ones(len(cells), np.bool_)
     for plane in planes:
-        seen &= np.where(plane[:3] >= 0.0, high, low) @ plane[:3] + plane[3] >= 0.0
-    return seen
+        inside &= np.where(plane[:3] >= 0.0, high, low) @ plane[:3] + plane[3] >= 0.0
+    return inside
 
 
-def places_of(strewing: Strewing, cells: npt.NDArray[np.int64], eye: Sequence[float], above: float) -> Places:
-    """Return the places of some cells that an eye may need.
-
-    Parameters
-    ----------
-    strewing
-        What is strewn.
-    cells
-        (n, 2) columns and rows, nearest first.
-    eye
-        m.
-    above
-        m of the eye over the ground: nothing is nearer than that.
-    """
-    away = np.hypot(away_from(eye, cells, strewing.cell), above)
-    shown = strewing.room * np.minimum((1.0 + BAND) * strewing.full / np.maximum(away, strewing.full), 1.0)
-    many = np.where(away < strewing.reach, np.ceil(shown), 0.0).astype(np.int64)
-    detail = np.searchsorted(strewing.details, away, side="right")
-    counts = np.bincount(detail, many, minlength=len(strewing.details) + 1).astype(np.int64)
-    ends = np.cumsum(many)
+def scatter_points(
+    layer: ScatterLayer, cells: Int64Array, eye: Sequence[float], above: float
+) -> ScatterPoints:
+    """Return the points in cells (nearest first) that an eye `above` m over the ground may need."""
+    away = np.hypot(cell_distances(eye, cells, layer.cell_size), above)
+    share = np.minimum((1.0 + BAND) * layer.full_distance / np.maximum(away, layer.full_distance), 1.0)
+    count = np.where(away < layer.draw_distance, np.ceil(layer.capacity * share), 0.0).astype(np.int64)
+    detail = np.searchsorted(layer.details, away, side="right")
+    counts = np.bincount(detail, count, minlength=len(layer.details) + 1).astype(np.int64)
+    ends = np.cumsum(count)
     rows = np.empty(int(ends[-1]) if len(ends) else 0, SEED)
-    corner = strewing.cell * cells - np.asarray(eye[:2])
-    salted = hashed(cells[:, 1].astype(np.uint32) ^ np.uint32(strewing.salt))
-    seeds = hashed(cells[:, 0].astype(np.uint32) ^ salted)
-    rows["corner"] = np.repeat(corner, many, axis=0)
-    rows["seed"] = np.repeat(seeds, many)
-    rows["rank"] = np.arange(len(rows)) - np.repeat(ends - many, many)
-    return Places(rows, counts)
+    salted = hash32(cells[:, 1].astype(np.uint32) ^ np.uint32(layer.salt))
+    seeds = hash32(cells[:, 0].astype(np.uint32) ^ salted)
+    rows["corner"] = np.repeat(layer.cell_size * cells - np.asarray(eye[:2]), count, axis=0)
+    rows["seed"] = np.repeat(seeds, count)
+    rows["rank"] = np.arange(len(rows)) - np.repeat(ends - count, count)
+    return ScatterPoints(rows, counts)
 
 
-class Nearby:
-    """The places of a strewing that a view needs: found anew only where it is not the view before.
+class VisiblePoints:
+    """The points of a layer in a view, computed again only when the view changes; `sort` orders them."""
 
-    Parameters
-    ----------
-    strewing
-        What is strewn.
-    sort
-        Puts its places into the order in which they are drawn.
-    """
-
-    def __init__(self, strewing: Strewing, *, sort: Callable[[Places], Places] | None = None) -> None:
-        self._strewing, self._sort = strewing, sort
+    def __init__(
+        self, layer: ScatterLayer, *, sort: Callable[[ScatterPoints], ScatterPoints] | None = None
+    ) -> None:
+        self._layer, self._sort = layer, sort
         self._view: tuple[Camera, float, float] | None = None
-        self._places = Places(np.zeros(0, SEED), np.zeros(len(strewing.details) + 1, np.int64))
+        self._points = ScatterPoints(np.zeros(0, SEED), np.zeros(len(layer.details) + 1, np.int64))
 
-    def seen(self, camera: Camera, aspect: float, above: float) -> Places:
-        """Return the places in a picture of this width over height, by an eye so high (m) over the ground."""
+    def points(self, camera: Camera, aspect: float, above: float) -> ScatterPoints:
+        """Return the points in a picture of an aspect ratio, by an eye `above` m over the ground."""
         if self._view != (camera, aspect, above):
             self._view = (camera, aspect, above)
-            strewing, eye = self._strewing, camera.eye
-            cells = cells_within(eye, strewing.reach, strewing.cell)
-            cells = cells[in_sight(camera.frustum(aspect), cells, strewing.cell, eye, above)]
-            places = places_of(strewing, cells, eye, above)
-            self._places = self._sort(places) if self._sort else places
-        return self._places
-
-
-VECTOR: Final = 4 * 4
-"""Bytes of each vector that is captured."""
+            layer, eye = self._layer, camera.eye
+            cells = cells_within(eye, layer.draw_distance, layer.cell_size)
+            cells = cells[cells_in_frustum(camera.frustum(aspect), cells, layer.cell_size, eye, above)]
+            points = scatter_points(layer, cells, eye, above)
+            self._points = self._sort(points) if self._sort else points
+        return self._points
 
 
 class Mesh(NamedTuple):
-    """Vertices and triangles.
+    """Structured vertices of float32 vectors, and (m, 3) triangles."""
 
-    Attributes
-    ----------
-    vertices : (n,) structured
-        Of vectors of float32.
-    triangles : (m, 3) uint32
-    """
-
-    vertices: npt.NDArray[np.void]
+    vertices: StructuredArray
     triangles: npt.NDArray[np.uint32]
 
 
-class Strewn:
-    """Meshes, the things that stand at places now, and the programs that find them out and draw them.
+class ScatteredInstances:
+    """Meshes of one vertex type, and the instances at the current points.
 
-    Parameters
-    ----------
-    context
-        Where they are drawn.
-    meshes
-        With vertices of one type.
-    finding
-        Asks what is at a place, from ``corner`` and ``seed`` (`SEED`).
-    found
-        Names of its outputs, each of four floats.
-    drawing
-        Draws a mesh's vertices by them.
-
-    Attributes
-    ----------
-    found : moderngl.Buffer
-        What was found last, a thing after the other.
+    `transform` computes the vec4s named in `captured` from ``corner`` and ``seed`` (`SEED`) into the buffer
+    `instances`; `program` draws a mesh's vertices by them.
     """
 
     def __init__(
@@ -245,55 +175,54 @@ class Strewn:
         context: moderngl.Context,
         meshes: Sequence[Mesh],
         *,
-        finding: moderngl.Program,
-        found: Sequence[str],
-        drawing: moderngl.Program,
+        transform: moderngl.Program,
+        captured: Sequence[str],
+        program: moderngl.Program,
     ) -> None:
         self._sizes = np.array([mesh.triangles.size for mesh in meshes])
-        many = np.array([len(mesh.vertices) for mesh in meshes])
+        vertex_counts = np.array([len(mesh.vertices) for mesh in meshes])
         self._commands = np.zeros(len(meshes), COMMAND)
         self._commands["count"], self._commands["first"] = self._sizes, np.cumsum(self._sizes) - self._sizes
-        self._commands["base_vertex"] = np.cumsum(many) - many
-        self._finding, self._drawing = finding, drawing
-        self._bytes = VECTOR * len(found)
+        self._commands["base_vertex"] = np.cumsum(vertex_counts) - vertex_counts
+        self._transform, self._program = transform, program
+        self._bytes = VECTOR * len(captured)
         self._seeds = context.buffer(reserve=SEED.itemsize, dynamic=True)
-        self.found = context.buffer(reserve=self._bytes, dynamic=True)
-        self._orders = context.buffer(reserve=self._commands.nbytes, dynamic=True)
-        self._asked = context.vertex_array(finding, [(self._seeds, "2f4 2u4", "corner", "seed")])
+        self.instances = context.buffer(reserve=self._bytes, dynamic=True)
+        self._command_buffer = context.buffer(reserve=self._commands.nbytes, dynamic=True)
+        self._evaluation = context.vertex_array(transform, [(self._seeds, "2f4 2u4", "corner", "seed")])
         vertices = np.concatenate([mesh.vertices for mesh in meshes])
+        triangles = np.concatenate([mesh.triangles.ravel() for mesh in meshes])
         names = vertices.dtype.names or ()
-        form = " ".join(f"{vertices.dtype[name].shape[0]}f4" for name in names)
+        layout = " ".join(f"{vertices.dtype[name].shape[0]}f4" for name in names)
         self._array = context.vertex_array(
-            drawing,
+            program,
             [
-                (context.buffer(vertices.tobytes()), form, *names),
-                (self.found, " ".join(["4f4"] * len(found)) + "/i", *found),
+                (context.buffer(vertices.tobytes()), layout, *names),
+                (self.instances, " ".join(["4f4"] * len(captured)) + "/i", *captured),
             ],
-            index_buffer=context.buffer(
-                np.concatenate([mesh.triangles.ravel() for mesh in meshes]).tobytes()
-            ),
+            index_buffer=context.buffer(triangles.tobytes()),
         )
 
-    def find_out(self, places: Places, uniforms: Mapping[str, object]) -> None:
-        """Ask what is at some places, at least one, in the order of their meshes."""
-        many = len(places.rows)
-        for buffer, size in ((self._seeds, SEED.itemsize), (self.found, self._bytes)):
-            if buffer.size < size * many:
-                buffer.orphan(size * max(many, 2 * (buffer.size // size)))
-        self._seeds.write(places.rows.tobytes())
-        set_uniforms(self._finding, uniforms)
-        self._asked.transform(self.found, moderngl.POINTS, vertices=many)
+    def evaluate(self, points: ScatterPoints, uniforms: Mapping[str, object]) -> None:
+        """Compute the instances at points (at least one), in the order of their meshes."""
+        count = len(points.rows)
+        for buffer, size in ((self._seeds, SEED.itemsize), (self.instances, self._bytes)):
+            if buffer.size < size * count:
+                buffer.orphan(size * max(count, 2 * (buffer.size // size)))
+        self._seeds.write(points.rows.tobytes())
+        set_uniforms(self._transform, uniforms)
+        self._evaluation.transform(self.instances, moderngl.POINTS, vertices=count)
 
-    def draw(self, places: Places, uniforms: Mapping[str, object]) -> None:
-        """Draw what was found at them."""
+    def draw(self, points: ScatterPoints, uniforms: Mapping[str, object]) -> None:
+        """Draw the instances computed for points."""
         commands = self._commands.copy()
-        commands["instances"] = places.counts
-        commands["base_instance"] = np.cumsum(places.counts) - places.counts
+        commands["instances"] = points.counts
+        commands["base_instance"] = np.cumsum(points.counts) - points.counts
         commands = commands[commands["instances"] > 0]
-        self._orders.write(commands.tobytes())
-        set_uniforms(self._drawing, uniforms)
-        self._array.render_indirect(self._orders, moderngl.TRIANGLES, count=len(commands))
+        self._command_buffer.write(commands.tobytes())
+        set_uniforms(self._program, uniforms)
+        self._array.render_indirect(self._command_buffer, moderngl.TRIANGLES, count=len(commands))
 
-    def triangles(self, places: Places) -> int:
-        """Return how many triangles are drawn at places."""
-        return int((places.counts * self._sizes).sum()) // 3
+    def triangles(self, points: ScatterPoints) -> int:
+        """Return the number of triangles drawn at points."""
+        return int((points.counts * self._sizes).sum()) // 3

@@ -11,18 +11,18 @@ from sketchterrain.render.camera import Camera
 from sketchterrain.render.grass import DETAILS, KINDS, LEAF, PETAL, tuft_mesh
 from sketchterrain.render.ground import NEAR_WIDTH
 from sketchterrain.render.ground_cover import DETAILS as ROCK_DETAILS
-from sketchterrain.render.ground_cover import SHAPES, GroundCover, Rocks, by_mesh, rock_mesh
+from sketchterrain.render.ground_cover import SHAPES, GroundCover, Rocks, rock_mesh, sorted_by_mesh
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.scatter import (
     BAND,
-    Nearby,
-    Strewing,
-    away_from,
+    ScatterLayer,
+    VisiblePoints,
+    cell_distances,
+    cells_in_frustum,
     cells_within,
-    hashed,
-    in_sight,
-    places_of,
+    hash32,
+    scatter_points,
 )
 from sketchterrain.render.sky import Sun, Weather
 
@@ -82,7 +82,7 @@ class Scene:
     def plants(self, kind="meadow"):
         """Foot (m in the world), height, rotation and half width of all places of a kind that grow one."""
         each = self.renderer.scenery.cover._parts[1]._kinds[KINDS.index(kind)]
-        rows = np.frombuffer(each.tufts.found.read(112 * each.plants), np.float32).reshape(-1, 28)
+        rows = np.frombuffer(each.tufts.instances.read(112 * each.plants), np.float32).reshape(-1, 28)
         rows = rows[rows[:, 3] > 0.0].astype(float)
         return rows[:, :3] + self.camera.eye, rows[:, 3], rows[:, 4:6], rows[:, 6]
 
@@ -161,7 +161,7 @@ def test_grass_grows_on_grass_and_stones_lie_on_scree(scene, monkeypatch):
     stones = []
 
     def note(self, places, uniforms):
-        rows = np.frombuffer(self.pool.found.read(80 * len(places.rows)), np.float32).reshape(-1, 20)
+        rows = np.frombuffer(self.pool.instances.read(80 * len(places.rows)), np.float32).reshape(-1, 20)
         stones.append(int((rows[:, 3] > 0.0).sum()))
 
     monkeypatch.setattr(Rocks, "_draw", note)
@@ -210,7 +210,7 @@ def test_parts_left_out_by_quality_are_not_drawn(gl):
 
 def covered(mesh):
     """Area of a tuft's triangles, from all sides on average, for blades of one half width in heights."""
-    corner = (mesh.vertices["place"] + 0.02 * mesh.vertices["side"])[mesh.triangles]
+    corner = (mesh.vertices["local_position"] + 0.02 * mesh.vertices["side"])[mesh.triangles]
     return (
         0.5 * np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1).sum()
     )
@@ -220,14 +220,14 @@ def test_tufts_stand_on_their_foot_and_cover_as_much_with_fewer_triangles():
     for kind in KINDS:
         meshes = [tuft_mesh(kind, detail) for detail in range(DETAILS)]
         for mesh in meshes:
-            place, manner = mesh.vertices["place"], mesh.vertices["manner"]
+            place, manner = mesh.vertices["local_position"], mesh.vertices["blade"]
             assert place[:, 2].min() > -0.15, kind
             assert 0.4 < place[:, 2].max() < 1.6, kind
             assert set(np.unique(mesh.triangles)) == set(range(len(mesh.vertices))), kind
             assert ((manner[:, :2] >= 0.0) & (manner[:, :2] <= 1.0)).all(), kind
         counts = [len(mesh.triangles) for mesh in meshes]
         assert counts == sorted(counts, reverse=True), kind
-        paints = set(np.unique(meshes[0].vertices["manner"][:, 2]).tolist())
+        paints = set(np.unique(meshes[0].vertices["blade"][:, 2]).tolist())
         assert LEAF in paints, kind
         assert (PETAL in paints) == (kind == "flower"), kind
         if kind in ("meadow", "tall"):
@@ -240,7 +240,7 @@ def test_stones_are_closed_face_outward_and_keep_their_form():
         volumes = []
         for detail in range(ROCK_DETAILS):
             mesh = rock_mesh(shape, detail)
-            place, triangles = mesh.vertices["place"].astype(float), mesh.triangles.astype(np.int64)
+            place, triangles = mesh.vertices["local_position"].astype(float), mesh.triangles.astype(np.int64)
             edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
             assert {tuple(edge) for edge in edges.tolist()} == {
                 tuple(edge) for edge in edges[:, ::-1].tolist()
@@ -249,17 +249,19 @@ def test_stones_are_closed_face_outward_and_keep_their_form():
             volume = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
             assert (volume > 0.0).all(), (shape, detail)
             volumes.append(volume.sum())
-            outward = mesh.vertices["outward"]
+            outward = mesh.vertices["local_normal"]
             assert np.abs(np.linalg.norm(outward, axis=1) - 1.0).max() < 1e-5, (shape, detail)
             assert (np.einsum("ij,ij->i", outward, place) > 0.0).all(), (shape, detail)
         assert min(volumes) > 0.75 * max(volumes), shape
 
 
 def test_stones_are_sorted_by_mesh_and_none_is_lost():
-    strewing = Strewing(salt=3, density=0.5, full=10.0, reach=60.0, cell=8.0, details=(5.0, 15.0, 30.0))
+    layer = ScatterLayer(
+        salt=3, density=0.5, full_distance=10.0, draw_distance=60.0, cell_size=8.0, details=(5.0, 15.0, 30.0)
+    )
     eye = (12.0, 40.0, 3.0)
-    places = places_of(strewing, cells_within(eye, 60.0, 8.0), eye, 1.0)
-    sorted_ = by_mesh(places)
+    places = scatter_points(layer, cells_within(eye, 60.0, 8.0), eye, 1.0)
+    sorted_ = sorted_by_mesh(places)
     assert sorted_.counts.shape == (ROCK_DETAILS * len(SHAPES),)
     assert sorted_.counts.sum() == len(places.rows)
     assert sorted_.counts.reshape(ROCK_DETAILS, -1).sum(axis=1).tolist() == places.counts.tolist()
@@ -267,7 +269,9 @@ def test_stones_are_sorted_by_mesh_and_none_is_lost():
     assert (sorted_.counts.reshape(ROCK_DETAILS, -1) > 0).any(axis=0).all()
 
 
-STREWING = Strewing(salt=7, density=20.0, full=6.0, reach=80.0, cell=4.0, details=(10.0, 30.0))
+LAYER = ScatterLayer(
+    salt=7, density=20.0, full_distance=6.0, draw_distance=80.0, cell_size=4.0, details=(10.0, 30.0)
+)
 EYES = [(3.2, -7.9, 2.0), (-1e6 + 0.3, 4e6 + 3.1, 55.0)]
 INCLUDES = ["render/scatter.glsl"]
 STEP = (3242174889, 2447445414)
@@ -278,16 +282,16 @@ def unit(h):
     return (h >> np.uint32(8)).astype(np.float64) / 2.0**24
 
 
-def strewn(seed, rank):
+def scatter_position(seed, rank):
     """The oracle of scatter.glsl's function."""
     seed, rank = np.uint32(seed), np.uint32(rank)
     with np.errstate(over="ignore"):
-        h = hashed(seed ^ (rank * np.uint32(0x9E3779B9) + np.uint32(0x7F4A7C15)))
+        h = hash32(seed ^ (rank * np.uint32(0x9E3779B9) + np.uint32(0x7F4A7C15)))
         turned = [
-            hashed(seed + np.uint32(k)) + (rank + np.uint32(1)) * np.uint32(step)
+            hash32(seed + np.uint32(k)) + (rank + np.uint32(1)) * np.uint32(step)
             for k, step in enumerate(STEP)
         ]
-        shaken = [unit(hashed(h + np.uint32(k + 1))) - 0.5 for k in range(2)]
+        shaken = [unit(hash32(h + np.uint32(k + 1))) - 0.5 for k in range(2)]
     spread = JITTER / np.sqrt(rank.astype(np.float64) + 1.0)
     return np.stack([np.mod(unit(t) + spread * s, 1.0) for t, s in zip(turned, shaken, strict=True)], axis=-1)
 
@@ -298,8 +302,8 @@ def test_places_and_presence_in_the_shader_are_those_of_the_oracle(gl):
     seed, rank = rng.integers(0, 2**32, 300, dtype=np.uint32), rng.integers(0, 2000, 300).astype(np.uint32)
     whole = "uint(a.x) * 65536u + uint(a.y)"
     halves = np.c_[seed >> 16, seed & 0xFFFF, rank, np.zeros(300)]
-    got = evaluate(gl, INCLUDES, f"vec4(strewn({whole}, uint(a.z)), 0.0, 0.0)", halves)[:, :2]
-    off = np.abs(got - strewn(seed, rank))
+    got = evaluate(gl, INCLUDES, f"vec4(scatter_position({whole}, uint(a.z)), 0.0, 0.0)", halves)[:, :2]
+    off = np.abs(got - scatter_position(seed, rank))
     assert np.minimum(off, 1.0 - off).max() < 1e-6
 
     rng = np.random.default_rng(4)
@@ -317,7 +321,7 @@ def test_every_beginning_of_a_cells_order_is_spread_evenly():
     for count in (16, 60, 200):
         gaps = []
         for seed in np.random.default_rng(5).integers(0, 2**32, 40, dtype=np.uint32):
-            places = strewn(np.full(count, seed), np.arange(count))
+            places = scatter_position(np.full(count, seed), np.arange(count))
             away = np.abs(places[:, None] - places[None])
             away = np.hypot(*np.moveaxis(np.minimum(away, 1.0 - away), -1, 0)) + 2.0 * np.eye(count)
             gaps.append(away.min(axis=1).mean())
@@ -329,10 +333,10 @@ def test_a_place_is_the_same_for_every_eye():
         near = np.add(eye, [0.5, -0.3, 0.1])
         found = []
         for each in (eye, near):
-            cells = cells_within(each, STREWING.reach, STREWING.cell)
-            rows = places_of(STREWING, cells, each, 1.7).rows
+            cells = cells_within(each, LAYER.draw_distance, LAYER.cell_size)
+            rows = scatter_points(LAYER, cells, each, 1.7).rows
             corner = rows["corner"] + np.asarray(each[:2])
-            names = np.round(corner / STREWING.cell).astype(int)
+            names = np.round(corner / LAYER.cell_size).astype(int)
             keys = list(zip(*names.T.tolist(), rows["rank"].tolist(), strict=True))
             found.append(dict(zip(keys, zip(rows["seed"].tolist(), corner, strict=True), strict=True)))
         both = found[0].keys() & found[1].keys()
@@ -346,34 +350,36 @@ def test_a_place_is_the_same_for_every_eye():
 
 def test_all_present_places_are_requested_in_order_of_distance():
     eye = EYES[0]
-    cells = cells_within(eye, STREWING.reach, STREWING.cell)
-    places = places_of(STREWING, cells, eye, 0.0)
+    cells = cells_within(eye, LAYER.draw_distance, LAYER.cell_size)
+    places = scatter_points(LAYER, cells, eye, 0.0)
     asked = np.zeros(len(cells), int)
     code = {tuple(cell): k for k, cell in enumerate(cells.tolist())}
-    corner = np.round((places.rows["corner"] + np.asarray(eye[:2])) / STREWING.cell).astype(int)
+    corner = np.round((places.rows["corner"] + np.asarray(eye[:2])) / LAYER.cell_size).astype(int)
     for cell in corner.tolist():
         asked[code[tuple(cell)]] += 1
-    nearest = away_from(eye, cells, STREWING.cell)
-    share = STREWING.full / np.maximum(nearest, STREWING.full)
-    present = (np.arange(STREWING.room) + 0.5) / STREWING.room < share[:, None] * (1.0 + BAND)
+    nearest = cell_distances(eye, cells, LAYER.cell_size)
+    share = LAYER.full_distance / np.maximum(nearest, LAYER.full_distance)
+    present = (np.arange(LAYER.capacity) + 0.5) / LAYER.capacity < share[:, None] * (1.0 + BAND)
     assert (asked >= present.sum(axis=1)).all()
     assert asked.sum() < 1.1 * present.sum()
 
     assert places.counts.sum() == len(places.rows)
-    corner = places.rows["corner"] + STREWING.cell / 2
-    away = np.hypot(*np.maximum(np.abs(corner) - STREWING.cell / 2, 0.0).T)
+    corner = places.rows["corner"] + LAYER.cell_size / 2
+    away = np.hypot(*np.maximum(np.abs(corner) - LAYER.cell_size / 2, 0.0).T)
     ends = np.cumsum(places.counts)
     assert away[: ends[0]].max() < 10.0 + 1e-3
     assert away[ends[0] : ends[1]].min() >= 10.0 - 1e-3
     assert away[ends[1] :].min() >= 30.0 - 1e-3
-    assert len(places_of(STREWING, cells, eye, 100.0).rows) == 0  # from so high nothing is near
+    assert len(scatter_points(LAYER, cells, eye, 100.0).rows) == 0  # from so high nothing is near
 
 
 def test_cells_in_sight_are_never_left_out_and_places_found_once_for_a_view():
     eye = (10.0, 20.0, 31.7)
     camera = Camera(eye, (40.0, 45.0, 30.0))
     cells = cells_within(eye, 60.0, 4.0)
-    seen = {tuple(cell) for cell in cells[in_sight(camera.frustum(1.5), cells, 4.0, eye, 1.7)].tolist()}
+    seen = {
+        tuple(cell) for cell in cells[cells_in_frustum(camera.frustum(1.5), cells, 4.0, eye, 1.7)].tolist()
+    }
     rng = np.random.default_rng(8)
     places = rng.uniform(-40.0, 40.0, (4000, 2)) + eye[:2]
     away = np.hypot(*(places - eye[:2]).T)
@@ -384,14 +390,14 @@ def test_cells_in_sight_are_never_left_out_and_places_found_once_for_a_view():
     assert {tuple(cell) for cell in cells_of.tolist()} <= seen
     assert len(seen) < 0.5 * len(cells)
 
-    nearby, again = Nearby(STREWING), Nearby(STREWING)
+    nearby, again = VisiblePoints(LAYER), VisiblePoints(LAYER)
     camera, other = (
         Camera((10.0, 20.0, 31.7), (40.0, 45.0, 30.0)),
         Camera((10.0, 20.1, 31.7), (40.0, 45.0, 30.0)),
     )
-    places = nearby.seen(camera, 1.5, 1.7)
-    assert nearby.seen(camera, 1.5, 1.7) is places
+    places = nearby.points(camera, 1.5, 1.7)
+    assert nearby.points(camera, 1.5, 1.7) is places
     for view in ((other, 1.5, 1.7), (camera, 1.2, 1.7), (camera, 1.5, 9.0)):
-        moved = nearby.seen(*view)
+        moved = nearby.points(*view)
         assert moved is not places
-        assert moved.rows.tobytes() == again.seen(*view).rows.tobytes()
+        assert moved.rows.tobytes() == again.points(*view).rows.tobytes()

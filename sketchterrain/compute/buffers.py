@@ -25,10 +25,11 @@ class BufferSet:
     def buffer(self, name: str, shape: Sequence[int] | int, dtype: npt.DTypeLike) -> Any:
         """Return the buffer of a name, large enough for an array of this shape."""
         size = max(int(np.prod(shape)) * np.dtype(dtype).itemsize, 1)
-        had, buffer = self._buffers.get(name, (0, None))
+        had, buffer = self._buffers.pop(name, (0, None))
         if had < size:
-            buffer = self._context.empty(size, np.uint8)
-            self._buffers[name] = (size, buffer)
+            buffer = None  # free the smaller one first
+            had, buffer = size, self._context.empty(size, np.uint8)
+        self._buffers[name] = had, buffer
         return buffer
 
 

@@ -6,11 +6,12 @@ from copy import copy
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import reduce
 from operator import or_
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sketchterrain.document.parameters import MATERIALS
+from sketchterrain.placement.cache import LRUCache
 from sketchterrain.terrain.centrelines import tolerance_cell
 from sketchterrain.terrain.culling import field_index, item_lists, river_index
 from sketchterrain.terrain.feature_cache import FeatureCache
@@ -24,7 +25,7 @@ from sketchterrain.terrain.packing import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     import numpy.typing as npt
 
@@ -69,7 +70,7 @@ _RANGES |= dict.fromkeys(_MASKS, (0.0, 1.0))
 class PackedRules:
     """``Rules`` of ``kernels/materials.clh``; at least one row of each, so that buffers are not empty."""
 
-    count: int  # How many rules there are
+    count: int
     form: npt.NDArray[np.int32]  # (rules, 4)
     cover: Float64Array  # (rules,)
     ramp: Float64Array  # (factors, 3, 4)
@@ -120,10 +121,6 @@ def _required_masks(factor: list[float]) -> int:
     return bits
 
 
-K = TypeVar("K", bound="Hashable")
-V = TypeVar("V")
-
-_PARTS = ("starts", "list")
 # Indices of a block's lists, as in kernels/world.clh.
 _MOUNTAIN, _FOREST, _DUNES = 0, 2, slice(3, None)
 _MAX_CELL_SIZES = 64
@@ -134,8 +131,8 @@ _MAX_TOLERANCES = 16
 class CulledInputs:
     """Features and arcs near some blocks, and which of them affect which block."""
 
-    features: FeatureBatch  # Features, of which some do
-    rivers: PackedRivers  # Arcs of rivers, of which some do
+    features: FeatureBatch
+    rivers: PackedRivers
     lists: dict[str, npt.NDArray[np.int32]]  # by the names of the kernels' arguments
 
     @property
@@ -153,9 +150,11 @@ class KernelArguments:
     def __init__(self, recipe: TerrainRecipe, context: ComputeContext) -> None:
         self.recipe = recipe
         self.context = context
-        self.rules = self._upload_rules()
-        self._worlds: dict[float, dict[str, Any]] = {}
-        self._reset_rivers()
+        rules = pack_rules(recipe)
+        # The arguments of ``RULE_ARGUMENTS`` in ``kernels/materials.clh``, in order.
+        self.rules = [np.int32(rules.count), *self._upload(rules.form, rules.cover, rules.ramp)]
+        self._worlds = LRUCache(_MAX_CELL_SIZES)
+        self._river_sets = LRUCache(_MAX_TOLERANCES)
         self._reset_lakes()
         self._reset_covers()
         self._feature_cache = FeatureCache(recipe, context)
@@ -179,9 +178,8 @@ class KernelArguments:
             return KernelArguments(recipe, self.context)
         other = copy(self)
         other.recipe = recipe
-        other._worlds = dict(self._worlds)
         if not bit_equal((before.rivers, before.valley_radii), (recipe.rivers, recipe.valley_radii)):
-            other._reset_rivers()
+            other._river_sets = LRUCache(_MAX_TOLERANCES)
         if not bit_equal(before.lakes, recipe.lakes):
             other._reset_lakes()
         if not bit_equal(before.covers, recipe.covers):
@@ -189,29 +187,27 @@ class KernelArguments:
         other._feature_cache = self._feature_cache.updated(recipe, areas)
         return other
 
-    def _reset_rivers(self) -> None:
-        self._river_sets: dict[float, _Rivers] = {}
-
     def _reset_lakes(self) -> None:
         self._lakes = pack_fields(self.recipe, [lake.shape for lake in self.recipe.lakes])
         self._lake_index = field_index(self._lakes)
-        self._lake_samples = self.context.upload(self._lakes.samples.astype(self.context.real_dtype))
-        self._lake_worlds: dict[float, dict[str, Any]] = {}
+        self._lake_samples = self._upload(self._lakes.samples)
+        self._lake_worlds = LRUCache(_MAX_CELL_SIZES)
 
     def _reset_covers(self) -> None:
         self._covers = pack_fields(self.recipe, [cover.shape for cover in self.recipe.covers])
         self._cover_index = field_index(self._covers)
-        self._cover_buffers = self._upload_covers()
+        covers = pack_covers(self.recipe, self._covers)
+        self._cover_buffers = self._upload(self._covers.at, covers.form, covers.shape, self._covers.samples)
 
     def world(self, cell_size: float) -> dict[str, Any]:
         """Return the arguments that do not depend on the position, by name; cached."""
         cell = effective_cell(cell_size)
-        world = _cached(self._worlds, cell, self._upload_world, _MAX_CELL_SIZES)
-        lakes = _cached(self._lake_worlds, cell, self._upload_lakes, _MAX_CELL_SIZES)
-        return {**world, **lakes}
+        world = self._worlds.get_or_compute(cell, lambda: self._upload_world(cell))
+        return world | self._lake_worlds.get_or_compute(cell, lambda: self._upload_lakes(cell))
 
-    def _rivers(self, tolerance: float) -> _Rivers:
-        return _cached(self._river_sets, tolerance, self._upload_rivers, _MAX_TOLERANCES)
+    def _rivers(self, cell_size: float) -> _Rivers:
+        cell = tolerance_cell(cell_size)
+        return self._river_sets.get_or_compute(cell, lambda: self._upload_rivers(cell))
 
     def cull(
         self, blocks: LatticeArray, cell_size: float, *, ground: LatticeArray | None = None
@@ -223,7 +219,7 @@ class KernelArguments:
         visible = self.world(cell_size)["lakes_visible"]
         around = blocks if ground is None else ground
         features = self._feature_cache.batch(around, effective_cell(cell_size))
-        rivers = self._rivers(tolerance_cell(cell_size))
+        rivers = self._rivers(cell_size)
         lists = {
             "feature": features.lists(blocks),
             "lake": item_lists(self._lake_index, blocks, visible),
@@ -234,7 +230,7 @@ class KernelArguments:
     def terrain(self, culled: CulledInputs, cell_size: float, lists: Mapping[str, Any]) -> list[Any]:
         """Return the arguments of ``TERRAIN_ARGUMENTS`` in ``kernels/patches.clh``, in order.
 
-        ``lists`` are device buffers of ``reaching.lists``, by name.
+        ``lists`` are device buffers of ``culled.lists``, by name.
         """
         world = self.world(cell_size)
         return [
@@ -246,10 +242,10 @@ class KernelArguments:
             lists["feature_starts"],
             lists["feature_list"],
             *world["lakes"],
-            self._lake_samples,
+            *self._lake_samples,
             lists["lake_starts"],
             lists["lake_list"],
-            *self._rivers(tolerance_cell(cell_size)).buffers,
+            *self._rivers(cell_size).buffers,
             lists["river_starts"],
             lists["river_list"],
         ]
@@ -262,55 +258,28 @@ class KernelArguments:
         """Return the arguments of painted materials, given buffers of :meth:`cover_lists`."""
         return [*self._cover_buffers, lists["cover_starts"], lists["cover_list"]]
 
+    def _upload(self, *arrays: npt.NDArray[Any]) -> list[Any]:
+        """Return buffers of arrays, float64 ones converted to the kernels' REAL."""
+        real = self.context.real_dtype
+        return [
+            self.context.upload(each.astype(real) if each.dtype == np.float64 else each) for each in arrays
+        ]
+
     def _upload_world(self, cell: float) -> dict[str, Any]:
-        upload, real = self.context.upload, self.context.real_dtype
-        packed = pack_world(self.recipe, cell, real=real)
+        packed = pack_world(self.recipe, cell, real=self.context.real_dtype)
+        scalars, styles = self._upload(packed.scalars, packed.styles)
         octaves = packed.octaves
-        return {
-            "scalars": upload(packed.scalars),
-            "styles": upload(packed.styles),
-            "table": octaves,
-            "octaves": [upload(octaves.form), upload(octaves.offset), upload(octaves.scale.astype(real))],
-        }
+        buffers = self._upload(octaves.form, octaves.offset, octaves.scale)
+        return {"scalars": scalars, "styles": styles, "table": octaves, "octaves": buffers}
 
     def _upload_lakes(self, cell: float) -> dict[str, Any]:
-        upload, real = self.context.upload, self.context.real_dtype
         lakes = pack_lakes(self.recipe, self._lakes, cell)
-        return {
-            "lakes_visible": lakes.visible,
-            "lakes": [
-                upload(self._lakes.at),
-                upload(self._lakes.form),
-                upload(lakes.shape.astype(real)),
-                upload(lakes.profile.astype(real)),
-            ],
-        }
-
-    def _upload_rules(self) -> list[Any]:
-        """Return the arguments of ``RULE_ARGUMENTS`` in ``kernels/materials.clh``, in order."""
-        upload, real, rules = self.context.upload, self.context.real_dtype, pack_rules(self.recipe)
-        return [
-            np.int32(rules.count),
-            upload(rules.form),
-            upload(rules.cover.astype(real)),
-            upload(rules.ramp.astype(real)),
-        ]
-
-    def _upload_covers(self) -> list[Any]:
-        upload, real = self.context.upload, self.context.real_dtype
-        covers = pack_covers(self.recipe, self._covers)
-        return [
-            upload(self._covers.at),
-            upload(covers.form),
-            upload(covers.shape.astype(real)),
-            upload(self._covers.samples.astype(real)),
-        ]
+        buffers = self._upload(self._lakes.at, self._lakes.form, lakes.shape, lakes.profile)
+        return {"lakes_visible": lakes.visible, "lakes": buffers}
 
     def _upload_rivers(self, cell: float) -> _Rivers:
-        upload, real = self.context.upload, self.context.real_dtype
         rivers = pack_rivers(self.recipe, cell)
-        parts = (rivers.along, rivers.up, rivers.down)
-        buffers = [upload(rivers.start), *(upload(part.astype(real)) for part in parts)]
+        buffers = self._upload(rivers.start, rivers.along, rivers.up, rivers.down)
         return _Rivers(rivers, buffers, river_index(self.recipe, rivers))
 
 
@@ -324,17 +293,5 @@ class _Rivers:
 
 
 def _named(lists: Mapping[str, Lists]) -> dict[str, npt.NDArray[np.int32]]:
-    return {
-        f"{name}_{part}": array
-        for name, pair in lists.items()
-        for part, array in zip(_PARTS, pair, strict=True)
-    }
-
-
-def _cached(cache: dict[K, V], key: K, create: Callable[[K], V], limit: int) -> V:
-    """Return the cached value of a key, created if missing; the oldest beyond the limit are dropped."""
-    if key not in cache:
-        while len(cache) >= limit:
-            del cache[next(iter(cache))]
-        cache[key] = create(key)
-    return cache[key]
+    parts = ("starts", "list")
+    return {f"{name}_{part}": pair[i] for name, pair in lists.items() for i, part in enumerate(parts)}

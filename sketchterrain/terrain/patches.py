@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sketchterrain.compute.buffers import StagingBuffer
+from sketchterrain.compute.buffers import BufferSet, StagingBuffer
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.noise import corner_table, fits_patches, whole_step_bits
 
@@ -45,7 +45,7 @@ class PatchLauncher:
     def __init__(self, arguments: KernelArguments) -> None:
         self._arguments = arguments
         self._context = arguments.context
-        self._scratch: dict[str, tuple[int, Any]] = {}
+        self._buffers = BufferSet(self._context)
         self._max_in_group = lru_cache(maxsize=8)(self._context.max_group_size)
         self._row_groups = lru_cache(maxsize=16)(self._whole_rows)
         self._staged = {name: StagingBuffer(self._context) for name in ("all", "heights")}
@@ -124,7 +124,7 @@ class PatchLauncher:
         self, patches: Patches, more: Mapping[str, npt.NDArray[Any]], *, heights_only: bool
     ) -> _Launch:
         """Enqueue heights, masks and mottle with their border, staging ``more`` small arrays along."""
-        count, side = patches.count, patches.side
+        count, side, real = patches.count, patches.side, self._context.real_dtype
         size = 1 if heights_only else count * side * side
         culled = self._arguments.cull(patches.square_blocks, patches.cell_size, ground=patches.blocks)
         vertices = self._vertices(patches)
@@ -141,9 +141,9 @@ class PatchLauncher:
             vertices.across or [small[name] for name in vertices.inverse if name in small],
             (
                 # Two spare rows: see `parents`.
-                self._buffer("height only" if heights_only else "height", (count * side + 2) * side),
-                self._buffer("masks", 4 * size),
-                self._buffer("mottle", size),
+                self._buffers.buffer(f"height {heights_only}", (count * side + 2, side), real),
+                self._buffers.buffer("masks", (4, size), real),
+                self._buffers.buffer("mottle", size, real),
             ),
         )
         items = patches.square_side**2
@@ -203,15 +203,6 @@ class PatchLauncher:
         most = min(self._max_in_group(file, kernel), _MAX_IN_GROUP)
         rows = [number for number in range(1, side + 1) if side % number == 0 and number * side <= most]
         return (side, rows[-1], 1) if rows else None
-
-    def _buffer(self, name: str, size: int) -> Any:
-        """Return a cached buffer for at least ``size`` values."""
-        capacity, buffer = self._scratch.get(name, (0, None))
-        if capacity < size:
-            self._scratch.pop(name, None)
-            buffer = self._context.empty(size, self._context.real_dtype)
-            self._scratch[name] = size, buffer
-        return buffer
 
 
 def _common_bits(bits: npt.NDArray[np.int32], squares: int) -> npt.NDArray[np.int32]:

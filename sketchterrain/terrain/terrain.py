@@ -149,29 +149,14 @@ class Terrain:
     def fill_tiles(
         self, keys: Sequence[tuple[int, int, int]], store: SurfaceStore, slots: Sequence[int]
     ) -> Float64Array:
-        """Write tiles into device buffers: the values of :meth:`tiles`.
+        """Write tiles (level, column, row) into different slots of device buffers.
 
-        The tiles of a level cost four launches, up to 256 of them at once: heights, then normals and
-        materials, and the same of their parents. The queue is in order: later commands find them written.
+        Return their bounds of detail (m).
 
-        Parameters
-        ----------
-        keys
-            (level, column, row) of each.
-        store
-            From :meth:`tile_store`.
-        slots
-            Slot of each in the store; all different.
-
-        Returns
-        -------
-        ndarray of float64, shape (tiles,)
-            The tiles' ``detail_bound``, m.
-
-        Raises
-        ------
-        InputError
-            If a level or slot does not exist, or the number of slots differs from that of tiles.
+        The values are those of :meth:`tiles`. The tiles of a level cost four launches, up to 256 of them at
+        once: heights, then normals and materials, and the same of their parents. The queue is in order: later
+        commands find them written. InputError is raised for levels or slots that do not exist or are not one
+        per tile.
         """
         place = _checked_slots(slots, len(keys), store.slots)
         levels = np.array([key[0] for key in keys])
@@ -185,16 +170,9 @@ class Terrain:
     def vertex_store(
         self, slots: int, *, quads: int = QUADS, memory: VertexMemory | None = None
     ) -> VertexStore:
-        """Return slots for so many tiles as OpenGL draws them, for :meth:`write_tiles`.
+        """Return slots for tiles as OpenGL draws them, with 32, 64, 128 or 256 quads along a side.
 
-        Parameters
-        ----------
-        slots
-            Number of tiles.
-        quads
-            Along a tile's side: 32, 64, 128 or 256.
-        memory
-            Memory of the vertices; None allocates a buffer on the device.
+        ``memory`` is that of the vertices; None allocates a buffer on the device.
         """
         return VertexStore(self.context, slots, quads=quads, memory=memory)
 
@@ -205,19 +183,11 @@ class Terrain:
         parents: npt.ArrayLike,
         store: VertexStore,
     ) -> StructuredArray:
-        """Write tiles as OpenGL draws them, and wait for them.
+        """Write tiles (level, column, row) into different slots as OpenGL draws them, and wait for them.
 
-        Parameters
-        ----------
-        keys
-            (level, column, row) of each; levels go from −12 to the store's finest, 18 for 64 quads.
-        slots
-            Slot of each in the store; all different.
-        parents
-            Slot of each one's parent, or −1: then the tile is its own parent. A parent must have been written
-            before, or by the same call.
-        store
-            From :meth:`vertex_store`.
+        Levels go from −12 to the store's finest, 18 for 64 quads. ``parents`` are the parents' slots, written
+        before or by the same call; with −1 a tile is its own parent. InputError is raised for invalid levels or
+        slots.
 
         Returns
         -------
@@ -226,11 +196,6 @@ class Terrain:
             ``error``: the tile's geometric error δ (m): at the centres of every second quad of every second
             row (of all quads if 32), full detail is within δ of the triangles, but for one in a hundred,
             where it is within 1.5 δ.
-
-        Raises
-        ------
-        InputError
-            If a level or slot does not exist, or the number of slots or parents differs from that of tiles.
         """
         key = np.asarray(keys, np.int64).reshape(-1, 3)
         place = _checked_slots(slots, len(key), store.slots)
@@ -331,16 +296,9 @@ class Terrain:
     def window_bytes(
         self, west: float, north: float, *, cell: float, left: int, top: int, columns: int, rows: int
     ) -> Iterator[QuantizedBand]:
-        """Return the same vertices with normals and weights quantized to bytes on the device.
+        """Return the vertices of :meth:`window` with normals and weights quantized to bytes on the device.
 
-        The parameters are those of :meth:`window`.
-
-        Raises
-        ------
-        DeviceError
-            If the device has no 64-bit floats.
-        InputError
-            If there are no vertices, or they are too far away.
+        DeviceError is raised for a device without 64-bit floats, InputError as by :meth:`window`.
         """
         return quantized_bands(self._evaluator, (west, north), cell, left, top, columns, rows)
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sketchterrain.compute.buffers import StagingBuffer
+from sketchterrain.compute.buffers import BufferSet, StagingBuffer
 from sketchterrain.terrain.changes import touches
 from sketchterrain.terrain.lattice import LATTICE_BITS, finest_level
 from sketchterrain.terrain.patch_layout import Batches, sample_stride, tile_patches, tile_samples
@@ -152,7 +152,7 @@ class VertexWriter:
         self._staged = StagingBuffer(self._context)
         self._wide_errors = WideTileErrors(arguments.recipe, self._heights)
         self._at_once: dict[int, Batches] = {}
-        self._buffers: dict[str, tuple[int, Any]] = {}
+        self._buffers = BufferSet(self._context)
 
     def updated(self, arguments: KernelArguments, areas: Sequence[Bounds]) -> VertexWriter:
         """Return a writer of a recipe that differs in areas (m), on the same device, with shared buffers."""
@@ -177,8 +177,8 @@ class VertexWriter:
         )
         order = np.argsort(keys[:, 0], kind="stable")
         strips = store.quads // sample_stride(store.quads)
-        extrema = self._buffer("extrema", 4 * len(keys) * strips)
-        errors = self._buffer("errors", len(keys) * strips**2)
+        extrema = self._buffers.buffer("extrema", (len(keys), strips, 4), np.float32)
+        errors = self._buffers.buffer("errors", (len(keys), strips**2), np.float32)
         at_once = self._at_once.setdefault(store.quads, Batches(max(_MAX_QUADS // store.quads**2, 1)))
         store.acquire()
         try:
@@ -247,15 +247,6 @@ class VertexWriter:
         real = self._context.real_dtype
         shape = (patches.count, patches.side, patches.side)
         return self._context.download(self._launcher.heights(patches), shape, real).astype(np.float32)
-
-    def _buffer(self, name: str, count: int) -> Any:
-        """Return a cached buffer for at least so many floats."""
-        capacity, buffer = self._buffers.get(name, (0, None))
-        if capacity < count:
-            self._buffers.pop(name, None)
-            buffer = self._context.empty(count, np.float32)
-            self._buffers[name] = count, buffer
-        return buffer
 
     def _release_buffers(self) -> None:
         """Drop the buffers allocated for larger batches."""

@@ -41,10 +41,10 @@ class Action:
         return {**self.required, **self.optional}
 
 
-def _position(name: str, way: str) -> Parameter:
+def _position(name: str, direction: str) -> Parameter:
     return Parameter(
         *(name, float, 0.0, -_MAX_COORDINATE, _MAX_COORDINATE, "m"),
-        f"{way} of the sketch's south-west corner",
+        f"{direction} of the sketch's south-west corner",
         soft_range=(0.0, 4096.0),
     )
 
@@ -58,14 +58,14 @@ _FROM_X, _FROM_Y = (
         -_MAX_COORDINATE,
         _MAX_COORDINATE,
         "m",
-        f"where the point was, {way}: names it",
+        f"former position, {direction}: identifies the point",
     )
-    for name, way in (("x", "east"), ("y", "north"))
+    for name, direction in (("x", "east"), ("y", "north"))
 )
 _RADIUS = Parameter("radius", float, 100.0, 0.1, 1e5, "m", "ground radius of its support")
 _STRENGTH = Parameter("strength", float, 1.0, 0.0, 9000.0, "", "height in m; of a forest the share of trees")
-_TYPE = Parameter("type", str, "mountain", 0, 10, "", "what it is", choices=POINT_TYPES)
-_INDEX = Parameter("index", int, 0, 0, 100_000, "", "which control point, 0 at the spring")
+_TYPE = Parameter("type", str, "mountain", 0, 10, "", "type of feature", choices=POINT_TYPES)
+_INDEX = Parameter("index", int, 0, 0, 100_000, "", "index of the control point, 0 at the source")
 _FEATURE = Parameter("feature", int, 0, 0, 2**64 - 1, "", "id of the feature, as in features.json")
 _SHAPE = (_TYPE, _X, _Y, _RADIUS, _STRENGTH)
 _STYLE = parameter_table(

@@ -1,4 +1,4 @@
-"""Material rules: which material lies where, and the table that a sketch can change."""
+"""Material rules: where materials cover the ground, the default table, and changes of it."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ INPUTS: Mapping[str, Parameter] = parameter_table(
     _weight("above_snow_line", "1/m", "weight of the elevation above [climate] snow_line"),
     _weight("above_tree_line", "1/m", "weight of the elevation above [climate] tree_line"),
     _weight("steepness", "", "weight of the slope, rise over run"),
-    _weight("hollow", "", "weight of how hollow the ground is: by how much the slope changes over a cell"),
+    _weight("hollow", "", "weight of the curvature: change of slope over a cell, positive in hollows"),
     _weight("aridity", "", "weight of [climate] aridity"),
     _weight("water", "", "weight of water: 1 in the middle, 0.75 at its edge, 0 away from it"),
     _weight("wetness", "", "weight of the wet ground beside water: 0.69 at its edge, 0 where the bank ends"),
-    _weight("mountain", "", "weight of how much of a mountain it is, 0 to 1"),
+    _weight("mountain", "", "weight of mountains, 0 to 1"),
     _weight("dune", "", "weight of desert sand, 0 to 1"),
-    _weight("forest", "", "weight of the share of the places for trees that are taken, 0 to 1"),
+    _weight("forest", "", "weight of the tree cover, 0 to 1"),
     _weight("mottle", "", "weight of the ground cover's noise, about -1 to 1"),
 )
 """Inputs that a factor can depend on."""
@@ -55,9 +55,9 @@ FACTOR: Mapping[str, Parameter] = parameter_table(
 
 RULE: Mapping[str, Parameter] = parameter_table(
     Parameter("name", str, "mine", 1, 40, "characters", "one of the table's rules to change, or a new name"),
-    Parameter("material", str, "rock", 0, 40, "", "what it lays on the ground", choices=MATERIALS),
-    Parameter("cover", float, 1.0, 0.0, 1.0, "", "the most of the ground that it covers; 0 takes it away"),
-    Parameter("before", str, "", 0, 40, "characters", "the rule below which it lies; by default on top"),
+    Parameter("material", str, "rock", 0, 40, "", "the material that it applies", choices=MATERIALS),
+    Parameter("cover", float, 1.0, 0.0, 1.0, "", "maximum cover; 0 disables the rule"),
+    Parameter("before", str, "", 0, 40, "characters", "the rule to insert it before; by default on top"),
 )
 """Keys of ``[[material_rule]]``."""
 

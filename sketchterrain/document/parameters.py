@@ -44,12 +44,12 @@ def _erosion(default: float) -> tuple[Parameter, Parameter]:
 
 
 SKETCH: Mapping[str, Parameter] = parameter_table(
-    Parameter("name", str, "Untitled", 0, 200, "characters", "what the sketch is called"),
+    Parameter("name", str, "Untitled", 0, 200, "characters", "title of the sketch"),
     Parameter(
         *("extent", float, 4096.0, 1.0, 1e6, "m", "length of the sketch's longer side"),
         soft_range=(128.0, 262144.0),
     ),
-    Parameter("seed", int, 0, 0, 2**63 - 1, "", "another seed gives another terrain of the same sketch"),
+    Parameter("seed", int, 0, 0, 2**63 - 1, "", "random seed of the terrain"),
     Parameter(
         "fidelity", float, 0.8, 0.0, 1.0, "", "0 is a loose guideline, 1 is exactly where it was painted"
     ),
@@ -62,29 +62,29 @@ DENSITY: Mapping[str, Parameter] = parameter_table(
     _density("dune", "dunes"),
     _density("forest", "groves of trees"),
 )
-"""Keys of ``[density]``: what fills the world where nothing is painted."""
+"""Keys of ``[density]``: features where nothing is painted."""
 
 GROUND: Mapping[str, Parameter] = parameter_table(
     Parameter("relief", float, 40.0, 0.0, 2000.0, "m", "range of heights of the ground between features"),
     Parameter("wavelength", float, 1600.0, 50.0, 20000.0, "m", "length of the ground's widest waves"),
-    Parameter("roughness", float, 0.45, 0.2, 0.7, "", "share of height that each finer octave keeps"),
+    Parameter("roughness", float, 0.45, 0.2, 0.7, "", "amplitude ratio of successive octaves"),
 )
 """Keys of ``[ground]``: the plain under and between the features."""
 
 CLIMATE: Mapping[str, Parameter] = parameter_table(
     Parameter(
-        *("snow_line", float, 1e4, -1e4, 1e4, "m", "elevation above which snow lies"),
+        *("snow_line", float, 1e4, -1e4, 1e4, "m", "elevation above which there is snow"),
         sentinel=Sentinel(1e4, "No snow", 2000.0),
         soft_range=(0.0, 5000.0),
     ),
     Parameter(
-        *("tree_line", float, 1e4, -1e4, 1e4, "m", "elevation above which no tree stands"),
+        *("tree_line", float, 1e4, -1e4, 1e4, "m", "elevation above which no trees grow"),
         sentinel=Sentinel(1e4, "No limit", 1800.0),
         soft_range=(0.0, 5000.0),
     ),
     Parameter("aridity", float, 0.2, 0.0, 1.0, "", "0 is lush, 1 is a desert"),
 )
-"""Keys of ``[climate]``: what grows and lies on the ground."""
+"""Keys of ``[climate]``: snow and vegetation."""
 
 WEATHER: Mapping[str, Parameter] = parameter_table(
     Parameter(
@@ -190,7 +190,7 @@ LAYERS: Mapping[str, Layer] = MappingProxyType(
                 "forest",
                 "Forests",
                 (38, 104, 58),
-                "where trees may stand",
+                "where trees grow",
                 parameter_table(
                     Parameter(
                         "density", float, 0.8, 0.0, 1.0, "", "share of the trees that the ground can carry"
@@ -207,7 +207,7 @@ LAYERS: Mapping[str, Layer] = MappingProxyType(
                 "lake",
                 "Lakes",
                 (98, 178, 214),
-                "where water stands",
+                "where lakes are",
                 parameter_table(
                     Parameter("depth", float, 6.0, 0.5, 200.0, "m", "greatest depth of the water")
                 ),
@@ -216,11 +216,9 @@ LAYERS: Mapping[str, Layer] = MappingProxyType(
                 "material",
                 "Materials",
                 (168, 160, 150),
-                "what covers the ground, whatever else would lie there",
+                "a material that overrides the material rules",
                 parameter_table(
-                    Parameter(
-                        "material", str, "rock", 0, 40, "", "what lies on the ground", choices=MATERIALS
-                    ),
+                    Parameter("material", str, "rock", 0, 40, "", "the material", choices=MATERIALS),
                     Parameter("strength", float, 1.0, 0.0, 1.0, "", "0 is no cover, 1 hides all else"),
                 ),
             ),

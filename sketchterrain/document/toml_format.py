@@ -62,8 +62,8 @@ _Row = TypeVar("_Row")
 _COMMENT_COLUMN = 28
 
 _HEAD = """\
-# A sketch of a terrain. Beside this file lies one 8-bit single-channel PNG a layer: 0 is empty, every
-# other value is a label, and [layer.label] below says what the label means. What is missing has its default.
+# A sketch of a terrain. Each layer is an 8-bit single-channel PNG in this folder: 0 is empty, other values
+# are labels with the properties in [layer.label] below. Missing values have defaults.
 """
 
 

@@ -16,9 +16,9 @@ from PIL import Image
 from sketchterrain.document.store import load_sketch
 from sketchterrain.io.files import write_atomic
 from sketchterrain.io.resources import preset_names
+from sketchterrain.render.offscreen import render_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.sky import Weather
-from sketchterrain.render.snapshot import render_picture
 from sketchterrain.terrain.building import build
 
 if TYPE_CHECKING:

@@ -14,9 +14,9 @@ from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_o
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import DeviceError
 from sketchterrain.render.context import close_context, open_context
+from sketchterrain.render.offscreen import read_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
-from sketchterrain.render.snapshot import read_picture
 from sketchterrain.render.sunlight import find_sun
 from sketchterrain.render.views import find_view
 from sketchterrain.terrain.building import build

@@ -18,10 +18,10 @@ from sketchterrain.compute.context import ComputeContext
 from sketchterrain.io.files import write_atomic
 from sketchterrain.look.tree_species import HEIGHTS, SPECIES
 from sketchterrain.render.camera import Camera
+from sketchterrain.render.offscreen import canvas, read_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Sun, Weather
-from sketchterrain.render.snapshot import canvas, read_picture
 from sketchterrain.vegetation.plants import PLANT
 
 if TYPE_CHECKING:

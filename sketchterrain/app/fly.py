@@ -11,7 +11,7 @@ from sketchterrain.app.jobs import run_with_fallback
 from sketchterrain.app.listings import device_entry
 from sketchterrain.app.stills import sketch_weather
 from sketchterrain.export.film import check_film, film
-from sketchterrain.render.frame_capture import capture_frames
+from sketchterrain.render.offscreen import capture_frames
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.tour import tour
 from sketchterrain.terrain.building import build
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.render.flight import CameraStates, Flight
-    from sketchterrain.render.frame_capture import CapturedFrame
+    from sketchterrain.render.offscreen import CapturedFrame
     from sketchterrain.render.sky import Weather
     from sketchterrain.terrain.terrain import Terrain
 

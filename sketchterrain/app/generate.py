@@ -184,7 +184,7 @@ def render_preview(
     terrain: Terrain, view: str, weather: Weather, shared: SharedResources, timings: dict[str, float]
 ) -> tuple[npt.NDArray[np.uint8] | None, str | None]:
     """Return a preview, (height, width, 3), or None and the reason, as on a machine without OpenGL."""
-    from sketchterrain.render.snapshot import render_picture
+    from sketchterrain.render.offscreen import render_picture
 
     take = shared.take_picture or render_picture
     try:

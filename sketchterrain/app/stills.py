@@ -10,10 +10,10 @@ from sketchterrain.app.jobs import run_with_fallback
 from sketchterrain.export.files import prepare_folder
 from sketchterrain.export.map.sheet import write_map
 from sketchterrain.export.rasters import write_picture
+from sketchterrain.render.offscreen import render_picture
 from sketchterrain.render.overlays import check_overlays
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.sky import Weather
-from sketchterrain.render.snapshot import render_picture
 from sketchterrain.render.sunlight import sun_at
 from sketchterrain.render.views import check_view
 from sketchterrain.terrain.building import build

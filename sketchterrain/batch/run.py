@@ -55,7 +55,7 @@ from sketchterrain.export.rasters import write_picture
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.io.files import check_disk
 from sketchterrain.io.system import Interrupts
-from sketchterrain.render.snapshot_renderer import SnapshotRenderer
+from sketchterrain.render.offscreen import SnapshotRenderer
 from sketchterrain.render.views import check_view
 from sketchterrain.terrain.adherence import measure_adherence
 from sketchterrain.terrain.building import build

@@ -7,16 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-_OVERHEAD: Final = 0.0004
-"""s of any piece of work, however small."""
-_SMOOTHING: Final = 0.3
-"""Weight of one fast measurement; a slow one replaces the estimate at once."""
-_OPTIMISM: Final = 0.9
-"""Factor of the estimate after a refusal with (almost) the whole budget left."""
-_WHOLE_BUDGET: Final = 0.8
-"""Share of the largest recent budget that counts as all of it."""
-_BUDGET_DECAY: Final = 0.95
-"""Factor of the largest recent budget from query to query: budgets may shrink."""
+_OVERHEAD: Final = 0.0004  # s of any piece of work, however small
+_SMOOTHING: Final = 0.3  # weight of one fast measurement; a slow one replaces the estimate at once
+_OPTIMISM: Final = 0.9  # factor of the estimate after a refusal with (almost) the whole budget left
+_WHOLE_BUDGET: Final = 0.8  # share of the largest recent budget that counts as all of it
+_BUDGET_DECAY: Final = 0.95  # factor of the largest recent budget from query to query: budgets may shrink
 
 
 class TimeBudget:

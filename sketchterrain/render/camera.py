@@ -125,10 +125,8 @@ def _frustum(camera: Camera, aspect: float) -> Floats:
     return planes
 
 
-CLIMB: Final = 8.0
-"""Increase of the draw distance (m) per metre of height above the terrain."""
-FARTHEST: Final = 16.0
-"""Largest draw distance, in extents: the width of the coarsest tiles."""
+CLIMB: Final = 8.0  # increase of the draw distance (m) per metre of height above the terrain
+FARTHEST: Final = 16.0  # largest draw distance, in extents: the width of the coarsest tiles
 
 
 def draw_distance(clearance: float, *, extent: float, reach: float) -> float:

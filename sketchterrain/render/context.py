@@ -8,8 +8,7 @@ import moderngl
 
 from sketchterrain.errors import DeviceError
 
-VERSION = 430
-"""OpenGL 4.3 core, for indirect multi-draw."""
+VERSION = 430  # OpenGL 4.3 core, for indirect multi-draw
 
 
 def open_context() -> moderngl.Context:

@@ -22,12 +22,9 @@ if TYPE_CHECKING:
     from sketchterrain.render.camera import Camera, Floats, HeightFunction, Vector
 
 
-_SAMPLES_PER_SEGMENT: Final = 64
-"""Samples between two keyframes for the arc length."""
-_DIFFERENCE_STEP: Final = 1e-5
-"""s, step of the finite differences of the velocity."""
-_MIN_DISTANCE: Final = 1e-3
-"""Least distance (m) of two points of the curve."""
+_SAMPLES_PER_SEGMENT: Final = 64  # samples between two keyframes for the arc length
+_DIFFERENCE_STEP: Final = 1e-5  # s, step of the finite differences of the velocity
+_MIN_DISTANCE: Final = 1e-3  # least distance (m) of two points of the curve
 
 
 class CameraSpline:
@@ -100,8 +97,7 @@ def _view_angles(along: Floats) -> tuple[Floats, Floats, Floats]:
     return heading, np.arctan2(along[:, 2], level), np.log(length)
 
 
-MAX_KEYS: Final = 20_000
-"""Keyframes of a flight."""
+MAX_KEYS: Final = 20_000  # keyframes of a flight
 
 _MAX_COORDINATE = 1e9  # m
 _MIN_INTERVAL = 1e-3  # s between keyframes

@@ -26,8 +26,7 @@ _TILE: Final = np.dtype(
     [("corner", "<i4", 2), ("step", "<i4"), ("centre", "<f4"), ("west", "<f4", 4), ("east", "<f4", 4)]
 )
 _TILE_ATTRIBUTES: Final = ("4i4 4f4 4f4/i", "tile_corner", "morph_west", "morph_east")
-_MAX_UNITS: Final = 2**31 - 1
-"""Largest lattice distance from the eye to a vertex."""
+_MAX_UNITS: Final = 2**31 - 1  # largest lattice distance from the eye to a vertex
 
 
 class TileRenderer:
@@ -174,12 +173,9 @@ class TileRenderer:
             array.render_indirect(commands, moderngl.TRIANGLES, count=count)
 
 
-NEAR_WIDTH: Final = 200.0
-"""m."""
-STEP: Final = 16
-"""Texels of the grid that squares snap to."""
-INTERVAL: Final = 6
-"""Frames of a moving picture between two updates of a square."""
+NEAR_WIDTH: Final = 200.0  # m
+STEP: Final = 16  # texels of the grid that squares snap to
+INTERVAL: Final = 6  # frames of a moving picture between two updates of a square
 
 
 class SurfaceMap:

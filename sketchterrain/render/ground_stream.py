@@ -34,20 +34,16 @@ if TYPE_CHECKING:
     from sketchterrain.tiles.tile_pool import Batch, DrawList
 
 
-QUAD, QUAD_PER_TOLERANCE = 24.0, 8.0
-"""px; largest width of a quad: constant, and per pixel of tolerance."""
-JUMP: Final = 0.1
-"""Extents; a larger motion between two frames is a jump."""
+QUAD, QUAD_PER_TOLERANCE = 24.0, 8.0  # px; largest width of a quad: constant, and per pixel of tolerance
+JUMP: Final = 0.1  # Extents; a larger motion between two frames is a jump
 JUMP_BUDGET: Final = 0.5
 """s for the first frame and the frame of a jump, which draw a whole picture at once."""
 CATCH_UP_SECONDS: Final = 2.0
 """s after a jump during which, until the picture is final, ..."""
 MORPH_SPEEDUP: Final = 8.0
 """... tiles morph this many times faster ..."""
-CATCH_UP_SHARE: Final = 0.5
-"""... and may take this share of the time, if that is more than the budget."""
-_MAX_BATCHES: Final = 64
-"""Per frame."""
+CATCH_UP_SHARE: Final = 0.5  # ... and may take this share of the time, if that is more than the budget
+_MAX_BATCHES: Final = 64  # per frame
 _BATCH_MARGIN: Final = 1.5
 """Another batch starts if this many times the longest batch of the frame still fits."""
 

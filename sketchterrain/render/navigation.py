@@ -17,10 +17,8 @@ if TYPE_CHECKING:
     from sketchterrain.render.scene import HeightMap, TerrainSource
 
 
-MIN_WIDTH: Final = 48.0
-"""Least width of a map (m)."""
-WIDTH_PER_SPREAD: Final = 4.0
-"""Width of a map, in spreads of the queried positions."""
+MIN_WIDTH: Final = 48.0  # least width of a map (m)
+WIDTH_PER_SPREAD: Final = 4.0  # width of a map, in spreads of the queried positions
 MAX_WIDTH_RATIO: Final = 4.0
 """Ratio of a map's width to the required one above which it is replaced by a finer one."""
 
@@ -83,12 +81,9 @@ def intersect_terrain(
     return _vector(start + far[first] * way)
 
 
-CLEARANCE: Final = 1.0
-"""Least height of the eye above the terrain (m)."""
-DISTANCES: Final = (2.0, 5e6)
-"""Range of the distance from eye to pivot (m)."""
-ELEVATIONS: Final = (-30.0, 89.0)
-"""Range of the elevation of the eye above the pivot's horizon (degrees)."""
+CLEARANCE: Final = 1.0  # least height of the eye above the terrain (m)
+DISTANCES: Final = (2.0, 5e6)  # range of the distance from eye to pivot (m)
+ELEVATIONS: Final = (-30.0, 89.0)  # range of the elevation of the eye above the pivot's horizon (degrees)
 
 _SOFT = 1.0  # m, width of the smooth maximum of eye height and terrain
 _ORBIT_TIME = 0.10  # s, time constant
@@ -206,10 +201,8 @@ def _vector(values: Floats) -> Vector:
     return x, y, z
 
 
-EYE_HEIGHT: Final = 1.7
-"""Resting height of the eye above the terrain (m)."""
-STEEPEST: Final = 89.0
-"""Largest pitch (degrees); the heading is undefined at 90°."""
+EYE_HEIGHT: Final = 1.7  # resting height of the eye above the terrain (m)
+STEEPEST: Final = 89.0  # largest pitch (degrees); the heading is undefined at 90°
 
 _SPEEDS = (4.0, 3000.0)  # m/s, at the terrain and at most
 _SPEED_PER_HEIGHT = 0.8  # 1/s

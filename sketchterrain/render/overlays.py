@@ -36,12 +36,9 @@ FEATURE_COLOURS: Final[dict[str, Colour]] = {
 _RING: Final = 96
 _POST: Final = 0.12
 """Height of the post in the centre of a feature, in radii ..."""
-_MIN_POST: Final = 4.0
-"""... and at least, in m."""
-_LIFT: Final = 0.004
-"""Radii by which rings are lifted, otherwise ridges between two vertices hide them."""
-_HIDDEN_OPACITY: Final = 0.3
-"""Opacity of lines hidden by the terrain."""
+_MIN_POST: Final = 4.0  # ... and at least, in m
+_LIFT: Final = 0.004  # radii by which rings are lifted, otherwise ridges between two vertices hide them
+_HIDDEN_OPACITY: Final = 0.3  # opacity of lines hidden by the terrain
 _LINE: Final = np.dtype([("from", "<f4", 3), ("to", "<f4", 3), ("colour", "u1", 4)])
 
 
@@ -211,10 +208,8 @@ _LEVELS: Final = np.array(
 )
 """Level colours, repeating after eight levels."""
 _RAMP: Final = np.array([(48, 18, 130), (40, 140, 230), (60, 220, 130), (250, 220, 60), (210, 30, 20)])
-_ERROR_RANGE: Final = (0.01, 100.0)
-"""m; ends of the logarithmic ramp."""
-_MAX_PIXELS: Final = 2.0
-"""px; end of the ramp that starts at 0."""
+_ERROR_RANGE: Final = (0.01, 100.0)  # m; ends of the logarithmic ramp
+_MAX_PIXELS: Final = 2.0  # px; end of the ramp that starts at 0
 _MATERIALS: Final = {
     "grass": (90, 170, 60),
     "soil": (130, 90, 50),
@@ -228,8 +223,7 @@ _MATERIALS: Final = {
 _PLANES: Final = {"across x": (255, 0, 0), "across y": (0, 255, 0), "across z": (0, 0, 255)}
 _TILES, _WEIGHTS, _TRIPLANAR, _PLAIN, _RELIEF = range(5)
 _OPACITY: Final = 0.8
-_WIRE_OPACITY: Final = 0.65
-"""Opacity of wires: the relief stays visible where they are dense."""
+_WIRE_OPACITY: Final = 0.65  # opacity of wires: the relief stays visible where they are dense
 
 
 class LegendEntry(NamedTuple):

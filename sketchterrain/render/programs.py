@@ -55,8 +55,7 @@ class ResourceCache:
             close()
 
 
-FRAME_BINDING = 0
-"""Binding point of the uniform block ``Frame`` (kernels/render/frame.glsl)."""
+FRAME_BINDING = 0  # binding point of the uniform block ``Frame`` (kernels/render/frame.glsl)
 
 
 def build_program(

@@ -27,8 +27,7 @@ _WOODS: Final = (250.0, 400.0, 1000.0, 1550.0, 2400.0)
 _LEAVES: Final = (0.15, 0.25, 0.6, 0.77, 1.0)
 _THIN: Final = (30.0, 22.0, 10.0, 6.0, 4.0)
 _PLANTS: Final = (3e3, 6e3, 3e4, 6e4, 1.2e5)
-_COVER_LEVELS: Final = (0.3, 0.5, 1.0)
-"""Levels of `_GRASS` and `_BLADES`: no ground cover below the first."""
+_COVER_LEVELS: Final = (0.3, 0.5, 1.0)  # levels of `_GRASS` and `_BLADES`: no ground cover below the first
 _GRASS: Final = (30.0, 60.0, 110.0)
 _BLADES: Final = (0.3, 0.55, 1.0)
 _MOVING_SCALES: Final = (0.33, 0.45, 0.67, 1.0, 1.0)

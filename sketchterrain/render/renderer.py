@@ -24,14 +24,12 @@ if TYPE_CHECKING:
     from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.sky import Sun
 
-REST: Final = 0.25
-"""s without camera motion and with nothing missing, before a full-size picture is drawn."""
+REST: Final = 0.25  # s without camera motion and with nothing missing, before a full-size picture is drawn
 FAST_DRAW: Final = 0.1
 """s; a full-size picture that takes no longer is drawn even while light and plants are outdated."""
 CATCH_UP_DELAY: Final = 0.5
 """s after a terrain update, from which light and plants are updated at full size in any case ..."""
-CATCH_UP_SHARE: Final = 0.25
-"""... within this share of the drawing time, if that is more than the budget."""
+CATCH_UP_SHARE: Final = 0.25  # ... within this share of the drawing time, if that is more than the budget
 TILES_SHARE: Final = (0.8, 0.8, 0.8, 0.0)
 """Share of the budget for tiles, by frame, while light or plants are missing."""
 OTHERS_SHARE: Final = (0.1, 0.1, 0.1, 1.0)

@@ -26,17 +26,14 @@ class Sketch(Protocol):
     @property
     def climate(self) -> Mapping[str, float]:
         """Climate parameters by name."""
-        ...
 
     @property
     def look(self) -> Mapping[str, Mapping[str, Any]]:
         """Settings of the ``[look]`` table by material."""
-        ...
 
     @property
     def weather(self) -> Mapping[str, float]:
         """Weather parameters by name."""
-        ...
 
 
 class TileSource(Protocol):
@@ -45,18 +42,15 @@ class TileSource(Protocol):
     @property
     def extent(self) -> float:
         """Width of a level-0 tile (m)."""
-        ...
 
     @property
     def context(self) -> ComputeContext:
         """Compute context of the terrain."""
-        ...
 
     def vertex_store(
         self, slots: int, *, quads: int = QUADS, memory: VertexMemory | None = None
     ) -> VertexStore:
         """Return storage for tiles."""
-        ...
 
     def write_tiles(
         self,
@@ -66,7 +60,6 @@ class TileSource(Protocol):
         store: VertexStore,
     ) -> npt.NDArray[np.void]:
         """Write tiles; return their lowest and highest height and error."""
-        ...
 
 
 @runtime_checkable
@@ -76,12 +69,10 @@ class BoundedTerrain(Protocol):
     @property
     def bounds(self) -> tuple[float, float, float, float]:
         """West, south, east, north (m) of the drawn region."""
-        ...
 
     @property
     def finest_cell(self) -> float:
         """Least vertex spacing of tiles (m)."""
-        ...
 
 
 class TerrainSource(TileSource, Protocol):
@@ -90,33 +81,27 @@ class TerrainSource(TileSource, Protocol):
     @property
     def size(self) -> tuple[float, float]:
         """Width and height of the sketch (m)."""
-        ...
 
     @property
     def sketch(self) -> Sketch:
         """The document."""
-        ...
 
     @property
     def features(self) -> PlacedFeatures:
         """Placed features."""
-        ...
 
     def heights(
         self, x: npt.ArrayLike, y: npt.ArrayLike, *, cell_size: float = 0.0
     ) -> npt.NDArray[np.float32]:
         """Return heights (m) at positions (m), band-limited to a cell size (m)."""
-        ...
 
     def foliage(self, west: float, south: float, east: float, north: float) -> npt.NDArray[np.void]:
         """Return plants in a rectangle (m): x, y, z, species, scale, rotation."""
-        ...
 
     def foliage_steps(
         self, west: float, south: float, east: float, north: float
     ) -> Generator[None, None, npt.NDArray[np.void]]:
         """Yield between steps of a few ms; return the plants."""
-        ...
 
 
 def visible_rectangle(terrain: TerrainSource) -> tuple[float, float, float, float]:

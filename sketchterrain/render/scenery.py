@@ -35,10 +35,8 @@ if TYPE_CHECKING:
     from sketchterrain.render.sky import Sun, Weather
 
 
-QUAD: Final = 32.0
-"""px; largest width of a quad up to a tolerance of 2 px, in proportion to it above."""
-WATER_LIFT: Final = 1.5
-"""Tolerances by which water is lifted above terrain that may be drawn too high."""
+QUAD: Final = 32.0  # px; largest width of a quad up to a tolerance of 2 px, in proportion to it above
+WATER_LIFT: Final = 1.5  # tolerances by which water is lifted above terrain that may be drawn too high
 
 
 class Scenery:

@@ -18,12 +18,10 @@ if TYPE_CHECKING:
     from sketchterrain.render.quality import Quality
     from sketchterrain.render.targets import RenderTargets
 
-STRAW_TINT: Final = np.array([1.5, 1.2, 1.0])
-"""Tint of grass at aridity 1."""
+STRAW_TINT: Final = np.array([1.5, 1.2, 1.0])  # tint of grass at aridity 1
 RED_TINT: Final = np.array([1.35, 0.98, 0.72])
 """Tint of `RED_LAYERS` at aridity 1, ..."""
-RED_ARIDITY: Final = 0.4
-"""... from none at this aridity."""
+RED_ARIDITY: Final = 0.4  # ... from none at this aridity
 RED_LAYERS: Final = ("soil", "rock", "scree")
 
 

@@ -103,8 +103,7 @@ class PictureTarget:
         np.frombuffer(memory, np.uint8).reshape(height, width, 4)[:] = read[::-1]
 
 
-NOISE_PERIOD: Final = 65_536.0
-"""m; positional noise repeats after this, so the eye is passed modulo it."""
+NOISE_PERIOD: Final = 65_536.0  # m; positional noise repeats after this, so the eye is passed modulo it
 
 _FRAME: Final = np.dtype(
     [

@@ -23,14 +23,10 @@ if TYPE_CHECKING:
     from sketchterrain.render.scene import TerrainSource
 
 
-OCTAVES: Final = 6
-"""Number of texture scales."""
-RATIO: Final = 3.7
-"""Width ratio of successive octaves."""
-PERIOD: Final = 64
-"""Texture widths after which the hexagons of kernels/render/hex_tiling.glsl repeat."""
-TURN: Final = 0.65
-"""rad, rotation of successive octaves of layers without a direction."""
+OCTAVES: Final = 6  # number of texture scales
+RATIO: Final = 3.7  # width ratio of successive octaves
+PERIOD: Final = 64  # texture widths after which the hexagons of kernels/render/hex_tiling.glsl repeat
+TURN: Final = 0.65  # rad, rotation of successive octaves of layers without a direction
 _PLANES: Final = ((1, 2), (0, 2), (0, 1))
 _SUITED: Final = {
     "grass": (0, 2),

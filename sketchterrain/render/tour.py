@@ -21,26 +21,16 @@ if TYPE_CHECKING:
 
 FOV: Final = 50.0
 TEXELS: Final = 256
-BEARINGS: Final = 72
-"""Directions from the centre."""
-RADII: Final = np.linspace(0.16, 0.42, 27)
-"""Candidate radii of the loop, in sizes of the sketch."""
-RISE: Final = 0.028
-"""Height above the terrain, in extents …"""
-RISE_LIMITS: Final = (25.0, 140.0)
-"""… limited in m."""
-SPEED: Final = 0.75
-"""Heights above the terrain per second."""
-KEY_EVERY: Final = 1.5
-"""s."""
-LOOK_AHEAD: Final = 5.0
-"""s along the loop …"""
-LOOK_IN: Final = 0.25
-"""… and this share towards the centre."""
-LOOK_DOWN: Final = -9.0
-"""Degrees."""
-LOW: Final = 0.45
-"""Least clearance, as share of the height above the terrain."""
+BEARINGS: Final = 72  # directions from the centre
+RADII: Final = np.linspace(0.16, 0.42, 27)  # candidate radii of the loop, in sizes of the sketch
+RISE: Final = 0.028  # height above the terrain, in extents …
+RISE_LIMITS: Final = (25.0, 140.0)  # … limited in m
+SPEED: Final = 0.75  # heights above the terrain per second
+KEY_EVERY: Final = 1.5  # s
+LOOK_AHEAD: Final = 5.0  # s along the loop …
+LOOK_IN: Final = 0.25  # … and this share towards the centre
+LOOK_DOWN: Final = -9.0  # Degrees
+LOW: Final = 0.45  # least clearance, as share of the height above the terrain
 _STAY = 0.10  # cost of changing the radius by a step
 _WATER = 1.2  # gain of water, in ranges of terrain height
 _MIDDLE = 0.20  # cost of the smallest and largest radius, in the same unit

@@ -24,15 +24,11 @@ if TYPE_CHECKING:
     LightScore = Callable[[Float64Array], Float64Array]
     """Score of views by bearing (rad)."""
 
-HIGHEST: Final = 0.80
-"""Upper limit of peaks, in half heights above the picture's centre."""
-SIDE: Final = (75.0, 45.0)
-"""Best angle between view and sun for relief shading, and its width (degrees)."""
+HIGHEST: Final = 0.80  # upper limit of peaks, in half heights above the picture's centre
+SIDE: Final = (75.0, 45.0)  # best angle between view and sun for relief shading, and its width (degrees)
 SIDE_WEIGHT: Final = 1.4
-BEHIND: Final = 140.0
-"""Degrees above which the sun is behind the camera and the light flat …"""
-FLAT_PENALTY: Final = 0.8
-"""… with this penalty."""
+BEHIND: Final = 140.0  # degrees above which the sun is behind the camera and the light flat …
+FLAT_PENALTY: Final = 0.8  # … with this penalty
 
 
 def sun_preference(weather: Weather | None) -> LightScore:
@@ -79,20 +75,14 @@ def aim(
     )
 
 
-MAX_VIEWPOINTS: Final = 220
-"""Most viewpoints."""
-GRID: Final = 22
-"""Candidates along each side of the sketch …"""
-RISES: Final = 40
-"""… and for rises, of which the `TALL` with the highest topographic position are taken."""
+MAX_VIEWPOINTS: Final = 220  # most viewpoints
+GRID: Final = 22  # candidates along each side of the sketch …
+RISES: Final = 40  # … and for rises, of which the `TALL` with the highest topographic position are taken
 TALL: Final = 130
-SHORE: Final = (9.0, 30.0)
-"""Distances (m) of distance_to_water viewpoints from the water."""
-SHORE_EVERY: Final = 1.0 / 50.0
-"""Extents between them along a river."""
+SHORE: Final = (9.0, 30.0)  # distances (m) of distance_to_water viewpoints from the water
+SHORE_EVERY: Final = 1.0 / 50.0  # extents between them along a river
 STEEPEST: Final = 0.3
-AROUND: Final = 0.09
-"""Window of the topographic position, in extents."""
+AROUND: Final = 0.09  # window of the topographic position, in extents
 FOREST: Final = 3  # type code of forests
 OBSTRUCTION_ANGLE: Final = 0.6  # rad to each side of the view in which plants obstruct it
 OBSTRUCTION_RADIUS: Final = 5.0  # m around the eye in which any plant does
@@ -234,34 +224,23 @@ def _padded_square(field: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     return result
 
 
-EYE: Final = {False: 2.2, True: 4.0}
-"""Eye height (m) on level terrain, and on a rise."""
+EYE: Final = {False: 2.2, True: 4.0}  # eye height (m) on level terrain, and on a rise
 FOV: Final = {False: 44.0, True: 40.0}
 BEARINGS: Final = 60
-IN_VIEW: Final = 13
-"""Neighbouring bearings in a picture, with a margin: 78°."""
+IN_VIEW: Final = 13  # neighbouring bearings in a picture, with a margin: 78°
 DISTANCES: Final = 60
-NEAREST: Final = 5.0
-"""m to the nearest sampled terrain."""
-CELL: Final = 4.0
-"""Cell size (m) of the sampled heights."""
-TREES: Final = 14.0
-"""Height (m) of forests as occluders."""
-NEAR: Final = 70.0
-"""m up to which terrain is foreground."""
-RISE: Final = 0.012
-"""Topographic position of a good rise, in extents …"""
-RISE_WEIGHT: Final = 2.5
-"""… and its weight in the score."""
+NEAREST: Final = 5.0  # m to the nearest sampled terrain
+CELL: Final = 4.0  # cell size (m) of the sampled heights
+TREES: Final = 14.0  # height (m) of forests as occluders
+NEAR: Final = 70.0  # m up to which terrain is foreground
+RISE: Final = 0.012  # topographic position of a good rise, in extents …
+RISE_WEIGHT: Final = 2.5  # … and its weight in the score
 HORIZON_AT: Final = 0.36
 WATER_LIMIT: Final = 0.45
 """Share of water in the visible terrain, by apparent size, above which it is penalised."""
-HIGHEST_PEAK: Final = 0.32
-"""Largest tangent of elevation of a skyline that fits into the picture."""
-MAX_TESTED: Final = 40
-"""Best viewpoints that are tested for plants in front of the eye."""
-CLEAR: Final = 14.0
-"""m in front of the eye that must be free of plants."""
+HIGHEST_PEAK: Final = 0.32  # largest tangent of elevation of a skyline that fits into the picture
+MAX_TESTED: Final = 40  # best viewpoints that are tested for plants in front of the eye
+CLEAR: Final = 14.0  # m in front of the eye that must be free of plants
 
 
 class _Visibility(NamedTuple):

@@ -17,16 +17,13 @@ if TYPE_CHECKING:
     from sketchterrain.render.sky import Weather
 
 
-VIEWS: Final = ("auto", "ground", "hill", "air")
-"""View kinds; see `find_view`."""
-VIEWPOINTS_PER_SIDE: Final = 14
-"""Candidate viewpoints along each side of the sketch."""
+VIEWS: Final = ("auto", "ground", "hill", "air")  # view kinds; see `find_view`
+VIEWPOINTS_PER_SIDE: Final = 14  # candidate viewpoints along each side of the sketch
 BEARINGS: Final = 60
 DISTANCES: Final = 56
 WATER_LIMIT: Final = 0.15
 """Share of water in the visible terrain, by apparent size, above which it is penalised."""
-TYPES: Final = 4
-"""Point feature types: mountain, hill, dune, forest."""
+TYPES: Final = 4  # point feature types: mountain, hill, dune, forest
 _TYPE_WEIGHTS: Final = np.array([1.0, 1.0, 2.2, 1.0])
 """Weight of each type in the score; flat dunes need more to matter."""
 

@@ -24,9 +24,9 @@ from sketchterrain.errors import InputError
 from sketchterrain.export.files import prepare_folder
 from sketchterrain.export.rasters import write_picture
 from sketchterrain.placement.feature_types import FEATURE, Lake, River, ShapeField
+from sketchterrain.render.offscreen import render_picture
 from sketchterrain.render.overlays import LegendEntry, check_overlays
 from sketchterrain.render.quality import Quality
-from sketchterrain.render.snapshot import render_picture
 from sketchterrain.render.views import check_view
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS, finest_level

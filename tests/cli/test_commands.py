@@ -15,7 +15,7 @@ from PIL import Image
 
 import sketchterrain.app.progress
 import sketchterrain.app.stills
-import sketchterrain.render.snapshot
+import sketchterrain.render.offscreen
 from sketchterrain.app.progress import Stages
 from sketchterrain.compute.device import list_devices
 from sketchterrain.document.store import load_sketch

@@ -10,7 +10,7 @@ import pyopencl as cl
 import pytest
 
 import sketchterrain.app.jobs
-import sketchterrain.render.snapshot
+import sketchterrain.render.offscreen
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
 from sketchterrain.document.sketch import Sketch
@@ -151,8 +151,8 @@ def test_a_failure_in_the_preview_starts_all_again_too(call, tiny, tmp_path, mon
             raise DeviceFailedError("it broke")
         return np.zeros((4, 4, 3), np.uint8)
 
-    monkeypatch.setattr(sketchterrain.render.snapshot, "render_picture", picture)
-    monkeypatch.setattr("sketchterrain.render.snapshot.render_picture", picture)
+    monkeypatch.setattr(sketchterrain.render.offscreen, "render_picture", picture)
+    monkeypatch.setattr("sketchterrain.render.offscreen.render_picture", picture)
     size = ["--size", 9, "--device", DEVICES[0].index]
     assert call("generate", tiny, "-o", tmp_path, *size).code == 0
     told = report(tmp_path)

@@ -14,7 +14,7 @@ import sketchterrain.app.fly
 from sketchterrain.compute.device import list_devices
 from sketchterrain.errors import DeviceFailedError
 from sketchterrain.render.flight import Flight, Keyframe, save_flight
-from sketchterrain.render.frame_capture import CapturedFrame
+from sketchterrain.render.offscreen import CapturedFrame
 from sketchterrain.render.quality import Quality
 
 SMALL = ["--size", "64x48"]

@@ -12,7 +12,7 @@ from PIL import Image
 
 import sketchterrain as st
 import sketchterrain.app.generate
-import sketchterrain.render.snapshot
+import sketchterrain.render.offscreen
 from sketchterrain.app.cli import main
 from sketchterrain.errors import DeviceError
 from sketchterrain.export.foliage_files import VERTEX
@@ -158,7 +158,7 @@ def test_without_opengl_all_but_the_preview_is_written(call, sketch, tmp_path, m
     def refuse(*_: object, **__: object) -> None:
         raise DeviceError("no OpenGL 4.3 through EGL")
 
-    monkeypatch.setattr(sketchterrain.render.snapshot, "render_picture", refuse)
+    monkeypatch.setattr(sketchterrain.render.offscreen, "render_picture", refuse)
     done = call("generate", sketch, "-o", tmp_path, "--size", 9)
     assert done.code == 5
     assert done.error == "no preview, all other files are written: no OpenGL 4.3 through EGL"
@@ -290,7 +290,7 @@ def test_generate_draws_a_map_and_the_view_that_is_asked_for(call, sketch, tmp_p
         asked.update(options)
         return np.zeros((18, 32, 3), np.uint8)
 
-    monkeypatch.setattr(sketchterrain.render.snapshot, "render_picture", picture)
+    monkeypatch.setattr(sketchterrain.render.offscreen, "render_picture", picture)
     look = ["--view", "air", "--time", "17", "--clouds", "1", "--map", "svg"]
     done = call("generate", sketch, "-o", tmp_path, "--size", 9, *look)
     assert done.code == 0, done.err

@@ -200,7 +200,7 @@ from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
 from sketchterrain.render import vertex_memory
 from sketchterrain.render.quality import Quality
-from sketchterrain.render.snapshot import render_picture
+from sketchterrain.render.offscreen import render_picture
 from sketchterrain.document.store import load_sketch
 from sketchterrain.terrain.building import build
 import numpy as np

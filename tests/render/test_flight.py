@@ -21,9 +21,8 @@ from sketchterrain.render.flight import (
     parse_flight,
     save_flight,
 )
-from sketchterrain.render.frame_capture import capture_frames
+from sketchterrain.render.offscreen import capture_frames, render_picture
 from sketchterrain.render.quality import Quality
-from sketchterrain.render.snapshot import render_picture
 from sketchterrain.render.sunlight import find_sun
 from sketchterrain.render.tour import tour
 

@@ -11,11 +11,11 @@ import pytest
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.render.camera import FARTHEST, Camera
+from sketchterrain.render.offscreen import read_picture
 from sketchterrain.render.overlays import HeightCache, Overlay, feature_lines
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Sun, Weather
-from sketchterrain.render.snapshot import read_picture
 from sketchterrain.render.targets import NOISE_PERIOD, wrap_to_noise_period
 from sketchterrain.render.vertex_memory import gl_function
 from sketchterrain.terrain.building import build, rebuild

@@ -15,9 +15,9 @@ from PIL import Image
 
 import sketchterrain as st
 from sketchterrain.render.camera import Camera
+from sketchterrain.render.offscreen import render_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.sky import Weather
-from sketchterrain.render.snapshot import render_picture
 
 pytestmark = [pytest.mark.gl, pytest.mark.xdist_group("goldens")]
 

@@ -11,11 +11,10 @@ import pytest
 from sketchterrain.errors import InputError
 from sketchterrain.placement.feature_types import FEATURE
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.frame_capture import capture_frames
 from sketchterrain.render.ground_stream import TerrainStream
+from sketchterrain.render.offscreen import capture_frames, read_picture, render_picture
 from sketchterrain.render.overlays import FEATURE_COLOURS, OVERLAYS, Overlay, feature_lines
 from sketchterrain.render.quality import Quality
-from sketchterrain.render.snapshot import read_picture, render_picture
 from sketchterrain.render.targets import FrameBlock
 from sketchterrain.tiles.lod import ScreenError
 

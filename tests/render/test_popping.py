@@ -12,10 +12,10 @@ from sketchterrain.document.store import load_sketch
 from sketchterrain.io.resources import preset_names
 from sketchterrain.render.camera import Camera, draw_distance
 from sketchterrain.render.ground_stream import JUMP, TerrainStream, view_of
+from sketchterrain.render.offscreen import render_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.scene import BoundedTerrain, visible_rectangle
 from sketchterrain.render.sky import Sun, Weather
-from sketchterrain.render.snapshot import render_picture
 from sketchterrain.terrain.building import build
 from sketchterrain.tiles.lod import ScreenError
 from sketchterrain.world.viewed import StoredTerrain

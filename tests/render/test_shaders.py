@@ -16,11 +16,11 @@ from sketchterrain.render.atmosphere import GROUND
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.clouds import cloud_defines
 from sketchterrain.render.ground import SurfaceMap, TileRenderer
+from sketchterrain.render.offscreen import render_picture
 from sketchterrain.render.programs import build_program, build_transform, set_uniforms
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.shading import Shading
 from sketchterrain.render.sky import Sun, Weather
-from sketchterrain.render.snapshot import render_picture
 from sketchterrain.render.targets import FrameBlock
 from sketchterrain.render.textures import (
     OCTAVES,

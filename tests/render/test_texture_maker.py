@@ -32,9 +32,9 @@ from sketchterrain.look.texture_maker import (
     paint_layer,
 )
 from sketchterrain.render.camera import Camera
+from sketchterrain.render.offscreen import render_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.sky import Sun
-from sketchterrain.render.snapshot import render_picture
 from sketchterrain.render.textures import (
     OCTAVES,
     PERIOD,

@@ -10,10 +10,10 @@ import pytest
 from sketchterrain.look.tree_levels import DETAILS, VARIANTS, leaf_mask, level, plant_mesh, plant_view
 from sketchterrain.look.tree_species import BROAD, HEIGHTS, NEEDLES, SOLID, SPECIES
 from sketchterrain.render.camera import Camera
+from sketchterrain.render.offscreen import canvas, read_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Sun, Weather
-from sketchterrain.render.snapshot import canvas, read_picture
 from sketchterrain.vegetation.plants import STOREYS
 
 from .conftest import Waves

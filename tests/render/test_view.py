@@ -11,12 +11,11 @@ import sketchterrain as st
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import DeviceError, InputError
 from sketchterrain.render.context import open_context
+from sketchterrain.render.offscreen import SnapshotRenderer, render_picture
 from sketchterrain.render.programs import ResourceCache
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.scene import HeightMap, sample_heights
 from sketchterrain.render.sky import Weather
-from sketchterrain.render.snapshot import render_picture
-from sketchterrain.render.snapshot_renderer import SnapshotRenderer
 from sketchterrain.render.sunlight import sun_at
 from sketchterrain.render.viewpoints import LandCover, sun_preference, unobstructed_distance
 from sketchterrain.render.views import VIEWS, find_view

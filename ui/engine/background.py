@@ -107,8 +107,8 @@ def _measure(job: MeasureJob) -> Adherence:
 def _render(job: PictureJob) -> PictureWritten:
     from sketchterrain.export.rasters import write_picture
     from sketchterrain.render.camera import Camera
+    from sketchterrain.render.offscreen import render_picture
     from sketchterrain.render.sky import Sun, Weather
-    from sketchterrain.render.snapshot import render_picture
 
     picture = render_picture(
         _terrain(job.sketch, job.recipe),

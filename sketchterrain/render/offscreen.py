@@ -1,0 +1,267 @@
+"""Offscreen rendering: single pictures, pictures of many terrains, frames of flights."""
+
+from __future__ import annotations
+
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sketchterrain.errors import InputError
+from sketchterrain.render.camera import Camera
+from sketchterrain.render.context import close_context, open_context, release_orphans
+from sketchterrain.render.overlays import Overlay, check_overlays
+from sketchterrain.render.programs import ResourceCache
+from sketchterrain.render.quality import Quality
+from sketchterrain.render.renderer import Renderer
+from sketchterrain.render.sharing_probe import moved_to_context, open_device
+from sketchterrain.render.sky import Weather
+from sketchterrain.render.sunlight import sun_for_view
+from sketchterrain.render.views import check_view, find_view
+
+if TYPE_CHECKING:
+    from collections.abc import Generator, Iterable, Iterator, Sequence
+    from pathlib import Path
+    from types import TracebackType
+
+    import moderngl
+    import numpy.typing as npt
+
+    from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.render.flight import CameraStates
+    from sketchterrain.render.overlays import LegendEntry
+    from sketchterrain.render.scene import TerrainSource
+    from sketchterrain.render.sky import Sun
+    from sketchterrain.terrain.terrain import Terrain
+
+MAX_SIDE = 8192  # px
+
+
+def render_picture(
+    terrain: TerrainSource,
+    *,
+    size: tuple[int, int] = (1280, 720),
+    camera: Camera | None = None,
+    view: str = "auto",
+    sun: Sun | None = None,
+    weather: Weather | None = None,
+    textures: Path | None = None,
+    quality: Quality | None = None,
+    overlays: Sequence[str] = (),
+    legend: list[LegendEntry] | None = None,
+    timings: dict[str, float] | None = None,
+) -> npt.NDArray[np.uint8]:
+    """Return a picture of a terrain, (height, width, 3) sRGB, row 0 on top; deterministic for a driver.
+
+    By default `find_view` chooses the camera for the view kind and the weather's hour sets the sun. Overlays
+    are drawn in the given order; `legend` and `timings` (s) are filled if given.
+    """
+    check_size(size)
+    check_overlays(overlays)
+    check_view(view)
+    start = time.perf_counter()
+    weather = weather or Weather.from_sketch(terrain.sketch)
+    camera = camera or find_view(terrain, view, weather=weather)
+    sun = sun or sun_for_view(terrain, camera, weather)
+    view_seconds = time.perf_counter() - start
+    with canvas(size) as (context, texture, framebuffer):
+        renderer = Renderer(context, terrain, sun=sun, weather=weather, textures=textures, quality=quality)
+        renderer.prepare(camera, size)
+        renderer.draw(camera, framebuffer)
+        if overlays:
+            overlay = Overlay(context, terrain, renderer.stream)
+            for name in overlays:
+                overlay.draw(name, camera.eye, framebuffer)
+                if legend is not None:
+                    legend += overlay.legend(name)
+        picture = read_picture(texture)
+        if timings is not None:
+            timings.update({"view": view_seconds} | renderer.timings)
+        return picture
+
+
+@contextmanager
+def canvas(
+    size: tuple[int, int],
+) -> Iterator[tuple[moderngl.Context, moderngl.Texture, moderngl.Framebuffer]]:
+    """Open a context with an RGBA texture and its framebuffer; close it on exit."""
+    context = open_context()
+    try:
+        texture = context.texture(size, 4)
+        yield context, texture, context.framebuffer([texture])
+    finally:
+        close_context(context)
+
+
+def check_size(size: tuple[int, int]) -> None:
+    """Raise InputError unless both sides are 16 to `MAX_SIDE` px."""
+    width, height = size
+    if not (16 <= width <= MAX_SIDE and 16 <= height <= MAX_SIDE):
+        raise InputError(f"expected a picture of 16 to {MAX_SIDE} pixels a side, got {width}×{height}")
+
+
+def read_picture(texture: moderngl.Texture) -> npt.NDArray[np.uint8]:
+    """Return the pixels of an RGBA texture: (height, width, 3) uint8, row 0 on top."""
+    width, height = texture.size
+    pixels = np.frombuffer(texture.read(), np.uint8).reshape(height, width, 4)
+    return np.ascontiguousarray(pixels[::-1, :, :3])
+
+
+class SnapshotRenderer:
+    """Renders the same bytes as `render_picture`, in less time, for one thread.
+
+    Terrains may belong to another thread, which must not change them meanwhile: they are copied to a context
+    of their device that shares buffers with this OpenGL context.
+    """
+
+    def __init__(self, size: tuple[int, int] = (1280, 720)) -> None:
+        check_size(size)
+        self._size = size
+        self._context = open_context()
+        # Objects must be deleted in this thread, not where Python collects them.
+        self._context.gc_mode = "context_gc"
+        self._texture = self._context.texture(size, 4)
+        self._framebuffer = self._context.framebuffer([self._texture])
+        self._resources = ResourceCache()
+        self._device: ComputeContext | None = None
+
+    def __enter__(self) -> SnapshotRenderer:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def picture(
+        self,
+        terrain: Terrain,
+        *,
+        view: str = "auto",
+        weather: Weather | None = None,
+        timings: dict[str, float] | None = None,
+    ) -> npt.NDArray[np.uint8]:
+        """Return a picture; see `render_picture`."""
+        check_view(view)
+        start = time.perf_counter()
+        terrain = moved_to_context(terrain, self._own_context(terrain.context))
+        weather = weather or Weather.from_sketch(terrain.sketch)
+        camera = find_view(terrain, view, weather=weather)
+        sun = sun_for_view(terrain, camera, weather)
+        view_seconds = time.perf_counter() - start
+        try:
+            renderer = Renderer(
+                self._context, terrain, sun=sun, weather=weather, resources=self._resources.borrow()
+            )
+            renderer.prepare(camera, self._size)
+            renderer.draw(camera, self._framebuffer)
+            picture = read_picture(self._texture)
+            if timings is not None:
+                timings.update({"view": view_seconds} | renderer.timings)
+            renderer.release()
+            return picture
+        finally:
+            renderer = None  # type: ignore[assignment]  # its objects are deleted next
+            release_orphans(self._context)
+
+    def close(self) -> None:
+        """Release all resources and the context."""
+        self._resources.close()
+        release_orphans(self._context)
+        close_context(self._context)
+
+    def _own_context(self, context: ComputeContext) -> ComputeContext:
+        """Return a context of the same device with its own queue: threads must not share one."""
+        known = self._device
+        if known is None or (known.device, known.fast) != (context.device, context.fast):
+            self._device = known = open_device(context.device, real=context.real, fast=context.fast)
+        return known
+
+
+@dataclass(frozen=True)
+class CapturedFrame:
+    """Statistics of a captured frame."""
+
+    seconds: float
+    generation_seconds: float
+    tiles_generated: int
+    tiles_drawn: int
+    triangles: int
+    settled: bool
+
+
+def capture_frames(
+    terrain: TerrainSource,
+    views: CameraStates,
+    *,
+    fps: float,
+    size: tuple[int, int] = (1280, 720),
+    sun: Sun | None = None,
+    weather: Weather | None = None,
+    textures: Path | None = None,
+    quality: Quality | None = None,
+    without: Iterable[str] = (),
+    complete: bool = True,
+    overlays: Sequence[str] = (),
+    pixels: bool = True,
+) -> Generator[tuple[CapturedFrame, npt.NDArray[np.uint8] | None]]:
+    """Draw a frame for each camera state of a flight, 1/fps s apart; yield statistics and pixels.
+
+    Complete frames equal `render_picture`; otherwise each frame shows what is ready within the budget, as in
+    a viewer. `without` leaves out more parts than the quality does; pixels are (height, width, 3) sRGB or, if
+    not requested, None.
+    """
+    check_size(size)
+    check_overlays(overlays)
+    with canvas(size) as (context, texture, framebuffer):
+        if quality is None:
+            quality = Quality() if complete else Quality.for_renderer(context.info["GL_RENDERER"])
+        quality = replace(quality, without=quality.without | frozenset(without))
+        cameras = _cameras(views)
+        weather = weather or Weather.from_sketch(terrain.sketch)
+        sun = sun or sun_for_view(terrain, cameras[0], weather)
+        renderer = Renderer(context, terrain, sun=sun, weather=weather, textures=textures, quality=quality)
+        overlay = Overlay(context, terrain, renderer.stream) if overlays else None
+        for number, camera in enumerate(cameras):
+            elapsed, clock = 1.0 / fps, number / fps
+            stats = _capture(renderer, camera, framebuffer, elapsed=elapsed, clock=clock, complete=complete)
+            if overlay is not None:
+                for name in overlays:
+                    overlay.draw(name, camera.eye, framebuffer)
+            yield stats, read_picture(texture) if pixels else None
+
+
+def _cameras(views: CameraStates) -> list[Camera]:
+    rows = zip(views.eye.tolist(), views.target.tolist(), views.fov.tolist(), strict=True)
+    return [Camera(tuple(eye), tuple(target), fov=fov) for eye, target, fov in rows]
+
+
+def _capture(
+    renderer: Renderer,
+    camera: Camera,
+    framebuffer: moderngl.Framebuffer,
+    *,
+    elapsed: float,
+    clock: float,
+    complete: bool,
+) -> CapturedFrame:
+    """Draw a complete picture, independent of earlier frames, or what is ready within a frame's budget."""
+    start, stream = time.perf_counter(), renderer.stream
+    tile_seconds, written = renderer.timings.get("tiles", 0.0), stream.written
+    if complete:
+        renderer.prepare(camera, framebuffer.size)
+        renderer.draw(camera, framebuffer, clock=clock)
+        generation, settled = renderer.timings["tiles"] - tile_seconds, True
+    else:
+        stats = renderer.frame(camera, framebuffer, elapsed=elapsed, clock=clock)
+        generation, settled = stats.generation_seconds, stats.settled
+    return CapturedFrame(
+        seconds=time.perf_counter() - start,
+        generation_seconds=generation,
+        tiles_generated=stream.written - written,
+        tiles_drawn=stream.tile_renderer.tiles,
+        triangles=renderer.triangles,
+        settled=settled,
+    )

@@ -45,7 +45,7 @@ def run_world(path: Path, *, device: str | None = None) -> int:
     from sketchterrain.world.opening import open_world
 
     open_world(path)
-    from sketchterrain.ui.application import GarbageCollection, delete_window, named_application
+    from sketchterrain.ui.application import named_application, show_until_closed
     from sketchterrain.ui.look.theme import apply_theme
     from sketchterrain.ui.models.preferences import Preferences, config_folder
     from sketchterrain.ui.world_window import WorldWindow
@@ -54,13 +54,7 @@ def run_world(path: Path, *, device: str | None = None) -> int:
     preferences = Preferences(config_folder() / "desktop.ini")
     apply_theme(app, preferences.theme)
     window = WorldWindow(path.absolute(), device=device or preferences.device)
-    window.show()
-    garbage_collection = GarbageCollection()
-    code = app.exec()
-    window.link.stop()
-    delete_window(window)
-    garbage_collection.stop()
-    return code
+    return show_until_closed(app, window, window.link.stop)
 
 
 def _run_editor(app: QApplication, sketch: Sketch, path: Path | None) -> int:
@@ -80,7 +74,7 @@ def _run_editor(app: QApplication, sketch: Sketch, path: Path | None) -> int:
     link.device = preferences.device
     link.start()  # its processes load their libraries while this one builds the window
     apply_theme(app, preferences.theme)
-    from sketchterrain.ui.application import GarbageCollection, delete_window
+    from sketchterrain.ui.application import show_until_closed
     from sketchterrain.ui.models.autosave import Autosave
 
     window = new_window(document, link, preferences, state_folder())
@@ -97,17 +91,14 @@ def _run_editor(app: QApplication, sketch: Sketch, path: Path | None) -> int:
         link.start()
 
     preferences.device_changed.connect(change_device)
-    window.show()
-    garbage_collection = GarbageCollection()
     QTimer.singleShot(0, lambda: _welcome(window, document, autosave, is_new=is_new))
-    code = app.exec()
-    window.hide()
-    link.stop()
-    autosave.close()
-    window.uncaught_exceptions.uninstall()
-    delete_window(window)
-    garbage_collection.stop()
-    return code
+
+    def stop() -> None:
+        link.stop()
+        autosave.close()
+        window.uncaught_exceptions.uninstall()
+
+    return show_until_closed(app, window, stop)
 
 
 def new_window(document: Document, link: EngineLink, preferences: Preferences, state: Path) -> MainWindow:

@@ -26,12 +26,6 @@ def named_application() -> QApplication:
     return app
 
 
-def delete_window(window: QWidget) -> None:
-    """Delete a window at once, so that its views go before their models."""
-    window.deleteLater()
-    QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete.value)
-
-
 def single_shot(parent: QObject, milliseconds: int, on_timeout: Callable[[], object]) -> QTimer:
     """Return a single-shot timer that is not yet started."""
     timer = QTimer(parent)
@@ -66,3 +60,16 @@ class GarbageCollection(QObject):
     def _collect(self) -> None:
         self._count += 1
         gc.collect(2 if self._count % _FULL_EVERY == 0 else 1)
+
+
+def show_until_closed(app: QApplication, window: QWidget, stop: Callable[[], object]) -> int:
+    """Run the event loop until a window is closed, stop its engine and delete it; return the exit code."""
+    window.show()
+    garbage_collection = GarbageCollection()
+    code = app.exec()
+    window.hide()
+    stop()
+    window.deleteLater()  # at once, so that views go before their models
+    QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete.value)
+    garbage_collection.stop()
+    return code

@@ -78,16 +78,17 @@ def test_a_level_is_met_where_it_is_seen_and_not_over_the_horizon():
     assert met == [False, False, False, True]
 
 
-def test_lines_are_cut_where_they_pass_the_eye():
+def test_segments_are_clipped_just_before_the_eye():
     projection = projection_of((0.0, 0.0, 100.0), (0.0, 100.0, 100.0))
     line = np.array([(-50.0, y, 0.0) for y in np.linspace(-500.0, 500.0, 21)])
-    ((first, at),) = projection.visible_runs(line)
-    assert first == 11
-    assert np.isfinite(at).all()
-    assert len(at) == 11
-    assert projection.visible_runs(line[:5]) == []
-    assert len(projection.visible_runs(line[15:])) == 1
-    assert len(projection.visible_runs(np.concatenate([line[15:], line[:5], line[15:]]))) == 2
+    pixels, visible = projection.project_segments(line[:-1], line[1:])
+    assert np.flatnonzero(visible).tolist() == list(range(10, 20))
+    assert np.isfinite(pixels).all()
+    assert np.array_equal(pixels[1:, :2], pixels[:-1, 2:])
+    back, _ = projection.project_segments(line[1:], line[:-1])
+    assert np.array_equal(back, pixels[:, [2, 3, 0, 1]])
+    behind, _ = projection.project_segments(line[:4], line[1:5])
+    assert len(behind) == 0
 
 
 def test_heights_lie_between_the_samples_that_they_stand_among():

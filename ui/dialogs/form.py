@@ -49,30 +49,62 @@ class Field:
     text: str = ""  # Beside a switch; placeholder of a text; in place of a number's least value
     width: int = 88
 
-    def control(self) -> QWidget:
+    def control(self) -> Control:
         """Return a new control with the default value."""
-        control: QWidget
         if self.choices is not None:
-            control = QComboBox()
-            for value, title in self.choices.items():
-                control.addItem(title, value)
-            control.setCurrentIndex(control.findData(self.default))
+            control: Control = _choice(self)
         elif isinstance(self.default, bool):
-            control = QCheckBox(self.text)
-            control.setChecked(self.default)
+            check = QCheckBox(self.text)
+            control = Control(check, check.toggled, check.isChecked, check.setChecked, (bool,))
         elif isinstance(self.default, str):
-            control = QLineEdit(self.default)
-            control.setPlaceholderText(self.text)
+            line = QLineEdit()
+            line.setPlaceholderText(self.text)
+            control = Control(line, line.textChanged, line.text, line.setText, (str,))
         else:
-            suffix = f" {self.unit}" if self.unit else ""
             decimals = 0 if isinstance(self.default, int) else 3
-            control = NumberBox(*self.range, suffix=suffix, decimals=decimals)
-            control.setSpecialValueText(self.text)
-            control.setFixedWidth(self.width)
-            control.setValue(self.default)
-        control.setAccessibleName(self.title.replace("&", "") or self.text)
-        control.setToolTip(self.tip)
+            box = NumberBox(*self.range, suffix=f" {self.unit}" if self.unit else "", decimals=decimals)
+            box.setSpecialValueText(self.text)
+            box.setFixedWidth(self.width)
+            value = box.value if decimals else lambda: int(box.value())
+            control = Control(box, box.valueChanged, value, box.setValue, (int, float))
+        control.set(self.default)
+        control.widget.setAccessibleName(self.title.replace("&", "") or self.text)
+        control.widget.setToolTip(self.tip)
         return control
+
+
+@dataclass(frozen=True)
+class Control:
+    """A widget with access to its value."""
+
+    widget: QWidget
+    changed: Any  # Its bound signal
+    value: Callable[[], Any]
+    assign: Callable[[Any], object]
+    types: tuple[type, ...]  # Accepted by `assign`
+
+    def set(self, value: object) -> None:
+        """Set the value; one that the control does not accept is ignored."""
+        is_finite = not isinstance(value, float) or math.isfinite(value)
+        if isinstance(value, self.types) and isinstance(value, bool) <= (bool in self.types) and is_finite:
+            self.assign(value)
+
+
+def _choice(field: Field) -> Control:
+    box = QComboBox()
+    for data, title in (field.choices or {}).items():
+        box.addItem(title, data)
+
+    def assign(value: Any) -> None:
+        if box.isEditable() and isinstance(value, str):
+            box.setEditText(value)
+        elif box.findData(value) >= 0:
+            box.setCurrentIndex(box.findData(value))
+
+    def value() -> Any:
+        return box.currentText() if box.isEditable() else box.currentData()
+
+    return Control(box, box.currentTextChanged, value, assign, (bool, int, float, str))
 
 
 @dataclass(frozen=True)
@@ -105,7 +137,7 @@ class Form(QWidget):
 
     def __init__(self, *lines: Field | Line) -> None:
         super().__init__()
-        self._controls: dict[str, QWidget] = {}
+        self._controls: dict[str, Control] = {}
         self._lines: dict[str, QWidget] = {}
         self._rows = form_layout()
         self._is_filling = False
@@ -117,22 +149,22 @@ class Form(QWidget):
             self._rows.addRow(line.title, widget)
             label = self.title_label(line.name)
             if label is not None and isinstance(line, Line):
-                label.setBuddy(self._controls[line.fields[0].name])
+                label.setBuddy(self[line.fields[0].name])
 
     def __getitem__(self, name: str) -> Any:
-        return self._controls[name]
+        return self._controls[name].widget
 
     @property
     def values(self) -> dict[str, Any]:
         """Values by name: the data of a choice, a text, a number, or whether a switch is on."""
-        return {name: _value(control) for name, control in self._controls.items()}
+        return {name: control.value() for name, control in self._controls.items()}
 
     def set_values(self, *values: Mapping[str, object]) -> None:
         """Set values, later ones over earlier; a value that its control does not accept is ignored."""
         self._is_filling = True
         for each in values:
             for name, control in self._controls.items():
-                _set(control, each.get(name))
+                control.set(each.get(name))
         self._is_filling = False
         self._report()
 
@@ -142,7 +174,7 @@ class Form(QWidget):
 
     def enable(self, enabled: bool, *names: str) -> None:
         for name in names:
-            self._controls[name].setEnabled(enabled)
+            self._controls[name].widget.setEnabled(enabled)
 
     def title_label(self, name: str) -> QLabel | None:
         """Return the label before a line."""
@@ -151,15 +183,8 @@ class Form(QWidget):
 
     def _add(self, field: Field) -> QWidget:
         control = self._controls[field.name] = field.control()
-        if isinstance(control, QComboBox):
-            control.currentTextChanged.connect(self._report)
-        elif isinstance(control, QCheckBox):
-            control.toggled.connect(self._report)
-        elif isinstance(control, QLineEdit):
-            control.textChanged.connect(self._report)
-        elif isinstance(control, NumberBox):
-            control.valueChanged.connect(self._report)
-        return control
+        control.changed.connect(self._report)
+        return control.widget
 
     def _add_line(self, line: Line) -> QWidget:
         widget = QWidget()
@@ -171,33 +196,6 @@ class Form(QWidget):
     def _report(self, *_: object) -> None:
         if not self._is_filling:
             self.changed.emit()
-
-
-def _value(control: QWidget) -> Any:
-    if isinstance(control, QComboBox):
-        return control.currentText() if control.isEditable() else control.currentData()
-    if isinstance(control, QCheckBox):
-        return control.isChecked()
-    if isinstance(control, NumberBox):
-        return control.value() if control.decimals() else int(control.value())
-    return control.text() if isinstance(control, QLineEdit) else None
-
-
-def _set(control: QWidget, value: object) -> None:
-    is_number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-    if isinstance(control, QComboBox):
-        if control.isEditable() and isinstance(value, str):
-            control.setEditText(value)
-        elif (is_number or isinstance(value, (str, bool))) and control.findData(value) >= 0:
-            control.setCurrentIndex(control.findData(value))
-    elif isinstance(control, QCheckBox):
-        if isinstance(value, bool):
-            control.setChecked(value)
-    elif isinstance(control, NumberBox):
-        if is_number:
-            control.setValue(float(value))  # type: ignore[arg-type] # a number
-    elif isinstance(control, QLineEdit) and isinstance(value, str):
-        control.setText(value)
 
 
 def dialog_column(dialog: QDialog, title: str) -> QVBoxLayout:

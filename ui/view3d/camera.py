@@ -10,13 +10,11 @@ import numpy as np
 import numpy.typing as npt
 from PyQt6.QtCore import Qt
 
+from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.hydrology.lakes import lake_centre
 from sketchterrain.ui.commands.placed_edits import find_lake, find_point, find_river
 from sketchterrain.ui.engine.protocol import Fly, FrameFacts, GoTo, Pan, Placement, Pose, Relief, Turn, Zoom
 from sketchterrain.ui.models.workspace import Selection
-
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 _NEAREST = 1e-3  # least clip-space w (m before the eye) of visible points
 _FLATTEST = 0.02  # least slope of a ray that is intersected with a level plane
@@ -29,11 +27,11 @@ _RAY_SLACK = 1.5  # samples of the coarse relief that a ray may cut into the ter
 class ProjectedPoints:
     """Points projected into a widget."""
 
-    pixels: Floats  # (n, 2), from the upper left corner; undefined behind the eye
-    depth: Floats  # m before the eye; 0 or less behind it
+    pixels: Float64Array  # (n, 2), from the upper left corner; undefined behind the eye
+    depth: Float64Array  # m before the eye; 0 or less behind it
 
     @property
-    def in_front(self) -> Flags:
+    def in_front(self) -> BoolArray:
         """Which points lie before the eye."""
         return np.asarray(self.depth > _NEAREST)
 
@@ -42,9 +40,9 @@ class Projection:
     """A picture's camera in a rectangle (left, top, width, height; px) of a widget."""
 
     def __init__(self, frame: FrameFacts, rectangle: tuple[float, float, float, float]) -> None:
-        self.eye: Floats = np.array(frame.pose.eye, np.float64)
+        self.eye: Float64Array = np.array(frame.pose.eye, np.float64)
         self.rectangle = rectangle
-        self._clip: Floats = np.array(frame.to_clip, np.float64).reshape(4, 4)
+        self._clip: Float64Array = np.array(frame.to_clip, np.float64).reshape(4, 4)
         self._inverse = np.asarray(np.linalg.inv(self._clip), np.float64)
 
     def project(self, points: npt.ArrayLike) -> ProjectedPoints:
@@ -58,7 +56,7 @@ class Projection:
         y = top + 0.5 * height * (1.0 - clip[:, 1] / divisor)
         return ProjectedPoints(np.stack([x, y], axis=-1), np.asarray(depth))
 
-    def ray(self, x: float, y: float) -> Floats:
+    def ray(self, x: float, y: float) -> Float64Array:
         """Return the unit vector of a pixel's ray."""
         left, top, width, height = self.rectangle
         across, up = 2.0 * (x - left) / width - 1.0, 1.0 - 2.0 * (y - top) / height
@@ -86,34 +84,18 @@ class Projection:
         scale = float(np.linalg.norm(self._clip[1, :3]))
         return max(2.0 * float(self.project(point).depth[0]) / (scale * self.rectangle[3]), 0.0)
 
-    def visible_runs(self, points: npt.ArrayLike) -> list[tuple[int, Floats]]:
-        """Return parts of a line (n, 3) before the eye: first index and pixels (m, 2), clipped at the eye."""
-        line = np.asarray(points, np.float64)
-        projected = self.project(line)
-        inside = projected.in_front
-        if inside.all():
-            return [(0, projected.pixels)] if len(line) > 1 else []
-        runs = []
-        turns = np.flatnonzero(np.diff(inside)) + 1
-        for first, end in zip([0, *turns], [*turns, len(line)], strict=True):
-            if not inside[first]:
-                continue
-            parts = [projected.pixels[first:end]]
-            if first > 0:
-                parts.insert(0, self._clip_end(line, projected.depth, int(first), int(first) - 1))
-            if end < len(line):
-                parts.append(self._clip_end(line, projected.depth, int(end) - 1, int(end)))
-            pixels = np.concatenate(parts)
-            if len(pixels) > 1:
-                runs.append((int(first), pixels))
-        return runs
-
-    def _clip_end(self, line: Floats, depth: Floats, visible: int, hidden: int) -> Floats:
-        """Return where a segment passes just before the eye, px (1, 2)."""
-        near = 1e-3 * float(depth[visible]) + 2.0 * _NEAREST
-        share = (depth[visible] - near) / (depth[visible] - depth[hidden])
-        end = line[visible] + max(share, 0.0) * (line[hidden] - line[visible])
-        return self.project(end[None]).pixels
+    def project_segments(self, starts: npt.ArrayLike, ends: npt.ArrayLike) -> tuple[Float64Array, BoolArray]:
+        """Return segments (n, 3) as pixels (m, 4), clipped before the eye, and which of the n they are."""
+        first, second = np.array(starts, np.float64), np.array(ends, np.float64)
+        depths = self.project(first).depth, self.project(second).depth
+        visible = np.maximum(*depths) > 2.0 * _NEAREST
+        for near, far, near_depth, far_depth in ((first, second, *depths), (second, first, *depths[::-1])):
+            crosses = visible & (far_depth <= _NEAREST)
+            limit = 1e-3 * near_depth[crosses] + _NEAREST
+            share = (near_depth[crosses] - limit) / (near_depth[crosses] - far_depth[crosses])
+            far[crosses] = near[crosses] + share[:, None] * (far[crosses] - near[crosses])
+        pixels = [self.project(each[visible]).pixels for each in (first, second)]
+        return np.concatenate(pixels, axis=1), np.asarray(visible)
 
 
 class TerrainHeights:
@@ -125,7 +107,7 @@ class TerrainHeights:
         rows, columns = relief.height.shape
         self._size = columns * spacing, rows * spacing
 
-    def height(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Floats:
+    def height(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Float64Array:
         """Return heights at places (m), clamped to the sketch's edge."""
         rows, columns = self._height.shape
         column = np.clip(np.asarray(x, np.float64) / self.spacing - 0.5, 0.0, columns - 1.0)
@@ -137,17 +119,17 @@ class TerrainHeights:
         lower = (1.0 - across) * self._height[below, left] + across * self._height[below, right]
         return np.asarray((1.0 - down) * upper + down * lower)
 
-    def contains(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Flags:
+    def contains(self, x: npt.ArrayLike, y: npt.ArrayLike) -> BoolArray:
         """Return which places (m) lie in the sketch."""
         east, north = np.asarray(x), np.asarray(y)
         return np.asarray((east >= 0.0) & (east <= self._size[0]) & (north >= 0.0) & (north <= self._size[1]))
 
-    def drape(self, places: npt.ArrayLike) -> Floats:
+    def drape(self, places: npt.ArrayLike) -> Float64Array:
         """Return places (n, 2) with their heights, (n, 3)."""
         plane = np.asarray(places, np.float64)
         return np.column_stack([plane, self.height(plane[:, 0], plane[:, 1])])
 
-    def occludes(self, eye: npt.ArrayLike, points: npt.ArrayLike) -> Flags:
+    def occludes(self, eye: npt.ArrayLike, points: npt.ArrayLike) -> BoolArray:
         """Return which points (n, 3) are hidden from an eye by the terrain (m)."""
         start, ends = np.asarray(eye, np.float64), np.asarray(points, np.float64)
         share = np.linspace(*_RAY_RANGE, _RAY_SAMPLES)[:, None]
@@ -157,7 +139,7 @@ class TerrainHeights:
         return np.asarray(((self.height(x, y) > z + slack) & self.contains(x, y)).any(axis=0))
 
 
-def circle(x: float, y: float, radius: float, *, count: int = 96) -> Floats:
+def circle(x: float, y: float, radius: float, *, count: int = 96) -> Float64Array:
     """Return a closed circle of places (count + 1, 2) around a place (m)."""
     angle = np.linspace(0.0, 2.0 * np.pi, count + 1)
     return np.column_stack([x + radius * np.cos(angle), y + radius * np.sin(angle)])

@@ -8,13 +8,14 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.placement.feature_types import FEATURE_TYPES, Lake, River
 from sketchterrain.ui.canvas.marks import shore_lines
 from sketchterrain.ui.commands.placed_edits import find_lake, find_point, find_river
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.selection import Handle, handles_of
 from sketchterrain.ui.models.workspace import Selection
-from sketchterrain.ui.view3d.camera import Flags, Floats, Projection, TerrainHeights, circle
+from sketchterrain.ui.view3d.camera import Projection, TerrainHeights, circle
 
 _MAX_DOTS = 300
 _MAX_RIVER_SEGMENTS = 200
@@ -56,8 +57,8 @@ class HandleMark:
 class Segments:
     """Line segments."""
 
-    pixels: Floats  # (n, 4): x, y to x, y
-    hidden: Flags  # By the terrain
+    pixels: Float64Array  # (n, 4): x, y to x, y
+    hidden: BoolArray  # By the terrain
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +97,7 @@ class MarkBuilder:
             return Marks(outline=self._outline(), handles=self._handles())
         selected = None if self.selection is None else self.selection.id
         others = [river for river in self.placed.rivers if river.id != selected]
-        rivers = tuple(line for river in others for line in self._segments(self._course(river)))
+        rivers = tuple(self._segments(self._course(river)) for river in others)
         return Marks(self._dots(), rivers, self._outline(), self._handles())
 
     def _dots(self) -> tuple[Dot, ...]:
@@ -123,11 +124,11 @@ class MarkBuilder:
             for index, is_hidden in zip(order, hidden, strict=True)
         )
 
-    def _course(self, river: River) -> Floats:
+    def _course(self, river: River) -> Float64Array:
         """Return a river's simplified line (n, 3), within the sketch at least as high as the terrain."""
         last = len(river.centreline) - 1
         step = max(last // _MAX_RIVER_SEGMENTS, 1)
-        line: Floats = river.centreline[[*range(0, last, step), last]]
+        line: Float64Array = river.centreline[[*range(0, last, step), last]]
         inside = self.terrain.contains(line[:, 0], line[:, 1])
         line[inside, 2] = np.maximum(line[inside, 2], self.terrain.height(line[inside, 0], line[inside, 1]))
         return line
@@ -140,7 +141,7 @@ class MarkBuilder:
         if lake is not None:
             return (self._shore(lake),)
         if river is not None:
-            return self._segments(self._course(river))
+            return (self._segments(self._course(river)),)
         if point is None:
             return ()
         x, y, radius = float(point["x"]), float(point["y"]), float(point["radius"])
@@ -148,26 +149,19 @@ class MarkBuilder:
             x, y = self.drag[1:]
         elif self.drag is not None and self.drag[0].role == "radius":
             radius = float(np.hypot(self.drag[1] - x, self.drag[2] - y))
-        return self._segments(self.terrain.drape(circle(x, y, radius)))
+        return (self._segments(self.terrain.drape(circle(x, y, radius))),)
 
-    def _segments(self, line: Floats) -> tuple[Segments, ...]:
-        """Return the visible parts of a line (n, 3); a segment is hidden if both of its ends are."""
-        parts = []
-        for first, pixels in self.projection.visible_runs(line):
-            own = line[np.clip(np.arange(first, first + len(pixels)), 0, len(line) - 1)]
-            hidden = self.terrain.occludes(self.projection.eye, own)
-            parts.append(
-                Segments(np.concatenate([pixels[:-1], pixels[1:]], axis=1), hidden[1:] & hidden[:-1])
-            )
-        return tuple(parts)
+    def _segments(self, line: Float64Array) -> Segments:
+        """Return the visible segments of a line (n, 3), hidden where the terrain hides both ends."""
+        pixels, visible = self.projection.project_segments(line[:-1], line[1:])
+        hidden = self.terrain.occludes(self.projection.eye, line)
+        return Segments(pixels, (hidden[:-1] & hidden[1:])[visible])
 
     def _shore(self, lake: Lake) -> Segments:
         segments = _shore_segments(lake)
         level = np.full((len(segments), 1), lake.level)
         starts, ends = np.hstack([segments[:, :2], level]), np.hstack([segments[:, 2:], level])
-        first, second = self.projection.project(starts), self.projection.project(ends)
-        visible = first.in_front & second.in_front
-        pixels = np.concatenate([first.pixels, second.pixels], axis=1)[visible]
+        pixels, visible = self.projection.project_segments(starts, ends)
         return Segments(pixels, self.terrain.occludes(self.projection.eye, starts[visible]))
 
     def _handles(self) -> tuple[HandleMark, ...]:
@@ -197,7 +191,7 @@ class MarkBuilder:
             marks.append(HandleMark(handle, x, y, base_x, base_y, z, bool(hidden[i])))
         return tuple(marks)
 
-    def _handle_places(self, handles: tuple[Handle, ...]) -> tuple[Floats, Floats]:
+    def _handle_places(self, handles: tuple[Handle, ...]) -> tuple[Float64Array, Float64Array]:
         """Return handles and their bases on the terrain, (n, 3); a moved centre moves all of them."""
         places = np.array([(each.x, each.y) for each in handles])
         bases = np.array([(each.base_x, each.base_y) for each in handles])
@@ -211,7 +205,7 @@ class MarkBuilder:
         return self.terrain.drape(places), self.terrain.drape(bases)
 
 
-def _thinned(order: npt.NDArray[np.intp], pixels: Floats) -> npt.NDArray[np.intp]:
+def _thinned(order: npt.NDArray[np.intp], pixels: Float64Array) -> npt.NDArray[np.intp]:
     """Return the first of the points that share a square of the picture."""
     squares = np.floor(pixels[order] / _DOT_SPACING).astype(np.int64)
     _, first = np.unique(squares, axis=0, return_index=True)
@@ -219,7 +213,7 @@ def _thinned(order: npt.NDArray[np.intp], pixels: Floats) -> npt.NDArray[np.intp
 
 
 @lru_cache(maxsize=4)
-def _shore_segments(lake: Lake) -> Floats:
+def _shore_segments(lake: Lake) -> Float64Array:
     segments = shore_lines(lake.shape)
     limit = _MAX_SHORE_SEGMENTS
     return segments[:: max(len(segments) // limit, 1)] if len(segments) > 2 * limit else segments

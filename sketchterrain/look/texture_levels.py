@@ -79,10 +79,8 @@ def _read(path: Path, size: int) -> memoryview | None:
 KINDS: Final = ("", "_height", "_normal", "_roughness")
 """Suffixes of a material's name; the albedo has none."""
 SUFFIXES: Final = (".png", ".jpg", ".jpeg")
-_STEEPEST: Final = 8.0
-"""Largest slope of a normal map."""
-_LARGEST: Final = 16384
-"""Largest side, px."""
+_STEEPEST: Final = 8.0  # largest slope of a normal map
+_LARGEST: Final = 16384  # largest side, px
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,8 +159,7 @@ def _resized(channel: npt.NDArray[Any], size: int) -> npt.NDArray[Any]:
 Levels = list[tuple["npt.NDArray[np.uint8]", "npt.NDArray[np.uint8]"]]
 """Colour and relief, (layers, n, n, 4) each, from the finest level to single texels; see `texture_mips`."""
 
-_FORMAT: Final = 1
-"""To be changed when `texture_mips` encodes the same textures differently."""
+_FORMAT: Final = 1  # to be changed when `texture_mips` encodes the same textures differently
 
 
 def procedural_levels(size: int, open_context: Callable[[], ComputeContext]) -> Levels:

@@ -16,8 +16,7 @@ if TYPE_CHECKING:
 
 
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
-STEPS = 5
-"""Segments of a bough."""
+STEPS = 5  # segments of a bough
 TWIG_STEPS = 2
 
 
@@ -263,10 +262,8 @@ def _leader(whorls: Whorls, wood: Wood, rng: np.random.Generator) -> Leaves:
 class Openness:
     """Openness of places in a crown: light from above and four sides is attenuated by the leaves' areas."""
 
-    CELLS: Final = 20
-    """Along each side of the bounding box of all leaves."""
-    SHADE: Final = 0.18
-    """Share of the light that a leaf as large as its cell's face absorbs."""
+    CELLS: Final = 20  # along each side of the bounding box of all leaves
+    SHADE: Final = 0.18  # share of the light that a leaf as large as its cell's face absorbs
 
     def __init__(self, leaves: Leaves) -> None:
         middle = leaves.root + 0.5 * leaves.along

@@ -36,10 +36,8 @@ if TYPE_CHECKING:
     from sketchterrain.array_types import Float64Array
 
 
-BOUNDS = (-0.02, 1.08)
-"""Range of heights that all leaves are clipped to, however large."""
-ROOT_SHADE = 0.72
-"""Openness of a spray's root, relative to its tip."""
+BOUNDS = (-0.02, 1.08)  # range of heights that all leaves are clipped to, however large
+ROOT_SHADE = 0.72  # openness of a spray's root, relative to its tip
 
 
 def bark_tubes(
@@ -133,12 +131,9 @@ def _leaf_triangles(
     )
 
 
-VIEWS: Final = (0.4, 1.9)
-"""Azimuths of view, rad."""
-CELLS: Final = 48
-"""Raster cells per plant height."""
-PER_CELL: Final = 5.0
-"""Sample points on a triangle as large as a cell."""
+VIEWS: Final = (0.4, 1.9)  # azimuths of view, rad
+CELLS: Final = 48  # raster cells per plant height
+PER_CELL: Final = 5.0  # sample points on a triangle as large as a cell
 
 
 class PlantView(NamedTuple):
@@ -203,16 +198,12 @@ def plant_view(triangles: Triangles, *, views: tuple[float, ...] = VIEWS, points
     return PlantView(covered / (len(views) * CELLS**2), np.asarray(total / max(covered, 1)))
 
 
-DETAILS: Final = 6
-"""Levels of detail, 0 the finest."""
-MASKED_DETAILS: Final = 2
-"""Number of finest levels whose leaves are cut out of leaf_quads."""
-VARIANTS: Final = 3
-"""Of each species."""
+DETAILS: Final = 6  # levels of detail, 0 the finest
+MASKED_DETAILS: Final = 2  # number of finest levels whose leaves are cut out of quads
+VARIANTS: Final = 3  # of each species
 LEAVES: Final = (1000, 560, 150, 26)
 """Sprays in the levels between the finest and the coarsest: two triangles each where cut out, else one."""
-TONE_POINTS: Final = 12_000
-"""Sample points for a plant's mean colour."""
+TONE_POINTS: Final = 12_000  # sample points for a plant's mean colour
 
 
 class _Plant(NamedTuple):

@@ -237,7 +237,5 @@ GROWTH_FORMS: Final[dict[str, Crown | Whorls]] = {
     "shrub": _SHRUB,
 }
 """Growth parameters of each species, in the terrain's order."""
-SPECIES: Final = tuple(GROWTH_FORMS)
-"""In the terrain's order."""
-HEIGHTS: Final = (17.0, 15.5, 12.0, 12.5, 1.9)
-"""m, of a grown plant of each species."""
+SPECIES: Final = tuple(GROWTH_FORMS)  # in the terrain's order
+HEIGHTS: Final = (17.0, 15.5, 12.0, 12.5, 1.9)  # m, of a grown plant of each species

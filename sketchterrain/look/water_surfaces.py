@@ -76,26 +76,17 @@ class PlacedFeatures(Protocol):
         """Placed lakes."""
 
 
-ACROSS: Final = 9
-"""Vertices from bank to bank."""
-OVERLAP: Final = 1.7
-"""Width of the mesh in widths of the water, so that it ends inside the banks."""
-SHEET_CELLS: Final = 400
-"""Largest number of quads along a lake's longer side."""
-ROUGHNESS: Final = 0.042
-"""Manning's n of a bed of gravel, s/m^(1/3)."""
-SHALLOWNESS: Final = 18.0
-"""Width of a river over its hydraulic radius."""
+ACROSS: Final = 9  # vertices from bank to bank
+OVERLAP: Final = 1.7  # width of the mesh in widths of the water, so that it ends inside the banks
+SHEET_CELLS: Final = 400  # largest number of quads along a lake's longer side
+ROUGHNESS: Final = 0.042  # Manning's n of a bed of gravel, s/m^(1/3)
+SHALLOWNESS: Final = 18.0  # width of a river over its hydraulic radius
 PEAK: Final = 4.0 / 3.0
 """Speed in the middle over the mean: of the profile 1 - x³ (water_waves.glsl: stream_profile)."""
-SPEEDS: Final = (0.25, 3.2)
-"""Range of speeds, m/s."""
-FALL_WIDTHS: Final = 4.0
-"""Length in widths over which a river's slope is measured."""
-MOUTH: Final = 9.0
-"""m into a lake over which a river's surface fades into the lake's."""
-LEVEL: Final = 0.4
-"""Largest difference of level (m) at which two overlapping waters merge."""
+SPEEDS: Final = (0.25, 3.2)  # range of speeds, m/s
+FALL_WIDTHS: Final = 4.0  # length in widths over which a river's slope is measured
+MOUTH: Final = 9.0  # m into a lake over which a river's surface fades into the lake's
+LEVEL: Final = 0.4  # largest difference of level (m) at which two overlapping waters merge
 
 
 class WaterSurface(NamedTuple):

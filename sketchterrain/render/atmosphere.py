@@ -17,29 +17,23 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array
 
-GROUND: Final = 6360e3
-"""Radius of the ground (m)."""
-TOP: Final = 6460e3
-"""Radius of the top of the atmosphere (m)."""
+GROUND: Final = 6360e3  # radius of the ground (m)
+TOP: Final = 6460e3  # radius of the top of the atmosphere (m)
 RAYLEIGH: Final = np.array([5.802e-6, 13.558e-6, 33.1e-6])
 """Scattering by molecules at sea level (1/m), for red, green and blue (680, 550, 440 nm)."""
 RAYLEIGH_HEIGHT: Final = 8000.0
 AEROSOL: Final = 6.8e-5 * (np.array([680.0, 550.0, 440.0]) / 550.0) ** -1.0
 """Scattering by aerosols of a clear day (1/m): vertical optical depth 0.08, Ångström exponent 1."""
-AEROSOL_ABSORBED: Final = 0.1
-"""Absorption by aerosols over their scattering."""
+AEROSOL_ABSORBED: Final = 0.1  # absorption by aerosols over their scattering
 AEROSOL_HEIGHT: Final = 1200.0
-FORWARD: Final = 0.76
-"""Asymmetry parameter g of aerosols (mean cosine of the scattering angle)."""
+FORWARD: Final = 0.76  # asymmetry parameter g of aerosols (mean cosine of the scattering angle)
 OZONE: Final = np.array([1.5e-6, 1.881e-6, 0.085e-6])
 """Peak absorption, 25 km up (1/m); none is 15 km above or below.
 
 Red as its mean over 600 to 680 nm: at 680 nm alone there is so little that twilight turns purple.
 """
-GROUND_ALBEDO: Final = np.array([0.13, 0.12, 0.085])
-"""Mean albedo of the ground far around."""
-SUN_RADIUS: Final = np.radians(0.267)
-"""Angular radius of the sun's disc (rad)."""
+GROUND_ALBEDO: Final = np.array([0.13, 0.12, 0.085])  # mean albedo of the ground far around
+SUN_RADIUS: Final = np.radians(0.267)  # angular radius of the sun's disc (rad)
 
 _HEIGHTS, _ANGLES = 48, 128  # of the transmittance table
 _STEPS = 40

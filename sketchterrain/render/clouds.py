@@ -18,18 +18,12 @@ if TYPE_CHECKING:
     from sketchterrain.render.sky import Sky, Weather
     from sketchterrain.render.targets import RenderTargets
 
-SIZE: Final = 512
-"""Texels a side of the coverage field, 32 m each."""
-BILLOW_SIZE: Final = 64
-"""Texels a side of the billow noise."""
-PERIOD: Final = 16_384.0
-"""Period of the field (m): CLOUD_PERIOD in kernels/render/clouds.glsl."""
-HEIGHT: Final = 2500.0
-"""m over the haze's base, at which clouds are lit."""
-REDUCED: Final = 2
-"""Downscaling of the cloud pass, each axis."""
-SUN_STEPS: Final = 4
-"""Steps towards the sun, each about twice as long as the last."""
+SIZE: Final = 512  # texels a side of the coverage field, 32 m each
+BILLOW_SIZE: Final = 64  # texels a side of the billow noise
+PERIOD: Final = 16_384.0  # period of the field (m): CLOUD_PERIOD in kernels/render/clouds.glsl
+HEIGHT: Final = 2500.0  # m over the haze's base, at which clouds are lit
+REDUCED: Final = 2  # downscaling of the cloud pass, each axis
+SUN_STEPS: Final = 4  # steps towards the sun, each about twice as long as the last
 WITH_DEPTH: Final = 2
 
 

@@ -44,20 +44,15 @@ if TYPE_CHECKING:
 
 PIXELS: Final = (170.0, 60.0, 30.0, 14.0, 6.0)
 """Height of a plant (px) below which the next coarser detail is used."""
-HULL: Final = 20.0
-"""Largest height (px) of a plant in the coarsest detail, however low the quality."""
+HULL: Final = 20.0  # largest height (px) of a plant in the coarsest detail, however low the quality
 VERTEX_LIT: Final = 4
 """First detail that is lit at its vertices, with shadows and air sampled once an instance."""
 BATCHES: Final = (range(MASKED_DETAILS), range(MASKED_DETAILS, VERTEX_LIT), range(VERTEX_LIT, DETAILS))
 """Details drawn together; only masked leaves need a fragment shader that discards: no early depth test."""
-BAND: Final = 0.08
-"""Relative range of such a height over which one detail cross-fades into the next."""
-VANISH: Final = 0.05
-"""Share of the draw distance over which a single plant fades."""
-UNKNOWN: Final = (-1e5, 1e5)
-"""Vertical bounds of a cell that is not generated yet (m)."""
-GROW: Final = 1.0
-"""Seconds in which the plants of a new cell fade in."""
+BAND: Final = 0.08  # relative range of such a height over which one detail cross-fades into the next
+VANISH: Final = 0.05  # share of the draw distance over which a single plant fades
+UNKNOWN: Final = (-1e5, 1e5)  # vertical bounds of a cell that is not generated yet (m)
+GROW: Final = 1.0  # seconds in which the plants of a new cell fade in
 
 
 class Forest:

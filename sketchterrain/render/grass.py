@@ -25,10 +25,8 @@ if TYPE_CHECKING:
 
 
 KINDS: Final = ("meadow", "tall", "flower", "fern")
-DETAILS: Final = 3
-"""Levels of detail, 0 the finest."""
-LEAF, PETAL, STALK = 0.0, 1.0, 2.0
-"""Paint of a vertex: kernels/render/grass.vert.glsl."""
+DETAILS: Final = 3  # levels of detail, 0 the finest
+LEAF, PETAL, STALK = 0.0, 1.0, 2.0  # paint of a vertex: kernels/render/grass.vert.glsl
 
 VERTEX: Final = np.dtype([("local_position", "<f4", 3), ("side", "<f4", 3), ("blade", "<f4", 3)])
 """Vertex attributes of grass.vert.glsl."""

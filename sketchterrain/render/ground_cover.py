@@ -54,10 +54,8 @@ SHAPES: Final = (
     _Shape((1.0, 0.90, 0.76), 24, 0.26, 11.0, 0.07, 0.016),  # a worn boulder
     _Shape((1.0, 0.80, 0.58), 22, 0.20, 7.0, 0.04, 0.006),  # a river's
 )
-DETAILS: Final = 4
-"""Levels of detail, 0 the finest."""
-_SPLITS: Final = (4, 3, 2, 1)
-"""Subdivisions of an icosahedron."""
+DETAILS: Final = 4  # levels of detail, 0 the finest
+_SPLITS: Final = (4, 3, 2, 1)  # subdivisions of an icosahedron
 
 
 def rock_mesh(shape: int, detail: int) -> Mesh:
@@ -156,8 +154,7 @@ ROCK_LAYERS: Final = (
     _RockLayer(ScatterLayer(33, 0.012, 50.0, 480.0, 40.0, (14.0, 45.0, 130.0)), (0.42, 2.6), 0.6, 0.7),
 )
 """Pebbles, stones, boulders."""
-CAPTURED: Final = ("centre_radius", "spin", "ground", "kind", "hue")
-"""Outputs of rock_place.vert.glsl."""
+CAPTURED: Final = ("centre_radius", "spin", "ground", "kind", "hue")  # outputs of rock_place.vert.glsl
 
 
 class Rocks:

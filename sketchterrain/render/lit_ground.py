@@ -19,20 +19,16 @@ if TYPE_CHECKING:
     from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.sky import Sun
 
-FADE: Final = 0.5
-"""Shortest duration of each step of a transition, s."""
+FADE: Final = 0.5  # shortest duration of each step of a transition, s
 SOFT: Final = 0.04
 """Width of a window's soft border in widths of its map, see ground_light in kernels/render/frame.glsl."""
 SLOWEST: Final = 4.0
 """Longest duration of a window's motion, times `FADE`: its soft border passes a place in about one fade."""
-NEAR: Final = 1.3
-"""Widths of the near, far and close map, tile extents."""
+NEAR: Final = 1.3  # widths of the near, far and close map, tile extents
 FAR: Final = 5.0
 CLOSE: Final = 0.2
-AHEAD: Final = 0.32
-"""Offset of the near and the close map's middle ahead of the eye, in their widths."""
-EASE: Final = 150.0
-"""Rate at which the haze base follows the terrain, m/s."""
+AHEAD: Final = 0.32  # offset of the near and the close map's middle ahead of the eye, in their widths
+EASE: Final = 150.0  # rate at which the haze base follows the terrain, m/s
 
 
 class Window(NamedTuple):

@@ -24,18 +24,12 @@ if TYPE_CHECKING:
 
 CELL: Final = 256.0
 """Side of a cell, m. Smaller ones take as long, larger ones longer than a frame can spare."""
-SINK: Final = 0.15
-"""Depth of feet below the ground, m."""
-PATCH: Final = 32.0
-"""Side of the squares in which neighbours are counted, m."""
-DENSE: Final = 0.02
-"""Trees per m² of dense forest."""
-LOW: Final = 3.5
-"""Height below which plants shade no others, m."""
-MAX_CELLS: Final = 640
-"""Size of the cache."""
-CROWN_MARGIN: Final = 12.0
-"""Largest radius of a crown, m."""
+SINK: Final = 0.15  # depth of feet below the ground, m
+PATCH: Final = 32.0  # side of the squares in which neighbours are counted, m
+DENSE: Final = 0.02  # trees per m² of dense forest
+LOW: Final = 3.5  # height below which plants shade no others, m
+MAX_CELLS: Final = 640  # size of the cache
+CROWN_MARGIN: Final = 12.0  # largest radius of a crown, m
 FADE: Final = 0.55
 """Share of the draw distance from which on plants are thinned out, so that they end without a seam."""
 INVALIDATION_MARGIN: Final = 300.0

@@ -26,24 +26,15 @@ LEVEL_RATIO: Final = 0.25
 """Share of a level's plants that are in the next level: twice the distance between plants."""
 TALL: Final = 12.0
 """Height of a plant that counts as large as it is (m); lower ones count for more, higher ones for less."""
-LONE: Final = 1.5
-"""Added importance of a solitary plant: nothing covers its place when it is removed."""
-SOFT: Final = 0.15
-"""Share of its distance over which a plant fades."""
-WIDEST: Final = 1.8
-"""Largest factor of a plant's width."""
-FILL: Final = 0.85
-"""Share of the budget that is aimed at; the rest is a reserve while the scale follows."""
-PACE: Final = 0.8
-"""Time constant of the scale, s."""
-STEP: Final = 0.8
-"""Smallest factor of the scale between frames: plants are searched only that far."""
-NEAR: Final = 1e-3
-"""Relative tolerance of convergence."""
-KINDS: Final = len(SPECIES) * VARIANTS
-"""Species times variants; a species' variants follow each other."""
-VECTOR: Final = 4 * 4
-"""Bytes of a captured vec4."""
+LONE: Final = 1.5  # added importance of a solitary plant: nothing covers its place when it is removed
+SOFT: Final = 0.15  # share of its distance over which a plant fades
+WIDEST: Final = 1.8  # largest factor of a plant's width
+FILL: Final = 0.85  # share of the budget that is aimed at; the rest is a reserve while the scale follows
+PACE: Final = 0.8  # time constant of the scale, s
+STEP: Final = 0.8  # smallest factor of the scale between frames: plants are searched only that far
+NEAR: Final = 1e-3  # relative tolerance of convergence
+KINDS: Final = len(SPECIES) * VARIANTS  # species times variants; a species' variants follow each other
+VECTOR: Final = 4 * 4  # bytes of a captured vec4
 
 
 def removal_rank(level: npt.NDArray[np.integer], chance: FloatArray) -> Float64Array:

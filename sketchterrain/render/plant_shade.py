@@ -31,19 +31,13 @@ if TYPE_CHECKING:
 
 MAPS: Final = ((0.06, 0.075), (0.45, 0.60))
 """Near and far map: offset of its middle ahead of the eye and half its side, in draw distances."""
-FINE: Final = (2, 5)
-"""Detail of the plants in both maps; a coarser one where the wide map is alone."""
-FADE: Final = 0.5
-"""Cross-fade to a new map, s."""
-STEPS: Final = 8
-"""A map moves in steps of its side over this number."""
-HALF_DEPTH: Final = 3000.0
-"""m along the light, up and down from the ground in the middle."""
+FINE: Final = (2, 5)  # detail of the plants in both maps; a coarser one where the wide map is alone
+FADE: Final = 0.5  # cross-fade to a new map, s
+STEPS: Final = 8  # A map moves in steps of its side over this number
+HALF_DEPTH: Final = 3000.0  # m along the light, up and down from the ground in the middle
 DEPTH_STEP: Final = 500.0
-LEAST_ANGLE: Final = 1e-6
-"""rad; before the culling angle is known, all plants throw shadows."""
-MARGIN: Final = 30.0
-"""m beyond a map's border from where a plant's shadow may fall into it."""
+LEAST_ANGLE: Final = 1e-6  # rad; before the culling angle is known, all plants throw shadows
+MARGIN: Final = 30.0  # m beyond a map's border from where a plant's shadow may fall into it
 
 
 class _Placement(NamedTuple):

@@ -24,18 +24,14 @@ if TYPE_CHECKING:
     from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, StructuredArray
     from sketchterrain.render.camera import Camera
 
-BAND: Final = 0.3
-"""Relative range of a density over which its last points fade in; as in scatter.glsl."""
-STEEPEST: Final = 1.5
-"""Largest slope of the ground between an eye and nearby points."""
-HIGHEST: Final = 1.0
-"""Largest height of what stands in a cell, m."""
+BAND: Final = 0.3  # relative range of a density over which its last points fade in; as in scatter.glsl
+STEEPEST: Final = 1.5  # largest slope of the ground between an eye and nearby points
+HIGHEST: Final = 1.0  # largest height of what stands in a cell, m
 BEST_DISTANCE: Final = 110.0
 """Draw distance of grass at the best quality, m; all other distances scale with it."""
 SEED: Final = np.dtype([("corner", "<f4", 2), ("seed", "<u4"), ("rank", "<u4")])
 """A point: its cell's corner from the eye (m), its cell's hash, and its rank in the cell's sequence."""
-VECTOR: Final = 4 * 4
-"""Bytes of a captured vec4."""
+VECTOR: Final = 4 * 4  # bytes of a captured vec4
 
 
 @dataclass(frozen=True)

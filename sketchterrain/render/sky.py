@@ -139,10 +139,8 @@ STEPS: Final = 24
 AIR_STEPS: Final = 16
 LEVELS: Final = (0.0, 600.0, 1800.0, 4000.0)
 """Heights over the haze's base (m) at which the sky is computed; it is interpolated in between."""
-LONGEST: Final = 30e3
-"""Longest path (m) that the air's light of a direction is integrated over …"""
-RISE: Final = 1500.0
-"""… up to the height of mountains over the eye (m)."""
+LONGEST: Final = 30e3  # longest path (m) that the air's light of a direction is integrated over …
+RISE: Final = 1500.0  # … up to the height of mountains over the eye (m)
 SUN_IRRADIANCE: Final = np.array([20.0, 22.6, 25.4])
 """Above the atmosphere, in the unit of all light here; channel ratios are of a daylight white balance."""
 HAZE: Final = AEROSOL * (1.0 + AEROSOL_ABSORBED)
@@ -151,10 +149,8 @@ SMALL_WORLD: Final = 0.25
 """Smallest optical depth of an extent: small worlds, which end near, end in haze too."""
 SHADED_AIR: Final = 0.4
 """Share of in-scattered light removed in shadow: a little less than the single-scattered sunlight."""
-RISING: Final = (0.0, 3.0)
-"""Degrees of elevation over which shadows in the air fade in."""
-OVERCAST: Final = (0.6, 1.0)
-"""Cloud covers over which a uniform grey layer replaces sky and sun."""
+RISING: Final = (0.0, 3.0)  # degrees of elevation over which shadows in the air fade in
+OVERCAST: Final = (0.6, 1.0)  # cloud covers over which a uniform grey layer replaces sky and sun
 OVERCAST_CLEAR: Final = np.array([0.33, 0.34, 0.35])
 """Transmittance of a closed cloud layer for the light on level ground."""
 
@@ -185,16 +181,11 @@ class Sun:
         )
 
 
-MIDDLE: Final = 0.085
-"""Albedo of ground that becomes middle grey, 0.18 of white, on a sunny noon."""
-BRIGHT: Final = 17.0
-"""Light of a sunny noon, as computed in `exposure_for`."""
-ADAPTED: Final = 0.88
-"""Exponent by which exposure compensates darkness: a dawn stays a little dark."""
-AGAINST_LIGHT: Final = 0.5
-"""The same for a view whose horizon is brighter than the average one."""
-VIEW: Final = 30.0
-"""Degrees to the left and the right that count for it."""
+MIDDLE: Final = 0.085  # albedo of ground that becomes middle grey, 0.18 of white, on a sunny noon
+BRIGHT: Final = 17.0  # light of a sunny noon, as computed in `exposure_for`
+ADAPTED: Final = 0.88  # exponent by which exposure compensates darkness: a dawn stays a little dark
+AGAINST_LIGHT: Final = 0.5  # the same for a view whose horizon is brighter than the average one
+VIEW: Final = 30.0  # degrees to the left and the right that count for it
 
 
 class Sky:

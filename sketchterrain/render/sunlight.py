@@ -17,10 +17,8 @@ if TYPE_CHECKING:
     from sketchterrain.render.sky import Weather
 
 
-ELEVATION: Final = 27.0
-"""Degrees: long shadows that model the ground, and still the colours of day."""
-TO_THE_SIDE: Final = 108.0
-"""Degrees between view and sun: side light from a little behind the photographer."""
+ELEVATION: Final = 27.0  # degrees: long shadows that model the ground, and still the colours of day
+TO_THE_SIDE: Final = 108.0  # degrees between view and sun: side light from a little behind the photographer
 STEPS: Final = 28
 
 

@@ -20,16 +20,12 @@ if TYPE_CHECKING:
     from sketchterrain.render.targets import RenderTargets
 
 
-SIZE: Final = 256
-"""Texels along a side of the texture."""
-BAND: Final = (3.0, 56.0)
-"""Longest and shortest waves, per side."""
+SIZE: Final = 256  # texels along a side of the texture
+BAND: Final = (3.0, 56.0)  # longest and shortest waves, per side
 LAYERS: Final = ((8.0, -0.42, 0.40), (2.3, 0.55, 0.28), (31.0, 0.16, 0.32))
 """Side (m), rotation against the wind (rad) and share of slope² of each layer."""
-GRAVITY: Final = 9.81
-"""m/s²."""
-TYPICAL: Final = 7.0
-"""Waves per side whose phase speed a layer drifts at."""
+GRAVITY: Final = 9.81  # m/s²
+TYPICAL: Final = 7.0  # waves per side whose phase speed a layer drifts at
 
 
 def wave_slopes(size: int = SIZE, *, seed: int = 1954) -> Float64Array:

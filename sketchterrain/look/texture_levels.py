@@ -76,8 +76,8 @@ def _read(path: Path, size: int) -> memoryview | None:
     return body if hashlib.sha256(body).digest() == content[:_DIGEST] else None
 
 
-KINDS: Final = ("", "_height", "_normal", "_roughness")
-"""Suffixes of a material's name; the albedo has none."""
+SUFFIX_FIELDS: Final = {"": "albedo", "_height": "height", "_normal": "slopes", "_roughness": "roughness"}
+"""Suffixes of a material's name, and what they hold."""
 SUFFIXES: Final = (".png", ".jpg", ".jpeg")
 _STEEPEST: Final = 8.0  # largest slope of a normal map
 _LARGEST: Final = 16384  # largest side, px
@@ -101,36 +101,31 @@ def read_material_images(folder: Path, size: int) -> dict[str, MaterialImages]:
     """
     if not folder.is_dir():
         raise InputError(f"{one_line(folder)}: expected a folder of textures")
+    names = {name + suffix: (name, suffix) for name in LAYERS for suffix in SUFFIX_FIELDS}
     found: dict[str, dict[str, npt.NDArray[Any]]] = {}
     for path in sorted(each for each in folder.iterdir() if each.suffix.lower() in SUFFIXES):
-        material, kind = _split_name(path)
-        field = {"": "albedo", "_height": "height", "_normal": "slopes", "_roughness": "roughness"}[kind]
+        if path.stem not in names:
+            raise InputError(
+                f"{one_line(path)}: expected the name of a material, {', '.join(LAYERS)}, alone or with "
+                f"{', '.join(list(SUFFIX_FIELDS)[1:])}"
+            )
+        material, suffix = names[path.stem]
+        field = SUFFIX_FIELDS[suffix]
         if field in found.setdefault(material, {}):
             raise InputError(
                 f"{one_line(path)}: expected one picture {path.stem}, got two of different suffixes"
             )
-        found[material][field] = _texture_files_read(path, kind, size)
+        found[material][field] = _read_image(path, field, size)
     return {material: MaterialImages(**fields) for material, fields in found.items()}
 
 
-def _split_name(path: Path) -> tuple[str, str]:
-    for material in LAYERS:
-        for kind in KINDS:
-            if path.stem == material + kind:
-                return material, kind
-    ends = ", ".join(kind for kind in KINDS if kind)
-    raise InputError(
-        f"{one_line(path)}: expected the name of a material, {', '.join(LAYERS)}, alone or with {ends}"
-    )
-
-
-def _texture_files_read(path: Path, kind: str, size: int) -> npt.NDArray[Any]:
+def _read_image(path: Path, field: str, size: int) -> npt.NDArray[Any]:
     try:
         with Image.open(path) as picture:
             if max(picture.size) > _LARGEST:
                 got = f"{picture.width}×{picture.height}"
                 raise InputError(f"{one_line(path)}: expected sides of {_LARGEST} px at most, got {got}")
-            if kind in {"", "_normal"}:
+            if field in {"albedo", "slopes"}:
                 values = np.asarray(picture.convert("RGB"), np.float32) / 255.0
             else:
                 wide = picture.mode.startswith(("I", "F"))
@@ -138,28 +133,25 @@ def _texture_files_read(path: Path, kind: str, size: int) -> npt.NDArray[Any]:
                 values = values / (65535.0 if wide else 255.0)
     except (OSError, ValueError, SyntaxError, UnidentifiedImageError, Image.DecompressionBombError) as error:
         raise InputError(f"{one_line(path)}: expected a picture, PNG or JPEG ({one_line(error)})") from error
-    values = linear(values) if kind == "" else values
-    if kind == "_normal":
+    if field == "albedo":
+        values = linear(values)
+    elif field == "slopes":
         normal = 2.0 * values - 1.0
         values = -normal[..., :2] / np.maximum(normal[..., 2:], 1.0 / _STEEPEST)
-    channels = [values] if values.ndim == 2 else list(np.moveaxis(values, -1, 0))
-    resized = [_resized(channel, size)[::-1] for channel in channels]
+    resampling = Image.Resampling.BOX if min(values.shape[:2]) >= size else Image.Resampling.BICUBIC
+    resized = [
+        np.asarray(
+            Image.fromarray(np.ascontiguousarray(channel, np.float32)).resize((size, size), resampling)
+        )[::-1]
+        for channel in np.moveaxis(np.atleast_3d(values), -1, 0)
+    ]
     return resized[0] if values.ndim == 2 else np.stack(resized, axis=-1)
 
 
-def _resized(channel: npt.NDArray[Any], size: int) -> npt.NDArray[Any]:
-    picture = Image.fromarray(np.ascontiguousarray(channel, np.float32))
-    return np.asarray(
-        picture.resize(
-            (size, size), Image.Resampling.BOX if min(picture.size) >= size else Image.Resampling.BICUBIC
-        )
-    )
-
-
 Levels = list[tuple["npt.NDArray[np.uint8]", "npt.NDArray[np.uint8]"]]
-"""Colour and relief, (layers, n, n, 4) each, from the finest level to single texels; see `texture_mips`."""
+"""Colour and relief, (layers, n, n, 4) each, from the finest level to single texels; see `texture_maker`."""
 
-_FORMAT: Final = 1  # to be changed when `texture_mips` encodes the same textures differently
+_FORMAT: Final = 1  # to be changed when `mipmaps` encodes the same textures differently
 
 
 def procedural_levels(size: int, open_context: Callable[[], ComputeContext]) -> Levels:

@@ -49,7 +49,7 @@ def bark_tubes(
     openness: Openness,
     rng: np.random.Generator,
 ) -> Triangles:
-    """Wrap bark around curves (n, k, 3) of radii (n, k), as bark_tubes with a number of sides."""
+    """Wrap bark around curves (n, k, 3) of radii (n, k), as tubes with a number of sides."""
     _, across, above = frames(curves)
     turn = 2.0 * np.pi * np.arange(sides + 1) / sides
     ring = across[:, :, None] * np.cos(turn)[:, None] + above[:, :, None] * np.sin(turn)[:, None]
@@ -216,29 +216,26 @@ class _Plant(NamedTuple):
 
 def level(species: str, variant: int, detail: int) -> Triangles:
     """Return a plant's triangles at a level of detail; the last one is a hull of 12 triangles."""
-    made = _shaped(species, variant, detail)
-    return made._replace(albedo=made.albedo * _tone(species, variant, detail))
+    triangles = _untoned(species, variant, detail)
+    if detail == 0:
+        return triangles
+    # Each level gets the mean colour of the finest one.
+    tone = _mean_colour(species, variant, 0) / _mean_colour(species, variant, detail)
+    return triangles._replace(albedo=triangles.albedo * tone)
 
 
-def _shaped(species: str, variant: int, detail: int) -> Triangles:
+def _untoned(species: str, variant: int, detail: int) -> Triangles:
     plant = _plant(species, variant)
     if detail == 0:
         leafy = leaf_quads(plant.leaves, plant.mask, np.array(plant.colours.fresh), plant.openness)
         return joined_triangles([leafy, *_wood(plant, detail=0)])
     size = GROWTH_FORMS[species].sizes[detail - 1]
-    return _hull(plant, size) if detail == DETAILS - 1 else _fewer(plant, detail, size)
-
-
-def _tone(species: str, variant: int, detail: int) -> Float64Array:
-    """Return the factor that gives a level the mean colour of the finest one."""
-    if detail == 0:
-        return np.ones(3)
-    return np.asarray(_colour(species, variant, 0) / _colour(species, variant, detail))
+    return _hull(plant, size) if detail == DETAILS - 1 else _reduced(plant, detail, size)
 
 
 @cache
-def _colour(species: str, variant: int, detail: int) -> Float64Array:
-    return plant_view(_shaped(species, variant, detail), points=TONE_POINTS).colour
+def _mean_colour(species: str, variant: int, detail: int) -> Float64Array:
+    return plant_view(_untoned(species, variant, detail), points=TONE_POINTS).colour
 
 
 @cache
@@ -254,7 +251,7 @@ def _plant(species: str, variant: int) -> _Plant:
     return _Plant(wood, leaves, Openness(leaves), form.colours, form.mask)
 
 
-def _fewer(plant: _Plant, detail: int, size: float) -> Triangles:
+def _reduced(plant: _Plant, detail: int, size: float) -> Triangles:
     """Return every n-th leaf, `size` times as large."""
     count = len(plant.leaves.root)
     target = min(LEAVES[detail - 1], count)
@@ -322,16 +319,9 @@ def _hull(plant: _Plant, size: float) -> Triangles:
     light = np.where(leaf[:, None], 0.35 + 0.55 * (corners[..., 2] - low) / (high - low), 0.4)
     albedo = np.where(leaf[:, None, None], plant.leaves.albedo.mean(axis=0), np.array(plant.colours.bark))
     albedo = np.broadcast_to(albedo, corners.shape)
-    nothing = np.zeros(12)
+    zero = np.zeros(12)
     return Triangles(
-        corners,
-        normal,
-        albedo,
-        light,
-        np.zeros((12, 3, 2)),
-        nothing + SOLID,
-        leaf.astype(np.float64),
-        nothing,
+        corners, normal, albedo, light, np.zeros((12, 3, 2)), zero + SOLID, leaf.astype(np.float64), zero
     )
 
 

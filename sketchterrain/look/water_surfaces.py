@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from scipy.ndimage import map_coordinates
@@ -14,66 +14,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.array_types import Float64Array
-
-
-class RiverGeometry(Protocol):
-    """A river, from its source downstream."""
-
-    @property
-    def centreline(self) -> npt.NDArray[np.float64]:
-        """(m, 3) x, y and water surface z (m)."""
-
-    @property
-    def centreline_width(self) -> npt.NDArray[np.float32]:
-        """(m,) width (m)."""
-
-
-class DistanceRaster(Protocol):
-    """A raster of the distance inside a shape's border, rows northward."""
-
-    @property
-    def west(self) -> float:
-        """Position of the first sample (m)."""
-
-    @property
-    def south(self) -> float:
-        """Position of the first sample (m)."""
-
-    @property
-    def spacing(self) -> float:
-        """Distance between samples (m)."""
-
-    @property
-    def inside(self) -> npt.NDArray[np.float32]:
-        """(rows, columns) m, negative outside."""
-
-
-class LakeGeometry(Protocol):
-    """A lake."""
-
-    @property
-    def shape(self) -> DistanceRaster:
-        """Its area."""
-
-    @property
-    def level(self) -> float:
-        """Elevation of the water (m)."""
-
-
-class PlacedFeatures(Protocol):
-    """Placed features."""
-
-    @property
-    def points(self) -> npt.NDArray[np.void]:
-        """Placed point features."""
-
-    @property
-    def rivers(self) -> Sequence[RiverGeometry]:
-        """Placed rivers."""
-
-    @property
-    def lakes(self) -> Sequence[LakeGeometry]:
-        """Placed lakes."""
+    from sketchterrain.placement.feature_types import Lake, River, ShapeField
+    from sketchterrain.terrain.surfaces import TerrainFeatures
 
 
 ACROSS: Final = 9  # vertices from bank to bank
@@ -99,7 +41,7 @@ class WaterSurface(NamedTuple):
     triangles: npt.NDArray[np.uint32]  # (k,) indices, three a triangle, counter-clockwise from above
 
 
-def water_surfaces(features: PlacedFeatures) -> list[WaterSurface]:
+def water_surfaces(features: TerrainFeatures) -> list[WaterSurface]:
     """Return the surfaces of all waters, lakes first; where waters overlap, one of them is faded out."""
     rivers = [river for river in features.rivers if len(river.centreline) > 1]
     meshes = [lake_surface(lake.shape, lake.level) for lake in features.lakes]
@@ -165,7 +107,7 @@ def river_surface(centreline: Float64Array, width: npt.NDArray[np.float32]) -> W
     )
 
 
-def lake_surface(shape: DistanceRaster, level: float) -> WaterSurface:
+def lake_surface(shape: ShapeField, level: float) -> WaterSurface:
     """Cover a lake with a flat grid that ends inside its banks; across and along are east and north."""
     rows, columns = shape.inside.shape
     step = -(-max(rows, columns) // SHEET_CELLS)
@@ -199,7 +141,7 @@ def _arc_length(centreline: Float64Array) -> Float64Array:
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(centreline[:, :2], axis=0).T))])
 
 
-def _outside_lakes(position: Float64Array, lakes: Sequence[LakeGeometry]) -> Float64Array:
+def _outside_lakes(position: Float64Array, lakes: Sequence[Lake]) -> Float64Array:
     """Return how visible a river is at places: 1 on land, 0 from `MOUTH` inside a lake's shore on."""
     visible = np.ones(len(position))
     for lake in lakes:
@@ -211,7 +153,7 @@ def _outside_lakes(position: Float64Array, lakes: Sequence[LakeGeometry]) -> Flo
     return visible
 
 
-def _outside_rivers(position: Float64Array, rivers: Sequence[RiverGeometry]) -> Float64Array:
+def _outside_rivers(position: Float64Array, rivers: Sequence[River]) -> Float64Array:
     """Return how visible a river is at places: 1 at other rivers' banks, 0 halfway to their middle."""
     visible = np.ones(len(position))
     for river in rivers:
@@ -220,7 +162,7 @@ def _outside_rivers(position: Float64Array, rivers: Sequence[RiverGeometry]) -> 
         half = 0.5 * river.centreline_width[nearest].astype(np.float64)
         share = np.clip(2.0 * (1.0 - distance / half), 0.0, 1.0)
         beside = np.abs(position[:, 2] - line[nearest, 2]) < LEVEL
-        # Before its beginning and beyond its end a river is not there.
+        # Not before its start and beyond its end.
         for end, towards in ((0, 1), (len(line) - 1, len(line) - 2)):
             inward = (position[:, :2] - line[end, :2]) @ (line[towards, :2] - line[end, :2])
             beside &= (nearest != end) | (inward > 0.0)

@@ -17,9 +17,10 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.array_types import Bounds, Float64Array
-    from sketchterrain.look.water_surfaces import DistanceRaster, PlacedFeatures
+    from sketchterrain.placement.feature_types import ShapeField
     from sketchterrain.render.ground_stream import TerrainStream
     from sketchterrain.render.scene import TerrainSource
+    from sketchterrain.terrain.surfaces import TerrainFeatures
     from sketchterrain.tiles.tile_pool import DrawList
 
     Colour = tuple[int, int, int]
@@ -155,7 +156,7 @@ def _rings(terrain: TerrainSource, heights: HeightCache) -> list[_Lines]:
     return parts
 
 
-def _centrelines(features: PlacedFeatures) -> list[_Lines]:
+def _centrelines(features: TerrainFeatures) -> list[_Lines]:
     lines = [river.centreline for river in features.rivers if len(river.centreline) > 1]
     return [_lines_of(line[:-1], line[1:], FEATURE_COLOURS["river"]) for line in lines]
 
@@ -166,7 +167,7 @@ def _shores(terrain: TerrainSource) -> list[_Lines]:
     ]
 
 
-def _shore(shape: DistanceRaster, level: float) -> tuple[Float64Array, Float64Array]:
+def _shore(shape: ShapeField, level: float) -> tuple[Float64Array, Float64Array]:
     """Return starts and ends of the sample edges between inside and outside of a shape."""
     inside = np.pad(shape.inside > 0, 1)
     starts: list[Float64Array] = []

@@ -51,7 +51,8 @@ class PlantInstances(NamedTuple):
 
     def subset(self, index: npt.NDArray[np.intp]) -> PlantInstances:
         """Return the instances at indices."""
-        return PlantInstances(*(each[index] for each in self))
+        rows, rank, importance, cull, kind = self
+        return PlantInstances(rows[index], rank[index], importance[index], cull[index], kind[index])
 
     @property
     def position(self) -> Float32Array:
@@ -79,8 +80,8 @@ def plant_instances(plants: StructuredArray, corner: Float64Array) -> PlantInsta
     rows[:, 6] = np.floor(15.0 * crowding) + 0.998 * plants["tint"]
     kind = plants["species"] * VARIANTS + plant_variants(second)
     order = np.argsort(-cull, kind="stable")
-    rank, importance, cull = (each.astype(np.float32) for each in (rank, importance, cull))
-    return PlantInstances(rows, rank, importance, cull, kind.astype(np.uint8)).subset(order)
+    single = [each.astype(np.float32) for each in (rank, importance, cull)]
+    return PlantInstances(rows, single[0], single[1], single[2], kind.astype(np.uint8)).subset(order)
 
 
 def _crowding(position: Float64Array, height: Float64Array) -> Float64Array:

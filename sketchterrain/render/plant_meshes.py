@@ -166,7 +166,7 @@ class PlantBatch:
         self._captured_bytes = VECTOR * len(captured)
         self._commands = context.buffer(reserve=20 * meshes.vertices.size, dynamic=True)
         self._counts = np.zeros_like(meshes.vertices)
-        vertex = ("3f4 12x", "local_position")
+        vertex: tuple[str, ...] = ("3f4 12x", "local_position")
         if transform is not None:
             vertex = ("3f4 4f1 4f1 4f1", "local_position", "local_normal", "vertex_colour", "leaf_uv")
         parts = [(meshes.buffer, *vertex), (self._instances, "4f4 4f4/i", "foot_height", "appearance")]

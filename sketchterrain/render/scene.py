@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from sketchterrain.look.water_surfaces import PlacedFeatures
+from sketchterrain.terrain.surfaces import TerrainFeatures
 from sketchterrain.tiles.stream import QUADS
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ class TerrainSource(TileSource, Protocol):
         """The document."""
 
     @property
-    def features(self) -> PlacedFeatures:
+    def features(self) -> TerrainFeatures:
         """Placed features."""
 
     def heights(

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.array_types import Float64Array
-    from sketchterrain.look.water_surfaces import PlacedFeatures
     from sketchterrain.render.targets import RenderTargets
+    from sketchterrain.terrain.surfaces import TerrainFeatures
 
 
 SIZE: Final = 256  # texels along a side of the texture
@@ -116,7 +116,7 @@ class Water:
     def __init__(
         self,
         context: moderngl.Context,
-        features: PlacedFeatures,
+        features: TerrainFeatures,
         *,
         enabled: bool = True,
         defines: Mapping[str, int] | None = None,
@@ -133,12 +133,12 @@ class Water:
     def __bool__(self) -> bool:
         return bool(self._arrays)
 
-    def rebuild(self, features: PlacedFeatures, defines: Mapping[str, int]) -> None:
+    def rebuild(self, features: TerrainFeatures, defines: Mapping[str, int]) -> None:
         """Replace the programs by ones with other macros."""
         self._defines, self._programs, self._uploaded = dict(defines), [], None
         self.set_features(features)
 
-    def set_features(self, features: PlacedFeatures) -> None:
+    def set_features(self, features: TerrainFeatures) -> None:
         """Replace the rivers and lakes; nothing happens if they are equal."""
         state = _state(features) if self._enabled else ()
         if state == self._uploaded:
@@ -212,7 +212,7 @@ def _uniform_array(rows: npt.NDArray[np.float64]) -> object:
     return values if len(values) > 1 else values[0]
 
 
-def _state(features: PlacedFeatures) -> tuple[object, ...]:
+def _state(features: TerrainFeatures) -> tuple[object, ...]:
     """Return a value that is equal for equal waters."""
     rivers = [(river.centreline.tobytes(), river.centreline_width.tobytes()) for river in features.rivers]
     lakes = [

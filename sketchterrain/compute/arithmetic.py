@@ -1,6 +1,6 @@
 """Device self-test: IEEE 754 additions and products, shifts and hashes, compared with NumPy bit for bit.
 
-Expected values are computed with NumPy in 32 bits. As a program it tests the device with the given index and
+Expected values are computed with NumPy in 32 bits. As a program it tests the device of a given index and
 writes the names of failed operations to a file, as JSON.
 """
 
@@ -42,19 +42,19 @@ _f = np.float32
 
 def failed_operations(context: ComputeContext) -> tuple[str, ...]:
     """Return the names of the operations whose bits differ from IEEE 754; the context has 32-bit reals."""
-    given = _operands()
+    operands = _operands()
     real, whole = (
         context.empty(len(_REAL_NAMES) * _COUNT, "f4"),
         context.empty(len(_WHOLE_NAMES) * _COUNT, "u4"),
     )
-    uploads = [context.upload(operand) for operand in given]
+    uploads = [context.upload(operand) for operand in operands]
     context.launch("self_test.cl", "self_test", (_COUNT,), *uploads, np.int32(_COUNT), real, whole)
-    found: list[tuple[str, npt.NDArray[Any]]] = [
+    computed: list[tuple[str, npt.NDArray[Any]]] = [
         *zip(_REAL_NAMES, context.download(real, (len(_REAL_NAMES), _COUNT), "u4"), strict=True),
         *zip(_WHOLE_NAMES, context.download(whole, (len(_WHOLE_NAMES), _COUNT), "u4"), strict=True),
     ]
-    expected = _expected(*given)
-    return tuple(name for name, bits in found if not np.array_equal(bits, expected[name].view(np.uint32)))
+    expected = _expected(*operands)
+    return tuple(name for name, bits in computed if not np.array_equal(bits, expected[name].view(np.uint32)))
 
 
 def _operands() -> tuple[
@@ -74,10 +74,10 @@ def _expected(
     c: Float32Array,
     positive: Float32Array,
     word: Words,
-    place: npt.NDArray[np.int64],
+    position: npt.NDArray[np.int64],
 ) -> dict[str, npt.NDArray[Any]]:
     root = _inverse_sqrt(positive)
-    mixed = _mixed(word)
+    mixed = _mix(word)
     longs = (mixed.astype(np.uint64) * (word >> np.uint32(8)).astype(np.uint64)) >> np.uint64(32)
     reals = (
         a * b + c,
@@ -87,12 +87,12 @@ def _expected(
         root * root,
         _cubic(positive),
         _smooth_rise(a, b),
-        _real_of(place),
+        _real_of(position),
     )
     wholes = (
         mixed,
-        _scrambled(word),
-        (place >> (word & np.uint32(31)).astype(np.int64)).astype(np.uint32),
+        _scramble(word),
+        (position >> (word & np.uint32(31)).astype(np.int64)).astype(np.uint32),
         longs.astype(np.uint32),
         (a * _f(1e6)).astype(np.int32),
     )
@@ -102,9 +102,9 @@ def _expected(
 def _chain(a: Float32Array, b: Float32Array, c: Float32Array) -> Float32Array:
     x, y = a, b
     for _ in range(_STEPS):
-        after = np.clip(x * y + c * _f(0.25) - x * x * _f(0.125), _f(-2), _f(2))
-        y = np.clip(y * _f(0.75) + after * after * c, _f(-2), _f(2))
-        x = after
+        next_x = np.clip(x * y + c * _f(0.25) - x * x * _f(0.125), _f(-2), _f(2))
+        y = np.clip(y * _f(0.75) + next_x * next_x * c, _f(-2), _f(2))
+        x = next_x
     return np.asarray(x + y)
 
 
@@ -131,13 +131,13 @@ def _real_of(n: npt.NDArray[np.int64]) -> Float32Array:
     return np.asarray(high * _f(16777216) + low)
 
 
-def _mixed(h: Words) -> Words:
+def _mix(h: Words) -> Words:
     h = (h ^ (h >> np.uint32(16))) * np.uint32(0x7FEB352D)
     h = (h ^ (h >> np.uint32(15))) * np.uint32(0x846CA68B)
     return h ^ (h >> np.uint32(16))
 
 
-def _scrambled(h: Words) -> Words:
+def _scramble(h: Words) -> Words:
     h = (h ^ (h >> np.uint32(15))) * np.uint32(0x735A2D97)
     return h ^ (h >> np.uint32(15))
 

@@ -1,4 +1,4 @@
-"""Pools of device and host buffers."""
+"""Device buffers: a pool of reusable ones, and staging of many small arrays in one transfer."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ class BufferSet:
     def buffer(self, name: str, shape: Sequence[int] | int, dtype: npt.DTypeLike) -> Any:
         """Return the buffer of a name, large enough for an array of this shape."""
         size = max(int(np.prod(shape)) * np.dtype(dtype).itemsize, 1)
-        had, buffer = self._buffers.pop(name, (0, None))
-        if had < size:
+        capacity, buffer = self._buffers.pop(name, (0, None))
+        if capacity < size:
             buffer = None  # free the smaller one first
-            had, buffer = size, self._context.empty(size, np.uint8)
-        self._buffers[name] = had, buffer
+            capacity, buffer = size, self._context.empty(size, np.uint8)
+        self._buffers[name] = capacity, buffer
         return buffer
 
 
@@ -43,17 +43,17 @@ class BufferPool:
     @contextmanager
     def borrow(self) -> Iterator[BufferSet]:
         """Lend a buffer set; on return nothing may still be using it."""
-        room = self._free.pop() if self._free else BufferSet(self._context)
+        sizes = self._free.pop() if self._free else BufferSet(self._context)
         try:
-            yield room
+            yield sizes
         finally:
-            self._free.append(room)
+            self._free.append(sizes)
 
 
-# Parts start where any device lets a buffer start, and no two of them share a cache line.
-_ALIGNED = 512
-# How many transfers may be under way before the oldest is waited for.
-_TURNS = 3
+# Alignment of sub-buffers: valid on every device, and no two share a cache line.
+_ALIGNMENT = 512
+# Transfers in flight before waiting for the oldest.
+_MAX_TRANSFERS = 3
 
 
 class StagingBuffer:
@@ -65,17 +65,17 @@ class StagingBuffer:
 
     def __init__(self, context: ComputeContext) -> None:
         self._context = context
-        self._room: dict[str, int] = {}
+        self._sizes: dict[str, int] = {}
         self._start: dict[str, int] = {}
         self._parts: dict[str, Any] = {}
-        self._whole: Any = None
-        self._turns: list[tuple[npt.NDArray[np.uint8], Any]] = []
+        self._buffer: Any = None
+        self._transfers: list[tuple[npt.NDArray[np.uint8], Any]] = []
 
     def upload(self, arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
         """Enqueue one transfer of arrays and return the buffer of each; it may be larger than the array."""
-        if any(self._room.get(name, -1) < array.nbytes for name, array in arrays.items()):
-            self._make_room(arrays)
-        host, transfer = self._turns[0]
+        if any(self._sizes.get(name, -1) < array.nbytes for name, array in arrays.items()):
+            self._grow(arrays)
+        host, transfer = self._transfers[0]
         if transfer is not None:
             self._context.wait(transfer)
         end = 0
@@ -83,23 +83,23 @@ class StagingBuffer:
             start = self._start[name]
             host[start : start + array.nbytes] = np.ascontiguousarray(array).reshape(-1).view(np.uint8)
             end = max(end, start + array.nbytes)
-        transfer = self._context.write(self._whole, host[:end]) if end else None
-        self._turns = [*self._turns[1:], (host, transfer)]
+        transfer = self._context.write(self._buffer, host[:end]) if end else None
+        self._transfers = [*self._transfers[1:], (host, transfer)]
         return {name: self._parts[name] for name in arrays}
 
-    def _make_room(self, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
+    def _grow(self, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
         """Grow the buffer to fit arrays; on failure nothing changes."""
-        room = dict(self._room)
+        sizes = dict(self._sizes)
         for name, array in arrays.items():
-            if room.get(name, -1) < array.nbytes:
-                room[name] = _ALIGNED << max(-(-array.nbytes // _ALIGNED) - 1, 0).bit_length()
-        ends = np.cumsum(list(room.values()))
-        starts = ends - np.array(list(room.values()))
-        start = {name: int(first) for name, first in zip(room, starts, strict=True)}
-        whole = self._context.empty(int(ends[-1]), np.uint8)
-        parts = {name: self._context.sub_buffer(whole, start[name], size) for name, size in room.items()}
-        for _, transfer in self._turns:
+            if sizes.get(name, -1) < array.nbytes:
+                sizes[name] = _ALIGNMENT << max(-(-array.nbytes // _ALIGNMENT) - 1, 0).bit_length()
+        ends = np.cumsum(list(sizes.values()))
+        starts = ends - np.array(list(sizes.values()))
+        start = {name: int(first) for name, first in zip(sizes, starts, strict=True)}
+        buffer = self._context.empty(int(ends[-1]), np.uint8)
+        parts = {name: self._context.sub_buffer(buffer, start[name], size) for name, size in sizes.items()}
+        for _, transfer in self._transfers:
             if transfer is not None:
                 self._context.wait(transfer)
-        self._room, self._start, self._whole, self._parts = room, start, whole, parts
-        self._turns = [(np.zeros(int(ends[-1]), np.uint8), None) for _ in range(_TURNS)]
+        self._sizes, self._start, self._buffer, self._parts = sizes, start, buffer, parts
+        self._transfers = [(np.zeros(int(ends[-1]), np.uint8), None) for _ in range(_MAX_TRANSFERS)]

@@ -25,20 +25,20 @@ if TYPE_CHECKING:
 
 
 _STATUS = cl.status_code
-# CL_OUT_OF_RESOURCES is not one of them: drivers say it of a kernel that crashed, too.
-_NO_ROOM = {
+# CL_OUT_OF_RESOURCES is not one of them: drivers report it for crashed kernels too.
+_OUT_OF_MEMORY = {
     _STATUS.MEM_OBJECT_ALLOCATION_FAILURE,
     _STATUS.OUT_OF_HOST_MEMORY,
-    _STATUS.INVALID_BUFFER_SIZE,  # more than the device gives at once
+    _STATUS.INVALID_BUFFER_SIZE,  # larger than the device allocates at once
 }
-_LONGEST = 200  # characters of a log's line
+_MAX_LOG = 200  # characters
 
 
 def call_error(device: Device, action: str, error: cl.Error) -> DeviceError:
     """Return the exception to raise for an OpenCL error; `action` is for example ``"launching patches"``."""
     reason = one_line(" ".join(str(error).split()))
     where = f"{device.name} ({device.platform})"
-    if isinstance(error, cl.MemoryError) or _code(error) in _NO_ROOM:
+    if isinstance(error, cl.MemoryError) or _code(error) in _OUT_OF_MEMORY:
         return DeviceMemoryError(f"{where} has no memory left for {action}: {reason}")
     return DeviceFailedError(f"{where} failed at {action}: {reason}")
 
@@ -60,17 +60,17 @@ def _code(error: cl.Error) -> int | None:
 
 def _first_error(log: str) -> str:
     lines = [line.strip() for line in log.splitlines() if line.strip()]
-    told = next((line for line in lines if "error:" in line.lower()), lines[0] if lines else "no log")
-    return one_line(told[:_LONGEST])
+    message = next((line for line in lines if "error:" in line.lower()), lines[0] if lines else "no log")
+    return one_line(message[:_MAX_LOG])
 
 
 _OPTIONS = ("-cl-std=CL1.2",)
-# They let a compiler reorder and contract, which gives other bits on other devices.
+# These allow reordering and contraction, so bits differ between devices.
 _FAST_OPTIONS = ("-DFAST", "-cl-fast-relaxed-math")
 
 T = TypeVar("T")
 
-_BUILDING = Lock()  # one build at a time: threads need not all build the same, and share Python's warnings
+_BUILDING = Lock()  # threads need not all build the same, and share Python's warnings
 
 
 @dataclass(frozen=True)
@@ -229,7 +229,7 @@ class ComputeContext:
             for kernel in self._call("building", self._build(file).all_kernels):
                 self._kernels[file, kernel.function_name] = kernel
         if (file, name) not in self._kernels:
-            # PoCL's cache may give back a program that has none.
+            # PoCL's cache may return a program without kernels.
             where = f"{self.device.name} ({self.device.platform} {self.device.driver})"
             raise BuildError(f"kernels/{file} was built on {where} without its kernel {name}")
         return self._kernels[file, name]
@@ -259,7 +259,7 @@ def _opened(device: Device, gl: GLHandles | None) -> Any:
 @cache
 def _built(context: Any, source: str, options: tuple[str, ...]) -> Any:
     with warnings.catch_warnings():
-        # Drivers chat in the log of a build that worked.
+        # Drivers write to the log of successful builds.
         warnings.simplefilter("ignore", cl.CompilerWarning)
         return cl.Program(context, source).build(options=list(options))
 

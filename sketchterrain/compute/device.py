@@ -1,4 +1,9 @@
-"""OpenCL drivers and devices."""
+"""OpenCL devices: list them, choose one by selector, find a fallback.
+
+The wheel ``intel-opencl-rt`` of the ``cpu`` extra puts its libraries where no loader looks. The loader
+bundled with pyopencl reads a folder of ``.icd`` files, one per driver; it gets a folder with every driver it
+would have found, and this one.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +24,8 @@ from sketchterrain.errors import DeviceError, DeviceFailedError
 
 _SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
 _VENDORS_VARIABLE = "OCL_ICD_VENDORS"
-# What libintelocl.so needs and would not find by itself, in the order of need.
-_NEEDED = ("libirng.so", "libimf.so", "libintlc.so.5", "libsvml.so", "libtbb.so.12")
+# Dependencies that libintelocl.so would not find by itself, in load order.
+_DEPENDENCIES = ("libirng.so", "libimf.so", "libintlc.so.5", "libsvml.so", "libtbb.so.12")
 
 
 @contextmanager
@@ -31,11 +36,11 @@ def all_drivers_visible() -> Iterator[None]:
     system has that runtime already.
     """
     library = _wheel_runtime()
-    given = _given_icd_files()
+    given = _read_icd_files()
     if library is None or any(library.name in text for text in given.values()):
         yield
         return
-    _load_needed(library.parent)
+    _load_dependencies(library.parent)
     before = os.environ.get(_VENDORS_VARIABLE)
     with tempfile.TemporaryDirectory(prefix="sketchterrain-icd-") as folder:
         for name, text in given.items():
@@ -64,20 +69,20 @@ def _wheel_runtime() -> Path | None:
     return None
 
 
-def _given_icd_files() -> dict[str, str]:
+def _read_icd_files() -> dict[str, str]:
     """Return name and text of every ``.icd`` file the loader would read by itself."""
     setting = os.environ.get(_VENDORS_VARIABLE)
-    place = Path(setting) if setting else _SYSTEM_VENDORS
-    if place.is_dir():
-        return {file.name: file.read_text(encoding="utf-8") for file in sorted(place.glob("*.icd"))}
-    if place.suffix == ".icd" and place.is_file():
-        return {place.name: place.read_text(encoding="utf-8")}
+    location = Path(setting) if setting else _SYSTEM_VENDORS
+    if location.is_dir():
+        return {file.name: file.read_text(encoding="utf-8") for file in sorted(location.glob("*.icd"))}
+    if location.suffix == ".icd" and location.is_file():
+        return {location.name: location.read_text(encoding="utf-8")}
     return {"user-setting.icd": f"{setting}\n"} if setting else {}
 
 
-def _load_needed(folder: Path) -> None:
-    for name in _NEEDED:
-        # A newer runtime may no longer need one of them; what is truly missing shows when the driver loads.
+def _load_dependencies(folder: Path) -> None:
+    for name in _DEPENDENCIES:
+        # Newer runtimes may not need all of them; loading the driver fails if one is really missing.
         if (folder / name).exists():
             ctypes.CDLL(str(folder / name), ctypes.RTLD_GLOBAL)
 
@@ -87,13 +92,13 @@ with all_drivers_visible():
 
     try:
         _PLATFORMS = tuple(cl.get_platforms())
-    except cl.LogicError:  # the loader's way to say that there is no driver at all
+    except cl.LogicError:  # no driver at all
         _PLATFORMS = ()
 
 _TYPES = {cl.device_type.GPU: "GPU", cl.device_type.CPU: "CPU", cl.device_type.ACCELERATOR: "accelerator"}
 _INTEL, _POCL = "Intel", "Portable Computing Language"
 _KNOWN = (_INTEL, _POCL)
-_ALIASES = {"pocl": _POCL.lower()}  # selectors that no platform's name contains
+_ALIASES = {"pocl": _POCL.lower()}  # selectors that are not part of a platform's name
 _INSTALL_HINT = (
     "no OpenCL device found: install a GPU driver, or a CPU driver with "
     "pip install 'sketchterrain[cpu]' or apt install pocl-opencl-icd"
@@ -146,22 +151,22 @@ def choose_device(selector: str | None = None) -> Device:
     if not devices:
         raise DeviceError(_INSTALL_HINT)
     if selector is not None:
-        fitting = _fitting(devices, selector)
+        matching = _match(devices, selector)
         origin = f"--device {selector}"
     elif os.environ.get("PYOPENCL_CTX"):
-        fitting = _by_pyopencl_ctx(os.environ["PYOPENCL_CTX"], devices)
+        matching = _by_pyopencl_ctx(os.environ["PYOPENCL_CTX"], devices)
         origin = f"PYOPENCL_CTX={os.environ['PYOPENCL_CTX']}"
     else:
-        fitting, origin = list(devices), ""
-    if not fitting:
+        matching, origin = list(devices), ""
+    if not matching:
         names = "; ".join(f"{d.index}: {d.name} ({d.platform}, {d.type})" for d in devices)
         raise DeviceError(f"no OpenCL device fits {origin}; there are {names}")
-    if all(check_device(d).failure for d in fitting):  # stops at the first that works
-        failures = "; ".join(f"{d.name} ({d.platform}): {check_device(d).failure}" for d in fitting)
+    if all(check_device(d).failure for d in matching):  # stops at the first usable one
+        failures = "; ".join(f"{d.name} ({d.platform}): {check_device(d).failure}" for d in matching)
         raise DeviceFailedError(
             f"no OpenCL device {f'that fits {origin} ' if origin else ''}works: {failures}"
         )
-    return next(filter(is_usable, fitting))
+    return next(filter(is_usable, matching))
 
 
 def fallback_device(failed: Collection[Device]) -> Device | None:
@@ -206,7 +211,7 @@ def _describe(index: int, handle: Any) -> Device:
     )
 
 
-def _fitting(devices: tuple[Device, ...], selector: str) -> list[Device]:
+def _match(devices: tuple[Device, ...], selector: str) -> list[Device]:
     if selector.isdigit():
         return [device for device in devices if device.index == int(selector)]
     wanted = selector.lower()
@@ -214,29 +219,29 @@ def _fitting(devices: tuple[Device, ...], selector: str) -> list[Device]:
         return [device for device in devices if device.type.lower() == wanted]
     wanted = _ALIASES.get(wanted, wanted)
     for name in ("platform", "vendor", "name"):
-        fitting = [device for device in devices if wanted in getattr(device, name).lower()]
-        if fitting:
-            return fitting
+        matching = [device for device in devices if wanted in getattr(device, name).lower()]
+        if matching:
+            return matching
     return []
 
 
 def _by_pyopencl_ctx(setting: str, devices: tuple[Device, ...]) -> list[Device]:
     """Return devices that ``PYOPENCL_CTX`` names, by pyopencl's own numbering."""
     platform_part, _, device_part = setting.partition(":")
-    fitting = []
+    matching = []
     for number, platform in enumerate(_PLATFORMS):
-        if not _names(platform_part, number, platform.name):
+        if not _part_matches(platform_part, number, platform.name):
             continue
         handles = _devices_of(platform)
-        fitting += [
+        matching += [
             d
             for i, h in enumerate(handles)
-            if _names(device_part, i, h.name)
+            if _part_matches(device_part, i, h.name)
             for d in devices
             if d.handle == h
         ]
-    return fitting
+    return matching
 
 
-def _names(part: str, number: int, name: str) -> bool:
+def _part_matches(part: str, number: int, name: str) -> bool:
     return part == "" or (int(part) == number if part.isdigit() else part.lower() in name.lower())

@@ -45,7 +45,7 @@ def check_device(device: Device) -> DeviceCheck:
     """Run the self-test on a device, in a child process the first time."""
 
     def check() -> dict[str, Any]:
-        # PoCL's cache would give back a kernel without the linker that the next kernel needs.
+        # PoCL's cache would hide a missing linker.
         environment = os.environ | {"POCL_KERNEL_CACHE": "0"}
         try:
             result = module_result(
@@ -94,12 +94,12 @@ def cached_on_disk(
     key = _digest([drivers, shutil.which("ld"), *sources])
     try:
         path = cache_folder() / f"device-{test}-{_digest(drivers[0])[:16]}.json"
-    except RuntimeError:  # there is no home folder
+    except RuntimeError:  # no home folder
         return run()
     stored = _read(path)
     if stored.get("key") != key:
         stored = {"key": key, "result": run()}
-        with suppress(OSError, SketchterrainError):  # without a cache the next start takes longer, no more
+        with suppress(OSError, SketchterrainError):  # without a cache the next start is slower
             path.parent.mkdir(parents=True, exist_ok=True)
             write_atomic(path, json.dumps(stored).encode())
     result: dict[str, Any] = stored["result"]

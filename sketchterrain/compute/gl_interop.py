@@ -43,12 +43,12 @@ class GLHandles:
 
 def current_handles() -> GLHandles | None:
     """Return the OpenGL context that is current in this thread, None if not found."""
-    ways = (
+    methods = (
         ("EGL", "libEGL.so.1", "eglGetCurrentContext", "eglGetCurrentDisplay"),
         ("GLX", "libGL.so.1", "glXGetCurrentContext", "glXGetCurrentDisplay"),
         ("WGL", "opengl32", "wglGetCurrentContext", "wglGetCurrentDC"),
     )
-    for window_system, library, *functions in ways:
+    for window_system, library, *functions in methods:
         context, display = (_address(library, function) for function in functions)
         if context and display:
             return GLHandles(window_system, context, display)
@@ -58,16 +58,16 @@ def current_handles() -> GLHandles | None:
 def open_shared_context(device: Device, handles: GLHandles) -> Any:
     """Open a context that shares buffers with an OpenGL context; DeviceError if not supported."""
     if _EXTENSION not in device.handle.extensions.split():
-        # Some would make a context all the same, and end the process at the first buffer.
+        # Some drivers would create a context anyway, and crash at the first buffer.
         raise DeviceError(f"{device.name} ({device.platform}) shares no buffers with OpenGL: no {_EXTENSION}")
     values = (*handles.properties, _PLATFORM, device.handle.platform.int_ptr, 0)
     properties = (ctypes.c_ssize_t * len(values))(*values)
     devices = (ctypes.c_void_p * 1)(device.handle.int_ptr)
     create = _function("clCreateContext", ctypes.c_void_p)
     status = ctypes.c_int32()
-    made = create(properties, ctypes.c_uint32(1), devices, None, None, ctypes.byref(status))
+    handle = create(properties, ctypes.c_uint32(1), devices, None, None, ctypes.byref(status))
     _check(device, "clCreateContext", status.value)
-    return cl.Context.from_int_ptr(made, retain=False)
+    return cl.Context.from_int_ptr(handle, retain=False)
 
 
 def wrap_gl_buffer(device: Device, context: Any, name: int) -> Any:
@@ -75,22 +75,22 @@ def wrap_gl_buffer(device: Device, context: Any, name: int) -> Any:
     create = _function("clCreateFromGLBuffer", ctypes.c_void_p)
     status = ctypes.c_int32()
     flags = ctypes.c_uint64(int(cl.mem_flags.READ_WRITE))
-    made = create(ctypes.c_void_p(context.int_ptr), flags, ctypes.c_uint32(name), ctypes.byref(status))
+    handle = create(ctypes.c_void_p(context.int_ptr), flags, ctypes.c_uint32(name), ctypes.byref(status))
     _check(device, "clCreateFromGLBuffer", status.value)
-    return cl.Buffer.from_int_ptr(made, retain=False)
+    return cl.Buffer.from_int_ptr(handle, retain=False)
 
 
 def acquire(device: Device, queue: Any, buffer: Any) -> None:
     """Enqueue acquiring a shared buffer for OpenCL; OpenGL must have finished with it."""
-    _hand_over(device, "clEnqueueAcquireGLObjects", queue, buffer)
+    _transfer_ownership(device, "clEnqueueAcquireGLObjects", queue, buffer)
 
 
 def release(device: Device, queue: Any, buffer: Any) -> None:
     """Enqueue releasing it to OpenGL; finish the queue before OpenGL reads it."""
-    _hand_over(device, "clEnqueueReleaseGLObjects", queue, buffer)
+    _transfer_ownership(device, "clEnqueueReleaseGLObjects", queue, buffer)
 
 
-def _hand_over(device: Device, name: str, queue: Any, buffer: Any) -> None:
+def _transfer_ownership(device: Device, name: str, queue: Any, buffer: Any) -> None:
     buffers = (ctypes.c_void_p * 1)(buffer.int_ptr)
     function = _function(name, ctypes.c_int32)
     status = function(
@@ -101,8 +101,10 @@ def _hand_over(device: Device, name: str, queue: Any, buffer: Any) -> None:
 
 def _check(device: Device, name: str, status: int) -> None:
     if status != _SUCCESS:
-        told = cl.status_code.to_string(status, "error %d")
-        raise DeviceError(f"{device.name} ({device.platform}) shares no buffers with OpenGL: {name}: {told}")
+        message = cl.status_code.to_string(status, "error %d")
+        raise DeviceError(
+            f"{device.name} ({device.platform}) shares no buffers with OpenGL: {name}: {message}"
+        )
 
 
 def _function(name: str, result: Any) -> Any:

@@ -69,9 +69,9 @@ class CopiedMemory:
         """Wait for the kernels and copy out the ranges they wrote."""
         if not parts:
             return
-        most = max(size for _, size in parts)
-        if self._host.nbytes < most:
-            self._host = np.empty(most, np.uint8)
+        largest = max(size for _, size in parts)
+        if self._host.nbytes < largest:
+            self._host = np.empty(largest, np.uint8)
         for start, size in parts:
             host = self._host[:size]
             self._context.download_into(self.buffer, host, start=start)

@@ -1,4 +1,4 @@
-"""River courses: smoothed centrelines with widths and depths."""
+"""River courses: smoothed, evenly spaced centrelines with widths and depths, extended beyond the sketch."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""River layout: sources, mouths, confluences, and courses beyond the sketch."""
+"""River layout: from painted layers to courses, with mouths, and separation beyond the sketch."""
 
 from __future__ import annotations
 

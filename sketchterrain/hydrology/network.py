@@ -1,4 +1,4 @@
-"""River networks: skeletons of painted strokes as graphs."""
+"""River networks: skeletons of painted strokes, reaches, and closed gaps between strokes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Longitudinal profiles and bends of rivers."""
+"""River shape: widths, longitudinal profiles, confluences and bends."""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""User features: dart throwing inside painted shapes (Zaaijer 2013, §4.2)."""
+"""User features: dart throwing inside painted shapes (Zaaijer 2013, §4.2).
+
+Summits come first: `multitude` of them, far apart. Support features follow, lower than the summits: discs
+that overlap along the shape's medial axis, so that a long range is one ridge, then the largest discs that
+fill the remaining holes, as far as the fidelity requires.
+"""
 
 from __future__ import annotations
 

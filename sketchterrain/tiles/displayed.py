@@ -1,4 +1,14 @@
-"""Displayed tiles: transitions without popping, and replacement of stale tiles."""
+"""Displayed tiles: transitions without popping, and replacement of stale tiles.
+
+A tile splits only while it shows nothing of its parent, and its children start out showing only the parent:
+the image does not change. Four siblings that show only their parent merge into it. In between, morph weights
+change at a limited rate. A control that touches a coarser tile is held at 1 and one that touches a finer tile
+at 0, so that both sides of a border agree; the tree is balanced over borders and corners, so no control
+touches both.
+
+A tile stores its own vertices and its parent's at the same positions. So a rewritten tile is valid if its
+parent's own vertices are: those of a parent that is not stale, or that is written by the same batch.
+"""
 
 from __future__ import annotations
 
@@ -52,9 +62,9 @@ def mark_stale(
     touched = _touched(codes, areas, extent, quads)
     stays = touched & contains(kept, codes)
     pool.stale[slots[stays]] = True
-    gone = codes[touched & ~stays]
-    pool.remove(gone)
-    return len(gone)
+    removed = codes[touched & ~stays]
+    pool.remove(removed)
+    return len(removed)
 
 
 def stale_ancestors(pool: TilePool, codes: Int64Array) -> Int64Array:
@@ -106,10 +116,10 @@ def _touched(codes: Int64Array, areas: Sequence[Bounds], extent: float, quads: i
     return np.asarray(intersects_bounds.all(axis=-1).any(axis=-1))
 
 
-# Neighbours (codes.AROUND) that a control touches, row 0 north, column 0 west.
+# Neighbours (quadtree.AROUND) that a control touches, row 0 north, column 0 west.
 _TOUCHED: Final = (((0, 1, 3), (1,), (1, 2, 4)), ((3,), (), (4,)), ((3, 5, 6), (6,), (4, 6, 7)))
 _BORDERS: Final = ((1, NORTH), (6, SOUTH), (3, WEST), (4, EAST))
-# Of each neighbour, a child (codes.children_of) that touches the tile.
+# Of each neighbour, a child (quadtree.children_of) that touches the tile.
 _NEAR_CHILD: Final = np.array([1, 0, 0, 1, 0, 3, 2, 2])
 
 
@@ -127,7 +137,7 @@ class DisplayedTree:
 
     `exists` returns which tiles have terrain: others are not drawn, no border is fitted to them. None: all.
     `codes` are the sorted leaves, `controls` (n, 3, 3) their parents' shares (row 0 north, column 0 west),
-    `cases` (n,) their borders.py cases; `moving` is true until all weights reach their targets and no step is
+    `cases` (n,) their border cases; `moving` is true until all weights reach their targets and no step is
     left.
     """
 
@@ -141,8 +151,8 @@ class DisplayedTree:
         self.controls = np.zeros((len(codes), 3, 3))
         self.cases = np.zeros(len(codes), np.int64)
         self._known: tuple[Int64Array, Float64Array] = codes[:0], np.zeros(0)
-        self._fresh = np.zeros(len(codes))
-        self._relate()
+        self._initial = np.zeros(len(codes))
+        self._find_neighbours()
 
     def jump(self, roots: Int64Array, splits: Int64Array) -> None:
         """Show a tree at once; the next `advance` without a time limit sets its weights."""
@@ -155,39 +165,43 @@ class DisplayedTree:
         may_split = self._may_split(splits)
         may_split[may_split] = (pool.find(children_of(codes[may_split])) >= 0).all(axis=1)
         merges = self._merges(splits, pool)
-        gone = may_split | contains(merges, parent_of(codes))
-        kept = codes[~gone]
+        removed = may_split | contains(merges, parent_of(codes))
+        kept = codes[~removed]
         inside = contains(roots, _root_of(kept))
-        lacking = roots[~contains(np.unique(_root_of(codes)), roots)]
-        lacking = lacking[pool.find(lacking) >= 0]
-        if not gone.any() and inside.all() and not lacking.size:
+        missing = roots[~contains(np.unique(_root_of(codes)), roots)]
+        missing = missing[pool.find(missing) >= 0]
+        if not removed.any() and inside.all() and not missing.size:
             return
-        born = children_of(codes[may_split]).ravel()
-        parts = (kept[inside], born, merges, lacking)
-        fresh = (self._fresh[~gone][inside], np.ones(len(born)), np.zeros(len(merges) + len(lacking)))
+        children = children_of(codes[may_split]).ravel()
+        parts = (kept[inside], children, merges, missing)
+        initial = (
+            self._initial[~removed][inside],
+            np.ones(len(children)),
+            np.zeros(len(merges) + len(missing)),
+        )
         leaves = np.concatenate(parts)
         order = np.argsort(leaves)
-        self.codes, self._fresh = leaves[order], np.concatenate(fresh)[order]
-        self._relate()
+        self.codes, self._initial = leaves[order], np.concatenate(initial)[order]
+        self._find_neighbours()
 
     def move(self, goals: MorphTargets, elapsed: float) -> None:
         """Move weights towards the targets of the current leaves; `elapsed` (s) may be infinite."""
         places, at = self._places
-        target = _least(at, np.repeat(goals.weights[:, None], 9, axis=1), len(places), 1.0)
-        rate = _least(at, np.repeat(goals.rates[:, None], 9, axis=1), len(places), np.inf)
-        target[at[~self._wanted_here(goals.splits)].ravel()] = 1.0
+        target = _minimum(at, np.repeat(goals.weights[:, None], 9, axis=1), len(places), 1.0)
+        rate = _minimum(at, np.repeat(goals.rates[:, None], 9, axis=1), len(places), np.inf)
+        target[at[~self._in_target(goals.splits)].ravel()] = 1.0
         target[at[contains(goals.splits, self.codes)].ravel()] = 0.0
         coarser, finer = at[self._touching(self._coarser)], at[self._touching(self._finer)]
         target[coarser], target[finer] = 1.0, 0.0
         after = target.copy()
         if np.isfinite(elapsed):
-            before = self._before(places, at)
-            after = before + np.clip(target - before, -rate * elapsed, rate * elapsed)
+            previous = self._previous_weights(places, at)
+            after = previous + np.clip(target - previous, -rate * elapsed, rate * elapsed)
             after[coarser], after[finer] = 1.0, 0.0
         self.moving = bool(np.any(after != target)) or self._unfinished(goals.splits)
         self._known = places, after
         self.controls = after[at].reshape(-1, 3, 3)
-        self.cases = self._cases()
+        self.cases = self._border_cases()
 
     def _may_split(self, splits: Int64Array) -> BoolArray:
         """Return which leaves are to split and show nothing of their parent.
@@ -214,24 +228,24 @@ class DisplayedTree:
         parents = parents[count == 4]
         return np.asarray(parents[~contains(splits, parents) & (pool.find(parents) >= 0)])
 
-    def _wanted_here(self, splits: Int64Array) -> BoolArray:
+    def _in_target(self, splits: Int64Array) -> BoolArray:
         """Return which leaves the target tree contains or splits."""
         level, _, _ = decode(self.codes)
         return np.asarray(contains(splits, parent_of(self.codes)) | (level == ROOT_LEVEL))
 
     def _unfinished(self, splits: Int64Array) -> bool:
-        return bool(np.any(contains(splits, self.codes)) or not np.all(self._wanted_here(splits)))
+        return bool(np.any(contains(splits, self.codes)) or not np.all(self._in_target(splits)))
 
-    def _before(self, places: Int64Array, at: npt.NDArray[np.intp]) -> Float64Array:
+    def _previous_weights(self, places: Int64Array, at: npt.NDArray[np.intp]) -> Float64Array:
         """Return each control's weight in the last frame, or the initial one of its tile."""
         known, values = self._known
-        before = np.zeros(len(places))
-        before[at.ravel()] = np.repeat(self._fresh, 9)
+        previous = np.zeros(len(places))
+        previous[at.ravel()] = np.repeat(self._initial, 9)
         slot = index_in(known, places)
-        before[slot >= 0] = values[slot[slot >= 0]]
-        return before
+        previous[slot >= 0] = values[slot[slot >= 0]]
+        return previous
 
-    def _relate(self) -> None:
+    def _find_neighbours(self) -> None:
         """Find coarser and finer neighbours."""
         self._places = _controls(self.codes)
         around = neighbours_of(self.codes)
@@ -244,7 +258,7 @@ class DisplayedTree:
             self._finer &= self._there(near)
         self._around = around
 
-    def _cases(self) -> npt.NDArray[np.int64]:
+    def _border_cases(self) -> npt.NDArray[np.int64]:
         """Return the border case of each tile; every other vertex where that shows the same."""
         as_parent = (self.controls.reshape(-1, 9) == 1).all(axis=1)
         along = self._coarser | contains(self.codes[as_parent], self._around)
@@ -269,11 +283,11 @@ def _controls(codes: Int64Array) -> tuple[Int64Array, npt.NDArray[np.intp]]:
     return places, at.reshape(-1, 9)
 
 
-def _least(at: npt.NDArray[np.intp], values: Float64Array, count: int, start: float) -> Float64Array:
-    """Return the least value at each control."""
-    least = np.full(count, start)
-    np.minimum.at(least, at.ravel(), values.ravel())
-    return least
+def _minimum(at: npt.NDArray[np.intp], values: Float64Array, count: int, start: float) -> Float64Array:
+    """Return the minimum value at each control."""
+    minimum = np.full(count, start)
+    np.minimum.at(minimum, at.ravel(), values.ravel())
+    return minimum
 
 
 def _root_of(codes: Int64Array) -> Int64Array:

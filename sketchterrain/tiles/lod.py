@@ -1,4 +1,13 @@
-"""Level-of-detail metrics: screen-space error, horizon culling, geomorphs."""
+"""Level of detail: camera view, error metrics, horizon culling, geomorphing.
+
+Horizon culling is conservative: terrain is nowhere lower than its tile's box, so in all bearings that lie
+wholly within a tile, everything farther away and below the line over the box's bottom is hidden.
+
+Morph weights, as in kernels/render/ground.vert.glsl: nine controls lie at a tile's corners, the middles of
+its borders and its centre. Tiles of one level share those where they touch. A weight changes from a border's
+control to the centre's within a quarter of the tile; so a border depends only on its own controls, and both
+tiles along it compute the same bits.
+"""
 
 from __future__ import annotations
 
@@ -28,10 +37,10 @@ class CameraView:
 
     def extrapolated(self, seconds: float) -> CameraView:
         """Return the view after some seconds of the same motion."""
-        gone = np.asarray(self.velocity) * seconds
+        motion = np.asarray(self.velocity) * seconds
         planes = self.planes.copy()
-        planes[:, 3] -= planes[:, :3] @ gone
-        x, y, z = (np.asarray(self.eye) + gone).tolist()
+        planes[:, 3] -= planes[:, :3] @ motion
+        x, y, z = (np.asarray(self.eye) + motion).tolist()
         return replace(self, eye=(x, y, z), planes=planes)
 
     def sees(self, boxes: Boxes, *, margin: Float64Array | float = 0.0) -> npt.NDArray[np.bool_]:
@@ -53,7 +62,7 @@ def inside_frustum(planes: Float64Array, low: Float64Array, high: Float64Array) 
 
 
 _NEAREST: Final = 0.5
-"""m; nothing is looked at from nearer."""
+"""Least distance, m."""
 
 
 class Metric(Protocol):
@@ -157,9 +166,9 @@ def screen_errors(view: CameraView, boxes: Boxes, errors: Float64Array) -> Float
 
 
 _BEARINGS: Final = 2048
-"""Of the horizon, all round."""
+"""Samples of the horizon."""
 _SHELL: Final = 1.15
-"""Ratio of distances up to which tiles are judged by the same horizon."""
+"""Ratio of distances within which tiles are tested against the same horizon."""
 
 
 def occluded(view: CameraView, boxes: Boxes, ground: Boxes | None = None) -> npt.NDArray[np.bool_]:
@@ -174,9 +183,9 @@ def occluded(view: CameraView, boxes: Boxes, ground: Boxes | None = None) -> npt
     beside = near > 0.0
     for number in np.unique(shell[beside]):
         here = np.flatnonzero(beside & (shell == number))
-        # Not the nearest of these: whether a tile is hidden must not depend on which others are asked about.
+        # Not the nearest of these: the result must not depend on which other tiles are tested.
         horizon = rising.up_to(_SHELL**number * (1 - 1e-9))
-        tile, bearing = _spread(np.floor(first[here]), np.ceil(last[here]))
+        tile, bearing = _expand_steps(np.floor(first[here]), np.ceil(last[here]))
         lowest = np.full(len(here), np.inf)
         np.minimum.at(lowest, tile, horizon[bearing])
         hidden[here] = most[here] < lowest
@@ -191,7 +200,7 @@ class _Horizon:
         order = np.argsort(far)
         order = order[near[order] > 0.0]
         first, last = _bearings(np.asarray(view.eye), ground)
-        # Only bearings that lie wholly within a tile are sure to meet it.
+        # Only bearings wholly within a tile certainly meet it.
         self._first, self._last = np.ceil(first[order]), np.floor(last[order])
         self._far = far[order]
         self._least = _tangent(ground.low[:, 2] - view.eye[2], far, near)[order]
@@ -203,7 +212,7 @@ class _Horizon:
         end = int(np.searchsorted(self._far, distance, side="right"))
         if end > self._raised:
             some = slice(self._raised, end)
-            tile, bearing = _spread(self._first[some], self._last[some])
+            tile, bearing = _expand_steps(self._first[some], self._last[some])
             np.maximum.at(self._horizon, bearing, self._least[some][tile])
             self._raised = end
         return self._horizon
@@ -227,7 +236,7 @@ def _tangent(height: Float64Array, when_above: Float64Array, when_below: Float64
     return np.asarray(height / np.maximum(distance, 1e-9))
 
 
-def _spread(first: Float64Array, last: Float64Array) -> tuple[Int64Array, Int64Array]:
+def _expand_steps(first: Float64Array, last: Float64Array) -> tuple[Int64Array, Int64Array]:
     """Return (item, step) pairs: each item repeated for its steps first … last - 1, on a circle."""
     count = np.maximum(last - first, 0.0).astype(np.int64)
     tile = np.repeat(np.arange(len(first)), count)
@@ -236,7 +245,7 @@ def _spread(first: Float64Array, last: Float64Array) -> tuple[Int64Array, Int64A
 
 
 RAMP: Final = 0.25
-"""Share of a tile's width in which weights go over from border to middle; a power of two is exact."""
+"""Share of a tile's width in which weights change from border to centre; a power of two is exact."""
 
 
 def morph_weights(controls: npt.NDArray[np.float32], quads: int) -> npt.NDArray[np.float32]:

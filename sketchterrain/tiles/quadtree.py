@@ -1,4 +1,14 @@
-"""Tile keys of the quadtree, their bounds and borders."""
+"""Quadtree keys packed into integers, world bounds, and triangles of a tile beside coarser neighbours.
+
+Sets of tiles are sorted arrays of codes. Bits of a code, from the highest: 6 level, 28 column, 28 row, each
+shifted to be ≥ 0; a neighbour is one addition away. A morph control lies on the half-tile grid of its level
+and has a code of its own: 5 bits level, 29 and 29 bits position.
+
+Along a coarser tile every other border vertex collapses onto its even neighbour, and degenerate triangles are
+dropped. Vertices move so that the parent's diagonals stay edges: westward and eastward along the northern and
+southern border, northward and southward along the western and eastern one. Where two such borders meet at an
+end of the quads' anti-diagonal, that quad is cut the other way, to avoid a triangle without area.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +31,7 @@ _BITS: Final = 28
 _MIDDLE: Final = 1 << (_BITS - 1)
 _MASK: Final = (1 << _BITS) - 1
 FARTHEST_TILE: Final = _MIDDLE // 2
-"""Columns and rows may go as far; neighbours and children of those that do have codes too."""
+"""Largest column and row; neighbours and children of such tiles have codes too."""
 _LEVELS: Final = 32
 _CONTROL_BITS: Final = _BITS + 1
 _CONTROL_LEVELS: Final = 16
@@ -147,7 +157,7 @@ def control_codes(codes: Int64Array) -> Int64Array:
 
 
 UNBOUNDED: Final = (float("-inf"), float("-inf"), float("inf"), float("inf"))
-"""West, south, east, north (m) of a world without end."""
+"""West, south, east, north (m) of an unbounded world."""
 
 
 def tile_range(bounds: Bounds, width: float) -> Bounds:
@@ -178,9 +188,9 @@ def clip_boxes(boxes: Boxes, bounds: Bounds) -> Boxes:
 
 
 NORTH, SOUTH, WEST, EAST = 1, 2, 4, 8
-"""Bits of a case: on that side lies a coarser tile, or one that shows nothing but its parent."""
+"""Bits of a case: that side borders on a coarser tile, or on one that shows only its parent."""
 PARENT: Final = 16
-"""The case of a tile that shows nothing but its parent: every other vertex shows the same."""
+"""Case of a tile that shows only its parent: every other vertex suffices."""
 CASES: Final = 17
 
 

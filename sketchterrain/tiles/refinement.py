@@ -39,16 +39,16 @@ if TYPE_CHECKING:
 ROOT_LEVEL: Final = -4
 """Roots are 16 extents wide: as wide as the farthest draw distance."""
 UNSEEN_URGENCY: Final = 0.5
-"""Urgency that what is not seen stays below."""
+"""Upper bound of the urgency of tiles that are not visible."""
 _BALANCED, _ROOTS_AHEAD = 1.25, 1.5
-"""Draw distances up to which tiles are balanced, and up to which there are roots."""
-_MOST_ROOTS: Final = 2.0
-"""Widths of a root up to which there are any, whatever the draw distance."""
+"""Ranges, in draw distances, within which tiles are balanced, and roots exist."""
+_MAX_ROOTS: Final = 2.0
+"""Greatest range of roots, in their widths."""
 
-_ASIDE: Final = 0.25
-"""What an error counts for where it is not seen: turning round shows something at once."""
+_UNSEEN_WEIGHT: Final = 0.25
+"""Weight of errors outside the frustum, so that a turning camera finds tiles."""
 _MARGIN: Final = 0.15
-"""Out of the picture begins so far beyond its edges, in distances."""
+"""Margin around the frustum, in distances."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +75,7 @@ class TargetTree:
 
     splits: Int64Array  # sorted; tiles whose children are required
     missing: Int64Array  # not cached although their parents are; most visible first
-    # (missing,) excess of the tile each replaces; infinite for roots, at most UNSEEN_URGENCY if not
-    # visible
+    # (missing,) excess of the tile each replaces; infinite for roots, at most UNSEEN_URGENCY if not visible
     urgency: Float64Array
     excess: Excess  # of all cached tiles
 
@@ -113,24 +112,24 @@ class TileSelector:
         there = intersects_bounds(codes, self.extent, self.bounds)
         excess = np.where(there & (distance <= view.draw_distance), excess, 0.0)
         seen = there & view.sees(boxes, margin=_MARGIN * distance)
-        every = Excess(codes, np.where(seen, excess, _ASIDE * excess), seen)
+        every = Excess(codes, np.where(seen, excess, _UNSEEN_WEIGHT * excess), seen)
         if self.hide:
             coarse = np.flatnonzero(seen & (excess > 1))
             leaves = self._leaves(every)
             hidden = occluded(view, boxes.subset(coarse), boxes.subset(leaves))
             seen[coarse[hidden]] = False
-        return Excess(codes, np.where(seen, excess, _ASIDE * excess), seen)
+        return Excess(codes, np.where(seen, excess, _UNSEEN_WEIGHT * excess), seen)
 
-    def wanted(self, view: CameraView, pool: TilePool) -> TargetTree:
+    def target_tree(self, view: CameraView, pool: TilePool) -> TargetTree:
         """Return the tree that a view requires, as far as known from cached tiles."""
         roots, excess = self.roots(view), self.excess(view, pool)
-        coarse = self._descend(excess)
+        coarse = self._coarse_by_level(excess)
         splits, urgency = self._balanced(excess, coarse, view)
         needed = np.concatenate([roots, children_of(splits).ravel()])
         urgent = np.concatenate([np.full(len(roots), np.inf), np.repeat(urgency, 4)])
         ready = np.concatenate([np.ones(len(roots), np.bool_), np.repeat(contains(excess.codes, splits), 4)])
-        lacking = np.flatnonzero(ready & ~contains(excess.codes, needed))
-        order = lacking[np.lexsort((needed[lacking], -urgent[lacking]))]
+        missing = np.flatnonzero(ready & ~contains(excess.codes, needed))
+        order = missing[np.lexsort((needed[missing], -urgent[missing]))]
         return TargetTree(splits, needed[order], urgent[order], excess)
 
     def reachable(self, view: CameraView, splits: Int64Array, pool: TilePool) -> Int64Array:
@@ -143,13 +142,13 @@ class TileSelector:
             here = ready[level == at]
             if at > ROOT_LEVEL:
                 beside = neighbours_of(here)
-                matter = _within(beside, self._range(view, at, _BALANCED))
-                backed = ~matter | contains(shown, parent_of(beside))
+                relevant = _within(beside, self._range(view, at, _BALANCED))
+                backed = ~relevant | contains(shown, parent_of(beside))
                 here = here[contains(shown, parent_of(here)) & backed.all(axis=1)]
             shown = np.sort(np.concatenate([shown, here]))
         return shown
 
-    def _descend(self, excess: Excess) -> list[npt.NDArray[np.intp]]:
+    def _coarse_by_level(self, excess: Excess) -> list[npt.NDArray[np.intp]]:
         """Return the tiles of each level, from the roots, that are too coarse like all their ancestors."""
         coarse = np.flatnonzero(excess.of_all > 1)
         codes = excess.codes[coarse]
@@ -166,7 +165,7 @@ class TileSelector:
 
     def _leaves(self, excess: Excess) -> npt.NDArray[np.intp]:
         """Return the leaves after splitting all tiles that are too coarse, unbalanced."""
-        splits = np.sort(np.concatenate(self._descend(excess)))
+        splits = np.sort(np.concatenate(self._coarse_by_level(excess)))
         codes = excess.codes
         level, _, _ = decode(codes)
         left = contains(codes[splits], parent_of(codes)) | (level == ROOT_LEVEL)
@@ -176,7 +175,7 @@ class TileSelector:
     def _range(self, view: CameraView, level: int, share: float) -> Range:
         """Return first and last column and row of a level within bounds and a share of the draw distance."""
         width = self.extent * 2.0**-level
-        reach = min(share * view.draw_distance, _MOST_ROOTS * self.extent * 2.0**-ROOT_LEVEL)
+        reach = min(share * view.draw_distance, _MAX_ROOTS * self.extent * 2.0**-ROOT_LEVEL)
         ends = [int(np.floor((at + way * reach) / width)) for at in view.eye[:2] for way in (-1, 1)]
         most = tile_range(self.bounds, width)
         west, east, south, north = (

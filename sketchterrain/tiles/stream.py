@@ -1,4 +1,4 @@
-"""Tile streaming for a moving camera."""
+"""Tile streaming for a moving camera: which tiles to generate and to draw within a time budget."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ if TYPE_CHECKING:
     from sketchterrain.tiles.lod import CameraView, Metric
 
 
-_FIRST_GUESS: Final = (0.0005, 0.0005, 0.0005, 0.004)
-"""s a batch, a level, a tile and a wide tile, before anything is known."""
+_INITIAL_COST: Final = (0.0005, 0.0005, 0.0005, 0.004)
+"""s per batch, level, tile and wide tile, before any measurement."""
 _WIDE: Final = -2
-"""Tiles of coarser levels are wide: so much of the world takes longer to look through."""
-_REMEMBERED: Final = 64
-_AIM: Final = 0.8
-"""Share of a budget that is planned with."""
-_CAUTION: Final = 0.97
-"""Share of what was remembered that stayed below what is planned with."""
-_LEAST: Final = 1e-6
+"""Tiles of coarser levels are wide: culling takes longer over a large area."""
+_HISTORY: Final = 64
+_BUDGET_SHARE: Final = 0.8
+"""Share of a budget that is planned."""
+_COST_QUANTILE: Final = 0.97
+"""Quantile of the measured costs that plans allow for."""
+_MIN_SECONDS: Final = 1e-6
 """s."""
 
 
@@ -51,9 +51,9 @@ class CostModel:
     """
 
     def __init__(self) -> None:
-        self._cost = np.array(_FIRST_GUESS)
-        self._seen: deque[tuple[npt.NDArray[np.float64], float]] = deque(maxlen=_REMEMBERED)
-        self._slow = 1.0
+        self._cost = np.array(_INITIAL_COST)
+        self._screen_error: deque[tuple[npt.NDArray[np.float64], float]] = deque(maxlen=_HISTORY)
+        self._slowdown = 1.0
 
     def expected(self, levels: Int64Array) -> float:
         """Return the expected seconds of a batch of tiles of these levels."""
@@ -65,19 +65,19 @@ class CostModel:
             raise InputError(f"expected a budget ≥ 0 s, got {budget:g}")
         if budget == 0 or not len(levels):
             return 0
-        seconds = _counts(levels) @ self._cost * self._slow
-        return max(1, int(np.searchsorted(seconds, _AIM * budget, side="right")))
+        seconds = _counts(levels) @ self._cost * self._slowdown
+        return max(1, int(np.searchsorted(seconds, _BUDGET_SHARE * budget, side="right")))
 
     def record(self, levels: Int64Array, seconds: float) -> None:
         """Record the seconds that a batch took."""
-        self._seen.append((_counts(levels)[-1], max(seconds, _LEAST)))
-        counts = np.stack([each for each, _ in self._seen])
-        took = np.array([each for _, each in self._seen])
-        # What was known counts as one batch of each kind: batches that are all alike can't tell them apart.
-        shares = np.concatenate([counts / took[:, None], np.diag(1.0 / self._cost)])
+        self._screen_error.append((_counts(levels)[-1], max(seconds, _MIN_SECONDS)))
+        counts = np.stack([each for each, _ in self._screen_error])
+        seconds_taken = np.array([each for _, each in self._screen_error])
+        # The previous costs count as one batch of each kind: identical batches can't separate them.
+        shares = np.concatenate([counts / seconds_taken[:, None], np.diag(1.0 / self._cost)])
         fitted = np.linalg.lstsq(shares, np.ones(len(shares)), rcond=None)[0]
-        self._cost = np.maximum(fitted, _LEAST)
-        self._slow = max(float(np.quantile(took / (counts @ self._cost), _CAUTION)), 1.0)
+        self._cost = np.maximum(fitted, _MIN_SECONDS)
+        self._slowdown = max(float(np.quantile(seconds_taken / (counts @ self._cost), _COST_QUANTILE)), 1.0)
 
 
 def _counts(levels: Int64Array) -> npt.NDArray[np.float64]:
@@ -91,26 +91,25 @@ def _counts(levels: Int64Array) -> npt.NDArray[np.float64]:
 
 
 QUADS: Final = 64
-"""Along a tile's side, unless another number is asked for."""
+"""Default number of quads along a tile's side."""
 LATTICE_BITS: Final = 24
 """A tile of level 0 is 2^24 lattice units wide."""
 
 _MORPH: Final = (0.85, 1.15)
-"""Excess of a parent up to which its children show nothing else, and from which on nothing of it; they come
-and go at 1."""
-_PIXELS_A_SECOND: Final = 60.0
-"""How quickly the ground may move on the screen while it morphs …"""
+"""Excess of a parent below which its children show only it, and above which nothing of it; the limit is 1."""
+_PIXELS_PER_SECOND: Final = 60.0
+"""Greatest speed of the morphing surface on the screen …"""
 MORPH_SECONDS: Final = (0.2, 0.4)
-"""… in so many seconds from parent to child at least and at most."""
-_OF_THE_WAY: Final = 0.25
-"""They take no longer than this share of the way to them does: a quick eye would be there before they are."""
-_AHEAD: Final = (0.4, 1.2)
-"""s; for where the eye will be then tiles are fetched beforehand, where now none is lacking."""
+"""… and least and greatest duration of a transition (s)."""
+_APPROACH_SHARE: Final = 0.25
+"""Greatest duration as a share of the time in which the camera reaches the tile."""
+_LOOKAHEAD: Final = (0.4, 1.2)
+"""s ahead of the camera whose tiles are fetched when none is missing now."""
 _PER_BATCH: Final = 64
-_LEVELS_A_BATCH: Final = 2
-"""Each level costs launches of its own."""
-_STRICTER, _LOOSER, _MOST_RELAXED = 0.97, 1.1, 1e3
-"""How the metric is relaxed when the pool is too small for the view, and back."""
+_LEVELS_PER_BATCH: Final = 2
+"""Each level has launches of its own."""
+_TIGHTEN, _RELAX, _MAX_ERROR_FACTOR = 0.97, 1.1, 1e3
+"""Factors on the tolerated error while the pool is too small for the view, and back; its upper bound."""
 
 
 class TileStream:
@@ -157,11 +156,11 @@ class TileStream:
         self._error_factor = 1.0
         self._missing = True
         self._complete = False
-        self._wanted: tuple[tuple[Any, ...], tuple[Any, ...], TargetTree] | None = None
+        self._last_target: tuple[tuple[Any, ...], tuple[Any, ...], TargetTree] | None = None
         self._reuses_tree = False
         self._changes = 0
         self._needed: Int64Array = self._tree.codes
-        self._ahead = deque(_AHEAD)
+        self._lookahead = deque(_LOOKAHEAD)
 
     @property
     def converged(self) -> bool:
@@ -183,37 +182,37 @@ class TileStream:
 
         Most visible first, then those ahead of the camera's motion.
         """
-        # In flight the tree of the last frame does for every second one, and that one looks ahead.
+        # In flight every second frame reuses the target tree, and looks ahead instead.
         self._reuses_tree = any(view.velocity) and not self._reuses_tree
-        wanted = self._target(view)
+        target = self._target_tree(view)
         stale = self.pool.stale_tiles()
-        self._missing = bool(wanted.missing.size or stale.size)
-        seen = wanted.urgency > UNSEEN_URGENCY
+        self._missing = bool(target.missing.size or stale.size)
+        seen = target.urgency > UNSEEN_URGENCY
         self._complete = not seen.any()
-        self._protect(view, wanted)
-        codes = wanted.missing if self._complete else wanted.missing[seen]
+        self._protect(view, target)
+        codes = target.missing if self._complete else target.missing[seen]
         if not codes.size and self._reuses_tree:
-            codes = self._selector.wanted(view.extrapolated(self._ahead[0]), self.pool).missing
-            self._ahead.rotate()
-        room = self.pool.available()
-        if wanted.missing.size > room:
-            self._error_factor = min(self._error_factor * _LOOSER, _MOST_RELAXED)
-        elif self._error_factor > 1 and room > self.pool.slots // 4:
-            self._error_factor = max(self._error_factor * _STRICTER, 1.0)
-        codes = _of_few_levels(codes)[: min(_PER_BATCH, room)]
-        # What new tiles lie in comes first, and where nothing is lacking, whatever is out of date.
-        renewed = stale_ancestors(self.pool, codes) if stale.size and not self._complete else stale
-        renewed = renewed[:_PER_BATCH]
-        codes = codes[: 0 if self._complete and renewed.size else None]
-        both = np.concatenate([renewed, codes])
+            codes = self._selector.target_tree(view.extrapolated(self._lookahead[0]), self.pool).missing
+            self._lookahead.rotate()
+        capacity = self.pool.available()
+        if target.missing.size > capacity:
+            self._error_factor = min(self._error_factor * _RELAX, _MAX_ERROR_FACTOR)
+        elif self._error_factor > 1 and capacity > self.pool.slots // 4:
+            self._error_factor = max(self._error_factor * _TIGHTEN, 1.0)
+        codes = _limit_levels(codes)[: min(_PER_BATCH, capacity)]
+        # Stale ancestors of new tiles come first; when nothing is missing, all stale tiles.
+        rewritten = stale_ancestors(self.pool, codes) if stale.size and not self._complete else stale
+        rewritten = rewritten[:_PER_BATCH]
+        codes = codes[: 0 if self._complete and rewritten.size else None]
+        both = np.concatenate([rewritten, codes])
         both = both[: self._cost.count_within(decode(both)[0], budget)]
-        renewed, codes = both[: len(renewed)], both[len(renewed) :]
-        slots = np.concatenate([self.pool.find(renewed), self.pool.acquire(codes)])
+        rewritten, codes = both[: len(rewritten)], both[len(rewritten) :]
+        slots = np.concatenate([self.pool.find(rewritten), self.pool.acquire(codes)])
         return create_batch(self.pool, both, slots)
 
-    def mark_generated(self, batch: Batch, facts: npt.NDArray[Any], *, seconds: float | None) -> None:
+    def mark_generated(self, batch: Batch, properties: npt.NDArray[Any], *, seconds: float | None) -> None:
         """Record ``low``, ``high``, ``error`` (m) of a batch, and its cost unless `seconds` is None."""
-        self.pool.set_properties(batch.slots, facts)
+        self.pool.set_properties(batch.slots, properties)
         mark_written(self.pool, batch)
         if seconds is not None:
             self._cost.record(np.array([key.level for key in batch.keys]), seconds)
@@ -235,20 +234,20 @@ class TileStream:
 
     def advance(self, view: CameraView, *, elapsed: float) -> DrawList:
         """Advance by a frame and return what to draw; `elapsed` (s) may be infinite to finish all morphs."""
-        wanted = self._target(view)
-        self._tree.step(self._selector.roots(view), wanted.splits, self.pool)
-        self._tree.move(self._goals(view, wanted), elapsed)
+        target = self._target_tree(view)
+        self._tree.step(self._selector.roots(view), target.splits, self.pool)
+        self._tree.move(self._morph_targets(view, target), elapsed)
         return self.draw_list(view)
 
     def jump(self, view: CameraView) -> None:
         """Show the best that cached tiles allow at once: for the first frame, and after a jump."""
-        wanted = self._target(view)
+        target = self._target_tree(view)
         selection = self._selector
         roots = selection.roots(view)
         self._tree.jump(
-            roots[self.pool.find(roots) >= 0], selection.reachable(view, wanted.splits, self.pool)
+            roots[self.pool.find(roots) >= 0], selection.reachable(view, target.splits, self.pool)
         )
-        self._tree.move(self._goals(view, wanted), np.inf)
+        self._tree.move(self._morph_targets(view, target), np.inf)
 
     def generate_all(self, view: CameraView, generate: Callable[[Batch], npt.NDArray[Any]]) -> DrawList:
         """Generate all tiles of a still view and return them; ``generate(batch)`` returns properties."""
@@ -260,7 +259,7 @@ class TileStream:
     def _plan_or_relax(self, view: CameraView) -> Batch:
         """Return the next batch; empty only if nothing is missing."""
         batch = self.plan(view, budget=np.inf)
-        while self._missing and not batch and self._error_factor < _MOST_RELAXED:
+        while self._missing and not batch and self._error_factor < _MAX_ERROR_FACTOR:
             batch = self.plan(view, budget=np.inf)
         return batch
 
@@ -271,46 +270,46 @@ class TileStream:
             self.extent, self.quads, metric, self.finest, hide=self._hide, bounds=self._bounds
         )
 
-    def _target(self, view: CameraView) -> TargetTree:
+    def _target_tree(self, view: CameraView) -> TargetTree:
         seen = (view.eye, view.planes.tobytes(), view.draw_distance, view.pixels_per_radian)
-        held = (self._changes, self._error_factor, self.pool.count, self.metric)
-        known = self._wanted
-        if known is None or known[1] != held or (known[0] != seen and not self._reuses_tree):
-            self._wanted = known = seen, held, self._selector.wanted(view, self.pool)
-        return known[2]
+        cached = (self._changes, self._error_factor, self.pool.count, self.metric)
+        last = self._last_target
+        if last is None or last[1] != cached or (last[0] != seen and not self._reuses_tree):
+            self._last_target = last = seen, cached, self._selector.target_tree(view, self.pool)
+        return last[2]
 
-    def _protect(self, view: CameraView, wanted: TargetTree) -> None:
+    def _protect(self, view: CameraView, target: TargetTree) -> None:
         """Mark tiles that must not be evicted: the target tree, the displayed one, and their ancestors."""
-        codes = np.unique(np.concatenate([self._selector.roots(view), self._tree.codes, wanted.splits]))
-        held = codes
-        while held.size:
-            held = np.unique(parent_of(held[decode(held)[0] > ROOT_LEVEL]))
-            codes = np.concatenate([codes, held])
-        self._needed = np.concatenate([codes, children_of(wanted.splits).ravel()])
+        codes = np.unique(np.concatenate([self._selector.roots(view), self._tree.codes, target.splits]))
+        cached = codes
+        while cached.size:
+            cached = np.unique(parent_of(cached[decode(cached)[0] > ROOT_LEVEL]))
+            codes = np.concatenate([codes, cached])
+        self._needed = np.concatenate([codes, children_of(target.splits).ravel()])
         self.pool.touch(self._needed)
 
-    def _goals(self, view: CameraView, wanted: TargetTree) -> MorphTargets:
+    def _morph_targets(self, view: CameraView, target: TargetTree) -> MorphTargets:
         """Return morph targets of the displayed tiles from the excess of their parents."""
         codes = self._tree.codes
         above, at = np.unique(parent_of(codes), return_inverse=True)
-        excess = wanted.excess.lookup(above)[at]
+        excess = target.excess.lookup(above)[at]
         root = decode(codes)[0] == ROOT_LEVEL
         weights = np.where(root, 0.0, np.clip((_MORPH[1] - excess) / (_MORPH[1] - _MORPH[0]), 0.0, 1.0))
-        shown = self._seen(view, above)[at]
-        seconds = np.clip(shown / _PIXELS_A_SECOND, *MORPH_SECONDS)
+        visible = self._screen_error(view, above)[at]
+        seconds = np.clip(visible / _PIXELS_PER_SECOND, *MORPH_SECONDS)
         speed = float(np.linalg.norm(view.velocity))
         if speed > 0:
             distance, _ = eye_distances(view, self.pool.boxes(codes, self.pool.find(codes), self.extent))
-            seconds = np.minimum(seconds, _OF_THE_WAY * distance / speed)
-        return MorphTargets(wanted.splits, weights, 1 / seconds)
+            seconds = np.minimum(seconds, _APPROACH_SHARE * distance / speed)
+        return MorphTargets(target.splits, weights, 1 / seconds)
 
-    def _seen(self, view: CameraView, codes: Int64Array) -> Float64Array:
+    def _screen_error(self, view: CameraView, codes: Int64Array) -> Float64Array:
         """Return the screen error (px) of tiles, 0 if not cached."""
         slots = self.pool.find(codes)
-        held = slots >= 0
+        cached = slots >= 0
         seen = np.zeros(len(codes))
-        boxes = self.pool.boxes(codes[held], slots[held], self.extent)
-        seen[held] = screen_errors(view, boxes, self.pool.error[slots[held]])
+        boxes = self.pool.boxes(codes[cached], slots[cached], self.extent)
+        seen[cached] = screen_errors(view, boxes, self.pool.error[slots[cached]])
         return seen
 
     def draw_list(self, view: CameraView) -> DrawList:
@@ -319,11 +318,11 @@ class TileStream:
         slots = self.pool.find(codes)
         boxes = self.pool.conservative_boxes(codes, slots, self.extent)
         distance, _ = horizontal_distances(view, boxes)
-        shown = view.sees(boxes) & (distance <= view.draw_distance)
-        shown &= intersects_bounds(codes, self.extent, self._bounds)
+        visible = view.sees(boxes) & (distance <= view.draw_distance)
+        visible &= intersects_bounds(codes, self.extent, self._bounds)
         if self._hide:
-            shown[shown] = ~occluded(view, boxes.subset(shown))
-        codes, slots = codes[shown], slots[shown]
+            visible[visible] = ~occluded(view, boxes.subset(visible))
+        codes, slots = codes[visible], slots[visible]
         level, col, row = decode(codes)
         width = np.int64(1) << (LATTICE_BITS - level)
         return DrawList(
@@ -331,22 +330,22 @@ class TileStream:
             slots,
             np.stack([col * width, (row + 1) * width], axis=-1),
             width // self.quads,
-            self._tree.cases[shown],
-            self._tree.controls[shown].astype(np.float32),
+            self._tree.cases[visible],
+            self._tree.controls[visible].astype(np.float32),
             self.pool.error[slots],
-            self._seen(view, codes),
+            self._screen_error(view, codes),
         )
 
 
-def _of_few_levels(codes: Int64Array) -> Int64Array:
+def _limit_levels(codes: Int64Array) -> Int64Array:
     """Return the tiles of the levels that come first, in their order."""
     level, _, _ = decode(codes)
     levels, first = np.unique(level, return_index=True)
-    return codes[np.isin(level, levels[np.argsort(first)[:_LEVELS_A_BATCH]])]
+    return codes[np.isin(level, levels[np.argsort(first)[:_LEVELS_PER_BATCH]])]
 
 
 def finest_level(extent: float, quads: int, finest_cell: float) -> int:
     """Return the finest level whose quads are no narrower than a cell (m), within the lattice."""
     level = int(np.floor(np.log2(extent / quads / finest_cell)))
-    # Errors are measured in the middles of quads, which must lie on the lattice.
+    # Errors are measured at the centres of quads, which must be on the lattice.
     return int(np.clip(level, ROOT_LEVEL + 1, LATTICE_BITS - quads.bit_length()))

@@ -37,8 +37,8 @@ class DrawList:
     slots: Int64Array  # (n,) slot of each tile
     corners: Int64Array  # (n, 2) north-west corner, lattice units from the origin, eastward and northward
     steps: Int64Array  # (n,) lattice units between vertices
-    cases: Int64Array  # (n,) border case: borders.py
-    morph: npt.NDArray[np.float32]  # (n, 3, 3) the parent's weight at the controls: morph.py
+    cases: Int64Array  # (n,) border case of quadtree.tile_indices
+    morph: npt.NDArray[np.float32]  # (n, 3, 3) the parent's weight at the controls
     errors: Float64Array  # (n,) geometric error δ, m
     screen_errors: Float64Array  # (n,) its projection, px
 
@@ -63,7 +63,7 @@ class TilePool:
 
     def __init__(self, slots: int, *, bounds: tuple[float, float, float, float] = UNBOUNDED) -> None:
         if slots < 1:
-            raise InputError(f"expected room for 1 tile at least, got {slots}")
+            raise InputError(f"expected at least 1 slot, got {slots}")
         self._bounds = bounds
         self._code = np.full(slots, _FREE, np.int64)
         self._used = np.zeros(slots, np.int64)
@@ -93,9 +93,9 @@ class TilePool:
 
     def find(self, codes: Int64Array) -> Int64Array:
         """Return the slot of each tile, -1 if not cached; any shape."""
-        known, slots = self._sorted
-        at = index_in(known, codes)
-        return np.where(at >= 0, slots[at], _FREE) if known.size else at
+        cached, slots = self._sorted
+        at = index_in(cached, codes)
+        return np.where(at >= 0, slots[at], _FREE) if cached.size else at
 
     def touch(self, codes: Int64Array) -> None:
         """Mark tiles as in use now; tiles used together are evicted together."""
@@ -114,7 +114,7 @@ class TilePool:
         InputError if that would evict a tile in use.
         """
         if len(codes) > self.available():
-            raise InputError(f"no room for {len(codes)} tiles in {self.slots} slots")
+            raise InputError(f"{len(codes)} tiles do not fit into {self.slots} slots")
         slots = np.lexsort((self._used, self._code != _FREE))[: len(codes)]
         self._code[slots] = codes
         self._used[slots] = self._time
@@ -134,13 +134,17 @@ class TilePool:
         return self._code[slots]
 
     def _sort(self) -> None:
-        held = np.flatnonzero(self._code != _FREE)
-        order = held[np.argsort(self._code[held])]
+        occupied = np.flatnonzero(self._code != _FREE)
+        order = occupied[np.argsort(self._code[occupied])]
         self._sorted = self._code[order], order
 
-    def set_properties(self, slots: Int64Array, facts: npt.NDArray[Any]) -> None:
+    def set_properties(self, slots: Int64Array, properties: npt.NDArray[Any]) -> None:
         """Store the fields ``low``, ``high`` and ``error`` (m) of tiles."""
-        self.bottom[slots], self.top[slots], self.error[slots] = facts["low"], facts["high"], facts["error"]
+        self.bottom[slots], self.top[slots], self.error[slots] = (
+            properties["low"],
+            properties["high"],
+            properties["error"],
+        )
 
     def boxes(self, codes: Int64Array, slots: Int64Array, extent: float) -> Boxes:
         """Return the boxes of cached tiles, enclosing their own surface and the exact one."""

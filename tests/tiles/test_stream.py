@@ -169,7 +169,7 @@ def test_far_from_the_origin_the_same_ground_gives_the_same_tiles(toy):
 def test_invalid_numbers_are_refused(toy):
     for options, expected in (
         *(({"quads": 48}, "power of two"), ({"quads": 512}, "power of two")),
-        *(({"finest_cell": 0.0}, "finest cell > 0"), ({"slots": 0}, "1 tile")),
+        *(({"finest_cell": 0.0}, "finest cell > 0"), ({"slots": 0}, "1 slot")),
     ):
         with pytest.raises(InputError, match=expected):
             TileStream(toy.EXTENT, **{"quads": 4, **options})

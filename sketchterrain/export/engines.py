@@ -199,7 +199,9 @@ def water_content(features: TerrainFeatures, axes: EngineAxes) -> dict[str, Any]
             "label": lake.label,
             "level": round(float((level - axes.origin[2]) * axes.per_metre), _DECIMALS),
             "depth": round(float(lake.depth * axes.per_metre), _DECIMALS),
-            "outline": [_rounded(axes.points(*ring.T, np.full(len(ring), level))) for ring in rings],
+            "outline": [
+                _rounded(axes.points(ring[:, 0], ring[:, 1], np.full(len(ring), level))) for ring in rings
+            ],
         }
 
     return {

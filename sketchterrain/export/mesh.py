@@ -131,8 +131,8 @@ def mesh_error(
         y = mesh.row[index].astype(np.int64)
         origin, slope_x, slope_y = _planes(x, y, corners[index])
         for spans in _pieces(_spans(x, y)):
-            of, row = np.repeat(spans.triangle, spans.count), np.repeat(spans.row, spans.count)
-            column = _ranges(spans.first, spans.count)
+            of, row = np.repeat(spans.triangle, spans.length), np.repeat(spans.row, spans.length)
+            column = _ranges(spans.first, spans.length)
             surface = origin[of] + slope_x[of] * (column - x[of, 0]) + slope_y[of] * (row - y[of, 0])
             worst = max(worst, float(np.abs(surface - height[row, column]).max(initial=0.0)))
             missed[row, column] = False
@@ -145,7 +145,7 @@ class _Spans(NamedTuple):
     triangle: Int64Array
     row: Int64Array
     first: Int64Array  # column
-    count: Int64Array
+    length: Int64Array
 
     def select(self, which: slice | npt.NDArray[np.bool_]) -> _Spans:
         return _Spans(*(part[which] for part in self))
@@ -187,8 +187,8 @@ def _spans(x: Int64Array, y: Int64Array) -> _Spans:
 
 def _pieces(spans: _Spans) -> Iterator[_Spans]:
     """Yield non-empty spans in batches of a bounded number of vertices."""
-    spans = spans.select(spans.count > 0)
-    upto = np.cumsum(spans.count)
+    spans = spans.select(spans.length > 0)
+    upto = np.cumsum(spans.length)
     start = 0
     while start < len(upto):
         before = int(upto[start - 1]) if start else 0

@@ -259,8 +259,8 @@ def _side(target: Target, tiling: Tiling, tiles: int, size: int | None) -> int:
     """Return the vertices along a side that is cut into tiles, or raise `InputError`."""
     if not target.sizes:
         if size is None:
-            nearest = tiling.nearest_sides(target.size, tiles)
-            return min(nearest, key=lambda each: abs(each - target.size))
+            sides = tiling.nearest_sides(target.size, tiles)
+            return min(sides, key=lambda each: abs(each - target.size))
         tiling.tile_side(size, tiles)
         return size
     valid = {
@@ -275,10 +275,9 @@ def _side(target: Target, tiling: Tiling, tiles: int, size: int | None) -> int:
     above = min((each for each in valid.values() if each > size), default=None)
     nearest = " or ".join(str(each) for each in (below, above) if each is not None)
     in_tiles = f" in {tiles} tiles" if tiles > 1 else ""
-    sides = ", ".join(str(side) for side in target.sizes)
     raise InputError(
         f"{target.name}: {size} vertices{in_tiles} is not a valid size; nearest: {nearest} "
-        f"(valid sides of a tile: {sides})"
+        f"(valid sides of a tile: {', '.join(map(str, target.sizes))})"
     )
 
 

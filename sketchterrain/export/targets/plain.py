@@ -126,7 +126,7 @@ def _height_metadata(steps: HeightQuantisation | None) -> dict[str, Any]:
 def _write_npy(export: Export) -> ExportOutput:
     def write_tile(tile: TileWindow, samples: TerrainSamples) -> dict[Path, str]:
         name = export.tiling.tile_name(export.name, tile)
-        arrays = {
+        arrays: dict[str, tuple[Any, str]] = {
             "height": (samples.height, "heights, float32 (rows, columns), m"),
             "normal": (
                 samples.normal,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -210,36 +210,16 @@ class Georeference(NamedTuple):
 def write_height_tif(folder: Path, raster: Raster) -> tuple[Path, ...]:
     """Write ``height.tif``: float32 metres, north up, in local metres, samples at vertices (Point)."""
     dx, dy = raster.spacing
-    rows, columns = raster.height.shape
-    corner = Affine(dx, 0.0, -0.5 * dx, 0.0, -dy, (rows - 1) * dy + 0.5 * dy)
-    with MemoryFile() as memory:
-        with memory.open(
-            driver="GTiff",
-            width=columns,
-            height=rows,
-            count=1,
-            dtype="float32",
-            crs=local_metres(),
-            transform=corner,
-            compress="deflate",
-            predictor=_FLOAT_PREDICTOR,
-            tiled=True,
-            blockxsize=_BLOCK,
-            blockysize=_BLOCK,
-        ) as file:
-            # GDAL writes the tie point on closing: for points it is the north-west vertex.
-            file.update_tags(AREA_OR_POINT="Point")
-            file.set_band_description(1, "height")
-            file.set_band_unit(1, "m")
-            file.write(raster.height, 1)
-        content = memory.read()
-    return (write_atomic(folder / "height.tif", content),)
+    corner = Affine(dx, 0.0, -0.5 * dx, 0.0, -dy, (len(raster.height) - 1) * dy + 0.5 * dy)
+    layout = {"predictor": _FLOAT_PREDICTOR, "tiled": True, "blockxsize": _BLOCK, "blockysize": _BLOCK}
+    path = folder / "height.tif"
+    bands = {"height": raster.height}
+    return (_write_tiff(path, bands, "GTiff", local_metres(), corner, unit="m", **layout),)
 
 
 def write_cloud_tiff(
     path: Path,
-    bands: Sequence[npt.NDArray[np.generic]],
-    names: Sequence[str],
+    bands: Mapping[str, npt.NDArray[np.generic]],
     *,
     grid: SampleGrid,
     georeference: Georeference,
@@ -247,33 +227,46 @@ def write_cloud_tiff(
     no_data: float | None = None,
     rgb: bool = False,
 ) -> Path:
-    """Write bands of one size and dtype as a Cloud-Optimised GeoTIFF, samples at vertices (Point).
+    """Write named bands of one size and dtype as a Cloud-Optimised GeoTIFF, samples at vertices (Point).
 
     By GDAL's driver COG: deflated blocks of 256 × 256, overviews by averaging. Deterministic. Needs twice the
     memory of the bands: for GDAL's copy and for the file.
     """
-    rows, columns = bands[0].shape
+    layout = {
+        "nodata": no_data,
+        "predictor": "yes",  # the one for its dtype: differences of floats or of integers
+        "overview_resampling": "average",
+        "blocksize": _BLOCK,
+        "num_threads": "all_cpus",
+        "statistics": "yes",
+    }
+    transform = georeference.transform(grid)
+    return _write_tiff(path, bands, "COG", georeference.crs, transform, unit=unit, rgb=rgb, **layout)
+
+
+def _write_tiff(
+    path: Path,
+    bands: Mapping[str, npt.NDArray[np.generic]],
+    driver: str,
+    crs: CRS,
+    transform: Affine,
+    *,
+    unit: str | None = None,
+    rgb: bool = False,
+    **layout: Any,
+) -> Path:
+    first = next(iter(bands.values()))
+    rows, columns = first.shape
+    size = {"width": columns, "height": rows, "count": len(bands), "dtype": first.dtype.name}
     with Env(), MemoryFile() as memory:
         with memory.open(
-            driver="COG",
-            width=columns,
-            height=rows,
-            count=len(bands),
-            dtype=bands[0].dtype.name,
-            crs=georeference.crs,
-            transform=georeference.transform(grid),
-            nodata=no_data,
-            compress="deflate",
-            predictor="yes",  # the one for its dtype: differences of floats or of integers
-            overview_resampling="average",
-            blocksize=_BLOCK,
-            num_threads="all_cpus",
-            statistics="yes",
+            driver=driver, crs=crs, transform=transform, compress="deflate", **size, **layout
         ) as file:
+            # GDAL writes the tie point on closing: for points it is the north-west vertex.
             file.update_tags(AREA_OR_POINT="Point")
             if rgb:
                 file.colorinterp = _RGB
-            for index, (band, name) in enumerate(zip(bands, names, strict=True), start=1):
+            for index, (name, band) in enumerate(bands.items(), start=1):
                 file.set_band_description(index, name)
                 if unit is not None:
                     file.set_band_unit(index, unit)

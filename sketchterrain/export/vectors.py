@@ -199,7 +199,7 @@ def lake_layer(lakes: Sequence[Lake], origin: Origin) -> VectorLayer:
     return VectorLayer(
         "lakes",
         "MultiPolygon Z",
-        _objects(areas),
+        np.array(areas, object),
         {
             "id": _texts(lake.id for lake in lakes),
             "label": np.array([lake.label for lake in lakes], np.int32),
@@ -227,7 +227,7 @@ def river_layer(rivers: Sequence[River], origin: Origin) -> VectorLayer:
             f"{name}_{end}": np.array([value[at] for value in values], np.float32) for end, at in ends.items()
         }
     lines = [shapely.linestrings(_moved(river.centreline, origin)) for river in rivers]
-    return VectorLayer("rivers", "LineString Z", _objects(lines), fields)
+    return VectorLayer("rivers", "LineString Z", np.array(lines, object), fields)
 
 
 def station_layer(rivers: Sequence[River], origin: Origin) -> VectorLayer:
@@ -235,16 +235,20 @@ def station_layer(rivers: Sequence[River], origin: Origin) -> VectorLayer:
     import shapely
 
     counts = [len(river.centreline) for river in rivers]
-    places = _joined([_moved(river.centreline, origin) for river in rivers], (0, 3))
+    widths, depths = (
+        np.concatenate([np.zeros(0), *(getattr(river, name) for river in rivers)], dtype=np.float32)
+        for name in ("centreline_width", "centreline_depth")
+    )
+    places = np.concatenate([np.zeros((0, 3)), *(_moved(river.centreline, origin) for river in rivers)])
     return VectorLayer(
         "river_stations",
         "Point Z",
         shapely.points(places),
         {
             "river": _texts(chain.from_iterable([r.id] * n for r, n in zip(rivers, counts, strict=True))),
-            "distance": _joined([_along(river) for river in rivers], (0,)),
-            "width": _joined([river.centreline_width for river in rivers], (0,)).astype(np.float32),
-            "depth": _joined([river.centreline_depth for river in rivers], (0,)).astype(np.float32),
+            "distance": np.concatenate([np.zeros(0), *(_along(river) for river in rivers)]),
+            "width": widths,
+            "depth": depths,
         },
     )
 
@@ -317,16 +321,6 @@ def _area(lake: Lake, origin: Origin) -> Any:
     return shapely.force_3d(shapely.multipolygons(parts), lake.level)
 
 
-def _joined(parts: Sequence[npt.NDArray[Any]], empty: tuple[int, ...]) -> npt.NDArray[Any]:
-    return np.concatenate(parts) if parts else np.zeros(empty)
-
-
 def _texts(numbers: Iterable[Any]) -> npt.NDArray[np.object_]:
     """Return 64-bit unsigned ids as texts: a GeoPackage has no such numbers."""
-    return _objects([str(int(number)) for number in numbers])
-
-
-def _objects(values: Sequence[Any]) -> npt.NDArray[np.object_]:
-    result = np.empty(len(values), dtype=object)
-    result[:] = values
-    return result
+    return np.array([str(int(number)) for number in numbers], object)

@@ -87,29 +87,29 @@ class Picture:
 
 def detect_kind(path: Path) -> Kind:
     """Return the kind of a file by its first bytes; raise `InputError` if it cannot be traced."""
-    place = one_line(path)
+    location = one_line(path)
     try:
         if path.is_dir():
             return "folder"
         if not path.exists():
-            raise InputError(f"{place} does not exist: {_EXPECTED}")
+            raise InputError(f"{location} does not exist: {_EXPECTED}")
         if not path.is_file():
-            raise InputError(f"{place} is not a file: {_EXPECTED}")
+            raise InputError(f"{location} is not a file: {_EXPECTED}")
         with path.open("rb") as stream:
             start = stream.read(_HEAD_BYTES)
     except OSError as error:
-        raise InputError(f"{place}: cannot be read ({one_line(error.strerror or error)})") from None
+        raise InputError(f"{location}: cannot be read ({one_line(error.strerror or error)})") from None
     if detect_format(start):
         return "picture"
     if start.startswith(b"PK"):
         return "open raster"
     for magic, what, instead in _REFUSED:
         if start.startswith(magic):
-            raise InputError(f"{place} is {what}: {instead}")
+            raise InputError(f"{location} is {what}: {instead}")
     if vector_driver(start) is not None:
         return "vectors"
     begins = f"begins with {format_value(start[:12])}" if start else "is empty"
-    raise InputError(f"{place} {begins}: {_EXPECTED}")
+    raise InputError(f"{location} {begins}: {_EXPECTED}")
 
 
 def vector_driver(start: bytes) -> str | None:
@@ -134,50 +134,50 @@ def detect_format(start: bytes) -> str | None:
 
 def read_picture(path: Path) -> Picture:
     """Read a PNG, JPEG, TIFF or WebP image; raise `InputError` if it is invalid or too large."""
-    place = one_line(path)
+    location = one_line(path)
     try:
         with path.open("rb") as stream:
-            return _read(stream, place)
+            return _read(stream, location)
     except OSError as error:
-        raise InputError(f"{place}: cannot be read ({one_line(error.strerror or error)})") from None
+        raise InputError(f"{location}: cannot be read ({one_line(error.strerror or error)})") from None
 
 
-def decode_picture(data: bytes, place: str) -> Picture:
-    """Decode an image file's content; errors name it as `place`."""
-    return _read(io.BytesIO(data), place)
+def decode_picture(data: bytes, location: str) -> Picture:
+    """Decode an image file's content; errors name it as `location`."""
+    return _read(io.BytesIO(data), location)
 
 
-def _read(stream: BinaryIO, place: str) -> Picture:
+def _read(stream: BinaryIO, location: str) -> Picture:
     kind = detect_format(stream.read(16))
     if kind is None:
-        raise InputError(f"{place}: expected a PNG, JPEG, TIFF or WebP picture by its first bytes")
+        raise InputError(f"{location}: expected a PNG, JPEG, TIFF or WebP picture by its first bytes")
     stream.seek(0)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # about metadata
             # Not Image.open: it accepts other formats and has a process-wide limit.
             with _READERS[kind](stream) as image:
-                check_size(image.size, place)
-                return _decode(image, place)
+                check_size(image.size, location)
+                return _decode(image, location)
     except _BROKEN as error:
-        raise InputError(f"{place}: expected a whole {kind} picture ({one_line(error)})") from None
+        raise InputError(f"{location}: expected a whole {kind} picture ({one_line(error)})") from None
 
 
-def check_size(size: tuple[int, int], place: str) -> None:
+def check_size(size: tuple[int, int], location: str) -> None:
     """Raise `InputError` for an image (width, height) that is too large or empty."""
-    sides = f"{place}: {size[0]}×{size[1]} px: expected"
+    sides = f"{location}: {size[0]}×{size[1]} px: expected"
     if not all(0 < side <= _LARGEST_SIDE for side in size):
         raise InputError(f"{sides} sides of 1 to {_LARGEST_SIDE} px")
     if size[0] * size[1] > _LARGEST_PIXELS:
         raise InputError(f"{sides} at most {_LARGEST_PIXELS // 10**6} million pixels")
 
 
-def _decode(image: ImageFile, place: str) -> Picture:
+def _decode(image: ImageFile, location: str) -> Picture:
     image.load()
     turned: Image.Image = ImageOps.exif_transpose(image)
     if turned.mode in ("F", "I"):
         raise InputError(
-            f"{place}: its values are not colours ({turned.mode}): expected a picture of 8 or 16 bits"
+            f"{location}: its values are not colours ({turned.mode}): expected a picture of 8 or 16 bits"
         )
     if turned.mode in _MODES_16_BIT:
         turned = Image.fromarray((np.asarray(turned) >> 8).astype(np.uint8))
@@ -286,17 +286,17 @@ def read_map(path: Path, legend: Legend = OWN_LEGEND) -> ColouredMap:
 
 def coloured_map(picture: Picture, path: Path, legend: Legend = OWN_LEGEND) -> ColouredMap:
     """Return the coloured map of an image from a path; raise `InputError` if it has no colours."""
-    place = one_line(path)
+    location = one_line(path)
     if picture.is_grey:
         raise InputError(
-            f"{place}: it is grey: expected a coloured map, or the layer that it shows, "
+            f"{location}: it is grey: expected a coloured map, or the layer that it shows, "
             "as with --layer mountain"
         )
     # The default legend has more colours than any picture: too many to look for.
     sought = () if legend.colours is OWN_LEGEND.colours else legend.colours
     colours = detect_colours(picture.rgba, sought=sought)
     if not colours:
-        raise InputError(f"{place}: it has no areas of one colour: expected a coloured map")
+        raise InputError(f"{location}: it has no areas of one colour: expected a coloured map")
     meanings = tuple(legend.meaning(each.rgb) for each in colours)
     return ColouredMap(path.stem, picture.rgba, colours, meanings, classify_pixels(picture.rgba, colours))
 

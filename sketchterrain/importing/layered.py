@@ -89,33 +89,33 @@ def trace_open_raster(path: Path, options: TraceOptions) -> TraceResult:
     Hidden layers and groups, and those of opacity 0, are skipped; any other opacity is ignored, as it serves
     for looking through while painting.
     """
-    place = one_line(path)
+    location = one_line(path)
     with open_zip(
-        path, place, largest=_MAX_BYTES, expected="a whole OpenRaster file", inside="the archive"
+        path, location, largest=_MAX_BYTES, expected="a whole OpenRaster file", inside="the archive"
     ) as archive:
         kind = archive.read("mimetype", 256).strip() if "mimetype" in archive.names else b""
         if kind == b"application/x-krita":
-            raise InputError(f"{place} is a Krita file: in Krita, File ▸ Save As, OpenRaster (.ora)")
+            raise InputError(f"{location} is a Krita file: in Krita, File ▸ Save As, OpenRaster (.ora)")
         if kind != b"image/openraster" or "stack.xml" not in archive.names:
-            raise InputError(f"{place}: expected an OpenRaster file, with stack.xml in it")
-        size, layers = _stack(archive.read("stack.xml", _MAX_STACK), f"{place}/stack.xml")
+            raise InputError(f"{location}: expected an OpenRaster file, with stack.xml in it")
+        size, layers = _stack(archive.read("stack.xml", _MAX_STACK), f"{location}/stack.xml")
         hidden = [each.name for each in layers if each.is_hidden]
         others = [each.name for each in layers if each.meaning is None and not each.is_hidden]
         named = [(each, each.meaning) for each in layers if each.meaning is not None and not each.is_hidden]
         if not named:
-            raise _unnamed(place, "layer", (*others, *hidden))
+            raise _unnamed(location, "layer", (*others, *hidden))
         if len(named) > _MAX_LAYERS:
-            raise InputError(f"{place}: expected at most {_MAX_LAYERS} layers named as a sketch's")
+            raise InputError(f"{location}: expected at most {_MAX_LAYERS} layers named as a sketch's")
         composer, notes, total = _LayerComposer(options.size(*size)), [], 0
         for layer, meaning in named:
             if layer.source not in archive.names or layer.source.endswith("/"):
                 raise InputError(
-                    f"{place}: layer {format_value(layer.name)}: {format_value(layer.source)} is not in it"
+                    f"{location}: layer {format_value(layer.name)}: {format_value(layer.source)} is not in it"
                 )
             png = archive.read(layer.source, min(_MAX_PNG, _MAX_BYTES - total))
             total += len(png)
             title = f"layer {format_value(layer.name)}"
-            mask, reason = _layer_mask(decode_picture(png, f"{place}: {title}"), layer, size)
+            mask, reason = _layer_mask(decode_picture(png, f"{location}: {title}"), layer, size)
             notes.append(f"{title} is {meaning}{_reason(composer.add(meaning, mask), reason)}")
     notes += [f"hidden, skipped: {_listed(hidden)}"] if hidden else []
     notes += [f"not a layer of a sketch, skipped: {_listed(others)}"] if others else []
@@ -144,10 +144,10 @@ def trace_folder(folder: Path, options: TraceOptions) -> TraceResult:
 
     They may have any size, but the same aspect ratio.
     """
-    place = one_line(folder)
+    location = one_line(folder)
     named, others, unread = _named_files(folder)
     if not named:
-        raise _unnamed(place, "picture", (*others, *unread))
+        raise _unnamed(location, "picture", (*others, *unread))
     composer, notes, first = None, [], (0, 0, "")
     for meaning, path in named:
         picture = read_picture(path)
@@ -178,17 +178,17 @@ def trace_folder(folder: Path, options: TraceOptions) -> TraceResult:
 
 def _named_files(folder: Path) -> tuple[list[tuple[Meaning, Path]], list[str], list[str]]:
     """Return pictures named as layers, the lowest label first; other pictures; other files so named."""
-    place = one_line(folder)
+    location = one_line(folder)
     try:
         paths = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
         if len(paths) > _MAX_FILES:
-            raise InputError(f"{place}: {len(paths)} files: expected at most {_MAX_FILES}")
+            raise InputError(f"{location}: {len(paths)} files: expected at most {_MAX_FILES}")
         if any(path.name == _SETTINGS for path in paths):
-            raise InputError(f"{place}: it is a sketch already, with a {_SETTINGS}")
+            raise InputError(f"{location}: it is a sketch already, with a {_SETTINGS}")
         files = [path for path in paths if path.is_file()]
         pictures = [path for path in files if detect_format(_first_bytes(path))]
     except OSError as error:
-        raise InputError(f"{place}: cannot be read ({one_line(error.strerror or error)})") from None
+        raise InputError(f"{location}: cannot be read ({one_line(error.strerror or error)})") from None
     candidates = [(parse_layer_name(path.stem), path) for path in pictures]
     named = [(meaning, path) for meaning, path in candidates if meaning is not None]
     order = tuple(LAYERS)
@@ -202,10 +202,10 @@ def _first_bytes(path: Path) -> bytes:
         return stream.read(16)
 
 
-def _unnamed(place: str, what: str, names: Iterable[str]) -> InputError:
+def _unnamed(location: str, what: str, names: Iterable[str]) -> InputError:
     found = _listed(names)
     return InputError(
-        f"{place}: none of its {what}s is named {', '.join(LAYERS)} (river 2 is label 2 of river)"
+        f"{location}: none of its {what}s is named {', '.join(LAYERS)} (river 2 is label 2 of river)"
         + (f": found {found}" if found else "")
     )
 
@@ -253,30 +253,30 @@ def _background(rgba: npt.NDArray[np.uint8]) -> tuple[int, int, int]:
     return red, green, blue
 
 
-def _stack(data: bytes, place: str) -> tuple[tuple[int, int], list[_StackLayer]]:
+def _stack(data: bytes, location: str) -> tuple[tuple[int, int], list[_StackLayer]]:
     """Return the size (width, height) of an OpenRaster file and its layers, the topmost first."""
     if b"<!DOCTYPE" in data:  # could define entities
-        raise InputError(f"{place}: expected no DOCTYPE")
+        raise InputError(f"{location}: expected no DOCTYPE")
     try:
         image = ET.fromstring(data)  # noqa: S314 # no entities
     except (ET.ParseError, ValueError) as error:
-        raise InputError(f"{place}: expected XML ({one_line(error)})") from None
+        raise InputError(f"{location}: expected XML ({one_line(error)})") from None
     if image.tag != "image":
-        raise InputError(f"{place}: expected <image>, got <{one_line(image.tag)}>")
-    width, height = (round(_number(image, key, 0.0, place)) for key in ("w", "h"))
-    check_size((width, height), place)
+        raise InputError(f"{location}: expected <image>, got <{one_line(image.tag)}>")
+    width, height = (round(_number(image, key, 0.0, location)) for key in ("w", "h"))
+    check_size((width, height), location)
     layers: list[_StackLayer] = []
     stack: list[tuple[ET.Element, bool, Meaning | None, int]] = [(image, False, None, 0)]
     while stack:
         element, is_hidden, meaning, depth = stack.pop()
         if depth > _MAX_DEPTH:
-            raise InputError(f"{place}: groups are nested too deeply")
+            raise InputError(f"{location}: groups are nested too deeply")
         if element is not image:
             is_hidden |= element.get("visibility") == "hidden"
-            is_hidden |= not _number(element, "opacity", 1.0, place) > 0.0
+            is_hidden |= not _number(element, "opacity", 1.0, location) > 0.0
             meaning = parse_layer_name(element.get("name", "")) or meaning
         if element.tag == "layer":
-            x, y = (round(_number(element, key, 0.0, place)) for key in ("x", "y"))
+            x, y = (round(_number(element, key, 0.0, location)) for key in ("x", "y"))
             layers.append(
                 _StackLayer(element.get("name", ""), meaning, is_hidden, x, y, element.get("src", ""))
             )
@@ -284,12 +284,12 @@ def _stack(data: bytes, place: str) -> tuple[tuple[int, int], list[_StackLayer]]
     return (width, height), layers
 
 
-def _number(element: ET.Element, key: str, default: float, place: str) -> float:
+def _number(element: ET.Element, key: str, default: float, location: str) -> float:
     text = element.get(key)
     try:
         value = default if text is None else float(text)
     except ValueError:
         value = float("nan")
     if not -_MAX_OFFSET <= value <= _MAX_OFFSET:
-        raise InputError(f"{place}: {key}={format_value(text)}: expected a number of pixels or a share")
+        raise InputError(f"{location}: {key}={format_value(text)}: expected a number of pixels or a share")
     return value

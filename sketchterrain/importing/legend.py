@@ -85,14 +85,14 @@ class _LegendFile(msgspec.Struct, forbid_unknown_fields=True):
 
 def read_legend(path: Path, *, tolerance: float = TOLERANCE) -> Legend:
     """Read a legend from a TOML file: tables ``[[colour]]`` of ``rgb``, ``layer`` and ``label``, else 1."""
-    place = one_line(path)
+    location = one_line(path)
     try:
         with path.open("rb") as stream:
             data = stream.read(_MAX_BYTES + 1)
     except OSError as error:
-        raise InputError(f"{place}: cannot be read ({one_line(error.strerror or error)})") from None
+        raise InputError(f"{location}: cannot be read ({one_line(error.strerror or error)})") from None
     if len(data) > _MAX_BYTES:
-        raise InputError(f"{place}: too large for a legend: expected at most {_MAX_BYTES >> 20} MiB")
+        raise InputError(f"{location}: too large for a legend: expected at most {_MAX_BYTES >> 20} MiB")
     try:
         entries = msgspec.convert(load_toml(data), _LegendFile).colour
         colours = []
@@ -101,9 +101,11 @@ def read_legend(path: Path, *, tolerance: float = TOLERANCE) -> Legend:
             colours.append((_rgb(entry.rgb, where), _meaning(entry.layer, entry.label, where)))
         return Legend(_checked(colours, "[[colour]]"), tolerance)
     except msgspec.ValidationError as error:
-        raise InputError(f"{place}: {one_line(error)}: expected [[colour]] with rgb, layer, label") from None
+        raise InputError(
+            f"{location}: {one_line(error)}: expected [[colour]] with rgb, layer, label"
+        ) from None
     except InputError as error:
-        raise InputError(f"{place}: {error}") from None
+        raise InputError(f"{location}: {error}") from None
 
 
 def _rgb(value: str, where: str) -> Rgb:

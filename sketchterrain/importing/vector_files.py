@@ -164,23 +164,23 @@ class VectorLayer:
 
 def read_vector_layers(path: Path) -> list[VectorLayer]:
     """Read the layers of a vector file, known by its first bytes; raise `InputError` if it cannot be read."""
-    place = one_line(path)
+    location = one_line(path)
     try:
         with path.open("rb") as stream:
             start = stream.read(4096)
         size = path.stat().st_size
     except OSError as error:
-        raise InputError(f"{place}: cannot be read ({one_line(error.strerror or error)})") from None
+        raise InputError(f"{location}: cannot be read ({one_line(error.strerror or error)})") from None
     driver = vector_driver(start)
     if driver is None:
-        raise InputError(f"{place}: expected a vector file, it begins with {format_value(start[:20])}")
+        raise InputError(f"{location}: expected a vector file, it begins with {format_value(start[:20])}")
     if size > _MAX_BYTES:
-        raise InputError(f"{place}: {size / (1 << 20):.0f} MiB: expected at most {_MAX_BYTES >> 20} MiB")
+        raise InputError(f"{location}: {size / (1 << 20):.0f} MiB: expected at most {_MAX_BYTES >> 20} MiB")
     if driver == "GeoJSON":  # parsed JSON needs many times its size in memory
         content = path.read_bytes()
-        _check_count(0.5 * max(content.count(b"["), content.count(b",") / 4.0), MAX_VERTICES, place)
+        _check_count(0.5 * max(content.count(b"["), content.count(b",") / 4.0), MAX_VERTICES, location)
         del content
-    tables = _tables(path, place) if driver == "GPKG" else None
+    tables = _tables(path, location) if driver == "GPKG" else None
     layers = []
     try:
         with plain_path(path) as file, warnings.catch_warnings():
@@ -190,20 +190,22 @@ def read_vector_layers(path: Path) -> list[VectorLayer]:
             names = [str(name) for name, kind in pyogrio.list_layers(dataset) if kind is not None]
             remaining = MAX_VERTICES
             for name in names:
-                where = f"{place}: layer {format_value(name)}"
+                where = f"{location}: layer {format_value(name)}"
                 if tables is not None and name.lower() not in tables:
                     raise InputError(f"{where}: expected a table, not a view")
                 layers.append(_read_layer(dataset, driver, name, where, remaining))
                 remaining -= int(shapely.get_num_coordinates(layers[-1].shapes).sum())
     except (RuntimeError, ValueError, shapely.errors.GEOSException) as error:
-        raise InputError(f"{place}: cannot be read as {driver} ({one_line(error)[:_MAX_MESSAGE]})") from None
+        raise InputError(
+            f"{location}: cannot be read as {driver} ({one_line(error)[:_MAX_MESSAGE]})"
+        ) from None
     layers = [each for each in layers if len(each.shapes) or any(each.skipped.values())]
     if not layers:
-        raise InputError(f"{place}: expected points, lines or areas, found none")
+        raise InputError(f"{location}: expected points, lines or areas, found none")
     return layers
 
 
-def _tables(path: Path, place: str) -> set[str]:
+def _tables(path: Path, location: str) -> set[str]:
     """Return the tables of a GeoPackage, in lower case, without views, whose queries may never end."""
     try:
         uri = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
@@ -212,15 +214,15 @@ def _tables(path: Path, place: str) -> set[str]:
             query = "SELECT lower(name) FROM sqlite_master WHERE sql LIKE 'CREATE TABLE%'"
             tables = {name for (name,) in database.execute(query)}
             if not tables >= _TABLES:
-                raise InputError(f"{place}: expected a GeoPackage, this is another SQLite database")
+                raise InputError(f"{location}: expected a GeoPackage, this is another SQLite database")
             layers = "SELECT table_name, srs_id FROM gpkg_geometry_columns"
             known = "SELECT srs_id FROM gpkg_spatial_ref_sys"
             for name, code in database.execute(f"{layers} WHERE srs_id NOT IN ({known})"):
                 raise InputError(
-                    f"{place}: layer {format_value(name)}: its CRS {format_value(code)} is not in the file"
+                    f"{location}: layer {format_value(name)}: its CRS {format_value(code)} is not in the file"
                 )
     except (sqlite3.Error, UnicodeDecodeError) as error:
-        raise InputError(f"{place}: expected a whole GeoPackage ({one_line(error)})") from None
+        raise InputError(f"{location}: expected a whole GeoPackage ({one_line(error)})") from None
     return tables
 
 

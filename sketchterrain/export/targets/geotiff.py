@@ -78,11 +78,10 @@ def _write_rasters(export: Export, georeference: Georeference) -> dict[Path, str
         export.folder / f"{export.name}_{what}.tif" for what in ("height", "normal", "materials")
     )
     write_tiff = partial(write_cloud_tiff, grid=samples.grid, georeference=georeference)
-    write_tiff(height, [samples.height], ["height"], unit="m", no_data=NO_DATA)
-    parts = [samples.normal[..., axis] for axis in range(3)]
-    write_tiff(normal, parts, ["east", "north", "up"], rgb=True)
-    shares = [samples.weights[..., index] for index in range(len(names))]
-    write_tiff(weights, shares, names)
+    write_tiff(height, {"height": samples.height}, unit="m", no_data=NO_DATA)
+    components = enumerate(("east", "north", "up"))
+    write_tiff(normal, {name: samples.normal[..., axis] for axis, name in components}, rgb=True)
+    write_tiff(weights, {name: samples.weights[..., index] for index, name in enumerate(names)})
     return {
         height: "heights, float32, m",
         normal: "normals: 0 is -1, 255 is 1; bands east, north, up",

@@ -1,4 +1,4 @@
-"""Bookmarks: kept by sketch, whatever the file holds; the panel goes there."""
+"""Bookmarks: storage by sketch, and their panel."""
 
 import json
 from dataclasses import replace
@@ -22,7 +22,7 @@ def folder(tmp_path):
     return tmp_path / "state" / "bookmarks"
 
 
-def test_they_are_kept_by_path(document, folder, tmp_path):
+def test_bookmarks_are_stored_by_path(document, folder, tmp_path):
     one, other = tmp_path / "one.sketch", tmp_path / "other.sketch"
     bookmarks = Bookmarks(document, folder)
     bookmarks.add(Bookmark("Summit", HERE, "walk", b"jpeg"))
@@ -50,7 +50,7 @@ def written(**changes) -> bytes:
     return json.dumps({"bookmarks": [good | changes]}).encode()
 
 
-def test_an_unreadable_file_counts_as_empty(document, folder, tmp_path):
+def test_an_unreadable_file_is_treated_as_empty(document, folder, tmp_path):
     wrong = [{"target": [0, 0, 0]}, {"eye": [0, 0, float("nan")]}, {"eye": [0, 0]}]
     wrong += [{"mode": "swim"}, {"fov": 0}, {"picture": "?"}]
     broken = (b"", b"{", b"[]", b"\xff\xfe", b'{"bookmarks": [{}]}')
@@ -68,7 +68,7 @@ def test_an_unreadable_file_counts_as_empty(document, folder, tmp_path):
         assert [each.name for each in bookmarks.all] == ["b"], content
 
 
-def test_a_folder_that_cannot_be_written_is_told(document, folder, tmp_path):
+def test_an_unwritable_folder_is_reported(document, folder, tmp_path):
     folder.parent.mkdir()
     folder.write_text("a file stands where the folder should")
     bookmarks = Bookmarks(document, folder)
@@ -104,7 +104,7 @@ def titles(panel) -> list[str]:
     return [rows_of(panel).item(row).text() for row in range(rows_of(panel).count())]
 
 
-def test_a_view_is_kept_with_its_picture_and_gone_to(panel, link):
+def test_a_bookmark_stores_view_and_picture(panel, link):
     assert not buttons(panel)["Add"].isEnabled()
     panel.add()
     assert titles(panel) == []
@@ -130,7 +130,7 @@ def test_a_view_is_kept_with_its_picture_and_gone_to(panel, link):
     assert link.view.mode == "walk"
 
 
-def test_they_are_renamed_and_deleted_in_the_list(qtbot, panel, link):
+def test_bookmarks_are_renamed_replaced_and_deleted(qtbot, panel, link):
     picture(link)
     panel.add()
     panel.add()

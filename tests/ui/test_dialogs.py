@@ -1,4 +1,4 @@
-"""Each dialog: what it asks, what it says, what comes of it."""
+"""Dialogs for new sketches, presets, recovery, help and preferences."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -53,7 +53,7 @@ def test_every_dialog_has_a_title_named_controls_and_closes_on_escape(made, qtbo
         assert dialog.isHidden()
 
 
-def test_a_new_sketch_is_as_it_was_asked_for(made):
+def test_new_sketch_has_the_requested_size_and_extent(made):
     dialog = made["new"]
     dialog.form["name"].setText("Far north")
     dialog.form["sheet"].setCurrentText("768 × 512")
@@ -72,7 +72,7 @@ def test_a_new_sketch_is_as_it_was_asked_for(made):
     assert dialog.sketch().name == "Far north"
 
 
-def test_the_gallery_shows_every_preset_with_its_picture(made):
+def test_gallery_shows_all_presets(made):
     gallery = made["presets"].list
     assert gallery.count() == len(preset_names())
     for row, name in enumerate(preset_names()):
@@ -118,7 +118,7 @@ def test_preferences_are_set_only_when_they_are_applied(qtbot, tmp_path):
     assert (again.theme, again.device) == ("dark", dialog.form["device"].itemData(1))
 
 
-def test_preferences_that_make_no_sense_count_as_never_chosen(tmp_path, qapp):
+def test_invalid_preferences_fall_back_to_defaults(tmp_path, qapp):
     (tmp_path / "desktop.ini").write_text("theme=pink\nlast_folder=/nowhere/at/all\n[window]\nstate=5\n")
     preferences = Preferences(tmp_path / "desktop.ini")
     assert preferences.theme == "system"

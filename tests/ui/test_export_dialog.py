@@ -1,4 +1,4 @@
-"""Exporting to a program from the desktop program: what is asked, what is told, what is written."""
+"""Export dialog: options, plans, files."""
 
 import json
 from dataclasses import fields
@@ -48,7 +48,7 @@ def told(dialog) -> str:
     return dialog.target.note.text()
 
 
-def test_every_target_is_offered_with_its_options_and_distinct_letters(opened, small):
+def test_every_target_has_its_options_and_unique_mnemonics(opened, small):
     dialog = opened()
     assert [dialog.targets.itemData(row) for row in range(dialog.targets.count())] == ["", *TARGET_NAMES]
     assert dialog.everything.isVisible()
@@ -80,7 +80,7 @@ def test_every_target_is_offered_with_its_options_and_distinct_letters(opened, s
         assert not twice, name
 
 
-def test_what_an_export_will_be_is_told_at_once(opened):
+def test_the_plan_is_shown_immediately(opened):
     dialog = opened("unreal")
     controls = dialog.target
     assert told(dialog).startswith("1009 × 1009 vertices, 0.5079 m apart.")
@@ -95,7 +95,7 @@ def test_what_an_export_will_be_is_told_at_once(opened):
     assert "MiB of memory" in told(dialog)
 
 
-def test_impossible_sizes_ranges_and_folders_are_refused_before_the_export_begins(opened, tmp_path):
+def test_invalid_sizes_ranges_and_folders_are_refused(opened, tmp_path):
     dialog = opened("raw")
     controls = dialog.target
     controls["size"].setEditText("1024")
@@ -136,7 +136,7 @@ def test_impossible_sizes_ranges_and_folders_are_refused_before_the_export_begin
         assert refused in dialog.hint.text()
 
 
-def test_sizes_that_are_offered_can_be_cut_into_the_tiles(opened):
+def test_offered_sizes_divide_into_the_tiles(opened):
     dialog = opened("raw")
     controls = dialog.target
     assert controls["size"].currentText() == "1025"
@@ -155,7 +155,7 @@ def test_sizes_that_are_offered_can_be_cut_into_the_tiles(opened):
     assert dialog.hint.text() == "tiles of 1009 vertices cannot share 2000"
 
 
-def test_choices_are_remembered_and_unusable_ones_count_as_never_chosen(opened, tmp_path):
+def test_options_are_remembered_and_invalid_ones_ignored(opened, tmp_path):
     usual = opened("unity").target.options()
     dialog = opened("unity")
     controls = dialog.target
@@ -181,7 +181,7 @@ def test_choices_are_remembered_and_unusable_ones_count_as_never_chosen(opened, 
     assert dialog.preferences.export_options("unity") == {}
 
 
-def test_everything_is_asked_for_as_the_command_line_does(opened):
+def test_the_request_of_everything_matches_the_command_line(opened):
     form = opened().everything
     form.set_values({"plants": "ply", "grass": True, "map": "svg", "view": ""})
     request = form.request(Path("x"), None)
@@ -245,7 +245,7 @@ def test_a_cancelled_export_leaves_nothing(qtbot, opened, tmp_path):
     assert dialog.isHidden()
 
 
-def test_an_export_that_cannot_be_written_says_why(qtbot, opened, tmp_path):
+def test_an_unwritable_folder_is_reported(qtbot, opened, tmp_path):
     (tmp_path / "file").write_text("")
     dialog = opened()
     dialog.path_field.setText(str(tmp_path / "file" / "out"))

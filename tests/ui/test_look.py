@@ -1,4 +1,4 @@
-"""Themes and icons: dark and light, sharp at any size, readable."""
+"""Themes, icons and contrast."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def coverage(image: QImage) -> np.ndarray:
     return pixels.reshape(plain.height(), plain.bytesPerLine() // 4, 4)[:, : plain.width(), 3] / 255.0
 
 
-def test_every_icon_that_is_named_is_there_and_draws_inside_its_square(qapp):
+def test_all_named_icons_exist_and_fit_their_square(qapp):
     named = {command.icon for command in COMMANDS.values()} - {""}
     assert named <= {file.stem for file in ICONS.glob("*.svg")}
     for file in ICONS.glob("*.svg"):
@@ -36,7 +36,7 @@ def test_every_icon_that_is_named_is_there_and_draws_inside_its_square(qapp):
         icon("nonsense")
 
 
-def test_an_icon_is_drawn_at_the_screens_own_pixels_in_the_palettes_colour(qapp):
+def test_icons_render_at_device_pixels_in_the_palette_colour(qapp):
     for size, dpr in [(16, 1.0), (20, 1.25), (20, 2.0), (32, 1.5)]:
         picture = icon("brush").pixmap(QSize(size, size), dpr)
         assert (picture.width(), picture.height()) == (round(size * dpr), round(size * dpr)), (size, dpr)
@@ -65,7 +65,7 @@ def contrast(one: QColor, other: QColor) -> float:
     return (light + 0.05) / (dark + 0.05)
 
 
-def test_text_has_the_contrast_that_wcag_asks_for():
+def test_text_contrast_meets_wcag():
     for each in [LIGHT, DARK]:
         for behind in (each.window, each.base, each.raised):
             floors = {"text": 7.0, "faint": 4.5, "warning": 4.5, "error": 4.5, "accent": 3.0}
@@ -74,7 +74,7 @@ def test_text_has_the_contrast_that_wcag_asks_for():
         assert contrast(each.on_accent, each.accent) >= 4.5, each
 
 
-def test_choosing_a_theme_changes_the_palette_and_others_are_refused(qapp, qtbot):
+def test_themes_set_the_palette_and_unknown_themes_raise(qapp, qtbot):
     for choice, wanted in (("light", LIGHT), ("dark", DARK)):
         with qtbot.waitSignal(looks.changed):
             apply_theme(qapp, choice)
@@ -86,7 +86,7 @@ def test_choosing_a_theme_changes_the_palette_and_others_are_refused(qapp, qtbot
     assert set(CHOICES) == {"system", "light", "dark"}
 
 
-def test_boxes_are_drawn_in_the_themes_colours(qapp, shown):
+def test_input_widgets_use_the_theme_colours(qapp, shown):
     for choice in ["light", "dark"]:
         apply_theme(qapp, choice)
         holder = QWidget()

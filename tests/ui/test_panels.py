@@ -1,4 +1,4 @@
-"""What holds for every panel: names for all controls, nothing is changed by showing it, nothing leaks."""
+"""Properties of all panels: accessible names, no side effects, no leaks."""
 
 import pytest
 from PyQt6 import QtWidgets
@@ -62,7 +62,7 @@ def parts(panel):
             yield each
 
 
-def test_every_control_has_a_name_a_tool_tip_and_keyboard_focus(panel, workspace, link, placed):
+def test_every_control_has_name_tool_tip_and_keyboard_focus(panel, workspace, link, placed):
     for _ in shown_in_every_way(workspace, link, placed):
         for control in parts(panel):
             assert control.accessibleName(), f"{control} has no name: {control.parent()}"
@@ -71,7 +71,7 @@ def test_every_control_has_a_name_a_tool_tip_and_keyboard_focus(panel, workspace
                 assert control.focusPolicy() & Qt.FocusPolicy.TabFocus, control.accessibleName()
 
 
-def test_showing_any_state_or_another_document_changes_nothing(panel, document, workspace, link, placed):
+def test_displaying_any_state_changes_nothing(panel, document, workspace, link, placed):
     before, looks = document.sketch, [workspace.look(name) for name in document.sketch.layers]
     tool, brush, overlays, view = workspace.tool, workspace.brush, workspace.overlays, link.view
     for _ in shown_in_every_way(workspace, link, placed):
@@ -91,7 +91,7 @@ def test_showing_any_state_or_another_document_changes_nothing(panel, document, 
         assert len(document.history.titles) == 1
 
 
-def test_nothing_is_cut_in_a_narrow_dock(panel, workspace, link, placed):
+def test_nothing_is_clipped_in_a_narrow_dock(panel, workspace, link, placed):
     if isinstance(panel, StatusLine):  # a line of the window, no dock
         assert panel.minimumSizeHint().width() <= 900
         return
@@ -105,7 +105,7 @@ def test_nothing_is_cut_in_a_narrow_dock(panel, workspace, link, placed):
                 assert 0 <= left <= right < 300, control.accessibleName()
 
 
-def test_closed_panels_leave_no_widget_and_no_listener(make, document, workspace, link, placed):
+def test_closed_panels_leak_no_widgets_or_connections(make, document, workspace, link, placed):
     def come_and_go():
         panel = make()
         panel.show()

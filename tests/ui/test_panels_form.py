@@ -1,4 +1,4 @@
-"""What rows of a form are made of: scales, words, gestures; and rows for every declared parameter."""
+"""Rows of forms: scales, words, gestures and every declared parameter."""
 
 import pytest
 from PyQt6.QtCore import Qt
@@ -22,7 +22,7 @@ NUMBERS = {name: each for name, each in EVERY.items() if each.kind is not str}
 SCALES = [Scale(0.0, 1.0), Scale(1.0, 9000.0, "ratio"), Scale(0.0, 2000.0, "cube"), Scale(-90.0, 90.0)]
 
 
-def test_a_scale_is_monotonic_from_end_to_end_and_inverted_by_its_share():
+def test_scales_are_monotonic_and_inverted_by_their_fraction():
     for scale in [*SCALES, Scale(1, 500, "ratio", whole=True)]:
         values = [scale.value(n / 500) for n in range(501)]
         assert values[0] == scale.low, scale
@@ -37,7 +37,7 @@ def test_a_scale_is_monotonic_from_end_to_end_and_inverted_by_its_share():
             assert scale.value(scale.fraction(value)) == pytest.approx(value, rel=1e-9, abs=1e-9), scale
 
 
-def test_every_number_has_a_scale_within_its_range_and_wide_ranges_go_by_ratios():
+def test_scales_stay_in_range_and_wide_ranges_are_logarithmic():
     for name, parameter in NUMBERS.items():
         low, high = numbers.slider_range(parameter)
         assert parameter.low <= low < high <= parameter.high, name
@@ -54,7 +54,7 @@ def test_every_number_has_a_scale_within_its_range_and_wide_ranges_go_by_ratios(
     assert Scale(0.0, 1.0).value(0.3337) == 0.33
 
 
-def test_titles_units_numbers_and_special_values_are_worded():
+def test_titles_units_numbers_and_sentinels_in_words():
     assert numbers.title_from_key("snow_line") == "Snow line"
     each_of_a_kind = (HEIGHT, FLOW, TABLES["density"]["hill"], SKETCH["name"])
     assert [numbers.suffix_of(each) for each in each_of_a_kind] == [" m", "°", " /km²", ""]
@@ -71,7 +71,7 @@ def test_titles_units_numbers_and_special_values_are_worded():
         assert "-1" not in numbers.help_text(parameter), name
 
 
-def test_a_drag_is_one_gesture_and_keys_in_a_row_are_one(monkeypatch):
+def test_a_drag_and_quick_key_presses_share_one_merge_key(monkeypatch):
     now = 100.0
     monkeypatch.setattr(numbers.time, "monotonic", lambda: now)
     gesture = Gesture()
@@ -106,7 +106,7 @@ def listened(shown, told):
     return listen
 
 
-def test_every_parameter_has_a_row_that_shows_and_tells_nobody(listened, told):
+def test_displaying_a_value_emits_nothing(listened, told):
     for name, parameter in EVERY.items():
         kind = ChoiceRow if parameter.choices else TextRow if parameter.kind is str else NumberRow
         row = listened(kind(parameter))
@@ -120,7 +120,7 @@ def test_every_parameter_has_a_row_that_shows_and_tells_nobody(listened, told):
         assert not told, name
 
 
-def test_a_dragged_slider_tells_values_with_one_key_and_keeps_its_place(listened, told):
+def test_a_slider_drag_has_one_merge_key_and_the_slider_keeps_its_position(listened, told):
     row = listened(NumberRow(HEIGHT))
     row.slider.setSliderDown(True)
     for value in (500, 600, 700):
@@ -147,7 +147,7 @@ def test_a_dragged_slider_tells_values_with_one_key_and_keeps_its_place(listened
     assert row.slider.maximum() == SLIDER_STEPS
 
 
-def test_a_number_is_told_once_typed_and_never_rounded_by_being_shown(listened, told):
+def test_a_number_is_reported_when_typed_and_not_rounded_by_display(listened, told):
     row = listened(NumberRow(TABLES["climate"]["snow_line"]))
     row.show_value(-250.0)
     assert row.box.value() == -250.0
@@ -172,7 +172,7 @@ def test_a_number_is_told_once_typed_and_never_rounded_by_being_shown(listened, 
     assert [value for value, _ in told] == [1234.5]
 
 
-def test_a_special_value_is_a_box_to_check(listened, told):
+def test_a_sentinel_is_a_check_box(listened, told):
     row = listened(NumberRow(FLOW))
     assert row.check.isChecked()
     assert not row.box.isEnabled()
@@ -189,7 +189,7 @@ def test_a_special_value_is_a_box_to_check(listened, told):
     assert told[-1][0] == 90.0, "the number that stood there comes back"
 
 
-def test_hours_are_typed_and_shown_as_a_clock_does(listened, told, qtbot):
+def test_hours_are_clock_times(listened, told, qtbot):
     accepted = (("18:30", 18.5, "18:30"), ("6.25", 6.25, "6:15"), ("24", 24.0, "24:00"))
     for typed, hours, shown in (*accepted, ("7:", None, ""), ("25:00", None, "")):
         row = listened(NumberRow(TABLES["weather"]["hour"]))
@@ -212,7 +212,7 @@ def test_hours_are_typed_and_shown_as_a_clock_does(listened, told, qtbot):
         assert box.text() == text, minute
 
 
-def test_a_wheel_that_scrolls_past_changes_nothing(listened, told):
+def test_the_wheel_changes_only_a_focused_control(listened, told):
     for widget in ("box", "slider"):
         row = listened(NumberRow(HEIGHT))
         control = getattr(row, widget)
@@ -227,7 +227,7 @@ def test_a_wheel_that_scrolls_past_changes_nothing(listened, told):
             assert told, widget
 
 
-def test_tab_goes_through_a_row_in_reading_order(listened):
+def test_tab_order_follows_reading_order(listened):
     for parameter in [HEIGHT, FLOW]:
         row = listened(NumberRow(parameter))
         row.show_value(100.0)
@@ -238,7 +238,7 @@ def test_tab_goes_through_a_row_in_reading_order(listened):
         assert list(dict.fromkeys(each for each in chain if each in controls)) == controls, parameter
 
 
-def test_choices_and_texts_are_told_once_chosen_or_typed(listened, told):
+def test_choices_and_texts_are_reported_once(listened, told):
     parameter = LAYERS["material"].parameters["material"]
     row = listened(ChoiceRow(parameter))
     assert row.box.currentData() == "rock"

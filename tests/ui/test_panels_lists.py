@@ -1,4 +1,4 @@
-"""History, adherence, contradictions and the status line."""
+"""History, adherence and contradictions panels, and the status line."""
 
 import dataclasses
 
@@ -23,7 +23,7 @@ def texts(panel):
     return [model.index(row, 0).data() for row in range(model.rowCount())]
 
 
-def test_history_marks_the_current_step_and_goes_where_one_clicks(shown, document):
+def test_history_marks_the_current_step_and_a_click_goes_to_a_step(shown, document):
     panel = shown(HistoryPanel(document))
     for seed in range(1, 6):
         document.do(f"Step {seed}", set_setting(document.sketch, WORLD, "seed", 1000 + seed))
@@ -41,7 +41,7 @@ def test_history_marks_the_current_step_and_goes_where_one_clicks(shown, documen
     assert document.history.position == 5
 
 
-def test_adherence_is_measured_on_demand_and_again_after_a_failure(shown, workspace, link):
+def test_adherence_is_measured_on_request_and_again_after_an_error(shown, workspace, link):
     panel = shown(AdherencePanel(workspace, link))
     panel.measure.click()
     link.error_reported.emit(msg.ErrorReport("engine", "it ended"))
@@ -58,7 +58,7 @@ def test_adherence_is_measured_on_demand_and_again_after_a_failure(shown, worksp
     panel.grab()
 
 
-def test_adherence_follows_while_it_lies_over_the_sketch(qtbot, shown, workspace, link, placed):
+def test_adherence_is_updated_while_its_overlay_is_on(qtbot, shown, workspace, link, placed):
     panel = shown(AdherencePanel(workspace, link))
     link.placed = placed
     link.placed_changed.emit(placed)
@@ -75,7 +75,7 @@ def test_adherence_follows_while_it_lies_over_the_sketch(qtbot, shown, workspace
     qtbot.waitUntil(lambda: len(link.requests) == 2, timeout=3000)
 
 
-def test_contradictions_lead_to_their_places_and_their_marks_are_switched(shown, workspace, link, placed):
+def test_contradictions_show_their_place_and_toggle_their_overlay(shown, workspace, link, placed):
     panel = shown(ContradictionsPanel(workspace, link))
     panel.mark.click()
     assert panel.mark.isChecked() == ("contradictions" in workspace.overlays)
@@ -99,7 +99,7 @@ def line(shown, document, workspace, link):
     return shown(StatusLine(document, workspace, link), 1280)
 
 
-def test_the_status_line_reports_work_device_and_pointer(line, link, document, workspace):
+def test_status_line_shows_work_device_and_pointer(line, link, document, workspace):
     for working in ("Placing features", ""):
         link.activity = working
         link.activity_changed.emit(working)
@@ -128,7 +128,7 @@ def test_the_status_line_reports_work_device_and_pointer(line, link, document, w
     assert line.paint.text() == ""
 
 
-def test_figures_keep_their_places(qtbot, line, link, placed):
+def test_status_labels_keep_their_positions(qtbot, line, link, placed):
     def places():
         line.layout().activate()
         return [each.geometry() for each in (line.place, line.paint, line.frame, line.memory, line.device)]

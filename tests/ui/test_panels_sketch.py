@@ -1,4 +1,4 @@
-"""Panels of the sketch: layers and labels, properties, the world's and the view's settings."""
+"""Panels of layers, properties, world and view settings."""
 
 import dataclasses
 
@@ -69,7 +69,7 @@ def click(panel, place, column):
     QTest.mouseClick(panel.list.viewport(), Qt.MouseButton.LeftButton, pos=at)
 
 
-def test_rows_are_the_declared_layers_in_order_with_details_of_their_labels(layers, document):
+def test_rows_list_the_declared_layers_and_used_labels(layers, document):
     assert list(dict.fromkeys(layer for layer, _ in places(layers))) == list(LAYERS)
     seen = set()
     for row in layers.list.rows:
@@ -85,7 +85,7 @@ def test_rows_are_the_declared_layers_in_order_with_details_of_their_labels(laye
     assert "km²" in row.detail
 
 
-def test_a_click_uses_a_label_and_turns_eyes_and_locks(layers, workspace):
+def test_clicks_activate_labels_and_toggle_eyes_and_locks(layers, workspace):
     click(layers, ("hill", 1), NAME)
     assert (workspace.layer, workspace.label) == ("hill", 1)
     click(layers, ("hill", 1), EYE)
@@ -103,7 +103,7 @@ def test_a_click_uses_a_label_and_turns_eyes_and_locks(layers, workspace):
     assert (workspace.layer, workspace.label) == ("hill", 2), "remembered"
 
 
-def test_keys_choose_and_are_kept_from_the_windows_shortcuts(layers, workspace):
+def test_keys_activate_layers_before_the_windows_shortcuts(layers, workspace):
     keys = Qt.Key
     kept = [keeps(layers.list, key) for key in (keys.Key_1, keys.Key_7, keys.Key_8, keys.Key_B)]
     assert kept == [True, True, False, False]
@@ -117,7 +117,7 @@ def test_keys_choose_and_are_kept_from_the_windows_shortcuts(layers, workspace):
     assert not workspace.look("river").visible
 
 
-def test_labels_are_added_deleted_and_cleared_as_steps_unless_locked(layers, document, workspace):
+def test_labels_are_added_deleted_and_cleared_unless_locked(layers, document, workspace):
     before = document.sketch
     workspace.use_label("mountain", 1)
     layers.add.click()
@@ -145,7 +145,7 @@ def test_labels_are_added_deleted_and_cleared_as_steps_unless_locked(layers, doc
     assert said == ["Forests are locked"] * 2
 
 
-def test_opacity_and_the_menu_are_those_of_the_layer_in_use(layers, workspace):
+def test_opacity_and_menu_apply_to_the_active_layer(layers, workspace):
     workspace.set_look("hill", opacity=0.2)
     workspace.use_label("hill", 1)
     assert layers.opacity.value() == 200
@@ -159,7 +159,7 @@ def test_opacity_and_the_menu_are_those_of_the_layer_in_use(layers, workspace):
     assert not workspace.look("hill").visible
 
 
-def test_every_declared_property_setting_and_overlay_has_a_control(
+def test_every_declared_parameter_and_overlay_has_a_control(
     properties, world, view, document, workspace
 ):
     for layer in LAYERS:
@@ -177,7 +177,7 @@ def test_every_declared_property_setting_and_overlay_has_a_control(
     assert set(OVERLAY_TITLES) == set(OVERLAYS)
 
 
-def test_an_edit_is_a_step_and_reset_takes_it_out_of_the_file(properties, document, workspace):
+def test_an_edit_is_an_undo_step_and_reset_removes_the_key(properties, document, workspace):
     workspace.use_label("mountain", 2)
     row = properties.label_page.forms["mountain"].rows["height"]
     row.box.setValue(777.0)
@@ -192,7 +192,7 @@ def test_an_edit_is_a_step_and_reset_takes_it_out_of_the_file(properties, docume
     assert not row.reset.isVisible()
 
 
-def test_a_dragged_slider_is_one_live_step_even_over_its_first_value(properties, document, workspace):
+def test_a_slider_drag_is_one_live_undo_step(properties, document, workspace):
     workspace.use_label("mountain", 1)
     row = properties.label_page.forms["mountain"].rows["height"]
     live = []
@@ -213,7 +213,7 @@ def test_a_dragged_slider_is_one_live_step_even_over_its_first_value(properties,
         assert document.sketch.properties("mountain", 1)["peakiness"] == round(value / 1000, 2)
 
 
-def test_what_is_being_typed_belongs_to_what_was_shown(properties, document, workspace, placed, mountain):
+def test_pending_text_applies_to_the_previous_selection(properties, document, workspace, placed, mountain):
     row = properties.selection_page.forms["feature"].rows["radius"]
     typed(row.box, "123")
     workspace.selection = Selection("feature", int(placed.points["id"][placed.points["type"] == 0][1]))
@@ -230,7 +230,7 @@ def test_what_is_being_typed_belongs_to_what_was_shown(properties, document, wor
         document.undo()
 
 
-def test_a_selected_feature_replaces_the_label_and_its_numbers_become_edits(
+def test_numbers_of_a_selected_feature_become_edits(
     properties, document, mountain, workspace
 ):
     rows = properties.selection_page.forms["feature"].rows
@@ -253,7 +253,7 @@ def test_a_selected_feature_replaces_the_label_and_its_numbers_become_edits(
     assert properties.label_page.isVisible()
 
 
-def test_lock_reset_and_delete_are_steps_that_undo_shows(properties, document, mountain, workspace):
+def test_lock_reset_and_delete_are_undo_steps(properties, document, mountain, workspace):
     page, selection = properties.selection_page, workspace.selection
     page.lock.click()
     assert is_locked(document.sketch, selection)
@@ -273,7 +273,7 @@ def test_lock_reset_and_delete_are_steps_that_undo_shows(properties, document, m
     assert verbs == ["Lock", "Unlock", "Set", "Reset", "Delete"]
 
 
-def test_what_is_gone_is_said(properties, link, placed, mountain):
+def test_a_vanished_selection_disables_its_page(properties, link, placed, mountain):
     page = properties.selection_page
     for found, there in ((dataclasses.replace(placed, points=placed.points[:0]), False), (placed, True)):
         link.placed = found
@@ -282,7 +282,7 @@ def test_what_is_gone_is_said(properties, link, placed, mountain):
         assert any(form.isVisible() for form in page.forms.values()) == there
 
 
-def test_a_rivers_width_and_control_points_are_edited(properties, document, workspace, placed):
+def test_river_width_and_control_points_become_edits(properties, document, workspace, placed):
     river = max(placed.rivers, key=lambda each: len(each.points))
     workspace.selection = Selection("river", river.id)
     form = properties.selection_page.forms["river"]
@@ -309,7 +309,7 @@ def test_a_rivers_width_and_control_points_are_edited(properties, document, work
     assert properties.selection_page.delete.isEnabled()
 
 
-def test_seeds_are_thrown_typed_and_come_back(world, document):
+def test_seeds_are_random_typed_or_previous(world, document):
     first = document.sketch.seed
     for _ in range(3):
         world.seed.dice.click()
@@ -327,7 +327,7 @@ def test_seeds_are_thrown_typed_and_come_back(world, document):
     assert world.seed.used == (document.sketch.seed,)
 
 
-def test_settings_are_steps_with_titles_and_fidelity_is_one_live_step(world, document):
+def test_settings_are_titled_undo_steps_and_a_fidelity_drag_is_one(world, document):
     world.forms["climate"].rows["snow_line"].check.click()
     world.forms["density"].rows["forest"].box.setValue(3.0)
     world.top.rows["extent"].box.setValue(8000.0)
@@ -353,7 +353,7 @@ def test_settings_are_steps_with_titles_and_fidelity_is_one_live_step(world, doc
     assert world.fidelity.number == document.sketch.fidelity
 
 
-def test_a_group_collapses_out_of_the_tab_order_and_opens_at_full_height(world):
+def test_a_group_collapses_and_expands_to_full_height(world):
     group = next(each for each in world.findChildren(CollapsibleGroup) if each.text() == "Climate")
     header, content = group.toggleButton(), group.content()
     assert not content.isVisible()
@@ -366,7 +366,7 @@ def test_a_group_collapses_out_of_the_tab_order_and_opens_at_full_height(world):
     assert not content.isVisible()
 
 
-def test_weather_is_the_sketchs_and_quality_the_views(qtbot, view, document, link):
+def test_weather_edits_the_sketch_and_quality_the_view(qtbot, view, document, link):
     hour = view.weather.rows["hour"]
     hour.check.click()
     assert document.sketch.weather["hour"] == 12.0
@@ -387,7 +387,7 @@ def test_weather_is_the_sketchs_and_quality_the_views(qtbot, view, document, lin
     assert len(document.history.titles) == steps
 
 
-def test_overlays_and_motion_are_told_and_shown(view, link):
+def test_overlays_and_animation_set_the_view(view, link):
     view.overlays["features"].click()
     view.overlays["wireframe"].click()
     view.plays.click()

@@ -1,4 +1,4 @@
-"""The dialog for a new sketch from a picture: what it finds, what one can change, what comes of it."""
+"""Dialog that traces a sketch from a picture."""
 
 import json
 
@@ -32,7 +32,7 @@ def ready(qtbot, dialog: TraceDialog):
     qtbot.waitUntil(dialog.create_button.isEnabled, timeout=20_000)
 
 
-def test_colours_are_found_named_and_change_size_extent_and_name(qtbot, opened, picture):
+def test_colours_are_detected_and_the_form_sets_size_extent_and_name(qtbot, opened, picture):
     dialog = opened(picture)
     assert not dialog.create_button.isEnabled()
     ready(qtbot, dialog)
@@ -59,7 +59,7 @@ def test_colours_are_found_named_and_change_size_extent_and_name(qtbot, opened, 
     assert "60 × 40 px, 9 km × 6 km" in dialog.status.text()
 
 
-def test_a_colour_is_given_another_meaning_by_keys_and_none_at_all_is_refused(qtbot, opened, picture):
+def test_meanings_change_by_key_and_a_map_without_any_is_refused(qtbot, opened, picture):
     dialog = opened(picture)
     ready(qtbot, dialog)
     box = dialog.colours.boxes[1]
@@ -83,7 +83,7 @@ def test_a_colour_is_given_another_meaning_by_keys_and_none_at_all_is_refused(qt
     ready(qtbot, dialog)
 
 
-def test_a_grey_picture_asks_for_its_layer(qtbot, opened, tmp_path):
+def test_a_grey_picture_needs_a_layer(qtbot, opened, tmp_path):
     pixels = np.zeros((64, 64), np.uint8)
     pixels[20:40, 10:50] = 255
     Image.fromarray(pixels).save(tmp_path / "mask.png")
@@ -95,7 +95,7 @@ def test_a_grey_picture_asks_for_its_layer(qtbot, opened, tmp_path):
     assert np.array_equal(lake == 2, pixels > 0)
 
 
-def test_vectors_have_their_own_scale(qtbot, opened, tmp_path):
+def test_vectors_define_their_own_extent(qtbot, opened, tmp_path):
     path = tmp_path / "rivers.geojson"
     line = {"type": "LineString", "coordinates": [[11.0, 47.0], [11.05, 47.03]]}
     feature = {"type": "Feature", "properties": {"layer": "river"}, "geometry": line}
@@ -108,7 +108,7 @@ def test_vectors_have_their_own_scale(qtbot, opened, tmp_path):
     assert dialog.sketch().layers["river"].any()
 
 
-def test_unreadable_pictures_are_reported_and_reading_is_cancelled(qtbot, opened, tmp_path, picture):
+def test_unreadable_pictures_are_reported_and_reading_can_be_cancelled(qtbot, opened, tmp_path, picture):
     (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\nbroken")
     dialog = opened(tmp_path / "a.png")
     qtbot.waitUntil(lambda: "expected a whole PNG" in dialog.status.text(), timeout=20_000)

@@ -1,4 +1,4 @@
-"""The 3-D view: events become motions, pictures are shown where they belong, features are taken hold of."""
+"""The 3-D view: input, pictures, selection and handles."""
 
 import gc
 from dataclasses import replace
@@ -81,7 +81,7 @@ def double_click(view, x, y):
     mouse(view, RELEASE, x, y)
 
 
-def test_drags_turn_move_and_look_around(view, link):
+def test_drags_orbit_pan_and_look_around(view, link):
     drag(view, (300, 200), (310, 200), (330, 230))
     turns = motions(link)
     assert all(isinstance(each, Turn) for each in turns)
@@ -98,7 +98,7 @@ def test_drags_turn_move_and_look_around(view, link):
     assert motions(link) == [Turn(15.0, 0.0), Turn(0.0, 6.0)]
 
 
-def test_clicks_pick_wheels_zoom_and_double_clicks_go_to_the_ground(view, link):
+def test_clicks_pick_wheels_zoom_and_double_clicks_centre(view, link):
     wheel(view, 160, 120, 1)
     wheel(view, 480, 360, -2)
     nearer, farther = link.requests
@@ -120,7 +120,7 @@ def test_clicks_pick_wheels_zoom_and_double_clicks_go_to_the_ground(view, link):
     assert isinstance(link.requests[-1], Pick), "there is no way into the sky"
 
 
-def test_the_newest_click_selects_what_stands_there_and_the_sky_nothing(view, link, workspace, placed):
+def test_the_newest_click_selects_and_the_sky_clears(view, link, workspace, placed):
     point = placed.points[placed.points["painted"]][0]
     click(view, 320, 240)
     answer(link, place_of(point))
@@ -146,7 +146,7 @@ def selection(view, workspace, placed):
     return workspace.selection
 
 
-def test_escape_cancels_a_drag_then_lets_go_then_is_the_windows(view, document, workspace, selection):
+def test_escape_cancels_a_drag_then_the_selection(view, document, workspace, selection):
     grip = grips(view)["move"]
     mouse(view, PRESS, grip.x, grip.y)
     mouse(view, MOVE, grip.x + 50, grip.y)
@@ -162,7 +162,7 @@ def test_escape_cancels_a_drag_then_lets_go_then_is_the_windows(view, document, 
     assert not keeps(view, Qt.Key.Key_Escape)
 
 
-def test_handles_stay_under_the_mouse_and_a_drag_is_one_step(view, document, selection, link):
+def test_handles_follow_the_mouse_and_a_drag_is_one_undo_step(view, document, selection, link):
     grip = grips(view)["radius"]
     drag(view, (grip.x, grip.y), (grip.x + 30, grip.y))
     assert document.history.titles == ("Open", "Resize mountain")
@@ -181,7 +181,7 @@ def test_handles_stay_under_the_mouse_and_a_drag_is_one_step(view, document, sel
     assert document.sketch.edits == ()
 
 
-def test_a_handle_is_where_it_was_left_until_it_was_placed_there(view, link, document, selection, placed):
+def test_a_dropped_handle_stays_until_it_is_placed(view, link, document, selection, placed):
     grip = grips(view)["move"]
     drag(view, (grip.x, grip.y), (grip.x + 40, grip.y + 10))
     assert grips(view)["move"].x == pytest.approx(grip.x + 40, abs=1.0)
@@ -194,7 +194,7 @@ def test_a_handle_is_where_it_was_left_until_it_was_placed_there(view, link, doc
     assert grips(view)["move"].x == pytest.approx(grip.x + 40, abs=1.0)
 
 
-def test_a_rivers_point_is_selected_with_its_number(view, document, workspace, placed):
+def test_river_points_are_dragged_and_reset(view, document, workspace, placed):
     workspace.selection = Selection("river", placed.rivers[0].id)
     marks = view._scene.marks(view.width(), view.height())
     grip = next(each for each in marks.handles if each.handle.role == "point" and 100 < each.y < 400)
@@ -215,7 +215,7 @@ def test_a_rivers_point_is_selected_with_its_number(view, document, workspace, p
         assert workspace.selection is None
 
 
-def test_a_right_click_opens_the_menu_of_the_place(view, link, document, workspace, placed):
+def test_right_click_opens_the_context_menu(view, link, document, workspace, placed):
     point = placed.points[placed.points["painted"] & (placed.points["type"] == 0)][0]
     for text, action in (("Lock mountain", "lock"), ("Add hill here", "add"), ("Delete mountain", "delete")):
         click(view, 320, 240, RIGHT)
@@ -231,7 +231,7 @@ def test_a_right_click_opens_the_menu_of_the_place(view, link, document, workspa
     assert not [each for each in view.findChildren(ContextMenu) if each.isVisible()]
 
 
-def test_marks_can_be_clicked_with_the_select_tool(view, link, workspace, placed):
+def test_the_select_tool_selects_marks(view, link, workspace, placed):
     assert view._scene.marks(WIDTH, HEIGHT).dots == ()
     workspace.tool = "select"
     dots = [each for each in view._scene.marks(WIDTH, HEIGHT).dots if 60 < each.y < 400]
@@ -242,7 +242,7 @@ def test_marks_can_be_clicked_with_the_select_tool(view, link, workspace, placed
     assert link.requests == []
 
 
-def test_keys_move_the_eye_until_they_are_let_go_or_the_view_is_left(view, link):
+def test_flight_keys_move_until_released_or_focus_is_lost(view, link):
     key(view, Qt.Key.Key_W)
     key(view, Qt.Key.Key_W, repeat=True)
     for code in (Qt.Key.Key_D, Qt.Key.Key_Shift):
@@ -262,7 +262,7 @@ def test_keys_move_the_eye_until_they_are_let_go_or_the_view_is_left(view, link)
     assert motions(link) == [Fly(right=-1.0), Fly()]
 
 
-def test_the_views_keys_are_no_shortcuts_but_those_with_control_are(view):
+def test_view_keys_override_shortcuts_without_control(view):
     for code in (Qt.Key.Key_W, Qt.Key.Key_E, Qt.Key.Key_F, Qt.Key.Key_1, Qt.Key.Key_Delete, Qt.Key.Key_R):
         assert keeps(view, code)
         assert not keeps(view, code, Qt.KeyboardModifier.ControlModifier)
@@ -271,7 +271,7 @@ def test_the_views_keys_are_no_shortcuts_but_those_with_control_are(view):
     assert not keeps(view, Qt.Key.Key_V)
 
 
-def test_home_sees_everything_and_f_the_selection(view, link, document, workspace, selection, placed):
+def test_home_shows_everything_and_f_the_selection(view, link, document, workspace, selection, placed):
     key(view, Qt.Key.Key_Home)
     key(view, Qt.Key.Key_F)
     point = placed.points[placed.points["id"] == selection.id][0]
@@ -287,7 +287,7 @@ def test_home_sees_everything_and_f_the_selection(view, link, document, workspac
     assert link.requests[3:] == [link.requests[0], Look(None)]
 
 
-def test_the_compass_and_the_modes_follow_keys_and_buttons(view, link, document, placed):
+def test_compass_and_modes_follow_keys_and_buttons(view, link, document, placed):
     compass = view.findChildren(Compass)[0]
     show_picture(link, document, placed, eye=(0.0, 0.0, 100.0), target=(500.0, 500.0, 0.0))
     assert compass.heading == pytest.approx(45.0)
@@ -309,7 +309,7 @@ def test_the_compass_and_the_modes_follow_keys_and_buttons(view, link, document,
     assert buttons["Fly"].isChecked()
 
 
-def test_a_picture_is_asked_for_once_the_size_rests_and_none_while_hidden(qtbot, view, link):
+def test_pictures_are_requested_after_resizing_and_not_while_hidden(qtbot, view, link):
     for width in range(500, 600, 10):
         view.resize(width, 400)
         qtbot.wait(5)
@@ -348,7 +348,7 @@ def texts(view) -> str:
     return "" if card.isHidden() else "\n".join(each.text() for each in card.findChildren(QLabel))
 
 
-def test_without_a_picture_a_card_tells_progress_or_what_to_do(bare, link, document, placed):
+def test_the_placeholder_shows_progress(bare, link, document, placed):
     assert "Preparing" in texts(bare)
     link.activity = "Placing features"
     link.activity_changed.emit(link.activity)
@@ -358,7 +358,7 @@ def test_without_a_picture_a_card_tells_progress_or_what_to_do(bare, link, docum
     assert not bare.findChildren(Placeholder)[0]._clock.isActive()
 
 
-def test_without_opengl_or_a_device_a_card_that_fits_says_what_to_do(bare, link):
+def test_the_placeholder_shows_driver_errors_and_fits(bare, link):
     def say(**facts: str) -> str:
         link.facts = msg.EngineFacts(**facts)
         link.facts_changed.emit(link.facts)
@@ -379,7 +379,7 @@ def test_without_opengl_or_a_device_a_card_that_fits_says_what_to_do(bare, link)
         assert bare.rect().contains(card)
 
 
-def test_a_stopped_engine_can_be_started_again(view, link, document, placed):
+def test_a_stopped_engine_can_be_restarted(view, link, document, placed):
     link.error_reported.emit(msg.ErrorReport("engine", "it crashed (signal 11)"))
     assert "signal 11" in texts(view)
     view.grab()
@@ -393,7 +393,7 @@ def test_a_stopped_engine_can_be_started_again(view, link, document, placed):
     assert texts(view) == ""
 
 
-def test_every_selection_and_place_of_the_eye_can_be_painted(view, link, document, workspace, placed):
+def test_every_selection_and_viewpoint_can_be_painted(view, link, document, workspace, placed):
     workspace.tool = "select"
     workspace.selection = Selection("river", placed.rivers[0].id)
     x, y, z = placed.rivers[0].centreline[40]
@@ -419,7 +419,7 @@ def test_every_selection_and_place_of_the_eye_can_be_painted(view, link, documen
         assert not view.grab().isNull()
 
 
-def test_views_and_canvases_that_are_deleted_leave_nothing_behind(document, workspace, link, placed):
+def test_deleted_views_and_canvases_leak_nothing(document, workspace, link, placed):
     def made(kind):
         view = kind(document, workspace, link)
         view.resize(200, 150)

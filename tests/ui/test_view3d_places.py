@@ -1,4 +1,4 @@
-"""Where places are seen in a picture, what a line of sight meets, and what lies on the ground."""
+"""Projection, occlusion and marks of the 3-D view."""
 
 import numpy as np
 import pytest
@@ -38,7 +38,7 @@ def flat(side: int = 64, spacing: float = 50.0, height: float = 0.0) -> TerrainH
     return ground_of(np.full((side, side), height, np.float32), spacing)
 
 
-def test_places_are_seen_on_their_lines_of_sight_and_at_their_scale():
+def test_projection_agrees_with_its_rays_and_scale():
     projection = projection_of()
     assert projection.project([TARGET]).pixels[0] == pytest.approx([330.0, 260.0], abs=1e-6)
     assert projection.project(np.add(TARGET, (0.0, 0.0, 50.0))).pixels[0, 1] < 260.0
@@ -60,7 +60,7 @@ def test_places_are_seen_on_their_lines_of_sight_and_at_their_scale():
     assert projection.metres_per_px(np.subtract(EYE, np.subtract(TARGET, EYE))) == 0.0
 
 
-def test_a_level_is_met_where_it_is_seen_and_not_over_the_horizon():
+def test_rays_meet_a_level_below_the_horizon():
     projection = projection_of()
     rng = np.random.default_rng(2)
     for x, y in rng.uniform(-500.0, 3000.0, (100, 2)):
@@ -91,14 +91,14 @@ def test_segments_are_clipped_just_before_the_eye():
     assert len(behind) == 0
 
 
-def test_heights_lie_between_the_samples_that_they_stand_among():
+def test_heights_are_bilinear():
     ground = ground_of(np.arange(12, dtype=np.float32).reshape(3, 4), 10.0)  # row 0 is the north
     places = ((5.0, 25.0), (35.0, 5.0), (10.0, 25.0), (5.0, 20.0), (-100.0, -100.0))
     assert [ground.height(*place) for place in places] == [0.0, 11.0, 0.5, 2.0, 8.0]
     assert ground.contains([0.0, 40.0, 41.0], [0.0, 30.0, 5.0]).tolist() == [True, True, False]
 
 
-def test_a_ridge_hides_what_lies_behind_it_and_nothing_else():
+def test_a_ridge_occludes_only_what_is_behind_it():
     heights = np.zeros((64, 64), np.float32)
     heights[30:34] = 400.0
     ground = ground_of(heights)
@@ -118,7 +118,7 @@ def placed_with(*places: tuple[float, float]) -> Placement:
     return Placement(1, points, (), ())
 
 
-def test_marks_lie_where_features_are_seen_and_are_thinned_out():
+def test_marks_lie_on_their_features_and_are_thinned():
     projection, ground = projection_of(), flat()
     placed = placed_with((1200.0, 900.0), (1900.0, 1500.0), (1000.0, -9e4))
     marks = MarkBuilder(projection, ground, placed, None).marks(all_features=True)
@@ -140,7 +140,7 @@ def test_marks_lie_where_features_are_seen_and_are_thinned_out():
     assert len(MarkBuilder(projection_of(), flat(), crowd, None).marks(all_features=True).dots) <= 2
 
 
-def test_a_rivers_grips_keep_apart(placed):
+def test_river_handles_keep_their_distance(placed):
     river = placed.rivers[0]
     x, y, z = river.centreline[len(river.centreline) // 2]
     projection = projection_of((x, y - 6e3, z + 4e3), (x, y, z))
@@ -161,7 +161,7 @@ def test_a_rivers_grips_keep_apart(placed):
     )
 
 
-def test_lengths_are_round_and_worded():
+def test_round_lengths_texts_and_headings():
     for metres, rounded in ((0.7, 0.5), (1.0, 1.0), (3.9, 2.0), (49.0, 20.0), (120.0, 100.0), (5e3, 5e3)):
         assert round_length(metres) == rounded
     words = {0.5: "0.5 m", 27.3: "27 m", 999.6: "1.0 km", 2449.0: "2.4 km", 123456.0: "123 km"}
@@ -178,7 +178,7 @@ def test_lengths_are_round_and_worded():
         assert heading_of((0.0, 0.0, 0.0), target) == pytest.approx(heading)
 
 
-def test_an_overview_shows_every_corner_and_wastes_no_room():
+def test_overview_fits_all_corners():
     for aspect in [0.4, 4 / 3, 3.0]:
         for size in [(6144.0, 6144.0), (3000.0, 9000.0), (9000.0, 1000.0)]:
             pose = overview((0.0, 0.0, *size), 120.0, aspect=aspect)

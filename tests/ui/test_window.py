@@ -1,4 +1,4 @@
-"""The window as a whole: what its menus do, what it remembers, that nothing of it gets lost."""
+"""The main window: actions, files, layout, messages."""
 
 import subprocess
 import sys
@@ -71,7 +71,7 @@ def test_every_action_has_text_help_a_menu_and_a_shortcut_of_its_own(window):
         assert not twice, f"{bar_action.text()}: {twice}"
 
 
-def test_undo_redo_and_a_new_seed_are_steps(window, document):
+def test_undo_redo_and_random_seed(window, document):
     before = document.sketch
     paint(document)
     assert "paint mountains" in window.actions_by_name["undo"].text()
@@ -88,7 +88,7 @@ def test_undo_redo_and_a_new_seed_are_steps(window, document):
     assert document.sketch.seed == before
 
 
-def test_zoom_brush_and_the_chosen_feature_follow_their_actions_and_all_others_can_be_triggered(
+def test_zoom_brush_and_selection_actions_and_all_others_can_be_triggered(
     window, document, workspace, link, placed, monkeypatch, tmp_path
 ):
     monkeypatch.chdir(tmp_path)
@@ -123,7 +123,7 @@ def test_zoom_brush_and_the_chosen_feature_follow_their_actions_and_all_others_c
     assert window.banner.message is None or window.banner.message.kind != "error"
 
 
-def test_tools_layers_overlays_and_the_engine_follow_their_actions(window, workspace, link):
+def test_tool_layer_overlay_and_engine_actions(window, workspace, link):
     window.activateWindow()
     for tool, key in TOOL_KEYS.items():
         do(window, f"tool-{tool}")
@@ -173,7 +173,7 @@ def test_save_as_then_save_then_open_recent(window, document, tmp_path, monkeypa
     assert document.sketch.layers["mountain"][:40, :40].all()
 
 
-def test_missing_and_broken_sketches_are_one_line_and_change_nothing(window, tmp_path, qtbot, document):
+def test_missing_and_broken_sketches_are_reported_in_one_line(window, tmp_path, qtbot, document):
     before, gone, bad = document.sketch, tmp_path / "gone.sketch", tmp_path / "bad.sketch"
     window.files.recent.add(gone)
     bad.write_bytes(b"no zip")
@@ -187,7 +187,7 @@ def test_missing_and_broken_sketches_are_one_line_and_change_nothing(window, tmp
     assert document.sketch is before
 
 
-def test_the_newest_of_two_sketches_is_opened_and_reading_can_be_cancelled(window, document, tmp_path, qtbot):
+def test_the_newest_sketch_is_opened_and_reading_can_be_cancelled(window, document, tmp_path, qtbot):
     for name in ("one", "two"):
         save_sketch(Sketch(name=name), tmp_path / f"{name}.sketch")
         window.files.open(tmp_path / f"{name}.sketch")
@@ -207,7 +207,7 @@ def test_the_newest_of_two_sketches_is_opened_and_reading_can_be_cancelled(windo
     assert document.sketch is before
 
 
-def test_exporting_goes_on_beside_the_window_and_ends_with_it(window):
+def test_the_export_dialog_is_not_modal_and_closes_with_the_window(window):
     from sketchterrain.ui.dialogs.export import ExportDialog
 
     do(window, "export")
@@ -220,7 +220,7 @@ def test_exporting_goes_on_beside_the_window_and_ends_with_it(window):
     assert dialog.isHidden()
 
 
-def test_pictures_are_saved_as_shown_or_asked_of_the_engine(window, link, tmp_path, monkeypatch, qtbot):
+def test_pictures_are_saved_as_displayed_or_rendered(window, link, tmp_path, monkeypatch, qtbot):
     from sketchterrain.ui.dialogs.start import PictureDialog
 
     monkeypatch.setattr(PictureDialog, "exec", lambda dialog: dialog._ask_path() or 1)
@@ -244,7 +244,7 @@ def test_pictures_are_saved_as_shown_or_asked_of_the_engine(window, link, tmp_pa
     assert "cannot be written" in window.banner.message.line
 
 
-def test_changes_are_not_lost_by_closing_and_without_any_nothing_is_asked(
+def test_closing_asks_about_unsaved_changes_only(
     window, document, tmp_path, monkeypatch
 ):
     path = tmp_path / "a.sketch"
@@ -293,7 +293,7 @@ def test_dropped_sketches_are_opened_and_images_become_layers_in_one_step(window
     assert "9×8 px: expected 512×512 px" in window.banner.message.line
 
 
-def test_one_part_alone_and_back(window):
+def test_parts_are_maximised_and_restored(window):
     layout = window.panel_layout
     shown = {name for name, dock in layout.docks.items() if not dock.isHidden()}
     do(window, "view-only")
@@ -309,7 +309,7 @@ def test_one_part_alone_and_back(window):
     assert not window.actions_by_name["leave"].isEnabled()
 
 
-def test_the_layout_is_remembered_and_can_be_reset(window, open_window, tmp_path):
+def test_layout_is_stored_and_can_be_reset(window, open_window, tmp_path):
     window.panel_layout.docks["history"].close()
     window.panel_layout.docks["view"].setFloating(True)
     assert window.close()
@@ -328,7 +328,7 @@ def test_the_layout_is_remembered_and_can_be_reset(window, open_window, tmp_path
     assert not docks["view"].isHidden()
 
 
-def test_troubles_and_surprises_are_messages_that_wait_for_each_other(window, link, capsys):
+def test_errors_are_messages_that_queue(window, link, capsys):
     banner = window.banner
     banner.show_message(Message("error", "one", "a"))
     banner.show_message(Message("warning", "two", "b"))
@@ -358,7 +358,7 @@ def test_troubles_and_surprises_are_messages_that_wait_for_each_other(window, li
     assert window.banner.message.buttons[0][0] == "Details…"
 
 
-def test_the_window_and_its_dialogs_load_no_driver():
+def test_the_window_and_its_dialogs_import_no_driver():
     drivers = {
         *("pyopencl", "moderngl", "matplotlib", "OpenEXR", "pyogrio", "zarr", "distributed"),
         *("sketchterrain.render", "sketchterrain.compute"),

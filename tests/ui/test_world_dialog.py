@@ -1,4 +1,4 @@
-"""Writing a world from the desktop program: what is asked, what it will take, what comes of it."""
+"""Dialog that writes a world."""
 
 from dataclasses import fields, replace
 
@@ -47,7 +47,7 @@ def begun(qtbot, dialog):
     return done.args[0]
 
 
-def test_every_option_can_be_asked_for_and_the_first_are_the_command_lines(opened):
+def test_every_option_is_available_and_defaults_match_the_command_line(opened):
     dialog = opened()
     assert dialog.form.options() == WorldOptions()
     assert dialog.accept_button.isEnabled()
@@ -82,7 +82,7 @@ def test_every_option_can_be_asked_for_and_the_first_are_the_command_lines(opene
     assert unasked == {"fast"}  # no picture of the window's own may have other bits
 
 
-def test_what_it_is_and_what_cannot_be_is_told_at_once(opened):
+def test_size_and_errors_are_shown_immediately(opened):
     dialog = opened()
     assert dialog.form.note.text() == "513 × 385 vertices, 0.2596 million on all 3 levels."
     dialog.form["crs"].setText("EPSG:4326")
@@ -102,7 +102,7 @@ def test_what_it_is_and_what_cannot_be_is_told_at_once(opened):
     assert not dialog.accept_button.isEnabled()
 
 
-def test_the_file_name_follows_the_form_and_each_letter_leads_to_one_control(opened, tmp_path):
+def test_suffix_follows_the_form_and_mnemonics_are_unique(opened, tmp_path):
     dialog = opened()
     for form, name in (("tif", "world.tif"), ("tiles", "world"), ("zarr", "world.zarr")):
         choose(dialog.form["form"], form)
@@ -120,7 +120,7 @@ def test_the_file_name_follows_the_form_and_each_letter_leads_to_one_control(ope
     assert sorted(letters) == sorted(set(letters))
 
 
-def test_what_was_asked_for_is_there_again(opened):
+def test_options_are_remembered(opened):
     dialog = opened()
     choose(dialog.form["form"], "tiles")
     dialog.form["cell"].setValue(8.0)
@@ -133,7 +133,7 @@ def test_what_was_asked_for_is_there_again(opened):
 
 
 @pytest.mark.slow
-def test_a_world_is_estimated_begun_cancelled_and_gone_on_with(qtbot, opened, tmp_path):
+def test_a_world_is_estimated_started_cancelled_and_resumed(qtbot, opened, tmp_path):
     dialog = opened()
     told = begun(qtbot, dialog)
     assert not (tmp_path / "world.zarr").exists()
@@ -166,7 +166,7 @@ def test_a_world_is_estimated_begun_cancelled_and_gone_on_with(qtbot, opened, tm
     assert again.viewed == [tmp_path / "world.zarr"]
 
 
-def test_something_else_at_the_output_is_left_alone(qtbot, opened, tmp_path):
+def test_foreign_files_at_the_output_are_refused_and_kept(qtbot, opened, tmp_path):
     (tmp_path / "world.zarr").mkdir()
     (tmp_path / "world.zarr" / "mine.txt").write_text("mine")
     dialog = opened()

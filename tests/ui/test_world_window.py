@@ -1,4 +1,4 @@
-"""A stored world in its window: the editor's view without a sketch; and the real process behind it."""
+"""Window of a stored world, and its engine process."""
 
 from dataclasses import replace
 from unittest.mock import MagicMock
@@ -62,7 +62,7 @@ def window(qtbot, tmp_path, monkeypatch):
     return shown
 
 
-def test_it_flies_walks_goes_to_places_and_selects_nothing(window):
+def test_navigation_without_selection(window):
     view, link = window.view, window.link
     assert link.view.mode == "fly"
     key(view, Qt.Key.Key_W)
@@ -87,7 +87,7 @@ def test_it_flies_walks_goes_to_places_and_selects_nothing(window):
     assert not view.grab().isNull()
 
 
-def test_its_actions_are_those_that_make_sense_without_a_sketch(window, monkeypatch):
+def test_only_actions_without_a_sketch_are_offered(window, monkeypatch):
     there = [each.objectName() for menu in window.menuBar().actions() for each in menu.menu().actions()]
     wanted = "save-picture quit full-screen mode-fly look-all play bookmark keys"
     assert set(wanted.split()) <= set(there)
@@ -104,7 +104,7 @@ def test_its_actions_are_those_that_make_sense_without_a_sketch(window, monkeypa
     assert "Erase" not in pages[0]
 
 
-def test_the_window_tells_what_it_shows_and_what_is_lost(window):
+def test_extent_position_and_missing_parts_are_shown(window):
     card = window.view._hud.placeholder
     assert window.windowTitle() == "island.zarr"
     assert "4.0 km × 2.0 km, 2 m between vertices" in window._extent.text()
@@ -150,7 +150,7 @@ def world(tmp_path_factory):
 
 @pytest.mark.gl
 @pytest.mark.slow
-def test_the_process_draws_tells_and_ends(world, qapp):
+def test_the_process_renders_reports_errors_and_restarts(world, qapp):
     link, troubles = WorldLink(world), []
     link.view = replace(link.view, width=160, height=100, quality=0.0, plays=False)
     link.error_reported.connect(troubles.append)
@@ -182,7 +182,7 @@ def test_the_process_draws_tells_and_ends(world, qapp):
 
 
 @pytest.mark.slow
-def test_what_is_no_world_is_told_by_the_process(tmp_path, qapp):
+def test_a_folder_without_a_world_is_reported(tmp_path, qapp):
     link, troubles = WorldLink(tmp_path), []
     link.error_reported.connect(troubles.append)
     link.start()

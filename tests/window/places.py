@@ -8,7 +8,7 @@ from .person import Person
 
 HANDLES = (
     "__import__('sketchterrain.ui.models.selection', fromlist=['handles_of'])"
-    ".handles_of(window._link.placed, window._workspace.chosen)"
+    ".handles_of(window._link.placed, window._workspace.selection)"
 )
 _SHOWN = (
     "(lambda link: not link._timer.isActive() and None not in (link.frame, link.placed, link.relief) and "

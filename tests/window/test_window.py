@@ -133,7 +133,7 @@ def test_a_tour(person, tmp_path):
     )
     ground = on_ground(person)
     person.click(*ground(x, y))
-    person.wait(f"window._workspace.chosen is not None and window._workspace.chosen.id == {name}")
+    person.wait(f"window._workspace.selection is not None and window._workspace.selection.id == {name}")
     see("chosen")
     person.drag(ground(x, y), ground(x + 120.0, y - 500.0))
     step(person, 5)
@@ -144,7 +144,7 @@ def test_a_tour(person, tmp_path):
     # The river gets wider.
     x, y = person.ask("[float(v) for v in window._link.placed.rivers[0].points[2, :2]]")
     person.click(*ground(x, y))
-    person.wait("window._workspace.chosen is not None and window._workspace.chosen.kind == 'river'")
+    person.wait("window._workspace.selection is not None and window._workspace.selection.kind == 'river'")
     width = "max(float(r.width.max()) for r in window._link.placed.rivers)"
     before = person.ask(width)
     grip, base = person.ask(
@@ -177,7 +177,7 @@ def test_a_tour(person, tmp_path):
     person.key("ctrl+e")
     person.wait("'export' in window.dialogs.beside")
     person.focus("window.dialogs.beside['export']")
-    person.click(*middle_of(person, "window.dialogs.beside['export'].folder"), times=3)
+    person.click(*middle_of(person, "window.dialogs.beside['export'].path_field"), times=3)
     person.write(str(out_folder))
     person.see(pictures / "export.png")
     person.key("Return")

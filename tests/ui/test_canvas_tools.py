@@ -1,4 +1,4 @@
-"""What mouse, pen and keys do on the canvas."""
+"""Mouse, pen and keyboard input of the canvas and its tools."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ def canvas(blank, workspace, link, shown):
 
 
 def at(canvas: Canvas, x: float, y: float) -> QPoint:
-    """The place of the widget over a place of the sketch (px)."""
+    """Return the widget position of a sketch position (px)."""
     place = canvas._context.screen_from_sketch(x, y)
     return QPoint(round(place.x()), round(place.y()))
 
@@ -47,7 +47,6 @@ def move(canvas, place, buttons=events.NO_BUTTON):
 
 
 def drag_by(canvas, qtbot, start, *offs, button=LEFT):
-    """Press at a place of the widget, move by offsets from it, and let go."""
     qtbot.mousePress(canvas, button, pos=start)
     for off in offs:
         move(canvas, start + QPoint(*off), button)
@@ -86,43 +85,43 @@ def test_eraser_and_right_button_erase(canvas, blank, workspace):
     assert steps(blank) == ("Paint mountains", "Erase mountains", "Erase mountains")
 
 
-def test_escape_undo_another_tool_the_focus_and_another_document_end_a_stroke(
-    canvas, blank, qtbot, workspace
-):
-    qtbot.mousePress(canvas, LEFT, pos=at(canvas, 30.0, 30.0))
+def test_strokes_end_by_escape_undo_tool_focus_and_another_document(canvas, blank, qtbot, workspace):
+    def press(x, y):
+        qtbot.mousePress(canvas, LEFT, pos=at(canvas, x, y))
+
+    def finish(x, y):
+        move(canvas, at(canvas, x, y), LEFT)
+        qtbot.mouseRelease(canvas, LEFT, pos=at(canvas, x, y))
+
+    press(30.0, 30.0)
     move(canvas, at(canvas, 60.0, 60.0), LEFT)
     assert blank.draft is not None
     qtbot.keyClick(canvas, Qt.Key.Key_Escape)
     assert blank.draft is None
-    move(canvas, at(canvas, 90.0, 60.0), LEFT)
-    qtbot.mouseRelease(canvas, LEFT, pos=at(canvas, 90.0, 60.0))
+    finish(90.0, 60.0)
     assert steps(blank) == ()
     assert not blank.layer("mountain").any()
 
     drag(canvas, (30.0, 30.0), (60.0, 30.0))
-    qtbot.mousePress(canvas, LEFT, pos=at(canvas, 30.0, 80.0))
+    press(30.0, 80.0)
     blank.undo()
-    move(canvas, at(canvas, 60.0, 80.0), LEFT)
-    qtbot.mouseRelease(canvas, LEFT, pos=at(canvas, 60.0, 80.0))
+    finish(60.0, 80.0)
     assert not blank.layer("mountain").any()
 
-    def another_tool():
-        workspace.tool = "line"
-
-    for number, end in enumerate((another_tool, canvas._input._finish, canvas.hide), start=1):
-        qtbot.mousePress(canvas, LEFT, pos=at(canvas, 20.0 * number, 30.0))
+    ends = (lambda: setattr(workspace, "tool", "line"), canvas._input._finish, canvas.hide)
+    for number, end in enumerate(ends, start=1):
+        press(20.0 * number, 30.0)
         end()
         assert steps(blank) == ("Paint mountains",) * number
         workspace.tool = "brush"
         canvas.show()
-    qtbot.mousePress(canvas, LEFT, pos=at(canvas, 60.0, 60.0))
+    press(60.0, 60.0)
     blank.open(Sketch())
-    move(canvas, at(canvas, 90.0, 60.0), LEFT)
-    qtbot.mouseRelease(canvas, LEFT, pos=at(canvas, 90.0, 60.0))
+    finish(90.0, 60.0)
     assert steps(blank) == ()
 
 
-def test_a_locked_or_hidden_layer_says_so(canvas, blank, workspace):
+def test_painting_on_a_locked_or_hidden_layer_is_refused(canvas, blank, workspace):
     lines: list[str] = []
     canvas.message.connect(lines.append)
     for change in ({"locked": True}, {"locked": False, "visible": False}):
@@ -151,8 +150,7 @@ def test_a_line_by_clicks_double_click_or_freehand(canvas, blank, workspace, qtb
     for x, y in ((20, 20), (60, 40), (110, 110)):
         assert image[y - 1 : y + 2, x - 1 : x + 2].any()
     assert not image[28:33, 97:104].any()
-    # As wide as its label says: 12 m are 1.2 px.
-    assert (image > 0).sum() < 400
+    assert (image > 0).sum() < 400  # the label's 12 m are 1.2 px
     blank.undo()
     qtbot.mouseClick(canvas, LEFT, pos=at(canvas, 20.0, 20.0))
     qtbot.keyClick(canvas, Qt.Key.Key_Escape)
@@ -175,11 +173,11 @@ def test_fill_and_clear(canvas, blank, workspace, qtbot):
     qtbot.mouseClick(canvas, RIGHT, pos=at(canvas, 64.0, 64.0))
     assert not blank.sketch.layers["mountain"].any()
     assert steps(blank) == ("Fill mountains", "Clear a shape of mountains")
-    qtbot.mouseClick(canvas, LEFT, pos=QPoint(1, 1))  # beside the sheet
+    qtbot.mouseClick(canvas, LEFT, pos=QPoint(1, 1))  # outside the sketch
     assert len(steps(blank)) == 2
 
 
-def test_pick_takes_the_topmost_paint_that_is_shown(canvas, blank, workspace, qtbot):
+def test_pick_activates_the_topmost_visible_label(canvas, blank, workspace, qtbot):
     layers = dict(blank.sketch.layers)
     layers["mountain"] = np.full((SIDE, SIDE), 3, np.uint8)
     layers["forest"] = np.full((SIDE, SIDE), 2, np.uint8)
@@ -200,31 +198,30 @@ def test_pick_takes_the_topmost_paint_that_is_shown(canvas, blank, workspace, qt
 
 def test_wheel_and_keys_zoom_scroll_and_size_the_brush(canvas, workspace, qtbot):
     place = at(canvas, 40.0, 90.0)
-    before = canvas._context.sketch_from_screen(QPointF(place))
-    scale = canvas.viewport.scale
+    before, scale = canvas._context.sketch_from_screen(QPointF(place)), canvas.viewport.scale
     events.wheel(canvas, place.x(), place.y(), 1)
     assert canvas.viewport.scale == pytest.approx(1.2 * scale)
     assert canvas._context.sketch_from_screen(QPointF(place)) == pytest.approx(before, abs=0.6 / scale)
-    events.wheel(canvas, place.x(), place.y(), 1, Qt.KeyboardModifier.ControlModifier)
-    assert workspace.brush == pytest.approx(5.0 * 1.15)
-    events.wheel(canvas, place.x(), place.y(), -1, Qt.KeyboardModifier.ShiftModifier)
-    assert workspace.brush == pytest.approx(5.0)
+    for notches, modifier, brush in (
+        (1, Qt.KeyboardModifier.ControlModifier, 5.0 * 1.15),
+        (-1, Qt.KeyboardModifier.ShiftModifier, 5.0),
+    ):
+        events.wheel(canvas, place.x(), place.y(), notches, modifier)
+        assert workspace.brush == pytest.approx(brush)
     canvas.fit()
-    qtbot.keyClick(canvas, Qt.Key.Key_BracketRight)
-    assert workspace.brush == pytest.approx(6.0)
-    qtbot.keyClick(canvas, Qt.Key.Key_BracketLeft)
-    assert workspace.brush == pytest.approx(5.0)
-    left = canvas.viewport.left
+    for key, brush in ((Qt.Key.Key_BracketRight, 6.0), (Qt.Key.Key_BracketLeft, 5.0)):
+        qtbot.keyClick(canvas, key)
+        assert workspace.brush == pytest.approx(brush)
+    left, scale = canvas.viewport.left, canvas.viewport.scale
     qtbot.keyClick(canvas, Qt.Key.Key_Right)
     assert canvas.viewport.left == left - 64
-    scale = canvas.viewport.scale
     qtbot.keyClick(canvas, Qt.Key.Key_Plus)
     assert canvas.viewport.scale > scale
     qtbot.keyClick(canvas, Qt.Key.Key_Home)
     assert canvas.viewport.scale == pytest.approx(scale)
 
 
-def test_keys_that_mean_something_are_kept_from_shortcuts(canvas, workspace, qtbot):
+def test_keys_of_the_canvas_override_shortcuts(canvas, workspace, qtbot):
     assert events.keeps(canvas, Qt.Key.Key_BracketLeft)
     assert not events.keeps(canvas, Qt.Key.Key_B)
     assert not events.keeps(canvas, Qt.Key.Key_Escape)
@@ -235,7 +232,7 @@ def test_keys_that_mean_something_are_kept_from_shortcuts(canvas, workspace, qtb
     assert not events.keeps(canvas, Qt.Key.Key_Escape)
 
 
-def test_middle_button_space_and_pan_move_the_sheet(canvas, blank, workspace, qtbot):
+def test_middle_button_space_and_hand_tool_pan(canvas, blank, workspace, qtbot):
     def moved(button: Qt.MouseButton) -> tuple[int, int]:
         canvas.fit()
         left, top = canvas.viewport.left, canvas.viewport.top
@@ -252,7 +249,7 @@ def test_middle_button_space_and_pan_move_the_sheet(canvas, blank, workspace, qt
     assert steps(blank) == ("Paint mountains",)
 
 
-def test_a_pen_presses_and_erases(canvas, blank, workspace):
+def test_pen_pressure_scales_the_brush_and_its_eraser_erases(canvas, blank, workspace):
     workspace.brush = 16.0
 
     def dab(x: float, y: float, pressure: float, *, erases: bool = False) -> int:
@@ -267,7 +264,7 @@ def test_a_pen_presses_and_erases(canvas, blank, workspace):
     assert blank.sketch.layers["mountain"][90, 90] == 0
 
 
-def test_the_place_and_height_under_the_mouse_are_told(canvas, link):
+def test_position_and_height_under_the_mouse_are_reported(canvas, link):
     places: list[object] = []
     canvas.hovered.connect(places.append)
     move(canvas, at(canvas, 64.0, 32.0))
@@ -284,8 +281,8 @@ def test_the_place_and_height_under_the_mouse_are_told(canvas, link):
 
 @pytest.fixture
 def full(workspace, document, link, placed, shown):
-    """A canvas over the preset valley_river and what was placed of it."""
-    link.placed = replace(placed, resolutions=(("what was decided", 3000.0, 3000.0),))
+    """A canvas of the preset valley_river with its placed features."""
+    link.placed = replace(placed, resolutions=(("resolved", 3000.0, 3000.0),))
     widget = shown(Canvas(document, workspace, link), 600, 600)
     widget.setFocus()
     workspace.tool = "select"
@@ -302,7 +299,7 @@ def over(canvas: Canvas, x: float, y: float) -> QPoint:
     return QPoint(round(place.x()), round(place.y()))
 
 
-def test_a_drag_moves_a_feature_in_one_step_and_escape_puts_it_back(full, document, placed, qtbot, workspace):
+def test_a_drag_moves_a_feature_in_one_step_and_escape_reverts_it(full, document, placed, qtbot, workspace):
     peak = mountain(placed)
     start = over(full, peak["x"], peak["y"])
     qtbot.mousePress(full, LEFT, pos=start)
@@ -316,12 +313,9 @@ def test_a_drag_moves_a_feature_in_one_step_and_escape_puts_it_back(full, docume
     drag_by(full, qtbot, start, *((4 * k, 2 * k) for k in range(1, 11)))
     assert steps(document) == ("Move mountain",)
     (edit,) = document.sketch.edits
-    assert edit.x == pytest.approx(
-        peak["x"] + 40 / full._context.px_per_metre, abs=1.5 / full._context.px_per_metre
-    )
-    assert edit.y == pytest.approx(
-        peak["y"] - 20 / full._context.px_per_metre, abs=1.5 / full._context.px_per_metre
-    )
+    pixel = 1.0 / full._context.px_per_metre
+    expected = (peak["x"] + 40 * pixel, peak["y"] - 20 * pixel)
+    assert (edit.x, edit.y) == pytest.approx(expected, abs=1.5 * pixel)
     document.undo()
     assert document.sketch.edits == ()
 
@@ -338,7 +332,6 @@ def test_handles_resize_widen_and_move_points(full, document, workspace, placed,
     workspace.selection = Selection("river", river.id)
     grab(full, qtbot, placed, "point", (15, 9))
     assert steps(document)[-1].startswith("Move a point of river")
-    assert workspace.selection is not None
     assert workspace.selection.index is not None
     assert len(steps(document)) == 3
 
@@ -350,7 +343,7 @@ def grab(canvas: Canvas, qtbot, placed, role, off):
     drag_by(canvas, qtbot, QPoint(round(place.x()), round(place.y())), off)
 
 
-def test_delete_deletes_and_escape_chooses_nothing(full, document, workspace, placed, qtbot):
+def test_delete_deletes_and_escape_deselects(full, document, workspace, placed, qtbot):
     peak = mountain(placed)
     workspace.selection = Selection("feature", int(peak["id"]))
     qtbot.keyClick(full, Qt.Key.Key_Escape)
@@ -383,12 +376,12 @@ def test_hovering_highlights_clicks_select_and_double_clicks_move_the_view(
         full._context.workspace.tool = tool
         qtbot.mouseDClick(full, LEFT, pos=over(full, 2000.0, 1500.0))
         qtbot.mouseRelease(full, LEFT, pos=over(full, 2000.0, 1500.0))
-        told = link.requests[-1]
-        assert isinstance(told, GoTo)
-        assert (told.x, told.y) == pytest.approx((2000.0, 1500.0), abs=12.0)
+        request = link.requests[-1]
+        assert isinstance(request, GoTo)
+        assert (request.x, request.y) == pytest.approx((2000.0, 1500.0), abs=12.0)
 
 
-def test_a_drag_from_nothing_moves_the_sheet(full, document, qtbot):
+def test_a_drag_on_nothing_pans(full, document, qtbot):
     full.zoom(1.0, QPointF(300.0, 300.0))
     left = full.viewport.left
     drag_by(full, qtbot, QPoint(3, 3), (30, 0))

@@ -344,8 +344,8 @@ def test_stop_is_quick_and_leaves_nothing(qapp):
 def test_processes_end_with_the_window_even_if_it_is_killed(tmp_path):
     code = (
         "import sys, time\n"
-        "from sketchterrain.ui.engine.link import Children\n"
-        "c = Children()\n"
+        "from sketchterrain.ui.engine.link import EngineProcesses\n"
+        "c = EngineProcesses()\n"
         "print(*(p.pid for p in c._processes.values()), flush=True)\n"
         "time.sleep(60)\n"
     )

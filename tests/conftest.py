@@ -1,4 +1,4 @@
-"""Options of the whole suite, and where it keeps what programs cache."""
+"""Options and cache folder of all tests."""
 
 import os
 import tempfile

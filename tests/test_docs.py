@@ -1,4 +1,4 @@
-"""Links of the documentation, and its generated tables."""
+"""Links and generated tables of the documentation."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What of the desktop program may import what: models and engine never a view, Qt only where it is shown."""
+"""Imports inside the desktop program: models and engine never import views."""
 
 import ast
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Small sketches on disk, and the command line called in this process."""
+"""A small sketch on disk, and the command line called in this process."""
 
 import io
 from collections.abc import Callable
@@ -21,7 +21,7 @@ class Outcome:
 
     @property
     def error(self) -> str:
-        """The one line that tells the failure; nothing else but names of slow stages may stand beside it."""
+        """The one error line; besides it only titles of slow stages are allowed."""
         assert "Traceback" not in self.err
         lines = [line for line in self.err.splitlines() if not line.endswith(" …")]
         assert len(lines) == 1, self.err
@@ -64,7 +64,7 @@ def call(capfd) -> Callable[..., Outcome]:
 
 @pytest.fixture
 def terminal(monkeypatch: pytest.MonkeyPatch) -> io.StringIO:
-    """Return a stream that is a terminal, to take the place of stderr."""
+    """Return a stream that is a terminal, in place of stderr."""
 
     class Terminal(io.StringIO):
         def isatty(self) -> bool:

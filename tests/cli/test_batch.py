@@ -1,4 +1,4 @@
-"""`sketchterrain batch`: what it writes is what `generate` and `export` write, and all of it is told."""
+"""`batch`: its files equal those of `generate` and `export`."""
 
 import json
 import sys
@@ -34,7 +34,7 @@ def manifest(folder: Path) -> Any:
     return json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
 
 
-def test_the_same_bytes_as_one_by_one(call, sketch, tmp_path):
+def test_files_equal_those_of_generate(call, sketch, tmp_path):
     done = call("batch", sketch, "-o", tmp_path / "all", "--seeds", "3,1-2", *QUICK)
     assert (done.code, done.err.count("\n")) == (0, 3)
     assert "3 terrains written in" in done.out
@@ -42,14 +42,14 @@ def test_the_same_bytes_as_one_by_one(call, sketch, tmp_path):
         alone = tmp_path / f"alone-{seed}"
         assert call("generate", sketch, "-o", alone, "--seed", seed, *QUICK).code == 0
         assert comparable(tmp_path / "all" / "north_east" / f"seed-00{seed}") == comparable(alone)
-    told = manifest(tmp_path / "all")
-    assert [item["name"] for item in told["items"]] == [f"north_east/seed-00{seed}" for seed in (3, 1, 2)]
-    assert all(item["state"] == "done" for item in told["items"])
-    assert told["items"][0]["adherence"]["layers"]["mountain"]["shapes"] == 1
-    assert told["items"][0]["timings"]["ground"] > 0
+    data = manifest(tmp_path / "all")
+    assert [item["name"] for item in data["items"]] == [f"north_east/seed-00{seed}" for seed in (3, 1, 2)]
+    assert all(item["state"] == "done" for item in data["items"])
+    assert data["items"][0]["adherence"]["layers"]["mountain"]["shapes"] == 1
+    assert data["items"][0]["timings"]["ground"] > 0
 
 
-def test_settings_reach_the_terrain(call, sketch, tmp_path):
+def test_swept_settings_change_the_terrain(call, sketch, tmp_path):
     swept = ("--set", "mountain.1.height=100,300", "--set", "fidelity=1")
     assert call("batch", sketch, "-o", tmp_path, *swept, *QUICK).code == 0
     low, high = (
@@ -64,20 +64,20 @@ def test_settings_reach_the_terrain(call, sketch, tmp_path):
     assert swept_files == comparable(tmp_path / "alone")
 
 
-def test_a_sweep_file_and_words_that_come_first(call, sketch, tmp_path):
+def test_options_override_the_sweep_file(call, sketch, tmp_path):
     file = tmp_path / "sweep.toml"
     file.write_text(
         f'sketches = "{sketch}"\nseeds = "1-50"\nsize = 33\npreview = false\n[set]\nfidelity = [0, 1]\n'
     )
     done = call("batch", "--sweep", file, "-o", tmp_path / "out", "--seeds", 2, "--size", 17, "--json")
-    told = json.loads(done.out)
-    assert (done.code, told["made"]) == (0, 2)
-    assert [item["settings"] for item in told["items"]] == [{"fidelity": 0.0}, {"fidelity": 1.0}]
-    report = json.loads((tmp_path / "out" / told["items"][0]["name"] / "report.json").read_text())
+    data = json.loads(done.out)
+    assert (done.code, data["made"]) == (0, 2)
+    assert [item["settings"] for item in data["items"]] == [{"fidelity": 0.0}, {"fidelity": 1.0}]
+    report = json.loads((tmp_path / "out" / data["items"][0]["name"] / "report.json").read_text())
     assert report["size"]["columns"] == 17
 
 
-def test_a_target_s_files_are_those_of_export(call, sketch, tmp_path):
+def test_target_files_equal_those_of_export(call, sketch, tmp_path):
     wanted = ("--to", "raw", "--size", 17, "--tiles", "2x1", "--heights=-100,900")
     done = call("batch", sketch, "-o", tmp_path / "all", "--seeds", 4, *wanted, "--no-preview")
     assert done.code == 0, done.err
@@ -92,7 +92,7 @@ def test_a_target_s_files_are_those_of_export(call, sketch, tmp_path):
 
 
 @pytest.mark.slow
-def test_bad_items_are_told_in_a_table(call, sketch, tmp_path):
+def test_failed_items_are_listed_in_a_table(call, sketch, tmp_path):
     (tmp_path / "broken").mkdir()
     (tmp_path / "broken" / "sketch.toml").write_text("extent = 'far'")
     out = tmp_path / "out"
@@ -123,12 +123,12 @@ def test_a_dry_run_writes_nothing(call, sketch, tmp_path):
     assert lines[:3] == [f"north_east/seed-00{seed}  to make" for seed in (1, 2, 3)]
     assert [line.split(":")[0] for line in lines[4:]] == ["disk", "memory"]
     assert not out.exists()
-    told = json.loads(call(*arguments, "--json").out)
-    assert [item["vertices"] for item in told["items"]] == [17 * 13] * 3
-    assert told["disk"]["needed"] < told["disk"]["left"]
+    data = json.loads(call(*arguments, "--json").out)
+    assert [item["vertices"] for item in data["items"]] == [17 * 13] * 3
+    assert data["disk"]["needed"] < data["disk"]["left"]
     call("batch", sketch, "-o", out, "--seeds", "1-2", *QUICK)
-    told = json.loads(call(*arguments, "--json", "--resume").out)
-    assert [item["state"] for item in told["items"]] == ["there", "there", "to make"]
+    data = json.loads(call(*arguments, "--json", "--resume").out)
+    assert [item["state"] for item in data["items"]] == ["there", "there", "to make"]
     assert call(*arguments).code == 3  # as without --dry-run
     (tmp_path / "file").write_text("mine")
     there = call("batch", sketch, "-o", tmp_path / "file" / "x", *QUICK, "--dry-run")
@@ -137,7 +137,7 @@ def test_a_dry_run_writes_nothing(call, sketch, tmp_path):
 
 @pytest.mark.gl
 @pytest.mark.slow
-def test_previews_are_those_of_generate_and_come_on_a_sheet(call, sketch, tmp_path):
+def test_previews_equal_those_of_generate_on_a_contact_sheet(call, sketch, tmp_path):
     done = call("batch", sketch, "-o", tmp_path / "all", "--seeds", 2, "--size", 17)
     assert done.code == 0, done.err
     assert f"contact sheet: {tmp_path / 'all' / 'sheet.png'}" in done.out
@@ -152,7 +152,7 @@ def test_previews_are_those_of_generate_and_come_on_a_sheet(call, sketch, tmp_pa
 
 @pytest.mark.slow
 @pytest.mark.skipif(len([each for each in list_devices() if each.known]) < 2, reason="there is one device")
-def test_a_device_that_fails_is_left_and_the_terrain_made_again(call, sketch, tmp_path, monkeypatch):
+def test_failed_device_is_replaced_for_all_items(call, sketch, tmp_path, monkeypatch):
     assert call("batch", sketch, "-o", tmp_path / "whole", "--seeds", "1-3", *QUICK).code == 0
     launch, used = ComputeContext.launch, []
 
@@ -176,7 +176,7 @@ def test_a_device_that_fails_is_left_and_the_terrain_made_again(call, sketch, tm
 
 
 @pytest.mark.slow
-def test_a_terminal_gets_a_bar_and_what_is_in_work(terminal, call, sketch, tmp_path, monkeypatch):
+def test_terminal_shows_progress(terminal, call, sketch, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "stderr", terminal)
     assert call("batch", sketch, "-o", tmp_path, "--seeds", "1-2", *QUICK).code == 0
     assert call("batch", sketch, "-o", tmp_path, "--seeds", "1-3", *QUICK, "--resume").code == 0

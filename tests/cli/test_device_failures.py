@@ -1,4 +1,4 @@
-"""A device that fails anywhere in the work: all of it again on another, the same files, never a mixture."""
+"""Failures of a device: the work is restarted on another one, with the same files."""
 
 import json
 from collections.abc import Callable
@@ -82,7 +82,7 @@ def report(folder: Path) -> Any:
 @pytest.mark.parametrize(
     "every", [pytest.param(0, marks=pytest.mark.slow), pytest.param(1, marks=pytest.mark.soak)]
 )
-def test_a_failure_at_any_call_starts_all_again_elsewhere(call, tiny, tmp_path, monkeypatch, every):
+def test_failure_at_any_call_restarts_on_another_device(call, tiny, tmp_path, monkeypatch, every):
     first, spare = DEVICES[0], next(device for device in DEVICES if device != DEVICES[0])
     assert self_test(first, compare=False).bits == "same"
     failing = Failing(monkeypatch, first)
@@ -98,13 +98,13 @@ def test_a_failure_at_any_call_starts_all_again_elsewhere(call, tiny, tmp_path, 
         done = generate(call, tiny, out, *options)
         assert done.code == 0, (number, calls[number], done.err)
         assert files(out) == expected, (number, calls[number])
-        told = report(out)
+        data = report(out)
         notes = [line for line in done.err.splitlines() if not line.endswith(" …")]
-        assert len(notes) == len(told["restarts"]) == 1, done.err
-        assert notes[0] == f"sketchterrain: note: {told['restarts'][0]}"
+        assert len(notes) == len(data["restarts"]) == 1, done.err
+        assert notes[0] == f"sketchterrain: note: {data['restarts'][0]}"
         assert f"{first.name} ({first.platform}) failed at {calls[number]}" in notes[0]
         assert f"restarted on {spare.name}" in notes[0]
-        assert told["device"]["platform"] == spare.platform
+        assert data["device"]["platform"] == spare.platform
 
 
 @pytest.mark.parametrize("number", [0, 60])
@@ -126,7 +126,7 @@ def test_without_another_device_nothing_is_written(call, tiny, tmp_path, monkeyp
 
 @two_devices
 @pytest.mark.parametrize("foliage", [pytest.param("none", marks=pytest.mark.slow), "csv"])
-def test_values_that_are_no_numbers_are_a_failure(call, tiny, tmp_path, monkeypatch, foliage):
+def test_nonfinite_values_restart_on_another_device(call, tiny, tmp_path, monkeypatch, foliage):
     real = ComputeContext.download_into
 
     def download_into(context: ComputeContext, buffer: object, array: Any) -> None:
@@ -145,7 +145,7 @@ def test_values_that_are_no_numbers_are_a_failure(call, tiny, tmp_path, monkeypa
 
 @pytest.mark.slow
 @two_devices
-def test_a_failure_in_the_preview_starts_all_again_too(call, tiny, tmp_path, monkeypatch):
+def test_failure_in_the_preview_restarts(call, tiny, tmp_path, monkeypatch):
     def picture(terrain: Any, **_: object) -> Any:
         if terrain.context.device == DEVICES[0]:
             raise DeviceFailedError("it broke")
@@ -155,15 +155,15 @@ def test_a_failure_in_the_preview_starts_all_again_too(call, tiny, tmp_path, mon
     monkeypatch.setattr("sketchterrain.render.offscreen.render_picture", picture)
     size = ["--size", 9, "--device", DEVICES[0].index]
     assert call("generate", tiny, "-o", tmp_path, *size).code == 0
-    told = report(tmp_path)
-    assert told["restarts"][0].startswith("it broke; restarted on ")
-    assert "preview.png" in told["files"]
+    data = report(tmp_path)
+    assert data["restarts"][0].startswith("it broke; restarted on ")
+    assert "preview.png" in data["files"]
     done = call("render", tiny, "-o", tmp_path / "a.png", "--device", DEVICES[0].index)
     assert (done.code, done.out) == (0, f"{tmp_path / 'a.png'}\n")
     assert done.err.count("it broke") == 1
 
 
-def test_no_room_even_for_one_is_one_line(call, tiny, tmp_path, monkeypatch):
+def test_out_of_memory_is_one_line(call, tiny, tmp_path, monkeypatch):
     real = ComputeContext._call
 
     def refuse(*_: object, **__: object) -> None:
@@ -180,7 +180,7 @@ def test_no_room_even_for_one_is_one_line(call, tiny, tmp_path, monkeypatch):
     assert list((tmp_path / "out").iterdir()) == []
 
 
-def test_a_program_that_does_not_build_is_one_line(call, tiny, tmp_path, monkeypatch):
+def test_build_error_is_one_line(call, tiny, tmp_path, monkeypatch):
     self_test(DEVICES[0], compare=False)
     monkeypatch.setattr(
         sketchterrain.io.resources, "source", lambda _: "__kernel void broken() { nonsense; }"
@@ -193,7 +193,7 @@ def test_a_program_that_does_not_build_is_one_line(call, tiny, tmp_path, monkeyp
     assert len(done.error) < 500
 
 
-def test_a_device_with_other_bits_is_told_of_when_it_is_used(call, tiny, tmp_path, monkeypatch):
+def test_other_bits_print_a_note(call, tiny, tmp_path, monkeypatch):
     verdict = Verdict("other", "wrong in inverse_sqrt")
     monkeypatch.setattr(sketchterrain.app.jobs, "self_test", lambda device, *, compare: verdict)
     done = generate(call, tiny, tmp_path)
@@ -203,7 +203,7 @@ def test_a_device_with_other_bits_is_told_of_when_it_is_used(call, tiny, tmp_pat
 
 
 @pytest.mark.slow
-def test_fast_is_told_and_close(call, tiny, tmp_path):
+def test_fast_is_reported_and_close(call, tiny, tmp_path):
     import rasterio
 
     for name, more in (("exact", []), ("fast", ["--fast"])):

@@ -1,4 +1,4 @@
-"""`edit`: what it says where no window can be opened, and before one is."""
+"""`edit` without a display or a library."""
 
 import os
 import subprocess
@@ -20,7 +20,7 @@ def edit(*arguments: str, code: str = "", **environment: str) -> subprocess.Comp
     )
 
 
-def test_what_lacks_is_one_line_before_any_window(tmp_path):
+def test_missing_display_or_library_is_one_line(tmp_path):
     offscreen = {"QT_QPA_PLATFORM": "offscreen"}
     home = {"XDG_CONFIG_HOME": str(tmp_path), "XDG_STATE_HOME": str(tmp_path)}
     wayland = {"QT_QPA_PLATFORM": "wayland", "WAYLAND_DISPLAY": "wayland-7", "XDG_RUNTIME_DIR": str(tmp_path)}
@@ -41,7 +41,7 @@ def test_what_lacks_is_one_line_before_any_window(tmp_path):
         assert not list(tmp_path.iterdir())
 
 
-def test_a_library_that_lacks_is_told_with_its_package(monkeypatch):
+def test_missing_system_library_names_its_package(monkeypatch):
     import ctypes
 
     from sketchterrain.ui.app import check_screen

@@ -1,4 +1,4 @@
-"""Every target through the command line; what cannot be done is one line, and nothing is half-written."""
+"""`export` and `targets`: every target, full disks, interrupts."""
 
 import json
 import os
@@ -42,7 +42,7 @@ def smallest(target: str) -> list[str]:
     return ["--size", str(min(known.sizes, default=33))]
 
 
-def test_the_help_and_the_docs_name_the_targets_there_are():
+def test_help_and_docs_name_all_targets():
     assert TARGETS == TARGET_NAMES
     page = (Path(__file__).parents[2] / "docs/exporting.md").read_text(encoding="utf-8")
     rows = [line.split("|")[1] for line in page.splitlines() if line.startswith("| `")]
@@ -50,24 +50,24 @@ def test_the_help_and_the_docs_name_the_targets_there_are():
 
 
 @EACH_TARGET
-def test_a_target_from_the_command_line(call, sketch, tmp_path, target):
+def test_each_target_writes_its_files_and_sidecar(call, sketch, tmp_path, target):
     done = call("export", sketch, "--to", target, "-o", tmp_path / "out", *smallest(target), "--json")
     assert done.code == 0, done.err
-    told = json.loads(done.out)
-    assert told["target"] == target
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {each["file"] for each in told["files"]}
+    data = json.loads(done.out)
+    assert data["target"] == target
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {each["file"] for each in data["files"]}
     written = json.loads((tmp_path / "out/terrain.json").read_text(encoding="utf-8"))
-    assert written == {key: told[key] for key in written}
-    assert {"ground", "total"} <= set(told["timings"])
-    assert set(told["grid"]) == {"columns", "rows", "spacing", "bounds"}
-    assert told["heights"]["minimum"] < told["heights"]["maximum"]
-    assert told["byte_order"]
-    assert told["orientation"]
-    assert told["import"]
-    assert all(each["what"] for each in told["files"])
+    assert written == {key: data[key] for key in written}
+    assert {"ground", "total"} <= set(data["timings"])
+    assert set(data["grid"]) == {"columns", "rows", "spacing", "bounds"}
+    assert data["heights"]["minimum"] < data["heights"]["maximum"]
+    assert data["byte_order"]
+    assert data["orientation"]
+    assert data["import"]
+    assert all(each["what"] for each in data["files"])
 
 
-def test_a_person_is_told_what_to_type_in(call, sketch, tmp_path):
+def test_import_settings_are_printed(call, sketch, tmp_path):
     options = ("--size", 33, "--tiles", "4x4", "--no-plants", "--heights", "-100,900")
     done = call("export", sketch, "--to", "raw", "-o", tmp_path, *options)
     assert done.code == 0, done.err
@@ -77,16 +77,16 @@ def test_a_person_is_told_what_to_type_in(call, sketch, tmp_path):
     assert "Byte Order       little-endian\n" in done.out
 
 
-def test_targets_are_listed_with_what_they_take(call):
+def test_targets_lists_options(call):
     done = call("targets", "--json")
     entries = {entry["name"]: entry for entry in json.loads(done.out)}
     assert tuple(entries) == TARGET_NAMES
     assert entries["raw"]["formats"][0] == "r16"
     assert "heights" in entries["raw"]["options"]
-    shown = call("targets").out
+    listed = call("targets").out
     for name, entry in entries.items():
-        assert f"{name} " in shown
-        assert entry["title"] in shown
+        assert f"{name} " in listed
+        assert entry["title"] in listed
 
 
 def test_listing_targets_loads_no_driver():
@@ -96,26 +96,11 @@ def test_listing_targets_loads_no_driver():
         "for name in TARGET_NAMES: target_named(name)\n"
         "print(*sorted({'pyopencl', 'scipy', 'moderngl', 'PyQt6', 'OpenEXR', 'pyogrio'} & set(sys.modules)))"
     )
-    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert shown.stdout.strip() == ""
+    listed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert listed.stdout.strip() == ""
 
 
-def test_a_folder_that_is_a_file_or_cannot_be_written_into_is_one_line(call, sketch, tmp_path, monkeypatch):
-    def refused(self: Path, *_: object, **__: object) -> None:
-        raise PermissionError(13, "Permission denied", str(self))
-
-    out = tmp_path / "out"
-    out.write_text("mine")
-    done = call("export", sketch, "--to", "raw", "-o", out)
-    assert (done.code, done.error) == (3, f"{out}: expected a folder to write into, this is a file")
-    assert out.read_text() == "mine"
-    out.unlink()
-    monkeypatch.setattr(Path, "mkdir", refused)
-    done = call("export", sketch, "--to", "raw", "-o", out)
-    assert (done.code, done.error) == (1, f"{out}: cannot be written (Permission denied)")
-
-
-def test_a_disk_without_room_is_found_before_the_work(call, sketch, tmp_path, monkeypatch):
+def test_disk_space_is_checked_first(call, sketch, tmp_path, monkeypatch):
     usage = shutil.disk_usage(tmp_path)._replace(free=1 << 20)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
     monkeypatch.setattr(sketchterrain.app.export, "sample_terrain", None)
@@ -125,7 +110,7 @@ def test_a_disk_without_room_is_found_before_the_work(call, sketch, tmp_path, mo
     assert not (tmp_path / "out").exists()
 
 
-def nothing_is_left(done: Any, folder: Path) -> None:
+def check_nothing_written(done: Any, folder: Path) -> None:
     assert (done.code, done.out) == (1, "")
     assert "cannot be written" in done.error
     assert str(folder) in done.error
@@ -134,19 +119,19 @@ def nothing_is_left(done: Any, folder: Path) -> None:
     assert (folder / "terrain.json").read_text() == "mine"
 
 
-def test_an_export_replaces_the_one_before_and_nothing_else(call, sketch, tmp_path):
+def test_stale_files_of_the_previous_export_are_removed(call, sketch, tmp_path):
     folder = tmp_path / "out"
     common = ("export", sketch, "-o", folder, "--no-plants", "--size", 33)
     assert call(*common, "--to", "raw", "--tiles", "2x2").code == 0
     assert call(*common, "--to", "raw", "--format", "r32").code == 0
     assert len(list(folder.glob("*_height*"))) == 1  # no tile is left
-    told = json.loads((folder / "terrain.json").read_text(encoding="utf-8"))
-    assert {path.name for path in folder.iterdir()} == {each["file"] for each in told["files"]}
+    data = json.loads((folder / "terrain.json").read_text(encoding="utf-8"))
+    assert {path.name for path in folder.iterdir()} == {each["file"] for each in data["files"]}
     mine, outside = folder / "notes.txt", tmp_path / "outside.txt"
     for path in (mine, outside):
         path.write_text("mine")
-    told["files"] += [{"file": "../outside.txt", "what": ""}, {"file": str(outside), "what": ""}]
-    (folder / "terrain.json").write_text(json.dumps(told), encoding="utf-8")
+    data["files"] += [{"file": "../outside.txt", "what": ""}, {"file": str(outside), "what": ""}]
+    (folder / "terrain.json").write_text(json.dumps(data), encoding="utf-8")
     assert call(*common, "--to", "raw").code == 0
     assert mine.read_text() == outside.read_text() == "mine"
     before = {path.name for path in folder.iterdir()}
@@ -157,25 +142,25 @@ def test_an_export_replaces_the_one_before_and_nothing_else(call, sketch, tmp_pa
 
 
 @EACH_TARGET
-def test_a_disk_that_gets_full_leaves_nothing_but_the_old_export(call, sketch, tmp_path, monkeypatch, target):
+def test_full_disk_leaves_the_old_export(call, sketch, tmp_path, monkeypatch, target):
     def full(_: int) -> None:
         raise OSError(28, "No space left on device")
 
     (tmp_path / "terrain.json").write_text("mine")
     monkeypatch.setattr(os, "fsync", full)
-    nothing_is_left(call("export", sketch, "--to", target, "-o", tmp_path, *smallest(target)), tmp_path)
+    check_nothing_written(call("export", sketch, "--to", target, "-o", tmp_path, *smallest(target)), tmp_path)
 
 
 @pytest.mark.parametrize(
     "target", ["raw", *(pytest.param(name, marks=pytest.mark.slow) for name in ("exr", "geotiff"))]
 )
-def test_a_disk_that_is_really_full(call, sketch, tmp_path, monkeypatch, target):
+def test_library_errors_on_a_full_disk_are_raised(call, sketch, tmp_path, monkeypatch, target):
     """As a process that may write no file larger than 1 KB: libraries must not hide it."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    whole = sketchterrain.export.sampled.sample_terrain
+    real = sketchterrain.export.sampled.sample_terrain
 
     def then_full(*arguments: Any, **options: Any) -> TerrainSamples:
-        sampled = whole(*arguments, **options)  # before it, drivers write what they compiled
+        sampled = real(*arguments, **options)  # before it, drivers write what they compiled
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # as Python has it, until LLVM is loaded
         resource.setrlimit(resource.RLIMIT_FSIZE, (1024, hard))
         return sampled
@@ -186,7 +171,7 @@ def test_a_disk_that_is_really_full(call, sketch, tmp_path, monkeypatch, target)
         done = call("export", sketch, "--to", target, "-o", tmp_path, *smallest(target))
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    nothing_is_left(done, tmp_path)
+    check_nothing_written(done, tmp_path)
 
 
 @EACH_TARGET
@@ -206,14 +191,14 @@ def test_an_interrupted_export_leaves_nothing(call, sketch, tmp_path, monkeypatc
     assert signal.getsignal(signal.SIGTERM) == before
 
 
-def test_after_a_device_failed_all_is_done_again_on_another(call, sketch, tmp_path, monkeypatch):
-    whole, failed = sketchterrain.export.sampled.sample_terrain, []
+def test_device_failure_restarts_on_another(call, sketch, tmp_path, monkeypatch):
+    real, failed = sketchterrain.export.sampled.sample_terrain, []
 
     def once(*arguments: Any, **options: Any) -> TerrainSamples:
         if not failed:
             failed.append(True)
             raise DeviceFailedError("the device is gone")
-        return whole(*arguments, **options)
+        return real(*arguments, **options)
 
     words = ("export", sketch, "--to", "raw", "--size", 33, "-o")
     plain = call(*words, tmp_path / "plain")
@@ -230,7 +215,7 @@ def test_after_a_device_failed_all_is_done_again_on_another(call, sketch, tmp_pa
     assert first == second
 
 
-def test_files_have_names_that_any_system_takes():
+def test_file_names_are_portable():
     names = {"Valley with a river": "valley_with_a_river", "Höhenzug / Süd": "hohenzug_sud"}
     names |= {"../../etc": "etc", "山": "terrain", "": "terrain", "CON": "terrain_con", "a" * 300: "a" * 64}
     assert {title: file_name(title) for title in names} == names

@@ -1,4 +1,4 @@
-"""Flying: the film is of the path, whole or not there, and the numbers are those of its frames."""
+"""`fly`: atomic films along the path, and their frame statistics."""
 
 import itertools
 import json
@@ -28,8 +28,8 @@ def path(tmp_path) -> Path:
 
 
 @pytest.fixture
-def asked(monkeypatch) -> list[dict[str, Any]]:
-    """What the renderer was asked for, in place of pictures; frame n is 9n grey, and takes n + 1 ms."""
+def captures(monkeypatch) -> list[dict[str, Any]]:
+    """What the renderer was captures for, in place of pictures; frame n is 9n grey, and takes n + 1 ms."""
     calls: list[dict[str, Any]] = []
 
     def capture_frames(terrain: object, views: Any, **options: Any) -> Iterator[Any]:
@@ -46,7 +46,7 @@ def asked(monkeypatch) -> list[dict[str, Any]]:
     return calls
 
 
-def test_frames_of_a_path(call, sketch, path, tmp_path, asked):
+def test_frames_of_a_path(call, sketch, path, tmp_path, captures):
     out = tmp_path / "made" / "frames"
     done = call("fly", sketch, "--path", path, "-o", out, "--fps", 5, *SMALL)
     assert done.code == 0, done.err
@@ -56,52 +56,52 @@ def test_frames_of_a_path(call, sketch, path, tmp_path, asked):
     assert sorted(each.name for each in out.iterdir()) == [f"{number:04d}.png" for number in range(10)]
     with Image.open(out / "0007.png") as image:
         assert (image.size, image.getpixel((0, 0))) == ((64, 48), (63, 63, 63))
-    (shoot,) = asked
+    (shoot,) = captures
     assert (shoot["fps"], shoot["size"], shoot["complete"], shoot["quality"]) == (5, (64, 48), True, None)
     eye, terrain = shoot["views"].eye, shoot["terrain"]
     assert eye[:, 1] == pytest.approx(50.0 + 8.0 * np.arange(10), abs=1e-3)
     assert eye[0, 2] == pytest.approx(80.0 + float(terrain.heights(100.0, 50.0)), abs=1e-3)
 
 
-def test_the_numbers_are_those_of_the_frames(call, sketch, path, asked):
+def test_statistics_are_those_of_the_frames(call, sketch, path, captures):
     done = call("fly", sketch, "--path", path, "--fps", 5, "--seconds", 1, *SMALL, "--json")
     assert done.code == 0, done.err
-    told = json.loads(done.out)
-    assert (told["frames"], told["seconds"], told["settled"], told["output"]) == (5, 1.0, 4, None)
-    assert told["frame"] == pytest.approx({"mean": 0.003, "worst": 0.005})
-    assert told["frames_per_second"] == pytest.approx(5 / 0.015)
-    assert told["triangles"] == {"mean": 200.0, "most": 400}
+    data = json.loads(done.out)
+    assert (data["frames"], data["seconds"], data["settled"], data["output"]) == (5, 1.0, 4, None)
+    assert data["frame"] == pytest.approx({"mean": 0.003, "worst": 0.005})
+    assert data["frames_per_second"] == pytest.approx(5 / 0.015)
+    assert data["triangles"] == {"mean": 200.0, "most": 400}
     # The first frame is initial, the fourth got no tile.
     expected = {"initial": 0.0, "updating_frames": 3, "mean": 0.007 / 3, "worst": 0.004, "tiles": 4}
-    assert told["generation"] == pytest.approx(expected)
-    assert (told["path"], told["seed"], told["real_time"]) == (str(path), 5, False)
-    assert told["lowest"] == pytest.approx(80.0, abs=15.0)
-    assert not asked[0]["pixels"]
+    assert data["generation"] == pytest.approx(expected)
+    assert (data["path"], data["seed"], data["real_time"]) == (str(path), 5, False)
+    assert data["lowest"] == pytest.approx(80.0, abs=15.0)
+    assert not captures[0]["pixels"]
 
 
-def test_without_a_path_a_round_over_the_sketch(call, sketch, asked):
-    told = json.loads(call("fly", sketch, "--fps", 2, *SMALL, "--json").out)
-    assert (told["path"], told["frames"], told["seconds"]) == (None, 40, 20.0)
-    assert told["lowest"] > 5.0
-    eye = asked[0]["views"].eye
+def test_default_path_is_a_tour_of_the_sketch(call, sketch, captures):
+    data = json.loads(call("fly", sketch, "--fps", 2, *SMALL, "--json").out)
+    assert (data["path"], data["frames"], data["seconds"]) == (None, 40, 20.0)
+    assert data["lowest"] > 5.0
+    eye = captures[0]["views"].eye
     assert (eye[:, :2] > 0.0).all()
     assert (eye[:, :2] < (512.0, 384.0)).all()
     call("fly", sketch, "--fps", 2, "--seconds", 3, *SMALL)
-    np.testing.assert_allclose(asked[1]["views"].eye, eye[:6], atol=1e-3)
+    np.testing.assert_allclose(captures[1]["views"].eye, eye[:6], atol=1e-3)
 
 
-def test_quality_real_time_and_a_path_under_the_ground(call, sketch, path, tmp_path, asked):
+def test_quality_real_time_and_a_path_under_the_ground(call, sketch, path, tmp_path, captures):
     more = ["--path", path, "--fps", 1, *SMALL]
     assert call("fly", sketch, *more, "--quality", 0.25).code == 0
     assert call("fly", sketch, *more, "--real-time").code == 0
-    found = [(each["quality"], each["complete"]) for each in asked]
+    found = [(each["quality"], each["complete"]) for each in captures]
     assert found == [(Quality.from_level(0.25), True), (None, False)]
 
     keys = tuple(Keyframe(t, (50.0 * t, 0.0, -500.0), (50.0 * t, 9.0, -500.0)) for t in range(2))
     deep = save_flight(Flight(keys), tmp_path / "deep.toml")
     done = call("fly", sketch, "--path", deep, "--fps", 2, *SMALL)
     assert (done.code, "note: the path is up to 5" in done.out) == (0, True)
-    assert asked[2]["views"].eye[0, 2] == -500.0
+    assert captures[2]["views"].eye[0, 2] == -500.0
 
 
 def test_an_interruption_leaves_no_part_of_a_film(call, sketch, path, tmp_path, monkeypatch):
@@ -118,7 +118,7 @@ def test_an_interruption_leaves_no_part_of_a_film(call, sketch, path, tmp_path, 
 
 
 @pytest.mark.skipif(len(list_devices()) < 2, reason="there is no other device to restart on")
-def test_a_device_that_fails_amid_a_flight_starts_it_again(call, sketch, path, tmp_path, monkeypatch):
+def test_device_failure_restarts_the_film(call, sketch, path, tmp_path, monkeypatch):
     first = list_devices()[0]
 
     def capture_frames(terrain: Any, views: Any, **options: Any) -> Iterator[Any]:
@@ -142,38 +142,38 @@ def test_a_device_that_fails_amid_a_flight_starts_it_again(call, sketch, path, t
             assert image.getpixel((0, 0)) == (100, 100, 100)
 
 
-def test_a_wrong_path_is_told_before_any_work(call, sketch, tmp_path, asked):
+def test_invalid_path_file_is_refused_first(call, sketch, tmp_path, captures):
     for text in ("format = 1", "format = 1\nspeed = 2", "= ="):
         (tmp_path / "way.toml").write_text(text)
         done = call("fly", sketch, "--path", tmp_path / "way.toml", "-o", tmp_path / "frames")
         assert (done.code, done.out) == (3, "")
         assert done.error.startswith(f"{tmp_path / 'way.toml'}: ")
         assert not (tmp_path / "frames").exists()
-    assert asked == []
+    assert captures == []
 
 
-def test_frames_of_a_longer_film_are_not_mixed_with(call, sketch, path, tmp_path, asked):
+def test_frames_of_a_longer_film_are_refused(call, sketch, path, tmp_path, captures):
     more = ["--path", path, "-o", tmp_path / "frames", *SMALL]
     assert call("fly", sketch, *more, "--fps", 5).code == 0
     done = call("fly", sketch, *more, "--fps", 4)
     assert done.code == 3
     assert "frames of a longer film, 0008.png to 0009.png" in done.error
     assert call("fly", sketch, *more, "--fps", 6).code == 0
-    assert len(asked) == 2
+    assert len(captures) == 2
 
 
 @pytest.mark.gl
 @pytest.mark.slow
 @pytest.mark.parametrize("more", [[], ["--real-time"]], ids=["complete", "real time"])
-def test_it_really_flies(call, sketch, path, tmp_path, more):
+def test_rendered_flight(call, sketch, path, tmp_path, more):
     out = tmp_path / "frames"
     size = ["--size", "96x64", "--fps", 2, "--seconds", 1.5, "--quality", 0.2]
     done = call("fly", sketch, "--path", path, "-o", out, *size, "--json", *more)
     assert done.code == 0, done.err
-    told = json.loads(done.out)
-    assert told["frames"] == 3
-    assert told["real_time"] == bool(more)
-    assert 0 < told["frame"]["mean"] <= told["frame"]["worst"]
+    data = json.loads(done.out)
+    assert data["frames"] == 3
+    assert data["real_time"] == bool(more)
+    assert 0 < data["frame"]["mean"] <= data["frame"]["worst"]
     pictures = [np.asarray(Image.open(out / f"000{number}.png")).astype(int) for number in range(3)]
     assert all(picture.shape == (64, 96, 3) and picture.std() > 10 for picture in pictures)
     assert all(np.abs(a - b).mean() > 0.5 for a, b in itertools.pairwise(pictures))

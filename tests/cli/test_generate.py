@@ -18,16 +18,8 @@ from sketchterrain.errors import DeviceError
 from sketchterrain.export.foliage_files import VERTEX
 
 FILES = {
-    "height.tif",
-    "height.png",
-    "height.json",
-    "normal.png",
-    "materials.png",
-    "materials-2.png",
-    "materials.json",
-    "foliage.csv",
-    "features.json",
-    "report.json",
+    *("height.tif", "height.png", "height.json", "normal.png", "materials.png", "materials-2.png"),
+    *("materials.json", "foliage.csv", "features.json", "report.json"),
 }
 SIZE = 65
 
@@ -52,7 +44,7 @@ def generated(sketch, tmp_path_factory) -> Path:
     return folder
 
 
-def test_every_image_has_the_size_and_the_mountain_in_the_north_east_at_its_upper_right(generated):
+def test_images_have_one_size_and_north_up(generated):
     assert names(generated) == set(report(generated)["files"]) == FILES
     assert heights(generated).shape == (49, SIZE)
     for name in ("height.png", "normal.png", "materials.png", "materials-2.png"):
@@ -66,40 +58,34 @@ def test_every_image_has_the_size_and_the_mountain_in_the_north_east_at_its_uppe
     assert column > 0.7 * value.shape[1]
 
 
-def test_the_report_says_what_was_made_with_what(generated, sketch):
-    told = report(generated)
+def test_report_matches_the_terrain(generated, sketch):
+    data = report(generated)
     terrain = st.build(st.load_sketch(sketch))
     plants = (generated / "foliage.csv").read_text(encoding="ascii").count("\n") - 1
-    assert (told["sketch"], told["seed"], told["extent"]) == ("North-east", 5, 512.0)
-    assert told["size"] == {"columns": SIZE, "rows": 49}
-    assert told["device"]["name"] == terrain.context.device.name
-    assert told["device"]["driver"] == terrain.context.device.driver
-    assert sum(told["counts"]["plants"].values()) == plants > 0
-    assert sum(told["counts"]["features"].values()) == len(terrain.features.points)
-    assert told["foliage"]["files"] == ["foliage.csv"]
-    assert told["foliage"]["plants"] == plants
-    assert 0 < told["foliage"]["seconds"] <= told["timings"]["plants"]
-    assert told["foliage"]["plants_per_second"] == pytest.approx(
-        plants / told["foliage"]["seconds"], rel=0.01
+    assert (data["sketch"], data["seed"], data["extent"]) == ("North-east", 5, 512.0)
+    assert data["size"] == {"columns": SIZE, "rows": 49}
+    assert data["device"]["name"] == terrain.context.device.name
+    assert data["device"]["driver"] == terrain.context.device.driver
+    assert sum(data["counts"]["plants"].values()) == plants > 0
+    assert sum(data["counts"]["features"].values()) == len(terrain.features.points)
+    assert data["foliage"]["files"] == ["foliage.csv"]
+    assert data["foliage"]["plants"] == plants
+    assert 0 < data["foliage"]["seconds"] <= data["timings"]["plants"]
+    assert data["foliage"]["plants_per_second"] == pytest.approx(
+        plants / data["foliage"]["seconds"], rel=0.01
     )
-    assert told["counts"]["rivers"] == len(terrain.features.rivers) > 0
-    assert told["resolutions"] == [each.line for each in terrain.recipe.resolutions]
-    assert told["edits"] == {"count": 0, "orphans": []}
-    assert told["heights"]["maximum"] == heights(generated).max()
-    assert 10 << 20 < told["peak_memory"] < 1 << 36
-    assert {"sketch", "device", "features", "ground", "plants", "files"} <= told["timings"].keys()
-    assert all(0 <= seconds < 600 for seconds in (told["timings"] | told["writing"]).values())
-    *stages, total = told["timings"].values()
+    assert data["counts"]["rivers"] == len(terrain.features.rivers) > 0
+    assert data["resolutions"] == [each.line for each in terrain.recipe.resolutions]
+    assert data["edits"] == {"count": 0, "orphans": []}
+    assert data["heights"]["maximum"] == heights(generated).max()
+    assert 10 << 20 < data["peak_memory"] < 1 << 36
+    assert {"sketch", "device", "features", "ground", "plants", "files"} <= data["timings"].keys()
+    assert all(0 <= seconds < 600 for seconds in (data["timings"] | data["writing"]).values())
+    *stages, total = data["timings"].values()
     assert sum(stages) <= total + 0.01
 
 
-def test_the_same_seed_gives_the_same_bytes(generated, sketch, tmp_path):
-    assert main(["generate", str(sketch), "-o", str(tmp_path), "--size", str(SIZE), "--no-preview"]) == 0
-    for name in FILES - {"report.json"}:
-        assert (tmp_path / name).read_bytes() == (generated / name).read_bytes(), name
-
-
-def test_another_seed_is_another_terrain_of_the_same_sketch(generated, sketch, tmp_path):
+def test_seed_option_changes_the_terrain_not_the_sketch(generated, sketch, tmp_path):
     before = (sketch / "sketch.toml").read_bytes()
     size = ["--size", str(SIZE), "--no-preview"]
     assert main(["generate", str(sketch), "-o", str(tmp_path), "--seed", "6", *size]) == 0
@@ -112,36 +98,36 @@ def test_another_seed_is_another_terrain_of_the_same_sketch(generated, sketch, t
     assert (sketch / "sketch.toml").read_bytes() == before
 
 
-def test_files_of_the_last_time_that_this_time_has_none_of_are_taken_away(call, sketch, tmp_path):
-    words = ("generate", sketch, "-o", tmp_path, "--size", 3, "--no-preview")
-    assert call(*words, "--foliage", "both").code == 0
+def test_stale_files_of_the_previous_run_are_removed(call, sketch, tmp_path):
+    command = ("generate", sketch, "-o", tmp_path, "--size", 3, "--no-preview")
+    assert call(*command, "--foliage", "both").code == 0
     (tmp_path / "mine.txt").write_text("mine")
     (tmp_path / "preview.png").write_bytes(b"of the last time")
-    told = report(tmp_path)
-    told["files"] += ["preview.png", "../" + sketch.name, "mine/../mine.txt"]
-    (tmp_path / "report.json").write_text(json.dumps(told))
-    assert call(*words, "--seed", 8).code == 0
+    data = report(tmp_path)
+    data["files"] += ["preview.png", "../" + sketch.name, "mine/../mine.txt"]
+    (tmp_path / "report.json").write_text(json.dumps(data))
+    assert call(*command, "--seed", 8).code == 0
     assert names(tmp_path) == FILES | {"mine.txt"}
     assert sketch.exists()
     (tmp_path / "report.json").write_text("{")
     (tmp_path / "preview.png").write_bytes(b"whose?")
-    assert call(*words).code == 0
+    assert call(*command).code == 0
     assert names(tmp_path) == FILES | {"mine.txt", "preview.png"}
 
 
-def test_a_program_gets_one_object_and_a_person_reads_where_things_are(call, sketch, tmp_path):
-    words = ("generate", sketch, "--size", 9, "--no-preview", "-o")
-    told = json.loads(call(*words, tmp_path, "--json").out)
-    assert (told["folder"], set(told["files"])) == (str(tmp_path), FILES)
-    assert told["timings"]["total"] > 0
+def test_json_and_text_output(call, sketch, tmp_path):
+    command = ("generate", sketch, "--size", 9, "--no-preview", "-o")
+    data = json.loads(call(*command, tmp_path, "--json").out)
+    assert (data["folder"], set(data["files"])) == (str(tmp_path), FILES)
+    assert data["timings"]["total"] > 0
     out = tmp_path / "new" / "out"
-    done = call(*words, out)
+    done = call(*command, out)
     assert done.code == 0
     assert all(part in done.out for part in (str(out), report(out)["device"]["name"]))
     assert "preview:" not in done.out
 
 
-def test_the_smallest_size_and_empty_and_full_sketches_are_terrains(call, sketch, tmp_path):
+def test_smallest_size_empty_and_full_sketches(call, sketch, tmp_path):
     assert call("generate", sketch, "-o", tmp_path / "two", "--size", 2, "--no-preview").code == 0
     assert heights(tmp_path / "two").shape == (2, 2)
     (tmp_path / "empty").mkdir()
@@ -154,7 +140,7 @@ def test_the_smallest_size_and_empty_and_full_sketches_are_terrains(call, sketch
         assert np.isfinite(heights(tmp_path / "out")).all()
 
 
-def test_without_opengl_all_but_the_preview_is_written(call, sketch, tmp_path, monkeypatch):
+def test_without_opengl_only_the_preview_is_missing(call, sketch, tmp_path, monkeypatch):
     def refuse(*_: object, **__: object) -> None:
         raise DeviceError("no OpenGL 4.3 through EGL")
 
@@ -165,7 +151,7 @@ def test_without_opengl_all_but_the_preview_is_written(call, sketch, tmp_path, m
     assert names(tmp_path) == FILES
 
 
-def test_a_failing_writer_stops_the_rest_and_leaves_old_files_whole(call, sketch, tmp_path, monkeypatch):
+def test_write_error_leaves_old_files(call, sketch, tmp_path, monkeypatch):
     (tmp_path / "report.json").write_text("old")
 
     def full(*_: object) -> None:
@@ -184,20 +170,20 @@ def cloud(folder: Path) -> NDArray[np.void]:
 
 
 @pytest.mark.parametrize("kind", [pytest.param("ply", marks=pytest.mark.slow), "both", "none"])
-def test_plants_come_as_what_is_asked_for(call, generated, sketch, tmp_path, kind):
+def test_plant_file_formats(call, generated, sketch, tmp_path, kind):
     done = call("generate", sketch, "-o", tmp_path, "--size", 9, "--no-preview", "--foliage", kind)
     assert done.code == 0, done.err
     added = {"ply": {"foliage.ply"}, "both": {"foliage.ply", "foliage.csv"}, "none": set[str]()}[kind]
     assert names(tmp_path) == (FILES - {"foliage.csv"}) | added
-    told = report(tmp_path)
-    assert set(told["files"]) == names(tmp_path)
+    data = report(tmp_path)
+    assert set(data["files"]) == names(tmp_path)
     assert (" plants" in done.out.splitlines()[0]) == (kind != "none")
     if kind == "none":
-        assert told["counts"]["plants"] == {}
+        assert data["counts"]["plants"] == {}
         return
-    assert told["counts"]["plants"] == report(generated)["counts"]["plants"]
+    assert data["counts"]["plants"] == report(generated)["counts"]["plants"]
     plants = cloud(tmp_path)
-    assert len(plants) == sum(told["counts"]["plants"].values()) > 0
+    assert len(plants) == sum(data["counts"]["plants"].values()) > 0
     if kind == "both":
         assert (tmp_path / "foliage.csv").read_bytes() == (generated / "foliage.csv").read_bytes()
     terrain = st.build(st.load_sketch(sketch))
@@ -208,7 +194,7 @@ def test_plants_come_as_what_is_asked_for(call, generated, sketch, tmp_path, kin
 
 
 @pytest.mark.slow
-def test_grass_is_added_to_the_cloud(call, generated, sketch, tmp_path):
+def test_grass_is_added_to_the_point_cloud(call, generated, sketch, tmp_path):
     look = ["--size", 9, "--no-preview", "--foliage", "ply", "--grass"]
     done = call("generate", sketch, "-o", tmp_path, *look)
     assert done.code == 0, done.err
@@ -221,7 +207,7 @@ def test_grass_is_added_to_the_cloud(call, generated, sketch, tmp_path):
     assert dict(zip(st.SPECIES, found, strict=True)) == counts
 
 
-def test_where_nothing_grows_the_files_of_plants_are_valid_and_empty(call, tmp_path):
+def test_plant_files_of_a_desert_are_valid_and_empty(call, tmp_path):
     st.save_sketch(
         st.Sketch(extent=300.0, climate={"aridity": 1.0}, density={"hill": 0.0}), tmp_path / "desert"
     )
@@ -230,12 +216,12 @@ def test_where_nothing_grows_the_files_of_plants_are_valid_and_empty(call, tmp_p
     assert done.code == 0, done.err
     assert len(cloud(out)) == 0
     assert (out / "foliage.csv").read_text(encoding="ascii").count("\n") == 1
-    told = report(out)
-    assert set(told["counts"]["plants"].values()) == {0}
-    assert told["foliage"]["plants"] == told["foliage"]["plants_per_second"] == 0
+    data = report(out)
+    assert set(data["counts"]["plants"].values()) == {0}
+    assert data["foliage"]["plants"] == data["foliage"]["plants_per_second"] == 0
 
 
-def test_ctrl_c_amid_the_plants_leaves_nothing_half_written(call, sketch, tmp_path, monkeypatch):
+def test_interrupt_leaves_no_files(call, sketch, tmp_path, monkeypatch):
     real = st.Terrain.foliage_pieces
     seen: list[set[str]] = []
 
@@ -254,16 +240,16 @@ def test_ctrl_c_amid_the_plants_leaves_nothing_half_written(call, sketch, tmp_pa
     assert list(tmp_path.iterdir()) == []
 
 
-def test_more_plants_than_the_disk_has_room_for_are_refused_before_they_are_looked_for(call, tmp_path):
+def test_disk_space_for_plants_is_checked_first(call, tmp_path):
     st.save_sketch(st.Sketch(extent=1e6, density={"hill": 0.0}), tmp_path / "wide")
     out = tmp_path / "out"
     look = ("--size", 9, "--no-preview", "--foliage", "ply", "--grass")
     done = call("generate", tmp_path / "wide", "-o", out, *look)
     assert done.code == 3
     figures = r"foliage\.ply: up to [\d.e+]+ plants need up to [\d.]+ GiB, (.+) has [\d.]+ GiB free"
-    told = re.fullmatch(figures, done.error)
-    assert told is not None, done.error
-    assert told[1] == str(out)
+    data = re.fullmatch(figures, done.error)
+    assert data is not None, done.error
+    assert data[1] == str(out)
     assert names(out) == set()
 
 
@@ -277,24 +263,24 @@ def test_the_preview_is_a_picture(call, sketch, tmp_path):
         assert (image.size, image.mode) == ((1280, 720), "RGB")
         assert np.asarray(image).std() > 10
     assert names(tmp_path) == FILES | {"preview.png"}
-    told = report(tmp_path)
-    assert set(told["files"]) == names(tmp_path)
-    assert 0 < sum(told["rendering"].values()) <= told["timings"]["preview"]
+    data = report(tmp_path)
+    assert set(data["files"]) == names(tmp_path)
+    assert 0 < sum(data["rendering"].values()) <= data["timings"]["preview"]
 
 
 @pytest.mark.slow
-def test_generate_draws_a_map_and_the_view_that_is_asked_for(call, sketch, tmp_path, monkeypatch):
-    asked: dict[str, Any] = {}
+def test_map_and_view_options(call, sketch, tmp_path, monkeypatch):
+    requested: dict[str, Any] = {}
 
     def picture(terrain: object, **options: Any) -> np.ndarray:
-        asked.update(options)
+        requested.update(options)
         return np.zeros((18, 32, 3), np.uint8)
 
     monkeypatch.setattr(sketchterrain.render.offscreen, "render_picture", picture)
     look = ["--view", "air", "--time", "17", "--clouds", "1", "--map", "svg"]
     done = call("generate", sketch, "-o", tmp_path, "--size", 9, *look)
     assert done.code == 0, done.err
-    assert (asked["view"], asked["weather"].hour, asked["weather"].clouds) == ("air", 17.0, 1.0)
+    assert (requested["view"], requested["weather"].hour, requested["weather"].clouds) == ("air", 17.0, 1.0)
     assert names(tmp_path) == FILES | {"preview.png", "map.svg"}
     assert "map.svg" in report(tmp_path)["files"]
     assert (tmp_path / "map.svg").read_text().rstrip().endswith("</svg>")

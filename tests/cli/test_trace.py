@@ -1,4 +1,4 @@
-"""The command `trace`: what it writes, what it says, what it refuses."""
+"""`trace`: outputs and refusals."""
 
 import json
 
@@ -19,7 +19,7 @@ def island(tmp_path):
     return tmp_path / "island.png"
 
 
-def test_a_map_becomes_a_sketch_that_loads(call, island, tmp_path):
+def test_coloured_map_becomes_a_sketch(call, island, tmp_path):
     done = call(
         *("trace", island, "-o", tmp_path / "a", "--extent", 9000, "--seed", 7, "--name", "Isle"),
         *("--preview", tmp_path / "p.png"),
@@ -36,23 +36,23 @@ def test_a_map_becomes_a_sketch_that_loads(call, island, tmp_path):
         assert picture.convert("RGB").getpixel((98 + 10, 10)) == (140, 92, 70)
 
 
-def test_a_zip_and_json(call, island, tmp_path):
+def test_zip_output_and_json(call, island, tmp_path):
     done = call("trace", island, "-o", tmp_path / "a.sketch", "--size", 45, "--json")
     assert done.code == 0, done.err
-    told = json.loads(done.out)
-    assert told["size"] == {"width": 45, "height": 30}
-    assert told["layers"] == {"mountain": [1], "river": [1]}
-    assert told["colours"][1] == {
+    data = json.loads(done.out)
+    assert data["size"] == {"width": 45, "height": 30}
+    assert data["layers"] == {"mountain": [1], "river": [1]}
+    assert data["colours"][1] == {
         "rgb": "#8b5a2b",
         "share": pytest.approx(0.162, abs=1e-3),
         "layer": "mountain",
         "label": 1,
     }
-    assert told["shares"] == {"sure": 1.0, "taken": 0.0, "unknown": 0.0}
+    assert data["shares"] == {"sure": 1.0, "taken": 0.0, "unknown": 0.0}
     assert load_sketch(tmp_path / "a.sketch").width_px == 45
 
 
-def test_a_legend_by_options_or_by_file_and_water_by_its_width(call, island, tmp_path):
+def test_legend_options_and_river_width(call, island, tmp_path):
     (tmp_path / "legend.toml").write_text('[[colour]]\nrgb = "#8b5a2b"\nlayer = "dune"\nlabel = 3\n')
     for number, (legend, layer, labels) in enumerate(
         (
@@ -68,7 +68,7 @@ def test_a_legend_by_options_or_by_file_and_water_by_its_width(call, island, tmp
         assert set(np.unique(layers[layer])) == labels
 
 
-def test_a_mask_and_a_folder(call, tmp_path):
+def test_mask_and_folder_of_layers(call, tmp_path):
     pixels = np.zeros((40, 40), np.uint8)
     pixels[10:20] = 255
     (tmp_path / "layers").mkdir()
@@ -80,7 +80,7 @@ def test_a_mask_and_a_folder(call, tmp_path):
         assert np.array_equal(load_sketch(tmp_path / name).layers["lake"] == 2, pixels > 0)
 
 
-def test_a_preview_takes_no_place_of_the_source_or_the_sketch(call, island, tmp_path):
+def test_preview_never_overwrites_source_or_sketch(call, island, tmp_path):
     picture, folder, new = island.read_bytes(), tmp_path / "layers", tmp_path / "new"
     folder.mkdir()
     new.mkdir()
@@ -93,7 +93,7 @@ def test_a_preview_takes_no_place_of_the_source_or_the_sketch(call, island, tmp_
     assert not any(new.iterdir())
 
 
-def test_what_is_there_is_left_alone_and_what_is_no_picture_refused(call, island, tmp_path):
+def test_existing_outputs_and_unknown_formats_are_refused(call, island, tmp_path):
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "mine.txt").write_text("mine")
     (tmp_path / "a.sketch").write_text("mine")

@@ -1,4 +1,4 @@
-"""`sketchterrain world` and `stats`: what they take, write, tell and refuse."""
+"""`world` and `stats`."""
 
 import json
 import math
@@ -44,19 +44,19 @@ def test_a_world_is_the_terrain_at_its_vertices(call, sketch, tmp_path):
     assert (height == terrain.heights(x[None], y[:, None], cell_size=4.0)).all()
 
 
-def test_a_dry_run_writes_nothing_and_tells_what_the_run_takes(call, sketch, tmp_path):
+def test_dry_run_estimates_the_run(call, sketch, tmp_path):
     out = tmp_path / "some" / "world.zarr"
     wanted = ("world", sketch, "--cell", 1, "-o", out)
-    shown = call(*wanted, "--dry-run")
-    assert shown.code == 0, shown.err
-    assert [line.split(":")[0] for line in shown.out.splitlines()] == ["world", "disk", "memory"]
-    told = json.loads(call(*wanted, "--dry-run", "--json").out)
+    listed = call(*wanted, "--dry-run")
+    assert listed.code == 0, listed.err
+    assert [line.split(":")[0] for line in listed.out.splitlines()] == ["world", "disk", "memory"]
+    data = json.loads(call(*wanted, "--dry-run", "--json").out)
     assert not out.parent.exists()
-    assert (told["columns"], told["rows"], told["levels"], told["tasks"]) == (513, 385, 3, 3)
-    assert told["memory"]["needed"] < told["memory"]["left"]
+    assert (data["columns"], data["rows"], data["levels"], data["tasks"]) == (513, 385, 3, 3)
+    assert data["memory"]["needed"] < data["memory"]["left"]
     done = json.loads(call(*wanted, "--json").out)
-    assert done["estimate"]["vertices"] == told["vertices"]
-    assert done["bytes"] < sum(told["disk"]["parts"].values()) < 4 * done["bytes"]
+    assert done["estimate"]["vertices"] == data["vertices"]
+    assert done["bytes"] < sum(data["disk"]["parts"].values()) < 4 * done["bytes"]
     listed = {name: each for name, each in files(out).items() if name != "zarr.json" and "ledger" not in name}
     assert (done["bytes"], done["files"]) == (sum(len(each) for each in listed.values()), len(listed))
     assert (done["tasks"], done["made"], done["broken"]) == (3, 3, [])
@@ -66,7 +66,7 @@ def test_a_dry_run_writes_nothing_and_tells_what_the_run_takes(call, sketch, tmp
     assert (again["done"], again["disk"]["there"]) == (3, done["bytes"])
 
 
-def test_broken_files_are_named_and_made_again(call, sketch, tmp_path):
+def test_broken_files_are_listed_and_repaired(call, sketch, tmp_path):
     out = tmp_path / "world.zarr"
     assert call("world", sketch, *SMALL, "-o", out).code == 0
     before = files(out)
@@ -79,8 +79,8 @@ def test_broken_files_are_named_and_made_again(call, sketch, tmp_path):
     assert checked.err.splitlines()[-1] == (
         "sketchterrain: error: 2 files are missing or broken; `world --resume` repairs them"
     )
-    told = json.loads(call("stats", out, "--check", "--json").out)
-    assert [each["file"] for each in told["broken"]] == ["0/height/c/0/0", "0/normal/c/0/0/0"]
+    data = json.loads(call("stats", out, "--check", "--json").out)
+    assert [each["file"] for each in data["broken"]] == ["0/height/c/0/0", "0/normal/c/0/0/0"]
     again = call("world", sketch, *SMALL, "-o", out, "--resume")
     assert again.code == 0, again.err
     assert "0/height/c/0/0 is missing: is made again" in again.err
@@ -93,18 +93,18 @@ def test_broken_files_are_named_and_made_again(call, sketch, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["world.tif", "tiles"])
-def test_geotiffs_are_the_same_world(name, call, sketch, tmp_path):
-    words = (*SMALL, "--layers", "height,materials", "--step", 0.0625)
+def test_geotiff_world_equals_zarr_world(name, call, sketch, tmp_path):
+    options = (*SMALL, "--layers", "height,materials", "--step", 0.0625)
     whole = [tmp_path / "world.zarr", tmp_path / name]
     for out in whole:
-        done = call("world", sketch, *words, "-o", out)
+        done = call("world", sketch, *options, "-o", out)
         assert done.code == 0, done.err
     zarr, tiff = ({**json.loads(call("stats", out, "--json").out), "world": ""} for out in whole)
     assert zarr == tiff
     assert call("stats", whole[1], "--check").code == 0
 
 
-def test_too_small_a_disk_is_refused_before_the_start(call, sketch, tmp_path):
+def test_disk_space_is_checked_first(call, sketch, tmp_path):
     out = tmp_path / "world.zarr"
     for more in ((), ("--dry-run",)):
         vast = call("world", sketch, "--bounds", "0,0,4e6,4e6", "-o", out, *more)
@@ -115,22 +115,22 @@ def test_too_small_a_disk_is_refused_before_the_start(call, sketch, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "asked"),
+    ("options", "expected"),
     [
         ((), {"workers": None, "scheduler": None}),
         (("--workers", 3), {"workers": 3, "scheduler": None}),
         (("--scheduler", "tcp://host:1"), {"workers": None, "scheduler": "tcp://host:1"}),
     ],
 )
-def test_workers_or_a_scheduler_run_it(words, asked, call, sketch, tmp_path, monkeypatch):
+def test_worker_options_are_passed_on(options, expected, call, sketch, tmp_path, monkeypatch):
     def run(job: Job, *, resume: bool, watcher: object, **crew: object) -> WorldResult:
         assert (job.sketch.seed, resume) == (7, False)
-        assert crew == {"device": None, **asked}
+        assert crew == {"device": None, **expected}
         return WorldResult(tasks=1, made=1, broken=(), files=3, bytes=1000, seconds=1.0)
 
     monkeypatch.setattr(running, "run_world", run)
     monkeypatch.setattr(cluster, "check_scheduler", lambda _: None)
-    done = call("world", sketch, *SMALL, "-o", tmp_path / "w.zarr", "--seed", 7, *words)
+    done = call("world", sketch, *SMALL, "-o", tmp_path / "w.zarr", "--seed", 7, *options)
     assert done.code == 0, done.err
     assert "1 of 1 shard written in 1 s" in done.out
 
@@ -144,24 +144,24 @@ def written(sketch, tmp_path_factory) -> Path:
     return out
 
 
-def test_numbers_are_those_of_the_heights(call, written):
-    told = json.loads(call("stats", written, "--json").out)
+def test_statistics_match_the_heights(call, written):
+    data = json.loads(call("stats", written, "--json").out)
     stored = open_world(written)
-    height = stored.read("height", 0, top=0, left=0, rows=told["rows"], columns=told["columns"])
-    assert (told["columns"], told["rows"], told["cell"], told["area"]) == (513, 385, 1.0, 512.0 * 384.0)
-    assert told["relief"]["minimum"] == float(height.min())
-    assert told["relief"]["maximum"] == float(height.max())
-    assert told["relief"]["mean"] == pytest.approx(height.mean(dtype=np.float64))
-    assert told["relief"]["quantiles"]["0.5"] == pytest.approx(np.median(height), abs=0.01)
-    assert math.fsum(told["slopes"]["shares"]) == pytest.approx(1.0)
-    assert math.fsum(told["materials"].values()) == pytest.approx(1.0)
-    assert told["hypsometry"]["share_above"][0] == 1.0
-    assert told["hypsometry"]["share_above"][-1] == 0.0
-    below = np.mean(height > told["hypsometry"]["heights"][5])
-    assert told["hypsometry"]["share_above"][5] == pytest.approx(below, abs=1e-3)
+    height = stored.read("height", 0, top=0, left=0, rows=data["rows"], columns=data["columns"])
+    assert (data["columns"], data["rows"], data["cell"], data["area"]) == (513, 385, 1.0, 512.0 * 384.0)
+    assert data["relief"]["minimum"] == float(height.min())
+    assert data["relief"]["maximum"] == float(height.max())
+    assert data["relief"]["mean"] == pytest.approx(height.mean(dtype=np.float64))
+    assert data["relief"]["quantiles"]["0.5"] == pytest.approx(np.median(height), abs=0.01)
+    assert math.fsum(data["slopes"]["shares"]) == pytest.approx(1.0)
+    assert math.fsum(data["materials"].values()) == pytest.approx(1.0)
+    assert data["hypsometry"]["share_above"][0] == 1.0
+    assert data["hypsometry"]["share_above"][-1] == 0.0
+    below = np.mean(height > data["hypsometry"]["heights"][5])
+    assert data["hypsometry"]["share_above"][5] == pytest.approx(below, abs=1e-3)
 
 
-def test_a_person_gets_bars(call, written):
+def test_statistics_text(call, written):
     done = call("stats", written, "--level", 1)
     assert done.code == 0
     lines = done.out.splitlines()

@@ -1,4 +1,4 @@
-"""Sketches made by hand, byte by byte where the format matters."""
+"""Sketches and PNG files written byte by byte."""
 
 import dataclasses
 import struct

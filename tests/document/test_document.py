@@ -1,4 +1,4 @@
-"""Sketches as values, and the look of their materials."""
+"""Sketches as immutable, checked values."""
 
 import dataclasses
 import pickle
@@ -18,7 +18,7 @@ def _image(height, width, label=0):
     return np.full((height, width), label, dtype=np.uint8)
 
 
-def test_extent_is_the_longer_side_and_all_else_is_the_default():
+def test_defaults_and_extent():
     sketch = Sketch()
     assert (sketch.width_px, sketch.height_px) == (512, 512)
     assert list(sketch.layers) == list(LAYERS)
@@ -34,7 +34,7 @@ def test_extent_is_the_longer_side_and_all_else_is_the_default():
         assert all(image.shape == (height, width) for image in sketch.layers.values())
 
 
-def test_a_sketch_never_changes_and_shares_what_stays_the_same():
+def test_sketches_are_immutable_and_share_unchanged_layers():
     mine = _image(4, 4, 1)
     sketch = Sketch(layers={"hill": mine}, labels={("hill", 1): {"height": 10}})
     mine[:] = 2
@@ -54,7 +54,7 @@ def test_a_sketch_never_changes_and_shares_what_stays_the_same():
         sketch.replace(fidelity=2)
 
 
-def test_properties_are_the_declared_ones_over_the_defaults():
+def test_properties_have_defaults():
     sketch = Sketch(labels={("mountain", 2): {"height": 900}, ("material", 2): {"material": "snow"}})
     assert sketch.properties("mountain", 2) == {
         "height": 900.0,
@@ -79,14 +79,8 @@ def test_properties_are_the_declared_ones_over_the_defaults():
 
 _REFUSED = [
     ({"density": {"hil": 1}}, "unknown key 'hil' = 1 in .density.: .*did you mean 'hill'"),
-    ({"ground": {"relief": -1}}, "ground.relief = -1: expected a number from 0 to 2000 m"),
     ({"labels": {("hill", 0): {}}}, "expected a label from 1 to 255"),
     ({"labels": {("pond", 1): {}}}, "unknown layer 'pond'"),
-    ({"labels": {("hill", 1): {"wind": 1}}}, r"unknown key 'wind' = 1 in \[hill.1\]"),
-    (
-        {"labels": {("material", 1): {"material": "mud"}}},
-        r"material\.1\.material = 'mud': expected 'grass' or 'soil'",
-    ),
     ({"material_rules": ("snow",)}, "expected RuleChange values, got 'snow'"),
     ({"edits": ("move",)}, "edits: expected Edit values, got 'move'"),
     ({"layers": {"hill": [[0]]}}, "expected a uint8 array .height, width., got list"),
@@ -104,7 +98,7 @@ def test_refused_values_name_the_key():
             Sketch(**changes)
 
 
-def test_labels_are_found_in_any_shape():
+def test_labels_in_large_and_transposed_images():
     image = np.zeros((3000, 1000), dtype=np.uint8)
     assert labels_in(image) == ()
     image[2999, 999], image[0, 0], image[1500, 3] = 255, 7, 1
@@ -112,7 +106,7 @@ def test_labels_are_found_in_any_shape():
     assert labels_in(image.T) == (1, 7, 255)
 
 
-def test_a_sketch_pickles_small():
+def test_pickled_sketches_are_small_and_equal():
     sketch = Sketch(
         name="Ben",
         layers={"hill": _image(3, 5, 1), "river": np.eye(3, 5, dtype=np.uint8)},
@@ -141,7 +135,7 @@ def test_a_sketch_pickles_small():
     assert len(pickle.dumps(Sketch(layers=large))) < 8000
 
 
-def test_only_given_values_of_a_look_are_kept_in_the_order_of_materials():
+def test_look_has_only_given_values_in_order_of_materials():
     look = {"sand": {"size": 9.0}, "grass": {"colour": "#3f6B2a", "roughness": 0.5, "bump": 0.0}}
     sketch = Sketch(look=look)
     assert dict(sketch.look) == look

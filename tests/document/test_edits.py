@@ -41,7 +41,7 @@ def test_edits_round_trip_through_the_settings(edits):
     assert settings_text(again) == settings_text(sketch)
 
 
-def test_refused_edits_and_the_most_fit_the_file():
+def test_refused_edits_and_the_largest_file():
     text = b'format = 1\n[[edit]]\naction = "move_point"\nfeature = 12\nindex = 3\nx = 5\ny = -2.5\n'
     assert parse_settings(text).edits == (Edit("move_point", 12, index=3, x=5.0, y=-2.5),)
     with pytest.raises(InputError, match=f"expected at most {MAX_EDITS}"):
@@ -55,7 +55,7 @@ def test_refused_edits_and_the_most_fit_the_file():
     assert len(text) < 0.6 * file_limit(SETTINGS)
 
 
-def test_added_features_have_an_id_hashed_from_their_values():
+def test_added_features_have_hashed_ids():
     again = Edit("add", type="hill", x=10, y=20, radius=30, strength=5)
     assert again == HILL
     assert HILL.feature == 8863291655238906495  # for ever
@@ -64,7 +64,7 @@ def test_added_features_have_an_id_hashed_from_their_values():
     assert dataclasses.replace(HILL, x=11.0).feature != HILL.feature
 
 
-def test_a_later_edit_replaces_an_earlier_one_and_deleting_drops_them():
+def test_edits_supersede_earlier_ones():
     sketch = Sketch().with_edit(Edit("move", 1, x=0.0, y=0.0)).with_edit(Edit("resize", 1, radius=5.0))
     sketch = sketch.with_edit(Edit("move", 1, x=9.0, y=9.0)).with_edit(Edit("move", 2, x=1.0, y=1.0))
     assert [(e.action, e.feature) for e in sketch.edits] == [("resize", 1), ("move", 1), ("move", 2)]

@@ -1,4 +1,4 @@
-"""Folders and archives: saved, loaded, and a save that is cut off anywhere."""
+"""Folders and archives: saving, loading, crashes during a save."""
 
 import os
 import shutil
@@ -47,26 +47,23 @@ def _painted():
     name=st.text(st.characters(exclude_categories=["Cs"]), max_size=20),
     seed=st.integers(0, 99),
 )
-def test_a_sketch_comes_back_as_it_was_from_a_folder_and_from_a_zip(tmp_path, images, name, seed):
+def test_folders_and_zips_round_trip(tmp_path, images, name, seed):
     sketch = Sketch(name=name, seed=seed, layers=images)
     for path in (tmp_path / "folder", tmp_path / "zip.sketch"):
         save_sketch(sketch, path)
         same(load_sketch(path), sketch)
 
 
-def test_a_folder_and_a_zip_of_it_are_the_same_sketch(tmp_path):
+def test_zip_of_a_folder_is_the_same_sketch(tmp_path):
     save_sketch(_painted(), tmp_path / "deep" / "valley")
     assert sorted(entry.name for entry in (tmp_path / "deep" / "valley").iterdir()) == _FILES
     shutil.make_archive(str(tmp_path / "valley"), "zip", tmp_path / "deep", "valley")
     zipped = (tmp_path / "valley.zip").rename(tmp_path / "valley.sketch")
     same(load_sketch(zipped), load_sketch(str(tmp_path / "deep" / "valley")))
     same(load_sketch(zipped), _painted())
-    for name in ("a.sketch", "b.sketch"):
-        save_sketch(_painted(), tmp_path / name)
-    assert (tmp_path / "a.sketch").read_bytes() == (tmp_path / "b.sketch").read_bytes()
 
 
-def test_saving_replaces_a_sketch_and_nothing_else(tmp_path):
+def test_saving_leaves_other_files(tmp_path):
     save_sketch(_painted(), tmp_path)
     (tmp_path / "notes.txt").write_text("mine")
     emptied = _painted().replace(layers={"river": np.ones((9, 9), dtype=np.uint8)})
@@ -89,7 +86,7 @@ def test_saving_replaces_a_sketch_and_nothing_else(tmp_path):
     assert path.read_bytes() == b"mine"
 
 
-def test_a_failed_save_leaves_the_old_sketch(tmp_path, monkeypatch):
+def test_failed_save_leaves_the_old_sketch(tmp_path, monkeypatch):
     def fail(_):
         raise OSError(28, "No space left on device")
 
@@ -108,7 +105,7 @@ def test_a_failed_save_leaves_the_old_sketch(tmp_path, monkeypatch):
         same(load_sketch(path), _painted())
 
 
-def test_missing_layers_are_empty_and_unpainted_labels_have_properties(folder):
+def test_missing_layers_and_unpainted_labels(folder):
     sketch = load_sketch(folder("extent = 100"))
     assert (sketch.width_px, sketch.height_px, sketch.size) == (512, 512, (100.0, 100.0))
     assert not any(image.any() for image in sketch.layers.values())
@@ -121,7 +118,7 @@ def test_missing_layers_are_empty_and_unpainted_labels_have_properties(folder):
     assert all((image == 1).all() for image in sketch.layers.values())
 
 
-def test_refused_files_of_a_folder_and_those_that_may_lie_beside_the_sketch(folder):
+def test_refused_and_ignored_files(folder):
     place = folder()
     for name, message in [
         ("mountains.png", "did you mean 'mountain.png'"),
@@ -165,7 +162,7 @@ def test_refused_files_of_a_folder_and_those_that_may_lie_beside_the_sketch(fold
     assert (load_sketch(place).width_px, load_sketch(place).height_px) == (6, 4)
 
 
-def test_presets_are_loaded_by_name_and_a_sketch_here_goes_first(tmp_path, monkeypatch):
+def test_local_sketches_precede_presets(tmp_path, monkeypatch):
     message = refusal(str(tmp_path / "nowhere"))
     assert "expected a folder, a .sketch file or a preset" in message
     assert all(name in message for name in preset_names())
@@ -198,7 +195,7 @@ def test_presets_are_loaded_by_name_and_a_sketch_here_goes_first(tmp_path, monke
     assert load_sketch("valley").name == "My sketch"
 
 
-def test_the_starter_shows_every_layer_and_takes_an_empty_folder_alone(tmp_path):
+def test_starter_declares_every_layer(tmp_path):
     new_sketch(tmp_path / "mine")
     assert sorted(entry.name for entry in (tmp_path / "mine").iterdir()) == _FILES
     sketch = load_sketch(tmp_path / "mine")
@@ -224,17 +221,17 @@ def test_the_starter_shows_every_layer_and_takes_an_empty_folder_alone(tmp_path)
 
 
 class Killed(BaseException):
-    """Nothing in the program catches this."""
+    """Not caught anywhere in the program."""
 
 
-def one(label):
-    """A sketch that is another one in each of its files."""
+def numbered_sketch(label):
+    """Return a sketch whose files all depend on a number."""
     image = np.full((20, 30), label, dtype=np.uint8)
     return Sketch(seed=label, layers=dict.fromkeys(LAYERS, image))
 
 
-def killed_at(monkeypatch, moment, act):
-    """Do something, killed before or after a moment at which the disk changes; True if it was killed."""
+def interrupted_at(monkeypatch, moment, act):
+    """Call `act`, killed at a numbered disk operation; return whether it was killed."""
     count = 0
 
     def pass_moment():
@@ -255,7 +252,7 @@ def killed_at(monkeypatch, moment, act):
     with monkeypatch.context() as patch:
         patch.setattr(Path, "replace", counted(Path.replace))
         patch.setattr(os, "fsync", counted(lambda _: None))
-        patch.setattr(Path, "unlink", lambda *_, **__: None)  # who is killed does not tidy up
+        patch.setattr(Path, "unlink", lambda *_, **__: None)  # a killed process does not clean up
         try:
             act()
         except Killed:
@@ -265,17 +262,21 @@ def killed_at(monkeypatch, moment, act):
 
 @pytest.mark.parametrize("stride", [3, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("before", ["nothing", "a sketch", "an unfinished save"])
-def test_a_save_that_is_cut_off_leaves_the_old_sketch_or_the_new_one(tmp_path, monkeypatch, before, stride):
+def test_killed_save_leaves_the_old_or_the_new_sketch(tmp_path, monkeypatch, before, stride):
     seen = set()
     for moment in range(0, 100, stride):
         folder = tmp_path / str(moment)
         if before != "nothing":
-            save_sketch(one(1), folder)
+            save_sketch(numbered_sketch(1), folder)
         if before == "an unfinished save":
-            assert killed_at(monkeypatch, 22, lambda folder=folder: save_sketch(one(2), folder))
+            assert interrupted_at(
+                monkeypatch, 22, lambda folder=folder: save_sketch(numbered_sketch(2), folder)
+            )
             assert (folder / JOURNAL).exists()
-            same(load_sketch(folder), one(2))
-        killed = killed_at(monkeypatch, moment, lambda folder=folder: save_sketch(one(3), folder))
+            same(load_sketch(folder), numbered_sketch(2))
+        killed = interrupted_at(
+            monkeypatch, moment, lambda folder=folder: save_sketch(numbered_sketch(3), folder)
+        )
         try:
             sketch = load_sketch(folder)
         except InputError:
@@ -283,21 +284,21 @@ def test_a_save_that_is_cut_off_leaves_the_old_sketch_or_the_new_one(tmp_path, m
             seen.add(0)
         else:
             seen.add(sketch.seed)
-            same(sketch, one(sketch.seed))
-        save_sketch(one(4), folder)
-        same(load_sketch(folder), one(4))
+            same(sketch, numbered_sketch(sketch.seed))
+        save_sketch(numbered_sketch(4), folder)
+        same(load_sketch(folder), numbered_sketch(4))
         assert not (folder / JOURNAL).exists()
         if not killed:
             break
     else:
-        pytest.fail("a save has no end")
+        pytest.fail("the save does not end")
     assert seen == {{"nothing": 0, "a sketch": 1, "an unfinished save": 2}[before], 3}
     assert moment > 20
 
 
-def test_an_image_written_after_the_crash_is_kept(tmp_path, monkeypatch):
-    save_sketch(one(1), tmp_path)
-    assert killed_at(monkeypatch, 20, lambda: save_sketch(one(2), tmp_path))
+def test_image_modified_after_the_crash_wins(tmp_path, monkeypatch):
+    save_sketch(numbered_sketch(1), tmp_path)
+    assert interrupted_at(monkeypatch, 20, lambda: save_sketch(numbered_sketch(2), tmp_path))
     time.sleep(0.02)
     (tmp_path / "hill.png").write_bytes(encode_layer(np.full((20, 30), 9, dtype=np.uint8), (0, 0, 0)))
     sketch = load_sketch(tmp_path)
@@ -307,31 +308,31 @@ def test_an_image_written_after_the_crash_is_kept(tmp_path, monkeypatch):
     }
 
 
-def test_a_folder_named_as_a_preset_with_an_unfinished_first_save_is_the_sketch_here(tmp_path, monkeypatch):
+def test_unfinished_first_save_precedes_a_preset(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     folder = Path("valley_river")
-    assert killed_at(monkeypatch, 19, lambda: save_sketch(one(2), folder))
+    assert interrupted_at(monkeypatch, 19, lambda: save_sketch(numbered_sketch(2), folder))
     assert not (folder / "sketch.toml").exists()
-    same(load_sketch("valley_river"), one(2))
+    same(load_sketch("valley_river"), numbered_sketch(2))
 
 
 def test_unchanged_files_are_not_written(tmp_path):
-    save_sketch(one(1), tmp_path)
+    save_sketch(numbered_sketch(1), tmp_path)
     times = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     time.sleep(0.02)
-    save_sketch(one(1).replace(seed=9), tmp_path)
+    save_sketch(numbered_sketch(1).replace(seed=9), tmp_path)
     changed = {path.name for path in tmp_path.iterdir() if path.stat().st_mtime_ns != times[path.name]}
     assert changed == {"sketch.toml"}
 
 
-def test_old_temporary_files_of_killed_saves_are_removed(tmp_path, monkeypatch):
-    assert killed_at(monkeypatch, 9, lambda: save_sketch(one(2), tmp_path))
+def test_stale_temporary_files_are_removed(tmp_path, monkeypatch):
+    assert interrupted_at(monkeypatch, 9, lambda: save_sketch(numbered_sketch(2), tmp_path))
     (tmp_path / ".notes.tmp").write_text("mine")
     left = list(tmp_path.glob(".*.tmp"))
     assert len(left) > 3
-    save_sketch(one(3), tmp_path)
-    assert set(left) <= set(tmp_path.iterdir())  # somebody may be writing them
+    save_sketch(numbered_sketch(3), tmp_path)
+    assert set(left) <= set(tmp_path.iterdir())  # they may be in use
     for path in left:
         os.utime(path, (time.time() - 100, time.time() - 100))
-    save_sketch(one(3), tmp_path)
+    save_sketch(numbered_sketch(3), tmp_path)
     assert {path.name for path in tmp_path.glob(".*")} == {".notes.tmp"}

@@ -1,4 +1,4 @@
-"""Steps against a list of the sketches that were there."""
+"""Undo history against a list of past sketches."""
 
 import time
 
@@ -12,7 +12,7 @@ from sketchterrain.document.sketch import Sketch
 
 
 def values(sketch):
-    """What a sketch says, without the sketch."""
+    """Return a copy of a sketch's values."""
     layers = {name: image.copy() for name, image in sketch.layers.items()}
     return {**{k: v for k, v in vars(sketch).items() if k != "layers"}, "layers": layers}
 
@@ -41,7 +41,7 @@ def painted(sketch, rng, *, layers=1):
 
 
 def another(sketch, rng):
-    """One of the things that a person can do."""
+    """Return a sketch after a random user action."""
     match int(rng.integers(6)):
         case 0:
             return sketch.replace(seed=int(rng.integers(1000)))
@@ -63,7 +63,7 @@ def another(sketch, rng):
 @pytest.mark.parametrize(
     "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 8))]
 )
-def test_a_random_walk_meets_every_sketch_again_to_the_bit(seed):
+def test_random_undo_and_redo_restores_every_sketch(seed):
     rng = np.random.default_rng(seed)
     first = painted(Sketch(layers={"hill": np.zeros((200, 333), dtype=np.uint8)}), rng, layers=4)
     history, known, held = History(first), [values(first)], []
@@ -75,7 +75,7 @@ def test_a_random_walk_meets_every_sketch_again_to_the_bit(seed):
             merge = "drag" if rng.random() < 0.3 else None
             steps, position = len(history.titles), history.position
             history.record("Step", sketch, merge=merge)
-            if history.position < position:  # a drag back to where it began
+            if history.position < position:  # a drag back to its start
                 known[position:] = []
             elif history.position == position and len(history.titles) == steps:  # merged, or nothing changed
                 known[position] = values(sketch)
@@ -94,7 +94,7 @@ def test_a_random_walk_meets_every_sketch_again_to_the_bit(seed):
                     outside[top:bottom, left:right] = False
                     assert not outside.any()
         if rng.random() < 0.1:
-            held.append(history.sketch)  # some sketches live on elsewhere
+            held.append(history.sketch)  # referenced elsewhere
         assert history.position < len(history.titles) == len(known)
         assert_is(history.sketch, known[history.position])
     for position in rng.permutation(len(known)):
@@ -102,7 +102,7 @@ def test_a_random_walk_meets_every_sketch_again_to_the_bit(seed):
         assert_is(history.sketch, known[position])
 
 
-def test_a_sketch_that_was_current_has_the_key_of_its_step():
+def test_sketches_of_one_step_share_its_key():
     history = History(Sketch())
     saved = history.sketch.replace(seed=7)
     history.record("Seed", saved)
@@ -121,7 +121,7 @@ def test_a_sketch_that_was_current_has_the_key_of_its_step():
     assert history.sketch is current
 
 
-def test_steps_of_one_drag_are_one_step_and_none_if_it_ends_where_it_began():
+def test_merged_steps():
     history = History(Sketch())
     for seed in range(1, 20):
         history.record("Drag", history.sketch.replace(seed=seed), merge="a")
@@ -151,7 +151,7 @@ def test_steps_of_one_drag_are_one_step_and_none_if_it_ends_where_it_began():
     assert (history.sketch.seed, history.sketch.name) == (0, "Alps")
 
 
-def test_the_number_and_the_bytes_of_steps_are_limited():
+def test_steps_and_memory_are_limited():
     rng = np.random.default_rng(4)
     history = History(Sketch(), most_bytes=300_000)
     known = []
@@ -181,7 +181,7 @@ def test_the_number_and_the_bytes_of_steps_are_limited():
     assert history.sketch.seed == 24
 
 
-def test_a_change_is_reversible_with_a_tight_box_and_the_new_labels():
+def test_layer_changes_are_reversible_with_tight_boxes():
     rng = np.random.default_rng(5)
     for _ in range(60):
         shape = tuple(int(n) for n in rng.integers(1, 260, 2))
@@ -204,7 +204,7 @@ def test_a_change_is_reversible_with_a_tight_box_and_the_new_labels():
     assert LayerChange.between(after, before).new_labels == set()
 
 
-def test_a_stroke_on_a_large_sketch_is_a_quick_and_small_step():
+def test_stroke_on_a_large_sketch_is_a_small_step():
     image = np.zeros((4096, 4096), dtype=np.uint8)
     history = History(Sketch(layers={"hill": image}))
     after = image.copy()

@@ -51,7 +51,7 @@ def test_layers_round_trip(height, width, labels, seed):
     assert not again.flags.writeable
 
 
-def test_a_written_layer_is_an_8_bit_palette_image_in_the_layers_colour():
+def test_layers_are_8_bit_palette_images_in_their_colour():
     labels = np.arange(17, dtype=np.uint8)[None]
     for layer in LAYERS.values():
         data = encode_layer(_SMALL, layer.colour)
@@ -110,7 +110,7 @@ def _resized(png, width, height):
     return bytes(data)
 
 
-def test_a_png_truncated_or_changed_at_any_byte_is_refused():
+def test_damaged_png_is_refused():
     data = encode_layer(_SMALL, (1, 2, 3))
     for position in range(len(data)):
         assert "expected a" in _refusal(data[:position])
@@ -119,7 +119,7 @@ def test_a_png_truncated_or_changed_at_any_byte_is_refused():
         _refusal(bytes(changed))
 
 
-def test_a_side_out_of_range_is_refused_by_the_header():
+def test_image_size_is_checked_before_decoding():
     for width, height in ((16385, 1), (1, 16385), (2**31, 2**31 - 1), (0, 4), (4, 0)):
         data = _resized(png([b"\1"], 1), width, height)
         tracemalloc.start()
@@ -128,19 +128,12 @@ def test_a_side_out_of_range_is_refused_by_the_header():
         tracemalloc.stop()
 
 
-def test_an_image_beyond_pillows_limit_is_read_without_a_warning(monkeypatch):
+def test_images_beyond_pillows_limit_are_read(monkeypatch):
     image = np.zeros((120, 160), dtype=np.uint8)
     image[-1, -1] = 3
     for limit in (100, image.size - 1):  # Pillow raises beyond twice its limit and warns beyond it
         monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", limit)
         np.testing.assert_array_equal(decode_layer(encode_layer(image, (1, 2, 3))), image)
-
-
-@given(st.binary(max_size=100))
-def test_any_bytes_raise_an_input_error(data):
-    for content in (data, b"\x89PNG\r\n\x1a\n" + data):
-        with pytest.raises(InputError):
-            decode_layer(content)
 
 
 _SETTINGS = b"format = 1\n"
@@ -149,7 +142,7 @@ _TEN_GB = 10 * 10**9
 
 @pytest.fixture
 def packed(tmp_path):
-    """A zip with the given entries: names or whole descriptions, and contents."""
+    """Write a zip with the given entries: names or ZipInfo, and contents."""
 
     def make(*entries, method=zipfile.ZIP_DEFLATED):
         path = tmp_path / "valley.sketch"
@@ -162,7 +155,7 @@ def packed(tmp_path):
 
 
 def _zeros(count):
-    """A raw deflate stream of `count` zeros, in pieces that repeat so that it takes no time to make."""
+    """Return a raw deflate stream of `count` zeros, of repeated pieces."""
     piece = 10**7
     compressor = zlib.compressobj(9, zlib.DEFLATED, -15)
     first = compressor.compress(bytes(piece)) + compressor.flush(zlib.Z_FULL_FLUSH)
@@ -170,7 +163,7 @@ def _zeros(count):
 
 
 def _bomb(name, count, *, declared, start=b""):
-    """A zip whose entry `name` holds `count` zeros after `start` and says it has `declared` bytes."""
+    """Return a zip whose entry `name` has `count` zeros after `start` but declares another size."""
     head = zlib.compressobj(9, zlib.DEFLATED, -15)
     content = head.compress(start) + head.flush(zlib.Z_FULL_FLUSH) + _zeros(count)
     entries, directory = b"", b""
@@ -186,7 +179,7 @@ def _bomb(name, count, *, declared, start=b""):
     return entries + directory + tail
 
 
-def test_the_sketch_may_lie_at_the_top_or_in_one_folder_beside_other_files(packed):
+def test_sketch_at_the_top_or_in_one_folder_of_a_zip(packed):
     hill = grey([[1, 0, 0]])
     for top in ("", "My valley/"):
         sketch = load_sketch(
@@ -208,24 +201,17 @@ def test_the_sketch_may_lie_at_the_top_or_in_one_folder_beside_other_files(packe
 
 
 def _special(kind):
-    """An entry of another kind than a file."""
+    """Return an entry that is not a file."""
     info = zipfile.ZipInfo("hill.png")
     info.external_attr = (kind | 0o777) << 16
     return info
 
 
 _LEAVING = (
-    "../evil.toml",
-    "a/../../evil",
-    "/etc/evil",
-    "a\\..\\evil",
-    "C:/evil",
-    "./sketch.toml",
-    "a//b",
-    "..",
-    "a/..",
+    *("../evil.toml", "a/../../evil", "/etc/evil", "a\\..\\evil", "C:/evil"),
+    *("./sketch.toml", "a//b", "..", "a/.."),
 )
-# Entries beside the settings, and what the refusal says.
+# Entries beside the settings, and the expected message.
 _REFUSED: list[tuple[list[tuple[str | zipfile.ZipInfo, bytes]], str]] = [
     *(([(name, b"evil")], "refused: expected a") for name in _LEAVING),
     *(
@@ -275,32 +261,22 @@ def test_refused_bytes(packed, tmp_path):
     assert "too large: expected at most 256 MiB" in refusal(path)
 
 
-_BOMBS = [
-    (name, declared, start)
-    for name in ("hill.png", "notes.txt")
-    for declared in (_TEN_GB, 60 << 20, 1000)
-    for start in (b"", b"\x89PNG\r\n\x1a\n")
-]
-_FEW = [("hill.png", 1000, b""), ("hill.png", 60 << 20, b"\x89PNG\r\n\x1a\n"), ("notes.txt", _TEN_GB, b"")]
+_BOMBS = [("hill.png", 1000, b""), ("hill.png", 60 << 20, b"\x89PNG\r\n\x1a\n"), ("notes.txt", _TEN_GB, b"")]
 
 
-@pytest.mark.parametrize("bombs", [_FEW, pytest.param(_BOMBS, marks=pytest.mark.slow)], ids=["few", "all"])
-def test_ten_gigabytes_of_zeros_take_neither_time_nor_memory(tmp_path, bombs):
+def test_zip_bombs_take_neither_time_nor_memory(tmp_path):
     path = tmp_path / "bomb.sketch"
-    for name, declared, start in bombs:
+    for name, declared, start in _BOMBS:
         path.write_bytes(_bomb(name, _TEN_GB, declared=declared, start=start))
         tracemalloc.start()
         began = time.perf_counter()
-        if name == "notes.txt" and declared < _TEN_GB:
-            load_sketch(path)  # never unpacked: it says that it is small, and nobody asks for it
-        else:
-            assert "bomb.sketch" in refusal(path), (name, declared, start)
+        assert "bomb.sketch" in refusal(path), (name, declared, start)
         assert time.perf_counter() - began < 5
         assert tracemalloc.get_traced_memory()[1] < 200 << 20
         tracemalloc.stop()
 
 
-def test_damaged_zips_and_errors_inside_are_refused(packed):
+def test_damaged_zips_and_invalid_sketches_are_refused(packed):
     path = packed(("sketch.toml", _SETTINGS), ("hill.png", grey([[0, 1], [2, 3]])))
     whole = path.read_bytes()
     for length in range(0, len(whole), 3):
@@ -315,7 +291,7 @@ def test_damaged_zips_and_errors_inside_are_refused(packed):
     assert "no sketch.toml" in refusal(path)
 
 
-def test_a_zip_has_the_same_bytes_whenever_and_in_whatever_order_it_is_made():
+def test_zip_bytes_are_reproducible():
     files = {"sketch.toml": b"format = 1", "hill.png": b"2"}
     data = pack_zip(files)
     assert data == pack_zip(dict(reversed(files.items())))

@@ -1,4 +1,4 @@
-"""Settings as TOML: declared parameters, round trips, refusals."""
+"""``sketch.toml``: declared parameters, round trips, refusals."""
 
 import contextlib
 import math
@@ -39,7 +39,7 @@ _TABLES = {
 _ALL = [(f"{table}.{p.name}", p) for table, ps in _TABLES.items() for p in ps.values()]
 
 
-def test_each_declaration_is_whole_and_holds_to_its_type_and_range():
+def test_declarations_have_valid_types_and_ranges():
     for name, parameter in _ALL:
         assert parameter.kind in (int, float, str), name
         assert type(parameter.default) is parameter.kind, name
@@ -67,7 +67,7 @@ def test_each_declaration_is_whole_and_holds_to_its_type_and_range():
                 parameter.check(bad)
 
 
-def test_a_whole_number_is_a_number_and_errors_name_key_value_unit_and_range():
+def test_conversions_and_error_messages():
     assert SKETCH["extent"].check(100) == 100.0
     assert isinstance(SKETCH["extent"].check(100), float)
     assert SKETCH["seed"].check(np.int64(7)) == 7
@@ -84,7 +84,7 @@ def test_a_whole_number_is_a_number_and_errors_name_key_value_unit_and_range():
         SKETCH["name"].check("x" * 201)
 
 
-def test_names_are_distinct_and_the_reference_lists_every_parameter():
+def test_reference_lists_every_parameter():
     assert all(name == layer.name for name, layer in LAYERS.items())
     assert len({layer.colour for layer in LAYERS.values()}) == len(LAYERS)
     assert all(0 <= channel <= 255 for layer in LAYERS.values() for channel in layer.colour)
@@ -140,7 +140,7 @@ def test_settings_round_trip(sketch):
     assert settings_text(again) == settings_text(sketch)
 
 
-def test_the_example_of_the_format_and_any_name():
+def test_example_file_and_special_names():
     for name in ('say "hi"', "C:\\sketch", "Größe 山 🏔", "two\nlines\r\n\t", "\x00\x1f\x7f", "'''"):
         assert parse_settings(settings_text(Sketch(name=name)).encode()).name == name
 
@@ -162,12 +162,8 @@ width = 18.0
 depth = 3.0
 """
     )
-    assert (sketch.name, sketch.extent, sketch.seed, sketch.fidelity) == (
-        "Valley with a river",
-        4096.0,
-        7,
-        0.8,
-    )
+    top = (sketch.name, sketch.extent, sketch.seed, sketch.fidelity)
+    assert top == ("Valley with a river", 4096.0, 7, 0.8)
     assert sketch.density == {"mountain": 0.02, "hill": 0.2, "dune": 0.0, "forest": 0.0}
     assert sketch.labels == {
         ("mountain", 1): {"height": 900.0, "peakiness": 0.6, "multitude": 1},
@@ -177,7 +173,7 @@ depth = 3.0
     assert parse_settings(b"\xef\xbb\xbfformat = 1\r\nextent = 10\r\n").extent == 10.0
 
 
-def test_every_line_of_a_written_sketch_says_what_it_means():
+def test_every_written_line_has_a_comment():
     lines = settings_text(Sketch(labels={("dune", 1): {"wind": 90.0}})).splitlines()
     assert "wind = 90.0                  # where the wind blows from: 0 north, 90 east (0 to 360 °)" in lines
     keys = [line for line in lines if " = " in line and not line.startswith(("#", "format"))]
@@ -273,12 +269,12 @@ def test_refused_settings_name_the_key_or_the_line():
 
 
 @given(st.binary(max_size=200))
-def test_any_bytes_parse_or_raise_an_input_error(data):
+def test_random_bytes_parse_or_raise_an_input_error(data):
     with contextlib.suppress(InputError):
         parse_settings(b"format = 1\n" + data)
 
 
-def test_the_largest_settings_fit_the_limits():
+def test_largest_settings_fit_the_file_limit():
     labels = {
         (name, label): {
             key: p.high - 1 / 3 if p.kind is float else p.choices[-1] if p.choices else p.high
@@ -319,7 +315,7 @@ _CHANGES = st.builds(
 
 
 @given(st.lists(_CHANGES, max_size=5).map(tuple))
-def test_changes_of_rules_round_trip(changes):
+def test_rule_changes_round_trip(changes):
     sketch = Sketch(material_rules=changes)
     text = settings_text(sketch)
     again = parse_settings(text.encode())
@@ -327,7 +323,7 @@ def test_changes_of_rules_round_trip(changes):
     assert settings_text(again) == text
 
 
-def test_the_default_rules_hold_to_the_declarations():
+def test_default_rules_match_the_declarations():
     assert [each.name for each in fields(Factor)] == list(FACTOR)
     assert {each.name for each in fields(RuleChange)} == {*RULE, "factors"}
     assert resolved_rules(()) == DEFAULT_RULES
@@ -337,7 +333,7 @@ def test_the_default_rules_hold_to_the_declarations():
         assert resolved_rules([change]) == DEFAULT_RULES
 
 
-def test_changed_rules_keep_what_is_not_given_and_new_ones_lie_on_top_or_before_another():
+def test_changed_and_new_rules():
     rules = resolved_rules([RuleChange("rock_face", cover=0.25)])
     assert [rule.name for rule in rules] == _OLD
     old, new = (table[_OLD.index("rock_face")] for table in (DEFAULT_RULES, rules))
@@ -355,7 +351,7 @@ def test_changed_rules_keep_what_is_not_given_and_new_ones_lie_on_top_or_before_
     assert [rule.cover for rule in twice if rule.name == "moss"] == [0.5]
 
 
-def test_the_most_rules_fit_and_no_more():
+def test_number_of_rules_is_limited():
     ramp = Factor(-1e4 / 3, 1e4 / 3, "straight", above_snow_line=1e4 / 3, wetness=1e4 / 3, mottle=-1e4 / 3)
     rows = [RuleChange(f"{n:040}", MATERIALS[-1], 1 / 3, "snow", (ramp,) * 4) for n in range(MAX_RULES)]
     most = tuple(rows[: MAX_RULES - len(DEFAULT_RULES)])

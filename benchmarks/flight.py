@@ -18,7 +18,7 @@ from sketchterrain.errors import DeviceError
 from sketchterrain.render.context import close_context, open_context
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
-from sketchterrain.render.sunlight import find_sun
+from sketchterrain.render.sky import find_sun
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -17,7 +17,7 @@ from sketchterrain.render.context import close_context, open_context
 from sketchterrain.render.offscreen import read_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
-from sketchterrain.render.sunlight import find_sun
+from sketchterrain.render.sky import find_sun
 from sketchterrain.render.views import find_view
 from sketchterrain.terrain.building import build
 

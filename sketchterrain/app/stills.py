@@ -13,8 +13,7 @@ from sketchterrain.export.rasters import write_picture
 from sketchterrain.render.offscreen import render_picture
 from sketchterrain.render.overlays import check_overlays
 from sketchterrain.render.quality import Quality
-from sketchterrain.render.sky import Weather
-from sketchterrain.render.sunlight import sun_at
+from sketchterrain.render.sky import Weather, sun_at
 from sketchterrain.render.views import check_view
 from sketchterrain.terrain.building import build
 

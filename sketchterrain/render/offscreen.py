@@ -17,8 +17,7 @@ from sketchterrain.render.programs import ResourceCache
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sharing_probe import moved_to_context, open_device
-from sketchterrain.render.sky import Weather
-from sketchterrain.render.sunlight import sun_for_view
+from sketchterrain.render.sky import Weather, sun_for_view
 from sketchterrain.render.views import check_view, find_view
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.scene import HeightMap, sample_heights, visible_rectangle
-from sketchterrain.render.sunlight import sun_at
+from sketchterrain.render.sky import sun_at
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -23,7 +23,7 @@ from sketchterrain.render.flight import (
 )
 from sketchterrain.render.offscreen import capture_frames, render_picture
 from sketchterrain.render.quality import Quality
-from sketchterrain.render.sunlight import find_sun
+from sketchterrain.render.sky import find_sun
 from sketchterrain.render.tour import tour
 
 from .test_camera import hills

@@ -32,13 +32,15 @@ from sketchterrain.render.sky import (
     Sky,
     Sun,
     Weather,
+    find_sun,
     irradiance_harmonics,
     level_weight,
     overcast_table,
     sky_irradiance,
     sky_table,
+    sun_at,
+    sun_for_view,
 )
-from sketchterrain.render.sunlight import find_sun, sun_at, sun_for_view
 from sketchterrain.render.targets import NOISE_PERIOD, FrameBlock
 
 from .test_shaders import evaluate

@@ -15,8 +15,7 @@ from sketchterrain.render.offscreen import SnapshotRenderer, render_picture
 from sketchterrain.render.programs import ResourceCache
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.scene import HeightMap, sample_heights
-from sketchterrain.render.sky import Weather
-from sketchterrain.render.sunlight import sun_at
+from sketchterrain.render.sky import Weather, sun_at
 from sketchterrain.render.viewpoints import LandCover, sun_preference, unobstructed_distance
 from sketchterrain.render.views import VIEWS, find_view
 from sketchterrain.terrain.adherence_rivers import standing_water

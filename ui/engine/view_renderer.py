@@ -13,8 +13,7 @@ from sketchterrain.render.overlays import OVERLAYS, Overlay
 from sketchterrain.render.quality import CPU_DRIVERS, Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sharing_probe import open_device
-from sketchterrain.render.sky import Weather
-from sketchterrain.render.sunlight import find_sun, sun_for_view
+from sketchterrain.render.sky import Weather, find_sun, sun_for_view
 from sketchterrain.render.targets import PictureTarget
 from sketchterrain.ui.engine.protocol import ViewState
 

@@ -1,4 +1,4 @@
-"""Viewpoints: places near the ground that give a good view."""
+"""Viewpoints at eye level: candidates, visibility, scores; aiming of cameras."""
 
 from __future__ import annotations
 
@@ -53,6 +53,27 @@ def neighbouring_bearings(values: Float64Array, width: int) -> Float64Array:
     return np.stack([np.roll(values, shift, axis=1) for shift in range(-(width // 2), width // 2 + 1)])
 
 
+def grid_positions(terrain: TerrainSource, along: Float64Array) -> Float64Array:
+    """Return positions (n, 2; m) of a grid at fractions `along` of the visible rectangle."""
+    west, south, east, north = visible_rectangle(terrain)
+    x, y = np.meshgrid(west + along * (east - west), south + along * (north - south))
+    return np.column_stack([x.ravel(), y.ravel()])
+
+
+def ray_positions(
+    eyes: Float64Array, bearings: Float64Array, distances: Float64Array
+) -> tuple[Float64Array, Float64Array]:
+    """Return x and y (eyes, bearings, distances; m) along rays from eyes (n, 3)."""
+    east = eyes[:, 0, None, None] + np.sin(bearings)[None, :, None] * distances
+    return east, eyes[:, 1, None, None] + np.cos(bearings)[None, :, None] * distances
+
+
+def is_inside(terrain: TerrainSource, x: Float64Array, y: Float64Array, *, margin: float = 0.0) -> BoolArray:
+    """Return whether positions are inside the visible rectangle, less a margin (m)."""
+    west, south, east, north = visible_rectangle(terrain)
+    return np.asarray((x > west + margin) & (x < east - margin) & (y > south + margin) & (y < north - margin))
+
+
 def aim(
     eye: tuple[float, float, float],
     bearing: float,
@@ -75,11 +96,11 @@ def aim(
     )
 
 
-MAX_VIEWPOINTS: Final = 220  # most viewpoints
+MAX_VIEWPOINTS: Final = 220
 GRID: Final = 22  # candidates along each side of the sketch …
 RISES: Final = 40  # … and for rises, of which the `TALL` with the highest topographic position are taken
 TALL: Final = 130
-SHORE: Final = (9.0, 30.0)  # distances (m) of distance_to_water viewpoints from the water
+SHORE: Final = (9.0, 30.0)  # distances (m) of shore viewpoints from the water
 SHORE_EVERY: Final = 1.0 / 50.0  # extents between them along a river
 STEEPEST: Final = 0.3
 AROUND: Final = 0.09  # window of the topographic position, in extents
@@ -138,19 +159,15 @@ def find_viewpoints(
     terrain: TerrainSource, relief: HeightMap, cover: LandCover, *, raised: bool
 ) -> Float64Array:
     """Return viewpoints (n, 2; m), n ≥ 1: rises only, or a grid and shores."""
-    west, south, east, north = visible_rectangle(terrain)
     side = RISES if raised else GRID
-    along = (np.arange(side) + 0.5) / side
-    grid = np.stack(
-        [each.ravel() for each in np.meshgrid(west + along * (east - west), south + along * (north - south))],
-        axis=-1,
-    )
+    grid = grid_positions(terrain, (np.arange(side) + 0.5) / side)
     if raised:
         places = grid[np.argsort(-topographic_position(terrain, relief, grid), kind="stable")]
     else:
         places = np.concatenate([_shore_positions(terrain), grid])
     suitable = places[_is_suitable(terrain, cover, places)]
     if not len(suitable):
+        west, south, east, north = visible_rectangle(terrain)
         return np.array([[(west + east) / 2.0, (south + north) / 2.0]])
     if raised:
         return np.asarray(suitable[:TALL])
@@ -208,9 +225,7 @@ def _shore_positions(terrain: TerrainSource) -> Float64Array:
 def _is_suitable(terrain: TerrainSource, cover: LandCover, places: Float64Array) -> BoolArray:
     """Return whether positions are inside the sketch, level, dry and outside forests."""
     x, y = places.T
-    west, south, east, north = visible_rectangle(terrain)
-    margin = 0.02 * terrain.extent
-    here = (x > west + margin) & (x < east - margin) & (y > south + margin) & (y < north - margin)
+    here = is_inside(terrain, x, y, margin=0.02 * terrain.extent)
     z = [terrain.heights(x + dx, y + dy) for dx, dy in ((0.0, 0.0), (4.0, 0.0), (0.0, 4.0))]
     even = np.hypot(z[1] - z[0], z[2] - z[0]) / 4.0 < STEEPEST
     return np.asarray(here & even & (cover.distance_to_water(x, y) > 3.0) & (cover.woods(x, y) < 0.5))
@@ -257,7 +272,7 @@ class _Visibility(NamedTuple):
 
 
 def eye_level_view(terrain: TerrainSource, light: LightScore, *, raised: bool) -> Camera:
-    """Choose a camera near the ground."""
+    """Return the best camera at eye level, or on a rise."""
     extent = terrain.extent
     west, south, east, north = visible_rectangle(terrain)
     relief = sample_heights(terrain, ((west + east) / 2, (south + north) / 2), 1.3 * extent, 640)
@@ -294,8 +309,7 @@ def _compute_visibility(
 ) -> _Visibility:
     extent = terrain.extent
     distance = np.geomspace(NEAREST, 1.5 * extent, DISTANCES)
-    east = eyes[:, 0, None, None] + np.sin(bearings)[None, :, None] * distance
-    north = eyes[:, 1, None, None] + np.cos(bearings)[None, :, None] * distance
+    east, north = ray_positions(eyes, bearings, distance)
     ground = terrain.heights(east, north, cell_size=CELL).astype(np.float64)
     woods, is_water = cover.woods(east, north), cover.is_water(east, north)
     level = eyes[:, 2, None, None]
@@ -310,8 +324,7 @@ def _compute_visibility(
     size = seen * np.gradient(distance) / distance * np.clip(-slope, 0.0, 0.25)
     water = (is_water * size)[..., distance < 0.4 * extent].sum(axis=-1)
     flooded = (is_water * size).sum(axis=-1) / np.maximum(size.sum(axis=-1), 1e-9)
-    west, south, *end = visible_rectangle(terrain)
-    inside = (east > west) & (east < end[0]) & (north > south) & (north < end[1])
+    inside = is_inside(terrain, east, north)
     count = np.maximum(seen.sum(axis=-1), 1.0)
     return _Visibility(
         skyline[..., -1],
@@ -327,23 +340,24 @@ def _compute_visibility(
 
 def _score(visibility: _Visibility, *, raised: bool) -> Float64Array:
     """Return the score of each viewpoint and bearing."""
+
+    def mean(values: Float64Array, width: int = IN_VIEW) -> Float64Array:
+        return np.asarray(neighbouring_bearings(values, width).mean(axis=0))
+
     horizon = neighbouring_bearings(visibility.horizon, IN_VIEW)
     peak = horizon.max(axis=0)
-    wall = np.maximum(neighbouring_bearings(visibility.near, IN_VIEW) - (-0.05 if raised else 0.0), 0.0).mean(
-        axis=0
-    )
+    near = neighbouring_bearings(visibility.near, IN_VIEW)
+    wall = np.maximum(near - (-0.05 if raised else 0.0), 0.0).mean(axis=0)
     best, width = (0.08, 0.10) if raised else (0.16, 0.10)
     return np.asarray(
         2.2 * np.exp(-(((peak - best) / width) ** 2))
         + 0.8 * np.tanh(horizon.std(axis=0) / 0.04)
-        + 1.0 * np.tanh(neighbouring_bearings(visibility.layers, IN_VIEW).mean(axis=0) / 3.0)
-        + 1.2
-        * np.tanh(neighbouring_bearings(visibility.middle, IN_VIEW).mean(axis=0) / (0.08 if raised else 0.03))
-        + 2.6 * np.tanh(neighbouring_bearings(visibility.water, 7).mean(axis=0) / 0.02)
-        + 0.8 * np.tanh(neighbouring_bearings(visibility.woods, IN_VIEW).mean(axis=0) / 0.10)
-        + 0.8 * np.tanh(neighbouring_bearings(visibility.inside, IN_VIEW).mean(axis=0) / 0.10)
+        + 1.0 * np.tanh(mean(visibility.layers) / 3.0)
+        + 1.2 * np.tanh(mean(visibility.middle) / (0.08 if raised else 0.03))
+        + 2.6 * np.tanh(mean(visibility.water, 7) / 0.02)
+        + 0.8 * np.tanh(mean(visibility.woods) / 0.10)
+        + 0.8 * np.tanh(mean(visibility.inside) / 0.10)
         - 12.0 * wall
-        # A skyline far above the picture's upper border is a wall, too.
-        - 6.0 * np.maximum(peak - HIGHEST_PEAK, 0.0)
-        - 4.0 * np.maximum(neighbouring_bearings(visibility.flooded, IN_VIEW).mean(axis=0) - WATER_LIMIT, 0.0)
+        - 6.0 * np.maximum(peak - HIGHEST_PEAK, 0.0)  # a skyline above the upper border is a wall, too
+        - 4.0 * np.maximum(mean(visibility.flooded) - WATER_LIMIT, 0.0)
     )

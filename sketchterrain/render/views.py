@@ -8,7 +8,15 @@ import numpy as np
 
 from sketchterrain.errors import InputError
 from sketchterrain.render.scene import BoundedTerrain, sample_heights, visible_rectangle
-from sketchterrain.render.viewpoints import aim, eye_level_view, neighbouring_bearings, sun_preference
+from sketchterrain.render.viewpoints import (
+    aim,
+    eye_level_view,
+    grid_positions,
+    is_inside,
+    neighbouring_bearings,
+    ray_positions,
+    sun_preference,
+)
 
 if TYPE_CHECKING:
     from sketchterrain.array_types import BoolArray, Float64Array
@@ -29,7 +37,7 @@ _TYPE_WEIGHTS: Final = np.array([1.0, 1.0, 2.2, 1.0])
 
 
 class _ViewStyle(NamedTuple):
-    """Eye style, framing and scoring parameters of a view kind."""
+    """Eye height, framing and scoring parameters of a view kind."""
 
     rises: tuple[float, ...]  # heights of the eye above the terrain, in extents …
     limits: tuple[float, float]  # … limited in m
@@ -112,11 +120,8 @@ def find_view(terrain: TerrainSource, kind: str = "auto", *, weather: Weather | 
     along = (np.arange(VIEWPOINTS_PER_SIDE) + 0.5) / VIEWPOINTS_PER_SIDE
     if not isinstance(terrain, BoundedTerrain):  # a sketch is seen from a little outside, too
         along = along * 1.1 - 0.05
-    x, y = (
-        grid.ravel() for grid in np.meshgrid(west + along * (east - west), south + along * (north - south))
-    )
     rises = len(style.rises)
-    x, y = np.tile(x, rises), np.tile(y, rises)
+    x, y = np.tile(grid_positions(terrain, along), (rises, 1)).T
     rise = np.repeat(np.clip(np.array(style.rises) * extent, *style.limits), len(x) // rises)
     z = relief.at(x, y) + rise
     bearings = np.linspace(0.0, 2.0 * np.pi, BEARINGS, endpoint=False)
@@ -127,14 +132,8 @@ def find_view(terrain: TerrainSource, kind: str = "auto", *, weather: Weather | 
     eye_z = float(terrain.heights(x[viewpoint], y[viewpoint])) + float(rise[viewpoint])
     place = (float(x[viewpoint]), float(y[viewpoint]), eye_z)
     skyline = neighbouring_bearings(seen.horizon, style.in_view)[:, viewpoint, bearing]
-    return aim(
-        place,
-        float(bearings[bearing]),
-        skyline,
-        extent,
-        fov=style.fov,
-        horizon_at=style.horizon_at,
-    )
+    angle = float(bearings[bearing])
+    return aim(place, angle, skyline, extent, fov=style.fov, horizon_at=style.horizon_at)
 
 
 def check_view(kind: str) -> None:
@@ -150,8 +149,7 @@ def _compute_visibility(
     bearings: Float64Array,
     distances: Float64Array,
 ) -> _Panorama:
-    east = eyes[:, 0, None, None] + np.sin(bearings)[None, :, None] * distances
-    north = eyes[:, 1, None, None] + np.cos(bearings)[None, :, None] * distances
+    east, north = ray_positions(eyes, bearings, distances)
     slope = (relief.at(east, north) - eyes[:, 2, None, None]) / distances
     skyline = np.maximum.accumulate(slope, axis=-1)
     # Terrain steeper than 45° below the eye is outside any picture.
@@ -160,8 +158,7 @@ def _compute_visibility(
     seen = share > 0.0
     far = distances > 0.06 * terrain.extent
     appears = np.diff(seen[..., far].astype(np.int8), axis=-1) > 0
-    water = water_map(terrain, relief)
-    is_water = water.at(east, north)
+    is_water = water_map(terrain, relief).at(east, north)
     size = seen * np.gradient(distances) / distances * np.clip(-slope, 0.0, 0.25)
     apparent = is_water * size * far
     flooded = (is_water * size).sum(axis=-1) / np.maximum(size.sum(axis=-1), 1e-9)
@@ -169,8 +166,7 @@ def _compute_visibility(
     visible = seen & middle
     count = np.maximum(visible.sum(axis=-1), 1.0)
     painted = [(mask.at(east, north) * visible).sum(axis=-1) / count for mask in _painted(terrain, relief)]
-    west, south, *end = visible_rectangle(terrain)
-    inside = (east > west) & (east < end[0]) & (north > south) & (north < end[1])
+    inside = is_inside(terrain, east, north)
     return _Panorama(
         skyline[..., -1],
         share,
@@ -207,24 +203,23 @@ def _painted(terrain: TerrainSource, relief: HeightMap) -> list[HeightMap]:
 
 def _score(seen: _Panorama, distance: Float64Array, style: _ViewStyle) -> Float64Array:
     """Return the score of each viewpoint and bearing; distances are in extents."""
+
+    def mean(values: Float64Array, width: int = style.in_view) -> Float64Array:
+        return np.asarray(neighbouring_bearings(values, width).mean(axis=0))
+
     horizon = neighbouring_bearings(seen.horizon, style.in_view)
-    peak = horizon.max(axis=0)
-    middle = neighbouring_bearings(
-        seen.share[..., (distance > 0.10) & (distance < 1.2)].sum(axis=-1), style.in_view
-    )
     # Terrain that rises in front of the camera occludes the rest.
     near = neighbouring_bearings(seen.horizon_of(distance < style.near), style.in_view)
     wall = np.maximum(near + style.clear, 0.0).mean(axis=0)
-    painted = np.stack([neighbouring_bearings(share, style.in_view).mean(axis=0) for share in seen.painted])
+    painted = np.stack([mean(share) for share in seen.painted])
     return np.asarray(
-        2.2 * np.exp(-(((peak - style.peak[0]) / style.peak[1]) ** 2))
+        2.2 * np.exp(-(((horizon.max(axis=0) - style.peak[0]) / style.peak[1]) ** 2))
         + 0.8 * np.tanh(horizon.std(axis=0) / 0.04)
-        + 0.9 * np.tanh(middle.mean(axis=0) / 0.15)
-        + 1.0 * np.tanh(neighbouring_bearings(seen.layers, style.in_view).mean(axis=0) / 3.0)
-        + 2.4 * np.tanh(neighbouring_bearings(seen.water, 7).mean(axis=0) / style.water)
+        + 0.9 * np.tanh(mean(seen.share[..., (distance > 0.10) & (distance < 1.2)].sum(axis=-1)) / 0.15)
+        + 1.0 * np.tanh(mean(seen.layers) / 3.0)
+        + 2.4 * np.tanh(mean(seen.water, 7) / style.water)
         + np.tensordot(_TYPE_WEIGHTS, np.tanh(painted / 0.10), axes=1)
-        + style.inside * np.tanh(neighbouring_bearings(seen.inside, style.in_view).mean(axis=0) / 0.15)
+        + style.inside * np.tanh(mean(seen.inside) / 0.15)
         - style.wall * wall
-        # A lake should not fill the picture.
-        - 6.0 * np.maximum(neighbouring_bearings(seen.flooded, style.in_view).mean(axis=0) - WATER_LIMIT, 0.0)
+        - 6.0 * np.maximum(mean(seen.flooded) - WATER_LIMIT, 0.0)  # a lake should not fill the picture
     )

@@ -55,9 +55,9 @@ def _within(lake: Lake, x: Float64Array, y: Float64Array) -> BoolArray:
     rows, columns = field.inside.shape
     column = np.rint((x - field.west) / field.spacing).astype(np.int64)
     row = np.rint((y - field.south) / field.spacing).astype(np.int64)
-    there = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+    valid = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
     result = np.zeros(x.shape, dtype=np.bool_)
-    result[there] = field.inside[row[there], column[there]] > -2.0 * field.spacing
+    result[valid] = field.inside[row[valid], column[valid]] > -2.0 * field.spacing
     return result
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sketchterrain.placement.feature_types import FEATURE_TYPES
-from sketchterrain.terrain.balance_samples import Places
+from sketchterrain.terrain.balance_samples import BalanceSamples
 from sketchterrain.terrain.host_relief import ErodibleHeight, deepest_gullies, gullies
 from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.noise import ValueSlope
@@ -34,34 +34,34 @@ class Heights:
     """Heights at sample points around features of one type, which join as (Σ h⁴)^¼ or as (Σ h²)^½."""
 
     recipe: TerrainRecipe
-    places: Places
+    samples: BalanceSamples
     mountains: bool
     world: PackedWorld
-    pair_of: Int64Array  # feature of each pair
-    pair_at: Int64Array  # sample of each pair
+    pair_feature: Int64Array  # feature of each pair
+    pair_point: Int64Array  # sample of each pair
     own: Float64Array  # power of the profile of each sample's owner
     traits: Float64Array  # (3, features): erosion, widest gully (m), noise weight
     depth: Float64Array  # greatest depth of gullies around each feature (m)
 
     @classmethod
-    def prepare(cls, recipe: TerrainRecipe, places: Places, name: str) -> Heights:
+    def prepare(cls, recipe: TerrainRecipe, samples: BalanceSamples, name: str) -> Heights:
         """Prepare everything that is constant over the rounds."""
-        many = np.diff(places.start)
-        pair_of, pair_owner = np.repeat(places.of, many), np.repeat(places.owner, many)
-        pair_at = places.first[pair_owner] + places.place
+        many = np.diff(samples.start)
+        pair_feature, pair_owner = np.repeat(samples.feature, many), np.repeat(samples.owner, many)
+        pair_point = samples.first[pair_owner] + samples.point
         mountains = name == "mountain"
-        own = np.zeros(len(places.at))
-        same = pair_of == pair_owner
-        own[pair_at[same]] = _power(places.profile[same], mountains=mountains)
-        features = places.features
+        own = np.zeros(len(samples.at))
+        same = pair_feature == pair_owner
+        own[pair_point[same]] = _power(samples.profile[same], mountains=mountains)
+        features = samples.features
         radius = features["radius"].astype(np.float64)
         erosion, gully = (features[key].astype(np.float64) for key in ("erosion", "gullies"))
         traits = np.stack([erosion, gully * radius, noise_weight(recipe, radius)])
         world = pack_world(recipe, recipe.extent / _CELLS_ERODED, real=np.float64)
-        edges = np.concatenate([[0], np.cumsum(np.bincount(places.owner))[:-1]])
-        most = (np.maximum.reduceat(each[places.of], edges) for each in traits[:2])
+        edges = np.concatenate([[0], np.cumsum(np.bincount(samples.owner))[:-1]])
+        most = (np.maximum.reduceat(each[samples.feature], edges) for each in traits[:2])
         depth = deepest_gullies(world.scalars[0], world.octaves, *most)
-        return cls(recipe, places, mountains, world, pair_of, pair_at, own, traits, depth)
+        return cls(recipe, samples, mountains, world, pair_feature, pair_point, own, traits, depth)
 
     def reached(
         self, strength: Float64Array, selected: npt.NDArray[np.intp], *, eroded: bool
@@ -70,11 +70,11 @@ class Heights:
 
         ``strength`` is that of all features; ``eroded`` includes gullies.
         """
-        count = self.places.count[selected]
+        count = self.samples.count[selected]
         first = np.cumsum(count) - count
         rows, pairs, at = self._select(selected, first)
-        of, profile = self.pair_of[pairs], self.places.profile[pairs]
-        power = _power(strength[of] * profile, mountains=self.mountains)
+        feature, profile = self.pair_feature[pairs], self.samples.profile[pairs]
+        power = _power(strength[feature] * profile, mountains=self.mountains)
         total = np.bincount(at, power, minlength=len(rows))
         owner = np.repeat(selected, count)
         counts = self.own[rows] * _power(strength, mountains=self.mountains)[owner] >= _DOMINANT_SHARE * total
@@ -82,10 +82,10 @@ class Heights:
         safe = np.maximum(total, 1e-36)
         joined = np.sqrt(np.sqrt(safe)) if self.mountains else np.sqrt(safe)
         if self.mountains:
-            weight = np.bincount(at, power * self.traits[2][of], minlength=len(rows)) / safe
-            plain = joined * (1 + weight * self.places.noise[9, rows])
+            weight = np.bincount(at, power * self.traits[2][feature], minlength=len(rows)) / safe
+            plain = joined * (1 + weight * self.samples.noise[9, rows])
         else:
-            plain = joined * self.places.noise[6, rows]
+            plain = joined * self.samples.noise[6, rows]
         plain = np.where(counts, plain, 0.0)
         highest = np.maximum.reduceat(plain, first)
         if not eroded or not self.depth[selected].any():
@@ -99,18 +99,18 @@ class Heights:
     def _select(
         self, selected: npt.NDArray[np.intp], first: Int64Array
     ) -> tuple[Int64Array, npt.NDArray[np.intp] | slice, Int64Array]:
-        """Places of selected features, their pairs, and the place of each pair among these places."""
-        places = self.places
-        if len(selected) == len(places.features):
-            return np.arange(len(places.at)), slice(None), self.pair_at
-        wanted = np.zeros(len(places.features), dtype=np.bool_)
-        wanted[selected] = True
-        rows = np.flatnonzero(np.repeat(wanted, places.count))
-        shift = np.zeros(len(places.features), dtype=np.int64)
-        shift[selected] = first - places.first[selected]
-        many = np.diff(places.start)
-        pairs = np.flatnonzero(np.repeat(wanted[places.owner], many))
-        return rows, pairs, self.pair_at[pairs] + np.repeat(shift[places.owner], many)[pairs]
+        """Return the samples of selected features, their pairs, and each pair's index among these samples."""
+        samples = self.samples
+        if len(selected) == len(samples.features):
+            return np.arange(len(samples.at)), slice(None), self.pair_point
+        is_selected = np.zeros(len(samples.features), dtype=np.bool_)
+        is_selected[selected] = True
+        rows = np.flatnonzero(np.repeat(is_selected, samples.count))
+        shift = np.zeros(len(samples.features), dtype=np.int64)
+        shift[selected] = first - samples.first[selected]
+        many = np.diff(samples.start)
+        pairs = np.flatnonzero(np.repeat(is_selected[samples.owner], many))
+        return rows, pairs, self.pair_point[pairs] + np.repeat(shift[samples.owner], many)[pairs]
 
     def _eroded(
         self,
@@ -120,29 +120,29 @@ class Heights:
         selected: tuple[npt.NDArray[np.intp] | slice, Int64Array],
         joint: tuple[Float64Array, Float64Array],
     ) -> Float64Array:
-        """Heights with gullies at the places that are near enough to the top."""
+        """Return heights with gullies at samples near enough to the top."""
         pairs, at = selected
         number = np.cumsum(near) - 1
         inside = np.flatnonzero(near[at])
         at = number[at[inside]]
         pairs = inside if isinstance(pairs, slice) else pairs[inside]
         safe, joined = (each[near] for each in joint)
-        of, profile = self.pair_of[pairs], self.places.profile[pairs]
-        h = strength[of] * profile
-        factor = (h * h * h if self.mountains else h) * strength[of]
+        feature, profile = self.pair_feature[pairs], self.samples.profile[pairs]
+        h = strength[feature] * profile
+        factor = (h * h * h if self.mountains else h) * strength[feature]
 
         def summed(values: Float64Array) -> Float64Array:
             return np.bincount(at, values, minlength=len(rows)).astype(np.float64)
 
-        east, north = factor * self.places.east[pairs], factor * self.places.north[pairs]
+        east, north = factor * self.samples.east[pairs], factor * self.samples.north[pairs]
         leans = (summed(east), summed(north))
         scale = joined / safe
         power = factor * profile
-        erosion, widest, weight = (summed(power * trait[of]) / safe for trait in self.traits)
-        relief = self.places.relief(rows)
+        erosion, widest, weight = (summed(power * trait[feature]) / safe for trait in self.traits)
+        relief = self.samples.relief(rows)
         share = relief.swell
         if self.mountains:
-            trait = self.traits[2][of]
+            trait = self.traits[2][feature]
             tilts = (
                 4 * (summed(part * trait) - weight * lean) / safe
                 for part, lean in zip((east, north), leans, strict=True)
@@ -152,7 +152,7 @@ class Heights:
         slopes = (
             lean * scale * share.value + joined * part for lean, part in zip(leans, share[1:], strict=True)
         )
-        x, y = (to_lattice(self.places.at[rows, axis], self.recipe.extent) for axis in (0, 1))
+        x, y = (to_lattice(self.samples.at[rows, axis], self.recipe.extent) for axis in (0, 1))
         rise = ErodibleHeight(ValueSlope(plain, *slopes), erosion, widest)
         return np.asarray(plain + gullies(self.world.scalars[0], self.world.octaves, x, y, rise).value)
 
@@ -180,7 +180,7 @@ class _Solution:
 
     world: tuple[float, int, float]
     inputs: bytes
-    places: Places
+    samples: BalanceSamples
     strengths: list[Float64Array]
     heights: list[Float64Array]
 
@@ -239,8 +239,8 @@ def _solve(
     inputs = features.tobytes() + free.tobytes()
     if last is not None and last.inputs == inputs:
         return last
-    places = Places.sample(recipe, features, name, None if last is None else last.places)
-    heights_of = Heights.prepare(recipe, places, name)
+    samples = BalanceSamples.sample(recipe, features, name, None if last is None else last.samples)
+    heights_of = Heights.prepare(recipe, samples, name)
     requested = features["strength"].astype(np.float64)
     least = (_MIN_SHARE + (_MIN_SHARE_AT_FIDELITY_1 - _MIN_SHARE) * recipe.fidelity**8) * requested
     strengths, heights = [requested], []
@@ -250,21 +250,21 @@ def _solve(
         strength, reached = strengths[-1], np.zeros(len(features))
         stale = np.ones(len(features), dtype=np.bool_)
         if last is not None:
-            stale = _stale(places, strength, last.strengths[round_])
-            reached[~stale] = last.heights[round_][places.origin[~stale]]
+            stale = _stale(samples, strength, last.strengths[round_])
+            reached[~stale] = last.heights[round_][samples.origin[~stale]]
         if stale.any():
             eroded = round_ >= _ROUNDS - _ERODED_ROUNDS
             reached[stale] = heights_of.reached(strength, np.flatnonzero(stale), eroded=eroded)
         heights.append(reached)
         scale = requested / np.where(free, np.maximum(_MISSED * reached, 1e-3 * requested), 1.0)
         strengths.append(np.where(free, np.maximum(strength * scale, least), requested))
-    return _Solution(world, inputs, places, strengths, heights)
+    return _Solution(world, inputs, samples, strengths, heights)
 
 
-def _stale(places: Places, strength: Float64Array, before: Float64Array) -> BoolArray:
+def _stale(samples: BalanceSamples, strength: Float64Array, before: Float64Array) -> BoolArray:
     """Return which features may reach another height than before, because a neighbour's strength changed."""
-    known = places.origin >= 0
+    known = samples.origin >= 0
     other = ~known
-    other[known] = strength[known] != before[places.origin[known]]
-    edges = np.concatenate([[0], np.cumsum(np.bincount(places.owner, minlength=len(strength)))[:-1]])
-    return np.asarray(~places.settled | np.logical_or.reduceat(other[places.of], edges))
+    other[known] = strength[known] != before[samples.origin[known]]
+    edges = np.concatenate([[0], np.cumsum(np.bincount(samples.owner, minlength=len(strength)))[:-1]])
+    return np.asarray(~samples.settled | np.logical_or.reduceat(other[samples.feature], edges))

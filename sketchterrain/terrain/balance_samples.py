@@ -53,7 +53,7 @@ def match_features(features: StructuredArray, others: StructuredArray) -> npt.ND
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
+class BalanceSamples:
     """Sample points around features of one type, paired with the features whose support contains them.
 
     An edge is an owner of points and a feature that may affect some of them; edges are sorted by owner, then
@@ -66,9 +66,9 @@ class Places:
     at: Float64Array  # (points, 2), m
     noise: Float64Array  # (15, points) values and slopes of `ReliefNoise`: bends, swell, ridge, spur
     owner: Int64Array  # (edges,)
-    of: Int64Array  # (edges,)
+    feature: Int64Array  # (edges,)
     start: Int64Array  # (edges + 1,) index of each edge's first pair
-    place: Int64Array  # (pairs,) point, counted from the owner's first
+    point: Int64Array  # (pairs,) point, counted from the owner's first
     profile: Float64Array  # (pairs,) height over strength
     east: Float64Array  # (pairs,) its slope per metre
     north: Float64Array
@@ -77,8 +77,8 @@ class Places:
 
     @classmethod
     def sample(
-        cls, recipe: TerrainRecipe, features: StructuredArray, name: str, before: Places | None = None
-    ) -> Places:
+        cls, recipe: TerrainRecipe, features: StructuredArray, name: str, before: BalanceSamples | None = None
+    ) -> BalanceSamples:
         """Sample around features of a type and pair the points, reusing unchanged ones of `before`."""
         origin = match_features(features, features[:0] if before is None else before.features)
         count = _counts(recipe, features)
@@ -93,17 +93,17 @@ class Places:
             at[rows] = _spiral(features[~known], count[~known])
             x, y = (to_lattice(at[rows, axis], recipe.extent) for axis in (0, 1))
             noise[:, rows] = _rows(relief_noise(recipe, x, y, cell_size=recipe.extent / _CELLS_PER_EXTENT))
-        owner, of = _edges(recipe, features)
+        owner, feature = _edges(recipe, features)
         reused = np.full(len(owner), -1, dtype=np.int64)
         if before is not None and len(before.owner):
-            keys = before.owner * len(before.features) + before.of
+            keys = before.owner * len(before.features) + before.feature
             requested = np.where(
-                known[owner] & known[of], origin[owner] * len(before.features) + origin[of], -1
+                known[owner] & known[feature], origin[owner] * len(before.features) + origin[feature], -1
             )
             row = np.minimum(np.searchsorted(keys, requested), len(keys) - 1)
             reused = np.where(keys[row] == requested, row, -1)
         fresh = reused < 0
-        new_pairs = _pairs(recipe, features, name, (owner[fresh], of[fresh]), (first, count, at, noise))
+        new_pairs = _pairs(recipe, features, name, (owner[fresh], feature[fresh]), (first, count, at, noise))
         start, pairs = _merge_pairs(before, reused, new_pairs)
         settled = known.copy()
         settled[owner[fresh]] = False
@@ -111,7 +111,7 @@ class Places:
             edges = np.bincount(owner, minlength=len(features))
             edges_before = np.bincount(before.owner, minlength=len(before.features))
             settled[known] &= edges[known] == edges_before[origin[known]]
-        return cls(features, first, count, at, noise, owner, of, start, *pairs, settled, origin)
+        return cls(features, first, count, at, noise, owner, feature, start, *pairs, settled, origin)
 
     def relief(self, rows: npt.NDArray[np.integer] | slice) -> ReliefNoise:
         """Return the noise that shapes mountains and hills at some of the points."""
@@ -150,10 +150,10 @@ def _edges(recipe: TerrainRecipe, features: StructuredArray) -> tuple[Int64Array
     tree = cKDTree(centre)
     found = tree.query_ball_point(centre, _TOP * radius + float(wide.max()), return_sorted=True)
     owner = np.repeat(np.arange(len(features)), [len(near) for near in found])
-    of = np.fromiter(chain.from_iterable(found), dtype=np.int64, count=len(owner))
-    away = np.hypot(*(centre[owner] - centre[of]).T)
-    near = away <= (_TOP * radius[owner] + wide[of]) * (1 + 1e-9)
-    return owner[near].astype(np.int64), of[near]
+    feature = np.fromiter(chain.from_iterable(found), dtype=np.int64, count=len(owner))
+    away = np.hypot(*(centre[owner] - centre[feature]).T)
+    near = away <= (_TOP * radius[owner] + wide[feature]) * (1 + 1e-9)
+    return owner[near].astype(np.int64), feature[near]
 
 
 def _pairs(
@@ -161,24 +161,29 @@ def _pairs(
     features: StructuredArray,
     name: str,
     edges: tuple[Int64Array, Int64Array],
-    places: tuple[Int64Array, Int64Array, Float64Array, Float64Array],
+    points: tuple[Int64Array, Int64Array, Float64Array, Float64Array],
 ) -> tuple[Int64Array, Int64Array, Float64Array, Float64Array, Float64Array]:
     """Return the pairs of some edges: the first of each edge, their points, profiles and slopes."""
-    first, count, at, noise = places
+    first, count, at, noise = points
     many = count[edges[0]]
-    row, of = _ranges(first[edges[0]], many), np.repeat(edges[1], many)
+    row, feature = _ranges(first[edges[0]], many), np.repeat(edges[1], many)
     radius = features["radius"].astype(np.float64)
     centre = np.stack([features["x"], features["y"]], axis=-1)
-    offset = (at[row] - centre[of]).T
+    offset = (at[row] - centre[feature]).T
     # Most candidate pairs lie outside the support: reject them first.
     support = radius * support_radii(recipe) * (1 + 1e-9)
-    near = np.flatnonzero((offset * offset).sum(axis=0) <= (support * support)[of])
-    edge, row, of, offset = np.repeat(np.arange(len(many)), many)[near], row[near], of[near], offset[:, near]
+    near = np.flatnonzero((offset * offset).sum(axis=0) <= (support * support)[feature])
+    edge, row, feature, offset = (
+        np.repeat(np.arange(len(many)), many)[near],
+        row[near],
+        feature[near],
+        offset[:, near],
+    )
     n = noise[:, row]
-    t, _ = distance_to_crest(offset, 1 / radius[of], (ValueSlope(*n[:3]), ValueSlope(*n[3:6])))
+    t, _ = distance_to_crest(offset, 1 / radius[feature], (ValueSlope(*n[:3]), ValueSlope(*n[3:6])))
     if name == "mountain":
-        t = extend_by_spurs(t, ValueSlope(*n[12:]), noise_weight(recipe, radius)[of])
-        style = (features["peakiness"][of].astype(np.float64), recipe.flank)
+        t = extend_by_spurs(t, ValueSlope(*n[12:]), noise_weight(recipe, radius)[feature])
+        style = (features["peakiness"][feature].astype(np.float64), recipe.flank)
         profile, slope = mountain_profile(t.value, *style), mountain_slope(t.value, *style)
     else:
         profile, slope = hill_profile(t.value, recipe.flank), hill_slope(t.value, recipe.flank)
@@ -190,22 +195,22 @@ def _pairs(
 
 
 def _merge_pairs(
-    before: Places | None,
+    before: BalanceSamples | None,
     reused: Int64Array,
     new_pairs: tuple[Int64Array, Int64Array, Float64Array, Float64Array, Float64Array],
 ) -> tuple[Int64Array, tuple[Int64Array, Float64Array, Float64Array, Float64Array]]:
     """Return each edge's first pair, and all pairs: those of reused edges from before, and the new ones."""
     if before is None or (reused < 0).all():
         return new_pairs[0], new_pairs[1:]
-    old, fresh, more = before.start, reused < 0, len(before.place)
+    old, fresh, more = before.start, reused < 0, len(before.point)
     begin, length = np.zeros((2, len(reused)), dtype=np.int64)
     begin[~fresh], length[~fresh] = old[reused[~fresh]], np.diff(old)[reused[~fresh]]
     begin[fresh], length[fresh] = new_pairs[0][:-1] + more, np.diff(new_pairs[0])
     start = np.concatenate([[0], np.cumsum(length)])
     rows = _ranges(begin, length)
-    parts = zip((before.place, before.profile, before.east, before.north), new_pairs[1:], strict=True)
-    place, profile, east, north = (np.concatenate(each)[rows] for each in parts)
-    return start, (place, profile, east, north)
+    parts = zip((before.point, before.profile, before.east, before.north), new_pairs[1:], strict=True)
+    point, profile, east, north = (np.concatenate(each)[rows] for each in parts)
+    return start, (point, profile, east, north)
 
 
 def _ranges(first: Int64Array, count: Int64Array) -> Int64Array:

@@ -204,8 +204,8 @@ def make_recipe(
         material_rules=resolved_rules(sketch.material_rules),
     )
     checkpoint()
-    strong = _solved_features(dry, painted, memory, checkpoint)
-    dry = replace(dry, painted=np.concatenate([strong, adopted.points]))
+    solved = _solved_features(dry, painted, memory, checkpoint)
+    dry = replace(dry, painted=np.concatenate([solved, adopted.points]))
     terrain = DryTerrain(dry, memory.part(DryTerrainCache))
     waters = trace_hydrology(sketch, seed=sketch.seed, ground=terrain, cache=memory, checkpoint=checkpoint)
     terrain.store()
@@ -223,9 +223,9 @@ def _solved_features(
     dry: TerrainRecipe, edited: EditedPoints, memory: PlacementCache, checkpoint: Callable[[], None]
 ) -> StructuredArray:
     """Return the features with solved strengths, and locked ones with their own."""
-    asked = replace(dry, painted=edited.unlocked)
+    requested = replace(dry, painted=edited.unlocked)
     solved = solve_strengths(
-        asked, locked=edited.lock_only, memory=memory.part(StrengthCache), checkpoint=checkpoint
+        requested, locked=edited.lock_only, memory=memory.part(StrengthCache), checkpoint=checkpoint
     )
     points = edited.points.copy()
     points["strength"] = np.where(edited.locked, points["strength"], solved["strength"])

@@ -82,40 +82,40 @@ def _fit_arcs(
     """Return the bend of the best arc for each stretch, and its maximum distance (m) from the curve."""
     share = np.linspace(0.0, 1.0, _CHECKS + 2)
     at = position(cubics, first[:, None] + (last - first)[:, None] * share)
-    chord, seen = at[:, -1] - at[:, 0], at[:, 1:-1] - at[:, :1]
+    chord, offset = at[:, -1] - at[:, 0], at[:, 1:-1] - at[:, :1]
     length2 = np.maximum((chord**2).sum(axis=-1), _POINT**2)[:, None]
     bend = np.zeros(len(cubics))
     if arcs:
-        u = (seen * chord[:, None]).sum(axis=-1) / length2
-        v = (chord[:, None, 0] * seen[..., 1] - chord[:, None, 1] * seen[..., 0]) / length2
+        u = (offset * chord[:, None]).sum(axis=-1) / length2
+        v = (chord[:, None, 0] * offset[..., 1] - chord[:, None, 1] * offset[..., 0]) / length2
         q = u - u * u - v * v
         # tan of half the arc's angle, by least squares: the circle is tan (u - u² - v²) = v.
         tangent = (v * q).sum(axis=-1) / np.maximum((q * q).sum(axis=-1), 1e-300)
         bend = tangent / (1.0 + np.sqrt(1.0 + tangent * tangent))
         bend = np.clip(bend, -_MAX_BEND, _MAX_BEND)
-    _, square = nearest_on_arc(chord[:, None], bend[:, None], seen)
+    _, square = nearest_on_arc(chord[:, None], bend[:, None], offset)
     return bend, np.sqrt(square.max(axis=-1))
 
 
 def nearest_on_arc(
-    chord: Float64Array, bend: Float64Array, seen: Float64Array
+    chord: Float64Array, bend: Float64Array, offset: Float64Array
 ) -> tuple[Float64Array, Float64Array]:
     """Return the nearest point of an arc: parameter t (0 … 1) and squared distance (m²).
 
-    ``chord`` runs from the arc's start to its end, ``seen`` from its start to the point (m); ``bend`` is the
+    ``chord`` runs from the arc's start to its end, ``offset`` from its start to the point (m); ``bend`` is the
     tangent of a quarter of the arc's angle, positive to the left. Derivation: ``kernels/spline_arcs.clh``.
     """
     length2 = np.maximum((chord**2).sum(axis=-1), _POINT**2)
-    u = (seen * chord).sum(axis=-1) / length2
-    v = (chord[..., 0] * seen[..., 1] - chord[..., 1] * seen[..., 0]) / length2
+    u = (offset * chord).sum(axis=-1) / length2
+    v = (chord[..., 0] * offset[..., 1] - chord[..., 1] * offset[..., 0]) / length2
     cosine, whole = 1.0 - bend * bend, 1.0 + bend * bend
     towards, beside = cosine + 4.0 * bend * v, u - 0.5
     t = 0.5 + beside * cosine / np.maximum(towards, _CENTRE)
     t = np.where(towards < _CENTRE, np.where(beside < 0.0, -1.0, 2.0), t)
     foot = np.clip(t, 0.0, 1.0)
     g = 2.0 * bend * (u * u - u + v * v) + cosine * v
-    off = 2.0 * g / (whole + np.sqrt(np.maximum(whole * whole + 8.0 * bend * g, 0.0)))
-    square = np.where(foot == t, off * off, (u - foot) ** 2 + v * v)
+    deviation = 2.0 * g / (whole + np.sqrt(np.maximum(whole * whole + 8.0 * bend * g, 0.0)))
+    square = np.where(foot == t, deviation * deviation, (u - foot) ** 2 + v * v)
     return foot, square * (chord**2).sum(axis=-1)
 
 
@@ -288,9 +288,9 @@ def _douglas_peucker(arc: Float64Array, values: Float64Array, anchors: npt.NDArr
         inner = slice(ends[0], ends[-1])
         share = (arc[inner] - arc[first]) / np.maximum(arc[last] - arc[first], 1e-12)
         straight = values[first] + share[:, None] * (values[last] - values[first])
-        off = np.abs(values[inner] - straight).max(axis=1)
-        most = np.maximum.reduceat(off, ends[:-1] - ends[0])
-        worst = np.flatnonzero((off == most[stretch]) & (off > 1.0))
+        deviation = np.abs(values[inner] - straight).max(axis=1)
+        most = np.maximum.reduceat(deviation, ends[:-1] - ends[0])
+        worst = np.flatnonzero((deviation == most[stretch]) & (deviation > 1.0))
         if len(worst) == 0:
             return retained
         _, where = np.unique(stretch[worst], return_index=True)

@@ -202,8 +202,8 @@ def fill_difference(
 
 def rows_only_in(one: StructuredArray, other: StructuredArray) -> StructuredArray:
     """Return the rows of one array that the other does not have, bit for bit."""
-    there = set(_rows(other))
-    found: StructuredArray = one[np.array([row not in there for row in _rows(one)], dtype=np.bool_)]
+    others_rows = set(_rows(other))
+    found: StructuredArray = one[np.array([row not in others_rows for row in _rows(one)], dtype=np.bool_)]
     return found
 
 
@@ -261,15 +261,15 @@ def merge_boxes(boxes: Iterable[Bounds]) -> list[Bounds]:
     every = np.array(list(boxes), dtype=np.float64).reshape(-1, 4)
     merged, count = np.zeros_like(every), 0
     for box in every:
-        again = True
-        while again and count:
+        merging = True
+        while merging and count:
             rows = merged[:count]
             low, high = np.minimum(rows[:, :2], box[:2]), np.maximum(rows[:, 2:], box[2:])
             areas, own = _areas(rows[:, :2], rows[:, 2:]), _areas(box[None, :2], box[None, 2:])
             growth = (_areas(low, high) - areas - own) / np.maximum(np.minimum(areas, own), 1e-9)
             best = int(growth.argmin())
-            again = bool(growth[best] <= -_OVERLAP)
-            if again:
+            merging = bool(growth[best] <= -_OVERLAP)
+            if merging:
                 box, count = np.concatenate([low[best], high[best]]), count - 1
                 merged[best:count] = merged[best + 1 : count + 1]
         merged[count], count = box, count + 1

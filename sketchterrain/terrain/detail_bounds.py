@@ -121,8 +121,8 @@ class DetailBound:
         amplitude, left = {}, {}
         for name, (first, last) in full.ranges.items():
             amplitude[name] = full.scale[first:last, 0]
-            seen = resolved.scale[slice(*resolved.ranges[name]), 0]
-            left[name] = np.concatenate([seen, np.zeros(last - first - len(seen))])
+            resolved_scale = resolved.scale[slice(*resolved.ranges[name]), 0]
+            left[name] = np.concatenate([resolved_scale, np.zeros(last - first - len(resolved_scale))])
         missing = {name: float(np.sum(amplitude[name] - left[name])) * NOISE_PEAK for name in full.ranges}
         warp, ridge = max(missing["warp_u"], missing["warp_v"]), missing["ridge"]
         hills, mountains = self._lost("hill", cell, 0.5), self._lost("mountain", cell, 0.25)
@@ -153,13 +153,13 @@ class DetailBound:
         recipe = self._recipe
         small = recipe.painted[recipe.painted["type"] == FEATURE_TYPES.index(kind)]
         small = small[small["radius"] < 2 * cell]
-        gone = small["strength"] * _fade_loss(small["radius"] / cell)
+        lost = small["strength"] * _fade_loss(small["radius"] / cell)
         strongest, radii = getattr(recipe.fill, "max_strength", None), np.linspace(0.0, 2.0, 21)
         if strongest is not None:
             # Strength and visibility both grow with the radius.
             of_fill = [strongest(kind, radius * cell) for radius in radii[1:]] * _fade_loss(radii[:-1])
-            gone = np.append(gone, of_fill)
-        return float(gone.max(initial=0.0) * _MAX_OVERLAP**power)
+            lost = np.append(lost, of_fill)
+        return float(lost.max(initial=0.0) * _MAX_OVERLAP**power)
 
     def _near(self, culled: CulledInputs, blocks: LatticeArray) -> BlockExtrema:
         recipe, features, lists = self._recipe, culled.features, culled.lists

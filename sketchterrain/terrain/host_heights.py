@@ -153,9 +153,9 @@ def host_samples(
     w, octaves = world.scalars[0], world.octaves
     packed = _packed_around(recipe, x, y, cell_size)
     relief = relief_noise_at(w, octaves, x, y)
-    place = SamplePoints(x, y, metres_per_unit(recipe.extent), relief.bend)
-    height, mountain, dune = _dry(world, packed, place, relief)
-    cover, share = _areas(packed, place, slot=2)
+    points = SamplePoints(x, y, metres_per_unit(recipe.extent), relief.bend)
+    height, mountain, dune = _dry(world, packed, points, relief)
+    cover, share = _areas(packed, points, slot=2)
     mottle = 2.2 * fbm(octaves, "mottle", x, y)
     forest = share * _smooth(cover + 0.8 * mottle, 0.4, 0.65) * _smooth(cover, 0, 0.25)
     cell = 1 / float(w["inverse_cell"])
@@ -164,7 +164,7 @@ def host_samples(
         height, water, lake = apply_lakes(recipe, height, x, y, cell=cell)
     rivers = pack_rivers(recipe, cell_size)
     if len(rivers.start):
-        carved, river = _carved(height, rivers, place, cell=cell)
+        carved, river = _carved(height, rivers, points, cell=cell)
         height = carved + (np.minimum(carved, height) - carved) * lake
         water = np.maximum(water, river)
     return HostSamples(height, mountain, dune, forest, water, lake)
@@ -176,22 +176,22 @@ def dry_heights(
     """Return heights (m) without rivers and lakes at lattice positions of shape (n,)."""
     world = pack_world(recipe, cell_size, real=np.float64)
     relief = relief_noise_at(world.scalars[0], world.octaves, x, y)
-    place = SamplePoints(x, y, metres_per_unit(recipe.extent), relief.bend)
-    return _dry(world, _packed_around(recipe, x, y, cell_size), place, relief)[0]
+    points = SamplePoints(x, y, metres_per_unit(recipe.extent), relief.bend)
+    return _dry(world, _packed_around(recipe, x, y, cell_size), points, relief)[0]
 
 
 def _dry(
-    world: PackedWorld, packed: PackedFeatures, place: SamplePoints, relief: ReliefNoise
+    world: PackedWorld, packed: PackedFeatures, points: SamplePoints, relief: ReliefNoise
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Return heights (m) without water, and the masks of mountains and of dunes."""
-    w, octaves, x, y = world.scalars[0], world.octaves, place.x, place.y
+    w, octaves, x, y = world.scalars[0], world.octaves, points.x, points.y
     height = w["half_relief"] * fbm(octaves, "ground", x, y)
-    eroded, mountain = _eroded(w, octaves, packed, place, relief)
+    eroded, mountain = _eroded(w, octaves, packed, points, relief)
     height = height + eroded.value + mountain * crags(w, octaves, x, y, *eroded[1:])
     dune, styles = np.zeros(x.shape), range(int(w["dune_styles"]))
     crest = fbm(octaves, "crest", x, y) if styles else dune
     for number in styles:
-        cover, amplitude = _areas(packed, place, slot=3 + number)
+        cover, amplitude = _areas(packed, points, slot=3 + number)
         height = height + cover * amplitude * _dune_pattern(world.styles[number], x, y, crest)
         dune = np.maximum(dune, cover)
     return height, mountain, dune
@@ -207,8 +207,8 @@ def host_slope(
     world = pack_world(recipe, cell_size, real=np.float64)
     w, octaves = world.scalars[0], world.octaves
     relief = relief_noise_at(w, octaves, x, y)
-    place = SamplePoints(x, y, metres_per_unit(recipe.extent), relief.bend)
-    eroded, _ = _eroded(w, octaves, _packed_around(recipe, x, y, cell_size), place, relief)
+    points = SamplePoints(x, y, metres_per_unit(recipe.extent), relief.bend)
+    eroded, _ = _eroded(w, octaves, _packed_around(recipe, x, y, cell_size), points, relief)
     ground = fbm_slope(octaves, "ground", x, y)
     scale = w["half_relief"] * np.array([1, w["units_per_metre"], w["units_per_metre"]])
     return ValueSlope(*(a + b * by for a, b, by in zip(eroded, ground, scale, strict=True)))
@@ -223,14 +223,14 @@ def _packed_around(
 
 
 def _eroded(
-    w: np.void, octaves: OctaveTable, packed: PackedFeatures, place: SamplePoints, relief: ReliefNoise
+    w: np.void, octaves: OctaveTable, packed: PackedFeatures, points: SamplePoints, relief: ReliefNoise
 ) -> tuple[ValueSlope, Float64Array]:
     """Return hills and mountains with their gullies, and the mountain mask."""
-    massif, weight = mountains(packed, place, relief.spur)
+    massif, weight = mountains(packed, points, relief.spur)
     rise = stack_heights(
-        stack_heights(_LEVEL, hills(packed, place), relief.swell), massif, relief.mountain_factor(weight)
+        stack_heights(_LEVEL, hills(packed, points), relief.swell), massif, relief.mountain_factor(weight)
     )
-    cut = gullies(w, octaves, place.x, place.y, rise)
+    cut = gullies(w, octaves, points.x, points.y, rise)
     height = ValueSlope(*(a + b for a, b in zip(rise.height, cut, strict=True)))
     return height, _smooth(massif.height.value, 20, 100)
 
@@ -240,11 +240,11 @@ def _smooth(x: Float64Array, low: float, high: float) -> Float64Array:
     return np.asarray(t * t * (3 - 2 * t))
 
 
-def _areas(packed: PackedFeatures, place: SamplePoints, *, slot: int) -> tuple[Float64Array, Float64Array]:
-    pairs = place.pairs_within_support(packed, slot)
-    cover = area_profile(place.distance_to_crests(packed, pairs)[0].value)
-    strength = packed.shape[pairs.of, 1]
-    total, weights, strengths = (place.summed(pairs, each) for each in (cover**4, cover, cover * strength))
+def _areas(packed: PackedFeatures, points: SamplePoints, *, slot: int) -> tuple[Float64Array, Float64Array]:
+    pairs = points.pairs_within_support(packed, slot)
+    cover = area_profile(points.distance_to_crests(packed, pairs)[0].value)
+    strength = packed.shape[pairs.feature, 1]
+    total, weights, strengths = (points.summed(pairs, each) for each in (cover**4, cover, cover * strength))
     mean = np.where(weights > 1e-6, strengths / np.maximum(weights, 1e-6), 0)
     return np.minimum(np.sqrt(np.sqrt(total)), 1), mean
 
@@ -261,14 +261,14 @@ def _dune_pattern(style: np.void, x: LatticeArray, y: LatticeArray, crest: Float
 
 
 def _carved(
-    height: Float64Array, rivers: PackedRivers, place: SamplePoints, *, cell: float
+    height: Float64Array, rivers: PackedRivers, points: SamplePoints, *, cell: float
 ) -> tuple[Float64Array, Float64Array]:
     weights, nearest = np.zeros(height.shape), np.full(height.shape, 1e30)
     sums = np.zeros((4, *height.shape))
     for i in range(len(rivers.start)):
         chord, contribution, bend = rivers.along[i, :2], rivers.along[i, 3], rivers.along[i, 4]
-        dx = (place.x - rivers.start[i, 0]) * place.unit
-        dy = (place.y - rivers.start[i, 1]) * place.unit
+        dx = (points.x - rivers.start[i, 0]) * points.unit
+        dy = (points.y - rivers.start[i, 1]) * points.unit
         t, d2 = nearest_on_arc(chord, bend, np.stack([dx, dy], axis=-1))
         here = rivers.up[i][:, None] + (rivers.down[i] - rivers.up[i])[:, None] * t
         share2 = d2 / here[3] ** 2

@@ -163,26 +163,31 @@ class SamplePoints:
         wide = packed.support[selected] * (1 + 1e-9) + 1e-6
         found = self._tree.query_ball_point(centre, wide)
         count = [len(each) for each in found]
-        place = np.fromiter(chain.from_iterable(found), dtype=np.int64, count=sum(count))
-        return PointPairs(place, np.repeat(selected, count))
+        point = np.fromiter(chain.from_iterable(found), dtype=np.int64, count=sum(count))
+        return PointPairs(point, np.repeat(selected, count))
 
     def distance_to_crests(self, packed: PackedFeatures, pairs: PointPairs) -> tuple[ValueSlope, ValueSlope]:
         """Return the distances to features, as `distance_to_crest` does."""
-        place, of = pairs.place, pairs.of
-        offset = np.stack([self.x[place] - packed.at[of, 0], self.y[place] - packed.at[of, 1]]) * self.unit
-        east, north = (ValueSlope(*(part[place] for part in bend)) for bend in self.bend)
-        return distance_to_crest(offset, packed.shape[of, 0], (east, north), crest=packed.shape[of, 8:].T)
+        point, feature = pairs.point, pairs.feature
+        offset = (
+            np.stack([self.x[point] - packed.at[feature, 0], self.y[point] - packed.at[feature, 1]])
+            * self.unit
+        )
+        east, north = (ValueSlope(*(part[point] for part in bend)) for bend in self.bend)
+        return distance_to_crest(
+            offset, packed.shape[feature, 0], (east, north), crest=packed.shape[feature, 8:].T
+        )
 
     def summed(self, pairs: PointPairs, values: Float64Array) -> Float64Array:
         """Sum values of pairs at each position, in the order of the features."""
-        return np.asarray(np.bincount(pairs.place, values, minlength=len(self.x)), dtype=np.float64)
+        return np.asarray(np.bincount(pairs.point, values, minlength=len(self.x)), dtype=np.float64)
 
 
 class PointPairs(NamedTuple):
     """Pairs of positions and features, by index, in the order of the features."""
 
-    place: LatticeArray
-    of: LatticeArray
+    point: LatticeArray
+    feature: LatticeArray
 
 
 def distance_to_crest(
@@ -257,14 +262,14 @@ def _times(slope: ValueSlope, by: float) -> ValueSlope:
 
 
 def mountains(
-    packed: PackedFeatures, site: SamplePoints, spur: ValueSlope
+    packed: PackedFeatures, points: SamplePoints, spur: ValueSlope
 ) -> tuple[ErodibleHeight, ValueSlope]:
     """Join the mountains as (Σ h⁴)^¼; return also the weight of noise."""
-    pairs = site.pairs_within_support(packed, _MOUNTAIN)
-    shape = packed.shape[pairs.of].T
+    pairs = points.pairs_within_support(packed, _MOUNTAIN)
+    shape = packed.shape[pairs.feature].T
     strength, peakiness, flank = shape[1:4]
-    away, crest_share = site.distance_to_crests(packed, pairs)
-    t = extend_by_spurs(away, ValueSlope(*(part[pairs.place] for part in spur)), shape[6])
+    away, crest_share = points.distance_to_crests(packed, pairs)
+    t = extend_by_spurs(away, ValueSlope(*(part[pairs.point] for part in spur)), shape[6])
     profile = strength * mountain_profile(t.value, peakiness, flank)
     h = crest_share.value * profile
     lean = crest_share.value * strength * mountain_slope(t.value, peakiness, flank)
@@ -273,7 +278,7 @@ def mountains(
     )
     parts = np.concatenate([h[None] ** 4, leans])
     parts = np.concatenate([parts, parts[:1] * shape[4:6], parts * shape[6]])
-    return join_mountains(np.stack([site.summed(pairs, part) for part in parts]))
+    return join_mountains(np.stack([points.summed(pairs, part) for part in parts]))
 
 
 def join_mountains(sums: Float64Array) -> tuple[ErodibleHeight, ValueSlope]:
@@ -288,16 +293,16 @@ def join_mountains(sums: Float64Array) -> tuple[ErodibleHeight, ValueSlope]:
     return rise, ValueSlope(weight, *(4 * (sums[6:] - weight * sums[1:3]) / total))
 
 
-def hills(packed: PackedFeatures, site: SamplePoints) -> ErodibleHeight:
+def hills(packed: PackedFeatures, points: SamplePoints) -> ErodibleHeight:
     """Join the hills as (Σ h²)^½."""
-    pairs = site.pairs_within_support(packed, _HILL)
-    shape = packed.shape[pairs.of].T
+    pairs = points.pairs_within_support(packed, _HILL)
+    shape = packed.shape[pairs.feature].T
     strength, flank = shape[1], shape[3]
-    t, _ = site.distance_to_crests(packed, pairs)
+    t, _ = points.distance_to_crests(packed, pairs)
     h = strength * hill_profile(t.value, flank)
     lean = h * strength * hill_slope(t.value, flank)
     parts = (h**2, lean * t.east, lean * t.north, h**2 * shape[4], h**2 * shape[5])
-    sums = np.stack([site.summed(pairs, part) for part in parts])
+    sums = np.stack([points.summed(pairs, part) for part in parts])
     total = np.maximum(sums[0], 1e-18)
     return ErodibleHeight(ValueSlope(*(sums[:3] * total**-0.5)), *(sums[3:] / total))
 

@@ -112,8 +112,8 @@ def _required_masks(factor: list[float]) -> int:
     sign = np.sign(inverse)
     bits = 0
     for number, mask in enumerate(_MASKS):
-        gone = {mask, "wetness"} if mask == "water" else {mask}
-        others = {name: w for name, w in zip(_KERNEL_INPUTS, weights, strict=True) if w and name not in gone}
+        zero = {mask, "wetness"} if mask == "water" else {mask}
+        others = {name: w for name, w in zip(_KERNEL_INPUTS, weights, strict=True) if w and name not in zero}
         ends = {name: _RANGES.get(name, (-np.inf, np.inf)) for name in others}
         most = sum(max(sign * w * end for end in ends[name]) for name, w in others.items()) - sign * start
         # A sum of several may be rounded up.
@@ -140,8 +140,8 @@ class CulledInputs:
         """Bits of the masks that are 0 on all of a block: mountain, dune, forest, water; shape (blocks,)."""
         kind = np.diff(self.lists["feature_starts"], axis=-1) > 0
         water = (np.diff(self.lists["lake_starts"]) > 0) | (np.diff(self.lists["river_starts"]) > 0)
-        there = (kind[:, _MOUNTAIN], kind[:, _DUNES].any(axis=-1), kind[:, _FOREST], water)
-        return np.asarray(sum(~mask << bit for bit, mask in enumerate(there)), np.int32)
+        present = (kind[:, _MOUNTAIN], kind[:, _DUNES].any(axis=-1), kind[:, _FOREST], water)
+        return np.asarray(sum(~mask << bit for bit, mask in enumerate(present)), np.int32)
 
 
 class KernelArguments:

@@ -58,8 +58,8 @@ class PatchLauncher:
 
     def surfaces(self, patches: Patches, store: SurfaceStore, slots: npt.NDArray[np.integer]) -> CulledInputs:
         """Enqueue heights, normals and materials of patches into ``slots`` (patches,) of a store."""
-        more = {"slot": np.asarray(slots, np.int32)}
-        return self._surfaces("surfaces", patches, more, store.ground, store.materials)
+        extra = {"slot": np.asarray(slots, np.int32)}
+        return self._surfaces("surfaces", patches, extra, store.ground, store.materials)
 
     def vertices(self, patches: Patches, tile_slots: npt.NDArray[np.int32], vertices: Any) -> CulledInputs:
         """Enqueue packed vertices of tiles into a buffer, with their parents' values.
@@ -121,7 +121,7 @@ class PatchLauncher:
         return self._heights(patches, {}, heights_only=True).results[0]
 
     def _heights(
-        self, patches: Patches, more: Mapping[str, npt.NDArray[Any]], *, heights_only: bool
+        self, patches: Patches, extra: Mapping[str, npt.NDArray[Any]], *, heights_only: bool
     ) -> _Launch:
         """Enqueue heights, masks and mottle with their border, staging ``more`` small arrays along."""
         count, side, real = patches.count, patches.side, self._context.real_dtype
@@ -131,8 +131,8 @@ class PatchLauncher:
         staging = self._staged["heights" if heights_only else "all"]
         if not heights_only:
             empty_masks = _common_bits(culled.empty_masks, patches.squares)
-            more = {**more, **vertices.inverse, "empty_masks": empty_masks}
-        small = staging.upload({**culled.lists, **vertices.arrays, **more})
+            extra = {**extra, **vertices.inverse, "empty_masks": empty_masks}
+        small = staging.upload({**culled.lists, **vertices.arrays, **extra})
         launch = _Launch(
             vertices.file,
             culled,
@@ -200,8 +200,8 @@ class PatchLauncher:
 
     def _whole_rows(self, file: str, kernel: str, side: int) -> tuple[int, int, int] | None:
         """Return groups of as many whole rows of a square as fit and divide it; None where none fits."""
-        most = min(self._max_in_group(file, kernel), _MAX_IN_GROUP)
-        rows = [number for number in range(1, side + 1) if side % number == 0 and number * side <= most]
+        limit = min(self._max_in_group(file, kernel), _MAX_IN_GROUP)
+        rows = [number for number in range(1, side + 1) if side % number == 0 and number * side <= limit]
         return (side, rows[-1], 1) if rows else None
 
 

@@ -139,15 +139,15 @@ def _points_at() -> tuple[Float64Array, Float64Array]:
 
 def _compared(device: Device, others: tuple[Device, ...], wrong: tuple[str, ...]) -> Verdict:
     try:
-        own = _probe_in_child(device)
+        result = _probe_in_child(device)
     except ChildTimedOutError:
         raise
     except ChildFailedError as error:
         return Verdict("failed", str(error))
     for other in others:
         with suppress(ChildFailedError):  # skip drivers that fail
-            return _against(_probe_in_child(other), other.platform, own, wrong)
-    return _against_float64(own, wrong)
+            return _against(_probe_in_child(other), other.platform, result, wrong)
+    return _against_float64(result, wrong)
 
 
 @cache
@@ -159,22 +159,24 @@ def _probe_in_child(device: Device) -> _Probe:
         return _Probe(arrays["height"], {name: arrays[name] for name in ("normals", "materials", "plants")})
 
 
-def _against(expected: _Probe, name: str, own: _Probe, wrong: tuple[str, ...]) -> Verdict:
-    parts = [part for part, values in own.rest.items() if not np.array_equal(values, expected.rest[part])]
-    off = _millimetres(own.height, expected.height)
-    if not (parts or off or wrong):
+def _against(expected: _Probe, name: str, result: _Probe, wrong: tuple[str, ...]) -> Verdict:
+    parts = [part for part, values in result.rest.items() if not np.array_equal(values, expected.rest[part])]
+    deviation = _millimetres(result.height, expected.height)
+    if not (parts or deviation or wrong):
         return Verdict("same", f"as {name}")
     others = [f"other {' and '.join(parts)}"] if parts else []
-    return Verdict("other", "; ".join([f"off by up to {off:.3g} mm from {name}", *others, *_named(wrong)]))
+    return Verdict(
+        "other", "; ".join([f"off by up to {deviation:.3g} mm from {name}", *others, *_named(wrong)])
+    )
 
 
-def _against_float64(own: _Probe, wrong: tuple[str, ...]) -> Verdict:
+def _against_float64(result: _Probe, wrong: tuple[str, ...]) -> Verdict:
     exact = host_heights(_probe_recipe(), *_points_at(), cell_size=0.0)
-    off = _millimetres(own.height[-_POINTS:], exact)
-    deviation = f"off by up to {off:.3g} mm from float64"
-    if wrong or off > _CLOSE:
-        return Verdict("other", "; ".join([deviation, *_named(wrong)]))
-    return Verdict("same", f"correct arithmetic, {deviation}, no other driver to compare with")
+    deviation = _millimetres(result.height[-_POINTS:], exact)
+    line = f"off by up to {deviation:.3g} mm from float64"
+    if wrong or deviation > _CLOSE:
+        return Verdict("other", "; ".join([line, *_named(wrong)]))
+    return Verdict("same", f"correct arithmetic, {line}, no other driver to compare with")
 
 
 def _millimetres(one: FloatArray, other: FloatArray) -> float:

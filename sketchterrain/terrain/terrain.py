@@ -186,8 +186,7 @@ class Terrain:
         """Write tiles (level, column, row) into different slots as OpenGL draws them, and wait for them.
 
         Levels go from −12 to the store's finest, 18 for 64 quads. ``parents`` are the parents' slots, written
-        before or by the same call; with −1 a tile is its own parent. InputError is raised for invalid levels or
-        slots.
+        before or by the same call; with −1 a tile is its own parent. InputError: invalid levels or slots.
 
         Returns
         -------

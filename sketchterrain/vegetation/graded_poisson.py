@@ -198,14 +198,14 @@ class GradedPoisson:
         collected = [np.zeros(0, GRADED)]
         for band in bands(area, self._side, window=_WINDOW):
             for part in band:
-                with self._scratch.borrow() as room:
-                    collected += yield from self._window_steps(room, part)
+                with self._scratch.borrow() as buffers:
+                    collected += yield from self._window_steps(buffers, part)
                 if sum(map(len, collected)) > MAX_POINTS:
                     raise InputError(f"expected at most {MAX_POINTS} points in the rectangle, got more")
         points = np.concatenate(collected)
         return points[np.lexsort((points["x"], points["y"]))]
 
-    def _window_steps(self, room: BufferSet, area: Area) -> Generator[None, None, list[StructuredArray]]:
+    def _window_steps(self, buffers: BufferSet, area: Area) -> Generator[None, None, list[StructuredArray]]:
         """Sample the grids over an area, the coarsest first, and collect the points of each."""
         windows = [Cells.covering(area, self._side).wider(self._rim(0))]
         for number in range(1, len(self._salts)):
@@ -223,12 +223,12 @@ class GradedPoisson:
         )  # none
         collected = []
         for number in reversed(range(len(windows))):
-            grid = self._create_grid(room, windows[number], number, lists)
+            grid = self._create_grid(buffers, windows[number], number, lists)
             blocks = self._blocks(ranges, grid, number)
             if len(blocks):
                 self._enqueue_rounds(grid, number, raster_arguments, blocks)
                 yield
-                collected.append(self._collect(room, grid, area, raster_arguments))
+                collected.append(self._collect(buffers, grid, area, raster_arguments))
             if number:
                 lists = self._list_for_finer(grid, self._blocks(ranges, grid, number - 1, finer=True))
         return collected
@@ -270,12 +270,14 @@ class GradedPoisson:
         row, column = np.nonzero(active)
         return np.stack([first[1][column], first[0][row]], axis=-1).astype(np.int32)
 
-    def _create_grid(self, room: BufferSet, cells: Cells, number: int, lists: tuple[Any, ...]) -> _GradedGrid:
+    def _create_grid(
+        self, buffers: BufferSet, cells: Cells, number: int, lists: tuple[Any, ...]
+    ) -> _GradedGrid:
         """Return an empty grid over a window."""
-        own = [room.buffer(name, cells.shape, kind) for name, kind in _KINDS.items()]
+        own = [buffers.buffer(name, cells.shape, kind) for name, kind in _KINDS.items()]
         # Two sets of lists are enough: each is made from the one before.
-        near = room.buffer(f"near {number % 2}", (*cells.shape, _LISTED, 4) if number else 1, np.float32)
-        listed = room.buffer(f"listed {number % 2}", cells.shape, np.uint8)
+        near = buffers.buffer(f"near {number % 2}", (*cells.shape, _LISTED, 4) if number else 1, np.float32)
+        listed = buffers.buffer(f"listed {number % 2}", cells.shape, np.uint8)
         grid = _GradedGrid(
             cells,
             self._side << number,
@@ -317,14 +319,14 @@ class GradedPoisson:
             self._launch("accept_graded", size, *window, *grid.points, *grid.candidate)
 
     def _collect(
-        self, room: BufferSet, grid: _GradedGrid, area: Area, raster: tuple[Any, ...]
+        self, buffers: BufferSet, grid: _GradedGrid, area: Area, raster: tuple[Any, ...]
     ) -> StructuredArray:
-        size, where, start, per_row = count_points(self._context, room, _FILE, grid, area)
+        size, where, start, per_row = count_points(self._context, buffers, _FILE, grid, area)
         total = int(per_row.sum())
         result = np.zeros(total, GRADED)
         if total:
-            point = room.buffer("point", (total, 2), np.int64)
-            of = room.buffer("of", (total, 2), np.float32)
+            point = buffers.buffer("point", (total, 2), np.int64)
+            of = buffers.buffer("of", (total, 2), np.float32)
             collected = (start, point, of)
             self._context.launch(_FILE, "write_graded", size, *grid.points, *where, *raster, *collected)
             result["x"], result["y"] = self._context.download(point, (total, 2), np.int64).T

@@ -140,10 +140,10 @@ class PlantSites(NamedTuple):
         upward = 1 / np.sqrt(1 + self.slope_east**2 + self.slope_north**2)
         return np.stack([-self.slope_east * upward, -self.slope_north * upward, upward], axis=-1)
 
-    def subset(self, chosen: BoolArray) -> PlantSites:
+    def subset(self, mask: BoolArray) -> PlantSites:
         """Return some of the positions."""
-        ground = (each[chosen] for each in self[2:])
-        return PlantSites(self.x[chosen], self.y[chosen], *ground)
+        ground = (each[mask] for each in self[2:])
+        return PlantSites(self.x[mask], self.y[mask], *ground)
 
 
 BLOCK = 64

@@ -155,7 +155,7 @@ def bands(area: Area, side: int, *, window: int) -> Iterator[list[Area]]:
 
 
 def count_points(
-    context: ComputeContext, room: BufferSet, file: str, grid: Grid, area: Area
+    context: ComputeContext, buffers: BufferSet, file: str, grid: Grid, area: Area
 ) -> tuple[tuple[int, int], tuple[Any, ...], Any, LatticeArray]:
     """Count the points of a grid, inside its rim, in an area (lattice units).
 
@@ -166,7 +166,7 @@ def count_points(
     size = (-(-inner.width // _PIECE), inner.height)
     bounds = (np.int64(grid.side), np.array(area, np.int64), np.int32(_PIECE))
     where = (grid.width, np.int32(grid.rim), *grid.corner, *bounds)
-    count = room.buffer("count", size, np.int32)
+    count = buffers.buffer("count", size, np.int32)
     context.launch(file, "count_points", size, grid.x, grid.y, *where, count)
     many = context.download(count, size[::-1], np.int32)
     start = np.cumsum(many, dtype=np.int32) - many.ravel()
@@ -278,32 +278,32 @@ class PoissonDisk:
         """Sample and collect the points of windows side by side."""
         parts = []
         for part in band:
-            with self._scratch.borrow() as room:
-                sampled = self._sample(room, part)
+            with self._scratch.borrow() as buffers:
+                sampled = self._sample(buffers, part)
                 yield
-                parts.append(self._collect(room, sampled, part))
+                parts.append(self._collect(buffers, sampled, part))
         return merge_windows(parts)
 
-    def _sample(self, room: BufferSet, area: Area) -> _LevelGrid:
+    def _sample(self, buffers: BufferSet, area: Area) -> _LevelGrid:
         """Enqueue the sampling of an area's cells, the coarsest level first."""
         windows = [Cells.covering(area, self._side).wider(self._rim)]
         for _ in self._salts[1:]:
             windows.append(windows[-1].coarser().wider(self._rim))
         coarsest = len(windows) - 1
-        grid = self._create_grid(room, windows[coarsest], coarsest, None)
-        self._enqueue_rounds(room, grid, coarsest)
+        grid = self._create_grid(buffers, windows[coarsest], coarsest, None)
+        self._enqueue_rounds(buffers, grid, coarsest)
         for level in reversed(range(coarsest)):
-            grid = self._create_grid(room, windows[level], level, grid)
-            self._enqueue_rounds(room, grid, level)
+            grid = self._create_grid(buffers, windows[level], level, grid)
+            self._enqueue_rounds(buffers, grid, level)
         return grid
 
     def _create_grid(
-        self, room: BufferSet, cells: Cells, level: int, coarse: _LevelGrid | None
+        self, buffers: BufferSet, cells: Cells, level: int, coarse: _LevelGrid | None
     ) -> _LevelGrid:
         """Return a window's grid, empty or with the points of a coarser one that covers it."""
         # Two sets of buffers are enough: a level reads only the one before it.
         kinds = (("x", np.int16), ("y", np.int16), ("level", np.uint8))
-        x, y, of = (room.buffer(f"{name} {level % 2}", cells.shape, kind) for name, kind in kinds)
+        x, y, of = (buffers.buffer(f"{name} {level % 2}", cells.shape, kind) for name, kind in kinds)
         grid = _LevelGrid(cells, self._side << level, self._rim, x, y, of)
         parent = coarse or grid
         width = parent.width if coarse else np.int32(0)
@@ -312,10 +312,10 @@ class PoissonDisk:
         self._launch("inherit", size, x, y, of, grid.width, *grid.corner, *given)
         return grid
 
-    def _enqueue_rounds(self, room: BufferSet, grid: _LevelGrid, level: int) -> None:
+    def _enqueue_rounds(self, buffers: BufferSet, grid: _LevelGrid, level: int) -> None:
         """Enqueue a level's rounds; each widens the invalid rim."""
         kinds = (("candidate x", np.int16), ("candidate y", np.int16), ("time", np.uint32))
-        candidate = [room.buffer(name, grid.cells.shape, kind) for name, kind in kinds]
+        candidate = [buffers.buffer(name, grid.cells.shape, kind) for name, kind in kinds]
         darts = (*grid.corner, self._salts[level], self._r2)
         for number, (start, tries) in enumerate(self._rounds):
             rim = (2 * number + 1) * _REACH
@@ -329,10 +329,10 @@ class PoissonDisk:
             points = (grid.x, grid.y, grid.level)
             self._launch("accept", _inner(grid, rim), *points, *candidate, *window, self._r2, np.int32(level))
 
-    def _collect(self, room: BufferSet, grid: _LevelGrid, area: Area) -> Points:
-        size, where, start, per_row = count_points(self.context, room, _FILE, grid, area)
+    def _collect(self, buffers: BufferSet, grid: _LevelGrid, area: Area) -> Points:
+        size, where, start, per_row = count_points(self.context, buffers, _FILE, grid, area)
         total = int(per_row.sum())
-        point, of = room.buffer("point", (total, 2), np.int64), room.buffer("of", total, np.uint8)
+        point, of = buffers.buffer("point", (total, 2), np.int64), buffers.buffer("of", total, np.uint8)
         parts = (start, point, of)
         self.context.launch(_FILE, "write_points", size, grid.x, grid.y, grid.level, *where, *parts)
         position = self.context.download(point, (total, 2), np.int64)

@@ -1,4 +1,4 @@
-"""The document against what it tells: drafts, steps, boxes, and whether there is something to save."""
+"""The document and its signals: drafts, history steps, changed boxes, unsaved changes."""
 
 from pathlib import Path
 
@@ -12,8 +12,8 @@ from sketchterrain.ui.models.document import Document
 
 
 @pytest.fixture
-def told(document):
-    """Names of the signals that were emitted, in order, and the boxes that were painted."""
+def emitted(document):
+    """Names of emitted signals, in order, and painted boxes."""
     names: list[str] = []
     boxes: list[tuple] = []
     for name in ("live_changed", "sketch_changed", "history_changed", "saved_changed", "opened"):
@@ -31,8 +31,8 @@ def paint(document: Document, layer: str, box: tuple, label: int = 1, *, title: 
         draft.commit(title)
 
 
-def test_a_stroke_is_one_step_and_shows_while_it_goes_on(document, told):
-    names, boxes = told
+def test_a_stroke_is_visible_at_once_and_one_step(document, emitted):
+    names, boxes = emitted
     before = document.sketch
     draft = document.begin_draft("lake")
     for column in range(10):
@@ -54,8 +54,8 @@ def test_a_stroke_is_one_step_and_shows_while_it_goes_on(document, told):
     assert boxes[-1] == ("lake", (5, 0, 9, 10))
 
 
-def test_undo_and_redo_tell_the_box_that_changed(document, told):
-    names, boxes = told
+def test_undo_and_redo_announce_the_changed_box(document, emitted):
+    names, boxes = emitted
     before = document.sketch.layers["lake"].copy()
     paint(document, "lake", (100, 200, 120, 260), 9)
     after = document.sketch.layers["lake"].copy()
@@ -69,8 +69,8 @@ def test_undo_and_redo_tell_the_box_that_changed(document, told):
     assert names == ["sketch_changed", "history_changed", "saved_changed", "live_changed"]
 
 
-def test_cancelled_and_ineffective_strokes_are_no_steps(document, told):
-    _, boxes = told
+def test_cancelled_and_ineffective_strokes_record_no_step(document, emitted):
+    _, boxes = emitted
     before = document.sketch
     paint(document, "lake", (0, 0, 9, 9), title=None)
     document.draft.cancel()
@@ -88,8 +88,8 @@ def test_cancelled_and_ineffective_strokes_are_no_steps(document, told):
     assert document.history.titles == ("Open", "Paint")
 
 
-def test_too_many_labels_are_refused_and_the_layer_is_as_before(document, told):
-    _, boxes = told
+def test_too_many_labels_are_refused_and_the_layer_is_as_before(document, emitted):
+    _, boxes = emitted
     document.open(Sketch())
     for label in range(1, 17):
         paint(document, "hill", (label, 0, label + 1, 9), label)
@@ -104,7 +104,7 @@ def test_too_many_labels_are_refused_and_the_layer_is_as_before(document, told):
     assert not document.sketch.layers["hill"].flags.writeable
 
 
-def test_modified_follows_undo_late_saves_and_recovery(document, told):
+def test_modified_follows_undo_late_saves_and_recovery(document, emitted):
     path = Path("valley.sketch")
     assert not document.is_modified
     paint(document, "lake", (0, 0, 9, 9))
@@ -123,7 +123,7 @@ def test_modified_follows_undo_late_saves_and_recovery(document, told):
     document.undo()
     assert not document.is_modified
 
-    names, _ = told
+    names, _ = emitted
     paint(document, "lake", (0, 0, 9, 9))
     sketch = document.sketch
     document.open(sketch, Path("here"), modified=True)
@@ -134,8 +134,8 @@ def test_modified_follows_undo_late_saves_and_recovery(document, told):
     assert not document.is_modified
 
 
-def test_a_drag_of_settings_is_one_step_and_an_equal_sketch_none(document, told):
-    names, boxes = told
+def test_merged_steps_are_one_and_an_equal_sketch_none(document, emitted):
+    names, boxes = emitted
     key = object()
     for seed in range(20, 30):
         document.do("Set seed", document.sketch.replace(seed=seed), merge=key)
@@ -151,7 +151,7 @@ SEEDS = [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2,
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_whoever_redraws_only_what_is_told_sees_every_layer_as_it_is(document, seed):
+def test_redrawing_only_announced_boxes_shows_every_layer(document, seed):
     rng = np.random.default_rng(seed)
     document.open(Sketch(layers={"hill": np.zeros((150, 210), dtype=np.uint8)}))
     mirror: dict[str, np.ndarray] = {}
@@ -173,7 +173,7 @@ def test_whoever_redraws_only_what_is_told_sees_every_layer_as_it_is(document, s
     document.live_changed.connect(lambda: lives.append(None))
     for _ in range(150):
         before = {name: document.layer(name).copy() for name in LAYERS}
-        told = len(lives)
+        emitted = len(lives)
         layer = str(rng.choice(list(LAYERS)))
         image = document.sketch.layers[layer]
         top, left = (int(rng.integers(0, side)) for side in image.shape)
@@ -202,4 +202,4 @@ def test_whoever_redraws_only_what_is_told_sees_every_layer_as_it_is(document, s
         for name in LAYERS:
             np.testing.assert_array_equal(mirror[name], document.layer(name))
             changed |= not np.array_equal(before[name], document.layer(name))
-        assert not changed or len(lives) > told
+        assert not changed or len(lives) > emitted

@@ -1,4 +1,4 @@
-"""The real processes behind a link: what is painted is placed, computed, drawn and answered."""
+"""The real engine processes: strokes are placed, evaluated, rendered, and requests answered."""
 
 import os
 import signal
@@ -45,8 +45,8 @@ def stroke(document, row, column, layer="mountain", label=1):
 
 class Listener:
     def __init__(self, link):
-        self.troubles, self.followed, self.frames, self.picked, self.written = [], [], [], [], []
-        link.error_reported.connect(self.troubles.append)
+        self.errors, self.followed, self.frames, self.picked, self.written = [], [], [], [], []
+        link.error_reported.connect(self.errors.append)
         link.terrain_updated.connect(self.followed.append)
         link.frame_shown.connect(self.frames.append)
         link.picked.connect(self.picked.append)
@@ -69,17 +69,17 @@ def newest(link) -> int:
 
 @pytest.fixture(scope="module")
 def running(qapp):
-    """A document and its link, which has drawn a picture."""
+    """A document and its link after the first picture."""
     document = Document(sketch())
     link = EngineLink(document)
     listener = Listener(link)
     link.set_view(VIEW)
     link.start()
-    wait(lambda: listener.troubles or settled(link)())
-    assert listener.troubles == []
+    wait(lambda: listener.errors or settled(link)())
+    assert listener.errors == []
     yield document, link, listener
     link.stop()
-    assert listener.troubles == []
+    assert listener.errors == []
 
 
 @pytest.mark.slow
@@ -126,7 +126,7 @@ def test_strokes_are_placed_drawn_picked_and_undone(running):
 
 
 def look(link, *, elevation=0.7):
-    """Be south of the sketch at an elevation (tangent), and wait for the whole picture."""
+    """Look from the south at an elevation (tangent), and wait for the settled picture."""
     target = np.array([2000.0, 2000.0, 300.0])
     eye = target + 3000.0 * np.array([0.0, -1.0, elevation])
     link.send(msg.Look(msg.Pose(tuple(eye.tolist()), tuple(target.tolist()))))
@@ -134,8 +134,7 @@ def look(link, *, elevation=0.7):
 
 
 @pytest.mark.slow
-def test_a_step_that_changes_nothing_more_is_followed_too(running):
-    """A slow hand: the whole stroke is on the ground when the button is let go."""
+def test_committing_a_stroke_already_sent_only_updates_the_version(running):
     document, link, _ = running
     draft = stroke(document, 60, 60)
     wait(settled(link, newest(link) + 1))
@@ -149,7 +148,7 @@ def test_a_step_that_changes_nothing_more_is_followed_too(running):
 
 
 @pytest.mark.slow
-def test_the_newest_of_many_quick_strokes_wins(running, qapp):
+def test_the_newest_of_many_quick_updates_is_displayed(running, qapp):
     document, link, listener = running
     listener.followed.clear()
     listener.frames.clear()
@@ -173,7 +172,7 @@ def test_the_newest_of_many_quick_strokes_wins(running, qapp):
 
 
 @pytest.mark.slow
-def test_the_eye_moves_in_every_mode_and_comes_to_rest(running, qapp):
+def test_the_camera_moves_in_every_mode_and_comes_to_rest(running, qapp):
     _, link, listener = running
     before = link.frame.pose
     link.send(msg.Turn(30.0, 10.0))
@@ -205,7 +204,7 @@ def test_the_eye_moves_in_every_mode_and_comes_to_rest(running, qapp):
 
 
 @pytest.mark.slow
-def test_size_quality_and_overlays_change_the_picture_and_hidden_it_is_not_drawn(running, qapp):
+def test_view_state_changes_the_picture_and_a_hidden_view_is_not_drawn(running, qapp):
     document, link, listener = running
     link.set_view(replace(VIEW, width=200, height=140))
     wait(lambda: link.picture.width() == 200 and link.frame.settled)
@@ -254,7 +253,7 @@ def test_hour_and_look_change_the_picture_and_no_heights(running):
 
 
 @pytest.mark.slow
-def test_adherence_and_a_picture_come_while_frames_go_on(running, tmp_path):
+def test_background_jobs_run_while_frames_are_drawn(running, tmp_path):
     from PIL import Image
 
     _, link, listener = running
@@ -275,7 +274,7 @@ def test_adherence_and_a_picture_come_while_frames_go_on(running, tmp_path):
 
 
 @pytest.mark.slow
-def test_another_document_is_shown_from_the_start(running):
+def test_another_document_resets_the_camera(running):
     document, link, _ = running
     link.send(msg.Zoom(0.2))
     wait(lambda: link.frame.settled)
@@ -289,13 +288,13 @@ def test_another_document_is_shown_from_the_start(running):
 
 
 @pytest.mark.slow
-def test_a_killed_engine_is_told_and_comes_back(running):
+def test_a_killed_engine_is_reported_and_restarted(running):
     document, link, listener = running
     os.kill(link._processes._processes["engine"].pid, signal.SIGKILL)
-    wait(lambda: listener.troubles)
-    assert listener.troubles[0].source == "engine"
-    assert "signal 9" in listener.troubles[0].line
-    listener.troubles.clear()
+    wait(lambda: listener.errors)
+    assert listener.errors[0].source == "engine"
+    assert "signal 9" in listener.errors[0].line
+    listener.errors.clear()
     listener.frames.clear()
     wait(lambda: listener.frames and link.frame.settled)
     stroke(document, 60, 60).commit("Paint mountains")
@@ -304,13 +303,13 @@ def test_a_killed_engine_is_told_and_comes_back(running):
 
 
 @pytest.mark.soak
-def test_after_a_second_crash_in_a_row_it_goes_on_without_opengl(running):
+def test_a_second_crash_in_a_row_disables_opengl(running):
     document, link, listener = running
     link.start()  # crashes before do not count
     for _ in range(2):
         os.kill(link._processes._processes["placer"].pid, signal.SIGKILL)
-        wait(lambda: listener.troubles)
-        listener.troubles.clear()
+        wait(lambda: listener.errors)
+        listener.errors.clear()
     wait(lambda: link.facts.opengl_error)
     placed = newest(link)
     stroke(document, 10, 70).commit("Paint mountains")
@@ -321,13 +320,13 @@ def test_after_a_second_crash_in_a_row_it_goes_on_without_opengl(running):
 
 
 @pytest.mark.slow
-def test_stop_is_quick_and_leaves_nothing(qapp):
+def test_stop_is_quick_and_frees_processes_and_descriptors(qapp):
     link = EngineLink(Document(sketch()))
     link.set_view(VIEW)
     open_before = len(list(Path("/proc/self/fd").iterdir()))
     for pause in (0.0, 1.5):
         link.start()
-        children = list(link._processes._processes.values())
+        processes = list(link._processes._processes.values())
         end = time.monotonic() + pause
         while time.monotonic() < end:
             qapp.processEvents()
@@ -335,8 +334,8 @@ def test_stop_is_quick_and_leaves_nothing(qapp):
         start = time.monotonic()
         link.stop()
         assert time.monotonic() - start < 1.0
-        assert all(child.returncode is not None for child in children)
-        assert not any(Path(f"/proc/{child.pid}").exists() for child in children)
+        assert all(child.returncode is not None for child in processes)
+        assert not any(Path(f"/proc/{child.pid}").exists() for child in processes)
     assert len(list(Path("/proc/self/fd").iterdir())) == open_before
 
 
@@ -350,13 +349,13 @@ def test_processes_end_with_the_window_even_if_it_is_killed(tmp_path):
         "time.sleep(60)\n"
     )
     window = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
-    children = [int(word) for word in window.stdout.readline().split()]
+    processes = [int(word) for word in window.stdout.readline().split()]
     time.sleep(1.0)
     window.kill()
     window.wait()
     window.stdout.close()
     end = time.monotonic() + 20.0
-    while any(_lives(child) for child in children):
+    while any(_lives(child) for child in processes):
         assert time.monotonic() < end, "a process was left behind"
         time.sleep(0.05)
 

@@ -1,4 +1,4 @@
-"""Engine and placer on threads of the test, and the link to them: what is missing or fails is said."""
+"""Engine and placer on threads of the test, and the link with fake processes: failures and messages."""
 
 import socket
 import threading
@@ -29,9 +29,9 @@ from sketchterrain.ui.engine.sketch_updates import settings_of
 from sketchterrain.ui.engine.terrain_session import TerrainSession
 
 
-def test_a_frame_in_shared_memory_becomes_the_picture_pixel_for_pixel(qapp):
-    memory, source, shown, told = FrameMemory(), ViewSource(msg.ViewState()), [], []
-    source.send = told.append
+def test_a_shared_frame_is_copied_pixel_for_pixel(qapp):
+    memory, source, shown, received = FrameMemory(), ViewSource(msg.ViewState()), [], []
+    source.send = received.append
     source.frame_shown.connect(shown.append)
     source._processes = SimpleNamespace(frames=memory)
     colours = np.random.default_rng(3)
@@ -50,12 +50,12 @@ def test_a_frame_in_shared_memory_becomes_the_picture_pixel_for_pixel(qapp):
         bgrx = bgrx.reshape(height, picture.bytesPerLine())[:, : 4 * width].reshape(height, width, 4)
         np.testing.assert_array_equal(bgrx[..., 2::-1], rgbx[..., :3])
         assert shown[-1] is source.frame is facts
-    assert told == [msg.FrameAcknowledged(), msg.FrameAcknowledged()]
+    assert received == [msg.FrameAcknowledged(), msg.FrameAcknowledged()]
     memory.close()
 
 
-class Around:
-    """An engine without OpenGL or a placer on a thread, and the other ends of its two channels."""
+class Harness:
+    """An engine without OpenGL, or a placer, on a thread, and the other ends of its two channels."""
 
     def __init__(self, make, *, patient):
         (mine, its), (my_other, its_other) = socket.socketpair(), socket.socketpair()
@@ -71,7 +71,7 @@ class Around:
         shape = next(iter(layers.values())).shape
         return msg.SketchUpdate(self.version, shape, settings_of(sketch), patches)
 
-    def plan(self, column):
+    def send_recipe(self, column):
         layers = {"hill": blob(column)}
         sketch = Sketch(extent=3000.0, layers=layers)
         recipe = pickle_without(make_recipe(sketch), sketch)
@@ -89,25 +89,25 @@ class Around:
         self.window.send(self.update(sketch, layers))
         return self.answer((msg.Placement, msg.Unchanged, msg.ErrorReport))[0]
 
-    def end(self):
+    def close(self):
         self.window.send(msg.Quit())
-        self.window_is_gone()
+        self.join()
 
-    def window_is_gone(self):
+    def join(self):
         self.thread.join(20.0)
         assert not self.thread.is_alive()
         for channel in (self.window, self.other, *self.its):
             channel.close()
 
 
-def around_engine(device=None, pacer=None):
+def engine_harness(device=None, pacer=None):
     session = TerrainSession(ComputeContext, device=device)
     facts = msg.EngineFacts(device_error=session.device_error)
     options = {"session": session, "pacer": pacer, "jobs": JobQueue(), "facts": facts}
-    around = Around(lambda *its: Engine(*its, **options), patient=True)
-    around.session = session
-    around.thread.start()
-    return around
+    harness = Harness(lambda *its: Engine(*its, **options), patient=True)
+    harness.session = session
+    harness.thread.start()
+    return harness
 
 
 def failing(error):
@@ -124,50 +124,50 @@ def blob(column, row=10):
 
 
 @pytest.fixture
-def around():
-    made = around_engine()
+def harness():
+    made = engine_harness()
     yield made
-    made.end()
+    made.close()
 
 
-def test_the_newest_of_plans_that_wait_counts_and_all_their_areas(around, monkeypatch):
-    taken, take, gate = [], around.session.apply, threading.Event()
+def test_pending_updates_are_all_applied_and_the_newest_is_displayed(harness, monkeypatch):
+    applied, apply, gate = [], harness.session.apply, threading.Event()
 
-    def slow(plans):
+    def slow(updates):
         gate.wait(20.0)
-        taken.extend(plan.sketch.version for plan in plans)
-        return take(plans)
+        applied.extend(update.sketch.version for update in updates)
+        return apply(updates)
 
-    monkeypatch.setattr(around.session, "apply", slow)
+    monkeypatch.setattr(harness.session, "apply", slow)
     for column in (5, 10, 15, 20):
-        around.plan(column)
+        harness.send_recipe(column)
     gate.set()
-    versions = [around.answer(msg.TerrainUpdated)[0].version]
+    versions = [harness.answer(msg.TerrainUpdated)[0].version]
     while versions[-1] < 4:
-        versions.append(around.answer(msg.TerrainUpdated)[0].version)
-    assert taken == [1, 2, 3, 4]
+        versions.append(harness.answer(msg.TerrainUpdated)[0].version)
+    assert applied == [1, 2, 3, 4]
     assert versions == sorted(versions)
-    assert around.session.version == 4
+    assert harness.session.version == 4
 
 
-def test_without_opengl_there_are_a_relief_picks_and_adherence_once_there_is_a_terrain(around):
-    around.window.send(msg.MeasureAdherence())
-    assert "not ready yet" in around.answer(msg.ErrorReport)[0].line
-    around.window.send(msg.Pick(1, 0.5, 0.5))
-    assert around.answer(msg.PickResult)[0].place is None
-    around.plan(20)
-    assert around.answer(msg.TerrainUpdated)[0].version == 1
-    around.window.send(msg.Turn(10.0, 0.0))
-    around.window.send(msg.Pick(7, 0.5, 0.6))
-    picked, before = around.answer(msg.PickResult)
+def test_relief_picks_and_adherence_work_without_opengl(harness):
+    harness.window.send(msg.MeasureAdherence())
+    assert "not ready yet" in harness.answer(msg.ErrorReport)[0].line
+    harness.window.send(msg.Pick(1, 0.5, 0.5))
+    assert harness.answer(msg.PickResult)[0].place is None
+    harness.send_recipe(20)
+    assert harness.answer(msg.TerrainUpdated)[0].version == 1
+    harness.window.send(msg.Turn(10.0, 0.0))
+    harness.window.send(msg.Pick(7, 0.5, 0.6))
+    picked, before = harness.answer(msg.PickResult)
     assert (picked.token, len(picked.place)) == (7, 3)
     reliefs = [each for each in before if isinstance(each, msg.Relief)]
-    relief = reliefs[0] if reliefs else around.answer(msg.Relief)[0]
+    relief = reliefs[0] if reliefs else harness.answer(msg.Relief)[0]
     assert relief.height[15:25, 22:32].max() > 20.0
-    around.window.send(msg.RenderPicture("nowhere.png", 100, 100))
-    assert around.answer(msg.ErrorReport)[0].source == "picture"
-    around.window.send(msg.MeasureAdherence())
-    measured, _ = around.answer(msg.Adherence)
+    harness.window.send(msg.RenderPicture("nowhere.png", 100, 100))
+    assert harness.answer(msg.ErrorReport)[0].source == "picture"
+    harness.window.send(msg.MeasureAdherence())
+    measured, _ = harness.answer(msg.Adherence)
     assert measured.version == 1
     assert measured.figures["layers"]["hill"]["shapes"] == 1
     painted, shown = measured.images["hill"]
@@ -176,37 +176,39 @@ def test_without_opengl_there_are_a_relief_picks_and_adherence_once_there_is_a_t
     assert shown[painted].mean() > 0.3
 
 
-def test_without_a_device_it_says_what_to_do_and_runs_on():
-    around = around_engine("no such device")
-    assert "no such device" in around.answer(msg.EngineFacts)[0].device_error
-    around.plan(20)
-    around.answer(msg.TerrainUpdated)
-    around.window.send(msg.MeasureAdherence())
-    assert "no such device" in around.answer(msg.ErrorReport)[0].line
-    around.end()
+def test_a_missing_device_is_reported_and_the_engine_runs_on():
+    harness = engine_harness("no such device")
+    assert "no such device" in harness.answer(msg.EngineFacts)[0].device_error
+    harness.send_recipe(20)
+    harness.answer(msg.TerrainUpdated)
+    harness.window.send(msg.MeasureAdherence())
+    assert "no such device" in harness.answer(msg.ErrorReport)[0].line
+    harness.close()
 
 
-def test_a_device_that_fails_is_left_for_another_one(around, monkeypatch):
+def test_a_failed_device_is_replaced(harness, monkeypatch):
     if sum(device.type == "CPU" for device in list_devices()) < 2:
         pytest.skip("there is no second device")
-    around.plan(20)
-    first, _ = around.answer(msg.Relief)
-    failed = around.session.device
+    harness.send_recipe(20)
+    first, _ = harness.answer(msg.Relief)
+    failed = harness.session.device
 
-    monkeypatch.setattr(around.session.terrain, "heights", failing(DeviceFailedError("the device fell over")))
-    around.window.send(msg.Pick(1, 0.5, 0.6))
-    trouble, _ = around.answer(msg.ErrorReport)
-    assert "fell over" in trouble.line
-    assert "continuing on" in trouble.line
-    again, _ = around.answer(msg.Relief)
-    assert around.session.device != failed
+    monkeypatch.setattr(
+        harness.session.terrain, "heights", failing(DeviceFailedError("the device fell over"))
+    )
+    harness.window.send(msg.Pick(1, 0.5, 0.6))
+    error, _ = harness.answer(msg.ErrorReport)
+    assert "fell over" in error.line
+    assert "continuing on" in error.line
+    again, _ = harness.answer(msg.Relief)
+    assert harness.session.device != failed
     assert np.array_equal(again.height, first.height)
-    around.window.send(msg.Pick(2, 0.5, 0.6))
-    assert around.answer(msg.PickResult)[0].place is not None
+    harness.window.send(msg.Pick(2, 0.5, 0.6))
+    assert harness.answer(msg.PickResult)[0].place is not None
 
 
 class FailingPacer:
-    """Draws nothing; its next frame raises what it is given."""
+    """Raises `error` instead of drawing."""
 
     def __init__(self):
         self.renderer = SimpleNamespace(is_empty=False, sharing="copy", clear=lambda: None)
@@ -225,33 +227,33 @@ class FailingPacer:
         self.stops += 1
 
 
-def test_defects_of_plans_and_frames_are_reported_and_it_ends_when_the_window_is_gone(monkeypatch, capsys):
+def test_defects_are_reported_and_the_engine_ends_with_the_window(monkeypatch, capsys):
     pacer = FailingPacer()
-    around = around_engine(pacer=pacer)
-    around.plan(20)
-    around.answer(msg.TerrainUpdated)
+    harness = engine_harness(pacer=pacer)
+    harness.send_recipe(20)
+    harness.answer(msg.TerrainUpdated)
     with monkeypatch.context() as patched:
-        patched.setattr(around.session, "apply", failing(ZeroDivisionError("oops")))
-        around.plan(10)
-        assert "oops" in around.answer(msg.ErrorReport)[0].line
+        patched.setattr(harness.session, "apply", failing(ZeroDivisionError("oops")))
+        harness.send_recipe(10)
+        assert "oops" in harness.answer(msg.ErrorReport)[0].line
     assert "ZeroDivisionError" in capsys.readouterr().err
-    around.plan(5)
-    assert around.answer(msg.TerrainUpdated)[0].version == 3
+    harness.send_recipe(5)
+    assert harness.answer(msg.TerrainUpdated)[0].version == 3
     before = pacer.stops
-    for error in (InputError("odd"), ZeroDivisionError("0")):
-        pacer.error = error
-        around.window.send(msg.Turn(1.0, 0.0))
-        trouble, _ = around.answer(msg.ErrorReport)
-        assert trouble.source == "view"
-        assert str(error) in trouble.line
+    for failure in (InputError("odd"), ZeroDivisionError("0")):
+        pacer.error = failure
+        harness.window.send(msg.Turn(1.0, 0.0))
+        error, _ = harness.answer(msg.ErrorReport)
+        assert error.source == "view"
+        assert str(failure) in error.line
     assert pacer.stops == before + 2
     assert "ZeroDivisionError" in capsys.readouterr().err
-    around.window.close()
-    around.window_is_gone()
+    harness.window.close()
+    harness.join()
 
 
-class FakeChildren:
-    """Processes that do nothing, and end when they are told to."""
+class FakeProcesses:
+    """Processes that do nothing, and end when they are received to."""
 
     def __init__(self, made, *, device, draws=True, world=None):
         self.device, self.draws, self.frames = device, draws, FrameMemory()
@@ -270,43 +272,43 @@ class FakeChildren:
 
 
 @pytest.fixture
-def children(monkeypatch):
+def launched(monkeypatch):
     made = []
-    monkeypatch.setattr(link_module, "EngineProcesses", lambda **options: FakeChildren(made, **options))
+    monkeypatch.setattr(link_module, "EngineProcesses", lambda **options: FakeProcesses(made, **options))
     return made
 
 
-def test_a_link_starts_crashed_processes_again_at_last_without_opengl(document, qtbot, children):
-    link, troubles = EngineLink(document), []
+def test_crashed_processes_restart_at_last_without_opengl(document, qtbot, launched):
+    link, errors = EngineLink(document), []
     link.device = "pocl"
-    link.error_reported.connect(lambda trouble: troubles.append(trouble.line))
+    link.error_reported.connect(lambda error: errors.append(error.line))
     link.start()
-    assert children[-1].its[0].receive() == link.view
-    assert children[-1].its[0].receive() == msg.UpdatePending(1, fresh=True)
-    assert set(children[-1].its[1].receive().layers) == set(LAYERS)
+    assert launched[-1].its[0].receive() == link.view
+    assert launched[-1].its[0].receive() == msg.UpdatePending(1, fresh=True)
+    assert set(launched[-1].its[1].receive().layers) == set(LAYERS)
     ends = ((2, "restarting."), (3, "restarting without the 3-D view."), (3, "start the program again."))
     for count, line in ends:
-        children[-1].its[0].close()
-        qtbot.waitUntil(lambda line=line: bool(troubles) and troubles[-1].endswith(line))
-        assert troubles[-1].startswith("The engine crashed (signal 11)")
-        assert len(children) == count
-    assert [(each.device, each.draws) for each in children] == [
+        launched[-1].its[0].close()
+        qtbot.waitUntil(lambda line=line: bool(errors) and errors[-1].endswith(line))
+        assert errors[-1].startswith("The engine crashed (signal 11)")
+        assert len(launched) == count
+    assert [(each.device, each.draws) for each in launched] == [
         *(("pocl", True), ("pocl", True), ("pocl", False))
     ]
     link.start()
-    assert children[-1].draws
+    assert launched[-1].draws
     link.stop()
     link.send(msg.Turn(1.0, 0.0))
-    assert len(children) == 4
+    assert len(launched) == 4
 
 
-def test_a_link_hands_over_what_the_processes_tell(document, qtbot, placed, children):
-    link, told = EngineLink(document), []
+def test_messages_become_attributes_and_signals(document, qtbot, placed, launched):
+    link, received = EngineLink(document), []
     names = "placed_changed relief_changed adherence_changed picture_written picked facts_changed"
     for name in names.split():
-        getattr(link, name).connect(lambda what, name=name: told.append((name, what)))
+        getattr(link, name).connect(lambda what, name=name: received.append((name, what)))
     link.start()
-    engine, placer = children[-1].its
+    engine, placer = launched[-1].its
     for process, work, shown in (
         (placer, "Placing features", "Placing features"),
         (engine, "Drawing", "Drawing"),
@@ -327,9 +329,9 @@ def test_a_link_hands_over_what_the_processes_tell(document, qtbot, placed, chil
         msg.PictureWritten("b.png"),
     ):
         engine.send(message)
-    qtbot.waitUntil(lambda: told[-1] == ("picture_written", msg.PictureWritten("b.png")))
+    qtbot.waitUntil(lambda: received[-1] == ("picture_written", msg.PictureWritten("b.png")))
     wanted = "placed_changed placed_changed relief_changed picked facts_changed picture_written"
-    assert [name for name, _ in told] == wanted.split()
+    assert [name for name, _ in received] == wanted.split()
     assert (link.relief.version, link.facts.device) == (8, "a")
     link.stop()
     assert link.activity == ""
@@ -347,7 +349,7 @@ def clock(monkeypatch):
 
 
 def attempt(policy, clock, seconds) -> bool:
-    """Place for so long, with a checkpoint every 10 ms; return whether it was finished."""
+    """Work for `seconds` with a checkpoint every 10 ms; return whether it finished."""
     policy.start()
     try:
         for _ in range(round(seconds / 0.01)):
@@ -359,7 +361,7 @@ def attempt(policy, clock, seconds) -> bool:
     return True
 
 
-def test_superseded_work_is_abandoned_unless_short_or_half_done_and_never_twice_in_a_row(clock):
+def test_superseded_work_is_cancelled_unless_short_or_half_done_and_never_twice_in_a_row(clock):
     policy = CancellationPolicy(lambda: False)
     assert all(attempt(policy, clock, 0.5) for _ in range(3))
     policy = CancellationPolicy(lambda: True)
@@ -380,12 +382,12 @@ def test_superseded_work_is_abandoned_unless_short_or_half_done_and_never_twice_
 
 @pytest.fixture
 def placer():
-    made = Around(Placer, patient=False)
+    made = Harness(Placer, patient=False)
     yield made
-    made.end()
+    made.close()
 
 
-def test_the_newest_of_many_is_placed_and_plans_add_up(placer):
+def test_the_newest_of_many_sketches_is_placed_and_changes_accumulate(placer):
     sketch = Sketch(extent=4000.0)
     for step in range(20):
         placer.window.send(placer.update(sketch, {"mountain": blob(20, row=step)}))
@@ -405,7 +407,7 @@ def test_the_newest_of_many_is_placed_and_plans_add_up(placer):
     assert plan.started <= plan.sent <= time.monotonic()
 
 
-def test_looks_change_nothing_that_is_placed(placer):
+def test_appearance_settings_do_not_place_again(placer):
     placer.thread.start()
     layers = {"mountain": blob(20)}
     assert isinstance(placer.placed(Sketch(), layers), msg.Placement)
@@ -425,9 +427,9 @@ def test_an_invalid_sketch_and_a_defect_are_reported_and_the_next_sketch_is_plac
     placer.thread.start()
     layers = {"mountain": blob(20)}
     placer.window.send(msg.SketchUpdate(1, (48, 48), {**settings_of(Sketch()), "seed": -5}, {}))
-    trouble, _ = placer.answer(msg.ErrorReport)
-    assert trouble.source == "sketch"
-    assert "seed" in trouble.line
+    error, _ = placer.answer(msg.ErrorReport)
+    assert error.source == "sketch"
+    assert "seed" in error.line
     placer.version = 1
     assert placer.placed(Sketch(), layers).version == 2
     with monkeypatch.context() as patched:

@@ -1,4 +1,4 @@
-"""The eye behind the view: modes follow one another without a jump, motions end, and no ground is entered."""
+"""Camera control: continuous mode changes, motions that come to rest, no camera below terrain."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ EXTENT = 4000.0
 
 
 class Hills:
-    """Ground that a formula gives."""
+    """An analytic terrain."""
 
     extent = EXTENT
     size = (EXTENT, 3000.0)
@@ -25,19 +25,19 @@ class Hills:
 
 
 @pytest.fixture
-def ground():
+def terrain():
     return Hills()
 
 
-def begun(ground, aspect=ASPECT):
-    eye = CameraController(ground, aspect=aspect)
+def create(terrain, aspect=ASPECT):
+    eye = CameraController(terrain, aspect=aspect)
     eye.advance(0.016)
     return eye
 
 
 @pytest.fixture
-def eye(ground):
-    return begun(ground)
+def eye(terrain):
+    return create(terrain)
 
 
 def advance(eye, steps):
@@ -46,7 +46,7 @@ def advance(eye, steps):
 
 
 def rest(eye, seconds=20.0):
-    """Let time pass until it comes to rest."""
+    """Advance until the camera rests."""
     for _ in range(round(seconds / 0.016)):
         eye.advance(0.016)
         if not eye.restless:
@@ -59,9 +59,9 @@ def distance(eye):
     return float(np.linalg.norm(np.subtract(camera.target, camera.eye)))
 
 
-def test_the_first_view_shows_most_of_the_sketch_and_the_horizon(ground):
+def test_the_first_view_shows_most_of_the_sketch_and_the_horizon(terrain):
     for aspect in [0.7, 1.0, 1.6, 2.4]:
-        eye = begun(ground, aspect)
+        eye = create(terrain, aspect)
         camera = eye.camera()
         to_clip = camera.to_clip(aspect)
         assert eye.pick(0.5, 0.01, aspect=aspect) is None, aspect
@@ -71,7 +71,7 @@ def test_the_first_view_shows_most_of_the_sketch_and_the_horizon(ground):
             assert abs(clip[1]) < clip[3], aspect
 
 
-def test_the_eye_rests_without_motion_and_after_a_turn_at_equal_distance(eye):
+def test_a_turn_keeps_the_distance_and_comes_to_rest(eye):
     rest(eye)
     camera = eye.camera()
     assert not eye.advance(1.0)
@@ -86,7 +86,7 @@ def test_the_eye_rests_without_motion_and_after_a_turn_at_equal_distance(eye):
     assert eye.camera().eye[0] > 3500.0  # to the east of what it looks at
 
 
-def test_a_zoom_keeps_the_place_under_the_mouse(eye):
+def test_a_zoom_keeps_the_position_under_the_mouse(eye):
     place = eye.pick(0.3, 0.7, aspect=ASPECT)
     before = distance(eye)
     eye.handle(Zoom(0.4, 0.3, 0.7), aspect=ASPECT)
@@ -109,9 +109,9 @@ def test_pan_and_keys_move_the_pivot_over_the_ground(eye):
     rest(eye)
 
 
-def test_another_mode_leaves_the_eye_where_it_is(ground):
+def test_changing_the_mode_keeps_the_camera(terrain):
     for modes in [("fly",), ("fly", "orbit"), ("fly", "orbit", "fly"), ("orbit", "fly", "orbit")]:
-        eye = begun(ground)
+        eye = create(terrain)
         eye.handle(Turn(35.0, -10.0), aspect=ASPECT)
         rest(eye)
         before = eye.camera()
@@ -123,21 +123,21 @@ def test_another_mode_leaves_the_eye_where_it_is(ground):
             assert np.allclose(camera.forward, before.forward, atol=1e-3), modes
 
 
-def test_on_foot_it_comes_down_to_the_ground_and_stays_there(eye, ground):
+def test_walking_descends_to_eye_height_and_stays_above_terrain(eye, terrain):
     eye.set_mode("walk")
     rest(eye)
     x, y, z = eye.camera().eye
-    assert z - ground.heights(x, y) == pytest.approx(1.7, abs=0.3)
+    assert z - terrain.heights(x, y) == pytest.approx(1.7, abs=0.3)
     eye.handle(Fly(forward=1.0, boost=20.0), aspect=ASPECT)
     for _ in range(200):
         eye.advance(0.016)
         x, y, z = eye.camera().eye
-        assert z > ground.heights(x, y) + 0.5
+        assert z > terrain.heights(x, y) + 0.5
 
 
-def test_it_glides_to_a_place_and_looks_at_it(ground):
+def test_go_to_glides_to_a_distance_and_looks_at_the_target(terrain):
     for mode in ["orbit", "fly"]:
-        eye = begun(ground)
+        eye = create(terrain)
         eye.set_mode(mode)
         eye.advance(0.016)
         eye.handle(GoTo(1200.0, 2000.0, 900.0), aspect=ASPECT)
@@ -145,13 +145,13 @@ def test_it_glides_to_a_place_and_looks_at_it(ground):
         on_its_way = np.array(eye.camera().eye)
         rest(eye)
         camera = eye.camera()
-        place = np.array([1200.0, 2000.0, float(ground.heights(1200.0, 2000.0))])
+        place = np.array([1200.0, 2000.0, float(terrain.heights(1200.0, 2000.0))])
         assert np.linalg.norm(np.subtract(camera.eye, place)) == pytest.approx(900.0, rel=0.01), mode
         assert camera.forward @ (place - camera.eye) / np.linalg.norm(place - camera.eye) > 0.9999, mode
         assert np.linalg.norm(on_its_way - camera.eye) > 10.0, mode
 
 
-def test_flying_goes_where_it_looks_and_a_wheel_towards_what_is_under_the_mouse(eye):
+def test_flying_moves_forward_and_zooms_towards_the_mouse(eye):
     eye.set_mode("fly")
     start, forward = np.array(eye.camera().eye), eye.camera().forward
     eye.handle(Fly(forward=1.0), aspect=ASPECT)
@@ -167,9 +167,9 @@ def test_flying_goes_where_it_looks_and_a_wheel_towards_what_is_under_the_mouse(
     assert np.linalg.norm(place - eye.camera().eye) == pytest.approx(0.5 * before, rel=0.02)
 
 
-def test_it_is_at_once_where_one_puts_it(ground):
+def test_set_camera_jumps_in_every_mode(terrain):
     for mode in ["orbit", "fly"]:
-        eye = begun(ground)
+        eye = create(terrain)
         eye.set_mode(mode)
         wanted = Camera((500.0, 300.0, 700.0), (2000.0, 1500.0, 0.0), fov=50.0)
         eye.set_camera(wanted)
@@ -178,9 +178,9 @@ def test_it_is_at_once_where_one_puts_it(ground):
         assert np.allclose(eye.camera().forward, wanted.forward, atol=1e-3), mode
 
 
-def test_ground_that_rises_lifts_it_out(ground):
+def test_rising_terrain_lifts_the_camera(terrain):
     for mode in ["orbit", "fly", "walk"]:
-        eye = begun(ground)
+        eye = create(terrain)
         eye.set_mode(mode)
         rest(eye)
         z = eye.camera().eye[2]
@@ -192,7 +192,7 @@ def test_ground_that_rises_lifts_it_out(ground):
         assert z > higher.heights(x, y), mode
 
 
-def test_the_sky_is_no_place(eye):
+def test_the_sky_cannot_be_picked(eye):
     eye.set_mode("fly")
     eye.handle(Turn(0.0, 80.0), aspect=ASPECT)
     rest(eye)

@@ -1,4 +1,4 @@
-"""Parts of the engine's processes: channels, shared frames, updates of the sketch, the relief."""
+"""Channels, shared frame memory, sketch updates and relief of the engine."""
 
 import os
 import socket
@@ -45,7 +45,7 @@ def test_messages_arrive_in_order_with_arrays_and_read_only_mappings(ends):
     assert np.array_equal(got["part"], whole[2:5, ::3])
 
 
-def test_an_end_that_is_gone_is_told(ends):
+def test_a_closed_connection_raises_after_pending_messages(ends):
     one, other = ends
     assert not other.has_message(0.05)
     one.send("last words")
@@ -57,7 +57,7 @@ def test_an_end_that_is_gone_is_told(ends):
         other.receive()
 
 
-def test_an_impatient_channel_never_waits_and_still_sends_all_in_order():
+def test_an_impatient_channel_queues_without_blocking():
     mine, its = socket.socketpair()
     channel, other = Channel(mine, patient=False), Channel(its)
     large = np.random.default_rng(1).integers(0, 255, 20_000_000, dtype=np.uint8)
@@ -73,7 +73,7 @@ def test_an_impatient_channel_never_waits_and_still_sends_all_in_order():
     other.close()
 
 
-def test_closing_ends_a_thread_that_reads_and_one_that_writes():
+def test_closing_wakes_reader_and_writer_threads():
     mine, its = socket.socketpair()
     channel, other, ended = Channel(mine, patient=False), Channel(its), []
 
@@ -93,7 +93,7 @@ def test_closing_ends_a_thread_that_reads_and_one_that_writes():
     other.close()
 
 
-def test_a_part_may_be_left_out_and_is_put_back_as_another_process_has_it():
+def test_an_excluded_object_is_replaced_by_the_receiver_s():
     part, mine = np.zeros(100_000), np.ones(3)
     data = pickle_without({"part": part, "more": [part, 1, None]}, part)
     assert len(data) < 1000
@@ -102,7 +102,7 @@ def test_a_part_may_be_left_out_and_is_put_back_as_another_process_has_it():
     assert got["more"][1:] == [1, None]
 
 
-def test_frames_are_shared_grow_and_do_not_overlap():
+def test_frame_slots_are_shared_grow_and_do_not_overlap():
     memory = FrameMemory()
     other = FrameMemory(os.dup(memory.number))
     for index, size in ((0, 1000), (1, 1000), (1, 5_000_000), (0, 5_000_000)):
@@ -127,11 +127,11 @@ def small_document(qapp):
 
 
 @pytest.fixture
-def maker(small_document):
-    made = UpdateBuilder(small_document)
-    made.start(lambda: None)
-    yield made
-    made.stop()
+def builder(small_document):
+    relief = UpdateBuilder(small_document)
+    relief.start(lambda: None)
+    yield relief
+    relief.stop()
 
 
 def same(sketch: Sketch, small_document: Document) -> bool:
@@ -149,15 +149,15 @@ def paint(document, layer, box, label, *, commit=False):
     return draft
 
 
-def test_the_first_update_holds_everything_and_a_stroke_its_box_only(small_document, maker):
-    update, fresh = maker.next()
+def test_the_first_update_is_complete_and_a_stroke_s_holds_its_box(small_document, builder):
+    update, fresh = builder.next()
     assert fresh
     assert set(update.layers) == set(LAYERS)
     assert update.shape == (40, 60)
 
-    maker.next()
+    builder.next()
     draft = paint(small_document, "mountain", (10, 20, 12, 25), 1)
-    update, fresh = maker.next()
+    update, fresh = builder.next()
     assert not fresh
     assert list(update.layers) == ["mountain"]
     assert update.layers["mountain"].pixels.shape == (2, 5)
@@ -166,10 +166,10 @@ def test_the_first_update_holds_everything_and_a_stroke_its_box_only(small_docum
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 4))])
-def test_a_mirror_follows_strokes_undo_settings_and_other_documents(small_document, maker, seed):
+def test_a_mirror_follows_strokes_undo_settings_and_other_documents(small_document, builder, seed):
     rng = np.random.default_rng(seed)
     mirror, second = SketchMirror(), SketchMirror()
-    mirror.apply(maker.next()[0])
+    mirror.apply(builder.next()[0])
     for turn in range(60):
         choice = int(rng.integers(0, 7))
         if choice <= 2:
@@ -186,27 +186,27 @@ def test_a_mirror_follows_strokes_undo_settings_and_other_documents(small_docume
             side = int(rng.integers(30, 70))
             small_document.open(Sketch(layers={"hill": np.ones((side, 60), np.uint8)}))
         if rng.random() < 0.5:
-            mirror.apply(maker.next()[0])
+            mirror.apply(builder.next()[0])
         if rng.random() < 0.3:
             second.apply(mirror.changes())
-    mirror.apply(maker.next()[0])
+    mirror.apply(builder.next()[0])
     second.apply(mirror.changes())
     assert second.version == mirror.version
     assert same(mirror.sketch(), small_document)
     assert same(second.sketch(), small_document)
 
 
-def test_what_stays_as_it_was_stays_the_same_array(small_document, maker):
+def test_unchanged_layers_stay_the_same_array(small_document, builder):
     mirror = SketchMirror()
-    mirror.apply(maker.next()[0])
+    mirror.apply(builder.next()[0])
     before = mirror.sketch()
     draft = paint(small_document, "mountain", (3, 3, 5, 5), 1)
-    mirror.apply(maker.next()[0])
+    mirror.apply(builder.next()[0])
     stroke = mirror.sketch()
     assert stroke.layers["hill"] is before.layers["hill"]
     assert stroke.layers["mountain"] is not before.layers["mountain"]
     draft.commit("Paint mountains")
-    mirror.apply(maker.next()[0])
+    mirror.apply(builder.next()[0])
     assert mirror.sketch().layers["mountain"] is stroke.layers["mountain"]
 
 
@@ -214,7 +214,7 @@ EVERYWHERE = (-np.inf, -np.inf, np.inf, np.inf)
 
 
 class Bumpy:
-    """A plane with a bump, that counts what it is asked."""
+    """A plane with a bump; counts evaluated points."""
 
     def __init__(self, shape=(60, 90), bump=0.0):
         self.sketch = Sketch(extent=900.0, layers={"hill": np.zeros(shape, np.uint8)})
@@ -231,84 +231,84 @@ class Bumpy:
 BUMP = (250.0, 150.0, 350.0, 250.0)
 
 
-def finish(maker):
-    while maker.busy:
-        made = maker.work(0.001)
-    return made
+def finish(builder):
+    while builder.busy:
+        relief = builder.work(0.001)
+    return relief
 
 
-def expected(ground):
-    rows, columns, size = ground.sketch.height_px, ground.sketch.width_px, ground.sketch.pixel_size
+def expected(terrain):
+    rows, columns, size = terrain.sketch.height_px, terrain.sketch.width_px, terrain.sketch.pixel_size
     x, y = (np.arange(columns) + 0.5) * size, (rows - np.arange(rows) - 0.5) * size
-    return ground.heights(x[None], y[:, None])
+    return terrain.heights(x[None], y[:, None])
 
 
-def relief_of(ground, version=1):
-    """Return a maker, and the whole relief that it made of a ground."""
-    maker = ReliefBuilder()
-    maker.set_terrain(ground, version, [EVERYWHERE])
-    return maker, finish(maker)
+def relief_of(terrain, version=1):
+    """Return a builder, and the whole relief that it relief of a terrain."""
+    builder = ReliefBuilder()
+    builder.set_terrain(terrain, version, [EVERYWHERE])
+    return builder, finish(builder)
 
 
-def test_heights_stand_at_pixel_centres_and_another_size_restarts():
-    ground, other = Bumpy(), Bumpy(shape=(30, 40))
-    maker, made = relief_of(ground, 3)
-    assert (made.version, made.step) == (3, 1)
-    assert np.array_equal(made.height, expected(ground))
-    assert made.shade.shape == made.height.shape
+def test_heights_are_at_pixel_centres_and_another_size_restarts():
+    terrain, other = Bumpy(), Bumpy(shape=(30, 40))
+    builder, relief = relief_of(terrain, 3)
+    assert (relief.version, relief.step) == (3, 1)
+    assert np.array_equal(relief.height, expected(terrain))
+    assert relief.shade.shape == relief.height.shape
 
-    maker.set_terrain(ground, 4, [EVERYWHERE])
-    maker.work(0.0)
-    maker.set_terrain(other, 5, [EVERYWHERE])
-    assert np.array_equal(finish(maker).height, expected(other))
-
-
-def test_a_version_that_differs_nowhere_is_taken_over_while_one_is_made():
-    maker, ground = ReliefBuilder(), Bumpy()
-    maker.set_terrain(ground, 3, [EVERYWHERE])
-    maker.work(0.0)
-    asked = ground.asked
-    maker.set_terrain(ground, 4, [])
-    assert finish(maker).version == 4
-    assert ground.asked < asked + ground.sketch.width_px * ground.sketch.height_px
-    maker.set_terrain(ground, 5, [])
-    assert not maker.busy
+    builder.set_terrain(terrain, 4, [EVERYWHERE])
+    builder.work(0.0)
+    builder.set_terrain(other, 5, [EVERYWHERE])
+    assert np.array_equal(finish(builder).height, expected(other))
 
 
-def test_only_what_changed_is_asked_again_and_the_shading_is_that_of_the_whole():
-    maker, first = relief_of(Bumpy())
+def test_an_equal_newer_version_is_adopted_during_work():
+    builder, terrain = ReliefBuilder(), Bumpy()
+    builder.set_terrain(terrain, 3, [EVERYWHERE])
+    builder.work(0.0)
+    asked = terrain.asked
+    builder.set_terrain(terrain, 4, [])
+    assert finish(builder).version == 4
+    assert terrain.asked < asked + terrain.sketch.width_px * terrain.sketch.height_px
+    builder.set_terrain(terrain, 5, [])
+    assert not builder.busy
+
+
+def test_only_changed_areas_are_evaluated_and_shading_equals_a_full_one():
+    builder, first = relief_of(Bumpy())
     bumped = Bumpy(bump=40.0)
-    maker.set_terrain(bumped, 2, [BUMP])
-    second = finish(maker)
+    builder.set_terrain(bumped, 2, [BUMP])
+    second = finish(builder)
     assert bumped.asked < 0.2 * first.height.size
     assert np.array_equal(second.height, expected(Bumpy(bump=40.0)))
     assert np.array_equal(second.shade, hill_shade(second.height, 10.0))
     assert np.array_equal(first.height, expected(Bumpy()))  # what was handed out stays
 
 
-def test_each_relief_is_of_one_version_even_if_others_come_meanwhile():
-    maker = ReliefBuilder()
-    grounds = [Bumpy(bump=10.0 * number) for number in range(6)]
-    maker.set_terrain(grounds[0], 0, [EVERYWHERE])
-    made = []
+def test_each_relief_is_of_a_single_version():
+    builder = ReliefBuilder()
+    terrains = [Bumpy(bump=10.0 * number) for number in range(6)]
+    builder.set_terrain(terrains[0], 0, [EVERYWHERE])
+    relief = []
     for number in range(1, 6):
-        made.append(maker.work(0.0))
-        maker.set_terrain(grounds[number], number, [BUMP])
-    while maker.busy:
-        made.append(maker.work(0.0))
-    made = [each for each in made if each is not None]
-    assert [each.version for each in made] == sorted(each.version for each in made)
-    assert made[-1].version == 5
-    for each in made:
-        assert np.array_equal(each.height, expected(grounds[each.version]))
+        relief.append(builder.work(0.0))
+        builder.set_terrain(terrains[number], number, [BUMP])
+    while builder.busy:
+        relief.append(builder.work(0.0))
+    relief = [each for each in relief if each is not None]
+    assert [each.version for each in relief] == sorted(each.version for each in relief)
+    assert relief[-1].version == 5
+    for each in relief:
+        assert np.array_equal(each.height, expected(terrains[each.version]))
 
 
 def test_large_sketches_are_sampled_less_often_and_one_row_is_a_relief():
     for shape, step in [((1024, 10), 1), ((10, 1025), 2), ((4096, 2048), 4), ((1, 8), 1)]:
-        _, made = relief_of(Bumpy(shape=shape))
-        assert made.step == step, (shape, step)
-        assert max(made.height.shape) <= LARGEST, (shape, step)
-        assert made.height.shape == made.shade.shape == tuple(-(-side // step) for side in shape), shape
+        _, relief = relief_of(Bumpy(shape=shape))
+        assert relief.step == step, (shape, step)
+        assert max(relief.height.shape) <= LARGEST, (shape, step)
+        assert relief.height.shape == relief.shade.shape == tuple(-(-side // step) for side in shape), shape
 
 
 def test_light_comes_from_the_north_west():

@@ -1,4 +1,4 @@
-"""Killed at any moment, the program leaves files that open, and what was done a while ago is never lost."""
+"""A program killed at any moment leaves readable files and loses at most the last seconds of work."""
 
 import importlib.util
 import random
@@ -31,7 +31,7 @@ def program():
 
 @dataclass(frozen=True)
 class Log:
-    """What the program wrote down: (what, when, which sketch)."""
+    """The program's log: (event, time, fingerprint of the sketch)."""
 
     lines: tuple[tuple[str, float, str], ...]
 
@@ -61,7 +61,7 @@ class Log:
 
 
 def paint_and_kill(target: Path, folder: Path, log: Path, rng: random.Random) -> float:
-    """Let the program run for a moment; return when it was killed (s, monotonic)."""
+    """Run the program for a random time and kill it; return when (s, monotonic)."""
     command = [sys.executable, str(PROGRAM), str(target), str(folder), str(log), str(INTERVAL)]
     with subprocess.Popen([*command, str(rng.randrange(10**9))], stderr=subprocess.PIPE) as child:
         while not log.exists() or not log.stat().st_size:
@@ -78,7 +78,7 @@ SOAK = [pytest.param(name, 100, marks=pytest.mark.soak) for name in ("valley", "
 
 
 @pytest.mark.parametrize(("name", "kills"), [SLOW, *SOAK])
-def test_kills_at_random_moments_lose_at_most_what_was_just_done(tmp_path: Path, name: str, kills: int):
+def test_a_kill_at_any_moment_loses_at_most_the_last_seconds(tmp_path: Path, name: str, kills: int):
     fingerprint = program().fingerprint
     rng = random.Random(name)
     target, folder = tmp_path / name, tmp_path / "recovery"

@@ -1,4 +1,4 @@
-"""Strokes, lines and fills against their definitions: a pixel is covered when its centre is inside."""
+"""Strokes, lines and fills against their definitions: a pixel is covered if its centre is inside."""
 
 import itertools
 import math
@@ -40,7 +40,7 @@ def box_of(image: np.ndarray) -> tuple | None:
 
 
 def depth(image: np.ndarray, start: tuple, end: tuple) -> np.ndarray:
-    """How far each centre is inside of a swept disc (px): the greatest over the way, which is concave."""
+    """Return the depth (px) of each pixel centre inside a swept disc: the maximum of a concave function."""
     x, y = centres(image)
     (ax, ay, a), (bx, by, b) = start, end
     length = math.hypot(bx - ax, by - ay)
@@ -69,7 +69,7 @@ def scribble(seed: int, *, radius: float | None = None, count: int = 12, reach: 
     return [(*map(float, place), float(r)) for place, r in zip(x, radii, strict=True)]
 
 
-def test_a_dab_is_the_disc():
+def test_a_dab_covers_the_disc():
     for centre in [(48.5, 48.5), (48.0, 48.0), (31.25, 60.875), (0.0, 95.5), (-20.0, 110.0)]:
         for radius in [0.5, 0.75, 1.0, 1.5, 2.25, 5.0, 16.125, 40.0, 64.5]:
             image = drawn([(*centre, radius)])
@@ -80,7 +80,7 @@ def test_a_dab_is_the_disc():
             np.testing.assert_array_equal(image == 1, wanted, err_msg=f"{centre}, {radius}")
 
 
-def test_a_sweep_is_every_disc_on_its_way():
+def test_a_sweep_covers_the_hull_of_its_discs():
     for seed in range(60):
         rng = np.random.default_rng(seed)
         a, b = (np.round([*rng.uniform(-10, SIDE + 10, 2), rng.uniform(0.5, 30)], 2).tolist() for _ in "ab")
@@ -92,7 +92,7 @@ def test_a_sweep_is_every_disc_on_its_way():
         assert box == box_of(image), seed
 
 
-def test_edges_through_centres_of_pixels_are_painted():
+def test_edges_through_pixel_centres_are_painted():
     for radius in [0.5, 1.0, 5.0, 13.0]:
         for step in [(8.0, 0.0), (0.0, 8.0), (8.0, 8.0), (6.0, 8.0), (12.0, 5.0), (-8.0, 0.0)]:
             start, end = (40.5, 40.5, radius), (40.5 + step[0], 40.5 + step[1], radius)
@@ -104,7 +104,7 @@ def test_edges_through_centres_of_pixels_are_painted():
             assert not image[beyond].any(), (radius, step)
 
 
-def test_a_stroke_is_every_disc_along_the_spline_within_half_a_pixel():
+def test_a_stroke_follows_the_spline_within_half_a_pixel():
     for seed in range(20):
         radius = [0.5, 1.0, 3.0, 8.5, 20.0][seed % 5]
         places = scribble(seed, radius=radius)
@@ -116,23 +116,7 @@ def test_a_stroke_is_every_disc_along_the_spline_within_half_a_pixel():
         assert not image[far > radius + 0.5].any(), seed
 
 
-def test_no_corner_shows_where_the_pen_was():
-    for seed in range(12):
-        # A circle told by twelve places is as round as its own spline: its edge turns evenly.
-        turn = seed / 12 * math.tau / 12
-        angles = np.arange(25) * math.tau / 12 + turn
-        places = [(300 + 200 * math.cos(angle), 300 + 200 * math.sin(angle), 10.0) for angle in angles]
-        image = drawn(places, image=empty(600, 600))
-        x, y = centres(image)
-        far = np.hypot(x - 300, y - 300)
-        # Beside the places where it begins and ends, which are guesses.
-        apart = np.abs((np.arctan2(y - 300, x - 300) - turn + math.pi) % math.tau - math.pi) > 0.8
-        assert (image[apart & (np.abs(far - 200) < 9.0)] == 1).all(), seed
-        # A polygon would be 7 px nearer to the middle.
-        assert not image[apart & (np.abs(far - 200) > 11.0)].any(), seed
-
-
-def test_more_places_on_a_straight_line_paint_the_same():
+def test_a_straight_stroke_does_not_depend_on_sampling():
     for end, radius in itertools.product([(80.5, 20.5), (64.25, 72.5), (20.5, 84.5)], [0.5, 3.0, 11.25]):
         few = drawn([(16.5, 20.5, radius), (*end, radius)])
         for count in (2, 4, 16, 64):
@@ -141,26 +125,26 @@ def test_more_places_on_a_straight_line_paint_the_same():
             np.testing.assert_array_equal(drawn(many), few, err_msg=f"{end}, {radius}, {count}")
 
 
-def test_a_steady_hand_trembles_half_as_much_and_follows_within_a_pixel():
+def test_smoothing_halves_jitter_and_stays_within_a_pixel():
     for grain in [0.25, 1.0, 4.0]:
-        raw, calm = [], []
+        raw, smooth = [], []
         for angle in np.linspace(0.05, 1.5, 20):
             way = np.arange(0.0, 150.0 * grain, 0.9 * grain)[:, None] * (math.cos(angle), math.sin(angle))
-            told = np.round(way / grain) * grain
-            told = told[np.append(True, (np.diff(told, axis=0) != 0.0).any(axis=1))]
-            hand = StrokeSmoother(grain)
-            nodes = [node for x, y in told if (node := hand.to((x, y, 1.0)))] + hand.finish()
-            assert nodes[0][:2] == tuple(told[0]), grain
-            assert nodes[-1][:2] == tuple(told[-1]), grain
-            aside = (-math.sin(angle), math.cos(angle))
-            raw += list((told @ aside) / grain)
-            calm += list((np.array(nodes)[1:-1, :2] @ aside) / grain)
-        assert np.std(calm) < 0.5 * np.std(raw), grain
+            sampled = np.round(way / grain) * grain
+            sampled = sampled[np.append(True, (np.diff(sampled, axis=0) != 0.0).any(axis=1))]
+            smoother = StrokeSmoother(grain)
+            nodes = [node for x, y in sampled if (node := smoother.to((x, y, 1.0)))] + smoother.finish()
+            assert nodes[0][:2] == tuple(sampled[0]), grain
+            assert nodes[-1][:2] == tuple(sampled[-1]), grain
+            normal = (-math.sin(angle), math.cos(angle))
+            raw += list((sampled @ normal) / grain)
+            smooth += list((np.array(nodes)[1:-1, :2] @ normal) / grain)
+        assert np.std(smooth) < 0.5 * np.std(raw), grain
 
     rng = np.random.default_rng(0)
     places = [(*map(float, place), 2.0) for place in rng.integers(0, 90, (40, 2))]
-    hand = StrokeSmoother(1.0)
-    nodes = [node for place in places if (node := hand.to(place))] + hand.finish()
+    smoother = StrokeSmoother(1.0)
+    nodes = [node for place in places if (node := smoother.to(place))] + smoother.finish()
     far, _ = cKDTree(np.array(nodes)[:, :2]).query(np.array(places)[:, :2])
     assert far.max() <= 1.0 + 1e-3
 
@@ -178,7 +162,7 @@ def test_pressure_changes_the_width_and_zero_erases_beside_other_labels():
     np.testing.assert_array_equal(erased, np.where(drawn(places), 0, 4))
 
 
-def test_mirrored_and_turned_places_paint_a_mirrored_and_turned_picture():
+def test_strokes_are_equivariant_under_mirroring_and_rotation():
     for seed in range(8):
         places = scribble(seed)
         image = drawn(places)
@@ -201,7 +185,7 @@ def test_the_thinnest_stroke_has_no_gap_and_is_a_pixel_wide():
         assert (straight.sum(), straight[30, 10:71].sum()) == (61, 61), seed
 
 
-def test_what_crosses_the_edge_is_cut_and_beyond_it_nothing_is_painted():
+def test_strokes_are_clipped_at_the_image_border():
     for seed in range(6):
         places = [(2 * x - 48, 2 * y - 48, r) for x, y, r in scribble(seed)]
         wide = drawn([(x + 100, y + 100, r) for x, y, r in places], image=empty(SIDE + 200, SIDE + 200))
@@ -214,7 +198,7 @@ def test_what_crosses_the_edge_is_cut_and_beyond_it_nothing_is_painted():
     assert not image.any()
 
 
-def test_each_box_holds_all_that_changed_and_together_they_are_tight():
+def test_returned_boxes_contain_all_changes_and_their_union_is_tight():
     for seed in range(10):
         image = empty()
         stroke = Stroke(image, 1)
@@ -232,7 +216,7 @@ def test_each_box_holds_all_that_changed_and_together_they_are_tight():
         assert together == box_of(image), seed
 
 
-def test_a_fill_is_the_component():
+def test_a_fill_relabels_the_connected_component():
     for seed in range(30):
         rng = np.random.default_rng(seed)
         shape = (int(rng.integers(1, 90)), int(rng.integers(1, 90)))
@@ -248,14 +232,14 @@ def test_a_fill_is_the_component():
         assert box == box_of(region), seed
 
 
-def test_a_fill_that_changes_nothing_or_begins_outside_is_none():
+def test_an_ineffective_fill_returns_none():
     image = empty()
     for row, column, label in ((3, 4, 0), (-1, 0, 1), (0, -1, 1), (96, 0, 1), (0, 96, 1)):
         assert flood_fill(image, row, column, label) is None
     assert not image.any()
 
 
-def test_a_line_is_the_stroke_through_its_points_and_shown_where_it_is_painted():
+def test_a_line_equals_the_stroke_through_its_points_and_its_preview():
     points = [(10.5, 12.0), (40.0, 60.25), (80.0, 30.0), (85.5, 88.5)]
     image = empty()
     assert draw_line(image, points, 7.0, 3) == box_of(image)
@@ -270,7 +254,7 @@ def test_a_line_is_the_stroke_through_its_points_and_shown_where_it_is_painted()
     assert line_path([]) == []
 
 
-def test_a_river_is_as_wide_as_its_label_says_and_never_thinner_than_a_pixel():
+def test_a_river_line_has_its_label_s_width_and_at_least_a_pixel():
     sketch = Sketch(extent=1024.0, labels={("river", 2): {"width": 24.0}, ("river", 3): {"width": 0.5}})
     assert line_width(sketch, "river", 2, 99.0) == 12.0
     assert line_width(sketch, "river", 3, 99.0) == 1.0

@@ -159,9 +159,7 @@ def test_opacity_and_menu_apply_to_the_active_layer(layers, workspace):
     assert not workspace.look("hill").visible
 
 
-def test_every_declared_parameter_and_overlay_has_a_control(
-    properties, world, view, document, workspace
-):
+def test_every_declared_parameter_and_overlay_has_a_control(properties, world, view, document, workspace):
     for layer in LAYERS:
         workspace.use_label(layer, 1)
         form = properties.label_page.forms[layer]
@@ -230,9 +228,7 @@ def test_pending_text_applies_to_the_previous_selection(properties, document, wo
         document.undo()
 
 
-def test_numbers_of_a_selected_feature_become_edits(
-    properties, document, mountain, workspace
-):
+def test_numbers_of_a_selected_feature_become_edits(properties, document, mountain, workspace):
     rows = properties.selection_page.forms["feature"].rows
     assert not properties.label_page.isVisible()
     assert not rows["density"].isVisible()

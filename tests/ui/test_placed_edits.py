@@ -78,7 +78,7 @@ def by_role(placed: Placement, selection: Selection, role: str):
     return next(each for each in handles_of(placed, selection) if each.role == role)
 
 
-def test_a_feature_stands_where_it_was_dragged_and_keeps_its_shape(sketch, placed):
+def test_a_dragged_feature_moves_and_keeps_its_shape(sketch, placed):
     for painted in [True, False]:
         selection = first(placed, painted=painted)
         before = find_point(placed, selection)
@@ -112,7 +112,7 @@ def test_radius_height_and_width_follow_their_handles(sketch, placed):
     assert [each.action for each in changed.edits] == ["width"]
 
 
-def test_a_control_point_lies_where_it_was_dragged_again_and_again(sketch, placed):
+def test_a_control_point_can_be_dragged_repeatedly(sketch, placed):
     selection = lone(placed)
     index = len(find_river(placed, selection).points) // 2
     rng = np.random.default_rng(3)
@@ -133,7 +133,7 @@ def test_a_control_point_lies_where_it_was_dragged_again_and_again(sketch, place
     assert edits.reset(both, now, selection).edits == ()
 
 
-def test_a_drag_that_begins_before_the_last_one_was_placed_replaces_it(sketch, placed):
+def test_a_drag_before_the_last_one_is_placed_replaces_it(sketch, placed):
     selection = lone(placed)
     handle = next(each for each in handles_of(placed, selection) if each.selection.index == 5)
     once = edits.dragged(sketch, placed, handle, handle.x + 10.0, handle.y)
@@ -141,7 +141,7 @@ def test_a_drag_that_begins_before_the_last_one_was_placed_replaces_it(sketch, p
     assert [(each.x, each.y) for each in twice.edits] == [(round(handle.x, 3), round(handle.y + 25.0, 3))]
 
 
-def test_a_locked_feature_that_is_dragged_stays_locked_and_unlocked_stays_there(sketch, placed):
+def test_a_dragged_locked_feature_stays_locked(sketch, placed):
     for painted in [True, False]:
         selection = first(placed, painted=painted)
         lock = edits.locked(sketch, placed, selection)
@@ -161,7 +161,7 @@ def test_a_locked_feature_that_is_dragged_stays_locked_and_unlocked_stays_there(
         assert edits.unlocked(free, selection) is free, painted
 
 
-def test_deleted_things_are_gone_until_they_are_reset(sketch, placed):
+def test_deleted_objects_are_gone_until_reset(sketch, placed):
     lake = Selection("lake", next(each.id for each in placed.lakes if each.label))
     for selection in (first(placed), first(placed, painted=False), lone(placed), lake):
         gone = edits.deleted(edits.reset(sketch, placed, selection), selection)
@@ -174,7 +174,7 @@ def test_deleted_things_are_gone_until_they_are_reset(sketch, placed):
         assert not edits.is_edited(back, placed, selection)
 
 
-def test_what_was_added_can_be_dragged_reset_and_deleted(sketch, placed):
+def test_an_added_feature_can_be_dragged_reset_and_deleted(sketch, placed):
     changed = edits.added(sketch, "mountain", 2400.0, 700.0, 400.0, 300.0)
     now = placed_of(changed)
     selection = Selection("feature", int(now.points["id"][now.points["id"] & ADDED_BIT > 0][0]))
@@ -188,7 +188,7 @@ def test_what_was_added_can_be_dragged_reset_and_deleted(sketch, placed):
         edits.added(sketch, "castle", 0.0, 0.0, 100.0, 300.0)
 
 
-def test_values_stay_in_their_ranges_and_confluences_stay_in_place(sketch, placed):
+def test_values_are_clamped_and_confluences_cannot_be_moved(sketch, placed):
     selection = first(placed)
     assert edits.resized(sketch, placed, selection, 0.0).edits[0].radius == 0.1
     assert edits.strengthened(sketch, placed, selection, 1e9).edits[0].strength == 9000.0
@@ -204,7 +204,7 @@ def test_values_stay_in_their_ranges_and_confluences_stay_in_place(sketch, place
     assert edits.point_moved(sketch, placed, Selection("river", child.id, last), 0.0, 0.0) is sketch
 
 
-def test_names_are_those_of_contradictions_and_missing_things_change_nothing(placed, sketch):
+def test_display_names_are_numbered_and_missing_objects_change_nothing(placed, sketch):
     assert name_of(placed, first(placed)) == "mountain"
     assert name_of(placed, Selection("river", placed.rivers[-1].id)) == f"river {len(placed.rivers)}"
     lake = Selection("lake", placed.lakes[0].id)

@@ -244,9 +244,7 @@ def test_pictures_are_saved_as_displayed_or_rendered(window, link, tmp_path, mon
     assert "cannot be written" in window.banner.message.line
 
 
-def test_closing_asks_about_unsaved_changes_only(
-    window, document, tmp_path, monkeypatch
-):
+def test_closing_asks_about_unsaved_changes_only(window, document, tmp_path, monkeypatch):
     path = tmp_path / "a.sketch"
     ways = ((BUTTON.Cancel, False, False), (BUTTON.Discard, True, False), (BUTTON.Save, True, True))
     for button, leaves, saves in ways:

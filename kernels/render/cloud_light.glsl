@@ -1,4 +1,4 @@
-// How a cloud is lit. All functions are pure but for the frame's light.
+// Lighting of clouds. Pure but for the frame's light.
 uniform vec3 cloud_sun; // irradiance of the sun at the clouds' height
 
 // Henyey and Greenstein's phase function, 1/sr.
@@ -8,8 +8,8 @@ float scattered(float cosine, float g)
     return (1.0 - g * g) / (4.0 * PI * far * sqrt(far));
 }
 
-// Sunlight that a point in a cloud sends to the eye, over its extinction: light scattered more often is less dimmed
-// and less directed (Wrenninge, Kulla & Lundqvist 2013). `depth`: optical, towards the sun; `cosine` to the sun.
+// In-scattered sunlight of a point in a cloud over its extinction: higher orders are attenuated less and less directional
+// (Wrenninge, Kulla & Lundqvist 2013). `depth`: optical, towards the sun; `cosine` to the sun.
 vec3 sunlit(float depth, float cosine)
 {
     float sum = 0.0, share = 1.0, thin = 1.0, sharp = 1.0;
@@ -23,8 +23,8 @@ vec3 sunlit(float depth, float cosine)
     return cloud_sun * sum;
 }
 
-const float SUN_GAIN = 1.75;   // over what three orders of scattering give
-const float CLOUD_GREY = 0.45; // of the light around, how much is of other clouds and so of no colour
+const float SUN_GAIN = 1.75;   // over three orders of scattering
+const float CLOUD_GREY = 0.45; // share of ambient light from other clouds, colourless
 
 // Light of sky and ground in a cloud; `rise`: 0 at its base, 1 at its top.
 vec3 cloud_ambient(float rise)

@@ -1,8 +1,7 @@
 #version 430 core
-// Cumulus along lines of sight through their layer: radiance, the air before them counted in, and what comes through.
-// A cloud stands as high over its base as its place is inside the field's cloud; noise in space frays it
-// (A. Schneider 2015). Rays are shifted by a pattern whose 2x2 pixels even out when the picture is enlarged.
-//   STEPS      along a line of sight, at most
+// Ray-marched cumulus: premultiplied radiance with aerial perspective, and transmittance. A cloud's height follows the
+// coverage field; 3D noise erodes it (A. Schneider 2015). Rays are dithered in a 2x2 pattern that upscaling averages.
+//   STEPS      maximum along a ray
 //   SUN_STEPS  from each towards the sun
 #include "render/frame.glsl"
 #include "render/clouds.glsl"
@@ -13,16 +12,16 @@ uniform sampler2D scene_depth_buffer;      // depth buffer
 uniform int reduced_width;     // px, of this picture
 
 in vec2 uv;
-out vec4 seen; // rgb: radiance, premultiplied; a: share of the light behind it that comes through
+out vec4 seen; // rgb: premultiplied radiance; a: transmittance
 
 const float THICK = 950.0;      // m, of the layer
 const float EXTINCTION = 0.03;  // 1/m, inside
-const float BILLOW_PERIOD = 2300.0;     // m, after which the billows repeat
+const float BILLOW_PERIOD = 2300.0;     // m, period of the billow noise
 const float FAR = 60e3;         // m
-const float TALLEST = 2.3;      // of the field, where a cloud fills the layer
-const float FINEST = 20.0;      // m of a step
-const float FINE = 0.0045;      // of a step, over the distance
-const float CLEAR_RUN = 230.0;  // m of clear air for each 1 that the field is below a cloud's
+const float TALLEST = 2.3;      // field value of a cloud that fills the layer
+const float FINEST = 20.0;      // smallest step, m
+const float FINE = 0.0045;      // smallest step over the distance
+const float CLEAR_RUN = 230.0;  // m of clear air per unit of the field below a cloud's edge
 
 float billows(vec3 place)
 {
@@ -37,7 +36,7 @@ float body(vec3 place, float rise, float lod)
     return inside - TALLEST * rise * (0.3 + 0.7 * rise) - 0.1 * (1.0 - smoothstep(0.0, 0.05, rise));
 }
 
-float frayed(float solid, vec3 place, float rise)
+float eroded(float solid, vec3 place, float rise)
 {
     float wear = mix(0.5, 1.15, sqrt(rise)) * (1.0 - billows(place));
     return clamp((solid - wear) * 2.2, 0.0, 1.0);
@@ -51,8 +50,8 @@ float depth_to_sun(vec3 place, float up, float lod)
         float rise = (at.z - up) / THICK;
         float high = clamp(rise, 0.0, 1.0);
         float solid = body(at, high, lod + 0.5 * float(i));
-        // Near by, lumps shade each other; further on their mean does.
-        float density = i < 2 ? frayed(solid, at, high) : clamp((solid - 0.45 * mix(0.5, 1.15, sqrt(high))) * 2.2, 0.0, 1.0);
+        // Nearby lumps are resolved; further on their mean is used.
+        float density = i < 2 ? eroded(solid, at, high) : clamp((solid - 0.45 * mix(0.5, 1.15, sqrt(high))) * 2.2, 0.0, 1.0);
         depth += rise < 1.0 ? density * step_ : 0.0;
         gone += step_;
         step_ *= 2.1;
@@ -100,16 +99,16 @@ void main()
         float solid = body(place, at, lod);
         float step_ = max(fine, -CLEAR_RUN * solid);
         if (solid > 0.0) {
-            float density = frayed(solid, place, at);
+            float density = eroded(solid, place, at);
             if (density > 0.0) {
-                float kept = exp(-density * EXTINCTION * step_);
+                float passed = exp(-density * EXTINCTION * step_);
                 float depth = depth_to_sun(place, up, lod);
-                float edge = 1.0 - 0.5 * exp(-5.0 * density); // in thin edges less light has been scattered again
+                float edge = 1.0 - 0.5 * exp(-5.0 * density); // less multiple scattering in thin edges
                 vec3 lit = (sunlit(depth, cosine) * SUN_GAIN + cloud_ambient(at)) * edge;
-                light += clear * (1.0 - kept) * lit;
-                mean += clear * (1.0 - kept) * gone;
-                met += clear * (1.0 - kept);
-                clear *= kept;
+                light += clear * (1.0 - passed) * lit;
+                mean += clear * (1.0 - passed) * gone;
+                met += clear * (1.0 - passed);
+                clear *= passed;
             }
         }
         gone += step_;
@@ -118,6 +117,6 @@ void main()
     float cover = (1.0 - clear) * (1.0 - overcast);
     vec3 behind = clear_air(place);
     vec3 air = direction.z > 0.0 ? clear_sky(direction) : air_light(direction);
-    // Through the haze a cloud turns into the sky behind it.
+    // Aerial perspective: in haze a cloud fades into the sky.
     seen = vec4(cover * mix(air, light / max(1.0 - clear, 1e-4), behind), 1.0 - cover);
 }

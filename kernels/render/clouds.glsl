@@ -1,6 +1,5 @@
-// A layer of cumulus, the same for the sky and for the shadows that it throws.
-// CLOUDS: 0 none, 1 flat, 2 with depth, as far as the sky shows it (clouds.frag.glsl). GREY: whether the sky has
-// begun to be overcast.
+// A layer of cumulus, for the sky and for its shadows. CLOUDS: 0 none, 1 flat, 2 volumetric in the sky
+// (clouds.frag.glsl). GREY: whether an overcast layer blends in.
 #ifndef CLOUDS
 #define CLOUDS 1
 #define GREY 1
@@ -9,12 +8,12 @@
 #define MATERIALS 2
 #endif
 uniform sampler2D noise_field;   // textures.py: tileable_noise
-uniform sampler2D cloud_field;   // r: how far a place is inside a cloud, below 0 outside (render/clouds.py)
-uniform vec2 cloud_drift;        // m that the wind has carried the layer
-uniform float overcast;          // 0 none … 1 one grey layer hides all else
+uniform sampler2D cloud_field;   // r: coverage field, negative outside clouds (render/clouds.py)
+uniform vec2 cloud_drift;        // displacement by wind, m
+uniform float overcast;          // weight of the overcast layer, 0 … 1
 const float CLOUD_BASE = 1900.0; // m above the haze's base
-const float CLOUD_PERIOD = 16384.0; // m, after which the field repeats
-const float SHADE = 0.52;        // share of sunlight that the thickest clouds take from the ground
+const float CLOUD_PERIOD = 16384.0; // m, period of the field
+const float SHADE = 0.52;        // sunlight absorbed by the thickest clouds
 const float EARTH = 6360e3;      // m
 
 vec2 cloud_place(vec2 place) { return (place + eye.xy - cloud_drift) / CLOUD_PERIOD; }
@@ -29,7 +28,7 @@ float cloud_density(vec2 place)
 #endif
 }
 
-// Share of sunlight that comes through the clouds to a place (m, relative to the eye).
+// Transmittance of the clouds for sunlight at a position (m, relative to the eye).
 float cloud_shadow(vec3 place)
 {
 #if CLOUDS == 0
@@ -41,5 +40,5 @@ float cloud_shadow(vec3 place)
 #endif
 }
 
-// How far away a direction meets a layer (m over the eye), on a round earth.
+// Distance to a layer `up` m over the eye along a direction, on a spherical earth.
 float to_layer(float up, float rise) { return 2.0 * up / (rise + sqrt(rise * rise + 2.0 * up / EARTH)); }

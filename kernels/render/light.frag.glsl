@@ -1,22 +1,22 @@
 #version 430 core
-// Light on the bare ground of a height map: r sun visibility 0..1 with soft edges, g share of the sky's light that
-// reaches it, b height (m).
-// CLOSE: whether the map is close to the eye, with two wider ones behind it. SHADOWS: whether the ground throws any.
+// Light map of a height map: r sun visibility 0..1 with soft edges, g sky visibility, b height (m).
+// CLOSE: whether the map is close to the eye, with rays continuing on two wider ones.
+// SHADOWS: whether the ground throws shadows.
 #if CLOSE
 const int SUN_STEPS = 58;
-const int SKY_STEPS = 4;  // what lies further away is in the wider map's light
+const int SKY_STEPS = 4;  // the wider map has the occlusion further away
 #else
 const int SUN_STEPS = 40;
 const int SKY_STEPS = 6;
 #endif
-const float LONGER = 1.15; // times as far as the one before is each step towards the sun
+const float LONGER = 1.15; // growth of steps towards the sun
 const int DIRECTIONS = 8;
 
 uniform sampler2D heights;     // this map, m, row 0 south
 uniform sampler2D far_heights; // a wider and coarser one
 uniform vec4 frame;            // xy: this map's south-west corner in the far map's uv; z: width over the far one's; w: m
-uniform sampler2D widest_heights; // for a close map: one that is wider still
-uniform sampler2D far_light;   // and the light of the one behind it
+uniform sampler2D widest_heights; // for a close map: the widest one
+uniform sampler2D far_light;   // light of the wider map
 uniform vec4 widest;           // as frame, in that
 uniform vec3 sun;              // unit vector towards it
 uniform float softness;        // tangent of the penumbra's half angle
@@ -37,7 +37,7 @@ float height_at(vec2 at, float lod)
     return textureLod(far_heights, there, max(0.0, lod + log2(frame.z))).r;
 }
 
-// Near by, a step off the map's edge does no harm.
+// Without the wider map, for nearby samples.
 float own_height_at(vec2 at, float lod) { return textureLod(heights, at, lod).r; }
 
 float sun_visibility(float start, float texel)

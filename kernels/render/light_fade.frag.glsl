@@ -1,9 +1,9 @@
 #version 430 core
-// From the light of one map to that of its successor, texel by texel: both lie on the same grid.
+// Blends a light map into its successor; both are aligned to the same texel grid.
 uniform sampler2D old;
 uniform sampler2D new;
-uniform ivec2 shift; // of the new map's corner from the old one's, texels
-uniform float share; // of the new one, 0..1
+uniform ivec2 shift; // offset of the new map's corner, texels
+uniform float share; // weight of the new map, 0..1
 
 out vec4 light;
 

@@ -1,5 +1,5 @@
 #version 430 core
-// What lies behind everything: the sky, its clouds and the sun.
+// Background: sky, clouds and sun.
 #include "render/frame.glsl"
 #include "render/clouds.glsl"
 #include "render/cloud_light.glsl"
@@ -10,7 +10,7 @@ out vec4 radiance;
 uniform sampler2D cloud_view; // clouds with depth, clouds.frag.glsl
 
 const float CIRRUS = 9500.0; // m above the haze's base
-const float VEIL = 0.30;     // share of light that the thickest cirrus takes
+const float VEIL = 0.30;     // opacity of the thickest cirrus
 
 // Thin ice clouds, in streaks.
 vec3 with_cirrus(vec3 sky, vec3 direction)
@@ -27,7 +27,7 @@ vec3 with_cirrus(vec3 sky, vec3 direction)
 }
 
 #if CLOUDS == 1
-// The layer without depth: lit by what stands between it and the sun.
+// Flat clouds, shaded by the density towards the sun.
 vec3 with_clouds(vec3 sky, vec3 direction)
 {
     float up = max(CLOUD_BASE + reach.y - eye.z, 300.0);
@@ -50,7 +50,7 @@ vec3 with_clouds(vec3 sky, vec3 direction)
 #endif
 
 #if GREY
-// One layer from horizon to horizon has lighter and darker parts.
+// Brightness variation of an overcast sky.
 float grey_structure(vec3 direction)
 {
     vec2 place = direction.xy * to_layer(1500.0, direction.z);
@@ -61,7 +61,7 @@ float grey_structure(vec3 direction)
 #endif
 
 const float SUN_RADIUS = 0.00466; // rad
-const float SUN_BRIGHT = 60.0;    // of the disc's middle, over the sun's irradiance: 1/4000 of the truth, all that a picture holds
+const float SUN_BRIGHT = 60.0;    // radiance of the disc's middle over the sun's irradiance: 1/4000 of the real one, enough for a picture
 
 // The disc, darker towards its limb (Nordlund, 550 nm: 1 - 0.6 (1 - cos)); `cosine` to its middle.
 float sun_disc(float cosine)
@@ -75,7 +75,7 @@ void main()
 {
     vec4 far_point = from_clip * vec4(uv * 2.0 - 1.0, 1.0, 1.0);
     vec3 direction = normalize(far_point.xyz / far_point.w);
-    // Below the horizon the world has ended in air.
+    // Below the horizon the world fades into air.
     vec3 sky = direction.z > 0.0 ? clear_sky(direction) : air_light(direction);
     float cosine = dot(direction, to_sun.xyz);
     sky += sun_light.rgb * sun_disc(cosine) * smoothstep(-0.002, 0.002, direction.z);

@@ -1,5 +1,5 @@
 #version 430 core
-// Water: mirrors sky, banks and sun, shows its bed where it is shallow, carries foam, ends softly at its shore.
+// Water surface: reflection of sky, banks and sun, refracted bed, foam, and soft shores.
 #if MATERIALS == 1
 #define WAVES 1
 #else
@@ -30,17 +30,17 @@ const vec3 LAKE_BACKSCATTER = vec3(0.006, 0.014, 0.016);
 const vec3 STREAM_ABSORPTION = vec3(0.44, 0.17, 0.20);
 const vec3 STREAM_BACKSCATTER = vec3(0.007, 0.0135, 0.011);
 const float FOAM_ALBEDO = 0.62;
-const float SHELTER = 0.42;          // of the wind over open sea, on inland water
+const float SHELTER = 0.42;          // inland wind over that of open sea
 const float CALM = 0.0012;           // slope² of water without wind
-const float FOAM_TEXELS = 512.0;     // of the noise along a side
-const float FROTH = 9.3;             // how much finer froth is than what it gathers in
-const float SWELL_PERIOD = 4.3;      // s, of what laps a shore
-const float SOFT_SHORE = 0.07;       // m of depth over which water begins
+const float FOAM_TEXELS = 512.0;     // of the noise texture, each side
+const float FROTH = 9.3;             // frequency of froth over that of foam patches
+const float SWELL_PERIOD = 4.3;      // s, of swell at shores
+const float SOFT_SHORE = 0.07;       // m of depth over which alpha rises
 
 // Slope² of waves under a wind (m/s), both axes together (Cox & Munk 1954).
 float wind_roughness(float speed) { return CALM + 0.00512 * speed; }
 
-// Slope² of a stream's ripples: more where it is fast and much more where it falls.
+// Slope² of a stream's ripples: grows with speed and slope.
 float stream_roughness(float speed, float fall) { return 0.0025 + 0.0045 * speed + 0.03 * smoothstep(0.01, 0.1, fall); }
 
 void main()
@@ -49,13 +49,13 @@ void main()
     if (wet_room < 0.0) discard;
     float distance = length(position);
     vec3 to_eye = -position / distance;
-    vec2 tilt = -stream.y * flow.zw; // of the surface of a stream that falls
+    vec2 tilt = -stream.y * flow.zw; // of a sloping stream's surface
     float grazing = max(dot(to_eye, normalize(vec3(-tilt, 1.0))), 0.02);
     vec2 uv = gl_FragCoord.xy / reach.zw;
     float pixel = distance * trees.z * inversesqrt(grazing);
     bool lake = stream.w == 0.0;
 
-    // Gusts and slicks; along a stream they are long, and it carries them.
+    // Gusts and slicks, elongated along a stream and advected by it.
     float across = flow.x / max(stream.w, 0.1);
     float speed = stream.x * (0.15 + 0.85 * stream_profile(across));
     vec2 drift = lake ? (position.xy + eye.xy - wind * clock * 0.5) / 512.0 : vec2(flow.x / 24.0, (flow.y - stream.x * clock * 0.7) / 190.0);
@@ -66,7 +66,7 @@ void main()
     float time = clock / RENEWAL + 0.8 * patches.y;
     Waves waves = waves_at(position.xy, flow.zw * speed, pixel, roughness, time);
 
-    // The bed, where the refracted ray meets a level one of the depth right behind; waves bend the ray.
+    // The bed, where the refracted ray meets a level bed of the depth behind the pixel.
     float rise = nearer * abs(position.z);
     vec3 behind = scene_position(uv);
     float depth = max(position.z + dot(tilt, behind.xy - position.xy) - behind.z + rise, 0.0);
@@ -79,7 +79,7 @@ void main()
     vec3 bent = picture_place(position + refracted * (min(depth, 8.0) / up));
     vec3 bent_behind = scene_position(bent.xy);
     float bent_depth = position.z + dot(tilt, bent_behind.xy - position.xy) - bent_behind.z + rise;
-    // What stands in front of the surface is not seen through it.
+    // Geometry in front of the surface must not be refracted.
     bool straight = bent_depth < 0.0 || bent.z <= 0.0 || length(bent_behind) < distance;
     bed_uv = straight ? uv : bent.xy;
     depth = straight ? depth : bent_depth;
@@ -99,7 +99,7 @@ void main()
     vec3 body = through_air((1.0 - clear) * deep_colour(absorption, backscatter) * incoming / PI, position);
     body += clear * max(bed - air, 0.0);
 
-    // Facets that lean to the eye are seen the most, so that rough water mirrors higher up.
+    // Visible facets lean towards the eye, so rough water reflects higher parts of the sky.
     float spread = sqrt(waves.variance);
     vec2 to_eye_flat = to_eye.xy / max(length(to_eye.xy), 1e-4);
     float lean = seen_slope(grazing, spread);
@@ -112,7 +112,7 @@ void main()
     vec3 glint = sun_light.rgb * min(glitter(to_eye, to_sun.xyz, slope, max(spread, 0.03)), 12.0) * sun;
     vec3 surface = mix(body, mirrored(position, normalize(back)), share) + through_air(glint, position) - air;
 
-    // Foam: streaks that a stream draws out, lines along a shore; both of froth.
+    // Foam: streaks along a stream, lines along a shore; both made of froth.
     vec2 grain_at = lake ? (position.xy + eye.xy) / 64.0 : vec2(flow.x / 23.0, (flow.y - stream.x * clock) / 140.0);
     grain_at += waves.slope * 0.008;
     float sized = log2(max(pixel * FOAM_TEXELS / (lake ? 64.0 : 23.0), 1e-3));
@@ -120,7 +120,7 @@ void main()
     vec4 froth = textureLod(noise_field, grain_at * FROTH, sized + log2(FROTH));
     float lost = 0.5 * smoothstep(2.0, 9.0, sized + 2.0);
     float beat = sin(6.2831853 * (clock / SWELL_PERIOD + patches.z + 0.7 * patches.w));
-    float fine = clamp(0.12 / max(pixel, 0.01), 0.0, 1.0); // how far a line along a shore can be seen
+    float fine = clamp(0.12 / max(pixel, 0.01), 0.0, 1.0); // visibility of a shoreline at this pixel size
     float shoal = shore_foam(max(shallow, 0.0), beat, lake ? 0.14 : 0.08) * fine * (lake ? 0.15 : 0.03) * (0.2 + gust);
     float amount = shoal + (lake ? 0.0 : stream_foam(stream.y, across));
 #if MATERIALS == 1
@@ -130,7 +130,7 @@ void main()
     float web = textureLod(noise_field, web_at, sized + 1.5).z;
 #endif
     float foam = foam_cover(foam_share(0.7 * grain.z + 0.7 * froth.x, amount, lost), amount, web);
-    // Bubbles are lit by how they heap up.
+    // Shading of heaped bubbles.
     float heaped = clamp(0.75 + 0.22 * froth.z + 0.3 * web, 0.35, 1.1);
     surface = mix(surface, through_air(FOAM_ALBEDO / PI * heaped * incoming, position), foam);
 

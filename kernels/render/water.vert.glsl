@@ -1,29 +1,29 @@
 #version 430 core
-// A water's surface: sheets and strips wider than the water; the banks cut them. The ground may be drawn a little too
-// high, so water wins over ground that stands over it by no more than that: it is drawn where it is, with the depth
-// of the place where its line of sight meets the higher ground. There it ends at its shore instead of at the banks.
+// Water surface: meshes wider than the water, clipped by the banks. Displayed ground may be slightly too high, so the depth
+// of water is that of the point where its line of sight meets ground higher by that error: water wins against it. There
+// it ends at its shore instead of at the banks.
 #include "render/frame.glsl"
 #include "render/water_strip.glsl"
 
-uniform vec3 anchor; // of all positions, relative to the eye, m
-uniform float lift;  // how much too high the ground may be as seen sideways, m for each metre of distance
+uniform vec3 anchor; // origin of all positions, relative to the eye, m
+uniform float lift;  // error of the displayed ground's height seen from the side, per metre of distance
 
 in vec3 local_position;  // m from the anchor
 in vec4 flow_frame; // x: m across, from the centreline; y: m along; zw: unit vector downstream
-in vec2 shore;  // x: m from the shore, negative in the bank; y: how far into the bank the surface goes, m
-in vec4 stream_params; // x: speed in the middle, m/s; y: fall, m a metre; z: how much of it is shown; w: half width of a stream, 0 of a lake
+in vec2 shore;  // x: m from the shore, negative in the bank; y: extent of the mesh into the bank, m
+in vec4 stream_params; // x: mid-stream speed, m/s; y: slope; z: visible share; w: half width, 0 for a lake
 
 out vec3 position;
 out vec4 flow;
 out vec4 stream;    // stream_params
-out float wet_room; // m; no water below 0
-out float nearer;   // share of the distance by which it wins over the ground
-out float coverage; // of what is drawn by the water
+out float wet_room; // m from the edge; no water below 0
+out float nearer;   // relative depth offset against the ground
+out float coverage; // of the drawn strip by water
 
-const float BANK = 1.0;       // m over which the banks hide
-const float STEEPEST = 0.25;  // how sideways water is seen at least
-const float FLATTEST = 0.035; // tangent of the angle from which on it is seen too flatly to win
-const float OVER = 3e-5;      // share of the distance by which a stream lies over a lake
+const float BANK = 1.0;       // m of bank over which clipping replaces the shore test
+const float STEEPEST = 0.25;  // smallest horizontal share of a line of sight
+const float FLATTEST = 0.035; // tangent of the grazing angle without an offset
+const float OVER = 3e-5;      // relative depth offset of streams over lakes
 
 vec2 in_picture(vec4 clip) { return clip.xy / clip.w * 0.5 * reach.zw; }
 

@@ -1,11 +1,11 @@
 #version 430 core
-// Wet banks: ground a little above the water is darker and smoother. Blended as radiance + alpha * what is drawn.
-// Wet ground is darker because light that water's surface holds back is absorbed (Lekner & Dorf 1988).
+// Wet banks: ground slightly above the water is darker and smoother. Blended as radiance + alpha * background.
+// Wet ground is darker because light is trapped by internal reflection in the film (Lekner & Dorf 1988).
 #include "render/frame.glsl"
 #include "render/surface.glsl"
 #include "render/water_wetness.glsl"
 
-uniform sampler2D scene_depth; // of all that is drawn already
+uniform sampler2D scene_depth; // of the scene so far
 uniform sampler2D gbuffer_normal;
 uniform sampler2D noise_field;
 
@@ -13,10 +13,10 @@ in vec3 position;
 in float wet_room;
 out vec4 radiance;
 
-const float WET = 0.5;        // of the light that wet ground sends back, over dry
-const float UNEVEN = 0.22;    // m, of noise of one standard deviation
-const float SHEEN = 0.10;     // of the film that mirrors the sky, over a whole one
-const float FAR = 500.0;      // m, where the drawn ground is too coarse for all that
+const float WET = 0.5;        // albedo of wet over dry ground
+const float UNEVEN = 0.22;    // m, standard deviation of the noise
+const float SHEEN = 0.10;     // reflectance of the film over a full one
+const float FAR = 500.0;      // m, where the displayed ground is too coarse for it
 
 void main()
 {

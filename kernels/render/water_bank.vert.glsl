@@ -1,18 +1,18 @@
 #version 430 core
-// A lid over water and its banks, at the height up to which they are wet: water_bank.frag.glsl looks through it.
+// A surface over water and banks at the highest wet elevation, through which water_bank.frag.glsl reads the ground.
 #include "render/frame.glsl"
 
-uniform vec3 anchor; // of all positions, relative to the eye, m
+uniform vec3 anchor; // origin of all positions, relative to the eye, m
 
 in vec3 local_position;  // as in water.vert.glsl
 in vec4 flow_frame;
 in vec2 shore;
 in vec4 stream_params;
 
-out vec3 position;  // on the water, m from the eye
+out vec3 position;  // on the water surface, m from the eye
 out float wet_room; // m, negative in the bank
 
-const float LID = 0.75; // m over the water; highest wet ground
+const float LID = 0.75; // m over the water
 
 void main()
 {

@@ -1,30 +1,29 @@
-// What a water's surface mirrors: what is seen in the picture, else the height map, else the sky with its clouds.
-// A ray is marched in steps that grow with the distance (McGuire & Mara 2014 march in pixels; water is seen so
-// flatly that equal steps in the world's distance ratio come out even in the picture).
+// Reflection of water: screen space, else the height map, else the sky with its clouds. Rays are marched in geometrically
+// growing steps (McGuire & Mara 2014 march in pixels; at grazing angles such steps are about even in the picture).
 #include "render/frame.glsl"
 #include "render/clouds.glsl"
 #include "render/cloud_light.glsl"
 
-uniform sampler2D scene;        // all that is drawn already: radiance
+uniform sampler2D scene;        // radiance of the scene so far
 uniform sampler2D scene_depth;  // and its depth buffer
 uniform sampler2D near_heights; // m
 
-// Steps along a mirrored ray, each so many times as long as the last: to 500 m, or 1200 m.
+// Steps along a reflected ray, each longer by a factor: to 500 m, or 1200 m.
 #if MATERIALS == 1
 const int MARCH = 9;
 const float STRIDE = 2.0;
 #else
 const int MARCH = 44;
 const float STRIDE = 1.14;
-const int HALVINGS = 4;         // of the step in which the ray passes what is seen
+const int HALVINGS = 4;         // bisections of the step with the hit
 #endif
 const float FIRST_STEP = 0.5;   // m
-const float SUNK = 0.4;         // m under the height map at which a ray has met it
-const float THICK = 2.0;        // m, least thickness of what is seen in the picture
-const float THICK_STEPS = 2.0;  // and in steps
-const float FAR_OFF = 1e5;      // m, of the sky
+const float SUNK = 0.4;         // m below the height map that count as a hit
+const float THICK = 2.0;        // m, smallest assumed thickness of depth buffer surfaces
+const float THICK_STEPS = 2.0;  // and in steps of the ray
+const float FAR_OFF = 1e5;      // m, distance of the sky
 const float BRIGHTEST = 0.4;    // radiance of clouds over the sun's irradiance
-const vec3 GREEN = vec3(0.045, 0.055, 0.026); // albedos of ground that is out of the picture
+const vec3 GREEN = vec3(0.045, 0.055, 0.026); // albedos of ground outside the picture
 const vec3 STONY = vec3(0.20, 0.185, 0.165);
 
 float relief_at(vec2 place)
@@ -38,8 +37,8 @@ vec3 scene_position(vec2 uv)
     return p.xyz / p.w;
 }
 
-// xy: where a place is in the picture, 0 ... 1; z: how far inside its upper and lower border, 0 at them and outside.
-// Beside the picture its border goes on for a while: better than a guess for most of what is mirrored.
+// xy: position in the picture, 0 ... 1; z: weight, 0 outside its upper and lower border. To the left and right the border
+// pixels are extended for a while, which is better than a guess for most reflections.
 vec3 picture_place(vec3 p)
 {
     vec4 clip = to_clip * vec4(p, 1.0);
@@ -49,7 +48,7 @@ vec3 picture_place(vec3 p)
     return vec3(clamp(uv.x, 0.002, 0.998), uv.y, clip.w > 0.0 ? inside : 0.0);
 }
 
-// The sky as the picture shows it, where it does; else its clouds without depth, as sky.frag.glsl's.
+// The sky read from the picture if visible, else with flat clouds as in sky.frag.glsl.
 vec3 mirrored_sky(vec3 direction)
 {
     vec3 clear = clear_sky(direction), sky = clear;
@@ -62,13 +61,13 @@ vec3 mirrored_sky(vec3 direction)
 #if MATERIALS > 1
     vec3 at = picture_place(direction * FAR_OFF);
     float seen = at.z * step(0.9999999, textureLod(scene_depth, at.xy, 0.0).r);
-    // The sun's own disc is left to the glitter.
+    // The sun's disc is left to the glitter.
     sky = mix(sky, min(textureLod(scene, at.xy, 0.0).rgb, clear + BRIGHTEST * sun_light.rgb), seen);
 #endif
     return sky;
 }
 
-// Light from ground that the picture does not show: what covers it is guessed from its slope.
+// Radiance of ground outside the picture; its material is guessed from its slope.
 vec3 guessed_ground(vec3 p)
 {
     vec4 light = ground_light(p.xy);
@@ -82,7 +81,7 @@ vec3 guessed_ground(vec3 p)
     return through_air(albedo / PI * down, p);
 }
 
-// Radiance that comes along a ray from a place on the water, the air before it included.
+// Radiance along a reflected ray, including aerial perspective.
 vec3 mirrored(vec3 from, vec3 direction)
 {
     float gone = FIRST_STEP, before = 0.0, hit = -1.0, seen_hit = -1.0;
@@ -93,7 +92,7 @@ vec3 mirrored(vec3 from, vec3 direction)
         float behind = length(p) - length(scene_position(at.xy));
         float thick = max(THICK, THICK_STEPS * (gone - before));
         if (hit < 0.0 && seen_hit < 0.0 && at.z > 0.0 && behind > 0.0 && behind < thick) seen_hit = gone;
-        // Where the picture sees farther than the ray has come there is nothing, whatever a coarser map says.
+        // Where the depth buffer is behind the ray it is unobstructed, whatever the coarser height map says.
         bool open = at.z > 0.0 && behind <= 0.0;
 #else
         bool open = gone < 2.0 * near_map.w;

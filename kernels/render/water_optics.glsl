@@ -1,4 +1,4 @@
-// Light at and under a water's surface. All functions are pure. `cosine`: of the angle between a direction and the
+// Reflection and absorption of water. Pure. `cosine`: of the angle between a direction and the
 // vertical. `spread`: standard deviation of the surface's slope along one axis. Oracle: tests/render/test_water.py.
 const float WATER_INDEX = 1.333;
 const float WATER_HEAD_ON = 0.0203; // ((n - 1) / (n + 1))^2: share that is mirrored head on
@@ -9,7 +9,7 @@ float refracted_cosine(float cosine)
     return sqrt(1.0 - (1.0 - cosine * cosine) / (WATER_INDEX * WATER_INDEX));
 }
 
-// Share of light that a rough surface mirrors: Schlick's term averaged over the slopes that the eye sees
+// Reflectance of a rough surface: Schlick's term averaged over the visible slopes
 // (Bruneton, Neyret & Holzschuch 2010, section 4.3). Schlick's own where the surface is smooth.
 float mirrored_share(float cosine, float spread)
 {
@@ -26,7 +26,7 @@ float hidden_share(float cosine, float spread)
     return a < 1.6 ? (1.0 - 1.259 * a + 0.396 * a * a) / max(3.535 * a + 2.181 * a * a, 1e-6) : 0.0;
 }
 
-// Mean slope towards the eye of the facets that it sees. A facet of slope s counts by its projected area,
+// Mean slope towards the eye of the visible facets. A facet of slope s counts by its projected area,
 // max(cosine + s sine, 0); over normally distributed slopes the mean is spread / (a + phi(a) / Phi(a)) with
 // a = cosine / (spread sine). Phi: normal distribution function, as a logistic one (Bowling et al. 2009).
 float seen_slope(float cosine, float spread)
@@ -52,7 +52,7 @@ float glitter(vec3 to_eye, vec3 to_light, vec2 slope, float spread)
     return to_light.z > 0.0 ? share * facets / (4.0 * up * up * up * up * eye_up * seen) : 0.0;
 }
 
-// Share of light that water lets through, once down to the bed and once up to the eye (Beer and Lambert).
+// Transmittance of water, down to the bed and up to the eye (Beer–Lambert).
 //   extinction   1/m
 //   depth        of the bed, m
 //   up, down     cosines in the water of the ray to the eye and of the light's
@@ -61,7 +61,7 @@ vec3 let_through(vec3 extinction, float depth, float up, float down)
     return exp(-extinction * (depth * (1.0 / up + 1.0 / down)));
 }
 
-// Share of the irradiance that endless depth sends back (Gordon et al. 1975: R = 0.33 backscatter / absorption).
+// Diffuse reflectance of infinitely deep water (Gordon et al. 1975: R = 0.33 backscatter / absorption).
 vec3 deep_colour(vec3 absorption, vec3 backscatter)
 {
     return 0.33 * backscatter / (absorption + backscatter);

@@ -1,19 +1,18 @@
-// Waves of a water's surface from one texture laid at several sizes, which drifts with the wind and flows with the
-// stream. Oracle: sketchterrain/render/water.py and tests/render/test_water.py.
+// Waves from one texture laid at several sizes, drifting with the wind and advected by the stream. Oracle: sketchterrain/render/water.py and tests/render/test_water.py.
 //
-// The texture holds slopes and their square, each averaged in its mipmaps: what a pixel is too coarse to show as slope
-// it shows as roughness (Olano & Baker 2010; Bruneton et al. 2010, section 4.1).
+// The texture holds slopes and their square, each averaged in its mipmaps: unresolved slopes become
+// roughness (Olano & Baker 2010; Bruneton et al. 2010, section 4.1).
 // WAVES: how many sizes.
 uniform sampler2D wave_slopes;     // rg: slope of one size, mean 0, mean of the squared length 1; b: that square; a: height
 uniform vec4 wave_layers[WAVES];   // xy: texture's x axis over its period, 1/m; z: root of its share of slope²; w: unused
-uniform vec2 wave_phases[WAVES];   // where the eye lies in the texture, drift included
+uniform vec2 wave_phases[WAVES];   // the eye's position in the texture, including drift
 
-const float RENEWAL = 3.2;     // s, after which a pattern that flows is taken up anew where it began
+const float RENEWAL = 3.2;     // s, after which an advected pattern restarts
 const float FINEST_WAVES = 0.0009; // slope² along one axis that is never resolved: capillary waves
 
 struct Waves {
     vec2 slope;
-    float variance; // along one axis, of what is too fine
+    float variance; // along one axis, of unresolved waves
 };
 
 // Speed across a stream over that in its middle; `across` is 1 at the bank.
@@ -23,8 +22,8 @@ float stream_profile(float across)
     return 1.0 - x * x * x;
 }
 
-// How far along a pattern in one of two phases has flowed (s), and its weight. The weights' squares sum to 1, so that
-// the mixture is as rough as each (Heitz & Neyret 2018, section 3); one of them is 0 where it is taken up anew.
+// Age (s) of an advected pattern in one of two phases, and its weight. The weights' squares sum to 1, so that the mixture
+// is as rough as each (Heitz & Neyret 2018, section 3); a weight is 0 where its pattern restarts.
 //   time     in renewals
 vec2 flow_phase(float time, float phase)
 {

@@ -72,7 +72,7 @@ def test_each_edit_changes_its_feature_alone(painted):
     assert unedited.orphans == ()
 
 
-def test_added_and_locked_features_have_all_their_values(painted):
+def test_added_and_locked_features_have_their_values(painted):
     dune = Edit("add", type="dune", x=5.0, y=6.0, radius=70.0, strength=3.0, wavelength=20.0)
     points = apply_painted_edits(painted, [dune, Edit("move", dune.feature, x=1.0, y=2.0)]).points
     added = _of(points, dune.feature)
@@ -90,7 +90,7 @@ def test_added_and_locked_features_have_all_their_values(painted):
     assert _of(points, pines.feature)["peakiness"] == 1.75
 
 
-def test_edits_survive_painting_elsewhere_and_are_orphans_without_their_feature(sketch):
+def test_edits_survive_distant_paint_and_are_orphans_without_their_feature(sketch):
     recipe = make_recipe(sketch)
     name = int(recipe.painted["id"][0])
     edited = sketch.with_edit(Edit("move", name, x=500.0, y=700.0))
@@ -101,7 +101,7 @@ def test_edits_survive_painting_elsewhere_and_are_orphans_without_their_feature(
     assert erased.orphans == (f"move of feature {name}: no such feature",)
 
 
-def test_a_lock_keeps_a_feature_whatever_is_painted(sketch):
+def test_a_locked_feature_is_unchanged_whatever_is_painted(sketch):
     recipe = make_recipe(sketch)
     mountain = recipe.painted[recipe.painted["type"] == 0][0]
     locked = sketch.with_edit(lock_edit(mountain))
@@ -112,7 +112,7 @@ def test_a_lock_keeps_a_feature_whatever_is_painted(sketch):
         assert repainted.orphans == ()
 
 
-def test_the_fill_is_edited_and_keeps_clear_of_what_was_moved(sketch, painted):
+def test_the_fill_is_edited_and_keeps_clear_of_moved_features(sketch, painted):
     mountain = painted[painted["type"] == 0][0]
     east, north = sketch.size
     moved = make_recipe(sketch.with_edit(Edit("move", int(mountain["id"]), x=0.6 * east, y=0.1 * north)))
@@ -145,7 +145,7 @@ def _stem_and_tributary(rivers):
     return stem, tributary
 
 
-def test_a_tributary_follows_the_river_that_moved_and_the_water_still_falls(sketch):
+def test_a_tributary_follows_a_moved_river_and_the_water_still_falls(sketch):
     before, _ = _rivers(sketch)
     stem, tributary = _stem_and_tributary(before)
     joint = tributary.points[-1]
@@ -162,7 +162,7 @@ def test_a_tributary_follows_the_river_that_moved_and_the_water_still_falls(sket
         assert np.hypot(*(end[:2] - joint[:2])) >= least
 
 
-def test_a_control_point_named_by_its_place_is_found_in_a_repainted_river(sketch):
+def test_a_control_point_is_found_by_position_in_a_repainted_river(sketch):
     stem, _ = _stem_and_tributary(_rivers(sketch)[0])
     index = 16
     x, y = stem.points[index, 0], stem.points[index, 1] + 150.0
@@ -174,7 +174,7 @@ def test_a_control_point_named_by_its_place_is_found_in_a_repainted_river(sketch
     again = edited.with_edit(move_edit(after[stem.id], index, x=x, y=y + 40.0))
     np.testing.assert_allclose(_rivers(again)[0][stem.id].points[index, :2], (x, y + 40.0))
 
-    # With a bow near the spring later control points have other numbers; one that it takes along is gone.
+    # A bow near the spring renumbers later control points; one within the bow is gone.
     bowed, orphans = _rivers(edited.replace(layers={**sketch.layers, "river": _with_a_bow(20, 45)}))
     assert orphans == ()
     found = np.hypot(*(bowed[stem.id].points[:, :2] - [x, y]).T)
@@ -193,7 +193,7 @@ def _with_a_bow(start=None, stop=None):
     return _image(*stem, *[(58.0 + step, 60.0, 1.2) for step in range(34)])
 
 
-def test_a_river_gets_the_width_that_it_is_given_and_its_tributary_lives_without_it(sketch):
+def test_a_river_takes_an_edited_width_and_its_tributary_remains_without_it(sketch):
     stem, tributary = _stem_and_tributary(_rivers(sketch)[0])
     after, _ = _rivers(sketch.with_edit(Edit("width", stem.id, width=60.0)))
     middle = len(stem.centreline) // 2
@@ -201,7 +201,6 @@ def test_a_river_gets_the_width_that_it_is_given_and_its_tributary_lives_without
     np.testing.assert_array_equal(after[stem.id].centreline[:, :2], stem.centreline[:, :2])
     np.testing.assert_array_equal(after[tributary.id].centreline[:, :2], tributary.centreline[:, :2])
 
-    stem, tributary = _stem_and_tributary(_rivers(sketch)[0])
     after, orphans = _rivers(sketch.with_edit(Edit("delete", stem.id)))
     assert set(after) == {tributary.id}
     assert orphans == ()

@@ -20,7 +20,7 @@ def fill(density=None, *, seed=5, **layers):
 
 
 @pytest.mark.parametrize("origin", [(0.0, 0.0), (-1e9 - 0.3, 1e9 + 0.7)])
-def test_a_rectangle_and_its_pieces_hold_the_same_features(origin):
+def test_a_rectangle_and_its_parts_contain_the_same_features(origin):
     west, south = origin
     ground = fill()
     whole = ground.within(west, south, west + 6000, south + 6000)
@@ -35,7 +35,7 @@ def test_a_rectangle_and_its_pieces_hold_the_same_features(origin):
     assert not whole["painted"].any()
 
 
-def test_the_density_and_the_spacing_of_the_rules_are_kept():
+def test_density_and_spacing_follow_the_rules():
     sparse = (("mountain", 0.02), ("hill", 0.2), ("dune", 0.1), ("forest", 2.0))
     for name, density in (*sparse, ("hill", 5.0), ("forest", 100.0)):
         side = float(np.sqrt(3000 / density)) * 1000
@@ -55,7 +55,7 @@ def test_the_density_and_the_spacing_of_the_rules_are_kept():
         assert np.all(distance[pair] >= factor * radii[pair] * (1 - 1e-9)), (first, second)
 
 
-def test_the_fill_keeps_clear_of_painted_shapes_and_rivers():
+def test_the_fill_keeps_clear_of_painted_layers():
     row, column = np.mgrid[:64, :64]
     layers = {
         "mountain": (np.hypot(row - 20, column - 20) < 10).astype(np.uint8),
@@ -70,7 +70,7 @@ def test_the_fill_keeps_clear_of_painted_shapes_and_rivers():
             assert np.all(distance[of_type] > CLEARANCE[name, layer] * found["radius"][of_type])
 
 
-def test_small_features_can_be_left_out_and_no_density_gives_none():
+def test_small_features_are_filtered_and_no_density_gives_none():
     sketch = Sketch()
     nothing = Fill(sketch, place(sketch, seed=1), seed=1)
     assert nothing.max_radius == 0.0

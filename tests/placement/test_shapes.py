@@ -11,7 +11,6 @@ from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.placement.covers import create_covers, shape_field
-from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES, TYPES
 from sketchterrain.placement.placement import place
 from sketchterrain.placement.shapes import EDGE_OVERHANG, find_regions, label_shapes
 from sketchterrain.placement.user_features import mean_size, user_features
@@ -21,7 +20,7 @@ def image(*rows):
     return np.array([[int(c) for c in row.replace(".", "0")] for row in rows], dtype=np.uint8)
 
 
-def test_diagonal_neighbours_are_one_shape_and_other_labels_are_others():
+def test_shapes_are_8_connected_and_separate_labels():
     shapes = label_shapes("hill", image("1..2", ".1.2", "..13", "1..."))
     found = [(shape.label, shape.area, shape.id) for shape in shapes]
     assert found == [(1, 3, 0), (2, 2, 3), (3, 1, 11), (1, 1, 12)]
@@ -33,7 +32,7 @@ def test_diagonal_neighbours_are_one_shape_and_other_labels_are_others():
     assert (shape.label, shape.id, shape.image_width) == (5, 20 * 40 + 30, 40)
 
 
-def test_a_shapes_depth_is_measured_to_all_borders_but_the_sketchs_edge():
+def test_depth_is_measured_to_all_borders_except_the_sketch_edge():
     row, column = np.mgrid[:101, :101] - 50
     distance = np.hypot(row, column)
     (shape,) = label_shapes("hill", ((distance > 20) & (distance < 40)).astype(np.uint8))
@@ -61,29 +60,25 @@ def test_a_shapes_depth_is_measured_to_all_borders_but_the_sketchs_edge():
     assert shape.centre == pytest.approx((29.5, 39.5))
 
 
-def test_regions_are_those_of_connected_labels():
+def test_regions_equal_connected_components():
     for share, size in itertools.product((0.0, 0.1, 0.4, 0.7, 1.0), ((1, 1), (1, 23), (23, 1), (17, 24))):
         rng = np.random.default_rng(7)
         for _ in range(10):
             image = (rng.integers(1, 4, size) * (rng.random(size) < share)).astype(np.uint8)
-            check_regions(image)
+            expected = []
+            for value in (1, 2, 3):
+                numbers, count = ndimage.label(image == value, structure=np.ones((3, 3)))
+                masks = [numbers == k for k in range(1, count + 1)]
+                expected += [(int(np.argmax(mask)), value, mask) for mask in masks]
+            expected.sort(key=lambda each: each[0])
+            for region, (_, label, mask) in zip(find_regions(image), expected, strict=True):
+                whole = np.zeros(image.shape, np.bool_)
+                whole[region.rows, region.columns] = region.mask
+                assert region.label == label
+                np.testing.assert_array_equal(whole, mask)
+                assert region.mask.any(axis=1)[[0, -1]].all()
+                assert region.mask.any(axis=0)[[0, -1]].all()
     assert label_shapes("hill", np.zeros((8, 8), np.uint8)) == ()
-
-
-def check_regions(image):
-    expected = []
-    for value in (1, 2, 3):
-        numbers, count = ndimage.label(image == value, structure=np.ones((3, 3)))
-        expected += [(int(np.argmax(numbers == k)), value, numbers == k) for k in range(1, count + 1)]
-    regions = find_regions(image)
-    assert len(regions) == len(expected)
-    for region, (_, label, mask) in zip(regions, sorted(expected, key=lambda each: each[0]), strict=True):
-        whole = np.zeros(image.shape, np.bool_)
-        whole[region.rows, region.columns] = region.mask
-        assert region.label == label
-        np.testing.assert_array_equal(whole, mask)
-        assert region.mask.any(axis=1)[[0, -1]].all()
-        assert region.mask.any(axis=0)[[0, -1]].all()
 
 
 SIDE = 64
@@ -101,13 +96,12 @@ def disc(row, column, radius, side=SIDE):
     return (np.hypot(rows - row, columns - column) < radius).astype(np.uint8)
 
 
-def field_of(image, *, fidelity, margin=50.0):
-    sketch = painted("lake", image, fidelity=fidelity)
+def field_of(image, *, fidelity):
     (shape,) = label_shapes("lake", image)
-    return shape_field(sketch, shape, margin=margin)
+    return shape_field(painted("lake", image, fidelity=fidelity), shape, margin=50.0)
 
 
-def test_a_field_is_the_distance_keeps_its_area_and_margin_and_goes_on_beyond_the_edge():
+def test_shape_fields_are_distances_that_preserve_area_and_extend_beyond_the_edge():
     field = field_of(disc(30, 20, 12.3), fidelity=1.0)
     rows, columns = field.inside.shape
     x = field.west + np.arange(columns) * field.spacing
@@ -131,7 +125,7 @@ def test_a_field_is_the_distance_keeps_its_area_and_margin_and_goes_on_beyond_th
     assert field.inside[row, column] > 0
 
 
-def test_every_painted_pixel_makes_a_cover():
+def test_covers_have_the_material_and_strength_of_their_label():
     image = np.zeros((SIDE, SIDE), np.uint8)
     image[5, 5] = image[50:60, 20:40] = 1
     image[0, 0] = 2
@@ -177,7 +171,7 @@ def covered(features, picture):
     return float(union[picture > 0].mean())
 
 
-def test_discs_cover_the_shape_as_the_fidelity_asks_and_stay_inside():
+def test_discs_cover_the_shape_by_fidelity_and_stay_inside():
     for picture in (blob(), stroke(), ring()):
         for multitude in (1, 6):
             features = broken_up(picture, multitude=multitude)
@@ -196,7 +190,7 @@ def test_discs_cover_the_shape_as_the_fidelity_asks_and_stay_inside():
     assert np.all(features["disc"] <= np.maximum(depth[features["row"], features["column"]], 1.0))
 
 
-def test_multitude_counts_the_summits_and_a_range_with_one_is_a_ridge():
+def test_multitude_is_the_number_of_summits_and_one_summit_makes_a_ridge():
     for multitude in (1, 2, 5, 12):
         assert broken_up(blob(), multitude=multitude)["summit"].sum() == multitude
     features = broken_up(blob(), multitude=8)
@@ -214,18 +208,7 @@ def test_multitude_counts_the_summits_and_a_range_with_one_is_a_ridge():
     assert support["column"].max() > 210
 
 
-def test_every_shape_yields_a_feature():
-    pictures = (np.ones((1, 1)), np.ones((1, 200)), np.eye(50), np.ones((64, 64)), np.ones((2, 2)))
-    for picture, fidelity in itertools.product(pictures, (0.0, 0.5, 1.0)):
-        features = broken_up(picture.astype(np.uint8), multitude=20, fidelity=fidelity)
-        assert features["summit"].sum() >= 1, (picture.shape, fidelity)
-        assert len(np.unique(features["id"])) == len(features)
-        assert np.all(features["id"] < 2**63)
-        assert np.all(features["disc"] >= 1.0)
-        assert np.all((features["share"] > 0) & (features["share"] <= 1.25))
-
-
-def test_the_seed_alone_changes_the_features_and_a_dab_keeps_most_summits():
+def test_features_depend_on_the_seed_and_a_dab_keeps_most_summits():
     first = broken_up(blob(), multitude=5)
     np.testing.assert_array_equal(first, broken_up(blob(), multitude=5))
     assert not np.array_equal(first["id"][:5], broken_up(blob(), multitude=5, seed=8)["id"][:5])
@@ -245,34 +228,7 @@ def sketch(fidelity=0.8, **layers):
     return Sketch(extent=1280.0, fidelity=fidelity, layers=layers or {"hill": np.zeros((128, 128), np.uint8)})
 
 
-def test_placed_features_are_sorted_painted_and_finite():
-    empty = place(sketch(), seed=1)
-    assert empty.dtype == FEATURE
-    assert len(empty) == 0
-    layers = {name: spot(40 + 10 * i, 40 + 12 * i, 15) for i, name in enumerate(FEATURE_TYPES)}
-    placed = place(sketch(0.3, **layers), seed=3)
-    assert np.all(np.diff(placed["id"].astype(object)) > 0)
-    assert placed["painted"].all()
-    assert set(placed["type"]) == {0, 1, 2, 3}
-    assert all(np.isfinite(placed[field]).all() for field in ("x", "y", "radius", "strength"))
-    np.testing.assert_array_equal(placed, place(sketch(0.3, **layers), seed=3))
-
-
-def test_a_feature_moves_less_than_its_disc_allows_and_at_fidelity_one_not_at_all():
-    for fidelity, painted in ((0.4, spot(60, 60, 30)), (1.0, spot(30, 80, 20))):
-        placed = place(sketch(fidelity, hill=painted), seed=5)
-        pixel = (placed["id"] & np.uint64(2**48 - 1)).astype(int)
-        east, north = (pixel % 128 + 0.5) * 10, (128 - pixel // 128 - 0.5) * 10
-        if fidelity == 1.0:
-            np.testing.assert_allclose(placed["x"], east)
-            np.testing.assert_allclose(placed["y"], north)
-            continue
-        moved = np.hypot(placed["x"] - east, placed["y"] - north)
-        assert moved.max() > 0
-        assert np.all(moved <= 0.5 * 0.6 * placed["radius"] / TYPES["hill"].reach + 1e-3)
-
-
-def test_features_have_the_heights_and_properties_of_their_labels():
+def test_features_have_the_strength_and_properties_of_their_labels():
     painted = sketch(0.8, mountain=spot(60, 60, 30))
     assert place(painted, seed=1)["strength"].max() == 600.0
     steep = painted.replace(labels={("mountain", 1): {"height": 5000.0}})
@@ -291,7 +247,7 @@ def test_features_have_the_heights_and_properties_of_their_labels():
     assert np.all((forests["strength"] > 0.5) & (forests["strength"] <= 1.0))
 
 
-def test_painting_elsewhere_changes_nothing_here_and_mountains_keep_away_from_a_river():
+def test_distant_paint_changes_nothing_and_mountains_avoid_rivers():
     before = place(sketch(0.5, hill=spot(30, 30, 15)), seed=1)
     painted = spot(30, 30, 15) | 2 * spot(100, 100, 20)
     after = place(sketch(0.5, hill=painted, mountain=spot(100, 60, 12)), seed=1)

@@ -68,7 +68,7 @@ def joined(rivers):
     return sum(any(ends_on(river, other) for other in rivers if other is not river) for river in rivers)
 
 
-def test_a_river_runs_downhill_or_as_its_label_says_and_keeps_its_sizes():
+def test_rivers_flow_downhill_or_along_the_label_and_have_its_size():
     picture = painted([(80, 30), (70, 80), (90, 130)], label=4)
     (river,) = trace(picture, southward, labels={("river", 4): {"width": 20.0, "depth": 3.0}})
     assert river.label == 4
@@ -86,7 +86,7 @@ def test_a_river_runs_downhill_or_as_its_label_says_and_keeps_its_sizes():
         assert run @ [np.sin(np.deg2rad(flow)), np.cos(np.deg2rad(flow))] > 0, flow
 
 
-def test_the_centreline_follows_the_painted_skeleton_below_the_ground():
+def test_the_centreline_follows_the_skeleton_below_the_terrain():
     picture = painted([(30, 40), (60, 60), (70, 110), (120, 120), (140, 60)])
     (skeleton,) = skeletons(picture > 0)
     at = np.column_stack([(skeleton.columns + 0.5) * 10, (SIZE - skeleton.rows - 0.5) * 10])
@@ -102,7 +102,7 @@ def test_the_centreline_follows_the_painted_skeleton_below_the_ground():
     assert falls.min() >= MIN_GRADIENT * 0.999
 
 
-def test_rivers_join_over_small_gaps_and_not_apart_beside_or_end_to_end():
+def test_rivers_join_over_small_gaps_only():
     rivers = trace(painted([(80, 20), (80, 140)], [(20, 40), (80, 90)]), southward)
     stem, tributary = sorted(rivers, key=lambda river: -len(river.centreline))
     at = np.flatnonzero((stem.centreline == tributary.centreline[-1]).all(axis=1))
@@ -131,7 +131,7 @@ def test_rivers_join_over_small_gaps_and_not_apart_beside_or_end_to_end():
 @pytest.mark.parametrize(
     "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 6))]
 )
-def test_confluences_meet_on_any_ground(seed):
+def test_confluences_meet_on_any_terrain(seed):
     rng = np.random.default_rng(seed)
     phase = rng.random(4) * 6
 
@@ -147,7 +147,7 @@ def test_confluences_meet_on_any_ground(seed):
 
 
 @pytest.mark.parametrize("half", [1.0, 2.5, 4.0])
-def test_rivers_that_cross_themselves_fall_all_the_way(half):
+def test_self_crossing_rivers_fall_all_the_way(half):
     turn, bow = np.linspace(0, 2 * np.pi, 160), np.linspace(-1.3, 1.3, 100)
     eight = [(80 + 50 * np.sin(2 * a), 80 + 60 * np.sin(a)) for a in turn]
     alpha = [(80 + 60 * (t * t - 0.6), 80 + 80 * t * (t * t - 0.9)) for t in bow]
@@ -157,7 +157,7 @@ def test_rivers_that_cross_themselves_fall_all_the_way(half):
         assert joined(rivers) >= len(rivers) - 1
 
 
-def test_a_narrow_label_joins_a_wide_one():
+def test_a_narrow_river_joins_a_wide_one():
     picture = painted([(20, 40), (80, 90)], half=1.5, label=2)
     stem = painted([(80, 20), (80, 140)])
     picture[stem > 0] = 1
@@ -170,7 +170,7 @@ def test_a_narrow_label_joins_a_wide_one():
     assert ends_on(narrow, wide)
 
 
-def test_a_river_has_the_width_of_its_wedge_and_keeps_it_where_others_join():
+def test_a_painted_wedge_sets_the_width_also_at_confluences():
     half = 1.0 + (ROW - 20) / 20  # px: from 20 m wide to 140 m, by 1 m in a metre
     wedge = ((np.abs(COLUMN - 80.2) <= half) & (ROW >= 20) & (ROW < 140)).astype(np.uint8)
     (river,) = trace(wedge, southward, labels={("river", 1): {"width": 0.0, "depth": 2.0}})
@@ -191,7 +191,7 @@ def test_a_river_has_the_width_of_its_wedge_and_keeps_it_where_others_join():
 
 @pytest.mark.parametrize("thick", [1, 2, 3, 4, 7])
 @pytest.mark.parametrize("turn", [0.0, 0.4, np.pi / 4])
-def test_a_painted_width_is_that_of_the_stroke(thick, turn):
+def test_painted_width_is_the_width_of_the_stroke(thick, turn):
     u = (COLUMN - 79.5) * np.cos(turn) + (ROW - 79.5) * np.sin(turn)
     v = (ROW - 79.5) * np.cos(turn) - (COLUMN - 79.5) * np.sin(turn) + 0.25
     stroke = ((np.abs(u) < 60) & (v > -thick / 2) & (v <= thick / 2)).astype(np.uint8)
@@ -201,7 +201,7 @@ def test_a_painted_width_is_that_of_the_stroke(thick, turn):
     assert middle.mean() == pytest.approx(share, rel=0.15)
 
 
-def test_a_river_runs_on_beyond_the_edge():
+def test_rivers_extend_beyond_the_edge():
     picture = painted([(80, 60), (70, 159)])
     (river,) = trace(picture, southward)
     beyond = river.centreline[:, 1] < 0
@@ -251,7 +251,7 @@ def test_dabs_loops_and_thick_brushes():
     assert len(trace(picture)) == 1
 
 
-def test_two_rivers_do_not_change_each_other():
+def test_separate_rivers_are_independent():
     one = painted([(30, 20), (40, 140)])
     (alone,) = trace(one)
     pair = trace(one | painted([(120, 20), (110, 140)]))
@@ -259,7 +259,7 @@ def test_two_rivers_do_not_change_each_other():
     np.testing.assert_array_equal(same.centreline, alone.centreline)
 
 
-def test_non_finite_ground_is_refused():
+def test_non_finite_terrain_raises():
     picture = painted([(80, 20), (80, 140)])
     for ground in (lambda x, _: x * np.nan, lambda x, _: x[:1]):
         with pytest.raises(InputError, match="finite ground heights"):

@@ -27,13 +27,13 @@ def disc(x, y, radius, *, margin=50.0):
     return Lake(1, 1, ShapeField(x - count * spacing, y - count * spacing, spacing, inside), 5.0, 2.0)
 
 
-def test_the_distance_inside_a_disc_is_that_to_its_circle():
+def test_distance_inside_a_disc_is_the_distance_to_its_circle():
     at = np.array([[100.0, 100.0], [110.0, 100.0], [100.0, 65.0], [100.0, 160.0]])
     np.testing.assert_allclose(distance_inside(disc(100, 100, 40).shape, at), [40, 30, 5, -20], atol=0.6)
     np.testing.assert_allclose(lake_centre(disc(130, 70, 20)), [130, 70])
 
 
-def test_runs_of_a_line_in_lakes_begin_before_the_shore_and_include_the_rim():
+def test_runs_in_lakes_and_their_rims():
     line = np.column_stack([np.arange(0.0, 400.0, 1.0), np.full(400, 100.0)])
     runs = runs_inside([disc(300, 100, 30), disc(100, 100, 40)], line)
     assert [lake for _, _, lake in runs] == [1, 0]
@@ -51,7 +51,7 @@ def test_runs_of_a_line_in_lakes_begin_before_the_shore_and_include_the_rim():
     assert lake_reaches([lake], np.column_stack([x, np.full(400, 155.0)])) == []
 
 
-def test_lakes_are_those_painted_and_stand_below_the_low_parts_of_their_shores():
+def test_painted_lakes_are_below_the_low_parts_of_their_shores():
     layer = (np.hypot(COLUMN - 32, ROW - 32) < 12).astype(np.uint8)
     sketch = Sketch(extent=640.0, layers={"lake": layer}, labels={("lake", 1): {"depth": 9.0}})
     (flat,) = painted_lakes(sketch, lambda x, _: 0 * x + 20.0)
@@ -86,15 +86,11 @@ def river(x=X):
     return River(1, 1, line[::10], ones[::10], ones[::10], line, ones, ones)
 
 
-def told(plan, line=X, ground=60.0):
-    return tuple(each.line for each in resolved(plan, line, ground))
+def resolved(plan, ground=60.0):
+    return resolve_conflicts(plan, label_mountains(plan), [river()], [np.full(len(X), ground)], [])
 
 
-def resolved(plan, line=X, ground=60.0):
-    return resolve_conflicts(plan, label_mountains(plan), [river(line)], [np.full(len(line), ground)], [])
-
-
-def test_crossings_are_the_runs_inside_mountains_numbered_in_reading_order():
+def test_crossings_are_runs_inside_mountains_numbered_in_reading_order():
     numbers = label_mountains(sketch((5, 10), (20, 30)))
     assert numbers[0, [0, 5, 9, 10, 20, 29, 30]].tolist() == [0, 1, 1, 0, 2, 2, 0]
 
@@ -105,19 +101,14 @@ def test_crossings_are_the_runs_inside_mountains_numbered_in_reading_order():
     assert mountain_crossings(plan, label_mountains(plan), outside) == []
 
 
-def test_a_river_crosses_springs_or_ends_in_a_mountain_at_a_position():
-    assert told(sketch((10, 20))) == ("river 1 crosses mountain 1: valley cut 52 m",)
-    assert told(sketch((0, 10))) == ("river 1 begins in mountain 1: springs there at 10 m",)
-    assert told(sketch((30, 40))) == ("river 1 ends in mountain 1: valley cut 54 m",)
-    assert told(sketch()) == ()
-    # Above the ground it cuts nothing.
-    assert told(sketch((10, 20)), ground=-5.0) == ("river 1 crosses mountain 1: valley cut 0 m",)
-
-    for columns, x in (
-        ((10, 20), 145.0),
-        ((0, 10), X[0]),
-        ((30, 40), X[-1]),
-        ((0, 40), X[(len(X) - 1) // 2]),
+def test_rivers_cross_begin_or_end_in_mountains():
+    assert resolved(sketch()) == ()
+    for columns, x, ground, line in (
+        ((10, 20), 145.0, 60.0, "river 1 crosses mountain 1: valley cut 52 m"),
+        ((0, 10), X[0], 60.0, "river 1 begins in mountain 1: springs there at 10 m"),
+        ((30, 40), X[-1], 60.0, "river 1 ends in mountain 1: valley cut 54 m"),
+        ((0, 40), X[(len(X) - 1) // 2], 60.0, "river 1 begins in mountain 1: springs there at 10 m"),
+        ((10, 20), 145.0, -5.0, "river 1 crosses mountain 1: valley cut 0 m"),  # above the terrain
     ):
-        (found,) = resolved(sketch(columns))
-        assert (found.x, found.y) == (x, 200.0), columns
+        (found,) = resolved(sketch(columns), ground)
+        assert (found.x, found.y, found.line) == (x, 200.0, line)

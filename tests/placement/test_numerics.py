@@ -1,15 +1,10 @@
-"""Functions that placement rests on: hashes, profiles, densities, distances, splines, rounding, caches."""
-
-from unittest.mock import Mock
+"""Hashes, profiles, densities, distances, crests, rounding."""
 
 import numpy as np
 import pytest
 from scipy import ndimage
 
 from sketchterrain.document.store import load_sketch
-from sketchterrain.errors import InputError
-from sketchterrain.hydrology.splines import catmull_rom, drop_repeats, sample_catmull_rom
-from sketchterrain.placement.cache import IdentityKey, LRUCache
 from sketchterrain.placement.density import DensityField, PaintedDistance, cubic
 from sketchterrain.placement.feature_types import (
     FEATURE,
@@ -25,7 +20,7 @@ from sketchterrain.placement.hashing import STEP, gaussian_filter, hash_keys, ha
 from sketchterrain.terrain.building import make_recipe
 
 
-def test_hashes_depend_on_every_key_and_are_even_uncorrelated_and_smooth():
+def test_hashes_depend_on_every_key_and_are_uniform_uncorrelated_and_smooth():
     keys = np.arange(1000)
     first = hash_keys(7, "a", keys, 3)
     np.testing.assert_array_equal(first, hash_keys(7, "a", keys, 3))
@@ -53,7 +48,7 @@ def test_hashes_depend_on_every_key_and_are_even_uncorrelated_and_smooth():
 T = np.linspace(0.0, 1.0, 2001)
 
 
-def test_profiles_fall_from_one_to_zero_and_show_a_quarter_of_the_label_where_they_say():
+def test_profiles_fall_from_one_to_zero_and_reach_a_quarter_at_the_visible_radius():
     for fidelity in (0.0, 0.8, 0.9, 1.0):
         for profile in (hill_profile(T, flank(fidelity)), mountain_profile(T, 0.5, flank(fidelity))):
             assert profile[0] == pytest.approx(1.0)
@@ -75,7 +70,7 @@ def test_profiles_fall_from_one_to_zero_and_show_a_quarter_of_the_label_where_th
     assert shown == pytest.approx(np.full(3, VISIBLE_SHARE), abs=1e-6)
 
 
-def test_density_is_the_plain_sum_also_of_groups_and_of_nothing():
+def test_density_is_the_plain_sum_also_for_groups_and_empty_fields():
     rng = np.random.default_rng(2)
     points, sizes, values = rng.random((200, 2)) * 100, rng.random(200) + 0.5, rng.random(200)
     at, radius = rng.random((50, 2)) * 100, rng.random(50) * 30 + 1
@@ -98,7 +93,7 @@ def test_density_is_the_plain_sum_also_of_groups_and_of_nothing():
     np.testing.assert_array_equal(field.around(places, radius), each)
 
 
-def test_few_places_and_many_get_the_bits_of_a_distance_map():
+def test_few_and_many_queries_get_the_bits_of_a_distance_map():
     for share in (0.0, 0.002, 0.1, 0.9, 1.0):
         rng = np.random.default_rng(3)
         mask = rng.random((40, 70)) < share
@@ -135,7 +130,7 @@ def points(kind, *, painted, count=2000):
     return rows
 
 
-def test_only_unpainted_mountains_have_crests_of_all_lengths_and_directions_that_they_keep():
+def test_only_mountains_of_the_fill_have_crests_and_keep_them_when_moved():
     for kind in FEATURE_TYPES:
         assert not crest_offsets(points(kind, painted=True)).any()
         assert crest_offsets(points(kind, painted=False)).any() == (kind == "mountain")
@@ -153,7 +148,7 @@ def test_only_unpainted_mountains_have_crests_of_all_lengths_and_directions_that
     np.testing.assert_array_equal(crest_offsets(moved), crest_offsets(all_of_them)[700:701])
 
 
-def test_rounding_keeps_multiples_and_takes_halves_one_way():
+def test_rounding_keeps_multiples_and_rounds_halves_one_way():
     number = np.arange(-5000, 5000)
     multiples, halves = number * STEP, (number + 0.5) * STEP
     np.testing.assert_array_equal(rounded(multiples), multiples)
@@ -163,7 +158,7 @@ def test_rounding_keeps_multiples_and_takes_halves_one_way():
     assert np.abs(rounded(values) - values).max() < 0.54 * STEP
 
 
-def test_the_blur_is_scipys():
+def test_the_blur_equals_scipys():
     values = np.random.default_rng(2).normal(size=(40, 60))
     for sigma in (0.001, 0.7, 3.0, 50.0):
         expected = ndimage.gaussian_filter(values, sigma, mode="nearest")
@@ -173,89 +168,10 @@ def test_the_blur_is_scipys():
         np.testing.assert_allclose(blurred, expected, atol=1e-10)
 
 
-def test_control_points_are_multiples_of_the_step():
+def test_control_points_of_rivers_are_rounded():
     recipe = make_recipe(load_sketch("valley_river"))
     assert recipe.rivers
     ends = {river.centreline[-1, :2].tobytes() for river in recipe.rivers}
     for river in recipe.rivers:
         own = np.array([point for point in river.points[:, :2] if point.tobytes() not in ends])
         np.testing.assert_array_equal(rounded(own), own)
-
-
-def test_recent_values_are_cached_by_identity_and_failures_are_not():
-    recent, make = LRUCache(2), Mock(side_effect=[1, 2, 3, 4])
-    # 2 was the least recent when 3 came.
-    assert [recent.get_or_compute(key, make) for key in (1, 2, 1, 3, 1, 2)] == [1, 2, 1, 3, 1, 4]
-    with pytest.raises(KeyError):
-        recent.get_or_compute("a", Mock(side_effect=KeyError))
-    assert recent.get_or_compute("a", lambda: 5) == 5
-
-    one, other = [1], [1]
-    assert IdentityKey(one) == IdentityKey(one) != IdentityKey(other)
-    recent = LRUCache(0)
-    assert recent.get_or_compute(IdentityKey(one), lambda: 1) == 1
-    assert recent.get_or_compute(IdentityKey(one), lambda: 2) == 2
-
-
-WILD = np.array([[0, 0], [10, 0], [10.5, 0.2], [10.4, 5], [-40, 5], [-40, 5.3], [-39, 60]], float)
-
-
-def test_the_curve_goes_through_its_control_points_and_along_lines():
-    np.testing.assert_array_equal(catmull_rom(WILD, np.arange(7.0)), WILD)
-    curve, u = sample_catmull_rom(WILD, 0.7)
-    np.testing.assert_array_equal(curve[u == np.floor(u)], WILD)
-
-    x = np.array([0.0, 1.0, 1.1, 9.0, 30.0, 30.5])
-    curve, _ = sample_catmull_rom(np.column_stack([x, 2 * x]), 0.05)
-    np.testing.assert_allclose(curve[:, 1], 2 * curve[:, 0], atol=1e-9)
-    assert np.all(np.diff(curve[:, 0]) > 0)
-    two, _ = sample_catmull_rom(np.array([[0.0, 0.0], [6.0, 8.0]]), 1.0)
-    np.testing.assert_allclose(two[:, 0] * 8, two[:, 1] * 6, atol=1e-12)
-    assert np.all(np.diff(two[:, 0]) > 0)
-
-
-def test_the_curve_is_smooth_at_control_points_without_cusp_loop_or_overshoot():
-    # C1 in the centripetal parameter: directions on both sides of a control point agree.
-    step = 1e-6
-    for knot in range(1, len(WILD) - 1):
-        before, after = catmull_rom(WILD, np.array([knot - step, knot + step])) - WILD[knot]
-        cosine = -(before @ after) / np.hypot(*before) / np.hypot(*after)
-        assert cosine > 1 - 1e-6
-
-    # Yuksel et al. 2011: inside a segment the curve never turns back on its chord by a right angle or more
-    # so as to cross itself; sampled finely, no two samples far apart along it come close together.
-    u = np.linspace(0, 1, 400)
-    for segment in range(len(WILD) - 1):
-        curve = catmull_rom(WILD, segment + u)
-        steps = np.hypot(*np.diff(curve, axis=0).T)
-        assert steps.min() > 0
-        arc = np.concatenate([[0], np.cumsum(steps)])
-        gap = np.hypot(*(curve[:, None] - curve).transpose(2, 0, 1))
-        assert np.all(gap >= 0.2 * np.abs(arc[:, None] - arc) - 1e-9)
-
-    # Where the uniform parameterisation overshoots by several times the segment's length.
-    points = np.array([[-30.0, -40.0], [0.0, 0.0], [1.0, 0.0], [31.0, -40.0]])
-    assert np.abs(catmull_rom(points, np.linspace(1, 2, 101))[:, 1]).max() < 1.0
-
-
-def test_repeated_points_are_refused_and_can_be_dropped():
-    repeated = WILD[[0, 0, 1, 2, 2, 2, 3]]
-    with pytest.raises(InputError, match="no two neighbours equal"):
-        catmull_rom(repeated, np.array([0.5]))
-    with pytest.raises(InputError, match="two or more points"):
-        catmull_rom(WILD[:1], np.array([0.0]))
-    np.testing.assert_array_equal(drop_repeats(repeated), WILD[:4])
-    assert np.isfinite(sample_catmull_rom(drop_repeats(repeated), 1.0)[0]).all()
-
-
-def test_samples_keep_to_the_spacing_and_to_the_sagitta():
-    curve, _ = sample_catmull_rom(WILD, 0.5)
-    assert np.hypot(*np.diff(curve, axis=0).T).max() < 0.5 * 1.6
-    controls = WILD[[0, 1, 3, 4, 6]]
-    for sagitta in (1.0, 0.1, 0.01):
-        curve, u = sample_catmull_rom(controls, 1000.0, sagitta=sagitta)
-        middle = catmull_rom(controls, 0.5 * (u[1:] + u[:-1]))
-        off = np.hypot(*(middle - 0.5 * (curve[1:] + curve[:-1])).T)
-        assert off.max() <= sagitta
-        few, _ = sample_catmull_rom(controls, 1000.0, sagitta=sagitta, most=7)
-        assert len(few) <= 4 * 7 + 1

@@ -1,0 +1,187 @@
+"""Cached results are bit-equal to fresh ones, and a stroke recomputes only its neighbourhood."""
+
+from concurrent.futures import ThreadPoolExecutor
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.placement import cache as cache_module
+from sketchterrain.placement.cache import IdentityKey, LRUCache, PlacementCache
+from sketchterrain.placement.density import DensityField
+from sketchterrain.placement.placement import place
+from sketchterrain.terrain.building import make_recipe
+
+
+def test_lru_cache_evicts_the_least_recent_and_does_not_cache_failures():
+    cache, compute = LRUCache(2), Mock(side_effect=[1, 2, 3, 4])
+    assert [cache.get_or_compute(key, compute) for key in (1, 2, 1, 3, 1, 2)] == [1, 2, 1, 3, 1, 4]
+    with pytest.raises(KeyError):
+        cache.get_or_compute("a", Mock(side_effect=KeyError))
+    assert cache.get_or_compute("a", lambda: 5) == 5
+    one, other = [1], [1]
+    assert IdentityKey(one) == IdentityKey(one) != IdentityKey(other)
+    cache = LRUCache(0)
+    assert [cache.get_or_compute(IdentityKey(one), lambda value=value: value) for value in (1, 2)] == [1, 2]
+
+
+def squares():
+    layers = {name: np.zeros((64, 96), np.uint8) for name in ("mountain", "hill")}
+    for number in range(4):
+        layers["mountain"][4:20, 4 + 22 * number : 18 + 22 * number] = 1
+    layers["hill"][40:60, 10:80] = 2
+    return Sketch(layers=layers)
+
+
+def dabbed(sketch, row, column):
+    mountain = sketch.layers["mountain"].copy()
+    mountain[row : row + 3, column : column + 3] = 1
+    return sketch.replace(layers={**sketch.layers, "mountain": mountain})
+
+
+def test_only_shapes_of_a_stroke_are_broken_up_and_the_oldest_are_evicted(monkeypatch):
+    broken_up = Mock(side_effect=cache_module.user_features)
+    monkeypatch.setattr(cache_module, "user_features", broken_up)
+    sketch, cache = squares(), PlacementCache()
+    for _ in range(2):
+        place(sketch, seed=1, cache=cache)
+        assert broken_up.call_count == 5
+    place(dabbed(sketch, 19, 30), seed=1, cache=cache)  # at the edge of the second square
+    place(dabbed(sketch, 30, 30), seed=1, cache=cache)  # a shape of its own
+    assert [call.args[0].id for call in broken_up.call_args_list[5:]] == [4 * 96 + 26, 30 * 96 + 30]
+
+    cache = PlacementCache(shapes=3)
+    for shift in range(4):
+        moved = np.roll(sketch.layers["mountain"], shift, 0)
+        place(sketch.replace(layers={"mountain": moved}), seed=1, cache=cache)
+        assert len(cache.shapes) == 3
+
+
+def test_placement_with_a_cache_equals_placement_without():
+    rolled = {name: np.roll(image, 1, 1) for name, image in squares().layers.items()}
+    for changed in (
+        {"fidelity": 0.3},
+        {"labels": {("mountain", 1): {"multitude": 9}}},
+        {"labels": {("hill", 2): {"multitude": 1}}},
+        {"extent": 100.0},
+        {"layers": {"mountain": squares().layers["mountain"], "river": squares().layers["hill"]}},
+        {"layers": {"mountain": np.ones((64, 96), np.uint8)}},
+        {"layers": {"mountain": np.ones((32, 96), np.uint8)}},
+        {"layers": rolled},
+    ):
+        cache = PlacementCache()
+        place(squares(), seed=1, cache=cache)
+        after = squares().replace(**changed)
+        for seed in (1, 2):
+            assert np.array_equal(place(after, seed=seed, cache=cache), place(after, seed=seed)), changed
+
+
+def test_only_densities_near_a_stroke_are_summed_again(monkeypatch):
+    queries, real = [], DensityField.around
+
+    def counted(field, positions, radius):
+        queries.append(len(positions))
+        return real(field, positions, radius)
+
+    monkeypatch.setattr(DensityField, "around", counted)
+    painted = np.zeros((256, 256), np.uint8)
+    painted[6::16, 6::16] = painted[6::16, 7::16] = 1
+    sketch, cache = Sketch(layers={"hill": painted}), PlacementCache()
+    place(sketch, seed=1, cache=cache)
+    whole = sum(queries)
+    queries.clear()
+    place(sketch, seed=1, cache=cache)
+    assert queries == []
+    painted[126:130, 126:130] = 1
+    place(sketch.replace(layers={"hill": painted}), seed=1, cache=cache)
+    assert 0 < sum(queries) < 0.1 * whole
+
+
+def painted(sketch, rng):
+    """Paint or erase a dab, or a short line of a river, on any layer."""
+    name = str(rng.choice(["mountain", "hill", "dune", "forest", "river", "lake", "material"]))
+    image = np.array(sketch.layers[name])
+    rows, columns = np.ogrid[: image.shape[0], : image.shape[1]]
+    at, radius = rng.uniform(0, (128, 160)), 1.5 if name == "river" else rng.uniform(0.6, 14)
+    ahead, label = rng.normal(0, 1, 2), rng.integers(0, 3)
+    for step in range(30 if name == "river" else 1):
+        row, column = at + step * ahead
+        image[(rows - row) ** 2 + (columns - column) ** 2 <= radius**2] = label
+    return sketch.replace(layers={**sketch.layers, name: image})
+
+
+def painted_often(rng, strokes, **changes):
+    density = {"mountain": 0.01, "hill": 0.2, "forest": 0.1, "dune": 0.01}
+    labels = {("mountain", 1): {"multitude": 4}, ("river", 2): {"width": 0.0}, ("hill", 1): {"multitude": 5}}
+    layers = {"hill": np.zeros((128, 160), np.uint8)}
+    sketches = [Sketch(layers=layers, extent=8192.0, density=density, labels=labels).replace(**changes)]
+    for _ in range(strokes):
+        sketches.append(painted(sketches[-1], rng))
+    return sketches
+
+
+def recipe_bits(recipe):
+    """Every number of a recipe but the world's settings."""
+    bits = [recipe.painted.tobytes(), recipe.fill.within(-2000, -2000, 10_000, 9000).tobytes()]
+    for river in recipe.rivers:
+        bits += [each.tobytes() for each in vars(river).values() if isinstance(each, np.ndarray)]
+    bits += [radii.tobytes() for radii in recipe.valley_radii]
+    bits += [lake.shape.inside.tobytes() + repr((lake.level, lake.depth)).encode() for lake in recipe.lakes]
+    return [*bits, repr((recipe.resolutions, recipe.orphans)).encode()]
+
+
+LATER = [(1, 0.0), (2, 0.4), (3, 0.8), (5, 1.0)]
+
+
+@pytest.mark.parametrize(
+    ("seed", "fidelity"), [(0, 0.8), *(pytest.param(*case, marks=pytest.mark.slow) for case in LATER)]
+)
+def test_random_strokes_give_the_bits_of_fresh_placements_and_recipes(seed, fidelity):
+    rng, cache, features = np.random.default_rng(seed), PlacementCache(), PlacementCache()
+    sketch = painted_often(rng, 20, fidelity=fidelity)[-1]
+    seen = [sketch]
+    for turn in range(12):
+        if turn % 5 == 4:
+            sketch = seen[int(rng.integers(len(seen)))]  # an undo
+        elif turn == 7:
+            sketch = sketch.replace(fidelity=0.3)
+        else:
+            sketch = painted(sketch, rng)
+        seen.append(sketch)
+        assert place(sketch, seed=1, cache=features).tobytes() == place(sketch, seed=1).tobytes(), turn
+        assert recipe_bits(make_recipe(sketch, memory=cache)) == recipe_bits(make_recipe(sketch)), turn
+
+
+class CancelledError(Exception):
+    pass
+
+
+@pytest.mark.slow
+def test_a_cancelled_recipe_leaves_a_valid_cache():
+    rng, cache = np.random.default_rng(9), PlacementCache()
+    sketch = painted_often(rng, 16)[-1]
+    make_recipe(sketch, memory=cache)
+    checkpoints = 0
+    while True:
+        sketch = painted(sketch, rng)
+        try:
+            cancel = Mock(side_effect=[None] * checkpoints + [CancelledError])
+            make_recipe(sketch, memory=cache, checkpoint=cancel)
+        except CancelledError:
+            checkpoints += 1
+        else:
+            break
+        if checkpoints % 3 == 0:
+            assert recipe_bits(make_recipe(sketch, memory=cache)) == recipe_bits(make_recipe(sketch))
+    assert checkpoints >= 12
+    assert recipe_bits(make_recipe(sketch, memory=cache)) == recipe_bits(make_recipe(sketch))
+
+
+@pytest.mark.slow
+def test_threads_share_a_cache():
+    cache, sketches = PlacementCache(), painted_often(np.random.default_rng(12), 18)[-6:]
+    with ThreadPoolExecutor(3) as pool:
+        recipes = list(pool.map(lambda sketch: make_recipe(sketch, memory=cache), sketches))
+    for recipe, sketch in zip(recipes, sketches, strict=True):
+        assert recipe_bits(recipe) == recipe_bits(make_recipe(sketch))

@@ -1,4 +1,4 @@
-"""Time budgets and statistics of frames."""
+"""Time budgets of frames, work estimates, statistics."""
 
 from __future__ import annotations
 
@@ -104,19 +104,10 @@ class StreamStats:
 
 
 @dataclass(frozen=True)
-class TileUpdateStats:
-    """Cost of replacing the terrain of a tile stream."""
-
-    seconds: float  # including waiting for the device
-    tiles_rewritten: int
-    tiles_dropped: int
-
-
-@dataclass(frozen=True)
 class TerrainUpdateStats:
-    """Cost of replacing the terrain of a renderer."""
+    """Cost of replacing the terrain of a renderer or tile stream."""
 
-    tile_seconds: float  # until the visible tiles held the new heights
-    seconds: float  # of all work done at once
+    tile_seconds: float  # until visible tiles held the new heights, including waiting for the device
+    seconds: float  # of all work before the next frame
     tiles_rewritten: int
     tiles_dropped: int

@@ -9,7 +9,7 @@ import numpy as np
 
 from sketchterrain.errors import InputError
 from sketchterrain.placement.cache import IdentityKey
-from sketchterrain.render.budgets import StreamStats, TileUpdateStats
+from sketchterrain.render.budgets import StreamStats, TerrainUpdateStats
 from sketchterrain.render.ground import TileRenderer
 from sketchterrain.render.programs import ResourceCache
 from sketchterrain.render.quality import Quality
@@ -162,7 +162,7 @@ class TerrainStream:
         self._place(self.tiles.generate_all(view, self._write), camera.eye)
         self._eye = np.asarray(camera.eye)
 
-    def set_terrain(self, terrain: TileSource, areas: Sequence[Bounds]) -> TileUpdateStats:
+    def set_terrain(self, terrain: TileSource, areas: Sequence[Bounds]) -> TerrainUpdateStats:
         """Replace the terrain by another one of the same extent, bit-equal outside `areas` (W, S, E, N; m).
 
         Visible tiles of the areas are rewritten before this returns, so that no frame mixes two terrains; the
@@ -179,7 +179,8 @@ class TerrainStream:
             self._place(
                 self._with_updated_tiles(self._view, self.tiles.draw_list(self._view)), self._view.eye
             )
-        return TileUpdateStats(self._timer() - start, self.written - before, dropped)
+        seconds = self._timer() - start
+        return TerrainUpdateStats(seconds, seconds, self.written - before, dropped)
 
     def _with_updated_tiles(self, view: CameraView, draws: DrawList) -> DrawList:
         """Rewrite outdated tiles of a draw list; return the list afterwards.

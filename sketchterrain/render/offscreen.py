@@ -23,7 +23,6 @@ from sketchterrain.render.views import check_view, find_view
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterable, Iterator, Sequence
     from pathlib import Path
-    from types import TracebackType
 
     import moderngl
     import numpy.typing as npt
@@ -125,14 +124,6 @@ class SnapshotRenderer:
         self._framebuffer = self._context.framebuffer([self._texture])
         self._resources = ResourceCache()
         self._device: ComputeContext | None = None
-
-    def __enter__(self) -> SnapshotRenderer:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def picture(
         self,

@@ -1,4 +1,4 @@
-"""Overlays: tiles, errors, materials and features on top of the image."""
+"""Diagnostic overlays: tile levels, errors, materials and features drawn over a picture."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from sketchterrain.placement.feature_types import ShapeField
     from sketchterrain.render.ground_stream import TerrainStream
     from sketchterrain.render.scene import TerrainSource
-    from sketchterrain.terrain.surfaces import TerrainFeatures
     from sketchterrain.tiles.tile_pool import DrawList
 
     Colour = tuple[int, int, int]
@@ -40,7 +39,8 @@ _POST: Final = 0.12
 _MIN_POST: Final = 4.0  # ... and at least, in m
 _LIFT: Final = 0.004  # radii by which rings are lifted, otherwise ridges between two vertices hide them
 _HIDDEN_OPACITY: Final = 0.3  # opacity of lines hidden by the terrain
-_LINE: Final = np.dtype([("from", "<f4", 3), ("to", "<f4", 3), ("colour", "u1", 4)])
+_LINE: Final = np.dtype([("from", "<f8", 3), ("to", "<f8", 3), ("colour", "u1", 4)])
+_PACKED_LINE: Final = np.dtype([("from", "<f4", 3), ("to", "<f4", 3), ("colour", "u1", 4)])
 
 
 class FeatureLines:
@@ -51,16 +51,15 @@ class FeatureLines:
     ) -> None:
         self._context = context
         lines = feature_lines(terrain, heights)
-        self._count = len(lines[0])
+        self._count = len(lines)
         self._array: moderngl.VertexArray | None = None
         if not self._count:
             return
-        start, end, colour = lines
-        self._anchor = start[0].copy()
-        packed = np.empty(self._count, _LINE)
-        packed["from"], packed["to"], packed["colour"] = start - self._anchor, end - self._anchor, colour
+        self._anchor = lines["from"][0].copy()
+        lines["from"] -= self._anchor
+        lines["to"] -= self._anchor
         program = build_program(context, "overlay_line.vert.glsl", "overlay_line.frag.glsl")
-        buffer = context.buffer(packed.tobytes())
+        buffer = context.buffer(lines.astype(_PACKED_LINE).tobytes())
         self._array = context.vertex_array(program, [(buffer, "3f4 3f4 4f1/i", "from", "to", "colour")])
 
     def draw(self, eye: tuple[float, float, float], size: tuple[int, int], *, width: float) -> None:
@@ -84,7 +83,7 @@ class FeatureLines:
 
 
 class HeightCache:
-    """Heights of features' rings and middles, kept while the ground under them stays as it is."""
+    """Terrain heights at rings and centres of features, cached while the terrain is unchanged there."""
 
     def __init__(self) -> None:
         self._rows: dict[bytes, tuple[Bounds, Float64Array]] = {}
@@ -109,28 +108,30 @@ class HeightCache:
         return np.stack([self._rows[name][1] for name in names])
 
 
-def feature_lines(
-    terrain: TerrainSource, heights: HeightCache | None = None
-) -> tuple[Float64Array, Float64Array, npt.NDArray[np.uint8]]:
-    """Return starts and ends (n, 3; m) and colours (n, 4) of the lines of all features."""
-    parts = [*_rings(terrain, heights or HeightCache()), *_centrelines(terrain.features), *_shores(terrain)]
-    starts = [np.zeros((0, 3)), *(part[0] for part in parts)]
-    ends = [np.zeros((0, 3)), *(part[1] for part in parts)]
-    colours = [np.zeros((0, 4), np.uint8), *(part[2] for part in parts)]
-    return np.concatenate(starts), np.concatenate(ends), np.concatenate(colours)
+def feature_lines(terrain: TerrainSource, heights: HeightCache | None = None) -> npt.NDArray[np.void]:
+    """Return the lines of all features: from, to (m) and colour (RGBA)."""
+    rivers = [river.centreline for river in terrain.features.rivers if len(river.centreline) > 1]
+    lakes = terrain.features.lakes
+    parts = [
+        np.zeros(0, _LINE),
+        *_rings(terrain, heights or HeightCache()),
+        *(_lines_of(line[:-1], line[1:], FEATURE_COLOURS["river"]) for line in rivers),
+        *(_lines_of(*_shore(lake.shape, lake.level), FEATURE_COLOURS["lake"]) for lake in lakes),
+    ]
+    return np.concatenate(parts)
 
 
-_Lines = tuple["Float64Array", "Float64Array", "npt.NDArray[np.uint8]"]
+def _lines_of(
+    start: Float64Array, end: Float64Array, colour: Colour, opacity: npt.ArrayLike = 255
+) -> npt.NDArray[np.void]:
+    start = np.reshape(start, (-1, 3))
+    lines = np.empty(len(start), _LINE)
+    lines["from"], lines["to"] = start, np.reshape(end, (-1, 3))
+    lines["colour"][:, :3], lines["colour"][:, 3] = colour, opacity
+    return lines
 
 
-def _lines_of(start: Float64Array, end: Float64Array, colour: Colour, opacity: npt.ArrayLike = 255) -> _Lines:
-    start, end = (np.reshape(each, (-1, 3)) for each in (start, end))
-    colours = np.empty((len(start), 4), np.uint8)
-    colours[:, :3], colours[:, 3] = colour, opacity
-    return start, end, colours
-
-
-def _rings(terrain: TerrainSource, heights: HeightCache) -> list[_Lines]:
+def _rings(terrain: TerrainSource, heights: HeightCache) -> list[npt.NDArray[np.void]]:
     points = terrain.features.points
     if not len(points):
         return []
@@ -138,7 +139,7 @@ def _rings(terrain: TerrainSource, heights: HeightCache) -> list[_Lines]:
     radius = points["radius"].astype(np.float64)[:, None]
     x = points["x"][:, None] + radius * np.cos(turn)
     y = points["y"][:, None] + radius * np.sin(turn)
-    # The last of each row is its middle.
+    # The last column is the centre.
     x, y = (np.column_stack([ring, points[axis]]) for ring, axis in ((x, "x"), (y, "y")))
     z = heights.at(terrain, x, y)
     z[:, :-1] += _LIFT * radius
@@ -148,23 +149,12 @@ def _rings(terrain: TerrainSource, heights: HeightCache) -> list[_Lines]:
     parts = []
     for code, name in enumerate(FEATURE_TYPES):
         of_type = points["type"] == code
-        strong = np.where(points["painted"][of_type], 255, 128)
+        opacity = np.where(points["painted"][of_type], 255, 128)
         parts.append(
-            _lines_of(ring[of_type, :-1], ring[of_type, 1:], FEATURE_COLOURS[name], np.repeat(strong, _RING))
+            _lines_of(ring[of_type, :-1], ring[of_type, 1:], FEATURE_COLOURS[name], np.repeat(opacity, _RING))
         )
-        parts.append(_lines_of(foot[of_type], head[of_type], FEATURE_COLOURS[name], strong))
+        parts.append(_lines_of(foot[of_type], head[of_type], FEATURE_COLOURS[name], opacity))
     return parts
-
-
-def _centrelines(features: TerrainFeatures) -> list[_Lines]:
-    lines = [river.centreline for river in features.rivers if len(river.centreline) > 1]
-    return [_lines_of(line[:-1], line[1:], FEATURE_COLOURS["river"]) for line in lines]
-
-
-def _shores(terrain: TerrainSource) -> list[_Lines]:
-    return [
-        _lines_of(*_shore(lake.shape, lake.level), FEATURE_COLOURS["lake"]) for lake in terrain.features.lakes
-    ]
 
 
 def _shore(shape: ShapeField, level: float) -> tuple[Float64Array, Float64Array]:
@@ -327,7 +317,7 @@ class Overlay:
     ) -> None:
         if self._lines is None:
             self._lines = FeatureLines(self._context, self._terrain, heights=self._heights)
-        # Of the stream only its depth is wanted: without colours nothing is shaded.
+        # Depth only: nothing is shaded without a colour mask.
         target.color_mask = (False, False, False, False)
         self._draw_tiles(_PLAIN, 0.0)
         target.color_mask = (True, True, True, True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from sketchterrain.render.budgets import FrameStats, TerrainUpdateStats, TimeBudget
@@ -112,11 +113,9 @@ class Renderer:
         start = self._timer()
         self._since_update = 0.0
         terrain = moved_to_context(terrain, self._terrain.context)
-        tiles = self.scenery.set_terrain(terrain, areas)
+        stats = self.scenery.set_terrain(terrain, areas)
         self._terrain = terrain
-        return TerrainUpdateStats(
-            tiles.seconds, self._timer() - start, tiles.tiles_rewritten, tiles.tiles_dropped
-        )
+        return replace(stats, seconds=self._timer() - start)
 
     @property
     def terrain(self) -> TerrainSource:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sketchterrain.array_types import Bounds
-    from sketchterrain.render.budgets import TileUpdateStats
+    from sketchterrain.render.budgets import TerrainUpdateStats
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.quality import Quality
     from sketchterrain.render.scene import TerrainSource
@@ -116,7 +116,7 @@ class Scenery:
         """Triangles of terrain, plants and ground cover in the last picture."""
         return self.stream.tile_renderer.triangles + self.forest.triangles + self.cover.triangles
 
-    def set_terrain(self, terrain: TerrainSource, areas: Sequence[Bounds]) -> TileUpdateStats:
+    def set_terrain(self, terrain: TerrainSource, areas: Sequence[Bounds]) -> TerrainUpdateStats:
         """Replace the terrain: tiles and water at once, light and plants over the next frames."""
         tile_stats = self.stream.set_terrain(terrain, areas)
         self.lit.set_terrain(terrain, areas)

@@ -145,7 +145,8 @@ def _write_level(level: int, texels: npt.NDArray[np.uint8]) -> None:
 
 def noise_texture(context: moderngl.Context) -> moderngl.Texture:
     """Upload `tileable_noise` with mipmaps, repeating, RGBA16F."""
-    texture = _upload(context, tileable_noise())
+    noise = tileable_noise().astype(np.float16)
+    texture = context.texture(noise.shape[1::-1], 4, noise.tobytes(), dtype="f2")
     texture.build_mipmaps()
     texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
     return texture
@@ -165,8 +166,3 @@ def tileable_noise(size: int = NOISE_SIZE) -> npt.NDArray[np.float32]:
         field = np.fft.irfft2(spectrum, s=(size, size))
         fields[..., channel] = 0.5 * field / field.std()
     return fields
-
-
-def _upload(context: moderngl.Context, fields: npt.NDArray[np.float32]) -> moderngl.Texture:
-    height, width, channels = fields.shape
-    return context.texture((width, height), channels, fields.astype(np.float16).tobytes(), dtype="f2")

@@ -43,12 +43,12 @@ def tour(terrain: TerrainSource, *, seconds: float = 20.0) -> Flight:
     relief = sample_heights(terrain, (east / 2, north / 2), 1.2 * extent, TEXELS)
     rise = float(np.clip(RISE * extent, *RISE_LIMITS))
     speed = SPEED * rise
-    loop = _spaced(_round(terrain, relief), speed * KEY_EVERY)
+    loop = _resampled(_loop_positions(terrain, relief), speed * KEY_EVERY)
     keys = len(loop)
     ahead = max(round(LOOK_AHEAD / KEY_EVERY), 1)
     # A whole loop and some keyframes after the end: the path does not depend on the duration.
-    wanted = int(np.ceil(seconds / KEY_EVERY)) + 4
-    number = np.arange(max(wanted, keys))
+    count = int(np.ceil(seconds / KEY_EVERY)) + 4
+    number = np.arange(max(count, keys))
     here = loop[number % keys]
     eyes = np.column_stack([here, _heights(relief, loop, rise)[number % keys]])
     there = loop[(number + ahead) % keys]
@@ -61,10 +61,10 @@ def tour(terrain: TerrainSource, *, seconds: float = 20.0) -> Flight:
     flight = Flight(
         tuple(Keyframe(KEY_EVERY * i, tuple(eye), tuple(target), FOV) for i, (eye, target) in enumerate(rows))
     )
-    return Flight(flight.raised_above(terrain.heights, clearance=LOW * rise).keys[:wanted])
+    return Flight(flight.raised_above(terrain.heights, clearance=LOW * rise).keys[:count])
 
 
-def _round(terrain: TerrainSource, relief: HeightMap) -> Float64Array:
+def _loop_positions(terrain: TerrainSource, relief: HeightMap) -> Float64Array:
     """Return a closed path around the centre, (n, 2; m), that starts before its cheapest part."""
     size = np.array(terrain.size)
     angle = 2.0 * np.pi * np.arange(BEARINGS) / BEARINGS
@@ -72,24 +72,24 @@ def _round(terrain: TerrainSource, relief: HeightMap) -> Float64Array:
     places = size / 2 + RADII[None, :, None] * spoke[:, None, :] * size
     costs = _costs(terrain, relief, places)
     radius = _cheapest(costs)
-    liking = -costs[np.arange(BEARINGS), radius]
-    chosen = _smooth(RADII[radius])
-    start = int(np.argmax(_smooth(liking))) - BEARINGS // 24
-    return np.roll(size / 2 + chosen[:, None] * spoke * size, -start, axis=0)
+    gain = -costs[np.arange(BEARINGS), radius]
+    fractions = _smooth(RADII[radius])
+    start = int(np.argmax(_smooth(gain))) - BEARINGS // 24
+    return np.roll(size / 2 + fractions[:, None] * spoke * size, -start, axis=0)
 
 
 def _costs(terrain: TerrainSource, relief: HeightMap, places: Float64Array) -> Float64Array:
     """Return costs (b, r) of flying over positions (b, r, 2): heights cost, water gains."""
-    marks = water_map(terrain, relief)
-    water = replace(marks, heights=gaussian_filter(marks.heights, 3.0))
+    mask = water_map(terrain, relief)
+    water = replace(mask, heights=gaussian_filter(mask.heights, 3.0))
     x, y = places[..., 0], places[..., 1]
-    heights, wet = relief.at(x, y), water.at(x, y)
+    heights, is_water = relief.at(x, y), water.at(x, y)
     low, high = np.percentile(heights, [5, 95])
-    off = (RADII - RADII.mean()) / np.ptp(RADII) * 2.0
+    offset = (RADII - RADII.mean()) / np.ptp(RADII) * 2.0
     return np.asarray(
         (heights - low) / max(high - low, 1.0)
-        - _WATER * wet / max(float(wet.max()), 1e-6) * bool(wet.any())
-        + _MIDDLE * off**2
+        - _WATER * is_water / max(float(is_water.max()), 1e-6) * bool(is_water.any())
+        + _MIDDLE * offset**2
     )
 
 
@@ -98,23 +98,23 @@ def _cheapest(costs: Float64Array) -> npt.NDArray[np.intp]:
     bearings, radii = costs.shape
     far = np.full((radii, 1), np.inf)
     start = np.where(np.eye(radii, dtype=bool), costs[0], np.inf)  # by where it starts, and where it is
-    total, came = start, np.zeros((bearings, radii, radii), np.intp)
+    total, step_taken = start, np.zeros((bearings, radii, radii), np.intp)
     for bearing in [*range(1, bearings), 0]:
-        ways = np.stack(
+        candidates = np.stack(
             [
                 np.hstack([far, total[:, :-1]]) + _STAY,
                 total,
                 np.hstack([total[:, 1:], far]) + _STAY,
             ]
         )
-        came[bearing] = np.argmin(ways, axis=0) - 1
-        total = ways.min(axis=0) + (costs[bearing] if bearing else 0.0)
+        step_taken[bearing] = np.argmin(candidates, axis=0) - 1
+        total = candidates.min(axis=0) + (costs[bearing] if bearing else 0.0)
     first = at = int(np.argmin(np.diagonal(total)))
-    way = np.empty(bearings, np.intp)
+    path = np.empty(bearings, np.intp)
     for bearing in [0, *range(bearings - 1, 0, -1)]:
-        at += int(came[bearing, first, at])
-        way[bearing - 1] = at
-    return way
+        at += int(step_taken[bearing, first, at])
+        path[bearing - 1] = at
+    return path
 
 
 def _heights(relief: HeightMap, loop: Float64Array, rise: float) -> Float64Array:
@@ -129,7 +129,7 @@ def _smooth(values: Float64Array) -> Float64Array:
     return np.asarray(gaussian_filter1d(values, 1.5, mode="wrap"))
 
 
-def _spaced(loop: Float64Array, step: float) -> Float64Array:
+def _resampled(loop: Float64Array, step: float) -> Float64Array:
     """Return points of a closed path about `step` apart, at least four."""
     closed = np.concatenate([loop, loop[:1]])
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])

@@ -48,6 +48,10 @@ def painted(gl, waves):
     return paint
 
 
+def columns(lines):
+    return lines["from"], lines["to"], lines["colour"]
+
+
 def hues(picture):
     """Normalise colours by their largest channel, to remove shading."""
     return picture / np.maximum(picture.max(axis=-1, keepdims=True), 1)
@@ -113,7 +117,7 @@ def test_rivers_are_visible_even_behind_terrain(gl, painted, waves):
 
 
 def test_rivers_have_centrelines_and_points_have_rings_with_posts(waves):
-    start, end, colour = feature_lines(waves)
+    start, end, colour = columns(feature_lines(waves))
     line = waves.features.rivers[0].centreline
     assert (start == line[:-1]).all()
     assert (end == line[1:]).all()
@@ -123,7 +127,7 @@ def test_rivers_have_centrelines_and_points_have_rings_with_posts(waves):
     points["x"], points["y"], points["radius"] = (100.0, 700.0), (300.0, 800.0), (60.0, 90.0)
     points["type"], points["painted"] = (0, 3), (True, False)
     waves.features.points = points
-    start, end, colour = feature_lines(waves)
+    start, end, colour = columns(feature_lines(waves))
     assert len(start) == 2 * (96 + 1)
     ground = waves.heights(start[:, 0], start[:, 1])
     assert (np.abs(start[:, 2] - ground) < 0.5).all()
@@ -144,7 +148,7 @@ def test_lakes_have_shorelines(waves):
     shape = SimpleNamespace(west=100.0, south=-50.0, spacing=4.0, inside=inside.astype(np.float32))
     waves.features.rivers = ()
     waves.features.lakes = (SimpleNamespace(shape=shape, level=7.0),)
-    start, end, _ = feature_lines(waves)
+    start, end, _ = columns(feature_lines(waves))
     assert np.linalg.norm(end - start, axis=1).sum() == pytest.approx(4 * 21 * 4.0)
     assert np.unique(np.round([start[:, 0], end[:, 0]], 6)).tolist()[:: 10**6] == [100.0 + 9.5 * 4.0]
     assert (start[:, 2] == 7.0).all()

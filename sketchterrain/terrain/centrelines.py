@@ -102,8 +102,8 @@ def nearest_on_arc(
 ) -> tuple[Float64Array, Float64Array]:
     """Return the nearest point of an arc: parameter t (0 … 1) and squared distance (m²).
 
-    ``chord`` runs from the arc's start to its end, ``offset`` from its start to the point (m); ``bend`` is the
-    tangent of a quarter of the arc's angle, positive to the left. Derivation: ``kernels/spline_arcs.clh``.
+    ``chord`` runs from the arc's start to its end, ``offset`` from its start to the point (m). ``bend`` is
+    the tangent of a quarter of the arc's angle, positive to the left; see ``kernels/spline_arcs.clh``.
     """
     length2 = np.maximum((chord**2).sum(axis=-1), _POINT**2)
     u = (offset * chord).sum(axis=-1) / length2

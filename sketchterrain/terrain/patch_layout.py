@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar
 
@@ -130,10 +130,6 @@ class Patches:
             return None
         common = int(np.bitwise_or.reduce(self.corners, axis=None)) | step
         return step.bit_length() - 1, (common & -common).bit_length() - 1
-
-    def part(self, part: slice) -> Patches:
-        """Return some of the patches."""
-        return replace(self, axis_x=self.axis_x[part], axis_y=self.axis_y[part])
 
 
 def tile_patches(level: int, keys: Keys, extent: float, *, up: int = 0, quads: int = QUADS) -> Patches:

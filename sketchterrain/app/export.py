@@ -5,30 +5,24 @@ from __future__ import annotations
 import os
 import re
 import unicodedata
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from sketchterrain.app.jobs import run_with_fallback
+from sketchterrain.app.progress import Stages
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.export.files import move_files, prepare_folder, staging
-from sketchterrain.export.planning import checked_plan
+from sketchterrain.export.planning import ExportPlan, checked_plan
 from sketchterrain.export.sampled import sample_terrain
 from sketchterrain.export.sidecar import stale_export_files, write_sidecar
-from sketchterrain.export.target import Export
+from sketchterrain.export.target import Export, ExportOptions, ProgressStages
 from sketchterrain.io.files import check_disk, wrap_os_errors
 from sketchterrain.terrain.building import build
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from sketchterrain.app.progress import Stages
-    from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.document.sketch import Sketch
-    from sketchterrain.export.planning import ExportPlan
-    from sketchterrain.export.target import ExportOptions, ProgressStages
-    from sketchterrain.terrain.terrain import Terrain
-
+from sketchterrain.terrain.terrain import Terrain
 
 # Reserved file names on Windows, with any suffix.
 _RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)")

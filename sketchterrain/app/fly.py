@@ -3,30 +3,26 @@
 from __future__ import annotations
 
 import statistics
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from sketchterrain.app.jobs import run_with_fallback
 from sketchterrain.app.listings import device_entry
+from sketchterrain.app.progress import Stages
 from sketchterrain.app.stills import sketch_weather
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.export.film import check_film, film
-from sketchterrain.render.offscreen import capture_frames
+from sketchterrain.render.flight import CameraStates, Flight
+from sketchterrain.render.offscreen import CapturedFrame, capture_frames
 from sketchterrain.render.quality import Quality
+from sketchterrain.render.sky import Weather
 from sketchterrain.render.tour import tour
 from sketchterrain.terrain.building import build
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
-
-    from sketchterrain.app.progress import Stages
-    from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.document.sketch import Sketch
-    from sketchterrain.render.flight import CameraStates, Flight
-    from sketchterrain.render.offscreen import CapturedFrame
-    from sketchterrain.render.sky import Weather
-    from sketchterrain.terrain.terrain import Terrain
+from sketchterrain.terrain.terrain import Terrain
 
 SECONDS = 20.0
 """Default duration of a flight without a path."""

@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.app.jobs import DeviceFallback
+from sketchterrain.app.progress import Stages
 from sketchterrain.app.report import REPORT, rounded, run_statistics, stale_report_files, terrain_report
 from sketchterrain.app.stills import sketch_weather
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import DeviceFailedError, SketchterrainError
 from sketchterrain.export.files import move_files, prepare_folder, staging, write_json
 from sketchterrain.export.foliage_files import FoliageOptions, check_disk_space, write_foliage
@@ -23,22 +31,11 @@ from sketchterrain.export.rasters import (
 )
 from sketchterrain.export.vectors import write_features
 from sketchterrain.placement.cache import PlacementCache
+from sketchterrain.render.sky import Weather
 from sketchterrain.render.views import check_view
 from sketchterrain.terrain.adherence import measure_adherence
 from sketchterrain.terrain.building import build
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    import numpy as np
-    import numpy.typing as npt
-
-    from sketchterrain.app.progress import Stages
-    from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.document.sketch import Sketch
-    from sketchterrain.render.sky import Weather
-    from sketchterrain.terrain.terrain import Terrain
+from sketchterrain.terrain.terrain import Terrain
 
 
 @dataclass(frozen=True)

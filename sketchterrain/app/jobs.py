@@ -6,19 +6,15 @@ Results never mix bits of two devices.
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from threading import Lock
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
+from sketchterrain.app.progress import Stages
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.compute.device import choose_device, fallback_device
+from sketchterrain.compute.device import Device, choose_device, fallback_device
 from sketchterrain.errors import DeviceFailedError, one_line
 from sketchterrain.terrain.self_test import self_test
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from sketchterrain.app.progress import Stages
-    from sketchterrain.compute.device import Device
 
 T = TypeVar("T")
 

@@ -4,22 +4,19 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from collections.abc import Sequence
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from sketchterrain.app.listings import device_entry, undescribed_labels
+from sketchterrain.app.progress import Stages
 from sketchterrain.export.files import stale_files
+from sketchterrain.export.foliage_files import FoliageResult
 from sketchterrain.io.system import peak_memory
 from sketchterrain.placement.feature_types import FEATURE_TYPES
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from sketchterrain.app.progress import Stages
-    from sketchterrain.export.foliage_files import FoliageResult
-    from sketchterrain.terrain.surfaces import Raster
-    from sketchterrain.terrain.terrain import Terrain
+from sketchterrain.terrain.surfaces import Raster
+from sketchterrain.terrain.terrain import Terrain
 
 REPORT = "report.json"
 

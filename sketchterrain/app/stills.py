@@ -3,29 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
-from sketchterrain.app.arguments import camera_from_options
+from sketchterrain.app.arguments import Point, camera_from_options
 from sketchterrain.app.jobs import run_with_fallback
+from sketchterrain.app.progress import Stages
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.export.files import prepare_folder
 from sketchterrain.export.map.sheet import write_map
 from sketchterrain.export.rasters import write_picture
+from sketchterrain.render import scene
 from sketchterrain.render.offscreen import render_picture
-from sketchterrain.render.overlays import check_overlays
+from sketchterrain.render.overlays import LegendEntry, check_overlays
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.sky import Weather, sun_at
 from sketchterrain.render.views import check_view
 from sketchterrain.terrain.building import build
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from sketchterrain.app.arguments import Point
-    from sketchterrain.app.progress import Stages
-    from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.document.sketch import Sketch
-    from sketchterrain.render import scene
-    from sketchterrain.render.overlays import LegendEntry
 
 
 @dataclass(frozen=True)

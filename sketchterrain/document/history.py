@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import count
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
+import numpy.typing as npt
 
-from sketchterrain.document.label_layers import LabelImage, freeze_image, union_box
+from sketchterrain.document.label_layers import Box, LabelImage, freeze_image, union_box
 from sketchterrain.document.sketch import Sketch
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-
-    import numpy.typing as npt
-
-    from sketchterrain.document.label_layers import Box
-
 
 TILE = 64
 """Pixels along a side of the stored tiles."""

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from numbers import Integral
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -20,15 +21,10 @@ from sketchterrain.document.label_layers import (
     freeze_image,
     labels_in,
 )
-from sketchterrain.document.material_rules import check_rule_changes
+from sketchterrain.document.material_rules import RuleChange, check_rule_changes
 from sketchterrain.document.parameter_types import Properties, check_items, check_values, defaults
 from sketchterrain.document.parameters import LAYERS, LOOK, MATERIALS, SKETCH, TABLES, Layer
 from sketchterrain.errors import InputError, did_you_mean, format_value
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from sketchterrain.document.material_rules import RuleChange
 
 __all__ = ["DEFAULT_SIDE", "MAX_LABELS", "MAX_SIDE", "LabelImage", "Sketch", "labels_in"]
 

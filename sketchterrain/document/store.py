@@ -8,27 +8,20 @@ import secrets
 import stat
 import time
 import zipfile
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from importlib.resources.abc import Traversable
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING
 from weakref import ref
 
-from sketchterrain.document.label_layers import decode_layer, encode_layer
+from sketchterrain.document.label_layers import LabelImage, decode_layer, encode_layer
 from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.toml_format import parse_settings, settings_text, starter_sketch
 from sketchterrain.errors import InputError, did_you_mean, format_value, one_line
 from sketchterrain.io.files import wrap_os_errors, write_atomic
 from sketchterrain.io.resources import preset, preset_names
 from sketchterrain.io.safe_zip import open_zip, too_large
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from importlib.resources.abc import Traversable
-
-    from sketchterrain.document.label_layers import LabelImage
-    from sketchterrain.document.sketch import Sketch
-
 
 SETTINGS = "sketch.toml"
 """The settings file; each layer's image is ``<layer>.png``."""

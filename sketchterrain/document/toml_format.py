@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -18,20 +18,15 @@ from sketchterrain.document.material_rules import (
     MAX_FACTORS,
     MAX_INPUTS,
     RULE,
+    Factor,
+    MaterialRule,
     RuleChange,
     parse_rule_change,
 )
-from sketchterrain.document.parameter_types import Parameter, Value, format_number
+from sketchterrain.document.parameter_types import Parameter, Properties, Value, format_number
 from sketchterrain.document.parameters import FORMAT, LAYERS, LOOK, MATERIALS, SKETCH, TABLES
 from sketchterrain.document.sketch import DEFAULT_SIDE, Sketch
 from sketchterrain.errors import InputError, format_value, one_line, unknown_key
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
-
-    from sketchterrain.document.material_rules import Factor, MaterialRule
-    from sketchterrain.document.parameter_types import Properties
-
 
 _MAX_DOTS = 250
 

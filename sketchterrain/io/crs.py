@@ -7,13 +7,10 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+from rasterio.crs import CRS
 
 from sketchterrain.errors import InputError, one_line
-
-if TYPE_CHECKING:
-    from rasterio.crs import CRS
-
 
 # An authority's code, URN, WKT or PROJ string; GDAL would also open files and URLs.
 _FORMS = re.compile(r"[A-Za-z]+:[0-9A-Za-z]+(\+[0-9]+)?|urn:ogc:def:crs:[\w:.]+|\+[^/]*|[A-Z_]+\s*\[.*", re.S)

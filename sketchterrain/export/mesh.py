@@ -170,7 +170,7 @@ def _spans(x: Int64Array, y: Int64Array) -> _Spans:
     rows = np.where(area == 0, 0, y2 - y0 + 1)
     of = np.repeat(np.arange(len(x)), rows)
     row = _ranges(y0, rows)
-    # The longest edge is crossed in every row, one of the two others besides.
+    # The longest edge is crossed in every row, and one of the two others.
     upper = (row < y1[of]) | (y1 == y2)[of]
     ends = [
         (x0[of], y0[of], x2[of], y2[of]),

@@ -286,16 +286,16 @@ _BYTES_AT_LEAST = 500 << 20  # the program, what a device compiles, a band of ro
 
 def checked_plan(sketch: Sketch, target: str, options: ExportOptions) -> ExportPlan:
     """Return what an export will be, refused where this machine has not the memory for it."""
-    wanted = plan_export(sketch, target_named(target), options)
-    needed, there = memory_needed(wanted), physical_memory()
-    if needed > there:
-        size = f"{wanted.grid.columns} × {wanted.grid.rows} vertices"
+    plan = plan_export(sketch, target_named(target), options)
+    needed, available = memory_needed(plan), physical_memory()
+    if needed > available:
+        size = f"{plan.grid.columns} × {plan.grid.rows} vertices"
         raise InputError(
-            f"{size} need about {format_bytes(needed)} of memory, this machine has {format_bytes(there)}"
+            f"{size} need about {format_bytes(needed)} of memory, this machine has {format_bytes(available)}"
         )
-    return wanted
+    return plan
 
 
-def memory_needed(wanted: ExportPlan) -> float:
+def memory_needed(plan: ExportPlan) -> float:
     """Return about how many bytes of memory an export takes."""
-    return _BYTES_AT_LEAST + wanted.vertices * (BYTES_PER_VERTEX + wanted.target.memory)
+    return _BYTES_AT_LEAST + plan.vertices * (BYTES_PER_VERTEX + plan.target.memory)

@@ -1,4 +1,4 @@
-"""Layers of a paint program as a sketch: OpenRaster files, folders of pictures, one picture for one layer.
+"""Layered images as sketches: OpenRaster files, folders of pictures, single layers.
 
 OpenRaster (``.ora``) is read after the Layer Stack and File Layout Specifications at openraster.org; like
 GIMP's reader (plug-ins/python/file-openraster.py), a group has no offset of its own.

@@ -1,4 +1,4 @@
-"""Legends: which colours of a picture stand for which label, which for nothing, which are written over it."""
+"""Legends of coloured maps: colours and their meanings, a layer with a label, unpainted, or ink."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Label layers of an imported sketch."""
+"""Label image operations for tracing, and the options and result of a traced sketch."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from sketchterrain.errors import InputError
 UNASSIGNED: Final = 255  # value of pixels without a label
 
 _PIXELS_AT_ONCE = 4_000_000  # bounds the memory
-_EDGE = 4  # px that lines are extended beyond the border before skeletonising, so that they reach it
+_EDGE = 4  # px that lines are extended beyond the border before skeletonising, so that they end at it
 _CLOSE = 4.0  # px, a gap that is closed in any direction
 _BEHIND = 8.0  # px of a line that determine its direction
 _MIN_ASPECT = 2.0  # length of narrow water over the width limit; shorter parts are bays

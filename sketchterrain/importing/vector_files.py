@@ -1,4 +1,4 @@
-"""Vector files (GeoJSON, GeoPackage), reproject to metres."""
+"""Vector layers of GIS files, read by GDAL into shapely geometries, and metric sketch areas."""
 
 from __future__ import annotations
 

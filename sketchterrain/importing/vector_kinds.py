@@ -1,4 +1,4 @@
-"""Layer and label of a map's feature by its tags; few labels for many features."""
+"""Layers and labels of vector features by their tags, and clusters of similar labels."""
 
 from __future__ import annotations
 
@@ -160,7 +160,9 @@ def _feature_label(layer: str, defaults: Properties, tags: Mapping[str, Any]) ->
     return FeatureLabel(layer, defaults | properties, guessed, clipped, unread)
 
 
-def cluster_properties(wanted: Sequence[Properties], limit: int) -> tuple[list[int], list[Properties], float]:
+def cluster_properties(
+    features: Sequence[Properties], limit: int
+) -> tuple[list[int], list[Properties], float]:
     """Cluster features by equal properties: the cluster of each, the clusters' properties, and the error.
 
     With more than `limit` clusters, numbers are binned on the finest geometric scale that suffices and
@@ -168,20 +170,22 @@ def cluster_properties(wanted: Sequence[Properties], limit: int) -> tuple[list[i
     """
     steps = math.inf
     while True:
-        keys = [tuple((name, _step(value, steps)) for name, value in sorted(each.items())) for each in wanted]
+        keys = [
+            tuple((name, _step(value, steps)) for name, value in sorted(each.items())) for each in features
+        ]
         order = {key: index for index, key in enumerate(dict.fromkeys(keys))}
         if len(order) <= limit:
             break
         if steps < 1 / 64:  # too many different texts, signs or sets of properties
-            return [0] * len(wanted), [{}], math.inf
+            return [0] * len(features), [{}], math.inf
         steps = 64.0 if steps == math.inf else steps / 2.0
     of = [order[key] for key in keys]
     members: list[list[Properties]] = [[] for _ in order]
-    for index, each in zip(of, wanted, strict=True):
+    for index, each in zip(of, features, strict=True):
         members[index].append(each)
     properties = [_mean(each) for each in members]
     error = max(
-        (_error(each, properties[index]) for index, each in zip(of, wanted, strict=True)), default=0.0
+        (_error(each, properties[index]) for index, each in zip(of, features, strict=True)), default=0.0
     )
     return of, properties, error
 
@@ -203,8 +207,8 @@ def _mean(members: Sequence[Properties]) -> Properties:
     return mean
 
 
-def _error(wanted: Properties, clustered: Properties) -> float:
+def _error(features: Properties, clustered: Properties) -> float:
     numbers = (
-        (clustered[name], value) for name, value in wanted.items() if value and not isinstance(value, str)
+        (clustered[name], value) for name, value in features.items() if value and not isinstance(value, str)
     )
     return max((abs(float(mean) / float(value) - 1.0) for mean, value in numbers), default=0.0)

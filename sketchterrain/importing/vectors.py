@@ -1,4 +1,4 @@
-"""A sketch of vector maps: rivers, lakes, forests and summits of GIS files, painted on its layers."""
+"""Sketches of vector maps: rivers, lakes, forests and summits rasterised on label layers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A small terrain whose every direction is another: wider than high, one mountain in its north-east."""
+"""A small terrain with no symmetry: wider than high, one mountain in its north-east."""
 
 import resource
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""Files that are replaced as a whole, folders of them, rows of numbers as text, PNG, and the sidecar."""
+"""Atomic files, staging folders, formatted numbers, PNG values and the sidecar."""
 
 import json
 import os
@@ -149,49 +149,37 @@ def test_stale_files_are_those_of_the_same_sketch_and_target(tmp_path):
 
 def test_settings_become_rows_with_headings_and_limited_lists():
     settings = {"Resolution": 65, "Flip": False, "scale": 1 / 3, "crs": None, "bands": [1, 2]}
-    rows = [(row.name, row.value) for row in setting_rows(settings)]
-    values = ("65", "no", "0.3333333333", "none", "1, 2")
-    assert rows == list(zip(settings, values, strict=True))
-    scale = {"Scale": {"X": 100.0, "Y": -2.5, "Z": 87.28125}}
-    assert setting_rows(scale) == [SettingRow(0, "Scale", "X 100  Y -2.5  Z 87.28125")]
+    settings["Scale"] = {"X": 100.0, "Y": -2.5}
+    values = ("65", "no", "0.3333333333", "none", "1, 2", "X 100  Y -2.5")
+    assert [row.value for row in setting_rows(settings)] == list(values)
 
     tiles = [{"file": f"a_{number}.raw", "Position": {"X": 0.5 * number}} for number in range(6)]
     rows = setting_rows({"tiles": tiles})
-    assert rows[:3] == [
-        SettingRow(0, "tile 1", ""),
-        SettingRow(1, "file", "a_0.raw"),
-        SettingRow(1, "Position", "X 0"),
-    ]
+    tile = [SettingRow(0, "tile 1", ""), SettingRow(1, "file", "a_0.raw"), SettingRow(1, "Position", "X 0")]
+    assert rows[:3] == tile
     assert len(rows) == 4 * 3 + 1
     assert rows[-1] == SettingRow(0, "tiles", "2 more in terrain.json")
     assert setting_rows({"tiles": tiles[:1]})[0] == SettingRow(0, "tile", "")
     rows = setting_rows({"texture": {"file": "a.exr", "plane": {"size": 1.0, "place": {"x": 1.0}}}})
-    assert [(row.depth, row.name) for row in rows] == [
-        *((0, "texture"), (1, "file"), (1, "plane"), (2, "size"), (2, "place"))
-    ]
+    assert [row.depth for row in rows] == [0, 1, 1, 2, 2]
 
 
 def test_numbers_are_formatted_as_by_python():
-    for places in [1, 3, 4, 7]:
-        for size in [1e-6, 1.0, 12.0, 9999.0, 123456.0, 1e8]:
+    for places in [1, 4, 7]:
+        for size in [1e-6, 12.0, 123456.0, 1e8]:
             values = np.random.default_rng(places).normal(0.0, size, 2000)
             rounded = np.rint(values * 10.0**places) / 10.0**places + 0.0  # halves to even, no negative zero
             expected = "".join(f"{value:.{places}f}\n" for value in rounded)
             assert format_rows(f"%.{places}f\n", values) == expected.encode(), (places, size)
 
-    values = np.array([0.0, -0.0, -0.0004, 0.0006, 9.9996, 10.0, 99999.9996, -99999.9996])
-    texts = b"0.000 0.000 0.000 0.001 10.000 10.000 100000.000 -100000.000 "
-    assert format_rows("%.3f ", values) == texts
-    single = np.float32([0.1, 1e6 / 3, -7.25])
-    assert format_rows("%.3f ", single).split() == [f"{float(value):.3f}".encode() for value in single]
     names = np.array(["oak tree", "fir"], object)
-    assert format_rows("%d,%s,%.1f\n", np.uint8([7, 255]), names, np.array([1.0, -22.5])) == (
-        b"7,oak tree,1.0\n255,fir,-22.5\n"
+    assert format_rows("%d,%s,%.1f\n", np.uint8([7, 255]), names, np.array([-0.04, -22.5])) == (
+        b"7,oak tree,0.0\n255,fir,-22.5\n"
     )
     assert format_rows("%.3f\n", np.zeros(0)) == b""
-    for broken in [np.nan, np.inf, -np.inf]:
+    for invalid in [np.nan, np.inf]:
         with pytest.raises(InputError, match="expected finite numbers to write as text, got"):
-            format_rows("%.3f\n", np.array([1.0, broken, 2.0]))
+            format_rows("%.3f\n", np.array([1.0, invalid, 2.0]))
 
 
 def test_json_lists_are_valid_and_failed_ones_leave_no_file(tmp_path):

@@ -1,4 +1,4 @@
-"""Films: frames, order, speed and colours as given, and no partial files after a failure."""
+"""Films: frames, order, duration and colours, and no partial files after a failure."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""A map says of a terrain what the terrain is."""
+"""Topographic maps against their terrain."""
 
 import io
 import itertools

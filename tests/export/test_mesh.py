@@ -1,4 +1,4 @@
-"""Triangles of the ground within an error bound, checked by brute force; solids; rivers and lakes."""
+"""Adaptive meshes against brute force, solids, and water meshes."""
 
 import sys
 from types import SimpleNamespace

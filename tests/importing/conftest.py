@@ -1,4 +1,4 @@
-"""A known sketch, drawn as a map, and what tracing made of it."""
+"""A known sketch drawn as a map, and measures of traced ones."""
 
 from typing import NamedTuple
 

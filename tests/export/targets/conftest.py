@@ -1,4 +1,4 @@
-"""A terrain that proves orientation, and its exports."""
+"""A terrain that reveals orientation, and its exports."""
 
 import json
 from dataclasses import dataclass

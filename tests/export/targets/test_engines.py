@@ -1,4 +1,4 @@
-"""Exports to Unity, Unreal and Godot (Terrain3D), read as they read them; refusals and equal bytes."""
+"""Exports to Unity, Unreal and Godot (Terrain3D), decoded as these programs do."""
 
 import json
 from dataclasses import replace
@@ -207,14 +207,6 @@ def test_weights_sum_to_255_at_the_right_positions(exported):
         # Painted in columns 34 … 52 of 64 and rows 40 … 56 from the north.
         assert ((wood * x).sum(), (wood * y).sum()) == pytest.approx((43 / 64, 48 / 64), abs=0.04), target
 
-    tiled = exported("unreal", size=253, tiles=(2, 2), tiles_from_south=False, plants=False)
-    whole = layers(exported("unreal", **ENGINES["unreal"]), "weight_")
-    np.testing.assert_array_equal(layers(tiled, "weight_", "_x1_y0"), whole[:127, 126:])
-    tiled = exported("unity", size=129, tiles=(2, 2), plants=True)
-    sw, se, nw = (layers(tiled, "splat", at) for at in ("_0_0", "_1_0", "_0_1"))
-    np.testing.assert_array_equal(sw[:, -1], se[:, 0])
-    np.testing.assert_array_equal(sw[0], nw[-1])
-
 
 def test_control_map_has_the_two_heaviest_materials(exported):
     outcome = exported("godot", **ENGINES["godot"])
@@ -337,14 +329,10 @@ def test_unreal_components_and_z_scale_follow_the_guide(corner, exported, tmp_pa
     assert content["Scale"]["X"] == content["Scale"]["Y"] == pytest.approx(102400.0 / 126)
 
     for from_south in [False, True]:
-        content = exported(
-            "unreal", size=253, tiles=(2, 2), tiles_from_south=from_south, plants=False
-        ).sidecar
-        assert content["import"]["Flip Tile Y Coordinate"] is from_south
-        offset = content["import"].get("Tile Coordinates Offset")
-        assert offset == (None if from_south else {"X": 0, "Y": 0})
-    content = exported("unreal", size=253, tiles=(2, 1), plants=False).sidecar
-    assert content["grid"]["bounds"] == {"west": 0.0, "south": 0.0, "east": 2048.0, "north": 1024.0}
+        settings = exported("unreal", size=253, tiles=(2, 2), tiles_from_south=from_south, plants=False)
+        settings = settings.sidecar["import"]
+        assert settings["Flip Tile Y Coordinate"] is from_south
+        assert settings.get("Tile Coordinates Offset") == (None if from_south else {"X": 0, "Y": 0})
     content = exported("unreal", size=254, tiles=(2, 2), overlap=0, plants=False).sidecar
     assert (content["grid"]["columns"], content["tiles"][1]["left"]) == (254, 127)
 
@@ -352,9 +340,7 @@ def test_unreal_components_and_z_scale_follow_the_guide(corner, exported, tmp_pa
 def test_godot_terrains_have_complete_regions_around_the_origin(corner, exported):
     for side, region, position in [
         (512, 256, -256),
-        (1024, 256, -512),
         (1536, 256, -768),
-        (8192, 256, -4096),
         (8704, 512, -4096),
         (16384, 512, -8192),
     ]:
@@ -364,13 +350,7 @@ def test_godot_terrains_have_complete_regions_around_the_origin(corner, exported
         assert position % region == side % region == 0, side
         assert max(-position, side + position) <= 16 * region, side
 
-    for extent, tiles, vertices in [
-        (100.0, (1, 1), 512),
-        (1024.0, (1, 1), 1024),
-        (1025.5, (1, 1), 1536),
-        (1024.0, (3, 3), 1536),
-        (9000.0, (2, 2), 9216),
-    ]:
+    for extent, tiles, vertices in [(100.0, (1, 1), 512), (1025.5, (1, 1), 1536), (1024.0, (3, 3), 1536)]:
         plan = plan_export(replace(corner, extent=extent), godot.TARGETS[0], ExportOptions(tiles=tiles))
         assert (plan.grid.columns, plan.grid.rows) == (vertices, vertices), (extent, tiles)
         assert plan.grid.spacing == (1.0, 1.0), (extent, tiles)

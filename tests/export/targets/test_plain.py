@@ -1,4 +1,4 @@
-"""Plain formats, read back by other libraries: heights, places and orientation."""
+"""Plain formats, read back by other libraries: heights, positions and orientation."""
 
 import csv
 import json

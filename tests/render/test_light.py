@@ -50,7 +50,7 @@ def texels(light_map):
     return np.frombuffer(light_map.light.read(), np.float16).reshape(side, side, 4)
 
 
-def test_squares_lie_on_whole_blocks_near_their_middle():
+def test_squares_are_block_aligned():
     rng = np.random.default_rng(7)
     for x, y in rng.uniform(-1e6, 1e6, (50, 2)):
         square = TexelSquare.around(x, y, width=1300.0, texels=256)
@@ -60,7 +60,7 @@ def test_squares_lie_on_whole_blocks_near_their_middle():
         assert abs(square.south + 0.5 * square.width - y) <= 0.5 * block + 1e-6
 
 
-def test_a_pace_learns_what_fits_and_recovers_from_slow_moments():
+def test_work_rate_adapts_and_recovers_from_outliers():
     pace = WorkRate(1e-3)
     assert pace.steps_within(TimeBudget(0.0104, timer=lambda: 0.0)) == 10
     pace.record(10, 0.0204)
@@ -84,7 +84,7 @@ def test_a_pace_learns_what_fits_and_recovers_from_slow_moments():
 
 
 @pytest.mark.gl
-def test_a_wall_throws_a_shadow_away_from_the_sun_unless_shadows_are_off(gl):
+def test_a_wall_casts_a_shadow_unless_disabled(gl):
     maker = LightMapRenderer(gl, Wall(), SUN)
     _, made = finished(maker, TexelSquare(-50, -50, 100, 40.0), TexelSquare(-100, -100, 200, 4.0))
     light = texels(made)[100].astype(float)
@@ -102,7 +102,7 @@ def test_a_wall_throws_a_shadow_away_from_the_sun_unless_shadows_are_off(gl):
 
 
 @pytest.mark.gl
-def test_a_close_map_has_shadows_from_beyond_the_near_one_and_is_sharp_near_what_throws_them(gl):
+def test_close_map_shadows_continue_on_wider_maps_and_are_sharp(gl):
     """The wall stands 300 m away; its shadow is 690 or 165 m long."""
     for elevation, lit in ((5.0, 0.0), (20.0, 1.0)):
         squares = (
@@ -128,7 +128,7 @@ def test_a_close_map_has_shadows_from_beyond_the_near_one_and_is_sharp_near_what
 
 
 @pytest.mark.gl
-def test_maps_made_in_slices_are_those_made_at_once(gl):
+def test_sliced_maps_are_bit_equal_and_reuse_heights(gl):
     terrain = Wall()
     maker = LightMapRenderer(gl, terrain, SUN)
     wide, known = finished(maker, TexelSquare(-64, -64, 128, 40.0), TexelSquare(0, -64, 192, 4.0))
@@ -149,7 +149,7 @@ def test_maps_made_in_slices_are_those_made_at_once(gl):
 
 
 @pytest.mark.gl
-def test_two_squares_agree_where_neither_border_matters(gl):
+def test_overlapping_squares_agree(gl):
     maker = LightMapRenderer(gl, Wall(), Sun(90.0, 80.0))
     first, second = (
         finished(maker, TexelSquare(-64, -64, 128, 40.0), TexelSquare(col, -192, 384, 2.0))[1]
@@ -162,7 +162,7 @@ def test_two_squares_agree_where_neither_border_matters(gl):
 
 @pytest.mark.gl
 @pytest.mark.parametrize("close", [False, True])
-def test_streamed_light_fades_in_ends_as_the_settled_one_and_never_jumps(gl, waves, close):
+def test_streamed_light_converges_to_the_settled_one_without_jumps(gl, waves, close):
     lit, still = (GroundLighting(gl, waves, SUN, texels=64 if close else 128, close=close) for _ in range(2))
     start = Camera((500.0, 100.0, 130.0), (500.0, 800.0, 60.0))
     goal = Camera((700.0, 500.0, 130.0), (100.0, 800.0, 60.0))
@@ -217,7 +217,7 @@ def light_everywhere(gl, lit, program, frame):
 
 
 @pytest.mark.gl
-def test_no_place_changes_its_light_suddenly(gl, waves):
+def test_light_never_changes_suddenly(gl, waves):
     """While maps follow the eye, a frame changes a place by no more than its share of a fade."""
     program = gl.program(vertex_shader=LIGHT_AT.format(frame=source("render/frame.glsl")), varyings=["lit"])
     frame = FrameBlock(gl)
@@ -246,7 +246,7 @@ def decoded(encoded):
 
 
 @pytest.mark.gl
-def test_film_never_darkens_more_light_keeps_middle_grey_and_hues(gl):
+def test_tone_curve_is_monotonic_and_preserves_grey_and_hue(gl):
     grey = np.geomspace(1e-4, 50.0, 400)[:, None] * np.ones(3)
     shown = film(gl, grey)
     assert (np.diff(shown, axis=0) > -2e-4).all()

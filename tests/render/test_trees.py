@@ -20,7 +20,7 @@ from .conftest import Waves
 from .test_shaders import evaluate
 
 
-def test_plants_stand_on_the_ground_one_unit_high_and_get_simpler():
+def test_meshes_are_unit_height_and_deterministic_with_fewer_triangles():
     assert STOREYS["woody"] == SPECIES
     assert len(HEIGHTS) == len(SPECIES)
     total = 0
@@ -49,7 +49,7 @@ def test_plants_stand_on_the_ground_one_unit_high_and_get_simpler():
 @pytest.mark.parametrize(
     "species", [SPECIES[0], *(pytest.param(species, marks=pytest.mark.slow) for species in SPECIES[1:])]
 )
-def test_levels_cover_what_the_finest_does_in_its_colour(species):
+def test_levels_match_the_finest_area_and_colour(species):
     """From other sides than those that the levels were fitted to."""
     views = (0.9, 2.6, 4.1)
     areas = np.zeros((DETAILS, VARIANTS))
@@ -65,7 +65,7 @@ def test_levels_cover_what_the_finest_does_in_its_colour(species):
     assert means == pytest.approx(np.full(DETAILS, means[0]), rel=0.08)
 
 
-def test_levels_keep_the_outline():
+def test_levels_have_the_same_outline():
     """How wide a plant is, by height."""
     for species, variant in itertools.product(SPECIES, range(VARIANTS)):
         widths = []
@@ -88,7 +88,7 @@ def test_crowns_are_dark_inside():
 
 
 @pytest.mark.gl
-def test_sprays_are_cut_as_they_are_measured(gl):
+def test_shader_leaf_mask_matches_the_oracle(gl):
     rng = np.random.default_rng(4)
     across, along = rng.uniform(-1, 1, 4000), rng.uniform(0, 1, 4000)
     for kind in (SOLID, BROAD, NEEDLES):
@@ -127,7 +127,7 @@ def swayed(gl, points, wind, time, leafy=1.0):
 
 
 @pytest.mark.gl
-def test_gusts_travel_with_the_wind_and_move_no_foot(gl):
+def test_gusts_travel_with_the_wind_and_feet_do_not_move(gl):
     places = rows(400) * 300.0
     call = "vec4(gust(a.xy, vec2(3.0, 4.0), 2.0), gust(a.xy + vec2(1.5, 2.0), vec2(3.0, 4.0), 2.5), 0.0, 0.0)"
     got = evaluate(gl, FILES, call, places)
@@ -145,7 +145,7 @@ def test_gusts_travel_with_the_wind_and_move_no_foot(gl):
 
 
 @pytest.mark.gl
-def test_wood_leans_with_the_square_of_the_height_and_leaves_flutter_on_it(gl):
+def test_wood_leans_with_height_squared_and_leaves_flutter(gl):
     points = rows(60)
     points[:, :2], points[:, 2] = 0.0, np.linspace(0.05, 1.0, 60)
     many = np.mean(
@@ -206,7 +206,7 @@ def picture(*, without=STILL, clock=0.0, wind=0.0, camera=CAMERA, **changes):
 
 @pytest.mark.gl
 @pytest.mark.slow
-def test_trees_can_be_left_out_throw_shadows_and_move_only_in_the_wind():
+def test_trees_cast_shadows_and_move_only_in_wind():
     bare, planted = picture(without=(*STILL, "trees")), picture()
     changed = np.abs(planted - bare).max(axis=2) > 12
     assert 0.02 < changed.mean() < 0.5
@@ -226,7 +226,7 @@ def test_trees_can_be_left_out_throw_shadows_and_move_only_in_the_wind():
 @pytest.mark.gl
 @pytest.mark.slow
 @pytest.mark.parametrize("maps", [0, 2])
-def test_plants_lit_at_their_vertices_have_the_colour_of_those_lit_at_each_pixel(monkeypatch, maps):
+def test_vertex_lighting_matches_pixel_lighting(monkeypatch, maps):
     bare = picture(without=(*STILL, "trees"), shade_maps=maps)
     coarse = {"leaves": 0.03, "shade_maps": maps}  # all of them coarse
     at_vertices = picture(**coarse)
@@ -242,7 +242,7 @@ def test_plants_lit_at_their_vertices_have_the_colour_of_those_lit_at_each_pixel
 
 @pytest.mark.gl
 @pytest.mark.slow
-def test_feet_stand_on_the_ground_as_it_is_drawn():
+def test_feet_are_on_the_displayed_ground():
     """With coarse tiles the drawn ground is off the true one; feet follow it."""
     quality = replace(CHEAP, without=frozenset(STILL), shade_maps=0, tolerance=12.0)
     camera = Camera((430.0, 296.0, 130.0), (430.0, 300.0, 40.0))

@@ -34,7 +34,7 @@ def rows(*columns):
 
 
 @pytest.mark.gl
-def test_functions_are_their_formulas(gl):
+def test_optics_wetness_and_foam_match_their_formulas(gl):
     """Snell's and Schlick's, absorption along a path, wet banks, foam."""
     cosine, across = np.linspace(0.0, 1.0, 101), np.linspace(-1, 1, 41)
     head_on = ((INDEX - 1) / (INDEX + 1)) ** 2
@@ -80,7 +80,7 @@ def seen_mean(function, cosine, spread):
 
 
 @pytest.mark.gl
-def test_rough_water_mirrors_as_its_visible_facets_whose_slope_and_shadowing_are_exact(gl):
+def test_rough_reflectance_slope_and_shadowing_match_integrals(gl):
     cosine = np.linspace(0.03, 1.0, 40)
     for spread in (0.03, 0.1, 0.2):
         got = evaluate(gl, OPTICS, f"vec4(mirrored_share(a.x, {spread}))", rows(cosine))[:, 0]
@@ -111,7 +111,7 @@ def test_rough_water_mirrors_as_its_visible_facets_whose_slope_and_shadowing_are
 
 
 @pytest.mark.gl
-def test_glitter_sends_no_more_light_than_fresnel_mirrors(gl):
+def test_glitter_conserves_energy(gl):
     up, azimuth = np.meshgrid((np.arange(300) + 0.5) / 300, (np.arange(600) + 0.5) / 600 * 2 * np.pi)
     side = np.sqrt(1 - up**2)
     eyes = rows(side.ravel() * np.cos(azimuth.ravel()), side.ravel() * np.sin(azimuth.ravel()), up.ravel())
@@ -126,7 +126,7 @@ def test_glitter_sends_no_more_light_than_fresnel_mirrors(gl):
 
 
 @pytest.mark.gl
-def test_far_foam_covers_what_near_foam_does(gl):
+def test_foam_coverage_is_resolution_independent(gl):
     noise = 0.5 * norm.ppf((np.arange(2000) + 0.5) / 2000)
     shared, covered = "vec4(foam_share(a.x, a.z, a.y))", "vec4(foam_cover(a.x, a.z, a.y))"
     for amount in (0.05, 0.2, 0.5):
@@ -143,7 +143,7 @@ def test_far_foam_covers_what_near_foam_does(gl):
 
 
 @pytest.mark.gl
-def test_streams_flow_fastest_in_the_middle_and_textures_restart_unseen(gl):
+def test_flow_phases_restart_at_zero_weight_and_profile_is_cubic(gl):
     time = np.linspace(0.0, 3.0, 301)
     call = "vec4(flow_phase(a.x, 0.0), flow_phase(a.x, 1.0))"
     assert "RENEWAL = 3.2" in source("render/water_waves.glsl")
@@ -169,7 +169,7 @@ def straight(z=(0.0, 0.0), *, width=10.0, start=(0.0, 0.0), end=(1000.0, 0.0), c
     return SimpleNamespace(centreline=line, centreline_width=np.full(count, width, np.float32))
 
 
-def test_slopes_of_waves_are_those_of_their_height_and_mipmaps_keep_what_is_rough():
+def test_wave_slopes_match_heights_and_mipmaps_preserve_variance():
     levels = wave_mipmaps(wave_slopes())
     assert levels[0].shape == (256, 256, 4)
     assert levels[-1].shape == (1, 1, 4)
@@ -192,7 +192,7 @@ def test_slopes_of_waves_are_those_of_their_height_and_mipmaps_keep_what_is_roug
         assert np.sqrt(np.mean(error**2)) < 0.25 * np.sqrt(np.mean(field[..., channel] ** 2))
 
 
-def test_waves_run_with_the_wind_and_come_back_after_a_side():
+def test_waves_run_downwind_and_are_periodic():
     layers = wave_layers((3.0, 4.0))
     assert len(layers) == len(LAYERS)
     np.testing.assert_allclose((layers[:, 2] ** 2).sum(), 1.0)
@@ -212,7 +212,7 @@ def test_waves_run_with_the_wind_and_come_back_after_a_side():
     assert wave_layers((3.0, 4.0), 1)[0, 2] == 1.0
 
 
-def test_the_speed_of_a_river_follows_mannings_formula():
+def test_river_speed_follows_manning():
     line = straight((5.0, 0.0), width=18.0)
     speed, fall = flow_speed_and_slope(line.centreline, line.centreline_width)
     np.testing.assert_allclose(fall, 0.005)
@@ -228,7 +228,7 @@ def test_the_speed_of_a_river_follows_mannings_formula():
     np.testing.assert_allclose(surface.stream[:, 1], 0.02)
 
 
-def test_lake_sheet_covers_the_lake_and_faces_up():
+def test_lake_mesh_covers_the_lake_and_faces_up():
     for side in (60, 1001):
         step = np.arange(side) - side // 2
         inside = (0.3 * side - np.hypot(step, step[:, None])) * 4.0
@@ -246,7 +246,7 @@ def test_lake_sheet_covers_the_lake_and_faces_up():
         assert np.hypot(*(place[:, :2] - middle).T).max() < 0.3 * side * 4.0 + 30.0
 
 
-def test_river_strip_is_as_wide_as_told_and_faces_up():
+def test_river_mesh_has_the_right_width_and_faces_up():
     line = straight((5.0, 4.0), end=(100.0, 0.0), count=11).centreline
     place, course, inside, _, triangles = river_surface(line, np.full(11, 10.0, np.float32))
     assert place[:, 1].max() == pytest.approx(9.0)
@@ -263,7 +263,7 @@ def features(*rivers, lakes=()):
     return SimpleNamespace(rivers=rivers, lakes=lakes)
 
 
-def test_one_of_two_waters_is_shown_where_they_meet():
+def test_one_of_two_overlapping_waters_is_visible():
     step = 5.0 * np.arange(41)
     inside = 60.0 - np.hypot(step - 100.0, (step - 100.0)[:, None])
     field = SimpleNamespace(west=900.0, south=-100.0, spacing=5.0, inside=inside.astype(np.float32))
@@ -287,7 +287,7 @@ def test_one_of_two_waters_is_shown_where_they_meet():
 
 
 @pytest.mark.gl
-def test_a_strip_is_no_thinner_than_a_pixel_and_covers_no_more(gl):
+def test_strips_are_widened_to_a_pixel_and_coverage_compensates(gl):
     rng = np.random.default_rng(3)
     width = np.exp(rng.uniform(np.log(0.01), np.log(20.0), 400))
     off = rng.uniform(-1, 1, 400)
@@ -309,7 +309,7 @@ void main() { if (wet_room < 0.0) discard; radiance = vec4(1.0, 1.0, 1.0, covera
 
 
 @pytest.mark.gl
-def test_a_far_river_fades_by_its_share_of_a_pixel(gl, monkeypatch):
+def test_distant_river_brightness_is_its_projected_width(gl, monkeypatch):
     """Its light in a column of the picture is its width in pixels, from many of them to a fifth of one."""
     read = source
 

@@ -63,8 +63,8 @@ def motions(link):
     return [each for each in link.requests if not isinstance(each, Pick)]
 
 
-def grips(view):
-    return {each.handle.role: each for each in view._scene.marks(view.width(), view.height()).handles}
+def handle(view, role):
+    return next(each for each in marks(view).handles if each.handle.role == role)
 
 
 def answer(link, place):
@@ -81,13 +81,13 @@ def double_click(view, x, y):
     mouse(view, RELEASE, x, y)
 
 
+def marks(view):
+    return view._scene.marks(view.width(), view.height())
+
+
 def test_drags_orbit_pan_and_look_around(view, link):
     drag(view, (300, 200), (310, 200), (330, 230))
-    turns = motions(link)
-    assert all(isinstance(each, Turn) for each in turns)
-    assert sum(each.right for each in turns) == pytest.approx(-9.0)
-    assert sum(each.up for each in turns) == pytest.approx(9.0)
-
+    assert motions(link) == [Turn(pytest.approx(-3.0), 0.0), Turn(pytest.approx(-6.0), pytest.approx(9.0))]
     for button, modifiers in [(RIGHT, events.NO_KEYS), (events.MIDDLE, events.NO_KEYS), (events.LEFT, SHIFT)]:
         link.requests.clear()
         drag(view, (300, 200), (348, 200), (348, 248), button=button, modifiers=modifiers)
@@ -101,9 +101,8 @@ def test_drags_orbit_pan_and_look_around(view, link):
 def test_clicks_pick_wheels_zoom_and_double_clicks_centre(view, link):
     wheel(view, 160, 120, 1)
     wheel(view, 480, 360, -2)
-    nearer, farther = link.requests
-    assert nearer == Zoom(pytest.approx(0.85), 0.25, 0.25)
-    assert farther == Zoom(pytest.approx(0.85**-2), 0.75, 0.75)
+    expected = [Zoom(pytest.approx(0.85), 0.25, 0.25), Zoom(pytest.approx(0.85**-2), 0.75, 0.75)]
+    assert link.requests == expected
     link.requests.clear()
     drag(view, (300, 200), (302, 201))
     assert [type(each) for each in link.requests] == [Pick]
@@ -117,7 +116,7 @@ def test_clicks_pick_wheels_zoom_and_double_clicks_centre(view, link):
     assert link.requests[-1] == GoTo(10.0, 20.0)
     double_click(view, 320, 10)
     answer(link, None)
-    assert isinstance(link.requests[-1], Pick), "there is no way into the sky"
+    assert isinstance(link.requests[-1], Pick), "the sky is not centred"
 
 
 def test_the_newest_click_selects_and_the_sky_clears(view, link, workspace, placed):
@@ -147,12 +146,11 @@ def selection(view, workspace, placed):
 
 
 def test_escape_cancels_a_drag_then_the_selection(view, document, workspace, selection):
-    grip = grips(view)["move"]
+    grip = handle(view, "move")
     mouse(view, PRESS, grip.x, grip.y)
     mouse(view, MOVE, grip.x + 50, grip.y)
     assert document.sketch.edits
     key(view, Qt.Key.Key_Escape)
-    assert document.sketch.edits == ()
     assert not document.is_modified
     mouse(view, MOVE, grip.x + 90, grip.y)
     assert document.sketch.edits == ()
@@ -163,16 +161,16 @@ def test_escape_cancels_a_drag_then_the_selection(view, document, workspace, sel
 
 
 def test_handles_follow_the_mouse_and_a_drag_is_one_undo_step(view, document, selection, link):
-    grip = grips(view)["radius"]
+    grip = handle(view, "radius")
     drag(view, (grip.x, grip.y), (grip.x + 30, grip.y))
     assert document.history.titles == ("Open", "Resize mountain")
     before = np.hypot(grip.handle.x - grip.handle.base_x, grip.handle.y - grip.handle.base_y)
     assert document.sketch.edits[-1].radius > before
     document.undo()
-    grip = grips(view)["move"]
+    grip = handle(view, "move")
     drag(view, (grip.x + 3, grip.y), *[(grip.x + 3 + 8 * step, grip.y + 4 * step) for step in range(1, 11)])
     assert document.history.titles == ("Open", "Move mountain")
-    assert motions(link) == [], "the eye stands still"
+    assert motions(link) == [], "the camera does not move"
     edit = document.sketch.edits[-1]
     projection = view._scene.projection(view.width(), view.height())
     at = projection.project([[edit.x, edit.y, 0.0]]).pixels[0]
@@ -182,22 +180,22 @@ def test_handles_follow_the_mouse_and_a_drag_is_one_undo_step(view, document, se
 
 
 def test_a_dropped_handle_stays_until_it_is_placed(view, link, document, selection, placed):
-    grip = grips(view)["move"]
+    grip = handle(view, "move")
     drag(view, (grip.x, grip.y), (grip.x + 40, grip.y + 10))
-    assert grips(view)["move"].x == pytest.approx(grip.x + 40, abs=1.0)
+    assert handle(view, "move").x == pytest.approx(grip.x + 40, abs=1.0)
     points = placed.points.copy()
     at = points["id"] == selection.id
     points["x"][at], points["y"][at] = document.sketch.edits[-1].x, document.sketch.edits[-1].y
     link.placed = replace(placed, points=points)
     link.placed_changed.emit(link.placed)
     assert view._scene.drag is None
-    assert grips(view)["move"].x == pytest.approx(grip.x + 40, abs=1.0)
+    assert handle(view, "move").x == pytest.approx(grip.x + 40, abs=1.0)
 
 
 def test_river_points_are_dragged_and_reset(view, document, workspace, placed):
     workspace.selection = Selection("river", placed.rivers[0].id)
-    marks = view._scene.marks(view.width(), view.height())
-    grip = next(each for each in marks.handles if each.handle.role == "point" and 100 < each.y < 400)
+    points = (each for each in marks(view).handles if each.handle.role == "point")
+    grip = next(each for each in points if 100 < each.y < 400)
     drag(view, (grip.x, grip.y), (grip.x + 20, grip.y))
     assert workspace.selection == grip.handle.selection
     assert workspace.selection.index is not None
@@ -232,48 +230,46 @@ def test_right_click_opens_the_context_menu(view, link, document, workspace, pla
 
 
 def test_the_select_tool_selects_marks(view, link, workspace, placed):
-    assert view._scene.marks(WIDTH, HEIGHT).dots == ()
+    assert marks(view).dots == ()
     workspace.tool = "select"
-    dots = [each for each in view._scene.marks(WIDTH, HEIGHT).dots if 60 < each.y < 400]
-    assert dots
+    dot = next(each for each in marks(view).dots if 60 < each.y < 400)
     link.requests.clear()
-    click(view, dots[0].x, dots[0].y)
-    assert workspace.selection == dots[0].selection
+    click(view, dot.x, dot.y)
+    assert workspace.selection == dot.selection
     assert link.requests == []
 
 
 def test_flight_keys_move_until_released_or_focus_is_lost(view, link):
-    key(view, Qt.Key.Key_W)
-    key(view, Qt.Key.Key_W, repeat=True)
-    for code in (Qt.Key.Key_D, Qt.Key.Key_Shift):
+    keys = Qt.Key
+    key(view, keys.Key_W)
+    key(view, keys.Key_W, repeat=True)
+    for code, up in ((keys.Key_D, False), (keys.Key_Shift, False), (keys.Key_W, True), (keys.Key_D, True)):
+        key(view, code, up=up)
+    key(view, keys.Key_Shift, up=True)
+    both, fast = Fly(forward=1.0, right=1.0), Fly(forward=1.0, right=1.0, boost=4.0)
+    assert motions(link) == [Fly(forward=1.0), both, fast, replace(fast, forward=0.0), Fly()]
+    link.requests.clear()
+    for code in (keys.Key_Up, keys.Key_Q):
         key(view, code)
-    for code in (Qt.Key.Key_W, Qt.Key.Key_D, Qt.Key.Key_Shift):
-        key(view, code, up=True)
-    told, both = motions(link), Fly(forward=1.0, right=1.0)
-    assert told == [Fly(forward=1.0), both, replace(both, boost=4.0), Fly(right=1.0, boost=4.0), Fly()]
-    link.requests.clear()
-    key(view, Qt.Key.Key_Up)
-    key(view, Qt.Key.Key_Q)
     QApplication.sendEvent(view, QFocusEvent(QEvent.Type.FocusOut))
-    assert motions(link) == [Fly(forward=1.0), Fly(forward=1.0, up=-1.0), Fly()]
-    link.requests.clear()
-    key(view, Qt.Key.Key_A)
-    key(view, Qt.Key.Key_D)
-    assert motions(link) == [Fly(right=-1.0), Fly()]
+    for code in (keys.Key_A, keys.Key_D):
+        key(view, code)
+    forward = Fly(forward=1.0)
+    assert motions(link) == [forward, replace(forward, up=-1.0), Fly(), Fly(right=-1.0), Fly()]
 
 
 def test_view_keys_override_shortcuts_without_control(view):
-    for code in (Qt.Key.Key_W, Qt.Key.Key_E, Qt.Key.Key_F, Qt.Key.Key_1, Qt.Key.Key_Delete, Qt.Key.Key_R):
+    keys = Qt.Key
+    for code in (keys.Key_W, keys.Key_E, keys.Key_F, keys.Key_1, keys.Key_Delete, keys.Key_R):
         assert keeps(view, code)
         assert not keeps(view, code, Qt.KeyboardModifier.ControlModifier)
-    assert keeps(view, Qt.Key.Key_W, SHIFT)
-    assert not keeps(view, Qt.Key.Key_B)
-    assert not keeps(view, Qt.Key.Key_V)
+    assert keeps(view, keys.Key_W, SHIFT)
+    assert not keeps(view, keys.Key_B)
 
 
 def test_home_shows_everything_and_f_the_selection(view, link, document, workspace, selection, placed):
-    key(view, Qt.Key.Key_Home)
-    key(view, Qt.Key.Key_F)
+    for code in (Qt.Key.Key_Home, Qt.Key.Key_F):
+        key(view, code)
     point = placed.points[placed.points["id"] == selection.id][0]
     assert link.requests[0] == Look(overview((0.0, 0.0, *document.sketch.size), 0.0, aspect=WIDTH / HEIGHT))
     assert (link.requests[1].x, link.requests[1].y) == (point["x"], point["y"])
@@ -282,8 +278,8 @@ def test_home_shows_everything_and_f_the_selection(view, link, document, workspa
     key(view, Qt.Key.Key_F)
     assert 0.0 <= link.requests[2].x <= document.sketch.size[0]
     workspace.selection = None
-    key(view, Qt.Key.Key_F)
-    key(view, Qt.Key.Key_C)
+    for code in (Qt.Key.Key_F, Qt.Key.Key_C):
+        key(view, code)
     assert link.requests[3:] == [link.requests[0], Look(None)]
 
 
@@ -291,12 +287,10 @@ def test_compass_and_modes_follow_keys_and_buttons(view, link, document, placed)
     compass = view.findChildren(Compass)[0]
     show_picture(link, document, placed, eye=(0.0, 0.0, 100.0), target=(500.0, 500.0, 0.0))
     assert compass.heading == pytest.approx(45.0)
-    compass.click()
-    assert link.requests[-1] == Turn(pytest.approx(45.0), 0.0)
-    link.view = replace(link.view, mode="walk")
-    compass.click()
-    assert link.requests[-1] == Turn(pytest.approx(-45.0), 0.0)
-
+    for mode, turn in (("orbit", 45.0), ("walk", -45.0)):
+        link.view = replace(link.view, mode=mode)
+        compass.click()
+        assert link.requests[-1] == Turn(pytest.approx(turn), 0.0)
     bar = view.findChildren(ModeBar)[0]
     buttons = {each.accessibleName(): each for each in bar.findChildren(QToolButton)}
     for code, mode in ((Qt.Key.Key_2, "fly"), (Qt.Key.Key_3, "walk"), (Qt.Key.Key_1, "orbit")):
@@ -310,18 +304,19 @@ def test_compass_and_modes_follow_keys_and_buttons(view, link, document, placed)
 
 
 def test_pictures_are_requested_after_resizing_and_not_while_hidden(qtbot, view, link):
+    def sizes():
+        return [(each.width, each.height) for each in link.requests if isinstance(each, msg.ViewState)]
+
     for width in range(500, 600, 10):
         view.resize(width, 400)
         qtbot.wait(5)
-    assert [each for each in link.requests if isinstance(each, msg.ViewState)] == []
+    assert sizes() == []
     qtbot.waitUntil(lambda: link.view.width == 590, timeout=2000)
-    states = [each for each in link.requests if isinstance(each, msg.ViewState)]
-    assert [(each.width, each.height) for each in states] == [(590, 400)]
-
+    assert sizes() == [(590, 400)]
     key(view, Qt.Key.Key_W)
     view.hide()
     assert (link.view.width, link.view.height) == (0, 0)
-    assert Fly() in link.requests, "nobody would see the key let go"
+    assert Fly() in link.requests
     view.show()
     qtbot.waitUntil(lambda: link.view.width == 590)
 
@@ -333,9 +328,7 @@ def test_pictures_fill_the_view_sharp_and_undistorted(view, link):
     link.frame_shown.emit(link.frame)
     shown = view.grab().toImage()
     assert shown.devicePixelRatio() == 1.0
-    part = [shown.pixelColor(x, 240).lightness() for x in range(300, 308)]
-    assert part == [255, 0] * 4
-
+    assert [shown.pixelColor(x, 240).lightness() for x in range(300, 308)] == [255, 0] * 4
     view.resize(800, 480)
     place = view._scene.picture_rectangle(800, 480)
     assert place.width() / place.height() == pytest.approx(WIDTH / HEIGHT)
@@ -348,35 +341,32 @@ def texts(view) -> str:
     return "" if card.isHidden() else "\n".join(each.text() for each in card.findChildren(QLabel))
 
 
-def test_the_placeholder_shows_progress(bare, link, document, placed):
-    assert "Preparing" in texts(bare)
-    link.activity = "Placing features"
-    link.activity_changed.emit(link.activity)
-    assert "Placing features …" in texts(bare)
-    show_picture(link, document, placed)
-    assert texts(bare) == ""
-    assert not bare.findChildren(Placeholder)[0]._clock.isActive()
-
-
-def test_the_placeholder_shows_driver_errors_and_fits(bare, link):
-    def say(**facts: str) -> str:
+def test_the_placeholder_shows_progress_and_driver_errors_and_fits(bare, link, document, placed):
+    def reported(**facts: str) -> str:
         link.facts = msg.EngineFacts(**facts)
         link.facts_changed.emit(link.facts)
         return texts(bare)
 
-    assert "install mesa" in say(device="cpu", opengl_error="no OpenGL 4.3: install mesa's drivers")
-    assert bare.findChildren(ModeBar)[0].isHidden()
-    button = bare.findChildren(Placeholder)[0].findChildren(QPushButton)[0]
-    assert not button.isHidden()
-    button.click()
-    assert link.running
+    placeholder = bare.findChildren(Placeholder)[0]
+    assert "Preparing" in texts(bare)
+    link.activity = "Placing features"
+    link.activity_changed.emit(link.activity)
+    assert "Placing features …" in texts(bare)
 
-    assert "install pocl" in say(device_error="no OpenCL device: install pocl")
-    say(opengl_error="a rather long reason that needs some lines in such a small view " * 2)
+    assert "install mesa" in reported(device="cpu", opengl_error="no OpenGL 4.3: install mesa's drivers")
+    assert bare.findChildren(ModeBar)[0].isHidden()
+    placeholder.findChildren(QPushButton)[0].click()
+    assert link.running
+    assert "install pocl" in reported(device_error="no OpenCL device: install pocl")
+    reported(opengl_error="a rather long reason that needs some lines in such a small view " * 2)
     for size in ((160, 120), (300, 200), (900, 700)):
         bare.resize(*size)
-        card = bare.findChildren(Placeholder)[0].geometry()
-        assert bare.rect().contains(card)
+        assert bare.rect().contains(placeholder.geometry())
+
+    reported(device="cpu")
+    show_picture(link, document, placed)
+    assert texts(bare) == ""
+    assert not placeholder._clock.isActive()
 
 
 def test_a_stopped_engine_can_be_restarted(view, link, document, placed):
@@ -388,7 +378,7 @@ def test_a_stopped_engine_can_be_restarted(view, link, document, placed):
     assert texts(view) == ""
     link.error_reported.emit(msg.ErrorReport("engine", "again"))
     show_picture(link, document, placed)
-    assert texts(view) == "", "a picture came: all is well"
+    assert texts(view) == ""
     link.error_reported.emit(msg.ErrorReport("sketch", "a river has no end"))
     assert texts(view) == ""
 
@@ -407,11 +397,10 @@ def test_every_selection_and_viewpoint_can_be_painted(view, link, document, work
         assert not view.grab().isNull()
     show_picture(link, document, placed)
     lake, river = Selection("lake", placed.lakes[0].id), Selection("river", placed.rivers[0].id)
-    things = [None, lake, river, replace(river, index=3), Selection("feature", 1)]
-    things.append(Selection("feature", int(placed.points["id"][0])))
+    feature, unknown = (Selection("feature", int(each)) for each in (placed.points["id"][0], 1))
     for mode in ("orbit", "walk"):
         link.view = replace(link.view, mode=mode)
-        for selection in things:
+        for selection in (None, lake, river, replace(river, index=3), feature, unknown):
             workspace.selection = selection
             assert not view.grab().isNull()
     for name in ("relief", "placed"):

@@ -27,7 +27,17 @@ from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import ErrorReport
-from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, Symbol, column, looks, row, theme, tool_button
+from sketchterrain.ui.look.theme import (
+    MARGIN,
+    SMALL,
+    SPACING,
+    Symbol,
+    active_theme,
+    column,
+    row,
+    theme,
+    tool_button,
+)
 
 _DURATION = 8000  # ms until information disappears
 _MAX_MESSAGES = 8
@@ -66,7 +76,7 @@ class Banner(QFrame):
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self._timer = single_shot(self, _DURATION, self.dismiss)
         self.setAccessibleName("Messages")
-        looks.changed.connect(self._show_symbol)
+        active_theme.changed.connect(self._show_symbol)
         self.hide()
 
     @property

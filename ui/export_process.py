@@ -144,7 +144,13 @@ def write_world(request: WorldRequest, sketch: Sketch, stages: Stages, emit: Emi
     workers = request.workers or None
     with ProgressReporter(show=show, echo=lambda line: emit({"note": line})) as watcher:
         done = run_world(job, device=request.device, workers=workers, resume=True, watcher=watcher)
-    return {name: getattr(done, name) for name in ("tasks", "made", "files", "bytes", "seconds")}
+    return {
+        "tasks": done.tasks,
+        "made": done.made,
+        "files": done.files,
+        "bytes": done.bytes,
+        "seconds": done.seconds,
+    }
 
 
 def _world_job(request: WorldRequest, sketch: Sketch, stages: Stages) -> Job:

@@ -19,7 +19,7 @@ from sketchterrain.ui.engine.protocol import GoTo
 from sketchterrain.ui.files import Files
 from sketchterrain.ui.layout import FullScreenActions, PanelLayout, fitting_size
 from sketchterrain.ui.look.layer_colours import swatch
-from sketchterrain.ui.look.theme import SMALL, SPACING, app_icon, looks, row, tabular
+from sketchterrain.ui.look.theme import SMALL, SPACING, active_theme, app_icon, row, tabular
 from sketchterrain.ui.menus import RecentMenu, add_menus, add_tool_bars
 from sketchterrain.ui.models.background import SketchSaver
 from sketchterrain.ui.models.bookmarks import Bookmarks
@@ -69,7 +69,7 @@ class ToolOptions(QWidget):
         workspace.label_changed.connect(self._show_label)
         workspace.tool_changed.connect(self._show_tool)
         document.sketch_changed.connect(self._show_brush)
-        looks.changed.connect(self._show_label)
+        active_theme.changed.connect(self._show_label)
         self._show_label()
         self._show_brush()
         self._show_tool()

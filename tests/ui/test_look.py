@@ -7,7 +7,7 @@ from PyQt6.QtGui import QColor, QIcon, QImage, QPalette
 from PyQt6.QtWidgets import QCheckBox, QComboBox, QDoubleSpinBox, QWidget
 
 from sketchterrain.ui.actions import COMMANDS
-from sketchterrain.ui.look.theme import CHOICES, DARK, ICONS, LIGHT, apply_theme, icon, looks, theme
+from sketchterrain.ui.look.theme import CHOICES, DARK, ICONS, LIGHT, active_theme, apply_theme, icon, theme
 
 
 @pytest.fixture(autouse=True)
@@ -76,7 +76,7 @@ def test_text_contrast_meets_wcag():
 
 def test_themes_set_the_palette_and_unknown_themes_raise(qapp, qtbot):
     for choice, wanted in (("light", LIGHT), ("dark", DARK)):
-        with qtbot.waitSignal(looks.changed):
+        with qtbot.waitSignal(active_theme.changed):
             apply_theme(qapp, choice)
         assert theme() is wanted
         assert qapp.palette().color(QPalette.ColorRole.Window) == wanted.window

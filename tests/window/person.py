@@ -106,7 +106,8 @@ class Person:
     def leave(self) -> int:
         """Quit without saving; return the exit code."""
         document = "window._document"
-        self.ask(f"{document}.saved({document}.sketch, {document}.path), QTimer.singleShot(0, window.close)")
+        saved = f"{document}.mark_saved({document}.sketch, {document}.path)"
+        self.ask(f"{saved}, QTimer.singleShot(0, window.close)")
         code = self._program.wait(timeout=30)
         self._end()
         return code

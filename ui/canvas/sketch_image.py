@@ -22,7 +22,7 @@ from sketchterrain.ui.canvas.compositing import (
 )
 from sketchterrain.ui.canvas.tool_context import ToolContext, Viewport
 from sketchterrain.ui.engine.protocol import Adherence, Relief
-from sketchterrain.ui.look.theme import looks, theme
+from sketchterrain.ui.look.theme import active_theme, theme
 
 PAPER = QColor(247, 245, 240)
 """The unpainted sketch."""
@@ -279,7 +279,7 @@ class SketchView(QObject):
         context.workspace.label_changed.connect(self.refresh_overlays)
         context.link.adherence_changed.connect(self.refresh_overlays)
         context.link.relief_changed.connect(self._on_relief)
-        looks.changed.connect(self.refresh)
+        active_theme.changed.connect(self.refresh)
 
     def refresh(self, *_: object) -> None:
         """Compose everything again: another document, layer look or theme."""

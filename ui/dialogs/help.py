@@ -166,7 +166,7 @@ _MOUSE = {
     ),
     "In the 3-D view": (
         ("Turn", "left drag"),
-        ("Move over the ground", "right drag, or Shift + left drag"),
+        ("Pan", "right drag, or Shift + left drag"),
         ("Zoom", "wheel"),
         ("Centre a place", "double click"),
         ("Orbit, fly, walk", "1, 2, 3"),
@@ -217,7 +217,7 @@ def _key(key: str) -> str:
 
 
 class FindDialog(QDialog):
-    """Asks for a command; `chosen` is its action when it was accepted."""
+    """Search for a command; `selected` is its action."""
 
     def __init__(self, actions: Iterable[QAction], parent: QWidget | None = None) -> None:
         super().__init__(parent)

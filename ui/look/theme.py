@@ -219,7 +219,7 @@ DARK: Final = _theme(
 )
 
 
-class Looks(QObject):
+class ActiveTheme(QObject):
     """The active theme; `changed` is emitted after another theme was applied."""
 
     changed = pyqtSignal()
@@ -229,7 +229,7 @@ class Looks(QObject):
         self.theme = LIGHT
         self._choice = ""
 
-    def choose(self, app: QApplication, choice: str) -> None:
+    def apply(self, app: QApplication, choice: str = "system") -> None:
         """Apply a theme of `CHOICES`; ``system`` follows the desktop's colour scheme."""
         if choice not in CHOICES:
             raise ValueError(f"expected a theme, one of {', '.join(CHOICES)}, got {choice!r}")
@@ -258,18 +258,15 @@ class Looks(QObject):
         self.changed.emit()
 
 
-looks: Final = Looks()
+active_theme: Final = ActiveTheme()
 
 
 def theme() -> Theme:
     """Return the active theme."""
-    return looks.theme
+    return active_theme.theme
 
 
-def apply_theme(app: QApplication, choice: str = "system") -> None:
-    """Apply a theme of `CHOICES` to an application, now and when the system's scheme changes."""
-    looks.choose(app, choice)
-
+apply_theme: Final = active_theme.apply
 
 LayoutItem = QWidget | QLayout | int | tuple[QWidget, int]
 """A widget, a layout, the factor of a stretch, or a widget and its stretch factor."""

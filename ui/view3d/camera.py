@@ -12,6 +12,7 @@ from PyQt6.QtCore import Qt
 
 from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.hydrology.lakes import lake_centre
+from sketchterrain.ui.canvas.decorations import nice_length
 from sketchterrain.ui.commands.placed_edits import find_lake, find_point, find_river
 from sketchterrain.ui.engine.protocol import Fly, FrameFacts, GoTo, Pan, Placement, Pose, Relief, Turn, Zoom
 from sketchterrain.ui.models.workspace import Selection
@@ -145,12 +146,6 @@ def circle(x: float, y: float, radius: float, *, count: int = 96) -> Float64Arra
     return np.column_stack([x + radius * np.cos(angle), y + radius * np.sin(angle)])
 
 
-def round_length(metres: float) -> float:
-    """Return the greatest round length, 1, 2 or 5 times a power of ten, that is no longer."""
-    power = 10.0 ** math.floor(math.log10(metres))
-    return next(step for step in (5.0 * power, 2.0 * power, power) if step <= metres * (1.0 + 1e-9))
-
-
 def length_text(metres: float) -> str:
     """Return a length in words: ``350 m``, ``2.4 km``."""
     if abs(metres) < 999.5:
@@ -173,7 +168,7 @@ def scale_bar(projection: Projection, pose: Pose, *, most: float) -> tuple[float
     per_px = projection.metres_per_px([pose.target])
     if per_px <= 0.0:
         return None
-    length = round_length(per_px * most)
+    length = nice_length(per_px * most)
     return length, length / per_px
 
 

@@ -22,7 +22,7 @@ from PyQt6.QtWidgets import (
 
 from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import MODES, ErrorReport, FrameFacts, Turn, ViewState
-from sketchterrain.ui.look.theme import MARGIN, Symbol, column, draw_icon, looks, row, theme
+from sketchterrain.ui.look.theme import MARGIN, Symbol, active_theme, column, draw_icon, row, theme
 
 _HELP: Final = {
     "orbit": "Orbit: drag turns, right drag or Shift moves, wheel zooms (1)",
@@ -160,7 +160,7 @@ class Placeholder(QFrame):
         self._clock = QTimer(self)
         self._clock.setInterval(1000)
         self._clock.timeout.connect(self._tick)
-        looks.changed.connect(self._show_symbol)
+        active_theme.changed.connect(self._show_symbol)
         self.hide()
 
     @property

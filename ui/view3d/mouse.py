@@ -78,8 +78,8 @@ class HandleDrag:
 
     def move(self, projection: Projection, at: QPointF) -> None:
         """Drag to a pixel; above the horizon nothing changes."""
-        way = at - self._start
-        if not self._is_moved and max(abs(way.x()), abs(way.y())) < 2.0:
+        offset = at - self._start
+        if not self._is_moved and max(abs(offset.x()), abs(offset.y())) < 2.0:
             return
         self._is_moved = True
         place = projection.intersect_level(at.x(), at.y(), self._level)
@@ -245,16 +245,18 @@ class ViewMouse(QObject):
     def _move_camera(self, at: QPointF, event: QMouseEvent) -> None:
         start = self._start
         if not self._is_moved and start is not None:
-            way = at - start
-            if max(abs(way.x()), abs(way.y())) < _CLICK:
+            offset = at - start
+            if max(abs(offset.x()), abs(offset.y())) < _CLICK:
                 return
             self._is_moved = True
             self._view.setCursor(Qt.CursorShape.ClosedHandCursor)
-        way, self._last = at - self._last, at
+        offset, self._last = at - self._last, at
         shift = bool(event.modifiers() & Qt.KeyboardModifier.ShiftModifier)
         turns = event.buttons() == _Button.LeftButton and not shift
         height = max(self._view.height(), 1)
-        self._link.send(drag_motion(self._link.view.mode, way.x(), way.y(), height=height, pans=not turns))
+        self._link.send(
+            drag_motion(self._link.view.mode, offset.x(), offset.y(), height=height, pans=not turns)
+        )
 
     def _hover(self, at: QPointF) -> None:
         marks = self._marks()

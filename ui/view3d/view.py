@@ -13,7 +13,7 @@ from PyQt6.QtWidgets import QSizePolicy, QWidget
 from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import MODES, ErrorReport, Look
-from sketchterrain.ui.look.theme import looks
+from sketchterrain.ui.look.theme import active_theme
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.selection import delete_or_reset
 from sketchterrain.ui.models.workspace import Workspace
@@ -139,7 +139,7 @@ class View3D(QWidget):
         self._keyboard = ViewKeyboard(self, link, workspace, self._mouse, commands)
         link.error_reported.connect(self._handle_error)
         for signal in (
-            *(link.placed_changed, link.relief_changed, looks.changed),
+            *(link.placed_changed, link.relief_changed, active_theme.changed),
             *(workspace.selection_changed, workspace.overlays_changed, workspace.tool_changed),
         ):
             signal.connect(self._refresh)

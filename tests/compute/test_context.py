@@ -23,7 +23,7 @@ __kernel void add(__global const float *a, float b, __global float *sum)
 """
 
 
-def test_a_kernel_runs_and_is_timed_and_empty_arrays_travel(monkeypatch):
+def test_kernels_run_and_are_timed_and_empty_arrays_round_trip(monkeypatch):
     monkeypatch.setattr(resources, "source", lambda name: ADD)
     context = ComputeContext()
     values = np.arange(1000, dtype=np.float32)
@@ -41,7 +41,7 @@ def test_a_kernel_runs_and_is_timed_and_empty_arrays_travel(monkeypatch):
     assert context.download(context.empty(0, np.float32), 0, np.float32).shape == (0,)
 
 
-def test_failed_builds_and_missing_kernels_are_one_error(monkeypatch):
+def test_failed_builds_and_missing_kernels_raise_build_errors(monkeypatch):
     monkeypatch.setattr(resources, "source", lambda name: "__kernel void broken() { nonsense; }")
     context = ComputeContext()
     with pytest.raises(BuildError, match=r"kernels/broken.cl did not build on .* with -cl-std") as caught:
@@ -53,8 +53,7 @@ def test_failed_builds_and_missing_kernels_are_one_error(monkeypatch):
         ComputeContext().launch("add.cl", "subtract", (1,))
 
 
-def test_kernels_name_double_only_where_there_is_one():
-    """Compilers without 64-bit floats refuse the very name."""
+def test_kernels_use_double_only_if_supported():
     for file in files("sketchterrain.kernels").iterdir():
         if file.name.endswith((".cl", ".clh")):
             code = re.sub(r"//.*|/\*.*?\*/", "", file.read_text(encoding="utf-8"))
@@ -66,7 +65,7 @@ def test_kernels_name_double_only_where_there_is_one():
 @on_each_device
 def test_every_kernel_builds_on_every_device(device, real):
     if real == "double" and not device.has_double:
-        pytest.skip("no doubles here")
+        pytest.skip("no 64-bit floats")
     context = ComputeContext(device, real=real)
     programs = [file.name for file in files("sketchterrain.kernels").iterdir() if file.name.endswith(".cl")]
     assert {"terrain.cl", "tiles.cl", "poisson.cl"} <= set(programs)
@@ -76,7 +75,7 @@ def test_every_kernel_builds_on_every_device(device, real):
 
 
 @on_each_device
-def test_the_arithmetic_is_right_and_contraction_is_found(device, monkeypatch):
+def test_arithmetic_is_ieee_and_contraction_is_detected(device, monkeypatch):
     assert failed_operations(ComputeContext(device)) == ()
     if device.known:  # these compilers fuse where they may
         assert "inverse_sqrt" in failed_operations(ComputeContext(device, fast=True))
@@ -97,7 +96,7 @@ def test_the_arithmetic_is_right_and_contraction_is_found(device, monkeypatch):
         ("(uint)(int)(a[i] * R(1e6))", "(uint)convert_int_rte(a[i] * R(1e6))", "a conversion"),
     ],
 )
-def test_one_wrong_operation_is_named(monkeypatch, right, wrong, name):
+def test_a_planted_wrong_operation_is_named(monkeypatch, right, wrong, name):
     text = resources.source("self_test.cl")
     assert right in text
     monkeypatch.setattr(resources, "source", lambda _: text.replace(right, wrong))
@@ -105,7 +104,7 @@ def test_one_wrong_operation_is_named(monkeypatch, right, wrong, name):
 
 
 @on_each_device
-def test_what_was_put_comes_out(device):
+def test_staged_arrays_round_trip(device):
     context, draw = ComputeContext(device), np.random.default_rng(3)
     staging = StagingBuffer(context)
     for count in (1, 7, 3, 4000, 2, 4001):
@@ -120,7 +119,7 @@ def test_what_was_put_comes_out(device):
             np.testing.assert_array_equal(found, array)
 
 
-def test_without_room_what_there_was_still_works(monkeypatch):
+def test_staging_still_works_after_out_of_memory(monkeypatch):
     context = ComputeContext()
     staging = StagingBuffer(context)
     staging.upload({"a": np.arange(10)})

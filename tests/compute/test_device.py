@@ -22,7 +22,7 @@ def in_fresh_process(code, **environment):
 
 
 @needs_device
-def test_the_preferred_device_comes_first_and_each_is_found_by_number_and_name():
+def test_devices_are_sorted_and_selected_by_index_and_name():
     order = {"GPU": 0, "CPU": 1}
     kinds = [order.get(device.type, 2) for device in DEVICES]
     assert kinds == sorted(kinds)
@@ -49,11 +49,11 @@ def test_selectors_match_types_then_platforms_then_vendors_then_names(monkeypatc
     monkeypatch.setattr("sketchterrain.compute.device.list_devices", lambda: devices)
     for function in ("device.check_device", "device_check.check_device"):
         monkeypatch.setattr(f"sketchterrain.compute.{function}", lambda _: DeviceCheck(""))
-    chosen = [(None, "0", "gpu", "GPU", "nvidia", "h200"), ("rusticl",)]
-    chosen += [("cpu", "pocl", "PoCL", "portable", "haswell"), ("intel",), ("llvmpipe", "mesa/x.org")]
-    chosen += [("5", "amd", "advanced micro")]
+    expected = [(None, "0", "gpu", "GPU", "nvidia", "h200"), ("rusticl",)]
+    expected += [("cpu", "pocl", "PoCL", "portable", "haswell"), ("intel",), ("llvmpipe", "mesa/x.org")]
+    expected += [("5", "amd", "advanced micro")]
     monkeypatch.delenv("PYOPENCL_CTX", raising=False)
-    for number, selectors in enumerate(chosen):
+    for number, selectors in enumerate(expected):
         assert {choose_device(selector).index for selector in selectors} == {number}, selectors
     for selector in ("accelerator", "6", "-1", "no such"):
         with pytest.raises(
@@ -64,7 +64,7 @@ def test_selectors_match_types_then_platforms_then_vendors_then_names(monkeypatc
 
 
 @needs_device
-def test_pyopencl_ctx_is_honoured(monkeypatch):
+def test_pyopencl_ctx_selects_a_device(monkeypatch):
     for device in DEVICES:
         for selector in (device.platform, f"{device.platform}:0"):
             monkeypatch.setenv("PYOPENCL_CTX", selector)
@@ -74,7 +74,7 @@ def test_pyopencl_ctx_is_honoured(monkeypatch):
         choose_device()
 
 
-def test_no_device_says_what_to_install(monkeypatch):
+def test_without_devices_the_error_names_packages_to_install(monkeypatch):
     monkeypatch.setattr("sketchterrain.compute.device.list_devices", tuple)
     with pytest.raises(DeviceError, match="pip install") as caught:
         choose_device()
@@ -90,8 +90,7 @@ def runtime_installed():
 
 
 @pytest.mark.skipif(not runtime_installed(), reason="the CPU runtime of the extra is not installed")
-def test_the_wheels_runtime_hides_no_other_driver(tmp_path):
-    """With it made visible every platform found without it is still there, and one more."""
+def test_the_wheels_runtime_hides_no_other_driver():
     names = "print(*sorted(p.name for p in cl.get_platforms()), sep=';')"
     try:
         plain = in_fresh_process(f"import pyopencl as cl; {names}")
@@ -104,8 +103,7 @@ def test_the_wheels_runtime_hides_no_other_driver(tmp_path):
 
 
 @pytest.mark.skipif(not runtime_installed(), reason="the CPU runtime of the extra is not installed")
-def test_the_users_own_vendors_folder_is_kept(tmp_path):
-    """Drivers named in OCL_ICD_VENDORS are found beside the wheel's, and the setting is put back."""
+def test_drivers_of_ocl_icd_vendors_are_found_and_the_setting_is_restored(tmp_path):
     library = next(f for f in distribution("intel-opencl-rt").files or [] if f.name == "libintelocl.so")
     (tmp_path / "mine.icd").write_text(f"{Path(str(library.locate())).resolve()}\n", encoding="utf-8")
     shown = in_fresh_process(
@@ -118,8 +116,7 @@ def test_the_users_own_vendors_folder_is_kept(tmp_path):
 
 @pytest.mark.gl
 @pytest.mark.skipif(sys.platform != "linux", reason="EGL of Linux")
-def test_drivers_find_egl_among_global_symbols():
-    """As rusticl looks it up."""
+def test_egl_is_a_global_symbol_as_rusticl_requires():
     code = (
         "import ctypes; from sketchterrain.compute.gl_interop import current_handles; current_handles();"
         "print(hasattr(ctypes.CDLL(None), 'eglGetProcAddress'))"

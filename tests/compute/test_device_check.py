@@ -59,7 +59,7 @@ def list_with_tests(environment):
     return json.loads(done.stdout)
 
 
-def test_a_driver_that_aborts_is_one_line_and_the_next_device_is_used(with_aborting_gpu):
+def test_an_aborting_driver_is_logged_once_and_skipped(with_aborting_gpu):
     code = "from sketchterrain.compute.context import ComputeContext; print(ComputeContext().device.name)"
     for _ in range(2):  # the second process reads the result from the cache
         shown = subprocess.run(
@@ -71,7 +71,7 @@ def test_a_driver_that_aborts_is_one_line_and_the_next_device_is_used(with_abort
 
 
 @pytest.mark.slow
-def test_devices_lists_a_driver_that_aborts(with_aborting_gpu):
+def test_devices_lists_an_aborting_driver(with_aborting_gpu):
     aborting, *others = list_with_tests(with_aborting_gpu)
     assert (aborting["name"], aborting["type"]) == ("Aborting GPU", "GPU")
     assert aborting["self_test"] == {"bits": "failed", "detail": FAILURE}
@@ -81,7 +81,7 @@ def test_devices_lists_a_driver_that_aborts(with_aborting_gpu):
 
 @pytest.mark.slow
 @pytest.mark.skipif(not POCL, reason="PoCL is not installed")
-def test_pocl_without_a_linker_says_what_to_install(tmp_path):
+def test_pocl_without_a_linker_names_the_package_to_install(tmp_path):
     hidden = os.environ | {"PATH": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path)}
     entries = list_with_tests(hidden)
     for test in (entry["self_test"] for entry in entries if entry["platform"] == POCL[0].platform):
@@ -141,7 +141,7 @@ def test_devices_that_fail_are_skipped(empty_cache, monkeypatch):
         choose_device("0")
 
 
-def test_failures_of_a_child_are_one_line():
+def test_child_failures_are_reported_in_one_line():
     linker = "import os; os.write(2, b'Final\\nno \\'ld\\' found\\n'); os.abort()"
     cases = {
         "import os; os.abort()": "it crashed (SIGABRT); update or reinstall the driver",
@@ -150,10 +150,10 @@ def test_failures_of_a_child_are_one_line():
         "raise SystemExit('a reason\\n\\n')": "a reason",
         "raise SystemExit(3)": "it failed with code 3",
     }
-    for code, told in cases.items():
+    for code, message in cases.items():
         with pytest.raises(ChildFailedError) as caught:
             run_child([sys.executable, "-c", code], name="it", timeout=1.0)
-        assert str(caught.value) == told
+        assert str(caught.value) == message
     with pytest.raises(ChildFailedError, match="it did not start: "):
         run_child(["/no/such/program"], name="it", timeout=1.0)
     with pytest.raises(ChildFailedError, match="it exited early"):

@@ -24,7 +24,7 @@ RENDER_TESTS = Path(__file__).parents[1] / "render"
 
 
 class Layer:
-    """The layer's library, and what it reports of the child processes that run with it."""
+    """The layer's library, and its report on child processes."""
 
     def __init__(self, library: Path, log: Path) -> None:
         self._log = log
@@ -36,7 +36,7 @@ class Layer:
 
     @property
     def misuses(self) -> list[str]:
-        """What the specification does not allow, in the order in which it was done."""
+        """Violations of the specification, in order."""
         lines = self._log.read_text(encoding="utf-8").splitlines() if self._log.exists() else []
         return [
             re.sub(r" \(OpenGL buffer \d+\)$", "", line.removeprefix("misuse: "))
@@ -46,7 +46,7 @@ class Layer:
 
     @property
     def acquired(self) -> int:
-        """How often buffers were acquired."""
+        """Number of acquisitions of buffers."""
         return sum(map(int, re.findall(r"acquired (\d+), released", self._log.read_text(encoding="utf-8"))))
 
 
@@ -167,7 +167,7 @@ MISUSES = [
 
 @PLATFORMS
 def test_the_layer_is_strict(layer: Layer, index: int) -> None:
-    """Bytes that are the other side's are poisoned, and each planted misuse is reported, nothing else."""
+    """Bytes owned by the other API are poisoned, and exactly the planted misuses are reported."""
     layer.run("-c", OPENED + STRICT, str(index))
     assert layer.misuses == []
     layer.run("-c", OPENED + MISUSE, str(index))
@@ -175,7 +175,7 @@ def test_the_layer_is_strict(layer: Layer, index: int) -> None:
 
 
 def test_vertex_memory_is_shared_by_the_specification(layer: Layer) -> None:
-    """The probe chooses the extension, and all kinds of memory hold the same bytes."""
+    """The probe selects the extension, and all methods yield the same bytes."""
     code = """
 from sketchterrain.compute.device import list_devices
 from sketchterrain.render.sharing_probe import probe_sharing
@@ -218,7 +218,7 @@ print(*kinds)
 
 
 @PLATFORMS
-def test_pictures_are_those_of_copied_vertices(layer: Layer, tmp_path: Path, index: int) -> None:
+def test_images_equal_those_of_copied_vertices(layer: Layer, tmp_path: Path, index: int) -> None:
     shared, copied = tmp_path / "shared.npy", tmp_path / "copied.npy"
     assert layer.run("-c", PICTURE, str(index), "best", str(shared)).split() == ["extension"]
     assert layer.acquired > 0
@@ -261,7 +261,7 @@ print(memory.kind, memory.reason, sep="\\n")
 """
 
 
-def test_a_failing_call_is_one_line_and_vertices_are_mapped(layer: Layer) -> None:
+def test_failing_calls_are_reported_and_memory_falls_back_to_mapped(layer: Layer) -> None:
     device = CPUS[0]
     refusal = f"{device.name} ({device.platform}) shares no buffers with OpenGL: "
     failures = {

@@ -1,4 +1,4 @@
-"""A ground that is different at every level, and what is drawn of it: triangles with exact positions."""
+"""A terrain that differs at every level, and its displayed triangles with exact positions."""
 
 import sys
 
@@ -17,7 +17,7 @@ FACTS = [("low", "f8"), ("high", "f8"), ("error", "f8")]
 
 
 def mix(*numbers):
-    """Hash whole numbers to [-1, 1), the same everywhere."""
+    """Hash integers to [-1, 1)."""
     total = np.uint64(0x9E3779B97F4A7C15)
     with np.errstate(over="ignore"):
         for number in numbers:
@@ -27,7 +27,7 @@ def mix(*numbers):
 
 
 def roughness(level):
-    """How far the ground of a level is from that of the level before, m."""
+    """Difference of a level's terrain from the coarser level's, m."""
     return 6.0 * np.exp2(-0.7 * np.asarray(level, np.float64))
 
 
@@ -77,7 +77,7 @@ def drawn_triangles(draws, quads):
 
 
 def open_edges(triangles):
-    """Edges (n, 2, 3) that have no second triangle with the very same vertices beside them."""
+    """Edges (n, 2, 3) without a second triangle with identical vertices."""
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     vertex = mix(*np.moveaxis(edges.view(np.int64), -1, 0)).view(np.int64)
     forward, backward = (mix(*vertex.T[::way]).view(np.int64) for way in (1, -1))
@@ -120,7 +120,7 @@ def generate(batch):
 
 
 def go(stream, view, *, elapsed=1 / 30, tiles=6):
-    """One frame in which so many tiles are generated at most."""
+    """Advance one frame, generating at most `tiles`."""
     batch = stream.plan(view, budget=1.0)
     made = type(batch)(batch.keys[:tiles], batch.slots[:tiles], batch.parents[:tiles])
     assert len(made.keys) == len(batch.keys) or tiles < len(batch.keys)
@@ -130,33 +130,33 @@ def go(stream, view, *, elapsed=1 / 30, tiles=6):
 
 
 def rested(stream, view, *, tiles):
-    """Frames until a still eye needs no more tiles."""
+    """Advance until a still camera needs no more tiles."""
     for _ in range(250):
         draws = go(stream, view, tiles=tiles)
         if stream.converged:
             return draws
-    raise AssertionError("it never settled")
+    raise AssertionError("never converged")
 
 
 def limited(stream, tiles):
-    """Let a stream believe that just so many tiles fit into a second."""
+    """Plan exactly this many tiles per second."""
     stream._cost.count_within = lambda levels, budget: min(tiles, len(levels))
     stream._cost.record = lambda levels, seconds: None
     return stream
 
 
 def rim(edges, view):
-    """Which open edges (n, 2, 3) lie where nothing needs to be drawn any more."""
+    """Which open edges (n, 2, 3) are beyond the draw distance."""
     away = edges[:, :, :2] * (EXTENT / LATTICE) - np.array(view.eye[:2])
     return (np.linalg.norm(away, axis=-1) > view.draw_distance * 0.999).all(axis=1)
 
 
 def is_whole(draws, view):
-    """Nothing is open but the rim."""
+    """Only the rim is open."""
     return rim(open_edges(drawn_triangles(draws, QUADS)), view).all()
 
 
 @pytest.fixture(scope="session")
 def toy():
-    """This module: a ground that is different at every level, and streams of its tiles."""
+    """This module: a terrain that differs at every level, and streams of its tiles."""
     return sys.modules[__name__]

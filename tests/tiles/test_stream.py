@@ -21,7 +21,7 @@ EYES = [(300.0, 200.0, 40.0), (-5000.3, 17.0, 3.0), (1e6 + 0.25, -2e6, 90.0)]
         *(pytest.param(QuadLength(0.4), eye, marks=pytest.mark.slow) for eye in EYES[1:]),
     ],
 )
-def test_settled_tiles_cover_the_world_once_in_balance(toy, eye, metric):
+def test_converged_tiles_cover_the_world_once_in_balance(toy, eye, metric):
     stream = toy.new_stream(metric=metric)
     draws = stream.generate_all(replace(toy.view_from(eye), draw_distance=np.inf), toy.generate)
     assert stream.converged
@@ -31,7 +31,7 @@ def test_settled_tiles_cover_the_world_once_in_balance(toy, eye, metric):
     above = codes
     while (level := decode(above)[0]).max() > ROOT_LEVEL:
         above = np.unique(parent_of(above[level > ROOT_LEVEL]))
-        assert not contains(above, codes).any(), "a tile and one that it lies in"
+        assert not contains(above, codes).any(), "a tile and its ancestor"
     levels = {key: key.level for key in draws.keys}
     for key in draws.keys:
         for east, north in ((1, 0), (0, 1), (1, 1), (-1, 1)):
@@ -40,7 +40,7 @@ def test_settled_tiles_cover_the_world_once_in_balance(toy, eye, metric):
                 assert (key.level - up, place[0] >> up, place[1] >> up) not in levels
 
 
-def test_settled_tiles_keep_the_tolerance_with_fewer_tiles_for_a_larger_one(toy):
+def test_larger_tolerances_are_met_with_fewer_tiles(toy):
     counts = []
     for tolerance, eye in ((1.5, EYES[0]), (3.0, EYES[0]), (6.0, EYES[0]), (3.0, EYES[1]), (3.0, EYES[2])):
         stream = toy.new_stream(metric=ScreenError(tolerance, quad=1e9))
@@ -53,7 +53,7 @@ def test_settled_tiles_keep_the_tolerance_with_fewer_tiles_for_a_larger_one(toy)
 
 
 @pytest.mark.parametrize("eye", [EYES[0], *(pytest.param(eye, marks=pytest.mark.slow) for eye in EYES[1:])])
-def test_no_cracks_and_no_pops_while_it_streams_and_flies(toy, eye):
+def test_no_cracks_and_no_popping_in_flight(toy, eye):
     rng = np.random.default_rng(3)
     stream = toy.limited(toy.new_stream(metric=ScreenError(6.0, quad=1e9)), 9)
     eye = np.array(eye)
@@ -69,7 +69,7 @@ def test_no_cracks_and_no_pops_while_it_streams_and_flies(toy, eye):
     x, y = (near * (toy.LATTICE / toy.EXTENT)).T
     before, levels = None, set()
     for frame in range(100):
-        # It stands, flies off, stands again.
+        # Still, in flight, still.
         if 30 <= frame < 65:
             eye += np.array([9.0, 4.0, 0.0])
         view = toy.view_from(eye)
@@ -82,19 +82,19 @@ def test_no_cracks_and_no_pops_while_it_streams_and_flies(toy, eye):
         now = toy.surface_at(triangles, x, y)
         assert np.isfinite(now).all(), f"frame {frame}: a hole"
         if before is not None:
-            # Levels differ by what is rough, twice for both ends.
+            # Levels differ by their roughness, at both ends.
             most = 2 * toy.roughness(min(levels)) * (1 / 30) / MORPH_SECONDS[0]
             assert np.abs(now - before).max() <= most * 1.001
         before = now
     assert len(levels) > 4
     draws = toy.rested(stream, toy.view_from(eye), tiles=9)
     settled = toy.new_stream(metric=ScreenError(6.0, quad=1e9)).generate_all(toy.view_from(eye), toy.generate)
-    assert sorted(settled.keys) == sorted(draws.keys), "the way there must not matter"
+    assert sorted(settled.keys) == sorted(draws.keys), "depends on the path"
     order, other = np.argsort(codes_of(settled.keys)), np.argsort(codes_of(draws.keys))
     assert (settled.morph[order] == draws.morph[other]).all()
 
 
-def test_tiles_out_of_view_are_coarser_and_those_ahead_are_fetched_before(toy):
+def test_tiles_out_of_view_are_coarser_and_those_ahead_are_prefetched(toy):
     stream = toy.new_stream(metric=ScreenError(1.0, quad=1e9))
     eye = EYES[0]
     ahead = stream.generate_all(toy.view_from(eye, heading=0.0, everywhere=False), toy.generate)
@@ -118,7 +118,7 @@ def test_tiles_out_of_view_are_coarser_and_those_ahead_are_fetched_before(toy):
     assert (np.array([key.col for key in ahead]) * width + width > EYES[0][0] - 600).all()
 
 
-def test_a_pool_that_is_too_small_allows_more_error_and_never_a_hole(toy):
+def test_a_small_pool_tolerates_more_error_without_holes(toy):
     stream = toy.new_stream(metric=ScreenError(0.5, quad=1e9), slots=300)
     view = toy.view_from(EYES[0])
     stream.generate_all(view, toy.generate)
@@ -131,7 +131,7 @@ def test_a_pool_that_is_too_small_allows_more_error_and_never_a_hole(toy):
 
 
 @pytest.mark.slow
-def test_walking_far_keeps_to_the_slots_and_forgets_what_is_behind(toy):
+def test_a_long_walk_evicts_tiles_behind(toy):
     stream = toy.limited(toy.new_stream(metric=ScreenError(6.0, quad=1e9), slots=800), 40)
     eye = np.array([0.0, 0.0, 30.0])
     stream.generate_all(toy.view_from(eye), toy.generate)
@@ -146,8 +146,7 @@ def test_walking_far_keeps_to_the_slots_and_forgets_what_is_behind(toy):
     assert 0.5 * at_first < len(stream._tree.codes) < 2 * at_first
 
 
-def test_far_from_the_origin_the_same_ground_gives_the_same_tiles(toy):
-    """Whole roots away, 10^6 km, all is as here: nothing is lost in the numbers."""
+def test_far_from_the_origin_the_same_terrain_gives_the_same_tiles(toy):
     shift = 2**14 * toy.EXTENT * 2.0**-ROOT_LEVEL
 
     def flat(batch):
@@ -162,11 +161,11 @@ def test_far_from_the_origin_the_same_ground_gives_the_same_tiles(toy):
     )
     assert len(here.keys) == len(there.keys)
     assert (here.corners[:, 0] + (2**14 << (24 - ROOT_LEVEL)) == there.corners[:, 0]).all()
-    # The eye itself is known to a thousandth of a millimetre there.
+    # The eye has a resolution of 1 µm there.
     assert np.abs(here.morph - there.morph).max() < 1e-5
 
 
-def test_invalid_numbers_are_refused(toy):
+def test_invalid_numbers_raise(toy):
     for options, expected in (
         *(({"quads": 48}, "power of two"), ({"quads": 512}, "power of two")),
         *(({"finest_cell": 0.0}, "finest cell > 0"), ({"slots": 0}, "1 slot")),
@@ -179,7 +178,7 @@ def test_invalid_numbers_are_refused(toy):
             stream.plan(toy.view_from((east, 0.0, 1.0)), budget=budget)
 
 
-def test_only_tiles_hidden_by_nearer_ground_are_left_out(toy):
+def test_only_tiles_hidden_by_nearer_terrain_are_culled(toy):
     view = toy.view_from((300.0, 200.0, -120.0))
     every, seen = (
         toy.new_stream(metric=ScreenError(4.0, quad=1e9), hide=hide).generate_all(view, toy.generate)
@@ -206,7 +205,7 @@ def test_only_tiles_hidden_by_nearer_ground_are_left_out(toy):
     ("way", "steps"),
     [((390.0, 0.0, 0.0), 60), ((130.0, 0.0, 0.0), 260), ((-90.0, 140.0, 0.0), 260)],
 )
-def test_a_long_walk_with_a_short_view_ends_with_the_tiles_of_a_still_eye(toy, way, steps):
+def test_a_long_walk_with_a_short_view_ends_with_the_tiles_of_a_still_camera(toy, way, steps):
     """Tiles out of view are not balanced, and must not keep those in view from refinement."""
     metric = ScreenError(3.0, quad=1e9)
     stream = toy.limited(toy.new_stream(metric=metric), 40)

@@ -43,7 +43,7 @@ def boxes(*sides):
     return Boxes(np.stack([west, south, bottom], -1), np.stack([east, north, top], -1))
 
 
-def test_frusta_hold_what_touches_them_and_move_with_their_view():
+def test_frusta_contain_touching_boxes_and_move_with_the_view():
     planes = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 10.0]])
     low = np.array([[-2.0, 0.0, 0.0], [-2.0, 0.0, 0.0], [1.0, 0.0, 11.0]])
     high = np.array([[-1.0, 1.0, 1.0], [1.0, 1.0, 1.0], [2.0, 1.0, 12.0]])
@@ -81,7 +81,7 @@ def test_metrics_count_distance_and_slant_in_units_of_their_limits():
             metric(**{option: value})
 
 
-def test_codes_name_places_their_neighbours_and_shared_controls():
+def test_codes_round_trip_with_neighbours_and_shared_controls():
     codes = codes_of(KEYS)
     assert keys_of(codes) == KEYS
     assert keys_of(parent_of(codes)) == [TileKey(k.level - 1, k.col >> 1, k.row >> 1) for k in KEYS]
@@ -104,8 +104,8 @@ def test_codes_name_places_their_neighbours_and_shared_controls():
     assert len(np.unique([west, east, north])) == 27 - 6
 
 
-def learnt(batch, level, tile, *, noise=0.0, rounds=100, mixed=True):
-    """A model that has seen batches that take `batch` s and so much for each level and tile."""
+def fitted_model(batch, level, tile, *, noise=0.0, rounds=100, mixed=True):
+    """Cost model of batches that take `batch` s, `level` s per level and `tile` s per tile."""
     rng = np.random.default_rng(4)
     model = CostModel()
     for _ in range(rounds):
@@ -115,31 +115,31 @@ def learnt(batch, level, tile, *, noise=0.0, rounds=100, mixed=True):
     return model
 
 
-def test_levels_and_tiles_are_told_apart_and_planned_batches_fit():
-    model = learnt(0.0, 0.003, 0.0002)
+def test_costs_of_levels_and_tiles_are_separated_and_batches_fit():
+    model = fitted_model(0.0, 0.003, 0.0002)
     assert model.expected(np.zeros(1)) == pytest.approx(0.0032, rel=0.1)
     assert model.expected(np.zeros(10)) == pytest.approx(0.005, rel=0.1)
     # Four fifths of a budget are planned with.
     assert model.count_within(np.zeros(64), 0.007 / 0.8) == pytest.approx(20, abs=3)
 
-    model = learnt(0.001, 0.002, 0.0004, noise=0.3)
+    model = fitted_model(0.001, 0.002, 0.0004, noise=0.3)
     levels = np.zeros(64, np.int64)
     count = model.count_within(levels, 0.01)
     assert 8 <= count <= 17
     assert 1.3 * (0.003 + 0.0004 * count) <= 0.0105
 
-    model = learnt(0.0, 0.0025, 0.0003, mixed=False)
+    model = fitted_model(0.0, 0.0025, 0.0003, mixed=False)
     assert model.expected(np.zeros(1)) == pytest.approx(0.0028, rel=0.02)
     assert model.count_within(np.zeros(64), 0.007) > 2
 
 
-def test_old_and_wide_tiles_make_no_others_dear_and_one_is_always_made():
-    model = learnt(0.0, 0.003, 0.002)
+def test_old_and_wide_tiles_do_not_affect_others_and_one_always_fits():
+    model = fitted_model(0.0, 0.003, 0.002)
     for _ in range(80):
         model.record(np.array([1, 1, 2]), 0.0007)
     assert model.expected(np.array([1, 1, 2])) == pytest.approx(0.0007, rel=0.1)
 
-    model = learnt(0.0, 1.0, 1.0)
+    model = fitted_model(0.0, 1.0, 1.0)
     assert model.count_within(np.zeros(5), 1e-6) == 1
     assert model.count_within(np.zeros(5), 0.0) == 0
     assert model.count_within(np.zeros(0), 1.0) == 0
@@ -175,7 +175,7 @@ def doubled_areas(x, y):
     return (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0])
 
 
-def test_triangles_of_each_case_fill_the_tile_once_and_drop_vertices_on_coarser_borders():
+def test_triangles_of_each_case_cover_the_tile_once():
     for quads, case in ((quads, case) for quads in QUADS for case in range(16)):
         name = f"{quads} quads, case {case}"
         triangles = triangles_of(quads, case)
@@ -193,7 +193,7 @@ def test_triangles_of_each_case_fill_the_tile_once_and_drop_vertices_on_coarser_
             assert (length == (2 if case & border else 1)).all(), name
 
 
-def test_a_tile_that_shows_its_parent_has_its_parents_very_surface():
+def test_a_tile_that_shows_its_parent_has_the_parents_surface():
     for quads in QUADS:
         triangles = triangles_of(quads, PARENT)
         assert len(triangles) == quads**2 // 2
@@ -216,7 +216,7 @@ def test_a_tile_that_shows_its_parent_has_its_parents_very_surface():
             tile_indices(quads)
 
 
-def test_morph_weights_equal_the_controls_at_their_places_and_agree_on_borders():
+def test_morph_weights_interpolate_controls_and_agree_on_borders():
     controls = np.random.default_rng(5).random((40, 3, 3)).astype(np.float32)
     controls[:20, :, 0] = 1.0
     weights = morph_weights(controls, 64)
@@ -256,15 +256,15 @@ CASES = {
 }
 
 
-def test_only_ground_wholly_behind_nearer_ground_is_hidden():
+def test_only_boxes_wholly_behind_nearer_terrain_are_occluded():
     for name, (height, ground, hidden) in CASES.items():
         view = CameraView((0.0, 0.0, height), np.zeros((0, 4)), 1000.0)
         assert occluded(view, boxes(*ground)).tolist() == hidden, name
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 6))])
-def test_no_ray_reaches_a_hidden_box(seed):
-    """Columns of ground on a grid; rays from the eye to the tops of hidden ones all pass through another."""
+def test_no_ray_reaches_an_occluded_box(seed):
+    """Rays from the eye to the tops of occluded columns on a grid all pass through another column."""
     rng = np.random.default_rng(seed)
     width, n = 50.0, 24
     col, row = np.meshgrid(np.arange(-n, n), np.arange(-n, n))

@@ -20,9 +20,7 @@ from sketchterrain.benchmarks import (
     splines,
     worlds,
 )
-from sketchterrain.benchmarks import (
-    points as blue_noise,
-)
+from sketchterrain.benchmarks import points as blue_noise
 from sketchterrain.benchmarks.grounds import BARE_SEED
 from sketchterrain.errors import InputError
 

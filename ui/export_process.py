@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from sketchterrain.app.progress import Stages
+from sketchterrain.app.console import Stages
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.ui.export_request import ExportRequest, TargetRequest, WorldRequest
@@ -43,7 +43,7 @@ def main() -> int:
     except (KeyboardInterrupt, BrokenPipeError):  # cancelled, or the window is gone
         return 130
     except Exception as error:  # noqa: BLE001 - any failure is reported in one line
-        from sketchterrain.app.errors import describe_error
+        from sketchterrain.app.console import describe_error
 
         emit({"failed": one_line(describe_error(error)[0])})
         return 1

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from sketchterrain.app.progress import Stages
+    from sketchterrain.app.console import Stages
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.export.target import ExportOptions
     from sketchterrain.render.camera import Camera

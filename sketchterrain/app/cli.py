@@ -9,27 +9,30 @@ from __future__ import annotations
 import os
 import sys
 import traceback
+from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from sketchterrain.app import arguments as args
-from sketchterrain.app.commands import info
-from sketchterrain.app.commands.batch import batch
-from sketchterrain.app.commands.export import export, targets
+from sketchterrain.app.commands.exports import batch, export, targets
 from sketchterrain.app.commands.trace import trace
 from sketchterrain.app.commands.world import stats, view, world
-from sketchterrain.app.errors import DEBUG, INTERRUPTED, PARTIAL, USAGE_ERROR, describe_error, fail
+from sketchterrain.app.console import DEBUG, INTERRUPTED, PARTIAL, USAGE_ERROR, Stages, describe_error, fail
 from sketchterrain.app.listings import (
     adherence_lines,
+    device_lines,
+    device_test_entry,
     flight_lines,
     generated_lines,
     legend_lines,
+    preset_entry,
+    preset_lines,
     print_json,
     print_lines,
     undescribed_labels,
 )
-from sketchterrain.app.progress import Stages
 from sketchterrain.io.system import restore_default_sigterm, sigterm_as_interrupt
 
 if TYPE_CHECKING:
@@ -87,7 +90,16 @@ def _program(
         raise USAGE_ERROR("expected a command; `sketchterrain --help` lists them")
 
 
-app.command()(info.new)
+@app.command()
+def new(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A new or an empty folder.")]) -> None:
+    """Write a starter sketch, to be edited in any paint program."""
+    from sketchterrain.document.store import new_sketch
+
+    new_sketch(folder)
+    print_lines(
+        f"wrote a starter sketch to {folder}: paint its PNGs, read its sketch.toml, then run",
+        f"sketchterrain generate {folder} -o out",
+    )
 
 
 @app.command()
@@ -165,15 +177,15 @@ def render(
     with Stages() as stages:
         document = args.read_sketch(sketch, seed, stages)
         with stages.stage("program", "Loading the program"):
-            from sketchterrain.app import stills
-        options = stills.PictureOptions(
+            from sketchterrain.app import pictures as app
+        options = app.PictureOptions(
             *(size, eye, look_at, view or "auto", time, clouds, 1.0 if quality is None else quality),
             without=tuple(without or ()),
             overlays=tuple(overlay or ()),
             textures=textures,
             top_down=top_down,
         )
-        legend = stills.render_to_file(document, output, options, device=device, fast=fast, stages=stages)
+        legend = app.render_to_file(document, output, options, device=device, fast=fast, stages=stages)
     print_lines(str(output), *legend_lines(legend))
 
 
@@ -201,7 +213,7 @@ def fly(
     with Stages() as stages:
         document = args.read_sketch(sketch, seed, stages)
         with stages.stage("program", "Loading the program"):
-            from sketchterrain.app import fly as app
+            from sketchterrain.app import pictures as app
             from sketchterrain.render.flight import load_flight
             from sketchterrain.render.overlays import check_overlays
 
@@ -271,5 +283,63 @@ def edit(
     raise typer.Exit(run(sketch))
 
 
-for _command in (batch, world, stats, view, export, targets, trace, info.bench, info.devices, info.presets):
+@app.command()
+def bench(
+    names: Annotated[list[str] | None, typer.Argument(metavar="[NAME]...", help="All if none.")] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Write tables and charts there.")
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Small sizes, few rounds.")] = False,
+    device: args.DeviceName = None,
+    fast: args.Fast = False,
+    as_json: args.AsJson = False,
+) -> None:
+    """Time kernels, noise, tiles, features and plants, and chart them."""
+    from sketchterrain.benchmarks import run
+
+    code = run(names or [], output=output, quick=quick, device=device, fast=fast, as_json=as_json)
+    raise typer.Exit(code)
+
+
+@app.command()
+def devices(as_json: args.AsJson = False) -> None:
+    """List the OpenCL devices, with a self-test of their bits and of sharing with OpenGL."""
+    from sketchterrain.compute.device import choose_device, list_devices
+    from sketchterrain.compute.device_check import clear_check_results
+    from sketchterrain.errors import DeviceFailedError
+    from sketchterrain.render.sharing_probe import Sharing, probe_sharing
+    from sketchterrain.terrain.self_test import self_test
+
+    clear_check_results()  # a missing driver or linker may be installed by now
+    default, tested = None, []
+    with suppress(DeviceFailedError):  # the self-test reports it
+        default = choose_device()
+    with Stages() as stages:
+        for device in list_devices():
+            with stages.stage(str(device.index), f"Testing {device.name} ({device.platform})"):
+                verdict = self_test(device)
+                failed = verdict.bits == "failed"
+                sharing = Sharing("none", "it runs no kernel") if failed else probe_sharing(device)
+                tested.append((device, verdict, sharing))
+    if as_json:
+        print_json([device_test_entry(*each) | {"default": each[0] == default} for each in tested])
+        return
+    for device, verdict, sharing in tested:
+        print_lines(*device_lines(device, verdict, sharing, default=device == default))
+
+
+@app.command()
+def presets(as_json: args.AsJson = False) -> None:
+    """List the presets, which are valid wherever a sketch is expected."""
+    from sketchterrain.document.store import load_sketch
+    from sketchterrain.io.resources import preset_names
+
+    entries = [preset_entry(name, load_sketch(name)) for name in preset_names()]
+    if as_json:
+        print_json(entries)
+    else:
+        print_lines(*preset_lines(entries))
+
+
+for _command in (batch, world, stats, view, export, targets, trace):
     app.command()(_command)

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sketchterrain.app.console import Stages
 from sketchterrain.app.jobs import run_with_fallback
-from sketchterrain.app.progress import Stages
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.export.files import move_files, prepare_folder, staging

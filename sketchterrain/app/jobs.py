@@ -10,7 +10,7 @@ from collections.abc import Callable
 from threading import Lock
 from typing import TypeVar
 
-from sketchterrain.app.progress import Stages
+from sketchterrain.app.console import Stages
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import Device, choose_device, fallback_device
 from sketchterrain.errors import DeviceFailedError, one_line

@@ -15,20 +15,23 @@ import numpy as np
 import numpy.typing as npt
 from msgspec.structs import replace
 
-from sketchterrain.app.errors import describe_error
+from sketchterrain.app.console import Stages, describe_error
 from sketchterrain.app.estimates import Estimate, free_memory
 from sketchterrain.app.export import write_export
 from sketchterrain.app.generate import (
+    REPORT,
     GenerateOptions,
     GenerateResult,
     SharedResources,
     generate,
     render_preview,
+    report_header,
+    rounded,
+    run_statistics,
+    stale_report_files,
 )
 from sketchterrain.app.jobs import DeviceFallback
-from sketchterrain.app.progress import Stages
-from sketchterrain.app.report import REPORT, report_header, rounded, run_statistics, stale_report_files
-from sketchterrain.app.stills import sketch_weather
+from sketchterrain.app.pictures import sketch_weather
 from sketchterrain.batch.plan import Item
 from sketchterrain.batch.results import (
     DEFAULT_SIZE,

@@ -19,9 +19,8 @@ from sketchterrain.document.parameters import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.toml_format import parse_settings, settings_text, starter_sketch
 from sketchterrain.errors import InputError, did_you_mean, format_value, one_line
-from sketchterrain.io.files import wrap_os_errors, write_atomic
+from sketchterrain.io.files import open_zip, too_large, wrap_os_errors, write_atomic
 from sketchterrain.io.resources import preset, preset_names
-from sketchterrain.io.safe_zip import open_zip, too_large
 
 SETTINGS = "sketch.toml"
 """The settings file; each layer's image is ``<layer>.png``."""

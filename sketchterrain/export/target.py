@@ -153,7 +153,7 @@ class ExportOptions:
 
 
 class ProgressStages(Protocol):
-    """Timed stages of work, see `sketchterrain.app.progress.Stages`."""
+    """Timed stages of work, see `sketchterrain.app.console.Stages`."""
 
     def stage(self, name: str, title: str) -> AbstractContextManager[Callable[[float], None]]:
         """Time a stage, and yield a function that reports its progress, 0 … 1."""

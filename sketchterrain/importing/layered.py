@@ -21,7 +21,7 @@ from sketchterrain.errors import InputError, format_value, one_line
 from sketchterrain.importing.images import Picture, check_size, decode_picture, detect_format, read_picture
 from sketchterrain.importing.legend import Meaning, parse_layer_name
 from sketchterrain.importing.traced_layers import TraceOptions, TraceResult, scale_labels
-from sketchterrain.io.safe_zip import open_zip
+from sketchterrain.io.files import open_zip
 
 _SETTINGS = "sketch.toml"
 _MAX_FILES = 1000

@@ -22,7 +22,7 @@ from distributed.protocol.pickle import dumps
 from distributed.scheduler import KilledWorker
 from distributed.security import Security
 
-from sketchterrain.app.errors import DEBUG
+from sketchterrain.app.console import DEBUG
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import choose_device, list_devices
 from sketchterrain.compute.device_check import is_usable

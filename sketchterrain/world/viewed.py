@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.app.arguments import camera_from_options
+from sketchterrain.app.console import Stages
 from sketchterrain.app.jobs import run_with_fallback
-from sketchterrain.app.progress import Stages
-from sketchterrain.app.stills import PictureOptions, sketch_weather
+from sketchterrain.app.pictures import PictureOptions, sketch_weather
 from sketchterrain.array_types import Bounds
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.parameters import MATERIALS

@@ -21,7 +21,7 @@ from distributed import Reschedule, Worker, WorkerPlugin, get_worker
 from distributed.core import Status
 from distributed.utils import sync
 
-from sketchterrain.app.errors import DEBUG
+from sketchterrain.app.console import DEBUG
 from sketchterrain.errors import DeviceError, SketchterrainError, one_line
 from sketchterrain.world.grid import Shard
 from sketchterrain.world.job import Task, TaskResult, code_digest

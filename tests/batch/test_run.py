@@ -18,8 +18,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from sketchterrain.app.console import Stages
 from sketchterrain.app.generate import GenerateResult
-from sketchterrain.app.progress import Stages
 from sketchterrain.batch import results as manifest_module
 from sketchterrain.batch import run as run_module
 from sketchterrain.batch.plan import Source, plan

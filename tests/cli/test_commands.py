@@ -13,10 +13,10 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-import sketchterrain.app.progress
-import sketchterrain.app.stills
+import sketchterrain.app.console
+import sketchterrain.app.pictures
 import sketchterrain.render.offscreen
-from sketchterrain.app.progress import Stages
+from sketchterrain.app.console import Stages
 from sketchterrain.compute.device import list_devices
 from sketchterrain.document.store import load_sketch
 from sketchterrain.io.resources import preset_names
@@ -83,7 +83,7 @@ def pictures(monkeypatch) -> list[dict[str, Any]]:
         legend.extend(LegendEntry((255, 0, 16), name) for name in options["overlays"])
         return np.zeros((size[1], size[0], 3), np.uint8)
 
-    monkeypatch.setattr(sketchterrain.app.stills, "render_picture", picture)
+    monkeypatch.setattr(sketchterrain.app.pictures, "render_picture", picture)
     return requests
 
 
@@ -202,7 +202,7 @@ def test_only_slow_stages_print_a_line(capsys, monkeypatch):
     with Stages() as stages, stages.stage("a", "Quick"):
         pass
     assert capsys.readouterr().err == ""
-    monkeypatch.setattr(sketchterrain.app.progress, "_SLOW", 0.001)
+    monkeypatch.setattr(sketchterrain.app.console, "_SLOW", 0.001)
     with Stages() as stages, stages.stage("a", "Slow"):
         time.sleep(0.2)
     assert capsys.readouterr() == ("", "Slow …\n")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-import sketchterrain.app.fly
+import sketchterrain.app.pictures
 from sketchterrain.compute.device import list_devices
 from sketchterrain.errors import DeviceFailedError
 from sketchterrain.render.flight import Flight, Keyframe, save_flight
@@ -42,7 +42,7 @@ def captures(monkeypatch) -> list[dict[str, Any]]:
             width, height = options["size"]
             yield shot, np.full((height, width, 3), 9 * number, np.uint8) if options["pixels"] else None
 
-    monkeypatch.setattr(sketchterrain.app.fly, "capture_frames", capture_frames)
+    monkeypatch.setattr(sketchterrain.app.pictures, "capture_frames", capture_frames)
     return calls
 
 
@@ -110,7 +110,7 @@ def test_an_interruption_leaves_no_part_of_a_film(call, sketch, path, tmp_path, 
             yield CapturedFrame(0.1, 0.0, 0, 0, 0, settled=True), np.zeros((48, 64, 3), np.uint8)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(sketchterrain.app.fly, "capture_frames", capture_frames)
+    monkeypatch.setattr(sketchterrain.app.pictures, "capture_frames", capture_frames)
     for name in ("frames", "a.webp", "a.gif"):
         done = call("fly", sketch, "--path", path, "-o", tmp_path / "out" / name, *SMALL)
         assert (done.code, done.out) == (130, "")
@@ -129,7 +129,7 @@ def test_device_failure_restarts_the_film(call, sketch, path, tmp_path, monkeypa
             picture = np.full((48, 64, 3), 200 if failing else 100, np.uint8)
             yield CapturedFrame(0.1, 0.0, 0, 0, 0, settled=True), picture
 
-    monkeypatch.setattr(sketchterrain.app.fly, "capture_frames", capture_frames)
+    monkeypatch.setattr(sketchterrain.app.pictures, "capture_frames", capture_frames)
     out = tmp_path / "frames"
     done = call(
         "fly", sketch, "--path", path, "-o", out, "--fps", 3, *SMALL, "--device", first.index, "--json"

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sketchterrain.app import arguments as args
-from sketchterrain.app.errors import USAGE_ERROR
+from sketchterrain.app.console import USAGE_ERROR, Stages
 from sketchterrain.app.listings import print_json, print_lines
-from sketchterrain.app.progress import Stages
 
 if TYPE_CHECKING:
     import numpy as np

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sketchterrain.app import arguments as args
-from sketchterrain.app.errors import PARTIAL, USAGE_ERROR, fail
+from sketchterrain.app.console import PARTIAL, USAGE_ERROR, Stages, fail
 from sketchterrain.app.estimates import format_count, format_duration
 from sketchterrain.app.listings import legend_lines, pluralize, print_json, print_lines
-from sketchterrain.app.progress import Stages
 from sketchterrain.io.files import format_bytes
 from sketchterrain.io.system import restore_default_sigterm
 
@@ -289,7 +288,7 @@ def view(
     args.check_camera(eye, look_at, kind)
     with Stages() as stages:
         with stages.stage("program", "Loading the program"):
-            from sketchterrain.app.stills import PictureOptions
+            from sketchterrain.app.pictures import PictureOptions
             from sketchterrain.world.viewed import draw_world
 
         still = PictureOptions(

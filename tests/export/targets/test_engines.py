@@ -11,8 +11,8 @@ from PIL import Image
 from scipy.interpolate import RegularGridInterpolator
 
 import sketchterrain as st
+from sketchterrain.app.console import Stages
 from sketchterrain.app.export import write_export
-from sketchterrain.app.progress import Stages
 from sketchterrain.errors import InputError
 from sketchterrain.export.planning import HeightQuantisation, checked_plan, plan_export
 from sketchterrain.export.sampled import SampleGrid

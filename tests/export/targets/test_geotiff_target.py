@@ -9,8 +9,8 @@ import tifffile
 from scipy import ndimage
 
 import sketchterrain as st
+from sketchterrain.app.console import Stages
 from sketchterrain.app.export import write_export
-from sketchterrain.app.progress import Stages
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.target import ExportOptions

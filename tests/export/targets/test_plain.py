@@ -9,8 +9,8 @@ import pytest
 from PIL import Image
 
 import sketchterrain as st
+from sketchterrain.app.console import Stages
 from sketchterrain.app.export import write_export
-from sketchterrain.app.progress import Stages
 from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.target import ExportOptions
 

@@ -1,4 +1,4 @@
-"""Progress of a command on stderr: bars on a terminal, elsewhere a line for each slow stage."""
+"""Console output: error lines with exit codes, and progress on stderr."""
 
 from __future__ import annotations
 
@@ -6,7 +6,11 @@ import sys
 import time
 from contextlib import contextmanager
 from threading import Timer
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from sketchterrain.errors import SketchterrainError, one_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -15,6 +19,36 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     Show = Callable[[str], AbstractContextManager[Callable[[float], None]]]
+
+FAILED = 1
+PARTIAL = 5
+INTERRUPTED = 130
+DEBUG = "SKETCHTERRAIN_DEBUG"
+"""Environment variable that enables tracebacks."""
+USAGE_ERROR: Any = typer.BadParameter.__base__
+"""Base of all usage errors, in every version of typer and click."""
+
+
+def describe_error(error: Exception) -> tuple[str, int]:
+    """Return the message of an error and its exit code."""
+    if isinstance(error, USAGE_ERROR):
+        return error.format_message(), error.exit_code
+    if isinstance(error, SketchterrainError):
+        return str(error), error.exit_code
+    if isinstance(error, OSError):
+        reason = error.strerror or str(error)
+        return (f"{error.filename}: {reason}" if error.filename else reason), FAILED
+    if isinstance(error, MemoryError):
+        return "out of memory", FAILED
+    kind = type(error).__name__
+    return f"unexpected {kind}: {error}; please report it, with the traceback of {DEBUG}=1", FAILED
+
+
+def fail(message: str, code: int) -> int:
+    """Write one line to stderr and return the exit code."""
+    sys.stderr.write(f"sketchterrain: error: {one_line(' '.join(message.split()))}\n")
+    return code
+
 
 _SLOW = 1.0  # s until a stage is printed without a terminal
 

@@ -26,23 +26,14 @@ class Command:
     kind: str = ""  # "check": on or off; "tool", "layer", "mode": one of an exclusive group
 
 
-TOOL_KEYS: Final = {
-    "select": "V",
-    "brush": "B",
-    "eraser": "E",
-    "line": "L",
-    "fill": "F",
-    "pick": "I",
-    "pan": "H",
-}
 _TOOLS = {
-    "select": ("&Select", "Select and move generated features"),
-    "brush": ("&Brush", "Paint with the active label; [ and ] change the size"),
-    "eraser": ("&Eraser", "Erase paint of the active layer"),
-    "line": ("&Line", "Draw a smooth line, such as a river: click its points, or drag"),
-    "fill": ("&Fill", "Fill an area with the active label"),
-    "pick": ("P&ick", "Pick the label from the sketch"),
-    "pan": ("&Hand", "Move the sketch; Space does so with any tool"),
+    "select": ("V", "&Select", "Select and move generated features"),
+    "brush": ("B", "&Brush", "Paint with the active label; [ and ] change the size"),
+    "eraser": ("E", "&Eraser", "Erase paint of the active layer"),
+    "line": ("L", "&Line", "Draw a smooth line, such as a river: click its points, or drag"),
+    "fill": ("F", "&Fill", "Fill an area with the active label"),
+    "pick": ("I", "P&ick", "Pick the label from the sketch"),
+    "pan": ("H", "&Hand", "Move the sketch; Space does so with any tool"),
 }
 _MODES = {
     "orbit": ("&Orbit", "Turn around the terrain with the mouse"),
@@ -51,7 +42,7 @@ _MODES = {
 }
 _OVERLAYS = {
     "relief": ("&Relief beneath the paint", "eye"),
-    "features": ("Placement feat&ures and rivers", "target"),
+    "features": ("Placed feat&ures and rivers", "target"),
     "contradictions": ("Co&ntradictions", "warning"),
     "adherence": ("&Adherence", "adherence"),
     "eye": ("Viewpoint of the 3-D &view", "camera"),
@@ -63,49 +54,32 @@ COMMANDS: Final[dict[str, Command]] = {
     "open": Command("&Open…", "Open a .sketch file", "open", ("Ctrl+O",)),
     "open-folder": Command("Open &folder…", "Open a sketch stored as a folder of images", "open"),
     "open-world": Command("Open &world…", "Walk and fly in a stored world", "view"),
-    "trace": Command(
-        "New from pi&cture…",
-        "Start from a coloured map, layers of a paint program or vectors of a GIS",
-        "pick",
-    ),
+    "trace": Command("New from pi&cture…", "Start from a coloured map, painted layers or vectors", "pick"),
     "presets": Command("&Presets…", "Start from one of the supplied sketches", "gallery", ("Ctrl+P",)),
     "save": Command("&Save", "Save the sketch", "save", ("Ctrl+S",)),
     "save-as": Command("Save &as…", "Save the sketch under another name", "", ("Ctrl+Shift+S",)),
     "import": Command("&Import layer image…", "Import a layer from a PNG of the sketch's size", "layers"),
-    "export": Command(
-        "&Export terrain…", "Write heights, materials, plants and maps as files", "export", ("Ctrl+E",)
-    ),
+    "export": Command("&Export terrain…", "Write heights, materials and plants", "export", ("Ctrl+E",)),
     "write-world": Command("Write wor&ld…", "Write a world of any size, with overviews", "world"),
-    "save-picture": Command(
-        "Save pic&ture…", "Save the picture of the 3-D view", "screenshot", ("Ctrl+Shift+P",)
-    ),
+    "save-picture": Command("Save pic&ture…", "Save the 3-D view", "screenshot", ("Ctrl+Shift+P",)),
     "quit": Command("&Quit", "Quit the program", "", ("Ctrl+Q",)),
     # edit
     "undo": Command("&Undo", "Undo the last step", "undo", ("Ctrl+Z",)),
     "redo": Command("&Redo", "Redo the undone step", "redo", ("Ctrl+Shift+Z", "Ctrl+Y")),
     "delete-selection": Command("&Delete", "Delete the selected feature from the terrain", "delete"),
-    "lock-selection": Command(
-        "&Lock", "Leave the selected feature unchanged, whatever is painted", "lock", ("Ctrl+L",), "check"
-    ),
+    "lock-selection": Command("&Lock", "Protect the selected feature", "lock", ("Ctrl+L",), "check"),
     "reset-selection": Command("Reset &edits", "Restore the selected feature as it was generated", "reset"),
     "select-none": Command("Select &nothing", "Clear the selection", "", ("Ctrl+Shift+A",)),
     "preferences": Command("&Preferences…", "Theme and device", "settings", ("Ctrl+,",)),
     "brush-smaller": Command("Brush s&maller", "Make the brush smaller", "", ("[",)),
     "brush-larger": Command("Brush lar&ger", "Make the brush larger", "", ("]",)),
-    **{
-        f"tool-{name}": Command(text, tip, name, (TOOL_KEYS[name],), "tool")
-        for name, (text, tip) in _TOOLS.items()
-    },
+    **{f"tool-{name}": Command(text, tip, name, (key,), "tool") for name, (key, text, tip) in _TOOLS.items()},
     # layer
     **{
-        f"layer-{name}": Command(
-            f"&{number} {layer.title}", f"Paint {layer.help}", "", (str(number),), "layer"
-        )
-        for number, (name, layer) in enumerate(LAYERS.items(), start=1)
+        f"layer-{name}": Command(f"&{key} {layer.title}", f"Paint {layer.help}", "", (str(key),), "layer")
+        for key, (name, layer) in enumerate(LAYERS.items(), start=1)
     },
-    "new-label": Command(
-        "&New label", "Another label of this layer, with properties of its own", "add", ("Ctrl+Shift+N",)
-    ),
+    "new-label": Command("&New label", "Add a label to this layer", "add", ("Ctrl+Shift+N",)),
     "delete-label": Command("&Delete label", "Delete the label and all of its paint", "delete"),
     "clear-layer": Command("&Clear layer", "Erase all paint of this layer"),
     "show-layer": Command("&Visible", "Show this layer's paint", "eye", (), "check"),
@@ -127,9 +101,7 @@ COMMANDS: Final[dict[str, Command]] = {
     "reset-layout": Command("Reset la&yout", "Restore the initial arrangement of panels", "reset"),
     # terrain
     "random-seed": Command("&Another seed", "Another terrain from the same sketch", "dice", ("Ctrl+R",)),
-    "measure": Command(
-        "&Measure adherence", "Measure how well the terrain follows the sketch", "adherence", ("Ctrl+M",)
-    ),
+    "measure": Command("&Measure adherence", "Compare terrain and sketch", "adherence", ("Ctrl+M",)),
     **{f"mode-{name}": Command(text, tip, name, (), "mode") for name, (text, tip) in _MODES.items()},
     "look-all": Command("&See the whole terrain", "View all of it from the air", "fit"),
     "look-best": Command("Best &place", "Go to the best viewpoint", "view"),
@@ -140,9 +112,7 @@ COMMANDS: Final[dict[str, Command]] = {
         f"bookmark-{number}": Command(f"View &{number}", f"Go to bookmark {number}", "", (f"Alt+{number}",))
         for number in range(1, 10)
     },
-    "restart": Command(
-        "Restart the &engine", "Restart the processes that compute and draw the terrain", "restart"
-    ),
+    "restart": Command("Restart the &engine", "Restart the processes behind the terrain", "restart"),
     # help
     "first-steps": Command("&First steps", "How to paint a terrain, in a minute", "info", ("F1",)),
     "keys": Command("&Keys", "All keys of the program", "keyboard", ("Ctrl+/",)),

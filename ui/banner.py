@@ -12,16 +12,7 @@ from types import TracebackType
 
 from PyQt6.QtCore import QObject, Qt, pyqtSignal
 from PyQt6.QtGui import QGuiApplication
-from PyQt6.QtWidgets import (
-    QDialog,
-    QDialogButtonBox,
-    QFrame,
-    QLabel,
-    QPlainTextEdit,
-    QPushButton,
-    QSizePolicy,
-    QWidget,
-)
+from PyQt6.QtWidgets import QFrame, QLabel, QMessageBox, QPushButton, QSizePolicy, QWidget
 
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.ui.application import single_shot
@@ -33,7 +24,6 @@ from sketchterrain.ui.look.theme import (
     SPACING,
     Symbol,
     active_theme,
-    column,
     row,
     theme,
     tool_button,
@@ -216,19 +206,9 @@ class UncaughtExceptions(QObject):
         self._banner.show_message(Message("error", line, "exception", (button,)))
 
     def show_details(self, details: str) -> None:
-        dialog = QDialog(self._window)
-        dialog.setWindowTitle("Error details")
-        text = QPlainTextEdit(details)
-        text.setReadOnly(True)
-        text.setAccessibleName("Traceback")
-        buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
-        copy = buttons.addButton("Copy", QDialogButtonBox.ButtonRole.ActionRole)
-        clipboard = QGuiApplication.clipboard()
-        if copy is not None and clipboard is not None:
-            copy.clicked.connect(lambda: clipboard.setText(details))
-        buttons.rejected.connect(dialog.reject)
-        hint = QLabel("Please include these lines when you report this error.")
-        column(dialog, hint, text, buttons, margins=MARGIN)
-        dialog.resize(640, 360)
-        dialog.exec()
-        dialog.deleteLater()
+        box = QMessageBox(self._window)
+        box.setWindowTitle("Error details")
+        box.setText("Please include these details when you report this error.")
+        box.setDetailedText(details)
+        box.exec()
+        box.deleteLater()

@@ -29,11 +29,10 @@ from sketchterrain.ui.models.workspace import BRUSHES, Workspace
 from sketchterrain.ui.open_dialogs import OpenDialogs
 from sketchterrain.ui.panels.adherence import AdherencePanel
 from sketchterrain.ui.panels.layers import LayersPanel
-from sketchterrain.ui.panels.lists import ContradictionsPanel, HistoryPanel
+from sketchterrain.ui.panels.lists import BookmarksPanel, ContradictionsPanel, HistoryPanel
 from sketchterrain.ui.panels.properties import PropertiesPanel
 from sketchterrain.ui.panels.settings import ViewPanel, WorldPanel
 from sketchterrain.ui.panels.status_line import StatusLine
-from sketchterrain.ui.view3d.bookmarks import BookmarksPanel
 from sketchterrain.ui.view3d.view import View3D
 from sketchterrain.ui.window_actions import SketchActions, ViewActions
 

@@ -22,7 +22,7 @@ from sketchterrain.ui.models.bookmarks import Bookmarks
 from sketchterrain.ui.models.preferences import state_folder
 from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.open_dialogs import PictureFile
-from sketchterrain.ui.view3d.bookmarks import BookmarksPanel
+from sketchterrain.ui.panels.lists import BookmarksPanel
 from sketchterrain.ui.view3d.camera import length_text
 from sketchterrain.ui.view3d.view import View3D
 from sketchterrain.ui.window_actions import ViewActions

@@ -14,12 +14,11 @@ from PyQt6.QtWidgets import QApplication, QFileDialog, QMenu, QMessageBox
 from sketchterrain.document.parameters import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
-from sketchterrain.ui.actions import TOOL_KEYS
 from sketchterrain.ui.banner import Message
 from sketchterrain.ui.engine.protocol import ErrorReport, MeasureAdherence, RenderPicture
 from sketchterrain.ui.menus import MENUS
 from sketchterrain.ui.models.preferences import Preferences
-from sketchterrain.ui.models.workspace import Selection
+from sketchterrain.ui.models.workspace import TOOLS, Selection
 
 from .events import LEFT, NO_KEYS
 from .test_random_actions import UNTRIGGERED, DialogCloser
@@ -125,7 +124,7 @@ def test_zoom_brush_and_selection_actions_and_all_others_can_be_triggered(
 
 def test_tool_layer_overlay_and_engine_actions(window, workspace, link):
     window.activateWindow()
-    for tool, key in TOOL_KEYS.items():
+    for tool, key in zip(TOOLS, "VBELFIH", strict=True):
         do(window, f"tool-{tool}")
         assert workspace.tool == tool
         assert window.actions_by_name[f"tool-{tool}"].shortcut().toString() == key

@@ -95,31 +95,11 @@ def _version() -> str:
 
 
 _STEPS = (
-    (
-        "layers",
-        "Select a layer",
-        "Mountains, hills, rivers, dunes, forests, lakes or materials, at the left or with 1 … 7.",
-    ),
-    (
-        "brush",
-        "Paint where it should be",
-        "The terrain follows at the right. Rivers: a line (L) along their course.",
-    ),
-    (
-        "settings",
-        "Set its properties",
-        "Height, sharpness, width. A new label has properties of its own.",
-    ),
-    (
-        "target",
-        "Follow the sketch closely or loosely",
-        "World: fidelity from loose to exact; another seed gives another terrain.",
-    ),
-    (
-        "select",
-        "Move what was generated",
-        "With V, click a mountain or a river and drag it or its handles, in either view.",
-    ),
+    ("layers", "Select a layer", "Mountains, hills, rivers and others, at the left or with 1 … 7."),
+    ("brush", "Paint where it should be", "The terrain follows at the right. Paint rivers as a line (L)."),
+    ("settings", "Set its properties", "Height, sharpness, width. A new label has its own."),
+    ("target", "Follow the sketch closely or loosely", "World: fidelity; another seed, another terrain."),
+    ("select", "Move what was generated", "With V, drag a mountain, a river or its handles, in either view."),
     ("export", "Export it", "File ▸ Export terrain writes heights, materials, plants and maps."),
 )
 

@@ -237,7 +237,9 @@ def _works(context: TimedContext, effort: Effort) -> Iterator[tuple[_Case, Calla
     out = context.empty(4 * items, context.real_dtype)
     yield (
         _Case(("bench_write",)),
-        partial(context.lap, partial(context.launch, "bench_bytes.cl", "bench_write", (items,), out)),
+        partial(
+            context.lap, partial(context.launch, "baselines/bench_bytes.cl", "bench_write", (items,), out)
+        ),
     )
     yield (
         _Case(("material_paint", "material_relief")),

@@ -75,7 +75,9 @@ class NoiseGrid:
 
     def launch(self) -> None:
         """Enqueue the kernel once."""
-        self._context.launch("bench.cl", "bench_fbm", (self._side, self._side), *self._arguments, self._sum)
+        self._context.launch(
+            "baselines/bench.cl", "bench_fbm", (self._side, self._side), *self._arguments, self._sum
+        )
 
     def finish(self) -> None:
         """Wait for what was enqueued."""
@@ -85,7 +87,7 @@ class NoiseGrid:
         """Enqueue the kernel that gives slopes too, once."""
         out = self._sum, self._east, self._north
         size = (self._side, self._side)
-        self._context.launch("bench.cl", "bench_fbm_slope", size, *self._arguments, *out)
+        self._context.launch("baselines/bench.cl", "bench_fbm_slope", size, *self._arguments, *out)
 
     def download(self) -> npt.NDArray[Any]:
         """Return what the kernel computed last, shape (side, side)."""

@@ -62,7 +62,7 @@ class SplineQueries:
     def work(self, method: str, cell_size: float) -> Callable[[], None]:
         """Return what launches one of `KERNELS`, for a cell size (m)."""
         size, each = (int(np.prod(self.shape)),), np.int32(self.shape[1])
-        launch = partial(self._context.launch, "splines.cl", KERNELS[method], size)
+        launch = partial(self._context.launch, "baselines/splines.cl", KERNELS[method], size)
         if method not in FLATTENED:
             count = np.int32(self.cubics.shape[1])
             return partial(launch, self._cubic, count, self._place, each, self._out)

@@ -29,7 +29,7 @@ inline REAL height_of(__global const REAL4 *painted, int size, int i, int j)
     return painted[(j & (size - 1)) * size + (i & (size - 1))].w;
 }
 
-// Slope eastward and northward, roughness, and how open a texel is to the sky.
+// ValueSlope eastward and northward, roughness, and how open a texel is to the sky.
 //
 // Openness is the mean over eight directions of cos² of the horizon's angle: what a cosine lobe sees past a wall
 // that high (Max 1988, with directions in place of the integral).

@@ -1,5 +1,6 @@
-// Terrain where vertices may lie anywhere: patches of any spacing, and single points.
-#include "patches.clh"
+// Terrain at any positions: patches whose vertices lie on given axes (the kernels of tiles.cl), and single points.
+#define AXIS_POSITIONS
+#include "tiles.cl"
 
 // Heights and masks at single points. block[i] is the block of ground that point i lies in.
 // Global size: count rounded up.
@@ -10,9 +11,9 @@ __kernel void points(TERRAIN_ARGUMENTS, __global const long *x, __global const l
     COLLECT_FEATURES
     const int item = get_global_id(0);
     const int i = min(item, count - 1);
-    const Place p = place_of(x[i], y[i]);
-    const REAL mottle = has_forest(features, *world, block[i]) ? mottle_at(octaves, *world, p) : R(0);
-    const Ground g = terrain_at(octaves, features, lakes, rivers, styles, world, block[i], p, true, mottle);
+    const LatticePoint p = lattice_point(x[i], y[i]);
+    const REAL cover_noise = has_forest(features, *world, block[i]) ? cover_noise_at(octaves, *world, p) : R(0);
+    const TerrainSample g = terrain_at(octaves, features, lakes, rivers, styles, world, block[i], p, true, cover_noise);
     if (item >= count) return;
     height[item] = g.height;
     masks[item] = (REAL4)(g.mountain, g.dune, g.forest, g.water);

@@ -15,8 +15,8 @@ MAY_IMPORT = {
     "array_types": set(),
     "io": {"errors"},
     "document": {"errors", "array_types", "io"},
-    "placement": {"errors", "array_types", "document"},
-    "hydrology": {"errors", "array_types", "document", "placement"},
+    "placement": BASE,
+    "hydrology": BASE | {"placement"},
     "compute": {"errors", "array_types", "io"},
     # The class `Terrain` offers foliage: vegetation is the one room below that terrain imports.
     "terrain": CORE,

@@ -1,4 +1,4 @@
-"""Kernel and shader sources, and presets."""
+"""Kernel and shader sources with the constants and layouts that they define, and presets."""
 
 from __future__ import annotations
 
@@ -8,8 +8,17 @@ from hashlib import sha256
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 
+import numpy as np
+
 from sketchterrain.errors import InputError
 
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from importlib.resources.abc import Traversable
+
+    import numpy.typing as npt
+
+_CONSTANT = re.compile(r"^#define[ \t]+(\w+)[ \t]+(?:R\()?(-?(?:0x[0-9A-F]+|[\d.e-]+))", re.MULTILINE)
 _BASELINES = "baselines/"
 _INCLUDE = re.compile(r'^[ \t]*#include[ \t]+"([^"]+)"[ \t]*$', re.MULTILINE)
 
@@ -46,6 +55,37 @@ def _inline(name: str, seen: set[str]) -> str:
         return f"{body}#line {next_line}"
 
     return _INCLUDE.sub(expand, text)
+
+
+def kernel_constants(file: str, *names: str) -> tuple[float, ...]:
+    """Return the values of ``#define NAME`` in a kernel source: integers, or reals written as ``R(…)``."""
+    found = dict(_CONSTANT.findall(source(file)))
+    return tuple(_number(found[name]) for name in names)
+
+
+def _number(text: str) -> float:
+    return (
+        int(text, 16) if text.startswith("0x") else int(text) if text.lstrip("-").isdigit() else float(text)
+    )
+
+
+def kernel_columns(file: str, row: str) -> Mapping[str, int]:
+    """Return the columns that ``COLUMN(row, name, member, component)`` names; a member has four."""
+    text = source(file)
+    (members,) = re.findall(rf"typedef struct {{\s*REAL4 ([^;]*);\s*}} {row};", text)
+    first = {name: 4 * number for number, name in enumerate(members.split(", "))}
+    columns = re.findall(rf"^COLUMN\({row}, (\w+), (\w+), s(\d)\)", text, re.MULTILINE)
+    return {name: first[member] + int(component) for name, member, component in columns}
+
+
+def kernel_struct(file: str, name: str, real: npt.DTypeLike) -> np.dtype[np.void]:
+    """Return the layout of a struct of ``REAL``, ``long`` and ``int`` members, with ``real`` for ``REAL``."""
+    (body,) = re.findall(rf"typedef struct {{([^}}]*)}} {name};", source(file))
+    kinds = {"REAL": real, "long": np.int64, "int": np.int32}
+    members = re.findall(r"(REAL|long|int) ([\w, ]+);", body)
+    return np.dtype(
+        [(each, kinds[kind]) for kind, names in members for each in names.split(", ")], align=True
+    )
 
 
 def preset_names() -> tuple[str, ...]:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array
+from sketchterrain.io.resources import kernel_constants
 from sketchterrain.placement.hashing import hash_unit
 
 if TYPE_CHECKING:
@@ -110,7 +111,9 @@ VISIBLE_SHARE: Final = 0.25
 
 _STEEPEST = 0.6  # added to the flank at fidelity 1
 _LOOSE = 0.6  # fidelity up to which flanks are gentlest
-_TIP = 0.12  # share of a radius over which a mountain's tip is rounded
+_HILL_FOOT, _HILL_FOOT_SLOPE, _PEAK_MIN, _PEAK_RANGE, _TIP = kernel_constants(
+    "features.clh", "HILL_FOOT", "HILL_FOOT_SLOPE", "PEAK_MIN", "PEAK_RANGE", "TIP"
+)
 _CUT_IN = 0.2  # radius added to a mountain at fidelity 0, as valleys cut into its outline
 _HALVINGS = 30
 
@@ -134,21 +137,23 @@ def hill_profile(t: Float64Array, steepness: float | Float64Array) -> Float64Arr
     (1 - s)², but level at s = 0.
     """
     s = np.maximum(1.0 - steepness * (1.0 - np.minimum(t, 1.0)), 0.0)
-    return np.asarray((1.0 - s) ** 2 * (1.0 + s * (2.0 + s * (1.4 * s - 3.0))))
+    return np.asarray((1.0 - s) ** 2 * (1.0 + s * (2.0 + s * (_HILL_FOOT * s - 3.0))))
 
 
 def hill_slope(t: Float64Array, steepness: float | Float64Array) -> Float64Array:
     """Return the derivative of a hill's profile."""
     s = np.maximum(1.0 - steepness * (1.0 - np.minimum(t, 1.0)), 0.0)
-    swell = 1.0 + s * (2.0 + s * (1.4 * s - 3.0))
-    return np.asarray(steepness * (1.0 - s) * ((1.0 - s) * (2.0 + s * (4.2 * s - 6.0)) - 2.0 * swell))
+    swell = 1.0 + s * (2.0 + s * (_HILL_FOOT * s - 3.0))
+    return np.asarray(
+        steepness * (1.0 - s) * ((1.0 - s) * (2.0 + s * (_HILL_FOOT_SLOPE * s - 6.0)) - 2.0 * swell)
+    )
 
 
 def mountain_profile(
     t: Float64Array, peakiness: float | Float64Array, steepness: float | Float64Array
 ) -> Float64Array:
     """Return the share of a mountain's height: a hill's profile and a round tip (1 - t)², by peakiness."""
-    share = 0.1 + 0.6 * peakiness
+    share = _PEAK_MIN + _PEAK_RANGE * peakiness
     tip = (1.0 - _rounded(t)) ** 2 / (1.0 - 0.5 * _TIP) ** 2
     return np.asarray((1.0 - share) * hill_profile(t, steepness) + share * tip)
 
@@ -157,7 +162,7 @@ def mountain_slope(
     t: Float64Array, peakiness: float | Float64Array, steepness: float | Float64Array
 ) -> Float64Array:
     """Return the derivative of a mountain's profile."""
-    share = 0.1 + 0.6 * peakiness
+    share = _PEAK_MIN + _PEAK_RANGE * peakiness
     tip = -2.0 * (1.0 - _rounded(t)) * np.minimum(t / _TIP, 1.0) / (1.0 - 0.5 * _TIP) ** 2
     return np.asarray((1.0 - share) * hill_slope(t, steepness) + share * tip)
 

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from sketchterrain.hydrology.splines import catmull_rom, cubics
+from sketchterrain.io.resources import kernel_constants
 from sketchterrain.placement.hashing import gaussian_filter, rounded
 from sketchterrain.terrain.recipe import FINEST_CELL
 
@@ -25,7 +26,7 @@ _CHECKS = 15  # samples inside a piece where the curve is compared
 _SHARE = 0.9  # of the tolerance allowed at the samples: the rest is for what lies between, and for rounding
 _MAX_BEND = 0.25  # a tangent: no arc of more than 56°, so that points beside it have one nearest point
 _MAX_HALVINGS = 24
-_CENTRE = 1e-4  # as CENTRE in kernels/spline_arcs.clh
+(_CENTRE,) = kernel_constants("spline_arcs.clh", "CENTRE")
 _POINT = 1e-12  # m: shorter chords are points
 
 

@@ -166,7 +166,7 @@ def feature_index(recipe: TerrainRecipe, packed: PackedFeatures) -> tuple[BoxInd
 def river_index(recipe: TerrainRecipe, packed: PackedRivers) -> BoxIndex:
     """Return an index of the arcs of centrelines."""
     unit = metres_per_unit(recipe.extent)
-    end = packed.start + np.rint(packed.along[:, :2] / unit).astype(np.int64)
+    end = packed.start + np.rint(packed.chord / unit).astype(np.int64)
     support = packed.support / unit * (1 + 1e-5) + 2
     return BoxIndex(np.minimum(packed.start, end), np.maximum(packed.start, end), support)
 

@@ -8,12 +8,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sketchterrain.io.resources import kernel_constants
 from sketchterrain.placement.feature_types import FEATURE_TYPES, area_profile, hill_profile, mountain_profile
 from sketchterrain.terrain.centrelines import tolerance_cell
 from sketchterrain.terrain.culling import field_index
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.noise import band_weight, octave_table
-from sketchterrain.terrain.packing import effective_cell, pack_fields, pack_lakes, pack_world
+from sketchterrain.terrain.packing import (
+    FEATURE,
+    SLOT_DUNE,
+    SLOT_HILL,
+    SLOT_MOUNTAIN,
+    effective_cell,
+    pack_fields,
+    pack_lakes,
+    pack_world,
+)
 from sketchterrain.terrain.recipe import FINEST_CELL
 
 if TYPE_CHECKING:
@@ -57,23 +67,22 @@ class BlockExtrema:
 NOISE_PEAK = 1.01
 """Bound of |noise| in one octave: a simplex's corners give no more, each with its worst gradient."""
 
-_HILL_SWELL = 0.4
+_HILL_SWELL, _ROCK_HEIGHT, _INVERSE_ROCK_RANGE = kernel_constants(
+    "relief.clh", "HILL_SWELL", "ROCK_HEIGHT", "INVERSE_ROCK_RANGE"
+)
+_CREST_SHARE, _LEVELLED = kernel_constants("height.clh", "CREST_SHIFT", "DUNE_LEVEL")
+_BANK_RISE, _MIN_CELLS = kernel_constants("rivers.clh", "BANK_RISE", "CHANNEL_CELLS")
 _GULLY_PEAK = 1.25  # bound of an octave of gullies, over its depth
 _GULLY_SLOPE = 13.0  # bound of its slope, over its depth and times its wavelength
 _ROCK_OVER_SLOPE = 0.78  # greatest derivative of slope^2 / (slope^2 + 0.7), the roughness of rock
 _PLATEAU_SLOPE = 3.0  # of an area's profile, over a radius
-_DUNE_SLOPE, _CREST_SHARE, _VIGOUR_SLOPE = 9.1, 0.9, 1.05
-_LEVELLED = 0.35  # height of dunes whose waves are not resolved, and the amplitude of waves around it
-_BANK_RISE = 0.5
-_MIN_CELLS = 2.0
+_DUNE_SLOPE, _VIGOUR_SLOPE = 9.1, 1.05
 # Difference of the bed by arcs for a coarser cell: in cells along the banks' slope, and in widths along the
 # fall. Measured, not proven: blends of arcs shift where these are split differently.
 _ARC_SLOPES, _ARC_WIDTHS = 0.4, 0.8
 _ROUNDING = 1e-6  # of the height
-_ROCK = (20.0, 100.0)  # m: heights of massifs between which bare rock appears
 # Most features of a kind, omitted at a cell size, that overlap at their full height.
 _MAX_OVERLAP = 4.0
-_MOUNTAIN, _HILL, _FIRST_DUNE = 0, 1, 3
 _TURNS = np.linspace(0.0, 1.0, 2049)
 
 
@@ -169,14 +178,15 @@ class DetailBound:
         slots = of_slot.shape[1]
         if not member.size:
             zero = np.zeros(count)
-            styles = np.zeros((count, slots - _FIRST_DUNE))
+            styles = np.zeros((count, slots - SLOT_DUNE))
             return BlockExtrema(zero, zero, zero, zero, zero, zero, styles, styles)
         packed = features.packed
         block, slot = np.divmod(np.repeat(np.arange(count * slots), of_slot.ravel()), slots)
-        at, shape = packed.at[member], packed.shape[member]
+        at, column = packed.at[member], {name: packed[name][member] for name in FEATURE}
+        strength, flank = column["feature_strength"], column["feature_flank"]
         outside = np.maximum(np.maximum(blocks[block, :2] - at, at - blocks[block, 2:]), 0) * unit
-        radii = np.hypot(outside[:, 0], outside[:, 1]) * shape[:, 0]
-        radii = np.maximum(radii - np.hypot(shape[:, 8], shape[:, 9]), 0)
+        radii = np.hypot(outside[:, 0], outside[:, 1]) * column["inverse_radius"]
+        radii = np.maximum(radii - np.hypot(column["crest_east"], column["crest_north"]), 0)
         bent = np.maximum(radii - np.sqrt(2) * recipe.warp, 0)
         spur = self._spur * NOISE_PEAK
 
@@ -184,23 +194,23 @@ class DetailBound:
             sums = np.bincount(block, weights=np.where(slot == kind, heights, 0.0) ** power, minlength=count)
             return np.asarray(sums ** (1 / power))
 
-        hill = power_mean(_HILL, shape[:, 1] * hill_profile(bent, shape[:, 3]), 2)
-        peaks = shape[:, 1] * mountain_profile(np.maximum(bent - spur, 0), shape[:, 2], shape[:, 3])
-        mountain = power_mean(_MOUNTAIN, peaks, 4)
+        hill = power_mean(SLOT_HILL, strength * hill_profile(bent, flank), 2)
+        peaks = strength * mountain_profile(np.maximum(bent - spur, 0), column["feature_peakiness"], flank)
+        mountain = power_mean(SLOT_MOUNTAIN, peaks, 4)
         # The same without profiles, to bound shifts of the profiles.
         hill_sum, mountain_sum = (
-            power_mean(kind, shape[:, 1], power) for kind, power in ((_HILL, 2), (_MOUNTAIN, 4))
+            power_mean(kind, strength, power) for kind, power in ((SLOT_HILL, 2), (SLOT_MOUNTAIN, 4))
         )
-        cut = np.where(slot <= _HILL, shape[:, 4], 0.0)
+        cut = np.where(slot <= SLOT_HILL, column["feature_erosion"], 0.0)
         erosion, widest = np.zeros(count), np.zeros(count)
         np.maximum.at(erosion, block, cut)
-        np.maximum.at(widest, block, np.where(cut > 0, shape[:, 5], 0.0))
+        np.maximum.at(widest, block, np.where(cut > 0, column["widest_gully"], 0.0))
         cover, dune = np.zeros((count, slots)), np.zeros((count, slots))
         np.add.at(cover, (block, slot), area_profile(bent) ** 4)
-        np.maximum.at(dune, (block, slot), shape[:, 1])
-        cover = np.minimum(cover**0.25, 1.0)[:, _FIRST_DUNE:]
+        np.maximum.at(dune, (block, slot), strength)
+        cover = np.minimum(cover**0.25, 1.0)[:, SLOT_DUNE:]
         return BlockExtrema(
-            hill, mountain, hill_sum, mountain_sum, erosion, widest, cover, dune[:, _FIRST_DUNE:]
+            hill, mountain, hill_sum, mountain_sum, erosion, widest, cover, dune[:, SLOT_DUNE:]
         )
 
     def _hills(self, omitted: OmittedDetail, near: BlockExtrema) -> Float64Array:
@@ -249,15 +259,15 @@ class DetailBound:
         if not self._recipe.lakes:
             return bound
         lakes = pack_lakes(self._recipe, self._fields, cell)
-        lost, level = 1 - lakes.shape[:, 3], lakes.shape[:, 2]
+        lost, level = 1 - lakes["lake_visible"], lakes["lake_level"]
         if not lost.any():
             return bound
         block, lake = self._lakes_at.touching(blocks)
         low = -self._relief * NOISE_PEAK - near.erosion * self._gully_depth * _GULLY_PEAK
         rise = (1 + _HILL_SWELL) * near.hill + (1 + self._ridge_depth * NOISE_PEAK) * near.mountain
         high = self._relief * NOISE_PEAK + rise + near.dune.sum(axis=-1)
-        up = 2 * np.maximum((level + lakes.profile[:, 3])[lake] - low[block], 0)
-        down = high[block] - (level - lakes.profile[:, 0])[lake]
+        up = 2 * np.maximum((level + lakes["beach_rise"])[lake] - low[block], 0)
+        down = high[block] - (level - lakes["lake_depth"])[lake]
         np.maximum.at(bound, block, lost[lake] * np.maximum(up, down))
         return bound
 
@@ -269,15 +279,15 @@ class DetailBound:
         if not member.size:
             return lost
         block = np.repeat(np.arange(count), np.diff(starts))
-        half_width = np.minimum(rivers.up[:, 1], rivers.down[:, 1])[member]
-        deep = np.maximum(rivers.up[:, 2], rivers.down[:, 2])[member]
+        half_width = np.minimum(*rivers.ends("half_width"))[member]
+        deep = np.maximum(*rivers.ends("river_depth"))[member]
         resolved = np.clip(2 * half_width / cell / _MIN_CELLS - 1, 0, 1)
         np.maximum.at(lost, block, 1 - resolved * resolved * (3 - 2 * resolved))
         np.maximum.at(depth, block, deep)
         tolerance = tolerance_cell(cell)
         if tolerance > FINEST_CELL:
-            fall = np.abs(rivers.up[:, 0] - rivers.down[:, 0])[member]
-            steep = fall / np.maximum(np.hypot(rivers.along[member, 0], rivers.along[member, 1]), 1e-3)
+            fall = np.abs(np.subtract(*rivers.ends("water_surface")))[member]
+            steep = fall / np.maximum(np.hypot(*rivers.chord[member].T), 1e-3)
             off = _ARC_SLOPES * tolerance * 2 * deep / half_width + _ARC_WIDTHS * 2 * half_width * steep
             np.maximum.at(moved, block, off)
         return np.asarray((1 + _BANK_RISE) * depth * lost + moved)
@@ -291,7 +301,7 @@ def _fade_loss(cells: Float64Array) -> Float64Array:
 
 def _rocky(height: Float64Array) -> Float64Array:
     """Return the greatest mountain mask of massifs up to a height (m)."""
-    t = np.clip((height - _ROCK[0]) / (_ROCK[1] - _ROCK[0]), 0.0, 1.0)
+    t = np.clip((height - _ROCK_HEIGHT) * _INVERSE_ROCK_RANGE, 0.0, 1.0)
     return np.asarray(t * t * (3 - 2 * t))
 
 

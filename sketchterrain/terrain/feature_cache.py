@@ -43,8 +43,8 @@ _ROUNDING = 4  # lattice units
 class FeatureBatch:
     """Features near some blocks, for one cell size, in the order of their ids."""
 
-    at: Any  # at, shape: Device buffers of ``Features`` in ``kernels/world.clh``
-    shape: Any
+    at: Any  # at, row: device buffers of ``Features`` in ``kernels/world.clh``
+    row: Any
     packed: PackedFeatures  # The same here
     slots: int  # How many kinds there are
     index: BoxIndex  # index, order: From :func:`~sketchterrain.terrain.culling.feature_index`
@@ -143,7 +143,7 @@ class FeatureCache:
         upload = self._context.upload
         return FeatureBatch(
             upload(packed.at),
-            upload(packed.shape.astype(self._context.real_dtype)),
+            upload(packed.row.astype(self._context.real_dtype)),
             packed,
             self._slots,
             index,

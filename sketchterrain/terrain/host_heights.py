@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sketchterrain.io.resources import kernel_constants
 from sketchterrain.placement.feature_types import area_profile, cubic
 from sketchterrain.terrain.centrelines import nearest_on_arc
 from sketchterrain.terrain.culling import features_near
@@ -28,6 +29,11 @@ from sketchterrain.terrain.host_relief import (
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.noise import ValueSlope, fbm, fbm_slope
 from sketchterrain.terrain.packing import (
+    ARC,
+    LAKE,
+    SECTION,
+    SLOT_DUNE,
+    SLOT_FOREST,
     effective_cell,
     pack_features,
     pack_fields,
@@ -43,8 +49,31 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.recipe import TerrainRecipe
 
 
-_RIM = 0.15
-_SOFTNESS = 0.5
+_RIM, _BEACH, _WATERSIDE, _SHARPNESS, _SOFTNESS = kernel_constants(
+    "lakes.clh", "RIM", "BEACH", "WATERSIDE", "SHARPNESS", "SOFTNESS"
+)
+(_COVER_NOISE,) = kernel_constants("height.clh", "COVER_NOISE_CONTRAST")
+_CREST_SHIFT, _DUNE_LEVEL, _VIGOUR_MIN, _VIGOUR_RANGE, _VIGOUR_START = kernel_constants(
+    "height.clh", "CREST_SHIFT", "DUNE_LEVEL", "VIGOUR_MIN", "VIGOUR_RANGE", "VIGOUR_START"
+)
+_FOREST_RAGGED, _FOREST_START, _INVERSE_FOREST_RANGE = kernel_constants(
+    "height.clh", "FOREST_RAGGED", "FOREST_START", "INVERSE_FOREST_RANGE"
+)
+_WINDWARD, _LEE, _ROCK_HEIGHT, _INVERSE_ROCK_RANGE = kernel_constants(
+    "height.clh", "WINDWARD", "LEE", "ROCK_HEIGHT", "INVERSE_ROCK_RANGE"
+)
+_NEARNESS, _WEIGHT_SCALE, _BANK_WIDTH, _BANK_RISE, _FLOODPLAIN_SLOPE, _CHANNEL_CELLS, _MATERIAL_CELLS = (
+    kernel_constants(
+        "rivers.clh",
+        "NEARNESS",
+        "WEIGHT_SCALE",
+        "BANK_WIDTH",
+        "BANK_RISE",
+        "FLOODPLAIN_SLOPE",
+        "CHANNEL_CELLS",
+        "MATERIAL_CELLS",
+    )
+)
 
 
 def field_distance(fields: PackedFields, i: int, x: LatticeArray, y: LatticeArray) -> Float64Array:
@@ -74,15 +103,14 @@ def apply_lakes(
     weights, own, top, visible, deepest = np.zeros((5, *height.shape))
     nearest = np.ones(height.shape)
     for i in np.flatnonzero(packed.visible):
-        _, inverse_margin, level, fade = packed.shape[i]
-        depth, inverse_shelf, slope, rise = packed.profile[i]
+        inverse_margin, level, fade, depth, inverse_shelf, slope, rise = (packed[name][i] for name in LAKE)
         d = field_distance(fields, int(i), x, y)
         s = np.clip(-d * inverse_margin, 0, 1)
         t = np.clip(d * inverse_shelf, 0, 1)
         bed = level - depth * t**2 * (3 - 2 * t) - slope * t * (1 - t) ** 2
-        weight = fade * (1 - s) ** 2 / (s**2 + 1 / 1024) ** 2
+        weight = fade * (1 - s) ** 2 / (s**2 + _SHARPNESS) ** 2
         weights += weight
-        own += weight * (bed + rise * (1 - np.maximum(1 - 2 * s, 0) ** 2))
+        own += weight * (bed + rise * (1 - np.maximum(1 - _BEACH * s, 0) ** 2))
         top += weight * (level + rise)
         visible += weight * fade
         nearest, deepest = np.minimum(nearest, s), np.maximum(deepest, t)
@@ -92,7 +120,7 @@ def apply_lakes(
     result, (water, lake) = height.copy(), np.zeros((2, *height.shape))
     terrain = ground + visible * _soft_positive(top - ground) * (1 - s**4) * (1 - s**2)
     result[near] = terrain + (own - terrain) * visible * _cubic(np.maximum(s - _RIM, 0) / (1 - _RIM))
-    water[near] = visible * (0.75 * np.maximum(1 - 3 * s, 0) + 0.25 * t)
+    water[near] = visible * (0.75 * np.maximum(1 - _WATERSIDE * s, 0) + 0.25 * t)
     lake[near] = visible * _cubic(s / _RIM)
     return result, water, lake
 
@@ -113,7 +141,7 @@ _LEVEL = ErodibleHeight(ValueSlope(_ZERO, _ZERO, _ZERO), _ZERO, _ZERO)
 
 @dataclass(frozen=True)
 class HostSamples:
-    """Heights (m) and masks (0 … 1) at points; see ``Ground`` in ``kernels/world.clh``."""
+    """Heights (m) and masks (0 … 1) at points; see ``TerrainSample`` in ``kernels/world.clh``."""
 
     height: Float64Array
     mountain: Float64Array
@@ -155,9 +183,13 @@ def host_samples(
     relief = relief_noise_at(w, octaves, x, y)
     points = SamplePoints(x, y, metres_per_unit(recipe.extent), relief.bend)
     height, mountain, dune = _dry(world, packed, points, relief)
-    cover, share = _areas(packed, points, slot=2)
-    mottle = 2.2 * fbm(octaves, "mottle", x, y)
-    forest = share * _smooth(cover + 0.8 * mottle, 0.4, 0.65) * _smooth(cover, 0, 0.25)
+    cover, share = _areas(packed, points, slot=SLOT_FOREST)
+    mottle = _COVER_NOISE * fbm(octaves, "mottle", x, y)
+    forest = (
+        share
+        * _rise(cover + _FOREST_RAGGED * mottle, _FOREST_START, 1 / _INVERSE_FOREST_RANGE)
+        * _rise(cover, 0, 1 / _INVERSE_FOREST_RANGE)
+    )
     cell = 1 / float(w["inverse_cell"])
     water, lake = np.zeros((2, *x.shape))
     if recipe.lakes:
@@ -191,7 +223,7 @@ def _dry(
     dune, styles = np.zeros(x.shape), range(int(w["dune_styles"]))
     crest = fbm(octaves, "crest", x, y) if styles else dune
     for number in styles:
-        cover, amplitude = _areas(packed, points, slot=3 + number)
+        cover, amplitude = _areas(packed, points, slot=SLOT_DUNE + number)
         height = height + cover * amplitude * _dune_pattern(world.styles[number], x, y, crest)
         dune = np.maximum(dune, cover)
     return height, mountain, dune
@@ -232,18 +264,18 @@ def _eroded(
     )
     cut = gullies(w, octaves, points.x, points.y, rise)
     height = ValueSlope(*(a + b for a, b in zip(rise.height, cut, strict=True)))
-    return height, _smooth(massif.height.value, 20, 100)
+    return height, _rise(massif.height.value, _ROCK_HEIGHT, 1 / _INVERSE_ROCK_RANGE)
 
 
-def _smooth(x: Float64Array, low: float, high: float) -> Float64Array:
-    t = np.clip((x - low) / (high - low), 0, 1)
+def _rise(x: Float64Array, start: float, width: float) -> Float64Array:
+    t = np.clip((x - start) / width, 0, 1)
     return np.asarray(t * t * (3 - 2 * t))
 
 
 def _areas(packed: PackedFeatures, points: SamplePoints, *, slot: int) -> tuple[Float64Array, Float64Array]:
     pairs = points.pairs_within_support(packed, slot)
     cover = area_profile(points.distance_to_crests(packed, pairs)[0].value)
-    strength = packed.shape[pairs.feature, 1]
+    strength = packed["feature_strength"][pairs.feature]
     total, weights, strengths = (points.summed(pairs, each) for each in (cover**4, cover, cover * strength))
     mean = np.where(weights > 1e-6, strengths / np.maximum(weights, 1e-6), 0)
     return np.minimum(np.sqrt(np.sqrt(total)), 1), mean
@@ -252,12 +284,13 @@ def _areas(packed: PackedFeatures, points: SamplePoints, *, slot: int) -> tuple[
 def _dune_pattern(style: np.void, x: LatticeArray, y: LatticeArray, crest: Float64Array) -> Float64Array:
     bits = int(style["period_bits"])
     phase = x * style["east"] + y * style["north"]
-    t = (phase & ((1 << bits) - 1)) / 2.0**bits + 0.9 * crest
+    t = (phase & ((1 << bits) - 1)) / 2.0**bits + _CREST_SHIFT * crest
     t = t - np.floor(t)
-    up = t / 0.78
-    profile = np.where(t < 0.78, up * up * (2 - up), np.maximum(1 - (t - 0.78) / 0.22, 0) ** 2)
-    pattern = profile * (0.3 + 0.7 * _smooth(crest, -0.5, 0.5))
-    return np.asarray(0.35 + (pattern - 0.35) * style["visible"])
+    up = t / _WINDWARD
+    lee = np.maximum(1 - (t - _WINDWARD) / _LEE, 0)
+    profile = np.where(t < _WINDWARD, up * up * (2 - up), lee**2)
+    pattern = profile * (_VIGOUR_MIN + _VIGOUR_RANGE * _rise(crest, _VIGOUR_START, 1))
+    return np.asarray(_DUNE_LEVEL + (pattern - _DUNE_LEVEL) * style["visible"])
 
 
 def _carved(
@@ -266,33 +299,35 @@ def _carved(
     weights, nearest = np.zeros(height.shape), np.full(height.shape, 1e30)
     sums = np.zeros((4, *height.shape))
     for i in range(len(rivers.start)):
-        chord, contribution, bend = rivers.along[i, :2], rivers.along[i, 3], rivers.along[i, 4]
+        chord, bend = rivers.chord[i], rivers.arc[i, ARC["arc_bend"]]
+        contribution = rivers.arc[i, ARC["arc_weight"]]
         dx = (points.x - rivers.start[i, 0]) * points.unit
         dy = (points.y - rivers.start[i, 1]) * points.unit
         t, d2 = nearest_on_arc(chord, bend, np.stack([dx, dy], axis=-1))
         here = rivers.up[i][:, None] + (rivers.down[i] - rivers.up[i])[:, None] * t
-        share2 = d2 / here[3] ** 2
+        width, radius = here[SECTION["half_width"]], here[SECTION["valley_radius"]]
+        share2 = d2 / radius**2
         inside = np.maximum(1 - share2, 0)
-        contribution = contribution * inside**2 * (32 * here[1] / (d2 + here[1] ** 2 / 64)) ** 4
+        contribution = contribution * inside**2 * (_WEIGHT_SCALE * width / (d2 + width**2 * _NEARNESS)) ** 4
         weights += contribution
         sums += contribution * here
-        nearest = np.minimum(nearest, d2 / (here[1] * np.maximum(inside * (1 + share2), 1e-6)))
+        nearest = np.minimum(nearest, d2 / (width * np.maximum(inside * (1 + share2), 1e-6)))
     near = weights > 1e-30
     surface, half_width, depth, radius = sums[:, near] / weights[near]
     d = np.sqrt(nearest[near] * half_width)
     ground = height[near]
 
-    channel = _smooth(2 * half_width / cell, 2, 4)
-    bank = 0.5 * depth
+    channel = _rise(2 * half_width / cell, _CHANNEL_CELLS, _CHANNEL_CELLS)
+    bank = _BANK_RISE * depth
     across = d / half_width
     bed = -depth * np.maximum(1 - across**2, 0)
-    rise = bank * _smooth(across, 1, 1.8)
-    flat = 0.012 * np.maximum(d - half_width, 0)
+    rise = bank * _rise(across, 1, _BANK_WIDTH)
+    flat = _FLOODPLAIN_SLOPE * np.maximum(d - half_width, 0)
     enforced = surface + flat + bank + (rise + bed - bank) * channel
-    edge = 1.8 * half_width
+    edge = (1 + _BANK_WIDTH) * half_width
     s = np.clip((d - edge) / np.maximum(radius - edge, edge), 0, 1)
     terrain = ground + np.maximum(surface + bank - ground, 0) * (1 - s**4) * (1 - s**2)
     carved, mask = height.copy(), np.zeros(height.shape)
     carved[near] = terrain + (enforced - terrain) * cubic(s)
-    mask[near] = np.maximum(1 - d / (4 * np.maximum(half_width, 0.6 * cell)), 0)
+    mask[near] = np.maximum(1 - d / (4 * np.maximum(half_width, _MATERIAL_CELLS * cell)), 0)
     return carved, mask

@@ -13,17 +13,21 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sketchterrain.io.resources import kernel_constants
 from sketchterrain.placement.feature_types import hill_profile, hill_slope, mountain_profile, mountain_slope
 from sketchterrain.terrain.noise import UNSKEW, ValueSlope, fbm, fbm_slope, gradients, skewed
+from sketchterrain.terrain.packing import SLOT_HILL, SLOT_MOUNTAIN
 
 if TYPE_CHECKING:
-    from sketchterrain.array_types import Float64Array, LatticeArray
+    from sketchterrain.array_types import Float64Array, Int64Array, LatticeArray
     from sketchterrain.terrain.noise import OctaveTable
     from sketchterrain.terrain.packing import PackedFeatures
 
 
-_TALUS = 2.1445069205095586
-_WAVES, _PIVOT, _FEED, _CALM, _SHARP, _GENTLE, _ROUGH = 1.4, 2.2e-10 * 2.0**31, 0.55, 0.3, 0.35, 0.5, 0.7
+_TALUS, _WAVES, _PIVOT, _FEED, _CALM, _SHARP, _GENTLE, _ROUGH = kernel_constants(
+    "relief.clh", "TALUS", "WAVES", "PIVOT", "FEED", "CALM", "SHARP", "GENTLE", "CRAG_STEEP"
+)
+_PIVOT *= 2.0**31  # the kernel multiplies gradients of 32-bit integers
 
 
 def deepest_gullies(
@@ -105,8 +109,7 @@ def crags(
     return np.asarray(w["crag_depth"] * square / (square + _ROUGH) * fbm(octaves, "crag", x, y))
 
 
-_MOUNTAIN, _HILL = 0, 1
-_HILL_SWELL = 0.4
+(_HILL_SWELL,) = kernel_constants("relief.clh", "HILL_SWELL")
 
 
 @dataclass(frozen=True)
@@ -175,12 +178,18 @@ class SamplePoints:
         )
         east, north = (ValueSlope(*(part[point] for part in bend)) for bend in self.bend)
         return distance_to_crest(
-            offset, packed.shape[feature, 0], (east, north), crest=packed.shape[feature, 8:].T
+            offset, packed["inverse_radius"][feature], (east, north), crest=_crest(packed, feature)
         )
 
     def summed(self, pairs: PointPairs, values: Float64Array) -> Float64Array:
         """Sum values of pairs at each position, in the order of the features."""
         return np.asarray(np.bincount(pairs.point, values, minlength=len(self.x)), dtype=np.float64)
+
+
+def _crest(packed: PackedFeatures, of: Int64Array) -> Float64Array:
+    """Return the crest of features: half of it eastward and northward, 1 / its length², its sag; (4, n)."""
+    names = ("crest_east", "crest_north", "inverse_crest_square", "crest_sag")
+    return np.stack([packed[name][of] for name in names])
 
 
 class PointPairs(NamedTuple):
@@ -265,11 +274,20 @@ def mountains(
     packed: PackedFeatures, points: SamplePoints, spur: ValueSlope
 ) -> tuple[ErodibleHeight, ValueSlope]:
     """Join the mountains as (Σ h⁴)^¼; return also the weight of noise."""
-    pairs = points.pairs_within_support(packed, _MOUNTAIN)
-    shape = packed.shape[pairs.feature].T
-    strength, peakiness, flank = shape[1:4]
+    pairs = points.pairs_within_support(packed, SLOT_MOUNTAIN)
+    strength, peakiness, flank, erosion, widest, noise = (
+        packed[name][pairs.feature]
+        for name in (
+            "feature_strength",
+            "feature_peakiness",
+            "feature_flank",
+            "feature_erosion",
+            "widest_gully",
+            "noise_weight",
+        )
+    )
     away, crest_share = points.distance_to_crests(packed, pairs)
-    t = extend_by_spurs(away, ValueSlope(*(part[pairs.point] for part in spur)), shape[6])
+    t = extend_by_spurs(away, ValueSlope(*(part[pairs.point] for part in spur)), noise)
     profile = strength * mountain_profile(t.value, peakiness, flank)
     h = crest_share.value * profile
     lean = crest_share.value * strength * mountain_slope(t.value, peakiness, flank)
@@ -277,7 +295,7 @@ def mountains(
         [lean * t.east + profile * crest_share.east, lean * t.north + profile * crest_share.north]
     )
     parts = np.concatenate([h[None] ** 4, leans])
-    parts = np.concatenate([parts, parts[:1] * shape[4:6], parts * shape[6]])
+    parts = np.concatenate([parts, parts[:1] * np.stack([erosion, widest]), parts * noise])
     return join_mountains(np.stack([points.summed(pairs, part) for part in parts]))
 
 
@@ -295,13 +313,15 @@ def join_mountains(sums: Float64Array) -> tuple[ErodibleHeight, ValueSlope]:
 
 def hills(packed: PackedFeatures, points: SamplePoints) -> ErodibleHeight:
     """Join the hills as (Σ h²)^½."""
-    pairs = points.pairs_within_support(packed, _HILL)
-    shape = packed.shape[pairs.feature].T
-    strength, flank = shape[1], shape[3]
+    pairs = points.pairs_within_support(packed, SLOT_HILL)
+    strength, flank, erosion, widest = (
+        packed[name][pairs.feature]
+        for name in ("feature_strength", "feature_flank", "feature_erosion", "widest_gully")
+    )
     t, _ = points.distance_to_crests(packed, pairs)
     h = strength * hill_profile(t.value, flank)
     lean = h * strength * hill_slope(t.value, flank)
-    parts = (h**2, lean * t.east, lean * t.north, h**2 * shape[4], h**2 * shape[5])
+    parts = (h**2, lean * t.east, lean * t.north, h**2 * erosion, h**2 * widest)
     sums = np.stack([points.summed(pairs, part) for part in parts])
     total = np.maximum(sums[0], 1e-18)
     return ErodibleHeight(ValueSlope(*(sums[:3] * total**-0.5)), *(sums[3:] / total))

@@ -16,6 +16,9 @@ from sketchterrain.terrain.centrelines import tolerance_cell
 from sketchterrain.terrain.culling import field_index, item_lists, river_index
 from sketchterrain.terrain.feature_cache import FeatureCache
 from sketchterrain.terrain.packing import (
+    SLOT_DUNE,
+    SLOT_FOREST,
+    SLOT_MOUNTAIN,
     effective_cell,
     pack_covers,
     pack_fields,
@@ -121,8 +124,6 @@ def _required_masks(factor: list[float]) -> int:
     return bits
 
 
-# Indices of a block's lists, as in kernels/world.clh.
-_MOUNTAIN, _FOREST, _DUNES = 0, 2, slice(3, None)
 _MAX_CELL_SIZES = 64
 _MAX_TOLERANCES = 16
 
@@ -140,7 +141,7 @@ class CulledInputs:
         """Bits of the masks that are 0 on all of a block: mountain, dune, forest, water; shape (blocks,)."""
         kind = np.diff(self.lists["feature_starts"], axis=-1) > 0
         water = (np.diff(self.lists["lake_starts"]) > 0) | (np.diff(self.lists["river_starts"]) > 0)
-        present = (kind[:, _MOUNTAIN], kind[:, _DUNES].any(axis=-1), kind[:, _FOREST], water)
+        present = (kind[:, SLOT_MOUNTAIN], kind[:, SLOT_DUNE:].any(axis=-1), kind[:, SLOT_FOREST], water)
         return np.asarray(sum(~mask << bit for bit, mask in enumerate(present)), np.int32)
 
 
@@ -228,7 +229,7 @@ class KernelArguments:
         return CulledInputs(features, rivers.packed, _named(lists))
 
     def terrain(self, culled: CulledInputs, cell_size: float, lists: Mapping[str, Any]) -> list[Any]:
-        """Return the arguments of ``TERRAIN_ARGUMENTS`` in ``kernels/patches.clh``, in order.
+        """Return the arguments of ``TERRAIN_ARGUMENTS`` in ``kernels/surface.clh``, in order.
 
         ``lists`` are device buffers of ``culled.lists``, by name.
         """
@@ -238,7 +239,7 @@ class KernelArguments:
             world["styles"],
             *world["octaves"],
             culled.features.at,
-            culled.features.shape,
+            culled.features.row,
             lists["feature_starts"],
             lists["feature_list"],
             *world["lakes"],
@@ -274,12 +275,12 @@ class KernelArguments:
 
     def _upload_lakes(self, cell: float) -> dict[str, Any]:
         lakes = pack_lakes(self.recipe, self._lakes, cell)
-        buffers = self._upload(self._lakes.at, self._lakes.form, lakes.shape, lakes.profile)
+        buffers = self._upload(self._lakes.at, self._lakes.form, lakes.row[:, :4], lakes.row[:, 4:])
         return {"lakes_visible": lakes.visible, "lakes": buffers}
 
     def _upload_rivers(self, cell: float) -> _Rivers:
         rivers = pack_rivers(self.recipe, cell)
-        buffers = self._upload(rivers.start, rivers.along, rivers.up, rivers.down)
+        buffers = self._upload(rivers.start, rivers.arc, rivers.up, rivers.down)
         return _Rivers(rivers, buffers, river_index(self.recipe, rivers))
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.io.resources import kernel_constants
 from sketchterrain.placement.hashing import hash_keys
 from sketchterrain.terrain.lattice import QUADS, metres_per_unit
 
@@ -20,10 +21,11 @@ if TYPE_CHECKING:
 FINEST_WAVELENGTH = 0.5
 """Shortest noise wavelength, m: well resolved by samples 0.1 m apart."""
 
-SKEW_SAME, SKEW_OTHER = 1399, 375
-"""Skewed coordinates, in units of 2^-10 lattice units, are SAME x + OTHER y."""
-STRIDES = (0x9E3779B1, 0x85EBCA77)
-"""Increments of the hash from cell to cell, along u and along v."""
+SKEW_SAME, SKEW_OTHER, *STRIDES = (
+    int(value)
+    for value in kernel_constants("positions.clh", "SKEW_SAME", "SKEW_OTHER", "STRIDE_U", "STRIDE_V")
+)
+"""Skewed coordinates (2^-10 lattice units) are SAME x + OTHER y; hash increments along u and v."""
 
 _SKEW_BITS = 10
 SKEW = SKEW_OTHER / 2**_SKEW_BITS

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.ndimage import spline_filter
 
+from sketchterrain.io.resources import kernel_columns, kernel_constants, kernel_struct
 from sketchterrain.placement.feature_types import FEATURE_TYPES, crest_offsets
 from sketchterrain.terrain.centrelines import flatten_to_arcs, meetings_on, prepare_centreline, tolerance_cell
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
@@ -16,7 +17,7 @@ from sketchterrain.terrain.noise import band_weight, octave_table
 from sketchterrain.terrain.recipe import FINEST_CELL
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     import numpy.typing as npt
 
@@ -35,9 +36,21 @@ _SAG = 0.5  # share of height lost at the ends of a crest whose half length equa
 # How far gullies and the roughness of bare rock go up and down, in wavelengths of their own.
 _GULLY_DEPTH = 0.165
 _CRAG_DEPTH = 0.05
-_FRACTION_BITS = 24
 _DIRECTION_BITS = 11
-_SLOTS = ("mountain", "hill", "forest")
+(_FRACTION_BITS,) = (int(bits) for bits in kernel_constants("world.clh", "FRACTION_BITS"))
+SLOT_MOUNTAIN, SLOT_HILL, SLOT_FOREST, SLOT_DUNE = (
+    int(slot)
+    for slot in kernel_constants("world.clh", "SLOT_MOUNTAIN", "SLOT_HILL", "SLOT_FOREST", "SLOT_DUNE")
+)
+"""Indices of a block's lists by kind of feature; dunes have one for each style from `SLOT_DUNE` on."""
+FEATURE: Final = kernel_columns("world.clh", "FeatureRow")
+"""Columns of packed features."""
+ARC: Final = kernel_columns("world.clh", "ArcRow")
+SECTION: Final = kernel_columns("world.clh", "SectionRow")
+"""Columns of packed arcs of rivers, and of rivers at one end of an arc."""
+LAKE: Final = kernel_columns("lakes.clh", "LakeRow")
+"""Columns of packed lakes."""
+_SLOTS = ("mountain", "hill", "forest")  # then the styles of dunes
 
 # By river: edits elsewhere do not change it.
 _centreline_cache: WeakKeyDictionary[River, tuple[tuple[float, bytes, bytes], PreparedCentreline]] = (
@@ -49,7 +62,7 @@ _centreline_cache: WeakKeyDictionary[River, tuple[tuple[float, bytes, bytes], Pr
 class PackedWorld:
     """Scalars (1,) and octaves for one cell size."""
 
-    scalars: StructuredArray  # ``World`` of ``kernels/world.clh``
+    scalars: StructuredArray  # ``TerrainParams`` of ``kernels/world.clh``
     styles: StructuredArray  # ``DuneStyle``, at least one row
     octaves: OctaveTable
 
@@ -59,12 +72,13 @@ class PackedFeatures:
     """Features that may affect the blocks of one launch, in the order of their ids."""
 
     at: LatticeArray  # (n, 2) centres, lattice units
-    # (n, 12): 1/radius (1/m), strength, peakiness, flank (see ``hill_profile`` in ``kernels/features.clh``),
-    # erosion, widest gully (m), noise weight, 0, half the crest eastward and northward (in radii), 1/its
-    # length², share of height lost at its ends.
-    shape: Float64Array
+    row: Float64Array  # (n, 12) columns of `FEATURE`
     support: Float64Array  # (n,) radius of influence, m
     slot: LatticeArray  # (n,) kind of feature: the index of its list in a block
+
+    def __getitem__(self, name: str) -> Float64Array:
+        """Return a column of `FEATURE`, shape (n,)."""
+        return self.row[:, FEATURE[name]]
 
 
 @dataclass(frozen=True)
@@ -72,16 +86,24 @@ class PackedRivers:
     """Arcs of all centrelines (``Rivers`` of ``kernels/world.clh``)."""
 
     start: LatticeArray  # (n, 2) upstream ends, lattice units
-    along: Float64Array  # (n, 8)
-    up: Float64Array  # (n, 4)
+    arc: Float64Array  # (n, 8) columns of `ARC`
+    up: Float64Array  # (n, 4) columns of `SECTION`
     down: Float64Array  # (n, 4)
+
+    @property
+    def chord(self) -> Float64Array:
+        """Vectors from the upstream to the downstream ends (m), shape (n, 2)."""
+        return self.arc[:, [ARC["chord_east"], ARC["chord_north"]]]
+
+    def ends(self, name: str) -> tuple[Float64Array, Float64Array]:
+        """Return a column of `SECTION` at the upstream and at the downstream ends, shape (n,) each."""
+        return self.up[:, SECTION[name]], self.down[:, SECTION[name]]
 
     @property
     def support(self) -> Float64Array:
         """Greatest distance (m) of any effect of an arc from the box around its two ends, shape (n,)."""
-        chord = np.hypot(self.along[:, 0], self.along[:, 1])
-        sagitta = 0.5 * np.abs(self.along[:, 4]) * chord
-        return np.asarray(np.maximum(self.up[:, 3], self.down[:, 3]) + sagitta)
+        sagitta = 0.5 * np.abs(self.arc[:, ARC["arc_bend"]]) * np.hypot(*self.chord.T)
+        return np.asarray(np.maximum(*self.ends("valley_radius")) + sagitta)
 
 
 def effective_cell(cell_size: float) -> float:
@@ -109,8 +131,7 @@ def pack_world(recipe: TerrainRecipe, cell_size: float, *, real: npt.DTypeLike) 
     for name, (first, last) in octaves.ranges.items():
         integers[f"{name}_first"], integers[f"{name}_last"] = first, last
     integers |= {"dune_styles": len(recipe.dune_styles), "unused": 0}
-    dtype = np.dtype([(name, real) for name in reals] + [(name, np.int32) for name in integers], align=True)
-    scalars = np.array([(*reals.values(), *integers.values())], dtype=dtype)
+    scalars = _filled(kernel_struct("world.clh", "TerrainParams", real), [reals | integers])
     return PackedWorld(scalars, _pack_styles(recipe, cell, real), octaves)
 
 
@@ -123,8 +144,7 @@ def _depth_scale(stack: str, recipe: TerrainRecipe, depth: float) -> float:
 
 
 def _pack_styles(recipe: TerrainRecipe, cell: float, real: npt.DTypeLike) -> StructuredArray:
-    names = ("east", "north", "period_bits", "unused", "unit", "visible")
-    kinds = (np.int64, np.int64, np.int32, np.int32, real, real)
+    empty = dict.fromkeys(("east", "north", "unused", "unit", "visible"), 0) | {"period_bits": _FRACTION_BITS}
     rows = []
     unit = metres_per_unit(recipe.extent)
     for wavelength, wind in recipe.dune_styles:
@@ -134,11 +154,25 @@ def _pack_styles(recipe: TerrainRecipe, cell: float, real: npt.DTypeLike) -> Str
         bits = max(bits, _FRACTION_BITS)
         scale = 2.0**bits / units
         towards = np.deg2rad(wind + 180)
-        direction = (round(np.sin(towards) * scale), round(np.cos(towards) * scale))
-        visible = band_weight(wavelength, cell)
-        rows.append((*direction, bits, 0, 2.0**-_FRACTION_BITS, visible))
-    dtype = np.dtype(list(zip(names, kinds, strict=True)), align=True)
-    return np.array(rows or [(0, 0, _FRACTION_BITS, 0, 0.0, 0.0)], dtype=dtype)
+        rows.append(
+            {
+                "east": round(np.sin(towards) * scale),
+                "north": round(np.cos(towards) * scale),
+                "period_bits": bits,
+                "unused": 0,
+                "unit": 2.0**-_FRACTION_BITS,
+                "visible": band_weight(wavelength, cell),
+            }
+        )
+    return _filled(kernel_struct("world.clh", "DuneStyle", real), rows or [empty])
+
+
+def _filled(dtype: np.dtype[np.void], rows: Sequence[Mapping[str, float]]) -> npt.NDArray[np.void]:
+    """Return an array of a kernel's struct; rows have exactly the struct's members."""
+    for row in rows:
+        if set(row) != set(dtype.names or ()):
+            raise ValueError(f"expected the members {dtype.names}, got {sorted(row)}")
+    return np.array([tuple(row[name] for name in dtype.names or ()) for row in rows], dtype=dtype)
 
 
 def support_radii(recipe: TerrainRecipe) -> float:
@@ -173,24 +207,29 @@ def pack_features(recipe: TerrainRecipe, features: StructuredArray, cell_size: f
     fade = fade * fade * (3 - 2 * fade)
     visible = fade > 0
     features, radius, fade = features[visible], radius[visible], fade[visible]
-    shape = np.zeros((features.size, 12))
+    row = np.zeros((features.size, 12))
     crest = crest_offsets(features)
     core = 1 - np.hypot(*crest.T)  # the crest and the flanks around it end where the feature does
-    shape[:, 0] = 1 / (core * radius)
-    shape[:, 1] = features["strength"] * fade
-    shape[:, 2] = features["peakiness"]
-    shape[:, 3] = np.where(features["painted"], recipe.flank, 1.0)
-    shape[:, 4] = features["erosion"]
-    shape[:, 5] = features["gullies"] * radius
-    shape[:, 6] = noise_weight(recipe, radius)
-    shape[:, 8:10] = crest / core[:, None]
-    square = (shape[:, 8:10] ** 2).sum(axis=1)
-    shape[:, 11] = _SAG * np.sqrt(square)
-    shape[:, 10] = np.divide(1, square, out=np.zeros(len(square)), where=square > 0)
+    half_crest = crest / core[:, None]
+    square = (half_crest**2).sum(axis=1)
+    for name, values in {
+        "inverse_radius": 1 / (core * radius),
+        "feature_strength": features["strength"] * fade,
+        "feature_peakiness": features["peakiness"],
+        "feature_flank": np.where(features["painted"], recipe.flank, 1.0),
+        "feature_erosion": features["erosion"],
+        "widest_gully": features["gullies"] * radius,
+        "noise_weight": noise_weight(recipe, radius),
+        "crest_east": half_crest[:, 0],
+        "crest_north": half_crest[:, 1],
+        "inverse_crest_square": np.divide(1, square, out=np.zeros(len(square)), where=square > 0),
+        "crest_sag": _SAG * np.sqrt(square),
+    }.items():
+        row[:, FEATURE[name]] = values
     at = to_lattice(np.stack([features["x"], features["y"]], axis=-1), recipe.extent)
     # Padded for rounding.
     support = radius * support_radii(recipe) * (1 + 1e-5) + 2 * metres_per_unit(recipe.extent)
-    return PackedFeatures(at, shape, support, _slots(recipe, features))
+    return PackedFeatures(at, row, support, _slots(recipe, features))
 
 
 def _slots(recipe: TerrainRecipe, features: StructuredArray) -> LatticeArray:
@@ -225,10 +264,16 @@ def pack_rivers(recipe: TerrainRecipe, cell_size: float = FINEST_CELL) -> Packed
     length2 = np.sum(vector**2, axis=1)
     valid = length2 > 0
     weight = np.minimum(np.sqrt(length2), 0.5 * (starts[:, 3] + ends[:, 3]))
-    along = np.zeros((len(start), 8))
-    along[:, :2], along[:, 2], along[:, 3] = vector, 1 / np.where(valid, length2, 1), weight
-    along[:, 4] = np.concatenate([course.bend for course in courses])
-    return PackedRivers(start[valid], along[valid], starts[valid, 2:], ends[valid, 2:])
+    arc = np.zeros((len(start), 8))
+    for name, values in {
+        "chord_east": vector[:, 0],
+        "chord_north": vector[:, 1],
+        "inverse_chord_square": 1 / np.where(valid, length2, 1),
+        "arc_weight": weight,
+        "arc_bend": np.concatenate([course.bend for course in courses]),
+    }.items():
+        arc[:, ARC[name]] = values
+    return PackedRivers(start[valid], arc[valid], starts[valid, 2:], ends[valid, 2:])
 
 
 def prepared_centrelines(recipe: TerrainRecipe) -> list[tuple[LatticeArray, PreparedCentreline]]:
@@ -283,9 +328,12 @@ class PackedFields:
 class PackedLakes:
     """Columns of ``Lakes`` in ``kernels/lakes.clh`` besides the fields, for one cell size."""
 
-    shape: Float64Array  # (n, 4)
-    profile: Float64Array  # (n, 4)
+    row: Float64Array  # (n, 8) columns of `LAKE`; the first is the field's samples per lattice unit
     visible: BoolArray  # (n,) whether anything of a lake is left at the cell size
+
+    def __getitem__(self, name: str) -> Float64Array:
+        """Return a column of `LAKE`, shape (n,)."""
+        return self.row[:, LAKE[name]]
 
 
 @dataclass(frozen=True)
@@ -335,9 +383,19 @@ def pack_lakes(recipe: TerrainRecipe, fields: PackedFields, cell: float) -> Pack
     rise = shore * fields.margin / 4
     fade = np.clip(2 * fields.depth / cell - 1, 0, 1)
     fade = fade * fade * (3 - 2 * fade)
-    shape = np.stack([fields.scale, 1 / fields.margin, level, fade], axis=-1)
-    profile = np.stack([deep, 1 / shelf, shore * shelf, rise], axis=-1)
-    return PackedLakes(shape, profile, fade > 0)
+    row = np.zeros((len(fade), 8))
+    row[:, 0] = fields.scale
+    for name, values in {
+        "inverse_margin": 1 / fields.margin,
+        "lake_level": level,
+        "lake_visible": fade,
+        "lake_depth": deep,
+        "inverse_shelf": 1 / shelf,
+        "shore_drop": shore * shelf,
+        "beach_rise": rise,
+    }.items():
+        row[:, LAKE[name]] = values
+    return PackedLakes(row, fade > 0)
 
 
 def pack_covers(recipe: TerrainRecipe, fields: PackedFields) -> PackedCovers:

@@ -122,8 +122,8 @@ def test_context_counts_the_items_of_each_launch(context):
     place = (context.upload(np.full((1, 4), 10, np.uint32)), np.int32(1), np.int32(8))
 
     def work() -> None:
-        context.launch("bench.cl", "bench_fbm", (8, 8), *octaves, *place, sums)
-        context.launch("bench.cl", "bench_fbm", (8, 4), *octaves, *place, sums)
+        context.launch("baselines/bench.cl", "bench_fbm", (8, 8), *octaves, *place, sums)
+        context.launch("baselines/bench.cl", "bench_fbm", (8, 4), *octaves, *place, sums)
 
     for _ in range(2):  # a lap forgets the launches before it
         one = context.lap(work)

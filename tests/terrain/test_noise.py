@@ -34,7 +34,7 @@ def on_device(context, octaves, corner, step_bits) -> list[np.ndarray]:
     """Return value and slopes of a patch whose south-west vertex is ``corner``, in steps."""
     real, given = context.real_dtype, octave_arguments(context, octaves, corner, step_bits)
     out = [context.empty(SIDE * SIDE, real) for _ in range(3)]
-    context.launch("bench.cl", "bench_fbm_slope", (SIDE, SIDE), *given, np.int32(SIDE), *out)
+    context.launch("baselines/bench.cl", "bench_fbm_slope", (SIDE, SIDE), *given, np.int32(SIDE), *out)
     return [context.download(buffer, (SIDE, SIDE), real) for buffer in out]
 
 

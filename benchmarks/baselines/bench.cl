@@ -13,7 +13,7 @@ __kernel void bench_fbm(__global const int4 *octave_form, __global const long2 *
     const Octaves octaves = {octave_form, octave_offset, octave_scale, octave_corner, octave_count};
     const size_t column = get_global_id(0);
     const size_t row = get_global_id(1);
-    sum[row * side + column] = fbm(octaves, 0, octave_count, place_of(0, 0, 0, (int)column, (int)row, 0));
+    sum[row * side + column] = fbm(octaves, 0, octave_count, lattice_point(0, 0, 0, (int)column, (int)row, 0));
 }
 
 // The same with the slope of the sum, per lattice unit.
@@ -25,7 +25,7 @@ __kernel void bench_fbm_slope(__global const int4 *octave_form, __global const l
     const Octaves octaves = {octave_form, octave_offset, octave_scale, octave_corner, octave_count};
     const size_t column = get_global_id(0);
     const size_t row = get_global_id(1);
-    const Slope s = fbm_slope(octaves, 0, octave_count, place_of(0, 0, 0, (int)column, (int)row, 0));
+    const ValueSlope s = fbm_slope(octaves, 0, octave_count, lattice_point(0, 0, 0, (int)column, (int)row, 0));
     const size_t at = row * side + column;
     sum[at] = s.value;
     east[at] = s.east;

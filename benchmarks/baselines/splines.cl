@@ -1,9 +1,9 @@
 // Distances from points to splines by every method: for the benchmark, and for the tests that drive them to failure.
 #include "spline_arcs.clh"
-#include "spline_newton.clh"
-#include "spline_roots.clh"
-#include "spline_sampling.clh"
-#include "spline_two_step.clh"
+#include "baselines/spline_newton.clh"
+#include "baselines/spline_roots.clh"
+#include "baselines/spline_sampling.clh"
+#include "baselines/spline_two_step.clh"
 
 // Point i asks about spline i / points_each; all splines have as many pieces. Every kernel gives metres.
 #define CURVE_ARGUMENTS                                                                                                \

@@ -66,7 +66,7 @@ def test_includes_are_expanded_once() -> None:
     text = resources.source("terrain.cl")
     assert '#include "' not in text
     assert text.count("inline REAL simplex(") == 1
-    assert text.index("inline REAL simplex(") < text.index("inline Ground terrain_at(")
+    assert text.index("inline REAL simplex(") < text.index("inline TerrainSample terrain_at(")
 
 
 def test_every_preset_has_a_small_picture() -> None:

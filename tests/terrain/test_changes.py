@@ -185,11 +185,11 @@ def paint_disc(sketch: Sketch, seed: int) -> Sketch:
 def pieces(recipe: TerrainRecipe, cell: float) -> dict[bytes, np.ndarray]:
     """Return everything that kernels read of each arc, and the box of its effect."""
     packed, unit = pack_rivers(recipe, cell), metres_per_unit(recipe.extent)
-    rows = np.column_stack([packed.start, packed.along, packed.up, packed.down])
+    rows = np.column_stack([packed.start, packed.arc, packed.up, packed.down])
     start = packed.start * unit
-    ends = np.stack([start, start + packed.along[:, :2]])
-    reach = np.maximum(packed.up[:, 3], packed.down[:, 3])[:, None]
-    boxes = np.column_stack([ends.min(axis=0) - reach, ends.max(axis=0) + reach])
+    ends = np.stack([start, start + packed.chord])
+    radius = np.maximum(*packed.ends("valley_radius"))[:, None]
+    boxes = np.column_stack([ends.min(axis=0) - radius, ends.max(axis=0) + radius])
     return {row.tobytes(): box for row, box in zip(rows, boxes, strict=True)}
 
 

@@ -44,9 +44,9 @@ __kernel void weights(RULE_ARGUMENTS, __global const REAL *values, __global cons
 {
     COLLECT_RULES
     const size_t i = get_global_id(0);
-    const Site site = {values[4 * i], values[4 * i + 1], values[4 * i + 2], values[4 * i + 3], masks[i]};
+    const SurfaceInputs inputs = {values[4 * i], values[4 * i + 1], values[4 * i + 2], values[4 * i + 3], masks[i]};
     REAL w[MATERIALS];
-    lay_rules(rules, site, w);
+    lay_rules(rules, inputs, w);
     for (int m = 0; m < MATERIALS; ++m) out[MATERIALS * i + m] = w[m];
 }
 """

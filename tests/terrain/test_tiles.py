@@ -317,7 +317,7 @@ def test_batches_give_the_lists_of_all_features(valley, level) -> None:
         expected = expected[np.argsort(packed.slot[expected], kind="stable")]
         listed = members[starts[number, 0] : starts[number, -1]]
         np.testing.assert_array_equal(at[listed], packed.at[expected])
-        np.testing.assert_array_equal(batch.packed.shape[listed, 1], packed.shape[expected, 1])
+        np.testing.assert_array_equal(batch.packed.row[listed], packed.row[expected])
         sizes = np.bincount(packed.slot[expected], minlength=batch.slots)
         np.testing.assert_array_equal(np.diff(starts[number]), sizes)
 

@@ -20,7 +20,7 @@ from sketchterrain.terrain.building import make_recipe as recipe_of
 from sketchterrain.terrain.centrelines import TOLERANCE_CELLS, nearest_on_arc, tolerance_cell
 from sketchterrain.terrain.evaluator import MASKS, Evaluator
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
-from sketchterrain.terrain.packing import pack_rivers
+from sketchterrain.terrain.packing import ARC, pack_rivers
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.terrain import Terrain
 
@@ -443,8 +443,8 @@ def test_arcs_stay_within_a_hundredth_of_a_cell_of_the_spline(name, samples) -> 
         packed = pack_rivers(recipe, cell)
         counts.append(len(packed.start))
         square = np.full(len(curve), np.inf)
-        for start, along in zip(packed.start * unit, packed.along, strict=True):
-            square = np.minimum(square, nearest_on_arc(along[:2], along[4], curve - start)[1])
+        for start, chord, arc in zip(packed.start * unit, packed.chord, packed.arc, strict=True):
+            square = np.minimum(square, nearest_on_arc(chord, arc[ARC["arc_bend"]], curve - start)[1])
         assert np.sqrt(square.max()) <= 0.01 * cell
     finest_first = counts[:-2]
     assert finest_first == sorted(finest_first, reverse=True)

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from functools import cache
 from hashlib import sha256
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 
 import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from importlib.resources.abc import Traversable
-
-    import numpy.typing as npt
 
 _CONSTANT = re.compile(r"^#define[ \t]+(\w+)[ \t]+(?:R\()?(-?(?:0x[0-9A-F]+|[\d.e-]+))", re.MULTILINE)
 _BASELINES = "baselines/"

@@ -44,7 +44,8 @@ __kernel void weights(RULE_ARGUMENTS, __global const REAL *values, __global cons
 {
     COLLECT_RULES
     const size_t i = get_global_id(0);
-    const SurfaceInputs inputs = {values[4 * i], values[4 * i + 1], values[4 * i + 2], values[4 * i + 3], masks[i]};
+    __global const REAL *v = values + 4 * i;
+    const SurfaceInputs inputs = {v[0], v[1], v[2], v[3], masks[i]};
     REAL w[MATERIALS];
     lay_rules(rules, inputs, w);
     for (int m = 0; m < MATERIALS; ++m) out[MATERIALS * i + m] = w[m];

@@ -13,7 +13,7 @@ from PyQt6.QtWidgets import QMainWindow, QMenu, QToolBar, QWidget
 
 from sketchterrain.document.parameters import LAYERS
 from sketchterrain.ui.actions import Actions
-from sketchterrain.ui.commands.placed_edits import is_edited, is_locked, name_of
+from sketchterrain.ui.commands import is_edited, is_locked, name_of
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.files import Files
 from sketchterrain.ui.look.theme import icon

@@ -12,8 +12,16 @@ from sketchterrain.document.parameters import LAYERS
 from sketchterrain.errors import InputError
 from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.banner import Banner, Message
-from sketchterrain.ui.commands.placed_edits import exists, find_point, is_edited, is_locked
-from sketchterrain.ui.commands.settings import WORLD, labels_of, random_seed, set_setting
+from sketchterrain.ui.commands import (
+    WORLD,
+    exists,
+    find_point,
+    is_edited,
+    is_locked,
+    labels_of,
+    random_seed,
+    set_setting,
+)
 from sketchterrain.ui.engine.link import EngineLink, ViewSource
 from sketchterrain.ui.engine.protocol import MODES, MeasureAdherence, Placement
 from sketchterrain.ui.models.document import Document

@@ -7,8 +7,8 @@ from sketchterrain.document.parameters import LAYERS, SKETCH, TABLES
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.errors import InputError
-from sketchterrain.ui.commands import settings as commands
-from sketchterrain.ui.commands.settings import WORLD, declared, reset_setting, set_setting, settings
+from sketchterrain.ui import commands
+from sketchterrain.ui.commands import WORLD, declared, reset_setting, set_setting, settings
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import pytest
 from PyQt6.QtCore import QPoint, Qt
 from PyQt6.QtTest import QTest
 
-from sketchterrain.ui.commands.settings import WORLD, set_setting
+from sketchterrain.ui.commands import WORLD, set_setting
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.panels.adherence import AdherencePanel
 from sketchterrain.ui.panels.lists import PALE, ContradictionsPanel, HistoryPanel

@@ -11,8 +11,7 @@ from PyQt6.QtWidgets import QApplication
 from sketchterrain.document.parameters import LAYERS, SKETCH, TABLES
 from sketchterrain.document.store import load_sketch
 from sketchterrain.render.overlays import OVERLAYS
-from sketchterrain.ui.commands.placed_edits import find_parent_river, is_locked, width_of
-from sketchterrain.ui.commands.settings import label_areas, set_property
+from sketchterrain.ui.commands import find_parent_river, is_locked, label_areas, set_property, width_of
 from sketchterrain.ui.engine.protocol import ViewState
 from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.panels.layer_list import EYE, LOCK, NAME

@@ -11,8 +11,8 @@ from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import InputError
 from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.terrain.building import make_recipe
-from sketchterrain.ui.commands import placed_edits as edits
-from sketchterrain.ui.commands.placed_edits import (
+from sketchterrain.ui import commands as edits
+from sketchterrain.ui.commands import (
     exists,
     find_lake,
     find_parent_river,

@@ -16,7 +16,7 @@ from sketchterrain.array_types import Float64Array
 from sketchterrain.placement.feature_types import FEATURE_TYPES, Lake, River, ShapeField
 from sketchterrain.ui.canvas.sketch_image import scroll_image
 from sketchterrain.ui.canvas.tool_context import ToolContext, Viewport
-from sketchterrain.ui.commands.placed_edits import find_lake, find_point, find_river
+from sketchterrain.ui.commands import find_lake, find_point, find_river
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.workspace import Selection
 

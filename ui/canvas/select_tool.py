@@ -10,7 +10,7 @@ from PyQt6.QtGui import QColor, QPainter, QPen
 from sketchterrain.ui.canvas.decorations import write_beside
 from sketchterrain.ui.canvas.marks import SELECTED, FeatureMarks
 from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
-from sketchterrain.ui.commands.placed_edits import exists, name_of
+from sketchterrain.ui.commands import exists, name_of
 from sketchterrain.ui.engine.protocol import GoTo, Placement
 from sketchterrain.ui.models.selection import FeatureDrag, Handle, delete, handles_of, select_at
 from sketchterrain.ui.models.workspace import Selection

@@ -23,7 +23,7 @@ from sketchterrain.document.parameters import SKETCH
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.toml_format import starter_sketch
 from sketchterrain.io.resources import preset_names, preset_picture
-from sketchterrain.ui.commands.settings import random_seed
+from sketchterrain.ui.commands import random_seed
 from sketchterrain.ui.dialogs.form import (
     EXTENT,
     NAME,

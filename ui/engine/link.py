@@ -57,7 +57,7 @@ class EngineProcesses:
             self._processes["placer"] = placer
             self.channels["placer"] = Channel(placer_end, patient=False)
         self._processes["engine"] = start_process(
-            "process", [json.dumps(options)], inherited, self.frames.number
+            "engine", [json.dumps(options)], inherited, self.frames.number
         )
         self.channels["engine"] = Channel(engine_end, patient=False)
 

@@ -18,8 +18,8 @@ from sketchterrain.placement.feature_types import (
     hill_profile,
     mountain_profile,
 )
-from sketchterrain.ui.commands import placed_edits
-from sketchterrain.ui.commands.placed_edits import (
+from sketchterrain.ui import commands
+from sketchterrain.ui.commands import (
     drag_title,
     dragged,
     find_parent_river,
@@ -183,32 +183,32 @@ class FeatureDrag:
 
 def add(document: Document, workspace: Workspace, kind: str, x: float, y: float) -> None:
     """Add a feature at a position (m) and select it."""
-    sketch = placed_edits.added_at(document.sketch, kind, x, y)
+    sketch = commands.added_at(document.sketch, kind, x, y)
     document.do(f"Add {kind}", sketch)
     workspace.selection = Selection("feature", sketch.edits[-1].feature or 0)
 
 
 def lock(document: Document, workspace: Workspace, placed: Placement, selection: Selection) -> None:
     """Lock a feature: it keeps its values whatever is painted."""
-    changed = placed_edits.locked(document.sketch, placed, selection)
+    changed = commands.locked(document.sketch, placed, selection)
     document.do(f"Lock {name_of(placed, selection)}", changed)
 
 
 def unlock(document: Document, workspace: Workspace, placed: Placement, selection: Selection) -> None:
     """Unlock a feature: it follows the sketch again."""
-    changed = placed_edits.unlocked(document.sketch, selection)
+    changed = commands.unlocked(document.sketch, selection)
     document.do(f"Unlock {name_of(placed, selection)}", changed)
 
 
 def reset(document: Document, workspace: Workspace, placed: Placement, selection: Selection) -> None:
     """Remove the edits of an object."""
-    changed = placed_edits.reset(document.sketch, placed, selection)
+    changed = commands.reset(document.sketch, placed, selection)
     document.do(f"Reset {name_of(placed, selection)}", changed)
 
 
 def delete(document: Document, workspace: Workspace, placed: Placement, selection: Selection) -> None:
     """Delete an object and deselect it."""
-    changed = placed_edits.deleted(document.sketch, selection)
+    changed = commands.deleted(document.sketch, selection)
     document.do(f"Delete {name_of(placed, selection)}", changed)
     workspace.selection = None
 
@@ -217,8 +217,8 @@ def delete_or_reset(document: Document, workspace: Workspace, placed: Placement,
     """Delete the selection, or reset a river's control point; return why not, or nothing."""
     if selection.index is None:
         delete(document, workspace, placed, selection)
-    elif placed_edits.is_edited(document.sketch, placed, selection):
-        document.do("Reset a point of a river", placed_edits.reset(document.sketch, placed, selection))
+    elif commands.is_edited(document.sketch, placed, selection):
+        document.do("Reset a point of a river", commands.reset(document.sketch, placed, selection))
     else:
         return "A river's control point cannot be deleted; click the river to delete all of it"
     return ""

@@ -13,7 +13,7 @@ from sketchterrain.document.label_layers import MAX_LABELS, LabelImage
 from sketchterrain.document.parameters import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
-from sketchterrain.ui.commands.settings import (
+from sketchterrain.ui.commands import (
     clear_layer,
     copy_label,
     delete_label,

@@ -14,7 +14,7 @@ from sketchterrain.document.edits import ACTIONS, ADDED_BIT
 from sketchterrain.document.parameter_types import Value
 from sketchterrain.document.parameters import LAYERS
 from sketchterrain.placement.feature_types import FILL_BIT, River
-from sketchterrain.ui.commands.placed_edits import (
+from sketchterrain.ui.commands import (
     exists,
     find_lake,
     find_parent_river,
@@ -25,13 +25,14 @@ from sketchterrain.ui.commands.placed_edits import (
     moved,
     name_of,
     point_moved,
+    reset_property,
     resized,
+    set_property,
     strength_of,
     strengthened,
     widened,
     width_of,
 )
-from sketchterrain.ui.commands.settings import reset_property, set_property
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.look.theme import MARGIN, SMALL, column, icon, row

@@ -14,7 +14,7 @@ from sketchterrain.document.parameter_types import Parameter, Sentinel, Value
 from sketchterrain.document.parameters import SKETCH
 from sketchterrain.errors import InputError
 from sketchterrain.ui.application import single_shot
-from sketchterrain.ui.commands.settings import (
+from sketchterrain.ui.commands import (
     WORLD,
     declared,
     random_seed,

@@ -13,7 +13,7 @@ from PyQt6.QtCore import Qt
 from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.hydrology.lakes import lake_centre
 from sketchterrain.ui.canvas.decorations import nice_length
-from sketchterrain.ui.commands.placed_edits import find_lake, find_point, find_river
+from sketchterrain.ui.commands import find_lake, find_point, find_river
 from sketchterrain.ui.engine.protocol import Fly, FrameFacts, GoTo, Pan, Placement, Pose, Relief, Turn, Zoom
 from sketchterrain.ui.models.workspace import Selection
 

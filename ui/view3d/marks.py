@@ -11,7 +11,7 @@ import numpy.typing as npt
 from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.placement.feature_types import FEATURE_TYPES, Lake, River
 from sketchterrain.ui.canvas.marks import shore_lines
-from sketchterrain.ui.commands.placed_edits import find_lake, find_point, find_river
+from sketchterrain.ui.commands import find_lake, find_point, find_river
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.selection import Handle, handles_of
 from sketchterrain.ui.models.workspace import Selection

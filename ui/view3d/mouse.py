@@ -13,7 +13,7 @@ from PyQt6.QtWidgets import QWidget
 
 from sketchterrain.placement.feature_types import FEATURE_TYPES
 from sketchterrain.ui.application import single_shot
-from sketchterrain.ui.commands.placed_edits import exists
+from sketchterrain.ui.commands import exists
 from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import GoTo, PickResult, Placement
 from sketchterrain.ui.menus import ContextMenu, add_selection_commands

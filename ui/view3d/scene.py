@@ -8,7 +8,7 @@ from typing import Final
 from PyQt6.QtCore import QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPainterPath, QPen, QPolygonF
 
-from sketchterrain.ui.commands.placed_edits import find_point, find_river, is_locked, name_of
+from sketchterrain.ui.commands import find_point, find_river, is_locked, name_of
 from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.look.theme import DARK, theme
 from sketchterrain.ui.models.document import Document

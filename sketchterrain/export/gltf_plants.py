@@ -93,7 +93,8 @@ def add_instances(glb: GlbWriter, plants: PlantInstances) -> int:
             pbrMetallicRoughness={"metallicFactor": 0.0, "roughnessFactor": 0.9},
         )
     for kind, some in plants.groups():
-        name, mesh = _model_name(plants, kind), _model_mesh(plants, kind, detail)
+        species, mesh = plants.species[kind // VARIANTS], _model_mesh(plants, kind, detail)
+        name = f"{species} {kind % VARIANTS + 1}" if species in SPECIES else species
         attributes = {
             "POSITION": glb.attribute(mesh.position, bounds=True),
             "NORMAL": glb.attribute(mesh.normal),
@@ -148,11 +149,6 @@ def _model_mesh(plants: PlantInstances, kind: int, detail: int) -> PlantModel:
     if species in STOREYS["woody"]:
         return woody_model(species, kind % VARIANTS, detail)
     return herb_model(species)
-
-
-def _model_name(plants: PlantInstances, kind: int) -> str:
-    species = plants.species[kind // VARIANTS]
-    return f"{species} {kind % VARIANTS + 1}" if species in SPECIES else species
 
 
 class PlantModel(NamedTuple):

@@ -196,22 +196,22 @@ def sample_terrain(
         np.empty((*shape, 3), np.uint8),
         np.empty((*shape, len(terrain.material_names)), np.uint8),
     )
+
+    def store(band: Band) -> None:
+        rows = slice(band.top, band.top + len(band.height))
+        samples.height[rows] = band.height
+        samples.normal[rows] = quantise_normals(band.normal)
+        samples.weights[rows] = quantise_weights(band.materials)
+
     with ThreadPoolExecutor(1, "quantise") as thread:  # meanwhile the device computes the next band
         last: Future[None] | None = None
         for band in terrain.grid(*grid.bounds, columns=grid.columns, rows=grid.rows, progress=progress):
             if last is not None:
                 last.result()
-            last = thread.submit(_store, samples, band)
+            last = thread.submit(store, band)
         if last is not None:
             last.result()
     return samples
-
-
-def _store(samples: TerrainSamples, band: Band) -> None:
-    rows = slice(band.top, band.top + len(band.height))
-    samples.height[rows] = band.height
-    samples.normal[rows] = quantise_normals(band.normal)
-    samples.weights[rows] = quantise_weights(band.materials)
 
 
 def quantise_normals(normal: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:

@@ -15,10 +15,6 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageOps
 from PIL.ImageFile import ImageFile
-from PIL.JpegImagePlugin import JpegImageFile
-from PIL.PngImagePlugin import PngImageFile
-from PIL.TiffImagePlugin import TiffImageFile
-from PIL.WebPImagePlugin import WebPImageFile
 
 from sketchterrain.document.parameters import LAYERS
 from sketchterrain.errors import InputError, format_value, one_line
@@ -46,19 +42,13 @@ from sketchterrain.importing.traced_layers import (
 
 Kind = Literal["folder", "picture", "open raster", "vectors"]
 
-_LARGEST_SIDE = 32768
-_LARGEST_PIXELS = 1 << 27
+_MAX_SIDE = 32768
+_MAX_PIXELS = 1 << 27
 
-_READERS: dict[str, type[ImageFile]] = {
-    "PNG": PngImageFile,
-    "JPEG": JpegImageFile,
-    "TIFF": TiffImageFile,
-    "WebP": WebPImageFile,
-}
 _GREY_TOLERANCE = 8  # levels of sRGB by which JPEG separates the channels of a grey
-_ROWS = 512  # looked at together
+_ROWS = 512  # at once: bounds the memory
 _MODES_16_BIT = ("I;16", "I;16L", "I;16B", "I;16N")
-_BROKEN = (
+_DECODE_ERRORS = (
     *(OSError, SyntaxError, ValueError, EOFError, LookupError, TypeError, OverflowError, RuntimeError),
     *(zlib.error, struct.error, Image.DecompressionBombError),
 )
@@ -66,7 +56,7 @@ _EXPECTED = (
     "expected a PNG, JPEG, TIFF or WebP picture, an OpenRaster file (.ora), a folder of pictures, "
     "or vectors (GeoJSON, GeoPackage, FlatGeobuf, Shapefile, OSM PBF)"
 )
-_REFUSED = (
+_UNSUPPORTED = (
     (b"gimp xcf", "a GIMP file", "in GIMP, File ▸ Export As, name.ora"),
     (b"8BPS", "a Photoshop file", "save its layers as OpenRaster (.ora), in Krita or GIMP"),
 )
@@ -103,7 +93,7 @@ def detect_kind(path: Path) -> Kind:
         return "picture"
     if start.startswith(b"PK"):
         return "open raster"
-    for magic, what, instead in _REFUSED:
+    for magic, what, instead in _UNSUPPORTED:
         if start.startswith(magic):
             raise InputError(f"{location} is {what}: {instead}")
     if vector_driver(start) is not None:
@@ -155,34 +145,33 @@ def _read(stream: BinaryIO, location: str) -> Picture:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # about metadata
-            # Not Image.open: it accepts other formats and has a process-wide limit.
-            with _READERS[kind](stream) as image:
+            with Image.open(stream, formats=[kind]) as image:
                 check_size(image.size, location)
                 return _decode(image, location)
-    except _BROKEN as error:
+    except _DECODE_ERRORS as error:
         raise InputError(f"{location}: expected a whole {kind} picture ({one_line(error)})") from None
 
 
 def check_size(size: tuple[int, int], location: str) -> None:
     """Raise `InputError` for an image (width, height) that is too large or empty."""
     sides = f"{location}: {size[0]}×{size[1]} px: expected"
-    if not all(0 < side <= _LARGEST_SIDE for side in size):
-        raise InputError(f"{sides} sides of 1 to {_LARGEST_SIDE} px")
-    if size[0] * size[1] > _LARGEST_PIXELS:
-        raise InputError(f"{sides} at most {_LARGEST_PIXELS // 10**6} million pixels")
+    if not all(0 < side <= _MAX_SIDE for side in size):
+        raise InputError(f"{sides} sides of 1 to {_MAX_SIDE} px")
+    if size[0] * size[1] > _MAX_PIXELS:
+        raise InputError(f"{sides} at most {_MAX_PIXELS // 10**6} million pixels")
 
 
 def _decode(image: ImageFile, location: str) -> Picture:
     image.load()
-    turned: Image.Image = ImageOps.exif_transpose(image)
-    if turned.mode in ("F", "I"):
+    upright: Image.Image = ImageOps.exif_transpose(image)
+    if upright.mode in ("F", "I"):
         raise InputError(
-            f"{location}: its values are not colours ({turned.mode}): expected a picture of 8 or 16 bits"
+            f"{location}: its values are not colours ({upright.mode}): expected a picture of 8 or 16 bits"
         )
-    if turned.mode in _MODES_16_BIT:
-        turned = Image.fromarray((np.asarray(turned) >> 8).astype(np.uint8))
+    if upright.mode in _MODES_16_BIT:
+        upright = Image.fromarray((np.asarray(upright) >> 8).astype(np.uint8))
     rgba = np.asarray(
-        turned.convert("RGB").convert("RGBA") if turned.mode == "CMYK" else turned.convert("RGBA")
+        upright.convert("RGB").convert("RGBA") if upright.mode == "CMYK" else upright.convert("RGBA")
     )
     return Picture(rgba, bool((rgba[..., 3] < 128).any()), _is_grey(rgba))
 

@@ -54,9 +54,9 @@ class SketchArea(NamedTuple):
         """Metres along the longer side."""
         return self.pixel * max(self.columns, self.rows)
 
-    def pixels(self, places: Float64Array) -> Float64Array:
+    def pixels(self, points: Float64Array) -> Float64Array:
         """Return fractional columns and rows, (n, 2), of x and y; row 0 starts at the north edge."""
-        column, up = ((places - (self.west, self.south)) / self.pixel).T
+        column, up = ((points - (self.west, self.south)) / self.pixel).T
         return np.stack([column, self.rows - up], axis=-1)
 
 
@@ -89,9 +89,9 @@ def mean_longitude(longitudes: npt.NDArray[np.float64]) -> float:
     return math.degrees(math.atan2(np.sin(angles).sum(), np.cos(angles).sum()))
 
 
-def to_longitude_latitude(crs: CRS, places: Float64Array) -> Float64Array:
+def to_longitude_latitude(crs: CRS, points: Float64Array) -> Float64Array:
     """Return longitude and latitude of (n, 2) points."""
-    return reproject(places, crs, parse_crs("OGC:CRS84"))
+    return reproject(points, crs, parse_crs("OGC:CRS84"))
 
 
 def metric_crs_at(crs: CRS, middle: tuple[float, float]) -> CRS:
@@ -121,13 +121,13 @@ def _is_undistorted(crs: CRS, middle: tuple[float, float]) -> bool:
     return all(abs(length / 100.0 - 1.0) < _MAX_DISTORTION for length in lengths)
 
 
-def reproject(places: Float64Array, source: CRS, target: CRS) -> Float64Array:
+def reproject(points: Float64Array, source: CRS, target: CRS) -> Float64Array:
     """Transform (n, 2) x and y to another CRS; raise `InputError` for points outside of it."""
     if source == target:
-        return places
+        return points
     try:
         with Env():
-            x, y = transform(source, target, places[:, 0], places[:, 1])
+            x, y = transform(source, target, points[:, 0], points[:, 1])
     except CPLE_BaseError:
         x = y = [math.nan]
     found = np.stack([np.asarray(x, np.float64), np.asarray(y, np.float64)], axis=-1)

@@ -224,25 +224,25 @@ def _clip(
 
 def _unwrapped(shapes: Shapes, bounds: Box | None) -> Shapes:
     """Return shapes in degrees without a jump at the antimeridian, around the bounds if given."""
-    places, of = shapely.get_coordinates(shapes, return_index=True)
-    invalid = (np.abs(places[:, 0]) > 360.0) | (np.abs(places[:, 1]) > 90.0)
+    points, of = shapely.get_coordinates(shapes, return_index=True)
+    invalid = (np.abs(points[:, 0]) > 360.0) | (np.abs(points[:, 1]) > 90.0)
     if invalid.any():
-        x, y = places[np.argmax(invalid)]
+        x, y = points[np.argmax(invalid)]
         raise InputError(f"{x:g}, {y:g} is not a longitude and latitude: expected degrees, or another CRS")
-    x = places[:, 0]
+    x = points[:, 0]
     if bounds is None:
         x -= 360.0 * np.rint((x - mean_longitude(x)) / 360.0)
     else:
         west, _, east, _ = shapely.bounds(shapes).T
         split = (shapely.get_dimensions(shapes) == _LINE) & (east - west > 180.0)  # lines go the short way
         x[split[of]] %= 360.0
-        west, _, east, _ = shapely.bounds(shapely.set_coordinates(shapes.copy(), places)).T
+        west, _, east, _ = shapely.bounds(shapely.set_coordinates(shapes.copy(), points)).T
         x -= 360.0 * np.rint((0.5 * (west + east) - 0.5 * (bounds[0] + bounds[2])) / 360.0)[of]
-    return np.asarray(shapely.set_coordinates(shapes.copy(), places))
+    return np.asarray(shapely.set_coordinates(shapes.copy(), points))
 
 
 def _reprojected(shapes: Any, source: CRS, target: CRS) -> Any:
-    return shapely.transform(shapes, lambda places: reproject(places, source, target))
+    return shapely.transform(shapes, lambda points: reproject(points, source, target))
 
 
 def _bounds(features: _Features) -> Box:

@@ -76,7 +76,7 @@ def _write_unity(export: Export) -> ExportOutput:
         ],
         "species": list(export.terrain.species_names),
     }
-    return ExportOutput(files, _settings(export, steps, axes), facts)
+    return ExportOutput(files, _settings(export, steps), facts)
 
 
 def _write_images(
@@ -92,7 +92,7 @@ def _write_images(
     return {raw: _FILES["height"], normal: _FILES["normal"]} | dict.fromkeys(splats, _FILES["splat"])
 
 
-def _settings(export: Export, steps: HeightQuantisation, axes: EngineAxes) -> dict[str, Any]:
+def _settings(export: Export, steps: HeightQuantisation) -> dict[str, Any]:
     tiles = list(tile_samples(export))
     first, samples = tiles[0]
     west, south, east, north = samples.grid.bounds
@@ -104,20 +104,18 @@ def _settings(export: Export, steps: HeightQuantisation, axes: EngineAxes) -> di
         "Flip Vertically": False,
         "Terrain Size": {"X": east - west, "Y": steps.range, "Z": north - south},
         "Control Texture Resolution": first.columns - 1,
-        "tiles": [
+        "tiles": [  # the position of a Transform is the terrain's south-west corner
             {
                 "file": tile_path(export, "", tile, ".raw").name,
-                "Position": _position(axes, samples) | {"Y": steps.low},
+                "Position": {
+                    "X": samples.grid.west - export.grid.west,
+                    "Y": steps.low,
+                    "Z": samples.grid.south - export.grid.south,
+                },
             }
             for tile, samples in tiles
         ],
     }
-
-
-def _position(axes: EngineAxes, samples: TerrainSamples) -> dict[str, float]:
-    """Return the position of a terrain's Transform: its south-west corner."""
-    west, south, _, _ = samples.grid.bounds
-    return dict(zip("XYZ", axes.points(*np.array([[west], [south], [0.0]]))[0].tolist(), strict=True))
 
 
 def _write_trees(

@@ -1,4 +1,4 @@
-"""Models with a link that only remembers what it was told, and Qt without a screen."""
+"""Fixtures of the window's tests: models, a link that records requests, Qt without a screen."""
 
 import gc
 import os
@@ -19,7 +19,7 @@ from sketchterrain.ui.models.workspace import Workspace
 
 
 class FakeLink(EngineLink):
-    """An engine that works out nothing; tests set its values and emit its signals."""
+    """A link without processes; tests set its values and emit its signals."""
 
     def __init__(self, document):
         super().__init__(document)
@@ -35,7 +35,7 @@ class FakeLink(EngineLink):
 
 @pytest.fixture(autouse=True)
 def garbage_on_this_thread():
-    """What a test leaves is taken apart here: a search for garbage on another thread would do it there."""
+    """Collect garbage on this thread: Qt objects must not be deleted on another one."""
     gc.disable()
     yield
     gc.collect(0)
@@ -59,7 +59,7 @@ def link(document):
 
 @pytest.fixture(scope="session")
 def placed():
-    """What is placed of the preset valley_river."""
+    """The placement of the preset valley_river."""
     sketch = load_sketch("valley_river")
     recipe = make_recipe(sketch)
     fill = recipe.fill.within(0.0, 0.0, *sketch.size)
@@ -69,7 +69,7 @@ def placed():
 
 @pytest.fixture
 def shown(qtbot):
-    """Show a widget, and hold it until the test has ended: Qt may still draw it."""
+    """Show a widget and keep a reference until the test has ended: Qt may still draw it."""
     held = []
 
     def show(widget, width=300, height=600):
@@ -85,7 +85,7 @@ def shown(qtbot):
 
 @pytest.fixture
 def small():
-    """A sketch that is exported soon."""
+    """A sketch that exports quickly."""
     mountain = np.zeros((48, 64), np.uint8)
     mountain[10:30, 10:40] = 1
     return Sketch(name="Small", extent=512.0, layers={"mountain": mountain})
@@ -93,7 +93,7 @@ def small():
 
 @pytest.fixture
 def exporting_into(qapp):
-    """Return what makes the preferences of someone who exported into a folder."""
+    """Return a factory of preferences with an export folder."""
 
     def preferring(folder):
         preferences = Preferences(folder.parent / "desktop.ini")
@@ -105,8 +105,8 @@ def exporting_into(qapp):
 
 @pytest.fixture
 def open_window(qtbot, document, workspace, link, tmp_path):
-    """Open the whole window; each time with the files that the one before left."""
-    # Not above: other tests are not to load all of it.
+    """Return a factory of main windows that share preferences and recent files."""
+    # Imported late: most tests do not need the whole window.
     from sketchterrain.ui.models.background import SketchSaver
     from sketchterrain.ui.models.bookmarks import Bookmarks
     from sketchterrain.ui.models.preferences import RecentFiles

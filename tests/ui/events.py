@@ -1,4 +1,4 @@
-"""Events of mouse, wheel, pen and keys, sent to a widget as Qt sends them."""
+"""Mouse, wheel, pen and key events, sent to a widget as Qt does."""
 
 import time
 
@@ -43,7 +43,7 @@ def key(widget, code: Qt.Key, *, up=False, repeat=False, modifiers=NO_KEYS) -> N
 
 
 def keeps(widget, code: Qt.Key, modifiers=NO_KEYS) -> bool:
-    """Whether a widget keeps a key from being a shortcut of its window."""
+    """Return whether a widget overrides a shortcut of its window."""
     event = QKeyEvent(QEvent.Type.ShortcutOverride, code, modifiers)
     event.ignore()
     QApplication.sendEvent(widget, event)
@@ -63,9 +63,9 @@ def pen(widget, kind: QEvent.Type, x: float, y: float, pressure: float, *, erase
 
 
 def wait(until, seconds=300.0):
-    """Let the program go on until something holds; machines are shared."""
+    """Process events until a condition holds; generous, since machines are shared."""
     end = time.monotonic() + seconds
     while not until():
-        assert time.monotonic() < end, "nothing came of it"
+        assert time.monotonic() < end, "condition not met in time"
         QApplication.processEvents(QEventLoop.ProcessEventsFlag.WaitForMoreEvents, 20)
         time.sleep(0.002)

@@ -1,7 +1,7 @@
 """A program without a window that paints, changes settings, undoes and saves until it is killed.
 
-It writes a line to a log for each state of the document, before anything else hears of that state, and when a
-save begins and ends: what, when (s, monotonic), which sketch.
+It logs each state of the document, before other listeners see it, and the start and end of saves:
+event, time (s, monotonic), fingerprint of the sketch.
 """
 
 import hashlib
@@ -25,7 +25,7 @@ from sketchterrain.ui.models.painting import Stroke
 
 
 def fingerprint(sketch: Sketch) -> str:
-    """Return what tells sketches apart that differ in anything."""
+    """Return a hash of everything in a sketch."""
     seen = hashlib.sha1(settings_text(sketch).encode(), usedforsecurity=False)
     for name in LAYERS:
         seen.update(sketch.layers[name].tobytes())
@@ -33,16 +33,16 @@ def fingerprint(sketch: Sketch) -> str:
 
 
 class Painter:
-    """Does what a person in a hurry would."""
+    """Simulates a user in a hurry."""
 
     def __init__(self, target: Path, folder: Path, log: Path, *, interval_s: float, seed: int) -> None:
-        self._log = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+        self._file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
         self._target = target
         self._random = random.Random(seed)
         self._document = Document(Sketch(layers={"hill": np.zeros((300, 420), dtype=np.uint8)}))
-        self._document.sketch_changed.connect(lambda: self._tell("state", self._document.sketch))
+        self._document.sketch_changed.connect(lambda: self._log_sketch("state", self._document.sketch))
         self._saving = SketchSaver(self._document)
-        self._saving.saved.connect(lambda: self._tell("saved", self._being_saved))
+        self._saving.saved.connect(lambda: self._log_sketch("saved", self._being_saved))
         self._autosave = Autosave(self._document, folder, interval_s=interval_s)
         self._being_saved = self._document.sketch
         found = self._autosave.recoverable()
@@ -53,14 +53,14 @@ class Painter:
         elif target.exists():
             self._document.open(load_sketch(target), target)
         else:
-            self._tell("state", self._document.sketch)
+            self._log_sketch("state", self._document.sketch)
         self._stroke: Stroke | None = None
         self._timer = QTimer()
         self._timer.timeout.connect(self._act)
         self._timer.start(3)
 
-    def _tell(self, what: str, sketch: Sketch) -> None:
-        os.write(self._log, f"{what} {time.monotonic():.6f} {fingerprint(sketch)}\n".encode())
+    def _log_sketch(self, what: str, sketch: Sketch) -> None:
+        os.write(self._file, f"{what} {time.monotonic():.6f} {fingerprint(sketch)}\n".encode())
 
     def _act(self) -> None:
         draft = self._document.draft
@@ -87,7 +87,7 @@ class Painter:
             self._document.redo()
         elif choice < 0.865 and not self._saving.is_busy:
             self._being_saved = self._document.sketch
-            self._tell("saving", self._being_saved)
+            self._log_sketch("saving", self._being_saved)
             self._saving.save(self._target)
 
 

@@ -26,24 +26,24 @@ _KEYS = [getattr(Qt.Key, f"Key_{name}") for name in _NAMES.split()]
 _MOVES = [getattr(Qt.Key, f"Key_{name}") for name in ["Up", "Down", "PageUp", "PageDown", "Home"]]
 _BUTTONS = (Qt.MouseButton.LeftButton, Qt.MouseButton.LeftButton, Qt.MouseButton.RightButton)
 UNTRIGGERED = ("quit", "restart", "full-screen")
-"""Of the actions: the program shall go on, and the engine is tested elsewhere."""
+"""Actions that would end the test or start the engine."""
 
 
 class Monkey:
-    """Does one thing after another; another seed does other things."""
+    """Performs random user actions, reproducible by seed."""
 
     def __init__(self, window, document, workspace, *, seed: int):
         self._window, self._document, self._workspace = window, document, workspace
         self._random = random.Random(seed)
         self._sketches = [load_sketch(name) for name in preset_names()]
-        self.did: list[str] = []
+        self.log: list[str] = []
 
     def act(self):
         often = {self.paint: 8, self.use_history: 4, self.turn_form: 4, self.trigger: 3, self.choose: 3}
         often |= {self.press: 2, self.scroll: 2}
         often |= dict.fromkeys((self.resize, self.dock, self.load, self.look_around), 1)
         (deed,) = self._random.choices([*often], [*often.values()])
-        self.did.append(deed.__name__)
+        self.log.append(deed.__name__)
         deed()
         QApplication.processEvents()
 
@@ -61,10 +61,10 @@ class Monkey:
             self._window.actions_by_name[what].trigger()
 
     def trigger(self):
-        """Do something of the menus; dialogs are closed as they come."""
+        """Trigger a menu action; dialogs are closed at once."""
         actions = [each for each in self._window.actions_by_name if each.objectName() not in UNTRIGGERED]
         action = self._random.choice(actions)
-        self.did[-1] += f" {action.objectName()}"
+        self.log[-1] += f" {action.objectName()}"
         if action.isEnabled():
             closing = DialogCloser()
             action.trigger()
@@ -81,7 +81,7 @@ class Monkey:
             if each.isVisible() and each.isEnabled()
         ]
         control = self._random.choice([*controls, *buttons])
-        self.did[-1] += f" {type(control).__name__} {control.accessibleName()}"
+        self.log[-1] += f" {type(control).__name__} {control.accessibleName()}"
         closing = DialogCloser()
         if isinstance(control, QtWidgets.QAbstractButton):
             QTest.mouseClick(control, Qt.MouseButton.LeftButton)
@@ -102,7 +102,7 @@ class Monkey:
         wheel(target, place.x(), place.y(), self._random.choice((-2, -1, 1, 2)), keys)
 
     def choose(self):
-        """Take another tool, label, brush or overlay, or hide or lock a layer."""
+        """Change tool, label, brush, overlay or a layer's look."""
         dice, workspace = self._random, self._workspace
         layer = dice.choice(list(LAYERS))
         what = dice.randrange(5)
@@ -129,7 +129,7 @@ class Monkey:
             dock.setVisible(what == 1)
 
     def load(self):
-        """Open another sketch; one in four times, for it takes its time."""
+        """Open another sketch, once in four times: it is slow."""
         if self._random.random() < 0.25:
             self._document.open(self._random.choice(self._sketches))
 
@@ -153,7 +153,7 @@ class Monkey:
 
 
 class DialogCloser:
-    """Closes whatever waits for an answer, as long as it is not stopped."""
+    """Closes dialogs and menus until it is stopped."""
 
     def __init__(self):
         self._timer = QTimer()
@@ -175,7 +175,7 @@ class DialogCloser:
 
 
 WARM = 0.5
-"""Share of the actions after which memory is weighed: until then histories and caches fill."""
+"""Share of the actions before the first measurement: histories and caches fill."""
 GROWTH = 1.05
 
 
@@ -187,7 +187,7 @@ def window(window, link, placed):
 
 
 def settle():
-    """Let all that was to be deleted be deleted."""
+    """Process deferred deletions."""
     for _ in range(3):
         QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
         QApplication.processEvents()
@@ -195,7 +195,7 @@ def settle():
 
 
 def resident() -> int:
-    """Bytes of this process in memory, what the allocator keeps for itself apart."""
+    """Return the resident bytes of this process, without the allocator's free memory."""
     if sys.platform == "linux":
         ctypes.CDLL(None).malloc_trim(0)
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
@@ -203,7 +203,7 @@ def resident() -> int:
 
 
 def widgets() -> Counter[str]:
-    """Count all widgets by what they are, and in what."""
+    """Count all widgets by class and parent."""
 
     def name(widget) -> str:
         return f"{type(widget).__name__} {widget.objectName()}".rstrip()
@@ -212,8 +212,8 @@ def widgets() -> Counter[str]:
     return Counter(f"{name(each)} in {name(parent) if parent else 'nothing'}" for each, parent in kinds)
 
 
-def at_rest(window, document, workspace):
-    """Bring the window into one state, whatever was done."""
+def reset_window(window, document, workspace):
+    """Bring the window into a defined state."""
     document.open(load_sketch("valley_river"))
     workspace.selection = None
     workspace.tool = "brush"
@@ -233,17 +233,17 @@ def test_random_actions_leave_no_widget_and_no_memory_behind(
 ):
     monkeypatch.chdir(tmp_path)
     monkey = Monkey(window, document, workspace, seed=8)
-    weighed = counted = None
+    measured = counted = None
     for number in range(actions):
         monkey.act()
         if number == int(WARM * actions):
-            at_rest(window, document, workspace)
-            weighed, counted = resident(), widgets()
-    at_rest(window, document, workspace)
-    grown = resident() / weighed
+            reset_window(window, document, workspace)
+            measured, counted = resident(), widgets()
+    reset_window(window, document, workspace)
+    grown = resident() / measured
     more = widgets() - counted
     stray = [each for each in QApplication.topLevelWidgets() if type(each) is QtWidgets.QWidget]
     told = [(each.size(), [type(child).__name__ for child in each.children()]) for each in stray]
-    print(f"{actions} actions: memory {weighed >> 20} MiB, {grown:.3f} times as much at the end")  # noqa: T201
+    print(f"{actions} actions: memory {measured >> 20} MiB, {grown:.3f} times as much at the end")  # noqa: T201
     assert not more, f"widgets that stayed: {more}, {told}"
     assert grown < GROWTH

@@ -216,10 +216,10 @@ class Flight:
         """Return the flight with absolute heights, raised to stay `clearance` m above the terrain."""
         if self.heights == "absolute":
             return self
-        places = self._rows[:, 1:7].copy()
-        places[:, 2] += heights_at(places[:, 0], places[:, 1])
-        places[:, 5] += heights_at(places[:, 3], places[:, 4])
-        return self._moved(places).raised_above(heights_at, clearance=clearance)
+        positions = self._rows[:, 1:7].copy()
+        positions[:, 2] += heights_at(positions[:, 0], positions[:, 1])
+        positions[:, 5] += heights_at(positions[:, 3], positions[:, 4])
+        return self._moved(positions).raised_above(heights_at, clearance=clearance)
 
     def raised_above(self, heights_at: HeightFunction, *, clearance: float) -> Flight:
         """Return the flight with keyframes raised until the eye stays `clearance` m above the terrain.
@@ -239,9 +239,9 @@ class Flight:
             # 1 % more, for fewer rounds.
             np.maximum.at(lift, segment, 1.01 * missing)
             np.maximum.at(lift, segment + 1, 1.01 * missing)
-            places = flight._rows[:, 1:7].copy()
-            places[:, [2, 5]] += lift[:, None]
-            flight = flight._moved(places)
+            positions = flight._rows[:, 1:7].copy()
+            positions[:, [2, 5]] += lift[:, None]
+            flight = flight._moved(positions)
         return flight
 
     @cached_property
@@ -255,9 +255,9 @@ class Flight:
         times, fovs = self._rows[:, 0], self._rows[:, 7]
         return CameraSpline(times, self._rows[:, 1:4], self._rows[:, 4:7], fovs)
 
-    def _moved(self, places: Floats) -> Flight:
+    def _moved(self, positions: Floats) -> Flight:
         """Return the flight with absolute heights and other eyes and targets, (n, 6)."""
-        rows = zip(self.keys, places.tolist(), strict=True)
+        rows = zip(self.keys, positions.tolist(), strict=True)
         return Flight(tuple(replace(key, eye=tuple(row[:3]), target=tuple(row[3:])) for key, row in rows))
 
 
@@ -282,18 +282,18 @@ _HEAD = f"""\
 
 def load_flight(path: str | Path) -> Flight:
     """Read a flight file; raise InputError with file, key and value."""
-    place = one_line(path)
+    name = one_line(path)
     try:
         with Path(path).open("rb") as stream:
             data = stream.read(_MAX_BYTES + 1)
     except OSError as error:
-        raise InputError(f"{place}: cannot be read ({error.strerror})") from None
+        raise InputError(f"{name}: cannot be read ({error.strerror})") from None
     if len(data) > _MAX_BYTES:
-        raise InputError(f"{place}: expected at most {_MAX_BYTES >> 20} MiB")
+        raise InputError(f"{name}: expected at most {_MAX_BYTES >> 20} MiB")
     try:
         return parse_flight(data)
     except InputError as error:
-        raise InputError(f"{place}: {error}") from None
+        raise InputError(f"{name}: {error}") from None
 
 
 def save_flight(flight: Flight, path: str | Path) -> Path:

@@ -61,24 +61,24 @@ _RAY_START: Final = 0.5  # m
 
 
 def intersect_terrain(
-    ground: HeightFunction, eye: Vector, along: npt.ArrayLike, *, reach: float
+    heights: HeightFunction, eye: Vector, along: npt.ArrayLike, *, max_distance: float
 ) -> Vector | None:
-    """Return the first intersection (m) of a ray with the terrain within `reach` m, None without one.
+    """Return the first intersection (m) of a ray with the terrain within `max_distance` m, None without one.
 
     Ridges narrower than a hundredth of their distance can be missed.
     """
-    start, way = np.asarray(eye, np.float64), np.asarray(along, np.float64)
-    far = np.concatenate([[0.0], np.geomspace(_RAY_START, reach, _RAY_SAMPLES - 1)])
+    start, ray = np.asarray(eye, np.float64), np.asarray(along, np.float64)
+    far = np.concatenate([[0.0], np.geomspace(_RAY_START, max_distance, _RAY_SAMPLES - 1)])
     for _ in range(_RAY_ROUNDS):
-        places = start + far[:, None] * way
-        below = places[:, 2] < np.asarray(ground(places[:, 0], places[:, 1]), np.float64)
+        positions = start + far[:, None] * ray
+        below = positions[:, 2] < np.asarray(heights(positions[:, 0], positions[:, 1]), np.float64)
         if not below.any():
             return None
         first = int(np.argmax(below))
         if first == 0:
             break
         far = np.linspace(far[first - 1], far[first], _RAY_SAMPLES)
-    return _vector(start + far[first] * way)
+    return _vector(start + far[first] * ray)
 
 
 CLEARANCE: Final = 1.0  # least height of the eye above the terrain (m)
@@ -101,7 +101,7 @@ class OrbitController:
 
     def __init__(
         self,
-        ground: HeightFunction,
+        heights: HeightFunction,
         pivot: Vector,
         *,
         heading: float = 0.0,
@@ -109,7 +109,7 @@ class OrbitController:
         distance: float = 1000.0,
         fov: float = 50.0,
     ) -> None:
-        self._heights = ground
+        self._heights = heights
         self.fov = fov
         # heading, elevation, distance, pivot
         self._goal = np.array([heading, elevation, distance, *pivot], np.float64)
@@ -179,9 +179,9 @@ class OrbitController:
         heading, elevation, distance = self._state[:3].tolist()
         pivot = self._state[3:]
         eye = pivot - distance * direction(heading, -elevation)
-        ground = float(self._heights(eye[0], eye[1]))
-        eye[2] = _smooth_maximum(float(eye[2]), ground + CLEARANCE)
-        near, far = clip_planes(float(eye[2]) - ground, draw_distance)
+        heights = float(self._heights(eye[0], eye[1]))
+        eye[2] = _smooth_maximum(float(eye[2]), heights + CLEARANCE)
+        near, far = clip_planes(float(eye[2]) - heights, draw_distance)
         return Camera(_vector(eye), _vector(pivot), fov=self.fov, near=near, far=far)
 
     def _clamp_goal(self) -> None:
@@ -225,14 +225,14 @@ class WalkController:
 
     def __init__(
         self,
-        ground: HeightFunction,
+        heights: HeightFunction,
         eye: Vector,
         *,
         heading: float = 0.0,
         pitch: float = 0.0,
         on_foot: bool = False,
     ) -> None:
-        self._heights = ground
+        self._heights = heights
         self.on_foot = on_foot
         self._target_look = np.array([heading, pitch], np.float64)
         self.jump(eye, heading=heading, pitch=pitch)
@@ -265,9 +265,9 @@ class WalkController:
         self._look = np.array([heading, np.clip(pitch, -STEEPEST, STEEPEST)], np.float64)
         self._target_look = self._look.copy()
         self.velocity = np.zeros(3)
-        ground = self._heights_at(self._eye[None, :2])[0]
-        self._eye[2] = ground + EYE_HEIGHT if self.on_foot else max(self._eye[2], ground + EYE_HEIGHT)
-        self._clearance = float(self._eye[2] - ground)
+        heights = self._heights_at(self._eye[None, :2])[0]
+        self._eye[2] = heights + EYE_HEIGHT if self.on_foot else max(self._eye[2], heights + EYE_HEIGHT)
+        self._clearance = float(self._eye[2] - heights)
 
     def look(self, right: float, up: float) -> None:
         """Turn by degrees, with smooth motion."""
@@ -329,8 +329,8 @@ class WalkController:
         self._eye[2], self.velocity[2] = z, climb
         self._clearance = float(z - grounds[0])
 
-    def _heights_at(self, places: Floats) -> Floats:
-        return np.asarray(self._heights(places[:, 0], places[:, 1]), np.float64)
+    def _heights_at(self, positions: Floats) -> Floats:
+        return np.asarray(self._heights(positions[:, 0], positions[:, 1]), np.float64)
 
 
 def _relaxation(h: float, constant: float) -> float:

@@ -123,7 +123,7 @@ class SnapshotRenderer:
         self._texture = self._context.texture(size, 4)
         self._framebuffer = self._context.framebuffer([self._texture])
         self._resources = ResourceCache()
-        self._device: ComputeContext | None = None
+        self._compute: ComputeContext | None = None
 
     def picture(
         self,
@@ -164,10 +164,10 @@ class SnapshotRenderer:
 
     def _own_context(self, context: ComputeContext) -> ComputeContext:
         """Return a context of the same device with its own queue: threads must not share one."""
-        known = self._device
-        if known is None or (known.device, known.fast) != (context.device, context.fast):
-            self._device = known = open_device(context.device, real=context.real, fast=context.fast)
-        return known
+        own = self._compute
+        if own is None or (own.device, own.fast) != (context.device, context.fast):
+            self._compute = own = open_device(context.device, real=context.real, fast=context.fast)
+        return own
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 REST: Final = 0.25  # s without camera motion and with nothing missing, before a full-size picture is drawn
 FAST_DRAW: Final = 0.1
-"""s; a full-size picture that takes no longer is drawn even while light and plants are outdated."""
+"""s; a full-size picture faster than this is drawn even while light and plants are outdated."""
 CATCH_UP_DELAY: Final = 0.5
 """s after a terrain update, from which light and plants are updated at full size in any case ..."""
 CATCH_UP_SHARE: Final = 0.25  # ... within this share of the drawing time, if that is more than the budget

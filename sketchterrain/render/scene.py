@@ -1,4 +1,4 @@
-"""What the renderer draws: the scene and its relief."""
+"""Terrain interfaces of the renderer, and height maps of square regions."""
 
 from __future__ import annotations
 
@@ -136,15 +136,15 @@ class HeightMap:
         return np.asarray(south * (1 - v) + north * v)
 
     def rasterized_mask(
-        self, places: Sequence[npt.NDArray[Any]], widths: Sequence[npt.NDArray[Any]]
+        self, positions: Sequence[npt.NDArray[Any]], widths: Sequence[npt.NDArray[Any]]
     ) -> HeightMap:
-        """Return a mask of the same square: 1 in squares of `widths` (m) around `places` (m), 0 elsewhere.
+        """Return a mask of the same square: 1 in squares of `widths` (m) around `positions` (m), 0 elsewhere.
 
         Squares narrower than a texel have their share of it as value, at least 1/3.
         """
         n = len(self.heights)
         marks = np.zeros((n, n), np.float32)
-        for place, width in zip(places, widths, strict=True):
+        for place, width in zip(positions, widths, strict=True):
             cell = np.floor((place[:, :2] - [self.west, self.south]) / self.texel).astype(np.intp)
             reach = (width / self.texel / 2).astype(np.intp)
             value = np.clip(width / self.texel, 1 / 3, 1.0)

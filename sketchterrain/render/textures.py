@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 OCTAVES: Final = 6  # number of texture scales
 RATIO: Final = 3.7  # width ratio of successive octaves
 PERIOD: Final = 64  # texture widths after which the hexagons of kernels/render/hex_tiling.glsl repeat
-TURN: Final = 0.65  # rad, rotation of successive octaves of layers without a direction
+OCTAVE_ROTATION: Final = 0.65  # rad, rotation of successive octaves of layers without a direction
 _PLANES: Final = ((1, 2), (0, 2), (0, 1))
-_SUITED: Final = {
+_OCTAVE_RANGES: Final = {
     "grass": (0, 2),
     "soil": (0, 3),
     "rock": (0, 5),
@@ -40,24 +40,25 @@ _SUITED: Final = {
     "canopy": (2, 2),
 }
 """Finest and coarsest octave of a layer: blades of grass are never a metre wide."""
-_ALIGNED: Final = {"rock": 0.0, "sand": 0.1, "snow": 0.2}
+_ROTATION_LIMITS: Final = {"rock": 0.0, "sand": 0.1, "snow": 0.2}
 """Layers with a direction, and the largest rotation of their hexagons (rad)."""
 
 
 def texture_widths(looks: Mapping[str, Mapping[str, Any]] | None = None) -> npt.NDArray[np.float64]:
     """Return the width (m) of each layer's texture at octave 0, from the sketch's ``[look]`` or defaults."""
-    own = {name: layer.width for name, layer in LAYERS.items()}
-    wanted = {name: look["size"] for name, look in (looks or {}).items() if look.get("size", 0.0) > 0.0}
-    return np.array([{**own, **wanted}[name] for name in LAYERS])
+    defaults = {name: layer.width for name, layer in LAYERS.items()}
+    requested = {name: look["size"] for name, look in (looks or {}).items() if look.get("size", 0.0) > 0.0}
+    return np.array([{**defaults, **requested}[name] for name in LAYERS])
 
 
 def texture_uniforms(widths: npt.NDArray[np.float64]) -> dict[str, object]:
-    """Return ``laid`` and ``spins`` of kernels/render/matter.glsl for layers of these widths (m)."""
-    turns = _turns()
-    laid = [
-        (width, *_SUITED[name], turns[i]) for i, (name, width) in enumerate(zip(LAYERS, widths, strict=True))
+    """Return uniforms of kernels/render/matter.glsl for layers of these texture widths (m)."""
+    rotations = _octave_rotations()
+    tiling = [
+        (width, *_OCTAVE_RANGES[name], rotations[i])
+        for i, (name, width) in enumerate(zip(LAYERS, widths, strict=True))
     ]
-    return {"texture_tiling": laid, "max_rotations": [_ALIGNED.get(name, np.pi) for name in LAYERS]}
+    return {"texture_tiling": tiling, "max_rotations": [_ROTATION_LIMITS.get(name, np.pi) for name in LAYERS]}
 
 
 def texture_phases(eye: Sequence[float], widths: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
@@ -66,7 +67,7 @@ def texture_phases(eye: Sequence[float], widths: npt.NDArray[np.float64]) -> npt
     Planes are yz, xz, xy. Computed in float64, so that textures do not swim far from the origin.
     """
     octave = np.arange(OCTAVES)
-    angle = np.multiply.outer(_turns(), octave)[:, None, :]
+    angle = np.multiply.outer(_octave_rotations(), octave)[:, None, :]
     scale = 1.0 / np.multiply.outer(widths, RATIO**octave)[:, None, :]
     first, second = (np.array([eye[plane[k]] for plane in _PLANES])[:, None] for k in (0, 1))
     u = (np.cos(angle) * first - np.sin(angle) * second) * scale
@@ -74,8 +75,8 @@ def texture_phases(eye: Sequence[float], widths: npt.NDArray[np.float64]) -> npt
     return (np.stack([u, v], axis=-1) % PERIOD).reshape(-1, 2).astype(np.float32)
 
 
-def _turns() -> npt.NDArray[np.float64]:
-    return np.array([0.0 if name in _ALIGNED else TURN for name in LAYERS])
+def _octave_rotations() -> npt.NDArray[np.float64]:
+    return np.array([0.0 if name in _ROTATION_LIMITS else OCTAVE_ROTATION for name in LAYERS])
 
 
 NOISE_SIZE: Final = 512

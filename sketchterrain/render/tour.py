@@ -49,14 +49,14 @@ def tour(terrain: TerrainSource, *, seconds: float = 20.0) -> Flight:
     # A whole loop and some keyframes after the end: the path does not depend on the duration.
     count = int(np.ceil(seconds / KEY_EVERY)) + 4
     number = np.arange(max(count, keys))
-    here = loop[number % keys]
-    eyes = np.column_stack([here, _heights(relief, loop, rise)[number % keys]])
-    there = loop[(number + ahead) % keys]
-    there = there + LOOK_IN * (np.array([east, north]) / 2 - there)
-    along = there - here
+    points = loop[number % keys]
+    eyes = np.column_stack([points, _heights(relief, loop, rise)[number % keys]])
+    ahead_points = loop[(number + ahead) % keys]
+    ahead_points = ahead_points + LOOK_IN * (np.array([east, north]) / 2 - ahead_points)
+    along = ahead_points - points
     distance = np.linalg.norm(along, axis=1)
     drop = distance * np.tan(np.radians(LOOK_DOWN))
-    targets = np.column_stack([there, eyes[:, 2] + drop])
+    targets = np.column_stack([ahead_points, eyes[:, 2] + drop])
     rows = zip(eyes.tolist(), targets.tolist(), strict=True)
     flight = Flight(
         tuple(Keyframe(KEY_EVERY * i, tuple(eye), tuple(target), FOV) for i, (eye, target) in enumerate(rows))
@@ -69,8 +69,8 @@ def _loop_positions(terrain: TerrainSource, relief: HeightMap) -> Float64Array:
     size = np.array(terrain.size)
     angle = 2.0 * np.pi * np.arange(BEARINGS) / BEARINGS
     spoke = np.stack([np.sin(angle), np.cos(angle)], axis=1)
-    places = size / 2 + RADII[None, :, None] * spoke[:, None, :] * size
-    costs = _costs(terrain, relief, places)
+    positions = size / 2 + RADII[None, :, None] * spoke[:, None, :] * size
+    costs = _costs(terrain, relief, positions)
     radius = _cheapest(costs)
     gain = -costs[np.arange(BEARINGS), radius]
     fractions = _smooth(RADII[radius])
@@ -78,11 +78,11 @@ def _loop_positions(terrain: TerrainSource, relief: HeightMap) -> Float64Array:
     return np.roll(size / 2 + fractions[:, None] * spoke * size, -start, axis=0)
 
 
-def _costs(terrain: TerrainSource, relief: HeightMap, places: Float64Array) -> Float64Array:
+def _costs(terrain: TerrainSource, relief: HeightMap, positions: Float64Array) -> Float64Array:
     """Return costs (b, r) of flying over positions (b, r, 2): heights cost, water gains."""
     mask = water_map(terrain, relief)
     water = replace(mask, heights=gaussian_filter(mask.heights, 3.0))
-    x, y = places[..., 0], places[..., 1]
+    x, y = positions[..., 0], positions[..., 1]
     heights, is_water = relief.at(x, y), water.at(x, y)
     low, high = np.percentile(heights, [5, 95])
     offset = (RADII - RADII.mean()) / np.ptp(RADII) * 2.0

@@ -33,11 +33,11 @@ COMMAND: Final = np.dtype(
 """DrawElementsIndirectCommand."""
 
 _LIBRARIES: Final = ("libOpenGL.so.0", "libGL.so.1", "opengl32")
-_ASKED: Final = (("libEGL.so.1", "eglGetProcAddress"), ("opengl32", "wglGetProcAddress"))
+_ADDRESS_FUNCTIONS: Final = (("libEGL.so.1", "eglGetProcAddress"), ("opengl32", "wglGetProcAddress"))
 
 _COMPLETE, _FLUSH = 0x9117, 0x1  # GL_SYNC_GPU_COMMANDS_COMPLETE, GL_SYNC_FLUSH_COMMANDS_BIT
 _TIMEOUT_EXPIRED, _WAIT_FAILED = 0x911B, 0x911D
-_TURN: Final = 1_000_000_000  # ns
+_WAIT_STEP: Final = 1_000_000_000  # ns
 _CLIP_DISTANCES: Final = range(0x3000, 0x3004)  # GL_CLIP_DISTANCE0 …
 
 
@@ -49,11 +49,11 @@ def gl_function(name: str, result: Any, *arguments: Any) -> Any:
             function = getattr(ctypes.CDLL(library), name)
             function.restype, function.argtypes = result, arguments
             return function
-    for library, asked in _ASKED:
+    for library, function_name in _ADDRESS_FUNCTIONS:
         with suppress(OSError, AttributeError):
-            ask = getattr(ctypes.CDLL(library), asked)
-            ask.restype, ask.argtypes = ctypes.c_void_p, (ctypes.c_char_p,)
-            address = ask(name.encode())
+            get_address = getattr(ctypes.CDLL(library), function_name)
+            get_address.restype, get_address.argtypes = ctypes.c_void_p, (ctypes.c_char_p,)
+            address = get_address(name.encode())
             if address:
                 return ctypes.CFUNCTYPE(result, *arguments)(address)
     raise DeviceError(f"this machine's OpenGL has no {name}")
@@ -66,12 +66,12 @@ def wait_for_gl() -> None:
     if not fence:
         raise DeviceError("OpenGL returned no fence")
     try:
-        found = _TIMEOUT_EXPIRED
-        while found == _TIMEOUT_EXPIRED:
-            found = wait(fence, _FLUSH, _TURN)
+        status = _TIMEOUT_EXPIRED
+        while status == _TIMEOUT_EXPIRED:
+            status = wait(fence, _FLUSH, _WAIT_STEP)
     finally:
         gl_function("glDeleteSync", None, ctypes.c_void_p)(fence)
-    if found == _WAIT_FAILED:
+    if status == _WAIT_FAILED:
         raise DeviceError("waiting for OpenGL failed")
 
 
@@ -99,7 +99,7 @@ _DeviceMemory: TypeAlias = CopiedMemory | ExtensionMemory | MappedMemory
 class GLVertexMemory:
     """Memory that a device writes and OpenGL draws from; a ``memory`` for ``Terrain.vertex_store``.
 
-    Use it in the thread of the OpenGL context. `reason` says why `kind` is not a better one.
+    Use it in the thread of the OpenGL context. `reason` is why `kind` is not a better one.
     """
 
     def __init__(
@@ -160,18 +160,18 @@ def open_vertex_memory(
     gl: moderngl.Context, context: ComputeContext, nbytes: int, *, kind: str | None = None
 ) -> GLVertexMemory:
     """Allocate vertex memory of a sharing method, or of the best one that works; raise DeviceError."""
-    ways = {"extension": _by_extension, "mapped": _mapped, "copy": _copied}
+    allocators = {"extension": _by_extension, "mapped": _mapped, "copy": _copied}
     reasons: list[str] = []
     for each in (kind,) if kind is not None else sharing_methods(context):
         try:
-            vertices, written = ways[each](gl, context, nbytes)
+            vertices, written = allocators[each](gl, context, nbytes)
         except DeviceError as error:
             if each == kind or each == "copy":
                 raise
             reasons.append(str(error))
         else:
             return GLVertexMemory(gl, each, vertices, written, reason="; ".join(reasons))
-    raise DeviceError("no kind of memory is left")
+    raise DeviceError("no sharing method works")
 
 
 def _by_extension(
@@ -204,12 +204,12 @@ def _mapped(
     flags = _READ | _WRITE | _PERSISTENT | _COHERENT
     bind(_TARGET, name.value)
     storage(_TARGET, nbytes, None, flags)
-    place = map_range(_TARGET, 0, nbytes, flags)
+    mapped = map_range(_TARGET, 0, nbytes, flags)
     bind(_TARGET, 0)
-    if not place:
+    if not mapped:
         gl_function("glDeleteBuffers", None, ctypes.c_int, ctypes.POINTER(unsigned))(1, name)
         raise DeviceError(f"OpenGL cannot map a persistent buffer of {nbytes} bytes ({gl.error})")
-    host = np.ctypeslib.as_array(ctypes.cast(place, ctypes.POINTER(ctypes.c_uint8)), (nbytes,))
+    host = np.ctypeslib.as_array(ctypes.cast(mapped, ctypes.POINTER(ctypes.c_uint8)), (nbytes,))
     return gl.external_buffer(name.value, nbytes), MappedMemory(context, host)
 
 

@@ -115,8 +115,8 @@ class LandCover:
     def __init__(self, terrain: TerrainSource, relief: HeightMap) -> None:
         features = terrain.features
         forests = features.points[features.points["type"] == FOREST]
-        places = np.stack([forests["x"], forests["y"]], axis=1)
-        self._woods = relief.rasterized_mask([places], [1.8 * forests["radius"].astype(np.float64)])
+        positions = np.stack([forests["x"], forests["y"]], axis=1)
+        self._woods = relief.rasterized_mask([positions], [1.8 * forests["radius"].astype(np.float64)])
         lines = [np.asarray(river.centreline) for river in features.rivers]
         self._rivers = cKDTree(np.concatenate(lines)[:, :2]) if lines else None
         self._half = (
@@ -146,10 +146,9 @@ class LandCover:
         for lake in self._lakes:
             far = np.minimum(far, -lake.at(x, y))
         if self._rivers is not None and self._half is not None:
-            places = np.stack([np.ravel(x), np.ravel(y)], axis=-1)
+            positions = np.stack([np.ravel(x), np.ravel(y)], axis=-1)
             bound = 60.0 + float(self._half.max())
-            found = self._rivers.query(places, distance_upper_bound=bound)
-            distance, nearest = np.asarray(found[0]), np.asarray(found[1])
+            distance, nearest = map(np.asarray, self._rivers.query(positions, distance_upper_bound=bound))
             half = np.append(self._half, 0.0)[nearest]
             far = np.minimum(far, np.where(np.isfinite(distance), distance - half, 60.0).reshape(far.shape))
         return far
@@ -162,10 +161,10 @@ def find_viewpoints(
     side = RISES if raised else GRID
     grid = grid_positions(terrain, (np.arange(side) + 0.5) / side)
     if raised:
-        places = grid[np.argsort(-topographic_position(terrain, relief, grid), kind="stable")]
+        positions = grid[np.argsort(-topographic_position(terrain, relief, grid), kind="stable")]
     else:
-        places = np.concatenate([_shore_positions(terrain), grid])
-    suitable = places[_is_suitable(terrain, cover, places)]
+        positions = np.concatenate([_shore_positions(terrain), grid])
+    suitable = positions[_is_suitable(terrain, cover, positions)]
     if not len(suitable):
         west, south, east, north = visible_rectangle(terrain)
         return np.array([[(west + east) / 2.0, (south + north) / 2.0]])
@@ -175,31 +174,31 @@ def find_viewpoints(
     return np.asarray(suitable[picked])
 
 
-def topographic_position(terrain: TerrainSource, relief: HeightMap, places: Float64Array) -> Float64Array:
+def topographic_position(terrain: TerrainSource, relief: HeightMap, positions: Float64Array) -> Float64Array:
     """Return the topographic position index (m) of positions (n, 2): height above the local mean."""
     texels = max(round(AROUND * terrain.extent / relief.texel), 3)
     mean = HeightMap(relief.west, relief.south, relief.width, uniform_filter(relief.heights, texels))
-    return relief.at(*places.T) - mean.at(*places.T)
+    return relief.at(*positions.T) - mean.at(*positions.T)
 
 
 def unobstructed_distance(
-    terrain: TerrainSource, eye: Float64Array, bearing: float, *, reach: float
+    terrain: TerrainSource, eye: Float64Array, bearing: float, *, max_distance: float
 ) -> float:
-    """Return the distance (m) to the nearest plant in a view, at most `reach`; 0 if one is around the eye."""
+    """Return the distance (m) to the nearest plant in view, up to `max_distance`; 0 for one at the eye."""
     x, y = float(eye[0]), float(eye[1])
-    plants = terrain.foliage(x - reach, y - reach, x + reach, y + reach)
+    plants = terrain.foliage(x - max_distance, y - max_distance, x + max_distance, y + max_distance)
     east, north = plants["x"] - x, plants["y"] - y
     distance = np.hypot(east, north)
     off = np.abs((np.arctan2(east, north) - bearing + np.pi) % (2.0 * np.pi) - np.pi)
     if (distance < OBSTRUCTION_RADIUS).any():
         return 0.0
     ahead = distance[off < OBSTRUCTION_ANGLE]
-    return float(min(ahead.min(initial=reach), reach))
+    return float(min(ahead.min(initial=max_distance), max_distance))
 
 
 def _shore_positions(terrain: TerrainSource) -> Float64Array:
     """Return positions beside rivers and lakes."""
-    found = [np.zeros((0, 2))]
+    positions = [np.zeros((0, 2))]
     for river in terrain.features.rivers:
         line = np.asarray(river.centreline)[:, :2]
         step = np.diff(line, axis=0)
@@ -207,28 +206,28 @@ def _shore_positions(terrain: TerrainSource) -> Float64Array:
         at = np.arange(0.0, arc[-1], SHORE_EVERY * terrain.extent)
         index = np.searchsorted(arc, at).clip(0, len(step) - 1)
         along = step[index] / np.maximum(np.hypot(*step[index].T), 1e-9)[:, None]
-        aside = np.stack([-along[:, 1], along[:, 0]], axis=-1)
+        sideways = np.stack([-along[:, 1], along[:, 0]], axis=-1)
         half = river.centreline_width[index, None] / 2.0
-        found += [line[index] + sign * (half + off) * aside for off in SHORE for sign in (-1.0, 1.0)]
+        positions += [line[index] + sign * (half + off) * sideways for off in SHORE for sign in (-1.0, 1.0)]
     for lake in terrain.features.lakes:
         field = lake.shape
         row, column = np.nonzero(
             (field.inside < -SHORE[0]) & (field.inside > -SHORE[0] - 1.5 * field.spacing)
         )
         picked = slice(None, None, max(len(row) // 60, 1))
-        found.append(
+        positions.append(
             np.stack([column[picked], row[picked]], axis=-1) * field.spacing + [field.west, field.south]
         )
-    return np.concatenate(found)
+    return np.concatenate(positions)
 
 
-def _is_suitable(terrain: TerrainSource, cover: LandCover, places: Float64Array) -> BoolArray:
+def _is_suitable(terrain: TerrainSource, cover: LandCover, positions: Float64Array) -> BoolArray:
     """Return whether positions are inside the sketch, level, dry and outside forests."""
-    x, y = places.T
-    here = is_inside(terrain, x, y, margin=0.02 * terrain.extent)
+    x, y = positions.T
+    inside = is_inside(terrain, x, y, margin=0.02 * terrain.extent)
     z = [terrain.heights(x + dx, y + dy) for dx, dy in ((0.0, 0.0), (4.0, 0.0), (0.0, 4.0))]
-    even = np.hypot(z[1] - z[0], z[2] - z[0]) / 4.0 < STEEPEST
-    return np.asarray(here & even & (cover.distance_to_water(x, y) > 3.0) & (cover.woods(x, y) < 0.5))
+    is_level = np.hypot(z[1] - z[0], z[2] - z[0]) / 4.0 < STEEPEST
+    return np.asarray(inside & is_level & (cover.distance_to_water(x, y) > 3.0) & (cover.woods(x, y) < 0.5))
 
 
 def _padded_square(field: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
@@ -292,7 +291,7 @@ def eye_level_view(terrain: TerrainSource, light: LightScore, *, raised: bool) -
     longest, best_viewpoint = -1.0, 0
     for viewpoint in np.argsort(-best, kind="stable")[:MAX_TESTED].tolist():
         distance = unobstructed_distance(
-            terrain, eyes[viewpoint], float(bearings[bearing[viewpoint]]), reach=CLEAR
+            terrain, eyes[viewpoint], float(bearings[bearing[viewpoint]]), max_distance=CLEAR
         )
         if distance > longest:
             longest, best_viewpoint = distance, viewpoint

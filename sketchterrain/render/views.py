@@ -130,10 +130,10 @@ def find_view(terrain: TerrainSource, kind: str = "auto", *, weather: Weather | 
     score = _score(seen, distances / extent, style) + light(bearings)
     viewpoint, bearing = np.unravel_index(int(np.argmax(score)), score.shape)
     eye_z = float(terrain.heights(x[viewpoint], y[viewpoint])) + float(rise[viewpoint])
-    place = (float(x[viewpoint]), float(y[viewpoint]), eye_z)
+    eye = (float(x[viewpoint]), float(y[viewpoint]), eye_z)
     skyline = neighbouring_bearings(seen.horizon, style.in_view)[:, viewpoint, bearing]
     angle = float(bearings[bearing])
-    return aim(place, angle, skyline, extent, fov=style.fov, horizon_at=style.horizon_at)
+    return aim(eye, angle, skyline, extent, fov=style.fov, horizon_at=style.horizon_at)
 
 
 def check_view(kind: str) -> None:
@@ -181,12 +181,12 @@ def _compute_visibility(
 def water_map(terrain: TerrainSource, relief: HeightMap) -> HeightMap:
     """Return a mask of rivers and lakes on the texels of a map: 1 inside, 0 outside."""
     rivers, lakes = terrain.features.rivers, [lake.shape for lake in terrain.features.lakes]
-    places, widths = [river.centreline for river in rivers], [river.centreline_width for river in rivers]
+    positions, widths = [river.centreline for river in rivers], [river.centreline_width for river in rivers]
     for lake in lakes:
         row, column = np.nonzero(lake.inside > 0)
-        places.append(np.stack([column, row], axis=-1) * lake.spacing + [lake.west, lake.south])
+        positions.append(np.stack([column, row], axis=-1) * lake.spacing + [lake.west, lake.south])
         widths.append(np.full(len(row), lake.spacing, np.float32))
-    return relief.rasterized_mask(places, widths)
+    return relief.rasterized_mask(positions, widths)
 
 
 def _painted(terrain: TerrainSource, relief: HeightMap) -> list[HeightMap]:
@@ -196,8 +196,8 @@ def _painted(terrain: TerrainSource, relief: HeightMap) -> list[HeightMap]:
     masks = []
     for code in range(TYPES):
         of_type = points[points["type"] == code]
-        places = np.stack([of_type["x"], of_type["y"]], axis=1)
-        masks.append(relief.rasterized_mask([places], [0.9 * of_type["radius"]]))
+        positions = np.stack([of_type["x"], of_type["y"]], axis=1)
+        masks.append(relief.rasterized_mask([positions], [0.9 * of_type["radius"]]))
     return masks
 
 

@@ -240,15 +240,15 @@ def test_a_line_of_sight_ends_at_its_first_intersection():
         view = camera(orbit)
         x, y = rng.uniform(-0.9, 0.9, 2)
         along = view.ray(x, y, ASPECT)
-        point = intersect_terrain(hills, view.eye, along, reach=20_000.0)
+        point = intersect_terrain(hills, view.eye, along, max_distance=20_000.0)
         assert project(view, point)[:2] == pytest.approx([x, y], abs=1e-9), seed
         assert point[2] == pytest.approx(float(hills(*point[:2])), abs=1e-4), seed
         t = np.linspace(0.0, np.linalg.norm(np.subtract(point, view.eye)) - 1.0, 5000)[:, None]
         way = view.eye + t * along
         assert (way[:, 2] >= hills(way[:, 0], way[:, 1])).all(), seed
     # No intersection in the sky; the start point from below the terrain.
-    assert intersect_terrain(plain, (0.0, 0.0, 10.0), (0.0, 0.6, 0.8), reach=1e5) is None
-    assert intersect_terrain(plain, (0.0, 0.0, -3.0), (0.0, 1.0, 0.0), reach=1e5) == (0.0, 0.0, -3.0)
+    assert intersect_terrain(plain, (0.0, 0.0, 10.0), (0.0, 0.6, 0.8), max_distance=1e5) is None
+    assert intersect_terrain(plain, (0.0, 0.0, -3.0), (0.0, 1.0, 0.0), max_distance=1e5) == (0.0, 0.0, -3.0)
 
 
 def slopes(x, y):

@@ -112,7 +112,7 @@ def test_unavailable_methods_report_the_reason(terrain, gl, monkeypatch):
     memory = open_vertex_memory(gl, context, 1024)
     assert (memory.kind, memory.reason) == ("copy", "this machine's OpenGL has no GL_none")
     memory = open_vertex_memory(gl, terrain.context, 1024)
-    with pytest.raises(InputError, match="2 tiles need 270400 bytes, there are 1024"):
+    with pytest.raises(InputError, match="expected 270400 bytes for 2 tiles, got 1024"):
         terrain.vertex_store(2, memory=memory)
 
 

@@ -99,10 +99,12 @@ def test_distance_to_water_is_zero_at_the_bank_and_plants_obstruct_views(terrain
     plants = terrain.foliage(0.0, 0.0, *terrain.size)
     plant = plants[len(plants) // 2]
     eye = np.array([plant["x"] - 8.0, plant["y"], 0.0])
-    free = unobstructed_distance(terrain, eye, np.pi / 2.0, reach=30.0)  # to the east
+    free = unobstructed_distance(terrain, eye, np.pi / 2.0, max_distance=30.0)  # to the east
     assert free <= 8.0 + 1e-6
     assert (
-        unobstructed_distance(terrain, np.array([plant["x"] - 2.0, plant["y"], 0.0]), np.pi / 2.0, reach=30.0)
+        unobstructed_distance(
+            terrain, np.array([plant["x"] - 2.0, plant["y"], 0.0]), np.pi / 2.0, max_distance=30.0
+        )
         == 0.0
     )
 

@@ -127,7 +127,7 @@ class CameraController:
         """Return the terrain position (m) at an image position (fractions from the upper left corner)."""
         camera = self.camera()
         along = camera.ray(2.0 * x - 1.0, 1.0 - 2.0 * y, aspect)
-        return intersect_terrain(self._heights, camera.eye, along, reach=_RANGE * self._terrain.extent)
+        return intersect_terrain(self._heights, camera.eye, along, max_distance=_RANGE * self._terrain.extent)
 
     def _heights(self, x: npt.ArrayLike, y: npt.ArrayLike) -> npt.NDArray[np.float32]:
         return self._terrain.heights(x, y)
@@ -217,7 +217,7 @@ class CameraController:
     def _start_orbit(self, camera: Camera) -> None:
         """Orbit the terrain position in the image centre; if it is sky, a point in front of the camera."""
         place = intersect_terrain(
-            self._heights, camera.eye, camera.forward, reach=_RANGE * self._terrain.extent
+            self._heights, camera.eye, camera.forward, max_distance=_RANGE * self._terrain.extent
         )
         if place is None:
             x, y, z = (np.asarray(camera.eye) + 0.3 * self._terrain.extent * camera.forward).tolist()

@@ -1,4 +1,8 @@
-"""Adherence: how far the terrain does what the sketch says."""
+"""Adherence: how closely a terrain follows its sketch, measured on the terrain's own heights.
+
+Areas and heights are measured by removing one layer's painted features and comparing heights; rivers by
+walking down their centrelines. Everything is sampled at full detail, areas at the sketch's pixel centres.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +31,6 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.recipe import TerrainRecipe
     from sketchterrain.terrain.terrain import Terrain
 
-
 MIN_WIDTH = 6.0
 """Minimum width (px) of a shape for its area and height to be measured; narrower ones are only counted."""
 
@@ -35,6 +38,9 @@ EFFECT_SHARE = 0.25
 """Share of the requested height by which the terrain must differ for a pixel to count as affected."""
 
 _TAN_70 = math.tan(math.radians(70.0))
+
+AREA_LAYERS = ("mountain", "hill", "dune", "forest", "lake", "river")
+"""Layers whose painted areas are measured, in the order of the report."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +94,6 @@ def measure_layer(sampled: SampledTerrain, layer: str) -> tuple[tuple[ShapeAdher
     shapes = label_shapes(layer, sketch.layers[layer])
     if layer not in FEATURE_TYPES:
         x, y = pixel_centres(sketch)
-
         wet = standing_water(terrain.recipe, layer, x, y, sampled.height.reshape(x.shape))
         return agreement(sketch, shapes, wet.astype(np.float32), np.ones(len(shapes)))
     effect = _effect(sampled, layer)
@@ -206,10 +211,6 @@ def _support(sketch: Sketch, recipe: TerrainRecipe, layer: str) -> BoolArray:
     return inside
 
 
-AREA_LAYERS = ("mountain", "hill", "dune", "forest", "lake", "river")
-"""Layers whose painted areas are measured, in the order of the report."""
-
-
 @dataclass(frozen=True)
 class LayerSummary:
     """Statistics over one layer's shapes; None where no shape is wide enough to be measured."""
@@ -283,7 +284,7 @@ def measure_adherence(terrain: Terrain) -> Adherence:
     }
     shapes = tuple(shape for layer_shapes, _ in measured.values() for shape in layer_shapes)
     return Adherence(
-        layers={name: _summary(layer_shapes, images) for name, (layer_shapes, images) in measured.items()},
+        layers={name: _summary(layer_shapes) for name, (layer_shapes, _) in measured.items()},
         peaks=_peaks(shapes),
         shapes=shapes,
         rivers=measure_river_adherence(terrain),
@@ -291,9 +292,9 @@ def measure_adherence(terrain: Terrain) -> Adherence:
     )
 
 
-def _summary(shapes: tuple[ShapeAdherence, ...], images: AreaImages) -> LayerSummary:
+def _summary(shapes: tuple[ShapeAdherence, ...]) -> LayerSummary:
     measured = [shape for shape in shapes if shape.iou is not None]
-    iou = [shape.iou for shape in measured if shape.iou is not None]
+    iou = [shape.iou for shape in shapes if shape.iou is not None]
     painted = sum(shape.area for shape in measured)
     return LayerSummary(
         shapes=len(shapes),

@@ -1,4 +1,4 @@
-"""Adherence of rivers, and water depths of a raster."""
+"""Adherence of rivers: painted strokes against centrelines, beds along these, and standing water."""
 
 from __future__ import annotations
 
@@ -17,6 +17,11 @@ if TYPE_CHECKING:
     from sketchterrain.placement.shapes import Shape
     from sketchterrain.terrain.recipe import TerrainRecipe
     from sketchterrain.terrain.terrain import Terrain
+
+_STEP = 1.0  # m along a centreline
+_MAX_STEPS = 50_000
+_RISE = 0.01  # m: tolerance for "not rising"
+_MAX_DISTANCE = 8.0  # px: of a centreline from the painted stroke it belongs to
 
 
 def standing_water(
@@ -59,12 +64,6 @@ def _within(lake: Lake, x: Float64Array, y: Float64Array) -> BoolArray:
     result = np.zeros(x.shape, dtype=np.bool_)
     result[valid] = field.inside[row[valid], column[valid]] > -2.0 * field.spacing
     return result
-
-
-_STEP = 1.0  # m along a centreline
-_MAX_STEPS = 50_000
-_RISE = 0.01  # m: tolerance for "not rising"
-_MAX_DISTANCE = 8.0  # px: of a centreline from the painted stroke it belongs to
 
 
 @dataclass(frozen=True)

@@ -23,10 +23,17 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.packing import PackedWorld
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-
 _DOMINANT_SHARE = 0.1  # of the sum of powers at a sample, from which a feature is responsible for its height
 _CELLS_ERODED = 512  # an extent, coarse: fine gullies raise no summit
 _SLACK = 1e-6  # m, above rounding
+
+_ROUNDS = 12
+_ERODED_ROUNDS = 4  # the last ones: erosion is a small correction
+# A feature already lifted above its own height by its neighbours retains some strength of its own: more
+# towards fidelity 1, where it may define part of the outline.
+_MIN_SHARE = 0.02
+_MIN_SHARE_AT_FIDELITY_1 = 0.6
+_MISSED = 1.025  # highest point over the highest sample, on average over the presets
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,15 +167,6 @@ class Heights:
 def _power(values: Float64Array, *, mountains: bool) -> Float64Array:
     square = values * values
     return square * square if mountains else square
-
-
-_ROUNDS = 12
-_ERODED_ROUNDS = 4  # the last ones: erosion is a small correction
-# A feature already lifted above its own height by its neighbours retains some strength of its own: more
-# towards fidelity 1, where it may define part of the outline.
-_MIN_SHARE = 0.02
-_MIN_SHARE_AT_FIDELITY_1 = 0.6
-_MISSED = 1.025  # highest point over the highest sample, on average over the presets
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, StructuredArray
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-
 # Samples around a centre, as ridges may move the summit off the centre. Their number depends on the feature's
 # own size alone, so that distant features never change it.
 _POINTS = 240

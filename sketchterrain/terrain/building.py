@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from sketchterrain.array_types import Bounds, Float64Array, LatticeArray, StructuredArray
     from sketchterrain.document.sketch import Sketch
 
-
 # Rivers follow the terrain at this coarse cell size, without its small features.
 _CELLS_PER_EXTENT = 256
 _MAX_CACHED = 2**31  # lattice units: farther positions are not cached

@@ -29,6 +29,28 @@ _MAX_HALVINGS = 24
 (_CENTRE,) = kernel_constants("spline_arcs.clh", "CENTRE")
 _POINT = 1e-12  # m: shorter chords are points
 
+_CELL_SHARE = 0.01  # of a cell: tolerance between arcs and spline
+_MAX_DOUBLINGS = 8  # of the finest cell: arcs for coarser ones would be hardly fewer
+_SAME = 1e-6  # m
+# Tolerance of piecewise linear levels, widths and depths, as a share of the width.
+_WIDTH_SHARE = 0.01
+_MIN_TOLERANCE = 0.02  # m
+_BED_TOLERANCE = 0.004  # m
+# A river is steep where it falls by this share of its depth over its width, and so many widths around.
+_STEEP_DEPTHS = 0.2
+_STEEP_WIDTHS = 3.0
+_FLOODPLAIN_WIDTHS = 4.0
+_MIN_WIDTHS = 3.0  # takes precedence over _MAX_RADIUS
+_MIN_RADIUS = 30.0  # m
+_VALLEY_RUN_PER_DEPTH = 1.7  # about 30° for the steepest part of a valley's side
+_MAX_RADIUS = 900.0  # m
+
+TOLERANCE_CELLS = tuple(FINEST_CELL * 2.0**doublings for doublings in range(_MAX_DOUBLINGS + 1))
+"""All values of `tolerance_cell`."""
+
+MAX_TOLERANCE = _CELL_SHARE * TOLERANCE_CELLS[-1]
+"""Greatest distance (m) of any arc from its spline."""
+
 
 @dataclass(frozen=True)
 class Pieces:
@@ -56,6 +78,8 @@ def flatten(
 ) -> Pieces:
     """Bisect cubics (n, 2, 4) until each piece is within the tolerance (m) of an arc or chord.
 
+    An arc through the ends of a piece of length L misses the curve by about κ′L³/125 where a chord misses it
+    by κL²/8 (κ: curvature, κ′: its derivative): few arcs replace many chords.
     ``spans`` (cubic, first, last) are stretches to flatten instead of whole cubics; their ends stay ends.
     """
     if spans is None:
@@ -120,23 +144,6 @@ def nearest_on_arc(
     return foot, square * (chord**2).sum(axis=-1)
 
 
-_CELL_SHARE = 0.01  # of a cell: tolerance between arcs and spline
-_MAX_DOUBLINGS = 8  # of the finest cell: arcs for coarser ones would be hardly fewer
-_SAME = 1e-6  # m
-# Tolerance of piecewise linear levels, widths and depths, as a share of the width.
-_WIDTH_SHARE = 0.01
-_MIN_TOLERANCE = 0.02  # m
-_BED_TOLERANCE = 0.004  # m
-# A river is steep where it falls by this share of its depth over its width, and so many widths around.
-_STEEP_DEPTHS = 0.2
-_STEEP_WIDTHS = 3.0
-_FLOODPLAIN_WIDTHS = 4.0
-_MIN_WIDTHS = 3.0  # takes precedence over _MAX_RADIUS
-_MIN_RADIUS = 30.0  # m
-_VALLEY_RUN_PER_DEPTH = 1.7  # about 30° for the steepest part of a valley's side
-_MAX_RADIUS = 900.0  # m
-
-
 def valley_radius(river: River, ground: Float64Array) -> Float64Array:
     """Return how far (m) a river shapes the terrain on each side, at each point of its centreline, (m,).
 
@@ -170,13 +177,6 @@ def tolerance_cell(cell_size: float) -> float:
     """
     doublings = math.floor(math.log2(max(cell_size, FINEST_CELL) / FINEST_CELL) + 1e-9)
     return FINEST_CELL * 2.0 ** min(doublings, _MAX_DOUBLINGS)
-
-
-TOLERANCE_CELLS = tuple(FINEST_CELL * 2.0**doublings for doublings in range(_MAX_DOUBLINGS + 1))
-"""All values of `tolerance_cell`."""
-
-MAX_TOLERANCE = _CELL_SHARE * TOLERANCE_CELLS[-1]
-"""Greatest distance (m) of any arc from its spline."""
 
 
 @dataclass(frozen=True, eq=False)

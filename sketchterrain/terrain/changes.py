@@ -108,9 +108,11 @@ def _field_box(field: ShapeField) -> Bounds:
 
 
 def river_areas(old: TerrainRecipe, new: TerrainRecipe) -> list[Bounds]:
-    """Return rectangles (west, south, east, north, m) outside which rivers are the same.
+    """Return rectangles (west, south, east, north, m) outside which rivers are the same, for one extent.
 
-    Both of one extent.
+    The arcs of a river between two control points depend on the curve there, on the samples of the centreline
+    from one control point to the other, and on which of these are ends of arcs: where all of these are
+    bit-equal, so are the arcs for every cell size.
     """
     courses = [prepared_centrelines(recipe) for recipe in (old, new)]
     unit = metres_per_unit(new.extent)
@@ -221,18 +223,21 @@ def _fill_areas(old: Fill, new: Fill) -> list[Bounds]:
     found = []
     points = np.concatenate([rows_only_in(old.painted, new.painted), rows_only_in(new.painted, old.painted)])
     for x, y, code, radius in zip(*(points[key] for key in ("x", "y", "type", "radius")), strict=True):
-        reaches = new.influence_radii(FEATURE_TYPES[code], float(radius)).values()
-        found += [_widened((float(x), float(y), float(x), float(y)), reach) for reach in sorted(reaches)[-1:]]
+        distances = new.influence_radii(FEATURE_TYPES[code], float(radius)).values()
+        found += [
+            _widened((float(x), float(y), float(x), float(y)), distance)
+            for distance in sorted(distances)[-1:]
+        ]
     for name in new.sketch.layers:
-        reaches = new.influence_radii(name).values()
-        for reach in sorted(reaches)[-1:]:
-            found += [_widened(box, reach) for box in _repainted(old.sketch, new.sketch, name)]
+        distances = new.influence_radii(name).values()
+        for distance in sorted(distances)[-1:]:
+            found += [_widened(box, distance) for box in _repainted(old.sketch, new.sketch, name)]
     return merge_boxes(found)
 
 
-def _widened(box: Bounds, reach: float) -> Bounds:
+def _widened(box: Bounds, distance: float) -> Bounds:
     west, south, east, north = box
-    return west - reach, south - reach, east + reach, north + reach
+    return west - distance, south - distance, east + distance, north + distance
 
 
 def _repainted(old: Sketch, new: Sketch, name: str) -> list[Bounds]:

@@ -1,4 +1,4 @@
-"""Culling: which features affect which block of ground."""
+"""Culling: which features, lakes, covers and arcs of river affect which block."""
 
 from __future__ import annotations
 
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 _FEW = 1 << 14
 # Ratio of successive cell sizes, as a power of two.
 _SIZE_BITS = 2
+
+_painted_index: WeakKeyDictionary[TerrainRecipe, BoxIndex] = WeakKeyDictionary()
 
 
 class BoxIndex:
@@ -108,9 +110,6 @@ def _runs(count: LatticeArray) -> tuple[LatticeArray, LatticeArray]:
     """Return, for concatenated runs of these lengths, each element's run and its index in the run."""
     owner = np.repeat(np.arange(len(count)), count)
     return owner, np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
-
-
-_painted_index: WeakKeyDictionary[TerrainRecipe, BoxIndex] = WeakKeyDictionary()
 
 
 def features_near(recipe: TerrainRecipe, blocks: LatticeArray, min_radius: float) -> StructuredArray:

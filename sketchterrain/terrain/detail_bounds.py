@@ -1,4 +1,4 @@
-"""Bounds on the detail that a level of tiles leaves out."""
+"""Bounds of the detail that a cell size omits, from the tails of the series that heights are made of."""
 
 from __future__ import annotations
 
@@ -31,6 +31,27 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.kernel_arguments import CulledInputs
     from sketchterrain.terrain.recipe import TerrainRecipe
 
+NOISE_PEAK = 1.01
+"""Bound of |noise| in one octave: a simplex's corners give no more, each with its worst gradient."""
+
+_HILL_SWELL, _ROCK_HEIGHT, _INVERSE_ROCK_RANGE = kernel_constants(
+    "relief.clh", "HILL_SWELL", "ROCK_HEIGHT", "INVERSE_ROCK_RANGE"
+)
+_CREST_SHARE, _LEVELLED = kernel_constants("height.clh", "CREST_SHIFT", "DUNE_LEVEL")
+_BANK_RISE, _MIN_CELLS = kernel_constants("rivers.clh", "BANK_RISE", "CHANNEL_CELLS")
+_GULLY_PEAK = 1.25  # bound of an octave of gullies, over its depth
+_GULLY_SLOPE = 13.0  # bound of its slope, over its depth and times its wavelength
+_ROCK_OVER_SLOPE = 0.78  # greatest derivative of slope^2 / (slope^2 + 0.7), the roughness of rock
+_PLATEAU_SLOPE = 3.0  # of an area's profile, over a radius
+_DUNE_SLOPE, _VIGOUR_SLOPE = 9.1, 1.05
+# Difference of the bed by arcs for a coarser cell: in cells along the banks' slope, and in widths along the
+# fall. Measured, not proven: blends of arcs shift where these are split differently.
+_ARC_SLOPES, _ARC_WIDTHS = 0.4, 0.8
+_ROUNDING = 1e-6  # of the height
+# Most features of a kind, omitted at a cell size, that overlap at their full height.
+_MAX_OVERLAP = 4.0
+_TURNS = np.linspace(0.0, 1.0, 2049)
+
 
 @dataclass(frozen=True)
 class OmittedDetail:
@@ -62,28 +83,6 @@ class BlockExtrema:
     widest: Float64Array  # (n,) width of the widest gullies, m
     cover: Float64Array  # (n, styles) 0 … 1
     dune: Float64Array  # (n, styles) height of the highest dunes, m
-
-
-NOISE_PEAK = 1.01
-"""Bound of |noise| in one octave: a simplex's corners give no more, each with its worst gradient."""
-
-_HILL_SWELL, _ROCK_HEIGHT, _INVERSE_ROCK_RANGE = kernel_constants(
-    "relief.clh", "HILL_SWELL", "ROCK_HEIGHT", "INVERSE_ROCK_RANGE"
-)
-_CREST_SHARE, _LEVELLED = kernel_constants("height.clh", "CREST_SHIFT", "DUNE_LEVEL")
-_BANK_RISE, _MIN_CELLS = kernel_constants("rivers.clh", "BANK_RISE", "CHANNEL_CELLS")
-_GULLY_PEAK = 1.25  # bound of an octave of gullies, over its depth
-_GULLY_SLOPE = 13.0  # bound of its slope, over its depth and times its wavelength
-_ROCK_OVER_SLOPE = 0.78  # greatest derivative of slope^2 / (slope^2 + 0.7), the roughness of rock
-_PLATEAU_SLOPE = 3.0  # of an area's profile, over a radius
-_DUNE_SLOPE, _VIGOUR_SLOPE = 9.1, 1.05
-# Difference of the bed by arcs for a coarser cell: in cells along the banks' slope, and in widths along the
-# fall. Measured, not proven: blends of arcs shift where these are split differently.
-_ARC_SLOPES, _ARC_WIDTHS = 0.4, 0.8
-_ROUNDING = 1e-6  # of the height
-# Most features of a kind, omitted at a cell size, that overlap at their full height.
-_MAX_OVERLAP = 4.0
-_TURNS = np.linspace(0.0, 1.0, 2049)
 
 
 class DetailBound:

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.packing import PackedFeatures
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-
 _MAX_SQUARES = 4096
 _MAX_BATCHES = 64
 # Width of a square over the median support of painted features.

@@ -48,7 +48,6 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.packing import PackedFeatures, PackedFields, PackedRivers, PackedWorld
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-
 _RIM, _BEACH, _WATERSIDE, _SHARPNESS, _SOFTNESS = kernel_constants(
     "lakes.clh", "RIM", "BEACH", "WATERSIDE", "SHARPNESS", "SOFTNESS"
 )
@@ -74,6 +73,9 @@ _NEARNESS, _WEIGHT_SCALE, _BANK_WIDTH, _BANK_RISE, _FLOODPLAIN_SLOPE, _CHANNEL_C
         "MATERIAL_CELLS",
     )
 )
+
+_ZERO = np.zeros(1)
+_LEVEL = ErodibleHeight(ValueSlope(_ZERO, _ZERO, _ZERO), _ZERO, _ZERO)
 
 
 def field_distance(fields: PackedFields, i: int, x: LatticeArray, y: LatticeArray) -> Float64Array:
@@ -133,10 +135,6 @@ def _soft_positive(x: Float64Array) -> Float64Array:
 def _cubic(t: Float64Array) -> Float64Array:
     s = np.minimum(t, 1)
     return np.asarray(2 * s**3 - 3 * s**2 + 1)
-
-
-_ZERO = np.zeros(1)
-_LEVEL = ErodibleHeight(ValueSlope(_ZERO, _ZERO, _ZERO), _ZERO, _ZERO)
 
 
 @dataclass(frozen=True)

@@ -23,11 +23,12 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.noise import OctaveTable
     from sketchterrain.terrain.packing import PackedFeatures
 
-
 _TALUS, _WAVES, _PIVOT, _FEED, _CALM, _SHARP, _GENTLE, _ROUGH = kernel_constants(
     "relief.clh", "TALUS", "WAVES", "PIVOT", "FEED", "CALM", "SHARP", "GENTLE", "CRAG_STEEP"
 )
 _PIVOT *= 2.0**31  # the kernel multiplies gradients of 32-bit integers
+
+(_HILL_SWELL,) = kernel_constants("relief.clh", "HILL_SWELL")
 
 
 def deepest_gullies(
@@ -107,9 +108,6 @@ def crags(
     """Return the roughness of bare rock on mountains of a slope."""
     square = east * east + north * north
     return np.asarray(w["crag_depth"] * square / (square + _ROUGH) * fbm(octaves, "crag", x, y))
-
-
-(_HILL_SWELL,) = kernel_constants("relief.clh", "HILL_SWELL")
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,16 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.packing import PackedRivers
     from sketchterrain.terrain.recipe import TerrainRecipe
 
+_MASKS = ("mountain", "dune", "forest", "water")
+_KERNEL_INPUTS = ("height", "steepness", "hollow", "mottle", *_MASKS, "wetness")
+_ROUNDING = 1e-3
+# Ranges of a factor's inputs; the mottle's actual range is less than half of this.
+_RANGES = {"steepness": (0.0, np.inf), "mottle": (-4.0, 4.0), "wetness": (0.0, 1.0)}
+_RANGES |= dict.fromkeys(_MASKS, (0.0, 1.0))
+
+_MAX_CELL_SIZES = 64
+_MAX_TOLERANCES = 16
+
 
 def global_key(recipe: TerrainRecipe) -> tuple[object, ...]:
     """Return everything on the device that depends on the whole world."""
@@ -59,14 +69,6 @@ def bit_equal(one: object, other: object) -> bool:
     if is_dataclass(one) and type(one) is type(other):
         return all(bit_equal(getattr(one, each.name), getattr(other, each.name)) for each in fields(one))
     return bool(one == other)
-
-
-_MASKS = ("mountain", "dune", "forest", "water")
-_KERNEL_INPUTS = ("height", "steepness", "hollow", "mottle", *_MASKS, "wetness")
-_ROUNDING = 1e-3
-# Ranges of a factor's inputs; the mottle's actual range is less than half of this.
-_RANGES = {"steepness": (0.0, np.inf), "mottle": (-4.0, 4.0), "wetness": (0.0, 1.0)}
-_RANGES |= dict.fromkeys(_MASKS, (0.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -122,10 +124,6 @@ def _required_masks(factor: list[float]) -> int:
         # A sum of several may be rounded up.
         bits |= bool(most < -_ROUNDING if others else most <= 0) << number
     return bits
-
-
-_MAX_CELL_SIZES = 64
-_MAX_TOLERANCES = 16
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,6 @@ from sketchterrain.terrain.lattice import QUADS, metres_per_unit
 if TYPE_CHECKING:
     from sketchterrain.array_types import Float64Array, LatticeArray
 
-
 FINEST_WAVELENGTH = 0.5
 """Shortest noise wavelength, m: well resolved by samples 0.1 m apart."""
 

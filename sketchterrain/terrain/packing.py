@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.noise import OctaveTable
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-
 # The noise seldom leaves ±0.55 of its bound, so this brings the ground to about the asked relief.
 _GROUND_SPAN = 1.8
 # Ridges move outlines further than the warp does; the noise stays within [-1, 1].
@@ -56,6 +55,19 @@ _SLOTS = ("mountain", "hill", "forest")  # then the styles of dunes
 _centreline_cache: WeakKeyDictionary[River, tuple[tuple[float, bytes, bytes], PreparedCentreline]] = (
     WeakKeyDictionary()
 )
+
+# Samples repeated around a field, so that a spline at its rim reads the rim only.
+_PAD = 2
+# The margin ends slightly inside the field's rim, so that rounding leaves no effect there.
+_WITHIN = 0.999
+# Metres of shelf per metre of depth, if the lake is wide enough; slopes of the shore.
+_SHELF_RUN = 8.0
+_SHORE_SHARE = 0.5
+_STEEPEST_SHORE = 0.2
+_STEEPEST_BED = 1.0
+# Half the width of a cover's border, in samples, at fidelity 1 and at 0; small shapes have narrower ones.
+_BORDER = (0.35, 3.0)
+_BORDER_DEPTHS = 0.5
 
 
 @dataclass(frozen=True)
@@ -295,20 +307,6 @@ def prepared_centrelines(recipe: TerrainRecipe) -> list[tuple[LatticeArray, Prep
             _centreline_cache[river] = key, prepare_centreline(local, radii, met)
         found.append((anchor, _centreline_cache[river][1]))
     return found
-
-
-# Samples repeated around a field, so that a spline at its rim reads the rim only.
-_PAD = 2
-# The margin ends slightly inside the field's rim, so that rounding leaves no effect there.
-_WITHIN = 0.999
-# Metres of shelf per metre of depth, if the lake is wide enough; slopes of the shore.
-_SHELF_RUN = 8.0
-_SHORE_SHARE = 0.5
-_STEEPEST_SHORE = 0.2
-_STEEPEST_BED = 1.0
-# Half the width of a cover's border, in samples, at fidelity 1 and at 0; small shapes have narrower ones.
-_BORDER = (0.35, 3.0)
-_BORDER_DEPTHS = 0.5
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Layout of patches: batches, corners on the lattice, split octaves."""
+"""Layout of patches: positions of the vertices of tiles, parents and samples; batches that fit memory."""
 
 from __future__ import annotations
 

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.patch_layout import Patches
     from sketchterrain.terrain.surfaces import SurfaceStore
 
-
 GROUP = 64
 """Work items of a group."""
 

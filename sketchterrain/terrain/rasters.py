@@ -1,4 +1,4 @@
-"""Rasters: heights, normals and materials of rectangles, in windows."""
+"""Rasters: rectangles and windows evaluated as adjacent patches, in bands of rows, also quantized."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.evaluator import Evaluator
     from sketchterrain.terrain.surfaces import SurfaceStore
 
-
 # The patches of one launch: fewer would leave a device idle, more would only need memory.
 _PATCHES_PER_BAND = 256
+
+_FILE = "ground_bytes.cl"
 
 
 def bands(
@@ -159,9 +160,6 @@ def _partial_progress(
     progress: Callable[[float], None] | None, first: float, last: float
 ) -> Callable[[float], None] | None:
     return None if progress is None else lambda share: progress(first + share * (last - first))
-
-
-_FILE = "ground_bytes.cl"
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,6 +35,14 @@ if TYPE_CHECKING:
 _WIDEST = 17e3  # m
 _MAX_CACHED = 256
 
+_FILE = "tiles.cl"
+_MAX_QUADS = 1 << 20  # of the tiles of a launch
+# Wide patches are cut into squares, which fewer features affect: least vertices a side, least width.
+_MIN_SQUARE_VERTICES = 16
+_MIN_SQUARE = 200.0  # m
+_USUAL = 0.99  # share of a tile whose error is at most its δ
+_WORST = 1.5  # greatest error of a sample over δ, so that errors between samples hardly exceed 2 δ
+
 
 class WideTileErrors:
     """Deviation of full detail from wide tiles, at 32 × 32 samples of a square of at most 17 km.
@@ -131,15 +139,6 @@ def _on_triangles(height: Float32Array, u: Float64Array, v: Float64Array) -> Flo
     # From north-west along the longer way first, then along the shorter.
     longer, shorter = np.maximum(u, v), np.minimum(u, v)
     return np.asarray(nw + longer * (other - nw) + shorter * (se - other), dtype=np.float32)
-
-
-_FILE = "tiles.cl"
-_MAX_QUADS = 1 << 20  # of the tiles of a launch
-# Wide patches are cut into squares, which fewer features affect: least vertices a side, least width.
-_MIN_SQUARE_VERTICES = 16
-_MIN_SQUARE = 200.0  # m
-_USUAL = 0.99  # share of a tile whose error is at most its δ
-_WORST = 1.5  # greatest error of a sample over δ, so that errors between samples hardly exceed 2 δ
 
 
 class VertexWriter:

@@ -70,6 +70,23 @@ _STEEPEST = 1.3  # rise over run at which tufts still hold
 _WATERSIDE = 0.72  # water mask from which it is too wet
 _GRASS, _FLOWER, _FERN = (SPECIES.index(name) for name in ("grass", "flower", "fern"))
 
+LEVELS: Final = 3
+"""Coarser Poisson-disk sets nested in the plants, each of twice the distance."""
+
+_SQUARES: Final = {
+    "woody": 2048.0,
+    "grass": 256.0,
+}  # m, approximate side of the squares by which plants are sorted
+_AT_ONCE = 1 << 12  # plants evaluated in a step
+_SAMPLES = 16  # blocks along a side that an estimate reads
+_ERRORS = 2.0  # standard errors added to their mean
+_MARGIN = 1.3  # safety factor on the density
+
+MAX_PLANTS: Final = 20_000_000
+"""Most plants returned at once."""
+
+_MAX_PER_PIECE = 2_000_000
+
 
 class Meadow:
     """Grass, flowers and ferns of a recipe; see :class:`SpacingRule` for step, least and most."""
@@ -118,18 +135,7 @@ class Meadow:
         plants["scale"] = (0.6 + 0.7 * self._noise.draw("tuft scale", x, y)) * lush
 
 
-LEVELS: Final = 3
-"""Coarser Poisson-disk sets nested in the plants, each of twice the distance."""
-
 _RULES: Final[dict[str, type[Woods] | type[Meadow]]] = {"woody": Woods, "grass": Meadow}
-_SQUARES: Final = {
-    "woody": 2048.0,
-    "grass": 256.0,
-}  # m, approximate side of the squares by which plants are sorted
-_AT_ONCE = 1 << 12  # plants evaluated in a step
-_SAMPLES = 16  # blocks along a side that an estimate reads
-_ERRORS = 2.0  # standard errors added to their mean
-_MARGIN = 1.3  # safety factor on the density
 
 
 class Storey:
@@ -260,12 +266,6 @@ def _stratified_blocks(columns: range, rows: range) -> list[tuple[int, int]]:
         for n, row in enumerate(some_rows)
         for i in range(across)
     ]
-
-
-MAX_PLANTS: Final = 20_000_000
-"""Most plants returned at once."""
-
-_MAX_PER_PIECE = 2_000_000
 
 
 class FoliageSampler:

@@ -34,8 +34,32 @@ if TYPE_CHECKING:
     from sketchterrain.compute.buffers import BufferSet
     from sketchterrain.compute.context import ComputeContext
 
-
 _POOLED: Final = 4  # quads of the raster along the squares whose ranges are stored
+
+GRADED: Final = np.dtype([("x", "i8"), ("y", "i8"), ("spacing", "f4"), ("level", "u1")])
+"""A point: lattice position, minimum distance (lattice units), level."""
+
+_FILE = "graded_poisson.cl"
+_STREAM = "graded poisson disk"
+_REACH = 3  # cells of a conflict, as in the kernels
+_LISTED = 24  # as in the kernels
+_COARSE_TRIALS = 8  # darts a cell, in all grids but the finest
+_FINE_TRIALS = 16
+_BLOCK = (16, 64)  # rows and columns of cells, as in the kernels
+_SLACK = 1.0001  # of distances, in the test of which blocks a grid is active in
+_KINDS: Final = {
+    "x": np.int16,
+    "y": np.int16,
+    "half": np.float32,
+    "times": np.float32,
+    "candidate x": np.int16,
+    "candidate y": np.int16,
+    "candidate half": np.float32,
+    "candidate times": np.float32,
+    "time": np.uint32,
+}
+_WINDOW = 768  # cells: lists need 96 bytes for each
+_MAX_GRIDS = 16
 
 
 class SpacingRaster(NamedTuple):
@@ -95,32 +119,6 @@ def _reduced(best: np.ufunc, values: Float32Array, spans: list[LatticeArray]) ->
         values = np.concatenate([values, values.take([-1], axis)], axis)  # a span may end after the last
         values = best.reduceat(values, span, axis).take(range(0, len(span), 2), axis)
     return values
-
-
-GRADED: Final = np.dtype([("x", "i8"), ("y", "i8"), ("spacing", "f4"), ("level", "u1")])
-"""A point: lattice position, minimum distance (lattice units), level."""
-
-_FILE = "graded_poisson.cl"
-_STREAM = "graded poisson disk"
-_REACH = 3  # cells of a conflict, as in the kernels
-_LISTED = 24  # as in the kernels
-_COARSE_TRIALS = 8  # darts a cell, in all grids but the finest
-_FINE_TRIALS = 16
-_BLOCK = (16, 64)  # rows and columns of cells, as in the kernels
-_SLACK = 1.0001  # of distances, in the test of which blocks a grid is active in
-_KINDS: Final = {
-    "x": np.int16,
-    "y": np.int16,
-    "half": np.float32,
-    "times": np.float32,
-    "candidate x": np.int16,
-    "candidate y": np.int16,
-    "candidate half": np.float32,
-    "candidate times": np.float32,
-    "time": np.uint32,
-}
-_WINDOW = 768  # cells: lists need 96 bytes for each
-_MAX_GRIDS = 16
 
 
 @dataclass(frozen=True)

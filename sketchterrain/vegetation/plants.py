@@ -1,4 +1,4 @@
-"""Plants: record layout, noise, ground under a plant, spacing."""
+"""Plants: record, species, noise, terrain at plants, and spacing."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, FloatArray, LatticeArray
     from sketchterrain.terrain.evaluator import Evaluator
     from sketchterrain.terrain.recipe import TerrainRecipe
-
 
 STOREYS: Final = {
     "woody": ("spruce", "pine", "oak", "birch", "shrub"),
@@ -46,6 +45,18 @@ PLANT: Final = np.dtype(
     ]
 )
 """One plant."""
+
+_FOOTPRINT = 0.5  # m over which the terrain at a plant is planar
+
+BLOCK = 64
+"""Vertices along a block's side."""
+FILL = 0.65
+"""Points per squared spacing that the sampler achieves."""
+
+_AT_ONCE = 32  # blocks of one evaluation
+_PER_STEP = 4  # blocks
+_CACHED = 4096  # blocks: 64 MiB
+_BEYOND = 1.2  # times the greatest spacing, where nothing grows; no more, or woods would end a vertex early
 
 
 class PlantNoise:
@@ -102,9 +113,6 @@ def _cells_and_fractions(at: Float64Array) -> tuple[LatticeArray, LatticeArray, 
     return np.stack([below, below + 1], axis=-1).ravel(), 2 * np.arange(below.size), u
 
 
-_FOOTPRINT = 0.5  # m over which the terrain at a plant is planar
-
-
 class PlantSites(NamedTuple):
     """Terrain at positions, shape (n,) each."""
 
@@ -144,17 +152,6 @@ class PlantSites(NamedTuple):
         """Return some of the positions."""
         ground = (each[mask] for each in self[2:])
         return PlantSites(self.x[mask], self.y[mask], *ground)
-
-
-BLOCK = 64
-"""Vertices along a block's side."""
-FILL = 0.65
-"""Points per squared spacing that the sampler achieves."""
-
-_AT_ONCE = 32  # blocks of one evaluation
-_PER_STEP = 4  # blocks
-_CACHED = 4096  # blocks: 64 MiB
-_BEYOND = 1.2  # times the greatest spacing, where nothing grows; no more, or woods would end a vertex early
 
 
 class SpacingRule(Protocol):

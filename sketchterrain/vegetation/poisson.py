@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from sketchterrain.compute.buffers import BufferSet
     from sketchterrain.compute.context import ComputeContext
 
-
 MAX_POINTS: Final = 40_000_000
 """Most points returned at once."""
 ROUNDING: Final = math.sqrt(2.0)
@@ -34,6 +33,19 @@ _PIECE: Final = 256  # cells of a row that one work item collects
 
 Area = tuple[int, int, int, int]
 """West, south, east, north in lattice units; west and south inclusive, east and north exclusive."""
+
+TRIALS = 24
+"""Darts per cell: enough for over nine tenths of the points of a maximal set."""
+GREATEST_DENSITY = 0.6966
+"""Points per square unit of a maximal set at distance 1, by dart throwing (Wei 2008)."""
+
+_FILE = "poisson.cl"
+_STREAM = "poisson disk"
+_REACH = 2  # cells of a conflict, as in the kernels
+_MAX_RADIUS = 1 << 44  # a cell's side times SIDE stays below 2^63
+_MAX_TRIALS = 255
+_MAX_LEVELS = 12
+_BYTES_PER_POINT = 2 * 17  # of windows, and join_bands
 
 
 class Cells(NamedTuple):
@@ -188,20 +200,6 @@ def join_bands(parts: list[Points]) -> Points:
     if not parts:
         return Points(np.zeros((0, 2), np.int64), np.zeros(0, np.uint8), np.zeros(0, np.int64))
     return Points(*(np.concatenate(each) for each in zip(*parts, strict=True)))
-
-
-TRIALS = 24
-"""Darts per cell: enough for over nine tenths of the points of a maximal set."""
-GREATEST_DENSITY = 0.6966
-"""Points per square unit of a maximal set at distance 1, by dart throwing (Wei 2008)."""
-
-_FILE = "poisson.cl"
-_STREAM = "poisson disk"
-_REACH = 2  # cells of a conflict, as in the kernels
-_MAX_RADIUS = 1 << 44  # a cell's side times SIDE stays below 2^63
-_MAX_TRIALS = 255
-_MAX_LEVELS = 12
-_BYTES_PER_POINT = 2 * 17  # of windows, and join_bands
 
 
 @dataclass(frozen=True)

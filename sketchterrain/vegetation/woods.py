@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.recipe import TerrainRecipe
     from sketchterrain.vegetation.plants import PlantSites
 
-
 OUTSIDE = 0.22
 """Forest mask below which a position is outside."""
 EDGE = 0.55
@@ -47,6 +46,27 @@ _STANDS = (420.0, 90.0)  # m: wavelengths of stands of one species, and of their
 _YOUNG = 0.16  # share of a forest's trees that are young
 _STUNTED = 0.6  # greatest loss of height near the tree line
 _STUNTED_FROM = (-130.0, 50.0)  # m above the tree line where the loss begins, and where it is greatest
+
+LEAST: Final = 4.0
+"""Spacing (m) of trees or shrubs at the greatest density."""
+MOST: Final = 63.9
+"""Spacing (m) of isolated plants; none grow where it would be wider."""
+CELL: Final = 8.0
+"""Approximate distance (m) between the raster's vertices."""
+
+_LONE = 0.00040  # mean plants per square metre outside forests in a moist climate
+_GROUPS = (190.0, 55.0)  # m: wavelengths of their groups, and of thickets within a group
+_BETWEEN, _IN_GROUP = 0.25, 7.0  # density between groups and in the centre of one, over the mean
+_THIN, _THICK = 0.42, 0.86  # noise from which a group gets denser, and where it is densest
+_DRY_GAPS = 0.21  # widening of the gaps, in units of that noise, in a dry climate: few groups, but groups
+_RIPARIAN = 1.5  # increase on a bank
+_BANK = (0.05, 0.5)  # water mask where a bank begins, and where the increase is full
+_STEEPEST = 1.0  # rise over run at which trees still hold
+_LESS_STEEP = 0.75  # rise over run from which there are fewer
+_TREE_LINE = 60.0  # m below and above the tree line over which trees thin out
+_WATERSIDE = 0.7  # water mask from which it is too wet
+_FRINGE = 0.028  # self-seeded plants per bare square metre amid a full forest
+_SEED_RANGE = 22.0  # m
 
 
 class SpeciesInputs(NamedTuple):
@@ -154,28 +174,6 @@ def _bounding_blocks(x: LatticeArray, y: LatticeArray) -> LatticeArray:
     """Return the rectangle around positions, or one for each block of them, shape (n, 4)."""
     flat = [each.reshape(len(each) if each.ndim > 1 else 1, -1) for each in (x, y)]
     return np.stack([*(each.min(axis=1) for each in flat), *(each.max(axis=1) for each in flat)], axis=-1)
-
-
-LEAST: Final = 4.0
-"""Spacing (m) of trees or shrubs at the greatest density."""
-MOST: Final = 63.9
-"""Spacing (m) of isolated plants; none grow where it would be wider."""
-CELL: Final = 8.0
-"""Approximate distance (m) between the raster's vertices."""
-
-_LONE = 0.00040  # mean plants per square metre outside forests in a moist climate
-_GROUPS = (190.0, 55.0)  # m: wavelengths of their groups, and of thickets within a group
-_BETWEEN, _IN_GROUP = 0.25, 7.0  # density between groups and in the centre of one, over the mean
-_THIN, _THICK = 0.42, 0.86  # noise from which a group gets denser, and where it is densest
-_DRY_GAPS = 0.21  # widening of the gaps, in units of that noise, in a dry climate: few groups, but groups
-_RIPARIAN = 1.5  # increase on a bank
-_BANK = (0.05, 0.5)  # water mask where a bank begins, and where the increase is full
-_STEEPEST = 1.0  # rise over run at which trees still hold
-_LESS_STEEP = 0.75  # rise over run from which there are fewer
-_TREE_LINE = 60.0  # m below and above the tree line over which trees thin out
-_WATERSIDE = 0.7  # water mask from which it is too wet
-_FRINGE = 0.028  # self-seeded plants per bare square metre amid a full forest
-_SEED_RANGE = 22.0  # m
 
 
 class Woods:

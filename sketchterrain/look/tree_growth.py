@@ -101,7 +101,7 @@ def grow_whorls(whorls: Whorls, rng: np.random.Generator) -> Wood:
 
 def _tips(crown: Crown, rng: np.random.Generator) -> Float64Array:
     """Fill a crown with lumps of points for leaves, denser near its border."""
-    heights, radii = np.array(crown.profile).T
+    heights, radii = np.array(crown.heights), np.array(crown.radii)
     fine = np.linspace(heights[0], heights[-1], 200)
     wide = np.interp(fine, heights, radii)
     summed = np.cumsum(wide + 0.02)
@@ -175,7 +175,7 @@ def leaves_of_crown(crown: Crown, wood: Wood, rng: np.random.Generator) -> Leave
     offset[:, 2] -= hang * height * rng.uniform(0.0, 2.0, count)
     middle = tips[tuft] + offset
     radial = middle * [1.0, 1.0, 0.0]
-    centre = 0.5 * (crown.profile[0][0] + crown.profile[-1][0])
+    centre = 0.5 * (crown.heights[0] + crown.heights[-1])
     round_out = unit(radial + UP * ((middle[:, 2:] - centre) * 0.6))
     scatter = rng.standard_normal((count, 3))
     along = unit(ball + 0.6 * round_out + 0.55 * scatter - UP * crown.droop)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import moderngl
 import numpy as np
 
+from sketchterrain.look.tree_species import unit
 from sketchterrain.render.grass import Grass
 from sketchterrain.render.programs import build_program, build_transform, set_uniforms
 from sketchterrain.render.scatter import (
@@ -77,7 +78,7 @@ def _radius(directions: Float64Array, shape: int) -> Float64Array:
     """Return a stone's radius in unit directions."""
     rng = np.random.default_rng([11, shape])
     form = SHAPES[shape]
-    normals = _unit(rng.standard_normal((form.cuts, 3)))
+    normals = unit(rng.standard_normal((form.cuts, 3)))
     away = 1.0 - form.depth * rng.uniform(0.0, 1.0, form.cuts) ** 0.7
     facing = np.maximum(directions @ normals.T, 0.0) / away
     # A power mean of how near the planes are: the nearest wins, edges are rounded off a little.
@@ -90,7 +91,7 @@ def _radius(directions: Float64Array, shape: int) -> Float64Array:
 
 def _waves(rng: np.random.Generator, directions: Float64Array, frequency: float) -> Float64Array:
     """Return band-limited noise of standard deviation 1: plane waves in all directions (rad a radius)."""
-    wave_vectors = _unit(rng.standard_normal((9, 3))) * frequency * rng.uniform(0.7, 1.3, (9, 1))
+    wave_vectors = unit(rng.standard_normal((9, 3))) * frequency * rng.uniform(0.7, 1.3, (9, 1))
     phases = rng.uniform(0.0, 2.0 * np.pi, 9)
     return np.asarray(np.sin(directions @ wave_vectors.T + phases).sum(axis=1) * np.sqrt(2.0 / 9.0))
 
@@ -101,7 +102,7 @@ def _ball(splits: int) -> tuple[Float64Array, Int64Array]:
     golden = (1.0 + np.sqrt(5.0)) / 2.0
     flat = np.array([[-1, golden], [1, golden], [-1, -golden], [1, -golden]])
     zero = np.zeros((4, 1))
-    points = _unit(
+    points = unit(
         np.concatenate(
             [np.hstack([flat, zero]), np.hstack([zero, flat]), np.hstack([flat[:, 1:], zero, flat[:, :1]])]
         )
@@ -127,15 +128,11 @@ def _split(points: Float64Array, triangles: Int64Array) -> tuple[Float64Array, I
         np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1
     )
     single, where = np.unique(edges, axis=0, return_inverse=True)
-    middle = _unit(points[single[:, 0]] + points[single[:, 1]])
+    middle = unit(points[single[:, 0]] + points[single[:, 1]])
     ab, bc, ca = (len(points) + where.reshape(3, -1)).astype(np.int64)
     a, b, c = triangles.T
     parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
     return np.concatenate([points, middle]), np.concatenate([np.column_stack(part) for part in parts])
-
-
-def _unit(vectors: Float64Array) -> Float64Array:
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from sketchterrain.look.tree_levels import VARIANTS, plant_chances, plant_varian
 from sketchterrain.look.tree_species import HEIGHTS
 from sketchterrain.render.budgets import WorkRate
 from sketchterrain.render.plant_meshes import cull_distance, plant_importance, removal_rank
+from sketchterrain.render.scatter import boxes_in_frustum, cells_within
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence
@@ -256,25 +257,12 @@ def cells_in_view(planes: Float64Array, keys: Sequence[CellKey], bounds: Float64
     corner = CELL * np.array(keys, dtype=np.float64).reshape(-1, 2)
     low = np.concatenate([corner - CROWN_MARGIN, bounds[:, :1]], axis=1)
     high = np.concatenate([corner + CELL + CROWN_MARGIN, bounds[:, 1:]], axis=1)
-    inside = np.ones(len(corner), dtype=np.bool_)
-    for plane in planes:
-        normal = plane[:3]
-        inside &= np.where(normal >= 0.0, high, low) @ normal + plane[3] >= 0.0
-    return inside
+    return boxes_in_frustum(planes, low, high)
 
 
 def cells_near(x: float, y: float, distance: float) -> list[CellKey]:
     """Return the cells within a distance (m) of a position, nearest first."""
-    col = np.arange(np.floor((x - distance) / CELL), np.floor((x + distance) / CELL) + 1)
-    row = np.arange(np.floor((y - distance) / CELL), np.floor((y + distance) / CELL) + 1)
-    cols, rows = (each.ravel() for each in np.meshgrid(col, row))
-    away = np.hypot(
-        np.maximum(np.abs(CELL * (cols + 0.5) - x) - CELL / 2, 0.0),
-        np.maximum(np.abs(CELL * (rows + 0.5) - y) - CELL / 2, 0.0),
-    )
-    order = np.argsort(away, kind="stable")
-    order = order[away[order] < distance]
-    return [(int(c), int(r)) for c, r in zip(cols[order], rows[order], strict=True)]
+    return [(col, row) for col, row in cells_within((x, y), distance, CELL).tolist()]
 
 
 def vanish_distance(rank: Float32Array, draw_distance: float) -> Float64Array:

@@ -105,7 +105,12 @@ def cells_in_frustum(
     foot = eye[2] - above
     low = np.column_stack([cells * size, foot - off])
     high = np.column_stack([(cells + 1) * size, foot + off + HIGHEST])
-    inside = np.ones(len(cells), np.bool_)
+    return boxes_in_frustum(planes, low, high)
+
+
+def boxes_in_frustum(planes: Float64Array, low: Float64Array, high: Float64Array) -> BoolArray:
+    """Return which boxes of (n, 3) corners intersect a frustum of (k, 4) planes, conservatively."""
+    inside = np.ones(len(low), np.bool_)
     for plane in planes:
         inside &= np.where(plane[:3] >= 0.0, high, low) @ plane[:3] + plane[3] >= 0.0
     return inside

@@ -270,7 +270,7 @@ SPACING = 5.0
 
 
 def drawn(forest):
-    """Feet (m in the world), widths and detail_shares of what the last view chose, each plant once."""
+    """Feet (m in the world), widths and shares of the last selection, each plant once."""
     rows = [
         np.frombuffer(batch._instances.read(), np.float32).reshape(-1, 8)[: batch.count]
         for batch in forest._batches
@@ -287,15 +287,15 @@ def test_removal_ranks_are_uniform_and_cells_sorted_by_cull_distance():
     chance = rng.uniform(0.0, 1.0, 400_000)
     level = np.floor(-np.log(rng.uniform(0.0, 1.0, chance.size)) / np.log(4.0)).astype(np.uint8)
     rank = removal_rank(level, chance)
-    detail_shares = np.histogram(rank, bins=20, range=(0.0, 1.0))[0] / rank.size
-    assert np.abs(detail_shares - 0.05).max() < 0.002
+    histogram = np.histogram(rank, bins=20, range=(0.0, 1.0))[0] / rank.size
+    assert np.abs(histogram - 0.05).max() < 0.002
     for above in range(4):
         assert rank[level == above].max() <= rank[level > above].min()
 
     stand = plant_instances(taiga().foliage(0.0, 0.0, STAND_CELL, STAND_CELL), np.zeros(2))
     assert (np.diff(stand.cull) <= 0.0).all()
     assert (stand.rank[:4] > 0.98).all()
-    # Plants that stand alone count for more.
+    # Solitary plants are more important.
     assert plant_importance(np.array([12.0]), np.array([1.0])) == pytest.approx(12.0)
     assert plant_importance(np.array([12.0]), np.array([0.0])) > plant_importance(
         np.array([12.0]), np.array([0.9])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -30,6 +29,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.look.texture_maker import TextureLayer
+
+    ContextFactory = Callable[[], ComputeContext]
 
 
 _SUFFIX: Final = ".textures"
@@ -83,14 +85,9 @@ _STEEPEST: Final = 8.0  # largest slope of a normal map
 _LARGEST: Final = 16384  # largest side, px
 
 
-@dataclass(frozen=True, eq=False)
-class MaterialImages:
-    """Images of a material, row 0 south: linear albedo, height and roughness 0..1, slopes east and north."""
-
-    albedo: npt.NDArray[Any] | None = None
-    height: npt.NDArray[Any] | None = None
-    slopes: npt.NDArray[Any] | None = None
-    roughness: npt.NDArray[Any] | None = None
+Array = npt.NDArray[Any]
+MaterialImages = dict[str, Array]
+"""Images of a material by `SUFFIX_FIELDS`, row 0 south: albedo linear, slopes eastward and northward."""
 
 
 def read_material_images(folder: Path, size: int) -> dict[str, MaterialImages]:
@@ -102,7 +99,7 @@ def read_material_images(folder: Path, size: int) -> dict[str, MaterialImages]:
     if not folder.is_dir():
         raise InputError(f"{one_line(folder)}: expected a folder of textures")
     names = {name + suffix: (name, suffix) for name in LAYERS for suffix in SUFFIX_FIELDS}
-    found: dict[str, dict[str, npt.NDArray[Any]]] = {}
+    found: dict[str, MaterialImages] = {}
     for path in sorted(each for each in folder.iterdir() if each.suffix.lower() in SUFFIXES):
         if path.stem not in names:
             raise InputError(
@@ -116,10 +113,10 @@ def read_material_images(folder: Path, size: int) -> dict[str, MaterialImages]:
                 f"{one_line(path)}: expected one picture {path.stem}, got two of different suffixes"
             )
         found[material][field] = _read_image(path, field, size)
-    return {material: MaterialImages(**fields) for material, fields in found.items()}
+    return found
 
 
-def _read_image(path: Path, field: str, size: int) -> npt.NDArray[Any]:
+def _read_image(path: Path, field: str, size: int) -> Array:
     try:
         with Image.open(path) as picture:
             if max(picture.size) > _LARGEST:
@@ -154,7 +151,7 @@ Levels = list[tuple["npt.NDArray[np.uint8]", "npt.NDArray[np.uint8]"]]
 _FORMAT: Final = 1  # to be changed when `mipmaps` encodes the same textures differently
 
 
-def procedural_levels(size: int, open_context: Callable[[], ComputeContext]) -> Levels:
+def procedural_levels(size: int, open_context: ContextFactory) -> Levels:
     """Return the procedural textures, `size` (a power of two) texels a side, cached on disk."""
     shapes = [(len(LAYERS), size >> level, size >> level, 4) for level in range(size.bit_length())]
     recipe = f"{source(SOURCE)}\n{LAYERS}\n{size}\n{_FORMAT}"
@@ -176,7 +173,7 @@ def customized_levels(
     levels: Levels,
     looks: Mapping[str, Mapping[str, Any]],
     images: Mapping[str, MaterialImages],
-    open_context: Callable[[], ComputeContext],
+    open_context: ContextFactory,
 ) -> Levels:
     """Return textures with a sketch's ``[look.…]`` and user images (of the same size) applied, images first.
 
@@ -191,7 +188,7 @@ def customized_levels(
         index = list(LAYERS).index(name)
         painted, relief = decode_level(levels[0][0][index], levels[0][1][index])
         if name in images:
-            painted, relief = _with_images(name, painted, relief, images[name], open_context)
+            painted, relief = _with_images(LAYERS[name], painted, images[name], relief, open_context)
         painted, relief = _with_look(painted, relief, looks.get(name, {}))
         for level, (colour, slopes) in zip(levels, mipmaps(painted, relief), strict=True):
             level[0][index], level[1][index] = colour, slopes
@@ -199,35 +196,29 @@ def customized_levels(
 
 
 def _with_images(
-    name: str,
-    painted: npt.NDArray[Any],
-    relief: npt.NDArray[Any],
-    images: MaterialImages,
-    open_context: Callable[[], ComputeContext],
-) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-    if images.albedo is not None:
-        painted[..., :3] = images.albedo
-    height = images.height
-    if height is None and images.albedo is not None:
-        # Bright texels are assumed to be high: a guess, but it matches the image.
-        grey = np.sqrt(images.albedo.mean(axis=-1))
-        height = (grey - grey.min()) / max(float(np.ptp(grey)), 1e-6)
+    layer: TextureLayer, painted: Array, images: MaterialImages, relief: Array, open_context: ContextFactory
+) -> tuple[Array, Array]:
+    albedo, height = images.get("albedo"), images.get("height")
+    if albedo is not None:
+        painted[..., :3] = albedo
+        if height is None:
+            # Bright texels are assumed to be high: a guess, but it matches the image.
+            grey = np.sqrt(albedo.mean(axis=-1))
+            height = (grey - grey.min()) / max(float(np.ptp(grey)), 1e-6)
     if height is not None:
         painted[..., 3] = height
         own = relief
-        relief = emboss(open_context(), painted, LAYERS[name])
-        if images.albedo is None:
+        relief = emboss(open_context(), painted, layer)
+        if albedo is None:
             relief[..., 2] = own[..., 2]
-    if images.slopes is not None:
-        relief[..., :2] = images.slopes
-    if images.roughness is not None:
-        relief[..., 2] = images.roughness
+    if "slopes" in images:
+        relief[..., :2] = images["slopes"]
+    if "roughness" in images:
+        relief[..., 2] = images["roughness"]
     return painted, relief
 
 
-def _with_look(
-    painted: npt.NDArray[Any], relief: npt.NDArray[Any], look: Mapping[str, Any]
-) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+def _with_look(painted: Array, relief: Array, look: Mapping[str, Any]) -> tuple[Array, Array]:
     if look.get("colour"):
         target = linear_from_hex(str(look["colour"]))
         painted[..., :3] *= target / np.maximum(painted[..., :3].mean(axis=(0, 1)), 1e-4)

@@ -40,16 +40,19 @@ BOUNDS = (-0.02, 1.08)  # range of heights that all leaves are clipped to, howev
 ROOT_SHADE = 0.72  # openness of a spray's root, relative to its tip
 
 
-def bark_tubes(
-    curves: Float64Array,
-    radius: Float64Array,
-    *,
-    sides: int,
-    colours: Colours,
-    openness: Openness,
-    rng: np.random.Generator,
+class _Plant(NamedTuple):
+    wood: Wood
+    leaves: Leaves
+    openness: Openness
+    colours: Colours
+    mask: float
+
+
+def _bark_tubes(
+    plant: _Plant, rng: np.random.Generator, curves: Float64Array, radius: Float64Array, *, sides: int
 ) -> Triangles:
     """Wrap bark around curves (n, k, 3) of radii (n, k), as tubes with a number of sides."""
+    colours = plant.colours
     _, across, above = frames(curves)
     turn = 2.0 * np.pi * np.arange(sides + 1) / sides
     ring = across[:, :, None] * np.cos(turn)[:, None] + above[:, :, None] * np.sin(turn)[:, None]
@@ -61,7 +64,7 @@ def bark_tubes(
     shade = rng.uniform(0.8, 1.15, dark.shape) * np.where(dark, 0.16, 1.0)
     shade = np.concatenate([shade, shade[:, :, :1]], axis=2)[..., None]
     albedo = bark[:, :, None] * shade
-    light = np.repeat(openness.at(curves)[:, :, None], sides + 1, axis=2)[..., None]
+    light = np.repeat(plant.openness.at(curves)[:, :, None], sides + 1, axis=2)[..., None]
     round_, up_ = np.broadcast_arrays(np.linspace(-1.0, 1.0, sides + 1), height[..., None])
     grid = np.concatenate([position, ring, albedo, light, round_[..., None], up_[..., None]], axis=-1)
     a, b, c, d = grid[:, :-1, :-1], grid[:, :-1, 1:], grid[:, 1:, 1:], grid[:, 1:, :-1]
@@ -80,7 +83,7 @@ def bark_tubes(
     )
 
 
-def leaf_quads(leaves: Leaves, mask: float, fresh: Float64Array, openness: Openness) -> Triangles:
+def _leaf_quads(plant: _Plant, leaves: Leaves) -> Triangles:
     """Return two triangles for each spray, from which its leaves are cut by an alpha mask."""
     a, b = leaves.root - leaves.across, leaves.root + leaves.across
     c, d = b + leaves.along, a + leaves.along
@@ -89,10 +92,10 @@ def leaf_quads(leaves: Leaves, mask: float, fresh: Float64Array, openness: Openn
     corners = np.stack([a, b, c, d], axis=1)
     position = np.concatenate([corners[:, first], corners[:, second]])
     leaf_uv = np.concatenate([np.broadcast_to(at[each], (len(a), 3, 2)) for each in (first, second)])
-    return _leaf_triangles(leaves, position, leaf_uv, mask, fresh, openness, copies=2)
+    return _leaf_triangles(plant, leaves, position, leaf_uv, plant.mask)
 
 
-def single_triangles(leaves: Leaves, scale: float, fresh: Float64Array, openness: Openness) -> Triangles:
+def _single_triangles(plant: _Plant, leaves: Leaves, scale: float) -> Triangles:
     """Return one triangle for each spray, `scale` times as large."""
     middle = leaves.root + 0.4 * leaves.along
     along, across = scale * leaves.along, scale * leaves.across
@@ -100,25 +103,19 @@ def single_triangles(leaves: Leaves, scale: float, fresh: Float64Array, openness
         [middle - 0.4 * along - across, middle - 0.4 * along + across, middle + 0.6 * along], axis=1
     )
     leaf_uv = np.broadcast_to([[-1.0, 0.0], [1.0, 0.0], [0.0, 1.0]], (*position.shape[:2], 2))
-    return _leaf_triangles(leaves, position, leaf_uv, SOLID, fresh, openness, copies=1)
+    return _leaf_triangles(plant, leaves, position, leaf_uv, SOLID)
 
 
 def _leaf_triangles(
-    leaves: Leaves,
-    position: Float64Array,
-    leaf_uv: Float64Array,
-    mask: float,
-    fresh: Float64Array,
-    openness: Openness,
-    *,
-    copies: int,
+    plant: _Plant, leaves: Leaves, position: Float64Array, leaf_uv: Float64Array, mask: float
 ) -> Triangles:
+    count = len(position)
+    copies = count // len(leaves.root)
     position[..., 2] = np.clip(position[..., 2], *BOUNDS)
-    light = openness.at(leaves.root + 0.5 * leaves.along)
-    albedo = leaves.albedo + fresh * (light**2)[:, None]
+    light = plant.openness.at(leaves.root + 0.5 * leaves.along)
+    albedo = leaves.albedo + np.array(plant.colours.fresh) * (light**2)[:, None]
     normal, albedo = (np.tile(each[:, None], (copies, 3, 1)) for each in (leaves.normal, albedo))
     along = ROOT_SHADE + (1.0 - ROOT_SHADE) * leaf_uv[..., 1]
-    count = len(position)
     return Triangles(
         position,
         normal,
@@ -206,14 +203,6 @@ LEAVES: Final = (1000, 560, 150, 26)
 TONE_POINTS: Final = 12_000  # sample points for a plant's mean colour
 
 
-class _Plant(NamedTuple):
-    wood: Wood
-    leaves: Leaves
-    openness: Openness
-    colours: Colours
-    mask: float
-
-
 def level(species: str, variant: int, detail: int) -> Triangles:
     """Return a plant's triangles at a level of detail; the last one is a hull of 12 triangles."""
     triangles = _untoned(species, variant, detail)
@@ -227,8 +216,7 @@ def level(species: str, variant: int, detail: int) -> Triangles:
 def _untoned(species: str, variant: int, detail: int) -> Triangles:
     plant = _plant(species, variant)
     if detail == 0:
-        leafy = leaf_quads(plant.leaves, plant.mask, np.array(plant.colours.fresh), plant.openness)
-        return joined_triangles([leafy, *_wood(plant, detail=0)])
+        return joined_triangles([_leaf_quads(plant, plant.leaves), *_wood(plant, detail=0)])
     size = GROWTH_FORMS[species].sizes[detail - 1]
     return _hull(plant, size) if detail == DETAILS - 1 else _reduced(plant, detail, size)
 
@@ -258,12 +246,11 @@ def _reduced(plant: _Plant, detail: int, size: float) -> Triangles:
     offsets = np.arange(target) + np.random.default_rng(detail).uniform(0.0, 1.0, target)
     selected = np.minimum(offsets * count / target, count - 1).astype(np.int64)
     leaves = Leaves(*(each[selected] for each in plant.leaves))
-    fresh = np.array(plant.colours.fresh)
     if detail < MASKED_DETAILS:
         leaves = leaves._replace(along=size * leaves.along, across=size * leaves.across)
-        leafy = leaf_quads(leaves, plant.mask, fresh, plant.openness)
+        leafy = _leaf_quads(plant, leaves)
     else:
-        leafy = single_triangles(leaves, size, fresh, plant.openness)
+        leafy = _single_triangles(plant, leaves, size)
     return joined_triangles([leafy, *_wood(plant, detail=detail)])
 
 
@@ -271,7 +258,7 @@ def _wood(plant: _Plant, *, detail: int) -> list[Triangles]:
     """Return the wood visible at a level: the trunk, nearer the boughs, near the twigs."""
     rng = np.random.default_rng(3)
     wood = plant.wood
-    wrapped = partial(bark_tubes, colours=plant.colours, openness=plant.openness, rng=rng)
+    wrapped = partial(_bark_tubes, plant, rng)
     every, sides = ((1, 8), (2, 5), (3, 4), (5, 3), (14, 3))[detail]
     selected = np.unique(np.append(np.arange(0, len(wood.trunk), every), len(wood.trunk) - 1))
     parts = [wrapped(wood.trunk[None, selected], wood.trunk_radius[None, selected], sides=sides)]

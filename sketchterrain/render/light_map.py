@@ -115,7 +115,7 @@ class LightMapRenderer:
 class LightMap:
     """Heights (R32F, m) of a square and the visibility of sun and sky over them (RGBA16F, light.frag.glsl).
 
-    Rays that leave the square continue on a `wider` map, and for a map close to the eye on the `widest` one.
+    Rays that leave the square continue on `wider` maps: one, or two for a map close to the eye.
     Heights of a `previous` map with equal texels are reused. `dirty` has the rectangles of texels where the
     terrain has changed since.
     """
@@ -125,8 +125,7 @@ class LightMap:
         renderer: LightMapRenderer,
         square: TexelSquare,
         *,
-        wider: LightMap | None = None,
-        widest: LightMap | None = None,
+        wider: Sequence[LightMap] = (),
         previous: LightMap | None = None,
     ) -> None:
         n = square.texels
@@ -137,10 +136,9 @@ class LightMap:
         self.ready = False
         self.version, self.sun = renderer.version, renderer.sun
         self.dirty: list[Rectangle] = []
-        self.wider_key = None if wider is None else (wider.square, wider.version)
+        self.wider_key = [(each.square, each.version) for each in wider[:1]]
         self._renderer, self._terrain = renderer, renderer.terrain
-        self._wider, self._widest = wider, widest
-        self._close = widest is not None
+        self._wider, self._close = wider, len(wider) > 1
         self._target = renderer.context.framebuffer([self.light])
         reusable = previous is not None and previous.ready
         self._pending = self._reuse(previous) if previous and reusable else [square.rectangle]
@@ -187,7 +185,7 @@ class LightMap:
 
     def _complete(self) -> None:
         self.ready = True
-        self._wider = self._widest = None
+        self._wider = ()
 
     def _reuse(self, previous: LightMap) -> list[Rectangle]:
         """Copy the heights of a previous map; return the rectangles of texels still to be sampled."""
@@ -232,8 +230,8 @@ class LightMap:
         self._uploaded = True
 
     def _light_rows(self, rows: int) -> None:
-        renderer, square, wider = self._renderer, self.square, self._wider or self
-        widest = self._widest or wider
+        renderer, square = self._renderer, self.square
+        wider, widest = (self._wider[0], self._wider[-1]) if self._wider else (self, self)
         light_pass = renderer.close_light_pass if self._close else renderer.light_pass
         frames = {"frame": _frame_in(square, wider.square), "widest": _frame_in(square, widest.square)}
         set_uniforms(light_pass.program, frames | {"sun": tuple(self.sun.direction)})

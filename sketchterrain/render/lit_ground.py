@@ -96,11 +96,6 @@ class ClipmapLevel:
         """Version of the current map, -1 without one."""
         return -1 if self.current is None else self.current.version
 
-    @property
-    def is_refreshing(self) -> bool:
-        """Whether the pending map replaces one of another terrain or sun."""
-        return self.current is not None and self.pending is not None and self.pending.version != self.version
-
     def set_current(self, light_map: LightMap) -> None:
         """Replace the current map at once."""
         self.current, self.pending, self.light = light_map, None, light_map.light
@@ -255,18 +250,18 @@ class GroundLighting:
         # Oldest first: every level gets its turn even if the terrain changes all the time.
         for name, level in sorted(self._from_far, key=lambda each: each[1].version):
             wider = self._wider(name)
-            if None not in wider:
-                self._request(level, squares[name], *wider)
+            if wider is not None:
+                self._request(level, squares[name], wider)
                 if level.pending is not None and not level.pending.ready:
                     level.pending.advance(budget)
-            if level.is_refreshing:
-                break
+            if level.current and level.pending and level.pending.version != level.version:
+                break  # one refresh for another terrain or sun at a time
 
-    def _wider(self, name: str) -> tuple[LightMap | None, ...]:
-        """Return the wider maps that a level's rays continue on, None where one is missing."""
-        near, far = self._near.current, self._far.current
-        wider: dict[str, tuple[LightMap | None, ...]] = {"far": (), "near": (far,), "close": (near, far)}
-        return wider[name]
+    def _wider(self, name: str) -> list[LightMap] | None:
+        """Return the wider maps that a level's rays continue on, None if one is missing."""
+        levels = {"far": [], "near": [self._far], "close": [self._near, self._far]}[name]
+        maps = [level.current for level in levels if level.current is not None]
+        return maps if len(maps) == len(levels) else None
 
     def set_terrain(self, terrain: TerrainSource, areas: Sequence[Bounds]) -> None:
         """Replace the terrain, which differs inside areas (m) only; maps stay until new ones are ready."""
@@ -284,10 +279,9 @@ class GroundLighting:
         """Compute and display everything that a camera needs at once."""
         squares = self._squares(camera)
         for name, level in self._from_far:
-            light_map = level.current
-            wider, widest = (*self._wider(name), None, None)[:2]
+            light_map, wider = level.current, self._wider(name) or []
             if light_map is None or not self._is_current(light_map, squares[name], wider):
-                light_map = self._light_map(level, squares[name], wider, widest)
+                light_map = self._light_map(level, squares[name], wider)
                 light_map.finish()
             level.set_current(light_map)
         self.haze_base = self._target_haze_base()
@@ -304,21 +298,13 @@ class GroundLighting:
         far = TexelSquare.around(x, y, width=FAR * self._extent, texels=self._texels // 2)
         return squares | {"far": far}
 
-    def _light_map(
-        self, level: ClipmapLevel, square: TexelSquare, wider: LightMap | None, widest: LightMap | None
-    ) -> LightMap:
+    def _light_map(self, level: ClipmapLevel, square: TexelSquare, wider: Sequence[LightMap]) -> LightMap:
         previous = level.current
         if previous is not None and previous.square.texel != square.texel:
             previous = None
-        return LightMap(self._renderer, square, wider=wider, widest=widest, previous=previous)
+        return LightMap(self._renderer, square, wider=wider, previous=previous)
 
-    def _request(
-        self,
-        level: ClipmapLevel,
-        square: TexelSquare,
-        wider: LightMap | None = None,
-        widest: LightMap | None = None,
-    ) -> None:
+    def _request(self, level: ClipmapLevel, square: TexelSquare, wider: Sequence[LightMap]) -> None:
         """Start another map where neither the current nor the pending one is up to date.
 
         A pending map is completed first, or a fast eye would never get any, unless it does not overlap the
@@ -329,17 +315,14 @@ class GroundLighting:
             pending and not Window.full(pending.square).intersection(Window.full(square)).empty
         ):
             return
-        level.pending = (
-            None
-            if self._is_current(level.current, square, wider)
-            else self._light_map(level, square, wider, widest)
-        )
+        current = self._is_current(level.current, square, wider)
+        level.pending = None if current else self._light_map(level, square, wider)
 
-    def _is_current(self, light_map: LightMap | None, square: TexelSquare, wider: LightMap | None) -> bool:
+    def _is_current(self, light_map: LightMap | None, square: TexelSquare, wider: Sequence[LightMap]) -> bool:
         """Return whether a map is of this square, this terrain and this sun."""
         if light_map is None or light_map.dirty or light_map.sun != self._renderer.sun:
             return False
-        wider_key = None if wider is None else (wider.square, wider.version)
+        wider_key = [(each.square, each.version) for each in wider[:1]]
         return light_map.square == square and light_map.wider_key == wider_key
 
     def _target_haze_base(self) -> float:

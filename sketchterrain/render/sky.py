@@ -184,7 +184,7 @@ class Sun:
 
 
 MIDDLE: Final = 0.085  # albedo of ground that becomes middle grey, 0.18 of white, on a sunny noon
-BRIGHT: Final = 17.0  # light of a sunny noon, as computed in `exposure_for`
+BRIGHT: Final = 17.0  # light of a sunny noon, as computed for the exposure
 ADAPTED: Final = 0.88  # exponent by which exposure compensates darkness: a dawn stays a little dark
 AGAINST_LIGHT: Final = 0.5  # the same for a view whose horizon is brighter than the average one
 VIEW: Final = 30.0  # degrees to the left and the right that count for it
@@ -218,7 +218,9 @@ class Sky:
         self.shaded_air = SHADED_AIR * (1.0 - self.overcast) * _smooth(sun.elevation, *RISING)
         self.harmonics = irradiance_harmonics(ground[SIZE:], sun, self.sunlight)
         up = float(sky_irradiance(self.harmonics, level).mean())
-        self._exposure = exposure_for(float(self.sunlight.mean()), sun.direction[2], up)
+        # Ground of albedo `MIDDLE` becomes middle grey, less so where there is less light.
+        light = float(self.sunlight.mean()) * (0.3 + 0.7 * max(sun.direction[2], 0.0)) + up
+        self._exposure = float(0.18 / MIDDLE * np.pi / BRIGHT * (BRIGHT / light) ** ADAPTED)
         self.view = context.texture((SIZE, 2 * SIZE), 4, dtype="f2")
         self.view.repeat_x = self.view.repeat_y = False
         self.view.filter = (moderngl.LINEAR, moderngl.LINEAR)
@@ -254,15 +256,6 @@ class Sky:
 
     def _with_overcast(self, table: Float64Array) -> Float64Array:
         return np.asarray(table + self.overcast * (self._overcast_sky - table))
-
-
-def exposure_for(sunlight: float, height: float, sky: float) -> float:
-    """Return the exposure for the sun's irradiance, the sine of its elevation and the sky's irradiance.
-
-    Ground of albedo `MIDDLE` becomes middle grey, less so where there is less light.
-    """
-    light = sunlight * (0.3 + 0.7 * max(height, 0.0)) + sky
-    return float(0.18 / MIDDLE * np.pi / BRIGHT * (BRIGHT / light) ** ADAPTED)
 
 
 @lru_cache(maxsize=16)

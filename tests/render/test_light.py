@@ -36,11 +36,10 @@ class Wall:
 
 
 def finished(maker, *squares):
-    """Make light maps, each with the one before behind it, the third with the first beyond."""
+    """Compute light maps, each with all the ones before as wider maps."""
     made = []
-    for number, square in enumerate(squares):
-        options = {"wider": made[-1]} if made else {}
-        made.append(LightMap(maker, square, **options, **({"widest": made[0]} if number == 2 else {})))
+    for square in squares:
+        made.append(LightMap(maker, square, wider=made[::-1]))
         made[-1].finish()
     return made
 
@@ -133,10 +132,10 @@ def test_sliced_maps_are_bit_equal_and_reuse_heights(gl):
     maker = LightMapRenderer(gl, terrain, SUN)
     wide, known = finished(maker, TexelSquare(-64, -64, 128, 40.0), TexelSquare(0, -64, 192, 4.0))
     square = TexelSquare(-64, -128, 192, 4.0)
-    whole = LightMap(maker, square, wider=wide)
+    whole = LightMap(maker, square, wider=[wide])
     whole.finish()
     terrain.asked = 0
-    made = LightMap(maker, square, wider=wide, previous=known)
+    made = LightMap(maker, square, wider=[wide], previous=known)
     frames, ticks = 0, count()
     while not made.ready:
         made.advance(TimeBudget(0.002, timer=lambda: 1e-4 * next(ticks)))

@@ -263,7 +263,7 @@ def test_height_image_orientation_and_height_from_colour(tmp_path, levels):
     rows = np.zeros((SIZE, SIZE), np.uint8)
     rows[0] = 255
     save(tmp_path, "snow_height.png", rows)
-    height = read_material_images(tmp_path, SIZE)["snow"].height
+    height = read_material_images(tmp_path, SIZE)["snow"]["height"]
     assert (height[-1] == 1.0).all()
     assert (height[:-1] == 0.0).all()
 

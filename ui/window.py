@@ -19,7 +19,7 @@ from sketchterrain.ui.engine.protocol import GoTo
 from sketchterrain.ui.files import Files
 from sketchterrain.ui.layout import FullScreenActions, PanelLayout, fitting_size
 from sketchterrain.ui.look.layer_colours import swatch
-from sketchterrain.ui.look.theme import SMALL, SPACING, active_theme, app_icon, row, tabular
+from sketchterrain.ui.look.theme import SMALL, SPACING, active_theme, app_icon, described, row, tabular
 from sketchterrain.ui.menus import RecentMenu, add_menus, add_tool_bars
 from sketchterrain.ui.models.background import SketchSaver
 from sketchterrain.ui.models.bookmarks import Bookmarks
@@ -52,11 +52,13 @@ class ToolOptions(QWidget):
         self._swatch, self._label, self._size_title = QLabel(), QLabel(), QLabel("Brush")
         self._swatch.setFixedSize(_SWATCH, _SWATCH)
         self._label.setMinimumWidth(self.fontMetrics().horizontalAdvance("Mountains 16 ") + SMALL)
-        self._slider = QSlider(Qt.Orientation.Horizontal)
+        self._slider = described(
+            QSlider(Qt.Orientation.Horizontal),
+            "Radius of the brush",
+            "Radius of the brush: [ and ] on the sketch",
+        )
         self._slider.setRange(0, _STEPS)
         self._slider.setFixedWidth(140)
-        self._slider.setAccessibleName("Radius of the brush")
-        self._slider.setToolTip("Radius of the brush: [ and ] on the sketch")
         self._size = QLabel()
         self._size.setFont(tabular(self.font()))
         self._size.setMinimumWidth(self.fontMetrics().horizontalAdvance("512 px · 88888 m "))

@@ -26,7 +26,7 @@ from sketchterrain.export.sidecar import setting_rows
 from sketchterrain.export.targets import TARGET_NAMES, target_named
 from sketchterrain.ui.dialogs.export_options import EverythingForm, TargetForm
 from sketchterrain.ui.dialogs.form import JobDialog, JobProgress, show_note, titled
-from sketchterrain.ui.look.theme import MARGIN, column, row
+from sketchterrain.ui.look.theme import MARGIN, column, described, row
 from sketchterrain.ui.models.preferences import Preferences
 
 _STAGES = {
@@ -161,10 +161,8 @@ class ExportOutcome(JobProgress):
 
 
 def _table() -> QTableWidget:
-    table = QTableWidget(0, 2)
+    table = described(QTableWidget(0, 2), "Import settings", "Ctrl+C copies the selected value")
     table.setHorizontalHeaderLabels(["Setting", "Value"])
-    table.setAccessibleName("Import settings")
-    table.setToolTip("Ctrl+C copies the selected value")
     table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
     table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
     table.setTabKeyNavigation(False)

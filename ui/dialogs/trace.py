@@ -46,7 +46,7 @@ from sketchterrain.ui.dialogs.form import (
     note,
 )
 from sketchterrain.ui.look.layer_colours import swatch
-from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, row, tabular
+from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, described, row, tabular
 from sketchterrain.ui.models.background import BackgroundReader
 
 _PREVIEW = 900  # px along the longer side
@@ -209,9 +209,7 @@ class ColourTable(QScrollArea):
             picture.setToolTip(colour.code)
             share = QLabel(f"{100.0 * colour.share:.1f}\u202f%")
             share.setFont(tabular(share.font()))
-            box = meaning_box()
-            box.setAccessibleName(f"What {colour.code} becomes")
-            box.setToolTip(f"What {colour.code} becomes")
+            box = described(meaning_box(), f"What {colour.code} becomes", f"What {colour.code} becomes")
             box.setCurrentIndex(_index_of(box, meaning))
             box.currentIndexChanged.connect(lambda _: self.changed.emit())
             self.boxes.append(box)

@@ -183,6 +183,7 @@ _SCHEMES: Final = {
 }
 
 _Box = TypeVar("_Box", bound=QBoxLayout)
+_Widget = TypeVar("_Widget", bound=QWidget)
 
 
 @dataclass(frozen=True)
@@ -301,6 +302,13 @@ def _filled(box: _Box, items: Iterable[LayoutItem], margins: Margins, spacing: i
         else:
             box.addWidget(*item)
     return box
+
+
+def described(widget: _Widget, name: str, tip: str) -> _Widget:
+    """Set a widget's accessible name and tool tip, and return it."""
+    widget.setAccessibleName(name)
+    widget.setToolTip(tip)
+    return widget
 
 
 def tabular(font: QFont) -> QFont:

@@ -14,7 +14,7 @@ from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import MeasureAdherence
 from sketchterrain.ui.look.layer_colours import label_colour, swatch
-from sketchterrain.ui.look.theme import SPACING, column, row, tabular
+from sketchterrain.ui.look.theme import SPACING, column, described, row, tabular
 from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.panels.parts import ScrollingPanel, faint_label, heading, small
 
@@ -98,12 +98,12 @@ class AdherencePanel(ScrollingPanel):
         super().__init__()
         self._workspace, self._link = workspace, link
         self._is_measuring = False
-        self.measure = QPushButton("&Measure")
-        self.measure.setAccessibleName("Measure")
-        self.measure.setToolTip("Compare the terrain with the paint")
-        self.overlay = QCheckBox("&Show in the sketch")
-        self.overlay.setAccessibleName("Show in the sketch")
-        self.overlay.setToolTip("Show where the active layer is missing and where it spills over")
+        self.measure = described(QPushButton("&Measure"), "Measure", "Compare the terrain with the paint")
+        self.overlay = described(
+            QCheckBox("&Show in the sketch"),
+            "Show in the sketch",
+            "Show where the active layer is missing and where it spills over",
+        )
         self._head, self._state, self._peaks = heading(), faint_label(), faint_label()
         self.bars = {name: AdherenceBar(name) for name in LAYERS if name != "material"}
         self._timer = single_shot(self, _DELAY, self._measure)

@@ -21,7 +21,7 @@ from sketchterrain.ui.commands import (
     label_areas,
     new_label,
 )
-from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, column, row, tabular, tool_button
+from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, column, described, row, tabular, tool_button
 from sketchterrain.ui.menus import ContextMenu
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
@@ -114,9 +114,7 @@ class LayersPanel(QWidget):
         self._areas: dict[str, dict[int, int]] = {name: {} for name in LAYERS}
         self._last_label = dict.fromkeys(LAYERS, 1)
         self.list = LayerList()
-        self.opacity = slider()
-        self.opacity.setAccessibleName("Opacity of the layer")
-        self.opacity.setToolTip("Opacity of the active layer")
+        self.opacity = described(slider(), "Opacity of the layer", "Opacity of the active layer")
         self._percent = QLabel()
         self._percent.setFont(tabular(self._percent.font()))
         self._percent.setFixedWidth(self._percent.fontMetrics().horizontalAdvance("100 %") + 2)

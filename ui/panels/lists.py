@@ -41,6 +41,7 @@ from sketchterrain.ui.look.theme import (
     SMALL,
     SPACING,
     column,
+    described,
     draw_icon,
     filling,
     rounded_picture,
@@ -100,7 +101,7 @@ class _RowDelegate(QStyledItemDelegate):
 
 
 def _list_view(name: str, tip: str) -> QListView:
-    view = QListView()
+    view = described(QListView(), name, tip)
     view.setItemDelegate(_RowDelegate(view))
     view.setFrameShape(QListView.Shape.NoFrame)
     view.setMouseTracking(True)
@@ -108,8 +109,6 @@ def _list_view(name: str, tip: str) -> QListView:
     view.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
     view.setVerticalScrollMode(QListView.ScrollMode.ScrollPerPixel)
     view.setEditTriggers(QListView.EditTrigger.NoEditTriggers)
-    view.setAccessibleName(name)
-    view.setToolTip(tip)
     return view
 
 
@@ -190,9 +189,11 @@ class ContradictionsPanel(Panel):
         self.list = _list_view("Contradictions", "Click a line to see the place")
         self.list.setWordWrap(True)
         self.list.setModel(self._model)
-        self.mark = QCheckBox("&Mark them in the sketch")
-        self.mark.setAccessibleName("Mark them in the sketch")
-        self.mark.setToolTip("Marks where layers contradict each other")
+        self.mark = described(
+            QCheckBox("&Mark them in the sketch"),
+            "Mark them in the sketch",
+            "Marks where layers contradict each other",
+        )
         self._none = faint_label(
             "No layer contradicts another one. A river painted across a mountain would be listed here, "
             "with the valley that it cuts."
@@ -251,13 +252,11 @@ class BookmarksPanel(Panel):
     def __init__(self, link: ViewSource, bookmarks: Bookmarks) -> None:
         super().__init__()
         self._link, self._bookmarks = link, bookmarks
-        self._list = QListWidget()
+        self._list = described(QListWidget(), "Bookmarks", "Click a bookmark to go there; F2 renames it")
         self._list.setIconSize(_THUMBNAIL)
         self._list.setSpacing(1)
         self._list.setEditTriggers(QAbstractItemView.EditTrigger.EditKeyPressed)
         self._list.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
-        self._list.setAccessibleName("Bookmarks")
-        self._list.setToolTip("Click a bookmark to go there; F2 renames it")
         self._empty = QLabel("No bookmarks yet.\nAdd the current view with + below.")
         self._empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self._empty.setEnabled(False)

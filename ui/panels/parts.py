@@ -17,7 +17,7 @@ from PyQt6.QtWidgets import (
 from superqt import QCollapsible, QElidingLabel
 
 from sketchterrain.ui.look.layer_colours import swatch
-from sketchterrain.ui.look.theme import MARGIN, MARKS, SPACING, column, tabular
+from sketchterrain.ui.look.theme import MARGIN, MARKS, SPACING, column, described, tabular
 
 _SMALLER = 0.88
 _UNBOUNDED = (1 << 24) - 1  # Qt's QWIDGETSIZE_MAX
@@ -87,11 +87,9 @@ class CollapsibleGroup(QCollapsible):  # type: ignore[misc] # superqt has no typ
         self.content().deleteLater()
         self.layout().setContentsMargins(0, 0, 0, 0)
         self.setContent(content)
-        header = self.toggleButton()
+        header = described(self.toggleButton(), title, f"Show or hide: {title.lower()}")
         header.setStyleSheet("")  # the application's
         header.setAutoDefault(False)
-        header.setAccessibleName(title)
-        header.setToolTip(f"Show or hide: {title.lower()}")
         if is_open:
             self.expand()
         else:

@@ -35,7 +35,7 @@ from sketchterrain.ui.commands import (
 )
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import Placement
-from sketchterrain.ui.look.theme import MARGIN, SMALL, column, icon, row
+from sketchterrain.ui.look.theme import MARGIN, SMALL, column, described, icon, row
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.selection import delete, lock, reset, unlock
 from sketchterrain.ui.models.workspace import Selection, Workspace
@@ -129,10 +129,12 @@ class RiverForm(QWidget):
         self._pending: tuple[Placement, Selection, float, float] | None = None  # a moved point
         self.layer, self.label, self.line = "river", 1, ""
         self.width_row = NumberRow(ACTIONS["width"].required["width"], has_reset=False, decimals=1)
-        self.points = NumberBox(0, 0, decimals=0)
+        self.points = described(
+            NumberBox(0, 0, decimals=0),
+            "Control point",
+            "The river runs through its control points, from the spring, 1, to the mouth",
+        )
         self.points.setSpecialValueText("none")
-        self.points.setAccessibleName("Control point")
-        self.points.setToolTip("The river runs through its control points, from the spring, 1, to the mouth")
         self.east = NumberRow(_X, title="East", has_reset=False, decimals=1)
         self.north = NumberRow(_Y, title="North", has_reset=False, decimals=1)
         self._note = faint_label()
@@ -339,10 +341,7 @@ class SelectionPage(QWidget):
 
 
 def _button(name: str, text: str, tip: str) -> QPushButton:
-    button = QPushButton(icon(name), text)
-    button.setAccessibleName(text.replace("&", ""))
-    button.setToolTip(tip)
-    return button
+    return described(QPushButton(icon(name), text), text.replace("&", ""), tip)
 
 
 class PropertiesPanel(ScrollingPanel):

@@ -23,7 +23,7 @@ from sketchterrain.ui.commands import (
     settings,
 )
 from sketchterrain.ui.engine.link import EngineLink
-from sketchterrain.ui.look.theme import SMALL, SPACING, column, row, tabular, tool_button
+from sketchterrain.ui.look.theme import SMALL, SPACING, column, described, row, tabular, tool_button
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.panels.form import NumberRow, ParameterForm
 from sketchterrain.ui.panels.numbers import help_text, number, title_from_key, tool_tip
@@ -42,11 +42,9 @@ class SeedRow(QWidget):
         super().__init__()
         self._seed = 0
         self._used: list[int] = []
-        self.field = QLineEdit()
+        self.field = described(QLineEdit(), "Seed", tool_tip(_SEED))
         self.field.setFont(tabular(self.field.font()))
         self.field.setValidator(QRegularExpressionValidator(QRegularExpression("[0-9]{0,19}"), self.field))
-        self.field.setAccessibleName("Seed")
-        self.field.setToolTip(tool_tip(_SEED))
         self.field.editingFinished.connect(self._finish)
         self.dice = tool_button("dice", "Random seed", tip="Another seed: another terrain of the same sketch")
         self.dice.clicked.connect(lambda: self.edited.emit(random_seed(self._seed)))
@@ -242,7 +240,4 @@ class ViewPanel(ScrollingPanel):
 
 
 def _check_box(title: str, tip: str) -> QCheckBox:
-    box = QCheckBox(title)
-    box.setAccessibleName(title.replace("&", ""))
-    box.setToolTip(tip)
-    return box
+    return described(QCheckBox(title), title.replace("&", ""), tip)

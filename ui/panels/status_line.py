@@ -12,7 +12,7 @@ from sketchterrain.document.parameters import LAYERS
 from sketchterrain.io.system import memory_in_use
 from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.engine.link import EngineLink
-from sketchterrain.ui.look.theme import MARGIN, SMALL, row
+from sketchterrain.ui.look.theme import MARGIN, SMALL, described, row
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.panels.numbers import label_title, number, size_text
@@ -34,12 +34,10 @@ class StatusLine(QWidget):
     def __init__(self, document: Document, workspace: Workspace, link: EngineLink) -> None:
         super().__init__()
         self._document, self._workspace, self._link = document, workspace, link
-        self.busy = QProgressBar()
+        self.busy = described(QProgressBar(), "Busy", "The engine is working")
         self.busy.setRange(0, 0)
         self.busy.setFixedWidth(28)
         self.busy.setTextVisible(False)
-        self.busy.setAccessibleName("Busy")
-        self.busy.setToolTip("The engine is working")
         policy = self.busy.sizePolicy()
         policy.setRetainSizeWhenHidden(True)
         self.busy.setSizePolicy(policy)

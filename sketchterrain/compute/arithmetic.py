@@ -26,35 +26,24 @@ if TYPE_CHECKING:
 _COUNT = 1 << 12
 _SEED = 754
 _STEPS = 32
-_REAL_NAMES = (
-    "a product and a sum",
-    "a chain of products and sums",
-    "inverse_sqrt",
-    "square_root",
-    "reciprocal",
-    "cubic",
-    "smooth_rise",
-    "real_of",
-)
-_WHOLE_NAMES = ("mixed", "scrambled", "a shift", "a long product", "a conversion")
 _f = np.float32
 
 
 def failed_operations(context: ComputeContext) -> tuple[str, ...]:
     """Return the names of the operations whose bits differ from IEEE 754; the context has 32-bit reals."""
     operands = _operands()
-    real, whole = (
-        context.empty(len(_REAL_NAMES) * _COUNT, "f4"),
-        context.empty(len(_WHOLE_NAMES) * _COUNT, "u4"),
-    )
-    uploads = [context.upload(operand) for operand in operands]
-    context.launch("self_test.cl", "self_test", (_COUNT,), *uploads, np.int32(_COUNT), real, whole)
-    computed: list[tuple[str, npt.NDArray[Any]]] = [
-        *zip(_REAL_NAMES, context.download(real, (len(_REAL_NAMES), _COUNT), "u4"), strict=True),
-        *zip(_WHOLE_NAMES, context.download(whole, (len(_WHOLE_NAMES), _COUNT), "u4"), strict=True),
-    ]
     expected = _expected(*operands)
-    return tuple(name for name, bits in computed if not np.array_equal(bits, expected[name].view(np.uint32)))
+    reals = sum(values.dtype == np.float32 for values in expected.values())
+    shapes = ((reals, _COUNT), (len(expected) - reals, _COUNT))
+    uploads = [context.upload(operand) for operand in operands]
+    results = [context.empty(shape, "u4") for shape in shapes]
+    context.launch("self_test.cl", "self_test", (_COUNT,), *uploads, np.int32(_COUNT), *results)
+    downloads = [context.download(each, shape, "u4") for each, shape in zip(results, shapes, strict=True)]
+    return tuple(
+        name
+        for (name, values), bits in zip(expected.items(), np.concatenate(downloads), strict=True)
+        if not np.array_equal(bits, values.view(np.uint32))
+    )
 
 
 def _operands() -> tuple[
@@ -79,24 +68,21 @@ def _expected(
     root = _inverse_sqrt(positive)
     mixed = _mix(word)
     longs = (mixed.astype(np.uint64) * (word >> np.uint32(8)).astype(np.uint64)) >> np.uint64(32)
-    reals = (
-        a * b + c,
-        _chain(a, b, c),
-        root,
-        positive * root,
-        root * root,
-        _cubic(positive),
-        _smooth_rise(a, b),
-        _real_of(position),
-    )
-    wholes = (
-        mixed,
-        _scramble(word),
-        (position >> (word & np.uint32(31)).astype(np.int64)).astype(np.uint32),
-        longs.astype(np.uint32),
-        (a * _f(1e6)).astype(np.int32),
-    )
-    return dict(zip((*_REAL_NAMES, *_WHOLE_NAMES), (*reals, *wholes), strict=True))
+    return {
+        "a product and a sum": a * b + c,
+        "a chain of products and sums": _chain(a, b, c),
+        "inverse_sqrt": root,
+        "square_root": positive * root,
+        "reciprocal": root * root,
+        "cubic": _cubic(positive),
+        "smooth_rise": _smooth_rise(a, b),
+        "real_of": _real_of(position),
+        "mixed": mixed,
+        "scrambled": _scramble(word),
+        "a shift": (position >> (word & np.uint32(31)).astype(np.int64)).astype(np.uint32),
+        "a long product": longs.astype(np.uint32),
+        "a conversion": (a * _f(1e6)).astype(np.int32),
+    }
 
 
 def _chain(a: Float32Array, b: Float32Array, c: Float32Array) -> Float32Array:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
-from sketchterrain.compute.sharing import CopiedMemory, ExtensionMemory, MappedMemory, sharing_methods
+from sketchterrain.compute.gl_interop import CopiedMemory, ExtensionMemory, MappedMemory, sharing_methods
 from sketchterrain.errors import DeviceError
 
 if TYPE_CHECKING:

@@ -35,7 +35,7 @@ TILE_QUADS: Final = (32, 64, 128, 256)
 
 
 class VertexMemory(Protocol):
-    """Memory that a device writes and OpenGL reads; see :mod:`sketchterrain.compute.sharing`."""
+    """Memory that a device writes and OpenGL reads; see :mod:`sketchterrain.compute.gl_interop`."""
 
     @property
     def nbytes(self) -> int:

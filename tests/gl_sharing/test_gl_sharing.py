@@ -89,7 +89,7 @@ import sys
 from sketchterrain.compute import gl_interop
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
-from sketchterrain.compute.sharing import ExtensionMemory
+from sketchterrain.compute.gl_interop import ExtensionMemory
 from sketchterrain.errors import DeviceError
 from sketchterrain.render.context import open_context
 import numpy as np

@@ -10,8 +10,7 @@ import pytest
 from sketchterrain.compute import gl_interop
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
-from sketchterrain.compute.gl_interop import GLHandles, current_handles
-from sketchterrain.compute.sharing import sharing_methods
+from sketchterrain.compute.gl_interop import GLHandles, current_handles, sharing_methods
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import DeviceError, InputError

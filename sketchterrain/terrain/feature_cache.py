@@ -42,13 +42,13 @@ _ROUNDING = 4  # lattice units
 class FeatureBatch:
     """Features near some blocks, for one cell size, in the order of their ids."""
 
-    at: Any  # at, row: device buffers of ``Features`` in ``kernels/world.clh``
+    at: Any  # device buffers of ``Features`` in ``kernels/world.clh``
     row: Any
-    packed: PackedFeatures  # The same here
-    slots: int  # How many kinds there are
-    index: BoxIndex  # index, order: From :func:`~sketchterrain.terrain.culling.feature_index`
+    packed: PackedFeatures  # the same on the host
+    slots: int  # number of kinds
+    index: BoxIndex  # see :func:`~sketchterrain.terrain.culling.feature_index`
     order: LatticeArray
-    smallest: float  # Radius (m) of the smallest; 0 where smaller ones have been left out
+    smallest: float  # least radius (m); 0 where smaller features have been omitted
 
     def lists(self, blocks: LatticeArray) -> Lists:
         """Return which features affect which block: ``starts`` and ``list`` of the kernels' ``Features``."""

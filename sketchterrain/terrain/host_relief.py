@@ -116,7 +116,7 @@ class ReliefNoise:
 
     bend: tuple[ValueSlope, ValueSlope]  # displacement of outlines eastward and northward, in radii
     swell: ValueSlope  # factor of the heights of hills
-    ridge: ValueSlope  # mountain_factor of height that narrow mountains gain or lose
+    ridge: ValueSlope  # share of height that narrow mountains gain or lose
     spur: ValueSlope  # outward displacement of the mountains' flanks by ridges, in radii
 
     def mountain_factor(self, weight: ValueSlope) -> ValueSlope:

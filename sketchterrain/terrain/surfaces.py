@@ -13,7 +13,7 @@ from sketchterrain.errors import DeviceFailedError
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from sketchterrain.array_types import Float32Array, FloatArray, StructuredArray
+    from sketchterrain.array_types import Bounds, Float32Array, FloatArray, StructuredArray
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.compute.device import Device
     from sketchterrain.placement.feature_types import Lake, River
@@ -22,22 +22,38 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Tile:
-    """One tile of 64×64 quads; row 0 is its north edge."""
+    """One tile of 64×64 quads; row 0 is its north edge.
 
-    # level, column, row: The tile covers [column, column + 1] × [row, row + 1] · extent/2^level metres
+    Attributes
+    ----------
+    level, column, row : int
+        The tile covers [column, column + 1] × [row, row + 1] · extent/2^level metres.
+    bounds : tuple of float
+        West, south, east, north, m.
+    cell_size : float
+        Metres between vertices.
+    detail_bound : float
+        Upper bound (m) of the difference between heights at full detail and at this level within the tile.
+    height : ndarray of float32, shape (65, 65)
+        Metres.
+    normal : ndarray of float32, shape (65, 65, 3)
+        Unit vectors: east, north, up.
+    materials : ndarray of float32, shape (65, 65, 8)
+        Weights in the order of ``MATERIALS``; they sum to 1.
+    parent_height, parent_normal : ndarray of float32, shapes (65, 65) and (65, 65, 3)
+        Values of the parent tile at these vertices: bit-equal at shared vertices; between two of the parent's
+        vertices half their sum, along its edges or its diagonals from north-west to south-east.
+    """
+
     level: int
     column: int
     row: int
-    bounds: tuple[float, float, float, float]  # West, south, east, north, m
-    cell_size: float  # Metres between vertices
-    # Upper bound (m) of the difference between heights at full detail and at this level within the tile
+    bounds: Bounds
+    cell_size: float
     detail_bound: float
-    height: Float32Array  # (65, 65); Metres
-    normal: Float32Array  # (65, 65, 3); Unit vectors: east, north, up
-    materials: Float32Array  # (65, 65, 8); Weights in the order of ``MATERIALS``; they sum to 1
-    # parent_height, parent_normal: (65, 65); Values of the parent tile at these vertices: bit-equal at shared
-    # vertices; between two of the parent's vertices half their sum, along its edges or its diagonals from
-    # north-west to south-east
+    height: Float32Array
+    normal: Float32Array
+    materials: Float32Array
     parent_height: Float32Array
     parent_normal: Float32Array
 
@@ -47,7 +63,7 @@ class Raster:
     """The whole sketch as images of rows × columns vertices; row 0 is the north edge."""
 
     spacing: tuple[float, float]  # m between columns and between rows
-    height: Float32Array
+    height: Float32Array  # as in `Tile`, for all vertices
     normal: Float32Array
     materials: Float32Array
 

@@ -72,14 +72,14 @@ _SEED_RANGE = 22.0  # m
 class SpeciesInputs(NamedTuple):
     """Inputs of the choice of species; arrays that broadcast together."""
 
-    x: LatticeArray  # x, y: LatticeArray units
+    x: LatticeArray
     y: LatticeArray
-    noise: Callable[[str, float], FloatArray]  # Smooth noise at these places by its name and width (m)
-    z: FloatArray
-    steepness: FloatArray
-    forest: FloatArray
+    noise: Callable[[str, float], FloatArray]  # smooth noise at these positions by its name and width (m)
+    z: FloatArray  # m
+    steepness: FloatArray  # rise over run
+    forest: FloatArray  # masks, 0 … 1
     water: FloatArray
-    young: FloatArray  # Share of the plants that have seeded themselves from a forest nearby
+    young: FloatArray  # share of self-seeded plants from a forest nearby
 
 
 class SpeciesMix(NamedTuple):

@@ -32,37 +32,7 @@ def run(
     fast: bool = False,
     as_json: bool,
 ) -> int:
-    """Run benchmarks and show or write their results.
-
-    Parameters
-    ----------
-    names
-        Which of :data:`~sketchterrain.benchmarks.BENCHMARKS`; none for all.
-    output
-        Folder for ``bench.md``, ``bench.json`` and charts; without it tables go to stdout.
-    quick
-        Small sizes and few rounds: under a minute altogether.
-    device
-        Selector as for :func:`~sketchterrain.compute.device.choose_device`.
-    fast
-        Whether the kernels may trade bits for speed.
-    as_json
-        The raw numbers as JSON to stdout, in place of tables.
-
-    Returns
-    -------
-    int
-        0, the exit code.
-
-    Raises
-    ------
-    InputError
-        If there is no benchmark of a name.
-    DeviceError
-        If there is no such device.
-    SketchterrainError
-        If the folder can't be written to.
-    """
+    """Run benchmarks and show or write their results."""
     chosen = choose(names)
     effort = QUICK if quick else FULL
     command = _command(chosen, quick=quick, device=device, fast=fast)

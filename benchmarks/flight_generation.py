@@ -99,21 +99,7 @@ def first_views(
     tessellation: float | None,
     tolerance: float | None,
 ) -> Table:
-    """Measure the time from nothing to the first complete view of the world.
-
-    Parameters
-    ----------
-    context
-        The terrain's.
-    terrain
-        The world.
-    effort
-        Sizes of tiles.
-    tessellation
-        T with which the thesis's way errs by one pixel; None for the largest that is flown with.
-    tolerance
-        τ with which this program errs by one pixel; None for the least that is flown with.
-    """
+    """Measure the time from nothing to the first complete view of the world."""
     stop = stops(terrain, 1)[0]
     factor = max(effort.flight_factors) if tessellation is None else tessellation
     allowed = min(effort.flight_own_pixels) if tolerance is None else tolerance

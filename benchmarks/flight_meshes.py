@@ -35,21 +35,7 @@ class Mesh(NamedTuple):
 
 @dataclass(frozen=True)
 class Tiles:
-    """Tiles to draw.
-
-    Attributes
-    ----------
-    quads : int
-        Along each side.
-    places : (n, 3) int64
-        Level, column and row.
-    cases : (n,) int64
-        Sides at coarser tiles, see :mod:`sketchterrain.tiles.quadtree`.
-    morph : (n, 3, 3) float32 or None
-        How much of its parent each shows at its controls; None for nothing.
-    full : bool
-        Whether vertices stand on the ground in full detail, rather than on what their quads can carry.
-    """
+    """Tiles to draw."""
 
     quads: int
     places: Int64Array
@@ -143,24 +129,7 @@ def drawn(terrain: Terrain, tiles: Tiles, view: View) -> Drawn:
 
 
 def measured(terrain: Terrain, meshes: Iterable[Mesh], view: View, *, every: int) -> Float64Array:
-    """Return how many pixels what is seen of triangles stands from the terrain in full detail.
-
-    Parameters
-    ----------
-    terrain
-        The terrain that they stand for.
-    meshes
-        All that is drawn.
-    view
-        From where.
-    every
-        Pixels between samples, both ways.
-
-    Returns
-    -------
-    (k,) float64
-        Pixels, at samples that see any triangle.
-    """
+    """Return how many pixels what is seen of triangles stands from the terrain in full detail."""
     camera = view.stop.camera
     samples = ScreenSamples(camera, view.picture, every=every)
     for mesh in meshes:

@@ -47,15 +47,7 @@ class Square(NamedTuple):
 
 @dataclass(frozen=True)
 class Mesher:
-    """A way to thin out a heightmap.
-
-    Attributes
-    ----------
-    name : str
-        With its version.
-    prepare : callable
-        Takes heights and returns what `mesh` is asked of.
-    """
+    """A way to thin out a heightmap."""
 
     name: str
     prepare: Callable[[Float32Array], Callable[[float], Thinned]]
@@ -70,24 +62,7 @@ class Mesher:
 
 
 class Rasters:
-    """Heightmaps around an eye.
-
-    Parameters
-    ----------
-    terrain
-        The terrain whose heights they hold.
-    view
-        Where the eye is.
-    apart
-        How many pixels samples are apart at most, seen head on.
-
-    Attributes
-    ----------
-    squares : tuple of Square
-        Those in view.
-    seconds : float
-        What making them took.
-    """
+    """Heightmaps around an eye."""
 
     def __init__(self, terrain: Terrain, view: View, *, apart: float = 2.0) -> None:
         self._view = view

@@ -43,15 +43,7 @@ _AHEAD, _LOOK = 400.0, 20.0  # m: what the eye looks at, and how high that is ab
 
 @dataclass(frozen=True)
 class Stop:
-    """A frame of the flight.
-
-    Attributes
-    ----------
-    camera : Camera
-    ground : float
-        Height of the ground below the eye, m.
-    velocity : (x, y, z) in m/s
-    """
+    """A frame of the flight."""
 
     camera: Camera
     ground: float
@@ -98,16 +90,7 @@ _MOST_SLOTS = 8192
 
 
 class OwnFrame(NamedTuple):
-    """A frame of this program's.
-
-    Attributes
-    ----------
-    generation, choice : float
-        Seconds in which tiles were generated, and chosen.
-    tiles : int
-        How many were generated.
-    draws : DrawList
-    """
+    """A frame of this program's."""
 
     generation: float
     choice: float
@@ -116,17 +99,7 @@ class OwnFrame(NamedTuple):
 
 
 class OwnTiles:
-    """Tiles by their error on the screen, in a store of their own.
-
-    Parameters
-    ----------
-    terrain
-        Whose tiles.
-    quads
-        Along a tile's side.
-    tolerance
-        τ, px.
-    """
+    """Tiles by their error on the screen, in a store of their own."""
 
     def __init__(self, terrain: Terrain, *, quads: int, tolerance: float) -> None:
         slots = min(_BYTES // (VERTEX.itemsize * (quads + 1) ** 2), _MOST_SLOTS)

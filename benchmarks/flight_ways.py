@@ -39,18 +39,7 @@ _BATCH = 64  # tiles of the uniform grid written at once
 
 
 class Shown(NamedTuple):
-    """What a way draws of a view.
-
-    Attributes
-    ----------
-    meshes : iterable of Mesh
-    triangles : int
-        In view.
-    seconds : float
-        In which they were made, from nothing.
-    whole : bool
-        Whether there was room for all that the setting asks for.
-    """
+    """What a way draws of a view."""
 
     meshes: Iterable[Mesh]
     triangles: int
@@ -60,17 +49,7 @@ class Shown(NamedTuple):
 
 @dataclass(frozen=True)
 class Way:
-    """A way to draw.
-
-    Attributes
-    ----------
-    name : str
-    unit : str
-        What its setting is called, with a place for the number.
-    settings : tuple of float
-    draw : callable
-        Takes a view and a setting.
-    """
+    """A way to draw."""
 
     name: str
     unit: str

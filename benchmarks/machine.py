@@ -22,15 +22,7 @@ _PACKAGES = (
 
 
 def describe(device: Device, *, command: str) -> dict[str, str]:
-    """Return what a reader must know to judge the numbers, as headings and texts.
-
-    Parameters
-    ----------
-    device
-        What the kernels run on.
-    command
-        How to measure again.
-    """
+    """Return what a reader must know to judge the numbers, as headings and texts."""
     return {
         "device": f"{device.name} ({device.type}, {device.compute_units} compute units)",
         "platform": device.platform,

@@ -41,16 +41,7 @@ _COLUMNS = (
 
 
 class NoiseGrid:
-    """fBm on a square grid, by ``kernels/bench.cl`` and by the NumPy reference.
-
-    Parameters
-    ----------
-    context
-    side
-        Vertices along the grid's side.
-    step_bits
-        They are 2^step_bits lattice units apart; the default is 1 m.
-    """
+    """fBm on a square grid, by ``kernels/bench.cl`` and by the NumPy reference."""
 
     def __init__(self, context: TimedContext, side: int, *, step_bits: int = _STEP_BITS) -> None:
         self._context = context

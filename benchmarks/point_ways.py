@@ -33,19 +33,7 @@ _BORDER = 2.0  # distances; nearer to a square's border points lie denser, for n
 
 @dataclass(frozen=True)
 class Way:
-    """A way to scatter points over a square.
-
-    Attributes
-    ----------
-    name : str
-        With its version.
-    trials : int
-        Darts a cell or a point, k.
-    side : float
-        Of the square, in distances.
-    run : callable
-        Takes a seed; returns what it took, and the points in distances.
-    """
+    """A way to scatter points over a square."""
 
     name: str
     trials: int
@@ -88,17 +76,7 @@ def thesis(context: TimedContext, side: float, trials: int, *, turns: bool = Fal
 def peers(
     side: float, trials: Sequence[int], *, scipy_side: float | None = None
 ) -> tuple[list[Way], list[Absent]]:
-    """Return the libraries that are on this machine, and those that are not.
-
-    Parameters
-    ----------
-    side
-        Of the square, in distances.
-    trials
-        Darts around a point; the JavaScript library, which needs few, takes the first, scipy the last.
-    scipy_side
-        Of scipy's square, for it is slow; without it scipy is left out.
-    """
+    """Return the libraries that are on this machine, and those that are not."""
     ways: list[Way] = []
     absent: list[Absent] = []
     for made, wide, ladder in (
@@ -121,18 +99,7 @@ def fill_of(points: Points, side: float) -> float:
 
 
 def room_of(points: Points, side: float, *, places: int, seed: int) -> float:
-    """Return the share of the ground, away from the border, where another point would fit.
-
-    Parameters
-    ----------
-    points
-        At least 1 apart, shape (n, 2).
-    side
-        Of their square, ≥ 5.
-    places
-        So many are drawn; a share s is then known to within √(s / places).
-    seed
-    """
+    """Return the share of the ground, away from the border, where another point would fit."""
     drawn = np.random.default_rng(seed).random((places, 2)) * (side - 2.0 * _BORDER) + _BORDER
     away, _ = cKDTree(points).query(drawn, distance_upper_bound=1.0)
     return float(np.isinf(away).mean())

@@ -34,19 +34,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Benchmark:
-    """One benchmark.
-
-    Attributes
-    ----------
-    name : str
-        What it is asked for by.
-    surface : str
-        What ground it is measured on.
-    seed : str
-        The seeds that ground and draws come from.
-    measure : callable
-        Does the measuring; its docstring says what is measured, how, and in which unit.
-    """
+    """One benchmark."""
 
     name: str
     surface: str
@@ -107,13 +95,7 @@ BENCHMARKS = {
 
 
 def choose(names: Iterable[str]) -> tuple[Benchmark, ...]:
-    """Return the named benchmarks in the order they run, each once; all of them for no name.
-
-    Raises
-    ------
-    InputError
-        If there is no benchmark of a name.
-    """
+    """Return the named benchmarks in the order they run, each once; all of them for no name."""
     wanted = set(names)
     unknown = sorted(wanted - set(BENCHMARKS))
     if unknown:

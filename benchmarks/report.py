@@ -124,16 +124,7 @@ _SIGNIFICANT = 6
 
 @dataclass(frozen=True)
 class Report:
-    """What was measured in one run.
-
-    Attributes
-    ----------
-    about : mapping of str to str
-        Device, versions, command: see :func:`~sketchterrain.benchmarks.machine.describe`.
-    rounds : int
-        Measured rounds of each benchmark.
-    outcomes : tuple of (Benchmark, Outcome)
-    """
+    """What was measured in one run."""
 
     about: Mapping[str, str]
     rounds: int
@@ -168,13 +159,7 @@ class Report:
         )
 
     def page(self, pictures: Mapping[str, Sequence[str]]) -> str:
-        """Return the results as a Markdown page.
-
-        Parameters
-        ----------
-        pictures
-            For benchmarks that have charts, their file names.
-        """
+        """Return the results as a Markdown page."""
         lines = ["# Benchmarks", "", "| | |", "| :--- | :--- |"]
         lines += [f"| {heading} | {text} |" for heading, text in self.about.items()]
         lines += [
@@ -193,18 +178,7 @@ class Report:
         return "\n".join(lines)
 
     def write(self, folder: Path) -> bool:
-        """Write bench.md, bench.json and the charts, each whole or not at all.
-
-        Returns
-        -------
-        bool
-            Whether there are charts; without matplotlib there are none.
-
-        Raises
-        ------
-        SketchterrainError
-            If the folder can't be made or written to.
-        """
+        """Write bench.md, bench.json and the charts, each whole or not at all."""
         from sketchterrain.benchmarks.charts import available, draw  # charts read the tables of results
 
         pictures: dict[str, list[str]] = {}

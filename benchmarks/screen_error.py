@@ -39,15 +39,6 @@ class ScreenSamples:
     A sample is a ray from the eye. It meets the triangle A, B, C (relative to the eye) where its products
     with B × C, C × A and A × B have one sign, that of A · (B × C); so nothing needs to be clipped, and
     triangles that share an edge leave no gap.
-
-    Parameters
-    ----------
-    camera
-        Its clipping distances don't count.
-    picture
-        Size of the picture that is sampled.
-    every
-        Pixels between samples, both ways, ≥ 1.
     """
 
     def __init__(self, camera: Camera, picture: Picture, *, every: int = 4) -> None:
@@ -70,15 +61,7 @@ class ScreenSamples:
         return self._depth.size
 
     def add(self, vertices: npt.ArrayLike, triangles: npt.ArrayLike) -> None:
-        """Draw triangles, which hide what lies behind them.
-
-        Parameters
-        ----------
-        vertices
-            (n, 3) positions, m.
-        triangles
-            (m, 3) which vertices; either way round.
-        """
+        """Draw triangles, which hide what lies behind them."""
         at = (np.asarray(vertices, np.float64) - self._eye) @ self._axes.T
         corners = np.asarray(triangles, np.int64)
         behind = at[:, 2] < _NEAREST
@@ -156,24 +139,7 @@ def _groups(count: Int64Array) -> Iterator[slice]:
 def screen_distances(
     camera: Camera, picture: Picture, drawn: Float64Array, heights: npt.ArrayLike
 ) -> Float64Array:
-    """Return how far apart in the picture drawn points and the terrain's lie that stand at the same x, y.
-
-    Parameters
-    ----------
-    camera
-        Where both are seen from.
-    picture
-        Its size.
-    drawn
-        (k, 3) points in front of the eye, m.
-    heights
-        (k,) the terrain's heights there, m.
-
-    Returns
-    -------
-    (k,) float64
-        Pixels; infinite where the terrain's point lies behind the eye.
-    """
+    """Return how far apart in the picture drawn points and the terrain's lie that stand at the same x, y."""
     true = np.column_stack([drawn[:, :2], np.asarray(heights, np.float64)])
     scale = picture.pixels_per_radian(camera)
     axes = camera.view()[:3, :3]
@@ -187,18 +153,7 @@ def screen_distances(
 
 @dataclass(frozen=True)
 class ErrorSummary:
-    """What distances in a picture come to.
-
-    Attributes
-    ----------
-    samples : int
-    within : float
-        Share of them up to 1 pixel.
-    most : float
-        Pixels that 99.9 % of them stay within.
-    worst : float
-        Largest, pixels.
-    """
+    """What distances in a picture come to."""
 
     samples: int
     within: float

@@ -43,20 +43,7 @@ _MOST = int(HIGHEST * SIDE)
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """What the periodograms of some sets have in common.
-
-    Attributes
-    ----------
-    plane : ndarray of float64, shape (2 m + 1, 2 m + 1)
-        Mean power; rows are waves northward along the side from -m to m, columns eastward. The middle,
-        where the power is that of all points together, is left at 0.
-    frequency, power, anisotropy : ndarray of float64, shape (rings,)
-        Of each ring: waves a distance, mean power, and variance over the angle by the mean squared.
-    weight : ndarray of float64, shape (rings,)
-        Frequencies in each ring.
-    points : float
-        In a set, on average.
-    """
+    """What the periodograms of some sets have in common."""
 
     plane: Float64Array
     frequency: Float64Array
@@ -92,20 +79,7 @@ class Spectrum:
 
 
 def spectrum_of(sets: Iterable[npt.ArrayLike], distance: float = 1.0) -> Spectrum:
-    """Measure the spectrum of sets of points.
-
-    Parameters
-    ----------
-    sets
-        Points of each, shape (n, 2), from anywhere: those in the square of 64 distances that starts at 0, 0
-        count.
-    distance
-        The least between two points, in the points' unit.
-
-    Returns
-    -------
-    Spectrum
-    """
+    """Measure the spectrum of sets of points."""
     total = np.zeros((_MOST + 1, 2 * _MOST + 1))
     counts = []
     for points in sets:

@@ -102,24 +102,7 @@ KINDS: dict[str, Callable[[np.random.Generator, int], Float64Array]] = {
 
 
 def splines_and_places(kind: str, count: int, *, each: int, seed: int) -> tuple[Float64Array, Float64Array]:
-    """Draw splines of a kind and places around them.
-
-    Parameters
-    ----------
-    kind : str
-        Of `KINDS`.
-    count, each : int
-        Number of splines, and of places a spline: half of them scattered around it, a quarter close to the
-        curve, an eighth upon centres of its curvature where those are near, an eighth on the x axis, where
-        equidistant branches lie.
-    seed : int
-
-    Returns
-    -------
-    controls : (count, CONTROLS, 2) float64
-    places : (count, each, 2) float64
-        Metres.
-    """
+    """Draw splines of a kind and places around them."""
     rng = np.random.default_rng([seed, list(KINDS).index(kind)])
     controls = KINDS[kind](rng, count)
     cubic = cubics(controls)
@@ -144,18 +127,7 @@ def splines_and_places(kind: str, count: int, *, each: int, seed: int) -> tuple[
 
 
 def distances(cubic: Float64Array, places: Float64Array) -> Float64Array:
-    """Compute the distances in float64: minima among many samples, each then searched for by thirds.
-
-    Parameters
-    ----------
-    cubic : (n, pieces, 2, 4) float64
-        Splines.
-    places : (n, each, 2) float64
-
-    Returns
-    -------
-    (n, each) float64, m.
-    """
+    """Compute the distances in float64: minima among many samples, each then searched for by thirds."""
     found = [
         _distances(cubic[first : first + _CHUNK], places[first : first + _CHUNK])
         for first in range(0, len(cubic), _CHUNK)

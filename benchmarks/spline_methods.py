@@ -38,16 +38,7 @@ KERNELS = {
 
 
 class SplineQueries:
-    """Splines and places on a device.
-
-    Parameters
-    ----------
-    context : ComputeContext
-    controls : (count, n, 2) float64
-        Control points (m).
-    places : (count, each, 2) float64
-        Where to measure the distance to each spline (m).
-    """
+    """Splines and places on a device."""
 
     def __init__(self, context: ComputeContext, controls: Float64Array, places: Float64Array) -> None:
         self._context = context
@@ -80,16 +71,7 @@ class SplineQueries:
 def pieces_of(
     cubic: Float64Array, tolerance: float, *, arcs: bool
 ) -> tuple[npt.NDArray[np.int32], Float64Array, Float64Array]:
-    """Return flattened splines as ``spline_arcs_distances`` in ``kernels/splines.cl`` reads them.
-
-    Parameters
-    ----------
-    cubic : (count, pieces, 2, 4) float64
-    tolerance : float
-        Metres.
-    arcs : bool
-        Or straight pieces.
-    """
+    """Return flattened splines as ``spline_arcs_distances`` in ``kernels/splines.cl`` reads them."""
     flat = cubic.reshape(-1, 2, 4)
     found = flatten(flat, tolerance, arcs=arcs)
     ends = position(flat[found.cubic], np.stack([found.first, found.last], axis=-1))

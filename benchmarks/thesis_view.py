@@ -47,21 +47,7 @@ class Disc(NamedTuple):
 
 @dataclass(frozen=True)
 class ThesisView:
-    """The metric's settings.
-
-    Attributes
-    ----------
-    extent : float
-        Width of the world, m.
-    quads : int
-        Along a tile's side.
-    tessellation : float
-        T; with F = 1, d and s in metres.
-    finest_cell : float
-        No quad is shorter, m.
-    discs : tuple of Disc
-        Features; a tile that one reaches has its factor, if no other there has a larger one.
-    """
+    """The metric's settings."""
 
     extent: float
     quads: int
@@ -75,15 +61,7 @@ class ThesisView:
         return max(0, int(np.floor(np.log2(self.extent / self.quads / self.finest_cell) + 1e-9)))
 
     def tiles(self, eye: Sequence[float], ground: float) -> list[ThesisTile]:
-        """Return the tiles that cover the world for a view, coarse ones first.
-
-        Parameters
-        ----------
-        eye
-            x, y, z, m.
-        ground
-            Height from which the distance to tiles is taken, m.
-        """
+        """Return the tiles that cover the world for a view, coarse ones first."""
         found: list[ThesisTile] = []
         splits = self._splits(np.asarray(eye, np.float64), ground)
         there = np.ones((1, 1), np.bool_)

@@ -28,17 +28,7 @@ class Launch:
 
 @dataclass(frozen=True)
 class Lap:
-    """One piece of work, timed once.
-
-    Attributes
-    ----------
-    wall : float
-        Seconds from call to return, as a user waits for them.
-    launches : tuple of Launch
-        In the order they were made.
-    processor : float
-        Seconds of all of the process's threads, which other processes disturb less than the clock.
-    """
+    """One piece of work, timed once."""
 
     wall: float
     launches: tuple[Launch, ...] = ()
@@ -102,18 +92,6 @@ def alternate(rivals: Mapping[Name, Callable[[], Lap]], *, rounds: int) -> dict[
 
     Every second round runs backwards, so that none always follows the same one. What slows the machine for
     a while then slows all of them.
-
-    Parameters
-    ----------
-    rivals
-        Name and work of each; the work times itself, see :func:`lap`.
-    rounds
-        Measured rounds, ≥ 1.
-
-    Returns
-    -------
-    dict of name to list of Lap
-        ``rounds`` laps a rival, in the order they were measured.
     """
     for work in rivals.values():
         work()

@@ -51,15 +51,7 @@ require('fs').writeFileSync(1, bytes);
 
 @dataclass(frozen=True)
 class Scatterer:
-    """A way to scatter points at least 1 apart over a square.
-
-    Attributes
-    ----------
-    name : str
-        With its version.
-    scatter : callable
-        Takes the square's side, the darts around a point, and a seed; returns what it took and the points.
-    """
+    """A way to scatter points at least 1 apart over a square."""
 
     name: str
     scatter: Callable[[float, int, int], tuple[Lap, npt.NDArray[np.float64]]]

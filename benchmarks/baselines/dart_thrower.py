@@ -23,19 +23,7 @@ _FINEST = 1e-7  # of the distance: free ground that is narrower is as good as no
 
 
 def throw_darts(side: float, *, seed: int) -> Points:
-    """Throw darts at a square whose opposite edges are one, until no other fits.
-
-    Parameters
-    ----------
-    side
-        Of the square, in units of the distance between darts, ≥ 3.
-    seed
-
-    Returns
-    -------
-    ndarray of float64, shape (n, 2)
-        In the order in which they were thrown: the first so many are what a thrower has that stops early.
-    """
+    """Throw darts at a square whose opposite edges are one, until no other fits."""
     rng = np.random.default_rng(seed)
     count = int(np.ceil(side * np.sqrt(2.0)))
     squares = np.stack(np.divmod(np.arange(count * count), count), axis=-1).astype(np.int64)

@@ -45,23 +45,7 @@ class _Level:
 
 
 class PhaseGroups:
-    """Points at least a distance apart on a square.
-
-    Parameters
-    ----------
-    context
-        An open device.
-    side
-        Of the square, m.
-    distance
-        No two points are nearer, m.
-    trials
-        Darts a cell and level, k in the thesis.
-    levels
-        Sizes of cells, ≥ 1; each is twice as wide as the next.
-    rounds
-        Whether groups take turns anew for each dart of a cell, rather than throw all darts in one turn.
-    """
+    """Points at least a distance apart on a square."""
 
     def __init__(
         self,

@@ -18,21 +18,7 @@ _BANDS = 4  # a thread: where one is held up, the others do more
 
 @dataclass(frozen=True, eq=False)
 class NoiseProblem:
-    """fBm on a square grid, as ``bench_fbm`` in ``kernels/bench.cl`` sums it.
-
-    Attributes
-    ----------
-    corner : (octaves, 4) uint32
-        Fractions along u and v in steps, hash of the cell, bits of a cell in steps: see
-        :func:`~sketchterrain.terrain.noise.corner_table`.
-    turned : (octaves,) uint32
-        1 where the lattice is turned by 90 degrees.
-    amplitude : (octaves,) float32
-    side : int
-        Vertices along the grid's side, one step apart.
-    threads : int
-        Rivals that can use threads use so many.
-    """
+    """fBm on a square grid, as ``bench_fbm`` in ``kernels/bench.cl`` sums it."""
 
     corner: npt.NDArray[np.uint32]
     turned: npt.NDArray[np.uint32]

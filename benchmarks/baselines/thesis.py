@@ -42,19 +42,7 @@ class Sampling:
 
 
 class ThesisTiles:
-    """Tiles of one level of a terrain's ground, hills, mountains and rivers.
-
-    Parameters
-    ----------
-    recipe
-        Whose relief, features and rivers' control points are taken.
-    context
-        An open device; with ``real='double'`` the tiles are their own reference.
-    keys
-        Level, column and row of each tile; all of one level.
-    quads
-        Along a tile's side.
-    """
+    """Tiles of one level of a terrain's ground, hills, mountains and rivers."""
 
     def __init__(
         self,

@@ -25,13 +25,14 @@ from sketchterrain.batch import run as run_module
 from sketchterrain.batch.plan import Source, plan
 from sketchterrain.batch.results import MANIFEST, BatchProgress, Entry, Output, needs_of, read_manifest
 from sketchterrain.batch.run import Done, estimate_batch, run_batch
-from sketchterrain.benchmarks.batch_kills import differences, killed
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import save_sketch
 from sketchterrain.errors import DeviceError, InputError, SketchterrainError
 from sketchterrain.export.files import move_files, prepare_folder, staging
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.io.files import write_atomic
+
+from .kills import differences, killed
 
 OUTPUT = Output(size=17, preview=False)
 LOCK = threading.Lock()

@@ -7,7 +7,7 @@ import numpy.typing as npt
 import pytest
 from PIL import Image
 
-from sketchterrain.benchmarks import material_picture, method_pictures, plant_sheet, spectrum_picture
+from sketchterrain.benchmarks import material_picture, method_pictures, plant_sheet
 
 
 def pixels_of(path: Path) -> npt.NDArray[np.int64]:
@@ -35,16 +35,6 @@ def test_every_material_is_in_the_picture(tmp_path, monkeypatch):
     assert picture.shape == (960, 1920, 3)
     panels = picture.reshape(3, 320, 3, 640, 3)
     assert (panels.std(axis=(1, 3)) > 3.0).all()
-
-
-@pytest.mark.slow
-def test_the_picture_of_spectra_is_drawn(tmp_path):
-    pytest.importorskip("matplotlib")
-    assert spectrum_picture.main([str(tmp_path / "spectrum.png")], sets=2) == 0
-    spectrum = pixels_of(tmp_path / "spectrum.png")
-    assert spectrum.std() > 10
-    # The colours of lines outlive the few colours that a small file has.
-    assert (spectrum[..., 2] - spectrum[..., 0] > 100).sum() > 1000
 
 
 @pytest.mark.gl

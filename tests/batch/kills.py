@@ -1,11 +1,7 @@
-"""Batches that are killed at random moments and resumed, and whether they end with the same files.
-
-``python -m sketchterrain.benchmarks.batch_kills DIR`` kills 100 seeds of a preset at 1025² fifty times.
-"""
+"""A batch that is killed at random moments and resumed, and comparison of its files."""
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import random
@@ -39,28 +35,7 @@ def killed(
     chance: random.Random,
     timeout: float | None = None,
 ) -> list[Kill]:
-    """Make a batch in processes that are killed, each as a group, and resumed; the last one is not.
-
-    Parameters
-    ----------
-    words
-        Of the command line, after ``batch``, without ``-o`` and ``--resume``.
-    folder
-        Of the batch.
-    kills
-        How many at most: it ends when the batch is done.
-    longest
-        Seconds: each process lives a random time up to that.
-    chance
-        Where the times come from.
-    timeout
-        Seconds that the last process may take.
-
-    Raises
-    ------
-    RuntimeError
-        If a process fails by itself.
-    """
+    """Make a batch in processes that are killed, each as a group, and resumed; the last one is not."""
     found: list[Kill] = []
     command = [sys.executable, "-m", "sketchterrain", "batch", *words, "-o", str(folder), "--resume"]
     while True:
@@ -129,39 +104,3 @@ def _done(folder: Path) -> int:
 
 def _hidden(folder: Path) -> int:
     return sum(path.name.startswith(".") for path in folder.rglob("*"))
-
-
-def _main() -> None:
-    parser = argparse.ArgumentParser(
-        description="Kill a batch at random moments and compare what it ends with."
-    )
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--sketch", default="valley_river")
-    parser.add_argument("--seeds", default="1-100")
-    parser.add_argument("--size", default="1025")
-    parser.add_argument("--kills", type=int, default=50)
-    parser.add_argument("--longest", type=float, default=30.0, help="seconds that a process lives at most")
-    parser.add_argument("--no-preview", action="store_true")
-    given = parser.parse_args()
-    words = [given.sketch, "--seeds", given.seeds, "--size", given.size]
-    words += ["--no-preview"] if given.no_preview else []
-    whole = given.folder / "whole"
-    command = [sys.executable, "-m", "sketchterrain", "batch", *words, "-o", str(whole), "--resume"]
-    subprocess.run(command, check=True)
-    found = killed(
-        words,
-        given.folder / "killed",
-        kills=given.kills,
-        longest=given.longest,
-        chance=random.Random(1),  # noqa: S311 - moments, no secrets
-    )
-    for number, kill in enumerate(found, start=1):
-        told = f"kill {number} after {kill.after:.1f} s: {kill.done} done, {kill.leftovers} left half-written"
-        sys.stdout.write(f"{told}\n")
-    different = differences(whole, given.folder / "killed")
-    sys.stdout.write(f"{len(found)} kills, {len(different)} files differ: {', '.join(different[:10])}\n")
-    raise SystemExit(bool(different))
-
-
-if __name__ == "__main__":
-    _main()

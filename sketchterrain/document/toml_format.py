@@ -4,27 +4,22 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
-from sketchterrain.document.edits import ACTIONS, Edit, parse_edit
+from sketchterrain.document.edits import ACTIONS, parse_edit
 from sketchterrain.document.label_layers import LabelImage
 from sketchterrain.document.material_rules import (
-    DEFAULT_RULES,
     FACTOR,
-    MAX_FACTORS,
-    MAX_INPUTS,
     RULE,
-    Factor,
-    MaterialRule,
     RuleChange,
     parse_rule_change,
 )
-from sketchterrain.document.parameter_types import Parameter, Properties, Value, format_number
-from sketchterrain.document.parameters import FORMAT, LAYERS, LOOK, MATERIALS, SKETCH, TABLES
+from sketchterrain.document.parameter_types import Parameter, Properties, Value
+from sketchterrain.document.parameters import FORMAT, LAYERS, LOOK, SKETCH, TABLES
 from sketchterrain.document.sketch import DEFAULT_SIDE, Sketch
 from sketchterrain.errors import InputError, format_value, one_line, unknown_key
 
@@ -52,7 +47,7 @@ def load_toml(data: bytes) -> dict[str, object]:
         raise InputError("it is nested too deeply") from None
 
 
-_Row = TypeVar("_Row")
+_Parsed = TypeVar("_Parsed")
 
 _COMMENT_COLUMN = 28
 
@@ -79,9 +74,9 @@ def parse_settings(data: bytes) -> Sketch:
         elif key in SKETCH:
             fields[key] = value
         elif key == "edit":
-            fields["edits"] = _rows(key, value, parse_edit)
+            fields["edits"] = _parse_tables(key, value, parse_edit)
         elif key == "material_rule":
-            fields["material_rules"] = _rows(key, value, parse_rule_change)
+            fields["material_rules"] = _parse_tables(key, value, parse_rule_change)
         else:
             known = ["format", *SKETCH, *TABLES, *LAYERS, "look", "material_rule", "edit"]
             raise unknown_key(key, value, known)
@@ -104,21 +99,23 @@ def settings_text(sketch: Sketch) -> str:
             explained.add(name)
         lines += [f"[{name}.{label}]", *_lines(properties, LAYERS[name].parameters)]
     if sketch.material_rules:
-        lines += ["", "# Rules by which materials cover the ground, where they differ from the table's."]
+        lines += ["", "# Changes of the default material rules."]
     for change in sketch.material_rules:
         lines += _rule_lines(change)
     if sketch.edits:
-        lines += ["", f"# Changed by hand: {', '.join(ACTIONS)}."]
+        lines += ["", f"# Edits of generated features: {', '.join(ACTIONS)}."]
     for edit in sketch.edits:
-        lines += [
-            "",
-            "[[edit]]",
-            *(f"{key} = {_written(value)}" for key, value in _edit_entries(edit).items()),
-        ]
+        entries: dict[str, Any] = {"action": edit.action}
+        if edit.action != "add":
+            entries["feature"] = edit.feature
+        entries |= edit.values
+        lines += ["", "[[edit]]", *(f"{key} = {_toml_value(value)}" for key, value in entries.items())]
     return "\n".join(lines) + "\n"
 
 
-def _rows(key: str, value: object, read: Callable[[Mapping[str, object]], _Row]) -> tuple[_Row, ...]:
+def _parse_tables(
+    key: str, value: object, read: Callable[[Mapping[str, object]], _Parsed]
+) -> tuple[_Parsed, ...]:
     """Return the parsed tables ``[[key]]``."""
     if not isinstance(value, list) or not all(isinstance(each, dict) for each in value):
         raise InputError(
@@ -136,15 +133,10 @@ def _rows(key: str, value: object, read: Callable[[Mapping[str, object]], _Row])
 def _rule_lines(change: RuleChange) -> list[str]:
     lines = ["", "[[material_rule]]", *_lines(change.values, RULE)]
     if change.factors == ():
-        lines.append("factor = []".ljust(_COMMENT_COLUMN) + " # it covers as much everywhere")
+        lines.append("factor = []".ljust(_COMMENT_COLUMN) + " # uniform cover")
     for factor in change.factors or ():
         lines += ["[[material_rule.factor]]", *_lines(factor.values, FACTOR)]
     return lines
-
-
-def _edit_entries(edit: Edit) -> dict[str, Value]:
-    feature = {} if edit.action == "add" or edit.feature is None else {"feature": edit.feature}
-    return {"action": edit.action, **feature, **edit.values}
 
 
 def _check_format(given: object) -> None:
@@ -174,7 +166,7 @@ def _label_tables(layer: str, value: object) -> list[tuple[int, Mapping[str, obj
 
 def _lines(values: Properties, table: Mapping[str, Parameter]) -> list[str]:
     return [
-        f"{name} = {_written(values[name])}".ljust(_COMMENT_COLUMN)
+        f"{name} = {_toml_value(values[name])}".ljust(_COMMENT_COLUMN)
         + f" # {parameter.help} ({parameter.range} {parameter.unit}".rstrip()
         + ")"
         for name, parameter in table.items()
@@ -182,7 +174,7 @@ def _lines(values: Properties, table: Mapping[str, Parameter]) -> list[str]:
     ]
 
 
-def _written(value: Value) -> str:
+def _toml_value(value: Value) -> str:
     if isinstance(value, str):
         # JSON's escapes are valid TOML; DEL is the one control character that JSON does not escape.
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
@@ -235,93 +227,3 @@ def _stroke(dabs: Sequence[_Dab]) -> LabelImage:
             column, row, radius = (a + (b - a) * part for a, b in zip(start, end, strict=True))
             image[(columns - column) ** 2 + (rows - row) ** 2 <= radius**2] = 1
     return image
-
-
-def reference_table() -> str:
-    """Return every parameter as Markdown: one section per table of the sketch file."""
-    sections = [_section("The sketch", f"`format = {FORMAT}` comes first.", SKETCH)]
-    about = {
-        "density": "Features where nothing is painted.",
-        "ground": "The ground under and between the features.",
-        "climate": "Snow and vegetation.",
-        "weather": "Lighting and air of pictures ([light.md](light.md)); it does not change the terrain.",
-    }
-    sections += [_section(f"`[{name}]`", about[name], table) for name, table in TABLES.items()]
-    for layer in LAYERS.values():
-        text = f"{layer.title} (`{layer.name}.png`): {layer.help}. One table a label, 1 to 255."
-        sections.append(_section(f"`[{layer.name}.1]`", text, layer.parameters))
-    return "\n".join([*sections, _look(), _rules(), _edits()])
-
-
-def rule_table(rules: Iterable[MaterialRule] = DEFAULT_RULES) -> str:
-    """Return material rules as a Markdown table, from the lowest to the topmost."""
-    rows = [
-        f"| {number} | `{rule.name}` | {rule.material} | {format_number(rule.cover)} | "
-        f"{'<br>'.join(map(_factor_text, rule.factors))} |"
-        for number, rule in enumerate(rules, 1)
-    ]
-    return "\n".join(["| | rule | material | most | factors |", "|---|---|---|---|---|", *rows])
-
-
-def _factor_text(factor: Factor) -> str:
-    """Return a factor as in: `aridity` + 0.12 `mottle`: 0.3 to 0.633."""
-    total = ""
-    for name, weight in factor.weights.items():
-        sign = "−" if weight < 0 else "+"
-        amount = "" if abs(weight) == 1 else f"{abs(weight):g} "
-        total += f" {sign} {amount}`{name}`" if total else f"{'−' if weight < 0 else ''}{amount}`{name}`"
-    straight = ", straight" if factor.shape == "straight" else ""
-    return f"{total}: {factor.start:.3g} to {factor.full:.3g}{straight}"
-
-
-def _section(title: str, text: str, table: Mapping[str, Parameter]) -> str:
-    rows = [
-        f"| `{p.name}` | {_toml_like(p.default)} | {p.range} | {p.unit} | {p.help} |" for p in table.values()
-    ]
-    head = ["| key | default | range | unit | meaning |", "|---|---|---|---|---|"]
-    return "\n".join([f"### {title}", "", text, "", *head, *rows, ""])
-
-
-def _look() -> str:
-    text = (
-        f"Appearance of a material, one table each: {', '.join(MATERIALS)}. It does not change the terrain "
-        "([textures.md](textures.md))."
-    )
-    return _section("`[look.grass]`", text, LOOK)
-
-
-def _rules() -> str:
-    about_rules = (
-        "A rule lays its material over those of the rules before it; below them is grass. A name of the "
-        "table changes only the given values of that rule; a new name adds a rule on top."
-        f"\n\n{rule_table()}\n\n"
-        "A factor is 0 at the first number and 1 at the second. Details: "
-        "[kernels/materials.md](kernels/materials.md). The preset `desert_mountains` has rules of its own."
-    )
-    about_factors = (
-        f"A ramp over a weighted sum of 1 to {MAX_INPUTS} inputs. A rule covers `cover` times all its "
-        f"factors, at most {MAX_FACTORS}; given ones replace those of the table's rule, and "
-        "`factor = []` removes them."
-    )
-    sections = (
-        _section("`[[material_rule]]`", about_rules, RULE),
-        _section("`[[material_rule.factor]]`", about_factors, FACTOR),
-    )
-    return "\n".join(sections)
-
-
-def _edits() -> str:
-    text = (
-        "Changes of generated features, a table each, applied in this order. `feature` is an id as in "
-        "`features.json`."
-    )
-    head = ["| action | effect | required | optional |", "|---|---|---|---|"]
-    rows = []
-    for name, action in ACTIONS.items():
-        required = [*([] if name == "add" else ["feature"]), *action.required]
-        rows.append(f"| {name} | {action.help} | {', '.join(required)} | {', '.join(action.optional)} |")
-    return "\n".join(["### `[[edit]]`", "", text, "", *head, *rows, ""])
-
-
-def _toml_like(value: Value) -> str:
-    return f'"{value}"' if isinstance(value, str) else format_number(value)

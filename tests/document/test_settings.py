@@ -25,7 +25,7 @@ from sketchterrain.document.parameter_types import Parameter
 from sketchterrain.document.parameters import LAYERS, LOOK, MATERIALS, SKETCH, TABLES
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import SETTINGS, file_limit
-from sketchterrain.document.toml_format import parse_settings, reference_table, settings_text
+from sketchterrain.document.toml_format import parse_settings, settings_text
 from sketchterrain.errors import InputError
 
 _TABLES = {
@@ -84,19 +84,12 @@ def test_conversions_and_error_messages():
         SKETCH["name"].check("x" * 201)
 
 
-def test_reference_lists_every_parameter():
+def test_names_and_colours_are_distinct():
     assert all(name == layer.name for name, layer in LAYERS.items())
     assert len({layer.colour for layer in LAYERS.values()}) == len(LAYERS)
     assert all(0 <= channel <= 255 for layer in LAYERS.values() for channel in layer.colour)
     names = ["format", *SKETCH, *TABLES, *LAYERS, "look", "material_rule", "edit"]
     assert len(set(names)) == len(names)
-
-    text = reference_table()
-    rows = [line for line in text.splitlines() if line.startswith("| `")]
-    assert len(rows) == len(_ALL)
-    assert all(line.count("|") == 6 for line in rows)
-    assert "| `height` | 600 | 1 to 9000 | m | from foot to summit |" in rows
-    assert "### `[dune.1]`" in text
 
 
 _TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=200)

@@ -29,19 +29,19 @@ def test_bookmarks_are_stored_by_path(document, folder, tmp_path):
     assert not folder.exists(), "the sketch has no path yet"
     document.mark_saved(document.sketch, one)
     bookmarks.add(Bookmark("Lake", THERE))
-    kept = bookmarks.all
+    stored = bookmarks.all
     again = Document()
     later = Bookmarks(again, folder)
     assert later.all == ()
     again.open(load_sketch("valley_river"), one)
-    assert later.all == kept
+    assert later.all == stored
     again.open(load_sketch("valley_river"), other)
     assert later.all == ()
     again.open(load_sketch("valley_river"), one)
     again.mark_saved(again.sketch, other)
-    assert later.all == kept, "saved under another name they come along"
+    assert later.all == stored, "saved under another name they come along"
     again.open(load_sketch("valley_river"), other)
-    assert later.all == kept
+    assert later.all == stored
 
 
 def written(**changes) -> bytes:
@@ -96,12 +96,12 @@ def buttons(panel) -> dict[str, QToolButton]:
     return {each.accessibleName().split()[0]: each for each in panel.findChildren(QToolButton)}
 
 
-def rows_of(panel):
+def list_of(panel):
     return panel.findChildren(QListWidget)[0]
 
 
 def titles(panel) -> list[str]:
-    return [rows_of(panel).item(row).text() for row in range(rows_of(panel).count())]
+    return [list_of(panel).item(row).text() for row in range(list_of(panel).count())]
 
 
 def test_a_bookmark_stores_view_and_picture(panel, link):
@@ -112,7 +112,7 @@ def test_a_bookmark_stores_view_and_picture(panel, link):
     buttons(panel)["Add"].click()
     picture(link, THERE)
     panel.add()
-    rows = rows_of(panel)
+    rows = list_of(panel)
     assert titles(panel) == ["View 1", "View 2"]
     shown = rows.item(0).icon().pixmap(96, 60).toImage()
     assert shown.pixelColor(shown.width() // 2, shown.height() // 2).red() > 180
@@ -134,7 +134,7 @@ def test_bookmarks_are_renamed_replaced_and_deleted(qtbot, panel, link):
     picture(link)
     panel.add()
     panel.add()
-    rows = rows_of(panel)
+    rows = list_of(panel)
     rows.item(0).setText("Gorge")
     assert titles(panel) == ["Gorge", "View 2"]
     rows.setCurrentRow(0)

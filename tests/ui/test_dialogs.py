@@ -19,9 +19,9 @@ from sketchterrain.ui.models.preferences import Preferences
 
 
 @pytest.fixture
-def made(qtbot, tmp_path, small, exporting_into):
+def dialogs(qtbot, tmp_path, small, exporting_into):
     window = QMainWindow()
-    kept = Recovery(tmp_path / "a.sketch", "Mine", datetime.now(UTC), None)
+    recovery = Recovery(tmp_path / "a.sketch", "Mine", datetime.now(UTC), None)
     dialogs = {
         "new": NewSketchDialog(),
         "presets": PresetsDialog(),
@@ -30,7 +30,7 @@ def made(qtbot, tmp_path, small, exporting_into):
         "keys": KeysDialog(),
         "first": FirstStepsDialog(),
         "about": AboutDialog(EngineFacts(device="A device", platform="A platform", renderer="GL")),
-        "recovery": RecoveryDialog([kept]),
+        "recovery": RecoveryDialog([recovery]),
         "find": FindDialog(Actions(window)),
     }
     for each in (window, *dialogs.values()):
@@ -39,22 +39,22 @@ def made(qtbot, tmp_path, small, exporting_into):
     assert window is not None  # it holds the actions that are found
 
 
-def test_every_dialog_has_a_title_named_controls_and_closes_on_escape(made, qtbot):
-    for name, dialog in made.items():
+def test_every_dialog_has_a_title_named_controls_and_closes_on_escape(dialogs, qtbot):
+    for name, dialog in dialogs.items():
         assert dialog.windowTitle(), name
         for control in dialog.findChildren((QComboBox, QAbstractSpinBox, QLineEdit, QAbstractButton)):
             inner = control.objectName().startswith("qt_")
             words = control.accessibleName() or (isinstance(control, QAbstractButton) and control.text())
             assert words or inner, f"{name}: {type(control).__name__}"
 
-    for dialog in made.values():
+    for dialog in dialogs.values():
         dialog.show()
         qtbot.keyClick(dialog, Qt.Key.Key_Escape)
         assert dialog.isHidden()
 
 
-def test_new_sketch_has_the_requested_size_and_extent(made):
-    dialog = made["new"]
+def test_new_sketch_has_the_requested_size_and_extent(dialogs):
+    dialog = dialogs["new"]
     dialog.form["name"].setText("Far north")
     dialog.form["sheet"].setCurrentText("768 × 512")
     dialog.form["extent"].setValue(9000.0)
@@ -72,18 +72,18 @@ def test_new_sketch_has_the_requested_size_and_extent(made):
     assert dialog.sketch().name == "Far north"
 
 
-def test_gallery_shows_all_presets(made):
-    gallery = made["presets"].list
+def test_gallery_shows_all_presets(dialogs):
+    gallery = dialogs["presets"].list
     assert gallery.count() == len(preset_names())
     for row, name in enumerate(preset_names()):
         gallery.setCurrentRow(row)
-        assert made["presets"].name == gallery.item(row).data(Qt.ItemDataRole.UserRole) == name
+        assert dialogs["presets"].name == gallery.item(row).data(Qt.ItemDataRole.UserRole) == name
         assert gallery.item(row).icon().pixmap(320, 180).toImage().pixelColor(160, 90).alpha() == 255
         assert gallery.item(row).toolTip()
 
 
-def test_find_matches_words_and_recovery_discards(made, qtbot):
-    dialog = made["find"]
+def test_find_matches_words_and_recovery_discards(dialogs, qtbot):
+    dialog = dialogs["find"]
     qtbot.keyClicks(dialog.text, "export")
     assert dialog.selected.objectName() == "export"
     dialog.text.setText("zoom")
@@ -93,7 +93,7 @@ def test_find_matches_words_and_recovery_discards(made, qtbot):
     dialog.text.setText("no such thing")
     assert dialog.selected is None
 
-    dialog = made["recovery"]
+    dialog = dialogs["recovery"]
     assert dialog.selected.name == "Mine"
     assert not dialog.discarded
     dialog._discard()

@@ -20,14 +20,14 @@ def opened(qtbot, tmp_path, small):
     """Open the dialog, each time with what was remembered before."""
     path = tmp_path / "desktop.ini"
     Preferences(path).export_folder = tmp_path / "out"
-    kept = []  # qtbot does not hold them
+    dialogs = []  # qtbot does not hold them
 
     def open_(target: str | None = None) -> ExportDialog:
         preferences = Preferences(path)
         dialog = ExportDialog(small, preferences)
         dialog.preferences = preferences  # they have no other owner
         qtbot.addWidget(dialog)
-        kept.append(dialog)
+        dialogs.append(dialog)
         dialog.show()
         if target is not None:
             choose(dialog, target)
@@ -44,7 +44,7 @@ def visible(controls) -> set[str]:
     return {option for option, row in controls._lines.items() if row.isVisible()}
 
 
-def told(dialog) -> str:
+def plan_text(dialog) -> str:
     return dialog.target.note.text()
 
 
@@ -64,10 +64,10 @@ def test_every_target_has_its_options_and_unique_mnemonics(opened, small):
             controls["columns"].setValue(1)
         assert dialog.target.problem == "", name
         assert dialog.accept_button.isEnabled()
-        usual = checked_plan(small, name, ExportOptions())
-        asked = checked_plan(small, name, controls.options())
-        assert (asked.grid, asked.tiling) == (usual.grid, usual.tiling), name
-        assert asked.options == usual.options, name
+        default = checked_plan(small, name, ExportOptions())
+        selected = checked_plan(small, name, controls.options())
+        assert (selected.grid, selected.tiling) == (default.grid, default.tiling), name
+        assert selected.options == default.options, name
 
     assert set(opened().target._lines) == {each.name for each in fields(ExportOptions)}
 
@@ -83,16 +83,16 @@ def test_every_target_has_its_options_and_unique_mnemonics(opened, small):
 def test_the_plan_is_shown_immediately(opened):
     dialog = opened("unreal")
     controls = dialog.target
-    assert told(dialog).startswith("1009 × 1009 vertices, 0.5079 m apart.")
-    assert "512 × 512 m: the terrain extends beyond the sketch." in told(dialog)
+    assert plan_text(dialog).startswith("1009 × 1009 vertices, 0.5079 m apart.")
+    assert "512 × 512 m: the terrain extends beyond the sketch." in plan_text(dialog)
     controls["columns"].setValue(2)
     controls["rows"].setValue(2)
-    assert told(dialog).startswith("4 tiles of 1009 × 1009, 0.254 m apart.")
+    assert plan_text(dialog).startswith("4 tiles of 1009 × 1009, 0.254 m apart.")
     assert controls.options().size == 2017
     controls["size"].setCurrentIndex(controls["size"].findData(127))
-    assert told(dialog).startswith("4 tiles of 127 × 127, 2.032 m apart.")
-    assert "MiB of disk besides the plants" in told(dialog)
-    assert "MiB of memory" in told(dialog)
+    assert plan_text(dialog).startswith("4 tiles of 127 × 127, 2.032 m apart.")
+    assert "MiB of disk besides the plants" in plan_text(dialog)
+    assert "MiB of memory" in plan_text(dialog)
 
 
 def test_invalid_sizes_ranges_and_folders_are_refused(opened, tmp_path):
@@ -102,7 +102,7 @@ def test_invalid_sizes_ranges_and_folders_are_refused(opened, tmp_path):
     controls["columns"].setValue(2)
     assert "1023 or 1025" in dialog.hint.text()
     assert not dialog.accept_button.isEnabled()
-    assert told(dialog) == ""
+    assert plan_text(dialog) == ""
     controls["size"].setEditText("")
     assert "expected a number of vertices" in dialog.hint.text()
     controls["size"].setEditText("1025")
@@ -130,10 +130,10 @@ def test_invalid_sizes_ranges_and_folders_are_refused(opened, tmp_path):
     dialog = opened()
     (tmp_path / "file").write_text("")
     assert dialog.accept_button.isEnabled()
-    for folder, refused in ((str(tmp_path / "file"), "is a file: expected a folder"), ("", "")):
+    for folder, message in ((str(tmp_path / "file"), "is a file: expected a folder"), ("", "")):
         dialog.path_field.setText(folder)
         assert not dialog.accept_button.isEnabled()
-        assert refused in dialog.hint.text()
+        assert message in dialog.hint.text()
 
 
 def test_offered_sizes_divide_into_the_tiles(opened):
@@ -156,7 +156,7 @@ def test_offered_sizes_divide_into_the_tiles(opened):
 
 
 def test_options_are_remembered_and_invalid_ones_ignored(opened, tmp_path):
-    usual = opened("unity").target.options()
+    default = opened("unity").target.options()
     dialog = opened("unity")
     controls = dialog.target
     controls["size"].setCurrentIndex(controls["size"].findData(129))
@@ -169,14 +169,14 @@ def test_options_are_remembered_and_invalid_ones_ignored(opened, tmp_path):
     dialog.preferences.save()
     again = opened()
     assert again.targets.currentData() == "unity"
-    assert again.target.options() == controls.options() != usual
+    assert again.target.options() == controls.options() != default
     assert again.path_field.text() == str(tmp_path / "out")
     for bad in (
         {"columns": "many", "size": 17, "low": float("nan"), "plants": 3, "tile_name": None, "format": []},
         {"size": {}, "grass": "yes"},
     ):
         dialog.preferences.set_export_options("unity", bad)
-        assert opened("unity").target.options() == usual
+        assert opened("unity").target.options() == default
     dialog.preferences._settings.setValue("export/unity", "no JSON")
     assert dialog.preferences.export_options("unity") == {}
 
@@ -219,11 +219,11 @@ def test_an_export_writes_what_the_command_line_writes(qtbot, opened, tmp_path):
     seen = []
     dialog._export()
     dialog.job.stage_changed.connect(seen.append)
-    with qtbot.waitSignal(dialog.job.finished, timeout=120_000) as told:
+    with qtbot.waitSignal(dialog.job.finished, timeout=120_000) as signal:
         pass
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert names >= {"height.tif", "height.png", "normal.png", "materials.png", "features.json"}
-    assert {Path(path).name for path in told.args[0]["files"]} == names
+    assert {Path(path).name for path in signal.args[0]["files"]} == names
     assert json.loads((tmp_path / "out" / "report.json").read_text())["sketch"] == "Small"
     assert "Heights and materials" in seen
     assert dialog.outcome.bar.value() == dialog.outcome.bar.maximum()
@@ -236,9 +236,9 @@ def test_a_cancelled_export_leaves_nothing(qtbot, opened, tmp_path):
     dialog._export()
     with qtbot.waitSignal(dialog.job.share_changed, timeout=60_000):
         pass
-    with qtbot.waitSignal(dialog.job.failed, timeout=30_000) as told:
+    with qtbot.waitSignal(dialog.job.failed, timeout=30_000) as signal:
         dialog.reject()
-    assert told.args == [""]
+    assert signal.args == [""]
     assert not dialog.isHidden()
     assert list((tmp_path / "out").iterdir()) == []
     dialog.reject()
@@ -250,7 +250,7 @@ def test_an_unwritable_folder_is_reported(qtbot, opened, tmp_path):
     dialog = opened()
     dialog.path_field.setText(str(tmp_path / "file" / "out"))
     dialog._export()
-    with qtbot.waitSignal(dialog.job.failed, timeout=60_000) as told:
+    with qtbot.waitSignal(dialog.job.failed, timeout=60_000) as signal:
         pass
-    assert "cannot be written" in told.args[0]
+    assert "cannot be written" in signal.args[0]
     qtbot.waitUntil(lambda: not dialog.job.is_running)

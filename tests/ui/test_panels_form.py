@@ -13,12 +13,12 @@ from .events import wheel
 
 HEIGHT = LAYERS["mountain"].parameters["height"]
 FLOW = LAYERS["river"].parameters["flow"]
-EVERY = {
+PARAMETERS = {
     **{f"sketch.{name}": each for name, each in SKETCH.items()},
     **{f"{table}.{name}": each for table, all_ in TABLES.items() for name, each in all_.items()},
     **{f"{layer.name}.{name}": each for layer in LAYERS.values() for name, each in layer.parameters.items()},
 }
-NUMBERS = {name: each for name, each in EVERY.items() if each.kind is not str}
+NUMBERS = {name: each for name, each in PARAMETERS.items() if each.kind is not str}
 SCALES = [Scale(0.0, 1.0), Scale(1.0, 9000.0, "ratio"), Scale(0.0, 2000.0, "cube"), Scale(-90.0, 90.0)]
 
 
@@ -63,10 +63,10 @@ def test_titles_units_numbers_and_sentinels_in_words():
     sizes = [numbers.size_text(each) for each in (900, 14_200, 812e6, 2.5e9)]
     assert sizes == ["0.9 kB", "14 kB", "812 MB", "2.5 GB"]
     assert "1 to 9000 m" in numbers.tool_tip(HEIGHT)
-    special = {name for name, each in EVERY.items() if each.sentinel}
+    special = {name for name, each in PARAMETERS.items() if each.sentinel}
     expected = {"river.flow", "river.width", "forest.conifers", "weather.hour"}
     assert special == expected | {"climate.snow_line", "climate.tree_line"}
-    for name, parameter in EVERY.items():
+    for name, parameter in PARAMETERS.items():
         assert numbers.help_text(parameter)[0] == numbers.help_text(parameter)[0].upper(), name
         assert "-1" not in numbers.help_text(parameter), name
 
@@ -90,55 +90,55 @@ def test_a_drag_and_quick_key_presses_share_one_merge_key(monkeypatch):
 
 
 @pytest.fixture
-def told():
+def reported():
     return []
 
 
 @pytest.fixture
-def listened(shown, told):
-    """Show a row, and write down what it tells."""
+def listening(shown, reported):
+    """Show a row and record its signals."""
 
     def listen(row):
-        row.edited.connect(lambda value, key: told.append((value, key)))
+        row.edited.connect(lambda value, key: reported.append((value, key)))
         row.show_value(row.parameter.default)
         return shown(row, 280, 60)
 
     return listen
 
 
-def test_displaying_a_value_emits_nothing(listened, told):
-    for name, parameter in EVERY.items():
+def test_displaying_a_value_emits_nothing(listening, reported):
+    for name, parameter in PARAMETERS.items():
         kind = ChoiceRow if parameter.choices else TextRow if parameter.kind is str else NumberRow
-        row = listened(kind(parameter))
+        row = listening(kind(parameter))
         text = parameter.choices[-1] if parameter.choices else "words"
         value = text if parameter.kind is str else parameter.kind(parameter.high)
         row.show_value(value)
-        assert not told, name
+        assert not reported, name
         assert row.reset.isVisible() == (value != parameter.default), name
         row.show_value(parameter.default)
         assert not row.reset.isVisible(), name
-        assert not told, name
+        assert not reported, name
 
 
-def test_a_slider_drag_has_one_merge_key_and_the_slider_keeps_its_position(listened, told):
-    row = listened(NumberRow(HEIGHT))
+def test_a_slider_drag_has_one_merge_key_and_the_slider_keeps_its_position(listening, reported):
+    row = listening(NumberRow(HEIGHT))
     row.slider.setSliderDown(True)
     for value in (500, 600, 700):
         row.slider.setValue(value)
     row.slider.setSliderDown(False)
     row.slider.setValue(800)
-    keys = [key for _, key in told]
-    assert [value for value, _ in told] == sorted(value for value, _ in told)
-    assert len(told) == 4
+    keys = [key for _, key in reported]
+    assert [value for value, _ in reported] == sorted(value for value, _ in reported)
+    assert len(reported) == 4
     assert keys[0] is keys[1] is keys[2]
     assert keys[3] is not keys[2]
-    told.clear()
-    row = listened(NumberRow(HEIGHT))
+    reported.clear()
+    row = listening(NumberRow(HEIGHT))
     row.edited.connect(lambda value, _: row.show_value(value))
     for place in (501, 502, 503, 650, 1000, 0):
         row.slider.setValue(place)
         assert row.slider.value() == place
-        assert row.box.value() == pytest.approx(told[-1][0])
+        assert row.box.value() == pytest.approx(reported[-1][0])
     row.slider.setFocus()
     before = row.slider.value()
     for _ in range(30):  # keys go on however small a step is
@@ -147,61 +147,61 @@ def test_a_slider_drag_has_one_merge_key_and_the_slider_keeps_its_position(liste
     assert row.slider.maximum() == SLIDER_STEPS
 
 
-def test_a_number_is_reported_when_typed_and_not_rounded_by_display(listened, told):
-    row = listened(NumberRow(TABLES["climate"]["snow_line"]))
+def test_a_number_is_reported_when_typed_and_not_rounded_by_display(listening, reported):
+    row = listening(NumberRow(TABLES["climate"]["snow_line"]))
     row.show_value(-250.0)
     assert row.box.value() == -250.0
     assert row.slider.value() == 0
-    row = listened(NumberRow(SKETCH["extent"]))
+    row = listening(NumberRow(SKETCH["extent"]))
     row.show_value(1e6)
     assert row.box.value() == 1e6
-    assert not told
+    assert not reported
 
-    row = listened(NumberRow(HEIGHT, decimals=1))
+    row = listening(NumberRow(HEIGHT, decimals=1))
     row.show_value(123.456789)
     row.box.setFocus()
     row.slider.setFocus()
     assert row.number == 123.456789
-    assert not told
+    assert not reported
 
-    row = listened(NumberRow(HEIGHT))
+    row = listening(NumberRow(HEIGHT))
     row.box.selectAll()
     QTest.keyClicks(row.box, "1234,5")
-    assert not told
+    assert not reported
     QTest.keyClick(row.box, Qt.Key.Key_Return)
-    assert [value for value, _ in told] == [1234.5]
+    assert [value for value, _ in reported] == [1234.5]
 
 
-def test_a_sentinel_is_a_check_box(listened, told):
-    row = listened(NumberRow(FLOW))
+def test_a_sentinel_is_a_check_box(listening, reported):
+    row = listening(NumberRow(FLOW))
     assert row.check.isChecked()
     assert not row.box.isEnabled()
     assert not row.slider.isEnabled()
     row.check.click()
-    assert told[-1][0] == 180.0
+    assert reported[-1][0] == 180.0
     row.show_value(90.0)
     assert row.box.isEnabled()
     assert row.box.value() == 90.0
     row.check.click()
-    assert told[-1][0] == -1.0
+    assert reported[-1][0] == -1.0
     row.show_value(-1.0)
     row.check.click()
-    assert told[-1][0] == 90.0, "the number that stood there comes back"
+    assert reported[-1][0] == 90.0, "the previous number"
 
 
-def test_hours_are_clock_times(listened, told, qtbot):
+def test_hours_are_clock_times(listening, reported, qtbot):
     accepted = (("18:30", 18.5, "18:30"), ("6.25", 6.25, "6:15"), ("24", 24.0, "24:00"))
     for typed, hours, shown in (*accepted, ("7:", None, ""), ("25:00", None, "")):
-        row = listened(NumberRow(TABLES["weather"]["hour"]))
+        row = listening(NumberRow(TABLES["weather"]["hour"]))
         row.show_value(12.0)
         assert row.box.text() == "12:00", typed
         row.box.selectAll()
         QTest.keyClicks(row.box, typed)
         QTest.keyClick(row.box, Qt.Key.Key_Return)
         if hours is None:
-            assert not told or told[-1][0] <= 24.0, typed
+            assert not reported or reported[-1][0] <= 24.0, typed
         else:
-            assert told[-1][0] == hours, typed
+            assert reported[-1][0] == hours, typed
             assert row.box.text() == shown, typed
 
     for minute in range(0, 60, 7):
@@ -212,24 +212,24 @@ def test_hours_are_clock_times(listened, told, qtbot):
         assert box.text() == text, minute
 
 
-def test_the_wheel_changes_only_a_focused_control(listened, told):
+def test_the_wheel_changes_only_a_focused_control(listening, reported):
     for widget in ("box", "slider"):
-        row = listened(NumberRow(HEIGHT))
+        row = listening(NumberRow(HEIGHT))
         control = getattr(row, widget)
-        told.clear()
+        reported.clear()
         row.setFocus()
         wheel(control, 5, 5, 1)
-        assert not told, widget
+        assert not reported, widget
         row.activateWindow()
         control.setFocus()
         if control.hasFocus():
             wheel(control, 5, 5, 1)
-            assert told, widget
+            assert reported, widget
 
 
-def test_tab_order_follows_reading_order(listened):
+def test_tab_order_follows_reading_order(listening):
     for parameter in [HEIGHT, FLOW]:
-        row = listened(NumberRow(parameter))
+        row = listening(NumberRow(parameter))
         row.show_value(100.0)
         controls = [each for each in (row.box, row.slider, row.check, row.reset) if each is not None]
         chain = [row]
@@ -238,20 +238,20 @@ def test_tab_order_follows_reading_order(listened):
         assert list(dict.fromkeys(each for each in chain if each in controls)) == controls, parameter
 
 
-def test_choices_and_texts_are_reported_once(listened, told):
+def test_choices_and_texts_are_reported_once(listening, reported):
     parameter = LAYERS["material"].parameters["material"]
-    row = listened(ChoiceRow(parameter))
+    row = listening(ChoiceRow(parameter))
     assert row.box.currentData() == "rock"
     QTest.keyClick(row.box, Qt.Key.Key_Down)
-    assert told[-1][0] == parameter.choices[parameter.choices.index("rock") + 1]
+    assert reported[-1][0] == parameter.choices[parameter.choices.index("rock") + 1]
 
-    told.clear()
-    row = listened(TextRow(SKETCH["name"]))
+    reported.clear()
+    row = listening(TextRow(SKETCH["name"]))
     row.field.selectAll()
     QTest.keyClicks(row.field, "Alps")
-    assert not told
+    assert not reported
     QTest.keyClick(row.field, Qt.Key.Key_Return)
-    assert told[-1][0] == "Alps"
+    assert reported[-1][0] == "Alps"
     row.show_value("Alps")
     QTest.keyClick(row.field, Qt.Key.Key_Return)
-    assert len(told) == 1
+    assert len(reported) == 1

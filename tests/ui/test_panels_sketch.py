@@ -103,8 +103,8 @@ def test_clicks_activate_labels_and_toggle_eyes_and_locks(layers, workspace):
 
 def test_keys_activate_layers_before_the_windows_shortcuts(layers, workspace):
     keys = Qt.Key
-    kept = [keeps(layers.list, key) for key in (keys.Key_1, keys.Key_7, keys.Key_8, keys.Key_B)]
-    assert kept == [True, True, False, False]
+    accepted = [keeps(layers.list, key) for key in (keys.Key_1, keys.Key_7, keys.Key_8, keys.Key_B)]
+    assert accepted == [True, True, False, False]
     assert not keeps(layers.list, keys.Key_1, Qt.KeyboardModifier.ControlModifier)
     layers.list.setFocus()
     QTest.keyClick(layers.list, keys.Key_3)
@@ -232,11 +232,11 @@ def test_numbers_of_a_selected_feature_become_edits(properties, document, mounta
     for name, column, action in columns:
         assert rows[name].number == pytest.approx(float(mountain[column])), name
         rows[name].box.setValue(rows[name].box.value() + 25.0)
-        wanted = rows[name].box.value()
+        expected = rows[name].box.value()
         (edit,) = document.sketch.edits
         assert edit.action == action
-        assert wanted in edit.values.values()
-        assert rows[name].number == wanted, "before it is placed"
+        assert expected in edit.values.values()
+        assert rows[name].number == expected, "before it is placed"
         if name == "x":
             assert edit.y == pytest.approx(float(mountain["y"]), abs=0.001)
         document.undo()
@@ -325,8 +325,8 @@ def test_settings_are_titled_undo_steps_and_a_fidelity_drag_is_one(world, docume
     field = world.top.rows["name"].field
     typed(field, "Alps")
     QTest.keyClick(field, Qt.Key.Key_Return)
-    wanted = ("Set snow line", "Set density of groves", "Set extent", "Set name")
-    assert document.history.titles[1:] == wanted
+    expected = ("Set snow line", "Set density of groves", "Set extent", "Set name")
+    assert document.history.titles[1:] == expected
     document.undo()
     assert field.text() == document.sketch.name != "Alps"
     world.top.rows["extent"].reset.click()

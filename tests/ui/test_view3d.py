@@ -146,58 +146,58 @@ def selection(view, workspace, placed):
 
 
 def test_escape_cancels_a_drag_then_the_selection(view, document, workspace, selection):
-    grip = handle(view, "move")
-    mouse(view, PRESS, grip.x, grip.y)
-    mouse(view, MOVE, grip.x + 50, grip.y)
+    mark = handle(view, "move")
+    mouse(view, PRESS, mark.x, mark.y)
+    mouse(view, MOVE, mark.x + 50, mark.y)
     assert document.sketch.edits
     key(view, Qt.Key.Key_Escape)
     assert not document.is_modified
-    mouse(view, MOVE, grip.x + 90, grip.y)
+    mouse(view, MOVE, mark.x + 90, mark.y)
     assert document.sketch.edits == ()
-    mouse(view, RELEASE, grip.x + 90, grip.y)
+    mouse(view, RELEASE, mark.x + 90, mark.y)
     key(view, Qt.Key.Key_Escape)
     assert workspace.selection is None
     assert not keeps(view, Qt.Key.Key_Escape)
 
 
 def test_handles_follow_the_mouse_and_a_drag_is_one_undo_step(view, document, selection, link):
-    grip = handle(view, "radius")
-    drag(view, (grip.x, grip.y), (grip.x + 30, grip.y))
+    mark = handle(view, "radius")
+    drag(view, (mark.x, mark.y), (mark.x + 30, mark.y))
     assert document.history.titles == ("Open", "Resize mountain")
-    before = np.hypot(grip.handle.x - grip.handle.base_x, grip.handle.y - grip.handle.base_y)
+    before = np.hypot(mark.handle.x - mark.handle.base_x, mark.handle.y - mark.handle.base_y)
     assert document.sketch.edits[-1].radius > before
     document.undo()
-    grip = handle(view, "move")
-    drag(view, (grip.x + 3, grip.y), *[(grip.x + 3 + 8 * step, grip.y + 4 * step) for step in range(1, 11)])
+    mark = handle(view, "move")
+    drag(view, (mark.x + 3, mark.y), *[(mark.x + 3 + 8 * step, mark.y + 4 * step) for step in range(1, 11)])
     assert document.history.titles == ("Open", "Move mountain")
     assert motions(link) == [], "the camera does not move"
     edit = document.sketch.edits[-1]
     projection = view._scene.projection(view.width(), view.height())
     at = projection.project([[edit.x, edit.y, 0.0]]).pixels[0]
-    assert at == pytest.approx([grip.x + 80, grip.y + 40], abs=1.5)
+    assert at == pytest.approx([mark.x + 80, mark.y + 40], abs=1.5)
     document.undo()
     assert document.sketch.edits == ()
 
 
 def test_a_dropped_handle_stays_until_it_is_placed(view, link, document, selection, placed):
-    grip = handle(view, "move")
-    drag(view, (grip.x, grip.y), (grip.x + 40, grip.y + 10))
-    assert handle(view, "move").x == pytest.approx(grip.x + 40, abs=1.0)
+    mark = handle(view, "move")
+    drag(view, (mark.x, mark.y), (mark.x + 40, mark.y + 10))
+    assert handle(view, "move").x == pytest.approx(mark.x + 40, abs=1.0)
     points = placed.points.copy()
     at = points["id"] == selection.id
     points["x"][at], points["y"][at] = document.sketch.edits[-1].x, document.sketch.edits[-1].y
     link.placed = replace(placed, points=points)
     link.placed_changed.emit(link.placed)
     assert view._scene.drag is None
-    assert handle(view, "move").x == pytest.approx(grip.x + 40, abs=1.0)
+    assert handle(view, "move").x == pytest.approx(mark.x + 40, abs=1.0)
 
 
 def test_river_points_are_dragged_and_reset(view, document, workspace, placed):
     workspace.selection = Selection("river", placed.rivers[0].id)
     points = (each for each in marks(view).handles if each.handle.role == "point")
-    grip = next(each for each in points if 100 < each.y < 400)
-    drag(view, (grip.x, grip.y), (grip.x + 20, grip.y))
-    assert workspace.selection == grip.handle.selection
+    mark = next(each for each in points if 100 < each.y < 400)
+    drag(view, (mark.x, mark.y), (mark.x + 20, mark.y))
+    assert workspace.selection == mark.handle.selection
     assert workspace.selection.index is not None
     assert [each.action for each in document.sketch.edits] == ["move_point"]
     key(view, Qt.Key.Key_Delete)
@@ -409,7 +409,7 @@ def test_every_selection_and_viewpoint_can_be_painted(view, link, document, work
 
 
 def test_deleted_views_and_canvases_leak_nothing(document, workspace, link, placed):
-    def made(kind):
+    def created(kind):
         view = kind(document, workspace, link)
         view.resize(200, 150)
         view.show()
@@ -427,10 +427,10 @@ def test_deleted_views_and_canvases_leak_nothing(document, workspace, link, plac
         return len(QApplication.allWidgets()), sum(isinstance(each, kinds) for each in gc.get_objects())
 
     for kind in (View3D, Canvas):
-        made(kind)
+        created(kind)
         before = living()
         for _ in range(20):
-            made(kind)
+            created(kind)
         assert living() == before, kind
     document.open(document.sketch)
     workspace.selection = Selection("lake", 1)

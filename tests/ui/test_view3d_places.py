@@ -29,12 +29,12 @@ def projection_of(eye=EYE, target=TARGET, *, fov: float = 50.0) -> Projection:
     return Projection(FrameFacts(640, 480, 1, Pose(eye, target, fov), clip, 0.1, 0.0, 1, 1, True, 1), PLACE)
 
 
-def ground_of(heights: np.ndarray, spacing: float = 50.0) -> TerrainHeights:
+def terrain_of(heights: np.ndarray, spacing: float = 50.0) -> TerrainHeights:
     return TerrainHeights(Relief(1, 1, heights, heights.astype(np.uint8)), spacing)
 
 
 def flat(side: int = 64, spacing: float = 50.0, height: float = 0.0) -> TerrainHeights:
-    return ground_of(np.full((side, side), height, np.float32), spacing)
+    return terrain_of(np.full((side, side), height, np.float32), spacing)
 
 
 def test_projection_agrees_with_its_rays_and_scale():
@@ -45,17 +45,17 @@ def test_projection_agrees_with_its_rays_and_scale():
 
     rng = np.random.default_rng(1)
     for place in np.add(TARGET, rng.normal(0.0, 300.0, (100, 3))):
-        seen = projection.project(place)
-        if not seen.in_front[0]:
+        projected = projection.project(place)
+        if not projected.in_front[0]:
             continue
-        along = projection.ray(*seen.pixels[0])
+        along = projection.ray(*projected.pixels[0])
         off = place - projection.eye
         assert np.linalg.norm(np.cross(along, off)) < 1e-6 * np.linalg.norm(off)
         assert along @ off > 0
 
     distance = float(np.linalg.norm(np.subtract(TARGET, EYE)))
-    wanted = 2.0 * distance * np.tan(np.radians(25.0)) / 480.0
-    assert projection.metres_per_px(TARGET) == pytest.approx(wanted)
+    expected = 2.0 * distance * np.tan(np.radians(25.0)) / 480.0
+    assert projection.metres_per_px(TARGET) == pytest.approx(expected)
     assert projection.metres_per_px(np.subtract(EYE, np.subtract(TARGET, EYE))) == 0.0
 
 
@@ -63,10 +63,10 @@ def test_rays_meet_a_level_below_the_horizon():
     projection = projection_of()
     rng = np.random.default_rng(2)
     for x, y in rng.uniform(-500.0, 3000.0, (100, 2)):
-        seen = projection.project([[x, y, 120.0]])
-        if seen.in_front[0]:
-            met = projection.intersect_level(*seen.pixels[0], 120.0)
-            slope = abs(projection.ray(*seen.pixels[0])[2])
+        projected = projection.project([[x, y, 120.0]])
+        if projected.in_front[0]:
+            met = projection.intersect_level(*projected.pixels[0], 120.0)
+            slope = abs(projection.ray(*projected.pixels[0])[2])
             assert (met is None) == (slope < 0.02)
             if met is not None:
                 assert met == pytest.approx((x, y), abs=0.01)
@@ -91,7 +91,7 @@ def test_segments_are_clipped_just_before_the_eye():
 
 
 def test_heights_are_bilinear():
-    ground = ground_of(np.arange(12, dtype=np.float32).reshape(3, 4), 10.0)  # row 0 is the north
+    ground = terrain_of(np.arange(12, dtype=np.float32).reshape(3, 4), 10.0)  # row 0 is the north
     places = ((5.0, 25.0), (35.0, 5.0), (10.0, 25.0), (5.0, 20.0), (-100.0, -100.0))
     assert [ground.height(*place) for place in places] == [0.0, 11.0, 0.5, 2.0, 8.0]
     assert ground.contains([0.0, 40.0, 41.0], [0.0, 30.0, 5.0]).tolist() == [True, True, False]
@@ -100,7 +100,7 @@ def test_heights_are_bilinear():
 def test_a_ridge_occludes_only_what_is_behind_it():
     heights = np.zeros((64, 64), np.float32)
     heights[30:34] = 400.0
-    ground = ground_of(heights)
+    ground = terrain_of(heights)
     eye = (1600.0, 100.0, 200.0)
     behind, before, above = (1600.0, 2800.0, 0.0), (1600.0, 1000.0, 0.0), (1600.0, 2800.0, 900.0)
     assert ground.occludes(eye, [behind, before, above]).tolist() == [True, False, False]
@@ -131,9 +131,9 @@ def test_marks_lie_on_their_features_and_are_thinned():
     assert [each.selection.id for each in selection.dots] == [1]
     assert [each.handle.role for each in selection.handles] == ["move", "radius"]
     assert selection.outline
-    grip = selection.handles[0]
-    assert selection.handle_at(grip.x + 2.0, grip.y, reach=11.0) == grip
-    assert selection.handle_at(grip.x + 200.0, grip.y, reach=11.0) is None
+    mark = selection.handles[0]
+    assert selection.handle_at(mark.x + 2.0, mark.y, reach=11.0) == mark
+    assert selection.handle_at(mark.x + 200.0, mark.y, reach=11.0) is None
 
     crowd = placed_with(*[(1200.0 + 0.1 * step, 900.0) for step in range(50)])
     assert len(MarkBuilder(projection_of(), flat(), crowd, None).marks(all_features=True).dots) <= 2
@@ -152,10 +152,10 @@ def test_river_handles_keep_their_distance(placed):
     assert apart.min() >= 13.0
     shown = {each.handle.selection.index for each in points}
     hidden = min(set(range(len(river.points))) - shown)
-    taken = MarkBuilder(projection, ground, placed, Selection("river", river.id, hidden)).marks(
+    selected = MarkBuilder(projection, ground, placed, Selection("river", river.id, hidden)).marks(
         all_features=False
     )
-    assert hidden in [each.handle.selection.index for each in taken.handles], (
+    assert hidden in [each.handle.selection.index for each in selected.handles], (
         "the one that is selected is there"
     )
 
@@ -183,6 +183,6 @@ def test_overview_fits_all_corners():
             corners = [(x, y, 120.0) for x in (0.0, size[0]) for y in (0.0, size[1])]
             to_clip = camera.to_clip(aspect)
             clip = np.subtract(corners, pose.eye) @ to_clip[:, :3].T + to_clip[:, 3]
-            seen = np.abs(clip[:, :2] / clip[:, 3:])
+            projected = np.abs(clip[:, :2] / clip[:, 3:])
             assert (clip[:, 3] > 0).all(), (aspect, size)
-            assert seen.max() == pytest.approx(0.94), (aspect, size)
+            assert projected.max() == pytest.approx(0.94), (aspect, size)

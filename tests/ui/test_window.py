@@ -38,10 +38,10 @@ def paint(document, label: int = 1):
 
 
 def answer(monkeypatch, button) -> list[str]:
-    asked = []
+    questions = []
 
-    monkeypatch.setattr(QMessageBox, "exec", lambda box: asked.append(box.text()) or button)
-    return asked
+    monkeypatch.setattr(QMessageBox, "exec", lambda box: questions.append(box.text()) or button)
+    return questions
 
 
 def test_every_action_has_text_help_a_menu_and_a_shortcut_of_its_own(window):
@@ -245,20 +245,20 @@ def test_pictures_are_saved_as_displayed_or_rendered(window, link, tmp_path, mon
 
 def test_closing_asks_about_unsaved_changes_only(window, document, tmp_path, monkeypatch):
     path = tmp_path / "a.sketch"
-    ways = ((BUTTON.Cancel, False, False), (BUTTON.Discard, True, False), (BUTTON.Save, True, True))
-    for button, leaves, saves in ways:
+    cases = ((BUTTON.Cancel, False, False), (BUTTON.Discard, True, False), (BUTTON.Save, True, True))
+    for button, leaves, saves in cases:
         window.show()
         document.open(Sketch())
         save_sketch(document.sketch, path)
         document.mark_saved(document.sketch, path)
         paint(document)
-        asked = answer(monkeypatch, button)
+        questions = answer(monkeypatch, button)
         assert window.close() is leaves, button
-        assert len(asked) == 1
+        assert len(questions) == 1
         assert bool(load_sketch(path).layers["mountain"][:40, :40].all()) is saves, button
     window.show()
     assert window.close()
-    assert len(asked) == 1
+    assert len(questions) == 1
 
 
 def drop(window, *paths: Path):

@@ -16,7 +16,7 @@ from sketchterrain.world.options import WorldOptions
 def opened(qtbot, tmp_path, small):
     """Open the dialog, each time with what was remembered before."""
     path = tmp_path / "desktop.ini"
-    kept = []  # qtbot does not hold them
+    dialogs = []  # qtbot does not hold them
 
     def open_() -> WorldDialog:
         preferences = Preferences(path)
@@ -26,7 +26,7 @@ def opened(qtbot, tmp_path, small):
         dialog.preferences = preferences  # they have no other owner
         dialog.path_field.setText(str(tmp_path / "world.zarr"))
         qtbot.addWidget(dialog)
-        kept.append(dialog)
+        dialogs.append(dialog)
         dialog.show()
         return dialog
 
@@ -38,7 +38,7 @@ def choose(box, data):
     box.setCurrentIndex(box.findData(data))
 
 
-def begun(qtbot, dialog):
+def run_job(qtbot, dialog):
     """Press the button, and wait for what comes of it."""
     dialog.accept_button.click()
     with qtbot.waitSignal(dialog.job.finished, timeout=120_000) as done:
@@ -66,7 +66,7 @@ def test_every_option_is_available_and_defaults_match_the_command_line(opened):
     choose(form["steps"], 2.0**-7)
     form["workers"].setValue(2)
     assert form.problem == ""
-    asked = WorldOptions(
+    options = WorldOptions(
         bounds=(-100.0, 0.0, 900.5, 384.0),
         cell=2.5,
         layers=("height", "materials"),
@@ -77,9 +77,9 @@ def test_every_option_is_available_and_defaults_match_the_command_line(opened):
         step=2.0**-7,
         workers=True,
     )
-    assert form.options() == asked
-    unasked = {each.name for each in fields(WorldOptions) if getattr(asked, each.name) == each.default}
-    assert unasked == {"fast"}  # no picture of the window's own may have other bits
+    assert form.options() == options
+    untested = {each.name for each in fields(WorldOptions) if getattr(options, each.name) == each.default}
+    assert untested == {"fast"}  # no picture of the window's own may have other bits
 
 
 def test_size_and_errors_are_shown_immediately(opened):
@@ -135,9 +135,9 @@ def test_options_are_remembered(opened):
 @pytest.mark.slow
 def test_a_world_is_estimated_started_cancelled_and_resumed(qtbot, opened, tmp_path):
     dialog = opened()
-    told = begun(qtbot, dialog)
+    result = run_job(qtbot, dialog)
     assert not (tmp_path / "world.zarr").exists()
-    assert (told["done"], told["problem"]) == (0, "")
+    assert (result["done"], result["problem"]) == (0, "")
     assert dialog.accept_button.text() == "Start"
     assert "Memory: about" in dialog.hint.text()
     dialog.form["normals"].setChecked(False)  # of that one nothing is known
@@ -155,11 +155,11 @@ def test_a_world_is_estimated_started_cancelled_and_resumed(qtbot, opened, tmp_p
     qtbot.waitUntil(lambda: not dialog.job.is_running)
     assert not list((tmp_path / "world.zarr").rglob("*.tmp"))
     again = opened()
-    there = begun(qtbot, again)["done"]
-    assert there > 0
+    finished = run_job(qtbot, again)["done"]
+    assert finished > 0
     assert again.accept_button.text() in ("Resume", "Verify")
-    done = begun(qtbot, again)
-    assert (done["made"], done["tasks"]) == (3 - there, 3)
+    done = run_job(qtbot, again)
+    assert (done["made"], done["tasks"]) == (3 - finished, 3)
     assert open_world(tmp_path / "world.zarr").levels[0].columns == 513
     assert "3 shards" in again.progress.doing.text()
     again.view_button.click()
@@ -171,10 +171,10 @@ def test_foreign_files_at_the_output_are_refused_and_kept(qtbot, opened, tmp_pat
     (tmp_path / "world.zarr" / "mine.txt").write_text("mine")
     dialog = opened()
     dialog.accept_button.click()
-    with qtbot.waitSignal(dialog.job.failed, timeout=120_000) as told:
+    with qtbot.waitSignal(dialog.job.failed, timeout=120_000) as result:
         pass
-    assert "there is something else" in told.args[0]
-    assert dialog.hint.text() == told.args[0]
+    assert "there is something else" in result.args[0]
+    assert dialog.hint.text() == result.args[0]
     assert dialog.accept_button.text() == "Estimate"
     qtbot.waitUntil(lambda: not dialog.job.is_running)
     assert [each.name for each in (tmp_path / "world.zarr").iterdir()] == ["mine.txt"]

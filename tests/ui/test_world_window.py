@@ -22,12 +22,12 @@ from sketchterrain.world.run import run_world
 
 from .events import DOUBLE, RELEASE, RIGHT, click, key, mouse, wait
 
-LACKS = ("the world holds no sketch",)
-WORLD = protocol.WorldFacts((1000.0, 5000.0), (0.0, -2000.0, 4000.0, 0.0), 2.0, 120.0, LACKS)
+MISSING = ("the world holds no sketch",)
+WORLD = protocol.WorldFacts((1000.0, 5000.0), (0.0, -2000.0, 4000.0, 0.0), 2.0, 120.0, MISSING)
 
 
-class Silent(WorldLink):
-    """A link that starts no process and remembers what it was told."""
+class FakeWorldLink(WorldLink):
+    """A link that starts no process and remembers what it was request."""
 
     starts = 0
 
@@ -43,7 +43,7 @@ class Silent(WorldLink):
 
 @pytest.fixture
 def window(qtbot, tmp_path, monkeypatch):
-    monkeypatch.setattr(worlds, "WorldLink", Silent)
+    monkeypatch.setattr(worlds, "WorldLink", FakeWorldLink)
     monkeypatch.setattr(worlds, "state_folder", lambda: tmp_path)
     shown = worlds.WorldWindow(tmp_path / "island.zarr")
     qtbot.addWidget(shown)
@@ -67,12 +67,12 @@ def test_navigation_without_selection(window):
     assert link.view.mode == "fly"
     key(view, Qt.Key.Key_W)
     key(view, Qt.Key.Key_W, up=True)
-    assert [told for told in link.requests if isinstance(told, Fly)] == [Fly(forward=1.0), Fly()]
+    assert [request for request in link.requests if isinstance(request, Fly)] == [Fly(forward=1.0), Fly()]
     key(view, Qt.Key.Key_3)
     assert link.view.mode == "walk"
     assert window.actions_by_name["mode-walk"].isChecked()
     key(view, Qt.Key.Key_R)
-    (look,) = [told for told in link.requests if isinstance(told, Look)]
+    (look,) = [request for request in link.requests if isinstance(request, Look)]
     assert look.pose.target == (2000.0, -1000.0, 120.0), "the middle, in viewing coordinates"
     assert look.pose.eye[1] < -2000.0 < look.pose.eye[2]
     mouse(view, DOUBLE, 300, 200)
@@ -89,8 +89,8 @@ def test_navigation_without_selection(window):
 
 def test_only_actions_without_a_sketch_are_offered(window, monkeypatch):
     there = [each.objectName() for menu in window.menuBar().actions() for each in menu.menu().actions()]
-    wanted = "save-picture quit full-screen mode-fly look-all play bookmark keys"
-    assert set(wanted.split()) <= set(there)
+    expected = "save-picture quit full-screen mode-fly look-all play bookmark keys"
+    assert set(expected.split()) <= set(there)
     assert not {"save", "undo", "measure", "export", "look-selection", "canvas-only"} & set(there)
     window.actions_by_name["play"].trigger()
     assert not window.link.view.plays
@@ -151,9 +151,9 @@ def world(tmp_path_factory):
 @pytest.mark.gl
 @pytest.mark.slow
 def test_the_process_renders_reports_errors_and_restarts(world, qapp):
-    link, troubles = WorldLink(world), []
+    link, errors = WorldLink(world), []
     link.view = replace(link.view, width=160, height=100, quality=0.0, plays=False)
-    link.error_reported.connect(troubles.append)
+    link.error_reported.connect(errors.append)
     try:
         link.start()
         wait(lambda: link.frame is not None)
@@ -161,19 +161,19 @@ def test_the_process_renders_reports_errors_and_restarts(world, qapp):
         assert link.picture.size().width() == 160
         # Near the broken part it is looked at closely.
         link.send(Look(Pose((200.0, -200.0, 60.0), (60.0, -60.0, 0.0))))
-        wait(lambda: any("height" in each.line for each in troubles))
+        wait(lambda: any("height" in each.line for each in errors))
         wait(lambda: link.frame.settled)
-        assert all(each.source == "world" for each in troubles)
+        assert all(each.source == "world" for each in errors)
         x = link.frame.pose.eye[0]
         link.send(Fly(right=1.0))
         wait(lambda: abs(link.frame.pose.eye[0] - x) > 1.0)
-        troubles.clear()
+        errors.clear()
         link._processes._processes["engine"].kill()
-        wait(lambda: troubles)
-        assert (troubles[0].source, troubles[0].line) == ("engine", "The engine crashed (signal 9).")
-        link.frame_shown.connect(troubles.append)
+        wait(lambda: errors)
+        assert (errors[0].source, errors[0].line) == ("engine", "The engine crashed (signal 9).")
+        link.frame_shown.connect(errors.append)
         link.start()
-        wait(lambda: len(troubles) > 1)
+        wait(lambda: len(errors) > 1)
         assert abs(link.frame.pose.eye[0] - x) < 2000.0, "the eye stays where it was"
         child = link._processes._processes["engine"]
     finally:
@@ -183,10 +183,10 @@ def test_the_process_renders_reports_errors_and_restarts(world, qapp):
 
 @pytest.mark.slow
 def test_a_folder_without_a_world_is_reported(tmp_path, qapp):
-    link, troubles = WorldLink(tmp_path), []
-    link.error_reported.connect(troubles.append)
+    link, errors = WorldLink(tmp_path), []
+    link.error_reported.connect(errors.append)
     link.start()
-    wait(lambda: troubles)
+    wait(lambda: errors)
     link.stop()
-    assert [each.source for each in troubles] == ["engine"]
-    assert "no world" in troubles[0].line
+    assert [each.source for each in errors] == ["engine"]
+    assert "no world" in errors[0].line

@@ -118,30 +118,30 @@ def write_tiles(terrain, keys, slots, parents, store):
     """`Terrain.write_tiles` in NumPy."""
     side = store.quads + 1
     vertices = store.buffer.view(VERTEX).reshape(-1, side, side)
-    facts = np.zeros(len(keys), FACTS)
+    statistics = np.zeros(len(keys), FACTS)
     middle = (np.arange(0, store.quads, 2) + 0.5) / store.quads
-    for key, slot, parent, fact in zip(keys, slots, parents, facts, strict=True):
+    for key, slot, parent, entry in zip(keys, slots, parents, statistics, strict=True):
         level, col, row = key
         vertices[slot] = packed(terrain.tiles([key])[0])
         add_parent(vertices[slot], key, vertices[parent] if parent >= 0 else None)
         both = vertices[slot]["height"], vertices[slot]["parent_height"]
-        fact["low"], fact["high"] = np.min(both), np.max(both)
+        entry["low"], entry["high"] = np.min(both), np.max(both)
         width = terrain.extent * 2.0**-level
         true = terrain.heights((col + middle) * width, ((row + 1 - middle) * width)[:, None])
         h = vertices[slot]["height"]
-        fact["error"] = np.abs(0.5 * (h[:-1:2, :-1:2] + h[1::2, 1::2]) - true).max()
+        entry["error"] = np.abs(0.5 * (h[:-1:2, :-1:2] + h[1::2, 1::2]) - true).max()
     store.release(np.asarray(slots))
-    return facts
+    return statistics
 
 
 def shaded(draws, vertices, extent, eye):
     """Output of the shader: positions (n, SIDE, SIDE, 3) float32, parent shares, slopes, weights."""
     unit = metres_per_unit(extent)
-    here = np.floor(np.asarray(eye[:2]) / unit)
-    fraction = np.float32(np.asarray(eye[:2]) - here * unit)
+    eye_units = np.floor(np.asarray(eye[:2]) / unit)
+    fraction = np.float32(np.asarray(eye[:2]) - eye_units * unit)
     along = np.arange(SIDE)
     step = draws.steps[:, None, None]
-    corner = draws.corners - here.astype(np.int64)
+    corner = draws.corners - eye_units.astype(np.int64)
     places = np.empty((len(draws.slots), SIDE, SIDE, 3), np.float32)
     for axis, units in enumerate(
         (corner[:, 0, None, None] + along * step, corner[:, 1, None, None] - along[:, None] * step)
@@ -199,8 +199,8 @@ def beyond(draws, edges, extent, eye):
     """Return whether directed edges (k, 2, 3), m from the eye, have no drawn tile on their right."""
     unit = metres_per_unit(extent)
     start, end = edges[:, 0, :2].astype(np.float64), edges[:, 1, :2].astype(np.float64)
-    way = end - start
-    outside = 0.5 * (start + end) + 1e-3 * np.stack([way[:, 1], -way[:, 0]], axis=1)
+    direction = end - start
+    outside = 0.5 * (start + end) + 1e-3 * np.stack([direction[:, 1], -direction[:, 0]], axis=1)
     low = draws.corners * unit - eye[:2]
     width = (draws.steps * QUADS * unit)[:, None]
     free = np.ones(len(edges), bool)
@@ -217,8 +217,8 @@ out float light;
 void main()
 {
     light = 110.0 + 140.0 * max(dot(normalize(ground_normal), vec3(-0.5, 0.35, 0.79)), 0.0);
-    vec3 seen = vec3(gl_FragCoord.xy / reach.zw, gl_FragCoord.z) * 2.0 - 1.0;
-    vec4 position = from_clip * vec4(seen, 1.0);
+    vec3 clip = vec3(gl_FragCoord.xy / reach.zw, gl_FragCoord.z) * 2.0 - 1.0;
+    vec4 position = from_clip * vec4(clip, 1.0);
     light = mix(light, 255.0, smoothstep(0.75, 0.98, length(position.xy / position.w) / reach.x));
 }
 """
@@ -226,7 +226,7 @@ FINER = 4
 """Samples a pixel along each axis, against aliasing of tiny facets."""
 
 
-class Shade:
+class ShadedView:
     """Draws tiles lit from the side (up to 250) before a sky of 255, faded at the draw distance."""
 
     def __init__(self, gl, stream, size):
@@ -244,7 +244,7 @@ class Shade:
         self.pool = stream.tile_renderer
         self.array = stream.tile_renderer.vertex_array(program)
 
-    def see(self, camera, reach):
+    def draw(self, camera, reach):
         to_clip = camera.to_clip(self.size[0] / self.size[1])
         self.frame["to_clip"], self.frame["from_clip"] = to_clip, np.linalg.inv(to_clip)
         self.frame["reach"] = (reach, 0.0, *self.light.size)
@@ -280,10 +280,10 @@ def rays(camera, size):
 
 def must_be_covered(camera, size, reach, lowest):
     """Return whether pixel rays meet the plane below all terrain (`lowest` m) within reach."""
-    way = rays(camera, size)
+    direction = rays(camera, size)
     with np.errstate(divide="ignore"):
-        far = (camera.eye[2] - lowest) / np.maximum(-way[..., 2], 0.0)
-    return far * np.hypot(way[..., 0], way[..., 1]) < reach
+        far = (camera.eye[2] - lowest) / np.maximum(-direction[..., 2], 0.0)
+    return far * np.hypot(direction[..., 0], direction[..., 1]) < reach
 
 
 def holes(picture, camera, reach, lowest):
@@ -292,7 +292,7 @@ def holes(picture, camera, reach, lowest):
     return int(np.count_nonzero(magenta & must_be_covered(camera, picture.shape[1::-1], reach, lowest)))
 
 
-class Eye:
+class HoleView:
     """Draws tiles before magenta."""
 
     def __init__(self, gl, size):
@@ -301,7 +301,7 @@ class Eye:
         self.target = gl.framebuffer([self.texture], gl.depth_renderbuffer(size))
         self.frame = FrameBlock(gl)
 
-    def see(self, stream, camera):
+    def draw(self, stream, camera):
         self.frame["to_clip"] = camera.to_clip(self.size[0] / self.size[1])
         self.frame["eye"] = (0.0, 0.0, camera.eye[2])
         self.frame.upload()

@@ -244,8 +244,8 @@ def test_a_line_of_sight_ends_at_its_first_intersection():
         assert project(view, point)[:2] == pytest.approx([x, y], abs=1e-9), seed
         assert point[2] == pytest.approx(float(hills(*point[:2])), abs=1e-4), seed
         t = np.linspace(0.0, np.linalg.norm(np.subtract(point, view.eye)) - 1.0, 5000)[:, None]
-        way = view.eye + t * along
-        assert (way[:, 2] >= hills(way[:, 0], way[:, 1])).all(), seed
+        path = view.eye + t * along
+        assert (path[:, 2] >= hills(path[:, 0], path[:, 1])).all(), seed
     # No intersection in the sky; the start point from below the terrain.
     assert intersect_terrain(plain, (0.0, 0.0, 10.0), (0.0, 0.6, 0.8), max_distance=1e5) is None
     assert intersect_terrain(plain, (0.0, 0.0, -3.0), (0.0, 1.0, 0.0), max_distance=1e5) == (0.0, 0.0, -3.0)
@@ -291,11 +291,11 @@ def test_a_walk_does_not_depend_on_the_frame_rate():
         for name, steps in rates.items():
             walk = WalkController(ground, (10.0, 20.0, 150.0), pitch=-2.0, on_foot=on_foot)
             ends[name] = advance(walk, steps, forward=1.0, right=0.3, boost=4.0)
-        way = np.linalg.norm(ends["240"] - [10.0, 20.0, ends["240"][2]])
-        assert way > 100
+        path = np.linalg.norm(ends["240"] - [10.0, 20.0, ends["240"][2]])
+        assert path > 100
         for name, end in ends.items():
-            assert np.linalg.norm(end - ends["240"]) < 1e-3 * way, (ground, on_foot, name)
-        assert np.linalg.norm(ends["60"] - ends["240"]) < 1e-6 * way, (ground, on_foot)
+            assert np.linalg.norm(end - ends["240"]) < 1e-3 * path, (ground, on_foot, name)
+        assert np.linalg.norm(ends["60"] - ends["240"]) < 1e-6 * path, (ground, on_foot)
 
     # Mouse motion comes in steps of a frame: 2 % of the path.
     ends = [
@@ -375,7 +375,7 @@ def test_on_foot_the_eye_follows_the_terrain_and_flying_speed_grows_with_height(
 
 
 def test_input_moves_along_its_axis_and_pitch_is_limited():
-    for keys, way in (
+    for keys, path in (
         ({"forward": 1.0}, (1, 0, 0)),
         ({"right": 1.0}, (0, -1, 0)),
         ({"forward": -1.0, "right": -1.0}, (-1, 1, 0)),
@@ -384,7 +384,7 @@ def test_input_moves_along_its_axis_and_pitch_is_limited():
         walk = WalkController(plain, (0.0, 0.0, 100.0), heading=90.0)
         advance(walk, [0.1] * 5, **keys)
         moved = np.subtract(walk.eye, (0.0, 0.0, 100.0))
-        assert moved / np.linalg.norm(moved) == pytest.approx(way / np.linalg.norm(way), abs=1e-9), keys
+        assert moved / np.linalg.norm(moved) == pytest.approx(path / np.linalg.norm(path), abs=1e-9), keys
 
     walk = WalkController(plain, (0.0, 0.0, 100.0), heading=350.0)
     walk.look(30.0, 500.0)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.render import tour as room
+from sketchterrain.render import tour as tour_module
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.flight import (
     HEIGHTS,
@@ -64,9 +64,11 @@ def test_a_flight_passes_its_keyframes_with_continuous_motion():
         flight = random_flight(seed)
         times = np.linspace(0.0, flight.duration, 16_001)
         views = flight.at(times)
-        gone = np.cumsum(0.5 * (views.velocity[1:] + views.velocity[:-1]) * np.diff(times)[:, None], axis=0)
-        way = np.linalg.norm(np.diff(views.eye, axis=0), axis=1).sum()
-        assert np.abs(views.eye[0] + gone - views.eye[1:]).max() < 1e-4 * way, seed
+        travelled = np.cumsum(
+            0.5 * (views.velocity[1:] + views.velocity[:-1]) * np.diff(times)[:, None], axis=0
+        )
+        length = np.linalg.norm(np.diff(views.eye, axis=0), axis=1).sum()
+        assert np.abs(views.eye[0] + travelled - views.eye[1:]).max() < 1e-4 * length, seed
 
     # Halving the step halves the changes of position, direction and velocity.
     for seed in range(2):
@@ -241,9 +243,9 @@ def test_a_tour_stays_low_at_constant_speed_with_slow_turns(waves):
         waves.features.rivers = rivers
         flight = tour(waves, seconds=60.0)
         views = flight.at(flight.times(120))
-        rise = room.RISE * waves.extent
+        rise = tour_module.RISE * waves.extent
         clearance = views.eye[:, 2] - waves.heights(views.eye[:, 0], views.eye[:, 1])
-        assert clearance.min() > 0.9 * room.LOW * rise
+        assert clearance.min() > 0.9 * tour_module.LOW * rise
         assert clearance.mean() < 3.0 * rise
         assert (views.eye[:, :2] > 0.0).all()
         assert (views.eye[:, :2] < waves.size).all()
@@ -258,7 +260,7 @@ def test_a_tour_stays_low_at_constant_speed_with_slow_turns(waves):
 
 def test_a_tour_has_the_requested_duration_is_deterministic_closed_and_near_water(waves):
     flight = tour(waves, seconds=20.0)
-    assert 20.0 <= flight.duration < 20.0 + 5 * room.KEY_EVERY
+    assert 20.0 <= flight.duration < 20.0 + 5 * tour_module.KEY_EVERY
     assert tour(waves, seconds=20.0) == flight
     lap = tour(waves, seconds=600.0)
     assert lap.at(flight.times(30, 20.0)).eye == pytest.approx(
@@ -280,12 +282,12 @@ def test_the_cheapest_loop_equals_brute_force():
     rng = np.random.default_rng(2)
     for _ in range(10):
         costs = rng.uniform(0.0, 1.0, (6, 4))
-        ways = np.stack(np.meshgrid(*[np.arange(4)] * 6, indexing="ij"), axis=-1).reshape(-1, 6)
-        steps = np.abs(ways - np.roll(ways, 1, axis=1))
-        total = costs[np.arange(6), ways].sum(axis=1) + room._STAY * steps.sum(axis=1)
+        paths = np.stack(np.meshgrid(*[np.arange(4)] * 6, indexing="ij"), axis=-1).reshape(-1, 6)
+        steps = np.abs(paths - np.roll(paths, 1, axis=1))
+        total = costs[np.arange(6), paths].sum(axis=1) + tour_module._STAY * steps.sum(axis=1)
         total[(steps > 1).any(axis=1)] = np.inf
-        found = room._cheapest(costs)
-        assert tuple(found) == tuple(ways[np.argmin(total)])
+        found = tour_module._cheapest(costs)
+        assert tuple(found) == tuple(paths[np.argmin(total)])
 
 
 SIZE = (96, 54)

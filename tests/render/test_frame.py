@@ -134,8 +134,8 @@ def assert_tiles_are_those_of(terrain, renderer):
     above = np.searchsorted(every, parent_of(every))
     parents = np.where(decode(every)[0] > ROOT_LEVEL, above, -1)
     terrain.write_tiles(list(keys_of(every)), np.arange(len(every)), parents, store)
-    wanted = dict(zip(keys_of(every), store.download(), strict=True))
-    assert all((held[key] == wanted[key]).all() for key in held)
+    expected = dict(zip(keys_of(every), store.download(), strict=True))
+    assert all((held[key] == expected[key]).all() for key in held)
     return held
 
 
@@ -281,12 +281,12 @@ def test_a_view_at_rest_stays_at_full_size_if_drawing_is_fast(gl, camera, before
     assert view.frame(camera).size != SIZE  # smaller while moving
 
 
-KINDS = ("Texture", "Buffer", "Program", "Framebuffer", "VertexArray", "Renderbuffer")
+OBJECT_KINDS = ("Texture", "Buffer", "Program", "Framebuffer", "VertexArray", "Renderbuffer")
 
 
-def alive(what):
+def count_objects(kind):
     """Return the number of existing OpenGL objects of a kind."""
-    is_one = gl_function(f"glIs{what}", ctypes.c_ubyte, ctypes.c_uint)
+    is_one = gl_function(f"glIs{kind}", ctypes.c_ubyte, ctypes.c_uint)
     return sum(bool(is_one(name)) for name in range(1, 6000))
 
 
@@ -322,7 +322,7 @@ def test_terrain_updates_leak_no_opengl_objects(view, camera, before):
         if step % 10 == 0:
             view.frame(camera)
         if step in (9, steps - 1):
-            counts.append([alive(what) for what in KINDS])
+            counts.append([count_objects(kind) for kind in OBJECT_KINDS])
     assert np.all(np.array(counts[1]) <= np.array(counts[0]) + 12), counts
 
 
@@ -348,7 +348,7 @@ def test_released_renderers_leak_no_opengl_objects(gl, camera, before):
             view.frame(camera)
         view.renderer.release()
         del view
-        counts.append([alive(what) for what in KINDS])
+        counts.append([count_objects(kind) for kind in OBJECT_KINDS])
     assert counts[-1] == counts[0]
 
 

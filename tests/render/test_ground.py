@@ -22,7 +22,7 @@ from .ground_model import (
     QUADS,
     SIDE,
     TILE_BYTES,
-    Eye,
+    HoleView,
     along_rims,
     beyond,
     camera_towards,
@@ -63,9 +63,9 @@ void main() {
     gl.simple_framebuffer((4, 4)).use()
     output = gl.buffer(reserve=24 * SIDE**2)
     for tile in range(len(keys)):
-        pool = TileRenderer(gl, waves.extent, gl.buffer(vertices[tile].tobytes()))
-        pool.set_tiles(draws.part(tile), eye)
-        gl.vertex_array(program, pool.vertex_bindings, skip_errors=True).transform(
+        tile_renderer = TileRenderer(gl, waves.extent, gl.buffer(vertices[tile].tobytes()))
+        tile_renderer.set_tiles(draws.part(tile), eye)
+        gl.vertex_array(program, tile_renderer.vertex_bindings, skip_errors=True).transform(
             output, moderngl.POINTS, vertices=SIDE**2, instances=1
         )
         got = np.frombuffer(output.read(), np.float32).reshape(SIDE, SIDE, 6)
@@ -77,9 +77,9 @@ void main() {
 @pytest.mark.gl
 def test_tiles_beyond_32_bit_lattice_distances_are_rejected(gl, waves):
     keys, draws = neighbours(EYES[0])
-    pool = TileRenderer(gl, waves.extent, gl.buffer(pack_tiles(waves, keys).tobytes()))
+    tile_renderer = TileRenderer(gl, waves.extent, gl.buffer(pack_tiles(waves, keys).tobytes()))
     with pytest.raises(InputError, match="128000 m of the eye"):
-        pool.set_tiles(draws, (200_000.0, 0.0, 10.0))
+        tile_renderer.set_tiles(draws, (200_000.0, 0.0, 10.0))
 
 
 SLOTS = 600
@@ -158,7 +158,7 @@ def test_every_border_edge_is_shared_bit_for_bit(waves, seed):
 @pytest.mark.gl
 def test_no_holes_below_the_horizon_during_and_after_streaming(gl, waves):
     rng = np.random.default_rng(3)
-    eye = Eye(gl, SIZE)
+    eye = HoleView(gl, SIZE)
     stream = TerrainStream(gl, waves, Quality(quads=64, tile_memory=SLOTS * TILE_BYTES))
     place, lowest = np.array([300.0, 200.0, 0.0]), -100.0
     for step in range(24):
@@ -171,11 +171,11 @@ def test_no_holes_below_the_horizon_during_and_after_streaming(gl, waves):
         camera = camera_towards(place.tolist(), ground, bearing, pitch, REACH)
         stats = stream.update(camera, SIZE, elapsed=0.04, budget=0.01, draw_distance=REACH)
         assert stats.tiles_drawn
-        assert holes(eye.see(stream, camera), camera, REACH, lowest) == 0
+        assert holes(eye.draw(stream, camera), camera, REACH, lowest) == 0
     camera = camera_towards([300.0, 200.0, 400.0], 0.0, 30.0, -40.0, REACH)
     stream.settle(camera, SIZE, draw_distance=REACH)
     assert stream.tiles.converged
-    picture = eye.see(stream, camera).copy()
+    picture = eye.draw(stream, camera).copy()
     assert must_be_covered(camera, SIZE, REACH, lowest).all()
     assert holes(picture, camera, REACH, lowest) == 0
     picture[20, 30, :3] = MAGENTA  # a hole is detected
@@ -240,7 +240,7 @@ def test_tile_generation_stays_within_the_budget(gl, slow):
 
 @pytest.mark.gl
 def test_a_jump_draws_a_whole_picture_at_once_and_settles_within_a_second(gl, slow):
-    stream, seen = opened(gl, slow), Eye(gl, STREAM_SIZE)
+    stream, view = opened(gl, slow), HoleView(gl, STREAM_SIZE)
     for _ in range(40):
         frame(stream, (300.0, 200.0, 160.0))
     eye = (70_300.0, -30_200.0, 150.0)
@@ -249,7 +249,7 @@ def test_a_jump_draws_a_whole_picture_at_once_and_settles_within_a_second(gl, sl
     assert stats.generation_seconds >= JUMP_BUDGET or stats.settled
     assert stats.generation_seconds <= JUMP_BUDGET + 0.06  # plus the last batch
     camera = camera_towards(eye, 0.0, 30.0, -10.0, STREAM_REACH)
-    assert holes(seen.see(stream, camera), camera, STREAM_REACH, -100.0) == 0
+    assert holes(view.draw(stream, camera), camera, STREAM_REACH, -100.0) == 0
     for _ in range(int(RATE)):
         stats = frame(stream, eye)
         assert not stats.jumped
@@ -263,13 +263,13 @@ def test_only_large_steps_are_jumps_and_a_settled_picture_is_constant(gl, slow):
     assert not frame(stream, (0.9 * JUMP * slow.extent, 0.0, 160.0)).jumped
     assert frame(stream, (2.0 * JUMP * slow.extent, 0.0, 160.0)).jumped
 
-    stream, seen = opened(gl, slow), Eye(gl, STREAM_SIZE)
+    stream, view = opened(gl, slow), HoleView(gl, STREAM_SIZE)
     camera = camera_towards((300.0, 200.0, 160.0), 0.0, 30.0, -10.0, STREAM_REACH)
     stream.settle(camera, STREAM_SIZE, draw_distance=STREAM_REACH)
-    before = seen.see(stream, camera).copy()
+    before = view.draw(stream, camera).copy()
     for _ in range(5):
         stats = frame(stream, camera.eye)
         assert stats.settled
         assert not stats.jumped
         assert stats.tiles_generated == 0
-    assert (seen.see(stream, camera) == before).all()
+    assert (view.draw(stream, camera) == before).all()

@@ -25,8 +25,8 @@ from .ground_model import (
     MAGENTA,
     QUADS,
     TILE_BYTES,
-    Eye,
-    Shade,
+    HoleView,
+    ShadedView,
     camera_towards,
     change,
     holes,
@@ -50,7 +50,7 @@ BOUND = 4.0
 @pytest.mark.parametrize(("z", "pitch"), [(95.0, -4.0), (180.0, -25.0)])
 def test_tiles_morph_without_popping_before_a_camera_at_rest(gl, waves, z, pitch):
     stream = TerrainStream(gl, waves, SMALL, metric=ScreenError(tolerance=0.3, quad=10.0))
-    shade = Shade(gl, stream, SIZE)
+    shade = ShadedView(gl, stream, SIZE)
     stream.settle(
         camera_towards((300.0, 200.0, z + 400.0), 0.0, 200.0, -20.0, REACH), SIZE, draw_distance=REACH
     )
@@ -62,7 +62,7 @@ def test_tiles_morph_without_popping_before_a_camera_at_rest(gl, waves, z, pitch
     for _ in range(90):
         stats = stream.update(camera, SIZE, elapsed=1 / RATE, budget=0.006, draw_distance=REACH)
         assert not stats.jumped
-        picture = shade.see(camera, REACH)
+        picture = shade.draw(camera, REACH)
         if before is None:
             first = picture
         else:
@@ -85,7 +85,7 @@ def test_in_flight_frames_differ_only_by_the_motion(gl, waves):
     metric = ScreenError(tolerance=0.3, quad=10.0)
     ticks = count()  # a batch takes 2 ms of simulated time
     stream = TerrainStream(gl, waves, SMALL, metric=metric, timer=lambda: 2e-3 * next(ticks))
-    shade = Shade(gl, stream, SIZE)
+    shade = ShadedView(gl, stream, SIZE)
     biggest, drawn = [], set()
     for frame in range(50):
         place = (300.0 + speed * frame / RATE, 200.0, 150.0 + 20.0 * np.sin(frame / 20.0))
@@ -93,11 +93,11 @@ def test_in_flight_frames_differ_only_by_the_motion(gl, waves):
         if frame:
             view = view_of(camera, SIZE, draw_distance=REACH)
             stream.tile_renderer.set_tiles(stream.tiles.draw_list(view), camera.eye)
-            before = shade.see(camera, REACH)
+            before = shade.draw(camera, REACH)
         stats = stream.update(camera, SIZE, elapsed=1 / RATE, budget=0.006, draw_distance=REACH)
         assert stats.jumped == (frame == 0)
         if frame > 15:  # the first picture has settled
-            biggest.append(change(before, shade.see(camera, REACH)).max())
+            biggest.append(change(before, shade.draw(camera, REACH)).max())
             drawn.add(stats.triangles)
     assert len(drawn) > 10
     assert 0.0 < max(biggest) < BOUND
@@ -122,7 +122,7 @@ def terrain(request):
 @pytest.mark.slow
 def test_random_cameras_see_no_holes(gl, terrain):
     rng = np.random.default_rng(11)
-    eye, stream = Eye(gl, RANDOM_SIZE), TerrainStream(gl, terrain, QUICK)
+    eye, stream = HoleView(gl, RANDOM_SIZE), TerrainStream(gl, terrain, QUICK)
     bad, covered = [], 0
     for number in range(CAMERAS):
         east, north = rng.uniform(-0.5, 1.5, 2) * terrain.extent
@@ -139,7 +139,7 @@ def test_random_cameras_see_no_holes(gl, terrain):
                 stream.settle(camera, RANDOM_SIZE, draw_distance=reach)
                 settled = True
             lowest = float(stream.tiles.pool.bottom.min())
-            found = holes(eye.see(stream, camera), camera, reach, lowest)
+            found = holes(eye.draw(stream, camera), camera, reach, lowest)
             covered += must_be_covered(camera, RANDOM_SIZE, reach, lowest).mean() / (CAMERAS * FRAMES)
             if found:
                 bad.append((number, frame, found, round(height, 1), round(pitch), settled))
@@ -155,7 +155,7 @@ def test_presets_do_not_pop_before_a_camera_at_rest(gl, terrain):
     """At most 20 of 255 levels between frames, beyond edges that move by a pixel."""
     rng = np.random.default_rng(7)
     stream = TerrainStream(gl, terrain, QUICK)
-    shade = Shade(gl, stream, RANDOM_SIZE)
+    shade = ShadedView(gl, stream, RANDOM_SIZE)
     reach = 16.0 * terrain.extent
     for height in (3.0, 40.0, 900.0):
         place = rng.uniform(0.2, 0.8, 2) * terrain.extent
@@ -169,7 +169,7 @@ def test_presets_do_not_pop_before_a_camera_at_rest(gl, terrain):
         before = None
         for _ in range(50):
             stats = stream.update(camera, RANDOM_SIZE, elapsed=1 / 30, budget=0.008, draw_distance=reach)
-            picture = shade.see(camera, reach)
+            picture = shade.draw(camera, reach)
             assert before is None or change(before, picture).max() < 20.0
             before = picture
             assert not stats.jumped
@@ -278,7 +278,7 @@ def test_tiles_are_streamed_only_within_the_bounds(world, ending_terrain):
 
 @pytest.mark.gl
 def test_terrain_is_visible_up_to_the_bounds_and_not_beyond(gl, world, stored):
-    eye = Eye(gl, SIZE)
+    eye = HoleView(gl, SIZE)
     stream = TerrainStream(gl, world, Quality(quads=64, tile_memory=SLOTS * TILE_BYTES))
     west, south, east, north = world.bounds
     high = float(stored.data["height", 0].max())
@@ -290,22 +290,22 @@ def test_terrain_is_visible_up_to_the_bounds_and_not_beyond(gl, world, stored):
         for bearing, pitch in ((0, -85), (140, -25), (250, -10)):
             camera = camera_towards([x, y, z], 0.0, bearing, pitch, END_REACH)
             stream.settle(camera, SIZE, draw_distance=END_REACH)
-            picture = eye.see(stream, camera)
-            seen = ~(picture[..., :3] == MAGENTA).all(axis=-1)
+            picture = eye.draw(stream, camera)
+            visible = ~(picture[..., :3] == MAGENTA).all(axis=-1)
             # A ray between the highest and lowest terrain sees it if all of it is inside the bounds, and not
             # if all of it is outside.
-            ways = rays(camera, SIZE)
+            directions = rays(camera, SIZE)
             ends = [
-                np.array([x, y]) + ways[..., :2] * ((z - height) / -ways[..., 2])[..., None]
+                np.array([x, y]) + directions[..., :2] * ((z - height) / -directions[..., 2])[..., None]
                 for height in (min(high, z), lowest)
             ]
-            down = ways[..., 2] < -0.02
+            down = directions[..., 2] < -0.02
             boxes = np.minimum(*ends), np.maximum(*ends)
             outside = (boxes[1] < [west, south]).any(-1) | (boxes[0] > [east, north]).any(-1)
             inside = ((boxes[0] > [west, south]) & (boxes[1] < [east, north])).all(-1)
             near = np.linalg.norm(ends[1] - [x, y], axis=-1) < END_REACH
-            assert not (seen & down & outside).any()
-            assert seen[down & inside & near].all()
+            assert not (visible & down & outside).any()
+            assert visible[down & inside & near].all()
             checked += int((down & outside).sum()) + int((down & inside).sum())
     assert checked > 20_000
 

@@ -186,9 +186,9 @@ def test_hexagons_are_the_nearest_three_with_continuous_weights(gl):
     step = 1e-4 * uniform(200, -1.0, 1.0, 2, seed=7)
     here, there = hexagons(gl, start), hexagons(gl, start + step)
 
-    def weight_of(found, wanted):
+    def weight_of(found, expected):
         ids, weights, _ = found
-        return sum(weights[:, k] * (ids[k] == wanted).all(axis=1) for k in range(3))
+        return sum(weights[:, k] * (ids[k] == expected).all(axis=1) for k in range(3))
 
     for each in here[0]:
         assert np.abs(weight_of(here, each) - weight_of(there, each)).max() < 5e-3
@@ -373,16 +373,16 @@ class Scene:
         self.vertices["height"] += np.float32(lift)
         self.vertices["parent_height"] += np.float32(lift)
         self.extent = terrain.extent
-        self.pool = TileRenderer(gl, terrain.extent, gl.buffer(self.vertices.tobytes()))
+        self.tile_renderer = TileRenderer(gl, terrain.extent, gl.buffer(self.vertices.tobytes()))
         self.frame = FrameBlock(gl)
-        self.map = SurfaceMap(gl, self.pool, texels=TEXELS, reach=REACH)
-        self.see(eye)
+        self.map = SurfaceMap(gl, self.tile_renderer, texels=TEXELS, reach=REACH)
+        self.draw(eye)
 
-    def see(self, eye, *, moving=False):
+    def draw(self, eye, *, moving=False):
         self.eye = np.asarray(eye, float)
         self.frame["eye"] = (0.0, 0.0, eye[2])
         self.frame.upload()
-        self.pool.set_tiles(self.draws, tuple(eye))
+        self.tile_renderer.set_tiles(self.draws, tuple(eye))
         self.map.update(tuple(eye), moving=moving)
 
     def texels(self, far):
@@ -486,7 +486,7 @@ def test_surface_heights_are_stable_when_the_eye_moves(gl, waves):
     heights = []
     for shift in ((0.0, 0.0, 0.0), (0.31, -0.17, 0.6), (1.9, 3.3, -2.0), (9.0, 14.0, 5.0)):
         now = eye + shift
-        scene.see(now)
+        scene.draw(now)
         rows = np.c_[places - now[:2], np.zeros((len(places), 2))]
         heights.append(scene.evaluate("vec4(standing_height(a.xyz))", rows)[:, 0] + now[2])
     heights = np.array(heights)
@@ -505,10 +505,10 @@ def test_surface_heights_are_stable_when_the_eye_moves(gl, waves):
 def test_an_unchanged_surface_map_is_not_redrawn(gl, waves, monkeypatch):
     scene = Scene(gl, waves, EYES[0])
     drawn = []
-    monkeypatch.setattr(scene.pool, "draw", lambda *args, **kwargs: drawn.append(1))
-    scene.see(np.add(EYES[0], 0.2))
+    monkeypatch.setattr(scene.tile_renderer, "draw", lambda *args, **kwargs: drawn.append(1))
+    scene.draw(np.add(EYES[0], 0.2))
     assert not drawn
     scene.draws.morph[1, 1, 1] *= 0.5
     for _ in range(4):
-        scene.see(np.add(EYES[0], 0.2), moving=True)
+        scene.draw(np.add(EYES[0], 0.2), moving=True)
     assert len(drawn) == 2

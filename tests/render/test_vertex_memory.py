@@ -173,14 +173,14 @@ FAILURES = {
 
 def test_a_failed_probe_falls_back_to_copies_with_a_reason(monkeypatch):
     device = replace(CPUS[0], type="GPU", gl_sharing="extension")
-    for what, (code, reason) in FAILURES.items():
+    for name, (code, reason) in FAILURES.items():
 
         def command(device, kind, code=code):
             return [sys.executable, "-c", code if kind == "extension" else "pass"]
 
         probe_sharing.cache_clear()
         monkeypatch.setattr(sharing_probe, "_command", command)
-        assert probe_sharing(device, timeout=2.0) == Sharing("copy", reason), what
+        assert probe_sharing(device, timeout=2.0) == Sharing("copy", reason), name
     monkeypatch.setattr(
         sharing_probe, "_command", lambda *_: [sys.executable, "-c", "raise SystemExit('no OpenGL 4.3')"]
     )

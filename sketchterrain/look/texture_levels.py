@@ -19,10 +19,10 @@ from sketchterrain.look.texture_maker import (
     SOURCE,
     decode_level,
     emboss,
-    linear,
     linear_from_hex,
     mipmaps,
     paint_layer,
+    srgb_to_linear,
 )
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ def _read_image(path: Path, field: str, size: int) -> Array:
     except (OSError, ValueError, SyntaxError, UnidentifiedImageError, Image.DecompressionBombError) as error:
         raise InputError(f"{one_line(path)}: expected a picture, PNG or JPEG ({one_line(error)})") from error
     if field == "albedo":
-        values = linear(values)
+        values = srgb_to_linear(values)
     elif field == "slopes":
         normal = 2.0 * values - 1.0
         values = -normal[..., :2] / np.maximum(normal[..., 2:], 1.0 / _STEEPEST)

@@ -12,8 +12,10 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.array_types import Float32Array
+    from sketchterrain.array_types import Float32Array, UInt8Array
     from sketchterrain.compute.context import ComputeContext
+
+    Array = npt.NDArray[Any]
 
 
 SOURCE: Final = "material_textures.cl"
@@ -43,7 +45,7 @@ LAYERS: Final[dict[str, TextureLayer]] = {
 """The terrain's materials in their order, then the forest's canopy seen from afar."""
 
 
-def paint_layer(context: ComputeContext, layer: int, size: int) -> npt.NDArray[Any]:
+def paint_layer(context: ComputeContext, layer: int, size: int) -> Array:
     """Return (size, size, 4) linear albedo and height 0..1 of the i-th of `LAYERS`, row 0 south."""
     painted = context.empty((size, size, 4), context.real_dtype)
     texel = context.real_dtype.type(1.0 / size)
@@ -51,7 +53,7 @@ def paint_layer(context: ComputeContext, layer: int, size: int) -> npt.NDArray[A
     return context.download(painted, (size, size, 4), context.real_dtype)
 
 
-def emboss(context: ComputeContext, painted: npt.NDArray[Any], layer: TextureLayer) -> npt.NDArray[Any]:
+def emboss(context: ComputeContext, painted: Array, layer: TextureLayer) -> Array:
     """Return (n, n, 4) slopes east and north, roughness and openness of a result of :func:`paint_layer`."""
     real = context.real_dtype.type
     given = context.upload(painted.astype(context.real_dtype, copy=False))
@@ -68,7 +70,7 @@ _STEEPEST: Final = 0.999
 """Largest length of a normal's horizontal part, so that a byte a component holds it."""
 
 
-def moments(painted: npt.NDArray[Any], relief: npt.NDArray[Any]) -> Moments:
+def moments(painted: Array, relief: Array) -> Moments:
     """Return the moments that are averaged, of albedo and height and of slopes, roughness, openness."""
     east, north, roughness, openness = np.moveaxis(relief.astype(np.float32), -1, 0)
     square = (east * east + north * north) * np.float32(0.5)
@@ -82,12 +84,12 @@ def halve(fields: Float32Array) -> Float32Array:
     return (rows[:, 0::2] + rows[:, 1::2]) * np.float32(0.25)
 
 
-def filtered_roughness(roughness: npt.NDArray[Any], variance: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def filtered_roughness(roughness: Array, variance: Array) -> Array:
     """Return the roughness √α (Trowbridge–Reitz) of a surface whose slopes vary around their mean."""
     return np.sqrt(np.sqrt(np.clip(roughness**4 + 2.0 * variance, 0.0, 1.0)))
 
 
-def encode_level(level: Moments) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
+def encode_level(level: Moments) -> tuple[UInt8Array, UInt8Array]:
     """Return bytes (n, n, 4): √albedo and height; 0.5 + 0.5 normal xy, filtered roughness, openness."""
     painted, (east, north, square, alpha2, openness) = level[0], np.moveaxis(level[1], -1, 0)
     variance = np.maximum(square - (east * east + north * north) * np.float32(0.5), np.float32(0.0))
@@ -100,10 +102,8 @@ def encode_level(level: Moments) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.
     return _bytes(colour), _bytes(relief)
 
 
-def mipmaps(
-    painted: npt.NDArray[Any], relief: npt.NDArray[Any]
-) -> Iterator[tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]]:
-    """Yield the encode_level levels of a texture, from the finest one to a single texel."""
+def mipmaps(painted: Array, relief: Array) -> Iterator[tuple[UInt8Array, UInt8Array]]:
+    """Yield the encoded levels of a texture, from the finest one to a single texel."""
     level = moments(painted, relief)
     yield encode_level(level)
     while len(level[0]) > 1:
@@ -111,9 +111,7 @@ def mipmaps(
         yield encode_level(level)
 
 
-def decode_level(
-    colour: npt.NDArray[np.uint8], relief: npt.NDArray[np.uint8]
-) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+def decode_level(colour: UInt8Array, relief: UInt8Array) -> tuple[Array, Array]:
     """Invert :func:`encode_level` for a texture's finest level."""
     painted = colour.astype(np.float64) / 255.0
     painted[..., :3] **= 2
@@ -125,14 +123,13 @@ def decode_level(
 
 def linear_from_hex(colour: str) -> npt.NDArray[np.float64]:
     """Return the linear albedo of an sRGB colour ``#rrggbb``."""
-    return linear(np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0)
+    return srgb_to_linear(np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0)
 
 
-def linear(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def srgb_to_linear(values: Array) -> Array:
     """Convert sRGB values 0..1 to linear ones (IEC 61966-2-1)."""
     return np.asarray(np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4))
 
 
-def _bytes(fields: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
-    texels: npt.NDArray[np.uint8] = np.rint(np.clip(fields, 0.0, 1.0) * 255.0).astype(np.uint8)
-    return texels
+def _bytes(fields: Array) -> UInt8Array:
+    return np.asarray(np.rint(np.clip(fields, 0.0, 1.0) * 255.0), np.uint8)

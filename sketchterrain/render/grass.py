@@ -52,7 +52,9 @@ def tuft_mesh(kind: str, detail: int) -> Mesh:
     steps = ((0.0, 0.36, 0.7, 1.0), (0.0, 0.55, 1.0), (0.0, 1.0))[detail]
     if kind == "meadow":
         blades = _tuft(rng, count=10) + _low_leaves(rng, count=6)
-        strips = [_strip(blade, steps) for blade in _fewer(blades, detail)]
+        if detail == DETAILS - 1:
+            blades = [blade._replace(width=3.0 * blade.width) for blade in blades[::3]]
+        strips = [_strip(blade, steps) for blade in blades]
     elif kind == "tall":
         blades = _tuft(rng, count=8, spread=0.16, lean=0.34) + _ears(rng, count=3)
         strips = [_strip(blade, steps) for blade in blades]
@@ -99,13 +101,6 @@ def _low_leaves(rng: np.random.Generator, *, count: int) -> list[_Blade]:
             )
         )
     return leaves
-
-
-def _fewer(blades: list[_Blade], detail: int) -> list[_Blade]:
-    """Replace three blades by one of their width in the coarsest detail."""
-    if detail < DETAILS - 1:
-        return blades
-    return [blade._replace(width=3.0 * blade.width) for blade in blades[::3]]
 
 
 def _ears(rng: np.random.Generator, *, count: int) -> list[_Blade]:

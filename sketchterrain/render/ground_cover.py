@@ -107,20 +107,15 @@ def _ball(splits: int) -> tuple[Float64Array, Int64Array]:
             [np.hstack([flat, zero]), np.hstack([zero, flat]), np.hstack([flat[:, 1:], zero, flat[:, :1]])]
         )
     )
-    corners = [
-        (i, j, k) for i in range(12) for j in range(i) for k in range(j) if _are_near(points[[i, j, k]])
-    ]
-    triangles = np.array(corners)
+    near = np.linalg.norm(points[:, None] - points[None], axis=-1) < 1.1
+    i, j, k = np.ogrid[:12, :12, :12]
+    triangles = np.argwhere((i > j) & (j > k) & near[i, j] & near[j, k] & near[k, i])
     a, b, c = (points[triangles[:, k]] for k in range(3))
     inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0.0
     triangles[inward] = triangles[inward][:, ::-1]
     for _ in range(splits):
         points, triangles = _split(points, triangles)
     return points, triangles
-
-
-def _are_near(points: Float64Array) -> bool:
-    return bool(max(np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1)) < 1.1)
 
 
 def _split(points: Float64Array, triangles: Int64Array) -> tuple[Float64Array, Int64Array]:

@@ -86,7 +86,9 @@ def irradiance_harmonics(radiance: Float64Array, sun: Sun, sunlight: Float64Arra
     rise = np.linspace(0.0, 1.0, size)
     elevation = rise**2 * np.pi / 2
     turn = rise * np.pi
-    radiance = _interpolated(radiance, np.sqrt(rise) * (size - 1))
+    columns = np.sqrt(rise) * (size - 1)
+    left = np.minimum(columns.astype(np.intp), size - 2)
+    radiance = radiance[:, left] + (columns - left)[:, None] * (radiance[:, left + 1] - radiance[:, left])
     solid_angle = (_widths(elevation) * np.cos(elevation))[:, None] * _widths(turn)
     solid_angle *= np.pi / solid_angle.sum()  # half the upper hemisphere
     lit = np.einsum("rc,rck->k", solid_angle * np.sin(elevation)[:, None], radiance) * 2.0
@@ -104,16 +106,7 @@ def irradiance_harmonics(radiance: Float64Array, sun: Sun, sunlight: Float64Arra
 
 def sky_irradiance(harmonics: Float64Array, normal: Float64Array) -> Float64Array:
     """Evaluate `irradiance_harmonics` for one unit normal; the oracle of ``sky_irradiance`` in frame.glsl."""
-    x, y, z = normal
-    terms = np.array([1.0, y, z, x, x * y, y * z, 3 * z * z - 1, x * z, x * x - y * y])
-    return np.asarray(terms @ harmonics)
-
-
-def _interpolated(table: Float64Array, columns: Float64Array) -> Float64Array:
-    """Interpolate between a table's columns."""
-    left = np.minimum(columns.astype(np.intp), table.shape[1] - 2)
-    share = (columns - left)[:, None]
-    return np.asarray(table[:, left] + share * (table[:, left + 1] - table[:, left]))
+    return np.asarray(_basis(*normal) @ harmonics)
 
 
 def _widths(places: Float64Array) -> Float64Array:
@@ -356,17 +349,12 @@ def find_sun(terrain: TerrainSource, camera: Camera) -> Sun:
     distance = extent * np.geomspace(0.02, 1.3, 48)[None, :]
     x = camera.eye[0] + np.sin(bearing) * distance
     y = camera.eye[1] + np.cos(bearing) * distance
-    seen = _share_of_picture(relief.at(x, y), camera.eye[2], distance)
-    suns = [Sun((camera.heading + side * TO_THE_SIDE) % 360.0, ELEVATION) for side in (-1.0, 1.0)]
-    lit = [float(np.sum(seen * _lit(relief, sun, x, y))) for sun in suns]
-    return suns[int(np.argmax(lit))]
-
-
-def _share_of_picture(height: Float64Array, eye: float, distance: Float64Array) -> Float64Array:
-    slope = (height - eye) / distance
+    slope = (relief.at(x, y) - camera.eye[2]) / distance
     skyline = np.maximum.accumulate(slope, axis=1)
-    before = np.concatenate([skyline[:, :1], skyline[:, :-1]], axis=1)
-    return np.asarray(np.maximum(slope - before, 0.0))
+    in_picture = np.maximum(slope - np.concatenate([skyline[:, :1], skyline[:, :-1]], axis=1), 0.0)
+    suns = [Sun((camera.heading + side * TO_THE_SIDE) % 360.0, ELEVATION) for side in (-1.0, 1.0)]
+    lit = [float(np.sum(in_picture * _lit(relief, sun, x, y))) for sun in suns]
+    return suns[int(np.argmax(lit))]
 
 
 def _lit(relief: HeightMap, sun: Sun, x: Float64Array, y: Float64Array) -> Float64Array:

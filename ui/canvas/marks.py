@@ -32,17 +32,6 @@ _SIZE_WHILE_PAINTING = 0.8
 _MAX_SAMPLES = 768  # along a side of a lake's field
 
 
-def draw_glyph(
-    painter: QPainter, kind: str, at: QPointF, *, colour: QColor = DARK, size: float = 1.0
-) -> None:
-    """Draw the symbol of a feature type centred at a position."""
-    painter.save()
-    painter.translate(at)
-    painter.scale(size, size)
-    draw_haloed(painter, _glyph(kind), colour, 1.5, fill=kind in ("mountain", "forest"))
-    painter.restore()
-
-
 @lru_cache(maxsize=64)
 def _glyph_image(kind: str, alpha: int, size: float, ratio: float) -> QImage:
     side = 2 * math.ceil(9.0 * size * ratio)
@@ -52,7 +41,9 @@ def _glyph_image(kind: str, alpha: int, size: float, ratio: float) -> QImage:
     painter.setRenderHint(QPainter.RenderHint.Antialiasing)
     colour = QColor(DARK)
     colour.setAlpha(alpha)
-    draw_glyph(painter, kind, QPointF(0.5 * side, 0.5 * side), colour=colour, size=size * ratio)
+    painter.translate(0.5 * side, 0.5 * side)
+    painter.scale(size * ratio, size * ratio)
+    draw_haloed(painter, _glyph(kind), colour, 1.5, fill=kind in ("mountain", "forest"))
     painter.end()
     image.setDevicePixelRatio(ratio)
     return image

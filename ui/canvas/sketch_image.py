@@ -116,135 +116,6 @@ def _view_image(pixels: Colours, form: QImage.Format = QImage.Format.Format_ARGB
 _Pixel = TypeVar("_Pixel", np.uint16, np.uint32)
 
 
-class SketchImage:
-    """Composes the sketch into an image of the screen (device px), where it is stale."""
-
-    def __init__(self, compositor: LayerCompositor, hatches: HatchTable, ratio: float) -> None:
-        self.compositor = compositor
-        self.hatches = hatches
-        self.ratio = ratio  # device pixels a logical one
-        self.relief: QImage | None = None
-        self.relief_step = 1
-        self.tint: QImage | None = None
-        self._viewport: Viewport | None = None
-        self._image = QImage()
-        self._stale: list[QRect] = []
-
-    def set_viewport(self, viewport: Viewport) -> None:
-        """Show the sketch through a viewport; panning reuses pixels."""
-        before, self._viewport = self._viewport, viewport
-        size = (viewport.width, viewport.height)
-        if size != (self._image.width(), self._image.height()):
-            self._image = QImage(*size, QImage.Format.Format_RGB32)
-            self.invalidate()
-        elif before == viewport:
-            return
-        elif before is not None and replace(before, left=viewport.left, top=viewport.top) == viewport:
-            right, down = viewport.left - before.left, viewport.top - before.top
-            stale, self._stale = self._stale, []
-            moved = [each.translated(right, down) for each in stale]
-            for area in [*moved, *scroll_image(self._image, right, down)]:
-                self.invalidate(area)
-        else:
-            self.invalidate()
-
-    def invalidate(self, area: QRect | None = None) -> None:
-        """Mark an area of the screen as stale; None: all of it."""
-        whole = self._image.rect()
-        area = whole if area is None else area.intersected(whole)
-        if area == whole:
-            self._stale.clear()
-        if not area.isEmpty():
-            self._stale.append(area)
-
-    def invalidate_box(self, box: Box) -> QRect:
-        """Mark a box of the sketch as stale; return its area of the screen."""
-        self.compositor.invalidate(box)
-        area = self.area_of(box)
-        self.invalidate(area)
-        return area
-
-    def area_of(self, box: Box) -> QRect:
-        """Return the area of the screen that a box of the sketch affects."""
-        if self._viewport is None:
-            return QRect()
-        step = 1 << level_for(self._viewport.scale)
-        top, left = box[0] // step * step, box[1] // step * step
-        bottom, right = -(-box[2] // step) * step, -(-box[3] // step) * step
-        margin = 2 + self.hatches.halo + int(self._viewport.scale * step)
-        x0, y0 = self._viewport.to_screen(left, top)
-        x1, y1 = self._viewport.to_screen(right, bottom)
-        corner = QPoint(int(np.floor(x0)) - margin, int(np.floor(y0)) - margin)
-        return QRect(corner, QPoint(int(np.ceil(x1)) + margin, int(np.ceil(y1)) + margin))
-
-    def image(self) -> QImage:
-        """Return the image, its stale areas composed."""
-        stale, self._stale = self._stale, []
-        if len(stale) > _MAX_AREAS:
-            stale = [reduce(QRect.united, stale)]
-        if stale:
-            painter = QPainter(self._image)
-            for area in stale:
-                self._compose(painter, area)
-            painter.end()
-        return self._image
-
-    def _compose(self, painter: QPainter, area: QRect) -> None:
-        viewport = self._viewport
-        assert viewport is not None  # noqa: S101 # nothing is stale without one
-        painter.save()
-        painter.setClipRect(area)
-        sketch = QRect(viewport.left, viewport.top, *viewport.sketch_size)
-        _draw_surround(painter, area, sketch, self.ratio)
-        inner = sketch.intersected(area)
-        if not inner.isEmpty():
-            painter.setClipRect(inner)
-            painter.fillRect(inner, PAPER)
-            corner, scale = QPointF(viewport.left, viewport.top), viewport.scale
-            painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
-            if self.relief is not None:
-                side = scale * self.relief_step
-                samples = QSizeF(self.relief.width() * side, self.relief.height() * side)
-                painter.drawImage(QRectF(corner, samples), self.relief)
-            if self.compositor.paints:
-                for top in range(inner.top(), inner.bottom() + 1, _BAND):
-                    height = min(_BAND, inner.bottom() + 1 - top)
-                    self._paint(painter, viewport, QRect(inner.left(), top, inner.width(), height))
-            painter.setClipRect(inner)
-            if self.tint is not None:
-                painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform, scale < _SHARP)
-                size = QSizeF(viewport.columns * scale, viewport.rows * scale)
-                painter.drawImage(QRectF(corner, size), self.tint)
-        painter.restore()
-
-    def _paint(self, painter: QPainter, viewport: Viewport, area: QRect) -> None:
-        """Draw colours and hatches in a band of the screen."""
-        level, halo = level_for(viewport.scale), self.hatches.halo
-        scale = viewport.scale * (1 << level)
-        x, y = area.left() - viewport.left, area.top() - viewport.top
-        sides = (-(-viewport.columns >> level), -(-viewport.rows >> level))
-        across = _source_indices(x - halo, area.width() + 2 * halo, scale, sides[0])
-        down = _source_indices(y - halo, area.height() + 2 * halo, scale, sides[1])
-        margin = 2 if scale < _SHARP else 0
-        left, right = max(across[0] - margin, 0), min(across[-1] + 1 + margin, sides[0])
-        top, bottom = max(down[0] - margin, 0), min(down[-1] + 1 + margin, sides[1])
-        colours, codes = self.compositor.read(level, (int(top), int(left), int(bottom), int(right)))
-        if not codes.any():
-            return
-        across, down = across - left, down - top
-        painter.setClipRect(area)
-        if scale < _SHARP:
-            size = QSizeF((right - left) * scale, (bottom - top) * scale)
-            corner = QPointF(viewport.left + left * scale, viewport.top + top * scale)
-            painter.drawImage(QRectF(corner, size), _view_image(colours))
-        else:
-            inner = np.s_[halo:-halo]
-            painter.drawImage(area.topLeft(), _view_image(_gather(colours, down[inner], across[inner])))
-        painter.drawImage(
-            area.topLeft(), _view_image(self.hatches.render(_gather(codes, down, across), x, y))
-        )
-
-
 def _source_indices(first: int, count: int, scale: float, side: int) -> npt.NDArray[np.intp]:
     """Return the sketch pixel that each screen pixel shows, counted from the sketch's corner."""
     places = np.floor((np.arange(first, first + count) + 0.5) / scale)
@@ -259,18 +130,24 @@ def _gather(
 
 
 class SketchView(QObject):
-    """Keeps the sketch image up to date with the models, and draws it."""
+    """Composes the sketch into an image of the screen (device px) where it is stale, and draws it."""
 
     stale = pyqtSignal(object)  # QRect of the screen (device px) that changed
 
     def __init__(self, context: ToolContext, parent: QObject) -> None:
         super().__init__(parent)
         self._context = context
+        self._ratio = context.ratio  # device pixels a logical one
+        self._hatches = HatchTable(hatches_of(context.workspace), context.ratio)
+        self._compositor = LayerCompositor(context.document.layer, paints_of(context.workspace))
         self._relief: Relief | None = None
+        self._relief_image: QImage | None = None
+        self._relief_step = 1
         self._tint: tuple[Adherence | None, str] = (None, "")
-        hatches = HatchTable(hatches_of(context.workspace), context.ratio)
-        compositor = LayerCompositor(context.document.layer, paints_of(context.workspace))
-        self._image = SketchImage(compositor, hatches, context.ratio)
+        self._tint_image: QImage | None = None
+        self._viewport: Viewport | None = None
+        self._image = QImage()
+        self._stale: list[QRect] = []
 
         context.document.opened.connect(self._on_opened)
         context.document.painted.connect(self._on_painted)
@@ -284,26 +161,26 @@ class SketchView(QObject):
     def refresh(self, *_: object) -> None:
         """Compose everything again: another document, layer look or theme."""
         context = self._context
-        self._image.compositor.paints = paints_of(context.workspace)
-        self._image.hatches = HatchTable(hatches_of(context.workspace), context.ratio)
-        self._image.ratio = context.ratio
-        self._image.invalidate()
+        self._compositor.paints = paints_of(context.workspace)
+        self._hatches = HatchTable(hatches_of(context.workspace), context.ratio)
+        self._ratio = context.ratio
+        self._invalidate()
         self.refresh_overlays()
 
     def refresh_overlays(self, *_: object) -> None:
         """Show or hide relief and adherence."""
         context, overlays = self._context, self._context.workspace.overlays
         relief = context.link.relief if "relief" in overlays else None
-        if (relief is None) != (self._image.relief is None):
-            self._relief = self._image.relief = None
+        if (relief is None) != (self._relief_image is None):
+            self._relief = self._relief_image = None
             self._update_relief()
-            self._image.invalidate()
+            self._invalidate()
         measured = context.link.adherence if "adherence" in overlays else None
         tint = (measured, context.workspace.layer if measured is not None else "")
         if tint[0] is not self._tint[0] or tint[1] != self._tint[1]:
             self._tint = tint
-            self._image.tint = None if measured is None else adherence_image(measured, tint[1])
-            self._image.invalidate()
+            self._tint_image = None if measured is None else adherence_image(measured, tint[1])
+            self._invalidate()
         self.stale.emit(QRect(0, 0, context.viewport.width, context.viewport.height))
 
     def _on_relief(self) -> None:
@@ -320,7 +197,7 @@ class SketchView(QObject):
         if (rows, columns) != (-(-sketch.height_px // relief.step), -(-sketch.width_px // relief.step)):
             return QRect()  # of the previous document
         before, self._relief = self._relief, relief
-        self._image.relief, self._image.relief_step = relief_image(relief), relief.step
+        self._relief_image, self._relief_step = relief_image(relief), relief.step
         box = (0, 0, rows, columns)
         if before is not None and before.shade.shape == relief.shade.shape:
             changed = before.shade != relief.shade
@@ -330,23 +207,132 @@ class SketchView(QObject):
             box = (int(down[0]), int(across[0]), int(down[-1]) + 1, int(across[-1]) + 1)
         top, left, bottom, right = (side * relief.step for side in box)
         margin = 2 * relief.step
-        area = self._image.area_of((top - margin, left - margin, bottom + margin, right + margin))
-        self._image.invalidate(area)
+        area = self._area_of((top - margin, left - margin, bottom + margin, right + margin))
+        self._invalidate(area)
         return area
 
     def _on_opened(self) -> None:
-        self._relief = self._image.relief = None
-        self._image.invalidate()
+        self._relief = self._relief_image = None
+        self._invalidate()
 
     def _on_painted(self, layer: str, box: object) -> None:
-        if any(paint.layer == layer for paint in self._image.compositor.paints):
-            self.stale.emit(self._image.invalidate_box(cast("Box", box)))
+        if any(paint.layer == layer for paint in self._compositor.paints):
+            self._compositor.invalidate(cast("Box", box))
+            area = self._area_of(cast("Box", box))
+            self._invalidate(area)
+            self.stale.emit(area)
 
     def draw(self, painter: QPainter, area: QRect) -> None:
         """Draw an area (logical px) of the canvas."""
         ratio = self._context.ratio
-        if self._image.ratio != ratio:
+        if self._ratio != ratio:
             self.refresh()
-        self._image.set_viewport(self._context.viewport)
+        self._set_viewport(self._context.viewport)
+        self._compose_stale()
         source = QRectF(area.x() * ratio, area.y() * ratio, area.width() * ratio, area.height() * ratio)
-        painter.drawImage(QRectF(area), self._image.image(), source)
+        painter.drawImage(QRectF(area), self._image, source)
+
+    def _set_viewport(self, viewport: Viewport) -> None:
+        """Show the sketch through a viewport; panning reuses pixels."""
+        before, self._viewport = self._viewport, viewport
+        size = (viewport.width, viewport.height)
+        if size != (self._image.width(), self._image.height()):
+            self._image = QImage(*size, QImage.Format.Format_RGB32)
+            self._invalidate()
+        elif before == viewport:
+            return
+        elif before is not None and replace(before, left=viewport.left, top=viewport.top) == viewport:
+            right, down = viewport.left - before.left, viewport.top - before.top
+            stale, self._stale = self._stale, []
+            moved = [each.translated(right, down) for each in stale]
+            for area in [*moved, *scroll_image(self._image, right, down)]:
+                self._invalidate(area)
+        else:
+            self._invalidate()
+
+    def _invalidate(self, area: QRect | None = None) -> None:
+        """Mark an area of the screen as stale; None: all of it."""
+        whole = self._image.rect()
+        area = whole if area is None else area.intersected(whole)
+        if area == whole:
+            self._stale.clear()
+        if not area.isEmpty():
+            self._stale.append(area)
+
+    def _area_of(self, box: Box) -> QRect:
+        """Return the area of the screen that a box of the sketch affects."""
+        if self._viewport is None:
+            return QRect()
+        step = 1 << level_for(self._viewport.scale)
+        top, left = box[0] // step * step, box[1] // step * step
+        bottom, right = -(-box[2] // step) * step, -(-box[3] // step) * step
+        margin = 2 + self._hatches.halo + int(self._viewport.scale * step)
+        x0, y0 = self._viewport.to_screen(left, top)
+        x1, y1 = self._viewport.to_screen(right, bottom)
+        corner = QPoint(int(np.floor(x0)) - margin, int(np.floor(y0)) - margin)
+        return QRect(corner, QPoint(int(np.ceil(x1)) + margin, int(np.ceil(y1)) + margin))
+
+    def _compose_stale(self) -> None:
+        stale, self._stale = self._stale, []
+        if len(stale) > _MAX_AREAS:
+            stale = [reduce(QRect.united, stale)]
+        if stale:
+            painter = QPainter(self._image)
+            for area in stale:
+                self._compose(painter, area)
+            painter.end()
+
+    def _compose(self, painter: QPainter, area: QRect) -> None:
+        viewport = self._viewport
+        assert viewport is not None  # noqa: S101 # nothing is stale without one
+        painter.save()
+        painter.setClipRect(area)
+        sketch = QRect(viewport.left, viewport.top, *viewport.sketch_size)
+        _draw_surround(painter, area, sketch, self._ratio)
+        inner = sketch.intersected(area)
+        if not inner.isEmpty():
+            painter.setClipRect(inner)
+            painter.fillRect(inner, PAPER)
+            corner, scale = QPointF(viewport.left, viewport.top), viewport.scale
+            painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
+            if self._relief_image is not None:
+                side = scale * self._relief_step
+                samples = QSizeF(self._relief_image.width() * side, self._relief_image.height() * side)
+                painter.drawImage(QRectF(corner, samples), self._relief_image)
+            if self._compositor.paints:
+                for top in range(inner.top(), inner.bottom() + 1, _BAND):
+                    height = min(_BAND, inner.bottom() + 1 - top)
+                    self._paint(painter, viewport, QRect(inner.left(), top, inner.width(), height))
+            painter.setClipRect(inner)
+            if self._tint_image is not None:
+                painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform, scale < _SHARP)
+                size = QSizeF(viewport.columns * scale, viewport.rows * scale)
+                painter.drawImage(QRectF(corner, size), self._tint_image)
+        painter.restore()
+
+    def _paint(self, painter: QPainter, viewport: Viewport, area: QRect) -> None:
+        """Draw colours and hatches in a band of the screen."""
+        level, halo = level_for(viewport.scale), self._hatches.halo
+        scale = viewport.scale * (1 << level)
+        x, y = area.left() - viewport.left, area.top() - viewport.top
+        sides = (-(-viewport.columns >> level), -(-viewport.rows >> level))
+        across = _source_indices(x - halo, area.width() + 2 * halo, scale, sides[0])
+        down = _source_indices(y - halo, area.height() + 2 * halo, scale, sides[1])
+        margin = 2 if scale < _SHARP else 0
+        left, right = max(across[0] - margin, 0), min(across[-1] + 1 + margin, sides[0])
+        top, bottom = max(down[0] - margin, 0), min(down[-1] + 1 + margin, sides[1])
+        colours, codes = self._compositor.read(level, (int(top), int(left), int(bottom), int(right)))
+        if not codes.any():
+            return
+        across, down = across - left, down - top
+        painter.setClipRect(area)
+        if scale < _SHARP:
+            size = QSizeF((right - left) * scale, (bottom - top) * scale)
+            corner = QPointF(viewport.left + left * scale, viewport.top + top * scale)
+            painter.drawImage(QRectF(corner, size), _view_image(colours))
+        else:
+            inner = np.s_[halo:-halo]
+            painter.drawImage(area.topLeft(), _view_image(_gather(colours, down[inner], across[inner])))
+        painter.drawImage(
+            area.topLeft(), _view_image(self._hatches.render(_gather(codes, down, across), x, y))
+        )

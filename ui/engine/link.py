@@ -99,7 +99,9 @@ class ViewSource(QObject):
     view_changed = pyqtSignal(object)  # ViewState
     error_reported = pyqtSignal(object)  # ErrorReport
 
-    _received = pyqtSignal(int, str, object)  # from reader threads: start number, process name, message
+    _received = pyqtSignal(
+        int, str, object
+    )  # from reader threads: start number, process name, message or how the process ended
 
     without_view = ""
     """What still works without OpenGL, for the user."""
@@ -186,7 +188,7 @@ class ViewSource(QObject):
             except EOFError:
                 break
             self._received.emit(start, name, message)
-        self._received.emit(start, name, _ProcessEnded(processes.exit_status()))
+        self._received.emit(start, name, processes.exit_status())
 
     def _handle(self, start: int, name: str, message: Any) -> None:
         """Handle a message on the window's thread."""
@@ -202,9 +204,9 @@ class ViewSource(QObject):
             self._set_activity(self._activities.get("engine", "") or self._activities.get("placer", ""))
         elif isinstance(message, msg.ErrorReport):
             self._report_error(message.source, message.line)
-        elif isinstance(message, _ProcessEnded):
+        elif isinstance(message, str):
             self._terminate()
-            self._handle_crash(message.line or f"the {name} closed its connection")
+            self._handle_crash(message or f"the {name} closed its connection")
         elif isinstance(message, msg.Unchanged):
             self._revalidate(message)
         else:
@@ -235,13 +237,6 @@ class ViewSource(QObject):
         if text != self.activity:
             self.activity = text
             self.activity_changed.emit(text)
-
-
-class _ProcessEnded:
-    """How a process ended, in one line."""
-
-    def __init__(self, line: str) -> None:
-        self.line = line
 
 
 def _copy_frame(memory: FrameMemory, frame: msg.FrameReady) -> QImage:

@@ -16,7 +16,7 @@ from sketchterrain.document.parameter_types import Parameter
 from sketchterrain.document.parameters import DENSITY, LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.hydrology.rivers import trace_rivers
-from sketchterrain.placement.feature_types import FEATURE_TYPES, LAYER_CODES, TYPES, River, shown_at
+from sketchterrain.placement.feature_types import FEATURE_TYPES, LAYER_CODES, TYPES, River, visible_radius
 from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.placement import MAX_DISPLACEMENT, place
 from sketchterrain.placement.shapes import Shape, label_shapes
@@ -294,17 +294,9 @@ def tiny_sketches(draw: st.DrawFn) -> Sketch:
     return Sketch(extent=extent, seed=seed, fidelity=fidelity, layers=layers, density={"hill": 0.5})
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
-@given(tiny_sketches())
-def test_tiny_sketches_keep_their_shapes_and_are_finite(sketch: Sketch) -> None:
-    check_tiny(sketch)
-
-
-@pytest.mark.slow
-@settings(max_examples=120, deadline=None, derandomize=True)
-@given(tiny_sketches())
-def test_many_tiny_sketches_keep_their_shapes_and_are_finite(sketch: Sketch) -> None:
-    check_tiny(sketch)
+@pytest.mark.parametrize("examples", [25, pytest.param(120, marks=pytest.mark.slow)])
+def test_tiny_sketches_keep_their_shapes_and_are_finite(examples) -> None:
+    settings(max_examples=examples, deadline=None, derandomize=True)(given(tiny_sketches())(check_tiny))()
 
 
 def rolling(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -366,7 +358,7 @@ def check_points(sketch: Sketch, name: str, own: StructuredArray) -> None:
         depth[shape.rows, shape.columns] += shape.depth
     disc = np.maximum(depth[row, column], 1.0) * pixel
     # A feature's radius grows the lower and the sharper it is, but is bounded.
-    visible = shown_at(name, np.array([LEAST_SHARE]), np.array([1.0]), sketch.fidelity)
+    visible = visible_radius(name, np.array([LEAST_SHARE]), np.array([1.0]), sketch.fidelity)
     assert np.all(own["radius"] <= np.maximum(rule.reach * disc / visible, LEAST_RADIUS * pixel) * ROUNDING)
     assert np.all(own["radius"] >= LEAST_RADIUS * pixel / ROUNDING)
 

@@ -39,7 +39,7 @@ def test_forests_grow_where_they_are_painted(valley, desert) -> None:
     column = (plants["x"] / valley.sketch.pixel_size).astype(int)
     row = valley.sketch.height_px - 1 - (plants["y"] / valley.sketch.pixel_size).astype(int)
     inside = forest[row, column].mean()
-    assert inside > 0.6  # groves of the fill and lone trees stand elsewhere
+    assert inside > 0.6  # groves of the fill and isolated trees are elsewhere
     assert inside > 5 * forest.mean()
     assert len(plants) <= valley.foliage_estimate(0, 0, *valley.size)[0] <= 2 * len(plants)
 
@@ -163,7 +163,7 @@ def test_half_density_is_root_two_times_the_spacing(make_recipe, context) -> Non
     full, half = middle(1.0), middle(0.5)
     assert full.min() > 3.6
     assert np.median(full) < 6.4
-    # But for clearings, where lone plants and seedlings stand.
+    # Except in clearings with isolated plants and seedlings.
     assert np.isclose(half / full, np.sqrt(2.0), rtol=1e-3)[full < 6.4].mean() > 0.98
 
 
@@ -174,7 +174,7 @@ def test_no_trees_above_the_tree_line_and_on_walls(make_recipe, context) -> None
     unit = metres_per_unit(recipe.extent)
     woods = Woods(Evaluator(recipe, context))
     raster = SpacingBlocks(woods, recipe.extent).raster(*(round(v / unit) for v in (800, 800, 3200, 3200)))
-    stands = raster.spacing <= woods.most
+    grows = raster.spacing <= woods.most
     rows, columns = raster.spacing.shape
     at = np.meshgrid(
         raster.west + raster.step * np.arange(columns), raster.south + raster.step * np.arange(rows)
@@ -185,9 +185,9 @@ def test_no_trees_above_the_tree_line_and_on_walls(make_recipe, context) -> None
     north, east = np.gradient(height.astype(np.float64), raster.step * unit)
     steep = np.hypot(east, north)[1:-1, 1:-1]
     low, walls = (height < 340)[1:-1, 1:-1], steep > 1.0
-    assert not stands[height > 460].any()
-    assert not stands[1:-1, 1:-1][walls].any()
-    assert stands[1:-1, 1:-1][low & (steep < 0.7)].mean() > 0.8
+    assert not grows[height > 460].any()
+    assert not grows[1:-1, 1:-1][walls].any()
+    assert grows[1:-1, 1:-1][low & (steep < 0.7)].mean() > 0.8
 
 
 def test_grass_density_follows_the_material(make_recipe, context) -> None:
@@ -375,7 +375,7 @@ def test_a_sparse_forest_is_as_even_as_a_dense_one(make_recipe, context) -> None
 
     full, thin = inside(1.0), inside(0.25)
     assert len(thin) / len(full) == pytest.approx(0.25, rel=0.12)
-    # Not the very least: which species stand at the nearest pair of some thousand is chance.
+    # Not the minimum: the species of the nearest of some thousand pairs are random.
     apart = [np.quantile(cKDTree(at).query(at, k=2)[0][:, 1], [0.01, 0.1, 0.5]) for at in (full, thin)]
     assert (apart[1] > 1.9 * apart[0]).all()
 

@@ -202,8 +202,8 @@ def test_octaves_below_two_cells_are_omitted(make_recipe, context) -> None:
     whole, _ = evaluator.points(x, y, cell_size=0.0)
     for cell in (4.0, 16.0, 64.0):
         world = pack_world(recipe, cell, real=np.float64)
-        kept = world.octaves.scale[slice(*world.octaves.ranges["gully"])]
-        assert np.all(UNIT / kept[:, 1] > 2 * cell)
+        resolved = world.octaves.scale[slice(*world.octaves.ranges["gully"])]
+        assert np.all(UNIT / resolved[:, 1] > 2 * cell)
         all_of_them = pack_world(recipe, 0.0, real=np.float64).octaves
         lost = 0.0
         for stack, most in (("gully", MOST), ("crag", 1.0)):

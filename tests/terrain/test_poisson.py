@@ -94,9 +94,9 @@ def test_points_keep_their_distance_and_fill_the_area(context) -> None:
     side = 200 * RADIUS
     points = PoissonDisk(context, RADIUS, seed=2, levels=3).within((0, 0, side, side))
     for level in range(4):
-        chosen = points.position[points.level >= level]
-        assert nearest(chosen) >= RADIUS * 2**level
-        fill = len(chosen) * 4**level / 200**2 / GREATEST_DENSITY
+        selected = points.position[points.level >= level]
+        assert nearest(selected) >= RADIUS * 2**level
+        fill = len(selected) * 4**level / 200**2 / GREATEST_DENSITY
         assert fill > (0.9 if level < 3 else 0.85)  # few points at the coarsest, and a border
     side = 200 * RADIUS
     many = [len(poisson_disk(context, (0, 0, side, side), RADIUS, seed=4, trials=k)) for k in (1, 4, 8, 16)]
@@ -335,16 +335,16 @@ def test_sparse_areas_have_fewer_levels_and_beyond_the_range_no_points(context) 
 
 def test_the_raster_is_read_no_farther_than_the_halo(context) -> None:
     for metres, levels in ((0, 0), (1, 3), (90, 1), (3000, 3)):
-        asked = []
+        queried = []
 
-        def recorded(west, south, east, north, asked=asked) -> SpacingRaster:
-            asked.append((west, south, east, north))
+        def recorded(west, south, east, north, queried=queried) -> SpacingRaster:
+            queried.append((west, south, east, north))
             return raster_of(waves)(west, south, east, north)
 
         own = GradedPoisson(context, recorded, least=LEAST, most=MOST, levels=levels, seed=1)
         area = (-7, 11, metres * METRE + 1, metres * METRE + 12)
         own.within(area)
-        low, high = np.min(asked, axis=0)[:2], np.max(asked, axis=0)[2:]
+        low, high = np.min(queried, axis=0)[:2], np.max(queried, axis=0)[2:]
         far = max(*(np.array(area[:2]) - low), *(high - np.array(area[2:])))
         assert 0.9 * own.halo < far <= own.halo, (metres, levels)
 

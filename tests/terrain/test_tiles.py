@@ -255,9 +255,9 @@ def check_tiles(terrain: Terrain, preset: str, tiles: int) -> None:
     rng = np.random.default_rng([list(preset_names()).index(preset), 4])
     each = -(-tiles // (len(preset_names()) * len(DRAWN_LEVELS)))
     for level in DRAWN_LEVELS:
-        chosen = random_tiles(terrain, level, each, rng)
-        for first in range(0, len(chosen), 3 * AT_ONCE):
-            found = terrain.tiles(chosen[first : first + 3 * AT_ONCE])
+        keys = random_tiles(terrain, level, each, rng)
+        for first in range(0, len(keys), 3 * AT_ONCE):
+            found = terrain.tiles(keys[first : first + 3 * AT_ONCE])
             for number in range(0, len(found), 3):
                 check(*found[number : number + 3])
 
@@ -338,8 +338,8 @@ def omitted_detail(terrain: Terrain, tile: st.Tile, rng: np.random.Generator) ->
             beside = line[inside][rng.integers(inside.sum(), size=400)] + rng.normal(0, 8, (400, 2))
             beside = np.clip(beside, [west, south], [east, north])
             x, y = np.append(x, beside[:, 0]), np.append(y, beside[:, 1])
-    full, shown = (terrain.heights(x, y, cell_size=cell).astype(float) for cell in (0.0, tile.cell_size))
-    return float(np.abs(full - shown).max())
+    full, coarse = (terrain.heights(x, y, cell_size=cell).astype(float) for cell in (0.0, tile.cell_size))
+    return float(np.abs(full - coarse).max())
 
 
 @tiers("preset", ["valley_river"], preset_names())

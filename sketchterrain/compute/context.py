@@ -133,9 +133,9 @@ class ComputeContext:
 
     def max_group_size(self, file: str, kernel: str) -> int:
         """Return the largest work-group size of a kernel on this device."""
-        asked = cl.kernel_work_group_info.WORK_GROUP_SIZE
+        query = cl.kernel_work_group_info.WORK_GROUP_SIZE
         info = self._kernel(file, kernel).get_work_group_info
-        return int(self._call("asking for a group's size", info, asked, self.device.handle))
+        return int(self._call("querying the work-group size", info, query, self.device.handle))
 
     def upload(self, array: npt.NDArray[Any], *, writable: bool = False) -> Any:
         """Copy an array to a new device buffer; an empty array gets a buffer of one element."""

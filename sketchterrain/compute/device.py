@@ -214,12 +214,12 @@ def _describe(index: int, handle: Any) -> Device:
 def _match(devices: tuple[Device, ...], selector: str) -> list[Device]:
     if selector.isdigit():
         return [device for device in devices if device.index == int(selector)]
-    wanted = selector.lower()
-    if wanted in {name.lower() for name in _TYPES.values()}:
-        return [device for device in devices if device.type.lower() == wanted]
-    wanted = _ALIASES.get(wanted, wanted)
+    pattern = selector.lower()
+    if pattern in {name.lower() for name in _TYPES.values()}:
+        return [device for device in devices if device.type.lower() == pattern]
+    pattern = _ALIASES.get(pattern, pattern)
     for name in ("platform", "vendor", "name"):
-        matching = [device for device in devices if wanted in getattr(device, name).lower()]
+        matching = [device for device in devices if pattern in getattr(device, name).lower()]
         if matching:
             return matching
     return []

@@ -10,9 +10,9 @@ from sketchterrain.errors import InputError
 
 def drop_repeats(points: Float64Array, *, of: int | None = None) -> Float64Array:
     """Drop points that equal the one before them in the first `of` columns (all by default)."""
-    keep = np.ones(len(points), dtype=np.bool_)
-    keep[1:] = (np.diff(points[:, :of], axis=0) != 0.0).any(axis=1)
-    return points[keep]
+    distinct = np.ones(len(points), dtype=np.bool_)
+    distinct[1:] = (np.diff(points[:, :of], axis=0) != 0.0).any(axis=1)
+    return points[distinct]
 
 
 def catmull_rom(points: Float64Array, u: Float64Array) -> Float64Array:
@@ -58,13 +58,13 @@ def cubics(points: Float64Array) -> Float64Array:
     # The slope at a control point: the derivative there of Barry & Goldman's pyramid.
     before, after = step[..., :-1, :] / knots[..., :-1, :], step[..., 1:, :] / knots[..., 1:, :]
     across = (p[..., 2:, :] - p[..., :-2, :]) / (knots[..., :-1, :] + knots[..., 1:, :])
-    slope, middle, way = before + after - across, knots[..., 1:-1, :], step[..., 1:-1, :]
+    slope, middle, chord = before + after - across, knots[..., 1:-1, :], step[..., 1:-1, :]
     leaving, arriving = middle * slope[..., :-1, :], middle * slope[..., 1:, :]
     powers = [
         points[..., :-1, :],
         leaving,
-        3.0 * way - 2.0 * leaving - arriving,
-        leaving + arriving - 2.0 * way,
+        3.0 * chord - 2.0 * leaving - arriving,
+        leaving + arriving - 2.0 * chord,
     ]
     return np.stack(powers, axis=-1)
 

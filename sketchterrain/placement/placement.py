@@ -184,8 +184,8 @@ def _features(
         # Ridges between summits have no tips.
         result["peakiness"][~users["summit"]] = 0.0
     share = np.maximum(users["share"], _MIN_SHARE)
-    shown = visible_radius(name, share, result["peakiness"].astype(np.float64), sketch.fidelity)
-    result["radius"] = np.maximum(disc * rule.reach / shown, _MIN_RADIUS * sketch.pixel_size)
+    visible = visible_radius(name, share, result["peakiness"].astype(np.float64), sketch.fidelity)
+    result["radius"] = np.maximum(disc * rule.reach / visible, _MIN_RADIUS * sketch.pixel_size)
     if name == "forest":
         result["strength"] = np.minimum(result["strength"], 1.0)
     return result

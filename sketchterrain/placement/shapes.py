@@ -155,7 +155,7 @@ MIN_DISC = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class Pixels:
+class ShapePixels:
     """A shape's pixels as columns, one entry per pixel in reading order."""
 
     row: Int64Array  # in the bounding box
@@ -165,7 +165,7 @@ class Pixels:
     priority: npt.NDArray[np.uint64]  # lowest first
 
     @classmethod
-    def from_shape(cls, shape: Shape, *, most: float, seed: int) -> Pixels:
+    def from_shape(cls, shape: Shape, *, most: float, seed: int) -> ShapePixels:
         """Measure a shape's pixels; no disc exceeds the radius `most` (px)."""
         row, column = np.nonzero(shape.mask)
         depth = shape.depth[row, column]

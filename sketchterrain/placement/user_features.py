@@ -17,7 +17,7 @@ from scipy import ndimage
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
 from sketchterrain.placement.feature_types import LAYER_CODES, TYPES
 from sketchterrain.placement.hashing import hash_unit, value_noise
-from sketchterrain.placement.shapes import MIN_DISC, Pixels
+from sketchterrain.placement.shapes import MIN_DISC, ShapePixels
 
 if TYPE_CHECKING:
     from sketchterrain.placement.shapes import Shape
@@ -30,7 +30,7 @@ _SPINE_SPACING = 0.5  # of a disc's radius, between discs along the medial axis 
 _MIN_SPINE = 0.3  # of the largest summit's disc: thinner branches of the axis are noise of the brush
 
 
-def throw_summits(shape: Shape, pixels: Pixels, mean: float, multitude: int) -> Int64Array:
+def throw_summits(shape: Shape, pixels: ShapePixels, mean: float, multitude: int) -> Int64Array:
     """Throw darts in order of priority: far apart first, then closer until there are enough."""
     depth, deepest = pixels.depth, float(pixels.depth.max())
     highest = ndimage.maximum_filter(shape.depth, size=3, mode="constant")
@@ -61,13 +61,13 @@ def throw_summits(shape: Shape, pixels: Pixels, mean: float, multitude: int) -> 
     return np.asarray(accepted, dtype=np.int64)
 
 
-def _apart(pixels: Pixels, darts: Int64Array, index: int, spacing: float | Float64Array) -> BoolArray:
+def _apart(pixels: ShapePixels, darts: Int64Array, index: int, spacing: float | Float64Array) -> BoolArray:
     down = pixels.row[darts] - pixels.row[index]
     across = pixels.column[darts] - pixels.column[index]
     return np.asarray(down * down + across * across >= np.maximum(np.square(spacing), 1.0))
 
 
-def throw_spine(shape: Shape, pixels: Pixels, summits: Int64Array, fidelity: float) -> Int64Array:
+def throw_spine(shape: Shape, pixels: ShapePixels, summits: Int64Array, fidelity: float) -> Int64Array:
     """Throw darts at the medial axis, so close that the discs overlap."""
     # A distance map has slope 1 except on the medial axis.
     down, across = np.gradient(np.pad(shape.depth, 1))
@@ -77,7 +77,7 @@ def throw_spine(shape: Shape, pixels: Pixels, summits: Int64Array, fidelity: flo
     darts = darts[np.argsort(pixels.priority[darts], kind="stable")]
     spacing = (_SPINE_SPACING + (1.0 - fidelity)) * pixels.disc[darts]
     free = pixels.disc[darts] > _MIN_SPINE * pixels.disc[summits].max()
-    near = _Near(shape, pixels, darts, np.maximum(spacing, 1.0))
+    near = _DartGrid(shape, pixels, darts, np.maximum(spacing, 1.0))
     for index in summits:
         near.clear(free, int(index))
     accepted: list[int] = []
@@ -88,10 +88,10 @@ def throw_spine(shape: Shape, pixels: Pixels, summits: Int64Array, fidelity: flo
     return np.asarray(accepted, dtype=np.int64)
 
 
-class _Near:
+class _DartGrid:
     """Spatial index of darts, so that an accepted dart is not compared with all of them."""
 
-    def __init__(self, shape: Shape, pixels: Pixels, darts: Int64Array, spacing: Float64Array) -> None:
+    def __init__(self, shape: Shape, pixels: ShapePixels, darts: Int64Array, spacing: Float64Array) -> None:
         self._pixels, self._darts, self._spacing = pixels, darts, spacing
         self._reach = math.ceil(float(spacing.max(initial=0.0)))
         self._number: Int64Array | None = None
@@ -114,9 +114,9 @@ class _Near:
 _MIN_HOLE = 0.9  # px; narrower holes are noise of the brush, filled at fidelity 1 only
 
 
-def fill_holes(shape: Shape, pixels: Pixels, selected: Int64Array, fidelity: float) -> Int64Array:
+def fill_holes(shape: Shape, pixels: ShapePixels, selected: Int64Array, fidelity: float) -> Int64Array:
     """Return discs for uncovered pixels, the deepest holes first, until enough is covered."""
-    cover = _Cover(shape, pixels)
+    cover = _Coverage(shape, pixels)
     for index in selected:
         cover.add(int(index))
     bare_at_most = (1.0 - (0.6 + 0.395 * fidelity**2)) * shape.area
@@ -137,10 +137,10 @@ def fill_holes(shape: Shape, pixels: Pixels, selected: Int64Array, fidelity: flo
     return np.asarray(accepted, dtype=np.int64)
 
 
-class _Cover:
+class _Coverage:
     """Coverage of a shape's pixels by the selected discs."""
 
-    def __init__(self, shape: Shape, pixels: Pixels) -> None:
+    def __init__(self, shape: Shape, pixels: ShapePixels) -> None:
         self._pixels = pixels
         self._number = np.full(shape.mask.shape, -1, dtype=np.int64)
         self._number[pixels.row, pixels.column] = np.arange(shape.area)
@@ -231,7 +231,7 @@ def user_features(shape: Shape, *, multitude: int, fidelity: float, seed: int) -
     union of the discs covers from 60 % to 99.5 % of the shape as `fidelity` goes from 0 to 1.
     """
     mean = mean_size(shape.area, multitude)
-    pixels = Pixels.from_shape(shape, most=1.25 * mean, seed=seed)
+    pixels = ShapePixels.from_shape(shape, most=1.25 * mean, seed=seed)
     if shape.area == 1:  # a sketch may contain thousands
         summits = selected = np.zeros(1, dtype=np.int64)
     else:

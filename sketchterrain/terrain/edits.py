@@ -72,8 +72,8 @@ class EditedFill:
     ) -> StructuredArray:
         """Return the features centred in a rectangle, as `Fill.within` does."""
         found = self.fill.within(west, south, east, north, min_radius=min_radius)
-        kept: StructuredArray = found[~np.isin(found["id"], self.replaced["id"])]
-        return kept
+        remaining: StructuredArray = found[~np.isin(found["id"], self.replaced["id"])]
+        return remaining
 
 
 def apply_painted_edits(painted: StructuredArray, edits: Iterable[Edit]) -> EditedPoints:

@@ -51,16 +51,16 @@ _MARGIN: Final = 2
 
 
 def mark_stale(
-    pool: TilePool, areas: Sequence[Bounds], *, extent: float, quads: int, kept: Int64Array
+    pool: TilePool, areas: Sequence[Bounds], *, extent: float, quads: int, protected: Int64Array
 ) -> int:
     """Mark tiles stale in `areas` (west, south, east, north, m); return the number removed.
 
-    Tiles in `kept` (sorted) stay in the pool, stale until they are rewritten; other affected tiles are
+    Tiles in `protected` (sorted) stay in the pool, stale until they are rewritten; other affected tiles are
     removed.
     """
     codes, slots = pool.tiles()
     touched = _touched(codes, areas, extent, quads)
-    stays = touched & contains(kept, codes)
+    stays = touched & contains(protected, codes)
     pool.stale[slots[stays]] = True
     removed = codes[touched & ~stays]
     pool.remove(removed)
@@ -141,8 +141,8 @@ class DisplayedTree:
     left.
     """
 
-    def __init__(self, there: Callable[[Int64Array], BoolArray] | None = None) -> None:
-        self._there = there
+    def __init__(self, exists: Callable[[Int64Array], BoolArray] | None = None) -> None:
+        self._exists = exists
         self._set(np.zeros(0, np.int64))
         self.moving = False
 
@@ -166,14 +166,14 @@ class DisplayedTree:
         may_split[may_split] = (pool.find(children_of(codes[may_split])) >= 0).all(axis=1)
         merges = self._merges(splits, pool)
         removed = may_split | contains(merges, parent_of(codes))
-        kept = codes[~removed]
-        inside = contains(roots, _root_of(kept))
+        remaining = codes[~removed]
+        inside = contains(roots, _root_of(remaining))
         missing = roots[~contains(np.unique(_root_of(codes)), roots)]
         missing = missing[pool.find(missing) >= 0]
         if not removed.any() and inside.all() and not missing.size:
             return
         children = children_of(codes[may_split]).ravel()
-        parts = (kept[inside], children, merges, missing)
+        parts = (remaining[inside], children, merges, missing)
         initial = (
             self._initial[~removed][inside],
             np.ones(len(children)),
@@ -253,9 +253,9 @@ class DisplayedTree:
         self._coarser = ~same & contains(self.codes, parent_of(around))
         near = children_of(around.ravel()).reshape(-1, 8, 4)[:, np.arange(8), _NEAR_CHILD]
         self._finer = ~same & contains(self.codes, near)
-        if self._there is not None:
-            self._coarser &= self._there(around)
-            self._finer &= self._there(near)
+        if self._exists is not None:
+            self._coarser &= self._exists(around)
+            self._finer &= self._exists(near)
         self._around = around
 
     def _border_cases(self) -> npt.NDArray[np.int64]:
@@ -263,8 +263,8 @@ class DisplayedTree:
         as_parent = (self.controls.reshape(-1, 9) == 1).all(axis=1)
         along = self._coarser | contains(self.codes[as_parent], self._around)
         cases = np.zeros(len(self.codes), np.int64)
-        for way, bit in _BORDERS:
-            cases[along[:, way]] |= bit
+        for direction, bit in _BORDERS:
+            cases[along[:, direction]] |= bit
         cases[as_parent] = PARENT
         return cases
 
@@ -272,8 +272,8 @@ class DisplayedTree:
         """Return which controls touch one of the given neighbours, shape (n, 9)."""
         flags = np.zeros((len(neighbours), 9), np.bool_)
         for i, row in enumerate(_TOUCHED):
-            for j, ways in enumerate(row):
-                flags[:, 3 * i + j] = neighbours[:, list(ways)].any(axis=1)
+            for j, directions in enumerate(row):
+                flags[:, 3 * i + j] = neighbours[:, list(directions)].any(axis=1)
         return flags
 
 

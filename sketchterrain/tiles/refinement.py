@@ -52,7 +52,7 @@ _MARGIN: Final = 0.15
 
 
 @dataclass(frozen=True, eq=False)
-class Excess:
+class TileExcess:
     """Level-of-detail excess of cached tiles."""
 
     codes: Int64Array  # sorted
@@ -77,7 +77,7 @@ class TargetTree:
     missing: Int64Array  # not cached although their parents are; most visible first
     # (missing,) excess of the tile each replaces; infinite for roots, at most UNSEEN_URGENCY if not visible
     urgency: Float64Array
-    excess: Excess  # of all cached tiles
+    excess: TileExcess  # of all cached tiles
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class TileSelector:
         cols, rows = np.meshgrid(np.arange(west, east + 1), np.arange(south, north + 1))
         return np.sort(code_of(ROOT_LEVEL, cols.ravel(), rows.ravel()))
 
-    def excess(self, view: CameraView, pool: TilePool) -> Excess:
+    def excess(self, view: CameraView, pool: TilePool) -> TileExcess:
         """Return the excess of all cached tiles, including those hidden by nearer terrain."""
         codes, slots = pool.tiles()
         boxes = pool.boxes(codes, slots, self.extent)
@@ -112,13 +112,13 @@ class TileSelector:
         there = intersects_bounds(codes, self.extent, self.bounds)
         excess = np.where(there & (distance <= view.draw_distance), excess, 0.0)
         seen = there & view.sees(boxes, margin=_MARGIN * distance)
-        every = Excess(codes, np.where(seen, excess, _UNSEEN_WEIGHT * excess), seen)
+        every = TileExcess(codes, np.where(seen, excess, _UNSEEN_WEIGHT * excess), seen)
         if self.hide:
             coarse = np.flatnonzero(seen & (excess > 1))
             leaves = self._leaves(every)
             hidden = occluded(view, boxes.subset(coarse), boxes.subset(leaves))
             seen[coarse[hidden]] = False
-        return Excess(codes, np.where(seen, excess, _UNSEEN_WEIGHT * excess), seen)
+        return TileExcess(codes, np.where(seen, excess, _UNSEEN_WEIGHT * excess), seen)
 
     def target_tree(self, view: CameraView, pool: TilePool) -> TargetTree:
         """Return the tree that a view requires, as far as known from cached tiles."""
@@ -137,18 +137,18 @@ class TileSelector:
         roots = self.roots(view)
         ready = splits[(pool.find(children_of(splits)) >= 0).all(axis=1) & (pool.find(splits) >= 0)]
         level = decode(ready)[0]
-        shown = roots[:0]
+        displayable = roots[:0]
         for at in range(ROOT_LEVEL, self.finest):
             here = ready[level == at]
             if at > ROOT_LEVEL:
                 beside = neighbours_of(here)
                 relevant = _within(beside, self._range(view, at, _BALANCED))
-                backed = ~relevant | contains(shown, parent_of(beside))
-                here = here[contains(shown, parent_of(here)) & backed.all(axis=1)]
-            shown = np.sort(np.concatenate([shown, here]))
-        return shown
+                backed = ~relevant | contains(displayable, parent_of(beside))
+                here = here[contains(displayable, parent_of(here)) & backed.all(axis=1)]
+            displayable = np.sort(np.concatenate([displayable, here]))
+        return displayable
 
-    def _coarse_by_level(self, excess: Excess) -> list[npt.NDArray[np.intp]]:
+    def _coarse_by_level(self, excess: TileExcess) -> list[npt.NDArray[np.intp]]:
         """Return the tiles of each level, from the roots, that are too coarse like all their ancestors."""
         coarse = np.flatnonzero(excess.of_all > 1)
         codes = excess.codes[coarse]
@@ -163,7 +163,7 @@ class TileSelector:
             found.append(here)
         return found[:-1]
 
-    def _leaves(self, excess: Excess) -> npt.NDArray[np.intp]:
+    def _leaves(self, excess: TileExcess) -> npt.NDArray[np.intp]:
         """Return the leaves after splitting all tiles that are too coarse, unbalanced."""
         splits = np.sort(np.concatenate(self._coarse_by_level(excess)))
         codes = excess.codes
@@ -176,7 +176,7 @@ class TileSelector:
         """Return first and last column and row of a level within bounds and a share of the draw distance."""
         width = self.extent * 2.0**-level
         reach = min(share * view.draw_distance, _MAX_ROOTS * self.extent * 2.0**-ROOT_LEVEL)
-        ends = [int(np.floor((at + way * reach) / width)) for at in view.eye[:2] for way in (-1, 1)]
+        ends = [int(np.floor((at + sign * reach) / width)) for at in view.eye[:2] for sign in (-1, 1)]
         most = tile_range(self.bounds, width)
         west, east, south, north = (
             int(limit(end, there)) for limit, end, there in zip((max, min, max, min), ends, most, strict=True)
@@ -188,7 +188,7 @@ class TileSelector:
         return range(ROOT_LEVEL, self.finest + 1)
 
     def _balanced(
-        self, excess: Excess, coarse: list[npt.NDArray[np.intp]], view: CameraView
+        self, excess: TileExcess, coarse: list[npt.NDArray[np.intp]], view: CameraView
     ) -> tuple[Int64Array, Float64Array]:
         """Return all tiles to split so that touching tiles differ by at most a level, with urgencies.
 

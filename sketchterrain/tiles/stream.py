@@ -225,7 +225,9 @@ class TileStream:
         (`plan`).
         """
         self._changes += 1
-        return mark_stale(self.pool, areas, extent=self.extent, quads=self.quads, kept=np.sort(self._needed))
+        return mark_stale(
+            self.pool, areas, extent=self.extent, quads=self.quads, protected=np.sort(self._needed)
+        )
 
     def stale_batch(self, draws: DrawList) -> Batch:
         """Return the tiles to rewrite, and to pass to `mark_generated`, before these are drawn."""

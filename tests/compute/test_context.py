@@ -2,6 +2,7 @@
 
 import re
 from importlib.resources import files
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -124,11 +125,8 @@ def test_staging_still_works_after_out_of_memory(monkeypatch):
     staging = StagingBuffer(context)
     staging.upload({"a": np.arange(10)})
 
-    def full(*_):
-        raise DeviceMemoryError("full")
-
     with monkeypatch.context() as patch:
-        patch.setattr(context, "empty", full)
+        patch.setattr(context, "empty", Mock(side_effect=DeviceMemoryError("full")))
         with pytest.raises(DeviceMemoryError):
             staging.upload({"a": np.arange(10_000)})
         small = staging.upload({"a": np.arange(20)})

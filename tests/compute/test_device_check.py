@@ -52,11 +52,9 @@ def with_aborting_gpu(tmp_path_factory):
     return os.environ | {"OCL_ICD_VENDORS": str(folder)}
 
 
-def list_with_tests(environment):
+def listed_devices(environment):
     command = [sys.executable, "-m", "sketchterrain", "devices", "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+    return json.loads(subprocess.run(command, capture_output=True, env=environment, check=True).stdout)
 
 
 def test_an_aborting_driver_is_logged_once_and_skipped(with_aborting_gpu):
@@ -72,7 +70,7 @@ def test_an_aborting_driver_is_logged_once_and_skipped(with_aborting_gpu):
 
 @pytest.mark.slow
 def test_devices_lists_an_aborting_driver(with_aborting_gpu):
-    aborting, *others = list_with_tests(with_aborting_gpu)
+    aborting, *others = listed_devices(with_aborting_gpu)
     assert (aborting["name"], aborting["type"]) == ("Aborting GPU", "GPU")
     assert aborting["self_test"] == {"bits": "failed", "detail": FAILURE}
     assert [entry["name"] for entry in others] == [device.name for device in list_devices()]
@@ -83,7 +81,7 @@ def test_devices_lists_an_aborting_driver(with_aborting_gpu):
 @pytest.mark.skipif(not POCL, reason="PoCL is not installed")
 def test_pocl_without_a_linker_names_the_package_to_install(tmp_path):
     hidden = os.environ | {"PATH": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path)}
-    entries = list_with_tests(hidden)
+    entries = listed_devices(hidden)
     for test in (entry["self_test"] for entry in entries if entry["platform"] == POCL[0].platform):
         if POCL[0].driver.startswith("3.0"):  # the one of PyPI; others may bring their linker
             assert test["bits"] == "failed"

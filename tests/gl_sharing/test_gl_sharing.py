@@ -5,7 +5,6 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -26,16 +25,16 @@ RENDER_TESTS = Path(__file__).parents[1] / "render"
 class Layer:
     """The layer's library, and its report on child processes."""
 
-    def __init__(self, library: Path, log: Path) -> None:
+    def __init__(self, library, log):
         self._log = log
         self._environment = {"OPENCL_LAYERS": str(library), "GL_SHARING_LAYER_LOG": str(log)}
 
-    def run(self, *arguments: str, environment: Mapping[str, str] | None = None) -> str:
+    def run(self, *arguments, environment=None):
         """Run Python with the layer; return its stdout."""
-        return run_python(*arguments, environment={**self._environment, **(environment or {})})
+        return run_python(*arguments, environment=self._environment | (environment or {}))
 
     @property
-    def misuses(self) -> list[str]:
+    def misuses(self):
         """Violations of the specification, in order."""
         lines = self._log.read_text(encoding="utf-8").splitlines() if self._log.exists() else []
         return [
@@ -45,25 +44,20 @@ class Layer:
         ]
 
     @property
-    def acquired(self) -> int:
+    def acquired(self):
         """Number of acquisitions of buffers."""
         return sum(map(int, re.findall(r"acquired (\d+), released", self._log.read_text(encoding="utf-8"))))
 
 
-def run_python(*arguments: str, environment: Mapping[str, str]) -> str:
-    done = subprocess.run(
-        [sys.executable, *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, **environment},
-    )
+def run_python(*arguments, environment):
+    command = [sys.executable, *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ | environment)
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-4000:]
     return done.stdout
 
 
 @pytest.fixture(scope="module")
-def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def library(tmp_path_factory):
     if not sys.platform.startswith("linux"):
         pytest.skip("the layer is written for Linux")
     if COMPILER is None:
@@ -80,7 +74,7 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def layer(library: Path, tmp_path: Path) -> Layer:
+def layer(library, tmp_path):
     return Layer(library, tmp_path / "log")
 
 
@@ -166,7 +160,7 @@ MISUSES = [
 
 
 @PLATFORMS
-def test_the_layer_is_strict(layer: Layer, index: int) -> None:
+def test_the_layer_is_strict(layer, index):
     """Bytes owned by the other API are poisoned, and exactly the planted misuses are reported."""
     layer.run("-c", OPENED + STRICT, str(index))
     assert layer.misuses == []
@@ -174,7 +168,7 @@ def test_the_layer_is_strict(layer: Layer, index: int) -> None:
     assert layer.misuses == MISUSES
 
 
-def test_vertex_memory_is_shared_by_the_specification(layer: Layer) -> None:
+def test_vertex_memory_is_shared_by_the_specification(layer):
     """The probe selects the extension, and all methods yield the same bytes."""
     code = """
 from sketchterrain.compute.device import list_devices
@@ -218,7 +212,7 @@ print(*kinds)
 
 
 @PLATFORMS
-def test_images_equal_those_of_copied_vertices(layer: Layer, tmp_path: Path, index: int) -> None:
+def test_images_equal_those_of_copied_vertices(layer, tmp_path, index):
     shared, copied = tmp_path / "shared.npy", tmp_path / "copied.npy"
     assert layer.run("-c", PICTURE, str(index), "best", str(shared)).split() == ["extension"]
     assert layer.acquired > 0
@@ -261,7 +255,7 @@ print(memory.kind, memory.reason, sep="\\n")
 """
 
 
-def test_failing_calls_are_reported_and_memory_falls_back_to_mapped(layer: Layer) -> None:
+def test_failing_calls_are_reported_and_memory_falls_back_to_mapped(layer):
     device = CPUS[0]
     refusal = f"{device.name} ({device.platform}) shares no buffers with OpenGL: "
     failures = {

@@ -130,22 +130,6 @@ def test_a_small_pool_tolerates_more_error_without_holes(toy):
     assert toy.is_whole(draws, view)
 
 
-@pytest.mark.slow
-def test_a_long_walk_evicts_tiles_behind(toy):
-    stream = toy.limited(toy.new_stream(metric=ScreenError(6.0, quad=1e9), slots=800), 40)
-    eye = np.array([0.0, 0.0, 30.0])
-    stream.generate_all(toy.view_from(eye), toy.generate)
-    at_first = len(stream._tree.codes)
-    for _ in range(120):
-        eye += np.array([500.0, 0.0, 0.0])
-        view = toy.view_from(eye)
-        draws = toy.go(stream, view, tiles=40)
-    assert stream.pool.count <= 800
-    assert toy.is_whole(draws, view)
-    toy.rested(stream, toy.view_from(eye), tiles=40)
-    assert 0.5 * at_first < len(stream._tree.codes) < 2 * at_first
-
-
 def test_far_from_the_origin_the_same_terrain_gives_the_same_tiles(toy):
     shift = 2**14 * toy.EXTENT * 2.0**-ROOT_LEVEL
 
@@ -218,6 +202,7 @@ def test_a_long_walk_with_a_short_view_ends_with_the_tiles_of_a_still_camera(toy
     for _ in range(steps):
         eye += np.array(way)
         toy.go(stream, short(eye), tiles=40)
+    assert stream.pool.count <= stream.pool.slots
     draws = toy.rested(stream, short(eye), tiles=40)
     alone = toy.new_stream(metric=metric).generate_all(short(eye), toy.generate)
     assert sorted(alone.keys) == sorted(draws.keys)

@@ -211,7 +211,12 @@ def write_height_tif(folder: Path, raster: Raster) -> tuple[Path, ...]:
     """Write ``height.tif``: float32 metres, north up, in local metres, samples at vertices (Point)."""
     dx, dy = raster.spacing
     corner = Affine(dx, 0.0, -0.5 * dx, 0.0, -dy, (len(raster.height) - 1) * dy + 0.5 * dy)
-    layout = {"predictor": _FLOAT_PREDICTOR, "tiled": True, "blockxsize": _BLOCK, "blockysize": _BLOCK}
+    layout: dict[str, Any] = {
+        "predictor": _FLOAT_PREDICTOR,
+        "tiled": True,
+        "blockxsize": _BLOCK,
+        "blockysize": _BLOCK,
+    }
     path = folder / "height.tif"
     bands = {"height": raster.height}
     return (_write_tiff(path, bands, "GTiff", local_metres(), corner, unit="m", **layout),)
@@ -232,7 +237,7 @@ def write_cloud_tiff(
     By GDAL's driver COG: deflated blocks of 256 × 256, overviews by averaging. Deterministic. Needs twice the
     memory of the bands: for GDAL's copy and for the file.
     """
-    layout = {
+    layout: dict[str, Any] = {
         "nodata": no_data,
         "predictor": "yes",  # the one for its dtype: differences of floats or of integers
         "overview_resampling": "average",

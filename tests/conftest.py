@@ -8,13 +8,13 @@ def pytest_addoption(parser):
     parser.addoption(
         "--regenerate-goldens",
         action="store_true",
-        help="write the golden pictures anew instead of comparing with them: look at each",
+        help="overwrite the golden pictures instead of comparing: inspect each",
     )
 
 
 def pytest_configure(config):
     # Nothing is written into the user's own cache. xdist's workers get the environment of the process that
-    # starts them, so all of a session share one folder and textures are made once.
+    # starts them, so all of a session share one folder and textures are computed once.
     if not hasattr(config, "workerinput"):
         folder = tempfile.TemporaryDirectory(prefix="sketchterrain-cache-", ignore_cleanup_errors=True)
         os.environ["XDG_CACHE_HOME"] = folder.name

@@ -87,5 +87,5 @@ def test_importing_loads_no_driver() -> None:
     drivers = {"pyopencl", "moderngl", "PyQt6", "scipy"}
     code = "import sys, sketchterrain, sketchterrain.app.cli, sketchterrain.errors; "
     code += f"print(*sorted({drivers} & set(sys.modules)))"
-    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert shown.stdout.strip() == ""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""

@@ -55,11 +55,11 @@ def test_wheel_contains_kernels_and_presets(tmp_path: Path) -> None:
         "from sketchterrain import resources; print(sketchterrain.__file__); "
         "print(len(resources.source('terrain.cl')), *resources.preset_names())"
     )
-    shown = subprocess.run(
+    done = subprocess.run(
         [sys.executable, "-S", "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path
     )
-    assert wheel.name in shown.stdout
-    assert "valley_river" in shown.stdout
+    assert wheel.name in done.stdout
+    assert "valley_river" in done.stdout
 
 
 def test_includes_are_expanded_once() -> None:

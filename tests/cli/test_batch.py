@@ -78,10 +78,10 @@ def test_options_override_the_sweep_file(call, sketch, tmp_path):
 
 
 def test_target_files_equal_those_of_export(call, sketch, tmp_path):
-    wanted = ("--to", "raw", "--size", 17, "--tiles", "2x1", "--heights=-100,900")
-    done = call("batch", sketch, "-o", tmp_path / "all", "--seeds", 4, *wanted, "--no-preview")
+    options = ("--to", "raw", "--size", 17, "--tiles", "2x1", "--heights=-100,900")
+    done = call("batch", sketch, "-o", tmp_path / "all", "--seeds", 4, *options, "--no-preview")
     assert done.code == 0, done.err
-    assert call("export", sketch, "-o", tmp_path / "alone", "--seed", 4, *wanted).code == 0
+    assert call("export", sketch, "-o", tmp_path / "alone", "--seed", 4, *options).code == 0
     folder = tmp_path / "all" / "north_east" / "seed-004"
     found = {path.name: path.read_bytes() for path in folder.iterdir()}
     report = json.loads(found.pop("report.json"))
@@ -146,8 +146,8 @@ def test_previews_equal_those_of_generate_on_a_contact_sheet(call, sketch, tmp_p
     assert comparable(there) == comparable(tmp_path / "alone")
     with Image.open(tmp_path / "all" / "sheet.png") as sheet, Image.open(there / "preview.png") as preview:
         small = np.asarray(preview.resize((400, 225), Image.Resampling.BOX)).astype(int)
-        shown = np.asarray(sheet)[12 : 12 + 225, 12 : 12 + 400].astype(int)
-    assert (small == shown).all()
+        thumbnail = np.asarray(sheet)[12 : 12 + 225, 12 : 12 + 400].astype(int)
+    assert (small == thumbnail).all()
 
 
 @pytest.mark.slow

@@ -64,11 +64,10 @@ def test_presets_lists_each(call):
     assert [entry["name"] for entry in data] == list(preset_names())
     assert all(entry["layers"] and entry["extent"] > 0 for entry in data)
     lines = call("presets").out.splitlines()
-    assert [line.split()[0] for line in lines] == list(preset_names())
     for entry, line in zip(data, lines, strict=True):
+        assert line.split()[0] == entry["name"]
         assert ("own material rules: " in line) == bool(entry["material_rules"])
         assert all(name in line for name in entry["material_rules"])
-    assert any(entry["material_rules"] for entry in data)
 
 
 @pytest.fixture
@@ -144,26 +143,6 @@ def test_render_draws_a_map_by_file_suffix(call, sketch, tmp_path):
         assert image.height == pytest.approx(400, abs=2)
 
 
-def test_bench_passes_options_on(call, tmp_path, monkeypatch):
-    import sketchterrain.benchmarks
-
-    requests: list[Any] = []
-    monkeypatch.setattr(
-        sketchterrain.benchmarks, "run", lambda names, **more: requests.append((names, more)) or 0
-    )
-    assert (
-        call("bench", "noise", "tiles", "-o", tmp_path, "--quick", "--device", "0", "--fast", "--json").code
-        == 0
-    )
-    more = {"output": tmp_path, "quick": True, "device": "0", "fast": True, "as_json": True}
-    assert requests == [(["noise", "tiles"], more)]
-    assert call("bench").code == 0
-    assert requests[1] == (
-        [],
-        {"output": None, "quick": False, "device": None, "fast": False, "as_json": False},
-    )
-
-
 def test_adherence_reports_and_draws(call, sketch, tmp_path):
     done = call("adherence", sketch, "--json", "-o", tmp_path / "where.png")
     assert done.code == 0
@@ -188,8 +167,8 @@ def test_adherence_reports_and_draws(call, sketch, tmp_path):
 
 def test_finished_stages_are_timed_in_order():
     with Stages() as stages:
-        with stages.stage("a", "First") as tell:
-            tell(0.5)
+        with stages.stage("a", "First") as progress:
+            progress(0.5)
         with stages.stage("b", "Second"):
             pass
         with pytest.raises(ValueError, match="no"), stages.stage("c", "Third"):
@@ -211,8 +190,8 @@ def test_only_slow_stages_print_a_line(capsys, monkeypatch):
 def test_terminal_shows_bars(terminal, monkeypatch):
     monkeypatch.setattr(sys, "stderr", terminal)
     with Stages() as stages:
-        with stages.stage("a", "First") as tell:
-            tell(0.5)
+        with stages.stage("a", "First") as progress:
+            progress(0.5)
         with pytest.raises(ValueError, match="no"), stages.stage("b", "Second"):
             raise ValueError("no")
     assert all(title in terminal.getvalue() for title in ("First", "Second"))

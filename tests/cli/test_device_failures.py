@@ -199,7 +199,7 @@ def test_other_bits_print_a_note(call, tiny, tmp_path, monkeypatch):
     done = generate(call, tiny, tmp_path)
     assert (done.code, "self-test of" in done.err) == (0, True)
     assert done.err.rstrip().endswith("other bits: wrong in inverse_sqrt")
-    assert "self-test" not in generate(call, tiny, tmp_path, "--fast").err  # it was asked to
+    assert "self-test" not in generate(call, tiny, tmp_path, "--fast").err  # expected with --fast
 
 
 @pytest.mark.slow

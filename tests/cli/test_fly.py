@@ -11,8 +11,6 @@ import pytest
 from PIL import Image
 
 import sketchterrain.app.pictures
-from sketchterrain.compute.device import list_devices
-from sketchterrain.errors import DeviceFailedError
 from sketchterrain.render.flight import Flight, Keyframe, save_flight
 from sketchterrain.render.offscreen import CapturedFrame
 from sketchterrain.render.quality import Quality
@@ -115,31 +113,6 @@ def test_an_interruption_leaves_no_part_of_a_film(call, sketch, path, tmp_path, 
         done = call("fly", sketch, "--path", path, "-o", tmp_path / "out" / name, *SMALL)
         assert (done.code, done.out) == (130, "")
         assert [each for each in (tmp_path / "out").rglob("*") if each.is_file()] == [], name
-
-
-@pytest.mark.skipif(len(list_devices()) < 2, reason="there is no other device to restart on")
-def test_device_failure_restarts_the_film(call, sketch, path, tmp_path, monkeypatch):
-    first = list_devices()[0]
-
-    def capture_frames(terrain: Any, views: Any, **options: Any) -> Iterator[Any]:
-        failing = terrain.context.device == first
-        for number in range(len(views.eye)):
-            if failing and number == 3:
-                raise DeviceFailedError("it broke")
-            picture = np.full((48, 64, 3), 200 if failing else 100, np.uint8)
-            yield CapturedFrame(0.1, 0.0, 0, 0, 0, settled=True), picture
-
-    monkeypatch.setattr(sketchterrain.app.pictures, "capture_frames", capture_frames)
-    out = tmp_path / "frames"
-    done = call(
-        "fly", sketch, "--path", path, "-o", out, "--fps", 3, *SMALL, "--device", first.index, "--json"
-    )
-    assert done.code == 0, done.err
-    assert json.loads(done.out)["restarts"][0].startswith("it broke; restarted on ")
-    assert len(list(out.iterdir())) == 6
-    for file in out.iterdir():
-        with Image.open(file) as image:
-            assert image.getpixel((0, 0)) == (100, 100, 100)
 
 
 def test_invalid_path_file_is_refused_first(call, sketch, tmp_path, captures):

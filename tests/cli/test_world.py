@@ -9,11 +9,7 @@ import pytest
 
 from sketchterrain.document.store import load_sketch
 from sketchterrain.terrain.building import build
-from sketchterrain.world import cluster
-from sketchterrain.world import run as running
-from sketchterrain.world.job import Job
 from sketchterrain.world.opening import open_world
-from sketchterrain.world.run import WorldResult
 
 SMALL = ("--bounds", "-10,20,310,180", "--cell", 4)
 
@@ -46,23 +42,23 @@ def test_a_world_is_the_terrain_at_its_vertices(call, sketch, tmp_path):
 
 def test_dry_run_estimates_the_run(call, sketch, tmp_path):
     out = tmp_path / "some" / "world.zarr"
-    wanted = ("world", sketch, "--cell", 1, "-o", out)
-    listed = call(*wanted, "--dry-run")
+    command = ("world", sketch, "--cell", 1, "-o", out)
+    listed = call(*command, "--dry-run")
     assert listed.code == 0, listed.err
     assert [line.split(":")[0] for line in listed.out.splitlines()] == ["world", "disk", "memory"]
-    data = json.loads(call(*wanted, "--dry-run", "--json").out)
+    data = json.loads(call(*command, "--dry-run", "--json").out)
     assert not out.parent.exists()
     assert (data["columns"], data["rows"], data["levels"], data["tasks"]) == (513, 385, 3, 3)
     assert data["memory"]["needed"] < data["memory"]["left"]
-    done = json.loads(call(*wanted, "--json").out)
+    done = json.loads(call(*command, "--json").out)
     assert done["estimate"]["vertices"] == data["vertices"]
     assert done["bytes"] < sum(data["disk"]["parts"].values()) < 4 * done["bytes"]
     listed = {name: each for name, each in files(out).items() if name != "zarr.json" and "ledger" not in name}
     assert (done["bytes"], done["files"]) == (sum(len(each) for each in listed.values()), len(listed))
     assert (done["tasks"], done["made"], done["broken"]) == (3, 3, [])
     assert done["seconds"] > 0
-    assert call(*wanted, "--dry-run").code == 3  # as the run
-    again = json.loads(call(*wanted, "--dry-run", "--resume", "--json").out)
+    assert call(*command, "--dry-run").code == 3  # as the run
+    again = json.loads(call(*command, "--dry-run", "--resume", "--json").out)
     assert (again["done"], again["disk"]["there"]) == (3, done["bytes"])
 
 
@@ -95,13 +91,13 @@ def test_broken_files_are_listed_and_repaired(call, sketch, tmp_path):
 @pytest.mark.parametrize("name", ["world.tif", "tiles"])
 def test_geotiff_world_equals_zarr_world(name, call, sketch, tmp_path):
     options = (*SMALL, "--layers", "height,materials", "--step", 0.0625)
-    whole = [tmp_path / "world.zarr", tmp_path / name]
-    for out in whole:
+    outputs = [tmp_path / "world.zarr", tmp_path / name]
+    for out in outputs:
         done = call("world", sketch, *options, "-o", out)
         assert done.code == 0, done.err
-    zarr, tiff = ({**json.loads(call("stats", out, "--json").out), "world": ""} for out in whole)
+    zarr, tiff = ({**json.loads(call("stats", out, "--json").out), "world": ""} for out in outputs)
     assert zarr == tiff
-    assert call("stats", whole[1], "--check").code == 0
+    assert call("stats", outputs[1], "--check").code == 0
 
 
 def test_disk_space_is_checked_first(call, sketch, tmp_path):
@@ -112,27 +108,6 @@ def test_disk_space_is_checked_first(call, sketch, tmp_path):
         assert "4000001 × 4000001 vertices" in vast.out + vast.err
         assert "the world's files need up to" in vast.err.splitlines()[-1]
     assert not out.exists()
-
-
-@pytest.mark.parametrize(
-    ("options", "expected"),
-    [
-        ((), {"workers": None, "scheduler": None}),
-        (("--workers", 3), {"workers": 3, "scheduler": None}),
-        (("--scheduler", "tcp://host:1"), {"workers": None, "scheduler": "tcp://host:1"}),
-    ],
-)
-def test_worker_options_are_passed_on(options, expected, call, sketch, tmp_path, monkeypatch):
-    def run(job: Job, *, resume: bool, watcher: object, **crew: object) -> WorldResult:
-        assert (job.sketch.seed, resume) == (7, False)
-        assert crew == {"device": None, **expected}
-        return WorldResult(tasks=1, made=1, broken=(), files=3, bytes=1000, seconds=1.0)
-
-    monkeypatch.setattr(running, "run_world", run)
-    monkeypatch.setattr(cluster, "check_scheduler", lambda _: None)
-    done = call("world", sketch, *SMALL, "-o", tmp_path / "w.zarr", "--seed", 7, *options)
-    assert done.code == 0, done.err
-    assert "1 of 1 shard written in 1 s" in done.out
 
 
 @pytest.fixture(scope="module")

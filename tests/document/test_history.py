@@ -17,8 +17,8 @@ def values(sketch):
     return {**{k: v for k, v in vars(sketch).items() if k != "layers"}, "layers": layers}
 
 
-def assert_is(sketch, wanted):
-    for key, value in wanted.items():
+def assert_is(sketch, expected):
+    for key, value in expected.items():
         if key == "layers":
             for name, image in value.items():
                 np.testing.assert_array_equal(sketch.layers[name], image)

@@ -48,22 +48,22 @@ def test_messages_arrive_in_order_with_arrays_and_read_only_mappings(ends):
 def test_a_closed_connection_raises_after_pending_messages(ends):
     one, other = ends
     assert not other.has_message(0.05)
-    one.send("last words")
+    one.send("last message")
     assert ready([one, other], 0.0) == [other]
     one.close()
-    assert other.receive() == "last words"
+    assert other.receive() == "last message"
     assert other.has_message(None)
     with pytest.raises(EOFError):
         other.receive()
 
 
 def test_an_impatient_channel_queues_without_blocking():
-    mine, its = socket.socketpair()
-    channel, other = Channel(mine, patient=False), Channel(its)
+    ours, theirs = socket.socketpair()
+    channel, other = Channel(ours, patient=False), Channel(theirs)
     large = np.random.default_rng(1).integers(0, 255, 20_000_000, dtype=np.uint8)
     start = time.monotonic()
     for number in range(3):
-        channel.send((number, large))  # nobody reads yet
+        channel.send((number, large))  # not read yet
     assert time.monotonic() - start < 1.0
     for number in range(3):
         got, data = other.receive()
@@ -74,8 +74,8 @@ def test_an_impatient_channel_queues_without_blocking():
 
 
 def test_closing_wakes_reader_and_writer_threads():
-    mine, its = socket.socketpair()
-    channel, other, ended = Channel(mine, patient=False), Channel(its), []
+    ours, theirs = socket.socketpair()
+    channel, other, ended = Channel(ours, patient=False), Channel(theirs), []
 
     def read():
         with pytest.raises(EOFError):
@@ -94,11 +94,11 @@ def test_closing_wakes_reader_and_writer_threads():
 
 
 def test_an_excluded_object_is_replaced_by_the_receiver_s():
-    part, mine = np.zeros(100_000), np.ones(3)
+    part, ours = np.zeros(100_000), np.ones(3)
     data = pickle_without({"part": part, "more": [part, 1, None]}, part)
     assert len(data) < 1000
-    got = unpickle_with(data, mine)
-    assert got["part"] is got["more"][0] is mine
+    got = unpickle_with(data, ours)
+    assert got["part"] is got["more"][0] is ours
     assert got["more"][1:] == [1, None]
 
 
@@ -128,10 +128,10 @@ def small_document(qapp):
 
 @pytest.fixture
 def builder(small_document):
-    relief = UpdateBuilder(small_document)
-    relief.start(lambda: None)
-    yield relief
-    relief.stop()
+    created = UpdateBuilder(small_document)
+    created.start(lambda: None)
+    yield created
+    created.stop()
 
 
 def same(sketch: Sketch, small_document: Document) -> bool:
@@ -161,7 +161,7 @@ def test_the_first_update_is_complete_and_a_stroke_s_holds_its_box(small_documen
     assert not fresh
     assert list(update.layers) == ["mountain"]
     assert update.layers["mountain"].pixels.shape == (2, 5)
-    draft.image[10:12, 20:25] = 2  # the stroke goes on: what was sent stays
+    draft.image[10:12, 20:25] = 2  # sent pixels do not follow the stroke
     assert (update.layers["mountain"].pixels == 1).all()
 
 
@@ -219,11 +219,11 @@ class Bumpy:
     def __init__(self, shape=(60, 90), bump=0.0):
         self.sketch = Sketch(extent=900.0, layers={"hill": np.zeros(shape, np.uint8)})
         self.bump = bump
-        self.asked = 0
+        self.evaluated = 0
 
     def heights(self, x, y, *, cell_size=0.0):
         x, y = np.broadcast_arrays(x, y)
-        self.asked += x.size
+        self.evaluated += x.size
         inside = (np.abs(x - 300.0) < 50.0) & (np.abs(y - 200.0) < 50.0)
         return (0.1 * x + 0.2 * y + self.bump * inside).astype(np.float32)
 
@@ -244,7 +244,7 @@ def expected(terrain):
 
 
 def relief_of(terrain, version=1):
-    """Return a builder, and the whole relief that it relief of a terrain."""
+    """Return a builder and its complete relief of a terrain."""
     builder = ReliefBuilder()
     builder.set_terrain(terrain, version, [EVERYWHERE])
     return builder, finish(builder)
@@ -267,10 +267,10 @@ def test_an_equal_newer_version_is_adopted_during_work():
     builder, terrain = ReliefBuilder(), Bumpy()
     builder.set_terrain(terrain, 3, [EVERYWHERE])
     builder.work(0.0)
-    asked = terrain.asked
+    evaluated = terrain.evaluated
     builder.set_terrain(terrain, 4, [])
     assert finish(builder).version == 4
-    assert terrain.asked < asked + terrain.sketch.width_px * terrain.sketch.height_px
+    assert terrain.evaluated < evaluated + terrain.sketch.width_px * terrain.sketch.height_px
     builder.set_terrain(terrain, 5, [])
     assert not builder.busy
 
@@ -280,26 +280,26 @@ def test_only_changed_areas_are_evaluated_and_shading_equals_a_full_one():
     bumped = Bumpy(bump=40.0)
     builder.set_terrain(bumped, 2, [BUMP])
     second = finish(builder)
-    assert bumped.asked < 0.2 * first.height.size
+    assert bumped.evaluated < 0.2 * first.height.size
     assert np.array_equal(second.height, expected(Bumpy(bump=40.0)))
     assert np.array_equal(second.shade, hill_shade(second.height, 10.0))
-    assert np.array_equal(first.height, expected(Bumpy()))  # what was handed out stays
+    assert np.array_equal(first.height, expected(Bumpy()))  # returned reliefs do not change
 
 
 def test_each_relief_is_of_a_single_version():
     builder = ReliefBuilder()
     terrains = [Bumpy(bump=10.0 * number) for number in range(6)]
     builder.set_terrain(terrains[0], 0, [EVERYWHERE])
-    relief = []
+    reliefs = []
     for number in range(1, 6):
-        relief.append(builder.work(0.0))
+        reliefs.append(builder.work(0.0))
         builder.set_terrain(terrains[number], number, [BUMP])
     while builder.busy:
-        relief.append(builder.work(0.0))
-    relief = [each for each in relief if each is not None]
-    assert [each.version for each in relief] == sorted(each.version for each in relief)
-    assert relief[-1].version == 5
-    for each in relief:
+        reliefs.append(builder.work(0.0))
+    reliefs = [each for each in reliefs if each is not None]
+    assert [each.version for each in reliefs] == sorted(each.version for each in reliefs)
+    assert reliefs[-1].version == 5
+    for each in reliefs:
         assert np.array_equal(each.height, expected(terrains[each.version]))
 
 

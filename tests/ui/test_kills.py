@@ -50,8 +50,8 @@ class Log:
     def may_be_saved(self) -> set[str]:
         """Sketches that the file may hold: the last that was saved, or any whose save began after."""
         ends = [k for k, (what, _, _) in enumerate(self.lines) if what == "saved"]
-        begun = [which for what, _, which in self.lines[ends[-1] if ends else 0 :] if what == "saving"]
-        return {*begun, *(self.lines[k][2] for k in ends[-1:])}
+        started = [which for what, _, which in self.lines[ends[-1] if ends else 0 :] if what == "saving"]
+        return {*started, *(self.lines[k][2] for k in ends[-1:])}
 
     def lost(self, which: str, killed: float) -> float:
         """How long ago (s) the first step was done that is not in a sketch."""
@@ -97,15 +97,15 @@ def test_a_kill_at_any_moment_loses_at_most_the_last_seconds(tmp_path: Path, nam
         elif target.exists() and is_whole(target):
             on_file = {fingerprint(load_sketch(target))}
             assert on_file <= log.may_be_saved()
-        kept = [fingerprint(load_sketch(each)) for each in folder.glob("*.sketch")]
+        recovered = [fingerprint(load_sketch(each)) for each in folder.glob("*.sketch")]
         assert all(read_recovery(each) is not None for each in folder.glob("*.sketch"))
-        assert len(kept) <= 2  # that of the last kill, and that of this one
+        assert len(recovered) <= 2  # of the last kill and of this one
         known = {which for _, which in log.states()}
-        survived += [which for which in (*on_file, *kept) if which in known]
+        survived += [which for which in (*on_file, *recovered) if which in known]
         assert survived, "everything is lost"
         lost.append(min(log.lost(which, killed) for which in survived))
         saves += log.saves
-        recoveries += bool(kept)
+        recoveries += bool(recovered)
         left = [*tmp_path.rglob(".*.tmp"), *tmp_path.rglob(JOURNAL)]
         cut_off += bool(left)
         for each in left:

@@ -58,11 +58,11 @@ class Harness:
     """An engine without OpenGL, or a placer, on a thread, and the other ends of its two channels."""
 
     def __init__(self, make, *, patient):
-        (mine, its), (my_other, its_other) = socket.socketpair(), socket.socketpair()
-        self.window, self.other = Channel(mine), Channel(my_other, patient=not patient)
-        self.its = Channel(its, patient=not patient), Channel(its_other, patient=patient)
-        self.made = make(*self.its)
-        self.thread = threading.Thread(target=self.made.run, daemon=True)
+        (ours, theirs), (our_other, their_other) = socket.socketpair(), socket.socketpair()
+        self.window, self.other = Channel(ours), Channel(our_other, patient=not patient)
+        self.peers = Channel(theirs, patient=not patient), Channel(their_other, patient=patient)
+        self.served = make(*self.peers)
+        self.thread = threading.Thread(target=self.served.run, daemon=True)
         self.version = 0
 
     def update(self, sketch, layers):
@@ -96,7 +96,7 @@ class Harness:
     def join(self):
         self.thread.join(20.0)
         assert not self.thread.is_alive()
-        for channel in (self.window, self.other, *self.its):
+        for channel in (self.window, self.other, *self.peers):
             channel.close()
 
 
@@ -104,7 +104,7 @@ def engine_harness(device=None, pacer=None):
     session = TerrainSession(ComputeContext, device=device)
     facts = msg.EngineFacts(device_error=session.device_error)
     options = {"session": session, "pacer": pacer, "jobs": JobQueue(), "facts": facts}
-    harness = Harness(lambda *its: Engine(*its, **options), patient=True)
+    harness = Harness(lambda *ends: Engine(*ends, **options), patient=True)
     harness.session = session
     harness.thread.start()
     return harness
@@ -125,9 +125,9 @@ def blob(column, row=10):
 
 @pytest.fixture
 def harness():
-    made = engine_harness()
-    yield made
-    made.close()
+    created = engine_harness()
+    yield created
+    created.close()
 
 
 def test_pending_updates_are_all_applied_and_the_newest_is_displayed(harness, monkeypatch):
@@ -188,7 +188,7 @@ def test_a_missing_device_is_reported_and_the_engine_runs_on():
 
 def test_a_failed_device_is_replaced(harness, monkeypatch):
     if sum(device.type == "CPU" for device in list_devices()) < 2:
-        pytest.skip("there is no second device")
+        pytest.skip("needs two devices")
     harness.send_recipe(20)
     first, _ = harness.answer(msg.Relief)
     failed = harness.session.device
@@ -253,29 +253,29 @@ def test_defects_are_reported_and_the_engine_ends_with_the_window(monkeypatch, c
 
 
 class FakeProcesses:
-    """Processes that do nothing, and end when they are received to."""
+    """Channels without processes."""
 
-    def __init__(self, made, *, device, draws=True, world=None):
+    def __init__(self, created, *, device, draws=True, world=None):
         self.device, self.draws, self.frames = device, draws, FrameMemory()
         pairs = [[Channel(end, patient=False) for end in socket.socketpair()] for _ in range(2)]
         self.channels = {"engine": pairs[0][0], "placer": pairs[1][0]}
-        self.its = pairs[0][1], pairs[1][1]
-        made.append(self)
+        self.peers = pairs[0][1], pairs[1][1]
+        created.append(self)
 
     def exit_status(self):
         return "the engine crashed (signal 11)"
 
     def close(self):
-        for channel in (*self.channels.values(), *self.its):
+        for channel in (*self.channels.values(), *self.peers):
             channel.close()
         self.frames.close()
 
 
 @pytest.fixture
 def launched(monkeypatch):
-    made = []
-    monkeypatch.setattr(link_module, "EngineProcesses", lambda **options: FakeProcesses(made, **options))
-    return made
+    created = []
+    monkeypatch.setattr(link_module, "EngineProcesses", lambda **options: FakeProcesses(created, **options))
+    return created
 
 
 def test_crashed_processes_restart_at_last_without_opengl(document, qtbot, launched):
@@ -283,12 +283,12 @@ def test_crashed_processes_restart_at_last_without_opengl(document, qtbot, launc
     link.device = "pocl"
     link.error_reported.connect(lambda error: errors.append(error.line))
     link.start()
-    assert launched[-1].its[0].receive() == link.view
-    assert launched[-1].its[0].receive() == msg.UpdatePending(1, fresh=True)
-    assert set(launched[-1].its[1].receive().layers) == set(LAYERS)
+    assert launched[-1].peers[0].receive() == link.view
+    assert launched[-1].peers[0].receive() == msg.UpdatePending(1, fresh=True)
+    assert set(launched[-1].peers[1].receive().layers) == set(LAYERS)
     ends = ((2, "restarting."), (3, "restarting without the 3-D view."), (3, "start the program again."))
     for count, line in ends:
-        launched[-1].its[0].close()
+        launched[-1].peers[0].close()
         qtbot.waitUntil(lambda line=line: bool(errors) and errors[-1].endswith(line))
         assert errors[-1].startswith("The engine crashed (signal 11)")
         assert len(launched) == count
@@ -308,7 +308,7 @@ def test_messages_become_attributes_and_signals(document, qtbot, placed, launche
     for name in names.split():
         getattr(link, name).connect(lambda what, name=name: received.append((name, what)))
     link.start()
-    engine, placer = launched[-1].its
+    engine, placer = launched[-1].peers
     for process, work, shown in (
         (placer, "Placing features", "Placing features"),
         (engine, "Drawing", "Drawing"),
@@ -382,9 +382,9 @@ def test_superseded_work_is_cancelled_unless_short_or_half_done_and_never_twice_
 
 @pytest.fixture
 def placer():
-    made = Harness(Placer, patient=False)
-    yield made
-    made.close()
+    created = Harness(Placer, patient=False)
+    yield created
+    created.close()
 
 
 def test_the_newest_of_many_sketches_is_placed_and_changes_accumulate(placer):

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, UnidentifiedImageError
 
+from sketchterrain.array_types import UInt8Array
 from sketchterrain.errors import InputError, SketchterrainError, one_line
 from sketchterrain.io.files import cache_folder, write_atomic
 from sketchterrain.io.resources import source
@@ -145,7 +146,7 @@ def _read_image(path: Path, field: str, size: int) -> Array:
     return resized[0] if values.ndim == 2 else np.stack(resized, axis=-1)
 
 
-Levels = list[tuple["npt.NDArray[np.uint8]", "npt.NDArray[np.uint8]"]]
+Levels = list[tuple[UInt8Array, UInt8Array]]
 """Colour and relief, (layers, n, n, 4) each, from the finest level to single texels; see `texture_maker`."""
 
 _FORMAT: Final = 1  # to be changed when `mipmaps` encodes the same textures differently

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.array_types import Float32Array, UInt8Array
+    from sketchterrain.array_types import Float32Array, Float64Array, UInt8Array
     from sketchterrain.compute.context import ComputeContext
 
     Array = npt.NDArray[Any]
@@ -121,7 +121,7 @@ def decode_level(colour: UInt8Array, relief: UInt8Array) -> tuple[Array, Array]:
     return painted, np.concatenate([-flat / up, bytes_[..., 2:]], axis=-1)
 
 
-def linear_from_hex(colour: str) -> npt.NDArray[np.float64]:
+def linear_from_hex(colour: str) -> Float64Array:
     """Return the linear albedo of an sRGB colour ``#rrggbb``."""
     return srgb_to_linear(np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0)
 

@@ -9,9 +9,7 @@ import numpy as np
 from sketchterrain.look.tree_species import Leaves, perpendicular, unit
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Float64Array
+    from sketchterrain.array_types import Float64Array, Int64Array
     from sketchterrain.look.tree_species import Crown, Whorls
 
 
@@ -29,7 +27,7 @@ class Wood(NamedTuple):
     bough_radius: Float64Array  # (b, steps + 1)
     twigs: Float64Array  # (t, twig steps + 1, 3), ends are where leaves grow
     twig_radius: Float64Array  # (t, twig steps + 1)
-    bough_of: npt.NDArray[np.int64]  # (t,)
+    bough_of: Int64Array  # (t,)
 
 
 def grow_crown(crown: Crown, rng: np.random.Generator) -> Wood:
@@ -120,7 +118,7 @@ def _tips(crown: Crown, rng: np.random.Generator) -> Float64Array:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
 
 
-def _spread_out(points: Float64Array, count: int, rng: np.random.Generator) -> npt.NDArray[np.int64]:
+def _spread_out(points: Float64Array, count: int, rng: np.random.Generator) -> Int64Array:
     """Select points far from each other (farthest-point sampling)."""
     selected = [int(rng.integers(len(points)))]
     away = np.linalg.norm(points - points[selected[0]], axis=1)
@@ -293,6 +291,6 @@ class Openness:
         x, y, z = np.moveaxis(self._at(places), -1, 0)
         return np.asarray(self._light[x, y, z])
 
-    def _at(self, places: Float64Array) -> npt.NDArray[np.int64]:
+    def _at(self, places: Float64Array) -> Int64Array:
         cell = np.floor((places - self._low) / self._cell).astype(np.int64)
         return np.asarray(np.clip(cell, 0, self.CELLS - 1))

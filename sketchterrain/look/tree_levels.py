@@ -33,7 +33,7 @@ from sketchterrain.look.tree_species import (
 )
 
 if TYPE_CHECKING:
-    from sketchterrain.array_types import Float64Array
+    from sketchterrain.array_types import Float64Array, StructuredArray
 
 
 BOUNDS = (-0.02, 1.08)  # range of heights that all leaves are clipped to, however large
@@ -318,7 +318,7 @@ VERTEX: Final = np.dtype(
 
 
 @cache
-def plant_mesh(species: str, variant: int, detail: int) -> npt.NDArray[np.void]:
+def plant_mesh(species: str, variant: int, detail: int) -> StructuredArray:
     """Return a plant's (3 · triangles,) `VERTEX` array, read-only; `detail` 0 is the finest.
 
     position: plant heights. normal: unit vector -1..1, then 1 for leaf or 0 for wood. colour: √albedo,
@@ -340,11 +340,11 @@ def plant_mesh(species: str, variant: int, detail: int) -> npt.NDArray[np.void]:
     return mesh
 
 
-def _byte(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _byte(values: Float64Array) -> Float64Array:
     return np.asarray(np.rint(255.0 * np.clip(values, 0.0, 1.0)))
 
 
-def plant_chances(plants: npt.NDArray[np.void]) -> tuple[Float64Array, Float64Array]:
+def plant_chances(plants: StructuredArray) -> tuple[Float64Array, Float64Array]:
     """Return two numbers in 0..1 for each plant (`PLANT`) from its position alone."""
     x, y = ((plants[axis] * 8.0).astype(np.int64) for axis in ("x", "y"))
     seed = x * 73_856_093 ^ y * 19_349_663

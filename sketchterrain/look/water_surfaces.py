@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.array_types import Float64Array
+    from sketchterrain.array_types import Float32Array, Float64Array
     from sketchterrain.placement.feature_types import Lake, River, ShapeField
     from sketchterrain.terrain.surfaces import TerrainFeatures
 
@@ -59,9 +59,7 @@ def water_surfaces(features: TerrainFeatures) -> list[WaterSurface]:
     return meshes
 
 
-def flow_speed_and_slope(
-    centreline: Float64Array, width: npt.NDArray[np.float32]
-) -> tuple[Float64Array, Float64Array]:
+def flow_speed_and_slope(centreline: Float64Array, width: Float32Array) -> tuple[Float64Array, Float64Array]:
     """Return speed in the middle (m/s) and slope of a river, from its (m, 3) centreline and width (m,).
 
     Manning's formula R^(2/3) √slope / n with the hydraulic radius R from the width, clipped to `SPEEDS`; the
@@ -78,7 +76,7 @@ def flow_speed_and_slope(
     return np.clip(PEAK * mean, *SPEEDS), fall
 
 
-def river_surface(centreline: Float64Array, width: npt.NDArray[np.float32]) -> WaterSurface:
+def river_surface(centreline: Float64Array, width: Float32Array) -> WaterSurface:
     """Widen a (m, 3) centreline, downstream, m ≥ 2, to a mesh of m · ACROSS vertices."""
     flat = centreline[:, :2]
     downstream = np.gradient(flat, axis=0)

@@ -13,9 +13,8 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from sketchterrain.array_types import Float64Array
+from sketchterrain.array_types import BoolArray, Float64Array
 
 GROUND: Final = 6360e3  # radius of the ground (m)
 TOP: Final = 6460e3  # radius of the top of the atmosphere (m)
@@ -219,7 +218,7 @@ def aerosol_phase(cosine: Float64Array, g: float = FORWARD) -> Float64Array:
     return np.asarray(share * (1.0 + cosine * cosine) / (1.0 + g * g - 2.0 * g * cosine) ** 1.5)
 
 
-def _boundary_distance(r: Float64Array, up: Float64Array) -> tuple[Float64Array, npt.NDArray[np.bool_]]:
+def _boundary_distance(r: Float64Array, up: Float64Array) -> tuple[Float64Array, BoolArray]:
     """Return the distance to the top of the air or the ground (m), and whether it is the ground."""
     r, up = np.broadcast_arrays(r, up)
     room = r * r * (up * up - 1.0)

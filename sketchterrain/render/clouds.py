@@ -12,8 +12,7 @@ from sketchterrain.render.sky import OVERCAST, SUN_IRRADIANCE
 from sketchterrain.render.targets import wrap_to_noise_period
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
+    from sketchterrain.array_types import Float32Array
     from sketchterrain.render.quality import Quality
     from sketchterrain.render.sky import Sky, Weather
     from sketchterrain.render.targets import RenderTargets
@@ -24,7 +23,7 @@ PERIOD: Final = 16_384.0  # period of the field (m): CLOUD_PERIOD in kernels/ren
 HEIGHT: Final = 2500.0  # m over the haze's base, at which clouds are lit
 REDUCED: Final = 2  # downscaling of the cloud pass, each axis
 SUN_STEPS: Final = 4  # steps towards the sun, each about twice as long as the last
-WITH_DEPTH: Final = 2
+VOLUMETRIC: Final = 2
 
 
 class Clouds:
@@ -44,7 +43,7 @@ class Clouds:
         self._march: moderngl.VertexArray | None = None
         self._view: moderngl.Texture | None = None
         self.set_weather(weather, sky)
-        if defines["CLOUDS"] == WITH_DEPTH:
+        if defines["CLOUDS"] == VOLUMETRIC:
             billows = np.round(billow_noise() * 255.0).astype(np.uint8)
             self._billows = context.texture3d((BILLOW_SIZE, BILLOW_SIZE, BILLOW_SIZE), 1, billows.tobytes())
             marching = defines | {"STEPS": quality.cloud_steps, "SUN_STEPS": SUN_STEPS}
@@ -100,15 +99,14 @@ def cloud_defines(quality: Quality, weather: Weather) -> dict[str, int]:
     """Return the macros of kernels/render/clouds.glsl."""
     if not quality.includes("clouds") or weather.clouds == 0.0:
         return {"CLOUDS": 0, "GREY": 0}
-    kind = WITH_DEPTH if quality.cloud_steps else 1
+    kind = VOLUMETRIC if quality.cloud_steps else 1
     return {"CLOUDS": kind, "GREY": int(weather.clouds > OVERCAST[0])}
 
 
-def cloud_field(cover: float, size: int = SIZE) -> npt.NDArray[np.float32]:
+def cloud_field(cover: float, size: int = SIZE) -> Float32Array:
     """Return the (size, size) coverage field on a torus of `PERIOD`, standard deviation 1.
 
-    It is positive inside clouds, on a share `cover` of the area; clouds are about a kilometre wide, in
-    groups.
+    It is positive inside clouds, on a share `cover` of the area; clouds are about 1 km wide, in groups.
     """
     rng = np.random.default_rng(20261)
     cycles = np.hypot(np.fft.fftfreq(size)[:, None], np.fft.rfftfreq(size)[None, :]) * size
@@ -128,7 +126,7 @@ def cloud_field(cover: float, size: int = SIZE) -> npt.NDArray[np.float32]:
     return np.asarray(total - edge, np.float32)
 
 
-def billow_noise(size: int = BILLOW_SIZE) -> npt.NDArray[np.float32]:
+def billow_noise(size: int = BILLOW_SIZE) -> Float32Array:
     """Return (size, size, size) billow noise in [0, 1] on a torus: 1 inside round lumps, 0 in the seams."""
     rng = np.random.default_rng(20262)
     axis, last = np.fft.fftfreq(size) * size, np.fft.rfftfreq(size) * size

@@ -17,9 +17,7 @@ from sketchterrain.render.scatter import Mesh, ScatteredInstances, ScatterLayer,
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Float64Array
+    from sketchterrain.array_types import Float64Array, Int64Array
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.quality import Quality
 
@@ -121,7 +119,7 @@ class _Strip(NamedTuple):
     position: Float64Array  # (n, 3)
     side: Float64Array  # (n, 3)
     params: Float64Array  # (n, 3)
-    triangles: npt.NDArray[np.int64]  # (m, 3)
+    triangles: Int64Array  # (m, 3)
 
 
 def _strip(blade: _Blade, steps: tuple[float, ...]) -> _Strip:

@@ -178,8 +178,7 @@ class ClipmapLevel:
 class GroundLighting:
     """A near and a far map of the light on the ground, and optionally a sharp one close to the eye.
 
-    The near and close map have `texels` a side, the far one half as many. `haze_base` (m) follows the far
-    map's heights.
+    The far map has half of `texels` a side, the others all. `haze_base` (m) follows the far map's heights.
     """
 
     def __init__(
@@ -307,8 +306,7 @@ class GroundLighting:
     def _request(self, level: ClipmapLevel, square: TexelSquare, wider: Sequence[LightMap]) -> None:
         """Start another map where neither the current nor the pending one is up to date.
 
-        A pending map is completed first, or a fast eye would never get any, unless it does not overlap the
-        square.
+        A pending map that overlaps the square is completed first, or a fast eye would never get any.
         """
         pending = level.pending
         if level.step in (1, 2, 3) or (

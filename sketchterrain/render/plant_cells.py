@@ -19,7 +19,14 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.array_types import BoolArray, Bounds, Float32Array, Float64Array, StructuredArray
+    from sketchterrain.array_types import (
+        BoolArray,
+        Bounds,
+        Float32Array,
+        Float64Array,
+        StructuredArray,
+        UInt8Array,
+    )
     from sketchterrain.render.budgets import TimeBudget
     from sketchterrain.render.scene import TerrainSource
 
@@ -48,7 +55,7 @@ class PlantInstances(NamedTuple):
     rank: Float32Array  # (n,) `removal_rank`
     importance: Float32Array  # (n,) m
     cull: Float32Array  # (n,) `cull_distance`, m
-    kind: npt.NDArray[np.uint8]  # (n,) species · variants + variant
+    kind: UInt8Array  # (n,) species · variants + variant
 
     def subset(self, index: npt.NDArray[np.intp]) -> PlantInstances:
         """Return the instances at indices."""

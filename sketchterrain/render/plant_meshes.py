@@ -2,8 +2,7 @@
 
 A plant's removal rank is the share of plants removed before it: all of a level of the Poisson-disk sets
 before those of the next, within a level by chance, so that what remains is spread evenly. Of plants n times
-as small on screen one in n² remains, as many in each part of the picture; they grow wider, to cover what all
-did.
+as small on screen one in n² remains; they grow wider, to cover what all did.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from sketchterrain.look.tree_species import SPECIES
 from sketchterrain.render.programs import set_uniforms
 
 if TYPE_CHECKING:
-    from sketchterrain.array_types import Float64Array, FloatArray, Int64Array
+    from sketchterrain.array_types import Float32Array, Float64Array, FloatArray, Int64Array
 
 LEVEL_RATIO: Final = 0.25
 """Share of a level's plants that are in the next level: twice the distance between plants."""
@@ -111,7 +110,7 @@ def _fitting_angles(angles: FloatArray, copies: npt.NDArray[np.integer], budgets
 class MeshInstances(NamedTuple):
     """Instances (`PlantInstances.rows`, with their visible share last) sorted by mesh."""
 
-    rows: npt.NDArray[np.float32]  # (n, 8)
+    rows: Float32Array  # (n, 8)
     counts: Int64Array  # (kinds, details)
 
 

@@ -86,9 +86,9 @@ _TEXTURE_2D_ARRAY, _RGBA8, _RGBA, _UNSIGNED_BYTE = 0x8C1A, 0x8058, 0x1908, 0x140
 class MaterialTextures:
     """Tileable texture arrays with one layer per material and mipmaps, `size` texels a side.
 
-    `colour` has √albedo and height (RGBA8), `relief` normal x and y, roughness and openness (`texture_mips`),
+    `colour` has √albedo and height (RGBA8), `relief` normal x and y, roughness and openness,
     `means` the mean albedo of each layer. `looks` are the sketch's settings by material, pictures in `folder`
-    replace textures (`texture_files`); `smooth` blends mipmaps. Textures missing on disk are computed on
+    replace textures (`texture_levels`); `smooth` blends mipmaps. Textures missing on disk are computed on
     `device`.
     """
 

@@ -13,9 +13,7 @@ from sketchterrain.render.programs import build_program, set_uniforms
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Float64Array
+    from sketchterrain.array_types import Float32Array, Float64Array
     from sketchterrain.render.targets import RenderTargets
     from sketchterrain.terrain.surfaces import TerrainFeatures
 
@@ -32,8 +30,7 @@ def wave_slopes(size: int = SIZE, *, seed: int = 1954) -> Float64Array:
     """Return (size, size, 3) slopes along x and y and height in sides of a wave field on a torus.
 
     Waves in a wide band have the same slope² an octave, as short gravity waves have (Phillips 1958), and
-    spread about the wind (x) by cos² (Mitsuyasu 1975), with an isotropic part. The mean is 0, that of slope²
-    1.
+    spread about the wind (x) by cos² (Mitsuyasu 1975), with an isotropic part. Mean 0, mean slope² 1.
     """
     rng = np.random.default_rng(seed)
     across, along = np.meshgrid(np.fft.fftfreq(size, 1 / size), np.fft.fftfreq(size, 1 / size))
@@ -52,7 +49,7 @@ def wave_slopes(size: int = SIZE, *, seed: int = 1954) -> Float64Array:
     return np.asarray(field / np.sqrt(np.mean(east**2 + north**2)))
 
 
-def wave_mipmaps(slopes: Float64Array) -> list[npt.NDArray[np.float32]]:
+def wave_mipmaps(slopes: Float64Array) -> list[Float32Array]:
     """Return (n, n, 4) levels of `wave_slopes`: both slopes, their squared length, the height."""
     level = np.concatenate(
         [slopes[..., :2], (slopes[..., :2] ** 2).sum(-1, keepdims=True), slopes[..., 2:]], -1
@@ -206,7 +203,7 @@ class Water:
         context.disable(moderngl.BLEND)
 
 
-def _uniform_array(rows: npt.NDArray[np.float64]) -> object:
+def _uniform_array(rows: Float64Array) -> object:
     """Return an array of vectors as a uniform's value; for a single vector, that vector."""
     values = [tuple(row) for row in rows.tolist()]
     return values if len(values) > 1 else values[0]

@@ -35,13 +35,13 @@ class Wall:
         return (np.where(np.abs(x) < 20.0, 60.0, 0.0) + ripples).astype(np.float32)
 
 
-def finished(maker, *squares):
+def computed_maps(renderer, *squares):
     """Compute light maps, each with all the ones before as wider maps."""
-    made = []
+    computed = []
     for square in squares:
-        made.append(LightMap(maker, square, wider=made[::-1]))
-        made[-1].finish()
-    return made
+        computed.append(LightMap(renderer, square, wider=computed[::-1]))
+        computed[-1].finish()
+    return computed
 
 
 def texels(light_map):
@@ -84,18 +84,18 @@ def test_work_rate_adapts_and_recovers_from_outliers():
 
 @pytest.mark.gl
 def test_a_wall_casts_a_shadow_unless_disabled(gl):
-    maker = LightMapRenderer(gl, Wall(), SUN)
-    _, made = finished(maker, TexelSquare(-50, -50, 100, 40.0), TexelSquare(-100, -100, 200, 4.0))
-    light = texels(made)[100].astype(float)
+    renderer = LightMapRenderer(gl, Wall(), SUN)
+    _, computed = computed_maps(renderer, TexelSquare(-50, -50, 100, 40.0), TexelSquare(-100, -100, 200, 4.0))
+    light = texels(computed)[100].astype(float)
     x = -400.0 + (np.arange(200) + 0.5) * 4.0
     # The shadow of 60 m at 30° is 104 m long and lies to the west.
     assert light[(x > -105) & (x < -40), 0].max() < 0.1
     assert light[(x < -160) | (x > 40), 0].min() > 0.9
     assert light[np.abs(x + 26) < 3, 1].max() < light[np.abs(x + 300) < 3, 1].min()
 
-    maker = LightMapRenderer(gl, Wall(), Sun(90.0, 5.0), shadows=False)
-    (made,) = finished(maker, TexelSquare(-64, -64, 128, 4.0))
-    light = texels(made).astype(float)
+    renderer = LightMapRenderer(gl, Wall(), Sun(90.0, 5.0), shadows=False)
+    (computed,) = computed_maps(renderer, TexelSquare(-64, -64, 128, 4.0))
+    light = texels(computed).astype(float)
     assert (light[..., 0] == 1.0).all()
     assert light[..., 1].min() < 0.9
 
@@ -109,7 +109,7 @@ def test_close_map_shadows_continue_on_wider_maps_and_are_sharp(gl):
             TexelSquare(-128, -16, 64, 4.0),
             TexelSquare(-350, -32, 64, 1.0),
         )
-        *_, close = finished(LightMapRenderer(gl, Wall(), Sun(90.0, elevation)), *squares)
+        *_, close = computed_maps(LightMapRenderer(gl, Wall(), Sun(90.0, elevation)), *squares)
         found = texels(close)[..., 0].astype(float).mean()
         assert found == pytest.approx(lit, abs=0.12), elevation  # steps are as wide as the wall
 
@@ -118,7 +118,7 @@ def test_close_map_shadows_continue_on_wider_maps_and_are_sharp(gl):
         TexelSquare(-64, -64, 128, 4.0),
         TexelSquare(-160, -64, 128, 1.0),
     )
-    *_, close = finished(LightMapRenderer(gl, Wall(), SUN), *squares)
+    *_, close = computed_maps(LightMapRenderer(gl, Wall(), SUN), *squares)
     across = texels(close)[64, :, 0].astype(float)  # from 160 to 32 m west of the wall's middle
     half = np.flatnonzero((across > 0.1) & (across < 0.9))
     assert across[-10:].max() < 0.05
@@ -129,29 +129,29 @@ def test_close_map_shadows_continue_on_wider_maps_and_are_sharp(gl):
 @pytest.mark.gl
 def test_sliced_maps_are_bit_equal_and_reuse_heights(gl):
     terrain = Wall()
-    maker = LightMapRenderer(gl, terrain, SUN)
-    wide, known = finished(maker, TexelSquare(-64, -64, 128, 40.0), TexelSquare(0, -64, 192, 4.0))
+    renderer = LightMapRenderer(gl, terrain, SUN)
+    wide, known = computed_maps(renderer, TexelSquare(-64, -64, 128, 40.0), TexelSquare(0, -64, 192, 4.0))
     square = TexelSquare(-64, -128, 192, 4.0)
-    whole = LightMap(maker, square, wider=[wide])
+    whole = LightMap(renderer, square, wider=[wide])
     whole.finish()
     terrain.asked = 0
-    made = LightMap(maker, square, wider=[wide], previous=known)
+    computed = LightMap(renderer, square, wider=[wide], previous=known)
     frames, ticks = 0, count()
-    while not made.ready:
-        made.advance(TimeBudget(0.002, timer=lambda: 1e-4 * next(ticks)))
+    while not computed.ready:
+        computed.advance(TimeBudget(0.002, timer=lambda: 1e-4 * next(ticks)))
         frames += 1
         assert frames < 2000
     assert frames > 3
-    assert (made.relief.heights == whole.relief.heights).all()
-    assert made.light.read() == whole.light.read()
+    assert (computed.relief.heights == whole.relief.heights).all()
+    assert computed.light.read() == whole.light.read()
     assert terrain.asked == 192 * 192 - 128 * 128
 
 
 @pytest.mark.gl
 def test_overlapping_squares_agree(gl):
-    maker = LightMapRenderer(gl, Wall(), Sun(90.0, 80.0))
+    renderer = LightMapRenderer(gl, Wall(), Sun(90.0, 80.0))
     first, second = (
-        finished(maker, TexelSquare(-64, -64, 128, 40.0), TexelSquare(col, -192, 384, 2.0))[1]
+        computed_maps(renderer, TexelSquare(-64, -64, 128, 40.0), TexelSquare(col, -192, 384, 2.0))[1]
         for col in (-192, -128)
     )
     a, b = texels(first)[:, 64:], texels(second)[:, :-64]

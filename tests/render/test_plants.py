@@ -83,8 +83,8 @@ def taiga():
     return Lattice(extent=6000.0, spacing=SPACING, slope=(0.0, 0.0), scale=1.0, species=1, levels=5)
 
 
-def in_order(stand):
-    rows = np.column_stack(stand)
+def in_order(instances):
+    rows = np.column_stack(instances)
     return rows[np.lexsort((rows[:, 0], rows[:, 1]))]
 
 
@@ -292,9 +292,9 @@ def test_removal_ranks_are_uniform_and_cells_sorted_by_cull_distance():
     for above in range(4):
         assert rank[level == above].max() <= rank[level > above].min()
 
-    stand = plant_instances(taiga().foliage(0.0, 0.0, STAND_CELL, STAND_CELL), np.zeros(2))
-    assert (np.diff(stand.cull) <= 0.0).all()
-    assert (stand.rank[:4] > 0.98).all()
+    instances = plant_instances(taiga().foliage(0.0, 0.0, STAND_CELL, STAND_CELL), np.zeros(2))
+    assert (np.diff(instances.cull) <= 0.0).all()
+    assert (instances.rank[:4] > 0.98).all()
     # Solitary plants are more important.
     assert plant_importance(np.array([12.0]), np.array([1.0])) == pytest.approx(12.0)
     assert plant_importance(np.array([12.0]), np.array([0.0])) > plant_importance(
@@ -371,11 +371,11 @@ def forest_of(gl):
     terrain = taiga()
     lit = SimpleNamespace(settled=True, height_at=lambda x, y: 0.0)
 
-    def made(**changes):
+    def create(**changes):
         quality = replace(Quality(shade_maps=0, map_texels=64), **changes)
         return Forest(gl, terrain, Sun(200.0, 35.0), quality=quality, defines={"SHADE_MAPS": 0}), lit
 
-    return made
+    return create
 
 
 @pytest.mark.gl

@@ -1,4 +1,4 @@
-"""Textures: made, their mipmaps, the cache, looks and folders of pictures, phases."""
+"""Material textures: procedural layers, mipmaps, cache, looks, user images, phases."""
 
 from pathlib import Path
 
@@ -316,7 +316,7 @@ def test_opengl_textures_hold_every_level(gl, levels, tmp_path, monkeypatch):
             assert np.abs(got * 255.0 - both[part][2]).max() < 0.01
 
 
-class Maker:
+class CountedCompute:
     def __init__(self, content=b"some bytes of textures"):
         self.content, self.calls = content, 0
 
@@ -325,18 +325,18 @@ class Maker:
         return self.content
 
 
-def ask(maker, folder, recipe="recipe", family="materials-8"):
-    return bytes(cached_bytes(family, recipe, len(maker.content), maker, folder))
+def ask(compute, folder, recipe="recipe", family="materials-8"):
+    return bytes(cached_bytes(family, recipe, len(compute.content), compute, folder))
 
 
 def test_cache_hits_until_the_recipe_changes(tmp_path, monkeypatch):
-    maker = Maker()
-    assert ask(maker, tmp_path / "new") == ask(maker, tmp_path / "new") == maker.content
-    assert maker.calls == 1
+    compute = CountedCompute()
+    assert ask(compute, tmp_path / "new") == ask(compute, tmp_path / "new") == compute.content
+    assert compute.calls == 1
 
-    maker, other = Maker(), Maker(b"others of the family, as many bytes"[:22])
-    ask(maker, tmp_path)
-    ask(maker, tmp_path, family="materials-16")
+    compute, other = CountedCompute(), CountedCompute(b"others of the family, as many bytes"[:22])
+    ask(compute, tmp_path)
+    ask(compute, tmp_path, family="materials-16")
     assert ask(other, tmp_path, recipe="another") == other.content
     assert other.calls == 1
     assert len(list(tmp_path.glob("materials-8-*"))) == 1
@@ -351,30 +351,30 @@ def test_cache_hits_until_the_recipe_changes(tmp_path, monkeypatch):
 
 def test_corrupt_cache_files_are_replaced_and_missing_folders_tolerated(tmp_path, monkeypatch):
     for harm in ("cut", "longer", "changed", "empty"):
-        folder, maker = tmp_path / harm, Maker()
-        ask(maker, folder)
+        folder, compute = tmp_path / harm, CountedCompute()
+        ask(compute, folder)
         path = next(folder.iterdir())
         content = bytearray(path.read_bytes())
         content[-1] ^= harm == "changed"
         content = {"cut": content[:-3], "longer": content + b"x", "empty": b""}.get(harm, content)
         path.write_bytes(bytes(content))
-        assert ask(maker, folder) == maker.content, harm
-        assert maker.calls == 2, harm
-        assert ask(maker, folder) == maker.content, harm
-        assert maker.calls == 2, harm
+        assert ask(compute, folder) == compute.content, harm
+        assert compute.calls == 2, harm
+        assert ask(compute, folder) == compute.content, harm
+        assert compute.calls == 2, harm
 
     place = tmp_path / "file"
     place.write_bytes(b"no folder")
-    maker = Maker()
-    assert ask(maker, place) == ask(maker, place / "below") == maker.content
-    assert maker.calls == 2
+    compute = CountedCompute()
+    assert ask(compute, place) == ask(compute, place / "below") == compute.content
+    assert compute.calls == 2
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
 
     def homeless(_):
         raise RuntimeError("Could not determine home directory.")
 
     monkeypatch.setattr(Path, "expanduser", homeless)
-    assert ask(maker, None) == maker.content
+    assert ask(compute, None) == compute.content
 
 
 WIDTHS = texture_widths()

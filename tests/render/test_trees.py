@@ -79,10 +79,10 @@ def test_levels_have_the_same_outline():
 
 def test_crowns_are_dark_inside():
     for species in ("spruce", "oak", "birch"):
-        made = level(species, 0, 0)
-        leafy = made.leafiness == 1.0
-        away = np.linalg.norm(made.position[leafy].mean(axis=1)[:, :2], axis=1)
-        opened = made.openness[leafy].mean(axis=1)
+        triangles = level(species, 0, 0)
+        leafy = triangles.leafiness == 1.0
+        away = np.linalg.norm(triangles.position[leafy].mean(axis=1)[:, :2], axis=1)
+        opened = triangles.openness[leafy].mean(axis=1)
         low, high = np.quantile(away, [0.2, 0.8])
         assert opened[away < low].mean() < 0.85 * opened[away > high].mean()
 

@@ -15,7 +15,7 @@ from sketchterrain.benchmarks.flight_ways import OURS, THESIS, ways
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
 from sketchterrain.benchmarks.screen_error import ErrorSummary
 from sketchterrain.errors import DeviceError
-from sketchterrain.render.context import close_context, open_context
+from sketchterrain.render.programs import close_context, open_context
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import find_sun

@@ -13,8 +13,8 @@ from skimage.color import deltaE_ciede2000, rgb2lab
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import DeviceError
-from sketchterrain.render.context import close_context, open_context
 from sketchterrain.render.offscreen import read_picture
+from sketchterrain.render.programs import close_context, open_context
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import find_sun

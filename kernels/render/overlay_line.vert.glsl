@@ -21,13 +21,13 @@ void main()
     vec4 b = to_clip * vec4((to + anchor) * (1.0 - nearer), 1.0);
     vec4 first = a.w >= NEAREST ? a : mix(a, b, clamp((NEAREST - a.w) / (b.w - a.w), 0.0, 1.0));
     vec4 last = b.w >= NEAREST ? b : mix(b, a, clamp((NEAREST - b.w) / (a.w - b.w), 0.0, 1.0));
-    bool gone = a.w < NEAREST && b.w < NEAREST;
-    vec2 way = (last.xy / last.w - first.xy / first.w) * size;
-    vec2 across = vec2(-way.y, way.x) / max(length(way), 1e-6);
+    bool behind = a.w < NEAREST && b.w < NEAREST;
+    vec2 direction = (last.xy / last.w - first.xy / first.w) * size;
+    vec2 across = vec2(-direction.y, direction.x) / max(length(direction), 1e-6);
     int corner = int[6](0, 1, 2, 2, 1, 3)[gl_VertexID];
     vec4 here = corner < 2 ? first : last;
     float side = (corner & 1) == 0 ? -1.0 : 1.0;
     here.xy += side * across * width / size * here.w;
     line_colour = colour;
-    gl_Position = gone ? vec4(0.0, 0.0, 2.0, 1.0) : here;
+    gl_Position = behind ? vec4(0.0, 0.0, 2.0, 1.0) : here;
 }

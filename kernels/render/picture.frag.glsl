@@ -2,7 +2,7 @@
 // Exposure, tone mapping per sample (smooth edges against a bright sky), downsampling, dither against banding.
 #include "render/tone.glsl"
 
-uniform sampler2D drawn;  // linear radiance, SAMPLES² texels a pixel
+uniform sampler2D radiance;  // linear radiance, SAMPLES² texels a pixel
 uniform float exposure;
 
 out vec4 colour;
@@ -13,7 +13,7 @@ void main()
     vec3 sum = vec3(0.0);
     for (int j = 0; j < SAMPLES; ++j)
         for (int i = 0; i < SAMPLES; ++i)
-            sum += film(texelFetch(drawn, pixel * SAMPLES + ivec2(i, j), 0).rgb * exposure);
+            sum += film(texelFetch(radiance, pixel * SAMPLES + ivec2(i, j), 0).rgb * exposure);
     uint h = uint(pixel.x) * 1664525u + uint(pixel.y) * 1013904223u;
     h ^= h >> 15; h *= 0x2c1b3c6du; h ^= h >> 12;
     float dither = (float(h & 0xffffu) / 65535.0 - 0.5) / 255.0;

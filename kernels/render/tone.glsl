@@ -8,7 +8,7 @@ const float ANCHOR = 0.845;       // exposure that preserves middle grey
 const float CONTRAST = 0.6;       // weight of an S-curve, 0 .. 1
 const float SATURATION = 1.12;
 
-float film_curve(float x)
+float tone_curve(float x)
 {
     float x2 = x * x, x4 = x2 * x2;
     return 15.5 * x4 * x2 - 40.14 * x4 * x + 31.96 * x4 - 6.868 * x2 * x + 0.4298 * x2 + 0.1191 * x - 0.00232;
@@ -16,14 +16,14 @@ float film_curve(float x)
 
 vec3 film(vec3 light)
 {
-    const mat3 together = mat3(0.842479062253094, 0.0423282422610123, 0.0423756549057051, 0.0784335999999992,
+    const mat3 inset = mat3(0.842479062253094, 0.0423282422610123, 0.0423756549057051, 0.0784335999999992,
         0.878468636469772, 0.0784336, 0.0792237451477643, 0.0791661274605434, 0.879142973793104);
-    const mat3 apart = mat3(1.19687900512017, -0.0528968517574562, -0.0529716355144438, -0.0980208811401368,
+    const mat3 outset = mat3(1.19687900512017, -0.0528968517574562, -0.0529716355144438, -0.0980208811401368,
         1.15190312990417, -0.0980434501171241, -0.0990297440797205, -0.0989611768448433, 1.15107367264116);
-    vec3 c = log2(max(together * (ANCHOR * light), vec3(1e-10)));
+    vec3 c = log2(max(inset * (ANCHOR * light), vec3(1e-10)));
     c = clamp((c - DARKEST) / (BRIGHTEST - DARKEST), 0.0, 1.0);
-    c = clamp(vec3(film_curve(c.r), film_curve(c.g), film_curve(c.b)), 0.0, 1.0);
+    c = clamp(vec3(tone_curve(c.r), tone_curve(c.g), tone_curve(c.b)), 0.0, 1.0);
     c = mix(c, c * c * (3.0 - 2.0 * c), CONTRAST);
     float grey = dot(c, vec3(0.2126, 0.7152, 0.0722));
-    return clamp(apart * (grey + SATURATION * (c - grey)), 0.0, 1.0);
+    return clamp(outset * (grey + SATURATION * (c - grey)), 0.0, 1.0);
 }

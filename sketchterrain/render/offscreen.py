@@ -11,9 +11,8 @@ import numpy as np
 
 from sketchterrain.errors import InputError
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.context import close_context, open_context, release_orphans
 from sketchterrain.render.overlays import Overlay, check_overlays
-from sketchterrain.render.programs import ResourceCache
+from sketchterrain.render.programs import ResourceCache, close_context, open_context, release_orphans
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sharing_probe import moved_to_context, open_device

@@ -92,7 +92,7 @@ def _probe(index: int, kind: str) -> None:
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.compute.device import list_devices
     from sketchterrain.compute.gl_interop import current_handles
-    from sketchterrain.render.context import open_context
+    from sketchterrain.render.programs import open_context
     from sketchterrain.render.vertex_memory import open_vertex_memory
 
     gl = open_context()

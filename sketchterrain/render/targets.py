@@ -45,7 +45,7 @@ class RenderTargets:
             "gbuffer_normal": normal,
             "gbuffer_weights_low": low,
             "gbuffer_weights_high": high,
-            "drawn": colour,
+            "radiance": colour,
             "scene": copy_colour,
             "scene_depth": copy_depth,
             "tonemapped": tonemapped,

@@ -12,7 +12,7 @@ import pytest
 
 from sketchterrain.compute.device import list_devices
 from sketchterrain.errors import DeviceError
-from sketchterrain.render.context import close_context, open_context
+from sketchterrain.render.programs import close_context, open_context
 
 pytestmark = [pytest.mark.gl, pytest.mark.slow]
 
@@ -85,7 +85,7 @@ from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
 from sketchterrain.compute.gl_interop import ExtensionMemory
 from sketchterrain.errors import DeviceError
-from sketchterrain.render.context import open_context
+from sketchterrain.render.programs import open_context
 import numpy as np
 
 device = list_devices()[int(sys.argv[1])]
@@ -236,7 +236,7 @@ FAILING_LATER = """
 import os, sys
 from sketchterrain.compute.device import list_devices
 from sketchterrain.errors import DeviceError
-from sketchterrain.render.context import open_context
+from sketchterrain.render.programs import open_context
 from sketchterrain.render.sharing_probe import open_device
 from sketchterrain.render.vertex_memory import open_vertex_memory
 

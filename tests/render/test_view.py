@@ -10,9 +10,8 @@ import pytest
 import sketchterrain as st
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import DeviceError, InputError
-from sketchterrain.render.context import open_context
 from sketchterrain.render.offscreen import SnapshotRenderer, render_picture
-from sketchterrain.render.programs import ResourceCache
+from sketchterrain.render.programs import ResourceCache, open_context
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.scene import HeightMap, sample_heights
 from sketchterrain.render.sky import Weather, sun_at

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.render.context import open_context
 from sketchterrain.render.overlays import OVERLAYS, Overlay
+from sketchterrain.render.programs import open_context
 from sketchterrain.render.quality import CPU_DRIVERS, Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sharing_probe import open_device

@@ -183,39 +183,33 @@ class Evaluator:
 
         Detail below the cell size (m) is omitted; masks are in the order of :data:`MASKS`.
         """
-        height = np.empty(x.size, self.context.real_dtype)
-        masks = np.empty((x.size, 4), self.context.real_dtype)
+        context, real = self.context, self.context.real_dtype
+        height, masks = np.empty(x.size, real), np.empty((x.size, 4), real)
 
         def evaluate(part: slice) -> None:
-            height[part], masks[part] = self._points(x[part], y[part], cell_size)
+            blocks, block = _blocks_of(x[part], y[part])
+            culled, count = self._arguments.cull(blocks, cell_size), part.stop - part.start
+            lists = self._staged.upload(culled.lists)
+            buffers = context.empty(count, real), context.empty(4 * count, real)
+            context.launch(
+                _FILE,
+                "points",
+                (rounded_up(count),),
+                *self._arguments.terrain(culled, cell_size, lists),
+                context.upload(x[part]),
+                context.upload(y[part]),
+                context.upload(block.astype(np.int32)),
+                np.int32(count),
+                *buffers,
+                group=(GROUP,),
+            )
+            for buffer, array in zip(buffers, (height, masks), strict=True):
+                array[part] = context.download(buffer, array[part].shape, real)
 
         self._points_at_once.run(x.size, evaluate)
-        require_finite(height, "heights", self.context.device)
-        require_finite(masks, "masks", self.context.device)
+        require_finite(height, "heights", context.device)
+        require_finite(masks, "masks", context.device)
         return height, masks
-
-    def _points(
-        self, x: LatticeArray, y: LatticeArray, cell_size: float
-    ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-        context, real = self.context, self.context.real_dtype
-        blocks, block = _blocks_of(x, y)
-        culled = self._arguments.cull(blocks, cell_size)
-        lists = self._staged.upload(culled.lists)
-        height, masks = context.empty(x.size, real), context.empty(4 * x.size, real)
-        context.launch(
-            _FILE,
-            "points",
-            (rounded_up(x.size),),
-            *self._arguments.terrain(culled, cell_size, lists),
-            context.upload(x),
-            context.upload(y),
-            context.upload(block.astype(np.int32)),
-            np.int32(x.size),
-            height,
-            masks,
-            group=(GROUP,),
-        )
-        return context.download(height, x.size, real), context.download(masks, (x.size, 4), real)
 
     def _store(self, inner: int) -> SurfaceStore:
         """Return the cached store for patches of inner × inner vertices."""

@@ -228,7 +228,7 @@ def test_trees_cast_shadows_and_move_only_in_wind():
 @pytest.mark.parametrize("maps", [0, 2])
 def test_vertex_lighting_matches_pixel_lighting(monkeypatch, maps):
     bare = picture(without=(*STILL, "trees"), shade_maps=maps)
-    coarse = {"leaves": 0.03, "shade_maps": maps}  # all of them coarse
+    coarse = {"plant_lod_scale": 0.03, "shade_maps": maps}  # all of them coarse
     at_vertices = picture(**coarse)
     monkeypatch.setattr("sketchterrain.render.forest.VERTEX_LIT", DETAILS)
     at_pixels = picture.__wrapped__(**coarse)

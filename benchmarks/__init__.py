@@ -3,8 +3,6 @@
 ``sketchterrain bench`` and ``python -m sketchterrain.benchmarks`` both call :func:`run`.
 """
 
-from __future__ import annotations
-
 from sketchterrain.benchmarks.command import run
 from sketchterrain.benchmarks.registry import BENCHMARKS, Benchmark
 

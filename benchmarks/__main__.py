@@ -1,7 +1,5 @@
 """``python -m sketchterrain.benchmarks``: the same as ``sketchterrain bench``."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

@@ -1,32 +1,25 @@
 """Error against time: float32 and float64 kernels and the NumPy reference."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.benchmarks import choices
+from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.grounds import open_ground, scattered_keys
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import host_samples
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Float64Array
-    from sketchterrain.benchmarks.effort import Effort
-    from sketchterrain.terrain.recipe import TerrainRecipe
-    from sketchterrain.terrain.surfaces import Surface
-    from sketchterrain.terrain.terrain import Terrain
-
+from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.surfaces import Surface
+from sketchterrain.terrain.terrain import Terrain
 
 __all__ = ["DOUBLE", "FLOAT", "NUMPY", "TILE_SEED", "measure"]
 

@@ -1,11 +1,10 @@
 """Charts: error against time, kernels' times, tiles' rates. matplotlib comes with the extra ``bench``."""
 
-from __future__ import annotations
-
 import io
 import math
+from collections.abc import Callable, Iterable, Sequence
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sketchterrain.benchmarks.accuracy import DOUBLE, FLOAT, NUMPY
 from sketchterrain.benchmarks.choices import draw_choices
@@ -15,15 +14,10 @@ from sketchterrain.benchmarks.flight_chart import draw_errors, draw_frames, draw
 from sketchterrain.benchmarks.live import draw_live
 from sketchterrain.benchmarks.pictures import draw_parts, draw_qualities
 from sketchterrain.benchmarks.points import draw_room, draw_spectra, draw_table_6_1
-from sketchterrain.benchmarks.report import value_of
+from sketchterrain.benchmarks.report import Outcome, Row, value_of
 from sketchterrain.benchmarks.speed import draw_rates, draw_thesis
 from sketchterrain.benchmarks.splines import draw_splines
 from sketchterrain.benchmarks.worlds import draw_worlds
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-
-    from sketchterrain.benchmarks.report import Outcome, Row
 
 # Okabe and Ito's palette, which colour-blind people can tell apart.
 _BLUE, _VERMILION, _GREEN, _PURPLE, _ORANGE = "#0072B2", "#D55E00", "#009E73", "#AA5586", "#E69F00"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -10,8 +11,11 @@ from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import StructuredArray
 from sketchterrain.benchmarks import splines
+from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.grounds import central_keys, open_ground
 from sketchterrain.benchmarks.noise import NoiseGrid
 from sketchterrain.benchmarks.report import Column, Row, Table
@@ -21,18 +25,10 @@ from sketchterrain.terrain import feature_cache as surroundings
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import host_samples
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit
-from sketchterrain.terrain.packing import pack_features
+from sketchterrain.terrain.packing import PackedFeatures, pack_features
+from sketchterrain.terrain.recipe import TerrainRecipe
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import StructuredArray
-    from sketchterrain.benchmarks.effort import Effort
-    from sketchterrain.terrain.packing import PackedFeatures
-    from sketchterrain.terrain.recipe import TerrainRecipe
-
     Reals = npt.NDArray[np.floating[Any]]
 
 GROUND = "valley_river"

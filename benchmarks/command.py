@@ -1,26 +1,18 @@
 """The command: measure what is asked for, then show or write it."""
 
-from __future__ import annotations
-
 import sys
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from pathlib import Path
 
 from rich.console import Console
 from rich.measure import Measurement
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from sketchterrain.benchmarks.effort import FULL, QUICK
+from sketchterrain.benchmarks.effort import FULL, QUICK, Effort
 from sketchterrain.benchmarks.machine import describe
-from sketchterrain.benchmarks.registry import BENCHMARKS, choose
+from sketchterrain.benchmarks.registry import BENCHMARKS, Benchmark, choose
 from sketchterrain.benchmarks.report import Report, terminal
 from sketchterrain.benchmarks.timing import TimedContext
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from sketchterrain.benchmarks.effort import Effort
-    from sketchterrain.benchmarks.registry import Benchmark
 
 
 def run(

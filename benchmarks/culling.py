@@ -1,28 +1,21 @@
 """Culling: time a tile as the number of features grows."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.grounds import BARE, BARE_SEED, open_ground
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
-from sketchterrain.benchmarks.timing import Lap, alternate, lap, spread
+from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
 from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES
 from sketchterrain.terrain.culling import painted_near
 from sketchterrain.terrain.kernel_arguments import KernelArguments
 from sketchterrain.terrain.patch_layout import tile_patches
 from sketchterrain.terrain.terrain import Terrain
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from sketchterrain.benchmarks.effort import Effort
-    from sketchterrain.benchmarks.timing import TimedContext
-
 
 DENSITY = 25.0
 """Hills a square kilometre; about ten of them reach a tile."""

@@ -1,7 +1,5 @@
 """How much is measured: the sizes and rounds of a run."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from sketchterrain.io.resources import preset_names

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
@@ -10,26 +11,21 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array
+from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, samples_of, value_of
-from sketchterrain.benchmarks.timing import lap, spread
+from sketchterrain.benchmarks.timing import TimedContext, lap, spread
 from sketchterrain.document.store import load_sketch
 from sketchterrain.terrain.building import make_recipe
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import host_heights, host_slope
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.noise import NoiseStack, fbm, octave_table
+from sketchterrain.terrain.recipe import TerrainRecipe
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Float64Array
-    from sketchterrain.benchmarks.effort import Effort
-    from sketchterrain.benchmarks.timing import TimedContext
-    from sketchterrain.terrain.recipe import TerrainRecipe
-
     Integers = npt.NDArray[np.int64]
 
 PRESET = "alpine_range"

@@ -1,20 +1,14 @@
 """Charts of flights: screen error against triangles and time; generation in the thesis's terms."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
 from sketchterrain.benchmarks.flight import MOST
 from sketchterrain.benchmarks.flight_generation import BUDGET
 from sketchterrain.benchmarks.flight_ways import OURS, THESIS
-from sketchterrain.benchmarks.report import samples_of, value_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from sketchterrain.benchmarks.report import Row
+from sketchterrain.benchmarks.report import Row, samples_of, value_of
 
 # Okabe and Ito's palette, which colour-blind people can tell apart.
 _BLUE, _SKY, _VERMILION, _ORANGE, _GREEN, _PURPLE, _GREY = (

@@ -1,30 +1,32 @@
 """Generation in flight in the thesis's terms (section 7.1), by size of tiles and the metric's setting."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from sketchterrain.array_types import Int64Array
+from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.flight_meshes import height_range
-from sketchterrain.benchmarks.flight_scene import PICTURE, RATE, OwnTiles, stops, view_of, within_world
+from sketchterrain.benchmarks.flight_scene import (
+    PICTURE,
+    RATE,
+    OwnFrame,
+    OwnTiles,
+    Stop,
+    stops,
+    view_of,
+    within_world,
+)
 from sketchterrain.benchmarks.flight_ways import OURS, THESIS, thesis_seconds, thesis_view
 from sketchterrain.benchmarks.report import Column, Row, Table
+from sketchterrain.benchmarks.timing import TimedContext
+from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.tiles.lod import inside_frustum
 from sketchterrain.tiles.quadtree import tile_indices
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from sketchterrain.benchmarks.effort import Effort
-    from sketchterrain.benchmarks.flight_scene import OwnFrame, Stop
-    from sketchterrain.benchmarks.timing import TimedContext
-    from sketchterrain.terrain.terrain import Terrain
-
 
 BUDGET: Final = 8e-3
 """s that this program may generate in a frame."""

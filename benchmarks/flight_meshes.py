@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
@@ -10,15 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, Int64Array
-from sketchterrain.benchmarks.screen_error import ScreenSamples, screen_distances
+from sketchterrain.benchmarks.screen_error import Picture, ScreenSamples, screen_distances
 from sketchterrain.tiles.lod import inside_frustum, morph_weights
 from sketchterrain.tiles.quadtree import tile_indices
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
     from sketchterrain.benchmarks.flight_scene import Stop
-    from sketchterrain.benchmarks.screen_error import Picture
     from sketchterrain.terrain.terrain import Terrain
 
 

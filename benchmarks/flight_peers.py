@@ -6,29 +6,22 @@ is at the square's nearest point, seen as sideways as at its farthest corner: wh
 heightmaps can do. Gaps between squares are left.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from time import perf_counter
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float32Array, Float64Array
 from sketchterrain.benchmarks.baselines.problem import Absent
-from sketchterrain.benchmarks.flight_meshes import Mesh, height_range
+from sketchterrain.benchmarks.flight_meshes import Mesh, View, height_range
 from sketchterrain.benchmarks.flight_scene import FINEST_CELL
+from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.terrain.vertices import VertexStore
 from sketchterrain.tiles.lod import inside_frustum
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from sketchterrain.benchmarks.flight_meshes import View
-    from sketchterrain.terrain.terrain import Terrain
-
 
 QUADS = 256
 _BATCH = 16

@@ -1,29 +1,24 @@
 """The flight's camera path, its images, and streaming of this program's tiles."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from time import perf_counter
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.benchmarks.flight_meshes import Tiles
 from sketchterrain.benchmarks.screen_error import Picture
+from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.store import load_sketch
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.flight import Flight, Keyframe
 from sketchterrain.terrain.building import build
+from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.terrain.vertices import VERTEX
 from sketchterrain.tiles.lod import CameraView, ScreenError
 from sketchterrain.tiles.stream import TileStream
-
-if TYPE_CHECKING:
-    from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.terrain.terrain import Terrain
-    from sketchterrain.tiles.tile_pool import Batch, DrawList
-
+from sketchterrain.tiles.tile_pool import Batch, DrawList
 
 EXTENT: Final = 4096.0
 """m; the thesis's terrain (section 7.1)."""

@@ -1,32 +1,24 @@
 """Ways to draw a view of the world, each with a setting that trades triangles for error."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from time import perf_counter
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.benchmarks.baselines.problem import Absent
 from sketchterrain.benchmarks.baselines.thesis import Sampling, ThesisTiles
-from sketchterrain.benchmarks.flight_meshes import Tiles, drawn, uniform_tiles
-from sketchterrain.benchmarks.flight_peers import MESHERS, Rasters, mesher
+from sketchterrain.benchmarks.effort import Effort
+from sketchterrain.benchmarks.flight_meshes import Mesh, Tiles, View, drawn, uniform_tiles
+from sketchterrain.benchmarks.flight_peers import MESHERS, Mesher, Rasters, mesher
 from sketchterrain.benchmarks.flight_scene import FINEST_CELL, OwnTiles, view_of, within_world
 from sketchterrain.benchmarks.thesis_view import ThesisView, feature_discs
 from sketchterrain.benchmarks.timing import lap
+from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.tiles.stream import QUADS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-
-    import numpy.typing as npt
-
-    from sketchterrain.benchmarks.effort import Effort
-    from sketchterrain.benchmarks.flight_meshes import Mesh, View
-    from sketchterrain.benchmarks.flight_peers import Mesher
-    from sketchterrain.terrain.terrain import Terrain
 
 OURS = "this program"
 THESIS = "the thesis's metric"

@@ -4,12 +4,11 @@
 pictures and a sheet of them for each preset.
 """
 
-from __future__ import annotations
-
 import argparse
 import io
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from PIL import Image
 
@@ -20,11 +19,7 @@ from sketchterrain.render.offscreen import render_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.sky import Weather
 from sketchterrain.terrain.building import build
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from sketchterrain.terrain.terrain import Terrain
+from sketchterrain.terrain.terrain import Terrain
 
 VIEWS: Final = ("ground", "hill", "air")
 LIGHTS: Final = {

@@ -1,18 +1,12 @@
 """The surfaces that are measured: the presets, and bare ground without any feature."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.terrain import Terrain
-
-if TYPE_CHECKING:
-    from sketchterrain.compute.context import ComputeContext
 
 BARE = "bare"
 """Ground of the default relief over 4096 m: octaves of noise and no feature at all."""

@@ -1,20 +1,19 @@
 """Time of every kernel."""
 
-from __future__ import annotations
-
 from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.grounds import BARE, central_keys, open_ground
 from sketchterrain.benchmarks.noise import NoiseGrid
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.spline_cases import splines_and_places
 from sketchterrain.benchmarks.spline_methods import KERNELS, SplineQueries
-from sketchterrain.benchmarks.timing import TimedContext, alternate, spread
+from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, spread
 from sketchterrain.compute.device import list_devices
 from sketchterrain.compute.device_check import is_usable
 from sketchterrain.look.texture_maker import LAYERS, emboss, paint_layer
@@ -22,19 +21,12 @@ from sketchterrain.terrain.kernel_arguments import KernelArguments
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit
 from sketchterrain.terrain.patch_layout import Patches, sample_stride
 from sketchterrain.terrain.patches import PatchLauncher
+from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.surfaces import SurfaceStore
+from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.terrain.vertices import VERTEX
 from sketchterrain.vegetation.graded_poisson import GradedPoisson, SpacingRaster
 from sketchterrain.vegetation.poisson import PoissonDisk
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
-    from sketchterrain.benchmarks.effort import Effort
-    from sketchterrain.benchmarks.timing import Lap
-    from sketchterrain.terrain.recipe import TerrainRecipe
-    from sketchterrain.terrain.terrain import Terrain
-
 
 SIZES = (16, 32, 64, 128)
 """Quads along a tile's side; tiles have 64."""

@@ -13,21 +13,19 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
+from sketchterrain.array_types import UInt8Array
+from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, samples_of, value_of
-from sketchterrain.benchmarks.timing import spread
+from sketchterrain.benchmarks.timing import TimedContext, spread
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import DeviceError
 from sketchterrain.placement.feature_types import FEATURE_TYPES
 from sketchterrain.ui.app import new_window
+from sketchterrain.ui.engine.protocol import ErrorReport, TerrainUpdated
 from sketchterrain.ui.models.painting import Stroke
 
 if TYPE_CHECKING:
     from PyQt6.QtCore import QCoreApplication
-
-    from sketchterrain.array_types import UInt8Array
-    from sketchterrain.benchmarks.effort import Effort
-    from sketchterrain.benchmarks.timing import TimedContext
-    from sketchterrain.ui.engine.protocol import ErrorReport, TerrainUpdated
 
 
 _RATE, _TIMEOUT, _HEARTBEAT = 0.008, 120.0, 5  # s between places of the mouse, s to wait, ms

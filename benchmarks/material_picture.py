@@ -3,22 +3,18 @@
 ``python -m sketchterrain.benchmarks.material_picture FILE`` draws them.
 """
 
-from __future__ import annotations
-
 import io
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from PIL import Image
 
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.io.files import write_atomic
 from sketchterrain.look.texture_maker import LAYERS, emboss, paint_layer
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
 
 _SIDE = 1024  # texels
 _PANEL = 320  # px

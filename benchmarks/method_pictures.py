@@ -8,10 +8,12 @@ from __future__ import annotations
 import dataclasses
 import io
 import sys
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.benchmarks.point_pictures import draw_points
 from sketchterrain.compute.context import ComputeContext
@@ -20,15 +22,10 @@ from sketchterrain.document.store import load_sketch
 from sketchterrain.io.files import write_atomic
 from sketchterrain.io.resources import preset_names
 from sketchterrain.terrain.building import build
+from sketchterrain.terrain.surfaces import Raster
 from sketchterrain.terrain.terrain import Terrain
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    import numpy.typing as npt
-
-    from sketchterrain.terrain.surfaces import Raster
-
     Pixels = npt.NDArray[np.float64]
 
 COLOURS = {

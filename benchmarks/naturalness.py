@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import ndimage
 
+from sketchterrain.array_types import BoolArray, Float64Array
+
 if TYPE_CHECKING:
-    from sketchterrain.array_types import BoolArray, Float64Array
     from sketchterrain.terrain.terrain import Terrain
 
 

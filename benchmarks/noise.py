@@ -1,22 +1,16 @@
 """Noise alone: octaves a second, against plain NumPy."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.benchmarks.baselines.problem import NoiseProblem
+from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table
-from sketchterrain.benchmarks.timing import alternate, lap, spread
+from sketchterrain.benchmarks.timing import TimedContext, alternate, lap, spread
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.noise import NoiseStack, corner_table, fbm, fbm_slope, octave_table
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from sketchterrain.benchmarks.effort import Effort
-    from sketchterrain.benchmarks.timing import TimedContext
 
 OCTAVES = 8
 SEED = 7

@@ -3,14 +3,14 @@
 ``python -m sketchterrain.benchmarks.plant_sheet DIR`` writes ``trees.jpg``.
 """
 
-from __future__ import annotations
-
 import io
 import sys
+from collections.abc import Generator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 from PIL import Image
 
 from sketchterrain.benchmarks.grounds import BARE, open_ground
@@ -22,14 +22,8 @@ from sketchterrain.render.offscreen import canvas, read_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Sun, Weather
+from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.vegetation.plants import PLANT
-
-if TYPE_CHECKING:
-    from collections.abc import Generator
-
-    import numpy.typing as npt
-
-    from sketchterrain.terrain.terrain import Terrain
 
 LEAVES: Final = (10.0, 0.7, 0.26, 0.12, 0.05)
 """`Quality.plant_lod_scale` at which plants of the sheet's size are drawn at each level of detail."""

@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from sketchterrain.benchmarks.baselines import bridson
 from sketchterrain.benchmarks.baselines.phase_groups import PhaseGroups
 from sketchterrain.benchmarks.baselines.problem import Absent
+from sketchterrain.benchmarks.timing import Lap, TimedContext
 from sketchterrain.vegetation.poisson import GREATEST_DENSITY, PoissonDisk
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    import numpy.typing as npt
-
-    from sketchterrain.benchmarks.timing import Lap, TimedContext
-
     Points = npt.NDArray[np.float64]
 
 __all__ = ["OURS", "THESIS", "TURNS", "Way", "fill_of", "own", "peers", "room_of", "thesis"]

@@ -1,24 +1,15 @@
 """Blue noise: rate, remaining space and spectra of Poisson-disk methods."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, TypeVar
 
 from sketchterrain.benchmarks.baselines.dart_thrower import throw_darts
-from sketchterrain.benchmarks.point_ways import OURS, THESIS, TURNS, fill_of, own, peers, room_of, thesis
+from sketchterrain.benchmarks.effort import Effort
+from sketchterrain.benchmarks.point_ways import OURS, THESIS, TURNS, Way, fill_of, own, peers, room_of, thesis
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, samples_of, value_of
-from sketchterrain.benchmarks.spectrum import SIDE, spectrum_of
-from sketchterrain.benchmarks.timing import alternate, spread
+from sketchterrain.benchmarks.spectrum import SIDE, Spectrum, spectrum_of
+from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, spread
 from sketchterrain.vegetation.poisson import GREATEST_DENSITY, TRIALS
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from sketchterrain.benchmarks.effort import Effort
-    from sketchterrain.benchmarks.point_ways import Way
-    from sketchterrain.benchmarks.spectrum import Spectrum
-    from sketchterrain.benchmarks.timing import Lap, TimedContext
-
 
 Key = TypeVar("Key")
 

@@ -1,10 +1,8 @@
 """The table of benchmarks."""
 
-from __future__ import annotations
-
 import inspect
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from sketchterrain.benchmarks import (
     accuracy,
@@ -21,15 +19,11 @@ from sketchterrain.benchmarks import (
     worlds,
 )
 from sketchterrain.benchmarks import points as blue_noise
+from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.grounds import BARE_SEED
+from sketchterrain.benchmarks.report import Outcome
+from sketchterrain.benchmarks.timing import TimedContext
 from sketchterrain.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-
-    from sketchterrain.benchmarks.effort import Effort
-    from sketchterrain.benchmarks.report import Outcome
-    from sketchterrain.benchmarks.timing import TimedContext
 
 
 @dataclass(frozen=True)

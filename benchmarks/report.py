@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from rich import box
@@ -13,9 +15,6 @@ from rich.table import Table as RichTable
 from sketchterrain.io.files import wrap_os_errors, write_atomic
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-    from pathlib import Path
-
     from sketchterrain.benchmarks.registry import Benchmark
 
 

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from sketchterrain.render.camera import Camera
-
+from sketchterrain.render.camera import Camera
 
 _PAIRS = 1 << 20  # of a triangle and a sample, looked at together
 _NEAREST = 1e-6  # m ahead of the eye

@@ -16,18 +16,13 @@ thirty bands is up to 0.7 dB above the ideal where nothing is wrong.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Float64Array
-
+from sketchterrain.array_types import Float64Array
 
 __all__ = ["HIGHEST", "LOWEST", "SETS", "SIDE", "Spectrum", "spectrum_of"]
 

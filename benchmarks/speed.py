@@ -1,22 +1,23 @@
 """Rates of noise and tiles beside rivals and beside the roofline of the device."""
 
-from __future__ import annotations
-
 import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.benchmarks import thesis_tiles
 from sketchterrain.benchmarks.baselines import c_noise, fastnoise2, numba_noise, numpy_noise
 from sketchterrain.benchmarks.baselines.problem import Absent, Rival
+from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.grounds import BARE, central_keys, open_ground
 from sketchterrain.benchmarks.noise import OCTAVES, NoiseGrid
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
 from sketchterrain.benchmarks.thesis_tiles import LEVEL, OURS
-from sketchterrain.benchmarks.timing import TimedContext, alternate, lap, spread
+from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
 from sketchterrain.compute.device import list_devices
 from sketchterrain.compute.device_check import is_usable
 from sketchterrain.document.parameters import MATERIALS
@@ -25,15 +26,6 @@ from sketchterrain.terrain.lattice import QUADS
 from sketchterrain.terrain.patch_layout import tile_patches
 from sketchterrain.terrain.patches import PatchLauncher
 from sketchterrain.terrain.surfaces import SurfaceStore
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
-    import numpy.typing as npt
-
-    from sketchterrain.benchmarks.effort import Effort
-    from sketchterrain.benchmarks.timing import Lap
-
 
 OPERATIONS = 97
 """Of an octave of simplex noise at a point, whole and real, as a compiler counts them; loads are none."""

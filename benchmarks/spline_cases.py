@@ -1,18 +1,11 @@
 """Splines and places that drive ways of measuring the distance between them to failure."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.hydrology.splines import cubics
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from sketchterrain.array_types import Float64Array
-
 
 CONTROLS = 6
 """Control points of each spline."""

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.hydrology.splines import cubics
 from sketchterrain.terrain.centrelines import flatten, position
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Float64Array
     from sketchterrain.compute.context import ComputeContext
 
 

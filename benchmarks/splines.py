@@ -1,12 +1,14 @@
 """Distance to splines: error against time of methods."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array
+from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
 from sketchterrain.benchmarks.spline_cases import KINDS, distances, splines_and_places
 from sketchterrain.benchmarks.spline_methods import (
@@ -17,17 +19,7 @@ from sketchterrain.benchmarks.spline_methods import (
     SplineQueries,
     pieces_of,
 )
-from sketchterrain.benchmarks.timing import alternate, spread
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Float64Array
-    from sketchterrain.benchmarks.effort import Effort
-    from sketchterrain.benchmarks.timing import TimedContext
-
+from sketchterrain.benchmarks.timing import TimedContext, alternate, spread
 
 SEED = 20131
 EACH = 64

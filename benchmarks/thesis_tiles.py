@@ -1,36 +1,27 @@
 """Tiles against the thesis's way, at equal measured error."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.benchmarks.baselines.thesis import Sampling, ThesisTiles
-from sketchterrain.benchmarks.grounds import BARE, central_keys, open_ground
+from sketchterrain.benchmarks.effort import Effort
+from sketchterrain.benchmarks.grounds import BARE, TileKey, central_keys, open_ground
 from sketchterrain.benchmarks.report import Column, Row, Table
-from sketchterrain.benchmarks.timing import TimedContext, alternate, lap, spread
+from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
+from sketchterrain.compute.context import ComputeContext
 from sketchterrain.terrain import kernel_arguments
 from sketchterrain.terrain.kernel_arguments import KernelArguments
 from sketchterrain.terrain.lattice import QUADS
 from sketchterrain.terrain.patch_layout import tile_patches
 from sketchterrain.terrain.patches import PatchLauncher
-from sketchterrain.terrain.recipe import FINEST_CELL
+from sketchterrain.terrain.recipe import FINEST_CELL, TerrainRecipe
 from sketchterrain.terrain.surfaces import SurfaceStore
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    import numpy.typing as npt
-
-    from sketchterrain.benchmarks.effort import Effort
-    from sketchterrain.benchmarks.grounds import TileKey
-    from sketchterrain.benchmarks.timing import Lap
-    from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.terrain.recipe import TerrainRecipe
 
 OURS = "this program"
 ALONE = "this program, heights and normals alone"

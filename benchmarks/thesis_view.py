@@ -4,24 +4,18 @@ The world is one square, a quadtree's root. Tiles across an edge differ by one l
 the features near a tile, the largest counts; the thesis tells no values.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.placement.feature_types import FEATURE_TYPES
+from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.tiles.quadtree import EAST, NORTH, SOUTH, WEST
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from sketchterrain.terrain.recipe import TerrainRecipe
-
 
 PLAIN = 1.0
 """F where no feature is near."""

@@ -1,18 +1,14 @@
 """How a time is taken: laps of work, in rounds that alternate between the rivals."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from time import perf_counter, process_time
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from sketchterrain.compute.context import ComputeContext
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
 
 Name = TypeVar("Name")
 

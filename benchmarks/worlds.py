@@ -6,17 +6,16 @@ import json
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.timing import TimedContext
 
 

@@ -8,8 +8,9 @@
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from sketchterrain.document.parameters import MATERIALS
+
 if TYPE_CHECKING:
-    from sketchterrain.document.parameters import MATERIALS
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.document.store import load_sketch, new_sketch, save_sketch
     from sketchterrain.terrain.building import build

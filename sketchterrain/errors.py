@@ -1,7 +1,5 @@
 """Errors with their exit codes, and the formatting of values in messages."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from difflib import get_close_matches
 

@@ -1,7 +1,5 @@
 """Commands of menus, buttons and keys: one declaration each, from which Qt actions are created."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final

@@ -5,21 +5,20 @@ from __future__ import annotations
 import ctypes
 import os
 import re
+from collections.abc import Mapping
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.io.resources import preset_names
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from PyQt6.QtWidgets import QApplication
 
-    from sketchterrain.document.sketch import Sketch
     from sketchterrain.ui.engine.link import EngineLink
     from sketchterrain.ui.models.autosave import Autosave
     from sketchterrain.ui.models.document import Document

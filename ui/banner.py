@@ -1,7 +1,5 @@
 """Message banner at the top of the window, and reporting of engine errors and uncaught exceptions in it."""
 
-from __future__ import annotations
-
 import sys
 import threading
 import traceback

@@ -1,7 +1,5 @@
 """Export in a process of its own: start, progress, result and cancellation."""
 
-from __future__ import annotations
-
 import json
 import pickle
 import sys

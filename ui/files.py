@@ -1,7 +1,5 @@
 """File menu: new, open, save, import and dropped files."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from functools import partial

@@ -1,7 +1,5 @@
 """Layout of the window: dock panels, maximised parts and full screen."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import partial
 from itertools import pairwise

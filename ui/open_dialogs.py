@@ -2,31 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PyQt6.QtCore import QObject, QUrl
-from PyQt6.QtGui import QDesktopServices
-from PyQt6.QtWidgets import QFileDialog
+from PyQt6.QtGui import QDesktopServices, QImage
+from PyQt6.QtWidgets import QDialog, QFileDialog, QWidget
 
 from sketchterrain.errors import SketchterrainError
-from sketchterrain.ui.banner import Message
+from sketchterrain.ui.actions import Actions
+from sketchterrain.ui.banner import Banner, Message
+from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import RenderPicture
+from sketchterrain.ui.files import Files
 from sketchterrain.ui.models.background import BackgroundQueue
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.preferences import Preferences
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from PyQt6.QtGui import QImage
-    from PyQt6.QtWidgets import QDialog, QWidget
-
-    from sketchterrain.ui.actions import Actions
-    from sketchterrain.ui.banner import Banner
-    from sketchterrain.ui.engine.link import EngineLink
-    from sketchterrain.ui.files import Files
-    from sketchterrain.ui.models.document import Document
-    from sketchterrain.ui.models.preferences import Preferences
     from sketchterrain.ui.world_window import WorldWindow
 
 

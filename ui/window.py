@@ -1,7 +1,5 @@
 """Main window of the editor."""
 
-from __future__ import annotations
-
 import math
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Actions of the main window on the sketch and the view."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """Window of a stored world: the 3-D view, its engine and actions, without a sketch."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 from typing import Final

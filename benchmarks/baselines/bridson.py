@@ -7,29 +7,23 @@ gives most points a second, faster_poisson (Rust) most at the density of darts; 
 least distance itself, so that its points lie denser than darts that fall anywhere.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
 import subprocess
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
 from math import sqrt
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 import scipy
 from scipy.stats import qmc
 
 from sketchterrain.benchmarks.baselines.problem import Absent
 from sketchterrain.benchmarks.timing import Lap, lap
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import numpy.typing as npt
 
 FASTER_POISSON = "SKETCHTERRAIN_FASTER_POISSON"
 """Names the program that ``faster_poisson.rs`` becomes."""

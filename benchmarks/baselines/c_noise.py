@@ -1,7 +1,5 @@
 """The noise as a plain loop in C (``noise.c``), compiled on the spot with clang or the system's compiler."""
 
-from __future__ import annotations
-
 import ctypes
 import shutil
 import subprocess
@@ -9,14 +7,11 @@ from functools import cache
 from importlib.resources import as_file, files
 from pathlib import Path
 from tempfile import mkdtemp
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from sketchterrain.benchmarks.baselines.problem import Absent, Rival, in_threads
-
-if TYPE_CHECKING:
-    from sketchterrain.benchmarks.baselines.problem import NoiseProblem
+from sketchterrain.benchmarks.baselines.problem import Absent, NoiseProblem, Rival, in_threads
 
 OPTIONS = ("-O3", "-march=native", "-ffp-contract=off", "-shared", "-fPIC")
 """No contraction, as in the kernels."""

@@ -12,11 +12,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
     Points = npt.NDArray[np.float64]
 
 _FINEST = 1e-7  # of the distance: free ground that is narrower is as good as none

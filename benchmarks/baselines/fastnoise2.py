@@ -5,19 +5,14 @@ is looked for where ``SKETCHTERRAIN_FASTNOISE2`` says, then by the system's load
 how it is built.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 from ctypes.util import find_library
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from sketchterrain.benchmarks.baselines.problem import Absent, Rival, in_threads
-
-if TYPE_CHECKING:
-    from sketchterrain.benchmarks.baselines.problem import NoiseProblem
+from sketchterrain.benchmarks.baselines.problem import Absent, NoiseProblem, Rival, in_threads
 
 VARIABLE = "SKETCHTERRAIN_FASTNOISE2"
 """Names the shared library."""

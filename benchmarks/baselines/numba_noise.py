@@ -1,18 +1,12 @@
 """The noise compiled from Python by numba, rows in parallel: as one writes it, and with vectors in mind."""
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from sketchterrain.benchmarks.baselines.problem import Absent, Rival
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from sketchterrain.benchmarks.baselines.problem import NoiseProblem
+from sketchterrain.benchmarks.baselines.problem import Absent, NoiseProblem, Rival
 
 _HALF, _ZERO = np.float32(0.5), np.float32(0)
 _UNSKEW = np.float32(0.21138669673055244)

@@ -5,16 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
-from sketchterrain.benchmarks.baselines.problem import Rival
+from sketchterrain.array_types import Float32Array
+from sketchterrain.benchmarks.baselines.problem import NoiseProblem, Rival
 from sketchterrain.terrain.noise import SKEW_OTHER, SKEW_SAME, STRIDES
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Float32Array
-    from sketchterrain.benchmarks.baselines.problem import NoiseProblem
-
     Words = npt.NDArray[np.uint32]
 
 _UNSKEW = np.float32(0.21138669673055244)

@@ -16,17 +16,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import ceil, sqrt
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.placement.hashing import hash_keys
 
 if TYPE_CHECKING:
-    from typing import Any
-
-    import numpy.typing as npt
-
     from sketchterrain.compute.context import ComputeContext
 
 _FILE = "baselines/phase_groups.cl"

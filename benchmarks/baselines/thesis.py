@@ -9,23 +9,21 @@ parents.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import FloatArray
 from sketchterrain.placement.feature_types import FEATURE_TYPES
 from sketchterrain.terrain.lattice import QUADS
 from sketchterrain.terrain.noise import FINEST_WAVELENGTH
+from sketchterrain.terrain.recipe import TerrainRecipe
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import FloatArray
     from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.terrain.recipe import TerrainRecipe
 
 
 _FILE = "baselines/thesis.cl"

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from sketchterrain.app.console import Stages
+
 if TYPE_CHECKING:
-    from sketchterrain.app.console import Stages
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.export.target import ExportOptions
     from sketchterrain.render.camera import Camera

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import sys
 import traceback
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -36,8 +37,6 @@ from sketchterrain.app.listings import (
 from sketchterrain.io.system import restore_default_sigterm, sigterm_as_interrupt
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.terrain.adherence import Adherence
     from sketchterrain.terrain.terrain import Terrain

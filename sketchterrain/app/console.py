@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sys
 import time
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from threading import Timer
 from typing import TYPE_CHECKING, Any
 
@@ -13,9 +14,6 @@ import typer
 from sketchterrain.errors import SketchterrainError, one_line
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from contextlib import AbstractContextManager
-
     from rich.progress import Progress
 
     Show = Callable[[str], AbstractContextManager[Callable[[float], None]]]

@@ -1,7 +1,5 @@
 """`export`: the files of an export target, with a sidecar of import settings."""
 
-from __future__ import annotations
-
 import os
 import re
 import unicodedata

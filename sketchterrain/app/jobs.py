@@ -3,8 +3,6 @@
 Results never mix bits of two devices.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from threading import Lock

@@ -1,7 +1,5 @@
 """Commands `render` and `fly`: pictures, maps and films of a sketch's terrain."""
 
-from __future__ import annotations
-
 import statistics
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing

@@ -1,7 +1,5 @@
 """Plan of a batch: settings, sweeps and the terrains that follow."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields

@@ -12,13 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import Float32Array
 from sketchterrain.errors import SketchterrainError
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Float32Array
     from sketchterrain.compute.context import ComputeContext
 
     Words = npt.NDArray[np.uint32]

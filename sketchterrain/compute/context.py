@@ -1,28 +1,21 @@
 """OpenCL context: programs, launches, transfers, and the meaning of failures."""
 
-from __future__ import annotations
-
 import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from threading import Lock
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 import pyopencl as cl
 
 from sketchterrain.compute import gl_interop
 from sketchterrain.compute.device import Device, choose_device
+from sketchterrain.compute.gl_interop import GLHandles
 from sketchterrain.errors import BuildError, DeviceError, DeviceFailedError, DeviceMemoryError, one_line
 from sketchterrain.io import resources
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    import numpy.typing as npt
-
-    from sketchterrain.compute.gl_interop import GLHandles
-
 
 _STATUS = cl.status_code
 # CL_OUT_OF_RESOURCES is not one of them: drivers report it for crashed kernels too.

@@ -5,8 +5,6 @@ bundled with pyopencl reads a folder of ``.icd`` files, one per driver; it gets 
 would have found, and this one.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import sys

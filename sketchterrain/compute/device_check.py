@@ -9,11 +9,13 @@ import json
 import logging
 import os
 import shutil
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from hashlib import sha256
 from importlib.resources import files
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from sketchterrain.errors import SketchterrainError
@@ -22,9 +24,6 @@ from sketchterrain.io.files import cache_folder, write_atomic
 from sketchterrain.io.system import ChildFailedError, ChildTimedOutError, module_result
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
     from sketchterrain.compute.device import Device
 
 _MODULE: Final = "sketchterrain.compute.arithmetic"

@@ -10,23 +10,21 @@ with the OpenCL library that pyopencl uses.
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+import numpy.typing as npt
 import pyopencl as cl
 
+from sketchterrain.compute.device import Device
 from sketchterrain.errors import DeviceError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    import numpy.typing as npt
-
     from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.compute.device import Device
 
     Ranges = Sequence[tuple[int, int]]
 

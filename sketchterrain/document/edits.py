@@ -3,8 +3,6 @@
 `ACTIONS` declares their keys in ``[[edit]]``.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 from collections.abc import Mapping

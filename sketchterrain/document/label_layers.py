@@ -1,7 +1,5 @@
 """Label images of a sketch: reading, writing, colours of labels."""
 
-from __future__ import annotations
-
 import io
 import struct
 import zlib

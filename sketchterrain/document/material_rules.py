@@ -1,7 +1,5 @@
 """Material rules: where materials cover the ground, the default table, and changes of it."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Declared parameters: name, type, range, unit and help of a setting, and its validation."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable, Mapping

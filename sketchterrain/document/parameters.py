@@ -1,7 +1,5 @@
 """Declarations of all settings of a sketch; file format, command line, panels and docs use them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType

@@ -1,7 +1,5 @@
 """Sketch files: loading and saving a folder or a ``*.sketch`` archive."""
 
-from __future__ import annotations
-
 import io
 import os
 import secrets

@@ -1,7 +1,5 @@
 """``sketch.toml``: reading, writing, the starter sketch and the generated reference tables."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Output folders, staging, and encodings shared by the writers: JSON, PNG, formatted rows of numbers."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Films: frames in a folder, an animated image or a video, written completely or not at all."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable, Iterator

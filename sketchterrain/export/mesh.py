@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -20,10 +20,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.export.engines import EngineAxes
 from sketchterrain.export.sampled import SampleGrid, TerrainSamples
 from sketchterrain.export.target import Export, ExportOptions
-
-if TYPE_CHECKING:
-    from sketchterrain.terrain.surfaces import TerrainFeatures
-
+from sketchterrain.terrain.surfaces import TerrainFeatures
 
 MIN_ERROR: Final = 0.001  # m; about the precision of float32 for heights of kilometres
 

@@ -1,11 +1,9 @@
 """Rasters as PNG with JSON, raw numbers, NumPy files, OpenEXR and (Cloud-Optimised) GeoTIFF."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -24,10 +22,7 @@ from sketchterrain.export.sampled import (
     rgba_weights,
 )
 from sketchterrain.io.files import atomic_file, atomic_path, wrap_os_errors, write_atomic
-
-if TYPE_CHECKING:
-    from sketchterrain.terrain.surfaces import Raster
-
+from sketchterrain.terrain.surfaces import Raster
 
 _STEPS = 65535
 ORIENTATION = {"row_0": "north", "column_0": "west", "samples": "vertices"}

@@ -12,9 +12,9 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, UInt8Array
 from sketchterrain.errors import InputError
+from sketchterrain.terrain.surfaces import Band
 
 if TYPE_CHECKING:
-    from sketchterrain.terrain.surfaces import Band
     from sketchterrain.terrain.terrain import Terrain
 
 

@@ -1,14 +1,12 @@
 """Features, rivers, lakes and plants as JSON and as vector layers of a GeoPackage."""
 
-from __future__ import annotations
-
 import json
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -18,12 +16,8 @@ from sketchterrain.array_types import StructuredArray
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.io.crs import plain_path
 from sketchterrain.io.files import write_atomic
-from sketchterrain.placement.feature_types import FEATURE_TYPES, conifer_share
-
-if TYPE_CHECKING:
-    from sketchterrain.placement.feature_types import Lake, River, ShapeField
-    from sketchterrain.terrain.surfaces import TerrainFeatures
-
+from sketchterrain.placement.feature_types import FEATURE_TYPES, Lake, River, ShapeField, conifer_share
+from sketchterrain.terrain.surfaces import TerrainFeatures
 
 _OUTLINE_DECIMALS = 2  # centimetres
 _TYPE_COLUMNS = {

@@ -10,6 +10,7 @@ mountain ends there. A lake in a mountain is a tarn: its rim is raised where the
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -17,14 +18,11 @@ import numpy as np
 
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.hydrology.lakes import lake_centre, runs_inside
-from sketchterrain.placement.shapes import find_regions
+from sketchterrain.placement.feature_types import Lake, River
+from sketchterrain.placement.shapes import Region, find_regions
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from sketchterrain.document.sketch import Sketch
-    from sketchterrain.placement.feature_types import Lake, River
-    from sketchterrain.placement.shapes import Region
 
 
 @dataclass(frozen=True)

@@ -11,14 +11,13 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array, Int64Array
-from sketchterrain.hydrology.network import exit_normal
+from sketchterrain.hydrology.network import Reach, Skeleton, exit_normal
 from sketchterrain.hydrology.splines import drop_repeats, sample_catmull_rom
 from sketchterrain.placement.hashing import RATIO_STEP, STEP, gaussian_filter, hash_unit, rounded, value_noise
 from sketchterrain.placement.user_features import pixel_id
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
-    from sketchterrain.hydrology.network import Reach, Skeleton
 
 
 EXTENSION_SHARE = 0.35

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
@@ -11,7 +12,8 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.hydrology.courses import arc_length
+from sketchterrain.hydrology.courses import RiverCourse, arc_length
+from sketchterrain.hydrology.river_shape import Network
 from sketchterrain.hydrology.water_levels import LakeReach, join_water_levels, solve_water_levels
 from sketchterrain.placement.cache import IdentityKey, PlacementCache
 from sketchterrain.placement.covers import shape_field
@@ -20,11 +22,7 @@ from sketchterrain.placement.hashing import rounded, value_noise
 from sketchterrain.placement.shapes import label_shapes
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
     from sketchterrain.document.sketch import Sketch
-    from sketchterrain.hydrology.courses import RiverCourse
-    from sketchterrain.hydrology.river_shape import Network
 
 Runs: TypeAlias = list[tuple[int, int, int]]
 """First point, last point and lake (an index) of each run of a course inside a lake, upstream first."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from hashlib import blake2b
@@ -25,6 +26,8 @@ from sketchterrain.hydrology.courses import (
 )
 from sketchterrain.hydrology.lakes import lake_pixels
 from sketchterrain.hydrology.network import (
+    RiverEnd,
+    Skeleton,
     close_gaps,
     exit_normal,
     longest_path,
@@ -35,14 +38,10 @@ from sketchterrain.hydrology.network import (
 )
 from sketchterrain.placement.cache import IdentityKey, PlacementCache
 from sketchterrain.placement.hashing import rounded
-from sketchterrain.placement.shapes import find_regions
+from sketchterrain.placement.shapes import Region, find_regions
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
     from sketchterrain.document.sketch import Sketch
-    from sketchterrain.hydrology.network import RiverEnd, Skeleton
-    from sketchterrain.placement.shapes import Region
 
 
 _CLEARANCE = 2.0  # of the two widths' mean

@@ -1,9 +1,7 @@
 """River networks: skeletons of painted strokes, reaches, and closed gaps between strokes."""
 
-from __future__ import annotations
-
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -12,12 +10,7 @@ from scipy.sparse.csgraph import dijkstra
 from skimage.morphology import skeletonize
 
 from sketchterrain.array_types import Float64Array, Int64Array
-from sketchterrain.placement.shapes import find_regions
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from sketchterrain.placement.shapes import Region
+from sketchterrain.placement.shapes import Region, find_regions
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,27 +1,20 @@
 """River shape: widths, longitudinal profiles, confluences and bends."""
 
-from __future__ import annotations
-
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from hashlib import blake2b
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.hydrology.courses import arc_length, smoothed
+from sketchterrain.hydrology.courses import RiverCourse, arc_length, smoothed
 from sketchterrain.placement.cache import IdentityKey, PlacementCache
 from sketchterrain.placement.hashing import rounded
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from sketchterrain.hydrology.courses import RiverCourse
-
 
 MIN_GRADIENT = 1e-4
 """Least gradient of water, m per m."""

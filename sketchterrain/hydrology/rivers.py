@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import blake2b
@@ -13,23 +14,22 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.document.edits import Edit
-from sketchterrain.hydrology.conflicts import label_mountains, mountain_crossings, resolve_conflicts
-from sketchterrain.hydrology.courses import course_through
+from sketchterrain.hydrology.conflicts import (
+    Resolution,
+    label_mountains,
+    mountain_crossings,
+    resolve_conflicts,
+)
+from sketchterrain.hydrology.courses import RiverCourse, course_through
 from sketchterrain.hydrology.lakes import mouth_lakes, painted_lakes, solve_lake_levels
-from sketchterrain.hydrology.layout import heights_at, lay_out_rivers, separate_beyond_edge
+from sketchterrain.hydrology.layout import GroundHeight, heights_at, lay_out_rivers, separate_beyond_edge
 from sketchterrain.hydrology.river_shape import build_network
 from sketchterrain.hydrology.water_levels import build_rivers
 from sketchterrain.placement.cache import IdentityKey, PlacementCache
-from sketchterrain.placement.feature_types import LAYER_CODES
+from sketchterrain.placement.feature_types import LAYER_CODES, Lake, River
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-
     from sketchterrain.document.sketch import Sketch
-    from sketchterrain.hydrology.conflicts import Resolution
-    from sketchterrain.hydrology.courses import RiverCourse
-    from sketchterrain.hydrology.layout import GroundHeight
-    from sketchterrain.placement.feature_types import Lake, River
 
 
 _ACTIONS = frozenset({"move_point", "width", "delete"})

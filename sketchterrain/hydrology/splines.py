@@ -1,7 +1,5 @@
 """Centripetal Catmull-Rom splines: no cusps and no loops within a segment (Yuksel et al. 2011)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sketchterrain.array_types import Float64Array

@@ -1,16 +1,15 @@
 """Water levels and beds of a river network, consistent where reaches meet."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.hydrology.courses import depth_ratio
+from sketchterrain.hydrology.courses import RiverCourse, depth_ratio
 from sketchterrain.hydrology.river_shape import (
     MIN_GRADIENT,
+    Network,
     join_level,
     level_pool,
     limit_gradient,
@@ -19,13 +18,6 @@ from sketchterrain.hydrology.river_shape import (
     water_surface,
 )
 from sketchterrain.placement.feature_types import River
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from sketchterrain.hydrology.courses import RiverCourse
-    from sketchterrain.hydrology.river_shape import Network
-
 
 _MAX_GROWTH = 2.0  # widening that still deepens a river, times the label's width
 _ROUNDS = 8

@@ -1,7 +1,5 @@
 """Colours of a map image, and the classification of its pixels by them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final

@@ -1,7 +1,5 @@
 """Images as the source of a sketch: reading, and coloured maps."""
 
-from __future__ import annotations
-
 import io
 import struct
 import warnings

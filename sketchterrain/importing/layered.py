@@ -4,8 +4,6 @@ OpenRaster (``.ora``) is read after the Layer Stack and File Layout Specificatio
 GIMP's reader (plug-ins/python/file-openraster.py), a group has no offset of its own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple

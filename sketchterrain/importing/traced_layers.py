@@ -1,7 +1,5 @@
 """Label image operations for tracing, and the options and result of a traced sketch."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Vector layers of GIS files, read by GDAL into shapely geometries, and metric sketch areas."""
 
-from __future__ import annotations
-
 import math
 import re
 import sqlite3

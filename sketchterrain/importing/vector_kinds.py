@@ -1,7 +1,5 @@
 """Layers and labels of vector features by their tags, and clusters of similar labels."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

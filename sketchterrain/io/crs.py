@@ -1,7 +1,5 @@
 """Coordinate reference systems (CRS), and paths that GDAL accepts."""
 
-from __future__ import annotations
-
 import re
 import tempfile
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Atomic file writes, free disk space, the user's cache folder, and untrusted zip archives."""
 
-from __future__ import annotations
-
 import os
 import secrets
 import shutil

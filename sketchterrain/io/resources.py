@@ -1,7 +1,5 @@
 """Kernel and shader sources with the constants and layouts that they define, and presets."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from functools import cache

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -18,6 +18,7 @@ from sketchterrain.io.resources import source
 from sketchterrain.look.texture_maker import (
     LAYERS,
     SOURCE,
+    TextureLayer,
     decode_level,
     emboss,
     linear_from_hex,
@@ -27,10 +28,7 @@ from sketchterrain.look.texture_maker import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.look.texture_maker import TextureLayer
 
     ContextFactory = Callable[[], ComputeContext]
 

@@ -1,17 +1,12 @@
 """Tree species: parameters of growth, bark and leaves."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from sketchterrain.array_types import Float64Array
-
+from sketchterrain.array_types import Float64Array
 
 SOLID, BANDED, BROAD, NEEDLES = 0.0, 0.125, 0.5, 1.0
 """Alpha mask (kernels/render/sprig.glsl): none on furrowed or banded bark, leaf pairs, needles."""

@@ -5,21 +5,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 from scipy import ndimage
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.document.parameters import MATERIALS
-from sketchterrain.placement.cache import IdentityKey
+from sketchterrain.placement.cache import IdentityKey, PlacementCache
 from sketchterrain.placement.feature_types import LAYER_CODES, Cover, ShapeField
 from sketchterrain.placement.hashing import gaussian_filter
-from sketchterrain.placement.shapes import EDGE_OVERHANG, label_shapes
+from sketchterrain.placement.shapes import EDGE_OVERHANG, Shape, label_shapes
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Float64Array
     from sketchterrain.document.sketch import Sketch
-    from sketchterrain.placement.cache import PlacementCache
-    from sketchterrain.placement.shapes import Shape
 
 
 # Standard deviation of the blur that rounds an outline at fidelity 0, pixels.

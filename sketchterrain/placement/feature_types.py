@@ -1,20 +1,14 @@
 """Feature types: record layout, height profiles, placement rules and crest lines."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Literal
+from typing import Final, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import Float64Array
+from sketchterrain.array_types import Float64Array, StructuredArray
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.placement.hashing import hash_unit
-
-if TYPE_CHECKING:
-    from sketchterrain.array_types import StructuredArray
-
 
 FEATURE_TYPES: Final = ("mountain", "hill", "dune", "forest")
 """Types of point feature; the index of a type is its code in ``FEATURE["type"]``."""

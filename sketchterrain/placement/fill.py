@@ -9,6 +9,7 @@ that a rectangle's features do not depend on which rectangle was queried.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from hashlib import blake2b
@@ -20,6 +21,7 @@ from scipy.spatial import cKDTree
 from sketchterrain.array_types import BoolArray, Float64Array, StructuredArray
 from sketchterrain.errors import InputError
 from sketchterrain.placement.cache import IdentityKey, LRUCache, PlacementCache
+from sketchterrain.placement.density import PaintedDistance
 from sketchterrain.placement.feature_types import (
     CLEARANCE,
     FEATURE,
@@ -34,10 +36,7 @@ from sketchterrain.placement.feature_types import (
 from sketchterrain.placement.hashing import hash_keys, hash_unit
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from sketchterrain.document.sketch import Sketch
-    from sketchterrain.placement.density import PaintedDistance
 
     Box = tuple[float, float, float, float]
 

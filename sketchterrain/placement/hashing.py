@@ -7,20 +7,15 @@ by its features (AVX2, FMA, AVX-512). Sums, products, quotients and square roots
 results of the former are rounded to a step far above these differences and far below what is visible.
 """
 
-from __future__ import annotations
-
 import zlib
+from collections.abc import Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from sketchterrain.array_types import Float64Array
-
+from sketchterrain.array_types import Float64Array
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _FIRST = np.uint64(0xBF58476D1CE4E5B9)

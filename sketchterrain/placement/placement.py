@@ -5,6 +5,7 @@ At fidelity 1 features stay where they were painted. Below, each compares nearby
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -28,8 +29,6 @@ from sketchterrain.placement.feature_types import (
 from sketchterrain.placement.hashing import hash_unit
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from sketchterrain.document.sketch import Sketch
 
 MAX_DISPLACEMENT = 0.5

@@ -5,10 +5,7 @@ that overlap along the shape's medial axis, so that a long range is one ridge, t
 fill the remaining holes, as far as the fidelity requires.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -17,11 +14,7 @@ from scipy import ndimage
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
 from sketchterrain.placement.feature_types import LAYER_CODES, TYPES
 from sketchterrain.placement.hashing import hash_unit, value_noise
-from sketchterrain.placement.shapes import MIN_DISC, ShapePixels
-
-if TYPE_CHECKING:
-    from sketchterrain.placement.shapes import Shape
-
+from sketchterrain.placement.shapes import MIN_DISC, Shape, ShapePixels
 
 _DARTS_EACH = 64  # darts per requested summit
 _ROUNDS = 8  # of darts, closer in each one

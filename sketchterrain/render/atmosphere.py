@@ -5,8 +5,6 @@ of the transmittance table and the sun's visibility at the horizon are Bruneton'
 double precision: the tables are small, and take less time than a driver needs to build programs for them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise

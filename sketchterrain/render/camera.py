@@ -1,7 +1,5 @@
 """Cameras and their draw distance."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -15,12 +15,7 @@ from sketchterrain.document.toml_format import load_toml
 from sketchterrain.errors import InputError, did_you_mean, format_value, one_line
 from sketchterrain.hydrology.splines import catmull_rom
 from sketchterrain.io.files import write_atomic
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from sketchterrain.render.camera import Camera, Floats, HeightFunction, Vector
-
+from sketchterrain.render.camera import Camera, Floats, HeightFunction, Vector
 
 _SAMPLES_PER_SEGMENT: Final = 64  # samples between two keyframes for the arc length
 _DIFFERENCE_STEP: Final = 1e-5  # s, step of the finite differences of the velocity

@@ -1,12 +1,16 @@
 """Plants as instances in cross-fading levels of detail."""
 
-from __future__ import annotations
+from collections.abc import Mapping, Sequence
+from typing import Final
 
-from typing import TYPE_CHECKING, Final
-
+import moderngl
 import numpy as np
 
+from sketchterrain.array_types import BoolArray, Bounds, Float32Array, Float64Array, FloatArray
 from sketchterrain.look.tree_levels import DETAILS, MASKED_DETAILS
+from sketchterrain.render.budgets import TimeBudget
+from sketchterrain.render.camera import Camera
+from sketchterrain.render.lit_ground import GroundLighting
 from sketchterrain.render.plant_cells import (
     CROWN_MARGIN,
     CellKey,
@@ -28,19 +32,9 @@ from sketchterrain.render.plant_meshes import (
 )
 from sketchterrain.render.plant_shade import PlantShadows
 from sketchterrain.render.programs import build_program, build_transform
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    import moderngl
-
-    from sketchterrain.array_types import BoolArray, Bounds, Float32Array, Float64Array, FloatArray
-    from sketchterrain.render.budgets import TimeBudget
-    from sketchterrain.render.camera import Camera
-    from sketchterrain.render.lit_ground import GroundLighting
-    from sketchterrain.render.quality import Quality
-    from sketchterrain.render.scene import TerrainSource
-    from sketchterrain.render.sky import Sun
+from sketchterrain.render.quality import Quality
+from sketchterrain.render.scene import TerrainSource
+from sketchterrain.render.sky import Sun
 
 PIXELS: Final = (170.0, 60.0, 30.0, 14.0, 6.0)
 """Height of a plant (px) below which the next coarser detail is used."""

@@ -14,10 +14,9 @@ from sketchterrain.render.vertex_memory import COMMAND, clipping
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.tiles import quadtree as borders
 from sketchterrain.tiles.stream import QUADS
+from sketchterrain.tiles.tile_pool import DrawList
 
 if TYPE_CHECKING:
-    from sketchterrain.tiles.tile_pool import DrawList
-
     Eye = tuple[float, float, float]
 
 _VERTEX_ATTRIBUTES: Final = ("4u4 4u4", "ground", "materials")

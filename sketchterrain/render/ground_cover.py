@@ -5,6 +5,7 @@ Stone meshes are spheres cut by planes, as frost and falls break rock, then weat
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -12,9 +13,12 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import moderngl
 import numpy as np
 
+from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.look.tree_species import unit
+from sketchterrain.render.camera import Camera
 from sketchterrain.render.grass import Grass
 from sketchterrain.render.programs import build_program, build_transform, set_uniforms
+from sketchterrain.render.quality import Quality
 from sketchterrain.render.scatter import (
     Mesh,
     ScatteredInstances,
@@ -25,11 +29,6 @@ from sketchterrain.render.scatter import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from sketchterrain.array_types import Float64Array, Int64Array
-    from sketchterrain.render.camera import Camera
-    from sketchterrain.render.quality import Quality
     from sketchterrain.render.shading import Shading
 
 

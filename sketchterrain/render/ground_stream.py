@@ -1,38 +1,29 @@
 """Terrain tile streaming: select, generate within a time budget, and draw the tiles of each frame."""
 
-from __future__ import annotations
-
 import time
-from typing import TYPE_CHECKING, Final
+from collections.abc import Callable, Sequence
+from typing import Final
 
+import moderngl
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import Bounds
 from sketchterrain.errors import InputError
 from sketchterrain.placement.cache import IdentityKey
 from sketchterrain.render.budgets import StreamStats, TerrainUpdateStats
+from sketchterrain.render.camera import Camera
 from sketchterrain.render.ground import TileRenderer
 from sketchterrain.render.programs import ResourceCache
 from sketchterrain.render.quality import Quality
-from sketchterrain.render.scene import BoundedTerrain
+from sketchterrain.render.scene import BoundedTerrain, TileSource
 from sketchterrain.render.sharing_probe import moved_to_context, shared_with_gl
 from sketchterrain.render.vertex_memory import GLVertexMemory, open_vertex_memory
 from sketchterrain.terrain.vertices import VERTEX
-from sketchterrain.tiles.lod import CameraView, ScreenError
+from sketchterrain.tiles.lod import CameraView, Metric, ScreenError
 from sketchterrain.tiles.quadtree import UNBOUNDED
 from sketchterrain.tiles.stream import TileStream
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    import moderngl
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Bounds
-    from sketchterrain.render.camera import Camera
-    from sketchterrain.render.scene import TileSource
-    from sketchterrain.tiles.lod import Metric
-    from sketchterrain.tiles.tile_pool import Batch, DrawList
-
+from sketchterrain.tiles.tile_pool import Batch, DrawList
 
 QUAD, QUAD_PER_TOLERANCE = 24.0, 8.0  # px; largest width of a quad: constant, and per pixel of tolerance
 JUMP: Final = 0.1  # Extents; a larger motion between two frames is a jump

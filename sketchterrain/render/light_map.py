@@ -5,20 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import moderngl
 import numpy as np
 
 from sketchterrain.array_types import Bounds
-from sketchterrain.render.budgets import WorkRate
+from sketchterrain.render.budgets import TimeBudget, WorkRate
 from sketchterrain.render.programs import fullscreen_pass, set_uniforms
-from sketchterrain.render.scene import HeightMap
-
-if TYPE_CHECKING:
-    from sketchterrain.render.budgets import TimeBudget
-    from sketchterrain.render.scene import TerrainSource
-    from sketchterrain.render.sky import Sun
+from sketchterrain.render.scene import HeightMap, TerrainSource
+from sketchterrain.render.sky import Sun
 
 BLOCK: Final = 64
 """Squares are aligned to blocks of this many texels, so that mipmaps of overlapping squares agree."""

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, NamedTuple
+from collections.abc import Sequence
+from typing import Final, NamedTuple
 
 import moderngl
 import numpy as np
 
 from sketchterrain.array_types import Bounds
+from sketchterrain.render.budgets import TimeBudget
+from sketchterrain.render.camera import Camera
 from sketchterrain.render.light_map import LightMap, LightMapRenderer, TexelSquare
 from sketchterrain.render.programs import fullscreen_pass, set_uniforms
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from sketchterrain.render.budgets import TimeBudget
-    from sketchterrain.render.camera import Camera
-    from sketchterrain.render.scene import TerrainSource
-    from sketchterrain.render.sky import Sun
+from sketchterrain.render.scene import TerrainSource
+from sketchterrain.render.sky import Sun
 
 FADE: Final = 0.5  # shortest duration of each step of a transition, s
 SOFT: Final = 0.04

@@ -1,21 +1,13 @@
 """Camera navigation: orbit, walk and fly above the terrain, lines of sight, local terrain heights."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
-from sketchterrain.render.camera import Camera, clip_planes, direction
-from sketchterrain.render.scene import sample_heights
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from sketchterrain.render.camera import Floats, HeightFunction, Vector
-    from sketchterrain.render.scene import HeightMap, TerrainSource
-
+from sketchterrain.render.camera import Camera, Floats, HeightFunction, Vector, clip_planes, direction
+from sketchterrain.render.scene import HeightMap, TerrainSource, sample_heights
 
 MIN_WIDTH: Final = 48.0  # least width of a map (m)
 WIDTH_PER_SPREAD: Final = 4.0  # width of a map, in spreads of the queried positions

@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import moderngl
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import Bounds, Float64Array
 from sketchterrain.errors import InputError
-from sketchterrain.placement.feature_types import FEATURE_TYPES
+from sketchterrain.placement.feature_types import FEATURE_TYPES, ShapeField
 from sketchterrain.render.programs import build_program, fullscreen_pass, set_uniforms
+from sketchterrain.render.scene import TerrainSource
+from sketchterrain.tiles.tile_pool import DrawList
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Bounds, Float64Array
-    from sketchterrain.placement.feature_types import ShapeField
     from sketchterrain.render.ground_stream import TerrainStream
-    from sketchterrain.render.scene import TerrainSource
-    from sketchterrain.tiles.tile_pool import DrawList
 
     Colour = tuple[int, int, int]
 

@@ -1,15 +1,23 @@
 """Shadow maps of plants, drawn in slices and reused until the eye moves on."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import moderngl
 import numpy as np
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.look.tree_levels import DETAILS
-from sketchterrain.render.budgets import WorkRate
-from sketchterrain.render.plant_cells import CellKey, cells_near, join_cells, vanish_distance
+from sketchterrain.render.budgets import TimeBudget, WorkRate
+from sketchterrain.render.camera import Camera
+from sketchterrain.render.lit_ground import GroundLighting
+from sketchterrain.render.plant_cells import (
+    Cell,
+    CellKey,
+    PlantCells,
+    cells_near,
+    join_cells,
+    vanish_distance,
+)
 from sketchterrain.render.plant_meshes import (
     KINDS,
     MeshInstances,
@@ -19,15 +27,8 @@ from sketchterrain.render.plant_meshes import (
     width_scale,
 )
 from sketchterrain.render.programs import build_program, set_uniforms
+from sketchterrain.render.quality import Quality
 from sketchterrain.render.sky import Sun
-
-if TYPE_CHECKING:
-    from sketchterrain.array_types import Float64Array
-    from sketchterrain.render.budgets import TimeBudget
-    from sketchterrain.render.camera import Camera
-    from sketchterrain.render.lit_ground import GroundLighting
-    from sketchterrain.render.plant_cells import Cell, PlantCells
-    from sketchterrain.render.quality import Quality
 
 MAPS: Final = ((0.06, 0.075), (0.45, 0.60))
 """Near and far map: offset of its middle ahead of the eye and half its side, in draw distances."""

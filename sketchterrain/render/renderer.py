@@ -1,29 +1,22 @@
 """Renderer of one terrain: complete still pictures, or frames of a moving picture within a time budget."""
 
-from __future__ import annotations
-
 import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from pathlib import Path
+from typing import Final
+
+import moderngl
 
 from sketchterrain.render.budgets import FrameStats, TerrainUpdateStats, TimeBudget
-from sketchterrain.render.camera import with_clip_planes
+from sketchterrain.render.camera import Camera, with_clip_planes
+from sketchterrain.render.programs import ResourceCache
 from sketchterrain.render.quality import Quality
+from sketchterrain.render.scene import TerrainSource
 from sketchterrain.render.scenery import Scenery
 from sketchterrain.render.sharing_probe import moved_to_context, shared_with_gl
-from sketchterrain.render.sky import Weather
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-    from pathlib import Path
-
-    import moderngl
-
-    from sketchterrain.render.camera import Camera
-    from sketchterrain.render.programs import ResourceCache
-    from sketchterrain.render.scene import TerrainSource
-    from sketchterrain.render.sky import Sun
+from sketchterrain.render.sky import Sun, Weather
 
 REST: Final = 0.25  # s without camera motion and with nothing missing, before a full-size picture is drawn
 FAST_DRAW: Final = 0.1

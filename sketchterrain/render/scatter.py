@@ -7,22 +7,18 @@ instances are evaluated on the GPU: kernels/render/scatter.glsl.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import moderngl
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, StructuredArray
+from sketchterrain.render.camera import Camera
 from sketchterrain.render.programs import set_uniforms
 from sketchterrain.render.vertex_memory import COMMAND
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, StructuredArray
-    from sketchterrain.render.camera import Camera
 
 BAND: Final = 0.3  # relative range of a density over which its last points fade in; as in scatter.glsl
 STEEPEST: Final = 1.5  # largest slope of the ground between an eye and nearby points

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.terrain.surfaces import TerrainFeatures
+from sketchterrain.terrain.vertices import VertexMemory, VertexStore
 from sketchterrain.tiles.stream import QUADS
 
 if TYPE_CHECKING:
-    from collections.abc import Generator, Mapping, Sequence
-
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Float64Array
     from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.terrain.vertices import VertexMemory, VertexStore
 
 
 class Sketch(Protocol):

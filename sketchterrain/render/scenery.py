@@ -1,13 +1,17 @@
 """Scene of a terrain and its render passes: tiles, light, plants, water, sky, clouds."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Final
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Final
 
 import moderngl
 import numpy as np
 
+from sketchterrain.array_types import Bounds
 from sketchterrain.render.atmosphere import AEROSOL_HEIGHT, RAYLEIGH, RAYLEIGH_HEIGHT
+from sketchterrain.render.budgets import TerrainUpdateStats
+from sketchterrain.render.camera import Camera
 from sketchterrain.render.clouds import Clouds, cloud_defines
 from sketchterrain.render.forest import Forest
 from sketchterrain.render.ground import SurfaceMap
@@ -15,25 +19,14 @@ from sketchterrain.render.ground_cover import GroundCover
 from sketchterrain.render.ground_stream import TerrainStream
 from sketchterrain.render.lit_ground import GroundLighting
 from sketchterrain.render.programs import ResourceCache
+from sketchterrain.render.quality import Quality
+from sketchterrain.render.scene import TerrainSource
 from sketchterrain.render.shading import Shading
-from sketchterrain.render.sky import Sky
+from sketchterrain.render.sky import Sky, Sun, Weather
 from sketchterrain.render.targets import FrameBlock, RenderTargets, wrap_to_noise_period
 from sketchterrain.render.textures import MaterialTextures, noise_texture
 from sketchterrain.render.water import Water
 from sketchterrain.tiles.lod import ScreenError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from contextlib import AbstractContextManager
-    from pathlib import Path
-
-    from sketchterrain.array_types import Bounds
-    from sketchterrain.render.budgets import TerrainUpdateStats
-    from sketchterrain.render.camera import Camera
-    from sketchterrain.render.quality import Quality
-    from sketchterrain.render.scene import TerrainSource
-    from sketchterrain.render.sky import Sun, Weather
-
 
 QUAD: Final = 32.0  # px; largest width of a quad up to a tolerance of 2 px, in proportion to it above
 WATER_LIFT: Final = 1.5  # tolerances by which water is lifted above terrain that may be drawn too high

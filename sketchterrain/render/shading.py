@@ -1,22 +1,16 @@
 """Full-screen passes: shading of the terrain, sky, upsampling to samples, tone mapping."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Final
+from collections.abc import Mapping
+from typing import Any, Final
 
 import moderngl
 import numpy as np
 
 from sketchterrain.look.texture_maker import LAYERS
 from sketchterrain.render.programs import fullscreen_pass, set_uniforms
+from sketchterrain.render.quality import Quality
+from sketchterrain.render.targets import RenderTargets
 from sketchterrain.render.textures import OCTAVES, texture_phases, texture_uniforms, texture_widths
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from typing import Any
-
-    from sketchterrain.render.quality import Quality
-    from sketchterrain.render.targets import RenderTargets
 
 STRAW_TINT: Final = np.array([1.5, 1.2, 1.0])  # tint of grass at aridity 1
 RED_TINT: Final = np.array([1.35, 0.98, 0.72])

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 
+from sketchterrain.compute.device import Device
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.io.system import ChildFailedError, run_child
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.compute.device import Device
 
 T = TypeVar("T")
 

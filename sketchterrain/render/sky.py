@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import moderngl
 import numpy as np
@@ -17,14 +17,11 @@ from sketchterrain.render.atmosphere import (
     AEROSOL_ABSORBED,
     AEROSOL_HEIGHT,
     GROUND_ALBEDO,
+    Air,
     air_with_haze,
 )
-from sketchterrain.render.scene import sample_heights
-
-if TYPE_CHECKING:
-    from sketchterrain.render.atmosphere import Air
-    from sketchterrain.render.camera import Camera
-    from sketchterrain.render.scene import HeightMap, Sketch, TerrainSource
+from sketchterrain.render.camera import Camera
+from sketchterrain.render.scene import HeightMap, Sketch, TerrainSource, sample_heights
 
 
 @dataclass(frozen=True)

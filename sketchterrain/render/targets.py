@@ -1,17 +1,13 @@
 """Framebuffers, and the constants of a frame."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import moderngl
 import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.render.programs import FRAME_BINDING
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
 
 
 class RenderTargets:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
 
 import moderngl
 import numpy as np
@@ -14,14 +15,9 @@ from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import Device
 from sketchterrain.look.texture_levels import customized_levels, procedural_levels, read_material_images
 from sketchterrain.look.texture_maker import LAYERS
+from sketchterrain.render.quality import Quality
+from sketchterrain.render.scene import TerrainSource
 from sketchterrain.render.vertex_memory import gl_function
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from sketchterrain.render.quality import Quality
-    from sketchterrain.render.scene import TerrainSource
-
 
 OCTAVES: Final = 6  # number of texture scales
 RATIO: Final = 3.7  # width ratio of successive octaves

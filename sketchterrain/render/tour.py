@@ -1,23 +1,16 @@
 """Automatic flight over a sketch: a closed loop around its centre along valleys and water."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 from scipy.ndimage import gaussian_filter, gaussian_filter1d, maximum_filter
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.render.flight import Flight, Keyframe
-from sketchterrain.render.scene import sample_heights
+from sketchterrain.render.scene import HeightMap, TerrainSource, sample_heights
 from sketchterrain.render.views import water_map
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Float64Array
-    from sketchterrain.render.scene import HeightMap, TerrainSource
-
 
 FOV: Final = 50.0
 TEXELS: Final = 256

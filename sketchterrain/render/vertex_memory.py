@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.gl_interop import CopiedMemory, ExtensionMemory, MappedMemory, sharing_methods
 from sketchterrain.errors import DeviceError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
     import moderngl
-    import numpy.typing as npt
-
-    from sketchterrain.compute.context import ComputeContext
 
 
 COMMAND: Final = np.dtype(

@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy.ndimage import uniform_filter
 from scipy.spatial import cKDTree
 
+from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.scene import HeightMap, sample_heights, visible_rectangle
-from sketchterrain.render.sky import sun_at
+from sketchterrain.render.scene import HeightMap, TerrainSource, sample_heights, visible_rectangle
+from sketchterrain.render.sky import Weather, sun_at
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import BoolArray, Float64Array
-    from sketchterrain.render.scene import TerrainSource
-    from sketchterrain.render.sky import Weather
-
     LightScore = Callable[[Float64Array], Float64Array]
     """Score of views by bearing (rad)."""
 

@@ -1,13 +1,20 @@
 """Automatic viewpoints: a camera that shows relief and water behind an open foreground."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
+from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.errors import InputError
-from sketchterrain.render.scene import BoundedTerrain, sample_heights, visible_rectangle
+from sketchterrain.render.camera import Camera
+from sketchterrain.render.scene import (
+    BoundedTerrain,
+    HeightMap,
+    TerrainSource,
+    sample_heights,
+    visible_rectangle,
+)
+from sketchterrain.render.sky import Weather
 from sketchterrain.render.viewpoints import (
     aim,
     eye_level_view,
@@ -17,13 +24,6 @@ from sketchterrain.render.viewpoints import (
     ray_positions,
     sun_preference,
 )
-
-if TYPE_CHECKING:
-    from sketchterrain.array_types import BoolArray, Float64Array
-    from sketchterrain.render.camera import Camera
-    from sketchterrain.render.scene import HeightMap, TerrainSource
-    from sketchterrain.render.sky import Weather
-
 
 VIEWS: Final = ("auto", "ground", "hill", "air")  # view kinds; see `find_view`
 VIEWPOINTS_PER_SIDE: Final = 14  # candidate viewpoints along each side of the sketch

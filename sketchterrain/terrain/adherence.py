@@ -7,6 +7,7 @@ walking down their centrelines. Everything is sampled at full detail, areas at t
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -14,22 +15,18 @@ import numpy as np
 from scipy import ndimage
 from skimage.morphology import skeletonize
 
+from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, LatticeArray
 from sketchterrain.placement.feature_types import FEATURE_TYPES
-from sketchterrain.placement.shapes import label_shapes
-from sketchterrain.terrain.adherence_rivers import measure_river_adherence, standing_water
+from sketchterrain.placement.shapes import Shape, label_shapes
+from sketchterrain.terrain.adherence_rivers import RiverAdherence, measure_river_adherence, standing_water
 from sketchterrain.terrain.evaluator import MASKS, Evaluator
 from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.packing import support_radii
+from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.terrain import Terrain
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
-    from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, LatticeArray
     from sketchterrain.document.sketch import Sketch
-    from sketchterrain.placement.shapes import Shape
-    from sketchterrain.terrain.adherence_rivers import RiverAdherence
-    from sketchterrain.terrain.recipe import TerrainRecipe
-    from sketchterrain.terrain.terrain import Terrain
 
 MIN_WIDTH = 6.0
 """Minimum width (px) of a shape for its area and height to be measured; narrower ones are only counted."""

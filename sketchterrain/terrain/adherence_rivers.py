@@ -1,22 +1,16 @@
 """Adherence of rivers: painted strokes against centrelines, beds along these, and standing water."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, LatticeArray
 from sketchterrain.hydrology.network import skeletons
-from sketchterrain.placement.shapes import label_shapes
-
-if TYPE_CHECKING:
-    from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, LatticeArray
-    from sketchterrain.placement.feature_types import Lake
-    from sketchterrain.placement.shapes import Shape
-    from sketchterrain.terrain.recipe import TerrainRecipe
-    from sketchterrain.terrain.terrain import Terrain
+from sketchterrain.placement.feature_types import Lake
+from sketchterrain.placement.shapes import Shape, label_shapes
+from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.terrain import Terrain
 
 _STEP = 1.0  # m along a centreline
 _MAX_STEPS = 50_000

@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, StructuredArray
 from sketchterrain.placement.feature_types import FEATURE_TYPES
 from sketchterrain.terrain.balance_samples import BalanceSamples
 from sketchterrain.terrain.host_relief import ErodibleHeight, deepest_gullies, gullies
 from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.noise import ValueSlope
-from sketchterrain.terrain.packing import noise_weight, pack_world
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, StructuredArray
-    from sketchterrain.terrain.packing import PackedWorld
-    from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.packing import PackedWorld, noise_weight, pack_world
+from sketchterrain.terrain.recipe import TerrainRecipe
 
 _DOMINANT_SHARE = 0.1  # of the sum of powers at a sample, from which a feature is responsible for its height
 _CELLS_ERODED = 512  # an extent, coarse: fine gullies raise no summit

@@ -8,23 +8,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import chain
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, StructuredArray
 from sketchterrain.placement.feature_types import hill_profile, hill_slope, mountain_profile, mountain_slope
 from sketchterrain.terrain.host_heights import relief_noise
 from sketchterrain.terrain.host_relief import ReliefNoise, distance_to_crest, extend_by_spurs
 from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.noise import ValueSlope
 from sketchterrain.terrain.packing import noise_weight, support_radii
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, StructuredArray
-    from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.recipe import TerrainRecipe
 
 # Samples around a centre, as ridges may move the summit off the centre. Their number depends on the feature's
 # own size alone, so that distant features never change it.

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sketchterrain.array_types import Bounds, Float64Array, LatticeArray, StructuredArray
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.material_rules import resolved_rules
 from sketchterrain.hydrology.rivers import trace_hydrology
@@ -26,9 +28,6 @@ from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.terrain import Terrain
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from sketchterrain.array_types import Bounds, Float64Array, LatticeArray, StructuredArray
     from sketchterrain.document.sketch import Sketch
 
 # Rivers follow the terrain at this coarse cell size, without its small features.

@@ -7,19 +7,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 from scipy.ndimage import maximum_filter1d
 
+from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.hydrology.splines import catmull_rom, cubics
 from sketchterrain.io.resources import kernel_constants
+from sketchterrain.placement.feature_types import River
 from sketchterrain.placement.hashing import gaussian_filter, rounded
 from sketchterrain.terrain.recipe import FINEST_CELL
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import BoolArray, Float64Array
-    from sketchterrain.placement.feature_types import River
-
     Ints = npt.NDArray[np.intp]
 
 _CHECKS = 15  # samples inside a piece where the curve is compared

@@ -3,29 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 from scipy import ndimage
 
-from sketchterrain.array_types import Bounds, StructuredArray
-from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES
+from sketchterrain.array_types import Bounds, Float64Array, LatticeArray, StructuredArray
+from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES, Cover, Lake, ShapeField
 from sketchterrain.placement.fill import Fill
 from sketchterrain.terrain.centrelines import MAX_TOLERANCE, TOLERANCE_CELLS, PreparedCentreline
 from sketchterrain.terrain.edits import EditedFill
 from sketchterrain.terrain.kernel_arguments import bit_equal
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.packing import pack_features, prepared_centrelines, support_radii
+from sketchterrain.terrain.recipe import TerrainRecipe
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Float64Array, LatticeArray
     from sketchterrain.document.sketch import Sketch
-    from sketchterrain.placement.feature_types import Cover, Lake, ShapeField
-    from sketchterrain.terrain.recipe import TerrainRecipe
 
 EVERYWHERE: Bounds = (-math.inf, -math.inf, math.inf, math.inf)
 """The whole world."""

@@ -6,17 +6,20 @@ from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import BoolArray, Float64Array, LatticeArray, StructuredArray
 from sketchterrain.terrain.lattice import metres_per_unit
-from sketchterrain.terrain.packing import pack_features, support_radii
+from sketchterrain.terrain.packing import (
+    PackedFeatures,
+    PackedFields,
+    PackedRivers,
+    pack_features,
+    support_radii,
+)
+from sketchterrain.terrain.recipe import TerrainRecipe
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import BoolArray, Float64Array, LatticeArray, StructuredArray
-    from sketchterrain.terrain.packing import PackedFeatures, PackedFields, PackedRivers
-    from sketchterrain.terrain.recipe import TerrainRecipe
-
     Lists = tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]
 
 # Blocks times items up to which brute force is quicker.

@@ -1,17 +1,16 @@
 """Bounds of the detail that a cell size omits, from the tails of the series that heights are made of."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sketchterrain.array_types import Float64Array, LatticeArray
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.placement.feature_types import FEATURE_TYPES, area_profile, hill_profile, mountain_profile
 from sketchterrain.terrain.centrelines import tolerance_cell
 from sketchterrain.terrain.culling import field_index
+from sketchterrain.terrain.kernel_arguments import CulledInputs
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.noise import band_weight, octave_table
 from sketchterrain.terrain.packing import (
@@ -24,12 +23,7 @@ from sketchterrain.terrain.packing import (
     pack_lakes,
     pack_world,
 )
-from sketchterrain.terrain.recipe import FINEST_CELL
-
-if TYPE_CHECKING:
-    from sketchterrain.array_types import Float64Array, LatticeArray
-    from sketchterrain.terrain.kernel_arguments import CulledInputs
-    from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.recipe import FINEST_CELL, TerrainRecipe
 
 NOISE_PEAK = 1.01
 """Bound of |noise| in one octave: a simplex's corners give no more, each with its worst gradient."""

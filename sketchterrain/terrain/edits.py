@@ -1,9 +1,8 @@
 """User edits of point features: move, resize, strengthen, delete, add, lock."""
 
-from __future__ import annotations
-
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -19,11 +18,7 @@ from sketchterrain.placement.feature_types import (
     conifer_code,
     conifer_share,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from sketchterrain.placement.fill import Fill
+from sketchterrain.placement.fill import Fill
 
 _STYLE = {
     "mountain": ("peakiness", "erosion", "gullies"),

@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from copy import copy
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import Bounds, Float64Array, FloatArray, LatticeArray
 from sketchterrain.compute.buffers import StagingBuffer
 from sketchterrain.terrain.detail_bounds import DetailBound
 from sketchterrain.terrain.kernel_arguments import KernelArguments
 from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS
 from sketchterrain.terrain.patch_layout import Batches, Patches, tile_patches
 from sketchterrain.terrain.patches import GROUP, PatchLauncher, rounded_up
+from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.surfaces import Surface, SurfaceStore, require_finite
 from sketchterrain.terrain.vertex_writer import VertexWriter
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Bounds, Float64Array, FloatArray, LatticeArray
     from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.terrain.recipe import TerrainRecipe
 
 MASKS = ("mountain", "dune", "forest", "water")
 """The four masks of a point: see ``Ground`` in ``kernels/world.clh``."""

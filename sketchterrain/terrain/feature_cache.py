@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sketchterrain.terrain.culling import feature_index, feature_lists, features_near, painted_near
+from sketchterrain.array_types import BoolArray, Bounds, Float64Array, LatticeArray, StructuredArray
+from sketchterrain.terrain.culling import BoxIndex, feature_index, feature_lists, features_near, painted_near
 from sketchterrain.terrain.lattice import metres_per_unit
-from sketchterrain.terrain.packing import pack_features, slot_count, support_radii
-from sketchterrain.terrain.recipe import FINEST_CELL
+from sketchterrain.terrain.packing import PackedFeatures, pack_features, slot_count, support_radii
+from sketchterrain.terrain.recipe import FINEST_CELL, TerrainRecipe
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from sketchterrain.array_types import BoolArray, Bounds, Float64Array, LatticeArray, StructuredArray
     from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.terrain.culling import BoxIndex, Lists
-    from sketchterrain.terrain.packing import PackedFeatures
-    from sketchterrain.terrain.recipe import TerrainRecipe
+    from sketchterrain.terrain.culling import Lists
 
 _MAX_SQUARES = 4096
 _MAX_BATCHES = 64

@@ -4,13 +4,11 @@ Used to route rivers before any device is opened, and to check the kernels. Only
 that results are the same on every machine.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sketchterrain.array_types import Float64Array, LatticeArray
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.placement.feature_types import area_profile, cubic
 from sketchterrain.terrain.centrelines import nearest_on_arc
@@ -27,13 +25,17 @@ from sketchterrain.terrain.host_relief import (
     stack_heights,
 )
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
-from sketchterrain.terrain.noise import ValueSlope, fbm, fbm_slope
+from sketchterrain.terrain.noise import OctaveTable, ValueSlope, fbm, fbm_slope
 from sketchterrain.terrain.packing import (
     ARC,
     LAKE,
     SECTION,
     SLOT_DUNE,
     SLOT_FOREST,
+    PackedFeatures,
+    PackedFields,
+    PackedRivers,
+    PackedWorld,
     effective_cell,
     pack_features,
     pack_fields,
@@ -41,12 +43,7 @@ from sketchterrain.terrain.packing import (
     pack_rivers,
     pack_world,
 )
-
-if TYPE_CHECKING:
-    from sketchterrain.array_types import Float64Array, LatticeArray
-    from sketchterrain.terrain.noise import OctaveTable
-    from sketchterrain.terrain.packing import PackedFeatures, PackedFields, PackedRivers, PackedWorld
-    from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.recipe import TerrainRecipe
 
 _RIM, _BEACH, _WATERSIDE, _SHARPNESS, _SOFTNESS = kernel_constants(
     "lakes.clh", "RIM", "BEACH", "WATERSIDE", "SHARPNESS", "SOFTNESS"

@@ -8,20 +8,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sketchterrain.array_types import Float64Array, Int64Array, LatticeArray
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.placement.feature_types import hill_profile, hill_slope, mountain_profile, mountain_slope
-from sketchterrain.terrain.noise import UNSKEW, ValueSlope, fbm, fbm_slope, gradients, skewed
-from sketchterrain.terrain.packing import SLOT_HILL, SLOT_MOUNTAIN
-
-if TYPE_CHECKING:
-    from sketchterrain.array_types import Float64Array, Int64Array, LatticeArray
-    from sketchterrain.terrain.noise import OctaveTable
-    from sketchterrain.terrain.packing import PackedFeatures
+from sketchterrain.terrain.noise import UNSKEW, OctaveTable, ValueSlope, fbm, fbm_slope, gradients, skewed
+from sketchterrain.terrain.packing import SLOT_HILL, SLOT_MOUNTAIN, PackedFeatures
 
 _TALUS, _WAVES, _PIVOT, _FEED, _CALM, _SHARP, _GENTLE, _ROUGH = kernel_constants(
     "relief.clh", "TALUS", "WAVES", "PIVOT", "FEED", "CALM", "SHARP", "GENTLE", "CRAG_STEEP"

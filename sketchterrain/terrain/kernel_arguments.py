@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import reduce
@@ -9,16 +10,20 @@ from operator import or_
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import Bounds, Float64Array, FloatArray, LatticeArray
+from sketchterrain.document.material_rules import Factor
 from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.placement.cache import LRUCache
 from sketchterrain.terrain.centrelines import tolerance_cell
-from sketchterrain.terrain.culling import field_index, item_lists, river_index
-from sketchterrain.terrain.feature_cache import FeatureCache
+from sketchterrain.terrain.culling import BoxIndex, field_index, item_lists, river_index
+from sketchterrain.terrain.feature_cache import FeatureBatch, FeatureCache
 from sketchterrain.terrain.packing import (
     SLOT_DUNE,
     SLOT_FOREST,
     SLOT_MOUNTAIN,
+    PackedRivers,
     effective_cell,
     pack_covers,
     pack_fields,
@@ -26,19 +31,11 @@ from sketchterrain.terrain.packing import (
     pack_rivers,
     pack_world,
 )
+from sketchterrain.terrain.recipe import TerrainRecipe
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Bounds, Float64Array, FloatArray, LatticeArray
     from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.document.material_rules import Factor
-    from sketchterrain.terrain.culling import BoxIndex, Lists
-    from sketchterrain.terrain.feature_cache import FeatureBatch
-    from sketchterrain.terrain.packing import PackedRivers
-    from sketchterrain.terrain.recipe import TerrainRecipe
+    from sketchterrain.terrain.culling import Lists
 
 _MASKS = ("mountain", "dune", "forest", "water")
 _KERNEL_INPUTS = ("height", "steepness", "hollow", "mottle", *_MASKS, "wetness")

@@ -1,7 +1,5 @@
 """Integer positions: lattice units of extent/2^24 metres from the world's origin."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

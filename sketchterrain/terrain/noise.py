@@ -1,21 +1,17 @@
 """Noise octaves on the integer lattice, and their evaluation on the host in float64."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array, LatticeArray
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.placement.hashing import hash_keys
 from sketchterrain.terrain.lattice import QUADS, metres_per_unit
-
-if TYPE_CHECKING:
-    from sketchterrain.array_types import Float64Array, LatticeArray
 
 FINEST_WAVELENGTH = 0.5
 """Shortest noise wavelength, m: well resolved by samples 0.1 m apart."""

@@ -1,31 +1,27 @@
 """Features, rivers and fields packed for the kernels."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 from weakref import WeakKeyDictionary
 
 import numpy as np
+import numpy.typing as npt
 from scipy.ndimage import spline_filter
 
+from sketchterrain.array_types import BoolArray, Float64Array, LatticeArray, StructuredArray
 from sketchterrain.io.resources import kernel_columns, kernel_constants, kernel_struct
-from sketchterrain.placement.feature_types import FEATURE_TYPES, crest_offsets
-from sketchterrain.terrain.centrelines import flatten_to_arcs, meetings_on, prepare_centreline, tolerance_cell
+from sketchterrain.placement.feature_types import FEATURE_TYPES, River, ShapeField, crest_offsets
+from sketchterrain.terrain.centrelines import (
+    PreparedCentreline,
+    flatten_to_arcs,
+    meetings_on,
+    prepare_centreline,
+    tolerance_cell,
+)
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
-from sketchterrain.terrain.noise import band_weight, octave_table
-from sketchterrain.terrain.recipe import FINEST_CELL
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import BoolArray, Float64Array, LatticeArray, StructuredArray
-    from sketchterrain.placement.feature_types import River, ShapeField
-    from sketchterrain.terrain.centrelines import PreparedCentreline
-    from sketchterrain.terrain.noise import OctaveTable
-    from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.noise import OctaveTable, band_weight, octave_table
+from sketchterrain.terrain.recipe import FINEST_CELL, TerrainRecipe
 
 # The noise seldom leaves ±0.55 of its bound, so this brings the ground to about the asked relief.
 _GROUND_SPAN = 1.8

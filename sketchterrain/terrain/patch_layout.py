@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
+from sketchterrain.array_types import LatticeArray
 from sketchterrain.errors import DeviceMemoryError
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from sketchterrain.array_types import LatticeArray
-
     Keys = Sequence[tuple[int, int]] | LatticeArray
 
 T = TypeVar("T")

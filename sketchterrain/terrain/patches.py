@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array, LatticeArray
 from sketchterrain.compute.buffers import BufferSet, StagingBuffer
 from sketchterrain.terrain.lattice import metres_per_unit
-from sketchterrain.terrain.noise import corner_table, fits_patches, whole_step_bits
+from sketchterrain.terrain.noise import OctaveTable, corner_table, fits_patches, whole_step_bits
+from sketchterrain.terrain.patch_layout import Patches
+from sketchterrain.terrain.surfaces import SurfaceStore
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Float64Array, LatticeArray
     from sketchterrain.terrain.kernel_arguments import CulledInputs, KernelArguments
-    from sketchterrain.terrain.noise import OctaveTable
-    from sketchterrain.terrain.patch_layout import Patches
-    from sketchterrain.terrain.surfaces import SurfaceStore
 
 GROUP = 64
 """Work items of a group."""

@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import Float32Array, FloatArray, LatticeArray, UInt8Array
 from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.errors import DeviceError, InputError
 from sketchterrain.terrain.lattice import QUADS, to_lattice
-from sketchterrain.terrain.surfaces import Band, non_finite
+from sketchterrain.terrain.surfaces import Band, SurfaceStore, non_finite
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Float32Array, FloatArray, LatticeArray, UInt8Array
     from sketchterrain.terrain.evaluator import Evaluator
-    from sketchterrain.terrain.surfaces import SurfaceStore
 
 # The patches of one launch: fewer would leave a device idle, more would only need memory.
 _PATCHES_PER_BAND = 256

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -10,17 +11,21 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from sketchterrain.document.material_rules import DEFAULT_RULES
-from sketchterrain.placement.feature_types import BY_ELEVATION, FEATURE_TYPES, conifer_share, flank
+from sketchterrain.array_types import StructuredArray
+from sketchterrain.document.material_rules import DEFAULT_RULES, MaterialRule
+from sketchterrain.placement.feature_types import (
+    BY_ELEVATION,
+    FEATURE_TYPES,
+    Cover,
+    Lake,
+    River,
+    conifer_share,
+    flank,
+)
 from sketchterrain.terrain.noise import FINEST_WAVELENGTH, NoiseStack
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from sketchterrain.array_types import StructuredArray
-    from sketchterrain.document.material_rules import MaterialRule
     from sketchterrain.hydrology.conflicts import Resolution
-    from sketchterrain.placement.feature_types import Cover, Lake, River
 
 FINEST_CELL = FINEST_WAVELENGTH / 4
 """Cell size that resolves every octave, m; finer ones give the same terrain."""

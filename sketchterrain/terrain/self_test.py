@@ -3,20 +3,19 @@
 Run as a program, it evaluates that terrain on the device with the given index and writes it to a file.
 """
 
-from __future__ import annotations
-
 import sys
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cache
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import Float32Array, Float64Array, FloatArray
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.compute.device import list_devices
+from sketchterrain.compute.device import Device, list_devices
 from sketchterrain.compute.device_check import DeviceCheck, cached_on_disk, check_device
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import SketchterrainError
@@ -24,14 +23,8 @@ from sketchterrain.io import resources
 from sketchterrain.io.system import ChildFailedError, ChildTimedOutError, module_result
 from sketchterrain.terrain.building import make_recipe
 from sketchterrain.terrain.host_heights import host_heights
+from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.terrain import Terrain
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Float32Array, Float64Array, FloatArray
-    from sketchterrain.compute.device import Device
-    from sketchterrain.terrain.recipe import TerrainRecipe
 
 _EXTENT = 1024.0
 _PIXELS = 32

@@ -6,18 +6,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import Bounds, Float32Array, FloatArray, StructuredArray
+from sketchterrain.compute.device import Device
 from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.errors import DeviceFailedError
+from sketchterrain.placement.feature_types import Lake, River
+from sketchterrain.terrain.recipe import TerrainRecipe
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Bounds, Float32Array, FloatArray, StructuredArray
     from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.compute.device import Device
-    from sketchterrain.placement.feature_types import Lake, River
-    from sketchterrain.terrain.recipe import TerrainRecipe
 
 
 @dataclass(frozen=True)

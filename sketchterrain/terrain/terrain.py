@@ -2,34 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Generator, Iterator, Sequence
 from copy import copy
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import Bounds, Float32Array, Float64Array, LatticeArray, StructuredArray
 from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.errors import InputError
+from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit, to_lattice
-from sketchterrain.terrain.rasters import bands, quantized_bands, window_bands
-from sketchterrain.terrain.surfaces import Raster, SurfaceStore, TerrainFeatures, Tile
-from sketchterrain.terrain.vertices import VertexStore
+from sketchterrain.terrain.rasters import QuantizedBand, bands, quantized_bands, window_bands
+from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.surfaces import Band, Raster, Surface, SurfaceStore, TerrainFeatures, Tile
+from sketchterrain.terrain.vertices import VertexMemory, VertexStore
 from sketchterrain.vegetation.foliage import FoliageSampler
 from sketchterrain.vegetation.plants import SPECIES
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterator, Sequence
-
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Bounds, Float32Array, Float64Array, LatticeArray, StructuredArray
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.document.sketch import Sketch
-    from sketchterrain.placement.cache import PlacementCache
-    from sketchterrain.terrain.rasters import QuantizedBand
-    from sketchterrain.terrain.recipe import TerrainRecipe
-    from sketchterrain.terrain.surfaces import Band, Surface
-    from sketchterrain.terrain.vertices import VertexMemory
 
 
 class Terrain:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import partial
@@ -9,27 +10,20 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import Bounds, Float32Array, Float64Array, LatticeArray, StructuredArray
 from sketchterrain.compute.buffers import BufferSet, StagingBuffer
 from sketchterrain.terrain.changes import touches
+from sketchterrain.terrain.kernel_arguments import KernelArguments
 from sketchterrain.terrain.lattice import LATTICE_BITS, finest_level
-from sketchterrain.terrain.patch_layout import Batches, sample_stride, tile_patches, tile_samples
+from sketchterrain.terrain.patch_layout import Batches, Patches, sample_stride, tile_patches, tile_samples
 from sketchterrain.terrain.patches import PatchLauncher
-from sketchterrain.terrain.recipe import FINEST_CELL
+from sketchterrain.terrain.recipe import FINEST_CELL, TerrainRecipe
 from sketchterrain.terrain.surfaces import non_finite
-from sketchterrain.terrain.vertices import FACTS
+from sketchterrain.terrain.vertices import FACTS, VertexStore
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Bounds, Float32Array, Float64Array, LatticeArray, StructuredArray
-    from sketchterrain.terrain.kernel_arguments import KernelArguments
-    from sketchterrain.terrain.patch_layout import Patches
-    from sketchterrain.terrain.recipe import TerrainRecipe
-    from sketchterrain.terrain.vertices import VertexStore
-
     _Samples = tuple[LatticeArray, LatticeArray, Float32Array]
 
 _WIDEST = 17e3  # m

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 
+from sketchterrain.array_types import Float32Array, LatticeArray, StructuredArray
 from sketchterrain.errors import InputError
 from sketchterrain.terrain.lattice import QUADS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from sketchterrain.array_types import Float32Array, LatticeArray, StructuredArray
     from sketchterrain.compute.context import ComputeContext
 
 VERTEX: Final = np.dtype(

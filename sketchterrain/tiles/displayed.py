@@ -10,13 +10,14 @@ A tile stores its own vertices and its parent's at the same positions. So a rewr
 parent's own vertices are: those of a parent that is not stale, or that is written by the same batch.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array
 from sketchterrain.tiles.quadtree import (
     EAST,
     NORTH,
@@ -35,16 +36,7 @@ from sketchterrain.tiles.quadtree import (
     parent_of,
 )
 from sketchterrain.tiles.refinement import ROOT_LEVEL
-from sketchterrain.tiles.tile_pool import Batch
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array
-    from sketchterrain.tiles.tile_pool import TilePool
-
+from sketchterrain.tiles.tile_pool import Batch, TilePool
 
 _MARGIN: Final = 2
 """Quads beyond a tile's border that its parent's normals read."""

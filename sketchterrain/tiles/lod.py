@@ -12,17 +12,14 @@ tiles along it compute the same bits.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar, Final, Protocol, Self
+from typing import ClassVar, Final, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import Float64Array
+from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.errors import InputError
-
-if TYPE_CHECKING:
-    from sketchterrain.array_types import Int64Array
-    from sketchterrain.tiles.quadtree import Boxes
+from sketchterrain.tiles.quadtree import Boxes
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,20 +12,15 @@ end of the quads' anti-diagonal, that quad is cut the other way, to avoid a tria
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cache
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import Bounds, Float64Array, Int64Array
 from sketchterrain.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Bounds, Float64Array, Int64Array
-
 
 _BITS: Final = 28
 _MIDDLE: Final = 1 << (_BITS - 1)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.errors import InputError
-from sketchterrain.tiles.lod import horizontal_distances, occluded
+from sketchterrain.tiles.lod import CameraView, Metric, horizontal_distances, occluded
 from sketchterrain.tiles.quadtree import (
     FARTHEST_TILE,
     UNBOUNDED,
@@ -24,16 +27,9 @@ from sketchterrain.tiles.quadtree import (
     parents_around,
     tile_range,
 )
+from sketchterrain.tiles.tile_pool import TilePool
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Float64Array, Int64Array
-    from sketchterrain.tiles.lod import CameraView, Metric
-    from sketchterrain.tiles.tile_pool import TilePool
-
     Range = tuple[int, int, int, int]
 
 ROOT_LEVEL: Final = -4

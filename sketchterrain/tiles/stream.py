@@ -1,12 +1,13 @@
 """Tile streaming for a moving camera: which tiles to generate and to draw within a time budget."""
 
-from __future__ import annotations
-
 from collections import deque
-from typing import TYPE_CHECKING, Any, Final
+from collections.abc import Callable, Sequence
+from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.errors import InputError
 from sketchterrain.tiles.displayed import (
     DisplayedTree,
@@ -17,19 +18,18 @@ from sketchterrain.tiles.displayed import (
     rewrite_batch,
     stale_ancestors,
 )
-from sketchterrain.tiles.lod import ScreenError, eye_distances, horizontal_distances, occluded, screen_errors
+from sketchterrain.tiles.lod import (
+    CameraView,
+    Metric,
+    ScreenError,
+    eye_distances,
+    horizontal_distances,
+    occluded,
+    screen_errors,
+)
 from sketchterrain.tiles.quadtree import UNBOUNDED, children_of, decode, intersects_bounds, keys_of, parent_of
 from sketchterrain.tiles.refinement import ROOT_LEVEL, UNSEEN_URGENCY, TargetTree, TileSelector
 from sketchterrain.tiles.tile_pool import Batch, DrawList, TilePool
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Float64Array, Int64Array
-    from sketchterrain.tiles.lod import CameraView, Metric
-
 
 _INITIAL_COST: Final = (0.0005, 0.0005, 0.0005, 0.004)
 """s per batch, level, tile and wide tile, before any measurement."""

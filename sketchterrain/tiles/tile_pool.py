@@ -1,20 +1,14 @@
 """Pool of tile slots, and requests to fill them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.errors import InputError
-from sketchterrain.tiles.quadtree import UNBOUNDED, boxes_of, clip_boxes, index_in
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Float64Array, Int64Array
-    from sketchterrain.tiles.quadtree import Boxes, TileKey
+from sketchterrain.tiles.quadtree import UNBOUNDED, Boxes, TileKey, boxes_of, clip_boxes, index_in
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Generator, Iterator
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import BoolArray, Float32Array, FloatArray, LatticeArray, StructuredArray
 from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.errors import InputError
 from sketchterrain.placement.hashing import hash_keys
@@ -31,11 +34,6 @@ from sketchterrain.vegetation.poisson import GREATEST_DENSITY
 from sketchterrain.vegetation.woods import Woods
 
 if TYPE_CHECKING:
-    from collections.abc import Generator, Iterator
-
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import BoolArray, Float32Array, FloatArray, LatticeArray, StructuredArray
     from sketchterrain.terrain.evaluator import Evaluator
 
     Area = tuple[int, int, int, int]

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.array_types import Float32Array, LatticeArray, StructuredArray
+from sketchterrain.compute.buffers import BufferSet
 from sketchterrain.errors import InputError
 from sketchterrain.terrain.patch_layout import run_to_completion
 from sketchterrain.vegetation.poisson import (
@@ -28,10 +31,6 @@ from sketchterrain.vegetation.poisson import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator
-
-    from sketchterrain.array_types import Float32Array, LatticeArray, StructuredArray
-    from sketchterrain.compute.buffers import BufferSet
     from sketchterrain.compute.context import ComputeContext
 
 _POOLED: Final = 4  # quads of the raster along the squares whose ranges are stored

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
+from collections.abc import Generator
 from typing import TYPE_CHECKING, Final, NamedTuple, Protocol, Self
 
 import numpy as np
 
+from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, FloatArray, LatticeArray
 from sketchterrain.placement.hashing import hash_unit, value_noise
 from sketchterrain.terrain.lattice import metres_per_unit
+from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.vegetation.graded_poisson import SpacingRaster
 
 if TYPE_CHECKING:
-    from collections.abc import Generator
-
-    from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, FloatArray, LatticeArray
     from sketchterrain.terrain.evaluator import Evaluator
-    from sketchterrain.terrain.recipe import TerrainRecipe
 
 STOREYS: Final = {
     "woody": ("spruce", "pine", "oak", "birch", "shrub"),

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
+from sketchterrain.array_types import LatticeArray, UInt8Array
+from sketchterrain.compute.buffers import BufferSet
 from sketchterrain.errors import InputError
 from sketchterrain.placement.hashing import hash_keys
 from sketchterrain.terrain.patch_layout import run_to_completion
 
 if TYPE_CHECKING:
-    from collections.abc import Generator, Iterator
-
-    from sketchterrain.array_types import LatticeArray, UInt8Array
-    from sketchterrain.compute.buffers import BufferSet
     from sketchterrain.compute.context import ComputeContext
 
 MAX_POINTS: Final = 40_000_000

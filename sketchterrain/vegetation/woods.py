@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from sketchterrain.array_types import BoolArray, FloatArray, LatticeArray, UInt8Array
 from sketchterrain.placement.feature_types import FEATURE_TYPES, conifer_share
 from sketchterrain.terrain.culling import features_near
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.packing import support_radii
+from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.vegetation.plants import (
     STOREYS,
     PlantNoise,
+    PlantSites,
     density_of,
     padded_axes,
     power_of_two_step,
@@ -23,14 +28,7 @@ from sketchterrain.vegetation.plants import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import BoolArray, FloatArray, LatticeArray, UInt8Array
     from sketchterrain.terrain.evaluator import Evaluator
-    from sketchterrain.terrain.recipe import TerrainRecipe
-    from sketchterrain.vegetation.plants import PlantSites
 
 OUTSIDE = 0.22
 """Forest mask below which a position is outside."""

@@ -1,7 +1,5 @@
 """Tasks run by the workers of dask.distributed: this machine's, or those of a scheduler elsewhere."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import os

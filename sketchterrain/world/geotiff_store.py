@@ -5,8 +5,6 @@ itself, are the overviews of a file (its documentation: "COG -- Cloud Optimized 
 GDAL Virtual Format").
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

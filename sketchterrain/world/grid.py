@@ -1,7 +1,5 @@
 """Grid of shards of a world, and its ground."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """What a world consists of: job, fingerprint and georeference."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Written worlds read back in windows, from Zarr by zarr-python or from GeoTIFF by rasterio."""
 
-from __future__ import annotations
-
 import tempfile
 import threading
 import zlib

@@ -1,7 +1,5 @@
 """Options of a world that is to be written, checked before anything is opened, and what it takes."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from pathlib import Path

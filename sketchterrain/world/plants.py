@@ -1,7 +1,5 @@
 """Plants of a world: a file for each square of the ground, as GeoParquet or FlatGeobuf."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Tasks of a world run by one process, from a terrain on a device to files."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """What runs in the workers of dask: a plugin that checks its worker, and the tasks."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import os

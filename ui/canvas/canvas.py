@@ -1,7 +1,5 @@
 """The sketch editor: displays the sketch with its overlays, to paint and select on."""
 
-from __future__ import annotations
-
 from typing import cast
 
 from PyQt6.QtCore import QPointF, QRect, QRectF, QSize, Qt, pyqtSignal

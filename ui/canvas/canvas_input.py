@@ -2,39 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from PyQt6.QtCore import QEvent, QObject, QPointF, Qt
-from PyQt6.QtGui import QPointingDevice
+from PyQt6.QtGui import (
+    QContextMenuEvent,
+    QFocusEvent,
+    QHelpEvent,
+    QKeyEvent,
+    QMouseEvent,
+    QPointingDevice,
+    QTabletEvent,
+    QWheelEvent,
+)
 from PyQt6.QtWidgets import QToolTip
 
 from sketchterrain.placement.feature_types import FEATURE_TYPES
 from sketchterrain.ui.actions import ShortcutOverride
 from sketchterrain.ui.canvas.decorations import warning_at
+from sketchterrain.ui.canvas.marks import FeatureMarks
 from sketchterrain.ui.canvas.paint_tools import BrushTool, FillTool, LineTool, PickTool, pick_label
 from sketchterrain.ui.canvas.select_tool import SelectTool
-from sketchterrain.ui.canvas.tool_context import Pointer, Tool
+from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
 from sketchterrain.ui.engine.protocol import GoTo
 from sketchterrain.ui.menus import ContextMenu, add_selection_commands
 from sketchterrain.ui.models.selection import add
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from PyQt6.QtGui import (
-        QContextMenuEvent,
-        QFocusEvent,
-        QHelpEvent,
-        QKeyEvent,
-        QMouseEvent,
-        QTabletEvent,
-        QWheelEvent,
-    )
-
     from sketchterrain.ui.canvas.canvas import Canvas
-    from sketchterrain.ui.canvas.marks import FeatureMarks
-    from sketchterrain.ui.canvas.tool_context import ToolContext
 
 _WHEEL_ZOOM = 1.2  # a notch
 _WHEEL_BRUSH = 1.15

@@ -1,7 +1,5 @@
 """Decorations of the canvas: scale bar, 3-D camera, contradiction warnings, adherence legend."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 

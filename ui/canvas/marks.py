@@ -1,7 +1,5 @@
 """Placed features over the sketch: glyphs and rings, rivers with banks, lake shores."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import cache, lru_cache

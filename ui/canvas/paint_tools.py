@@ -1,7 +1,5 @@
 """Paint tools: brush and eraser, flood fill, label picker, lines."""
 
-from __future__ import annotations
-
 import math
 
 from PyQt6.QtCore import QPointF, QRectF, Qt

@@ -1,7 +1,5 @@
 """The selection tool: selects placed features, drags them and their handles."""
 
-from __future__ import annotations
-
 import math
 
 from PyQt6.QtCore import QPointF, QRectF, Qt

@@ -1,7 +1,5 @@
 """The composited raster of the sketch: paper, relief, paint and adherence, redrawn where it is stale."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import reduce
 from typing import TypeVar, cast

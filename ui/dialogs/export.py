@@ -1,7 +1,5 @@
 """Export dialog: files and folder, then progress and outcome with the values to enter on import."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 from typing import Any

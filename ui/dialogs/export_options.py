@@ -1,7 +1,5 @@
 """Forms of export options: everything that `generate` writes, or one target's options."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Help dialogs: about, first steps, keys, and command search."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable
 from html import escape
 from importlib.metadata import PackageNotFoundError, version

@@ -1,7 +1,5 @@
 """Preferences dialog: theme and device."""
 
-from __future__ import annotations
-
 import json
 import sys
 

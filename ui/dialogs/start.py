@@ -1,7 +1,5 @@
 """Dialogs that start a sketch, a new one, a preset or a recovered one, and that save a picture."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

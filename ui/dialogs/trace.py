@@ -1,7 +1,5 @@
 """Dialog to trace a sketch from a picture: picture, meaning of its colours, preview of the sketch."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial

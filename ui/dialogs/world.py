@@ -1,7 +1,5 @@
 """World dialog: extent and options, estimate, progress and outcome."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path

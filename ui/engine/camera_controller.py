@@ -1,22 +1,15 @@
 """Camera control of the 3-D view: orbit, flight and walk, and the transitions between them."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
-from sketchterrain.render.camera import Camera
+from sketchterrain.render.camera import Camera, Vector
 from sketchterrain.render.navigation import LocalHeights, OrbitController, WalkController, intersect_terrain
-from sketchterrain.render.scene import BoundedTerrain, visible_rectangle
+from sketchterrain.render.scene import BoundedTerrain, TerrainSource, visible_rectangle
 from sketchterrain.ui.engine.protocol import Fly, GoTo, Pan, Pose, Turn, Zoom
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from sketchterrain.render.camera import Vector
-    from sketchterrain.render.scene import TerrainSource
 
 _FOV: Final = 50.0  # degrees, vertical
 _RANGE: Final = 8.0  # of rays, in extents

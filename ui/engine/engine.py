@@ -7,6 +7,7 @@ import os
 import sys
 import time
 import traceback
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,15 +19,13 @@ from sketchterrain.render.camera import Camera
 from sketchterrain.render.sky import Weather
 from sketchterrain.render.views import find_view
 from sketchterrain.ui.engine import protocol as msg
+from sketchterrain.ui.engine.background import JobQueue
 from sketchterrain.ui.engine.camera_controller import CameraController
 from sketchterrain.ui.engine.channel import Channel, ready
+from sketchterrain.ui.engine.frames import FramePacer
 from sketchterrain.ui.engine.relief import ReliefBuilder
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from sketchterrain.ui.engine.background import JobQueue
-    from sketchterrain.ui.engine.frames import FramePacer
     from sketchterrain.ui.engine.terrain_session import TerrainSession
 
 _SLICE: Final = 0.008  # s of relief computation between two frames

@@ -8,13 +8,12 @@ import os
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
 from sketchterrain.ui.engine.protocol import FrameFacts, FrameReady, ViewState
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from sketchterrain.array_types import Bounds
     from sketchterrain.render.scene import TerrainSource
     from sketchterrain.ui.engine.camera_controller import CameraController

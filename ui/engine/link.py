@@ -1,14 +1,13 @@
 """The window's connection to the engine: its processes, Qt signals for its messages, methods for requests."""
 
-from __future__ import annotations
-
 import json
 import socket
 import subprocess
 import threading
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
 
 from PyQt6.QtCore import QObject, Qt, QTimer, pyqtBoundSignal, pyqtSignal
 from PyQt6.QtGui import QImage
@@ -17,11 +16,7 @@ from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.channel import Channel, start_process
 from sketchterrain.ui.engine.frames import FrameMemory
 from sketchterrain.ui.engine.sketch_updates import UpdateBuilder
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.document import Document
 
 _EXIT_TIME: Final = 0.4  # s for processes to exit by themselves
 

@@ -1,23 +1,18 @@
 """The placer process: turns the newest sketch into a terrain recipe for the engine."""
 
-from __future__ import annotations
-
 import sys
 import time
 import traceback
+from collections.abc import Callable
 from dataclasses import fields
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import SketchterrainError, one_line
+from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.channel import Channel, pickle_without
 from sketchterrain.ui.engine.sketch_updates import SketchMirror
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from sketchterrain.document.sketch import Sketch
-    from sketchterrain.terrain.recipe import TerrainRecipe
 
 _SHORT: Final = 0.1  # s; a placement expected to end sooner is finished in any case
 

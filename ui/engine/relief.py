@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.array_types import Bounds
 from sketchterrain.ui.engine.protocol import Relief
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Bounds
     from sketchterrain.terrain.terrain import Terrain
 
 LARGEST: Final = 1024  # samples along the longer side

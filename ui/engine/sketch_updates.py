@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sketchterrain.document.label_layers import Box, union_box
+from sketchterrain.document.label_layers import Box, LabelImage, union_box
 from sketchterrain.document.parameters import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.ui.engine.protocol import LayerPatch, SketchUpdate
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from sketchterrain.document.label_layers import LabelImage
     from sketchterrain.ui.models.document import Document
 
 

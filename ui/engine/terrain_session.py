@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
+from sketchterrain.array_types import Bounds
+from sketchterrain.compute.device import Device
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import DeviceError, one_line
+from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.ui.engine.channel import unpickle_with
-from sketchterrain.ui.engine.protocol import WorldFacts
+from sketchterrain.ui.engine.protocol import RecipeUpdate, WorldFacts
 from sketchterrain.ui.engine.sketch_updates import SketchMirror
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from sketchterrain.array_types import Bounds
     from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.compute.device import Device
-    from sketchterrain.document.sketch import Sketch
-    from sketchterrain.terrain.recipe import TerrainRecipe
     from sketchterrain.terrain.terrain import Terrain
-    from sketchterrain.ui.engine.protocol import RecipeUpdate
     from sketchterrain.world.viewed import StoredTerrain
 
 

@@ -1,7 +1,5 @@
 """Colours, hatches and swatches of layers and labels."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Final

@@ -1,7 +1,5 @@
 """Theme, icons and style sheet."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache

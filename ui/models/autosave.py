@@ -1,7 +1,5 @@
 """Autosave: recovery files of unsaved work, their locks and the timer."""
 
-from __future__ import annotations
-
 import json
 import os
 import secrets

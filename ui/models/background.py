@@ -1,7 +1,5 @@
 """Background threads of the window: reading, saving, a queue in which newer work replaces pending work."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Hashable
 from contextlib import suppress
 from functools import partial

@@ -1,7 +1,5 @@
 """Camera bookmarks by sketch, stored beside the program's state."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json

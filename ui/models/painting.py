@@ -1,7 +1,5 @@
 """Painting on label images: brush strokes, lines, flood fill, picking."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise

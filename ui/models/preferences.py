@@ -1,7 +1,5 @@
 """Preferences and recent files, stored between runs."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """The selection: hit testing of placed features, drag handles and drags, commands; one history step each."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

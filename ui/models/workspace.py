@@ -1,7 +1,5 @@
 """Editing state that is not part of the sketch: tool, layer, label, brush, selection, overlays."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Final
 

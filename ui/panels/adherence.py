@@ -1,7 +1,5 @@
 """Adherence panel: how well the terrain follows the sketch, layer by layer."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

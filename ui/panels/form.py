@@ -1,7 +1,5 @@
 """Forms of declared parameters: a row with title, control, help and reset button for each."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from functools import partial
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Tree of layers and labels, and the delegate that draws its rows."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 

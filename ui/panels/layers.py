@@ -1,7 +1,5 @@
 """Layers panel: labels, visibility, locks and opacity."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import partial
 from typing import Final

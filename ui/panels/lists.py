@@ -1,7 +1,5 @@
 """Lists of the undo history, contradictions and bookmarks."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from typing import Any, Final

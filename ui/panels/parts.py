@@ -1,7 +1,5 @@
 """Parts of panels: labels, collapsible groups, scrolling frames and page heads."""
 
-from __future__ import annotations
-
 from PyQt6.QtCore import QRectF, QSize, Qt
 from PyQt6.QtGui import QColor, QFont, QIcon, QPainter, QPalette, QPixmap
 from PyQt6.QtWidgets import (

@@ -1,7 +1,5 @@
 """Properties of the selection, or of the active label without one."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """Panels of settings: those of the sketch as a whole, and those of the 3-D view."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from typing import Final

@@ -1,7 +1,5 @@
 """Status line: work in progress, pointer position, timings, memory and device."""
 
-from __future__ import annotations
-
 import math
 from typing import Final
 

@@ -1,7 +1,5 @@
 """Camera of the 3-D view: projection, terrain heights, motions and poses."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final

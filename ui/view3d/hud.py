@@ -1,7 +1,5 @@
 """Controls over the 3-D view: mode bar, compass, and a placeholder for a missing picture."""
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Marks over the 3-D view: features, rivers and handles in pixels, and hit tests."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

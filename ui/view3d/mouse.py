@@ -1,7 +1,5 @@
 """Mouse input of the 3-D view: camera motion, selection, handles and the context menu."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import partial

@@ -1,7 +1,5 @@
 """Painting of the 3-D view: the last picture and the marks over it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Final
 

@@ -1,7 +1,5 @@
 """The 3-D view: pictures of the terrain with marks over them, mouse and keyboard input."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Final

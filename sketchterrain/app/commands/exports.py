@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,8 +22,6 @@ from sketchterrain.app.listings import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from sketchterrain.batch.plan import Item
     from sketchterrain.batch.results import Output
     from sketchterrain.batch.run import Done

@@ -1,7 +1,5 @@
 """Shapes on a map sheet, written as SVG, and as PNG rendered from it by resvg."""
 
-from __future__ import annotations
-
 import base64
 import io
 import tempfile

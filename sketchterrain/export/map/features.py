@@ -1,7 +1,5 @@
 """Contours, rivers, lakes, forests and peaks of a map."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final

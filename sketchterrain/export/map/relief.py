@@ -1,7 +1,5 @@
 """Frame and samples of a map, and its shaded relief."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, TypeAlias

@@ -1,7 +1,5 @@
 """Topographic map sheets: all layers with grid, border, title, legend, scale bar and north arrow."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

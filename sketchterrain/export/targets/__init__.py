@@ -1,7 +1,5 @@
 """Export targets, one module each or per family of plain formats."""
 
-from __future__ import annotations
-
 from importlib import import_module
 
 from sketchterrain.errors import InputError, one_line

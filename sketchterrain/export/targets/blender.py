@@ -1,7 +1,5 @@
 """Blender: heights as an OpenEXR displacement, and the same terrain as a GLB."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, Final
 

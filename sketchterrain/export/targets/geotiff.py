@@ -1,7 +1,5 @@
 """GIS: rasters as Cloud-Optimised GeoTIFF, features and plants as a GeoPackage."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """glTF: one GLB with terrain, water and plants, and another with the plants as points."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, Final
 

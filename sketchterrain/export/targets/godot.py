@@ -1,7 +1,5 @@
 """Godot with Terrain3D: heights in metres at 1 m a pixel, its control map, plants and water."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 from typing import Any, Final

@@ -5,8 +5,6 @@ grow from the picture's lower left corner. 3D Systems' "StereoLithography Interf
 of 80 bytes, the number of triangles, then 50 bytes each, corners counter-clockwise from outside.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager

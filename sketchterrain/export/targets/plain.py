@@ -1,7 +1,5 @@
 """Plain formats: raw numbers, 16-bit PNG, OpenEXR and NumPy arrays."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Unity terrains: RAW heights, splat maps, tree instances, water."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 from typing import Any, Final

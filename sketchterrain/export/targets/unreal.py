@@ -1,7 +1,5 @@
 """Unreal Engine landscapes: 16-bit heights, a weight map per layer, Y− normals, plants and water."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 from typing import Any, Final

@@ -117,7 +117,7 @@ def first_views(
         tiles = OwnTiles(terrain, quads=quads, tolerance=pixels)
         frames: list[OwnFrame] = []
         view = view_of(stop, terrain.extent, around=around)
-        lap = context.lap(lambda: frames.append(tiles.settle(view)))
+        lap = context.lap(lambda: frames.append(tiles.converge(view)))
         return _First(quads, frames[0].tiles, frames[0].generation + frames[0].choice, lap.device)
 
     ways = (
@@ -152,7 +152,7 @@ def first_views(
 
 def _own_flight(terrain: Terrain, path: Sequence[Stop], quads: int, tolerance: float) -> _Flown:
     tiles = OwnTiles(terrain, quads=quads, tolerance=tolerance)
-    first = tiles.settle(view_of(path[0], terrain.extent))
+    first = tiles.converge(view_of(path[0], terrain.extent))
     flown = _Flown(first.generation + first.choice, [], [], [])
     for stop in path:
         frame = tiles.frame(view_of(stop, terrain.extent), elapsed=1.0 / RATE, budget=BUDGET)

@@ -118,7 +118,7 @@ class OwnTiles:
         """Whether the pool is large enough for what is asked."""
         return self._stream.error_factor == 1.0
 
-    def settle(self, view: CameraView) -> OwnFrame:
+    def converge(self, view: CameraView) -> OwnFrame:
         """Generate all that a view wants; seconds count until the last tile that it shows is there.
 
         What is wanted out of the picture, for when the eye turns, comes after it.

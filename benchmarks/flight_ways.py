@@ -103,7 +103,7 @@ def thesis_seconds(terrain: Terrain, places: npt.NDArray[np.int64], quads: int) 
 
 def _own(terrain: Terrain, quads: int, view: View, tolerance: float) -> Shown:
     tiles = OwnTiles(terrain, quads=quads, tolerance=tolerance)
-    frame = tiles.settle(view_of(view.stop, terrain.extent))
+    frame = tiles.converge(view_of(view.stop, terrain.extent))
     seen = drawn(terrain, within_world(frame.draws, quads), view)
     return Shown(seen.meshes(), seen.triangles, frame.generation + frame.choice, tiles.whole)
 

@@ -76,7 +76,7 @@ void main()
 {
     vec4 far_point = from_clip * vec4(uv * 2.0 - 1.0, 1.0, 1.0);
     vec3 direction = normalize(far_point.xyz / far_point.w);
-    float up = max(CLOUD_BASE + reach.y - eye.z, 300.0);
+    float up = max(CLOUD_BASE + view_range.y - eye.z, 300.0);
     float rise = max(direction.z, 0.0);
     float first = to_layer(up, rise);
     float last = to_layer(up + THICK, rise);

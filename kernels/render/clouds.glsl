@@ -34,7 +34,7 @@ float cloud_shadow(vec3 place)
 #if CLOUDS == 0
     return 1.0;
 #else
-    float up = CLOUD_BASE + reach.y - eye.z - place.z;
+    float up = CLOUD_BASE + view_range.y - eye.z - place.z;
     vec2 above = place.xy + to_sun.xy / max(to_sun.z, 0.05) * max(up, 0.0);
     return 1.0 - SHADE * smoothstep(-0.12, 0.8, textureLod(cloud_field, cloud_place(above), 0.0).r);
 #endif

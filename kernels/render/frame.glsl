@@ -15,7 +15,7 @@ layout(std140) uniform Frame {
     vec4 sky_light[9]; // rgb: irradiance from sky and ground, spherical harmonics, cosine lobe folded in
     vec4 haze;         // rgb: extinction by aerosols at base height, 1/m; w: their scale height, m
     vec4 air;          // rgb: by molecules, 1/m; w: their scale height, m
-    vec4 reach;        // x: draw distance, m; y: base height of the haze, m; zw: framebuffer size, px
+    vec4 view_range;        // x: draw distance, m; y: base height of the haze, m; zw: framebuffer size, px
     vec4 near_map;     // xy: south-west corner relative to the eye, m; z: 1/width, 1/m; w: texel, m
     vec4 far_map;
     vec4 close_map;
@@ -67,7 +67,7 @@ vec3 air_light(vec3 direction) { return textureLod(sky_view, sky_place(direction
 // molecules.
 vec3 clear_air(vec3 position)
 {
-    float above = max(eye.z - reach.y, 0.0);
+    float above = max(eye.z - view_range.y, 0.0);
     float rise = max(position.z, -above) / haze.w;
     float mean_haze = exp(-above / haze.w) * (abs(rise) < 1e-2 ? 1.0 - 0.5 * rise : (1.0 - exp(-rise)) / rise);
     float mean_air = exp(-(above + 0.5 * position.z) / air.w);
@@ -102,7 +102,7 @@ const vec2 SHADED_AIR_AT = vec2(0.5, 0.85); // fractions of a line of sight at w
 // light at the draw distance. With three light maps, air above shaded terrain is dimmer.
 vec3 through_air(vec3 radiance, vec3 position)
 {
-    vec3 clear = clear_air(position) * (1.0 - smoothstep(0.75, 0.98, length(position.xy) / reach.x));
+    vec3 clear = clear_air(position) * (1.0 - smoothstep(0.75, 0.98, length(position.xy) / view_range.x));
     vec3 air = air_light(position * inversesqrt(max(dot(position, position), 1e-6)));
 #if LIGHT_MAPS > 2
     float lit = ground_light(SHADED_AIR_AT.x * position.xy).r + ground_light(SHADED_AIR_AT.y * position.xy).r;

@@ -30,7 +30,7 @@ vec3 with_cirrus(vec3 sky, vec3 direction)
 // Flat clouds, shaded by the density towards the sun.
 vec3 with_clouds(vec3 sky, vec3 direction)
 {
-    float up = max(CLOUD_BASE + reach.y - eye.z, 300.0);
+    float up = max(CLOUD_BASE + view_range.y - eye.z, 300.0);
     vec3 place = direction * to_layer(up, direction.z);
     float inside = texture(cloud_field, cloud_place(place.xy)).r;
     vec2 sunward = to_sun.xy / max(length(to_sun.xy), 1e-4) * 420.0;

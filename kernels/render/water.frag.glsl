@@ -51,7 +51,7 @@ void main()
     vec3 to_eye = -position / distance;
     vec2 tilt = -stream.y * flow.zw; // of a sloping stream's surface
     float grazing = max(dot(to_eye, normalize(vec3(-tilt, 1.0))), 0.02);
-    vec2 uv = gl_FragCoord.xy / reach.zw;
+    vec2 uv = gl_FragCoord.xy / view_range.zw;
     float pixel = distance * trees.z * inversesqrt(grazing);
     bool lake = stream.w == 0.0;
 

@@ -25,7 +25,7 @@ const float STEEPEST = 0.25;  // smallest horizontal share of a line of sight
 const float FLATTEST = 0.035; // tangent of the grazing angle without an offset
 const float OVER = 3e-5;      // relative depth offset of streams over lakes
 
-vec2 in_picture(vec4 clip) { return clip.xy / clip.w * 0.5 * reach.zw; }
+vec2 in_picture(vec4 clip) { return clip.xy / clip.w * 0.5 * view_range.zw; }
 
 void main()
 {
@@ -46,9 +46,9 @@ void main()
     vec4 edge = to_clip * vec4(position + (stream_params.w - flow_frame.x) * right, 1.0);
     if (stream_params.w > 0.0 && min(min(centre.w, edge.w), gl_Position.w) > stream_params.w) {
         vec4 step_on = to_clip * vec4(flow_frame.zw, 0.0, 0.0);
-        vec2 along = (step_on.xy * centre.w - centre.xy * step_on.w) * reach.zw;
+        vec2 along = (step_on.xy * centre.w - centre.xy * step_on.w) * view_range.zw;
         vec3 drawn = widened(in_picture(gl_Position), in_picture(centre), in_picture(edge), along);
-        gl_Position.xy = drawn.xy / (0.5 * reach.zw) * gl_Position.w;
+        gl_Position.xy = drawn.xy / (0.5 * view_range.zw) * gl_Position.w;
         coverage = drawn.z;
     }
 }

@@ -20,7 +20,7 @@ const float FAR = 500.0;      // m, where the displayed ground is too coarse for
 
 void main()
 {
-    vec2 uv = gl_FragCoord.xy / reach.zw;
+    vec2 uv = gl_FragCoord.xy / view_range.zw;
     vec4 p = from_clip * vec4(vec3(uv, textureLod(scene_depth, uv, 0.0).r) * 2.0 - 1.0, 1.0);
     vec3 ground = p.xyz / p.w;
     vec3 normal = normalize(textureLod(gbuffer_normal, uv, 0.0).xyz + vec3(0.0, 0.0, 1e-4));

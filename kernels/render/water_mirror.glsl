@@ -53,7 +53,7 @@ vec3 mirrored_sky(vec3 direction)
 {
     vec3 clear = clear_sky(direction), sky = clear;
 #if CLOUDS > 0
-    vec3 place = direction * to_layer(max(CLOUD_BASE + reach.y - eye.z, 300.0), max(direction.z, 0.01));
+    vec3 place = direction * to_layer(max(CLOUD_BASE + view_range.y - eye.z, 300.0), max(direction.z, 0.01));
     float density = cloud_density(place.xy);
     vec3 lit = sunlit(3.0 * density, dot(direction, to_sun.xyz)) * SUN_GAIN + cloud_ambient(0.35);
     sky = mix(sky, mix(sky, lit, clear_air(place)), density * (1.0 - overcast) * smoothstep(0.0, 0.1, direction.z));

@@ -200,7 +200,7 @@ def _statistics(frames: Sequence[CapturedFrame]) -> dict[str, Any]:
     triangles = [frame.triangles for frame in frames]
     return {
         "frames": len(frames),
-        "settled": sum(frame.settled for frame in frames),
+        "settled": sum(frame.converged for frame in frames),
         "generation": {
             "initial": frames[0].generation_seconds,
             "updating_frames": len(updating),

@@ -87,7 +87,7 @@ class FrameStats:
     resident_tiles: int
     triangles: int  # of terrain and plants
     size: tuple[int, int]  # of the internal picture (px); smaller than the framebuffer during motion
-    settled: bool  # the picture is final: nothing is missing, only water and plants move
+    converged: bool  # the picture is final: nothing is missing, only water and plants move
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class StreamStats:
     tiles_drawn: int
     triangles: int
     resident_tiles: int
-    settled: bool  # no tile is missing or morphing
+    converged: bool  # no tile is missing or morphing
     jumped: bool  # the eye jumped, and the frame got a larger budget
 
 

@@ -1,7 +1,7 @@
 """Cameras and their draw distance."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final, TypeAlias
 
@@ -127,15 +127,6 @@ CLIMB: Final = 8.0  # increase of the draw distance (m) per metre of height abov
 FARTHEST: Final = 16.0  # largest draw distance, in extents: the width of the coarsest tiles
 
 
-def draw_distance(clearance: float, *, extent: float, reach: float) -> float:
-    """Return the draw distance (m) for an eye `clearance` m above the terrain; `reach` in extents."""
-    return min(reach * extent + CLIMB * clearance, FARTHEST * extent)
-
-
-def with_clip_planes(
-    camera: Camera, clearance: float, *, extent: float, reach: float
-) -> tuple[Camera, float]:
-    """Return the camera with clip planes for its height, and the draw distance (m)."""
-    distance = draw_distance(clearance, extent=extent, reach=reach)
-    near, far = clip_planes(clearance, distance)
-    return replace(camera, near=near, far=far), distance
+def draw_distance(clearance: float, *, extent: float, extents: float) -> float:
+    """Return the draw distance (m) for an eye `clearance` m above the terrain: `extents` at the terrain."""
+    return min(extents * extent + CLIMB * clearance, FARTHEST * extent)

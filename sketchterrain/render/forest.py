@@ -86,10 +86,10 @@ class Forest:
         self._selected_view: tuple[object, ...] = ()
 
     @property
-    def settled(self) -> bool:
+    def converged(self) -> bool:
         """Whether all plants and shadows of the last camera are complete and fully grown."""
         grown = self._cells.complete and self._cells.youngest >= GROW
-        return self._requested and grown and self.density.settled and self.shadows.settled
+        return self._requested and grown and self.density.converged and self.shadows.converged
 
     @property
     def triangles(self) -> int:
@@ -129,7 +129,7 @@ class Forest:
         self.shadows.relight(sun)
         self._requested_view = ()
 
-    def settle(self, camera: Camera, size: tuple[int, int], lit: GroundLighting) -> None:
+    def converge(self, camera: Camera, size: tuple[int, int], lit: GroundLighting) -> None:
         """Complete everything that a camera's picture of a size (px) needs."""
         self._elapsed = None
         self._request(camera, size, lit)
@@ -142,7 +142,7 @@ class Forest:
     def _request(self, camera: Camera, size: tuple[int, int], lit: GroundLighting) -> None:
         self._requested, self._height = True, size[1]
         view = (camera, size, self._cells.changes)
-        if not self._enabled or (view == self._requested_view and lit.settled):
+        if not self._enabled or (view == self._requested_view and lit.converged):
             return
         self._requested_view = view
         near = cells_near(camera.eye[0], camera.eye[1], self.draw_distance)
@@ -169,7 +169,7 @@ class Forest:
         cells = [cell for cell in (self._cells[key] for key in self._visible) if cell is not None]
         view = (camera, size, tuple(self._visible), self._cells.changes)
         grown = all(cell.age >= GROW for cell in cells)
-        if view == self._selected_view and self._grown and self.density.settled:
+        if view == self._selected_view and self._grown and self.density.converged:
             return
         self._selected_view, self._grown = view, grown
         self._origin = cells[0].corner if cells else np.zeros(2)

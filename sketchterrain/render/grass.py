@@ -71,13 +71,13 @@ def _tuft(rng: np.random.Generator, *, count: int, spread: float = 0.55, lean: f
     for angle, away in zip(around, out, strict=True):
         base = away * np.array([np.cos(angle), np.sin(angle)])
         direction = angle + rng.normal(0.0, 0.7)
-        reach = lean * rng.uniform(0.35, 1.25)
+        bend = lean * rng.uniform(0.35, 1.25)
         tall = rng.uniform(0.55, 1.0)
         blades.append(
             _Blade(
                 base,
-                reach * tall * np.array([np.cos(direction), np.sin(direction)]),
-                tall * (1.0 - 0.25 * min(reach, 1.0)),
+                bend * tall * np.array([np.cos(direction), np.sin(direction)]),
+                tall * (1.0 - 0.25 * min(bend, 1.0)),
                 rng.normal(0.0, 0.5),
                 rng.uniform(0.75, 1.25),
                 rng.uniform(0.0, 1.0),
@@ -190,11 +190,11 @@ def _fern(rng: np.random.Generator, *, fronds: int, leaflets: int) -> list[_Stri
         angle = 2.0 * np.pi * (k + rng.uniform(-0.25, 0.25)) / fronds
         out = np.array([np.cos(angle), np.sin(angle), 0.0])
         across = np.array([-out[1], out[0], 0.0])
-        reach, tall, tone = rng.uniform(0.8, 1.15), rng.uniform(0.75, 1.0), rng.uniform()
+        span, tall, tone = rng.uniform(0.8, 1.15), rng.uniform(0.75, 1.0), rng.uniform()
         if not leaflets:
             t = np.array([0.0, 0.5, 0.5, 1.0])
             sign = np.array([0.0, -1.0, 1.0, 0.0])
-            position = _arch(t, out, reach, tall) + np.outer(0.4 * sign, across)
+            position = _arch(t, out, span, tall) + np.outer(0.4 * sign, across)
             params = np.column_stack([t, np.full(4, tone), np.zeros(4)])
             strips.append(_Strip(position, np.zeros((4, 3)), params, np.array([[0, 1, 2], [1, 3, 2]])))
             continue
@@ -202,9 +202,9 @@ def _fern(rng: np.random.Generator, *, fronds: int, leaflets: int) -> list[_Stri
         length = 0.34 * np.sin(np.pi * np.clip(0.12 + 0.86 * t, 0.0, 1.0)) + 0.02
         step = 0.5 / leaflets
         for left in (-1.0, 1.0):
-            root = _arch(t - step, out, reach, tall)
-            end = _arch(t + step, out, reach, tall)
-            tip = _arch(t + 0.9 * step, out, reach, tall) + (left * length)[:, None] * across
+            root = _arch(t - step, out, span, tall)
+            end = _arch(t + step, out, span, tall)
+            tip = _arch(t + 0.9 * step, out, span, tall) + (left * length)[:, None] * across
             tip[:, 2] -= 0.25 * length
             position = np.stack([root, end, tip], axis=1).reshape(-1, 3)
             along = np.stack([0.75 * t, 0.75 * t, t * 0.75 + 0.25], axis=1).ravel()
@@ -214,10 +214,10 @@ def _fern(rng: np.random.Generator, *, fronds: int, leaflets: int) -> list[_Stri
     return strips
 
 
-def _arch(t: Float64Array, out: Float64Array, reach: float, tall: float) -> Float64Array:
+def _arch(t: Float64Array, out: Float64Array, span: float, tall: float) -> Float64Array:
     """Return points of a frond's middle line."""
     up = tall * np.sin(0.62 * np.pi * t) * (1.0 - 0.25 * t)
-    return np.asarray(np.outer(reach * t, out) + np.outer(up, [0.0, 0.0, 1.0]))
+    return np.asarray(np.outer(span * t, out) + np.outer(up, [0.0, 0.0, 1.0]))
 
 
 def _joined(strips: list[_Strip]) -> Mesh:

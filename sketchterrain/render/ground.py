@@ -180,11 +180,12 @@ INTERVAL: Final = 6  # frames of a moving picture between two updates of a squar
 class SurfaceMap:
     """Heights, normals and material weights of the drawn terrain on two squares around the eye.
 
-    Each square has texels² texels; the far one reaches `reach` m. `textures` has them by sampler name.
+    Each square has texels² texels; the far one covers `radius` m around the eye. `textures` are by
+    sampler name.
     """
 
     def __init__(
-        self, context: moderngl.Context, tile_renderer: TileRenderer, *, texels: int, reach: float
+        self, context: moderngl.Context, tile_renderer: TileRenderer, *, texels: int, radius: float
     ) -> None:
         self._context = context
         self._tile_renderer = tile_renderer
@@ -201,7 +202,7 @@ class SurfaceMap:
             tile_renderer.create_program("surface_map.vert.glsl", "surface_map.frag.glsl")
         )
         self._near = _MapSquare(0, texels, NEAR_WIDTH)
-        self._far = _MapSquare(texels, texels, max(2.0 * reach, 2.0 * NEAR_WIDTH))
+        self._far = _MapSquare(texels, texels, max(2.0 * radius, 2.0 * NEAR_WIDTH))
         self._turn = 0
         self._invalid = False
 

@@ -147,7 +147,7 @@ class TerrainStream:
             jumped,
         )
 
-    def settle(self, camera: Camera, size: tuple[int, int], *, draw_distance: float) -> None:
+    def converge(self, camera: Camera, size: tuple[int, int], *, draw_distance: float) -> None:
         """Generate all tiles of a still picture; see `update`."""
         self._view = view = view_of(camera, size, draw_distance=draw_distance)
         self._place(self.tiles.generate_all(view, self._write), camera.eye)

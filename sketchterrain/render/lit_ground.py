@@ -83,7 +83,7 @@ class ClipmapLevel:
         return self._no_heights if self.current is None else self.current.heights
 
     @property
-    def settled(self) -> bool:
+    def converged(self) -> bool:
         """Whether the current map is up to date and no transition is running."""
         up_to_date = self.current is not None and not self.current.dirty
         return up_to_date and self.pending is None and self.step == 0 and self.strength == 1.0
@@ -198,10 +198,10 @@ class GroundLighting:
         self._has_haze_base = False
 
     @property
-    def settled(self) -> bool:
+    def converged(self) -> bool:
         """Whether all maps are complete and displayed for the last camera."""
         eased = self.haze_base == self._target_haze_base()
-        return all(level.settled for level in self._levels.values()) and eased
+        return all(level.converged for level in self._levels.values()) and eased
 
     @property
     def _from_far(self) -> list[tuple[str, ClipmapLevel]]:
@@ -271,7 +271,7 @@ class GroundLighting:
         self._renderer.sun = sun
         self._renderer.version += 1
 
-    def settle(self, camera: Camera) -> None:
+    def converge(self, camera: Camera) -> None:
         """Compute and display everything that a camera needs at once."""
         squares = self._squares(camera)
         for name, level in self._from_far:

@@ -178,7 +178,7 @@ class CapturedFrame:
     tiles_generated: int
     tiles_drawn: int
     triangles: int
-    settled: bool
+    converged: bool
 
 
 def capture_frames(
@@ -242,15 +242,15 @@ def _capture(
     if complete:
         renderer.prepare(camera, framebuffer.size)
         renderer.draw(camera, framebuffer, clock=clock)
-        generation, settled = renderer.timings["tiles"] - tile_seconds, True
+        generation, converged = renderer.timings["tiles"] - tile_seconds, True
     else:
         stats = renderer.frame(camera, framebuffer, elapsed=elapsed, clock=clock)
-        generation, settled = stats.generation_seconds, stats.settled
+        generation, converged = stats.generation_seconds, stats.converged
     return CapturedFrame(
         seconds=time.perf_counter() - start,
         generation_seconds=generation,
         tiles_generated=stream.written - written,
         tiles_drawn=stream.tile_renderer.tiles,
         triangles=renderer.triangles,
-        settled=settled,
+        converged=converged,
     )

@@ -67,7 +67,7 @@ class PlantDensity:
     def __init__(self, budget: int) -> None:
         self._budget = budget
         self.angle = 0.0
-        self.settled = False
+        self.converged = False
 
     def floor(self, least: float, *, still: bool) -> float:
         """Return the angle (rad) below which no plants need to be searched."""
@@ -86,11 +86,11 @@ class PlantDensity:
         aimed, allowed = _fitting_angles(angles, copies, [FILL * self._budget, self._budget])
         target = max(aimed, floor)
         if elapsed is None or still:
-            self.angle, self.settled = target, True
+            self.angle, self.converged = target, True
             return
         angle = target + (self.angle - target) * float(np.exp(-elapsed / PACE))
         arrived = abs(angle - target) < NEAR * target
-        self.settled = arrived and (target > floor or floor == least)
+        self.converged = arrived and (target > floor or floor == least)
         self.angle = max(target if arrived else angle, allowed)
 
 

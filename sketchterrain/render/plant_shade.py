@@ -107,7 +107,7 @@ class PlantShadows:
         self._sun, self._axes = sun, sun_axes(sun)
 
     @property
-    def settled(self) -> bool:
+    def converged(self) -> bool:
         """Whether all maps show the current plants around the current eye."""
         return all(not self._stale(index) and self._maps[index].share == 1.0 for index in self._used)
 

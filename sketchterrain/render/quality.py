@@ -43,7 +43,7 @@ class Quality:
 
     tolerance: float = 1.0  # τ: deviation of the drawn terrain, px of the whole picture; 12 at level 0
     neighbour_limit: float = 2.0  # error of a parent along a coarser neighbour, in tolerances; 64 at level 0
-    reach: float = 7.0  # draw distance at the terrain, extents; grows with the eye's height
+    draw_distance: float = 7.0  # at the terrain, extents; grows with the eye's height
     samples: int = 2  # visibility samples a pixel along each axis (shading takes one a pixel)
     materials: int = 3  # blended materials a pixel, kernels/render/shade_ground.frag.glsl; with ...
     planes: int = 2  # ... texture planes, ...
@@ -88,7 +88,7 @@ class Quality:
         return cls(
             tolerance=_interpolate(level, _TOLERANCES),
             neighbour_limit=_interpolate(level, _STEEPS),
-            reach=3.0 + 4.0 * level,
+            draw_distance=3.0 + 4.0 * level,
             samples=2 if level >= 0.75 else 1,
             materials=3 if level >= 0.75 else 2 if level >= 0.4 else 1,
             planes=2 if rich else 1,

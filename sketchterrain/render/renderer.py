@@ -10,7 +10,7 @@ from typing import Final
 import moderngl
 
 from sketchterrain.render.budgets import FrameStats, TerrainUpdateStats, TimeBudget
-from sketchterrain.render.camera import Camera, with_clip_planes
+from sketchterrain.render.camera import Camera, clip_planes, draw_distance
 from sketchterrain.render.programs import ResourceCache
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.scene import TerrainSource
@@ -75,12 +75,12 @@ class Renderer:
     def prepare(self, camera: Camera, size: tuple[int, int]) -> None:
         """Generate all tiles, light and plants of a picture of `size` (width, height; px)."""
         with self._timed("light"):
-            self.scenery.lit.settle(camera)
+            self.scenery.lit.converge(camera)
         view, distance, _ = self._clipped(camera)
         with self._timed("tiles"):
-            self.stream.settle(view, size, draw_distance=distance)
+            self.stream.converge(view, size, draw_distance=distance)
         with self._timed("foliage"):
-            self.scenery.forest.settle(view, size, self.scenery.lit)
+            self.scenery.forest.converge(view, size, self.scenery.lit)
 
     def draw(self, camera: Camera, framebuffer: moderngl.Framebuffer, *, clock: float = 0.0) -> None:
         """Draw the prepared picture into a framebuffer; `clock` (s) animates water, plants and clouds."""
@@ -149,7 +149,7 @@ class Renderer:
         view, distance, above = self._clipped(camera)
         lit, forest = self.scenery.lit, self.scenery.forest
         self._turn = (self._turn + 1) % len(TILES_SHARE)
-        others_pending = not (lit.settled and forest.settled)
+        others_pending = not (lit.converged and forest.converged)
         tiles = self.stream.update(
             view,
             size,
@@ -163,10 +163,10 @@ class Renderer:
         light_end = remaining.spent
         forest.update(view, size, lit, elapsed, remaining)
         plants_end = remaining.spent
-        complete = tiles.settled and lit.settled and forest.settled
+        complete = tiles.converged and lit.converged and forest.converged
         self._was_complete = self._was_complete or (complete and self._rest_seconds >= REST)
         catches_up = self._full_draw_seconds <= FAST_DRAW or (
-            tiles.settled and self._since_update >= CATCH_UP_DELAY
+            tiles.converged and self._since_update >= CATCH_UP_DELAY
         )
         full_size = self._was_complete and (complete or catches_up)
         scale = 1.0 if full_size else self._quality.moving_scale
@@ -194,15 +194,16 @@ class Renderer:
             resident_tiles=tiles.resident_tiles,
             triangles=self.triangles,
             size=inner,
-            settled=complete and inner == size,
+            converged=complete and inner == size,
         )
 
     def _clipped(self, camera: Camera) -> tuple[Camera, float, float]:
         """Return the camera with clipping planes for its height, the draw distance and the height (m)."""
         x, y, z = camera.eye
         above = max(z - float(self._terrain.heights([x], [y])[0]), 0.0)
-        extent, reach = self._terrain.extent, self._quality.reach
-        return *with_clip_planes(camera, above, extent=extent, reach=reach), above
+        distance = draw_distance(above, extent=self._terrain.extent, extents=self._quality.draw_distance)
+        near, far = clip_planes(above, distance)
+        return replace(camera, near=near, far=far), distance, above
 
     def release(self) -> None:
         """Free GPU memory (if the context's ``gc_mode`` is ``auto``); the renderer is unusable afterwards.

@@ -144,9 +144,9 @@ class HeightMap:
         marks = np.zeros((n, n), np.float32)
         for place, width in zip(positions, widths, strict=True):
             cell = np.floor((place[:, :2] - [self.west, self.south]) / self.texel).astype(np.intp)
-            reach = (width / self.texel / 2).astype(np.intp)
+            radius = (width / self.texel / 2).astype(np.intp)
             value = np.clip(width / self.texel, 1 / 3, 1.0)
-            for (i, j), r, v in zip(cell.tolist(), reach.tolist(), value.tolist(), strict=True):
+            for (i, j), r, v in zip(cell.tolist(), radius.tolist(), value.tolist(), strict=True):
                 window = marks[max(j - r, 0) : max(j + r + 1, 0), max(i - r, 0) : max(i + r + 1, 0)]
                 np.maximum(window, v, out=window)
         return HeightMap(self.west, self.south, self.width, marks)

@@ -86,9 +86,8 @@ class Scenery:
             shadows=quality.includes("shadows"),
         )
         self.forest = Forest(context, terrain, sun, quality=quality, defines=self.shading.defines)
-        self.surface = SurfaceMap(
-            context, self.stream.tile_renderer, texels=quality.surface_texels, reach=self.forest.draw_distance
-        )
+        tiles, radius = self.stream.tile_renderer, self.forest.draw_distance
+        self.surface = SurfaceMap(context, tiles, texels=quality.surface_texels, radius=radius)
         self.cover = GroundCover(context, quality=quality, shading=self.shading)
         self._water = Water(
             context, self._features, enabled=quality.includes("water"), defines=self.shading.defines
@@ -209,7 +208,7 @@ class Scenery:
         frame["sky_light"] = self._sky.harmonics
         frame["haze"] = (*(hazy * self._sky.haze), AEROSOL_HEIGHT)
         frame["air"] = (*(hazy * RAYLEIGH), RAYLEIGH_HEIGHT)
-        frame["reach"] = (distance, lit.haze_base, *targets.sample_size)
+        frame["view_range"] = (distance, lit.haze_base, *targets.sample_size)
         for field, value in lit.uniforms(eye).items():
             frame[field] = value
         frame["to_shade"] = self.forest.shadows.matrices(eye)

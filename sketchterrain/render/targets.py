@@ -111,7 +111,7 @@ _FRAME: Final = np.dtype(
         ("sky_light", "f4", (9, 4)),
         ("haze", "f4", 4),
         ("air", "f4", 4),
-        ("reach", "f4", 4),
+        ("view_range", "f4", 4),
         ("near_map", "f4", 4),
         ("far_map", "f4", 4),
         ("close_map", "f4", 4),

@@ -82,7 +82,7 @@ def test_tiles_that_show_all_of_their_parent_have_its_surface(world):
 
 def test_own_tiles_cover_the_view_once(world):
     stop = stops(world, 1)[0]
-    frame = OwnTiles(world, quads=32, tolerance=16.0).settle(view_of(stop, EXTENT))
+    frame = OwnTiles(world, quads=32, tolerance=16.0).converge(view_of(stop, EXTENT))
     tiles = within_world(frame.draws, 32)
     finest = int(tiles.places[:, 0].max())
     covered = np.zeros((2**finest, 2**finest), int)

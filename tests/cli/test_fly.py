@@ -105,7 +105,7 @@ def test_quality_real_time_and_a_path_under_the_ground(call, sketch, path, tmp_p
 def test_an_interruption_leaves_no_part_of_a_film(call, sketch, path, tmp_path, monkeypatch):
     def capture_frames(terrain: object, views: object, **options: Any) -> Iterator[Any]:
         for _ in range(3):
-            yield CapturedFrame(0.1, 0.0, 0, 0, 0, settled=True), np.zeros((48, 64, 3), np.uint8)
+            yield CapturedFrame(0.1, 0.0, 0, 0, 0, converged=True), np.zeros((48, 64, 3), np.uint8)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(sketchterrain.app.pictures, "capture_frames", capture_frames)

@@ -217,9 +217,9 @@ out float light;
 void main()
 {
     light = 110.0 + 140.0 * max(dot(normalize(ground_normal), vec3(-0.5, 0.35, 0.79)), 0.0);
-    vec3 clip = vec3(gl_FragCoord.xy / reach.zw, gl_FragCoord.z) * 2.0 - 1.0;
+    vec3 clip = vec3(gl_FragCoord.xy / view_range.zw, gl_FragCoord.z) * 2.0 - 1.0;
     vec4 position = from_clip * vec4(clip, 1.0);
-    light = mix(light, 255.0, smoothstep(0.75, 0.98, length(position.xy / position.w) / reach.x));
+    light = mix(light, 255.0, smoothstep(0.75, 0.98, length(position.xy / position.w) / view_range.x));
 }
 """
 FINER = 4
@@ -247,7 +247,7 @@ class ShadedView:
     def draw(self, camera, reach):
         to_clip = camera.to_clip(self.size[0] / self.size[1])
         self.frame["to_clip"], self.frame["from_clip"] = to_clip, np.linalg.inv(to_clip)
-        self.frame["reach"] = (reach, 0.0, *self.light.size)
+        self.frame["view_range"] = (reach, 0.0, *self.light.size)
         self.frame["eye"] = (0.0, 0.0, camera.eye[2])
         self.frame.upload()
         self.target.use()

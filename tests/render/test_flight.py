@@ -319,7 +319,7 @@ def test_a_complete_frame_equals_the_picture_of_its_camera(waves, views, quality
         shot, picture = frames[number]
         alone = render_picture(waves, size=SIZE, camera=cameras[number], sun=sun, quality=quality)
         np.testing.assert_array_equal(picture, alone)
-        assert shot.settled
+        assert shot.converged
     assert all(shot.triangles > 1000 and shot.tiles_drawn > 0 for shot, _ in frames)
     assert frames[0][0].tiles_generated > frames[1][0].tiles_generated
     assert all(0.0 < shot.generation_seconds < shot.seconds for shot, _ in frames)

@@ -86,12 +86,12 @@ class View:
     def picture(self):
         return read_picture(self.texture).astype(int)
 
-    def settled(self, camera, *, elapsed=0.1):
+    def converged(self, camera, *, elapsed=0.1):
         for _ in range(300):
             self.stats = self.frame(camera, elapsed=elapsed)
-            if self.stats.settled:
+            if self.stats.converged:
                 return self.picture()
-        raise AssertionError("not settled after 300 frames")
+        raise AssertionError("not converged after 300 frames")
 
     def still(self, camera):
         self.renderer.prepare(camera, self.texture.size)
@@ -102,7 +102,7 @@ class View:
 @pytest.fixture
 def view(gl, before, camera):
     view = View(gl, before)
-    view.settled(camera)
+    view.converged(camera)
     return view
 
 
@@ -156,7 +156,7 @@ def test_visible_tiles_hold_the_new_terrain_when_set_terrain_returns(view, camer
 
 def test_a_change_of_everything_equals_a_fresh_renderer(gl, view, camera, before):
     """Terrain, water, plants, climate, look, hour and clouds at once; the slow tests change each alone."""
-    old = view.settled(camera)
+    old = view.converged(camera)
     wet, areas = river(before)
     new, more = painted(wet, ("mountain", 50, 44, 7), ("forest", 72, 50, 6), ("lake", 78, 48, 6))
     view.renderer.set_terrain(wet, areas)
@@ -165,9 +165,9 @@ def test_a_change_of_everything_equals_a_fresh_renderer(gl, view, camera, before
     view.renderer.set_terrain(last, areas)
     sun, weather = Sun(290.0, 20.0), Weather.from_sketch(before.sketch, clouds=0.9, haze=3.0)
     view.renderer.relight(sun=sun, weather=weather)
-    now = view.settled(camera)
+    now = view.converged(camera)
     assert not same(now, old)
-    assert same(now, View(gl, last, sun=sun, weather=weather).settled(camera))
+    assert same(now, View(gl, last, sun=sun, weather=weather).converged(camera))
 
 
 @pytest.mark.slow
@@ -177,7 +177,7 @@ def test_each_kind_of_change_equals_a_fresh_renderer_moving_or_still(gl, view, c
     new, areas = painted(before, ("mountain", 50, 44, 7), ("forest", 72, 50, 6))
     still.renderer.set_terrain(new, areas)
     assert same(still.still(camera), View(gl, new).still(camera))
-    first = old = view.settled(camera)
+    first = old = view.converged(camera)
     terrain = before
     changes = (
         lambda now: painted(now, ("mountain", 50, 44, 7), ("forest", 72, 50, 6)),
@@ -189,9 +189,9 @@ def test_each_kind_of_change_equals_a_fresh_renderer_moving_or_still(gl, view, c
     for number, change in enumerate(changes):
         terrain, areas = change(terrain)
         view.renderer.set_terrain(terrain, [EVERYWHERE] if number == 1 else areas)
-        now = view.settled(camera)
+        now = view.converged(camera)
         assert not same(now, old), number
-        assert same(now, first if terrain is before else View(gl, terrain).settled(camera)), number
+        assert same(now, first if terrain is before else View(gl, terrain).converged(camera)), number
         old = now
     for sun, weather in (
         (Sun(290.0, 12.0), Weather.from_sketch(before.sketch, haze=3.0, wind=9.0)),
@@ -200,8 +200,8 @@ def test_each_kind_of_change_equals_a_fresh_renderer_moving_or_still(gl, view, c
         (SUN, Weather.from_sketch(before.sketch)),
     ):
         view.renderer.relight(sun=sun, weather=weather)
-        now = view.settled(camera)
-        assert same(now, View(gl, before, sun=sun, weather=weather).settled(camera)), weather
+        now = view.converged(camera)
+        assert same(now, View(gl, before, sun=sun, weather=weather).converged(camera)), weather
         assert same(now, first) == (weather == Weather.from_sketch(before.sketch))
 
 
@@ -218,15 +218,15 @@ def test_the_last_of_several_quick_changes_is_visible(gl, view, camera, before):
             assert_tiles_are_those_of(terrain, view.renderer)
         view.renderer.relight(sun=Sun(230.0 + 5 * step, 30.0))
         view.frame(camera)
-    assert same(view.settled(camera), View(gl, terrain, sun=Sun(255.0, 30.0)).settled(camera))
+    assert same(view.converged(camera), View(gl, terrain, sun=Sun(255.0, 30.0)).converged(camera))
 
 
 def test_changes_outside_the_view_keep_the_picture_and_another_extent_is_rejected(view, camera, before):
-    old = view.settled(camera)
+    old = view.converged(camera)
     done = view.renderer.set_terrain(before, [(1200.0, -900.0, 1800.0, 100.0)])  # behind the eye
     assert done.tiles_rewritten <= 20
     view.frame(camera)
-    assert (view.settled(camera) == old).all()
+    assert (view.converged(camera) == old).all()
     other = build(before.sketch.replace(extent=2 * EXTENT))
     with pytest.raises(InputError, match="same extent, 3072 m, got 6144 m"):
         view.renderer.set_terrain(other, [EVERYWHERE])
@@ -241,7 +241,7 @@ def test_plants_disappear_with_their_forest_and_others_stay(view, camera, before
     view.renderer.set_terrain(new, areas)
     counts = []
     for _ in range(40):  # every frame has the unchanged plants
-        done = view.frame(camera, elapsed=0.05).settled
+        done = view.frame(camera, elapsed=0.05).converged
         counts.append(forest.count)
         if done:
             break
@@ -249,10 +249,10 @@ def test_plants_disappear_with_their_forest_and_others_stay(view, camera, before
     bare, areas = painted(before, ("forest", 66, 40, 12, 0))
     view.renderer.set_terrain(bare, [EVERYWHERE])
     view.frame(camera)
-    view.settled(camera)
+    view.converged(camera)
     assert forest.count < 0.2 * many
     view.renderer.set_terrain(before, areas)
-    view.settled(camera)
+    view.converged(camera)
     assert forest.count > 0.8 * many
 
 
@@ -266,7 +266,7 @@ def test_a_view_at_rest_stays_at_full_size_if_drawing_is_fast(gl, camera, before
         return clock[0]
 
     view = View(gl, before, quality=replace(QUALITY, budget=50.0), timer=timer)
-    view.settled(camera)
+    view.converged(camera)
     new, areas = painted(before, ("mountain", 50, 44, 7))
     view.renderer.set_terrain(new, areas)
     sizes = []
@@ -276,7 +276,7 @@ def test_a_view_at_rest_stays_at_full_size_if_drawing_is_fast(gl, camera, before
         if stats.size == SIZE:
             break
     assert (len(sizes) == 1) != slow
-    assert not stats.settled  # light is still outdated
+    assert not stats.converged  # light is still outdated
     view.frame(replace(camera, eye=(camera.eye[0] + 5.0, *camera.eye[1:])))
     assert view.frame(camera).size != SIZE  # smaller while moving
 
@@ -304,11 +304,11 @@ def test_the_feature_overlay_follows_the_terrain(gl, view, camera, before):
         np.testing.assert_array_equal(feature_lines(terrain, cache), feature_lines(terrain))
     pictures = []
     for each in (overlay, Overlay(gl, terrain, view.renderer.stream)):
-        view.settled(camera)
+        view.converged(camera)
         each.draw("features", camera.eye, view.framebuffer, samples=1)
         pictures.append(view.picture())
     assert (pictures[0] == pictures[1]).all()
-    assert not same(pictures[0], view.settled(camera))
+    assert not same(pictures[0], view.converged(camera))
 
 
 @pytest.mark.slow
@@ -354,7 +354,7 @@ def test_released_renderers_leak_no_opengl_objects(gl, camera, before):
 
 SMALL = (160, 90)
 CHEAP = replace(Quality.from_level(0.25), map_texels=128, material_texels=128, quads=64, shade_texels=256)
-CHEAP = replace(CHEAP, tile_memory=64 << 20, tolerance=2.0, reach=3.0)
+CHEAP = replace(CHEAP, tile_memory=64 << 20, tolerance=2.0, draw_distance=3.0)
 CAMERA = Camera((500.0, 100.0, 130.0), (500.0, 800.0, 60.0))
 
 
@@ -370,7 +370,7 @@ def test_a_streamed_picture_converges_to_the_still_one_and_is_smaller_during_mot
     expected = View(gl, waves, size=SMALL, quality=hasty).still(CAMERA)
     view = View(gl, waves, size=SMALL, quality=hasty)
     # Hysteresis of tile selection: differences below the tolerance.
-    different = np.abs(view.settled(CAMERA, elapsed=0.05) - expected).max(axis=-1) > 8
+    different = np.abs(view.converged(CAMERA, elapsed=0.05) - expected).max(axis=-1) > 8
     assert different.mean() < 0.01
     assert view.stats.size == SMALL
     assert view.stats.tiles_drawn > 0
@@ -380,10 +380,10 @@ def test_a_streamed_picture_converges_to_the_still_one_and_is_smaller_during_mot
     stats = view.frame(moved, elapsed=0.05)
     scale = CHEAP.moving_scale
     assert stats.size == (round(SMALL[0] * scale), round(SMALL[1] * scale))
-    assert not stats.settled
+    assert not stats.converged
     # The same picture, coarser.
     small = view.picture()
-    assert np.abs(small - view.settled(moved, elapsed=0.05)).mean() < 12.0
+    assert np.abs(small - view.converged(moved, elapsed=0.05)).mean() < 12.0
 
 
 def test_no_frame_spends_more_than_its_budget_on_light_and_plants(gl, waves):

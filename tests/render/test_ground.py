@@ -173,7 +173,7 @@ def test_no_holes_below_the_horizon_during_and_after_streaming(gl, waves):
         assert stats.tiles_drawn
         assert holes(eye.draw(stream, camera), camera, REACH, lowest) == 0
     camera = camera_towards([300.0, 200.0, 400.0], 0.0, 30.0, -40.0, REACH)
-    stream.settle(camera, SIZE, draw_distance=REACH)
+    stream.converge(camera, SIZE, draw_distance=REACH)
     assert stream.tiles.converged
     picture = eye.draw(stream, camera).copy()
     assert must_be_covered(camera, SIZE, REACH, lowest).all()
@@ -246,14 +246,14 @@ def test_a_jump_draws_a_whole_picture_at_once_and_settles_within_a_second(gl, sl
     eye = (70_300.0, -30_200.0, 150.0)
     stats = frame(stream, eye)
     assert stats.jumped
-    assert stats.generation_seconds >= JUMP_BUDGET or stats.settled
+    assert stats.generation_seconds >= JUMP_BUDGET or stats.converged
     assert stats.generation_seconds <= JUMP_BUDGET + 0.06  # plus the last batch
     camera = camera_towards(eye, 0.0, 30.0, -10.0, STREAM_REACH)
     assert holes(view.draw(stream, camera), camera, STREAM_REACH, -100.0) == 0
     for _ in range(int(RATE)):
         stats = frame(stream, eye)
         assert not stats.jumped
-    assert stats.settled
+    assert stats.converged
 
 
 @pytest.mark.gl
@@ -265,11 +265,11 @@ def test_only_large_steps_are_jumps_and_a_settled_picture_is_constant(gl, slow):
 
     stream, view = opened(gl, slow), HoleView(gl, STREAM_SIZE)
     camera = camera_towards((300.0, 200.0, 160.0), 0.0, 30.0, -10.0, STREAM_REACH)
-    stream.settle(camera, STREAM_SIZE, draw_distance=STREAM_REACH)
+    stream.converge(camera, STREAM_SIZE, draw_distance=STREAM_REACH)
     before = view.draw(stream, camera).copy()
     for _ in range(5):
         stats = frame(stream, camera.eye)
-        assert stats.settled
+        assert stats.converged
         assert not stats.jumped
         assert stats.tiles_generated == 0
     assert (view.draw(stream, camera) == before).all()

@@ -33,7 +33,7 @@ PLAIN = Quality(samples=1, materials=1, planes=1, octaves=1, hexes=1, material_t
 QUALITY = replace(
     PLAIN,
     tolerance=8.0,
-    reach=0.6,
+    draw_distance=0.6,
     shade_maps=0,
     plant_distance=60.0,
     surface_texels=512,

@@ -167,7 +167,7 @@ def test_streamed_light_converges_to_the_settled_one_without_jumps(gl, waves, cl
     goal = Camera((700.0, 500.0, 130.0), (100.0, 800.0, 60.0))
     elapsed = 0.05
     strengths = [(0.0,) * (3 if close else 2)]
-    while not lit.settled:
+    while not lit.converged:
         lit.update(start, elapsed, TimeBudget(1.0))
         strengths.append(lit.uniforms(start.eye)["map_strength"])
     assert np.diff(strengths, axis=0).max() <= elapsed / FADE + 1e-9
@@ -179,10 +179,10 @@ def test_streamed_light_converges_to_the_settled_one_without_jumps(gl, waves, cl
         step = np.abs(np.subtract(after["near_window"], before["near_window"])).max()
         assert step <= 0.5 * 1300.0 * elapsed / FADE
         before = after
-        if lit.settled and frame > 3:
+        if lit.converged and frame > 3:
             break
-    assert lit.settled
-    still.settle(goal)
+    assert lit.converged
+    still.converge(goal)
     assert lit.uniforms(goal.eye) == still.uniforms(goal.eye)
     assert lit.haze_base == still.haze_base
     for name, texture in lit.textures.items():
@@ -221,7 +221,7 @@ def test_light_never_changes_suddenly(gl, waves):
     program = gl.program(vertex_shader=LIGHT_AT.format(frame=source("render/frame.glsl")), varyings=["lit"])
     frame = FrameBlock(gl)
     lit = GroundLighting(gl, waves, Sun(90.0, 12.0), texels=128)
-    lit.settle(Camera((500.0, 100.0, 130.0), (500.0, 800.0, 60.0)))
+    lit.converge(Camera((500.0, 100.0, 130.0), (500.0, 800.0, 60.0)))
     before = light_everywhere(gl, lit, program, frame)
     elapsed, changes = 0.02, []
     for step in range(6):

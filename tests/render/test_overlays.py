@@ -30,7 +30,7 @@ CAMERA = Camera((500.0, -100.0, 160.0), (500.0, 900.0, 0.0), fov=50.0, near=5.0,
 def painted(gl, waves):
     """Return a function that draws an overlay over plain sky and returns the picture and the legend."""
     stream = TerrainStream(gl, waves, SMALL, metric=ScreenError(quad=3.0))
-    stream.settle(CAMERA, SIZE, draw_distance=6000.0)
+    stream.converge(CAMERA, SIZE, draw_distance=6000.0)
     overlay = Overlay(gl, waves, stream)
     texture = gl.texture(SIZE, 4)
     target = gl.framebuffer([texture])

@@ -194,7 +194,7 @@ def test_shadow_matrix_is_right_handed_along_the_light():
 def test_sliced_shadow_maps_are_bit_equal(gl, allowance):
     meadow = Lattice()
     lit = GroundLighting(gl, meadow, SUN, texels=64)
-    lit.settle(CAMERA)
+    lit.converge(CAMERA)
     quality = Quality(shade_texels=256)
     drawn = []
     for sliced in (False, True):
@@ -204,7 +204,7 @@ def test_sliced_shadow_maps_are_bit_equal(gl, allowance):
         cells.finish()
         if sliced:
             frames = 0
-            while not shade.settled:
+            while not shade.converged:
                 shade.advance(CAMERA.eye, 0.05, TimeBudget(allowance))
                 frames += 1
                 assert frames < 3000
@@ -228,7 +228,7 @@ def test_shadow_maps_stay_on_their_texel_grid(gl):
     places = []
     for dx in (0.0, 3.0, 60.0, 200.0):
         camera = Camera((500.0 + dx, 60.0, 120.0), (500.0 + dx, 700.0, 60.0))
-        lit.settle(camera)
+        lit.converge(camera)
         cells.request(shade.request(camera, lit))
         cells.finish()
         shade.finish(camera.eye)
@@ -242,12 +242,12 @@ def test_shadow_maps_stay_on_their_texel_grid(gl):
 def test_plants_fade_in_and_the_forest_settles(gl):
     meadow = Lattice()
     lit = GroundLighting(gl, meadow, SUN, texels=64)
-    lit.settle(CAMERA)
+    lit.converge(CAMERA)
     quality = Quality.from_level(0.5)
     forest = Forest(gl, meadow, SUN, quality=quality, defines={})
     triangles, shown = [], []
     frames = 0
-    while not forest.settled:
+    while not forest.converged:
         forest.update(CAMERA, SIZE, lit, 0.05, TimeBudget(0.02))
         forest._select(CAMERA, SIZE)
         triangles.append(forest.triangles)
@@ -256,10 +256,10 @@ def test_plants_fade_in_and_the_forest_settles(gl):
         assert frames < 400
     assert triangles[0] == 0
     assert shown[-1] > 100
-    settled = Forest(gl, meadow, SUN, quality=quality, defines={})
-    settled.settle(CAMERA, SIZE, lit)
-    assert settled.count == shown[-1]
-    assert settled.settled
+    converged = Forest(gl, meadow, SUN, quality=quality, defines={})
+    converged.converge(CAMERA, SIZE, lit)
+    assert converged.count == shown[-1]
+    assert converged.converged
     assert 0.05 * frames >= GROW
 
 
@@ -352,11 +352,11 @@ def test_density_converges_smoothly_to_that_of_a_still():
     density.update(few, np.ones(1500, int), least=1e-3, elapsed=0.05)
     for _ in range(200):
         follow()
-    assert density.settled
+    assert density.converged
     still.update(few, np.ones(1500, int), least=1e-3, elapsed=None)
     assert density.angle == pytest.approx(still.angle, rel=1e-6)
     density.update(crowd, np.ones(20_000, int), least=1e-3, elapsed=0.05)
-    assert not density.settled
+    assert not density.converged
     steps = []
     for _ in range(400):  # out of the crowd again
         before = density.angle
@@ -369,7 +369,7 @@ def test_density_converges_smoothly_to_that_of_a_still():
 @pytest.fixture(scope="module")
 def forest_of(gl):
     terrain = taiga()
-    lit = SimpleNamespace(settled=True, height_at=lambda x, y: 0.0)
+    lit = SimpleNamespace(converged=True, height_at=lambda x, y: 0.0)
 
     def create(**changes):
         quality = replace(Quality(shade_maps=0, map_texels=64), **changes)
@@ -381,7 +381,7 @@ def forest_of(gl):
 @pytest.mark.gl
 def test_small_motion_changes_few_plants(forest_of):
     forest, lit = forest_of(max_plants=20_000)
-    forest.settle(THIN_CAMERA, FRAME, lit)
+    forest.converge(THIN_CAMERA, FRAME, lit)
     before = drawn(forest)
     moved = replace(THIN_CAMERA, eye=(3000.6, 300.8, 160.0), target=(3000.6, 1700.8, -200.0))
     forest.update(moved, FRAME, lit, 0.05, TimeBudget(0.0))
@@ -401,7 +401,7 @@ def test_small_motion_changes_few_plants(forest_of):
 @pytest.mark.gl
 def test_selection_is_skipped_at_rest(forest_of, monkeypatch):
     forest, lit = forest_of(max_plants=3000)
-    forest.settle(THIN_CAMERA, FRAME, lit)
+    forest.converge(THIN_CAMERA, FRAME, lit)
     chosen = []
     monkeypatch.setattr("sketchterrain.render.forest.join_cells", lambda *_: chosen.append(1))
     monkeypatch.setattr("sketchterrain.render.forest.cells_in_view", lambda *_: chosen.append(1))
@@ -409,23 +409,23 @@ def test_selection_is_skipped_at_rest(forest_of, monkeypatch):
         forest.update(THIN_CAMERA, FRAME, lit, 0.05, TimeBudget(0.0))
         forest._select(THIN_CAMERA, FRAME)
     assert not chosen
-    assert forest.settled
+    assert forest.converged
 
 
 @pytest.mark.slow
 @pytest.mark.gl
 def test_flight_at_rest_equals_a_still(forest_of):
     still, lit = forest_of(max_plants=3000)
-    still.settle(THIN_CAMERA, FRAME, lit)
+    still.converge(THIN_CAMERA, FRAME, lit)
     flown, _ = forest_of(max_plants=3000)
     away = replace(THIN_CAMERA, eye=(3000.0, 300.0, 400.0), target=(3000.0, 1700.0, 600.0))
-    flown.settle(away, FRAME, lit)
+    flown.converge(away, FRAME, lit)
     for _ in range(400):
         flown.update(THIN_CAMERA, FRAME, lit, 0.05, TimeBudget(1.0))
         flown._select(THIN_CAMERA, FRAME)
-        if flown.settled:
+        if flown.converged:
             break
-    assert flown.settled
+    assert flown.converged
     (a, _, _, share), (b, _, _, other) = drawn(still), drawn(flown)
     assert (a == b).all()
     assert np.abs(share - other).max() < 1e-3

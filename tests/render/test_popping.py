@@ -51,7 +51,7 @@ BOUND = 4.0
 def test_tiles_morph_without_popping_before_a_camera_at_rest(gl, waves, z, pitch):
     stream = TerrainStream(gl, waves, SMALL, metric=ScreenError(tolerance=0.3, quad=10.0))
     shade = ShadedView(gl, stream, SIZE)
-    stream.settle(
+    stream.converge(
         camera_towards((300.0, 200.0, z + 400.0), 0.0, 200.0, -20.0, REACH), SIZE, draw_distance=REACH
     )
     camera = camera_towards((350.0, 260.0, z + 350.0), 0.0, 20.0, pitch, REACH)
@@ -69,7 +69,7 @@ def test_tiles_morph_without_popping_before_a_camera_at_rest(gl, waves, z, pitch
             biggest.append(change(before, picture).max())
         before = picture
         drawn.add(stats.triangles)
-    assert stats.settled
+    assert stats.converged
     assert len(drawn) >= 3
     assert max(biggest) < BOUND
     # The picture did change.
@@ -96,7 +96,7 @@ def test_in_flight_frames_differ_only_by_the_motion(gl, waves):
             before = shade.draw(camera, REACH)
         stats = stream.update(camera, SIZE, elapsed=1 / RATE, budget=0.006, draw_distance=REACH)
         assert stats.jumped == (frame == 0)
-        if frame > 15:  # the first picture has settled
+        if frame > 15:  # the first picture has converged
             biggest.append(change(before, shade.draw(camera, REACH)).max())
             drawn.add(stats.triangles)
     assert len(drawn) > 10
@@ -130,19 +130,19 @@ def test_random_cameras_see_no_holes(gl, terrain):
         bearing, pitch = rng.uniform(0.0, 360.0), np.degrees(np.arcsin(rng.uniform(-1.0, 0.3)))
         for frame in range(FRAMES):
             ground = float(terrain.heights(east, north))
-            reach = draw_distance(height, extent=terrain.extent, reach=RANDOM_REACH)
+            reach = draw_distance(height, extent=terrain.extent, extents=RANDOM_REACH)
             camera = camera_towards((east, north, ground + height), ground, bearing, pitch, reach)
             if frame < FRAMES - 1 or number % 3:
                 stats = stream.update(camera, RANDOM_SIZE, elapsed=0.05, budget=0.008, draw_distance=reach)
-                settled = stats.settled
+                converged = stats.converged
             else:
-                stream.settle(camera, RANDOM_SIZE, draw_distance=reach)
-                settled = True
+                stream.converge(camera, RANDOM_SIZE, draw_distance=reach)
+                converged = True
             lowest = float(stream.tiles.pool.bottom.min())
             found = holes(eye.draw(stream, camera), camera, reach, lowest)
             covered += must_be_covered(camera, RANDOM_SIZE, reach, lowest).mean() / (CAMERAS * FRAMES)
             if found:
-                bad.append((number, frame, found, round(height, 1), round(pitch), settled))
+                bad.append((number, frame, found, round(height, 1), round(pitch), converged))
             east, north = east + rng.uniform(-0.1, 0.1) * height, north + rng.uniform(-0.1, 0.1) * height
             bearing += rng.uniform(-60.0, 60.0)
     assert not bad
@@ -165,7 +165,7 @@ def test_presets_do_not_pop_before_a_camera_at_rest(gl, terrain):
             ground = float(terrain.heights(east, north))
             camera = camera_towards((east, north, ground + height), ground, bearing + turn, -12.0, reach)
             if step:
-                stream.settle(camera, RANDOM_SIZE, draw_distance=reach)
+                stream.converge(camera, RANDOM_SIZE, draw_distance=reach)
         before = None
         for _ in range(50):
             stats = stream.update(camera, RANDOM_SIZE, elapsed=1 / 30, budget=0.008, draw_distance=reach)
@@ -289,7 +289,7 @@ def test_terrain_is_visible_up_to_the_bounds_and_not_beyond(gl, world, stored):
         z = max(z, float(world.heights(x, y)) + 20.0)
         for bearing, pitch in ((0, -85), (140, -25), (250, -10)):
             camera = camera_towards([x, y, z], 0.0, bearing, pitch, END_REACH)
-            stream.settle(camera, SIZE, draw_distance=END_REACH)
+            stream.converge(camera, SIZE, draw_distance=END_REACH)
             picture = eye.draw(stream, camera)
             visible = ~(picture[..., :3] == MAGENTA).all(axis=-1)
             # A ray between the highest and lowest terrain sees it if all of it is inside the bounds, and not

@@ -375,7 +375,7 @@ class Scene:
         self.extent = terrain.extent
         self.tile_renderer = TileRenderer(gl, terrain.extent, gl.buffer(self.vertices.tobytes()))
         self.frame = FrameBlock(gl)
-        self.map = SurfaceMap(gl, self.tile_renderer, texels=TEXELS, reach=REACH)
+        self.map = SurfaceMap(gl, self.tile_renderer, texels=TEXELS, radius=REACH)
         self.draw(eye)
 
     def draw(self, eye, *, moving=False):

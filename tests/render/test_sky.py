@@ -260,7 +260,7 @@ def looked_up(gl, sky, call, rows, *, eye=50.0):
     frame["eye"] = (0.0, 0.0, eye)
     frame["haze"] = (*sky.haze, AEROSOL_HEIGHT)
     frame["air"] = (*RAYLEIGH, RAYLEIGH_HEIGHT)
-    frame["reach"] = (1e7, 0.0, 1.0, 1.0)
+    frame["view_range"] = (1e7, 0.0, 1.0, 1.0)
     frame.upload()
     sky.set_height(eye)
 

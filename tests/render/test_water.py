@@ -330,7 +330,7 @@ def test_distant_river_brightness_is_its_projected_width(gl, monkeypatch):
         eye = (0.0, -float(distance), 0.35 * float(distance))
         camera = Camera(eye, (0.0, 0.0, 0.0), fov=40.0, near=1.0, far=1e5)
         to_clip = camera.to_clip(size[0] / size[1])
-        frame["to_clip"], frame["reach"] = to_clip, (1e5, 0.0, *size)
+        frame["to_clip"], frame["view_range"] = to_clip, (1e5, 0.0, *size)
         frame.upload()
         edges = np.array([[0.0, y, 0.0, 1.0] for y in (-12.0, 12.0)]) - [*eye, 0.0]
         clip = edges @ np.asarray(to_clip).T

@@ -88,10 +88,12 @@ def test_no_cracks_and_no_popping_in_flight(toy, eye):
         before = now
     assert len(levels) > 4
     draws = toy.rested(stream, toy.view_from(eye), tiles=9)
-    settled = toy.new_stream(metric=ScreenError(6.0, quad=1e9)).generate_all(toy.view_from(eye), toy.generate)
-    assert sorted(settled.keys) == sorted(draws.keys), "depends on the path"
-    order, other = np.argsort(codes_of(settled.keys)), np.argsort(codes_of(draws.keys))
-    assert (settled.morph[order] == draws.morph[other]).all()
+    complete = toy.new_stream(metric=ScreenError(6.0, quad=1e9)).generate_all(
+        toy.view_from(eye), toy.generate
+    )
+    assert sorted(complete.keys) == sorted(draws.keys), "depends on the path"
+    order, other = np.argsort(codes_of(complete.keys)), np.argsort(codes_of(draws.keys))
+    assert (complete.morph[order] == draws.morph[other]).all()
 
 
 def test_tiles_out_of_view_are_coarser_and_those_ahead_are_prefetched(toy):

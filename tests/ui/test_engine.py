@@ -53,11 +53,11 @@ class Listener:
         link.picture_written.connect(lambda written: self.written.append(written.path))
 
 
-def settled(link, version=0):
+def converged(link, version=0):
     return lambda: (
         link.frame is not None
         and link.frame.version >= version
-        and link.frame.settled
+        and link.frame.converged
         and link.relief is not None
         and link.relief.version >= version
     )
@@ -75,7 +75,7 @@ def running(qapp):
     listener = Listener(link)
     link.set_view(VIEW)
     link.start()
-    wait(lambda: listener.errors or settled(link)())
+    wait(lambda: listener.errors or converged(link)())
     assert listener.errors == []
     yield document, link, listener
     link.stop()
@@ -103,13 +103,13 @@ def test_strokes_are_placed_drawn_picked_and_undone(running):
     look(link)
     before, heights = pixels(link), link.relief.height
     draft = stroke(document, 60, 60)
-    wait(settled(link, newest(link) + 1))
+    wait(converged(link, newest(link) + 1))
     assert link.relief.height[62:70, 62:70].max() > heights[62:70, 62:70].max() + 50.0
     assert np.array_equal(link.relief.height[:10, :10], heights[:10, :10])
     assert np.abs(pixels(link).astype(int) - before).max() > 30
     draft.commit("Paint mountains")
     document.undo()
-    wait(lambda: settled(link, newest(link))() and not link._timer.isActive())
+    wait(lambda: converged(link, newest(link))() and not link._timer.isActive())
     assert np.array_equal(link.relief.height, heights)
     assert np.abs(pixels(link).astype(int) - before).mean() < 1.0
 
@@ -126,24 +126,24 @@ def test_strokes_are_placed_drawn_picked_and_undone(running):
 
 
 def look(link, *, elevation=0.7):
-    """Look from the south at an elevation (tangent), and wait for the settled picture."""
+    """Look from the south at an elevation (tangent), and wait for the converged picture."""
     target = np.array([2000.0, 2000.0, 300.0])
     eye = target + 3000.0 * np.array([0.0, -1.0, elevation])
     link.send(msg.Look(msg.Pose(tuple(eye.tolist()), tuple(target.tolist()))))
-    wait(lambda: np.allclose(link.frame.pose.eye, eye, atol=1.0) and link.frame.settled)
+    wait(lambda: np.allclose(link.frame.pose.eye, eye, atol=1.0) and link.frame.converged)
 
 
 @pytest.mark.slow
 def test_committing_a_stroke_already_sent_only_updates_the_version(running):
     document, link, _ = running
     draft = stroke(document, 60, 60)
-    wait(settled(link, newest(link) + 1))
+    wait(converged(link, newest(link) + 1))
     heights, version = link.relief.height, newest(link)
     draft.commit("Paint mountains")
-    wait(settled(link, version + 1))
+    wait(converged(link, version + 1))
     assert link.relief.height is heights
     document.undo()
-    wait(settled(link, version + 2))
+    wait(converged(link, version + 2))
     assert link.relief.height is not heights
 
 
@@ -160,7 +160,7 @@ def test_the_newest_of_many_quick_updates_is_displayed(running, qapp):
         time.sleep(0.016)
     draft.commit("Paint hills")
     qapp.processEvents()
-    wait(lambda: settled(link, newest(link))() and not link._timer.isActive())
+    wait(lambda: converged(link, newest(link))() and not link._timer.isActive())
     versions = [each.version for each in listener.followed]
     assert versions == sorted(set(versions))
     assert versions[-1] == newest(link)
@@ -168,7 +168,7 @@ def test_the_newest_of_many_quick_updates_is_displayed(running, qapp):
     assert shown <= {*versions, versions[0] - 1} | set(range(versions[0]))
     assert link.placed.version == newest(link)
     document.undo()
-    wait(settled(link, newest(link) + 1))
+    wait(converged(link, newest(link) + 1))
 
 
 @pytest.mark.slow
@@ -178,7 +178,7 @@ def test_the_camera_moves_in_every_mode_and_comes_to_rest(running, qapp):
     link.send(msg.Turn(30.0, 10.0))
     link.send(msg.Zoom(0.5, 0.4, 0.6))
     listener.frames.clear()
-    wait(lambda: len(listener.frames) > 3 and link.frame.settled)
+    wait(lambda: len(listener.frames) > 3 and link.frame.converged)
     after = link.frame.pose
     distances = [np.linalg.norm(np.subtract(pose.target, pose.eye)) for pose in (before, after)]
     assert distances[1] == pytest.approx(0.5 * distances[0], rel=0.02)
@@ -207,14 +207,14 @@ def test_the_camera_moves_in_every_mode_and_comes_to_rest(running, qapp):
 def test_view_state_changes_the_picture_and_a_hidden_view_is_not_drawn(running, qapp):
     document, link, listener = running
     link.set_view(replace(VIEW, width=200, height=140))
-    wait(lambda: link.picture.width() == 200 and link.frame.settled)
+    wait(lambda: link.picture.width() == 200 and link.frame.converged)
     plain = pixels(link)
     link.set_view(replace(link.view, overlays=("features",)))
     wait(lambda: not np.array_equal(pixels(link), plain))
     link.set_view(replace(VIEW, quality=0.25))
-    wait(lambda: link.picture.width() == 160 and link.frame.settled)
+    wait(lambda: link.picture.width() == 160 and link.frame.converged)
     link.set_view(VIEW)
-    wait(lambda: link.frame.settled)
+    wait(lambda: link.frame.converged)
 
     link.set_view(replace(VIEW, width=0, height=0))
     time.sleep(0.5)
@@ -225,7 +225,7 @@ def test_view_state_changes_the_picture_and_a_hidden_view_is_not_drawn(running, 
     assert listener.frames == []
     draft.cancel()
     link.set_view(VIEW)
-    wait(lambda: link.frame.version >= newest(link) and link.frame.settled)
+    wait(lambda: link.frame.version >= newest(link) and link.frame.converged)
 
 
 @pytest.mark.slow
@@ -235,7 +235,7 @@ def test_hour_and_look_change_the_picture_and_no_heights(running):
     listener.followed.clear()
     before, heights = pixels(link), link.relief.height
     document.do("Set hour", document.sketch.replace(weather={"hour": 16.5, "clouds": 0.0}))
-    wait(lambda: link.frame.version == newest(link) and link.frame.settled and listener.followed)
+    wait(lambda: link.frame.version == newest(link) and link.frame.converged and listener.followed)
     assert np.abs(pixels(link).astype(int) - before).mean() > 1.0
     assert link.relief.height is heights
     document.undo()
@@ -245,7 +245,7 @@ def test_hour_and_look_change_the_picture_and_no_heights(running):
     before, heights = pixels(link), link.relief.height
     document.do("Set look", document.sketch.replace(look={"grass": {"colour": "#c04040"}}))
     version = newest(link)
-    wait(lambda: link.frame.version > version and link.frame.settled)
+    wait(lambda: link.frame.version > version and link.frame.converged)
     assert np.abs(pixels(link).astype(int) - before).mean() > 0.5
     assert link.relief.height is heights
     document.undo()
@@ -277,14 +277,14 @@ def test_background_jobs_run_while_frames_are_drawn(running, tmp_path):
 def test_another_document_resets_the_camera(running):
     document, link, _ = running
     link.send(msg.Zoom(0.2))
-    wait(lambda: link.frame.settled)
+    wait(lambda: link.frame.converged)
     other = Sketch(extent=9000.0, layers={"hill": np.ones((64, SIDE), np.uint8)})
     document.open(other)
     wait(lambda: link.relief.height.shape == (64, SIDE) and link.frame.version >= newest(link))
-    wait(lambda: link.frame.settled)
+    wait(lambda: link.frame.converged)
     assert link.frame.pose.target[0] == pytest.approx(4500.0, abs=50.0)
     document.open(sketch())
-    wait(settled(link, newest(link) + 1))
+    wait(converged(link, newest(link) + 1))
 
 
 @pytest.mark.slow
@@ -296,9 +296,9 @@ def test_a_killed_engine_is_reported_and_restarted(running):
     assert "signal 9" in listener.errors[0].line
     listener.errors.clear()
     listener.frames.clear()
-    wait(lambda: listener.frames and link.frame.settled)
+    wait(lambda: listener.frames and link.frame.converged)
     stroke(document, 60, 60).commit("Paint mountains")
-    wait(settled(link, newest(link) + 1))
+    wait(converged(link, newest(link) + 1))
     assert link.relief.height[62:70, 62:70].max() > 100.0
 
 

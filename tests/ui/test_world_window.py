@@ -162,7 +162,7 @@ def test_the_process_renders_reports_errors_and_restarts(world, qapp):
         # Near the broken part it is looked at closely.
         link.send(Look(Pose((200.0, -200.0, 60.0), (60.0, -60.0, 0.0))))
         wait(lambda: any("height" in each.line for each in errors))
-        wait(lambda: link.frame.settled)
+        wait(lambda: link.frame.converged)
         assert all(each.source == "world" for each in errors)
         x = link.frame.pose.eye[0]
         link.send(Fly(right=1.0))

@@ -83,7 +83,7 @@ def test_a_tour(person, tmp_path):
 
     def see(name: str) -> None:
         wait_for_terrain(person)
-        person.until(lambda: person.ask("window._link.frame.settled"), "a whole picture")
+        person.until(lambda: person.ask("window._link.frame.converged"), "a whole picture")
         person.see(pictures / f"{name}.png")
 
     person.start()

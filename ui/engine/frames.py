@@ -89,7 +89,7 @@ class FramePacer:
         self._duration = 0.0
         self._clock = 0.0
         self._stale = True
-        self._settled = False
+        self._converged = False
         self._pending_since: float | None = None
 
     def set_view(self, view: ViewState) -> None:
@@ -132,7 +132,7 @@ class FramePacer:
         if self._stale:  # placing a pending terrain goes before drawing
             return max((_FRAME_TIME if self._pending_since is None else polite) - since, 0.0)
         waited = _HOLD[1] if self._pending_since is None else now - self._pending_since
-        if not self._settled:
+        if not self._converged:
             return max(_FRAME_TIME - since, _HOLD[0] - waited, 0.0)
         if not self._view.plays:
             return None
@@ -145,7 +145,7 @@ class FramePacer:
         elapsed = min(now - self._drawn_at, _LONGEST_STEP)
         moved = controller.advance(elapsed)
         plays = self._view.plays
-        if not (moved or self._stale or plays or not self._settled):
+        if not (moved or self._stale or plays or not self._converged):
             return None
         size = (self._view.width, self._view.height)
         if size != self._size and self._in_flight:
@@ -154,7 +154,7 @@ class FramePacer:
         self._clock += elapsed if plays else 0.0
         camera = controller.camera()
         stats = self.renderer.draw(camera, elapsed=elapsed, clock=self._clock)
-        self._settled, self._size = stats.settled, size
+        self._converged, self._size = stats.converged, size
         self._slot = (self._slot + 1) % SLOTS
         nbytes = 4 * size[0] * size[1]
         start, capacity = self._memory.allocate(self._slot, nbytes)
@@ -172,7 +172,7 @@ class FramePacer:
             generation_seconds=stats.generation_seconds,
             tiles=stats.tiles_drawn,
             triangles=stats.triangles,
-            settled=stats.settled,
+            converged=stats.converged,
             memory=self._used_bytes(),
         )
         return FrameReady(facts, start, capacity)

@@ -237,7 +237,7 @@ class FrameFacts:
     generation_seconds: float  # tiles, part of `seconds`
     tiles: int
     triangles: int
-    settled: bool  # whether further frames would not improve the image
+    converged: bool  # whether further frames would not improve the image
     memory: int  # bytes held by the engine's processes
 
 

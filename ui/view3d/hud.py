@@ -354,7 +354,7 @@ class Hud(QObject):
     def _show_frame(self, frame: FrameFacts) -> None:
         self._error = None
         self.compass.heading = heading_of(frame.pose.eye, frame.pose.target)
-        if frame.settled:
+        if frame.converged:
             self._unsettled = None
         elif self._unsettled is None:
             self._unsettled = time.monotonic()

@@ -24,30 +24,30 @@ REPLACED: Final[dict[tuple[str, int], str]] = {  # draws that change nothing tha
     ("sketchterrain/terrain/*.py", 1): "a cache holds one entry more",
     ("sketchterrain/terrain/*.py", 3): "nothing assigns to a frozen instance",
     ("sketchterrain/export/**/*.py", 1): "rows at once change no value",
-    ("sketchterrain/trace/*.py", 1): "a limit on vertices is one higher",
-    ("sketchterrain/trace/*.py", 2): "one row or column broadcasts into none",
+    ("sketchterrain/importing/*.py", 1): "a limit on vertices is one higher",
+    ("sketchterrain/importing/*.py", 2): "one row or column broadcasts into none",
     ("sketchterrain/world/*.py", 1): "a check of equal lengths that hold",
     ("ui/**/*.py", 1): "how long a benchmark sleeps at a time",
 }
 ROOMS: Final = {  # folder or file pattern: mutants drawn from it
     "kernels/*.cl*": 4,
     "kernels/render/*.glsl": 1,
-    "sketchterrain/*.py": 1,
-    "sketchterrain/commands/*.py": 1,
-    "sketchterrain/sketch/*.py": 1,
-    "sketchterrain/features/*.py": 2,
+    "sketchterrain/app/*.py": 1,
+    "sketchterrain/app/commands/*.py": 1,
+    "sketchterrain/document/*.py": 1,
+    "sketchterrain/placement/*.py": 1,
+    "sketchterrain/hydrology/*.py": 1,
     "sketchterrain/compute/*.py": 1,
     "sketchterrain/terrain/*.py": 3,
     "sketchterrain/tiles/*.py": 1,
     "sketchterrain/look/*.py": 1,
     "sketchterrain/render/*.py": 2,
     "sketchterrain/export/**/*.py": 1,
-    "sketchterrain/trace/*.py": 1,
+    "sketchterrain/importing/*.py": 1,
     "sketchterrain/batch/*.py": 1,
     "sketchterrain/world/*.py": 1,
     "ui/**/*.py": 2,
 }
-BENCHMARKS_ONLY: Final = re.compile(r"kernels/(bench|spline_(?!arcs)|splines)")
 SWAPS: Final = {
     "<": "<=", "<=": "<", ">": ">=", ">=": ">", "==": "!=", "!=": "==",
     "+": "-", "-": "+", "*": "/", "/": "*", "<<": ">>", ">>": "<<",
@@ -130,7 +130,7 @@ def draw() -> list[Mutant]:
     """Draw the mutants: for each room files by their length, then a place in the file."""
     drawn = []
     for pattern, count in ROOMS.items():
-        files = [path for path in sorted(ROOT.glob(pattern)) if not BENCHMARKS_ONLY.search(str(path))]
+        files = sorted(ROOT.glob(pattern))
         texts = [path.read_text(encoding="utf-8") for path in files]
         wanted, turn = len(drawn) + count, 0
         while len(drawn) < wanted:

@@ -74,6 +74,8 @@ class Terrain:
         other._foliage = FoliageSampler(other._evaluator)
         return other
 
+    after = updated  # its former name, for one release
+
     @property
     def extent(self) -> float:
         """Metres along the sketch's longer side."""

@@ -10,6 +10,7 @@ import numpy as np
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.grounds import BARE, central_keys, open_ground
 from sketchterrain.benchmarks.noise import NoiseGrid
+from sketchterrain.benchmarks.poisson_disk import PoissonDisk
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.spline_cases import splines_and_places
 from sketchterrain.benchmarks.spline_methods import KERNELS, SplineQueries
@@ -26,7 +27,6 @@ from sketchterrain.terrain.surfaces import SurfaceStore
 from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.terrain.vertices import VERTEX
 from sketchterrain.vegetation.graded_poisson import GradedPoisson, SpacingRaster
-from sketchterrain.vegetation.poisson import PoissonDisk
 
 SIZES = (16, 32, 64, 128)
 """Quads along a tile's side; tiles have 64."""

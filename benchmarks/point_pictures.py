@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sketchterrain.benchmarks.poisson_disk import PoissonDisk
 from sketchterrain.vegetation.graded_poisson import GradedPoisson, SpacingRaster
-from sketchterrain.vegetation.poisson import PoissonDisk
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext

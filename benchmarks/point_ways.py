@@ -14,8 +14,9 @@ from scipy.spatial import cKDTree
 from sketchterrain.benchmarks.baselines import bridson
 from sketchterrain.benchmarks.baselines.phase_groups import PhaseGroups
 from sketchterrain.benchmarks.baselines.problem import Absent
+from sketchterrain.benchmarks.poisson_disk import PoissonDisk
 from sketchterrain.benchmarks.timing import Lap, TimedContext
-from sketchterrain.vegetation.poisson import GREATEST_DENSITY, PoissonDisk
+from sketchterrain.vegetation.graded_poisson import GREATEST_DENSITY
 
 if TYPE_CHECKING:
     Points = npt.NDArray[np.float64]

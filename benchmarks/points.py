@@ -6,10 +6,11 @@ from typing import Any, Final, TypeVar
 from sketchterrain.benchmarks.baselines.dart_thrower import throw_darts
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.point_ways import OURS, THESIS, TURNS, Way, fill_of, own, peers, room_of, thesis
+from sketchterrain.benchmarks.poisson_disk import TRIALS
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, samples_of, value_of
 from sketchterrain.benchmarks.spectrum import SIDE, Spectrum, spectrum_of
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, spread
-from sketchterrain.vegetation.poisson import GREATEST_DENSITY, TRIALS
+from sketchterrain.vegetation.graded_poisson import GREATEST_DENSITY
 
 Key = TypeVar("Key")
 

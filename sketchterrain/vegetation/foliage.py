@@ -15,7 +15,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.placement.hashing import hash_keys
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.patch_layout import run_to_completion
-from sketchterrain.vegetation.graded_poisson import GradedPoisson
+from sketchterrain.vegetation.graded_poisson import GREATEST_DENSITY, GradedPoisson
 from sketchterrain.vegetation.plants import (
     BLOCK,
     FILL,
@@ -30,7 +30,6 @@ from sketchterrain.vegetation.plants import (
     power_of_two_step,
     ramp,
 )
-from sketchterrain.vegetation.poisson import GREATEST_DENSITY
 from sketchterrain.vegetation.woods import Woods
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from sketchterrain.benchmarks.baselines.thesis import Sampling, ThesisTiles
 from sketchterrain.benchmarks.grounds import open_ground
 from sketchterrain.benchmarks.noise import NoiseGrid
 from sketchterrain.benchmarks.timing import TimedContext
-from sketchterrain.vegetation.poisson import GREATEST_DENSITY
+from sketchterrain.vegetation.graded_poisson import GREATEST_DENSITY
 
 GRID_SIDE = 64
 

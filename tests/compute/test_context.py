@@ -69,7 +69,7 @@ def test_every_kernel_builds_on_every_device(device, real):
         pytest.skip("no 64-bit floats")
     context = ComputeContext(device, real=real)
     programs = [file.name for file in files("sketchterrain.kernels").iterdir() if file.name.endswith(".cl")]
-    assert {"terrain.cl", "tiles.cl", "poisson.cl"} <= set(programs)
+    assert {"terrain.cl", "tiles.cl", "graded_poisson.cl"} <= set(programs)
     for file in programs:
         if file != "ground_bytes.cl" or device.has_double:  # it rounds in 64 bits, else has no kernel
             assert context._build(file).all_kernels(), file

@@ -8,10 +8,16 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from sketchterrain.benchmarks.poisson_disk import PoissonDisk
 from sketchterrain.errors import InputError
 from sketchterrain.placement.hashing import hash_keys
-from sketchterrain.vegetation.graded_poisson import GradedPoisson, SpacingRaster
-from sketchterrain.vegetation.poisson import GREATEST_DENSITY, SIDE, PoissonDisk, schedule
+from sketchterrain.vegetation.graded_poisson import (
+    GREATEST_DENSITY,
+    SIDE,
+    GradedPoisson,
+    SpacingRaster,
+    schedule,
+)
 
 from .conftest import tiers
 
@@ -144,7 +150,7 @@ def test_windows_join_without_a_seam_and_in_order(context, monkeypatch) -> None:
     area = (-7, 5, 90 * RADIUS, 70 * RADIUS)
     disk = PoissonDisk(context, RADIUS, seed=1, levels=2)
     whole = disk.within(area)
-    monkeypatch.setattr("sketchterrain.vegetation.poisson.WINDOW", 37)
+    monkeypatch.setattr("sketchterrain.benchmarks.poisson_disk.WINDOW", 37)
     pieces = list(disk.pieces(area))
     assert len(pieces) > 1
     together = [np.concatenate(each) for each in zip(*pieces, strict=True)]

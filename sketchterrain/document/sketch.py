@@ -184,10 +184,6 @@ class Sketch:
         was_added = any(each.action == "add" and each.feature == edit.feature for each in self.edits)
         return self.replace(edits=tuple(others) if was_added else (*others, edit))
 
-    def without_edits(self, feature: int) -> Sketch:
-        """Return a sketch without the edits of a feature; an added feature disappears."""
-        return self.replace(edits=tuple(edit for edit in self.edits if edit.feature != feature))
-
 
 def _layer(name: str) -> Layer:
     if name not in LAYERS:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -15,7 +15,7 @@ from sketchterrain.document.toml_format import load_toml
 from sketchterrain.errors import InputError, did_you_mean, format_value, one_line
 from sketchterrain.hydrology.splines import catmull_rom
 from sketchterrain.io.files import write_atomic
-from sketchterrain.render.camera import Camera, Floats, HeightFunction, Vector
+from sketchterrain.render.camera import Floats, HeightFunction, Vector
 
 _SAMPLES_PER_SEGMENT: Final = 64  # samples between two keyframes for the arc length
 _DIFFERENCE_STEP: Final = 1e-5  # s, step of the finite differences of the velocity
@@ -179,19 +179,6 @@ class Flight:
                     f"key {number}: time = {format_value(key.time)}: expected {_MIN_INTERVAL:g} s or more "
                     f"after the key before, which is at {format_value(before.time)} s"
                 )
-
-    @classmethod
-    def from_cameras(cls, cameras: Iterable[tuple[float, Camera]], *, interval: float = 0.25) -> Flight:
-        """Return the flight of recorded cameras at rising times (s), with a keyframe every `interval` s."""
-        selected: list[tuple[float, Camera]] = []
-        last: tuple[float, Camera] | None = None
-        for time, camera in cameras:
-            last = (time, camera)
-            if not selected or time >= selected[-1][0] + interval:
-                selected.append(last)
-        if last is not None and last[0] >= selected[-1][0] + _MIN_INTERVAL:
-            selected.append(last)
-        return cls(tuple(Keyframe(time, camera.eye, camera.target, camera.fov) for time, camera in selected))
 
     @property
     def duration(self) -> float:

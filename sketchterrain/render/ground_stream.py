@@ -20,7 +20,7 @@ from sketchterrain.render.scene import BoundedTerrain, TileSource
 from sketchterrain.render.sharing_probe import moved_to_context, shared_with_gl
 from sketchterrain.render.vertex_memory import GLVertexMemory, open_vertex_memory
 from sketchterrain.terrain.vertices import VERTEX
-from sketchterrain.tiles.lod import CameraView, Metric, ScreenError
+from sketchterrain.tiles.lod import CameraView, ScreenError
 from sketchterrain.tiles.quadtree import UNBOUNDED
 from sketchterrain.tiles.stream import TileStream
 from sketchterrain.tiles.tile_pool import Batch, DrawList
@@ -56,7 +56,7 @@ class TerrainStream:
         *,
         memory: str | None = None,
         finest_cell: float = 0.2,
-        metric: Metric | None = None,
+        metric: ScreenError | None = None,
         timer: Callable[[], float] = time.perf_counter,
         resources: ResourceCache | None = None,
     ) -> None:

@@ -48,20 +48,6 @@ class FeatureSource(Protocol):
         ...
 
 
-class NoFill:
-    """Unpainted areas without features."""
-
-    max_radius = 0.0
-
-    def within(
-        self, west: float, south: float, east: float, north: float, *, min_radius: float = 0.0
-    ) -> StructuredArray:
-        """Return no features."""
-        from sketchterrain.placement.feature_types import FEATURE
-
-        return np.zeros(0, dtype=FEATURE)
-
-
 @dataclass(frozen=True, eq=False)
 class TerrainRecipe:
     """A terrain as a value: the same recipe gives the same heights wherever and however it is evaluated.

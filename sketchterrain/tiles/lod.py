@@ -12,7 +12,7 @@ tiles along it compute the same bits.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Final, Protocol, Self
+from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -62,25 +62,6 @@ _NEAREST: Final = 0.5
 """Least distance, m."""
 
 
-class Metric(Protocol):
-    """Returns the excess of tiles: above 1 a tile is too coarse."""
-
-    @property
-    def neighbour_limit(self) -> float:
-        """Excess above which a tile's neighbours are split too."""
-        ...
-
-    def excess(
-        self, view: CameraView, boxes: Boxes, errors: Float64Array, cells: Float64Array
-    ) -> Float64Array:
-        """Return the excess of tiles, (n,), from geometric errors δ (m) and quad widths (m)."""
-        ...
-
-    def relaxed(self, factor: float) -> Self:
-        """Return the metric with `factor` times the tolerance."""
-        ...
-
-
 @dataclass(frozen=True)
 class ScreenError:
     """Split a tile while its error δ may cover more than τ pixels (Rocca et al. 2012, §5.1).
@@ -102,7 +83,10 @@ class ScreenError:
     def excess(
         self, view: CameraView, boxes: Boxes, errors: Float64Array, cells: Float64Array
     ) -> Float64Array:
-        """Return the larger of error over tolerance and quad over its limit; see :class:`Metric`."""
+        """Return by how much tiles are too coarse, (n,): above 1 they are split.
+
+        From geometric errors δ (m) and quad widths (m): error over tolerance or quad over its limit.
+        """
         seen = screen_errors(view, boxes, errors) / self.tolerance
         distance, _ = eye_distances(view, boxes)
         return np.maximum(seen, cells * view.pixels_per_radian / distance / self.quad)
@@ -110,29 +94,6 @@ class ScreenError:
     def relaxed(self, factor: float) -> Self:
         """Return the metric with `factor` times the tolerance."""
         return replace(self, tolerance=self.tolerance * factor, quad=self.quad * factor)
-
-
-@dataclass(frozen=True)
-class QuadLength:
-    """No quad is longer than √d / (T · F), d being the distance in m (Zaaijer 2013, §2.2)."""
-
-    factor: float = 1.0  # tessellation T times the features' value F, > 0
-    neighbour_limit: ClassVar[float] = np.inf
-
-    def __post_init__(self) -> None:
-        if not self.factor > 0:
-            raise InputError(f"expected a tessellation factor > 0, got {self.factor:g}")
-
-    def excess(
-        self, view: CameraView, boxes: Boxes, errors: Float64Array, cells: Float64Array
-    ) -> Float64Array:
-        """Return length over its limit; see :class:`Metric`."""
-        distance, _ = eye_distances(view, boxes)
-        return np.asarray(cells * self.factor / np.sqrt(distance))
-
-    def relaxed(self, factor: float) -> Self:
-        """Return the metric with `factor` times the tolerance."""
-        return replace(self, factor=self.factor / factor)
 
 
 def eye_distances(view: CameraView, boxes: Boxes) -> tuple[Float64Array, Float64Array]:

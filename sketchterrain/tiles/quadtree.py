@@ -12,7 +12,6 @@ end of the quads' anti-diagonal, that quad is cut the other way, to avoid a tria
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from functools import cache
 from typing import Any, Final, NamedTuple
 
@@ -60,12 +59,6 @@ def code_of(level: int | Int64Array, col: int | Int64Array, row: int | Int64Arra
     return np.asarray(
         ((level + _LEVELS) << (2 * _BITS)) + ((col + _MIDDLE) << _BITS) + (row + _MIDDLE), np.int64
     )
-
-
-def codes_of(keys: Iterable[TileKey]) -> Int64Array:
-    """Return the codes of keys, in their order."""
-    level, col, row = np.array(list(keys), np.int64).reshape(-1, 3).T
-    return code_of(level, col, row)
 
 
 def decode(codes: Int64Array) -> tuple[Int64Array, Int64Array, Int64Array]:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.errors import InputError
-from sketchterrain.tiles.lod import CameraView, Metric, horizontal_distances, occluded
+from sketchterrain.tiles.lod import CameraView, ScreenError, horizontal_distances, occluded
 from sketchterrain.tiles.quadtree import (
     FARTHEST_TILE,
     UNBOUNDED,
@@ -82,7 +82,7 @@ class TileSelector:
 
     extent: float  # width of a tile of level 0, m
     quads: int  # along a tile's side
-    metric: Metric
+    metric: ScreenError
     finest: int  # level at which splitting ends
     hide: bool = True  # treat tiles behind nearer terrain as not visible
     # west, south, east, north, m; tiles outside are never split, nor roots

@@ -20,7 +20,6 @@ from sketchterrain.tiles.displayed import (
 )
 from sketchterrain.tiles.lod import (
     CameraView,
-    Metric,
     ScreenError,
     eye_distances,
     horizontal_distances,
@@ -132,7 +131,7 @@ class TileStream:
         quads: int = QUADS,
         slots: int = 1024,
         finest_cell: float = 0.2,
-        metric: Metric | None = None,
+        metric: ScreenError | None = None,
         hide: bool = True,
         bounds: tuple[float, float, float, float] = UNBOUNDED,
     ) -> None:
@@ -145,7 +144,7 @@ class TileStream:
         self.extent = extent
         self._hide = hide
         self.quads = quads
-        self.metric: Metric = metric or ScreenError()
+        self.metric = metric or ScreenError()
         self.pool = TilePool(slots, bounds=bounds)
         self._bounds = bounds
         self.finest = finest_level(extent, quads, finest_cell)

@@ -1,4 +1,4 @@
-"""Poisson-disk points of the whole world whose spacing varies with position, by dart throwing (docs/kernels/poisson.md)."""
+"""Poisson-disk points of the whole world whose spacing varies with position; see docs/kernels/poisson.md."""
 
 from __future__ import annotations
 

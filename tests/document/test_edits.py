@@ -85,4 +85,3 @@ def test_edits_supersede_earlier_ones():
     assert HILL.feature is not None
     added = sketch.with_edit(HILL).with_edit(Edit("resize", HILL.feature, radius=5.0))
     assert added.with_edit(Edit("delete", HILL.feature)).edits == sketch.edits
-    assert added.without_edits(HILL.feature).edits == sketch.edits

@@ -21,7 +21,7 @@ from sketchterrain.render.vertex_memory import gl_function
 from sketchterrain.terrain.building import build, rebuild
 from sketchterrain.terrain.changes import EVERYWHERE
 from sketchterrain.terrain.vertices import VERTEX
-from sketchterrain.tiles.quadtree import codes_of, decode, keys_of, parent_of
+from sketchterrain.tiles.quadtree import code_of, decode, keys_of, parent_of
 from sketchterrain.tiles.refinement import ROOT_LEVEL
 
 pytestmark = pytest.mark.gl
@@ -126,7 +126,7 @@ def assert_tiles_are_those_of(terrain, renderer):
     """Compare drawn tiles with those of a freshly written terrain; return them."""
     held = drawn_vertices(renderer)
     keys = list(held)
-    codes = every = codes_of(keys)
+    codes = every = code_of(*np.array(keys).T)
     while (decode(codes)[0] > ROOT_LEVEL).any():
         codes = np.unique(parent_of(codes[decode(codes)[0] > ROOT_LEVEL]))
         every = np.union1d(every, codes)

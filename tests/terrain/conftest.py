@@ -11,11 +11,20 @@ from sketchterrain.io import resources
 from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES, Cover, Lake, River, ShapeField
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.noise import corner_table
-from sketchterrain.terrain.recipe import NoFill, TerrainRecipe
+from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.terrain import Terrain
 
 if not list_devices():
     pytest.skip("no OpenCL device", allow_module_level=True)
+
+
+class NoFill:
+    """Unpainted areas without features."""
+
+    max_radius = 0.0
+
+    def within(self, west, south, east, north, *, min_radius=0.0):
+        return np.zeros(0, dtype=FEATURE)
 
 
 def tiers(names, quick, slow=(), soak=()):

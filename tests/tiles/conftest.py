@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.tiles.lod import CameraView, morph_weights
-from sketchterrain.tiles.quadtree import tile_indices
+from sketchterrain.tiles.quadtree import code_of, tile_indices
 from sketchterrain.tiles.refinement import ROOT_LEVEL
 from sketchterrain.tiles.stream import TileStream
 
@@ -14,6 +14,10 @@ EXTENT = 1024.0
 QUADS = 4
 LATTICE = 1 << 24
 FACTS = [("low", "f8"), ("high", "f8"), ("error", "f8")]
+
+
+def codes_of(keys):
+    return code_of(*np.array(keys, np.int64).T)
 
 
 def mix(*numbers):

@@ -6,7 +6,6 @@ import pytest
 from sketchterrain.errors import InputError
 from sketchterrain.tiles.lod import (
     CameraView,
-    QuadLength,
     ScreenError,
     inside_frustum,
     morph_weights,
@@ -24,7 +23,6 @@ from sketchterrain.tiles.quadtree import (
     TileKey,
     around,
     children_of,
-    codes_of,
     control_codes,
     keys_of,
     neighbours_of,
@@ -33,6 +31,8 @@ from sketchterrain.tiles.quadtree import (
     tile_indices,
 )
 from sketchterrain.tiles.stream import CostModel
+
+from .conftest import codes_of
 
 KEYS = [TileKey(0, 0, 0), TileKey(-6, -3, 2), TileKey(9, 511, -512), TileKey(14, -(6 * 10**7), 6 * 10**7)]
 
@@ -68,17 +68,11 @@ def test_metrics_count_distance_and_slant_in_units_of_their_limits():
     errors, cells = np.array([1.0]), np.array([8.0])
     assert ScreenError(2.5, quad=1e9).excess(view, far, errors, cells) == pytest.approx(1.0)
     assert ScreenError(1e9, quad=20.0).excess(view, far, errors, cells) == pytest.approx(1.0)
-    assert QuadLength(2.5).excess(view, far, errors, cells) == pytest.approx(1.0)
-    for metric in (ScreenError(), QuadLength()):
-        twice = metric.relaxed(2.0).excess(view, far, errors, cells)
-        assert twice == pytest.approx(metric.excess(view, far, errors, cells) / 2)
-    for metric, option, value in (
-        (ScreenError, "tolerance", 0),
-        (ScreenError, "quad", -1),
-        (QuadLength, "factor", 0),
-    ):
+    twice = ScreenError().relaxed(2.0).excess(view, far, errors, cells)
+    assert twice == pytest.approx(ScreenError().excess(view, far, errors, cells) / 2)
+    for option in ({"tolerance": 0}, {"quad": -1}):
         with pytest.raises(InputError, match="expected"):
-            metric(**{option: value})
+            ScreenError(**option)
 
 
 def test_codes_round_trip_with_neighbours_and_shared_controls():

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.tiles.lod import QuadLength, ScreenError
-from sketchterrain.tiles.quadtree import codes_of, contains, decode, keys_of, parent_of
+from sketchterrain.tiles.lod import ScreenError
+from sketchterrain.tiles.quadtree import contains, decode, keys_of, parent_of
 from sketchterrain.tiles.refinement import ROOT_LEVEL
 from sketchterrain.tiles.stream import MORPH_SECONDS, TileStream
+
+from .conftest import codes_of
 
 EYES = [(300.0, 200.0, 40.0), (-5000.3, 17.0, 3.0), (1e6 + 0.25, -2e6, 90.0)]
 
@@ -17,8 +19,6 @@ EYES = [(300.0, 200.0, 40.0), (-5000.3, 17.0, 3.0), (1e6 + 0.25, -2e6, 90.0)]
     [
         *((ScreenError(2.0), eye) for eye in EYES),
         *((ScreenError(30.0, quad=200.0), eye) for eye in EYES),
-        (QuadLength(0.4), EYES[0]),
-        *(pytest.param(QuadLength(0.4), eye, marks=pytest.mark.slow) for eye in EYES[1:]),
     ],
 )
 def test_converged_tiles_cover_the_world_once_in_balance(toy, eye, metric):

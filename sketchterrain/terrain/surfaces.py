@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Bounds, Float32Array, FloatArray, StructuredArray
-from sketchterrain.compute.device import Device
 from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.errors import DeviceFailedError
 from sketchterrain.placement.feature_types import Lake, River
@@ -17,6 +16,7 @@ from sketchterrain.terrain.recipe import TerrainRecipe
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.compute.device import Device  # loads OpenCL
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,7 @@ def test_presets_lists_each(call):
 
 @pytest.fixture
 def pictures(monkeypatch) -> list[dict[str, Any]]:
-    """What the renderer was requests for, in place of a picture."""
+    """Options of each call of a stub of `render_picture`."""
     requests: list[dict[str, Any]] = []
 
     def picture(
@@ -87,7 +87,7 @@ def pictures(monkeypatch) -> list[dict[str, Any]]:
 
 
 def test_render_writes_the_picture_it_names(call, sketch, tmp_path, pictures):
-    path = tmp_path / "made" / "a.png"
+    path = tmp_path / "new" / "a.png"
     done = call("render", sketch, "-o", path, "--size", "64x48", "--seed", 9)
     assert (done.code, done.out) == (0, f"{path}\n"), done.err
     with Image.open(path) as image:
@@ -155,43 +155,26 @@ def test_adherence_reports_and_draws(call, sketch, tmp_path):
     lines = call("adherence", sketch).out.splitlines()
     assert lines[0].endswith("0 shapes lost")
     assert sum(line.startswith("mountain ") for line in lines) == 1
-    river = next(line for line in lines if line.startswith("river "))
-    assert river.endswith("1 narrower than 6 px, overlap not measured")
     # Its forest and its river are painted, but not described.
-    assert sorted(line.split()[1:5] for line in lines if line.startswith("note: ")) == [
-        ["label", "1", "of", "forest"],
-        ["label", "1", "of", "river"],
-    ]
-    assert len(data["notes"]) == 2
+    assert sum(line.startswith("note: ") for line in lines) == len(data["notes"]) == 2
 
 
-def test_finished_stages_are_timed_in_order():
-    with Stages() as stages:
-        with stages.stage("a", "First") as progress:
-            progress(0.5)
-        with stages.stage("b", "Second"):
-            pass
-        with pytest.raises(ValueError, match="no"), stages.stage("c", "Third"):
-            raise ValueError("no")
-    assert list(stages.seconds) == ["a", "b"]
-    assert all(seconds >= 0 for seconds in stages.seconds.values())
-
-
-def test_only_slow_stages_print_a_line(capsys, monkeypatch):
-    with Stages() as stages, stages.stage("a", "Quick"):
-        pass
-    assert capsys.readouterr().err == ""
-    monkeypatch.setattr(sketchterrain.app.console, "_SLOW", 0.001)
-    with Stages() as stages, stages.stage("a", "Slow"):
-        time.sleep(0.2)
-    assert capsys.readouterr() == ("", "Slow …\n")
-
-
-def test_terminal_shows_bars(terminal, monkeypatch):
-    monkeypatch.setattr(sys, "stderr", terminal)
+def run_stages() -> dict[str, float]:
     with Stages() as stages:
         with stages.stage("a", "First") as progress:
             progress(0.5)
         with pytest.raises(ValueError, match="no"), stages.stage("b", "Second"):
             raise ValueError("no")
+    return stages.seconds
+
+
+def test_stages_are_timed_and_displayed_on_terminals_or_if_slow(capsys, terminal, monkeypatch):
+    assert list(run_stages()) == ["a"]
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(sketchterrain.app.console, "_SLOW", 0.001)
+    with Stages() as stages, stages.stage("a", "Slow"):
+        time.sleep(0.2)
+    assert capsys.readouterr() == ("", "Slow …\n")
+    monkeypatch.setattr(sys, "stderr", terminal)
+    run_stages()
     assert all(title in terminal.getvalue() for title in ("First", "Second"))

@@ -20,7 +20,7 @@ def edit(*arguments: str, code: str = "", **environment: str) -> subprocess.Comp
     )
 
 
-def test_missing_display_or_library_is_one_line(tmp_path):
+def test_missing_displays_and_libraries_are_errors(tmp_path):
     offscreen = {"QT_QPA_PLATFORM": "offscreen"}
     home = {"XDG_CONFIG_HOME": str(tmp_path), "XDG_STATE_HOME": str(tmp_path)}
     wayland = {"QT_QPA_PLATFORM": "wayland", "WAYLAND_DISPLAY": "wayland-7", "XDG_RUNTIME_DIR": str(tmp_path)}

@@ -11,7 +11,7 @@ import sketchterrain.app.generate
 import sketchterrain.document.store
 
 
-def test_invalid_sketch_is_one_line_and_writes_nothing(call, tmp_path):
+def test_invalid_sketches_are_refused_and_nothing_is_written(call, tmp_path):
     out = tmp_path / "out.png"
     for name, settings in (("layer", "format = 1"), ("value", "format = 1\nextent = nan"), ("missing", None)):
         folder = tmp_path / name
@@ -36,7 +36,7 @@ def test_size_beyond_the_memory_is_refused(call, sketch, tmp_path, monkeypatch):
     assert not (tmp_path / "out").exists()
 
 
-def test_invalid_output_folder_is_one_line(call, sketch, tmp_path, monkeypatch):
+def test_invalid_output_folders_are_refused(call, sketch, tmp_path, monkeypatch):
     (tmp_path / "out").write_text("mine")
     commands = [("generate", sketch), ("export", sketch, "--to", "raw")]
     for command in commands:
@@ -61,7 +61,7 @@ def fails_with(error: BaseException) -> Callable[..., None]:
     return fail
 
 
-def test_any_exception_is_one_line_with_an_optional_traceback(call, sketch, tmp_path, monkeypatch):
+def test_exceptions_are_reported_and_tracebacks_optional(call, sketch, tmp_path, monkeypatch):
     monkeypatch.delenv("SKETCHTERRAIN_DEBUG", raising=False)
     for error, code, line in (
         (KeyboardInterrupt(), 130, "interrupted"),

@@ -20,7 +20,6 @@ import sketchterrain.export.planning
 import sketchterrain.export.sidecar
 from sketchterrain.app.arguments import TARGETS
 from sketchterrain.app.export import file_name
-from sketchterrain.errors import DeviceFailedError
 from sketchterrain.export.sampled import TerrainSamples
 from sketchterrain.export.targets import TARGET_NAMES, target_named
 
@@ -65,16 +64,6 @@ def test_each_target_writes_its_files_and_sidecar(call, sketch, tmp_path, target
     assert data["orientation"]
     assert data["import"]
     assert all(each["what"] for each in data["files"])
-
-
-def test_import_settings_are_printed(call, sketch, tmp_path):
-    options = ("--size", 33, "--tiles", "4x4", "--no-plants", "--heights", "-100,900")
-    done = call("export", sketch, "--to", "raw", "-o", tmp_path, *options)
-    assert done.code == 0, done.err
-    assert "33 × 25 vertices in 16 tiles 16 m apart" in done.out
-    assert "import settings:" in done.out
-    assert "and 60 more" in done.out
-    assert "Byte Order       little-endian\n" in done.out
 
 
 def test_targets_lists_options(call):
@@ -127,18 +116,6 @@ def test_stale_files_of_the_previous_export_are_removed(call, sketch, tmp_path):
     assert len(list(folder.glob("*_height*"))) == 1  # no tile is left
     data = json.loads((folder / "terrain.json").read_text(encoding="utf-8"))
     assert {path.name for path in folder.iterdir()} == {each["file"] for each in data["files"]}
-    mine, outside = folder / "notes.txt", tmp_path / "outside.txt"
-    for path in (mine, outside):
-        path.write_text("mine")
-    data["files"] += [{"file": "../outside.txt", "what": ""}, {"file": str(outside), "what": ""}]
-    (folder / "terrain.json").write_text(json.dumps(data), encoding="utf-8")
-    assert call(*common, "--to", "raw").code == 0
-    assert mine.read_text() == outside.read_text() == "mine"
-    before = {path.name for path in folder.iterdir()}
-    assert call(*common, "--to", "exr").code == 0  # another target's files are another matter
-    assert before <= {path.name for path in folder.iterdir()}
-    (folder / "terrain.json").write_text("[", encoding="utf-8")
-    assert call(*common, "--to", "exr").code == 0
 
 
 @EACH_TARGET
@@ -177,8 +154,10 @@ def test_library_errors_on_a_full_disk_are_raised(call, sketch, tmp_path, monkey
 @EACH_TARGET
 def test_an_interrupted_export_leaves_nothing(call, sketch, tmp_path, monkeypatch, target):
     before = signal.getsignal(signal.SIGTERM)
-    way = signal.SIGTERM if target == "raw" else signal.SIGINT
-    monkeypatch.setattr(sketchterrain.export.sidecar, "write_json", lambda *_, **__: signal.raise_signal(way))
+    sent = signal.SIGTERM if target == "raw" else signal.SIGINT
+    monkeypatch.setattr(
+        sketchterrain.export.sidecar, "write_json", lambda *_, **__: signal.raise_signal(sent)
+    )
     previous = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored by background jobs
     try:
         done = call(
@@ -189,30 +168,6 @@ def test_an_interrupted_export_leaves_nothing(call, sketch, tmp_path, monkeypatc
     assert (done.code, done.error) == (130, "interrupted")
     assert not (tmp_path / "out").exists()
     assert signal.getsignal(signal.SIGTERM) == before
-
-
-def test_device_failure_restarts_on_another(call, sketch, tmp_path, monkeypatch):
-    real, failed = sketchterrain.export.sampled.sample_terrain, []
-
-    def once(*arguments: Any, **options: Any) -> TerrainSamples:
-        if not failed:
-            failed.append(True)
-            raise DeviceFailedError("the device is gone")
-        return real(*arguments, **options)
-
-    words = ("export", sketch, "--to", "raw", "--size", 33, "-o")
-    plain = call(*words, tmp_path / "plain")
-    monkeypatch.setattr(sketchterrain.app.export, "sample_terrain", once)
-    monkeypatch.setattr(
-        sketchterrain.app.jobs, "fallback_device", lambda failed: failed[-1]
-    )  # compiled already
-    done = call(*words, tmp_path / "again")
-    assert (plain.code, done.code) == (0, 0), done.err
-    assert "restarted: the device is gone; restarted on" in done.out
-    first, second = (
-        {path.name: path.read_bytes() for path in (tmp_path / name).iterdir()} for name in ("plain", "again")
-    )
-    assert first == second
 
 
 def test_file_names_are_portable():

@@ -75,22 +75,14 @@ EXPORT = [
     ("--to raw --size 9 --tiles 9x1", 3, ("nearest: 10\n",)),
     ("--to raw --tiles 300x300", 3, ("expected 1 to 65536 tiles",)),
     ("--to raw --tiles 2x2 --tile-name {x}/{y}", 3, ("expected a valid file name",)),
-    ("--to raw --tiles 2x2 --tile-name {x}{z}", 3, ("expected only",)),
-    ("--to raw --tiles 2x2 --tile-name {x}", 3, ("same name",)),
     ("--to raw --format r64", 3, ("expected r16 or r32 or r16be as format, got 'r64'",)),
     ("--to raw --crs EPSG:25832", 3, ("raw has no option crs, only size, tiles",)),
     ("--to raw --grass --no-plants", 3, ("grass without plants",)),
     ("--to raw --heights 5,4", 3, ("expected the lowest and the highest",)),
     ("--to raw --heights=-1e30,1e30", 3, ("expected them within",)),
     ("--to raw --size 33 --heights 0,10", 3, ("the terrain goes from",)),
-    ("--to raw --format r32 --heights 0,900", 3, ("only 16-bit numbers have a range",)),
-    ("--to unity --tiles 2x2 --overlap 1", 3, ("overlap is fixed, tiles share an edge",)),
     ("--to png16 --size 1000000", 3, ("of memory, this machine has",)),
     ("--to unity --size 1000", 3, ("1000 vertices is not a valid size; nearest: 513 or 1025",)),
-    ("--to unreal --size 1024", 3, ("nearest: 1009 or 2017",)),
-    ("--to godot --size 1025", 3, ("size is fixed, vertices are 1 m apart",)),
-    ("--to geotiff --crs EPSG:0", 3, ("not a coordinate reference system",)),
-    ("--to geotiff --crs EPSG:4326", 3, ("metres",)),
 ]
 BATCH = [
     ("", 3, ("expected a sketch, got none",)),
@@ -182,7 +174,7 @@ def paths(sketch, tmp_path_factory) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_bad_arguments_are_refused_in_one_line(call, paths, tmp_path, monkeypatch, command):
+def test_invalid_arguments_are_refused(call, paths, tmp_path, monkeypatch, command):
     monkeypatch.chdir(tmp_path)
     out = str(tmp_path / "out")
     first, output, refusals = COMMANDS[command]

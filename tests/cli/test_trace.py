@@ -68,18 +68,6 @@ def test_legend_options_and_river_width(call, island, tmp_path):
         assert set(np.unique(layers[layer])) == labels
 
 
-def test_mask_and_folder_of_layers(call, tmp_path):
-    pixels = np.zeros((40, 40), np.uint8)
-    pixels[10:20] = 255
-    (tmp_path / "layers").mkdir()
-    Image.fromarray(pixels).save(tmp_path / "layers" / "lake 2.png")
-    path = tmp_path / "layers" / "lake 2.png"
-    assert call("trace", path, "-o", tmp_path / "a", "--layer", "lake.2").code == 0
-    assert call("trace", tmp_path / "layers", "-o", tmp_path / "b").code == 0
-    for name in "ab":
-        assert np.array_equal(load_sketch(tmp_path / name).layers["lake"] == 2, pixels > 0)
-
-
 def test_preview_never_overwrites_source_or_sketch(call, island, tmp_path):
     picture, folder, new = island.read_bytes(), tmp_path / "layers", tmp_path / "new"
     folder.mkdir()

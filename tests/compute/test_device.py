@@ -15,10 +15,10 @@ needs_device = pytest.mark.skipif(not DEVICES, reason="no OpenCL device")
 
 
 def in_fresh_process(code, **environment):
-    shown = subprocess.run(
+    done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ | environment
     )
-    return shown.stdout.strip()
+    return done.stdout.strip()
 
 
 @needs_device
@@ -103,12 +103,12 @@ def test_the_wheels_runtime_hides_no_other_driver():
 def test_drivers_of_ocl_icd_vendors_are_found_and_the_setting_is_restored(tmp_path):
     library = next(f for f in WHEEL[0].files or [] if f.name == "libintelocl.so")
     (tmp_path / "mine.icd").write_text(f"{Path(str(library.locate())).resolve()}\n", encoding="utf-8")
-    shown = in_fresh_process(
+    done = in_fresh_process(
         "import os; from sketchterrain.compute.device import list_devices; "
         "print(os.environ['OCL_ICD_VENDORS'], sum('Intel' in d.platform for d in list_devices()))",
         OCL_ICD_VENDORS=str(tmp_path),
     )
-    assert shown == f"{tmp_path} 1"
+    assert done == f"{tmp_path} 1"
 
 
 @pytest.mark.gl

@@ -60,11 +60,11 @@ def listed_devices(environment):
 def test_an_aborting_driver_is_logged_once_and_skipped(with_aborting_gpu):
     code = "from sketchterrain.compute.context import ComputeContext; print(ComputeContext().device.name)"
     for _ in range(2):  # the second process reads the result from the cache
-        shown = subprocess.run(
+        done = subprocess.run(
             [sys.executable, "-c", code], capture_output=True, text=True, env=with_aborting_gpu, check=True
         )
-        assert shown.stdout.strip() == list_devices()[0].name
-        notes = [line for line in shown.stderr.splitlines() if "Aborting GPU" in line]
+        assert done.stdout.strip() == list_devices()[0].name
+        notes = [line for line in done.stderr.splitlines() if "Aborting GPU" in line]
         assert notes == [f"Aborting GPU (Aborting platform) is not used: {FAILURE}"]
 
 
@@ -139,7 +139,7 @@ def test_devices_that_fail_are_skipped(empty_cache, monkeypatch):
         choose_device("0")
 
 
-def test_child_failures_are_reported_in_one_line():
+def test_child_failures_have_a_message():
     linker = "import os; os.write(2, b'Final\\nno \\'ld\\' found\\n'); os.abort()"
     cases = {
         "import os; os.abort()": "it crashed (SIGABRT); update or reinstall the driver",

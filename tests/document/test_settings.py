@@ -166,18 +166,6 @@ depth = 3.0
     assert parse_settings(b"\xef\xbb\xbfformat = 1\r\nextent = 10\r\n").extent == 10.0
 
 
-def test_every_written_line_has_a_comment():
-    lines = settings_text(Sketch(labels={("dune", 1): {"wind": 90.0}})).splitlines()
-    assert "wind = 90.0                  # where the wind blows from: 0 north, 90 east (0 to 360 °)" in lines
-    keys = [line for line in lines if " = " in line and not line.startswith(("#", "format"))]
-    assert len(keys) == len(SKETCH) + sum(len(table) for table in TABLES.values()) + 1
-    factor = Factor(0.2, 0.9, "straight", wetness=1.0, mottle=0.1)
-    text = settings_text(Sketch(material_rules=(RuleChange("moss", "grass", 0.5, "snow", (factor,)),)))
-    rule = [line for line in text[text.index("[[material_rule]]") :].splitlines() if " = " in line]
-    assert len(rule) == 9
-    assert all(" # " in line for line in keys + rule)
-
-
 _ROW = '[[material_rule]]\nname = "snow"\n'
 _RAMP = f"{_ROW}[[material_rule.factor]]\n"
 _ADD = "[[edit]]\naction='add'\ntype='{}'\nx=0\ny=0\nradius=1\nstrength={}"

@@ -36,10 +36,10 @@ def entries(folder):
 
 
 def test_frames_in_a_folder_are_numbered_and_exact(tmp_path):
-    write(tmp_path / "made" / "frames", 12)
-    assert entries(tmp_path / "made" / "frames") == [f"{number:04d}.png" for number in range(12)]
+    write(tmp_path / "new" / "frames", 12)
+    assert entries(tmp_path / "new" / "frames") == [f"{number:04d}.png" for number in range(12)]
     for number, frame in enumerate(frames(12)):
-        with Image.open(tmp_path / "made" / "frames" / f"{number:04d}.png") as image:
+        with Image.open(tmp_path / "new" / "frames" / f"{number:04d}.png") as image:
             np.testing.assert_array_equal(np.asarray(image), frame)
 
     from sketchterrain.export.film import _frame_name

@@ -1,7 +1,7 @@
 """SHA-256 of what the program computes from frozen sketches: compared with the stored ones, or stored.
 
 python tests/frozen/frozen_results.py [--device NAME]   compares all
-python tests/frozen/frozen_results.py --write           stores them anew: make freeze
+python tests/frozen/frozen_results.py --write           stores them: make freeze
 """
 
 import argparse
@@ -135,7 +135,7 @@ def differences(name: str, found: Hashes, device: str) -> list[str]:
 
 HOW_TO_REGENERATE = (
     "differ from tests/data/frozen/results.json. If the change is meant and allowed (docs/testing.md, Frozen "
-    "results), run `make freeze`, look at what changed, and say why in the same commit."
+    "results), run `make freeze`, look at what changed, and explain why in the same commit."
 )
 
 
@@ -143,10 +143,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Compare the frozen results with the stored ones.")
     parser.add_argument("--write", action="store_true", help="store them instead")
     parser.add_argument("--device", help="as for sketchterrain's --device")
-    asked = parser.parse_args()
-    context = ComputeContext(asked.device)
+    arguments = parser.parse_args()
+    context = ComputeContext(arguments.device)
     found = {name: hashes_of(name, context) for name in sketches()}
-    if asked.write:
+    if arguments.write:
         RESULTS.write_text(json.dumps(found, indent=1) + "\n")
         return 0
     device = f"{context.device.name} ({context.device.platform})"

@@ -1,4 +1,4 @@
-"""What frozen sketches give keeps its bits, on every device and whatever NumPy uses of the CPU."""
+"""Results of frozen sketches are bit-equal to the stored hashes, on any device and NumPy dispatch."""
 
 import os
 import subprocess
@@ -47,8 +47,8 @@ def test_all_frozen_results_hold_on_every_cpu_driver(device) -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(not list_devices(), reason="no OpenCL device")
 def test_all_frozen_results_hold_without_avx512() -> None:
-    features, chosen = _multiarray_umath.__cpu_features__, _multiarray_umath.__cpu_dispatch__
-    avx512 = [name for name in chosen if name.startswith(("AVX512", "X86_V4")) and features[name]]
+    features, dispatched = _multiarray_umath.__cpu_features__, _multiarray_umath.__cpu_dispatch__
+    avx512 = [name for name in dispatched if name.startswith(("AVX512", "X86_V4")) and features[name]]
     if not avx512:
         pytest.skip("NumPy uses no AVX-512 on this CPU")
     environment = os.environ | {"NPY_DISABLE_CPU_FEATURES": " ".join(avx512)}

@@ -66,11 +66,11 @@ def library(tmp_path_factory):
         close_context(open_context())
     except DeviceError as error:
         pytest.skip(str(error))
-    made = tmp_path_factory.mktemp("layer") / "gl_sharing_layer.so"
+    compiled = tmp_path_factory.mktemp("layer") / "gl_sharing_layer.so"
     source = Path(__file__).with_name("gl_sharing_layer.c")
     options = ["-std=gnu11", "-shared", "-fPIC", "-O1", "-Wall"]
-    subprocess.run([COMPILER, *options, "-o", made, source, "-ldl"], check=True)
-    return made
+    subprocess.run([COMPILER, *options, "-o", compiled, source, "-ldl"], check=True)
+    return compiled
 
 
 @pytest.fixture
@@ -177,8 +177,8 @@ for device in list_devices():
     if device.type == "CPU":
         print(device.gl_sharing, probe_sharing(device))
 """
-    shown = layer.run("-c", code).splitlines()
-    assert shown == ["extension Sharing(kind='extension', reason='')"] * len(CPUS)
+    output = layer.run("-c", code).splitlines()
+    assert output == ["extension Sharing(kind='extension', reason='')"] * len(CPUS)
     probed = layer.acquired
     assert probed >= len(CPUS)
     files = [str(RENDER_TESTS / "test_vertex_memory.py")]
@@ -217,8 +217,8 @@ def test_images_equal_those_of_copied_vertices(layer, tmp_path, index):
     assert layer.run("-c", PICTURE, str(index), "best", str(shared)).split() == ["extension"]
     assert layer.acquired > 0
     assert layer.misuses == []
-    shown = run_python("-c", PICTURE, str(index), "copy", str(copied), environment={})
-    assert shown.split() == ["copy"]
+    output = run_python("-c", PICTURE, str(index), "copy", str(copied), environment={})
+    assert output.split() == ["copy"]
     picture = np.load(shared)
     np.testing.assert_array_equal(picture, np.load(copied))
     assert picture.std() > 10.0
@@ -265,8 +265,8 @@ def test_failing_calls_are_reported_and_memory_falls_back_to_mapped(layer):
         "clEnqueueReleaseGLObjects": "clEnqueueReleaseGLObjects: OUT_OF_RESOURCES",
     }
     for call, failure in failures.items():
-        shown = layer.run("-c", PROBE, str(device.index), environment={"GL_SHARING_LAYER_FAIL": call})
-        assert shown.splitlines() == ["mapped", f"extension: {refusal}{failure}"]
+        output = layer.run("-c", PROBE, str(device.index), environment={"GL_SHARING_LAYER_FAIL": call})
+        assert output.splitlines() == ["mapped", f"extension: {refusal}{failure}"]
     assert layer.run("-c", FAILING_LATER, str(device.index)).splitlines() == [
         refusal + failures["clEnqueueAcquireGLObjects"],
         "mapped",

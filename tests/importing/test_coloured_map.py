@@ -67,7 +67,7 @@ def _finer(points: tuple[tuple[int, int], ...]) -> list[tuple[int, int]]:
 OPTIONS = TraceOptions(size_px=256)
 SMOOTH, SHARP = Image.Resampling.LANCZOS, Image.Resampling.BICUBIC
 
-# How the map is saved, and which share of all its pixels comes back.
+# How the map is saved, and which share of its pixels is recovered.
 SMALL = {
     "as it is": (lambda small: small, {}, 1.0),
     "blown up": (lambda small: small.resize((512, 512), SHARP), {}, 0.99),
@@ -198,7 +198,7 @@ def test_specks_are_removed_and_transparent_pixels_are_empty(saved) -> None:
     assert np.count_nonzero(read.traced(TraceOptions(), specks=0).sketch.layers["forest"]) == 22
 
     pixels = np.zeros((64, 64, 4), np.uint8)
-    pixels[..., :3] = (140, 92, 70)  # also where nobody sees it
+    pixels[..., :3] = (140, 92, 70)  # also where it is transparent
     pixels[10:40, 10:40, 3] = 255
     pixels[50:60, 50:60] = (38, 104, 58, 255)
     sketch = read_map(saved(pixels)).traced(TraceOptions()).sketch
@@ -232,7 +232,7 @@ def test_legend_of_the_user_replaces_the_default(saved) -> None:
 def test_palette_16_bit_cmyk_and_exif_rotation(known, labels_of, away, tmp_path) -> None:
     forms = {name: tmp_path / name for name in ("palette.png", "deep.png", "cmyk.tif", "turned.jpg")}
     exif = Image.Exif()
-    exif[0x0112] = 6  # shown turned by 90° clockwise
+    exif[0x0112] = 6  # displayed turned by 90° clockwise
     turned = known.picture.transpose(Image.Transpose.ROTATE_90)
     known.picture.quantize(16).save(forms["palette.png"])
     forms["deep.png"].write_bytes(_deep_png(np.asarray(known.picture)))

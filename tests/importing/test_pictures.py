@@ -1,7 +1,6 @@
 """Legends, layer names, pictures and layered files, and their refusals."""
 
 import io
-import stat
 import struct
 import time
 import zipfile
@@ -57,7 +56,7 @@ def test_a_legend_file_is_read(tmp_path) -> None:
     ]
 
 
-def test_malformed_legends_are_refused_in_one_line(tmp_path) -> None:
+def test_malformed_legends_are_refused(tmp_path) -> None:
     path = tmp_path / "legend.toml"
     for text, message in [
         ("", "missing required field `colour`"),
@@ -128,7 +127,7 @@ def test_vrt_files_are_refused_whatever_their_name(tmp_path) -> None:
             read_picture(tmp_path / name)
 
 
-def test_unsupported_missing_and_damaged_pictures_are_refused_in_one_line(tmp_path) -> None:
+def test_unsupported_missing_and_damaged_pictures_are_refused(tmp_path) -> None:
     for start, message in [
         (b"gimp xcf v011", "is a GIMP file: in GIMP, File"),
         (b"8BPS\0\1", "is a Photoshop file: save its layers as OpenRaster"),
@@ -280,7 +279,7 @@ def test_layers_are_scaled_to_the_sketch(ora) -> None:
 DOCTYPE = '<!DOCTYPE image [<!ENTITY a "aaaaaaaaaa">]>'
 
 
-def test_malformed_open_rasters_are_refused_in_one_line(ora) -> None:
+def test_malformed_open_rasters_are_refused(ora) -> None:
     for stack, options, message in [
         (layer("Background"), {}, "none of its layers is named mountain, .*: found 'Background'"),
         (layer("hill", "data/none.png"), {}, "layer 'hill': 'data/none.png' is not in it"),
@@ -308,7 +307,7 @@ def test_malformed_open_rasters_are_refused_in_one_line(ora) -> None:
             trace_open_raster(path, DEFAULTS)
 
 
-def test_unsafe_archives_are_refused(tmp_path, ora) -> None:
+def test_unsafe_archives_and_bombs_are_refused(tmp_path, ora) -> None:
     path = tmp_path / "bomb.ora"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("mimetype", b"image/openraster")
@@ -316,39 +315,14 @@ def test_unsafe_archives_are_refused(tmp_path, ora) -> None:
     with pytest.raises(InputError, match="DOCTYPE"):
         trace_open_raster(path, DEFAULTS)
 
-    for entry, message in [
-        ("a/../../evil.png", "expected a path inside the archive"),
-        ("C:evil.png", "expected a plain relative path"),
-        (_link(), "not a link or a device"),
-    ]:
-        path = ora(layer("hill"), {"data/a.png": dab(4, 4)}, extra=[(entry, b"x")])
-        with pytest.raises(InputError, match=message):
-            trace_open_raster(path, DEFAULTS)
-
-    path = ora(layer("hill"), {"data/a.png": dab(4, 4)})
-    data = bytearray(path.read_bytes())
-    at = data.rindex(b"PK\1\2")  # the last entry of the directory
-    data[at + 8] |= 1
-    path.write_bytes(bytes(data))
-    with pytest.raises(InputError, match="it is encrypted"):
+    path = ora(layer("hill"), {"data/a.png": dab(4, 4)}, extra=[("a/../../evil.png", b"x")])
+    with pytest.raises(InputError, match="expected a path inside the archive"):
         trace_open_raster(path, DEFAULTS)
 
-
-def _link() -> zipfile.ZipInfo:
-    info = zipfile.ZipInfo("data/link.png")
-    info.create_system = 3
-    info.external_attr = (stat.S_IFLNK | 0o777) << 16
-    return info
-
-
-def test_archive_bombs_are_refused(ora) -> None:
     path = ora(layer("hill"), extra=[("data/a.png", bytes(300 << 20))])
     assert path.stat().st_size < 1 << 20
     with pytest.raises(InputError, match=r"data/a\.png: too large: expected at most 256 MiB"):
         trace_open_raster(path, DEFAULTS)
-    many = [(f"data/{number}.png", b"") for number in range(1001)]
-    with pytest.raises(InputError, match="entries: expected at most 1000"):
-        trace_open_raster(ora(layer("hill"), extra=many), DEFAULTS)
 
 
 def test_a_folder_of_pictures_is_read_by_file_names(tmp_path) -> None:

@@ -199,18 +199,18 @@ def test_features_are_clipped_to_bounds_also_across_the_antimeridian(written) ->
 
 
 def test_undistorted_metric_crs_is_used_unless_another_is_requested(written) -> None:
-    for own, kept, lon, lat in [
+    for source, expected, lon, lat in [
         ("EPSG:25832", "EPSG:25832", LON, LAT),
         ("EPSG:3857", "EPSG:326", LON, LAT),
         ("EPSG:2263", "EPSG:326", -74.0, 40.7),
         ("EPSG:2056", "EPSG:2056", 8.0, 47.0),
         ("EPSG:2048", "EPSG:327", 19.0, -33.0),
     ]:
-        x, y = rasterio.warp.transform("EPSG:4326", own, [lon, lon + 0.01], [lat, lat + 0.01])
-        path = written(line(*np.stack([x, y], axis=-1).tolist(), waterway="river"), crs=own)
+        x, y = rasterio.warp.transform("EPSG:4326", source, [lon, lon + 0.01], [lat, lat + 0.01])
+        path = written(line(*np.stack([x, y], axis=-1).tolist(), waterway="river"), crs=source)
         traced = sketch_from_vectors(path)
-        assert any(f"in {kept}" in note for note in traced.notes), own
-        assert traced.sketch.extent == pytest.approx(1112, rel=0.03), own
+        assert any(f"in {expected}" in note for note in traced.notes), source
+        assert traced.sketch.extent == pytest.approx(1112, rel=0.03), source
 
     path = written(line([LON, LAT], [LON + 0.1, LAT], waterway="river"), crs=None)
     assert any("EPSG:3035" in note for note in sketch_from_vectors(path, crs="EPSG:3035").notes)
@@ -441,7 +441,7 @@ def test_all_formats_give_the_same_sketch(tmp_path) -> None:
         assert np.argwhere(sketch.layers["lake"]).max(axis=0).tolist() == [24, 19], name
 
 
-def test_malformed_geojson_is_refused_in_one_line(tmp_path) -> None:
+def test_malformed_geojson_is_refused(tmp_path) -> None:
     collection = '{"type":"FeatureCollection","features":%s}'
     for content, message in [
         ("", "begins with b''"),

@@ -66,8 +66,8 @@ def test_profiles_fall_from_one_to_zero_and_reach_a_quarter_at_the_visible_radiu
     at = visible_radius("hill", share, np.zeros(3), 0.8)
     assert share * hill_profile(at, flank(0.8)) == pytest.approx(np.full(3, VISIBLE_SHARE), abs=1e-6)
     peaks = np.array([0.0, 0.5, 1.0])
-    shown = share * mountain_profile(visible_radius("mountain", share, peaks, 1.0), peaks, flank(1.0))
-    assert shown == pytest.approx(np.full(3, VISIBLE_SHARE), abs=1e-6)
+    relative = share * mountain_profile(visible_radius("mountain", share, peaks, 1.0), peaks, flank(1.0))
+    assert relative == pytest.approx(np.full(3, VISIBLE_SHARE), abs=1e-6)
 
 
 def test_density_is_the_plain_sum_also_for_groups_and_empty_fields():

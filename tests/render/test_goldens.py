@@ -1,8 +1,8 @@
-"""Golden pictures, each looked at once, against what is drawn now.
+"""Rendered pictures against golden ones.
 
-They are llvmpipe's: other drivers round otherwise. ``pytest tests/render/test_goldens.py
---regenerate-goldens`` writes them anew. Where one differs, the message says where the new picture and the
-differences, eightfold, lie.
+They are llvmpipe's: other drivers round differently. ``pytest tests/render/test_goldens.py
+--regenerate-goldens`` rewrites them. The message of a failure names the new picture and the
+amplified (8×) difference.
 """
 
 from functools import lru_cache
@@ -25,7 +25,7 @@ GOLDENS = Path(__file__).with_name("goldens")
 SIZE = (320, 180)
 # One driver gives the same bytes each time, with one thread or two, with vectors of 256 bits or of 128
 # (LP_NATIVE_VECTOR_WIDTH). Other versions may round otherwise, which moves single pixels along edges:
-# the bounds leave room for that. A material, light or feature that goes wrong moves whole areas.
+# the bounds allow for that. A material, light or feature that goes wrong moves whole areas.
 MEAN = 1.0
 """Of 255, by which pixels may differ on average."""
 FAR_OFF = 24
@@ -89,7 +89,7 @@ def compare(golden, picture):
 @pytest.mark.parametrize(
     "name", [name if name in DEFAULT else pytest.param(name, marks=pytest.mark.slow) for name in SCENES]
 )
-def test_picture_is_the_golden_one(name, gl, request, tmp_path):
+def test_pictures_match_their_goldens(name, gl, request, tmp_path):
     if "llvmpipe" not in gl.info["GL_RENDERER"]:
         pytest.skip("golden pictures are llvmpipe's")
     picture = drawn(name)
@@ -107,11 +107,11 @@ def test_picture_is_the_golden_one(name, gl, request, tmp_path):
         )
 
 
-def test_a_change_of_light_or_place_is_found():
+def test_changes_of_brightness_and_position_are_detected():
     assert {path.stem for path in GOLDENS.glob("*.png")} == set(SCENES)
     golden = np.asarray(Image.open(GOLDENS / "valley_river-hill.png"))
     darker = (golden * 0.97).astype(np.uint8)
-    aside = np.roll(golden, 2, axis=1)
-    for other in (darker, aside):
+    shifted = np.roll(golden, 2, axis=1)
+    for other in (darker, shifted):
         mean, share, _ = compare(golden, other)
         assert mean > MEAN or share > SHARE

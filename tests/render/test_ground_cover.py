@@ -304,16 +304,16 @@ def test_all_present_points_are_returned_by_distance():
     eye = EYES[0]
     cells = cells_within(eye, LAYER.draw_distance, LAYER.cell_size)
     places = scatter_points(LAYER, cells, eye, 0.0)
-    asked = np.zeros(len(cells), int)
+    returned = np.zeros(len(cells), int)
     code = {tuple(cell): k for k, cell in enumerate(cells.tolist())}
     corner = np.round((places.rows["corner"] + np.asarray(eye[:2])) / LAYER.cell_size).astype(int)
     for cell in corner.tolist():
-        asked[code[tuple(cell)]] += 1
+        returned[code[tuple(cell)]] += 1
     nearest = cell_distances(eye, cells, LAYER.cell_size)
     share = LAYER.full_distance / np.maximum(nearest, LAYER.full_distance)
     present = (np.arange(LAYER.capacity) + 0.5) / LAYER.capacity < share[:, None] * (1.0 + BAND)
-    assert (asked >= present.sum(axis=1)).all()
-    assert asked.sum() < 1.1 * present.sum()
+    assert (returned >= present.sum(axis=1)).all()
+    assert returned.sum() < 1.1 * present.sum()
 
     assert places.counts.sum() == len(places.rows)
     corner = places.rows["corner"] + LAYER.cell_size / 2

@@ -21,16 +21,16 @@ SUN = Sun(90.0, 30.0)
 
 
 class Wall:
-    """60 m high, along x = 0; counts what it is asked for."""
+    """60 m high, along x = 0; counts the queried heights."""
 
     extent = 1000.0
 
     def __init__(self):
-        self.asked = 0
+        self.queried = 0
 
     def heights(self, x, y, *, cell_size=0.0):
         x, y = np.broadcast_arrays(x, y)
-        self.asked += x.size
+        self.queried += x.size
         ripples = 2.0 * np.sin(x / 31.0) * np.cos(y / 17.0)
         return (np.where(np.abs(x) < 20.0, 60.0, 0.0) + ripples).astype(np.float32)
 
@@ -88,7 +88,7 @@ def test_a_wall_casts_a_shadow_unless_disabled(gl):
     _, computed = computed_maps(renderer, TexelSquare(-50, -50, 100, 40.0), TexelSquare(-100, -100, 200, 4.0))
     light = texels(computed)[100].astype(float)
     x = -400.0 + (np.arange(200) + 0.5) * 4.0
-    # The shadow of 60 m at 30° is 104 m long and lies to the west.
+    # The shadow of 60 m at 30° is 104 m long and falls to the west.
     assert light[(x > -105) & (x < -40), 0].max() < 0.1
     assert light[(x < -160) | (x > 40), 0].min() > 0.9
     assert light[np.abs(x + 26) < 3, 1].max() < light[np.abs(x + 300) < 3, 1].min()
@@ -102,7 +102,7 @@ def test_a_wall_casts_a_shadow_unless_disabled(gl):
 
 @pytest.mark.gl
 def test_close_map_shadows_continue_on_wider_maps_and_are_sharp(gl):
-    """The wall stands 300 m away; its shadow is 690 or 165 m long."""
+    """The wall is 300 m away; its shadow is 690 or 165 m long."""
     for elevation, lit in ((5.0, 0.0), (20.0, 1.0)):
         squares = (
             TexelSquare(-64, -64, 128, 20.0),
@@ -134,7 +134,7 @@ def test_sliced_maps_are_bit_equal_and_reuse_heights(gl):
     square = TexelSquare(-64, -128, 192, 4.0)
     whole = LightMap(renderer, square, wider=[wide])
     whole.finish()
-    terrain.asked = 0
+    terrain.queried = 0
     computed = LightMap(renderer, square, wider=[wide], previous=known)
     frames, ticks = 0, count()
     while not computed.ready:
@@ -144,7 +144,7 @@ def test_sliced_maps_are_bit_equal_and_reuse_heights(gl):
     assert frames > 3
     assert (computed.relief.heights == whole.relief.heights).all()
     assert computed.light.read() == whole.light.read()
-    assert terrain.asked == 192 * 192 - 128 * 128
+    assert terrain.queried == 192 * 192 - 128 * 128
 
 
 @pytest.mark.gl
@@ -247,11 +247,11 @@ def decoded(encoded):
 @pytest.mark.gl
 def test_tone_curve_is_monotonic_and_preserves_grey_and_hue(gl):
     grey = np.geomspace(1e-4, 50.0, 400)[:, None] * np.ones(3)
-    shown = film(gl, grey)
-    assert (np.diff(shown, axis=0) > -2e-4).all()
-    assert shown[0].max() < 0.01
-    assert shown[-1].min() > 0.98
-    assert np.ptp(shown, axis=1).max() < 2e-3
+    toned = film(gl, grey)
+    assert (np.diff(toned, axis=0) > -2e-4).all()
+    assert toned[0].max() < 0.01
+    assert toned[-1].min() > 0.98
+    assert np.ptp(toned, axis=1).max() < 2e-3
     darker, middle, brighter = decoded(film(gl, [[0.09] * 3, [0.18] * 3, [0.36] * 3]))
     assert middle == pytest.approx(0.18, abs=0.012)
     assert 0.05 < darker[0] < 0.1
@@ -259,9 +259,9 @@ def test_tone_curve_is_monotonic_and_preserves_grey_and_hue(gl):
 
     for hue in np.linspace(0.0, 1.0, 13)[:-1]:
         colour = np.array(colorsys.hsv_to_rgb(hue, 0.6, 1.0))
-        shown = film(gl, np.geomspace(0.05, 4.0, 30)[:, None] * colour)
-        chroma = np.ptp(shown, axis=1)
-        hues = np.array([colorsys.rgb_to_hsv(*c)[0] for c in shown])
+        toned = film(gl, np.geomspace(0.05, 4.0, 30)[:, None] * colour)
+        chroma = np.ptp(toned, axis=1)
+        hues = np.array([colorsys.rgb_to_hsv(*c)[0] for c in toned])
         turned = np.abs((hues - hue + 0.5) % 1.0 - 0.5)
         assert turned[chroma > 0.03].max() < 0.07, hue
         assert chroma[-1] < 0.6 * chroma.max(), hue

@@ -52,14 +52,14 @@ class Lattice:
     def __init__(self, *, extent=2000.0, spacing=16.0, slope=(0.02, -0.01), scale=0.8, species=5, levels=1):
         self.extent, self.spacing, self.slope = extent, spacing, slope
         self.scale, self.species, self.levels = scale, species, levels
-        self.asked = []
+        self.queries = []
 
     def heights(self, x, y, *, cell_size=0.0):
         x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
         return (self.slope[0] * x + self.slope[1] * y).astype(np.float32)
 
     def foliage(self, west, south, east, north):
-        self.asked.append((west, south, east, north))
+        self.queries.append((west, south, east, north))
         col, row = (
             np.arange(np.ceil(low / self.spacing), np.ceil(high / self.spacing)).astype(np.int64)
             for low, high in ((west, east), (south, north))
@@ -97,13 +97,13 @@ def test_cells_contain_the_terrains_plants():
         cells.advance(TimeBudget(1.0))
     whole.request(places)
     whole.finish()
-    assert len(meadow.asked) == len(places) + 1
-    stands = []
+    assert len(meadow.queries) == len(places) + 1
+    instances = []
     for each in (cells, whole):
         found = [each[place] for place in places]
-        stands.append(in_order(join_cells(found, np.zeros(2))))
-    assert (stands[0] == stands[1]).all()
-    assert len(stands[0]) == len(places) * (CELL / 16) ** 2
+        instances.append(in_order(join_cells(found, np.zeros(2))))
+    assert (instances[0] == instances[1]).all()
+    assert len(instances[0]) == len(places) * (CELL / 16) ** 2
 
     cells.request([(3, -2)])
     cells.finish()
@@ -245,20 +245,20 @@ def test_plants_fade_in_and_the_forest_settles(gl):
     lit.converge(CAMERA)
     quality = Quality.from_level(0.5)
     forest = Forest(gl, meadow, SUN, quality=quality, defines={})
-    triangles, shown = [], []
+    triangles, counts = [], []
     frames = 0
     while not forest.converged:
         forest.update(CAMERA, SIZE, lit, 0.05, TimeBudget(0.02))
         forest._select(CAMERA, SIZE)
         triangles.append(forest.triangles)
-        shown.append(forest.count)
+        counts.append(forest.count)
         frames += 1
         assert frames < 400
     assert triangles[0] == 0
-    assert shown[-1] > 100
+    assert counts[-1] > 100
     converged = Forest(gl, meadow, SUN, quality=quality, defines={})
     converged.converge(CAMERA, SIZE, lit)
-    assert converged.count == shown[-1]
+    assert converged.count == counts[-1]
     assert converged.converged
     assert 0.05 * frames >= GROW
 
@@ -284,9 +284,9 @@ def drawn(forest):
 
 def test_removal_ranks_are_uniform_and_cells_sorted_by_cull_distance():
     rng = np.random.default_rng(1)
-    chance = rng.uniform(0.0, 1.0, 400_000)
-    level = np.floor(-np.log(rng.uniform(0.0, 1.0, chance.size)) / np.log(4.0)).astype(np.uint8)
-    rank = removal_rank(level, chance)
+    random = rng.uniform(0.0, 1.0, 400_000)
+    level = np.floor(-np.log(rng.uniform(0.0, 1.0, random.size)) / np.log(4.0)).astype(np.uint8)
+    rank = removal_rank(level, random)
     histogram = np.histogram(rank, bins=20, range=(0.0, 1.0))[0] / rank.size
     assert np.abs(histogram - 0.05).max() < 0.002
     for above in range(4):
@@ -308,11 +308,11 @@ def test_density_falls_with_size_squared_and_plants_fade():
     hold = cull_distance(np.full(rank.size, 10.0), rank)
     for ratio in (0.5, 1.0, 2.0, 4.0):
         away = np.full(rank.size, 1000.0 * ratio)
-        kept = (visible_share(hold, away, 0.01) > 0.0).mean()
-        assert kept == pytest.approx(min(ratio**-2, 1.0), rel=0.05)
+        share = (visible_share(hold, away, 0.01) > 0.0).mean()
+        assert share == pytest.approx(min(ratio**-2, 1.0), rel=0.05)
         width = width_scale(np.full(rank.size, 10.0), away, 0.01)
         assert width == pytest.approx(np.clip(ratio, 1.0, WIDEST))
-        assert ratio > WIDEST or kept * width[0] ** 2 == pytest.approx(1.0, rel=0.05)  # cover
+        assert ratio > WIDEST or share * width[0] ** 2 == pytest.approx(1.0, rel=0.05)  # cover
 
     away = np.linspace(500.0, 2500.0, 4001)
     share = visible_share(np.full(away.size, 10.0), away, 0.01)
@@ -402,13 +402,13 @@ def test_small_motion_changes_few_plants(forest_of):
 def test_selection_is_skipped_at_rest(forest_of, monkeypatch):
     forest, lit = forest_of(max_plants=3000)
     forest.converge(THIN_CAMERA, FRAME, lit)
-    chosen = []
-    monkeypatch.setattr("sketchterrain.render.forest.join_cells", lambda *_: chosen.append(1))
-    monkeypatch.setattr("sketchterrain.render.forest.cells_in_view", lambda *_: chosen.append(1))
+    selections = []
+    monkeypatch.setattr("sketchterrain.render.forest.join_cells", lambda *_: selections.append(1))
+    monkeypatch.setattr("sketchterrain.render.forest.cells_in_view", lambda *_: selections.append(1))
     for _ in range(3):
         forest.update(THIN_CAMERA, FRAME, lit, 0.05, TimeBudget(0.0))
         forest._select(THIN_CAMERA, FRAME)
-    assert not chosen
+    assert not selections
     assert forest.converged
 
 

@@ -149,32 +149,6 @@ def test_random_cameras_see_no_holes(gl, terrain):
     assert covered > 0.3
 
 
-@pytest.mark.gl
-@pytest.mark.slow
-def test_presets_do_not_pop_before_a_camera_at_rest(gl, terrain):
-    """At most 20 of 255 levels between frames, beyond edges that move by a pixel."""
-    rng = np.random.default_rng(7)
-    stream = TerrainStream(gl, terrain, QUICK)
-    shade = ShadedView(gl, stream, RANDOM_SIZE)
-    reach = 16.0 * terrain.extent
-    for height in (3.0, 40.0, 900.0):
-        place = rng.uniform(0.2, 0.8, 2) * terrain.extent
-        bearing = rng.uniform(0.0, 360.0)
-        for step, turn in ((0.03, 100.0), (0.0, 0.0)):
-            east, north = place + step * terrain.extent
-            ground = float(terrain.heights(east, north))
-            camera = camera_towards((east, north, ground + height), ground, bearing + turn, -12.0, reach)
-            if step:
-                stream.converge(camera, RANDOM_SIZE, draw_distance=reach)
-        before = None
-        for _ in range(50):
-            stats = stream.update(camera, RANDOM_SIZE, elapsed=1 / 30, budget=0.008, draw_distance=reach)
-            picture = shade.draw(camera, reach)
-            assert before is None or change(before, picture).max() < 20.0
-            before = picture
-            assert not stats.jumped
-
-
 SLOTS = 500
 END_REACH = 9000.0
 CELL = 4.0

@@ -21,7 +21,7 @@ from sketchterrain.render.atmosphere import (
     Air,
 )
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.clouds import billow_noise, cloud_defines, cloud_field
+from sketchterrain.render.clouds import billow_noise, cloud_field
 from sketchterrain.render.programs import FRAME_BINDING
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
@@ -57,7 +57,7 @@ def air():
     return Air()
 
 
-def way(elevation, azimuth=0.0):
+def direction(elevation, azimuth=0.0):
     """Unit vectors by degrees; the sun's azimuth is 0, along x."""
     e, a = np.radians(elevation), np.radians(azimuth)
     return np.stack(np.broadcast_arrays(np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)), axis=-1)
@@ -69,10 +69,10 @@ NEAR = np.polynomial.legendre.leggauss(400)
 def optical_depth(air, height, cosine):
     """To the top of the air from a height (m), by 800 steps; (3,)."""
     r = GROUND + height
-    way = -r * cosine + np.sqrt(r * r * (cosine * cosine - 1.0) + TOP**2)
-    perigee = np.clip(-r * cosine, 0.0, way)
+    path = -r * cosine + np.sqrt(r * r * (cosine * cosine - 1.0) + TOP**2)
+    perigee = np.clip(-r * cosine, 0.0, path)
     total = np.zeros(3)
-    for start, stop in ((0.0, perigee), (perigee, way)):
+    for start, stop in ((0.0, perigee), (perigee, path)):
         along = start + 0.5 * (NEAR[0] + 1.0) * (stop - start)
         heights = np.sqrt(r * r + along**2 + 2.0 * r * along * cosine) - GROUND
         total += (air.scattering(heights)[2] * (0.5 * NEAR[1] * (stop - start))[:, None]).sum(axis=0)
@@ -88,12 +88,12 @@ def photons(air, channel, cosine, count, seed):
     ceiling = TOP - GROUND
     most = float(air.scattering(np.zeros(1))[2][0, channel])
     z = np.full(count, ceiling)
-    way = np.tile([np.sqrt(1.0 - cosine**2), 0.0, -cosine], (count, 1))
+    ahead = np.tile([np.sqrt(1.0 - cosine**2), 0.0, -cosine], (count, 1))
     weight, flown = np.ones(count), np.zeros(count, bool)
     diffuse = 0.0
     for _ in range(4000):
         step = -np.log(rng.random(len(z))) / most
-        z = z + way[:, 2] * step
+        z = z + ahead[:, 2] * step
         ground = z < 0.0
         diffuse += weight[ground & flown].sum()
         z[ground] = 0.0
@@ -101,17 +101,17 @@ def photons(air, channel, cosine, count, seed):
         up = np.sqrt(rng.random(ground.sum()))
         turn = 2.0 * np.pi * rng.random(ground.sum())
         flat = np.sqrt(1.0 - up * up)
-        way[ground] = np.stack([flat * np.cos(turn), flat * np.sin(turn), up], axis=-1)
+        ahead[ground] = np.stack([flat * np.cos(turn), flat * np.sin(turn), up], axis=-1)
         flown |= ground
         rayleigh, aerosol, extinction = (each[:, channel] for each in air.scattering(z))
         drawn = rng.random(len(z)) * most
         met = ~ground & (drawn < extinction) & (z < ceiling)
         by_air = rng.random(len(z)) * (rayleigh + aerosol) < rayleigh
         weight[met] *= ((rayleigh + aerosol) / extinction)[met]
-        way[met] = _turned(way[met], _angle(rng, by_air[met]), rng)
+        ahead[met] = _rotated(ahead[met], _angle(rng, by_air[met]), rng)
         flown |= met
         alive = (z < ceiling) & (weight > 1e-3) if _ else weight > 0.0
-        z, way, weight, flown = z[alive], way[alive], weight[alive], flown[alive]
+        z, ahead, weight, flown = z[alive], ahead[alive], weight[alive], flown[alive]
         if not len(z):
             break
     return diffuse / count
@@ -127,32 +127,34 @@ def _angle(rng, by_air):
     while len(left):
         s = (1.0 - g * g) / (1.0 - g + 2.0 * g * rng.random(len(left)))
         trial = (1.0 + g * g - s * s) / (2.0 * g)
-        taken = rng.random(len(left)) * 2.0 < 1.0 + trial * trial
-        cosine[left[taken]] = trial[taken]
-        left = left[~taken]
+        accepted = rng.random(len(left)) * 2.0 < 1.0 + trial * trial
+        cosine[left[accepted]] = trial[accepted]
+        left = left[~accepted]
     return cosine
 
 
-def _turned(way, cosine, rng):
-    turn = 2.0 * np.pi * rng.random(len(way))
-    helper = np.where(np.abs(way[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-    side = np.cross(way, helper)
+def _rotated(ahead, cosine, rng):
+    turn = 2.0 * np.pi * rng.random(len(ahead))
+    helper = np.where(np.abs(ahead[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+    side = np.cross(ahead, helper)
     side /= np.linalg.norm(side, axis=1, keepdims=True)
-    other = np.cross(way, side)
+    other = np.cross(ahead, side)
     sine = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
     return (
-        cosine[:, None] * way + (sine * np.cos(turn))[:, None] * side + (sine * np.sin(turn))[:, None] * other
+        cosine[:, None] * ahead
+        + (sine * np.cos(turn))[:, None] * side
+        + (sine * np.sin(turn))[:, None] * other
     )
 
 
-def share_aerosols_take(air):
+def aerosol_optical_depth(air):
     """Vertical optical depth of aerosols, in closed form; (3,)."""
     return air.scattering(np.zeros(1))[1][0] * (1.0 + AEROSOL_ABSORBED)
 
 
 def test_transmittance_matches_closed_form_and_quadrature(air):
     molecules = RAYLEIGH * RAYLEIGH_HEIGHT
-    aerosols = share_aerosols_take(air) * AEROSOL_HEIGHT
+    aerosols = aerosol_optical_depth(air) * AEROSOL_HEIGHT
     ozone = OZONE * 15e3
     got = air.transmittance(np.array(GROUND), np.array(1.0))
     assert np.allclose(got, np.exp(-molecules - aerosols - ozone), rtol=5e-4)
@@ -180,9 +182,9 @@ def test_scattering_converges(air):
     assert np.abs(air.multiple_scattering(height, cosine) / expected - 1.0).max() < 0.1
     assert np.abs(air.multiple_scattering(height, cosine) / expected - 1.0).mean() < 0.03
 
-    directions = way(np.array([0.3, 2.0, 10.0, 45.0, 90.0])[:, None], np.linspace(0.0, 180.0, 9))
+    directions = direction(np.array([0.3, 2.0, 10.0, 45.0, 90.0])[:, None], np.linspace(0.0, 180.0, 9))
     for elevation in LOW_SUNS:
-        few, many = (air.sky(20.0, directions, way(elevation), steps=n).radiance for n in (24, 300))
+        few, many = (air.sky(20.0, directions, direction(elevation), steps=n).radiance for n in (24, 300))
         assert np.abs(few / many - 1.0).max() < 0.04, elevation
 
 
@@ -245,9 +247,9 @@ def test_overcast_is_darker_and_exposure_follows_partly(gl):
 
     noon, dawn, dusk = (Sky(gl, Sun(0.0, e), CLEAR) for e in (45.0, 4.0, -4.0))
     light = [float(sky_irradiance(sky.harmonics, UP).mean()) for sky in (noon, dawn, dusk)]
-    shown = [a * sky.exposure(90.0) for a, sky in zip(light, (noon, dawn, dusk), strict=True)]
+    displayed = [a * sky.exposure(90.0) for a, sky in zip(light, (noon, dawn, dusk), strict=True)]
     assert noon.exposure(90.0) < dawn.exposure(90.0) < dusk.exposure(90.0)
-    assert shown[2] < 1.5 * shown[1]
+    assert displayed[2] < 1.5 * displayed[1]
     assert dawn.exposure(0.0) < dawn.exposure(180.0)
     steps = np.abs(np.diff([np.log(dawn.exposure(h)) for h in range(-180, 181)]))
     assert steps.max() < 0.05
@@ -289,7 +291,7 @@ def test_shader_sky_matches_its_table_and_is_continuous_at_the_horizon(gl):
     # Half floats, and a share of a texel by the angles' rounding; at the zenith all azimuths are one.
     assert np.abs(got / expected - 1.0)[:-1].max() < 5e-3
 
-    # What lies far away at the horizon has become the sky behind it.
+    # Distant objects at the horizon fade into the sky.
     sky = Sky(gl, Sun(120.0, 20.0), CLEAR)
     azimuth = np.linspace(0.0, 2.0 * np.pi, 90)
     rows = np.stack([np.sin(azimuth), np.cos(azimuth), 0.0 * azimuth, 0.0 * azimuth], axis=-1)
@@ -311,7 +313,7 @@ def test_aerial_perspective_matches_integration(gl, elevation):
         far, up, turn = (grid.ravel() for grid in np.meshgrid(distance, rise, azimuth))
         place = np.stack([far * np.cos(turn), far * np.sin(turn), up], axis=-1)
         length = np.linalg.norm(place, axis=-1)
-        path = air.integrate(np.array(eye), place / length[:, None], way(elevation), length, steps=200)
+        path = air.integrate(np.array(eye), place / length[:, None], direction(elevation), length, steps=200)
         ground = 0.03 * SUN_IRRADIANCE
         expected = path.radiance * SUN_IRRADIANCE + path.clear * ground
         rows, behind = np.c_[place, up], ", ".join(map(str, ground))
@@ -339,15 +341,6 @@ def test_cloud_field_has_the_requested_cover_and_tiles():
     assert billows.max() == 1.0
     assert 0.3 < billows.mean() < 0.6
     assert np.abs(billows[0] - billows[-1]).mean() < 1.2 * np.abs(np.diff(billows, axis=0)).mean()
-
-
-def test_cloud_defines_follow_quality_and_weather():
-    fair = Weather()
-    assert cloud_defines(Quality(), Weather(clouds=0.9)) == {"CLOUDS": 2, "GREY": 1}
-    assert cloud_defines(Quality(), fair) == {"CLOUDS": 2, "GREY": 0}
-    assert cloud_defines(Quality.from_level(0.2), fair) == {"CLOUDS": 1, "GREY": 0}
-    assert cloud_defines(Quality.from_level(0.2), Weather(clouds=0.0)) == {"CLOUDS": 0, "GREY": 0}
-    assert cloud_defines(Quality.from_level(1.0, without=["clouds"]), fair)["CLOUDS"] == 0
 
 
 @pytest.mark.gl

@@ -64,7 +64,7 @@ def test_float_build_matches_double(painted):
     double = ComputeContext(with_double[0], real="double")
     for index, name in enumerate(LAYERS):
         off = np.abs(painted[index] - paint_layer(double, index, SIDE)).max(axis=-1)
-        # Where two stones are equally high, or a place lies on a border, either may win.
+        # Where two stones are equally high, or a texel is on a border, either may win.
         assert np.quantile(off, 0.995) < 1e-4, name
         assert off.mean() < 1e-3, name
 
@@ -325,19 +325,19 @@ class CountedCompute:
         return self.content
 
 
-def ask(compute, folder, recipe="recipe", family="materials-8"):
+def cached(compute, folder, recipe="recipe", family="materials-8"):
     return bytes(cached_bytes(family, recipe, len(compute.content), compute, folder))
 
 
 def test_cache_hits_until_the_recipe_changes(tmp_path, monkeypatch):
     compute = CountedCompute()
-    assert ask(compute, tmp_path / "new") == ask(compute, tmp_path / "new") == compute.content
+    assert cached(compute, tmp_path / "new") == cached(compute, tmp_path / "new") == compute.content
     assert compute.calls == 1
 
     compute, other = CountedCompute(), CountedCompute(b"others of the family, as many bytes"[:22])
-    ask(compute, tmp_path)
-    ask(compute, tmp_path, family="materials-16")
-    assert ask(other, tmp_path, recipe="another") == other.content
+    cached(compute, tmp_path)
+    cached(compute, tmp_path, family="materials-16")
+    assert cached(other, tmp_path, recipe="another") == other.content
     assert other.calls == 1
     assert len(list(tmp_path.glob("materials-8-*"))) == 1
     assert len(list(tmp_path.glob("materials-16-*"))) == 1
@@ -352,21 +352,21 @@ def test_cache_hits_until_the_recipe_changes(tmp_path, monkeypatch):
 def test_corrupt_cache_files_are_replaced_and_missing_folders_tolerated(tmp_path, monkeypatch):
     for harm in ("cut", "longer", "changed", "empty"):
         folder, compute = tmp_path / harm, CountedCompute()
-        ask(compute, folder)
+        cached(compute, folder)
         path = next(folder.iterdir())
         content = bytearray(path.read_bytes())
         content[-1] ^= harm == "changed"
         content = {"cut": content[:-3], "longer": content + b"x", "empty": b""}.get(harm, content)
         path.write_bytes(bytes(content))
-        assert ask(compute, folder) == compute.content, harm
+        assert cached(compute, folder) == compute.content, harm
         assert compute.calls == 2, harm
-        assert ask(compute, folder) == compute.content, harm
+        assert cached(compute, folder) == compute.content, harm
         assert compute.calls == 2, harm
 
     place = tmp_path / "file"
     place.write_bytes(b"no folder")
     compute = CountedCompute()
-    assert ask(compute, place) == ask(compute, place / "below") == compute.content
+    assert cached(compute, place) == cached(compute, place / "below") == compute.content
     assert compute.calls == 2
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
 
@@ -374,7 +374,7 @@ def test_corrupt_cache_files_are_replaced_and_missing_folders_tolerated(tmp_path
         raise RuntimeError("Could not determine home directory.")
 
     monkeypatch.setattr(Path, "expanduser", homeless)
-    assert ask(compute, None) == compute.content
+    assert cached(compute, None) == compute.content
 
 
 WIDTHS = texture_widths()

@@ -280,4 +280,4 @@ def test_feet_are_on_the_displayed_ground():
     drawn = drawn[:, 2] / drawn[:, 3] + camera.eye[2]
     assert np.abs(feet[:, 2] - drawn).max() < 0.3
     true = terrain.heights(feet[:, 0], feet[:, 1])
-    assert np.abs(true - drawn).max() > 0.4  # else this would say nothing
+    assert np.abs(true - drawn).max() > 0.4  # else the test could not fail

@@ -182,7 +182,7 @@ def test_costs_are_monotonic_in_the_quality_level_and_cpu_drivers_get_a_low_one(
     assert software.moving_scale < card.moving_scale
 
 
-def test_invalid_input_and_missing_opengl_raise_one_line(terrain, waves, monkeypatch):
+def test_invalid_input_and_missing_opengl_are_errors(terrain, waves, monkeypatch):
     assert not Quality.from_level(0.5, without=["grass"]).includes("grass")
     assert Quality.from_level(0.5, without=["grass"]).includes("trees")
     for message, call in (

@@ -205,7 +205,7 @@ def test_waves_run_downwind_and_are_periodic():
     for k, (east, north) in enumerate(step):
         there = wave_phases(layers, (5e6 + east, -3e6 + north, 10.0), 7.0)[k]
         np.testing.assert_allclose((there - here[k] + 0.5) % 1.0, 0.5, atol=1e-6)
-        # A crest that lies at the eye lies downwind of it a moment later.
+        # A crest at the eye is downwind of it a moment later.
         later = wave_phases(layers, (5e6, -3e6, 10.0), 7.01)[k]
         moved = (later[0] - here[k][0] + 0.5) % 1.0 - 0.5
         assert -0.1 < moved < 0
@@ -278,12 +278,12 @@ def test_one_of_two_overlapping_waters_is_visible():
     from_middle = np.hypot(*(wide.position[:, :2] - [1000.0, 0.0]).T)
     assert (wide.stream[from_middle < 50.0, 2] == 0).all()
     assert (wide.stream[from_middle > 60.0, 2] == 1).all()
-    # Where one goes on as the other neither gives way.
+    # Where one continues as the other both are visible.
     first = straight(width=12.0, end=(500.0, 0.0))
     second = straight(width=10.0, start=(500.0, 0.0))
     for surface in water_surfaces(features(first, second)):
-        shown = surface.stream[:, 2].reshape(101, -1)
-        assert (shown[2:-2] == 1).all()
+        visible = surface.stream[:, 2].reshape(101, -1)
+        assert (visible[2:-2] == 1).all()
 
 
 @pytest.mark.gl

@@ -73,8 +73,8 @@ def test_species_grow_in_stands(make_recipe, context) -> None:
         assert 0.1 < is_first.mean() < 0.9
         many, own = (per_cell(plants["x"], plants["y"], 100.0, each) for each in (None, is_first))
         shares = own[many > 40] / many[many > 40]
-        by_chance = np.sqrt(is_first.mean() * (1 - is_first.mean()) / 40)
-        assert shares.std() > 2.0 * by_chance, (first, second)
+        expected_deviation = np.sqrt(is_first.mean() * (1 - is_first.mean()) / 40)
+        assert shares.std() > 2.0 * expected_deviation, (first, second)
 
 
 def test_undergrowth_grows_at_a_forests_edge(make_recipe, context) -> None:
@@ -305,7 +305,7 @@ def test_every_field_of_a_plant_is_set(valley, storey) -> None:
 
 
 @pytest.mark.parametrize("storey", STOREYS)
-def test_pieces_are_the_whole(valley, storey, monkeypatch) -> None:
+def test_pieces_join_to_the_whole(valley, storey, monkeypatch) -> None:
     west, south, east, north = square(PLACES[0], storey)
     width = {"woody": 3000.0, "grass": 300.0}[storey]
     area = (west - width, south - 100.0, east, north)
@@ -334,9 +334,9 @@ def test_invalid_areas_and_storeys_are_errors(valley, monkeypatch) -> None:
         ((-np.inf, 0, 10, 10), "coordinates must be finite"),
         ((0, 0, 1e300, 10), "coordinates must be finite and within"),
     ):
-        for ask in (valley.foliage, valley.foliage_pieces, valley.foliage_estimate):
+        for query in (valley.foliage, valley.foliage_pieces, valley.foliage_estimate):
             with pytest.raises(InputError, match=message) as error:
-                ask(*area)
+                query(*area)
             assert "\n" not in str(error.value)
         with pytest.raises(InputError, match=message):
             next(valley.foliage_steps(*area))
@@ -408,7 +408,7 @@ def test_ferns_grow_in_forests_and_flowers_outside(make_recipe, context) -> None
 
 
 def test_grass_is_independent_of_trees(valley) -> None:
-    """They are as near to trees as by chance."""
+    """Their distance to trees is random."""
     area = (3350.0, 4350.0, 3550.0, 4550.0)  # at a forest's edge
     tufts, trees = (valley.foliage(*area, storey=storey) for storey in ("grass", "woody"))
     assert np.intersect1d(tufts["species"], trees["species"]).size == 0

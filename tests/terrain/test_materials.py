@@ -240,14 +240,14 @@ def test_default_rules_at_typical_sites() -> None:
     climate = {"snow_line": 1e4, "tree_line": 1e4, "aridity": 0.15}
     for material, mottle in (("soil", -0.5), ("grass", 0.15), ("sand", 0.5)):
         assert material_at(material, climate, water=0.65, mottle=mottle) > 0.5, material
-    # Snow lies in gullies and leaves faces.
+    # Snow covers gullies and leaves faces.
     climate = {"snow_line": 500.0, "tree_line": 400.0, "aridity": 0.1}
     face = {"mountain": 1.0, "height": 750.0, "steepness": 1.25}
     assert material_at("snow", climate, **face, hollow=0.15) > 0.7
     assert material_at("snow", climate, **face, hollow=-0.05) < 0.4
     assert material_at("snow", climate, **(face | {"steepness": 0.5})) > 0.95
     assert material_at("snow", climate, **(face | {"height": 560.0, "steepness": 0.5}), mottle=-0.4) < 0.05
-    # Scree lies in gullies as steep as it can.
+    # Scree covers gullies as steep as it can.
     climate = {"snow_line": 1e4, "tree_line": 1e4, "aridity": 0.1}
     gully = {"mountain": 0.7, "hollow": 0.1}
     assert material_at("scree", climate, **gully, steepness=0.7) > 0.7

@@ -135,13 +135,13 @@ def test_a_device_that_fails_its_self_test(right_arithmetic, probe, monkeypatch)
 
 
 def test_batches_are_halved_until_they_fit() -> None:
-    for room, most, halvings in ((1, 1, [32, 16, 8, 4, 2, 1]), (3, 2, [32, 16, 8, 4, 2]), (100, 64, [])):
+    for capacity, most, halvings in ((1, 1, [32, 16, 8, 4, 2, 1]), (3, 2, [32, 16, 8, 4, 2]), (100, 64, [])):
         done: list[int] = []
         dropped: list[int] = []
         batches = Batches(64)
 
-        def work(part: slice, room: int = room, done: list[int] = done) -> None:
-            if part.stop - part.start > room:
+        def work(part: slice, capacity: int = capacity, done: list[int] = done) -> None:
+            if part.stop - part.start > capacity:
                 raise DeviceMemoryError("full")
             done.extend(range(part.start, part.stop))
 
@@ -170,15 +170,15 @@ def packed_vertices(context: ComputeContext) -> list[np.ndarray]:
     return [terrain.write_tiles(KEYS, range(5), [-1, 0, 0, 0, 0], store), store.download()]
 
 
-@pytest.mark.parametrize("room", [1, 5])
-def test_short_memory_changes_no_bit(room, context, monkeypatch) -> None:
+@pytest.mark.parametrize("capacity", [1, 5])
+def test_short_memory_changes_no_bit(capacity, context, monkeypatch) -> None:
     """Allocation fails for more than so many patches or two hundred points at once."""
     x = np.linspace(0, 1024, 900)
     expected = evaluations(context, x) + packed_vertices(context)
     real = ComputeContext.launch
 
     def launch(self: ComputeContext, file: str, kernel: str, size: Any, *given: Any, **named: Any) -> None:
-        if (len(size) == 2 and size[1] > room) or (len(size) == 1 and size[0] > 256):
+        if (len(size) == 2 and size[1] > capacity) or (len(size) == 1 and size[0] > 256):
             self._call("launching", full)
         real(self, file, kernel, size, *given, **named)
 
@@ -235,6 +235,10 @@ def test_non_finite_values_are_errors(context, monkeypatch) -> None:
             array.flat[-1] = value
 
         monkeypatch.setattr(ComputeContext, "download_into", download_into)
-        for ask in (lambda: terrain.heights(1, 2), lambda: terrain.tile(3, 1, 1), lambda: terrain.raster(9)):
+        for query in (
+            lambda: terrain.heights(1, 2),
+            lambda: terrain.tile(3, 1, 1),
+            lambda: terrain.raster(9),
+        ):
             with pytest.raises(DeviceFailedError, match="produced non-finite"):
-                ask()
+                query()

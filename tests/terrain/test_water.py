@@ -179,7 +179,7 @@ def depth_in_lakes(terrain: Terrain, places: np.ndarray) -> np.ndarray:
 
 
 def greatest_rise(terrain: Terrain, river: River) -> float:
-    """Return how far the bed lies above a point upstream (m), without lakes, deeper than their outlets."""
+    """Return the greatest rise of the bed (m) above a point upstream, outside lakes."""
     _, line = every_metre(river)
     dry = line[depth_in_lakes(terrain, line[:, :2]) <= 0.0]
     if not len(dry):
@@ -386,7 +386,7 @@ def test_no_discontinuity_between_equally_near_branches(gap, width, make_recipe,
     evaluator = Evaluator(make_recipe(rivers=(river(hairpin(gap), width=width),)), double_context)
     for x in (1600.0, 1900.0, 2050.0, 2150.0):
         assert_continuous(evaluator, (x, 2000.0 - gap), (x, 2000.0 + gap))
-    # Along the middle both branches are as far, and one lies higher.
+    # Along the middle both branches are as far, and one is higher.
     assert_continuous(evaluator, (1520.0, 2000.0), (2160.0, 2000.0))
 
 

@@ -84,7 +84,7 @@ def open_edges(triangles):
     """Edges (n, 2, 3) without a second triangle with identical vertices."""
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     vertex = mix(*np.moveaxis(edges.view(np.int64), -1, 0)).view(np.int64)
-    forward, backward = (mix(*vertex.T[::way]).view(np.int64) for way in (1, -1))
+    forward, backward = (mix(*vertex.T[::order]).view(np.int64) for order in (1, -1))
     assert np.unique(forward).size == forward.size, "an edge is drawn twice in one direction"
     return edges[~np.isin(forward, backward)]
 
@@ -126,10 +126,10 @@ def generate(batch):
 def go(stream, view, *, elapsed=1 / 30, tiles=6):
     """Advance one frame, generating at most `tiles`."""
     batch = stream.plan(view, budget=1.0)
-    made = type(batch)(batch.keys[:tiles], batch.slots[:tiles], batch.parents[:tiles])
-    assert len(made.keys) == len(batch.keys) or tiles < len(batch.keys)
-    if made:
-        stream.mark_generated(made, generate(made), seconds=0.5 * 6 / tiles)
+    generated = type(batch)(batch.keys[:tiles], batch.slots[:tiles], batch.parents[:tiles])
+    assert len(generated.keys) == len(batch.keys) or tiles < len(batch.keys)
+    if generated:
+        stream.mark_generated(generated, generate(generated), seconds=0.5 * 6 / tiles)
     return stream.advance(view, elapsed=elapsed)
 
 

@@ -61,9 +61,9 @@ def world(toy):
 
 def frame(stream, writer, view, *, tiles=6):
     batch = stream.plan(view, budget=1.0)
-    made = type(batch)(batch.keys[:tiles], batch.slots[:tiles], batch.parents[:tiles])
-    if made:
-        writer.write(made)
+    generated = type(batch)(batch.keys[:tiles], batch.slots[:tiles], batch.parents[:tiles])
+    if generated:
+        writer.write(generated)
     return writer.rewritten(stream.advance(view, elapsed=1 / 30), view)
 
 

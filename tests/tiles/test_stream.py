@@ -188,10 +188,10 @@ def test_only_tiles_hidden_by_nearer_terrain_are_culled(toy):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("way", "steps"),
+    ("step", "steps"),
     [((390.0, 0.0, 0.0), 60), ((130.0, 0.0, 0.0), 260), ((-90.0, 140.0, 0.0), 260)],
 )
-def test_a_long_walk_with_a_short_view_ends_with_the_tiles_of_a_still_camera(toy, way, steps):
+def test_a_long_walk_with_a_short_view_ends_with_the_tiles_of_a_still_camera(toy, step, steps):
     """Tiles out of view are not balanced, and must not keep those in view from refinement."""
     metric = ScreenError(3.0, quad=1e9)
     stream = toy.limited(toy.new_stream(metric=metric), 40)
@@ -202,7 +202,7 @@ def test_a_long_walk_with_a_short_view_ends_with_the_tiles_of_a_still_camera(toy
 
     stream.generate_all(short(eye), toy.generate)
     for _ in range(steps):
-        eye += np.array(way)
+        eye += np.array(step)
         toy.go(stream, short(eye), tiles=40)
     assert stream.pool.count <= stream.pool.slots
     draws = toy.rested(stream, short(eye), tiles=40)

@@ -59,7 +59,8 @@ def unity(outcome):
         height = numbers(outcome.folder / tile["file"], (side, side)) / 65536 * size["Y"] + place["Y"]
         at = np.arange(side) / (side - 1)
         east, north = (
-            origin[way] + place[axis] + at * size[axis] for way, axis in (("east", "X"), ("north", "Z"))
+            origin[direction] + place[axis] + at * size[axis]
+            for direction, axis in (("east", "X"), ("north", "Z"))
         )
         found.append(Imported(height, east, north, size["Y"] / 65536))
     return found

@@ -32,7 +32,7 @@ def read(path, tile):
 
 
 def heights(done, tile=0):
-    """Return a tile's heights in metres, as whoever knows the sidecar alone would."""
+    """Return a tile's heights in metres, decoded by the sidecar alone."""
     content = done.sidecar["heights"]
     endings = (".r16", ".r32", ".exr", "_height.npy", "_height.png")
     (path,) = (path for ending in endings for path in done.paths(ending)[tile : tile + 1])

@@ -60,7 +60,7 @@ def ground_of(outcome):
 
 
 def accessor(gltf, index):
-    """An accessor's numbers, read by what pygltflib says of them."""
+    """Return an accessor's values as pygltflib describes them."""
     content = gltf.accessors[index]
     view = gltf.bufferViews[content.bufferView]
     kind = {5126: "<f4", 5125: "<u4", 5123: "<u2"}[content.componentType]
@@ -308,7 +308,7 @@ def image(blender):
 
 
 def displaced(content, image):
-    """A grid as Blender makes it of the settings: U eastward, V northward, a picture's first row on top."""
+    """Displace a grid as Blender does: U eastward, V northward, a picture's first row on top."""
     grid = content["displace_modifier"]["grid"]
     columns, rows = grid["x_subdivisions"] + 1, grid["y_subdivisions"] + 1
     v, u = (each.ravel() for each in np.mgrid[0 : 1 : rows * 1j, 0 : 1 : columns * 1j])

@@ -120,7 +120,7 @@ def estimate_world(request: WorldRequest, sketch: Sketch, stages: Stages) -> dic
     estimate = options.estimate_world(job, workers=request.workers)
     problem = ""
     try:
-        estimate.refuse_impossible()
+        estimate.check_resources()
     except InputError as error:
         problem = str(error)
     return {
@@ -142,11 +142,11 @@ def write_world(request: WorldRequest, sketch: Sketch, stages: Stages, emit: Emi
 
     emit({"stage": "Opening the device"})
     workers = request.workers or None
-    with ProgressReporter(show=show, echo=lambda line: emit({"note": line})) as watcher:
-        done = run_world(job, device=request.device, workers=workers, resume=True, watcher=watcher)
+    with ProgressReporter(show=show, echo=lambda line: emit({"note": line})) as reporter:
+        done = run_world(job, device=request.device, workers=workers, resume=True, reporter=reporter)
     return {
         "tasks": done.tasks,
-        "made": done.made,
+        "made": done.computed,
         "files": done.files,
         "bytes": done.bytes,
         "seconds": done.seconds,
@@ -156,13 +156,14 @@ def write_world(request: WorldRequest, sketch: Sketch, stages: Stages, emit: Emi
 def _world_job(request: WorldRequest, sketch: Sketch, stages: Stages) -> Job:
     with stages.stage("program", "Loading the program"):
         from sketchterrain.terrain.building import make_recipe
-        from sketchterrain.world.journal import OutputLayout, check_output_unused
-        from sketchterrain.world.options import form_of
+        from sketchterrain.world.journal import check_output_unused
+        from sketchterrain.world.options import output_form
 
         request.options.check(sketch)
     with stages.stage("features", "Placing features"):
-        job = request.options.job(sketch, make_recipe(sketch), request.output, form_of(str(request.output)))
-    OutputLayout.of(job)  # a missing library is reported before any work
+        job = request.options.job(
+            sketch, make_recipe(sketch), request.output, output_form(str(request.output))
+        )
     check_output_unused(job, resume=True)
     return job
 

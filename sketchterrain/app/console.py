@@ -60,7 +60,9 @@ class Stages:
     def __init__(self, show: Show | None = None) -> None:
         self.seconds: dict[str, float] = {}
         self._start = time.perf_counter()
-        self._bars: Progress | None = _bars() if show is None and sys.stderr.isatty() else None
+        self._bars: Progress | None = (
+            progress_bars(remaining=False) if show is None and sys.stderr.isatty() else None
+        )
         self._show: Show = show or self._show_on_stderr
 
     def __enter__(self) -> Stages:
@@ -103,10 +105,18 @@ class Stages:
         bars.update(task, total=1.0, completed=1.0)
 
 
-def _bars() -> Progress:
+def progress_bars(*, remaining: bool = True) -> Progress:
+    """Return progress bars on stderr, disabled without a terminal."""
     # Importing rich takes 0.1 s.
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-    columns = (TextColumn("{task.description:<28}", markup=False), BarColumn(), TimeElapsedColumn())
-    return Progress(*columns, console=Console(stderr=True))
+    text = "{task.description}" if remaining else "{task.description:<28}"
+    columns = (TextColumn(text, markup=False), BarColumn(), TimeElapsedColumn())
+    return Progress(
+        *columns,
+        *((TimeRemainingColumn(),) if remaining else ()),
+        console=Console(stderr=True, markup=False, emoji=False, highlight=False, soft_wrap=True),
+        disable=not sys.stderr.isatty(),
+        speed_estimate_period=3600.0,
+    )

@@ -1,1 +1,1 @@
-"""Many terrains: what to make, in which order, what came of each, and how to go on after a stop."""
+"""Batches: many terrains from sketches, seeds and swept parameters, resumable."""

@@ -1,4 +1,4 @@
-"""Plan of a batch: settings, sweeps and the terrains that follow."""
+"""Plan of a batch: sweep files, swept settings, and the terrains of their combinations."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,8 +20,8 @@ from sketchterrain.document.toml_format import load_toml
 from sketchterrain.errors import InputError, SketchterrainError, did_you_mean, format_value, one_line
 from sketchterrain.export.target import ExportOptions
 
-MOST_SEEDS: Final = 10_000
-MOST_VALUES: Final = 1000
+MAX_SEEDS: Final = 10_000
+MAX_VALUES: Final = 1000
 EXPORT_KEYS: Final = [each.name for each in fields(ExportOptions) if each.name not in ("size", "grass")]
 _SEEDS = re.compile(r"\s*(\d{1,19})(?:\s*-\s*(\d{1,19}))?\s*", re.ASCII)
 _NUMBER = r"\s*(-?(?:\d+(?:\.\d+)?|\.\d+)(?:e[+-]?\d{1,3})?)\s*"
@@ -32,15 +32,15 @@ Value = int | float | str
 Settings = Mapping[str, Value]
 
 
-class Swept(NamedTuple):
-    """A setting (``fidelity``, ``density.hill`` or ``river.1.width``) and the values that it takes."""
+class SweptSetting(NamedTuple):
+    """A setting (``fidelity``, ``density.hill`` or ``river.1.width``) and its values."""
 
     name: str
     values: tuple[Value, ...]
 
 
 class SweepFile(msgspec.Struct, frozen=True):
-    """A batch as a TOML file, with `export` as `ExportOptions` has it; None and empty: it does not say."""
+    """A batch as a TOML file, with the keys of `ExportOptions` in `export`; None or empty: not set."""
 
     sketches: str | list[str] = []
     seeds: str | int | list[int] = ""
@@ -61,8 +61,8 @@ class SweepFile(msgspec.Struct, frozen=True):
         return () if seeds in ([], [""]) else parse_seeds(",".join(map(str, seeds)))
 
     @property
-    def settings(self) -> tuple[Swept, ...]:
-        """The settings of ``[set]``, whether their names are quoted or made of tables."""
+    def settings(self) -> tuple[SweptSetting, ...]:
+        """The settings of ``[set]``, with dotted names or as nested tables."""
         return tuple(_flattened(self.set))
 
 
@@ -71,12 +71,12 @@ class _Export(msgspec.Struct):
 
 
 def read_sweep(path: Path) -> SweepFile:
-    """Read a sweep file, whose sketches may lie beside it; raise InputError."""
+    """Read a sweep file; sketches may be relative to it. Raise InputError."""
     try:
         document = load_toml(path.read_bytes())
-        _refuse_unknown(document, SweepFile.__struct_fields__)
+        _check_keys(document, SweepFile.__struct_fields__)
         file = msgspec.convert(document, type=SweepFile)
-        _refuse_unknown(file.export, EXPORT_KEYS, "export.")
+        _check_keys(file.export, EXPORT_KEYS, "export.")
         options = msgspec.convert(document, type=_Export).export
         _ = file.seed_list, file.settings
     except OSError as error:
@@ -93,7 +93,7 @@ def read_sweep(path: Path) -> SweepFile:
 
 
 def parse_seeds(text: str) -> tuple[int, ...]:
-    """Return the seeds of a text such as ``1,5,9-12``, in its order, each once; raise InputError."""
+    """Return the unique seeds of a text such as ``1,5,9-12``, in its order; raise InputError."""
     highest = int(SKETCH["seed"].high)
     seeds: dict[int, None] = {}
     for part in text.split(","):
@@ -105,15 +105,15 @@ def parse_seeds(text: str) -> tuple[int, ...]:
         first, last = int(match[1]), int(match[2] or match[1])
         if last > highest:
             raise InputError(f"seeds {format_value(text)}: expected seeds from 0 to {highest}")
-        if len(seeds) + last - first >= MOST_SEEDS:
-            raise InputError(f"seeds {format_value(text)}: expected at most {MOST_SEEDS} of them")
+        if len(seeds) + last - first >= MAX_SEEDS:
+            raise InputError(f"seeds {format_value(text)}: expected at most {MAX_SEEDS} of them")
         seeds |= dict.fromkeys(range(first, last + 1))
     return tuple(seeds)
 
 
-def parse_settings(texts: Sequence[str], defaults: Sequence[Swept] = ()) -> tuple[Swept, ...]:
-    """Return settings as ``NAME=VALUES``, after defaults that they do not replace; raise InputError."""
-    found: dict[str, Swept] = {}
+def parse_settings(texts: Sequence[str], defaults: Sequence[SweptSetting] = ()) -> tuple[SweptSetting, ...]:
+    """Parse settings ``NAME=VALUES`` and add those of `defaults` that are not set; raise InputError."""
+    found: dict[str, SweptSetting] = {}
     for text in texts:
         name, equals, values = text.partition("=")
         name = name.strip()
@@ -125,20 +125,17 @@ def parse_settings(texts: Sequence[str], defaults: Sequence[Swept] = ()) -> tupl
     return (*(each for each in defaults if each.name not in found), *found.values())
 
 
-def parse_setting(name: str, values: str | Sequence[object]) -> Swept:
-    """Return a setting and its values, checked against its declaration; raise InputError.
-
-    Values are a text, ``30``, ``10,20,30`` or ``10..50..10`` (from, to, step), or a list.
-    """
+def parse_setting(name: str, values: str | Sequence[object]) -> SweptSetting:
+    """Return a setting with values ``30``, ``10,20,30``, ``10..50..10`` or a list; raise InputError."""
     parameter = _declared(name)
     listed = _parse_values(name, values, parameter) if isinstance(values, str) else list(values)
-    if not 1 <= len(listed) <= MOST_VALUES:
-        raise InputError(f"{name}: expected 1 to {MOST_VALUES} values, got {len(listed)}")
-    return Swept(name, tuple(dict.fromkeys(parameter.check(value, name) for value in listed)))
+    if not 1 <= len(listed) <= MAX_VALUES:
+        raise InputError(f"{name}: expected 1 to {MAX_VALUES} values, got {len(listed)}")
+    return SweptSetting(name, tuple(dict.fromkeys(parameter.check(value, name) for value in listed)))
 
 
 def with_settings(sketch: Sketch, settings: Settings) -> Sketch:
-    """Return a sketch with other settings; names and values are those of `parse_setting`."""
+    """Return a sketch with settings applied, as named by `parse_setting`."""
     for name, value in settings.items():
         match name.split("."):
             case [key]:
@@ -153,7 +150,7 @@ def with_settings(sketch: Sketch, settings: Settings) -> Sketch:
 
 
 def applies_to(sketch: Sketch, name: str) -> bool:
-    """Return whether a sketch has what a setting is of: a label must be painted."""
+    """Return whether a setting applies to a sketch: its label must be painted."""
     parts = name.split(".")
     return len(parts) < 3 or bool((sketch.layers[parts[0]] == int(parts[1])).any())
 
@@ -190,14 +187,14 @@ def _parse_values(name: str, text: str, parameter: Parameter) -> list[object]:
     first, last, step = Decimal(steps[1]), Decimal(steps[2]), Decimal(steps[3] or "1")
     if step <= 0 or last < first:
         raise InputError(f"{name} = {format_value(text)}: expected FROM..TO..STEP that rises")
-    if (last - first) / step >= MOST_VALUES:
-        raise InputError(f"{name} = {format_value(text)}: expected at most {MOST_VALUES} values")
+    if (last - first) / step >= MAX_VALUES:
+        raise InputError(f"{name} = {format_value(text)}: expected at most {MAX_VALUES} values")
     # In decimals, so that 0.1..0.5..0.1 ends at 0.5.
     return [_parse_number(str(first + step * number)) for number in range(int((last - first) / step) + 1)]
 
 
 def _parse_number(text: str) -> float | str:
-    """Return a number; text that is none is left for the parameter to refuse."""
+    """Return a number, or the text if it is not one, which the parameter then rejects."""
     try:
         number = float(text)
     except ValueError:
@@ -205,7 +202,7 @@ def _parse_number(text: str) -> float | str:
     return int(number) if number.is_integer() and abs(number) < 1 << 53 else number
 
 
-def _flattened(table: Mapping[str, Any], prefix: str = "") -> Iterator[Swept]:
+def _flattened(table: Mapping[str, Any], prefix: str = "") -> Iterator[SweptSetting]:
     for name, value in table.items():
         if isinstance(value, dict):
             yield from _flattened(value, f"{prefix}{name}.")
@@ -213,21 +210,21 @@ def _flattened(table: Mapping[str, Any], prefix: str = "") -> Iterator[Swept]:
             yield parse_setting(prefix + name, value if isinstance(value, list | str) else [value])
 
 
-def _refuse_unknown(table: Mapping[str, Any], known: Sequence[str], prefix: str = "") -> None:
+def _check_keys(table: Mapping[str, Any], known: Sequence[str], prefix: str = "") -> None:
     for name in table:
         if name not in known:
             expected = ", ".join(known) + did_you_mean(name, known)
             raise InputError(f"unknown key {format_value(prefix + name)}: expected {expected}")
 
 
-MOST_ITEMS: Final = 10_000  # the manifest is written after each
+MAX_ITEMS: Final = 10_000  # the manifest is written after each
 _LONGEST: Final = 120  # characters of a folder's name
 _UNSAFE = re.compile(r"[^\w.=+-]", re.ASCII)
 
 
 @dataclass(frozen=True)
 class Source:
-    """A sketch as it was named, the name of its folder, and why it could not be read."""
+    """A sketch by its argument, with the name of its folder, or the reason why it cannot be read."""
 
     given: str
     name: str
@@ -237,7 +234,7 @@ class Source:
 
 @dataclass(frozen=True)
 class Item:
-    """One terrain of a batch; its folder ``valley_river/seed-007`` follows from sketch, seed and settings."""
+    """One terrain of a batch, named by its folder, as ``valley_river/seed-007``."""
 
     name: str
     source: Source
@@ -253,9 +250,9 @@ class Item:
 
 
 def read_sources(given: Sequence[str]) -> tuple[Source, ...]:
-    """Read sketches; raise InputError for none, for one given twice, or if none of them can be read."""
+    """Read sketches; raise InputError without one, for duplicates, or if none can be read."""
     if not given:
-        raise InputError("expected a sketch, got none")
+        raise InputError("expected at least one sketch")
     twice = next((each for index, each in enumerate(given) if each in given[:index]), None)
     if twice is not None:
         raise InputError(f"sketch {twice} is given twice")
@@ -277,12 +274,9 @@ def read_sources(given: Sequence[str]) -> tuple[Source, ...]:
 
 
 def plan(
-    sources: Sequence[Source], seeds: Sequence[int] = (), swept: Sequence[Swept] = ()
+    sources: Sequence[Source], seeds: Sequence[int] = (), swept: Sequence[SweptSetting] = ()
 ) -> tuple[Item, ...]:
-    """Return every sketch with every combination of values and every seed, by default its own.
-
-    Raise InputError for more than `MOST_ITEMS`, or a setting that no sketch has.
-    """
+    """Return every sketch with every combination of values and seeds (default: its own); raise InputError."""
     names = [each.name for each in swept]
     if len({*names}) < len(names):
         raise InputError(f"a setting is set twice: {', '.join(names)}")
@@ -291,8 +285,8 @@ def plan(
             layer, label, _ = name.split(".")
             raise InputError(f"{name}: no sketch of the batch has a label {label} in its layer {layer}")
     count = len(sources) * max(len(seeds), 1) * prod(len(each.values) for each in swept)
-    if count > MOST_ITEMS:
-        raise InputError(f"{count} terrains: expected at most {MOST_ITEMS} in a batch")
+    if count > MAX_ITEMS:
+        raise InputError(f"{count} terrains: expected at most {MAX_ITEMS} in a batch")
     return tuple(
         _item(source, seed, dict(zip(names, values, strict=True)))
         for source in sources
@@ -305,11 +299,11 @@ def _item(source: Source, seed: int, settings: Settings) -> Item:
     texts = {
         name: value if isinstance(value, str) else format_number(value) for name, value in settings.items()
     }
-    what = "_".join(f"{name}={_safe(text)}" for name, text in texts.items())
-    if len(what) > _LONGEST:
-        what = f"{what[: _LONGEST - 9]}-{sha256(what.encode()).hexdigest()[:8]}"
-    last = "seed-unknown" if seed < 0 else f"seed-{seed:03}"  # of a sketch that could not be read
-    return Item("/".join(part for part in (source.name, what, last) if part), source, seed, settings)
+    combination = "_".join(f"{name}={_safe(text)}" for name, text in texts.items())
+    if len(combination) > _LONGEST:
+        combination = f"{combination[: _LONGEST - 9]}-{sha256(combination.encode()).hexdigest()[:8]}"
+    last = "seed-unknown" if seed < 0 else f"seed-{seed:03}"  # unreadable sketch
+    return Item("/".join(part for part in (source.name, combination, last) if part), source, seed, settings)
 
 
 def _safe(name: str) -> str:

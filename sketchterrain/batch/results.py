@@ -1,12 +1,11 @@
-"""Results of a batch: outputs, manifest, contact sheets, progress."""
+"""Outputs of a batch: resource needs, manifest, contact sheets, progress."""
 
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from hashlib import file_digest, sha256
+from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, NamedTuple
@@ -14,11 +13,11 @@ from typing import Annotated, Any, Final, Literal, NamedTuple
 import msgspec
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import TaskID
 
+from sketchterrain.app.console import progress_bars
 from sketchterrain.app.estimates import check_size, memory_needed, plant_bytes
-from sketchterrain.document.label_layers import LabelImage
+from sketchterrain.document.label_layers import image_digest
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.toml_format import settings_text
 from sketchterrain.errors import InputError, one_line
@@ -26,17 +25,17 @@ from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.planning import memory_needed as export_memory
 from sketchterrain.export.rasters import write_picture
 from sketchterrain.export.target import ExportOptions
-from sketchterrain.io.files import write_atomic
+from sketchterrain.io.files import hash_file, write_atomic
 
 MANIFEST = "manifest.json"
-# Names come from a file that anyone may have written: none may lead out of the batch's folder.
+# Names of a manifest must not lead outside the batch's folder.
 _PART = r"(?!\.{1,2}(?:/|\Z))[^/\\\x00]+"
 _FileName = Annotated[str, msgspec.Meta(pattern=rf"\A{_PART}\Z")]
 _ItemName = Annotated[str, msgspec.Meta(pattern=rf"\A{_PART}(?:/{_PART})*\Z")]
 
 
 class File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A file of an item: its name in the item's folder, how many bytes it has, and their SHA-256."""
+    """A file of an item: name in the item's folder, length and SHA-256."""
 
     file: _FileName
     bytes: int
@@ -44,10 +43,9 @@ class File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What the manifest says of one item.
+    """Manifest entry of an item: `input` is its fingerprint, `notes` are the devices that failed.
 
-    `input` is its fingerprint, `seconds` the wall time, `timings` that of each stage, `notes` the devices
-    that failed. Partial is an item that lacks its preview, and `error` says why, or why an item failed.
+    A partial item lacks its preview; `error` is the reason, or that of a failed item.
     """
 
     name: _ItemName
@@ -63,16 +61,16 @@ class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     notes: tuple[str, ...] = ()
     error: str = ""
 
-    def whole(self, folder: Path) -> bool:
-        """Return whether every file is in a folder, with the same hash."""
+    def is_intact(self, folder: Path) -> bool:
+        """Return whether all files exist in a folder with their hashes."""
         try:
-            return all(hashed(folder / each.file) == each for each in self.files)
+            return all(File(each.file, *hash_file(folder / each.file)) == each for each in self.files)
         except OSError:
             return False
 
 
 class Manifest(msgspec.Struct, forbid_unknown_fields=True):
-    """What is written of each terrain of a batch, the entries of its items, and its contact sheets."""
+    """Manifest of a batch: output options, entries of the items, contact sheets."""
 
     format: Literal[1]
     version: str
@@ -86,12 +84,12 @@ class Manifest(msgspec.Struct, forbid_unknown_fields=True):
         return {entry.name: entry for entry in self.items}
 
     def write(self, folder: Path) -> None:
-        """Write it as a whole; raise SketchterrainError if the system cannot."""
+        """Write the manifest atomically; raise SketchterrainError if it cannot be written."""
         write_atomic(folder / MANIFEST, msgspec.json.format(msgspec.json.encode(self), indent=1))
 
 
 def read_manifest(folder: Path) -> Manifest | None:
-    """Return the manifest in a folder, None where there is none; raise InputError if it is not valid."""
+    """Return the manifest in a folder, None if it is missing; raise InputError if it is invalid."""
     path = folder / MANIFEST
     try:
         manifest = msgspec.json.decode(path.read_bytes(), type=Manifest)
@@ -101,33 +99,22 @@ def read_manifest(folder: Path) -> Manifest | None:
         raise InputError(f"{one_line(path)}: cannot be read ({error.strerror})") from None
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(
-            f"{one_line(path)}: expected a batch's manifest, this is another file or broken "
-            f"({one_line(error)}); take another folder, or move it away to start over"
+            f"{one_line(path)}: expected a batch's manifest ({one_line(error)}); choose another folder"
         ) from None
     if len(manifest.entries) < len(manifest.items):
-        raise InputError(f"{one_line(path)}: expected a batch's manifest, this one has an item twice")
+        raise InputError(f"{one_line(path)}: expected a batch's manifest with unique items")
     return manifest
 
 
-def hashed(path: Path) -> File:
-    """Return a file's size and hash; raise OSError if it cannot be read."""
-    with path.open("rb") as stream:
-        digest = file_digest(stream, "sha256").hexdigest()
-        return File(path.name, stream.tell(), digest)
-
-
 DEFAULT_SIZE: Final = 1025
-PREVIEW_MEMORY: Final = 1600 << 20  # bytes, for all previews; measured with OpenGL on a processor
+PREVIEW_MEMORY: Final = 1600 << 20  # bytes for all previews, measured with OpenGL on a CPU
 _PREVIEW_DISK: Final = 3 << 20
-_VERTEX_DISK: Final = 9  # bytes: heights twice, normals, materials; the presets take 7
+_VERTEX_DISK: Final = 9  # bytes: heights twice, normals, materials; presets take 7
 
 
 @dataclass(frozen=True)
 class Output:
-    """What is written of each terrain; without a target, the files of ``generate``.
-
-    `size` is in vertices along the longer side (None: what suits the target, or `DEFAULT_SIZE`).
-    """
+    """Files of each terrain: those of ``generate``, or of an export target; `size` None means its default."""
 
     size: int | None = None
     preview: bool = True
@@ -141,15 +128,15 @@ class Output:
 
 
 class Needs(NamedTuple):
-    """What a terrain takes: vertices, bytes of memory but for its preview, bytes of disk."""
+    """Needs of a terrain: vertices, bytes of memory without preview, bytes of disk."""
 
     vertices: int
     memory: float
     disk: float
 
 
-def needs_of(sketch: Sketch, output: Output) -> Needs:
-    """Return what a terrain takes; raise SketchterrainError if there cannot be one."""
+def estimate_needs(sketch: Sketch, output: Output) -> Needs:
+    """Return the needs of a terrain; raise SketchterrainError for invalid options."""
     east, north = sketch.size
     if output.target is None:
         size = output.size or DEFAULT_SIZE
@@ -159,23 +146,18 @@ def needs_of(sketch: Sketch, output: Output) -> Needs:
         disk += plant_bytes(east * north, output.foliage, grass=output.grass)
     else:
         options = output.options or ExportOptions()
-        wanted = checked_plan(sketch, output.target, options)
-        vertices, memory = wanted.vertices, export_memory(wanted)
-        disk = wanted.target.disk * vertices + plant_bytes(east * north, "csv", grass=options.grass)
+        export_plan = checked_plan(sketch, output.target, options)
+        vertices, memory = export_plan.vertices, export_memory(export_plan)
+        disk = export_plan.target.disk * vertices + plant_bytes(east * north, "csv", grass=options.grass)
     return Needs(vertices, memory, disk + output.preview * _PREVIEW_DISK)
 
 
 def fingerprint(sketch: Sketch, output: Output) -> str:
-    """Return a hash of what a terrain's files follow from; the device is not part, for it changes no bit."""
+    """Return a hash of everything that determines a terrain's files, which the device does not."""
     layers = {name: image_digest(image) for name, image in sketch.layers.items()}
     whole = {"version": version("sketchterrain"), "output": msgspec.to_builtins(output)}
     whole |= {"layers": layers, "settings": settings_text(sketch)}
     return sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()
-
-
-def image_digest(image: LabelImage) -> str:
-    """Return the SHA-256 of a layer's shape and labels, as hexadecimal digits."""
-    return sha256(f"{image.shape}".encode() + image.tobytes()).hexdigest()
 
 
 COLUMNS: Final = 4
@@ -186,10 +168,7 @@ _PAPER, _INK, _QUIET, _RED = (250, 250, 248), (40, 40, 40), (225, 225, 222), (17
 
 
 def write_sheets(folder: Path, entries: Sequence[Entry]) -> list[str]:
-    """Write ``sheet.png``, ``sheet-2.png`` and so on; return their names, none where there is no preview.
-
-    Entries are shown in this order, with their preview, or with what went wrong.
-    """
+    """Write contact sheets ``sheet.png``, ``sheet-2.png`` … of previews and errors; return their names."""
     if not any(_has_preview(each) for each in entries):
         return []
     names = []
@@ -210,11 +189,11 @@ def _page(folder: Path, entries: Sequence[Entry]) -> Image.Image:
         picture = _thumbnail(folder / entry.name / "preview.png") if _has_preview(entry) else None
         if picture is None:
             draw.rectangle((left, top, left + _PICTURE[0] - 1, top + _PICTURE[1] - 1), fill=_QUIET)
-            problem = _fitting(draw, entry.error or "no preview", font)
+            problem = _truncated(draw, entry.error or "no preview", font)
             draw.text((left + _GAP, top + _GAP), problem, fill=_RED, font=font)
         else:
             sheet.paste(picture, (left, top))
-        draw.text((left, top + _PICTURE[1] + 2), _fitting(draw, entry.name, font), fill=_INK, font=font)
+        draw.text((left, top + _PICTURE[1] + 2), _truncated(draw, entry.name, font), fill=_INK, font=font)
     return sheet
 
 
@@ -223,7 +202,7 @@ def _has_preview(entry: Entry) -> bool:
 
 
 def _thumbnail(path: Path) -> Image.Image | None:
-    """Return a preview at the size of the sheet; None where it is missing."""
+    """Return a preview resized for the sheet, None if it is missing."""
     try:
         with Image.open(path, formats=("PNG",)) as picture:
             return picture.convert("RGB").resize(_PICTURE, Image.Resampling.BOX)
@@ -231,25 +210,20 @@ def _thumbnail(path: Path) -> Image.Image | None:
         return None
 
 
-def _fitting(draw: ImageDraw.ImageDraw, text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont) -> str:
-    """Return as much of the end of a text as fits under a picture."""
+def _truncated(
+    draw: ImageDraw.ImageDraw, text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont
+) -> str:
+    """Return the end of a text that fits under a picture."""
     width = _PICTURE[0] - 2 * _GAP
     cuts = (text, *(f"…{text[cut:]}" for cut in range(1, len(text))), "…")
     return next(each for each in cuts if draw.textlength(each, font=font) <= width)
 
 
 class BatchProgress:
-    """Report how a batch goes on; several threads may call it. Use it as a context manager."""
+    """Progress of a batch on stderr; thread-safe, a context manager."""
 
     def __init__(self) -> None:
-        text, elapsed = TextColumn("{task.description}", markup=False), TimeElapsedColumn()
-        columns = (text, BarColumn(), elapsed, TimeRemainingColumn())
-        self._bars = Progress(
-            *columns,
-            console=Console(stderr=True, markup=False, emoji=False, highlight=False, soft_wrap=True),
-            disable=not sys.stderr.isatty(),
-            speed_estimate_period=3600.0,
-        )
+        self._bars = progress_bars()
         self._tasks: dict[str, TaskID] = {}
         self._items = self._done = self._failed = 0
 
@@ -261,19 +235,19 @@ class BatchProgress:
         self._bars.stop()
 
     def verified(self, number: int, items: int) -> None:
-        """Report how many items were compared with their files."""
+        """Show the number of verified items."""
         self._show("", "Verifying existing terrains", number, items)
 
-    def begins(self, items: int, skipped: int) -> None:
-        """Report how many terrains will be made, and how many are there."""
+    def started(self, items: int, skipped: int) -> None:
+        """Report the numbers of terrains to compute and of unchanged ones."""
         self._items = items
         self._remove("")
         if skipped:
-            self._bars.console.print(f"{skipped} of {skipped + items} terrains are there and unchanged")
+            self._bars.console.print(f"{skipped} of {skipped + items} terrains are unchanged")
         self._show("", f"0 of {items} terrains", 0, items)
 
     def stage(self, name: str, title: str) -> None:
-        """Report what is being done for an item."""
+        """Show the stage of an item."""
         self._show(name, f"{name}: {title}")
 
     def finished(self, entry: Entry) -> None:
@@ -288,9 +262,9 @@ class BatchProgress:
         failed = f", {self._failed} failed" if self._failed else ""
         self._show("", f"{self._done} of {self._items} terrains{failed}", self._done, self._items)
 
-    def stops(self) -> None:
-        """Report that the batch ends before all is done."""
-        self._bars.console.print("stopping: terrains in work are given up, finished ones stay …")
+    def interrupted(self) -> None:
+        """Report that the batch is interrupted."""
+        self._bars.console.print("stopping: unfinished terrains are discarded, finished ones remain …")
 
     def _show(self, name: str, text: str, done: int = 0, total: int | None = None) -> None:
         if name not in self._tasks:

@@ -1,4 +1,4 @@
-"""A batch: terrains made several at once, each whole or not there, and resumed after a stop."""
+"""Runs of a batch: concurrent terrains, each written completely or not at all, resumable."""
 
 import gc
 import time
@@ -39,12 +39,12 @@ from sketchterrain.batch.results import (
     PREVIEW_MEMORY,
     BatchProgress,
     Entry,
+    File,
     Manifest,
     Needs,
     Output,
+    estimate_needs,
     fingerprint,
-    hashed,
-    needs_of,
     read_manifest,
     write_sheets,
 )
@@ -56,21 +56,20 @@ from sketchterrain.export.foliage_files import FoliageOptions
 from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.rasters import write_picture
 from sketchterrain.export.target import ExportOptions
-from sketchterrain.io.files import check_disk
-from sketchterrain.io.system import Interrupts
+from sketchterrain.io.files import check_disk, hash_file
+from sketchterrain.io.system import Interrupts, exclusive_run
 from sketchterrain.render.offscreen import SnapshotRenderer
 from sketchterrain.render.views import check_view
 from sketchterrain.terrain.adherence import measure_adherence
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.terrain import Terrain
-from sketchterrain.world.journal import exclusive_run
 
 _POLL: Final = 0.2  # s between two checks for Ctrl-C
 _SHARE: Final = 0.9  # of the free memory, which a batch may take
 
 
-class Done(NamedTuple):
-    """The entries of a batch in order, names of those that were whole before, sheets, and wall time."""
+class BatchResult(NamedTuple):
+    """Entries of a batch in order, names of those that were finished before, sheets, wall time (s)."""
 
     entries: list[Entry]
     skipped: set[str]
@@ -79,15 +78,15 @@ class Done(NamedTuple):
 
 
 class _StoppedError(Exception):
-    """The batch ends; terrains in work are given up."""
+    """The batch was interrupted; unfinished terrains are discarded."""
 
 
-def items_needs(items: Sequence[Item], output: Output) -> dict[str, Needs | SketchterrainError]:
-    """Return what each item needs, or why it cannot be made; raise the first error if none can."""
+def estimate_items(items: Sequence[Item], output: Output) -> dict[str, Needs | SketchterrainError]:
+    """Return the needs of each item, or its error; raise the first error if all items fail."""
     needs: dict[str, Needs | SketchterrainError] = {}
     for item in items:
         try:
-            needs[item.name] = needs_of(item.sketch, output)
+            needs[item.name] = estimate_needs(item.sketch, output)
         except SketchterrainError as error:
             needs[item.name] = error
     errors = [each for each in needs.values() if isinstance(each, SketchterrainError)]
@@ -97,21 +96,20 @@ def items_needs(items: Sequence[Item], output: Output) -> dict[str, Needs | Sket
 
 
 def check_folder(folder: Path, *, resume: bool) -> None:
-    """Raise InputError if a folder is a file, or holds a batch without `resume`, or a broken manifest."""
-    there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
-    if not there.is_dir():
-        raise InputError(f"{one_line(folder)}: expected a folder, {one_line(there)} is a file")
+    """Raise InputError if a folder is a file, holds a batch without `resume`, or a broken manifest."""
+    existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    if not existing.is_dir():
+        raise InputError(f"{one_line(folder)}: expected a folder, {one_line(existing)} is a file")
     if read_manifest(folder) is not None and not resume:
         raise InputError(
-            f"{one_line(folder)}: there is a batch in it ({MANIFEST}); --resume goes on with it, "
-            "or take another folder"
+            f"{one_line(folder)}: contains a batch ({MANIFEST}); --resume completes it, or use another folder"
         )
 
 
-def whole_items(
+def finished_items(
     items: Sequence[Item], folder: Path, output: Output, progress: BatchProgress | None = None
 ) -> dict[str, Entry]:
-    """Return the entries of an earlier run that have the same input, and whose files have their hashes."""
+    """Return the entries of an earlier run with the same input and intact files."""
     manifest = read_manifest(folder)
     found, entries = {}, {} if manifest is None else manifest.entries
     for number, item in enumerate(items):
@@ -120,18 +118,18 @@ def whole_items(
             if progress is not None:
                 progress.verified(number, len(items))
             with suppress(SketchterrainError):
-                if entry.input == fingerprint(item.sketch, output) and entry.whole(folder / item.name):
+                if entry.input == fingerprint(item.sketch, output) and entry.is_intact(folder / item.name):
                     found[item.name] = entry
     return found
 
 
 def estimate_batch(needs: Iterable[object], output: Output, jobs: int) -> tuple[int, Estimate]:
-    """Return how many terrains can be in work at once, by the free memory, and what the batch takes."""
+    """Return the number of concurrent terrains that fit into memory, and the needs of the batch."""
     known = [each for each in needs if isinstance(each, Needs)]
     one = max((each.memory for each in known), default=1.0)
     previews = PREVIEW_MEMORY if output.preview and known else 0
-    fitting = int((_SHARE * free_memory() - previews) // one)
-    jobs = max(min(jobs, fitting, len(known)), 1)
+    jobs_in_memory = int((_SHARE * free_memory() - previews) // one)
+    jobs = max(min(jobs, jobs_in_memory, len(known)), 1)
     memory = jobs * one + previews if known else 0.0
     return jobs, Estimate({"terrains": sum(each.disk for each in known)}, memory)
 
@@ -145,18 +143,18 @@ def run_batch(
     jobs: int,
     resume: bool,
     progress: BatchProgress,
-) -> Done:
-    """Make all terrains of a batch, so many at once where there is memory for them.
+) -> BatchResult:
+    """Write all terrains of a batch, up to `jobs` at once; a failure does not stop the others.
 
-    A terrain that fails stops no other one. After Ctrl-C, and after a kill at any moment, what the manifest
-    calls done is whole, and a batch that is resumed ends with the same files.
+    Items that the manifest lists as done are complete even after a kill, and a resumed batch ends with the
+    same files.
     """
     devices = DeviceFallback(device, fast=output.fast)
-    needs = items_needs(items, output)
+    needs = estimate_items(items, output)
     check_folder(folder, resume=resume)
     prepare_folder(folder)
     with exclusive_run(folder / MANIFEST):
-        for partial_file in folder.glob(".*.tmp"):  # of a batch that was killed
+        for partial_file in folder.glob(".*.tmp"):  # of a killed run
             partial_file.unlink(missing_ok=True)
         batch = _Batch(items, folder, output, devices, progress)
         jobs, estimate = estimate_batch((needs[item.name] for item in batch.todo), output, jobs)
@@ -165,7 +163,7 @@ def run_batch(
 
 
 class _Batch:
-    """A batch while it runs."""
+    """The state of a running batch."""
 
     def __init__(
         self,
@@ -176,26 +174,26 @@ class _Batch:
         progress: BatchProgress,
     ) -> None:
         self._folder, self._output, self._devices, self._progress = folder, output, devices, progress
-        self._items, self._skipped = items, whole_items(items, folder, output, progress)
+        self._items, self._skipped = items, finished_items(items, folder, output, progress)
         self.todo = [item for item in items if item.name not in self._skipped]
         self._stop, self._thread, self._render = Event(), local(), None
         before = read_manifest(folder)
         earlier, self._sheets = ({}, []) if before is None else (before.entries, before.sheets)
-        # Files of an item that changed stay until there are others.
+        # Files of a changed item remain until new ones are written.
         files = {name: entry.files for name, entry in earlier.items()}
         blank = {item.name: replace(_blank(item), files=files.get(item.name, ())) for item in self.todo}
         names = (*(item.name for item in items), *earlier)
         self._entries = {name: blank.get(name) or earlier[name] for name in names}
 
-    def run(self, jobs: int) -> Done:
-        """Make what is not there, then the contact sheets."""
+    def run(self, jobs: int) -> BatchResult:
+        """Write missing terrains, then the contact sheets."""
         self._write_manifest()
-        self._progress.begins(len(self.todo), len(self._skipped))
+        self._progress.started(len(self.todo), len(self._skipped))
         start = time.perf_counter()
         with ExitStack() as stack:
             if self._output.preview:
-                self._render = stack.enter_context(_previews(self._go_on))
-            self._make_all(jobs, stack.enter_context(Interrupts()))
+                self._render = stack.enter_context(_previews(self._check_stop))
+            self._write_all(jobs, stack.enter_context(Interrupts()))
         seconds = time.perf_counter() - start
         shown = [entry for entry in self._entries.values() if entry.state != "waiting"]
         sheets = write_sheets(self._folder, shown)
@@ -204,28 +202,28 @@ class _Batch:
         self._sheets = sheets
         self._write_manifest()
         entries = [self._entries[item.name] for item in self._items]
-        return Done(entries, {*self._skipped}, sheets, seconds)
+        return BatchResult(entries, {*self._skipped}, sheets, seconds)
 
-    def _make_all(self, jobs: int, interrupts: Interrupts) -> None:
-        """Make what is not there; Ctrl-C is raised when nothing is half-written."""
+    def _write_all(self, jobs: int, interrupts: Interrupts) -> None:
+        """Write missing terrains; raise KeyboardInterrupt once all files are complete."""
         waiting, pending = iter(self.todo), set[Future[Entry]]()
         pool = ThreadPoolExecutor(jobs, "terrain", self._prepare_thread)
         try:
             while True:
                 interrupts.check()
-                more = islice(waiting, jobs + 1 - len(pending))  # one waits, so that no thread does
-                pending |= {pool.submit(self._make, item) for item in more}
+                more = islice(waiting, jobs + 1 - len(pending))  # one queued, so that no thread waits
+                pending |= {pool.submit(self._write_item, item) for item in more}
                 if not pending:
                     break
                 finished, pending = wait(pending, _POLL, FIRST_COMPLETED)
                 for future in finished:
                     self._record(future.result())
                     self._progress.finished(future.result())
-                    gc.collect()  # terrains hold themselves in cycles, which take hundreds of megabytes
+                    gc.collect()  # reference cycles hold terrains, hundreds of megabytes
         finally:
             self._stop.set()
             if pending:
-                self._progress.stops()
+                self._progress.interrupted()
             pool.shutdown(cancel_futures=True)
             for future in pending:
                 if not future.cancelled() and future.exception() is None:
@@ -234,27 +232,27 @@ class _Batch:
     def _prepare_thread(self) -> None:
         self._thread.shared = SharedResources(
             self._devices, take_picture=self._render
-        )  # with a cache of placements
+        )  # with a placement cache
 
-    def _make(self, item: Item) -> Entry:
-        """Make an item; its entry tells the error if it failed."""
+    def _write_item(self, item: Item) -> Entry:
+        """Write an item and return its entry, which contains any error."""
         folder, start, entry = self._folder / item.name, time.perf_counter(), _blank(item)
         stages = Stages(lambda title: self._stage(item, title))
         try:
             sketch = item.sketch
             entry = replace(entry, input=fingerprint(sketch, self._output))
-            done = make(sketch, folder, self._output, shared=self._thread.shared, stages=stages)
+            done = write_terrain(sketch, folder, self._output, shared=self._thread.shared, stages=stages)
             entry = replace(
                 entry,
                 state="done" if done.problem is None else "partial",
-                files=tuple(hashed(path) for path in done.files),
+                files=tuple(File(path.name, *hash_file(path)) for path in done.files),
                 adherence={key: each for key, each in done.report["adherence"].items() if key != "shapes"},
                 notes=tuple(done.report["restarts"]),
                 error=one_line(done.problem or ""),
             )
-        except Exception as error:  # whatever it is, it stops no other item
+        except Exception as error:  # must not stop other items
             with suppress(OSError):
-                folder.rmdir()  # which leaves a folder with files
+                folder.rmdir()  # unless it contains files
             if isinstance(error, _StoppedError):
                 raise
             entry = replace(entry, state="failed", error=one_line(" ".join(describe_error(error)[0].split())))
@@ -262,16 +260,16 @@ class _Batch:
 
     @contextmanager
     def _stage(self, item: Item, title: str) -> Iterator[Callable[[float], None]]:
-        self._go_on()
+        self._check_stop()
         self._progress.stage(item.name, title)
-        yield self._go_on
+        yield self._check_stop
 
-    def _go_on(self, _: float = 0.0) -> None:
+    def _check_stop(self, _: float = 0.0) -> None:
         if self._stop.is_set():
             raise _StoppedError
 
     def _record(self, entry: Entry) -> None:
-        """Write an entry into the manifest, and remove the stale files of an earlier run."""
+        """Record an entry in the manifest and remove stale files of an earlier run."""
         before = self._entries[entry.name]
         if entry.state == "failed":
             entry = replace(entry, files=before.files)
@@ -286,28 +284,28 @@ class _Batch:
 
 
 @contextmanager
-def _previews(go_on: Callable[[], None]) -> Iterator[Any]:
-    """Yield what renders pictures on one thread, which keeps OpenGL open; `go_on` is called before each."""
-    studios: list[SnapshotRenderer] = []
+def _previews(check_stop: Callable[[], None]) -> Iterator[Any]:
+    """Yield a function that renders pictures on one thread with an OpenGL context."""
+    renderers: list[SnapshotRenderer] = []
 
     def render(terrain: Terrain, request: dict[str, Any]) -> npt.NDArray[np.uint8]:
-        go_on()
-        if not studios:
-            studios.append(SnapshotRenderer())
-        return studios[0].picture(terrain, **request)
+        check_stop()
+        if not renderers:
+            renderers.append(SnapshotRenderer())
+        return renderers[0].picture(terrain, **request)
 
     with ThreadPoolExecutor(1, "previews") as thread:
         try:
             yield lambda terrain, **request: thread.submit(render, terrain, request).result()
         finally:
-            for studio in studios:
-                thread.submit(studio.close).result()
+            for renderer in renderers:
+                thread.submit(renderer.close).result()
 
 
-def make(
+def write_terrain(
     sketch: Sketch, folder: Path, output: Output, *, shared: SharedResources, stages: Stages
 ) -> GenerateResult:
-    """Write a terrain's files; they come into the folder together, when all of them are there."""
+    """Write a terrain's files, moved into the folder together once all are complete."""
     if output.target is not None:
         return _export(sketch, folder, output, output.target, shared, stages)
     foliage, size = FoliageOptions(output.foliage, output.grass), output.size or DEFAULT_SIZE
@@ -320,14 +318,14 @@ def _export(
 ) -> GenerateResult:
     check_view(output.view)
     weather = sketch_weather(sketch, None, None)
-    wanted = checked_plan(sketch, target, output.options or ExportOptions())
+    export_plan = checked_plan(sketch, target, output.options or ExportOptions())
 
     def work(context: ComputeContext, restarts: tuple[str, ...]) -> GenerateResult:
         prepare_folder(folder)
         with staging(folder) as hidden:
             with stages.stage("features", "Placing features"):
                 terrain = build(sketch, device=context, memory=shared.memory)
-            done = write_export(wanted, terrain, hidden, stages=stages)
+            done = write_export(export_plan, terrain, hidden, stages=stages)
             with stages.stage("adherence", "Comparing with the sketch"):
                 adherence = measure_adherence(terrain)
             files, problem, rendering = list(done.files), None, dict[str, float]()

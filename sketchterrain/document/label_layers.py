@@ -4,6 +4,7 @@ import io
 import struct
 import zlib
 from functools import lru_cache
+from hashlib import sha256
 from typing import Final, TypeAlias
 from weakref import WeakValueDictionary
 
@@ -48,6 +49,11 @@ def labels_in(image: LabelImage) -> tuple[int, ...]:
     for top in range(0, image.shape[0], rows):  # bincount widens its input eightfold
         present |= np.bincount(image[top : top + rows].ravel(), minlength=256) > 0
     return tuple(int(label) for label in np.flatnonzero(present) if label)
+
+
+def image_digest(image: LabelImage) -> str:
+    """Return the SHA-256 of an image's shape and labels, as hexadecimal digits."""
+    return sha256(f"{image.shape}".encode() + image.tobytes()).hexdigest()
 
 
 def check_image(name: str, image: LabelImage) -> LabelImage:

@@ -9,6 +9,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from hashlib import file_digest
 from pathlib import Path
 from typing import BinaryIO
 
@@ -54,6 +55,13 @@ def write_atomic(path: Path, content: bytes) -> Path:
     with atomic_file(path) as stream:
         stream.write(content)
     return path
+
+
+def hash_file(path: Path) -> tuple[int, str]:
+    """Return the length of a file and its SHA-256 as hexadecimal digits; raise OSError."""
+    with path.open("rb") as stream:
+        digest = file_digest(stream, "sha256").hexdigest()
+        return stream.tell(), digest
 
 
 def cache_folder() -> Path:

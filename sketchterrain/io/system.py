@@ -8,13 +8,16 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import FrameType
 from typing import Any, Final
 
-from sketchterrain.errors import SketchterrainError, one_line
+import filelock
+
+from sketchterrain.errors import InputError, SketchterrainError, one_line
+from sketchterrain.io.files import wrap_os_errors
 
 if sys.platform == "win32":
     import msvcrt
@@ -61,6 +64,25 @@ def unlock_folder(lock: int | None) -> None:
     """Release the lock that `lock_folder` returned."""
     if lock is not None:
         os.close(lock)
+
+
+@contextmanager
+def exclusive_run(output: Path) -> Iterator[None]:
+    """Hold the lock of an output; raise InputError if another run holds it."""
+    path = output.with_name(f".{output.name}.lock")
+    with wrap_os_errors(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lock = filelock.FileLock(path)
+        try:
+            lock.acquire(timeout=0)
+        except filelock.Timeout:
+            raise InputError(f"{one_line(output)}: another run is writing it") from None
+    try:
+        yield
+    finally:
+        with suppress(PermissionError):  # Windows does not delete an open file
+            path.unlink(missing_ok=True)
+        lock.release()
 
 
 def lower_priority(increment: int) -> None:

@@ -1,4 +1,4 @@
-"""Grid of shards of a world, and its ground."""
+"""Sampling grid of a world: levels, shards, and layers of their vertices."""
 
 import math
 from collections.abc import Iterator
@@ -13,13 +13,13 @@ from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.errors import InputError
 
 SHARD: Final = 2048
-"""Vertices along the side of a shard: what is computed and written at once, a file of each layer."""
+"""Vertices along a side of a shard, the unit of computing and writing."""
 CHUNK: Final = 256
-"""Vertices along the side of a chunk: what is read at once."""
+"""Vertices along a side of a chunk, the unit of reading."""
 
 
 class Shard(NamedTuple):
-    """A rectangle of a level's vertices: its place in the level's grid of shards, 0 the north-west one."""
+    """Level of a shard, and its row and column in the level's grid of shards from the north-west."""
 
     level: int
     row: int
@@ -28,10 +28,9 @@ class Shard(NamedTuple):
 
 @dataclass(frozen=True)
 class Level:
-    """One grid of a pyramid. Vertex (row j, column i) lies at (west + i·cell, north − j·cell).
+    """One grid of a pyramid, `columns` × `rows` vertices; level 0 is the finest, cells (m) double per level.
 
-    Level 0 is the finest; each has twice the cell of the one before: metres between vertices, and what the
-    terrain is band-limited to. `columns` and `rows` are of vertices.
+    Vertex (row j, column i) is at (west + i·cell, north − j·cell). The terrain is band-limited to the cell.
     """
 
     number: int
@@ -41,21 +40,19 @@ class Level:
 
     @property
     def shards(self) -> tuple[int, int]:
-        """Rows and columns of shards."""
+        """Numbers of rows and columns of shards."""
         return -(-self.rows // SHARD), -(-self.columns // SHARD)
 
     def size_of(self, shard: Shard) -> tuple[int, int]:
-        """Return how many rows and columns of vertices a shard holds: fewer at the south and east edges."""
+        """Return the rows and columns of vertices of a shard, fewer at the south and east edges."""
         return min(SHARD, self.rows - shard.row * SHARD), min(SHARD, self.columns - shard.column * SHARD)
 
 
 @dataclass(frozen=True)
 class World:
-    """A rectangle of the world (m) at a cell size (m), and the coarser levels over it.
+    """A rectangle (m) sampled at a cell size (m), and its coarser levels.
 
-    The finest level has a vertex at each corner where the sides are whole numbers of cells; else the
-    rectangle is widened eastward and southward to the next one. A coarser level reaches as far or up to a
-    cell farther, so every level covers it all: the world does not end there.
+    The rectangle is widened eastward and southward to whole cells of each level.
     """
 
     west: float
@@ -78,7 +75,7 @@ class World:
 
     @property
     def levels(self) -> tuple[Level, ...]:
-        """All levels, the finest first; the last one fits into a chunk."""
+        """All levels, the finest first; the last one is at most a chunk."""
         across = _cells(self.east - self.west, self.cell)
         down = _cells(self.north - self.south, self.cell)
         found = []
@@ -92,23 +89,23 @@ class World:
 
     @property
     def vertices(self) -> int:
-        """Of all levels."""
+        """Number of vertices of all levels."""
         return sum(level.columns * level.rows for level in self.levels)
 
     @property
     def shard_count(self) -> int:
-        """Of all levels."""
+        """Number of shards of all levels."""
         return sum(math.prod(level.shards) for level in self.levels)
 
     def shards(self) -> Iterator[Shard]:
-        """Return every shard, without a list of them: the coarse levels first, rows from the north."""
+        """Yield every shard, the coarsest level first, rows from the north."""
         for level in reversed(self.levels):
             for row, column in product(*map(range, level.shards)):
                 yield Shard(level.number, row, column)
 
 
 def _cells(length: float, cell: float) -> int:
-    """Return how many cells cover a length; a billionth of one too many is rounding."""
+    """Return the number of cells that cover a length, with a relative tolerance of 1e-9."""
     cells = length / cell
     whole = round(cells)
     return max(whole if abs(cells - whole) <= 1e-9 * max(cells, 1.0) else math.ceil(cells), 1)
@@ -116,11 +113,10 @@ def _cells(length: float, cell: float) -> int:
 
 @dataclass(frozen=True)
 class LayerSpec:
-    """How a layer is stored; the benchmark ``packing`` shows why it is compressed in this way.
+    """Storage of a layer; its compression is measured by the benchmark ``packing``.
 
-    `dimension` names that of the bands in Zarr; empty: the array has rows and columns only. `shuffle` and
-    `clevel` are Blosc's filter and the level of its Zstandard, `predictor` is GDAL's, `attributes` are of the
-    Zarr array.
+    `dimension` is the Zarr name of the band dimension (empty: none), `shuffle` and `clevel` are of Blosc,
+    `predictor` is of GDAL, `attributes` are of the Zarr array.
     """
 
     bands: tuple[str, ...]
@@ -132,7 +128,7 @@ class LayerSpec:
     attributes: dict[str, Any] = field(hash=False)
 
     def shape(self, rows: int, columns: int) -> tuple[int, ...]:
-        """Return the shape of an array of so many vertices."""
+        """Return the array shape for a number of vertices."""
         return (len(self.bands), rows, columns) if self.dimension else (rows, columns)
 
 
@@ -153,19 +149,19 @@ _MATERIALS: Final = {
 LAYER_SPECS: Final = {
     "height": LayerSpec(("height",), "float32", "", "shuffle", 3, "FLOATING_POINT", _HEIGHT),
     "normal": LayerSpec(("east", "north", "up"), "uint8", "axis", "bitshuffle", 1, "STANDARD", _NORMAL),
-    # Weights are mostly 0 or 255: differences only cost.
+    # Weights are mostly 0 or 255: a predictor does not help.
     "materials": LayerSpec(MATERIALS, "uint8", "material", "noshuffle", 1, "NO", _MATERIALS),
 }
-"""By name; `Ground` tells what the values mean."""
+"""Layers by name; see `ShardData` for their values."""
 LAYERS: Final = tuple(LAYER_SPECS)
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
-    """What is known at each vertex of a shard; row 0 is the northernmost, column 0 the westernmost.
+class ShardData:
+    """Layers of a shard; row 0 is the northernmost, column 0 the westernmost.
 
-    Heights (rows, columns) are in m; normals (3, rows, columns) are east, north, up, 0 is −1, 255 is 1;
-    materials (materials, rows, columns) are weights that sum to 255 at each vertex.
+    Heights (rows, columns) in m; normals (3, rows, columns) as east, north, up, with −1 … 1 as 0 … 255;
+    material weights (materials, rows, columns), which sum to 255 at each vertex.
     """
 
     shard: Shard

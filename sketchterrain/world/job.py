@@ -1,17 +1,18 @@
-"""What a world consists of: job, fingerprint and georeference."""
+"""Jobs of written worlds: fingerprint, tasks, stores, georeference."""
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
 from functools import cache, cached_property
 from hashlib import sha256
 from importlib.metadata import version
 from importlib.resources import files
+from importlib.util import find_spec
 from itertools import product
 from math import prod
 from pathlib import Path
-from typing import Any, Final, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -19,17 +20,23 @@ from rasterio import Affine
 from rasterio.crs import CRS
 from rasterio.enums import WktVersion
 
+from sketchterrain.document.label_layers import image_digest
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.toml_format import settings_text
+from sketchterrain.errors import InputError, SketchterrainError, one_line
 from sketchterrain.export.rasters import local_metres
 from sketchterrain.io.crs import parse_metric_crs
+from sketchterrain.io.files import hash_file, wrap_os_errors, write_atomic
 from sketchterrain.terrain.recipe import TerrainRecipe
-from sketchterrain.world.grid import SHARD, Level, Shard, World
+from sketchterrain.world.grid import SHARD, Level, Shard, ShardData, World
+
+if TYPE_CHECKING:  # it loads OpenCL
+    from sketchterrain.world.plants import PlantStore
 
 Form = Literal["zarr", "tiles", "tif"]
-"""A Zarr store; a folder of GeoTIFF tiles with VRTs; one GeoTIFF a layer."""
+"""A Zarr store; a folder of GeoTIFF tiles with VRTs; one GeoTIFF per layer."""
 ENDINGS: Final[dict[str, str]] = {"zarr": ".zarr", "tiles": "", "tif": ".tif"}
-"""Of an output's name."""
+"""File name extension of each form."""
 PlantsForm = Literal["none", "parquet", "flatgeobuf"]
 _ROOMS: Final = (
     "document",
@@ -43,7 +50,7 @@ _ROOMS: Final = (
     "kernels",
 )
 _SOURCES: Final = (".py", ".cl", ".clh")
-_PACKERS: Final = {
+_LIBRARIES: Final = {
     "zarr": ("zarr", "numcodecs"),
     "tiles": ("rasterio",),
     "tif": ("rasterio",),
@@ -51,17 +58,15 @@ _PACKERS: Final = {
     "parquet": ("pyarrow",),
     "flatgeobuf": ("pyogrio",),
 }
-"""Libraries whose versions may change bytes of files, but no value in them."""
+"""Libraries whose versions may change the encoding of files, but no value in them."""
 
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """A world that is to be written.
+    """A world to write: `output` is absolute, `crs` None means local metres with the sketch at `origin`.
 
-    `sketch` has the seed that counts, and `recipe` is placed once, not by each worker. `output` is absolute.
-    `crs` None means metres from the sketch's south-west corner, which lies at `origin` in it. Heights are
-    rounded to multiples of `step`, a power of two in m; 0 keeps every bit. With `fast`, kernels trade bits
-    for speed.
+    `recipe` is placed once, not by each worker. Heights are rounded to multiples of `step` (m; 0: exact).
+    `fast` trades bit-reproducibility for speed.
     """
 
     sketch: Sketch
@@ -79,9 +84,7 @@ class Job:
 
 
 def fingerprint(job: Job) -> str:
-    """Return the SHA-256 of all that a world's bytes follow from: not the output's path, nor the device."""
-    from sketchterrain.batch.results import image_digest  # it loads OpenCL
-
+    """Return the SHA-256 of everything that determines a world's bytes: neither output path nor device."""
     whole = {
         "version": version("sketchterrain"),
         "code": code_digest(),
@@ -90,14 +93,14 @@ def fingerprint(job: Job) -> str:
         "world": asdict(job.world),
         "layers": sorted(job.layers),
         **{name: getattr(job, name) for name in ("form", "plants", "grass", "crs", "origin", "step", "fast")},
-        "libraries": {name: version(name) for name in (*_PACKERS[job.form], *_PACKERS[job.plants])},
+        "libraries": {name: version(name) for name in (*_LIBRARIES[job.form], *_LIBRARIES[job.plants])},
     }
     return sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()
 
 
 @cache
 def code_digest() -> str:
-    """Return the SHA-256 of the code and the kernels that a world's bytes follow from."""
+    """Return the SHA-256 of the code and kernels that determine a world's bytes."""
     digest = sha256()
     for room in _ROOMS:
         for each in sorted(files(f"sketchterrain.{room}").iterdir(), key=lambda found: found.name):
@@ -108,10 +111,7 @@ def code_digest() -> str:
 
 
 class Task(NamedTuple):
-    """One file of each layer (``ground``) or one of plants; no task needs another.
-
-    `level`, `row` and `column` name a shard. Plants have level 0 and lie in that shard's rectangle.
-    """
+    """One file of each layer (``ground``) or of plants, for a shard; plants have level 0. Independent."""
 
     kind: Literal["ground", "plants"]
     level: int
@@ -120,16 +120,21 @@ class Task(NamedTuple):
 
 
 class WrittenFile(NamedTuple):
-    """A file's name from the output's folder on, with ``/``; its length and SHA-256."""
+    """A file's relative name with ``/``, its length and SHA-256."""
 
     file: str
     bytes: int
     sha256: str
 
+    @classmethod
+    def from_path(cls, path: Path, name: str) -> WrittenFile:
+        """Hash a file; raise OSError if it cannot be read."""
+        return cls(name, *hash_file(path))
+
 
 @dataclass(frozen=True)
 class TaskResult:
-    """A finished task: its files, seconds in all and by part, and the worker (empty without workers)."""
+    """A finished task: files, seconds in total and by part, worker name (empty without workers)."""
 
     task: Task
     files: tuple[WrittenFile, ...]
@@ -138,15 +143,15 @@ class TaskResult:
     worker: str = ""
 
 
-def tasks_of(job: Job) -> Iterator[Task]:
-    """Yield the tasks of a job: its ground from the coarsest level on, then its plants."""
+def iter_tasks(job: Job) -> Iterator[Task]:
+    """Yield the tasks of a job: shards from the coarsest level on, then plants."""
     for shard in job.world.shards():
         yield Task("ground", *shard)
     yield from plant_tasks(job)
 
 
 def plant_tasks(job: Job) -> Iterator[Task]:
-    """Yield the tasks of a job's plants: shards of the finest level that have an area, row after row."""
+    """Yield the plant tasks of a job: shards of the finest level that have an area, row by row."""
     for row, column in product(*map(range, _plant_squares(job))):
         yield Task("plants", 0, row, column)
 
@@ -163,8 +168,125 @@ def _plant_squares(job: Job) -> tuple[int, int]:
     return -(-(level.rows - 1) // SHARD), -(-(level.columns - 1) // SHARD)
 
 
+SKETCH: Final = "sketch.sketch"
+"""The sketch of a world of GeoTIFF tiles."""
+LEDGER: Final = "ledger.jsonl"
+"""All other files of a finished world, with their hashes."""
+JOURNAL: Final = "journal.jsonl"
+"""The same while the world is being written, for every form."""
+TAGS: Final = "sketchterrain"
+"""GDAL metadata domain of the world's description."""
+
+
+class Store(Protocol):
+    """Writer of one output form, created in each process from the job alone; names are relative to `folder`.
+
+    The run writes `journal`; `close` deletes it. `shards_are_final` is False if `join` replaces the shards.
+    Methods raise SketchterrainError if a file cannot be written.
+    """
+
+    folder: Path
+    journal: Path
+    shards_are_final: bool
+
+    def create(self) -> tuple[str, ...]:
+        """Write everything that does not depend on shards, if changed; return the file names."""
+
+    def write(self, shard: ShardData) -> tuple[str, ...]:
+        """Write the files of a shard atomically and return their names; thread-safe."""
+
+    def join(self, *, progress: Callable[[float], None]) -> tuple[str, ...]:
+        """Write the files that combine all shards; return their names, if any."""
+
+    def close(self, ledger: str) -> None:
+        """Write the ledger's text, then delete the journal and temporary files."""
+
+    def ledger_text(self) -> str | None:
+        """Return the ledger of a finished world, None if missing."""
+
+
+def require(what: str, modules: Iterable[str]) -> None:
+    """Raise SketchterrainError if a module of the extra ``world`` is not installed; import none."""
+    missing = [module for module in modules if find_spec(module) is None]
+    if missing:
+        raise SketchterrainError(
+            f"{what} needs {' and '.join(missing)}: not installed, "
+            "get it with pip install 'sketchterrain[world]'"
+        )
+
+
+def shard_store(job: Job) -> Store:
+    """Return the store of a job's shards; raise SketchterrainError if a library is missing."""
+    if job.form == "zarr":
+        from sketchterrain.world.zarr_store import ZarrStore
+
+        return ZarrStore(job)
+    from sketchterrain.world.geotiff_store import TiffStore, TileStore
+
+    return TileStore(job) if job.form == "tiles" else TiffStore(job)
+
+
+def plant_store(job: Job) -> PlantStore | None:
+    """Return the store of a job's plants, None without plants; raise SketchterrainError as `shard_store`."""
+    if job.plants == "none":
+        return None
+    require(f"plants as {job.plants}", ["pyarrow"])
+    from sketchterrain.world.plants import PlantStore
+
+    return PlantStore(job)
+
+
+def tile_name(layer: str, shard: Shard) -> str:
+    """Return the relative name of a shard's GeoTIFF."""
+    return f"{layer}/level{shard.level}/r{shard.row:04d}_c{shard.column:04d}.tif"
+
+
+def vrt_name(layer: str, level: int) -> str:
+    """Return the relative name of the VRT that joins the tiles of a level."""
+    return f"{layer}/level{level}.vrt" if level else f"{layer}.vrt"
+
+
+def layer_file(world: Path, layer: str) -> Path:
+    """Return the GeoTIFF of a layer; heights have the world's own name."""
+    return world if layer == "height" else world.with_name(f"{world.stem}_{layer}{world.suffix}")
+
+
+def ledger_file(world: Path) -> Path:
+    """Return the ledger of a world with one GeoTIFF per layer."""
+    return world.with_name(f"{world.stem}.{LEDGER}")
+
+
+def parts_folder(world: Path) -> Path:
+    """Return the hidden folder of such a world's shards until they are joined."""
+    return world.with_name(f".{world.name}.parts")
+
+
+def plants_folder(output: Path) -> Path:
+    """Return the folder of a world's plants: ``world-plants`` beside ``world.zarr``."""
+    return output.with_name(f"{output.stem if output.suffix else output.name}-plants")
+
+
+def write_if_changed(path: Path, content: bytes) -> None:
+    """Write a file atomically, creating its folder, unless it already has this content."""
+    with wrap_os_errors(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        same = path.is_file() and path.stat().st_size == len(content) and path.read_bytes() == content
+    if not same:
+        write_atomic(path, content)
+
+
+def read_text(path: Path) -> str | None:
+    """Return the text of a file, None if it is missing."""
+    try:
+        return path.read_bytes().decode(errors="replace")
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except OSError as error:
+        raise InputError(f"{one_line(path)}: cannot be read ({one_line(error.strerror or error)})") from None
+
+
 GRID_MAPPING: Final = "spatial_ref"
-"""The array of each level that carries the coordinate reference system."""
+"""Array of each level that holds the coordinate reference system."""
 
 _CONVENTIONS: Final = {  # identifier and description
     "multiscales": "d35379db-88df-4056-af3a-620245f8e347 Multiscale layout of zarr datasets",
@@ -172,39 +294,35 @@ _CONVENTIONS: Final = {  # identifier and description
     "Coordinate reference system information for geospatial data",
     "spatial": "689b58e2-cf7b-45e0-9fff-9cfc0883d6b4 Spatial coordinate information",
 }
-_CODE = re.compile(r"[A-Z]+:[0-9]+")  # what ``proj:code`` may hold
+_CODE = re.compile(r"[A-Z]+:[0-9]+")  # valid values of ``proj:code``
 
 
 @dataclass(frozen=True, eq=False)
 class Georeference:
-    """Where the vertices of a job's levels lie."""
+    """Coordinates of the vertices of a job's levels."""
 
     job: Job
 
     @cached_property
     def crs(self) -> CRS:
-        """The job's coordinate reference system, or local metres that lie nowhere on Earth."""
+        """The coordinate reference system of the job, or local metres without a place on Earth."""
         return local_metres() if self.job.crs is None else parse_metric_crs(self.job.crs)
 
     def transform(self, level: Level, shard: Shard | None = None) -> Affine:
-        """Return the transform of a level or of one of its shards.
-
-        Pixels are centred at vertices, and a transform maps corners of pixels: it begins half a cell
-        north-west of the first vertex.
-        """
+        """Return the affine transform of a level or shard, half a cell north-west of the first vertex."""
         row, column = (0, 0) if shard is None else (shard.row * SHARD, shard.column * SHARD)
         (east, north), world, cell = self.job.origin, self.job.world, level.cell
         west = east + world.west + (column - 0.5) * cell
         return Affine(cell, 0.0, west, 0.0, -cell, north + world.north - (row - 0.5) * cell)
 
     def coordinates(self, axis: str, level: Level) -> npt.NDArray[np.float64]:
-        """Return coordinates of columns along ``x``, eastward, or of rows along ``y``, southward."""
+        """Return the coordinates of columns (``x``, eastward) or rows (``y``, southward)."""
         (east, north), world = self.job.origin, self.job.world
         steps = np.arange(level.columns if axis == "x" else level.rows, dtype=np.float64) * level.cell
         return east + (world.west + steps) if axis == "x" else north + (world.north - steps)
 
     def root_attributes(self) -> dict[str, Any]:
-        """Return the attributes of the root group: the pyramid."""
+        """Return the attributes of the root group, with the pyramid."""
         levels = self.job.world.levels
         layout = [{"asset": "0", "transform": {"scale": [1.0, 1.0]}} | self._grid(levels[0])]
         for level in levels[1:]:
@@ -246,7 +364,7 @@ class Georeference:
     @cached_property
     def _projection(self) -> dict[str, Any]:
         code = ":".join(self.crs.to_authority() or ())
-        # The convention wants exactly one of them.
+        # The convention requires exactly one of them.
         if _CODE.fullmatch(code):
             return {"proj:code": code}
         return {"proj:wkt2": self.crs.to_wkt(version=WktVersion.WKT2_2019)}
@@ -260,7 +378,7 @@ def axis_attributes(name: str) -> dict[str, Any]:
 
 
 def _conventions(*names: str) -> list[dict[str, str]]:
-    """Return the declaration that attributes follow conventions, as their pages on GitHub ask for it."""
+    """Return the declaration of conventions that attributes follow, as specified on GitHub."""
     raw, pages = "https://raw.githubusercontent.com/zarr-conventions", "https://github.com/zarr-conventions"
     return [
         {

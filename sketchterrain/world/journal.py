@@ -1,4 +1,4 @@
-"""Journal and ledger of a world, and what they tell of an output: nothing, a part of a world, all of it."""
+"""Journal and ledger of a world's files: writing, reading, verification, and checks of the output."""
 
 from __future__ import annotations
 
@@ -6,51 +6,50 @@ import os
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from glob import escape
-from hashlib import file_digest
 from importlib.metadata import version
 from itertools import chain, islice, product
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
-import filelock
 import msgspec
 
-from sketchterrain.document.store import pack_sketch
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.io.files import wrap_os_errors, write_atomic
-from sketchterrain.world.job import Job, Task, WrittenFile, fingerprint
-from sketchterrain.world.store import (
+from sketchterrain.world.job import (
     JOURNAL,
     LEDGER,
+    Job,
     Store,
+    Task,
+    WrittenFile,
+    fingerprint,
     layer_file,
     ledger_file,
     parts_folder,
-    plants_of,
-    store_of,
-    text_of,
+    plant_store,
+    plants_folder,
+    read_text,
+    shard_store,
 )
 
 PLANTS: Final = "plants/"
-"""Begins the names of plant files in the ledger."""
+"""Prefix of the names of plant files in the ledger."""
 _SYNC = 5.0  # s between two flushes of the journal to the disk
-_THREADS: Final = 4  # a disk gives no more than they take
+_THREADS: Final = 4  # more do not speed up reading from a disk
 _BATCH: Final = 64  # files
 _HEX: Final = "[0-9a-f]" * 8
-# Temporary files of whole_files; GDAL takes no other ending for plants than its own.
+# Temporary files of atomic_path, and of GDAL, which requires its own extension.
 _PARTIAL: Final = (f".*.{_HEX}.tmp", f".*.{_HEX}.fgb")
-# What workers look for in the output's folder, and what each tries to write.
+# Probe of the output's folder by workers, and files that each of them tries to write.
 _PROBES: Final = (f".sketchterrain-{_HEX * 4}", f".sketchterrain-{_HEX * 4}-{_HEX}")
-_ZARR_MARK: Final = b'"sketchterrain"'
-_ZARR_CHUNKS: Final = "c"  # the folder of an array's shards
+_ZARR_CHUNKS: Final = "c"  # folder of an array's shards
 
 
 class Header(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The first line: the fingerprint, the program's version, and a device whose bits are its own."""
+    """First line: fingerprint, program version, and the device if its results deviate from other devices."""
 
     fingerprint: str
     version: str
@@ -59,9 +58,9 @@ class Header(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Ledger(msgspec.Struct):
-    """Finished tasks with their files, and the files that belong to no task (`others`).
+    """Finished tasks with their files, and files that belong to no task (`others`).
 
-    The same content is a journal while the world is being written, and a sorted ledger once it is finished.
+    The content is a journal while the world is being written, and a sorted ledger once it is finished.
     """
 
     header: Header
@@ -73,17 +72,15 @@ class Ledger(msgspec.Struct):
     @property
     def files(self) -> Iterator[WrittenFile]:
         """All files."""
-        yield from self.others
-        for files in self.done.values():
-            yield from files
+        return chain(self.others, chain.from_iterable(self.done.values()))
 
     @property
     def bytes(self) -> int:
-        """Of all files."""
+        """Size of all files."""
         return sum(file.bytes for file in self.files)
 
     def text(self) -> str:
-        """Return it as JSON lines: sorted, so it is the same whatever the order of the work was."""
+        """Return sorted JSON lines, independent of the order of the tasks."""
         lines = [_line(None, sorted(self.others)), *(_line(*each) for each in sorted(self.done.items()))]
         return f"{msgspec.json.encode(self.header).decode()}\n{''.join(lines)}"
 
@@ -97,43 +94,48 @@ def _line(task: Task | None, files: Iterable[WrittenFile]) -> str:
     return f"{msgspec.json.encode(_Line(task, tuple(files))).decode()}\n"
 
 
-def read_ledger(text: str, place: object) -> Ledger:
+def read_ledger(text: str, source: object) -> Ledger:
     """Read JSON lines, skipping unreadable ones: their tasks count as not done.
 
-    Raises InputError if the first line is no header, or a file lies outside of the world's folder.
+    Raise InputError if the header is invalid, or a file name leads outside the world's folder.
     """
     first, *lines = text.splitlines() or [""]
     try:
         ledger = Ledger(msgspec.json.decode(first, type=Header), {})
     except msgspec.MsgspecError as error:
         raise InputError(
-            f"{one_line(place)}: expected a list of a world's files, this is another file or broken "
-            f"({one_line(error)})"
+            f"{one_line(source)}: expected a ledger of a world's files ({one_line(error)})"
         ) from None
     decoder = msgspec.json.Decoder(_Line)
     for line in lines:
         try:
-            read = decoder.decode(line)
+            entry = decoder.decode(line)
         except msgspec.MsgspecError:
             ledger.unreadable += 1
             continue
-        if not all(is_inside(each.file) for each in read.files):
-            raise InputError(f"{one_line(place)}: names a file that is not in the world's folder")
-        if read.task is None:
-            ledger.others = read.files
+        if not all(_is_inside(each.file) for each in entry.files):
+            raise InputError(f"{one_line(source)}: file name outside the world's folder")
+        if entry.task is None:
+            ledger.others = entry.files
         else:
-            ledger.done[read.task] = read.files
+            ledger.done[entry.task] = entry.files
     return ledger
 
 
+def _is_inside(name: str) -> bool:
+    """Return whether a relative name stays inside its folder."""
+    parts = name.split("/")
+    return all(part not in ("", ".", "..") and "\0" not in part and "\\" not in part for part in parts)
+
+
 def read_journal(path: Path) -> Ledger | None:
-    """Read a journal, whose last line may be torn; None if there is none."""
-    text = text_of(path)
+    """Read a journal, whose last line may be incomplete; None if it is missing or empty."""
+    text = read_text(path)
     return read_ledger(text, path) if text else None
 
 
 class Journal:
-    """Writes what is known already, whole, then appends a line for each finished task; a context manager."""
+    """Journal on disk: the known ledger, then a line per finished task; a context manager."""
 
     def __init__(self, path: Path, ledger: Ledger) -> None:
         self._path = path
@@ -157,73 +159,33 @@ class Journal:
             self.sync()
 
     def sync(self) -> None:
-        """Flush to the disk, for a power cut."""
+        """Flush to the disk, so that lines survive a power cut."""
         with wrap_os_errors(self._path):
             os.fsync(self._stream.fileno())
         self._synced = time.monotonic()
 
 
-@contextmanager
-def exclusive_run(output: Path) -> Iterator[None]:
-    """Hold the lock of an output; raise InputError if another run holds it."""
-    path = output.with_name(f".{output.name}.lock")
-    with wrap_os_errors(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        lock = filelock.FileLock(path)
-        try:
-            lock.acquire(timeout=0)
-        except filelock.Timeout:
-            raise InputError(f"{one_line(output)}: another run is writing it") from None
-    try:
-        yield
-    finally:
-        with suppress(PermissionError):  # Windows deletes no open file
-            path.unlink(missing_ok=True)
-        lock.release()
-
-
 @dataclass(frozen=True)
 class OutputLayout:
-    """The folder of the ground, and that of names that begin with ``plants/`` (None without plants)."""
+    """Folder of the shards, and folder of names that begin with ``plants/`` (None without plants)."""
 
-    ground: Path
+    shards: Path
     plants: Path | None
 
     @classmethod
-    def of(cls, job: Job) -> OutputLayout:
-        """Return the layout of a job; raise SketchterrainError if a library that it needs is missing."""
-        plants = plants_of(job)
-        return cls(store_of(job).folder, None if plants is None else plants.folder)
+    def from_job(cls, job: Job, store: Store) -> OutputLayout:
+        """Return the layout of a job."""
+        return cls(store.folder, None if job.plants == "none" else plants_folder(job.output))
 
     def path(self, name: str) -> Path:
-        """Return the path of a file of the ledger; raise InputError if it is not inside the folders."""
-        if not is_inside(name):
-            raise InputError(f"expected the name of a file of the world, got {one_line(name)!r}")
+        """Return the path of a file of the ledger."""
         if self.plants is not None and name.startswith(PLANTS):
             return self.plants / name.removeprefix(PLANTS)
-        return self.ground / name
-
-
-def plants_folder(output: Path) -> Path:
-    """Return the folder of a world's plants: ``world-plants`` beside ``world.zarr``."""
-    return output.with_name(f"{output.stem if output.suffix else output.name}-plants")
-
-
-def is_inside(name: str) -> bool:
-    """Return whether a relative name stays inside the folder that it is looked up in."""
-    parts = name.split("/")
-    return all(part not in ("", ".", "..") and "\0" not in part and "\\" not in part for part in parts)
-
-
-def file_record(path: Path, name: str) -> WrittenFile:
-    """Return the length and the hash of a file; raise OSError if it cannot be read."""
-    with path.open("rb") as stream:
-        digest = file_digest(stream, "sha256").hexdigest()
-        return WrittenFile(name, stream.tell(), digest)
+        return self.shards / name
 
 
 def load_ledger(job: Job, store: Store) -> Ledger | None:
-    """Return what is saved of a job's world, if anything; raise InputError if it is broken or another's."""
+    """Return the journal or ledger of a job's world, None if missing; raise InputError if not of this job."""
     ledger = read_journal(store.journal)
     if ledger is None and (text := store.ledger_text()) is not None:
         ledger = read_ledger(text, store.folder)
@@ -232,156 +194,132 @@ def load_ledger(job: Job, store: Store) -> Ledger | None:
         return None
     if ledger.header.version != version("sketchterrain"):
         raise InputError(
-            f"{one_line(job.output)}: was begun by version {one_line(ledger.header.version)} of the program, "
-            f"this is {version('sketchterrain')}; take another output"
+            f"{one_line(job.output)}: was started by version {one_line(ledger.header.version)} of the "
+            f"program, this is {version('sketchterrain')}; choose another output"
         )
     if ledger.header.fingerprint != fingerprint(job):
         raise InputError(
-            f"{one_line(job.output)}: what is there was made from another sketch, seed, bounds or options, "
-            "or by other code; take another output"
+            f"{one_line(job.output)}: was computed from another sketch, seed, bounds or options, "
+            "or by other code; choose another output"
         )
     return ledger
 
 
 def check_output_unused(job: Job, *, resume: bool) -> None:
-    """Refuse an output that a job's world cannot be written to; change nothing.
+    """Raise InputError if an output holds other files, or the job's world and `resume` is False.
 
-    Raises InputError if there is something else or another world, or a world and `resume` is not given.
+    Raise SketchterrainError if a required library is missing.
     """
-    store, output, place = store_of(job), job.output, one_line(job.output)
+    store, output, name = shard_store(job), job.output, one_line(job.output)
+    plant_store(job)
     try:
         parent = next(each for each in store.folder.parents if each.exists())
         if not parent.is_dir():
-            raise InputError(f"{place}: expected a path to write to, {one_line(parent)} is a file")
+            raise InputError(f"{name}: expected a path to write to, {one_line(parent)} is a file")
         if job.form != "tif" and output.exists() and not output.is_dir():
-            raise InputError(f"{place}: expected a folder to write into, this is a file")
-        begun = _is_begun(job, store)
-        places = () if begun else _places(job, store)
-        strange = next((each for each in places if _holds_something(each, store)), None)
+            raise InputError(f"{name}: expected a folder to write into, this is a file")
+        if load_ledger(job, store) is not None:
+            if not resume:
+                raise InputError(f"{name}: world exists; --resume completes it, or choose another output")
+            return
+        outputs = [output]
+        if job.form == "tif":
+            outputs += [*(layer_file(output, layer) for layer in job.layers), store.journal.parent]
+        if job.plants != "none":
+            outputs.append(plants_folder(output))
+        used = next((each for each in outputs if _is_used(each)), None)
     except OSError as error:
-        raise InputError(f"{place}: cannot be read ({error.strerror})") from None
-    if strange is not None:
-        raise InputError(f"{one_line(strange)}: there is something else; take another output")
-    if begun and not resume:
-        raise InputError(f"{place}: there is a world; --resume completes it, or take another output")
-    if begun:
-        load_ledger(job, store)
+        raise InputError(f"{name}: cannot be read ({error.strerror})") from None
+    if used is not None:
+        raise InputError(f"{one_line(used)}: holds other files; choose another output")
 
 
-def remove_partial_files(job: Job, store: Store, layout: OutputLayout, whole: Collection[str]) -> None:
-    """Delete what only a killed run leaves: temporary files, and Zarr shards not among the `whole`."""
-    folders = {job.output, store.journal.parent, *((layout.plants,) if layout.plants is not None else ())}
-    for folder in folders:
-        for pattern in _PARTIAL:
-            _delete(folder.rglob(pattern))
-    for pattern in _PROBES:
-        _delete(store.journal.parent.glob(pattern))
-    if job.form == "tif":
-        for file in (ledger_file(job.output), *(layer_file(job.output, each) for each in job.layers)):
-            _delete(job.output.parent.glob(f".{escape(file.name)}.{_HEX}.tmp"))
-    if job.form == "zarr":
-        for level, layer in product(job.world.levels, job.layers):
-            shards = (job.output / str(level.number) / layer / _ZARR_CHUNKS).rglob("*")
-            _delete(path for path in shards if path.relative_to(layout.ground).as_posix() not in whole)
-
-
-def _is_begun(job: Job, store: Store) -> bool:
-    """Return whether a world or a part of it is there; the mark's name alone may be a user's file."""
-    if (store.journal.is_file() and store.journal.stat().st_size > 0) or store.ledger_text() is not None:
-        return True
-    if not store.mark.is_file():
-        return False
-    content = store.mark.read_bytes()
-    return _ZARR_MARK in content if job.form == "zarr" else content == pack_sketch(job.sketch)
-
-
-def _places(job: Job, store: Store) -> Iterator[Path]:
-    """Yield the files and folders that are to be the world's."""
-    yield job.output
-    if job.form == "tif":
-        yield from (layer_file(job.output, layer) for layer in job.layers)
-        yield store.journal.parent
-    if job.plants != "none":
-        yield plants_folder(job.output)
-
-
-def _holds_something(place: Path, store: Store) -> bool:
-    """Return whether a place holds more than what a run leaves that was killed before its first file."""
-    if not place.is_dir():
-        return os.path.lexists(place)
+def _is_used(path: Path) -> bool:
+    """Return whether a path is a file, or a folder with files other than partial ones."""
+    if not path.is_dir():
+        return os.path.lexists(path)
     return any(
-        not each.is_dir()
-        and each != store.journal
-        and not any(fnmatchcase(each.name, pattern) for pattern in (*_PARTIAL, *_PROBES))
-        for each in place.rglob("*")
+        not each.is_dir() and not any(fnmatchcase(each.name, pattern) for pattern in _PARTIAL)
+        for each in path.rglob("*")
     )
 
 
-def _delete(paths: Iterable[Path]) -> None:
-    for path in list(paths):
+def remove_partial_files(job: Job, store: Store, layout: OutputLayout, complete: Collection[str]) -> None:
+    """Delete leftovers of a killed run: temporary files, and Zarr shards that are not `complete`."""
+    folders = {job.output, store.journal.parent, *((layout.plants,) if layout.plants is not None else ())}
+    paths = [path for folder in folders for pattern in _PARTIAL for path in folder.rglob(pattern)]
+    paths += [path for pattern in _PROBES for path in store.journal.parent.glob(pattern)]
+    if job.form == "tif":
+        for file in (ledger_file(job.output), *(layer_file(job.output, each) for each in job.layers)):
+            paths += job.output.parent.glob(f".{escape(file.name)}.{_HEX}.tmp")
+    if job.form == "zarr":
+        for level, layer in product(job.world.levels, job.layers):
+            shards = (job.output / str(level.number) / layer / _ZARR_CHUNKS).rglob("*")
+            paths += [each for each in shards if each.relative_to(layout.shards).as_posix() not in complete]
+    for path in paths:
         if not path.is_dir():
             path.unlink(missing_ok=True)
 
 
-class Broken(NamedTuple):
-    """A file of the ledger that is not what was written, and how it differs."""
+class BrokenFile(NamedTuple):
+    """A file of the ledger that is missing or changed, and the reason."""
 
     file: str
-    why: str
+    reason: str
 
 
-def verify(ledger: Ledger, layout: OutputLayout, *, progress: Callable[[float], None]) -> Iterator[Broken]:
-    """Yield files of a ledger that are missing or differ; `progress` takes the share that is read, 0 … 1."""
+def verify(
+    ledger: Ledger, layout: OutputLayout, *, progress: Callable[[float], None]
+) -> Iterator[BrokenFile]:
+    """Yield files of a ledger that are missing or changed; report the share read, 0 … 1."""
     files, total, read = ledger.files, max(ledger.bytes, 1), 0
     with ThreadPoolExecutor(min(os.cpu_count() or 1, _THREADS), "verify") as pool:
-        while some := list(islice(files, _BATCH)):
-            for file, why in zip(some, pool.map(lambda each: _difference(each, layout), some), strict=True):
+        while batch := list(islice(files, _BATCH)):
+            reasons = pool.map(lambda each: _difference(each, layout), batch)
+            for file, reason in zip(batch, reasons, strict=True):
                 read += file.bytes
                 progress(read / total)
-                if why:
-                    yield Broken(file.file, why)
+                if reason:
+                    yield BrokenFile(file.file, reason)
 
 
-def check_world(path: str | Path, *, progress: Callable[[float], None]) -> Iterator[Broken]:
-    """Verify a finished world (a Zarr store, a folder of tiles, or the GeoTIFF of the heights).
+def check_world(path: str | Path, *, progress: Callable[[float], None]) -> Iterator[BrokenFile]:
+    """Verify a finished world (Zarr store, folder of tiles, or GeoTIFF of the heights).
 
-    Raises InputError if there is no ledger, it is broken, or the world is not finished.
+    Raise InputError if the ledger is missing or invalid, or the world is not finished.
     """
-    place, ledger = Path(path), _finished_ledger(Path(path))
-    layout = OutputLayout(place if place.is_dir() else place.parent, plants_folder(place))
-    return chain(broken_lines(ledger), verify(ledger, layout, progress=progress))
-
-
-def broken_lines(ledger: Ledger) -> Iterator[Broken]:
-    """Yield what is wrong with the ledger of a finished world itself."""
-    if ledger.unreadable:
-        yield Broken("ledger", f"has broken lines: {ledger.unreadable}")
-    elif not ledger.others:
-        yield Broken("ledger", "does not name the files that belong to the whole")
-
-
-def _finished_ledger(place: Path) -> Ledger:
-    if place.is_dir():
-        zarr = place / "ledger"
-        candidates = [(zarr / "c" / "0", zarr / JOURNAL), (place / LEDGER, place / JOURNAL)]
+    output = Path(path)
+    if output.is_dir():
+        zarr = output / "ledger"
+        candidates = [(zarr / "c" / "0", zarr / JOURNAL), (output / LEDGER, output / JOURNAL)]
     else:
-        candidates = [(ledger_file(place), parts_folder(place) / JOURNAL)]
-    for path, journal in candidates:
+        candidates = [(ledger_file(output), parts_folder(output) / JOURNAL)]
+    layout = OutputLayout(output if output.is_dir() else output.parent, plants_folder(output))
+    for file, journal in candidates:
         if read_journal(journal) is not None:
-            raise InputError(f"{one_line(place)}: is not finished; world --resume completes it")
-        if (text := text_of(path)) is not None:
-            return read_ledger(text, path)
-    raise InputError(f"{one_line(place)}: no ledger of a world's files is there")
+            raise InputError(f"{one_line(output)}: is not finished; world --resume completes it")
+        if (text := read_text(file)) is not None:
+            ledger = read_ledger(text, file)
+            return chain(broken_lines(ledger), verify(ledger, layout, progress=progress))
+    raise InputError(f"{one_line(output)}: expected a world, its ledger is missing")
+
+
+def broken_lines(ledger: Ledger) -> Iterator[BrokenFile]:
+    """Yield errors of the ledger of a finished world itself."""
+    if ledger.unreadable:
+        yield BrokenFile("ledger", f"has unreadable lines: {ledger.unreadable}")
+    elif not ledger.others:
+        yield BrokenFile("ledger", "does not list the metadata files")
 
 
 def _difference(file: WrittenFile, layout: OutputLayout) -> str:
-    """Return how a file differs from what was written; empty if it does not."""
+    """Return how a file differs from its record, empty if it is intact."""
     path = layout.path(file.file)
     try:
         size = path.stat().st_size
         if size != file.bytes:
-            return f"has {size} bytes, {file.bytes} were written"
-        return "" if file_record(path, file.file) == file else "has other bytes than were written"
+            return f"has {size} bytes, expected {file.bytes}"
+        return "" if WrittenFile.from_path(path, file.file) == file else "has changed content"
     except FileNotFoundError:
         return "is missing"
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Written worlds read back in windows, from Zarr by zarr-python or from GeoTIFF by rasterio."""
+"""Windowed reading of written worlds, Zarr by zarr-python and GeoTIFF by rasterio."""
 
 import tempfile
 import threading
@@ -23,23 +23,22 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.world.grid import CHUNK, LAYER_SPECS, SHARD, Level, Shard, World
-from sketchterrain.world.store import SKETCH, TAGS, layer_file, require, tile_name, vrt_name
+from sketchterrain.world.job import SKETCH, TAGS, layer_file, require, tile_name, vrt_name
 from sketchterrain.world.zarr_store import BYTES, FORMAT, METADATA, OURS, shard_file
 from sketchterrain.world.zarr_store import SKETCH as ZARR_SKETCH
 
-_CHUNKS: Final = 384  # kept decompressed: 192 MiB of the largest ones
-_FILES: Final = 16  # GeoTIFFs that a thread keeps open
-# What zarr-python and GDAL raise of broken files.
+_CHUNKS: Final = 384  # cached decompressed: up to 192 MiB
+_FILES: Final = 16  # cached open GeoTIFFs per thread
+# Exceptions of zarr-python and GDAL for broken files.
 _FAILURES: Final = (OSError, ValueError, TypeError, LookupError, AttributeError, RuntimeError, RasterioError)
-_REMEDY: Final = "writing the world again with --resume mends it"
+_REMEDY: Final = "repair the world with --resume"
 _Array = npt.NDArray[Any]
 
 
 class StoredWorld(ABC):
-    """Layers of a pyramid that are read in windows, by any number of threads; the last chunks are kept.
+    """Layers of a pyramid, read in windows through a cache of chunks; thread-safe.
 
-    `west` and `north` (m from the sketch's south-west corner) are of column 0 and row 0; `levels` begin with
-    the finest; `layers` are some of ``height``, ``normal``, ``materials``, heights always.
+    `west` and `north` (m from the sketch's south-west corner) are of column 0 and row 0.
     """
 
     def __init__(self, world: World, layers: tuple[str, ...], material_names: tuple[str, ...]) -> None:
@@ -54,17 +53,14 @@ class StoredWorld(ABC):
 
     @abstractmethod
     def sketch(self) -> Sketch | None:
-        """Return the sketch that the world was made from, None if it holds none; InputError if broken."""
+        """Return the sketch of the world, None if it is not stored; raise InputError if it is broken."""
 
     @abstractmethod
     def _load(self, layer: str, level: int, row: int, column: int) -> _Array:
-        """Read a chunk by its row and column in the level's grid of chunks: (bands or nothing, …, …)."""
+        """Read a chunk by its row and column in the level's grid of chunks."""
 
     def read(self, layer: str, level: int, *, top: int, left: int, rows: int, columns: int) -> _Array:
-        """Return a window of a layer, inside a level, as `Ground` has it.
-
-        Raise InputError that names the file if some of it is missing or broken.
-        """
+        """Return a window inside a level, see `ShardData`; raise InputError for a missing or broken file."""
         if layer not in self.layers:
             raise InputError(f"expected a layer among {', '.join(self.layers)}, got {one_line(layer)!r}")
         if not 0 <= level < len(self.levels):
@@ -80,7 +76,7 @@ class StoredWorld(ABC):
         chunk_rows = range(top // CHUNK, (bottom - 1) // CHUNK + 1)
         chunk_columns = range(left // CHUNK, (right - 1) // CHUNK + 1)
         for row, column in product(chunk_rows, chunk_columns):
-            down, across = row * CHUNK, column * CHUNK  # of the chunk's first vertex
+            down, across = row * CHUNK, column * CHUNK  # first vertex of the chunk
             first, last = max(top, down), min(bottom, down + CHUNK)
             begin, end = max(left, across), min(right, across + CHUNK)
             chunk = self._chunk(layer, level, row, column)
@@ -90,7 +86,7 @@ class StoredWorld(ABC):
 
 
 class _ZarrWorld(StoredWorld):
-    """A Zarr store; each chunk carries a checksum, so that no broken one is taken for ground."""
+    """A Zarr store; checksums of chunks detect damage."""
 
     def __init__(self, folder: Path) -> None:
         require("A world in a Zarr store", ["zarr"])
@@ -101,18 +97,20 @@ class _ZarrWorld(StoredWorld):
             group = zarr.open_group(folder, mode="r")
             facts: Any = group.attrs.get(OURS)
             if not isinstance(facts, dict):
-                raise InputError(f"{one_line(folder)}: a Zarr store, but no world of {OURS}'s")
+                raise InputError(f"{one_line(folder)}: expected a world of {OURS}, got another Zarr store")
             if (found := facts.get("format")) != FORMAT:
                 raise InputError(
                     f"{one_line(path)}: expected a world of format {FORMAT}, got {one_line(found)}"
                 )
             world, layers = World(**facts["world"]), tuple(map(str, facts["layers"]))
             super().__init__(world, layers, tuple(map(str, facts["materials"])))
-        places = product(self.levels, self.layers)
-        self._arrays = {(name, level.number): self._array(group, name, level) for level, name in places}
+        self._arrays = {
+            (name, level.number): self._array(group, name, level)
+            for level, name in product(self.levels, self.layers)
+        }
 
     def _array(self, group: Any, layer: str, level: Level) -> Any:
-        """Return an array, which must have the shape and the shards that the root promises."""
+        """Return an array, checked against the shape and shards of the root's metadata."""
         name, spec = f"{level.number}/{layer}", self._specs[layer]
         expected = (spec.shape(level.rows, level.columns), spec.shape(SHARD, SHARD), spec.dtype)
         with _reading(self.folder / name / METADATA):
@@ -122,7 +120,7 @@ class _ZarrWorld(StoredWorld):
         return array
 
     def sketch(self) -> Sketch:
-        """Return the sketch that it was made from; see `StoredWorld.sketch`."""
+        """Return the stored sketch."""
         path = self.folder / ZARR_SKETCH / BYTES
         if not path.is_file():
             raise _broken(path)
@@ -139,7 +137,7 @@ class _ZarrWorld(StoredWorld):
 
 
 class _OpenFiles(threading.local):
-    """GDAL's open files, which are for one thread each."""
+    """Cache of open GDAL datasets, which are not thread-safe."""
 
     def __init__(self) -> None:
         self.open = lru_cache(_FILES)(self._open)
@@ -161,13 +159,13 @@ class _TiffWorld(StoredWorld):
             with rasterio.open(heights) as file:
                 self._facts: dict[str, str] = file.tags(ns=TAGS)
             if not self._facts:
-                raise InputError(f"{one_line(heights)}: expected the heights of a world, it tells of none")
+                raise InputError(f"{one_line(heights)}: expected the heights of a world")
             world = World(*(float(self._facts[name]) for name in ("west", "south", "east", "north", "cell")))
             layers, materials = (tuple(self._facts[name].split(",")) for name in ("layers", "materials"))
             super().__init__(world, layers, materials)
 
     def sketch(self) -> Sketch | None:
-        """Return the sketch beside the tiles or in the tags; see `StoredWorld.sketch`."""
+        """Return the sketch beside the tiles or in the tags."""
         if self._tiled:
             path = self._path / SKETCH
             return load_sketch(path) if path.exists() else None
@@ -190,10 +188,10 @@ class _TiffWorld(StoredWorld):
             file = self._files.open(path, overview, path.stat().st_mtime_ns)
             if (file.count, *file.shape) != expected:
                 raise ValueError(f"expected {expected} bands, rows, columns, got {file.count, *file.shape}")
-            with path.open("rb") as stream:  # the checksum of a block, which GDAL does not look at
+            with path.open("rb") as stream:  # the checksum of a block, which GDAL ignores
                 names = (f"BLOCK_{item}_{column}_{row}" for item in ("OFFSET", "SIZE"))
-                place, size = (int(file.get_tag_item(name, "TIFF", bidx=1)) for name in names)
-                stream.seek(place)
+                offset, size = (int(file.get_tag_item(name, "TIFF", bidx=1)) for name in names)
+                stream.seek(offset)
                 zlib.decompress(stream.read(size))
             top, left = row * CHUNK, column * CHUNK
             window = Window(left, top, min(CHUNK, shape[1] - left), min(CHUNK, shape[0] - top))
@@ -202,29 +200,25 @@ class _TiffWorld(StoredWorld):
 
 
 def open_world(path: str | Path) -> StoredWorld:
-    """Open a Zarr store, a folder of GeoTIFF tiles, or the GeoTIFF of the heights.
-
-    Raise InputError if there is no world or its description is broken, SketchterrainError if a library that
-    reads it is missing.
-    """
-    place, vrt = Path(path), vrt_name("height", 0)
+    """Open a Zarr store, a folder of GeoTIFF tiles, or the GeoTIFF of the heights; raise InputError."""
+    world, vrt = Path(path), vrt_name("height", 0)
     try:
-        if not place.exists():
+        if not world.exists():
             raise InputError(f"{one_line(path)}: no such file or folder, expected a world")
-        if (place / METADATA).is_file():
-            return _ZarrWorld(place)
-        if place.is_dir() and not (place / vrt).exists():
-            if (place / SKETCH).exists():
-                raise InputError(f"{one_line(path)}: is not finished; world --resume goes on with it")
-            raise InputError(f"{one_line(path)}: no world: it holds neither {METADATA} nor {vrt}")
+        if (world / METADATA).is_file():
+            return _ZarrWorld(world)
+        if world.is_dir() and not (world / vrt).exists():
+            if (world / SKETCH).exists():
+                raise InputError(f"{one_line(path)}: is not finished; world --resume completes it")
+            raise InputError(f"{one_line(path)}: expected a world, with {METADATA} or {vrt}")
     except OSError as error:
         raise InputError(f"{one_line(path)}: cannot be read ({error.strerror})") from None
-    return _TiffWorld(place)
+    return _TiffWorld(world)
 
 
 @contextmanager
 def _reading(path: Path) -> Iterator[None]:
-    """Let a failure to read name the file, in one line."""
+    """Raise reading errors as InputError that names the file."""
     try:
         yield
     except (*_FAILURES, zlib.error) as error:
@@ -234,5 +228,5 @@ def _reading(path: Path) -> Iterator[None]:
 def _broken(path: Path, reason: object = None) -> InputError:
     found = f"broken ({one_line(reason)})"
     if not path.exists():
-        found = "is missing: the world is not finished, or a file of it is lost"
+        found = "is missing: the world is not finished or damaged"
     return InputError(f"{one_line(path)}: {found}; {_REMEDY}")

@@ -1,6 +1,7 @@
-"""Options of a world that is to be written, checked before anything is opened, and what it takes."""
+"""Options of a world to write, and estimates of its memory and disk space."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, get_args
@@ -12,25 +13,23 @@ from sketchterrain.errors import InputError, one_line
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.world.grid import LAYERS, Shard, World
-from sketchterrain.world.job import Form, Job, PlantsForm, task_count
+from sketchterrain.world.job import Form, Job, PlantsForm, require, shard_store, task_count
 from sketchterrain.world.journal import load_ledger
-from sketchterrain.world.store import require, store_of
 
 _FINEST_STEP, _COARSEST_STEP = 2.0**-24, 2.0**10  # m
-# Bytes, measured with every layer: a process with an open device, what kernels work on of so many vertices
-# at once, and a shard that is evaluated and one that is written.
+# Bytes, measured with all layers: a process with an open device, kernel buffers of up to _LAUNCHED vertices,
+# and two shards, one being evaluated and one being written.
 _PROCESS: Final = 280 << 20
 _LAUNCHED: Final = 1 << 20
 _BYTES_LAUNCHED: Final = 92
-_BYTES_A_VERTEX: Final = 56
+_BYTES_PER_VERTEX: Final = 56
 
 
 @dataclass(frozen=True)
 class WorldOptions:
-    """Options of a world, as `Job` explains them.
+    """Options of a world, see `Job`; `workers` is whether worker processes run the tasks.
 
-    `bounds` are west, south, east, north in m, None for the sketch's rectangle; `workers` says whether other
-    processes than this one do the tasks.
+    `bounds` are west, south, east, north (m), None for the sketch's rectangle.
     """
 
     bounds: tuple[float, float, float, float] | None = None
@@ -45,7 +44,7 @@ class WorldOptions:
     workers: bool = False
 
     def check(self, sketch: Sketch) -> World:
-        """Return where the world is sampled; raise InputError for options that make no sense."""
+        """Return the sampling grid; raise InputError for invalid options."""
         world = World(*(self.bounds or (0.0, 0.0, *sketch.size)), self.cell)
         _check_lattice(world, sketch.extent)
         if self.plants not in get_args(PlantsForm):
@@ -64,7 +63,7 @@ class WorldOptions:
             from sketchterrain.io.crs import parse_metric_crs
 
             parse_metric_crs(self.crs)
-        layers_of(",".join(self.layers))
+        check_layers(self.layers)
         if self.workers:
             require("a world by workers", ["distributed"])
         return world
@@ -77,7 +76,7 @@ class WorldOptions:
             world=self.check(sketch),
             output=output.absolute(),
             form=form,
-            layers=layers_of(",".join(self.layers)),
+            layers=check_layers(self.layers),
             plants=self.plants,
             grass=self.grass,
             crs=self.crs,
@@ -87,11 +86,8 @@ class WorldOptions:
         )
 
 
-def form_of(output: str) -> Form:
-    """Return the form of an output by its name: .zarr, .tif, or a folder of tiles.
-
-    A folder's name has no ending, or a slash after it, or is there already.
-    """
+def output_form(output: str) -> Form:
+    """Return the form of an output by its extension; a folder has none, a trailing slash, or exists."""
     if not output.strip():
         raise InputError("expected a path to write to, got none")
     ending = Path(output).suffix.lower()
@@ -106,14 +102,14 @@ def form_of(output: str) -> Form:
     return "tiles"
 
 
-def layers_of(text: str) -> tuple[str, ...]:
-    """Return the layers that a comma-separated text names, in their own order."""
-    names = [name.strip() for name in text.split(",")]
+def check_layers(names: Sequence[str]) -> tuple[str, ...]:
+    """Return layers in their standard order; raise InputError for an unknown one, or without heights."""
+    text = ",".join(names)
     unknown = next((name for name in names if name not in LAYERS), None)
     if unknown is not None:
-        raise InputError(f"layers {one_line(text)!r}: expected some of {', '.join(LAYERS)}, with commas")
+        raise InputError(f"layers {one_line(text)!r}: expected some of {', '.join(LAYERS)}")
     if "height" not in names:
-        raise InputError(f"layers {one_line(text)!r}: expected height among them, which every world has")
+        raise InputError(f"layers {one_line(text)!r}: expected height among them")
     return tuple(name for name in LAYERS if name in names)
 
 
@@ -122,8 +118,7 @@ def _check_lattice(world: World, extent: float) -> None:
     unit = metres_per_unit(extent)
     if world.cell < unit:
         raise InputError(
-            f"cell {world.cell:g} m: expected at least {unit:.3g} m, the finest that a sketch of "
-            f"{extent:g} m has"
+            f"cell {world.cell:g} m: expected at least {unit:.3g} m, the finest for a sketch of {extent:g} m"
         )
     for level in world.levels:
         east = world.west + (level.columns + 1) * level.cell
@@ -137,19 +132,19 @@ def _check_lattice(world: World, extent: float) -> None:
 
 @dataclass(frozen=True)
 class WorldEstimate:
-    """What a world takes, and how many of its tasks are done."""
+    """Memory and disk space of a world, and the number of its finished tasks."""
 
     job: Job
     needs: Estimate
     tasks: int
     done: int
 
-    def refuse_impossible(self) -> None:
-        """Raise InputError if the disk or the memory will not do."""
+    def check_resources(self) -> None:
+        """Raise InputError if disk space or memory is insufficient."""
         self.needs.check(self.job.output, "the world's files")
 
     def as_dict(self) -> dict[str, Any]:
-        """Return it as JSON has it."""
+        """Return the estimate as JSON data."""
         world, finest = self.job.world, self.job.world.levels[0]
         return {
             "output": str(self.job.output),
@@ -166,7 +161,7 @@ class WorldEstimate:
         }
 
     def lines(self) -> list[str]:
-        """Return it as text."""
+        """Return the estimate as lines of text."""
         world, finest = self.job.world, self.job.world.levels[0]
         done = f", {self.done} of them done" if self.done else ""
         return [
@@ -178,24 +173,21 @@ class WorldEstimate:
 
 
 def estimate_world(job: Job, *, workers: int = 0) -> WorldEstimate:
-    """Return what a job takes, by `workers` processes of this machine (0: this one).
-
-    Raises InputError if there is another world at the output.
-    """
+    """Return the needs of a job with `workers` local processes (0: this one)."""
     world = job.world
     disk = layer_bytes(world.vertices, job.layers)
     if job.step:
         disk["height"] *= 0.4
     if job.form == "tif":
-        disk["temporary"] = sum(disk.values())  # shards, until they are joined
+        disk["temporary"] = sum(disk.values())  # shards until they are joined
     if job.plants != "none":
-        east, north = job.sketch.size  # plants grow in the sketch alone
+        east, north = job.sketch.size  # plants are limited to the sketch
         across = max(min(world.east, east) - max(world.west, 0.0), 0.0)
         down = max(min(world.north, north) - max(world.south, 0.0), 0.0)
         disk["plants"] = plant_bytes(across * down, job.plants, grass=job.grass)
     vertices = max(math.prod(level.size_of(Shard(level.number, 0, 0))) for level in world.levels)
-    each = _PROCESS + _BYTES_LAUNCHED * min(vertices, _LAUNCHED) + _BYTES_A_VERTEX * vertices
+    each = _PROCESS + _BYTES_LAUNCHED * min(vertices, _LAUNCHED) + _BYTES_PER_VERTEX * vertices
     memory = each * max(workers, 1) + (_PROCESS if workers else 0)
-    ledger = load_ledger(job, store_of(job))
+    ledger = load_ledger(job, shard_store(job))
     done, present = (0, 0) if ledger is None else (len(ledger.done), ledger.bytes)
     return WorldEstimate(job, Estimate(disk, memory, present), task_count(job), done)

@@ -1,4 +1,4 @@
-"""Plants of a world: a file for each square of the ground, as GeoParquet or FlatGeobuf."""
+"""Plants of a world: a GeoParquet or FlatGeobuf file per shard of the finest level."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -20,21 +20,19 @@ from sketchterrain.io.crs import plain_path
 from sketchterrain.io.files import atomic_path, wrap_os_errors
 from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.world.grid import SHARD, World
-from sketchterrain.world.job import Georeference, Job, Task
-from sketchterrain.world.journal import plants_folder
+from sketchterrain.world.job import Georeference, Job, Task, plants_folder
 
 _GEOMETRY: Final = "geometry"  # points as ISO WKB, with the height as z
 _FLOATS: Final = ("x", "y", "z", "nx", "ny", "nz", "scale", "rotation", "tint")
-_PLACE: Final = ("x", "y", "z")
+_POSITION: Final = ("x", "y", "z")
 _KIND: Final = "Point Z"
-_ROWS = 1 << 17  # in a row group, which a reader skips or reads as a whole
+_ROWS = 1 << 17  # per row group, the unit that readers skip
 
 
 class PlantStore:
-    """Plants of a job; names of their files begin in `folder`, beside the world in ``world-plants``.
+    """Writer of a job's plants, ``tile_row=3/tile_column=12/plants.parquet`` or ``r0003_c0012.fgb``.
 
-    Parquet is a data set in partitions, ``tile_row=3/tile_column=12/plants.parquet``; FlatGeobuf is a file a
-    square, ``r0003_c0012.fgb``. A square without plants has a file without rows, so none is missing.
+    A square without plants has a file without rows.
     """
 
     def __init__(self, job: Job) -> None:
@@ -42,7 +40,7 @@ class PlantStore:
         self._job = job
 
     def write(self, task: Task, terrain: Terrain) -> tuple[str, ...]:
-        """Write the plants of a square in pieces, in memory that does not grow with their number."""
+        """Write the plants of a square in batches of bounded memory; return the relative names of files."""
         is_parquet = self._job.plants == "parquet"
         name = (
             f"tile_row={task.row}/tile_column={task.column}/plants.parquet"
@@ -64,10 +62,9 @@ class PlantStore:
 
 
 def plant_square(world: World, row: int, column: int) -> tuple[float, float, float, float]:
-    """Return the west, south, east and north (m) of the plants of a shard of the finest level.
+    """Return west, south, east and north (m) of a shard's plants; east and north are exclusive.
 
-    West and south are inside; east and north are the west and south of the neighbours, to the bit. The
-    easternmost and southernmost shards end at their last vertices.
+    Edges are bit-equal to those of neighbours; the last shards end at their last vertices.
     """
     level = world.levels[0]
 
@@ -83,7 +80,7 @@ def plant_square(world: World, row: int, column: int) -> tuple[float, float, flo
 
 
 def _schema() -> pa.Schema:
-    """Return the columns, which docs/worlds.md explains."""
+    """Return the columns; see docs/worlds.md."""
     columns = [(name, pa.float64() if name in ("x", "y") else pa.float32()) for name in _FLOATS]
     species = ("species", pa.dictionary(pa.int8(), pa.string()))
     return pa.schema([(_GEOMETRY, pa.binary()), *columns[:6], species, *columns[6:], ("level", pa.int16())])
@@ -92,19 +89,19 @@ def _schema() -> pa.Schema:
 def _batches(
     pieces: Iterator[npt.NDArray[np.void]], species: Sequence[str], origin: Origin
 ) -> Iterator[pa.RecordBatch]:
-    """Yield plants as rows of the table, in batches of `_ROWS`."""
-    held: list[npt.NDArray[np.void]] = []
+    """Yield plants as record batches of `_ROWS` rows."""
+    buffered: list[npt.NDArray[np.void]] = []
     for piece in pieces:
         rest = piece
         while len(rest):
-            room = _ROWS - sum(map(len, held))
-            held.append(rest[:room])
-            rest = rest[room:]
-            if sum(map(len, held)) == _ROWS:
-                yield _batch(np.concatenate(held), species, origin)
-                held = []
-    if held:
-        yield _batch(np.concatenate(held), species, origin)
+            missing = _ROWS - sum(map(len, buffered))
+            buffered.append(rest[:missing])
+            rest = rest[missing:]
+            if sum(map(len, buffered)) == _ROWS:
+                yield _batch(np.concatenate(buffered), species, origin)
+                buffered = []
+    if buffered:
+        yield _batch(np.concatenate(buffered), species, origin)
 
 
 def _batch(plants: npt.NDArray[np.void], species: Sequence[str], origin: Origin) -> pa.RecordBatch:
@@ -129,7 +126,7 @@ def _batch(plants: npt.NDArray[np.void], species: Sequence[str], origin: Origin)
 
 
 def _write_parquet(path: Path, batches: Iterator[pa.RecordBatch], crs: CRS) -> None:
-    """Write GeoParquet 1.1, a row group a batch; floats as BYTE_STREAM_SPLIT take two thirds of the bytes."""
+    """Write GeoParquet 1.1, one row group per batch; BYTE_STREAM_SPLIT saves a third of the bytes."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     with (
         atomic_path(path) as temporary,
@@ -144,8 +141,8 @@ def _write_parquet(path: Path, batches: Iterator[pa.RecordBatch], crs: CRS) -> N
     ):
         for batch in batches:
             file.write_batch(batch)
-            places = np.stack([batch[name].to_numpy() for name in _PLACE])
-            low, high = np.minimum(low, places.min(axis=1)), np.maximum(high, places.max(axis=1))
+            points = np.stack([batch[name].to_numpy() for name in _POSITION])
+            low, high = np.minimum(low, points.min(axis=1)), np.maximum(high, points.max(axis=1))
         column = {"encoding": "WKB", "geometry_types": [_KIND], "crs": crs.to_dict(projjson=True)}
         if np.isfinite(low).all():
             column["bbox"] = [*low.tolist(), *high.tolist()]
@@ -154,12 +151,12 @@ def _write_parquet(path: Path, batches: Iterator[pa.RecordBatch], crs: CRS) -> N
 
 
 def _write_flatgeobuf(path: Path, batches: Iterator[pa.RecordBatch], crs: CRS) -> None:
-    """Write FlatGeobuf in the order of its index: all rows in memory, and for a while twice on the disk."""
-    table = pa.Table.from_batches(batches, _schema()).drop_columns(list(_PLACE))
-    species = table["species"].cast(pa.string())  # GDAL takes no dictionaries
+    """Write FlatGeobuf in the order of its index: all rows in memory, and temporarily twice on the disk."""
+    table = pa.Table.from_batches(batches, _schema()).drop_columns(list(_POSITION))
+    species = table["species"].cast(pa.string())  # GDAL does not support dictionaries
     table = table.set_column(table.schema.get_field_index("species"), "species", species)
     with atomic_path(path) as temporary:
-        named = temporary.with_suffix(".fgb")  # with another ending the driver makes a folder
+        named = temporary.with_suffix(".fgb")  # with another extension the driver creates a folder
         try:
             with plain_path(named.parent) as folder:
                 pyogrio.write_arrow(
@@ -181,9 +178,9 @@ def _write_flatgeobuf(path: Path, batches: Iterator[pa.RecordBatch], crs: CRS) -
 
 
 def _check_rows(path: Path, rows: int) -> None:
-    """Raise OSError unless all rows are on the disk: GDAL does not report what fails on closing."""
+    """Raise OSError unless all rows are on the disk: GDAL does not report errors on closing."""
     last = {"skip_features": rows - 1, "max_features": 1} if rows else {}
     info = pyogrio.read_info(path)
     _, _, geometry, _ = pyogrio.raw.read(path, **last)
-    if max(info["features"], 0) != rows or len(geometry) != min(rows, 1):  # −1 where there is none
-        raise OSError("not all of it came to the disk")
+    if max(info["features"], 0) != rows or len(geometry) != min(rows, 1):  # −1 without rows
+        raise OSError("incomplete file on the disk")

@@ -1,8 +1,7 @@
-"""A world written from begin to end: existing shards are verified, missing ones computed; its progress."""
+"""Runs that write or resume a world, and their progress."""
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -11,42 +10,47 @@ from itertools import chain
 from typing import TYPE_CHECKING, Final
 
 from msgspec import structs
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from sketchterrain.app.console import progress_bars
 from sketchterrain.app.estimates import format_duration
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.io.system import Interrupts
-from sketchterrain.world.job import Job, Task, TaskResult, WrittenFile, fingerprint, task_count, tasks_of
+from sketchterrain.io.system import Interrupts, exclusive_run
+from sketchterrain.world.job import (
+    Job,
+    Task,
+    TaskResult,
+    WrittenFile,
+    fingerprint,
+    iter_tasks,
+    require,
+    shard_store,
+    task_count,
+)
 from sketchterrain.world.journal import (
-    Broken,
+    BrokenFile,
     Header,
     Journal,
     Ledger,
     OutputLayout,
     broken_lines,
     check_output_unused,
-    exclusive_run,
-    file_record,
     load_ledger,
     remove_partial_files,
     verify,
 )
-from sketchterrain.world.store import require, store_of
 from sketchterrain.world.task_runner import SerialExecutor
 
 if TYPE_CHECKING:  # it loads dask, of the extra `world`
     from sketchterrain.world.cluster import ClusterExecutor
 
-_INTERVAL: Final = 10.0  # s between two lines, where there is no terminal
-_NAMED: Final = 10  # broken files; --json has them all
+_INTERVAL: Final = 10.0  # s between two lines without a terminal
+_MAX_NAMED: Final = 10  # broken files; --json lists all
 
 
 class ProgressReporter:
-    """Reports the progress of a run to a person; a context manager.
+    """Progress of a run, by default on stderr; a context manager.
 
-    `show` takes what is being done, the share that is done and the time left as text, `echo` a line that
-    stays; by default both go to stderr.
+    `show` receives the activity, the share done and the remaining time as text; `echo` a permanent line.
     """
 
     def __init__(
@@ -57,17 +61,11 @@ class ProgressReporter:
         timer: Callable[[], float] = time.perf_counter,
     ) -> None:
         self._timer = timer
-        self._bar = Progress(
-            TextColumn("{task.description}", markup=False),
-            BarColumn(),
-            TimeElapsedColumn(),
-            TimeRemainingColumn(),
-            console=Console(stderr=True),
-            disable=show is not None or not sys.stderr.isatty(),
-        )
+        self._bar = progress_bars()
+        self._bar.disable = self._bar.disable or show is not None
         self._row = self._bar.add_task("", total=1.0)
-        self._show, self._echo = show or self._show_on_stderr, echo or self._echo_on_stderr
-        self._shown = self._start = timer()
+        self._show, self._echo = show or self._show_on_stderr, echo or self._bar.console.print
+        self._shown_at = self._start = timer()
         self._tasks = self._done = self._present = self._broken = 0
 
     def __enter__(self) -> ProgressReporter:
@@ -78,26 +76,26 @@ class ProgressReporter:
         self._bar.stop()
 
     def verified(self, share: float) -> None:
-        """Show the share of the existing files that is verified."""
+        """Show the share of existing files that is verified."""
         self._show("Verifying", share, "")
 
-    def broken(self, file: Broken) -> None:
-        """Report a missing or changed file, which is made again; of many only their number."""
+    def broken(self, file: BrokenFile) -> None:
+        """Report a missing or changed file, up to a maximum number."""
         self._broken += 1
-        if self._broken <= _NAMED:
-            self._echo(f"{one_line(file.file)} {file.why}: is made again")
+        if self._broken <= _MAX_NAMED:
+            self._echo(f"{one_line(file.file)} {file.reason}: will be rewritten")
 
-    def began(self, tasks: int, done: int) -> None:
+    def started(self, tasks: int, done: int) -> None:
         """Report how many of all tasks are done before the first one is run."""
-        if self._broken > _NAMED:
-            self._echo(f"and {self._broken - _NAMED} more files are made again")
+        if self._broken > _MAX_NAMED:
+            self._echo(f"and {self._broken - _MAX_NAMED} more files will be rewritten")
         if done:
             self._echo(f"{done} of {tasks} shards are done and verified")
         self._tasks, self._done, self._present, self._start = tasks, done, done, self._timer()
         self._bar.reset(self._row, total=tasks, completed=done)
 
-    def made(self, made: TaskResult) -> None:
-        """Show that a task is done, and about how long the others take."""
+    def task_finished(self, result: TaskResult) -> None:
+        """Show the number of finished tasks and the remaining time."""
         self._done += 1
         elapsed, left = self._timer() - self._start, self._tasks - self._done
         seconds = elapsed * left / (self._done - self._present)
@@ -112,31 +110,25 @@ class ProgressReporter:
         self._show("Joining", share, "")
 
     def note(self, line: str) -> None:
-        """Report what happened to devices and workers."""
+        """Report an event of a device or worker."""
         self._echo(f"sketchterrain: note: {one_line(line)}")
 
     def _show_on_stderr(self, text: str, share: float, left: str) -> None:
         if not self._bar.disable:
             total = self._bar.tasks[0].total or 1.0
             self._bar.update(self._row, description=text, completed=share * total)
-        elif self._timer() - self._shown >= _INTERVAL:
-            self._shown = self._timer()
+        elif self._timer() - self._shown_at >= _INTERVAL:
+            self._shown_at = self._timer()
             self._echo(f"{text}: {share:.0%}{left and ', '}{left}")
-
-    def _echo_on_stderr(self, line: str) -> None:
-        if self._bar.disable:
-            sys.stderr.write(f"{line}\n")
-        else:
-            self._bar.console.print(line, markup=False, highlight=False)
 
 
 @dataclass(frozen=True)
 class WorldResult:
-    """Outcome of a run: tasks, those of this run, broken files it mended; files and bytes of the world."""
+    """Outcome of a run: tasks, tasks run, files found broken; files and bytes of the world."""
 
     tasks: int
-    made: int
-    broken: tuple[Broken, ...]
+    computed: int
+    broken: tuple[BrokenFile, ...]
     files: int
     bytes: int
     seconds: float
@@ -149,48 +141,23 @@ def run_world(
     workers: int | None = None,
     scheduler: str | None = None,
     resume: bool = False,
-    watcher: ProgressReporter,
+    reporter: ProgressReporter,
 ) -> WorldResult:
-    """Write a world.
+    """Write a world in this process, by local worker processes, or by those of a dask scheduler.
 
-    After Ctrl-C, a full disk or a kill at any moment, a run with `resume` ends with the same bytes as one
-    that was never disturbed. So it does where files were deleted or changed meanwhile.
-
-    Parameters
-    ----------
-    job
-    device
-        Selector as for :func:`~sketchterrain.compute.device.choose_device`; of workers, each one's.
-    workers
-        Number of worker processes on this machine; None: this process does all.
-    scheduler
-        Address of a dask scheduler, whose workers do it.
-    resume
-        Resume an existing run.
-    watcher
-        Receives the progress, in this thread; whatever it raises ends the run.
-
-    Raises
-    ------
-    InputError
-        If there is something at the output and `resume` is not given, or it is another world, or another
-        run is writing it.
-    DeviceError
-        If no device or no worker can do it.
-    SketchterrainError
-        If the system cannot write a file.
+    After an interrupt, a full disk, a kill, or changes to its files, a run with `resume` ends with the same
+    bytes as an undisturbed one. An exception of `reporter` ends the run. Raise InputError for an output in
+    use, DeviceError without a usable device or worker, SketchterrainError if a file cannot be written.
     """
     start = time.perf_counter()
     if job.fast and (workers is not None or scheduler is not None):
-        raise InputError(
-            "--fast has bits of its own on each device: leave it out, or --workers and --scheduler"
-        )
+        raise InputError("--fast results differ between devices: omit it, or --workers and --scheduler")
     check_output_unused(job, resume=resume)
     with exclusive_run(job.output), Interrupts() as interrupts:
-        run = _Run(job, load_ledger(job, store_of(job)), watcher, interrupts)
+        run = _Run(job, reporter, interrupts)
         if not run.is_finished():
             run.prepare()
-            if run.has_tasks_left:
+            if run.has_pending_tasks:
                 run.run_tasks(device=device, workers=workers, scheduler=scheduler)
                 interrupts.check()
             run.join()
@@ -200,55 +167,56 @@ def run_world(
 class _Run:
     """The state of a run."""
 
-    def __init__(
-        self, job: Job, saved: Ledger | None, watcher: ProgressReporter, interrupts: Interrupts
-    ) -> None:
-        self.job, self.watcher, self._interrupts = job, watcher, interrupts
-        self._store, self._layout = store_of(job), OutputLayout.of(job)
+    def __init__(self, job: Job, reporter: ProgressReporter, interrupts: Interrupts) -> None:
+        self.job, self.reporter, self._interrupts = job, reporter, interrupts
+        self._store = shard_store(job)
+        self._layout = OutputLayout.from_job(job, self._store)
+        saved = load_ledger(job, self._store)
         self._ledger = saved or Ledger(Header(fingerprint(job), version("sketchterrain")), {})
-        self._broken: list[Broken] = []
-        self._made = 0
+        self._broken: list[BrokenFile] = []
+        self._computed = 0
         self._tasks = task_count(job)
 
     def is_finished(self) -> bool:
-        """Verify all files; return whether the world is finished and none of them is broken."""
-        found = verify(self._ledger, self._layout, progress=self._interruptible(self.watcher.verified))
+        """Verify all files; return whether the world is finished and intact."""
+        found = verify(self._ledger, self._layout, progress=self._interruptible(self.reporter.verified))
         for each in chain(found, broken_lines(self._ledger) if self._ledger.finished else ()):
             self._broken.append(each)
-            self.watcher.broken(each)
-        lost = self._store.keeps_shards and self.has_tasks_left
-        return self._ledger.finished and not (self._broken or lost)
+            self.reporter.broken(each)
+        incomplete = self._store.shards_are_final and self.has_pending_tasks
+        return self._ledger.finished and not (self._broken or incomplete)
 
     def prepare(self) -> None:
-        """Remove what is not whole, and write what depends on no ground."""
+        """Remove partial files, and write the journal and everything that does not depend on shards."""
         broken, done = {each.file for each in self._broken}, self._ledger.done
         for task in [each for each in done if not broken.isdisjoint(file.file for file in done[each])]:
             del done[task]
-        self._remove_partial_files()
+        with Journal(self._store.journal, self._ledger):  # first: it marks the output as a world
+            self._remove_partial_files()
         self._ledger.others = self._records(self._store.create())
-        self.watcher.began(self._tasks, len(done))
+        self.reporter.started(self._tasks, len(done))
 
     @property
-    def has_tasks_left(self) -> bool:
-        """Whether not all tasks are done."""
+    def has_pending_tasks(self) -> bool:
+        """Whether a task is not done."""
         return len(self._ledger.done) < self._tasks
 
     def run_tasks(self, *, device: str | None, workers: int | None, scheduler: str | None) -> None:
-        """Run the tasks that are not done, and write them into the journal."""
+        """Run the pending tasks and record them in the journal."""
         executor = self._executor(device=device, workers=workers, scheduler=scheduler)
         with Journal(self._store.journal, self._ledger) as journal, executor:
-            for result in executor.run(self._tasks_left()):
+            for result in executor.run(self._pending_tasks()):
                 journal.add(result.task, result.files)
                 self._ledger.done[result.task] = result.files
-                self._made += 1
-                self.watcher.made(result)
+                self._computed += 1
+                self.reporter.task_finished(result)
             journal.sync()
 
     def join(self) -> None:
-        """Write what joins all shards, and keep in the ledger what stays."""
+        """Write the files that combine all shards, and update the ledger."""
         self._remove_partial_files()  # of lost workers
-        joined = self._records(self._store.join(progress=self._interruptible(self.watcher.joined)))
-        if self._store.keeps_shards:
+        joined = self._records(self._store.join(progress=self._interruptible(self.reporter.joined)))
+        if self._store.shards_are_final:
             self._ledger.others += joined
         else:
             self._ledger.others = joined
@@ -256,25 +224,25 @@ class _Run:
             self._ledger.done = {task: files for task, files in done.items() if task.kind != "ground"}
 
     def close(self, start: float) -> WorldResult:
-        """Write the ledger; then the world is finished. Return the outcome."""
-        self._store.journal.parent.mkdir(parents=True, exist_ok=True)  # `close` deletes what is in it
+        """Write the ledger, which marks the world as finished, and return the outcome."""
+        self._store.journal.parent.mkdir(parents=True, exist_ok=True)  # `close` deletes its content
         self._store.close(self._ledger.text())
         files, size, seconds = len(list(self._ledger.files)), self._ledger.bytes, time.perf_counter() - start
-        return WorldResult(self._tasks, self._made, tuple(self._broken), files, size, seconds)
+        return WorldResult(self._tasks, self._computed, tuple(self._broken), files, size, seconds)
 
     def _executor(
         self, *, device: str | None, workers: int | None, scheduler: str | None
     ) -> SerialExecutor | ClusterExecutor:
-        """Return who runs the tasks; the ledger's header then names a device whose bits are its own."""
-        header, note = self._ledger.header, self.watcher.note
-        begun_on = header.device if self._ledger.done else None
+        """Return the executor of tasks; record a device with deviating results in the ledger's header."""
+        header, note = self._ledger.header, self.reporter.note
+        written_on = header.device if self._ledger.done else None
         if workers is None and scheduler is None:
-            serial = SerialExecutor(self.job, device=device, note=note, begun_on=begun_on)
-            self._ledger.header = structs.replace(header, device=serial.own_bits)
+            serial = SerialExecutor(self.job, device=device, note=note, written_on=written_on)
+            self._ledger.header = structs.replace(header, device=serial.deviating_device)
             return serial
-        if begun_on:
+        if written_on:
             raise InputError(
-                f"{one_line(self.job.output)}: was begun on {begun_on}, and workers have other bits"
+                f"{one_line(self.job.output)}: was started on {written_on}: the results of workers differ"
             )
         self._ledger.header = structs.replace(header, device="")
         require("more than one process", ["distributed"])
@@ -286,30 +254,30 @@ class _Run:
             scheduler=scheduler,
             device=device,
             note=note,
-            stopped=lambda: self._interrupts.pending,
+            should_stop=lambda: self._interrupts.pending,
         )
 
-    def _tasks_left(self) -> Iterator[Task]:
+    def _pending_tasks(self) -> Iterator[Task]:
         """Yield the tasks that are not done, until Ctrl-C or SIGTERM."""
-        for task in tasks_of(self.job):
+        for task in iter_tasks(self.job):
             if self._interrupts.pending:
-                self.watcher.note("ends once the current shards are written; Ctrl-C again ends it at once")
+                self.reporter.note("stopping after the current shards; press Ctrl-C again to stop at once")
                 return
             if task not in self._ledger.done:
                 yield task
 
     def _interruptible(self, report: Callable[[float], None]) -> Callable[[float], None]:
-        """Return a progress callback that Ctrl-C ends at once."""
+        """Return a progress callback that raises KeyboardInterrupt after a signal."""
 
-        def reported(share: float) -> None:
+        def report_or_raise(share: float) -> None:
             self._interrupts.check()
             report(share)
 
-        return reported
+        return report_or_raise
 
     def _remove_partial_files(self) -> None:
-        whole = {file.file for file in self._ledger.files}
-        remove_partial_files(self.job, self._store, self._layout, whole)
+        complete = {file.file for file in self._ledger.files}
+        remove_partial_files(self.job, self._store, self._layout, complete)
 
     def _records(self, names: Iterable[str]) -> tuple[WrittenFile, ...]:
-        return tuple(file_record(self._layout.path(name), name) for name in names)
+        return tuple(WrittenFile.from_path(self._layout.path(name), name) for name in names)

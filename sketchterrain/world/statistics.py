@@ -1,4 +1,4 @@
-"""Relief, slopes, hypsometry and materials of a written world, in one pass over it and bounded memory."""
+"""Relief, slopes, hypsometry and materials of a written world, in one pass with bounded memory."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from sketchterrain.world.grid import CHUNK, Level
 from sketchterrain.world.opening import StoredWorld
 
 QUANTILES: Final = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
-_STRIPE: Final = 16 * CHUNK  # columns that are read together, with one more on either side
+_STRIPE: Final = 16 * CHUNK  # columns read together, plus one on either side
 _CLASSES: Final = 20
 _SLOPE_CLASS: Final = 5  # degrees
 _THREADS: Final = 4
 _BINS: Final = 1 << 16  # over the range of the coarsest level
 _SLOPE_BINS: Final = 100  # a degree
-_AT_ONCE: Final = 64  # rows: what is computed at once stays in a processor's caches
+_BLOCK: Final = 64  # rows computed at once, for the processor's caches
 
 
 @dataclass(frozen=True)
 class Relief:
-    """Heights, m: exact but for the quantiles (by the share that lies lower), to a 65,536th of the range."""
+    """Heights, m; quantiles (by the share below) are accurate to 1/65,536 of the range."""
 
     minimum: float
     maximum: float
@@ -40,9 +40,9 @@ class Relief:
 
 @dataclass(frozen=True)
 class Slopes:
-    """Slopes, degrees, at all vertices but the outermost; quantiles (by the share that is flatter) to 0.01°.
+    """Slopes, degrees, of interior vertices; quantiles (by the share below) are accurate to 0.01°.
 
-    `shares` are of classes from 0°; `surface_ratio` is the surface's area by that of its map.
+    `shares` are of classes from 0°; `surface_ratio` is the ratio of surface area to map area.
     """
 
     mean: float
@@ -57,10 +57,9 @@ class Slopes:
 
 @dataclass(frozen=True)
 class Hypsometry:
-    """Share of the area that lies above each of 21 heights (Strahler 1952).
+    """Share of the area above each of 21 heights (Strahler 1952).
 
-    `integral` is the area under that curve, both axes from 0 to 1: (mean − lowest) / range, which is the same
-    (Pike and Wilson 1971). 0.5 where the ground is flat.
+    `integral` is (mean − lowest) / range, the area under the curve (Pike and Wilson 1971); 0.5 if flat.
     """
 
     integral: float
@@ -70,7 +69,7 @@ class Hypsometry:
 
 @dataclass(frozen=True)
 class Statistics:
-    """Statistics of one level of a world; slopes are None where no vertex has neighbours all around."""
+    """Statistics of one level of a world; slopes are None without interior vertices."""
 
     level: int
     cell: float
@@ -83,32 +82,31 @@ class Statistics:
     materials: dict[str, float]
 
     def as_dict(self) -> dict[str, Any]:
-        """Return it as JSON has it."""
+        """Return the statistics as JSON data."""
         found = asdict(self)
         if found["slopes"] is not None:
             found["slopes"]["class"] = found["slopes"].pop("class_width")
         return found
 
 
-def statistics_of(
+def compute_statistics(
     stored: StoredWorld, *, level: int = 0, progress: Callable[[float], None] | None = None
 ) -> Statistics:
-    """Measure one level of a world; raise InputError if there is none, or some of it is missing or broken.
+    """Return statistics of a level, the same on every machine; raise InputError for missing or broken files.
 
-    The same numbers on every machine: stripes are measured by several threads, and put together in order.
-    `progress` is called with the share that is done, 0 … 1.
+    Threads measure stripes, which are merged in order; `progress` receives the share done, 0 … 1.
     """
     if not 0 <= level < len(stored.levels):
         raise InputError(f"no level {level}: expected 0 to {len(stored.levels) - 1}")
-    chosen, coarsest = stored.levels[level], stored.levels[-1]  # which fits into a chunk
+    selected, coarsest = stored.levels[level], stored.levels[-1]  # at most a chunk
     whole = {"top": 0, "left": 0, "rows": coarsest.rows, "columns": coarsest.columns}
     height = stored.read("height", coarsest.number, **whole)
     names = stored.material_names if "materials" in stored.layers else ()
-    new_sums = partial(_Sums, float(height.min()), float(height.max()), chosen.cell, len(names))
+    new_sums = partial(_Sums, float(height.min()), float(height.max()), selected.cell, len(names))
     total = new_sums()
     with ThreadPoolExecutor(min(_THREADS, os.cpu_count() or 1), thread_name_prefix="statistics") as pool:
-        stripes = range(0, chosen.columns, _STRIPE)
-        parts = [pool.submit(_stripe, stored, chosen, left, new_sums()) for left in stripes]
+        stripes = range(0, selected.columns, _STRIPE)
+        parts = [pool.submit(_stripe, stored, selected, left, new_sums()) for left in stripes]
         try:
             for number, part in enumerate(parts, start=1):
                 total.add(part.result())
@@ -118,14 +116,14 @@ def statistics_of(
             pool.shutdown(wait=True, cancel_futures=True)
     shares = total.weights / max(int(total.weights.sum()), 1)
     materials = {name: float(share) for name, share in zip(names, shares, strict=True)}
-    columns, rows, cell = chosen.columns, chosen.rows, chosen.cell
+    columns, rows, cell = selected.columns, selected.rows, selected.cell
     area, relief = (columns - 1) * (rows - 1) * cell**2, total.relief()
     slopes, hypsometry = total.slopes(), total.hypsometry(relief.mean)
     return Statistics(level, cell, columns, rows, area, relief, slopes, hypsometry, materials)
 
 
 def _stripe(stored: StoredWorld, level: Level, left: int, sums: _Sums) -> _Sums:
-    """Measure some columns, from the north on: a chunk's rows at a time, and two from those before."""
+    """Add the statistics of a stripe of columns, by rows of chunks with two overlapping rows."""
     columns = min(_STRIPE, level.columns - left)
     first, last = max(left - 1, 0), min(left + columns + 1, level.columns)
     before = np.empty((0, last - first), np.float32)
@@ -143,10 +141,9 @@ def _stripe(stored: StoredWorld, level: Level, left: int, sums: _Sums) -> _Sums:
 
 
 class _Sums:
-    """Counts, sums and histograms that are put together window by window.
+    """Counts, sums and histograms, accumulated by windows.
 
-    Bins of heights reach over the range of the coarsest level and as far beyond it on either side; heights
-    beyond those are counted in the outermost bins.
+    Height bins cover three times the range of the coarsest level; the outermost ones count heights beyond.
     """
 
     def __init__(self, low: float, high: float, cell: float, materials: int) -> None:
@@ -160,9 +157,9 @@ class _Sums:
         self.weights = np.zeros(materials, np.int64)
 
     def add_heights(self, height: npt.NDArray[np.float32]) -> None:
-        """Count heights of vertices, m."""
-        for top in range(0, len(height), _AT_ONCE):
-            part = height[top : top + _AT_ONCE].astype(np.float64)
+        """Add heights, m."""
+        for top in range(0, len(height), _BLOCK):
+            part = height[top : top + _BLOCK].astype(np.float64)
             self.lowest = min(self.lowest, float(part.min()))
             self.highest = max(self.highest, float(part.max()))
             number = ((part - self._start) / self._width).clip(0, len(self._heights) - 1).astype(np.int64)
@@ -171,9 +168,9 @@ class _Sums:
             self._sums[:2] += part.sum(), np.square(part).sum()
 
     def add_slopes(self, height: npt.NDArray[np.float32]) -> None:
-        """Count the slopes of a grid of heights (m), of the vertices inside."""
-        for top in range(0, len(height) - 2 if height.shape[1] > 2 else 0, _AT_ONCE):
-            tangent = _horn_slopes(height[top : top + _AT_ONCE + 2], self._cell)
+        """Add slopes of the interior vertices of a grid of heights, m."""
+        for top in range(0, len(height) - 2 if height.shape[1] > 2 else 0, _BLOCK):
+            tangent = _horn_slopes(height[top : top + _BLOCK + 2], self._cell)
             degrees = np.degrees(np.arctan(tangent))
             self.steepest = max(self.steepest, float(degrees.max()))
             self._sums[2:] += degrees.sum(), np.sqrt(1.0 + np.square(tangent)).sum()
@@ -181,7 +178,7 @@ class _Sums:
             self._slopes += np.bincount(number.ravel(), minlength=len(self._slopes))
 
     def add(self, other: _Sums) -> None:
-        """Add all that another part has."""
+        """Add the sums of another part."""
         self.lowest, self.highest = min(self.lowest, other.lowest), max(self.highest, other.highest)
         self.steepest = max(self.steepest, other.steepest)
         self._sums += other._sums
@@ -210,16 +207,16 @@ class _Sums:
     def hypsometry(self, mean: float) -> Hypsometry:
         """Return the hypsometric curve."""
         edges, below = self._curve()
-        reach = self.highest - self.lowest
+        span = self.highest - self.lowest
         steps = np.linspace(self.lowest, self.highest, _CLASSES + 1)
-        above = 1.0 - np.interp(steps, edges, below) if reach > 0 else np.ones(_CLASSES + 1)
-        integral = (mean - self.lowest) / reach if reach > 0 else 0.5
+        above = 1.0 - np.interp(steps, edges, below) if span > 0 else np.ones(_CLASSES + 1)
+        integral = (mean - self.lowest) / span if span > 0 else 0.5
         return Hypsometry(integral, tuple(map(float, steps)), tuple(map(float, above)))
 
     def _curve(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Return edges of bins, the outermost where the heights end, and the share that lies below each."""
-        there = np.flatnonzero(self._heights)
-        first, last = int(there[0]), int(there[-1]) + 1
+        """Return edges of bins, clamped to the extreme heights, and the share below each."""
+        filled = np.flatnonzero(self._heights)
+        first, last = int(filled[0]), int(filled[-1]) + 1
         edges = self._start + np.arange(first, last + 1) * self._width
         edges[0], edges[-1] = self.lowest, self.highest
         counts = np.concatenate([[0], np.cumsum(self._heights[first:last])])
@@ -227,11 +224,7 @@ class _Sums:
 
 
 def _horn_slopes(height: npt.NDArray[np.float32], cell: float) -> npt.NDArray[np.float64]:
-    """Return the tangents of a grid's slopes, by differences over eight neighbours: (rows − 2, columns − 2).
-
-    Horn (1981), "Hill shading and the reflectance map", as `gdaldem slope` has it by default: exact on a
-    plane, and half as much disturbed by noise as plain central differences.
-    """
+    """Return slope tangents (rows − 2, columns − 2) by Horn (1981), the default of `gdaldem slope`."""
     z = height.astype(np.float64)
     across = z[:, 2:] - z[:, :-2]
     down = z[2:] - z[:-2]
@@ -241,7 +234,7 @@ def _horn_slopes(height: npt.NDArray[np.float32], cell: float) -> npt.NDArray[np
 
 
 def _quantiles(edges: npt.NDArray[np.float64], below: npt.NDArray[np.float64]) -> dict[str, float]:
-    """Return where a rising curve reaches each of `QUANTILES`; on a level stretch, where that begins."""
+    """Return where a rising curve first reaches each of `QUANTILES`."""
     first = np.searchsorted(below, QUANTILES, side="left").clip(1, len(below) - 1)
     low, high = below[first - 1], below[first]
     part = (np.asarray(QUANTILES) - low) / np.where(high > low, high - low, 1.0)

@@ -1,4 +1,4 @@
-"""A stored world as a terrain that can be viewed, and pictures of it."""
+"""Stored worlds as terrains for the renderer, and pictures of them."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ from sketchterrain.world.opening import StoredWorld, open_world
 
 _LEAST_BITS: Final = 8
 _MOST_BITS: Final = LATTICE_BITS - 1
-"""Cells along the longer side of a world that is viewed: powers of two."""
+"""Exponents of the least and most cells along the longer side of a viewed world."""
 BARE: Final = "rock"
-"""Material of ground whose materials are not stored."""
+"""Material of a terrain without stored materials."""
 
 _UNIT: Final = np.float32(32767)  # a unit normal's component, as a slope
 _HALF_STEP: Final = np.float32(1.0 / 255)  # accuracy of a stored normal's components
@@ -54,22 +54,20 @@ _Doubles = npt.NDArray[np.float64]
 
 
 class StoredPyramid:
-    """Windows of a stored world's levels; beyond its ends their outermost vertices go on.
+    """Windows of a stored world's levels, extended beyond its edges, and subsampled for coarser levels.
 
-    Levels that are coarser than the coarsest stored one have every second, fourth … vertex of it. Where
-    `told` is given, it is called with a line for each part that cannot be read, and the next coarser level
-    stands in for that part; else that is an error.
+    With `on_error`, unreadable parts are reported to it once, and replaced by the next coarser level.
     """
 
-    def __init__(self, world: StoredWorld, *, told: Callable[[str], None] | None = None) -> None:
-        self.world, self._told = world, told
+    def __init__(self, world: StoredWorld, *, on_error: Callable[[str], None] | None = None) -> None:
+        self.world, self._on_error = world, on_error
         self._lines: set[str] = set()
         unknown = [name for name in world.material_names if name not in MATERIALS]
         if "materials" in world.layers and unknown:
             raise InputError(f"expected materials among {', '.join(MATERIALS)}, got {', '.join(unknown)}")
 
     def level(self, number: int) -> Level:
-        """Return a level, also one that is coarser than any stored one."""
+        """Return a level, which may be coarser than the stored ones."""
         levels = self.world.levels
         if number < len(levels):
             return levels[number]
@@ -78,7 +76,7 @@ class StoredPyramid:
         return Level(number, last.cell * step, columns, rows)
 
     def window(self, layer: str, number: int, *, top: int, left: int, rows: int, columns: int) -> _Array:
-        """Return a window of a layer that may go beyond the level's ends; see `StoredWorld.read`."""
+        """Return a window of a layer that may extend beyond the level; see `StoredWorld.read`."""
         grid = self.world.levels[min(number, len(self.world.levels) - 1)]
         step = 1 << (number - grid.number)
         down = np.clip(np.arange(top, top + rows) * step, 0, grid.rows - 1)
@@ -90,11 +88,11 @@ class StoredPyramid:
         return np.asarray(found[..., (down - north)[:, None], (across - west)[None, :]])
 
     def _read(self, layer: str, number: int, top: int, left: int, rows: int, columns: int) -> _Array:
-        """Read a window that lies inside; where nothing can be read, what is known more coarsely."""
-        if self._told is None:
+        """Read a window inside the level, with coarser data in place of unreadable parts."""
+        if self._on_error is None:
             return self.world.read(layer, number, top=top, left=left, rows=rows, columns=columns)
         found = self._empty(layer, rows, columns)
-        # By chunks, so that a vertex is the same in whatever window it comes: else the ground would tear.
+        # By chunks, so that a vertex has the same value in every window: no cracks.
         for low, high in _chunk_parts(top, top + rows):
             for west, east in _chunk_parts(left, left + columns):
                 part = self._part(layer, number, low, west, high - low, east - west)
@@ -106,9 +104,9 @@ class StoredPyramid:
             return self.world.read(layer, number, top=top, left=left, rows=rows, columns=columns)
         except InputError as error:
             line = str(error)
-            if self._told is not None and line not in self._lines:
+            if self._on_error is not None and line not in self._lines:
                 self._lines.add(line)
-                self._told(line)
+                self._on_error(line)
         if number + 1 >= len(self.world.levels):
             return self._empty(layer, rows, columns)
         north, west = top // 2, left // 2
@@ -124,11 +122,10 @@ class StoredPyramid:
         return np.zeros((*bands, rows, columns), LAYER_SPECS[layer].dtype)
 
     def heights(self, x: npt.ArrayLike, y: npt.ArrayLike, *, cell_size: float = 0.0) -> _Floats:
-        """Return heights (m) at places that are m east and north (negative) of the north-west corner.
+        """Return heights (m) at positions (m east and north) from the north-west corner.
 
-        Of the levels no coarser than `cell_size` (m), the coarsest is read. Beyond the world's ends the
-        ground is low, so that nothing there hides the sun: no higher than the border, and than all but a
-        twentieth of the world.
+        The coarsest level up to `cell_size` (m) is read. Heights beyond the edges are at most the world's 5 %
+        quantile, so that they cast no shadows.
         """
         levels = self.world.levels
         finer = int(np.floor(np.log2(max(cell_size, levels[0].cell) / levels[0].cell) + 1e-9))
@@ -138,7 +135,7 @@ class StoredPyramid:
         inside_x = np.clip(east, 0.0, (finest.columns - 1) * finest.cell)
         inside_y = np.clip(south, 0.0, (finest.rows - 1) * finest.cell)
         column, row = inside_x.ravel() / level.cell, inside_y.ravel() / level.cell
-        # Chunk by chunk: places may lie far apart.
+        # Chunk by chunk, as positions may be far apart.
         chunk = (row // CHUNK).astype(np.int64) * (1 << 32) + (column // CHUNK).astype(np.int64)
         order = np.argsort(chunk, kind="stable")
         flat = np.empty(column.size)
@@ -172,10 +169,8 @@ class StoredPyramid:
     ) -> tuple[npt.NDArray[np.void], tuple[float, float, float]]:
         """Return a tile of `VERTEX`, and its lowest and highest height and its geometric error (m).
 
-        Vertex (0, 0) of every level lies at one place; a tile of `quads` quads in column c and row −1 − r,
-        rows northward, begins at the level's vertex (r·quads, c·quads). A parent's values between its
-        vertices are half the sum along its edges, or its diagonals from north-west to south-east, as in a
-        terrain's own tiles (kernels/vertices.clh). A root is its own parent.
+        A tile in column c and row −1 − r, rows northward, starts at the level's vertex (r·quads, c·quads).
+        Parent values are interpolated along edges and north-west diagonals as in kernels/vertices.clh.
         """
         top, left = -(row + 1) * quads, column * quads
         own = self._samples(number, top, left, quads + 1)
@@ -199,7 +194,7 @@ class StoredPyramid:
         normal = np.stack([-dx * length, -dy * length], axis=-1)
         inside = {"top": top, "left": left, "rows": side, "columns": side}
         if "normal" in self.world.layers:
-            # Heights tell slopes more finely than eight bits, but for heights that are rounded.
+            # Heights are more precise than 8-bit normals, except if rounded.
             coded = self.window("normal", number, **inside)[:2].transpose(1, 2, 0)
             stored = coded * np.float32(1 / 127.5) - 1
             normal = np.clip(normal, stored - _HALF_STEP, stored + _HALF_STEP)
@@ -213,10 +208,9 @@ class StoredPyramid:
         return _Samples(np.ascontiguousarray(height[1:-1, 1:-1]), slope, weights)
 
     def _error(self, number: int, top: int, left: int, height: _Floats) -> float:
-        """Return δ of a tile (m): how far the finest level is from its triangles.
+        """Return the geometric error δ of a tile (m) from the next finer level.
 
-        Only the next finer level is looked at. From level to level the steps become smaller, by half where
-        the ground is as rough as most is: all together they come to no more than twice the first.
+        Differences halve from level to level on typical terrain, so their sum is at most twice the first one.
         """
         if number == 0:
             return 0.0
@@ -231,7 +225,7 @@ class StoredPyramid:
 
 
 class _Samples(NamedTuple):
-    """What a level holds at a tile's vertices."""
+    """Layers of a level at a tile's vertices."""
 
     height: _Floats
     slope: npt.NDArray[np.int16]
@@ -239,19 +233,19 @@ class _Samples(NamedTuple):
 
 
 def _chunk_parts(first: int, last: int) -> Iterator[tuple[int, int]]:
-    """Return the parts that chunks cut a run of vertices into."""
+    """Yield the parts of a range of vertices, split at chunks."""
     for start in range(first // CHUNK * CHUNK, last, CHUNK):
         yield max(start, first), min(start + CHUNK, last)
 
 
 def _apart(first: int, count: int, whole: int) -> _Floats:
-    """Return how many cells the two neighbours of each vertex are apart: fewer at an end, never none."""
+    """Return the distance in cells between the neighbours of each vertex, at least 1."""
     at = np.arange(first - 1, first + count + 1).clip(0, whole - 1)
     return np.asarray(np.maximum(at[2:] - at[:-2], 1), np.float32)
 
 
 def _refined(parent: _Samples) -> _Samples:
-    """Return a parent's values at its vertices and between them."""
+    """Return a parent's values at and between its vertices."""
     first, second = _ends(2 * len(parent.height) - 1)
 
     def mean(values: _Array) -> _Array:
@@ -264,7 +258,7 @@ def _refined(parent: _Samples) -> _Samples:
 
 @cache
 def _ends(side: int) -> tuple[tuple[npt.NDArray[np.intp], ...], tuple[npt.NDArray[np.intp], ...]]:
-    """Return rows and columns of the two of a parent's vertices whose mean each of a tile's is."""
+    """Return rows and columns of the two parent vertices whose mean is each vertex of a tile."""
     row, column = np.indices((side, side))
     return (row >> 1, column >> 1), ((row >> 1) + (row & 1), (column >> 1) + (column & 1))
 
@@ -272,14 +266,9 @@ def _ends(side: int) -> tuple[tuple[npt.NDArray[np.intp], ...], tuple[npt.NDArra
 class StoredTerrain:
     """A stored world as a bounded `~sketchterrain.render.scene.Terrain`.
 
-    Viewing coordinates are metres east and north of its north-west `corner`, so all of it lies south of the
-    origin. A level-0 tile is the least power of two of cells that spans it; so vertices of tiles are stored
-    samples, whatever quads they have.
-
-    `terrain` is that of the world's sketch; without it there are no plants and no water. `told` is called
-    with a line for each part that cannot be read, and what is known more coarsely is shown there; without it
-    that is an error. `lacks` has a line for each thing that the world does not hold.
-    Raise InputError if the world has too many cells, or unknown materials.
+    Viewing coordinates are m east and north of its north-west `corner`. A level-0 tile spans 2ⁿ cells, so
+    vertices of tiles are stored samples. `terrain` is that of the world's sketch (None: no plants and water).
+    `missing_parts` describes what is not stored. See `StoredPyramid` for `on_error`.
     """
 
     def __init__(
@@ -288,9 +277,9 @@ class StoredTerrain:
         context: ComputeContext,
         terrain: Terrain | None = None,
         *,
-        told: Callable[[str], None] | None = None,
+        on_error: Callable[[str], None] | None = None,
     ) -> None:
-        self._pyramid, self._terrain, self.context = StoredPyramid(world, told=told), terrain, context
+        self._pyramid, self._terrain, self.context = StoredPyramid(world, on_error=on_error), terrain, context
         finest = world.levels[0]
         across, down = finest.columns - 1, finest.rows - 1
         self._bits = max(math.ceil(math.log2(max(across, down, 1))), _LEAST_BITS)
@@ -307,17 +296,17 @@ class StoredTerrain:
         if terrain is not None:
             self.features = _moved_features(terrain.features, *self.corner, self.bounds)
         self.heights = self._pyramid.heights
-        lacks = {
-            "the world holds no normals: they are taken from its heights": "normal" not in world.layers,
-            f"the world holds no materials: all of it is shown as {BARE}": "materials" not in world.layers,
+        missing_parts = {
+            "the world holds no normals: they are computed from its heights": "normal" not in world.layers,
+            f"the world holds no materials: it is shown as {BARE}": "materials" not in world.layers,
             "the world holds no sketch: it is shown without plants and water": terrain is None,
         }
-        self.lacks = [line for line, true in lacks.items() if true]
+        self.missing_parts = [line for line, true in missing_parts.items() if true]
 
     def vertex_store(
         self, slots: int, *, quads: int = QUADS, memory: VertexMemory | None = None
     ) -> VertexStore:
-        """Return room for so many tiles, for `write_tiles`."""
+        """Return a store with slots for tiles, for `write_tiles`."""
         return VertexStore(self.context, slots, quads=quads, memory=memory)
 
     def write_tiles(
@@ -327,35 +316,35 @@ class StoredTerrain:
         parents: npt.ArrayLike,
         store: VertexStore,
     ) -> npt.NDArray[np.void]:
-        """Write tiles where OpenGL draws them from, as a terrain does; not those without ground."""
-        place = np.asarray(slots, np.int64).reshape(-1)
+        """Write tiles inside the bounds to their slots; return their `FACTS`."""
+        slot_numbers = np.asarray(slots, np.int64).reshape(-1)
         roots = np.asarray(parents, np.int64).reshape(-1) < 0
-        facts = np.zeros(len(place), FACTS)
+        facts = np.zeros(len(slot_numbers), FACTS)
         codes = np.array([code_of(*key) for key in keys], np.int64)
         coarsest = self._bits - LATTICE_BITS + finest_level(store.quads)
-        made = []
+        tiles = []
         for i in np.flatnonzero(intersects_bounds(codes, self.extent, self.bounds)).tolist():
             level, column, row = keys[i]
             tile, facts[i] = self._pyramid.tile(
                 coarsest - level, column, row, quads=store.quads, root=bool(roots[i])
             )
-            made.append((int(place[i]), tile))
+            tiles.append((int(slot_numbers[i]), tile))
         store.acquire()
         try:
-            for slot, tile in made:
+            for slot, tile in tiles:
                 store.write(slot, tile)
         finally:
-            store.release(place)
+            store.release(slot_numbers)
         return facts
 
     def foliage(self, west: float, south: float, east: float, north: float) -> npt.NDArray[np.void]:
-        """Return the plants in a rectangle of viewing coordinates (m), on the stored ground."""
+        """Return the plants in a rectangle of viewing coordinates (m), at the stored heights."""
         return run_to_completion(self.foliage_steps(west, south, east, north))
 
     def foliage_steps(
         self, west: float, south: float, east: float, north: float
     ) -> Generator[None, None, npt.NDArray[np.void]]:
-        """Find them in steps of a few ms; the last one returns them."""
+        """Return the same in steps of a few ms."""
         if self._terrain is None:
             return np.zeros(0, PLANT)
         x, y = self.corner
@@ -370,22 +359,22 @@ class StoredTerrain:
 
 
 def _moved_features(features: TerrainFeatures, west: float, north: float, bounds: Bounds) -> TerrainFeatures:
-    """Return features about an origin (m), cut off at bounds about that (m)."""
+    """Return features relative to an origin, clipped to bounds relative to it (m)."""
     points = features.points.copy()
     points["x"] -= west
     points["y"] -= north
-    reach = points["radius"]
-    there = (points["x"] + reach > bounds[0]) & (points["x"] - reach < bounds[2])
-    there &= (points["y"] + reach > bounds[1]) & (points["y"] - reach < bounds[3])
+    radius = points["radius"]
+    inside = (points["x"] + radius > bounds[0]) & (points["x"] - radius < bounds[2])
+    inside &= (points["y"] + radius > bounds[1]) & (points["y"] - radius < bounds[3])
     rivers = [part for river in features.rivers for part in _river_parts(river, west, north, bounds)]
     lakes = [_cut_lake(lake, west, north, bounds) for lake in features.lakes]
     return TerrainFeatures(
-        points[there], tuple(rivers), tuple(lake for lake in lakes if (lake.shape.inside > 0).any())
+        points[inside], tuple(rivers), tuple(lake for lake in lakes if (lake.shape.inside > 0).any())
     )
 
 
 def _river_parts(river: River, west: float, north: float, bounds: Bounds) -> Iterator[River]:
-    """Return the parts of a river within bounds: from the first point within to the last one."""
+    """Yield the parts of a river within bounds."""
     line = river.centreline - np.array([west, north, 0.0])
     inside = _within(line[:, 0], line[:, 1], bounds)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
@@ -396,7 +385,7 @@ def _river_parts(river: River, west: float, north: float, bounds: Bounds) -> Ite
 
 
 def _cut_lake(lake: Lake, west: float, north: float, bounds: Bounds) -> Lake:
-    """Return a lake whose distance field is cut by the distance to a border of bounds."""
+    """Return a lake whose distance field is clipped to bounds."""
     field = lake.shape
     rows, columns = field.inside.shape
     x = field.west - west + np.arange(columns) * field.spacing
@@ -413,10 +402,9 @@ def _within(x: _Array, y: _Array, bounds: Bounds) -> npt.NDArray[np.bool_]:
 def draw_world(
     store: Path, path: Path, still: PictureOptions, *, device: str | None, stages: Stages
 ) -> tuple[list[LegendEntry], list[str]]:
-    """Draw a stored world and write the picture; return what colours mean, and what the world lacks.
+    """Render a picture of a stored world; return the legend and the parts that are not stored.
 
-    Places of `still` are metres from the sketch's south-west corner. Raise InputError if there is no such
-    world, overlay or view, or something that is looked at is broken; else as `run_with_fallback` does.
+    Positions of `still` are m from the sketch's south-west corner.
     """
     check_overlays(still.overlays)
     check_view(still.view)
@@ -432,8 +420,8 @@ def draw_world(
         legend: list[LegendEntry] = []
         with stages.stage("picture", "Rendering"):
             prepare_folder(path.parent)
-            (x, y), places = world.corner, (still.eye, still.look_at)
-            eye, look_at = (place and (place[0] - x, place[1] - y, place[2]) for place in places)
+            (x, y), positions = world.corner, (still.eye, still.look_at)
+            eye, look_at = (each and (each[0] - x, each[1] - y, each[2]) for each in positions)
             picture = render_picture(
                 world,
                 size=still.size or (1280, 720),
@@ -446,6 +434,6 @@ def draw_world(
                 legend=legend,
             )
             write_picture(path, picture)
-        return legend, world.lacks
+        return legend, world.missing_parts
 
     return run_with_fallback(work, device=device, stages=stages)

@@ -1,8 +1,7 @@
-"""A world written as a Zarr store: a pyramid of groups ``0``, ``1``, …, in each a sharded array a layer.
+"""Zarr output of worlds: a pyramid of groups ``0``, ``1``, …, each with a sharded array per layer.
 
-zarr-python encodes all of it in memory; the bytes of each key are written as a whole file that is flushed
-to disk. zarr-python's `LocalStore` does not flush, and its sharding codec reads the shard that it replaces,
-whole or broken.
+zarr-python encodes in memory; each key is then written atomically, as zarr-python's `LocalStore` does not
+flush, and its sharding codec reads the shard that it replaces even if it is damaged.
 """
 
 from __future__ import annotations
@@ -18,54 +17,58 @@ import numpy as np
 
 from sketchterrain.document.store import pack_sketch
 from sketchterrain.io.files import wrap_os_errors
-from sketchterrain.world.grid import CHUNK, LAYER_SPECS, SHARD, Ground, Level, Shard
-from sketchterrain.world.job import GRID_MAPPING, Georeference, Job, axis_attributes
-from sketchterrain.world.store import JOURNAL, require, text_of, write_if_changed
+from sketchterrain.world.grid import CHUNK, LAYER_SPECS, SHARD, Level, Shard, ShardData
+from sketchterrain.world.job import (
+    GRID_MAPPING,
+    JOURNAL,
+    Georeference,
+    Job,
+    axis_attributes,
+    read_text,
+    require,
+    write_if_changed,
+)
 
 if TYPE_CHECKING:  # of the extra `world`
     import zarr
 
 FORMAT: Final = 1
-"""Of the root group's attribute `OURS`."""
+"""Version of the root group's attribute `OURS`."""
 OURS: Final = "sketchterrain"
 METADATA: Final = "zarr.json"
 SKETCH: Final = "sketch"
 LEDGER: Final = "ledger"
 """Arrays of the bytes of a sketch's zip and of the ledger's text."""
 BYTES: Final = "c/0"
-"""The only chunk of such an array: a file of just these bytes."""
+"""The only chunk of such an array, uncompressed."""
 
 _SKETCH_NAME: Final = "what the world was made from: the bytes of a .sketch file, a zip"
 _LEDGER_NAME: Final = "every file of the world with its SHA-256, as lines of JSON"
-_ALL_CHUNKS: Final = {"write_empty_chunks": True}  # so that a missing one is known to be lost
+_ALL_CHUNKS: Final = {"write_empty_chunks": True}  # so that a missing one is detected
 _COORDINATES: Final = 65536  # in a chunk
 _CLOSING: Final = (METADATA, f"{LEDGER}/{METADATA}", f"{LEDGER}/{BYTES}")  # depend on the ledger
 
 
 def shard_file(layer: str, shard: Shard) -> str:
-    """Return the name of a shard's file of a layer, from the store's folder on."""
+    """Return the relative name of a shard's file of a layer."""
     first = "0/" if LAYER_SPECS[layer].dimension else ""
     return f"{shard.level}/{layer}/c/{first}{shard.row}/{shard.column}"
 
 
 class ZarrStore:
-    """See `sketchterrain.world.store.Store`."""
+    """Store of one Zarr hierarchy; see `Store`."""
 
-    keeps_shards = True
+    shards_are_final = True
 
     def __init__(self, job: Job) -> None:
         require("A world as a Zarr store", ["zarr"])
         self._job = job
         self.folder: Path = job.output
-        # Beside the ledger: a file in an array's folder is no object of its own to readers of Zarr.
+        # Readers of Zarr ignore further files in an array's folder.
         self.journal = self.folder / LEDGER / JOURNAL
-        self.mark = self.folder / METADATA
 
     def create(self) -> tuple[str, ...]:
-        """Write all metadata, the coordinates and the sketch; see `Store.create`.
-
-        Files that depend on the ledger are written and not named, as it cannot list them.
-        """
+        """Write metadata, coordinates and the sketch; files that depend on the ledger are not returned."""
         text = self.ledger_text()
         names = []
         for name, content in self._metadata(None if text is None else text.encode()).items():
@@ -73,16 +76,16 @@ class ZarrStore:
             names += [] if name in _CLOSING else [name]
         return tuple(names)
 
-    def write(self, ground: Ground) -> tuple[str, ...]:
+    def write(self, shard: ShardData) -> tuple[str, ...]:
         """Write a shard of each layer; see `Store.write`."""
         names = []
-        at, level = ground.shard, self._job.world.levels[ground.shard.level]
+        at, level = shard.shard, self._job.world.levels[shard.shard.level]
         for layer in self._job.layers:
             content: dict[str, Any] = {}
             array = _create_layer(_root_group(content), f"{at.level}/{layer}", layer, level, {})
-            rows, columns = ground.height.shape
+            rows, columns = shard.height.shape
             top, left = at.row * SHARD, at.column * SHARD
-            array[..., top : top + rows, left : left + columns] = getattr(ground, layer)
+            array[..., top : top + rows, left : left + columns] = getattr(shard, layer)
             names.append(shard_file(layer, at))
             write_if_changed(self.folder / names[-1], content[names[-1]].to_bytes())
         return tuple(names)
@@ -102,27 +105,27 @@ class ZarrStore:
 
     def ledger_text(self) -> str | None:
         """Return the ledger; see `Store.ledger_text`."""
-        return text_of(self.folder / LEDGER / BYTES)
+        return read_text(self.folder / LEDGER / BYTES)
 
     def _metadata(self, ledger: bytes | None) -> dict[str, bytes]:
-        """Return names and contents of all files but the shards.
-
-        The root's metadata are consolidated once the ledger is known, which is None while there is none.
-        """
-        job, place, content = self._job, Georeference(self._job), dict[str, Any]()
+        """Return names and contents of all files except shards; with a ledger, consolidate the root."""
+        job, georeference, content = self._job, Georeference(self._job), dict[str, Any]()
         root = _root_group(content)
-        root.attrs.update(self._root_attributes() | place.root_attributes())
+        root.attrs.update(self._root_attributes() | georeference.root_attributes())
         for level in job.world.levels:
-            group = root.create_group(str(level.number), attributes=place.group_attributes(level))
-            options: dict[str, Any] = {"attributes": place.mapping_attributes(level), "config": _ALL_CHUNKS}
+            group = root.create_group(str(level.number), attributes=georeference.group_attributes(level))
+            options: dict[str, Any] = {
+                "attributes": georeference.mapping_attributes(level),
+                "config": _ALL_CHUNKS,
+            }
             _create(group, GRID_MAPPING, "int32", shape=(), chunks=(), **options)[...] = 0
             for axis, count in (("x", level.columns), ("y", level.rows)):
                 options = {"shape": (count,), "chunks": (min(count, _COORDINATES),)}
                 options |= {"attributes": axis_attributes(axis), "dimension_names": (axis,)}
                 array = _create(group, axis, "float64", compressors=_codecs("shuffle", 5, 8), **options)
-                array[:] = place.coordinates(axis, level)
+                array[:] = georeference.coordinates(axis, level)
             for layer in job.layers:
-                # A coordinate of xarray's stays with an array that is taken out of its level.
+                # As a coordinate, xarray copies it with an array that is selected from its level.
                 own = {"grid_mapping": GRID_MAPPING, "coordinates": GRID_MAPPING}
                 _create_layer(group, layer, layer, level, LAYER_SPECS[layer].attributes | own)
             _consolidate(group)
@@ -153,16 +156,16 @@ def _root_group(content: dict[str, Any]) -> zarr.Group:
     import zarr
     from zarr.storage import MemoryStore
 
-    # The device uses every core already; more threads would only take memory.
+    # The device uses every core already; more threads only take memory.
     zarr.config.set({"threading.max_workers": 1, "async.concurrency": 2})
     return zarr.open_group(MemoryStore(content), mode="w", zarr_format=3)
 
 
 def _consolidate(group: zarr.Group) -> None:
-    """Copy all metadata in a group into its own, where xarray looks for them."""
+    """Copy all metadata of a group into its own, where xarray reads them."""
     import zarr
 
-    with warnings.catch_warnings():  # that it is not in the specification yet
+    with warnings.catch_warnings():  # not in the specification yet
         warnings.simplefilter("ignore", zarr.errors.ZarrUserWarning)
         zarr.consolidate_metadata(group.store, path=group.path)
 
@@ -193,7 +196,7 @@ def _create_layer(
 
 
 def _write_bytes(group: zarr.Group, name: str, content: bytes, about: str) -> None:
-    """Write an array whose only chunk is a file of just these bytes."""
+    """Write an array with one uncompressed chunk."""
     options: dict[str, Any] = {"shape": (len(content),), "chunks": (max(len(content), 1),)}
     options |= {"attributes": {"long_name": about}, "dimension_names": (f"{name}_byte",)}
     array = _create(group, name, "uint8", **options)
@@ -202,11 +205,11 @@ def _write_bytes(group: zarr.Group, name: str, content: bytes, about: str) -> No
 
 
 def _codecs(shuffle: str, clevel: int, size: int, block: int = 0) -> tuple[Any, ...]:
-    """Return compression by Blosc with Zstandard, and a checksum by which a damaged chunk is found."""
+    """Return Blosc compression with Zstandard, and a checksum to detect damaged chunks."""
     from numcodecs import blosc
     from zarr.codecs import BloscCodec, Crc32cCodec
 
-    # Blosc's own threads would put blocks into a chunk in the order in which they are done.
+    # With Blosc's own threads, the order of blocks in a chunk is not deterministic.
     blosc.use_threads = False
     packed = BloscCodec(typesize=size, cname="zstd", clevel=clevel, shuffle=shuffle, blocksize=block)
     return packed, Crc32cCodec()

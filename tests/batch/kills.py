@@ -19,7 +19,7 @@ _MEASURED = ("timings", "rendering", "writing", "peak_memory")
 
 
 class Kill(NamedTuple):
-    """One kill: seconds after its process began, terrains that were done, hidden files that it left."""
+    """One kill: seconds after its process started, terrains that were done, hidden files that it left."""
 
     after: float
     done: int

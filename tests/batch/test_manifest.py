@@ -19,13 +19,13 @@ from sketchterrain.batch.results import (
     Manifest,
     Output,
     fingerprint,
-    hashed,
     read_manifest,
     write_sheets,
 )
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.export.target import ExportOptions
+from sketchterrain.io.files import hash_file
 
 DONE = Entry(
     "valley/seed-007",
@@ -68,28 +68,26 @@ def test_a_manifest_round_trips_as_json(manifest):
 
 
 def test_an_item_is_whole_only_with_the_files_and_hashes_it_lists(tmp_path):
-    assert not DONE.whole(tmp_path)
+    assert not DONE.is_intact(tmp_path)
     (tmp_path / "a.bin").write_bytes(b"abc")
-    assert DONE.whole(tmp_path)
+    assert DONE.is_intact(tmp_path)
     for content in (b"abd", b"ab", b"abcd"):
         (tmp_path / "a.bin").write_bytes(content)
-        assert not DONE.whole(tmp_path)
+        assert not DONE.is_intact(tmp_path)
     (tmp_path / "a.bin").unlink()
     (tmp_path / "a.bin").mkdir()
-    assert not DONE.whole(tmp_path)
+    assert not DONE.is_intact(tmp_path)
 
-    content = bytes(range(256)) * 9000  # more than is read at once
+    content = bytes(range(256)) * 9000  # more than one read
     (tmp_path / "b").write_bytes(content)
-    assert hashed(tmp_path / "b") == File("b", len(content), hashlib.sha256(content).hexdigest())
+    assert hash_file(tmp_path / "b") == (len(content), hashlib.sha256(content).hexdigest())
 
 
 def test_files_that_are_no_manifest_are_refused(tmp_path):
     assert read_manifest(tmp_path) is None
     for content in (b"", b"{", b"[]", b'{"a": 1}', b"\xff\xfe", b"[" * 100_000, b"null", b'"manifest"'):
         (tmp_path / MANIFEST).write_bytes(content)
-        with pytest.raises(
-            InputError, match=r"expected a batch's manifest, .* another file or broken"
-        ) as error:
+        with pytest.raises(InputError, match=r"expected a batch's manifest") as error:
             read_manifest(tmp_path)
         assert "\n" not in str(error.value), content[:20]
     (tmp_path / MANIFEST).unlink()
@@ -121,7 +119,7 @@ def test_truncated_and_hostile_manifests_are_refused(manifest):
         assert found is not None
         assert found.items[0].name == name
     changed(("items", 0, "name"), FAILED.name)
-    with pytest.raises(InputError, match="an item twice"):
+    with pytest.raises(InputError, match="with unique items"):
         read_manifest(manifest.parent)
 
 

@@ -23,8 +23,8 @@ from sketchterrain.app.generate import GenerateResult
 from sketchterrain.batch import results as manifest_module
 from sketchterrain.batch import run as run_module
 from sketchterrain.batch.plan import Source, plan
-from sketchterrain.batch.results import MANIFEST, BatchProgress, Entry, Output, needs_of, read_manifest
-from sketchterrain.batch.run import Done, estimate_batch, run_batch
+from sketchterrain.batch.results import MANIFEST, BatchProgress, Entry, Output, estimate_needs, read_manifest
+from sketchterrain.batch.run import BatchResult, estimate_batch, run_batch
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import save_sketch
 from sketchterrain.errors import DeviceError, InputError, SketchterrainError
@@ -38,29 +38,29 @@ OUTPUT = Output(size=17, preview=False)
 LOCK = threading.Lock()
 
 
-class Heard(BatchProgress):
+class RecordingReporter(BatchProgress):
     """Remembers the calls."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.skipped, self.stopped, self.results = 0, False, list[tuple[str, str]]()
+        self.skipped, self.was_interrupted, self.results = 0, False, list[tuple[str, str]]()
 
-    def begins(self, items: int, skipped: int) -> None:
+    def started(self, items: int, skipped: int) -> None:
         self.skipped = skipped
 
     def finished(self, entry: Entry) -> None:
         self.results.append((entry.name, entry.state))
 
-    def stops(self) -> None:
-        self.stopped = True
+    def interrupted(self) -> None:
+        self.was_interrupted = True
 
 
-class Works:
+class FakeWriter:
     """Stands in for what makes terrains: quick, and fails when told to."""
 
     def __init__(self) -> None:
         self.at_once, self.most = 0, 0
-        self.made: list[int] = []
+        self.seeds: list[int] = []
         self.before: Callable[[int], None] = lambda _: None
         self.problem: str | None = None
 
@@ -78,7 +78,7 @@ class Works:
                 self.before(sketch.seed)
                 with stages.stage("files", "Writing"):
                     moved = move_files(folder, files)
-            self.made.append(sketch.seed)
+            self.seeds.append(sketch.seed)
             return GenerateResult(
                 {"adherence": {"mean_iou": 0.5, "shapes": [1]}, "restarts": []}, moved, self.problem
             )
@@ -88,9 +88,9 @@ class Works:
 
 
 @pytest.fixture
-def works(monkeypatch) -> Works:
-    found = Works()
-    monkeypatch.setattr(run_module, "make", found)
+def writer(monkeypatch) -> FakeWriter:
+    found = FakeWriter()
+    monkeypatch.setattr(run_module, "write_terrain", found)
     monkeypatch.setattr(run_module, "gc", SimpleNamespace(collect=int))  # most of the time
     return found
 
@@ -98,13 +98,13 @@ def works(monkeypatch) -> Works:
 SOURCE = Source("valley", "valley", Sketch(extent=64.0))
 
 
-def run(folder, seeds=range(6), *, output=OUTPUT, jobs=2, resume=False, **options) -> Done:
+def run(folder, seeds=range(6), *, output=OUTPUT, jobs=2, resume=False, **options) -> BatchResult:
     items = plan(options.get("sources", (SOURCE,)), tuple(seeds))
-    progress, device = options.get("heard") or Heard(), options.get("device")
+    progress, device = options.get("reporter") or RecordingReporter(), options.get("device")
     return run_batch(items, folder, output, device=device, jobs=jobs, resume=resume, progress=progress)
 
 
-def seeds_by_state(done: Done) -> dict[str, list[int]]:
+def seeds_by_state(done: BatchResult) -> dict[str, list[int]]:
     """Seeds of the entries by their state, those that were whole before as "skipped"."""
     found = defaultdict[str, list[int]](list)
     for entry in done.entries:
@@ -124,38 +124,38 @@ def states(folder: Path) -> dict[int, str]:
     return {entry.seed: entry.state for entry in manifest.entries.values()}
 
 
-def test_all_items_are_made_in_order_and_as_many_at_once_as_asked_for(works, tmp_path):
-    heard = Heard()
-    works.before = lambda _: time.sleep(0.02)
-    done = run(tmp_path / "new" / "out", heard=heard)
+def test_all_items_are_made_in_order_and_as_many_at_once_as_asked_for(writer, tmp_path):
+    reporter = RecordingReporter()
+    writer.before = lambda _: time.sleep(0.02)
+    done = run(tmp_path / "new" / "out", reporter=reporter)
     assert seeds_by_state(done) == {"done": [*range(6)]}
-    assert sorted(works.made) == list(range(6))
-    assert works.most == 2
-    assert sorted(heard.results) == sorted((entry.name, "done") for entry in done.entries)
+    assert sorted(writer.seeds) == list(range(6))
+    assert writer.most == 2
+    assert sorted(reporter.results) == sorted((entry.name, "done") for entry in done.entries)
     manifest = read_manifest(tmp_path / "new" / "out")
     assert manifest is not None
     assert manifest.items == done.entries
-    assert all(entry.whole(tmp_path / "new" / "out" / entry.name) for entry in manifest.items)
+    assert all(entry.is_intact(tmp_path / "new" / "out" / entry.name) for entry in manifest.items)
     assert manifest.items[0].adherence == {"mean_iou": 0.5}  # without the list of every shape
     assert set(manifest.items[0].timings) == {"ground", "files"}
-    assert not heard.stopped
+    assert not reporter.was_interrupted
 
-    works.most = 0
+    writer.most = 0
     run(tmp_path / "one", jobs=1)
-    assert works.most == 1
+    assert writer.most == 1
 
 
 def test_fewer_terrains_are_in_work_where_there_is_no_memory(monkeypatch):
     sketch = Sketch(extent=1024.0)
-    small, large = (needs_of(sketch, Output(size=size, preview=False)) for size in (257, 1025))
+    small, large = (estimate_needs(sketch, Output(size=size, preview=False)) for size in (257, 1025))
     assert (small.vertices, large.vertices) == (257**2, 1025**2)
     assert small.memory < large.memory
-    assert small.disk < large.disk < needs_of(sketch, Output()).disk
-    assert needs_of(sketch, Output(preview=False)) == large
+    assert small.disk < large.disk < estimate_needs(sketch, Output()).disk
+    assert estimate_needs(sketch, Output(preview=False)) == large
     options = ExportOptions(size=257)
-    assert needs_of(sketch, Output(target="raw", options=options, preview=False)).vertices == 257**2
+    assert estimate_needs(sketch, Output(target="raw", options=options, preview=False)).vertices == 257**2
     with pytest.raises(InputError, match="size"):
-        needs_of(sketch, Output(size=100_000))
+        estimate_needs(sketch, Output(size=100_000))
 
     needs = [small, large, large, large, InputError("no sketch")]
     for terrains, jobs in ((10, 4), (2.5, 2), (0.5, 1)):
@@ -166,35 +166,35 @@ def test_fewer_terrains_are_in_work_where_there_is_no_memory(monkeypatch):
         assert estimate.disk_needed == small.disk + 3 * large.disk
 
 
-def test_a_disk_without_room_is_refused_before_any_work(works, tmp_path, monkeypatch):
+def test_a_disk_without_room_is_refused_before_any_work(writer, tmp_path, monkeypatch):
     from sketchterrain.io import files as disk
 
     monkeypatch.setattr(disk, "free_disk_space", lambda _: 5000)
     with pytest.raises(InputError, match=r"files of the batch need up to 0\.\d MiB, .* has 0\.0 MiB free"):
         run(tmp_path)
-    assert works.made == []
+    assert writer.seeds == []
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_unexpected_exception_in_a_thread_never_hangs_the_batch(works, tmp_path, monkeypatch):
-    def broken(heard: Heard, name: str, title: str) -> None:
+def test_an_unexpected_exception_in_a_thread_never_hangs_the_batch(writer, tmp_path, monkeypatch):
+    def broken(reporter: RecordingReporter, name: str, title: str) -> None:
         if name.endswith("3"):
             raise ZeroDivisionError("in the progress report")
 
     with monkeypatch.context() as patch:
-        patch.setattr(Heard, "stage", broken)
+        patch.setattr(RecordingReporter, "stage", broken)
         done = run(tmp_path / "a")
     assert seeds_by_state(done) == {"done": [0, 1, 2, 4, 5], "failed": [3]}
     assert "unexpected ZeroDivisionError: in the progress report" in done.entries[3].error
 
-    works.before = lambda seed: sys.exit(7) if seed == 3 else None
+    writer.before = lambda seed: sys.exit(7) if seed == 3 else None
     with pytest.raises(SystemExit):
         run(tmp_path / "b")
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("terrain")]
     assert states(tmp_path / "b")[3] == "waiting"
 
 
-def test_resuming_makes_only_what_is_missing_damaged_changed_or_new(works, tmp_path):
+def test_resuming_makes_only_what_is_missing_damaged_changed_or_new(writer, tmp_path):
     run(tmp_path)
     whole = files(tmp_path)
     folder = tmp_path / "valley"
@@ -203,10 +203,10 @@ def test_resuming_makes_only_what_is_missing_damaged_changed_or_new(works, tmp_p
     (folder / "seed-004" / "height.bin").write_bytes(
         (folder / "seed-004" / "height.bin").read_bytes() + b"more"
     )
-    works.made.clear()
-    heard = Heard()
-    done = run(tmp_path, resume=True, heard=heard)
-    assert (sorted(works.made), heard.skipped) == ([1, 3, 4], 3)
+    writer.seeds.clear()
+    reporter = RecordingReporter()
+    done = run(tmp_path, resume=True, reporter=reporter)
+    assert (sorted(writer.seeds), reporter.skipped) == ([1, 3, 4], 3)
     assert seeds_by_state(done)["skipped"] == [0, 2, 5]
     assert files(tmp_path) == whole
 
@@ -218,16 +218,16 @@ def test_resuming_makes_only_what_is_missing_damaged_changed_or_new(works, tmp_p
     assert (tmp_path / "map" / "valley" / "seed-001" / "map.png").exists()
     other = Source("valley", "valley", Sketch(extent=65.0))
     for sources, made in (((SOURCE,), 6), ((SOURCE,), 0), ((other,), 6), ((other,), 0)):
-        works.made.clear()
+        writer.seeds.clear()
         run(tmp_path / "map", resume=True, sources=sources)
-        assert len(works.made) == made
+        assert len(writer.seeds) == made
         assert not list((tmp_path / "map").rglob("map.png"))  # of a batch that wanted maps
 
 
-def test_folders_with_a_batch_a_broken_manifest_or_files_are_refused_and_left_alone(works, tmp_path):
+def test_folders_with_a_batch_a_broken_manifest_or_files_are_refused_and_left_alone(writer, tmp_path):
     run(tmp_path / "made")
     before = files(tmp_path / "made")
-    with pytest.raises(InputError, match=r"there is a batch in it .*--resume"):
+    with pytest.raises(InputError, match=r"contains a batch .*--resume"):
         run(tmp_path / "made")
     assert files(tmp_path / "made") == before
 
@@ -256,7 +256,7 @@ def test_folders_with_a_batch_a_broken_manifest_or_files_are_refused_and_left_al
     assert not (tmp_path / "out").exists()
 
 
-def test_a_failed_item_stops_no_other_and_is_retried_on_resume(works, tmp_path):
+def test_a_failed_item_stops_no_other_and_is_retried_on_resume(writer, tmp_path):
     run(tmp_path / "whole")
     for error, told in (
         (SketchterrainError("one\nline"), "one line"),
@@ -269,27 +269,27 @@ def test_a_failed_item_stops_no_other_and_is_retried_on_resume(works, tmp_path):
             if seed in (1, 4):
                 raise error
 
-        works.before, folder = fail, tmp_path / told[:3]
+        writer.before, folder = fail, tmp_path / told[:3]
         done = run(folder)
         assert seeds_by_state(done) == {"done": [0, 2, 3, 5], "failed": [1, 4]}, told
         assert done.entries[1].error.startswith(told), told
         assert not (folder / "valley" / "seed-001").exists(), told
-        works.before = lambda _: None
+        writer.before = lambda _: None
         again = run(folder, resume=True)
         assert seeds_by_state(again) == {"skipped": [0, 2, 3, 5], "done": [1, 4]}, told
         assert files(folder) == files(tmp_path / "whole"), told
-    works.before = lambda _: 1 // 0
+    writer.before = lambda _: 1 // 0
     other = Source("valley", "valley", Sketch(extent=65.0))
     done = run(tmp_path / "whole", resume=True, sources=(other,))
     assert seeds_by_state(done) == {"failed": [*range(6)]}
     assert files(tmp_path / "whole") == files(folder)  # old files stay
 
 
-def test_partial_and_unreadable_items_are_retried_and_stop_no_other(works, tmp_path):
-    works.problem = "no OpenGL"
+def test_partial_and_unreadable_items_are_retried_and_stop_no_other(writer, tmp_path):
+    writer.problem = "no OpenGL"
     done = run(tmp_path, range(2))
     assert [(entry.state, entry.error) for entry in done.entries] == [("partial", "no OpenGL")] * 2
-    works.problem = None
+    writer.problem = None
     assert seeds_by_state(run(tmp_path, range(2), resume=True)) == {"done": [0, 1]}
 
     sources = (Source("bad", "bad", None, "bad: is none"), SOURCE)
@@ -301,39 +301,39 @@ def test_partial_and_unreadable_items_are_retried_and_stop_no_other(works, tmp_p
     assert seeds_by_state(again) == {"failed": [0, 1], "skipped": [0, 1]}
 
 
-def test_an_interrupt_drops_pending_items_and_keeps_finished_ones(works, tmp_path):
-    heard = Heard()
+def test_an_interrupt_drops_pending_items_and_keeps_finished_ones(writer, tmp_path):
+    reporter = RecordingReporter()
     main = threading.main_thread().ident
     assert main is not None
 
     def interrupt(seed: int) -> None:
         if seed == 3:
-            while len(heard.results) < 2:
+            while len(reporter.results) < 2:
                 time.sleep(0.005)
             import signal
 
             signal.pthread_kill(main, signal.SIGINT)
-            while not heard.stopped:
+            while not reporter.was_interrupted:
                 time.sleep(0.005)
             time.sleep(0.05)
 
-    works.before = interrupt
+    writer.before = interrupt
     with pytest.raises(KeyboardInterrupt):
-        run(tmp_path, range(12), heard=heard)
+        run(tmp_path, range(12), reporter=reporter)
     found = states(tmp_path)
     assert found[3] == "waiting"
     assert set(found.values()) == {"waiting", "done"}
     done = {seed for seed, state in found.items() if state == "done"}
-    assert done == set(works.made)
+    assert done == set(writer.seeds)
     assert {name.split("/")[1] for name in files(tmp_path)} == {f"seed-{seed:03}" for seed in done}
     assert not [path for path in tmp_path.rglob("*") if path.name.startswith(".")]
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("terrain")]
-    works.before = lambda _: None
+    writer.before = lambda _: None
     assert len(run(tmp_path, range(12), resume=True).skipped) == len(done)
     assert set(states(tmp_path).values()) == {"done"}
 
 
-def test_partial_files_of_a_killed_run_are_removed(works, tmp_path):
+def test_partial_files_of_a_killed_run_are_removed(writer, tmp_path):
     run(tmp_path, range(2))
     whole = files(tmp_path)
     (tmp_path / "valley/seed-001/height.bin").unlink()
@@ -349,7 +349,7 @@ def test_partial_files_of_a_killed_run_are_removed(works, tmp_path):
 
 
 def test_every_written_manifest_lists_only_complete_items_and_one_that_cannot_be_ends_the_batch(
-    works, tmp_path, monkeypatch
+    writer, tmp_path, monkeypatch
 ):
     counts: list[int] = []
 
@@ -373,7 +373,7 @@ def test_every_written_manifest_lists_only_complete_items_and_one_that_cannot_be
     assert set(states(tmp_path / "b").values()) == {"done"}
 
 
-def test_a_batch_at_work_keeps_others_out(works, tmp_path):
+def test_a_batch_at_work_keeps_others_out(writer, tmp_path):
     refused: list[str] = []
 
     def second(_: int) -> None:
@@ -381,7 +381,7 @@ def test_a_batch_at_work_keeps_others_out(works, tmp_path):
             run(tmp_path, range(1), resume=True)
         refused.append(str(error.value))
 
-    works.before = second
+    writer.before = second
     run(tmp_path, range(1))
     assert [str(tmp_path) in line for line in refused] == [True]
     assert not list(tmp_path.rglob(".*"))
@@ -401,12 +401,12 @@ def test_a_preview_that_waits_is_not_begun_after_the_end(monkeypatch):
         def close(self) -> None:
             calls.append("closed")
 
-    def go_on() -> None:
+    def check_stop() -> None:
         if ended.is_set():
             raise InterruptedError
 
     monkeypatch.setattr(run_module, "SnapshotRenderer", SnapshotRenderer)
-    with ThreadPoolExecutor(2) as pool, run_module._previews(go_on) as render:
+    with ThreadPoolExecutor(2) as pool, run_module._previews(check_stop) as render:
         first = pool.submit(render, "first", view="auto")
         assert begun.wait(30.0)
         second = pool.submit(render, "second", view="auto")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.batch.plan import (
-    MOST_ITEMS,
+    MAX_ITEMS,
     Source,
     parse_seeds,
     parse_setting,
@@ -131,7 +131,7 @@ def test_a_plan_has_all_combinations_in_order_under_stable_names():
 
 def test_plans_without_a_meaning_are_refused():
     for seeds, texts, told in (
-        (range(MOST_ITEMS), ("fidelity=0,1",), f"expected at most {MOST_ITEMS}"),
+        (range(MAX_ITEMS), ("fidelity=0,1",), f"expected at most {MAX_ITEMS}"),
         ((1,), ("river.2.width=3",), "no sketch of the batch has a label 2 in its layer river"),
         ((1,), ("fidelity=0", "fidelity=1"), "set twice"),
     ):
@@ -150,7 +150,7 @@ def test_an_unreadable_sketch_does_not_stop_the_others(tmp_path):
     assert sources[2].sketch is None
     with pytest.raises(InputError, match="no sketch"):
         plan(sources, (1,))[2].sketch  # noqa: B018 - it is asked for
-    for given, told in (([bad], "no sketch"), ([first, first], "given twice"), ([], "got none")):
+    for given, told in (([bad], "no sketch"), ([first, first], "given twice"), ([], "at least one sketch")):
         with pytest.raises(InputError, match=told):
             read_sources(given)
 

@@ -85,7 +85,7 @@ EXPORT = [
     ("--to unity --size 1000", 3, ("1000 vertices is not a valid size; nearest: 513 or 1025",)),
 ]
 BATCH = [
-    ("", 3, ("expected a sketch, got none",)),
+    ("", 3, ("expected at least one sketch",)),
     ("nothing", 3, ("no sketch 'nothing'",)),
     ("SKETCH --seeds x", 3, ("seeds 'x': expected",)),
     ("SKETCH --set river", 3, ("expected NAME=VALUES",)),

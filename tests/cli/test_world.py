@@ -79,7 +79,7 @@ def test_broken_files_are_listed_and_repaired(call, sketch, tmp_path):
     assert [each["file"] for each in data["broken"]] == ["0/height/c/0/0", "0/normal/c/0/0/0"]
     again = call("world", sketch, *SMALL, "-o", out, "--resume")
     assert again.code == 0, again.err
-    assert "0/height/c/0/0 is missing: is made again" in again.err
+    assert "0/height/c/0/0 is missing: will be rewritten" in again.err
     assert files(out) == before
     assert call("stats", out, "--check").out == f"{out}: all files are intact\n"
     other = call("world", sketch, *SMALL, "-o", out, "--resume", "--seed", 99)

@@ -20,7 +20,7 @@ from sketchterrain.terrain.building import build
 from sketchterrain.tiles.lod import ScreenError
 from sketchterrain.world.viewed import StoredTerrain
 
-from ..world.grown import Grown
+from ..world.grown import InMemoryWorld
 from .ground_model import (
     MAGENTA,
     QUADS,
@@ -166,7 +166,7 @@ def ending_terrain():
 @pytest.fixture(scope="module")
 def stored(ending_terrain):
     """South of the origin, so that viewing and terrain coordinates are equal."""
-    return Grown(ending_terrain, (0.0, -401 * CELL, 512 * CELL, 0.0), CELL)
+    return InMemoryWorld(ending_terrain, (0.0, -401 * CELL, 512 * CELL, 0.0), CELL)
 
 
 @pytest.fixture(scope="module")

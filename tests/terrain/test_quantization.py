@@ -12,7 +12,7 @@ from sketchterrain.errors import DeviceError, DeviceFailedError, InputError
 from sketchterrain.export.sampled import quantise_weights
 from sketchterrain.terrain.rasters import quantized_bands
 from sketchterrain.terrain.terrain import Terrain
-from sketchterrain.world.task_runner import packed
+from sketchterrain.world.task_runner import quantised_bands
 
 from .conftest import assert_same
 
@@ -52,7 +52,7 @@ def test_devices_without_doubles_are_errors_and_the_host_packs(desert) -> None:
         other = Terrain(desert.sketch, desert.recipe, ComputeContext(device))
         with pytest.raises(DeviceError, match="has no 64-bit floats"):
             other.window_bytes(0.0, 4096.0, **window)
-        (one,), (two,) = (list(packed(each.window(0.0, 4096.0, **window))) for each in (desert, other))
+        (one,), (two,) = (list(quantised_bands(each.window(0.0, 4096.0, **window))) for each in (desert, other))
         np.testing.assert_array_equal(one.normal, two.normal)
         np.testing.assert_array_equal(one.materials, two.materials)
 
@@ -61,7 +61,7 @@ def test_bytes_are_those_of_the_host(valley) -> None:
     for window, place in WINDOWS.items():
         here = {"cell": 4.0, **place}
         found = list(valley.window_bytes(0.0, 4096.0, **here))
-        expected = list(packed(valley.window(0.0, 4096.0, **here)))
+        expected = list(quantised_bands(valley.window(0.0, 4096.0, **here)))
         assert [band.top for band in found] == [band.top for band in expected], window
         for name in ("height", "normal", "materials"):
             for one, other in zip(found, expected, strict=True):

@@ -173,7 +173,7 @@ def test_foreign_files_at_the_output_are_refused_and_kept(qtbot, opened, tmp_pat
     dialog.accept_button.click()
     with qtbot.waitSignal(dialog.job.failed, timeout=120_000) as result:
         pass
-    assert "there is something else" in result.args[0]
+    assert "holds other files" in result.args[0]
     assert dialog.hint.text() == result.args[0]
     assert dialog.accept_button.text() == "Estimate"
     qtbot.waitUntil(lambda: not dialog.job.is_running)

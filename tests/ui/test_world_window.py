@@ -139,7 +139,7 @@ def world(tmp_path_factory):
     folder = tmp_path_factory.mktemp("worlds") / "hills.zarr"
     layers = ("height", "normal", "materials")
     job = Job(sketch, make_recipe(sketch), World(0.0, 0.0, 1024.0, 1024.0, 2.0), folder, "zarr", layers)
-    run_world(job, watcher=MagicMock())
+    run_world(job, reporter=MagicMock())
     (shard,) = [path for path in (folder / "0" / "height" / "c").rglob("*") if path.is_file()]
     data = bytearray(shard.read_bytes())
     for place in range(0, len(data) // 4, 500):

@@ -14,17 +14,17 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.terrain.building import make_recipe
 from sketchterrain.world.grid import World
 from sketchterrain.world.job import Job, TaskResult
-from sketchterrain.world.journal import Broken
+from sketchterrain.world.journal import BrokenFile
 from sketchterrain.world.run import ProgressReporter, run_world
 
 
-class Heard(ProgressReporter):
-    """A watcher that remembers."""
+class RecordingReporter(ProgressReporter):
+    """A reporter that remembers."""
 
     def __init__(self) -> None:
         super().__init__()
         self.shares: list[float] = []
-        self.found: list[Broken] = []
+        self.found: list[BrokenFile] = []
         self.counts: list[tuple[int, int]] = []
         self.done: list[TaskResult] = []
         self.notes: list[str] = []
@@ -32,14 +32,14 @@ class Heard(ProgressReporter):
     def verified(self, share: float) -> None:
         self.shares.append(share)
 
-    def broken(self, file: Broken) -> None:
+    def broken(self, file: BrokenFile) -> None:
         self.found.append(file)
 
-    def began(self, tasks: int, done: int) -> None:
+    def started(self, tasks: int, done: int) -> None:
         self.counts.append((tasks, done))
 
-    def made(self, made: TaskResult) -> None:
-        self.done.append(made)
+    def task_finished(self, result: TaskResult) -> None:
+        self.done.append(result)
 
     def joined(self, share: float) -> None:
         assert 0 <= share <= 1
@@ -69,10 +69,10 @@ def small_job() -> Job:
 
 
 @pytest.fixture(scope="session")
-def whole_world(small_job: Job, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def finished_world(small_job: Job, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """That world as a Zarr store that was never disturbed; not to be changed."""
     output = tmp_path_factory.mktemp("whole") / "world.zarr"
-    run_world(replace(small_job, output=output), watcher=Heard())
+    run_world(replace(small_job, output=output), reporter=RecordingReporter())
     return output
 
 
@@ -89,12 +89,12 @@ def tree() -> Callable[[Path], dict[str, str]]:
 
 
 @pytest.fixture
-def heard() -> Heard:
-    return Heard()
+def reporter() -> RecordingReporter:
+    return RecordingReporter()
 
 
 @contextmanager
-def _room_for(size: int) -> Iterator[None]:
+def _file_size_limit(size: int) -> Iterator[None]:
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     try:
@@ -104,6 +104,6 @@ def _room_for(size: int) -> Iterator[None]:
 
 
 @pytest.fixture
-def room_for() -> Callable[[int], AbstractContextManager[None]]:
+def file_size_limit() -> Callable[[int], AbstractContextManager[None]]:
     """A context in which no file may grow over so many bytes."""
-    return _room_for
+    return _file_size_limit

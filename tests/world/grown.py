@@ -8,7 +8,7 @@ from sketchterrain.export.sampled import quantise_normals, quantise_weights
 from sketchterrain.world.grid import CHUNK, LAYERS, World
 
 
-class Grown:
+class InMemoryWorld:
     """Layers of a terrain over bounds; chunks named in `broken` (layer, level, row, column) can't be read."""
 
     def __init__(self, terrain, bounds, cell, *, layers=LAYERS):

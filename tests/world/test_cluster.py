@@ -19,7 +19,7 @@ from sketchterrain.errors import DeviceError, DeviceFailedError, InputError, Ske
 from sketchterrain.world import run as running
 from sketchterrain.world import worker as in_worker
 from sketchterrain.world.cluster import check_scheduler
-from sketchterrain.world.job import tasks_of
+from sketchterrain.world.job import iter_tasks
 from sketchterrain.world.run import run_world
 from sketchterrain.world.task_runner import TaskRunner
 
@@ -40,15 +40,15 @@ WRITING = """
 import pickle, sys
 from pathlib import Path
 from sketchterrain.world.run import run_world
-from tests.world.conftest import Heard
-heard = Heard()
-heard.made = lambda made: print(made.task.kind, made.worker, flush=True)
-run_world(pickle.loads(Path(sys.argv[1]).read_bytes()), workers=2, watcher=heard)
+from tests.world.conftest import RecordingReporter
+reporter = RecordingReporter()
+reporter.task_finished = lambda made: print(made.task.kind, made.worker, flush=True)
+run_world(pickle.loads(Path(sys.argv[1]).read_bytes()), workers=2, reporter=reporter)
 """
 
 
 def shuffled(job):
-    tasks = list(tasks_of(job))
+    tasks = list(iter_tasks(job))
     random.Random(3).shuffle(tasks)
     return iter(tasks)
 
@@ -104,16 +104,16 @@ def workers_of(pid):
     return found
 
 
-def then(heard, act):
+def then(reporter, act):
     """Act whenever a task is done, given how many there are by then."""
-    made = heard.made
-    heard.made = lambda result: (made(result), act(len(heard.done)))
+    made = reporter.task_finished
+    reporter.task_finished = lambda result: (made(result), act(len(reporter.done)))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [OSError, ZeroDivisionError])
 def test_threads_as_workers_give_the_same_bytes_also_after_an_error(
-    kind, job, whole_world, heard, tree, monkeypatch
+    kind, job, finished_world, reporter, tree, monkeypatch
 ) -> None:
     finish = TaskRunner.finish
 
@@ -127,23 +127,23 @@ def test_threads_as_workers_give_the_same_bytes_also_after_an_error(
                 raise SketchterrainError("0/height: cannot be written (no space)") from error
         return finish(runner, pending)
 
-    monkeypatch.setattr(running, "tasks_of", shuffled)
+    monkeypatch.setattr(running, "iter_tasks", shuffled)
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=2, processes=False, dashboard_address=None
     ) as cluster:
         with monkeypatch.context() as patch:
             patch.setattr(TaskRunner, "finish", failing)
             with pytest.raises((SketchterrainError, ZeroDivisionError), match="no space"):
-                run_world(job, scheduler=cluster.scheduler_address, watcher=heard)
-        run_world(job, scheduler=cluster.scheduler_address, resume=True, watcher=heard)
+                run_world(job, scheduler=cluster.scheduler_address, reporter=reporter)
+        run_world(job, scheduler=cluster.scheduler_address, resume=True, reporter=reporter)
         assert not [name for name in cluster.scheduler.worker_plugins if "sketchterrain" in name]
-    assert tree(job.output) == tree(whole_world)
-    assert {made.worker for made in heard.done} == {"worker 0", "worker 1"}
-    assert heard.notes == []
+    assert tree(job.output) == tree(finished_world)
+    assert {made.worker for made in reporter.done} == {"worker 0", "worker 1"}
+    assert reporter.notes == []
 
 
 @pytest.mark.slow
-def test_a_worker_whose_device_fails_is_refused(job, whole_world, heard, tree, monkeypatch) -> None:
+def test_a_worker_whose_device_fails_is_refused(job, finished_world, reporter, tree, monkeypatch) -> None:
     evaluate = TaskRunner.evaluate
 
     def failing(runner, task):
@@ -156,10 +156,10 @@ def test_a_worker_whose_device_fails_is_refused(job, whole_world, heard, tree, m
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None
     ) as cluster:
-        run_world(job, scheduler=cluster.scheduler_address, watcher=heard)
-    assert heard.notes == ["worker 0 is refused: it gave up"]
-    assert {made.worker for made in heard.done} == {"worker 1"}
-    assert tree(job.output) == tree(whole_world)
+        run_world(job, scheduler=cluster.scheduler_address, reporter=reporter)
+    assert reporter.notes == ["worker 0 is refused: it gave up"]
+    assert {made.worker for made in reporter.done} == {"worker 1"}
+    assert tree(job.output) == tree(finished_world)
 
 
 def test_an_address_without_a_scheduler_is_one_line_and_at_once() -> None:
@@ -178,9 +178,9 @@ def test_a_worker_that_does_not_see_the_folder_is_refused(tmp_path, monkeypatch)
     probe.write_text("this one", encoding="utf-8")
     in_worker.check_folder(str(probe), "this one")
     assert [path.name for path in tmp_path.iterdir()] == [".probe"]
-    with pytest.raises(in_worker.RefusedError, match="another folder is there"):
+    with pytest.raises(in_worker.RefusedError, match="it does not see the output's folder"):
         in_worker.check_folder(str(probe), "that one")
-    with pytest.raises(in_worker.RefusedError, match="nothing is there"):
+    with pytest.raises(in_worker.RefusedError, match="it does not see the output's folder"):
         in_worker.check_folder(str(tmp_path / "no" / "where"), "")
 
 
@@ -192,28 +192,32 @@ def test_workers_of_a_machine_share_its_gpus_out(monkeypatch) -> None:
     monkeypatch.setattr(
         "sketchterrain.compute.device.choose_device", lambda selector: f"chosen by {selector}"
     )
-    assert [in_worker.own_device(None, rank).name for rank in range(3)] == ["Card 0", "Card 1", "Card 0"]
-    assert in_worker.own_device("Card 1", 0) == "chosen by Card 1"
+    assert [in_worker.choose_worker_device(None, rank).name for rank in range(3)] == [
+        "Card 0",
+        "Card 1",
+        "Card 0",
+    ]
+    assert in_worker.choose_worker_device("Card 1", 0) == "chosen by Card 1"
     monkeypatch.setattr("sketchterrain.compute.device.list_devices", lambda: (cpu,))
-    assert in_worker.own_device(None, 1) == "chosen by None"
+    assert in_worker.choose_worker_device(None, 1) == "chosen by None"
 
 
 @pytest.mark.soak
 def test_killed_workers_are_replaced_and_give_the_same_bytes(
-    job, whole_world, heard, tree, monkeypatch
+    job, finished_world, reporter, tree, monkeypatch
 ) -> None:
-    monkeypatch.setattr(running, "tasks_of", shuffled)
-    then(heard, lambda done: workers_of(os.getpid())[0].kill() if done in (1, 4) else None)
-    run_world(job, workers=2, watcher=heard)
-    assert tree(job.output) == tree(whole_world)
-    assert {note.split(" is lost")[0] for note in heard.notes} <= {"worker 0", "worker 1"}
-    assert heard.notes
+    monkeypatch.setattr(running, "iter_tasks", shuffled)
+    then(reporter, lambda done: workers_of(os.getpid())[0].kill() if done in (1, 4) else None)
+    run_world(job, workers=2, reporter=reporter)
+    assert tree(job.output) == tree(finished_world)
+    assert {note.split(" disconnected")[0] for note in reporter.notes} <= {"worker 0", "worker 1"}
+    assert reporter.notes
     assert workers_of(os.getpid()) == []
 
 
 @pytest.mark.soak
 def test_lying_workers_are_refused_by_name_and_a_dead_scheduler_ends_the_run(
-    job, whole_world, heard, tree, scheduler, tmp_path
+    job, finished_world, reporter, tree, scheduler, tmp_path
 ) -> None:
     address, started = scheduler
     with (
@@ -221,27 +225,27 @@ def test_lying_workers_are_refused_by_name_and_a_dead_scheduler_ends_the_run(
         worker(address, tmp_path, "older", preload=OLDER),
     ):
         wait_for_workers(address, 2)
-        with pytest.raises(DeviceError, match="no worker is left: ") as caught:
-            run_world(job, scheduler=address, watcher=heard)
-        assert caught.match(
-            r"liar on \S+: (self-test of .*: other bits: |.* computes other bits of this world)"
-        )
+        with pytest.raises(DeviceError, match="all workers are refused: ") as caught:
+            run_world(job, scheduler=address, reporter=reporter)
+        assert caught.match(r"liar on \S+: (self-test of .*: other bits: |.* computes different results)")
         assert caught.match(r"older on \S+: it has sketchterrain 0\.0\.9, not ")
         assert caught.value.exit_code == 4
-        heard.notes.clear()
-        then(heard, lambda done: started.kill() if done == 5 else None)
+        reporter.notes.clear()
+        then(reporter, lambda done: started.kill() if done == 5 else None)
         with worker(address, tmp_path, "honest"):
             wait_for_workers(address, 3)
-            with pytest.raises(SketchterrainError, match=f"^scheduler {address} does not answer any more$"):
-                run_world(job, scheduler=address, resume=True, watcher=heard)
-    assert {made.worker.split()[0] for made in heard.done} == {"honest"}
-    assert all(note.split()[0] in ("liar", "older") and " is refused: " in note for note in heard.notes)
-    run_world(job, resume=True, watcher=heard)
-    assert tree(job.output) == tree(whole_world)
+            with pytest.raises(SketchterrainError, match=f"^scheduler {address} does not respond$"):
+                run_world(job, scheduler=address, resume=True, reporter=reporter)
+    assert {made.worker.split()[0] for made in reporter.done} == {"honest"}
+    assert all(note.split()[0] in ("liar", "older") and " is refused: " in note for note in reporter.notes)
+    run_world(job, resume=True, reporter=reporter)
+    assert tree(job.output) == tree(finished_world)
 
 
 @pytest.mark.soak
-def test_no_worker_outlives_a_killed_run_which_is_resumed(job, whole_world, heard, tree, tmp_path) -> None:
+def test_no_worker_outlives_a_killed_run_which_is_resumed(
+    job, finished_world, reporter, tree, tmp_path
+) -> None:
     (tmp_path / "job").write_bytes(pickle.dumps(job))
     command = [sys.executable, "-c", WRITING, str(tmp_path / "job")]
     root = Path(__file__).parents[2]
@@ -251,5 +255,5 @@ def test_no_worker_outlives_a_killed_run_which_is_resumed(job, whole_world, hear
         started.kill()
     assert len(workers) == 2
     assert psutil.wait_procs(workers, timeout=20)[1] == []
-    run_world(job, resume=True, watcher=heard)
-    assert tree(job.output) == tree(whole_world)
+    run_world(job, resume=True, reporter=reporter)
+    assert tree(job.output) == tree(finished_world)

@@ -41,7 +41,7 @@ def test_too_little_disk_or_memory_is_refused(
     small_job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with pytest.raises(InputError, match="the world's files need up to"):
-        estimate_world(replace(small_job, world=VAST, output=tmp_path / "w.zarr")).refuse_impossible()
+        estimate_world(replace(small_job, world=VAST, output=tmp_path / "w.zarr")).check_resources()
     monkeypatch.setattr(shared, "free_memory", lambda: 1 << 20)
     with pytest.raises(InputError, match=r"of memory at once, 1\.0 MiB are free"):
-        estimate_world(replace(small_job, output=tmp_path / "w.zarr")).refuse_impossible()
+        estimate_world(replace(small_job, output=tmp_path / "w.zarr")).check_resources()

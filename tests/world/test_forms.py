@@ -7,10 +7,9 @@ import pytest
 
 from sketchterrain.errors import InputError
 from sketchterrain.world.grid import World
-from sketchterrain.world.job import Job, task_count
+from sketchterrain.world.job import Job, shard_store, task_count
 from sketchterrain.world.journal import check_world, load_ledger
 from sketchterrain.world.run import run_world
-from sketchterrain.world.store import store_of
 
 FORMS = {
     "zarr, parquet": ("world.zarr", {"form": "zarr", "plants": "parquet"}),
@@ -33,22 +32,22 @@ def formed(request, small_job, tmp_path: Path) -> Job:
 
 
 @pytest.mark.slow
-def test_stopped_damaged_and_mended(formed: Job, heard, tmp_path: Path, tree) -> None:
-    whole, heard_type = replace(formed, output=tmp_path / "whole" / formed.output.name), type(heard)
-    done = run_world(whole, watcher=heard)
+def test_stopped_damaged_and_mended(formed: Job, reporter, tmp_path: Path, tree) -> None:
+    whole, heard_type = replace(formed, output=tmp_path / "whole" / formed.output.name), type(reporter)
+    done = run_world(whole, reporter=reporter)
     expected = tree(tmp_path / "whole")
-    assert done.tasks == done.made == task_count(formed)
+    assert done.tasks == done.computed == task_count(formed)
     assert list(check_world(whole.output, progress=lambda _: None)) == []
 
     stopped = heard_type()
-    stopped.made = lambda made: stopped.done.append(made) or _stop(len(stopped.done) == 3)
+    stopped.task_finished = lambda made: stopped.done.append(made) or _stop(len(stopped.done) == 3)
     with pytest.raises(_StoppedError):
-        run_world(formed, watcher=stopped)
-    assert len(load_ledger(formed, store_of(formed)).done) == 3
+        run_world(formed, reporter=stopped)
+    assert len(load_ledger(formed, shard_store(formed)).done) == 3
     with pytest.raises(InputError, match="is not finished"):
         check_world(formed.output, progress=lambda _: None)
     again = heard_type()
-    run_world(formed, resume=True, watcher=again)
+    run_world(formed, resume=True, reporter=again)
     assert again.counts == [(done.tasks, 3)]
     assert tree(tmp_path / "mine") == expected
 
@@ -58,9 +57,9 @@ def test_stopped_damaged_and_mended(formed: Job, heard, tmp_path: Path, tree) ->
     (found,) = check_world(formed.output, progress=lambda _: None)
     assert found.file.endswith(largest.name)
     third = heard_type()
-    mended = run_world(formed, resume=True, watcher=third)
+    mended = run_world(formed, resume=True, reporter=third)
     assert mended.broken == (found,)
-    assert mended.made >= 1
+    assert mended.computed >= 1
     assert tree(tmp_path / "mine") == expected
     assert (mended.files, mended.bytes) == (done.files, done.bytes)
 

@@ -7,8 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 
 from sketchterrain.errors import InputError
+from sketchterrain.io.system import exclusive_run
 from sketchterrain.world.job import Task, WrittenFile
-from sketchterrain.world.journal import Header, Journal, Ledger, exclusive_run, read_journal, read_ledger
+from sketchterrain.world.journal import Header, Journal, Ledger, read_journal, read_ledger
 
 HEADER = Header("f" * 64, "1.0")
 FILES = some.lists(
@@ -75,14 +76,14 @@ def test_one_run_at_a_time_holds_the_lock(tmp_path: Path) -> None:
     "text", ["", "\n", "[1, 2]\n", '{"fingerprint": "f"}\n', '{"fingerprint":"f","version":"1","format":2}\n']
 )
 def test_other_content_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match=r"here: expected a list of a world's files"):
+    with pytest.raises(InputError, match=r"here: expected a ledger of a world's files"):
         read_ledger(text, "here")
 
 
 @pytest.mark.parametrize("name", ["../x", "/etc/x", "a//b", "a/../../b", "a\\b", ""])
 def test_names_outside_of_the_folder_are_refused(name: str) -> None:
     text = Ledger(HEADER, {done(1)[0]: (WrittenFile(name, 1, "0" * 64),)}).text()
-    with pytest.raises(InputError, match="names a file that is not in the world's folder"):
+    with pytest.raises(InputError, match="file name outside the world's folder"):
         read_ledger(text, "here")
 
 

@@ -20,24 +20,24 @@ from pathlib import Path
 from sketchterrain.world.run import run_world
 
 class Watcher:
-    def began(self, tasks, done):
-        print("began", flush=True)
+    def started(self, tasks, done):
+        print("started", flush=True)
     def __getattr__(self, name):
         return lambda *_: None
 
-run_world(pickle.loads(Path(sys.argv[1]).read_bytes()), resume=True, watcher=Watcher())
+run_world(pickle.loads(Path(sys.argv[1]).read_bytes()), resume=True, reporter=Watcher())
 """
 
 
 @pytest.mark.soak
-def test_killed_and_resumed_to_the_same_bytes(job, tmp_path: Path, whole_world, tree) -> None:
+def test_killed_and_resumed_to_the_same_bytes(job, tmp_path: Path, finished_world, tree) -> None:
     (tmp_path / "job").write_bytes(pickle.dumps(job))
     command = [sys.executable, "-c", SCRIPT, str(tmp_path / "job")]
     chance, killed = random.Random(8), 0
     for number in range(KILLS + 1):
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
             assert process.stdout is not None
-            if process.stdout.readline() != "began\n" or number == KILLS:
+            if process.stdout.readline() != "started\n" or number == KILLS:
                 assert process.wait(timeout=300) == 0
                 break
             time.sleep(chance.uniform(0.0, 0.4))
@@ -45,7 +45,7 @@ def test_killed_and_resumed_to_the_same_bytes(job, tmp_path: Path, whole_world, 
                 os.killpg(process.pid, signal.SIGKILL)
             killed += process.wait() == -signal.SIGKILL
     assert killed >= 1
-    assert tree(job.output) == tree(whole_world)
+    assert tree(job.output) == tree(finished_world)
 
 
 @pytest.mark.soak

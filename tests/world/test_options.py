@@ -9,7 +9,7 @@ import pytest
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.terrain.building import make_recipe
-from sketchterrain.world.options import WorldOptions, form_of, layers_of
+from sketchterrain.world.options import WorldOptions, check_layers, output_form
 
 SKETCH = Sketch(extent=512.0, layers={"mountain": np.zeros((24, 32), np.uint8)})
 
@@ -20,21 +20,24 @@ def test_output_name_decides_the_form() -> None:
         "tif": ("a.b/world.tif", "world.tiff"),
         "tiles": ("world", "world.v2/"),
     }.items():
-        assert {form_of(name) for name in names} == {form}
+        assert {output_form(name) for name in names} == {form}
 
 
 def test_other_endings_are_refused_unless_they_are_folders(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"world\.png: expected a name that ends in \.zarr or \.tif"):
-        form_of("world.png")
+        output_form("world.png")
     (tmp_path / "out.v2").mkdir()
-    assert form_of(str(tmp_path / "out.v2")) == "tiles"
+    assert output_form(str(tmp_path / "out.v2")) == "tiles"
 
 
 def test_layers_are_ordered_and_checked() -> None:
-    assert layers_of("materials, height") == ("height", "materials")
-    for text, told in (("height,colour", "expected some of"), ("normal", "expected height among them")):
+    assert check_layers(["materials", "height"]) == ("height", "materials")
+    for text, told in (
+        (("height", "colour"), "expected some of"),
+        (["normal"], "expected height among them"),
+    ):
         with pytest.raises(InputError, match=told):
-            layers_of(text)
+            check_layers(text)
 
 
 def test_default_bounds_are_the_sketch() -> None:
@@ -52,7 +55,7 @@ def test_default_bounds_are_the_sketch() -> None:
         ({"cell": 0.0}, "cell of more than 0 m"),
         ({"cell": -1.0}, "cell of more than 0 m"),
         ({"cell": float("nan")}, "finite"),
-        ({"cell": 1e-5}, "cell 1e-05 m: expected at least 3.05e-05 m, the finest that a sketch of 512 m has"),
+        ({"cell": 1e-5}, "cell 1e-05 m: expected at least 3.05e-05 m, the finest for a sketch of 512 m"),
         ({"bounds": (0.0, 0.0, 1e12, 1e12), "cell": 1e6}, "bounds 0,0,1e.12,1e.12: coordinates must be"),
         ({"bounds": (-1e11, 0.0, -1e11 + 5.0, 5.0)}, "within ±6.87e.10 m"),
         ({"step": 0.3}, "step 0.3: expected a power of two"),
@@ -73,7 +76,7 @@ def test_invalid_options_are_refused(options: dict[str, Any], told: str) -> None
 
 
 def test_workers_need_a_library(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sketchterrain.world.store.find_spec", lambda _: None)
+    monkeypatch.setattr("sketchterrain.world.job.find_spec", lambda _: None)
     WorldOptions().check(SKETCH)
     with pytest.raises(SketchterrainError, match=r"pip install 'sketchterrain\[world\]'"):
         WorldOptions(workers=True).check(SKETCH)

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from sketchterrain.world.job import Task, TaskResult
-from sketchterrain.world.journal import Broken
+from sketchterrain.world.journal import BrokenFile
 from sketchterrain.world.run import ProgressReporter
 
 RESULT = TaskResult(Task("ground", 0, 0, 0), (), 4.0, {})
@@ -15,10 +15,10 @@ RESULT = TaskResult(Task("ground", 0, 0, 0), (), 4.0, {})
 def test_lines_come_now_and_then_with_the_time_left(capsys: pytest.CaptureFixture[str]) -> None:
     now = 0.0
     with ProgressReporter(timer=lambda: now) as reporter:
-        reporter.began(8, 2)
+        reporter.started(8, 2)
         for seconds in (4.0, 4.0, 4.0, 40.0):
             now += seconds
-            reporter.made(RESULT)
+            reporter.task_finished(RESULT)
         reporter.note("one\nline")
     assert capsys.readouterr().err.splitlines() == [
         "2 of 8 shards are done and verified",
@@ -31,11 +31,11 @@ def test_lines_come_now_and_then_with_the_time_left(capsys: pytest.CaptureFixtur
 def test_broken_files_are_named_and_of_many_counted(capsys: pytest.CaptureFixture[str]) -> None:
     with ProgressReporter() as reporter:
         for number in range(13):
-            reporter.broken(Broken(f"0/height/c/0/{number}", "is missing"))
-        reporter.began(12, 4)
+            reporter.broken(BrokenFile(f"0/height/c/0/{number}", "is missing"))
+        reporter.started(12, 4)
     lines = capsys.readouterr().err.splitlines()
-    assert lines[0] == "0/height/c/0/0 is missing: is made again"
-    assert lines[10:] == ["and 3 more files are made again", "4 of 12 shards are done and verified"]
+    assert lines[0] == "0/height/c/0/0 is missing: will be rewritten"
+    assert lines[10:] == ["and 3 more files will be rewritten", "4 of 12 shards are done and verified"]
 
 
 def test_a_terminal_gets_a_bar(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -46,8 +46,8 @@ def test_a_terminal_gets_a_bar(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "160")
     with ProgressReporter() as reporter:
         reporter.verified(0.5)
-        reporter.began(8, 1)
-        reporter.made(RESULT)
+        reporter.started(8, 1)
+        reporter.task_finished(RESULT)
         reporter.note("the device is gone")
         reporter.joined(1.0)
     told = terminal.getvalue()

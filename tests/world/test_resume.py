@@ -5,22 +5,26 @@ import os
 import shutil
 import signal
 from dataclasses import replace
+from importlib.metadata import version
 from types import SimpleNamespace
 
 import pytest
 
 from sketchterrain.document.store import pack_sketch
 from sketchterrain.errors import InputError, SketchterrainError
+from sketchterrain.io.system import exclusive_run
 from sketchterrain.world.grid import World
+from sketchterrain.world.job import fingerprint, shard_store
 from sketchterrain.world.journal import (
+    Header,
+    Journal,
+    Ledger,
     OutputLayout,
     check_output_unused,
     check_world,
-    exclusive_run,
     remove_partial_files,
 )
 from sketchterrain.world.run import run_world
-from sketchterrain.world.store import store_of
 
 TASKS = 9
 HEIGHT, NORMAL = "0/height/c/0/1", "0/normal/c/0/0/2"
@@ -28,9 +32,9 @@ FORMS = {"zarr": "world.zarr", "tiles": "world", "tif": "world.tif"}
 
 
 @pytest.fixture
-def copied(job, whole_world):
+def copied(job, finished_world):
     """A finished world of the test's own."""
-    shutil.copytree(whole_world, job.output)
+    shutil.copytree(finished_world, job.output)
     return job.output
 
 
@@ -38,54 +42,54 @@ class _StoppedError(Exception):
     pass
 
 
-def stopping(heard, after):
-    """Return a watcher that ends the run once so many tasks are done."""
+def interrupted_reporter(reporter, after):
+    """Return a reporter that ends the run once so many tasks are done."""
 
     def made(result):
-        heard.done.append(result)
-        if len(heard.done) == after:
+        reporter.done.append(result)
+        if len(reporter.done) == after:
             raise _StoppedError
 
-    heard.made = made
-    return heard
+    reporter.task_finished = made
+    return reporter
 
 
-def stop(job, heard, after, *, resume=False):
+def interrupt(job, reporter, after, *, resume=False):
     with pytest.raises(_StoppedError):
-        run_world(job, resume=resume, watcher=stopping(heard, after))
-    return heard
+        run_world(job, resume=resume, reporter=interrupted_reporter(reporter, after))
+    return reporter
 
 
 def checked(world):
     return [(*each,) for each in check_world(world, progress=lambda _: None)]
 
 
-def test_a_run_makes_every_task_once_and_leaves_nothing_else(job, heard, whole_world, tree) -> None:
-    done = run_world(job, watcher=heard)
-    assert heard.counts == [(TASKS, 0)]
-    assert len({made.task for made in heard.done}) == len(heard.done) == TASKS
-    assert (done.tasks, done.made, done.broken) == (TASKS, TASKS, ())
+def test_a_run_makes_every_task_once_and_leaves_nothing_else(job, reporter, finished_world, tree) -> None:
+    done = run_world(job, reporter=reporter)
+    assert reporter.counts == [(TASKS, 0)]
+    assert len({made.task for made in reporter.done}) == len(reporter.done) == TASKS
+    assert (done.tasks, done.computed, done.broken) == (TASKS, TASKS, ())
     files = tree(job.output)
-    assert files == tree(whole_world)
+    assert files == tree(finished_world)
     assert not [name for name in files if name.split("/")[-1].startswith(".") or "journal" in name]
     assert [path.name for path in job.output.parent.iterdir()] == [job.output.name]
-    assert all({"evaluate", "write"} == set(made.parts) for made in heard.done)
+    assert all({"evaluate", "write"} == set(made.parts) for made in reporter.done)
 
 
-def test_an_early_end_is_resumed_and_what_is_finished_is_left(job, heard, whole_world, tree) -> None:
-    stop(job, heard, 4)
-    with pytest.raises(InputError, match="there is a world; --resume completes it"):
-        run_world(job, watcher=heard)
-    again = type(heard)()
-    done = run_world(job, resume=True, watcher=again)
-    assert (again.counts, done.made, done.broken) == ([(TASKS, 4)], TASKS - 4, ())
+def test_an_early_end_is_resumed_and_what_is_finished_is_left(job, reporter, finished_world, tree) -> None:
+    interrupt(job, reporter, 4)
+    with pytest.raises(InputError, match="world exists; --resume completes it"):
+        run_world(job, reporter=reporter)
+    again = type(reporter)()
+    done = run_world(job, resume=True, reporter=again)
+    assert (again.counts, done.computed, done.broken) == ([(TASKS, 4)], TASKS - 4, ())
     before = (job.output / HEIGHT).stat().st_mtime_ns
-    third = type(heard)()
-    done = run_world(job, resume=True, watcher=third)
-    assert (done.made, done.broken, third.counts) == (0, (), [])
+    third = type(reporter)()
+    done = run_world(job, resume=True, reporter=third)
+    assert (done.computed, done.broken, third.counts) == (0, (), [])
     assert third.shares[-1] == pytest.approx(1.0)
     assert (job.output / HEIGHT).stat().st_mtime_ns == before
-    assert tree(job.output) == tree(whole_world)
+    assert tree(job.output) == tree(finished_world)
 
 
 def swap(folder):
@@ -113,7 +117,7 @@ def lose_half(folder):
     return ["0/zarr.json", HEIGHT, NORMAL]
 
 
-DISTURBED = {
+DAMAGES = {
     "a bit of a shard": lambda folder: damage(
         folder, HEIGHT, lambda content: content[:99] + bytes([content[99] ^ 1]) + content[100:]
     ),
@@ -126,22 +130,17 @@ DISTURBED = {
 }
 
 
-@pytest.mark.parametrize("how", DISTURBED)
-def test_broken_files_are_named_and_made_again(how, job, copied, heard, whole_world, tree) -> None:
-    names = DISTURBED[how](copied)
+@pytest.mark.parametrize("how", DAMAGES)
+def test_broken_files_are_named_and_made_again(how, job, copied, reporter, finished_world, tree) -> None:
+    names = DAMAGES[how](copied)
     found = {file for file, _ in checked(copied)}
     assert set(names) <= found
-    done = run_world(job, resume=True, watcher=heard)
+    done = run_world(job, resume=True, reporter=reporter)
     assert {each.file for each in done.broken} == found
-    assert heard.found == list(done.broken)
-    assert done.made < TASKS
-    assert tree(copied) == tree(whole_world)
+    assert reporter.found == list(done.broken)
+    assert done.computed < TASKS
+    assert tree(copied) == tree(finished_world)
     assert checked(copied) == []
-
-
-def without_its_ledger(folder):
-    (folder / "ledger/c/0").unlink()
-    (folder / "0/height/c/0/77").write_bytes(b"of no task")
 
 
 def without_a_line(folder, number, change):
@@ -150,9 +149,8 @@ def without_a_line(folder, number, change):
     (folder / "ledger/c/0").write_bytes(b"".join(lines))
 
 
-BROKEN, UNNAMED = "has broken lines: 1", "does not name the files that belong to the whole"
+BROKEN, UNNAMED = "has unreadable lines: 1", "does not list the metadata files"
 LEDGERS = {
-    "deleted": (without_its_ledger, None, TASKS),
     "a line broken": (lambda folder: without_a_line(folder, 4, lambda line: [b"{" + line]), BROKEN, 1),
     "a line lost": (lambda folder: without_a_line(folder, 4, lambda _: []), "", 1),
     "the second line lost": (lambda folder: without_a_line(folder, 1, lambda _: []), UNNAMED, 0),
@@ -162,46 +160,44 @@ LEDGERS = {
 
 
 @pytest.mark.parametrize("how", LEDGERS)
-def test_a_broken_ledger_is_mended(how, job, copied, heard, whole_world, tree) -> None:
+def test_a_broken_ledger_is_mended(how, job, copied, reporter, finished_world, tree) -> None:
     disturb, why, made = LEDGERS[how]
     disturb(copied)
     named = [("ledger", why)] if why else []
-    if why is not None:
-        assert checked(copied) == named
-    done = run_world(job, resume=True, watcher=heard)
-    assert (done.made, [(*each,) for each in done.broken]) == (made, named)
-    assert tree(copied) == tree(whole_world)
+    assert checked(copied) == named
+    done = run_world(job, resume=True, reporter=reporter)
+    assert (done.computed, [(*each,) for each in done.broken]) == (made, named)
+    assert tree(copied) == tree(finished_world)
 
 
-def test_a_journal_that_is_cut_off_or_lost(job, heard, whole_world, tree) -> None:
-    stop(job, heard, 5)
+def test_a_journal_that_is_cut_off_or_lost(job, reporter, finished_world, tree) -> None:
+    interrupt(job, reporter, 5)
     journal = job.output / "ledger/journal.jsonl"
     journal.write_bytes(journal.read_bytes()[:-20])
-    assert stop(job, type(heard)(), 1, resume=True).counts == [(TASKS, 4)]
-    assert stop(job, type(heard)(), 1, resume=True).counts == [(TASKS, 5)]
-    journal.unlink()
-    assert run_world(job, resume=True, watcher=type(heard)()).made == TASKS
-    assert tree(job.output) == tree(whole_world)
+    assert interrupt(job, type(reporter)(), 1, resume=True).counts == [(TASKS, 4)]
+    assert interrupt(job, type(reporter)(), 1, resume=True).counts == [(TASKS, 5)]
+    assert run_world(job, resume=True, reporter=type(reporter)()).computed == TASKS - 6
+    assert tree(job.output) == tree(finished_world)
 
 
-def test_partial_files_and_damage_of_a_killed_run_are_found(job, heard, whole_world, tree) -> None:
-    stop(job, heard, 8)
-    name = heard.done[6].files[0].file
+def test_partial_files_and_damage_of_a_killed_run_are_found(job, reporter, finished_world, tree) -> None:
+    interrupt(job, reporter, 8)
+    name = reporter.done[6].files[0].file
     damage(job.output, name, lambda content: content[:-1])
-    written = {file.file for made in heard.done for file in made.files}
+    written = {file.file for made in reporter.done for file in made.files}
     unknown = next(each for each in (HEIGHT, "0/height/c/0/0", "0/height/c/0/2") if each not in written)
     (job.output / unknown).write_bytes(b"in no journal")
     (job.output / unknown).with_name(".1.0123abcd.tmp").write_bytes(b"half")
     (job.output / "notes.txt").write_text("mine")
-    again = stop(job, type(heard)(), 1, resume=True)
+    again = interrupt(job, type(reporter)(), 1, resume=True)
     assert [each.file for each in again.found] == [name]
-    assert run_world(job, resume=True, watcher=type(heard)()).broken == ()
+    assert run_world(job, resume=True, reporter=type(reporter)()).broken == ()
     (job.output / "notes.txt").unlink()
-    assert tree(job.output) == tree(whole_world)
+    assert tree(job.output) == tree(finished_world)
 
 
 @pytest.mark.parametrize("at", ["shard", "journal", "metadata"])
-def test_a_full_disk_is_told_and_resumed(at, job, heard, whole_world, tree, monkeypatch) -> None:
+def test_a_full_disk_is_told_and_resumed(at, job, reporter, finished_world, tree, monkeypatch) -> None:
     full = {"shard": HEIGHT, "journal": "ledger/journal.jsonl", "metadata": "1/zarr.json"}[at]
 
     def no_space(*_):
@@ -220,76 +216,76 @@ def test_a_full_disk_is_told_and_resumed(at, job, heard, whole_world, tree, monk
             lambda path, target: no_space() if target == job.output / full else replaced(path, target),
         )
     with pytest.raises(SketchterrainError) as caught:
-        run_world(job, watcher=heard)
+        run_world(job, reporter=reporter)
     monkeypatch.undo()
     assert str(caught.value) == f"{job.output / full}: cannot be written (No space left on device)"
     assert caught.value.exit_code == 1
-    run_world(job, resume=True, watcher=heard)
-    assert tree(job.output) == tree(whole_world)
+    run_world(job, resume=True, reporter=reporter)
+    assert tree(job.output) == tree(finished_world)
 
 
 @pytest.mark.parametrize("way", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_lets_current_shards_be_written(way, job, heard, whole_world, tree) -> None:
+def test_a_signal_lets_current_shards_be_written(way, job, reporter, finished_world, tree) -> None:
     def made(result):
-        heard.done.append(result)
-        if len(heard.done) == 2:
+        reporter.done.append(result)
+        if len(reporter.done) == 2:
             os.kill(os.getpid(), way)
 
-    heard.made = made
+    reporter.task_finished = made
     with pytest.raises(KeyboardInterrupt):
-        run_world(job, watcher=heard)
-    assert 2 <= len(heard.done) <= 4
-    again = type(heard)()
-    run_world(job, resume=True, watcher=again)
-    assert again.counts == [(TASKS, len(heard.done))]
-    assert tree(job.output) == tree(whole_world)
+        run_world(job, reporter=reporter)
+    assert 2 <= len(reporter.done) <= 4
+    again = type(reporter)()
+    run_world(job, resume=True, reporter=again)
+    assert again.counts == [(TASKS, len(reporter.done))]
+    assert tree(job.output) == tree(finished_world)
 
 
 @pytest.mark.parametrize("step", ["verified", "joined"])
-def test_a_signal_ends_verifying_and_joining_at_once(step, job, heard, tree) -> None:
+def test_a_signal_ends_verifying_and_joining_at_once(step, job, reporter, tree) -> None:
     job = replace(job, output=job.output.with_suffix(".tif"), form="tif")
     if step == "verified":
-        run_world(job, watcher=heard)
-    heard.shares.clear()
+        run_world(job, reporter=reporter)
+    reporter.shares.clear()
 
     def report(share):
-        heard.shares.append(share)
+        reporter.shares.append(share)
         os.kill(os.getpid(), signal.SIGTERM)
 
-    setattr(heard, step, report)
+    setattr(reporter, step, report)
     before = tree(job.output.parent)
     with pytest.raises(KeyboardInterrupt):
-        run_world(job, resume=step == "verified", watcher=heard)
-    assert len(heard.shares) == 1
-    run_world(job, resume=True, watcher=type(heard)())
+        run_world(job, resume=step == "verified", reporter=reporter)
+    assert len(reporter.shares) == 1
+    run_world(job, resume=True, reporter=type(reporter)())
     if before:
         assert tree(job.output.parent) == before
     names = (".ledger.jsonl", ".tif", "_materials.tif", "_normal.tif")
     assert sorted(tree(job.output.parent)) == [f"world{name}" for name in names]
 
 
-def test_a_second_run_is_refused(job, heard) -> None:
+def test_a_second_run_is_refused(job, reporter) -> None:
     with exclusive_run(job.output), pytest.raises(InputError, match="another run is writing it"):
-        run_world(job, resume=True, watcher=heard)
+        run_world(job, resume=True, reporter=reporter)
     assert not job.output.exists()
 
 
-def test_another_world_is_refused(job, copied, heard, whole_world, tree) -> None:
+def test_another_world_is_refused(job, copied, reporter, finished_world, tree) -> None:
     for changes in (
         {"world": World(-20.0, 250.0, 492.0, 254.0, 0.125)},
         {"step": 0.5},
         {"layers": ("height",)},
         {"sketch": replace(job.sketch, seed=job.sketch.seed + 1)},
     ):
-        with pytest.raises(InputError, match="made from another sketch, seed, bounds or options"):
-            run_world(replace(job, **changes), resume=True, watcher=heard)
-    assert tree(copied) == tree(whole_world)
+        with pytest.raises(InputError, match="computed from another sketch, seed, bounds or options"):
+            run_world(replace(job, **changes), resume=True, reporter=reporter)
+    assert tree(copied) == tree(finished_world)
     damage(copied, "ledger/c/0", lambda text: text.replace(b'"version":"', b'"version":"0.0.', 1))
-    with pytest.raises(InputError, match=r"begun by version 0\.0\."):
-        run_world(job, resume=True, watcher=heard)
+    with pytest.raises(InputError, match=r"started by version 0\.0\."):
+        run_world(job, resume=True, reporter=reporter)
 
 
-SOMEONES = [
+USER_FILES = [
     *((form, "world-plants/notes.txt") for form in FORMS),
     *(("tiles", f"world/{name}") for name in ("sketch.sketch", "height.vrt")),
     *(("zarr", f"world.zarr/{name}") for name in ("zarr.json", "0/height/c/0/0", "letter.txt")),
@@ -297,34 +293,35 @@ SOMEONES = [
 ]
 
 
-@pytest.mark.parametrize(("form", "name"), SOMEONES)
-def test_files_of_the_user_are_named_and_left(form, name, small_job, tmp_path, heard, tree) -> None:
+@pytest.mark.parametrize(("form", "name"), USER_FILES)
+def test_files_of_the_user_are_named_and_left(form, name, small_job, tmp_path, reporter, tree) -> None:
     job = replace(small_job, output=tmp_path / FORMS[form], form=form, plants="parquet")
     path = tmp_path / name
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text('{"zarr_format": 3, "node_type": "group"}')
     before = tree(tmp_path)
     for resume in (False, True):
-        with pytest.raises(InputError, match="there is something else; take another output"):
-            run_world(job, resume=resume, watcher=heard)
+        with pytest.raises(InputError, match="holds other files; choose another output"):
+            run_world(job, resume=resume, reporter=reporter)
     for output, told in ((path, "expected a folder"), (path / "world.zarr", "is a file")):
         with pytest.raises(InputError, match=told):
-            run_world(replace(job, form="zarr", output=output), watcher=heard)
+            run_world(replace(job, form="zarr", output=output), reporter=reporter)
     assert tree(tmp_path) == before
 
 
 @pytest.mark.parametrize("form", FORMS)
 def test_only_files_of_a_killed_run_are_removed(form, small_job, tmp_path, tree) -> None:
     job = replace(small_job, output=tmp_path / FORMS[form], form=form, plants="parquet")
-    store, layout = store_of(job), OutputLayout.of(job)
+    store = shard_store(job)
+    layout = OutputLayout.from_job(job, store)
     store.journal.parent.mkdir(parents=True)
-    store.journal.touch()
-    store.mark.with_name(f".{store.mark.name}.0123abcd.tmp").write_bytes(b"half")
+    store.journal.with_name(".journal.jsonl.0123abcd.tmp").write_bytes(b"half")
     check_output_unused(job, resume=False)  # killed before it wrote anything
-    store.create()
+    with Journal(store.journal, Ledger(Header(fingerprint(job), version("sketchterrain")), {})):
+        store.create()
     remove_partial_files(job, store, layout, ())
     check_output_unused(job, resume=True)
-    with pytest.raises(InputError, match="there is a world; --resume completes it"):
+    with pytest.raises(InputError, match="world exists; --resume completes it"):
         check_output_unused(job, resume=False)
     (tmp_path / "world-plants").mkdir()
     for folder in (tmp_path, store.journal.parent, tmp_path / "world-plants"):
@@ -333,7 +330,7 @@ def test_only_files_of_a_killed_run_are_removed(form, small_job, tmp_path, tree)
     before = tree(tmp_path)
     probe = f".sketchterrain-{'0' * 32}"
     for path in (
-        store.mark.with_name(".height.tif.0123abcd.tmp"),
+        store.journal.with_name(".height.tif.0123abcd.tmp"),
         tmp_path / "world-plants" / ".p.01234567.tmp",
         store.journal.with_name(probe),
         store.journal.with_name(f"{probe}-0123abcd"),
@@ -347,5 +344,5 @@ def test_another_sketch_of_that_name_is_the_users(small_job, tmp_path) -> None:
     job = replace(small_job, output=tmp_path / "world", form="tiles")
     job.output.mkdir()
     (job.output / "sketch.sketch").write_bytes(pack_sketch(replace(small_job.sketch, seed=99)))
-    with pytest.raises(InputError, match="there is something else"):
+    with pytest.raises(InputError, match="holds other files"):
         check_output_unused(job, resume=True)

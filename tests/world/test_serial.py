@@ -12,7 +12,7 @@ from sketchterrain.terrain.self_test import Verdict
 from sketchterrain.world import task_runner
 from sketchterrain.world.job import Task
 from sketchterrain.world.run import run_world
-from sketchterrain.world.task_runner import SerialExecutor, TaskRunner, own_bits
+from sketchterrain.world.task_runner import SerialExecutor, TaskRunner, deviating_device
 
 KNOWN = [device for device in list_devices() if device.known]
 two_devices = pytest.mark.skipif(len(KNOWN) < 2, reason="needs two CPU drivers")
@@ -35,56 +35,56 @@ def failing(monkeypatch, after):
 
 
 @two_devices
-def test_another_device_goes_on_with_the_same_bytes(job, heard, whole_world, tree, monkeypatch) -> None:
+def test_another_device_goes_on_with_the_same_bytes(job, reporter, finished_world, tree, monkeypatch) -> None:
     begun = failing(monkeypatch, 5)
-    run_world(job, device=str(KNOWN[0].index), watcher=heard)
+    run_world(job, device=str(KNOWN[0].index), reporter=reporter)
     assert begun == [KNOWN[0].platform] * 5 + [KNOWN[1].platform] * 4
-    (note,) = heard.notes
-    assert f"gave up; {KNOWN[1].name} ({KNOWN[1].platform}) goes on" in note
-    assert tree(job.output) == tree(whole_world)
+    (note,) = reporter.notes
+    assert f"gave up; continuing on {KNOWN[1].name} ({KNOWN[1].platform})" in note
+    assert tree(job.output) == tree(finished_world)
 
 
 @two_devices
-def test_with_bits_of_its_own_a_device_is_replaced_by_none(job, heard, monkeypatch) -> None:
-    monkeypatch.setattr(task_runner, "own_bits", lambda device, *, fast: device.platform)
+def test_with_bits_of_its_own_a_device_is_replaced_by_none(job, reporter, monkeypatch) -> None:
+    monkeypatch.setattr(task_runner, "deviating_device", lambda device, *, fast: device.platform)
     monkeypatch.setattr(task_runner, "self_test", lambda *_, **__: OTHER)
     with monkeypatch.context() as amid:
         failing(amid, 2)
-        with pytest.raises(DeviceFailedError, match="another device has other bits, so none can go on"):
-            run_world(job, device=str(KNOWN[0].index), watcher=heard)
-    with pytest.raises(InputError, match="has other bits; a world is never made of both"):
-        run_world(job, device=str(KNOWN[1].index), resume=True, watcher=heard)
-    again = type(heard)()
-    run_world(job, device=str(KNOWN[0].index), resume=True, watcher=again)
-    assert again.counts[0][1] == len(heard.done) > 0
+        with pytest.raises(DeviceFailedError, match="results of other devices differ"):
+            run_world(job, device=str(KNOWN[0].index), reporter=reporter)
+    with pytest.raises(InputError, match="resume on the same device"):
+        run_world(job, device=str(KNOWN[1].index), resume=True, reporter=reporter)
+    again = type(reporter)()
+    run_world(job, device=str(KNOWN[0].index), resume=True, reporter=again)
+    assert again.counts[0][1] == len(reporter.done) > 0
 
 
 @pytest.mark.skipif(not KNOWN, reason="needs a CPU driver")
-def test_bits_that_are_traded_for_speed_are_a_devices_own(job, heard) -> None:
-    assert own_bits(KNOWN[0], fast=False) == ""
-    assert own_bits(KNOWN[0], fast=True).endswith("with --fast")
-    with pytest.raises(InputError, match="--fast has bits of its own on each device"):
-        run_world(replace(job, fast=True), workers=2, watcher=heard)
+def test_bits_that_are_traded_for_speed_are_a_devices_own(job, reporter) -> None:
+    assert deviating_device(KNOWN[0], fast=False) == ""
+    assert deviating_device(KNOWN[0], fast=True).endswith("with --fast")
+    with pytest.raises(InputError, match="--fast results differ between devices"):
+        run_world(replace(job, fast=True), workers=2, reporter=reporter)
     assert not job.output.exists()
 
 
 @two_devices
-def test_without_a_device_that_passes_the_self_test_the_run_ends(job, heard, monkeypatch) -> None:
+def test_without_a_device_that_passes_the_self_test_the_run_ends(job, reporter, monkeypatch) -> None:
     failing(monkeypatch, 1)
     monkeypatch.setattr(
-        task_runner, "own_bits", lambda device, *, fast: "" if device == KNOWN[0] else "its own"
+        task_runner, "deviating_device", lambda device, *, fast: "" if device == KNOWN[0] else "its own"
     )
-    with pytest.raises(DeviceFailedError, match="gave up; there is no other device to go on"):
-        run_world(job, device=str(KNOWN[0].index), watcher=heard)
+    with pytest.raises(DeviceFailedError, match="gave up; no other device can continue"):
+        run_world(job, device=str(KNOWN[0].index), reporter=reporter)
 
 
 @pytest.mark.skipif(not KNOWN, reason="needs a CPU driver")
-def test_a_device_that_fails_the_self_test_is_told_and_kept(job, heard, monkeypatch) -> None:
+def test_a_device_that_fails_the_self_test_is_told_and_kept(job, reporter, monkeypatch) -> None:
     monkeypatch.setattr(task_runner, "self_test", lambda *_, **__: OTHER)
-    assert own_bits(KNOWN[0], fast=False).startswith(KNOWN[0].name)
-    executor = SerialExecutor(job, device=str(KNOWN[0].index), note=heard.notes.append)
-    assert executor.own_bits
-    assert heard.notes == [
+    assert deviating_device(KNOWN[0], fast=False).startswith(KNOWN[0].name)
+    executor = SerialExecutor(job, device=str(KNOWN[0].index), note=reporter.notes.append)
+    assert executor.deviating_device
+    assert reporter.notes == [
         f"self-test of {KNOWN[0].name} ({KNOWN[0].platform}): other bits: its bits are its own"
     ]
 
@@ -96,12 +96,14 @@ def test_a_device_that_crashes_in_its_self_test_is_replaced(job, monkeypatch) ->
     notes = []
     executor = SerialExecutor(job, device=str(KNOWN[0].index), note=notes.append)
     assert executor._device == KNOWN[1]
-    assert executor.own_bits == ""
+    assert executor.deviating_device == ""
     (note,) = notes
-    assert f"{KNOWN[0].platform}) failed: the self-test crashed (SIGSEGV); {KNOWN[1].name}" in note
+    assert (
+        f"{KNOWN[0].platform}) failed: the self-test crashed (SIGSEGV); continuing on {KNOWN[1].name}" in note
+    )
 
 
-def test_the_next_is_evaluated_while_one_is_written(job, heard, monkeypatch) -> None:
+def test_the_next_is_evaluated_while_one_is_written(job, reporter, monkeypatch) -> None:
     end, begin = TaskRunner.finish, TaskRunner.evaluate
     threads, under_way, most = set(), [], []
 
@@ -118,18 +120,18 @@ def test_the_next_is_evaluated_while_one_is_written(job, heard, monkeypatch) -> 
 
     monkeypatch.setattr(TaskRunner, "finish", ending)
     monkeypatch.setattr(TaskRunner, "evaluate", beginning)
-    run_world(job, watcher=heard)
+    run_world(job, reporter=reporter)
     assert len(threads) == 1
     assert threading.main_thread() not in threads
     assert max(most) <= 2
 
 
 @pytest.mark.parametrize("error", [SketchterrainError("no room"), ZeroDivisionError("no room")])
-def test_an_error_of_the_writing_thread_ends_the_run(error, job, heard, monkeypatch) -> None:
+def test_an_error_of_the_writing_thread_ends_the_run(error, job, reporter, monkeypatch) -> None:
     def finish(*_: object) -> None:
         raise error
 
     monkeypatch.setattr(TaskRunner, "finish", finish)
     with pytest.raises(type(error), match="no room"):
-        run_world(job, watcher=heard)
-    assert heard.done == []
+        run_world(job, reporter=reporter)
+    assert reporter.done == []

@@ -12,7 +12,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.world import statistics as measured
 from sketchterrain.world.grid import World
 from sketchterrain.world.opening import open_world
-from sketchterrain.world.statistics import QUANTILES, statistics_of
+from sketchterrain.world.statistics import QUANTILES, compute_statistics
 
 
 class Held:
@@ -57,7 +57,7 @@ def places(rows: int, columns: int, cell: float) -> tuple[npt.NDArray[np.float64
 @pytest.mark.parametrize("cell", [0.5, 8.0])
 def test_a_plane_has_one_slope(cell: float) -> None:
     x, y = places(300, 517, cell)
-    found = statistics_of(Held((0.25 * x - 0.5 * y).astype(np.float32), cell))
+    found = compute_statistics(Held((0.25 * x - 0.5 * y).astype(np.float32), cell))
     assert found.slopes is not None
     steep = math.degrees(math.atan(math.hypot(0.25, 0.5)))
     assert found.slopes.mean == pytest.approx(steep, abs=1e-4)
@@ -73,7 +73,7 @@ def test_a_cone_has_the_hypsometry_of_a_cone() -> None:
     x, y = places(1001, 1001, 1.0)
     radius = np.hypot(x, y)
     height = np.maximum(100.0 * (1.0 - radius / 500.0), 0.0).astype(np.float32)
-    found = statistics_of(Held(height))
+    found = compute_statistics(Held(height))
     heights, above = (np.array(each) for each in (found.hypsometry.heights, found.hypsometry.share_above))
     assert np.allclose(heights, np.linspace(0.0, 100.0, 21))
     expected = math.pi * (500.0 * (1.0 - heights / 100.0)) ** 2 / 1000.0**2
@@ -91,7 +91,7 @@ def test_as_numpy_on_the_whole(shape: tuple[int, int]) -> None:
     height = np.cumsum(chance.normal(size=shape), axis=1).astype(np.float32) + np.float32(-40.0)
     weights = chance.integers(0, 128, size=(1, *shape)).astype(np.uint8)
     held = Held(height, 2.0, np.concatenate([weights, 255 - weights]))
-    found = statistics_of(held)
+    found = compute_statistics(held)
     exact = height.astype(np.float64)
     assert (found.relief.minimum, found.relief.maximum) == (exact.min(), exact.max())
     assert found.relief.mean == pytest.approx(exact.mean(), rel=1e-12)
@@ -129,7 +129,7 @@ def horn(z: npt.NDArray[np.float64], cell: float) -> npt.NDArray[np.float64]:
 
 
 def test_flat_ground_has_statistics() -> None:
-    found = statistics_of(Held(np.full((50, 60), 7.0, np.float32)))
+    found = compute_statistics(Held(np.full((50, 60), 7.0, np.float32)))
     assert (found.relief.minimum, found.relief.maximum, found.relief.standard_deviation) == (7.0, 7.0, 0.0)
     assert found.relief.quantiles == dict.fromkeys([f"{share:g}" for share in QUANTILES], 7.0)
     assert found.hypsometry.integral == 0.5
@@ -140,21 +140,21 @@ def test_flat_ground_has_statistics() -> None:
 
 def test_threads_change_no_number(monkeypatch: pytest.MonkeyPatch) -> None:
     height = np.cumsum(np.random.default_rng(5).normal(size=(40, 9000)), axis=1).astype(np.float32)
-    several = statistics_of(Held(height)).as_dict()
+    several = compute_statistics(Held(height)).as_dict()
     monkeypatch.setattr(measured, "_THREADS", 1)
-    assert statistics_of(Held(height)).as_dict() == several
+    assert compute_statistics(Held(height)).as_dict() == several
 
 
 def test_a_level_that_is_not_there_is_refused() -> None:
     with pytest.raises(InputError, match="no level 3: expected 0 to 0"):
-        statistics_of(Held(np.zeros((5, 5), np.float32)), level=3)
+        compute_statistics(Held(np.zeros((5, 5), np.float32)), level=3)
 
 
-def test_levels_of_a_written_world_agree(whole_world: Path) -> None:
-    stored = open_world(whole_world)
+def test_levels_of_a_written_world_agree(finished_world: Path) -> None:
+    stored = open_world(finished_world)
     shares: list[float] = []
     finest, next_, *_ = (
-        statistics_of(stored, level=level.number, progress=shares.append) for level in stored.levels
+        compute_statistics(stored, level=level.number, progress=shares.append) for level in stored.levels
     )
     assert shares[-1] == 1.0
     for at in ("0.25", "0.5", "0.75"):

@@ -11,22 +11,21 @@ from sketchterrain.compute.context import ComputeContext
 from sketchterrain.export.sampled import quantise_normals, quantise_weights
 from sketchterrain.world import job as jobs
 from sketchterrain.world.grid import SHARD, Shard, World
-from sketchterrain.world.job import Task, fingerprint, tasks_of
-from sketchterrain.world.store import store_of
-from sketchterrain.world.task_runner import TaskRunner, rounded
+from sketchterrain.world.job import Task, fingerprint, iter_tasks, shard_store
+from sketchterrain.world.task_runner import TaskRunner, round_heights
 
 
 @pytest.fixture(scope="module")
 def runner(small_job, tmp_path_factory) -> TaskRunner:
     job = replace(small_job, output=tmp_path_factory.mktemp("running") / "world.zarr")
-    store_of(job).create()
+    shard_store(job).create()
     return TaskRunner(job, ComputeContext())
 
 
 def test_heights_are_the_terrains_at_the_levels_cell(runner) -> None:
     world = runner.job.world
     for shard in (Shard(0, 0, 1), Shard(0, 0, 2), Shard(1, 0, 0), Shard(5, 0, 0)):
-        ground, level = runner.ground(shard), world.levels[shard.level]
+        ground, level = runner.compute_shard(shard), world.levels[shard.level]
         rows, columns = level.size_of(shard)
         x = world.west + (shard.column * SHARD + np.arange(columns)) * level.cell
         y = world.north - (shard.row * SHARD + np.arange(rows)) * level.cell
@@ -38,7 +37,7 @@ def test_heights_are_the_terrains_at_the_levels_cell(runner) -> None:
 
 def test_normals_and_weights_are_those_of_exports(runner) -> None:
     world, shard = runner.job.world, Shard(1, 0, 1)
-    ground, level = runner.ground(shard), runner.job.world.levels[1]
+    ground, level = runner.compute_shard(shard), runner.job.world.levels[1]
     rows, columns = level.size_of(shard)
     west, north = world.west + SHARD * level.cell, world.north
     east, south = west + (columns - 1) * level.cell, north - (rows - 1) * level.cell
@@ -52,14 +51,14 @@ def test_a_device_without_doubles_leaves_rounding_to_the_host(runner) -> None:
     plain = TaskRunner(runner.job, context)
     plain._window = plain._window_on_host  # as where the device has none
     for name in ("height", "normal", "materials"):
-        one, other = (getattr(each.ground(Shard(2, 0, 0)), name) for each in (plain, runner))
+        one, other = (getattr(each.compute_shard(Shard(2, 0, 0)), name) for each in (plain, runner))
         np.testing.assert_array_equal(one, other)
 
 
 def test_layers_that_are_not_asked_for_are_empty(runner) -> None:
-    bare = TaskRunner(replace(runner.job, layers=("height",)), ComputeContext()).ground(Shard(4, 0, 0))
+    bare = TaskRunner(replace(runner.job, layers=("height",)), ComputeContext()).compute_shard(Shard(4, 0, 0))
     assert bare.normal.size == bare.materials.size == 0
-    np.testing.assert_array_equal(bare.height, runner.ground(Shard(4, 0, 0)).height)
+    np.testing.assert_array_equal(bare.height, runner.compute_shard(Shard(4, 0, 0)).height)
 
 
 def test_a_task_tells_of_the_files_that_it_wrote(runner) -> None:
@@ -73,13 +72,13 @@ def test_a_task_tells_of_the_files_that_it_wrote(runner) -> None:
 
 def test_heights_are_rounded_to_multiples_of_a_step() -> None:
     height = np.random.default_rng(2).normal(0, 300, 1000).astype(np.float32)
-    assert rounded(height, 0.0) is height
+    assert round_heights(height, 0.0) is height
     for step in (0.25, 1 / 1024):
-        found = rounded(height, step)
+        found = round_heights(height, step)
         assert found.dtype == np.float32
         assert np.abs(found - height).max() <= step / 2
         assert (np.mod(found.astype(np.float64), step) == 0).all()
-        assert not np.signbit(rounded(np.float32([-step / 4]), step)).any()
+        assert not np.signbit(round_heights(np.float32([-step / 4]), step)).any()
 
 
 def test_a_fingerprint_knows_all_that_changes_bytes(small_job, monkeypatch) -> None:
@@ -108,7 +107,7 @@ def test_a_fingerprint_knows_all_that_changes_bytes(small_job, monkeypatch) -> N
 
 
 def test_the_digest_covers_code_and_kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for room in ("sketch", "features", "compute", "terrain", "export", "world", "kernels"):
+    for room in jobs._ROOMS:
         (tmp_path / room).mkdir()
     kernel, page = tmp_path / "kernels" / "noise.clh", tmp_path / "kernels" / "noise.md"
     kernel.write_text("1")
@@ -125,6 +124,6 @@ def test_the_digest_covers_code_and_kernels(tmp_path: Path, monkeypatch: pytest.
 
 
 def test_every_task_comes_once_coarse_levels_first(small_job) -> None:
-    tasks = list(tasks_of(small_job))
+    tasks = list(iter_tasks(small_job))
     assert len(set(tasks)) == len(tasks) == small_job.world.shard_count == 9
     assert [task.level for task in tasks] == sorted((task.level for task in tasks), reverse=True)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import sketchterrain as st
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.world.geotiff_store import TiffStore, TileStore
-from sketchterrain.world.grid import Ground, Level, World
+from sketchterrain.world.grid import Level, ShardData, World
 from sketchterrain.world.job import Job
 from sketchterrain.world.journal import check_world
 from sketchterrain.world.opening import open_world
@@ -34,7 +34,7 @@ def of_level(level: Level, world: World) -> tuple[NDArray, NDArray]:
     return x, world.north - np.arange(level.rows) * level.cell
 
 
-def grounds(world: World) -> Iterator[Ground]:
+def grounds(world: World) -> Iterator[ShardData]:
     """Shards of a made-up land, the finest first."""
     for shard in sorted(world.shards()):
         level = world.levels[shard.level]
@@ -45,7 +45,7 @@ def grounds(world: World) -> Iterator[Ground]:
         normal = np.stack([np.full(height.shape, value, np.uint8) for value in (1, 2, shard.level)])
         weights = np.zeros((8, *height.shape), np.uint8)
         weights[0], weights[7] = 200, 55
-        yield Ground(shard, height, normal, weights)
+        yield ShardData(shard, height, normal, weights)
 
 
 @pytest.fixture(scope="module", params=["tiles", "tif"])
@@ -160,10 +160,10 @@ def test_a_tile_alone_is_a_whole_geotiff_with_overviews(small_job, tmp_path) -> 
 
 
 @pytest.mark.parametrize("form", ["tiles", pytest.param("tif", marks=pytest.mark.slow)])
-def test_a_world_is_the_terrain_to_the_bit(small_job, form: str, tmp_path, heard, tree) -> None:
+def test_a_world_is_the_terrain_to_the_bit(small_job, form: str, tmp_path, reporter, tree) -> None:
     output = tmp_path / ("world" if form == "tiles" else "world.tif")
     job = replace(small_job, output=output, form=form)
-    run_world(job, watcher=heard)
+    run_world(job, reporter=reporter)
     terrain = st.build(job.sketch)
     for level in job.world.levels:
         x, y = of_level(level, job.world)
@@ -182,13 +182,13 @@ def test_a_world_is_the_terrain_to_the_bit(small_job, form: str, tmp_path, heard
         content[len(content) // 2] ^= 1
         path.write_bytes(content)
     joined(job, "height").unlink()
-    run_world(job, resume=True, watcher=heard)
-    assert heard.found
+    run_world(job, resume=True, reporter=reporter)
+    assert reporter.found
     assert tree(tmp_path) == written
 
 
 @pytest.mark.slow
-def test_a_run_that_ends_while_shards_are_joined_goes_on_there(small_job, tmp_path, heard, tree) -> None:
+def test_a_run_that_ends_while_shards_are_joined_goes_on_there(small_job, tmp_path, reporter, tree) -> None:
     class _StoppedError(Exception):
         pass
 
@@ -200,15 +200,15 @@ def test_a_run_that_ends_while_shards_are_joined_goes_on_there(small_job, tmp_pa
     other = replace(job, output=tmp_path / "b" / "world.tif")
     for each in (job, other):
         each.output.parent.mkdir()
-    heard.joined, calm = stop, heard.joined
+    reporter.joined, calm = stop, reporter.joined
     with pytest.raises(_StoppedError):
-        run_world(job, watcher=heard)
+        run_world(job, reporter=reporter)
     assert joined(job, "height").is_file()
     assert not joined(job, "normal").exists()
-    heard.joined = calm
-    done = run_world(job, resume=True, watcher=heard)
-    assert done.made == 0
-    run_world(other, watcher=heard)
+    reporter.joined = calm
+    done = run_world(job, resume=True, reporter=reporter)
+    assert done.computed == 0
+    run_world(other, reporter=reporter)
     assert tree(tmp_path / "a") == tree(tmp_path / "b")
 
 
@@ -220,7 +220,7 @@ def test_a_missing_or_broken_tile_is_named(small_job, tmp_path) -> None:
     world = World(0.0, 0.0, 699.0, 699.0, 1.0)
     store = TileStore(replace(small_job, world=world, output=tmp_path / "world", form="tiles"))
     store.create()
-    with pytest.raises(InputError, match="world: is not finished; world --resume goes on with it"):
+    with pytest.raises(InputError, match="world: is not finished; world --resume completes it"):
         open_world(store.folder)
     for ground in grounds(world):
         store.write(ground)
@@ -266,7 +266,7 @@ def test_a_world_may_have_any_name(small_job, form: str, tmp_path) -> None:
 
 def test_what_is_no_world_is_refused_in_one_line(tmp_path) -> None:
     (tmp_path / "empty").mkdir()
-    with pytest.raises(InputError, match=r"empty: no world: it holds neither zarr.json nor height.vrt"):
+    with pytest.raises(InputError, match=r"empty: expected a world, with zarr.json or height.vrt"):
         open_world(tmp_path / "empty")
     (tmp_path / "text.tif").write_text("no picture")
     with pytest.raises(InputError, match=r"text.tif: broken \("):
@@ -274,11 +274,11 @@ def test_what_is_no_world_is_refused_in_one_line(tmp_path) -> None:
     profile = {"driver": "GTiff", "width": 2, "height": 2, "count": 1, "dtype": "uint8"}
     with rasterio.open(tmp_path / "other.tif", "w", **profile, transform=rasterio.Affine.scale(2.0, -2.0)):
         pass
-    with pytest.raises(InputError, match=r"other.tif: expected the heights of a world, it tells of none"):
+    with pytest.raises(InputError, match=r"other.tif: expected the heights of a world"):
         open_world(tmp_path / "other.tif")
 
 
-def test_joining_that_fails_leaves_no_file(small_job, tmp_path, room_for) -> None:
+def test_joining_that_fails_leaves_no_file(small_job, tmp_path, file_size_limit) -> None:
     world = World(0.0, 0.0, 299.0, 299.0, 1.0)
     job = replace(small_job, world=world, output=tmp_path / "world.tif", form="tif", layers=("height",))
     store = TiffStore(job)
@@ -288,11 +288,14 @@ def test_joining_that_fails_leaves_no_file(small_job, tmp_path, room_for) -> Non
         replace(each, height=noise.normal(size=each.height.shape).astype(np.float32))
         for each in grounds(world)
     ]
-    with room_for(4000), pytest.raises(SketchterrainError, match=r"r0000_c0000.tif: cannot be written"):
+    with (
+        file_size_limit(4000),
+        pytest.raises(SketchterrainError, match=r"r0000_c0000.tif: cannot be written"),
+    ):
         store.write(made[0])
     for ground in made:
         names = store.write(ground)
-    with room_for(200_000), pytest.raises(SketchterrainError, match=r"world.tif: cannot be written"):
+    with file_size_limit(200_000), pytest.raises(SketchterrainError, match=r"world.tif: cannot be written"):
         store.join(progress=lambda _: None)
     assert [path.name for path in tmp_path.iterdir()] == [".world.tif.parts"]
     (tmp_path / names[0]).write_bytes(b"II*\0")

@@ -25,10 +25,10 @@ def said(capsys):
 
 
 @pytest.mark.slow
-def test_a_picture_of_a_world(whole_world, tmp_path, capsys):
+def test_a_picture_of_a_world(finished_world, tmp_path, capsys):
     file = tmp_path / "new" / "view.png"
     eye = ["--eye", "200,252,90", "--look-at", "330,252,10"]
-    assert main(["view", str(whole_world), "-o", str(file), *SMALL, *eye]) == 0
+    assert main(["view", str(finished_world), "-o", str(file), *SMALL, *eye]) == 0
     assert capsys.readouterr().out.strip() == str(file)
     seen = picture(file)
     assert seen.shape == (90, 160, 3)
@@ -39,9 +39,9 @@ def test_a_picture_of_a_world(whole_world, tmp_path, capsys):
     assert not ground[-30:].any()
 
 
-def test_a_broken_chunk_ends_a_picture_with_its_file(whole_world, tmp_path, capsys):
+def test_a_broken_chunk_ends_a_picture_with_its_file(finished_world, tmp_path, capsys):
     broken = tmp_path / "broken.zarr"
-    shutil.copytree(whole_world, broken)
+    shutil.copytree(finished_world, broken)
     for shard in (broken / "0" / "height" / "c").rglob("*"):
         if shard.is_file():
             data = bytearray(shard.read_bytes())

@@ -11,7 +11,7 @@ from sketchterrain.terrain.building import build
 from sketchterrain.world.grid import CHUNK
 from sketchterrain.world.viewed import BARE, StoredPyramid, StoredTerrain
 
-from .grown import Grown
+from .grown import InMemoryWorld
 
 EXTENT = 2048.0
 CELL = 4.0
@@ -32,13 +32,13 @@ def terrain():
 @pytest.fixture(scope="module")
 def whole(terrain):
     """The sketch, whose tiles are the terrain's own."""
-    return Grown(terrain, (0.0, 0.0, EXTENT, EXTENT), CELL)
+    return InMemoryWorld(terrain, (0.0, 0.0, EXTENT, EXTENT), CELL)
 
 
 @pytest.fixture(scope="module")
 def odd(terrain):
     """A piece whose ends lie on no tile's border, nor on its coarser levels' vertices."""
-    return Grown(terrain, (100.0, 200.0, 100.0 + 301 * CELL, 200.0 + 213 * CELL), CELL)
+    return InMemoryWorld(terrain, (100.0, 200.0, 100.0 + 301 * CELL, 200.0 + 213 * CELL), CELL)
 
 
 def written(view, keys, *, roots=(), quads=QUADS):
@@ -192,7 +192,7 @@ def test_beyond_the_ends_is_low_ground(terrain, odd):
 
 
 def test_normals_and_materials_that_are_not_stored(terrain):
-    bare = Grown(terrain, (0.0, 0.0, 1024.0, 1024.0), CELL, layers=("height",))
+    bare = InMemoryWorld(terrain, (0.0, 0.0, 1024.0, 1024.0), CELL, layers=("height",))
     view = StoredTerrain(bare, terrain.context)
     key = (3, 3, -4)
     tiles, _ = written(view, [key], roots=[key])
@@ -201,7 +201,7 @@ def test_normals_and_materials_that_are_not_stored(terrain):
     assert np.abs(tile["slope"] / 32767 - exact[:2].transpose(1, 2, 0)).max() < 1e-4
     assert (tile["weights"][..., MATERIALS.index(BARE)] == 255).all()
     assert tile["weights"].sum() == 255 * tile.size
-    assert len(view.lacks) == 3
+    assert len(view.missing_parts) == 3
 
 
 def test_tiles_without_ground_are_neither_read_nor_written(terrain, odd):
@@ -231,7 +231,7 @@ def test_where_a_chunk_is_broken_the_coarser_level_stands_in(terrain, odd):
     told = []
     odd.broken |= {(layer, 0, 0, 1) for layer in odd.layers}
     try:
-        view = StoredTerrain(odd, terrain.context, told=told.append)
+        view = StoredTerrain(odd, terrain.context, on_error=told.append)
         tiles, _ = written(view, keys, roots=keys)
     finally:
         odd.broken.clear()

@@ -16,9 +16,8 @@ from sketchterrain.errors import DeviceFailedError, SketchterrainError
 from sketchterrain.vegetation.plants import PLANT
 from sketchterrain.world import plants as written
 from sketchterrain.world.grid import SHARD, World
-from sketchterrain.world.job import Task, plant_tasks
+from sketchterrain.world.job import Task, plant_store, plant_tasks
 from sketchterrain.world.plants import PlantStore, plant_square
-from sketchterrain.world.store import plants_of
 
 EAST, NORTH = 512_000.0, 5_403_000.0
 CELL = 1.0 / 32.0
@@ -199,7 +198,7 @@ def pieces_of(*pieces, then=None):
 
 
 @pytest.mark.parametrize("plants", ["parquet", "flatgeobuf"])
-def test_empty_squares_failures_and_names(small_job, plants, tmp_path, room_for, monkeypatch) -> None:
+def test_empty_squares_failures_and_names(small_job, plants, tmp_path, file_size_limit, monkeypatch) -> None:
     task = Task("plants", 0, 0, 0)
 
     def files_in(folder):
@@ -212,7 +211,7 @@ def test_empty_squares_failures_and_names(small_job, plants, tmp_path, room_for,
     assert caught.value is failed
     many = np.zeros(20_000, PLANT)
     many["x"], many["tint"] = np.random.default_rng(1).random((2, len(many)))
-    with room_for(50_000), pytest.raises(SketchterrainError, match=r"cannot be written \("):
+    with file_size_limit(50_000), pytest.raises(SketchterrainError, match=r"cannot be written \("):
         store.write(task, pieces_of(many))
     assert not files_in(store.folder)
 
@@ -227,6 +226,6 @@ def test_empty_squares_failures_and_names(small_job, plants, tmp_path, room_for,
         (file,) = store.write(task, pieces_of(np.zeros(3, PLANT)))
         assert files_in(store.folder) == [file.split("/")[-1]]
 
-    monkeypatch.setattr("sketchterrain.world.store.find_spec", lambda name: None)
+    monkeypatch.setattr("sketchterrain.world.job.find_spec", lambda name: None)
     with pytest.raises(SketchterrainError, match=f"plants as {plants} needs pyarrow"):
-        plants_of(replace(small_job, plants=plants))
+        plant_store(replace(small_job, plants=plants))

@@ -18,7 +18,7 @@ from sketchterrain.ui.look.theme import MARGIN, column
 from sketchterrain.ui.models.preferences import Preferences
 from sketchterrain.world.grid import LAYERS
 from sketchterrain.world.job import ENDINGS
-from sketchterrain.world.options import WorldOptions, form_of
+from sketchterrain.world.options import WorldOptions, output_form
 
 _FAR: Final = (-1e9, 1e9)
 _FORMS: Final = {
@@ -175,7 +175,7 @@ class WorldDialog(JobDialog):
         if not text:
             return "Choose a file or a folder."
         try:
-            form = form_of(text)
+            form = output_form(text)
         except InputError as error:
             return one_line(error)
         if form != self.form.values["form"]:

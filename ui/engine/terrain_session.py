@@ -126,7 +126,7 @@ class WorldSession(TerrainSession):
         assert world is not None  # noqa: S101 # asked when there is a device
         west, south, east, north = world.bounds
         middle = float(world.heights((west + east) / 2, (south + north) / 2))
-        return WorldFacts(world.corner, world.bounds, world.finest_cell, middle, tuple(world.lacks))
+        return WorldFacts(world.corner, world.bounds, world.finest_cell, middle, tuple(world.missing_parts))
 
     def _rebuild(self) -> None:
         from sketchterrain.terrain.building import build
@@ -135,5 +135,5 @@ class WorldSession(TerrainSession):
         if self._context is not None:
             sketch = self._stored.sketch()
             features = None if sketch is None else build(sketch, device=self._context)
-            self.world = StoredTerrain(self._stored, self._context, features, told=self._report)
+            self.world = StoredTerrain(self._stored, self._context, features, on_error=self._report)
             self.terrain = cast("Terrain", self.world)  # equivalent for the renderer

@@ -24,7 +24,7 @@ from sketchterrain.app.listings import (
 if TYPE_CHECKING:
     from sketchterrain.batch.plan import Item
     from sketchterrain.batch.results import Output
-    from sketchterrain.batch.run import Done
+    from sketchterrain.batch.run import BatchResult
 
 
 def export(
@@ -221,11 +221,11 @@ def _report_plan(
     items: Sequence[Item], folder: Path, output: Output, *, jobs: int, resume: bool, as_json: bool
 ) -> None:
     from sketchterrain.batch.results import Needs
-    from sketchterrain.batch.run import check_folder, estimate_batch, items_needs, whole_items
+    from sketchterrain.batch.run import check_folder, estimate_batch, estimate_items, finished_items
 
-    needs = items_needs(items, output)
+    needs = estimate_items(items, output)
     check_folder(folder, resume=resume)
-    whole = whole_items(items, folder, output)
+    whole = finished_items(items, folder, output)
     missing = {name: need for name, need in needs.items() if isinstance(need, Needs) and name not in whole}
     jobs, estimate = estimate_batch(missing.values(), output, jobs)
     states = [
@@ -255,7 +255,7 @@ def _report_plan(
     )
 
 
-def _report_done(done: Done, folder: Path, *, as_json: bool) -> None:
+def _report_done(done: BatchResult, folder: Path, *, as_json: bool) -> None:
     """Print the result, with failures as a table on stderr; exit with the code for partial results."""
     from msgspec import to_builtins
 

@@ -16,7 +16,7 @@ from sketchterrain.io.files import format_bytes
 from sketchterrain.io.system import restore_default_sigterm
 
 if TYPE_CHECKING:
-    from sketchterrain.world.journal import Broken
+    from sketchterrain.world.journal import BrokenFile
     from sketchterrain.world.options import WorldEstimate
     from sketchterrain.world.run import WorldResult
     from sketchterrain.world.statistics import Statistics
@@ -90,14 +90,14 @@ def world(
         with stages.stage("program", "Loading the program"):
             from sketchterrain.compute.device import choose_device
             from sketchterrain.terrain.building import make_recipe
-            from sketchterrain.world.journal import OutputLayout, check_output_unused
-            from sketchterrain.world.options import WorldOptions, estimate_world, form_of, layers_of
+            from sketchterrain.world.journal import check_output_unused
+            from sketchterrain.world.options import WorldOptions, check_layers, estimate_world, output_form
 
-            form = form_of(output)
+            form = output_form(output)
             options = WorldOptions(
                 bounds=bounds,
                 cell=cell,
-                layers=layers_of(layers),
+                layers=check_layers([name.strip() for name in layers.split(",")]),
                 plants=plants,  # type: ignore[arg-type]
                 grass=grass,
                 crs=crs,
@@ -114,7 +114,6 @@ def world(
                 check_scheduler(scheduler)
         with stages.stage("features", "Placing features"):
             job = options.job(document, make_recipe(document), Path(output), form)
-        OutputLayout.of(job)  # a missing library is reported before any work
         check_output_unused(job, resume=resume)
         estimate = estimate_world(job, workers=workers or 0)
     if dry_run:
@@ -122,15 +121,15 @@ def world(
             print_json(estimate.as_dict())
         else:
             print_lines(*estimate.lines())
-        estimate.refuse_impossible()
+        estimate.check_resources()
         return
     sys.stderr.writelines(f"{line}\n" for line in estimate.lines())
-    estimate.refuse_impossible()
+    estimate.check_resources()
     from sketchterrain.world.run import ProgressReporter, run_world
 
-    with ProgressReporter() as watcher:
+    with ProgressReporter() as reporter:
         result = run_world(
-            job, device=device, workers=workers, scheduler=scheduler, resume=resume, watcher=watcher
+            job, device=device, workers=workers, scheduler=scheduler, resume=resume, reporter=reporter
         )
     _report(result, estimate, as_json=as_json)
 
@@ -143,8 +142,8 @@ def _report(result: WorldResult, estimate: WorldEstimate, *, as_json: bool) -> N
             {
                 "output": str(estimate.job.output),
                 "tasks": result.tasks,
-                "made": result.made,
-                "broken": [{"file": each.file, "why": each.why} for each in result.broken],
+                "made": result.computed,
+                "broken": [{"file": each.file, "why": each.reason} for each in result.broken],
                 "files": result.files,
                 "bytes": result.bytes,
                 "seconds": round(result.seconds, 3),
@@ -154,9 +153,9 @@ def _report(result: WorldResult, estimate: WorldEstimate, *, as_json: bool) -> N
         )
         return
     world = estimate.job.world
-    unchanged = f", {result.tasks - result.made} unchanged" if result.made < result.tasks else ""
+    unchanged = f", {result.tasks - result.computed} unchanged" if result.computed < result.tasks else ""
     print_lines(
-        f"{result.made} of {pluralize(result.tasks, 'shard')} written in "
+        f"{result.computed} of {pluralize(result.tasks, 'shard')} written in "
         f"{format_duration(result.seconds)}{unchanged}: {estimate.job.output}",
         f"{format_count(world.vertices)} vertices on {pluralize(len(world.levels), 'level')}, "
         f"{pluralize(result.files, 'file')}, {format_bytes(result.bytes)}",
@@ -181,11 +180,11 @@ def stats(
         else:
             with stages.stage("open", "Opening the world"):
                 from sketchterrain.world.opening import open_world
-                from sketchterrain.world.statistics import statistics_of
+                from sketchterrain.world.statistics import compute_statistics
 
                 stored = open_world(store)
             with stages.stage("statistics", "Measuring") as progress:
-                found = statistics_of(stored, level=level or 0, progress=progress)
+                found = compute_statistics(stored, level=level or 0, progress=progress)
     if not check:
         if as_json:
             print_json({"world": str(store), **found.as_dict()})
@@ -195,15 +194,15 @@ def stats(
     _report_broken(store, broken, as_json=as_json)
 
 
-def _report_broken(store: Path, broken: list[Broken], *, as_json: bool) -> None:
+def _report_broken(store: Path, broken: list[BrokenFile], *, as_json: bool) -> None:
     """Print missing and broken files; exit with the code for partial results if there are any."""
     from sketchterrain.errors import one_line
 
     if as_json:
-        files = [{"file": each.file, "why": each.why} for each in broken]
+        files = [{"file": each.file, "why": each.reason} for each in broken]
         print_json({"world": str(store), "broken": files})
     elif broken:
-        print_lines(*(f"{one_line(each.file)} {each.why}" for each in broken[:_MAX_FILES]))
+        print_lines(*(f"{one_line(each.file)} {each.reason}" for each in broken[:_MAX_FILES]))
         if len(broken) > _MAX_FILES:
             print_lines(f"and {len(broken) - _MAX_FILES} more")
     else:

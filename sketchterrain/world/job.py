@@ -1,5 +1,7 @@
 """Jobs of written worlds: fingerprint, tasks, stores, georeference."""
 
+from __future__ import annotations
+
 import json
 import re
 from collections.abc import Callable, Iterable, Iterator

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from PyQt6.QtCore import QPointF, QRect
+from PyQt6.QtCore import QPointF
 from PyQt6.QtGui import QColor, QImage
 
 from sketchterrain.document.label_layers import DRAW_ORDER
@@ -45,9 +45,9 @@ def test_a_fitted_sketch_is_centred_and_no_sketch_leaves_the_screen():
     for size, sides in (((800, 600), (512, 512)), ((300, 900), (4096, 1024)), ((900, 300), (7, 5))):
         viewport = Viewport(*size, *sides).fitted(margin=20)
         lows = (viewport.left, viewport.top)
-        for low, side, room in zip(lows, viewport.sketch_size, size, strict=True):
-            assert 19 <= low <= room - 19 - side
-            assert abs(low - (room - low - side)) <= 2
+        for low, side, extent in zip(lows, viewport.sketch_size, size, strict=True):
+            assert 19 <= low <= extent - 19 - side
+            assert abs(low - (extent - low - side)) <= 2
     rng = random.Random(4)
     for sides in ((512, 512), (2048, 700), (3, 9), (16384, 16384)):
         viewport = Viewport(700, 500, *sides).fitted(margin=20)
@@ -60,9 +60,9 @@ def test_a_fitted_sketch_is_centred_and_no_sketch_leaves_the_screen():
             else:
                 viewport = viewport.resized(rng.randint(60, 1500), rng.randint(60, 1500))
             assert 0.0 < viewport.scale <= LARGEST
-            lows, rooms = (viewport.left, viewport.top), (viewport.width, viewport.height)
-            for low, side, room in zip(lows, viewport.sketch_size, rooms, strict=True):
-                assert min(low + side, room) - max(low, 0) >= min(40, side - 1)
+            lows, extents = (viewport.left, viewport.top), (viewport.width, viewport.height)
+            for low, side, extent in zip(lows, viewport.sketch_size, extents, strict=True):
+                assert min(low + side, extent) - max(low, 0) >= min(40, side - 1)
 
 
 COLOURS = [np.random.default_rng(k).random((256, 3)).astype(np.float32) for k in range(3)]
@@ -95,7 +95,7 @@ def blended(layers: dict[str, np.ndarray]) -> np.ndarray:
     return out * 255.0
 
 
-def test_colours_are_blended_and_codes_tell_mixtures_of_labels_apart():
+def test_colours_are_blended_and_codes_distinguish_mixtures_of_labels():
     for labels in [2, 4, 200]:
         layers = sketch_layers(300, 530, labels)
         pixels, codes = LayerCompositor(layers.__getitem__, PAINTS).read(0, (0, 0, 300, 530))
@@ -197,13 +197,13 @@ def pixels(canvas: Canvas) -> np.ndarray:
     return flat[:, : image.width(), 2::-1].astype(int)
 
 
-def patch(canvas: Canvas, column: float, row: float, reach: int = 14) -> np.ndarray:
+def patch(canvas: Canvas, column: float, row: float, radius: int = 14) -> np.ndarray:
     x, y = canvas.viewport.to_screen(column, row)
-    return pixels(canvas)[int(y) - reach : int(y) + reach, int(x) - reach : int(x) + reach]
+    return pixels(canvas)[int(y) - radius : int(y) + radius, int(x) - radius : int(x) + radius]
 
 
-def mean(canvas: Canvas, column: float, row: float, reach: int = 14) -> np.ndarray:
-    return patch(canvas, column, row, reach).mean(axis=(0, 1))
+def mean(canvas: Canvas, column: float, row: float, radius: int = 14) -> np.ndarray:
+    return patch(canvas, column, row, radius).mean(axis=(0, 1))
 
 
 def rgb(colour: QColor) -> np.ndarray:
@@ -231,7 +231,7 @@ def test_paint_has_its_label_s_colour_and_its_layer_s_hatch(canvas, workspace):
 
 
 def test_visibility_and_opacity_blend_paint_with_paper(canvas, workspace):
-    bare = mean(canvas, 32.0, 32.0, reach=3)
+    bare = mean(canvas, 32.0, 32.0, radius=3)
     assert np.abs(mean(canvas, 18.0, 32.0) - bare).max() > 40.0
     workspace.set_look("mountain", visible=False)
     assert np.abs(mean(canvas, 18.0, 32.0) - bare).max() < 1.0
@@ -288,11 +288,11 @@ def test_the_relief_shades_the_paper_and_is_redrawn_where_it_changed(canvas, lin
     light = np.full((SIDE, SIDE), 190, np.uint8)
     dark, spot = light.copy(), light.copy()
     dark[:, 28:34], spot[20:30, 29:35] = 20, 60
-    before = mean(canvas, 31.0, 32.0, reach=3)
+    before = mean(canvas, 31.0, 32.0, radius=3)
     show(1, dark)
-    assert mean(canvas, 31.0, 32.0, reach=3).mean() < before.mean() - 60.0
+    assert mean(canvas, 31.0, 32.0, radius=3).mean() < before.mean() - 60.0
     workspace.show_overlay("relief", False)
-    assert np.abs(mean(canvas, 31.0, 32.0, reach=3) - before).max() < 1.0
+    assert np.abs(mean(canvas, 31.0, 32.0, radius=3) - before).max() < 1.0
     workspace.show_overlay("relief", True)
     show(1, light)
     incremental = show(2, spot)
@@ -310,7 +310,7 @@ def test_adherence_is_tinted_in_its_legend_s_colours(canvas, link, workspace):
     before = pixels(canvas)
     link.adherence = Adherence(1, figures, {"mountain": (painted, present)})
     workspace.show_overlay("adherence", True)
-    missing, right, spill, neither = (mean(canvas, 20.0, row, reach=4) for row in (10.0, 24.0, 40.0, 56.0))
+    missing, right, spill, neither = (mean(canvas, 20.0, row, radius=4) for row in (10.0, 24.0, 40.0, 56.0))
     assert missing[0] > missing[1] > missing[2]  # orange
     assert right[1] > right[0]  # green
     assert spill[1] < min(spill[0], spill[2])  # purple
@@ -331,16 +331,6 @@ def test_each_overlay_is_drawn_and_removed(canvas, link, placed, workspace):
         assert not np.array_equal(before, pixels(canvas)), name
         workspace.show_overlay(name, False)
         assert np.array_equal(before, pixels(canvas)), name
-
-
-def test_an_opened_document_is_fitted(canvas, plain):
-    canvas.zoom(5.0, QPointF(10.0, 10.0))
-    plain.open(Sketch(layers={name: np.zeros((40, 90), np.uint8) for name in LAYERS}))
-    viewport = canvas.viewport
-    assert (viewport.columns, viewport.rows) == (90, 40)
-    sketch = QRect(viewport.left, viewport.top, *viewport.sketch_size)
-    assert QRect(0, 0, viewport.width, viewport.height).contains(sketch)
-    pixels(canvas)
 
 
 def test_positions_are_inverse_at_any_pixel_ratio_and_zoom(canvas, monkeypatch):

@@ -17,15 +17,15 @@ from sketchterrain.ui.models.preferences import Preferences
 
 @pytest.fixture
 def opened(qtbot, tmp_path, small):
-    """Open the dialog, each time with what was remembered before."""
+    """Return a function that opens the dialog with the stored preferences."""
     path = tmp_path / "desktop.ini"
     Preferences(path).export_folder = tmp_path / "out"
-    dialogs = []  # qtbot does not hold them
+    dialogs = []  # qtbot holds no reference
 
     def open_(target: str | None = None) -> ExportDialog:
         preferences = Preferences(path)
         dialog = ExportDialog(small, preferences)
-        dialog.preferences = preferences  # they have no other owner
+        dialog.preferences = preferences  # keeps them alive
         qtbot.addWidget(dialog)
         dialogs.append(dialog)
         dialog.show()
@@ -42,10 +42,6 @@ def choose(dialog, target: str) -> None:
 
 def visible(controls) -> set[str]:
     return {option for option, row in controls._lines.items() if row.isVisible()}
-
-
-def plan_text(dialog) -> str:
-    return dialog.target.note.text()
 
 
 def test_every_target_has_its_options_and_unique_mnemonics(opened, small):
@@ -80,21 +76,6 @@ def test_every_target_has_its_options_and_unique_mnemonics(opened, small):
         assert not twice, name
 
 
-def test_the_plan_is_shown_immediately(opened):
-    dialog = opened("unreal")
-    controls = dialog.target
-    assert plan_text(dialog).startswith("1009 × 1009 vertices, 0.5079 m apart.")
-    assert "512 × 512 m: the terrain extends beyond the sketch." in plan_text(dialog)
-    controls["columns"].setValue(2)
-    controls["rows"].setValue(2)
-    assert plan_text(dialog).startswith("4 tiles of 1009 × 1009, 0.254 m apart.")
-    assert controls.options().size == 2017
-    controls["size"].setCurrentIndex(controls["size"].findData(127))
-    assert plan_text(dialog).startswith("4 tiles of 127 × 127, 2.032 m apart.")
-    assert "MiB of disk besides the plants" in plan_text(dialog)
-    assert "MiB of memory" in plan_text(dialog)
-
-
 def test_invalid_sizes_ranges_and_folders_are_refused(opened, tmp_path):
     dialog = opened("raw")
     controls = dialog.target
@@ -102,7 +83,7 @@ def test_invalid_sizes_ranges_and_folders_are_refused(opened, tmp_path):
     controls["columns"].setValue(2)
     assert "1023 or 1025" in dialog.hint.text()
     assert not dialog.accept_button.isEnabled()
-    assert plan_text(dialog) == ""
+    assert dialog.target.note.text() == ""
     controls["size"].setEditText("")
     assert "expected a number of vertices" in dialog.hint.text()
     controls["size"].setEditText("1025")
@@ -179,16 +160,6 @@ def test_options_are_remembered_and_invalid_ones_ignored(opened, tmp_path):
         assert opened("unity").target.options() == default
     dialog.preferences._settings.setValue("export/unity", "no JSON")
     assert dialog.preferences.export_options("unity") == {}
-
-
-def test_the_request_of_everything_matches_the_command_line(opened):
-    form = opened().everything
-    form.set_values({"plants": "ply", "grass": True, "map": "svg", "view": ""})
-    request = form.request(Path("x"), None)
-    assert (request.foliage, request.grass, request.map) == ("ply", True, "svg")
-    assert (request.preview, request.size) == (False, 1025)
-    form.set_values({"plants": "csv"})
-    assert not form.request(Path("x"), None).grass, "a table holds none"
 
 
 def test_an_export_to_a_target_writes_what_the_command_line_writes(qtbot, opened, tmp_path):

@@ -38,8 +38,8 @@ def panel(shown, make):
     return shown(make())
 
 
-def shown_in_every_way(workspace, link, placed):
-    """Go through all that the panels can show."""
+def display_states(workspace, link, placed):
+    """Iterate over the labels and selections that panels display."""
     link.placed = placed
     link.placed_changed.emit(placed)
     for layer in ("mountain", "river", "forest", "material", "dune"):
@@ -55,7 +55,7 @@ def shown_in_every_way(workspace, link, placed):
 
 
 def parts(panel):
-    """Controls of a panel that are the program's, not parts of Qt's own widgets."""
+    """Yield the controls of a panel, without the inner parts of Qt's widgets."""
     for each in panel.findChildren(QWidget):
         inner = isinstance(each.parent(), COMPOUND) or each.window() is not panel.window()
         if isinstance(each, CONTROLS) and not inner and not isinstance(each, QtWidgets.QScrollBar):
@@ -63,7 +63,7 @@ def parts(panel):
 
 
 def test_every_control_has_name_tool_tip_and_keyboard_focus(panel, workspace, link, placed):
-    for _ in shown_in_every_way(workspace, link, placed):
+    for _ in display_states(workspace, link, placed):
         for control in parts(panel):
             assert control.accessibleName(), f"{control} has no name: {control.parent()}"
             assert control.toolTip(), f"{control.accessibleName()} has no tool tip"
@@ -74,7 +74,7 @@ def test_every_control_has_name_tool_tip_and_keyboard_focus(panel, workspace, li
 def test_displaying_any_state_changes_nothing(panel, document, workspace, link, placed):
     before, looks = document.sketch, [workspace.look(name) for name in document.sketch.layers]
     tool, brush, overlays, view = workspace.tool, workspace.brush, workspace.overlays, link.view
-    for _ in shown_in_every_way(workspace, link, placed):
+    for _ in display_states(workspace, link, placed):
         QCoreApplication.processEvents()
     assert document.sketch is before
     assert len(document.history.titles) == 1
@@ -96,7 +96,7 @@ def test_nothing_is_clipped_in_a_narrow_dock(panel, workspace, link, placed):
         assert panel.minimumSizeHint().width() <= 900
         return
     assert panel.minimumSizeHint().width() <= 220
-    for _ in shown_in_every_way(workspace, link, placed):
+    for _ in display_states(workspace, link, placed):
         QCoreApplication.processEvents()
         for control in parts(panel):
             if control.isVisible():
@@ -106,7 +106,7 @@ def test_nothing_is_clipped_in_a_narrow_dock(panel, workspace, link, placed):
 
 
 def test_closed_panels_leak_no_widgets_or_connections(make, document, workspace, link, placed):
-    def come_and_go():
+    def open_and_close():
         panel = make()
         panel.show()
         QCoreApplication.processEvents()
@@ -115,13 +115,13 @@ def test_closed_panels_leak_no_widgets_or_connections(make, document, workspace,
         QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
         QCoreApplication.processEvents()
 
-    for _ in shown_in_every_way(workspace, link, placed):
-        come_and_go()
+    for _ in display_states(workspace, link, placed):
+        open_and_close()
     before = len(QApplication.allWidgets())
     for _ in range(10):
-        come_and_go()
+        open_and_close()
     assert len(QApplication.allWidgets()) == before
-    document.sketch_changed.emit()  # nobody listens any more
+    document.sketch_changed.emit()  # no panel is connected any more
     document.history_changed.emit()
     document.opened.emit()
     workspace.overlays_changed.emit()

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from PyQt6.QtCore import QPoint, Qt
 from PyQt6.QtTest import QTest
-from PyQt6.QtWidgets import QApplication
 
 from sketchterrain.document.parameters import LAYERS, SKETCH, TABLES
 from sketchterrain.document.store import load_sketch
@@ -16,7 +15,6 @@ from sketchterrain.ui.engine.protocol import ViewState
 from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.panels.layer_list import EYE, LOCK, NAME
 from sketchterrain.ui.panels.layers import LayersPanel
-from sketchterrain.ui.panels.parts import CollapsibleGroup
 from sketchterrain.ui.panels.properties import PropertiesPanel
 from sketchterrain.ui.panels.settings import OVERLAY_TITLES, ViewPanel, WorldPanel
 
@@ -342,19 +340,6 @@ def test_settings_are_titled_undo_steps_and_a_fidelity_drag_is_one(world, docume
     assert document.history.titles == ("Open", "Set fidelity")
     document.undo()
     assert world.fidelity.number == document.sketch.fidelity
-
-
-def test_a_group_collapses_and_expands_to_full_height(world):
-    group = next(each for each in world.findChildren(CollapsibleGroup) if each.text() == "Climate")
-    header, content = group.toggleButton(), group.content()
-    assert not content.isVisible()
-    header.setFocus()
-    QTest.keyClick(header, Qt.Key.Key_Space)
-    assert content.isVisible()
-    QApplication.processEvents()
-    assert content.height() >= content.layout().totalHeightForWidth(content.width())
-    QTest.mouseClick(header, Qt.MouseButton.LeftButton)
-    assert not content.isVisible()
 
 
 def test_weather_edits_the_sketch_and_quality_the_view(qtbot, view, document, link):

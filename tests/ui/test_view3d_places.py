@@ -11,8 +11,6 @@ from sketchterrain.ui.view3d.camera import (
     Projection,
     TerrainHeights,
     circle,
-    eye_height_text,
-    length_text,
     overview,
     scale_bar,
 )
@@ -117,11 +115,11 @@ def placed_with(*places: tuple[float, float]) -> Placement:
     return Placement(1, points, (), ())
 
 
-def test_marks_lie_on_their_features_and_are_thinned():
+def test_marks_are_projected_features_and_are_thinned():
     projection, ground = projection_of(), flat()
     placed = placed_with((1200.0, 900.0), (1900.0, 1500.0), (1000.0, -9e4))
     marks = MarkBuilder(projection, ground, placed, None).marks(all_features=True)
-    assert [each.selection.id for each in marks.dots] == [1, 2], "what lies behind the eye has no mark"
+    assert [each.selection.id for each in marks.dots] == [1, 2], "the third feature is behind the eye"
     for dot in marks.dots:
         at = placed.points[dot.selection.id - 1]
         assert [dot.x, dot.y] == pytest.approx(projection.project([[at["x"], at["y"], 0.0]]).pixels[0])
@@ -155,17 +153,10 @@ def test_river_handles_keep_their_distance(placed):
     selected = MarkBuilder(projection, ground, placed, Selection("river", river.id, hidden)).marks(
         all_features=False
     )
-    assert hidden in [each.handle.selection.index for each in selected.handles], (
-        "the one that is selected is there"
-    )
+    assert hidden in [each.handle.selection.index for each in selected.handles]
 
 
-def test_round_lengths_texts_and_headings():
-    words = {0.5: "0.5 m", 27.3: "27 m", 999.6: "1.0 km", 2449.0: "2.4 km", 123456.0: "123 km"}
-    assert [length_text(metres) for metres in words] == list(words.values())
-    over = eye_height_text(Pose((100.0, 100.0, 150.0), (0.0, 0.0, 0.0)), flat(height=30.0))
-    assert over.endswith("120 m above the ground")
-    assert eye_height_text(Pose((-100.0, 100.0, 150.0), (0.0, 0.0, 0.0)), flat()) == "eye at 150 m"
+def test_the_scale_bar_and_headings():
     projection = projection_of()
     length, wide = scale_bar(projection, Pose(EYE, TARGET), most=110.0)
     assert wide <= 110.0

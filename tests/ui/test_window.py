@@ -70,23 +70,6 @@ def test_every_action_has_text_help_a_menu_and_a_shortcut_of_its_own(window):
         assert not twice, f"{bar_action.text()}: {twice}"
 
 
-def test_undo_redo_and_random_seed(window, document):
-    before = document.sketch
-    paint(document)
-    assert "paint mountains" in window.actions_by_name["undo"].text()
-    do(window, "undo")
-    assert np.array_equal(document.sketch.layers["mountain"], before.layers["mountain"])
-    assert not window.actions_by_name["undo"].isEnabled()
-    do(window, "redo")
-    assert document.sketch.layers["mountain"][:40, :40].all()
-
-    before = document.sketch.seed
-    do(window, "random-seed")
-    assert document.sketch.seed != before
-    do(window, "undo")
-    assert document.sketch.seed == before
-
-
 def test_zoom_brush_and_selection_actions_and_all_others_can_be_triggered(
     window, document, workspace, link, placed, monkeypatch, tmp_path
 ):

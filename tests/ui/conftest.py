@@ -68,19 +68,19 @@ def placed():
 
 
 @pytest.fixture
-def shown(qtbot):
-    """Show a widget and keep a reference until the test has ended: Qt may still draw it."""
-    held = []
+def show_widget(qtbot):
+    """Return a function that shows a widget and holds it until the test ends."""
+    widgets = []
 
     def show(widget, width=300, height=600):
-        held.append(widget)
+        widgets.append(widget)
         qtbot.addWidget(widget)
         widget.resize(width, height)
         widget.show()
         return widget
 
     yield show
-    held.clear()
+    widgets.clear()
 
 
 @pytest.fixture
@@ -113,7 +113,7 @@ def open_window(qtbot, document, workspace, link, tmp_path):
     from sketchterrain.ui.window import MainWindow
 
     def open_():
-        made = MainWindow(
+        window = MainWindow(
             document,
             workspace,
             link,
@@ -122,12 +122,12 @@ def open_window(qtbot, document, workspace, link, tmp_path):
             saving=SketchSaver(document),
             bookmarks=Bookmarks(document, tmp_path / "bookmarks"),
         )
-        # Closing it at the end must not ask what to do with the test's changes.
+        # Closing must not ask about unsaved changes.
         qtbot.addWidget(
-            made, before_close_func=lambda _: document.mark_saved(document.sketch, tmp_path / "end.sketch")
+            window, before_close_func=lambda _: document.mark_saved(document.sketch, tmp_path / "end.sketch")
         )
-        made.show()
-        return made
+        window.show()
+        return window
 
     return open_
 

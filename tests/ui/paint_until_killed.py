@@ -26,10 +26,10 @@ from sketchterrain.ui.models.painting import Stroke
 
 def fingerprint(sketch: Sketch) -> str:
     """Return a hash of everything in a sketch."""
-    seen = hashlib.sha1(settings_text(sketch).encode(), usedforsecurity=False)
+    digest = hashlib.sha1(settings_text(sketch).encode(), usedforsecurity=False)
     for name in LAYERS:
-        seen.update(sketch.layers[name].tobytes())
-    return seen.hexdigest()
+        digest.update(sketch.layers[name].tobytes())
+    return digest.hexdigest()
 
 
 class Painter:
@@ -45,11 +45,11 @@ class Painter:
         self._saving.saved.connect(lambda: self._log_sketch("saved", self._being_saved))
         self._autosave = Autosave(self._document, folder, interval_s=interval_s)
         self._being_saved = self._document.sketch
-        found = self._autosave.recoverable()
-        if found:
-            self._document.open(load_sketch(found[0].path), found[0].original, modified=True)
-            for each in found:
-                self._autosave.discard(each)
+        recoveries = self._autosave.recoverable()
+        if recoveries:
+            self._document.open(load_sketch(recoveries[0].path), recoveries[0].original, modified=True)
+            for recovery in recoveries:
+                self._autosave.discard(recovery)
         elif target.exists():
             self._document.open(load_sketch(target), target)
         else:
@@ -59,8 +59,8 @@ class Painter:
         self._timer.timeout.connect(self._act)
         self._timer.start(3)
 
-    def _log_sketch(self, what: str, sketch: Sketch) -> None:
-        os.write(self._file, f"{what} {time.monotonic():.6f} {fingerprint(sketch)}\n".encode())
+    def _log_sketch(self, event: str, sketch: Sketch) -> None:
+        os.write(self._file, f"{event} {time.monotonic():.6f} {fingerprint(sketch)}\n".encode())
 
     def _act(self) -> None:
         draft = self._document.draft

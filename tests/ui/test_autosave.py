@@ -69,13 +69,13 @@ def test_a_modified_document_is_written_and_removed_once_saved(document, autosav
 
 
 def test_changes_without_a_pause_are_written_at_the_interval(document, autosave, qtbot):
-    found, start = set(), time.monotonic()
-    while len(found) <= 3:
+    seeds, start = set(), time.monotonic()
+    while len(seeds) <= 3:
         assert time.monotonic() - start < 10
         seed(document, document.sketch.seed + 1)
         qtbot.wait(5)
         if autosave.path.exists():
-            found.add(load_sketch(autosave.path).seed)
+            seeds.add(load_sketch(autosave.path).seed)
 
 
 def test_closing_removes_all_files(document, folder):
@@ -91,7 +91,7 @@ def test_closing_removes_all_files(document, folder):
     assert not (folder / "unused").exists()
 
 
-def test_a_crashed_instance_s_files_are_found_opened_and_discarded(document, autosave, folder, qtbot):
+def test_a_crashed_instances_files_are_found_opened_and_discarded(document, autosave, folder, qtbot):
     old = write_crashed(folder, document.sketch)
     original = Path("/home/valley.sketch")
     path = write_crashed(folder, document.sketch.replace(seed=77, name="Lost"), original)

@@ -39,22 +39,22 @@ def test_bookmarks_are_stored_by_path(document, folder, tmp_path):
     assert later.all == ()
     again.open(load_sketch("valley_river"), one)
     again.mark_saved(again.sketch, other)
-    assert later.all == stored, "saved under another name they come along"
+    assert later.all == stored, "copied by Save As"
     again.open(load_sketch("valley_river"), other)
     assert later.all == stored
 
 
-def written(**changes) -> bytes:
-    """Return a file with one bookmark, of which something is wrong."""
+def bookmark_file(**changes) -> bytes:
+    """Return a file with one bookmark and some invalid values."""
     good = {"name": "a", "eye": [0, 0, 0], "target": [0, 1, 0], "fov": 50, "mode": "walk", "picture": ""}
     return json.dumps({"bookmarks": [good | changes]}).encode()
 
 
 def test_an_unreadable_file_is_treated_as_empty(document, folder, tmp_path):
-    wrong = [{"target": [0, 0, 0]}, {"eye": [0, 0, float("nan")]}, {"eye": [0, 0]}]
-    wrong += [{"mode": "swim"}, {"fov": 0}, {"picture": "?"}]
+    invalid = [{"target": [0, 0, 0]}, {"eye": [0, 0, float("nan")]}, {"eye": [0, 0]}]
+    invalid += [{"mode": "swim"}, {"fov": 0}, {"picture": "?"}]
     broken = (b"", b"{", b"[]", b"\xff\xfe", b'{"bookmarks": [{}]}')
-    for content in (*broken, *(written(**changes) for changes in wrong)):
+    for content in (*broken, *(bookmark_file(**changes) for changes in invalid)):
         path = tmp_path / "one.sketch"
         bookmarks = Bookmarks(document, folder)
         document.mark_saved(document.sketch, path)
@@ -70,7 +70,7 @@ def test_an_unreadable_file_is_treated_as_empty(document, folder, tmp_path):
 
 def test_an_unwritable_folder_is_reported(document, folder, tmp_path):
     folder.parent.mkdir()
-    folder.write_text("a file stands where the folder should")
+    folder.write_text("a file")
     bookmarks = Bookmarks(document, folder)
     lines = []
     bookmarks.failed.connect(lines.append)
@@ -81,8 +81,8 @@ def test_an_unwritable_folder_is_reported(document, folder, tmp_path):
 
 
 @pytest.fixture
-def panel(shown, document, folder, link):
-    return shown(BookmarksPanel(link, Bookmarks(document, folder)))
+def panel(show_widget, document, folder, link):
+    return show_widget(BookmarksPanel(link, Bookmarks(document, folder)))
 
 
 def picture(link, pose: Pose = HERE):
@@ -114,8 +114,8 @@ def test_a_bookmark_stores_view_and_picture(panel, link):
     panel.add()
     rows = list_of(panel)
     assert titles(panel) == ["View 1", "View 2"]
-    shown = rows.item(0).icon().pixmap(96, 60).toImage()
-    assert shown.pixelColor(shown.width() // 2, shown.height() // 2).red() > 180
+    thumbnail = rows.item(0).icon().pixmap(96, 60).toImage()
+    assert thumbnail.pixelColor(thumbnail.width() // 2, thumbnail.height() // 2).red() > 180
     panel.go_to(0)
     assert link.requests[-1] == Look(HERE)
     rows.itemClicked.emit(rows.item(1))

@@ -1,4 +1,4 @@
-"""Camera control: continuous mode changes, motions that come to rest, no camera below terrain."""
+"""Camera controller: continuous mode changes, damped motion, no camera below terrain."""
 
 import numpy as np
 import pytest
@@ -51,7 +51,7 @@ def rest(controller, seconds=20.0):
         controller.advance(0.016)
         if not controller.restless:
             return
-    raise AssertionError("it does not come to rest")
+    raise AssertionError("still moving")
 
 
 def distance(controller):
@@ -83,7 +83,7 @@ def test_a_turn_keeps_the_distance_and_comes_to_rest(controller):
     assert controller.advance(0.05)
     rest(controller)
     assert distance(controller) == pytest.approx(before, rel=1e-3)
-    assert controller.camera().eye[0] > 3500.0  # to the east of what it looks at
+    assert controller.camera().eye[0] > 3500.0  # east of the target
 
 
 def test_a_zoom_keeps_the_position_under_the_mouse(controller):
@@ -142,13 +142,13 @@ def test_go_to_glides_to_a_distance_and_looks_at_the_target(terrain):
         controller.advance(0.016)
         controller.handle(GoTo(1200.0, 2000.0, 900.0), aspect=ASPECT)
         controller.advance(0.05)
-        on_its_way = np.array(controller.camera().eye)
+        halfway = np.array(controller.camera().eye)
         rest(controller)
         camera = controller.camera()
         place = np.array([1200.0, 2000.0, float(terrain.heights(1200.0, 2000.0))])
         assert np.linalg.norm(np.subtract(camera.eye, place)) == pytest.approx(900.0, rel=0.01), mode
         assert camera.forward @ (place - camera.eye) / np.linalg.norm(place - camera.eye) > 0.9999, mode
-        assert np.linalg.norm(on_its_way - camera.eye) > 10.0, mode
+        assert np.linalg.norm(halfway - camera.eye) > 10.0, mode
 
 
 def test_flying_moves_forward_and_zooms_towards_the_mouse(controller):
@@ -156,8 +156,8 @@ def test_flying_moves_forward_and_zooms_towards_the_mouse(controller):
     start, forward = np.array(controller.camera().eye), controller.camera().forward
     controller.handle(Fly(forward=1.0), aspect=ASPECT)
     advance(controller, 20)
-    way = np.array(controller.camera().eye) - start
-    assert way @ forward > 0.99 * np.linalg.norm(way) > 1.0
+    motion = np.array(controller.camera().eye) - start
+    assert motion @ forward > 0.99 * np.linalg.norm(motion) > 1.0
     controller.handle(Fly(), aspect=ASPECT)
     rest(controller)
     place = np.array(controller.pick(0.3, 0.7, aspect=ASPECT))
@@ -171,11 +171,11 @@ def test_set_camera_jumps_in_every_mode(terrain):
     for mode in ["orbit", "fly"]:
         controller = create(terrain)
         controller.set_mode(mode)
-        wanted = Camera((500.0, 300.0, 700.0), (2000.0, 1500.0, 0.0), fov=50.0)
-        controller.set_camera(wanted)
+        requested = Camera((500.0, 300.0, 700.0), (2000.0, 1500.0, 0.0), fov=50.0)
+        controller.set_camera(requested)
         controller.advance(0.0)
-        assert np.allclose(controller.camera().eye, wanted.eye, atol=0.5), mode
-        assert np.allclose(controller.camera().forward, wanted.forward, atol=1e-3), mode
+        assert np.allclose(controller.camera().eye, requested.eye, atol=0.5), mode
+        assert np.allclose(controller.camera().forward, requested.forward, atol=1e-3), mode
 
 
 def test_rising_terrain_lifts_the_camera(terrain):
@@ -197,6 +197,6 @@ def test_the_sky_cannot_be_picked(controller):
     controller.handle(Turn(0.0, 80.0), aspect=ASPECT)
     rest(controller)
     assert controller.pick(0.5, 0.1, aspect=ASPECT) is None
-    controller.set_mode("orbit")  # around something before it all the same
+    controller.set_mode("orbit")  # needs a pivot although no terrain is hit
     rest(controller)
     assert np.isfinite(controller.camera().eye).all()

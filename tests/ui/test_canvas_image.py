@@ -185,9 +185,9 @@ def plain(qapp):
 
 
 @pytest.fixture
-def canvas(plain, workspace, link, shown):
+def canvas(plain, workspace, link, show_widget):
     link._document = plain
-    return shown(Canvas(plain, workspace, link), 400, 360)
+    return show_widget(Canvas(plain, workspace, link), 400, 360)
 
 
 def pixels(canvas: Canvas) -> np.ndarray:
@@ -215,14 +215,14 @@ def hide_overlays(workspace):
         workspace.show_overlay(name, False)
 
 
-def test_paint_has_its_label_s_colour_and_its_layer_s_hatch(canvas, workspace):
+def test_paint_has_its_labels_colour_and_its_layer_s_hatch(canvas, workspace):
     patterns = []
     for layer, label, column in (("mountain", 1, 18.0), ("lake", 2, 46.0)):
         workspace.set_look(layer, opacity=1.0)
-        seen, own = mean(canvas, column, 32.0), rgb(label_colour(layer, label))
-        assert np.abs(seen - own).max() < 45.0  # darkened by the hatch
+        displayed, own = mean(canvas, column, 32.0), rgb(label_colour(layer, label))
+        assert np.abs(displayed - own).max() < 45.0  # darkened by the hatch
         others = [rgb(label_colour(name, 1)) for name in DRAW_ORDER if name != layer]
-        assert np.abs(seen - own).sum() < min(np.abs(seen - other).sum() for other in others)
+        assert np.abs(displayed - own).sum() < min(np.abs(displayed - other).sum() for other in others)
         grey = patch(canvas, column, 32.0, 24).mean(axis=2)
         patterns.append((grey - grey.mean()) / max(grey.std(), 1e-9))
     assert min(pattern.std() for pattern in patterns) > 0.9
@@ -300,7 +300,7 @@ def test_the_relief_shades_the_paper_and_is_redrawn_where_it_changed(canvas, lin
     assert np.abs(incremental - pixels(canvas)).max() <= 2
 
 
-def test_adherence_is_tinted_in_its_legend_s_colours(canvas, link, workspace):
+def test_adherence_is_tinted_in_its_legends_colours(canvas, link, workspace):
     hide_overlays(workspace)
     painted, present = np.zeros((2, SIDE, SIDE), bool)
     painted[:32] = present[16:48] = True
@@ -341,8 +341,8 @@ def test_positions_are_inverse_at_any_pixel_ratio_and_zoom(canvas, monkeypatch):
             canvas.zoom(zoom, QPointF(150.0, 120.0))
             context = canvas._context
             for x, y in ((0.0, 0.0), (31.25, 12.5), (64.0, 64.0)):
-                there = context.sketch_from_screen(context.screen_from_sketch(x, y))
-                assert there == pytest.approx((x, y), abs=1e-6), ratio
-                there = context.sketch_from_world(*context.world_from_sketch(x, y))
-                assert there == pytest.approx((x, y), abs=1e-9), ratio
+                position = context.sketch_from_screen(context.screen_from_sketch(x, y))
+                assert position == pytest.approx((x, y), abs=1e-6), ratio
+                position = context.sketch_from_world(*context.world_from_sketch(x, y))
+                assert position == pytest.approx((x, y), abs=1e-9), ratio
             pixels(canvas)

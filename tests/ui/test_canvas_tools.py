@@ -24,8 +24,8 @@ def blank(qapp):
 
 
 @pytest.fixture
-def canvas(blank, workspace, link, shown):
-    widget = shown(Canvas(blank, workspace, link), 500, 500)
+def canvas(blank, workspace, link, show_widget):
+    widget = show_widget(Canvas(blank, workspace, link), 500, 500)
     widget.setFocus()
     workspace.brush = 5.0
     return widget
@@ -280,10 +280,10 @@ def test_position_and_height_under_the_mouse_are_reported(canvas, link):
 
 
 @pytest.fixture
-def full(workspace, document, link, placed, shown):
+def full(workspace, document, link, placed, show_widget):
     """A canvas of the preset valley_river with its placed features."""
     link.placed = replace(placed, resolutions=(("resolved", 3000.0, 3000.0),))
-    widget = shown(Canvas(document, workspace, link), 600, 600)
+    widget = show_widget(Canvas(document, workspace, link), 600, 600)
     widget.setFocus()
     workspace.tool = "select"
     return widget

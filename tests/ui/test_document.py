@@ -54,7 +54,7 @@ def test_a_stroke_is_visible_at_once_and_one_step(document, emitted):
     assert boxes[-1] == ("lake", (5, 0, 9, 10))
 
 
-def test_undo_and_redo_announce_the_changed_box(document, emitted):
+def test_undo_and_redo_report_the_changed_box(document, emitted):
     names, boxes = emitted
     before = document.sketch.layers["lake"].copy()
     paint(document, "lake", (100, 200, 120, 260), 9)
@@ -111,7 +111,7 @@ def test_modified_follows_undo_late_saves_and_recovery(document, emitted):
     assert document.is_modified
     saving = document.sketch
     paint(document, "lake", (20, 0, 29, 9))
-    document.mark_saved(saving, path)  # it took a while
+    document.mark_saved(saving, path)  # after a later change
     assert (document.path, document.is_modified) == (path, True)
     document.undo()
     assert not document.is_modified
@@ -151,11 +151,11 @@ SEEDS = [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2,
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_redrawing_only_announced_boxes_shows_every_layer(document, seed):
+def test_redrawing_only_reported_boxes_equals_every_layer(document, seed):
     rng = np.random.default_rng(seed)
     document.open(Sketch(layers={"hill": np.zeros((150, 210), dtype=np.uint8)}))
     mirror: dict[str, np.ndarray] = {}
-    lives = []
+    live_changes = []
 
     def redraw_all():
         mirror.update({name: document.layer(name).copy() for name in LAYERS})
@@ -170,10 +170,10 @@ def test_redrawing_only_announced_boxes_shows_every_layer(document, seed):
     redraw_all()
     document.opened.connect(redraw_all)
     document.painted.connect(redraw)
-    document.live_changed.connect(lambda: lives.append(None))
+    document.live_changed.connect(lambda: live_changes.append(None))
     for _ in range(150):
         before = {name: document.layer(name).copy() for name in LAYERS}
-        emitted = len(lives)
+        emitted = len(live_changes)
         layer = str(rng.choice(list(LAYERS)))
         image = document.sketch.layers[layer]
         top, left = (int(rng.integers(0, side)) for side in image.shape)
@@ -202,4 +202,4 @@ def test_redrawing_only_announced_boxes_shows_every_layer(document, seed):
         for name in LAYERS:
             np.testing.assert_array_equal(mirror[name], document.layer(name))
             changed |= not np.array_equal(before[name], document.layer(name))
-        assert not changed or len(lives) > emitted
+        assert not changed or len(live_changes) > emitted

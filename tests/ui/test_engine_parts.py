@@ -38,11 +38,11 @@ def test_messages_arrive_in_order_with_arrays_and_read_only_mappings(ends):
 
     whole = np.arange(100, dtype=np.float32).reshape(10, 10)
     one.send({"settings": MappingProxyType({"a": 1.0}), "part": whole[2:5, ::3]})
-    got = other.receive()
-    assert got["settings"]["a"] == 1.0
+    received = other.receive()
+    assert received["settings"]["a"] == 1.0
     with pytest.raises(TypeError):
-        got["settings"]["a"] = 2.0
-    assert np.array_equal(got["part"], whole[2:5, ::3])
+        received["settings"]["a"] = 2.0
+    assert np.array_equal(received["part"], whole[2:5, ::3])
 
 
 def test_a_closed_connection_raises_after_pending_messages(ends):
@@ -66,8 +66,8 @@ def test_an_impatient_channel_queues_without_blocking():
         channel.send((number, large))  # not read yet
     assert time.monotonic() - start < 1.0
     for number in range(3):
-        got, data = other.receive()
-        assert got == number
+        received, data = other.receive()
+        assert received == number
         assert np.array_equal(data, large)
     channel.close()
     other.close()
@@ -97,9 +97,9 @@ def test_an_excluded_object_is_replaced_by_the_receiver_s():
     part, ours = np.zeros(100_000), np.ones(3)
     data = pickle_without({"part": part, "more": [part, 1, None]}, part)
     assert len(data) < 1000
-    got = unpickle_with(data, ours)
-    assert got["part"] is got["more"][0] is ours
-    assert got["more"][1:] == [1, None]
+    received = unpickle_with(data, ours)
+    assert received["part"] is received["more"][0] is ours
+    assert received["more"][1:] == [1, None]
 
 
 def test_frame_slots_are_shared_grow_and_do_not_overlap():
@@ -149,7 +149,7 @@ def paint(document, layer, box, label, *, commit=False):
     return draft
 
 
-def test_the_first_update_is_complete_and_a_stroke_s_holds_its_box(small_document, builder):
+def test_the_first_update_is_complete_and_a_strokes_holds_its_box(small_document, builder):
     update, fresh = builder.next()
     assert fresh
     assert set(update.layers) == set(LAYERS)

@@ -30,9 +30,9 @@ from sketchterrain.ui.engine.terrain_session import TerrainSession
 
 
 def test_a_shared_frame_is_copied_pixel_for_pixel(qapp):
-    memory, source, shown, received = FrameMemory(), ViewSource(msg.ViewState()), [], []
+    memory, source, frames, received = FrameMemory(), ViewSource(msg.ViewState()), [], []
     source.send = received.append
-    source.frame_shown.connect(shown.append)
+    source.frame_shown.connect(frames.append)
     source._processes = SimpleNamespace(frames=memory)
     colours = np.random.default_rng(3)
     for place, (width, height) in enumerate([(33, 20), (64, 48)]):
@@ -49,7 +49,7 @@ def test_a_shared_frame_is_copied_pixel_for_pixel(qapp):
         bgrx = np.frombuffer(picture.constBits().asarray(picture.sizeInBytes()), np.uint8)
         bgrx = bgrx.reshape(height, picture.bytesPerLine())[:, : 4 * width].reshape(height, width, 4)
         np.testing.assert_array_equal(bgrx[..., 2::-1], rgbx[..., :3])
-        assert shown[-1] is source.frame is facts
+        assert frames[-1] is source.frame is facts
     assert received == [msg.FrameAcknowledged(), msg.FrameAcknowledged()]
     memory.close()
 
@@ -170,10 +170,10 @@ def test_relief_picks_and_adherence_work_without_opengl(harness):
     measured, _ = harness.answer(msg.Adherence)
     assert measured.version == 1
     assert measured.figures["layers"]["hill"]["shapes"] == 1
-    painted, shown = measured.images["hill"]
+    painted, present = measured.images["hill"]
     assert np.array_equal(painted, blob(20) > 0)
-    assert shown.shape == painted.shape
-    assert shown[painted].mean() > 0.3
+    assert present.shape == painted.shape
+    assert present[painted].mean() > 0.3
 
 
 def test_a_missing_device_is_reported_and_the_engine_runs_on():
@@ -309,13 +309,13 @@ def test_messages_become_attributes_and_signals(document, qtbot, placed, launche
         getattr(link, name).connect(lambda what, name=name: received.append((name, what)))
     link.start()
     engine, placer = launched[-1].peers
-    for process, work, shown in (
+    for process, work, displayed in (
         (placer, "Placing features", "Placing features"),
         (engine, "Drawing", "Drawing"),
         (engine, "", "Placing features"),
     ):
         process.send(msg.Activity(work))
-        qtbot.waitUntil(lambda shown=shown: link.activity == shown)
+        qtbot.waitUntil(lambda displayed=displayed: link.activity == displayed)
     placer.send(placed)
     placer.send(msg.Unchanged("placement", 7))
     qtbot.waitUntil(lambda: link.placed is not None and link.placed.version == 7)
@@ -330,8 +330,8 @@ def test_messages_become_attributes_and_signals(document, qtbot, placed, launche
     ):
         engine.send(message)
     qtbot.waitUntil(lambda: received[-1] == ("picture_written", msg.PictureWritten("b.png")))
-    wanted = "placed_changed placed_changed relief_changed picked facts_changed picture_written"
-    assert [name for name, _ in received] == wanted.split()
+    expected = "placed_changed placed_changed relief_changed picked facts_changed picture_written"
+    assert [name for name, _ in received] == expected.split()
     assert (link.relief.version, link.facts.device) == (8, "a")
     link.stop()
     assert link.activity == ""
@@ -392,7 +392,7 @@ def test_the_newest_of_many_sketches_is_placed_and_changes_accumulate(placer):
     for step in range(20):
         placer.window.send(placer.update(sketch, {"mountain": blob(20, row=step)}))
     placer.thread.start()
-    assert placer.answer(msg.Placement)[0].version == 20  # all of them waited when it looked first
+    assert placer.answer(msg.Placement)[0].version == 20  # all were pending at its first look
     plan = placer.other.receive()
     whole = Sketch(extent=4000.0, layers={"mountain": blob(20, row=19)})
     assert np.array_equal(unpickle_with(plan.recipe, whole).painted, make_recipe(whole).painted)

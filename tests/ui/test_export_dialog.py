@@ -162,7 +162,7 @@ def test_options_are_remembered_and_invalid_ones_ignored(opened, tmp_path):
     assert dialog.preferences.export_options("unity") == {}
 
 
-def test_an_export_to_a_target_writes_what_the_command_line_writes(qtbot, opened, tmp_path):
+def test_an_export_to_a_target_writes_the_listed_files(qtbot, opened, tmp_path):
     dialog = opened("raw")
     controls = dialog.target
     controls["size"].setEditText("65")
@@ -183,20 +183,20 @@ def test_an_export_to_a_target_writes_what_the_command_line_writes(qtbot, opened
 
 
 @pytest.mark.slow
-def test_an_export_writes_what_the_command_line_writes(qtbot, opened, tmp_path):
+def test_an_export_of_everything_writes_the_listed_files(qtbot, opened, tmp_path):
     dialog = opened()
     dialog.everything["size"].setCurrentIndex(0)
     dialog.everything["view"].setCurrentIndex(dialog.everything["view"].count() - 1)
-    seen = []
+    stages = []
     dialog._export()
-    dialog.job.stage_changed.connect(seen.append)
+    dialog.job.stage_changed.connect(stages.append)
     with qtbot.waitSignal(dialog.job.finished, timeout=120_000) as signal:
         pass
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert names >= {"height.tif", "height.png", "normal.png", "materials.png", "features.json"}
     assert {Path(path).name for path in signal.args[0]["files"]} == names
     assert json.loads((tmp_path / "out" / "report.json").read_text())["sketch"] == "Small"
-    assert "Heights and materials" in seen
+    assert "Heights and materials" in stages
     assert dialog.outcome.bar.value() == dialog.outcome.bar.maximum()
     qtbot.waitUntil(lambda: not dialog.job.is_running)
 

@@ -15,11 +15,11 @@ from sketchterrain.ui.models.autosave import read_recovery
 
 PROGRAM = Path(__file__).with_name("paint_until_killed.py")
 INTERVAL = 0.5
-"""s between autosaves, in place of 20."""
+"""Time between autosaves (s), instead of 20."""
 SOON = 2 * INTERVAL
-"""s: what most kills lose at most."""
+"""Bound (s) of the work lost in three quarters of the kills."""
 MOST_LOST = INTERVAL + 4.0
-"""s: what none exceeds; writing, and waiting for a busy machine, take as long with 20 s between autosaves."""
+"""Bound (s) of the work lost in any kill, with writing on a busy machine."""
 
 
 def program():
@@ -48,13 +48,13 @@ class Log:
         return sum(what == "saved" for what, _, _ in self.lines)
 
     def may_be_saved(self) -> set[str]:
-        """Sketches that the file may hold: the last that was saved, or any whose save began after."""
+        """Return the sketches the file may hold: the last saved one, or any whose save started later."""
         ends = [k for k, (what, _, _) in enumerate(self.lines) if what == "saved"]
         started = [which for what, _, which in self.lines[ends[-1] if ends else 0 :] if what == "saving"]
         return {*started, *(self.lines[k][2] for k in ends[-1:])}
 
     def lost(self, which: str, killed: float) -> float:
-        """How long ago (s) the first step was done that is not in a sketch."""
+        """Return the age (s) of the first step that a sketch lacks."""
         states = self.states()
         last = max(k for k, (_, each) in enumerate(states) if each == which)
         return killed - states[last + 1][0] if last + 1 < len(states) else 0.0
@@ -99,7 +99,7 @@ def test_a_kill_at_any_moment_loses_at_most_the_last_seconds(tmp_path: Path, nam
             assert on_file <= log.may_be_saved()
         recovered = [fingerprint(load_sketch(each)) for each in folder.glob("*.sketch")]
         assert all(read_recovery(each) is not None for each in folder.glob("*.sketch"))
-        assert len(recovered) <= 2  # of the last kill and of this one
+        assert len(recovered) <= 2  # of the previous kill and of this one
         known = {which for _, which in log.states()}
         survived += [which for which in (*on_file, *recovered) if which in known]
         assert survived, "everything is lost"
@@ -122,5 +122,5 @@ def test_a_kill_at_any_moment_loses_at_most_the_last_seconds(tmp_path: Path, nam
 
 
 def is_whole(folder: Path) -> bool:
-    """Whether a first save came far enough for a sketch to be there."""
+    """Return whether a first save has written a readable sketch."""
     return folder.is_file() or any((folder / name).exists() for name in (JOURNAL, "sketch.toml"))

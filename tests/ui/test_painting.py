@@ -62,9 +62,9 @@ def drawn(places: list[tuple], *, label: int = 1, image: np.ndarray | None = Non
     return image
 
 
-def scribble(seed: int, *, radius: float | None = None, count: int = 12, reach: float = SIDE) -> list[tuple]:
+def scribble(seed: int, *, radius: float | None = None, count: int = 12) -> list[tuple]:
     rng = np.random.default_rng(seed)
-    x = np.round(rng.uniform(0.1 * reach, 0.9 * reach, (count, 2)) * 8) / 8
+    x = np.round(rng.uniform(0.1 * SIDE, 0.9 * SIDE, (count, 2)) * 8) / 8
     radii = np.full(count, radius) if radius else np.round(rng.uniform(0.5, 9.0, count) * 8) / 8
     return [(*map(float, place), float(r)) for place, r in zip(x, radii, strict=True)]
 
@@ -74,10 +74,10 @@ def test_a_dab_covers_the_disc():
         for radius in [0.5, 0.75, 1.0, 1.5, 2.25, 5.0, 16.125, 40.0, 64.5]:
             image = drawn([(*centre, radius)])
             x, y = centres(image)
-            wanted = (x - centre[0]) ** 2 + (y - centre[1]) ** 2 <= radius**2
+            expected = (x - centre[0]) ** 2 + (y - centre[1]) ** 2 <= radius**2
             # Never less than a pixel.
-            wanted |= np.maximum(np.abs(x - centre[0]), np.abs(y - centre[1])) <= 0.5
-            np.testing.assert_array_equal(image == 1, wanted, err_msg=f"{centre}, {radius}")
+            expected |= np.maximum(np.abs(x - centre[0]), np.abs(y - centre[1])) <= 0.5
+            np.testing.assert_array_equal(image == 1, expected, err_msg=f"{centre}, {radius}")
 
 
 def test_a_sweep_covers_the_hull_of_its_discs():
@@ -166,13 +166,13 @@ def test_strokes_are_equivariant_under_mirroring_and_rotation():
     for seed in range(8):
         places = scribble(seed)
         image = drawn(places)
-        for moved, wanted in (
+        for moved, expected in (
             ([(SIDE - x, y, r) for x, y, r in places], image[:, ::-1]),
             ([(x, SIDE - y, r) for x, y, r in places], image[::-1]),
             ([(y, x, r) for x, y, r in places], image.T),
             ([(y, SIDE - x, r) for x, y, r in places], np.rot90(image)),
         ):
-            np.testing.assert_array_equal(drawn(moved), wanted, err_msg=f"seed {seed}")
+            np.testing.assert_array_equal(drawn(moved), expected, err_msg=f"seed {seed}")
 
 
 def test_the_thinnest_stroke_has_no_gap_and_is_a_pixel_wide():
@@ -226,9 +226,9 @@ def test_a_fill_relabels_the_connected_component():
         old = image[row, column]
         components, _ = ndimage.label(image == old, np.ones((3, 3)) if old else None)
         region = components == components[row, column]
-        wanted = np.where(region, 9, image)
+        expected = np.where(region, 9, image)
         box = flood_fill(image, row, column, 9)
-        np.testing.assert_array_equal(image, wanted, err_msg=f"seed {seed}")
+        np.testing.assert_array_equal(image, expected, err_msg=f"seed {seed}")
         assert box == box_of(region), seed
 
 
@@ -254,7 +254,7 @@ def test_a_line_equals_the_stroke_through_its_points_and_its_preview():
     assert line_path([]) == []
 
 
-def test_a_river_line_has_its_label_s_width_and_at_least_a_pixel():
+def test_a_river_line_has_its_labels_width_and_at_least_a_pixel():
     sketch = Sketch(extent=1024.0, labels={("river", 2): {"width": 24.0}, ("river", 3): {"width": 0.5}})
     assert line_width(sketch, "river", 2, 99.0) == 12.0
     assert line_width(sketch, "river", 3, 99.0) == 1.0

@@ -34,8 +34,8 @@ def make(request, document, workspace, link):
 
 
 @pytest.fixture
-def panel(shown, make):
-    return shown(make())
+def panel(show_widget, make):
+    return show_widget(make())
 
 
 def display_states(workspace, link, placed):

@@ -70,13 +70,13 @@ def reported():
 
 
 @pytest.fixture
-def listening(shown, reported):
+def listening(show_widget, reported):
     """Show a row and record its signals."""
 
     def listen(row):
         row.edited.connect(lambda value, key: reported.append((value, key)))
         row.show_value(row.parameter.default)
-        return shown(row, 280, 60)
+        return show_widget(row, 280, 60)
 
     return listen
 

@@ -23,8 +23,8 @@ def texts(panel):
     return [model.index(row, 0).data() for row in range(model.rowCount())]
 
 
-def test_history_marks_the_current_step_and_a_click_goes_to_a_step(shown, document):
-    panel = shown(HistoryPanel(document))
+def test_history_marks_the_current_step_and_a_click_goes_to_a_step(show_widget, document):
+    panel = show_widget(HistoryPanel(document))
     for seed in range(1, 6):
         document.do(f"Step {seed}", set_setting(document.sketch, WORLD, "seed", 1000 + seed))
     assert texts(panel) == ["Open", *(f"Step {n}" for n in range(1, 6))]
@@ -41,8 +41,8 @@ def test_history_marks_the_current_step_and_a_click_goes_to_a_step(shown, docume
     assert document.history.position == 5
 
 
-def test_adherence_is_measured_on_request_and_again_after_an_error(shown, workspace, link):
-    panel = shown(AdherencePanel(workspace, link))
+def test_adherence_is_measured_on_request_and_again_after_an_error(show_widget, workspace, link):
+    panel = show_widget(AdherencePanel(workspace, link))
     panel.measure.click()
     link.error_reported.emit(msg.ErrorReport("engine", "it ended"))
     panel.measure.click()
@@ -58,8 +58,8 @@ def test_adherence_is_measured_on_request_and_again_after_an_error(shown, worksp
     panel.grab()
 
 
-def test_adherence_is_updated_while_its_overlay_is_on(qtbot, shown, workspace, link, placed):
-    panel = shown(AdherencePanel(workspace, link))
+def test_adherence_is_updated_while_its_overlay_is_on(qtbot, show_widget, workspace, link, placed):
+    panel = show_widget(AdherencePanel(workspace, link))
     link.placed = placed
     link.placed_changed.emit(placed)
     qtbot.wait(700)
@@ -75,8 +75,8 @@ def test_adherence_is_updated_while_its_overlay_is_on(qtbot, shown, workspace, l
     qtbot.waitUntil(lambda: len(link.requests) == 2, timeout=3000)
 
 
-def test_contradictions_show_their_place_and_toggle_their_overlay(shown, workspace, link, placed):
-    panel = shown(ContradictionsPanel(workspace, link))
+def test_contradictions_show_their_place_and_toggle_their_overlay(show_widget, workspace, link, placed):
+    panel = show_widget(ContradictionsPanel(workspace, link))
     panel.mark.click()
     assert panel.mark.isChecked() == ("contradictions" in workspace.overlays)
     workspace.show_overlay("contradictions", not panel.mark.isChecked())
@@ -95,8 +95,8 @@ def test_contradictions_show_their_place_and_toggle_their_overlay(shown, workspa
 
 
 @pytest.fixture
-def line(shown, document, workspace, link):
-    return shown(StatusLine(document, workspace, link), 1280)
+def line(show_widget, document, workspace, link):
+    return show_widget(StatusLine(document, workspace, link), 1280)
 
 
 def test_status_line_shows_activity_and_the_paint_under_the_pointer(line, link, document, workspace):

@@ -22,24 +22,24 @@ from .events import keeps
 
 
 @pytest.fixture
-def layers(shown, document, workspace):
-    return shown(LayersPanel(document, workspace))
+def layers(show_widget, document, workspace):
+    return show_widget(LayersPanel(document, workspace))
 
 
 @pytest.fixture
-def world(shown, document):
-    return shown(WorldPanel(document))
+def world(show_widget, document):
+    return show_widget(WorldPanel(document))
 
 
 @pytest.fixture
-def view(shown, document, link):
-    return shown(ViewPanel(document, link))
+def view(show_widget, document, link):
+    return show_widget(ViewPanel(document, link))
 
 
 @pytest.fixture
-def properties(shown, document, workspace, link, placed):
+def properties(show_widget, document, workspace, link, placed):
     link.placed = placed
-    return shown(PropertiesPanel(document, workspace, link))
+    return show_widget(PropertiesPanel(document, workspace, link))
 
 
 @pytest.fixture
@@ -264,11 +264,11 @@ def test_lock_reset_and_delete_are_undo_steps(properties, document, mountain, wo
 
 def test_a_vanished_selection_disables_its_page(properties, link, placed, mountain):
     page = properties.selection_page
-    for found, there in ((dataclasses.replace(placed, points=placed.points[:0]), False), (placed, True)):
-        link.placed = found
-        link.placed_changed.emit(found)
-        assert page.delete.isEnabled() == page.lock.isEnabled() == there
-        assert any(form.isVisible() for form in page.forms.values()) == there
+    for placement, exists in ((dataclasses.replace(placed, points=placed.points[:0]), False), (placed, True)):
+        link.placed = placement
+        link.placed_changed.emit(placement)
+        assert page.delete.isEnabled() == page.lock.isEnabled() == exists
+        assert any(form.isVisible() for form in page.forms.values()) == exists
 
 
 def test_river_width_and_control_points_become_edits(properties, document, workspace, placed):
@@ -330,13 +330,13 @@ def test_settings_are_titled_undo_steps_and_a_fidelity_drag_is_one(world, docume
     world.top.rows["extent"].reset.click()
     assert document.sketch.extent == SKETCH["extent"].default
     document.go_to(0)
-    seen = []
-    document.live_changed.connect(lambda: seen.append(document.sketch.fidelity))
+    live = []
+    document.live_changed.connect(lambda: live.append(document.sketch.fidelity))
     world.fidelity.slider.setSliderDown(True)
     for value in (900, 500, 123):
         world.fidelity.slider.setValue(value)
     world.fidelity.slider.setSliderDown(False)
-    assert seen == [0.9, 0.5, 0.12]
+    assert live == [0.9, 0.5, 0.12]
     assert document.history.titles == ("Open", "Set fidelity")
     document.undo()
     assert world.fidelity.number == document.sketch.fidelity

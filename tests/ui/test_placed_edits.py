@@ -1,4 +1,4 @@
-"""Changing what was generated: what a person asks of a feature or a river is what the next recipe has."""
+"""Edits of placed features, rivers and lakes: the next recipe has the values that were set."""
 
 import math
 
@@ -14,7 +14,6 @@ from sketchterrain.terrain.building import make_recipe
 from sketchterrain.ui import commands as edits
 from sketchterrain.ui.commands import (
     exists,
-    find_lake,
     find_parent_river,
     find_point,
     find_river,
@@ -67,8 +66,8 @@ def first(placed: Placement, kind: int = 0, *, painted: bool = True) -> Selectio
     return Selection("feature", int(found["id"][0]))
 
 
-def lone(placed: Placement) -> Selection:
-    """A river that joins no other one."""
+def unjoined(placed: Placement) -> Selection:
+    """Return a river that joins no other one."""
     return Selection(
         "river", next(each.id for each in placed.rivers if find_parent_river(placed, each) is None)
     )
@@ -99,7 +98,7 @@ def test_radius_height_and_width_follow_their_handles(sketch, placed):
     assert find_point(placed_of(changed), selection)["strength"] == pytest.approx(777.0, rel=0.3)
     assert edits.strengthened(sketch, placed, first(placed, 3), 40.0).edits[0].strength == 1.0
 
-    selection, changed, now = lone(placed), sketch, placed
+    selection, changed, now = unjoined(placed), sketch, placed
     for width in (90.0, 30.0, 140.0):
         handle = by_role(now, selection, "width")
         away = np.array([handle.x - handle.base_x, handle.y - handle.base_y])
@@ -107,13 +106,13 @@ def test_radius_height_and_width_follow_their_handles(sketch, placed):
         changed = edits.dragged(changed, now, handle, handle.base_x + away[0], handle.base_y + away[1])
         now = placed_of(changed)
         handle = by_role(now, selection, "width")
-        shown = 2.0 * math.hypot(handle.x - handle.base_x, handle.y - handle.base_y)
-        assert shown == pytest.approx(width, rel=0.15)
+        drawn_width = 2.0 * math.hypot(handle.x - handle.base_x, handle.y - handle.base_y)
+        assert drawn_width == pytest.approx(width, rel=0.15)
     assert [each.action for each in changed.edits] == ["width"]
 
 
 def test_a_control_point_can_be_dragged_repeatedly(sketch, placed):
-    selection = lone(placed)
+    selection = unjoined(placed)
     index = len(find_river(placed, selection).points) // 2
     rng = np.random.default_rng(3)
     changed, now = sketch, placed
@@ -125,7 +124,7 @@ def test_a_control_point_can_be_dragged_repeatedly(sketch, placed):
         assert np.hypot(*(find_river(now, selection).points[:, :2] - [x, y]).T).min() < 0.01
         assert now.orphans == ()
     assert len(changed.edits) == 1, "the same point, dragged again, is the same edit"
-    # Beside it another one: both stay.
+    # An edit of a neighbouring point is separate.
     other = next(each for each in handles_of(now, selection) if each.selection.index == index + 1)
     both = edits.dragged(changed, now, other, other.x + 30.0, other.y - 30.0)
     assert len(both.edits) == 2
@@ -134,7 +133,7 @@ def test_a_control_point_can_be_dragged_repeatedly(sketch, placed):
 
 
 def test_a_drag_before_the_last_one_is_placed_replaces_it(sketch, placed):
-    selection = lone(placed)
+    selection = unjoined(placed)
     handle = next(each for each in handles_of(placed, selection) if each.selection.index == 5)
     once = edits.dragged(sketch, placed, handle, handle.x + 10.0, handle.y)
     twice = edits.dragged(once, placed, handle, handle.x, handle.y + 25.0)
@@ -163,7 +162,7 @@ def test_a_dragged_locked_feature_stays_locked(sketch, placed):
 
 def test_deleted_objects_are_gone_until_reset(sketch, placed):
     lake = Selection("lake", next(each.id for each in placed.lakes if each.label))
-    for selection in (first(placed), first(placed, painted=False), lone(placed), lake):
+    for selection in (first(placed), first(placed, painted=False), unjoined(placed), lake):
         gone = edits.deleted(edits.reset(sketch, placed, selection), selection)
         now = placed_of(gone)
         assert exists(placed, selection)
@@ -193,7 +192,7 @@ def test_values_are_clamped_and_confluences_cannot_be_moved(sketch, placed):
     assert edits.resized(sketch, placed, selection, 0.0).edits[0].radius == 0.1
     assert edits.strengthened(sketch, placed, selection, 1e9).edits[0].strength == 9000.0
     assert edits.moved(sketch, placed, selection, 1e12, -1e12).edits[0].values == {"x": 1e7, "y": -1e7}
-    assert edits.widened(sketch, lone(placed), 0.0).edits[0].width == 0.5
+    assert edits.widened(sketch, unjoined(placed), 0.0).edits[0].width == 0.5
     with pytest.raises(InputError, match="number"):
         edits.resized(sketch, placed, selection, float("nan"))
 
@@ -204,17 +203,11 @@ def test_values_are_clamped_and_confluences_cannot_be_moved(sketch, placed):
     assert edits.point_moved(sketch, placed, Selection("river", child.id, last), 0.0, 0.0) is sketch
 
 
-def test_display_names_are_numbered_and_missing_objects_change_nothing(placed, sketch):
-    assert name_of(placed, first(placed)) == "mountain"
-    assert name_of(placed, Selection("river", placed.rivers[-1].id)) == f"river {len(placed.rivers)}"
-    lake = Selection("lake", placed.lakes[0].id)
-    assert name_of(placed, lake) == "lake 1"
-    assert find_lake(placed, lake) is placed.lakes[0]
-
+def test_edits_of_missing_objects_change_nothing(placed, sketch):
     for selection in (Selection("feature", 7), Selection("river", 7), Selection("lake", 7)):
         assert handles_of(placed, selection) == ()
         assert not exists(placed, selection)
-        assert name_of(placed, selection) == ("feature" if selection.kind == "feature" else selection.kind)
+        assert name_of(placed, selection) == selection.kind
         for command, values in (
             *((edits.moved, (0.0, 0.0)), (edits.resized, (10.0,)), (edits.strengthened, (10.0,))),
             *((edits.locked, ()), (edits.point_moved, (0.0, 0.0))),

@@ -42,9 +42,9 @@ class Monkey:
         often = {self.paint: 8, self.use_history: 4, self.turn_form: 4, self.trigger: 3, self.choose: 3}
         often |= {self.press: 2, self.scroll: 2}
         often |= dict.fromkeys((self.resize, self.dock, self.load, self.look_around), 1)
-        (deed,) = self._random.choices([*often], [*often.values()])
-        self.log.append(deed.__name__)
-        deed()
+        (action,) = self._random.choices([*often], [*often.values()])
+        self.log.append(action.__name__)
+        action()
         QApplication.processEvents()
 
     def paint(self):
@@ -175,8 +175,9 @@ class DialogCloser:
 
 
 WARM = 0.5
-"""Share of the actions before the first measurement: histories and caches fill."""
+"""Share of the actions before the first measurement, in which caches fill."""
 GROWTH = 1.05
+"""Largest allowed ratio of resident memory after and before."""
 
 
 @pytest.fixture
@@ -217,7 +218,7 @@ def reset_window(window, document, workspace):
     document.open(load_sketch("valley_river"))
     workspace.selection = None
     workspace.tool = "brush"
-    for layer in reversed(LAYERS):  # forms are made when they are needed first; mountains come last
+    for layer in reversed(LAYERS):  # forms are created lazily; mountains last
         workspace.use_label(layer, 1)
     window.actions_by_name["reset-layout"].trigger()
     window.resize(1500, 920)
@@ -243,7 +244,7 @@ def test_random_actions_leave_no_widget_and_no_memory_behind(
     grown = resident() / measured
     more = widgets() - counted
     stray = [each for each in QApplication.topLevelWidgets() if type(each) is QtWidgets.QWidget]
-    told = [(each.size(), [type(child).__name__ for child in each.children()]) for each in stray]
+    details = [(each.size(), [type(child).__name__ for child in each.children()]) for each in stray]
     print(f"{actions} actions: memory {measured >> 20} MiB, {grown:.3f} times as much at the end")  # noqa: T201
-    assert not more, f"widgets that stayed: {more}, {told}"
+    assert not more, f"widgets that stayed: {more}, {details}"
     assert grown < GROWTH

@@ -24,8 +24,8 @@ def picture(tmp_path):
 
 
 @pytest.fixture
-def opened(shown):
-    return lambda path: shown(TraceDialog(path))
+def opened(show_widget):
+    return lambda path: show_widget(TraceDialog(path))
 
 
 def ready(qtbot, dialog: TraceDialog):

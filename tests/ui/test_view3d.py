@@ -29,7 +29,7 @@ SHIFT = Qt.KeyboardModifier.ShiftModifier
 
 
 def show_picture(link, document, placed, *, eye=None, target=None):
-    """Let the engine have drawn a picture of flat ground from the south."""
+    """Set a picture of flat terrain, seen from the south, as the engine's newest."""
     east, north = document.sketch.size
     eye, target = eye or (east / 2, -0.3 * north, 0.6 * north), target or (east / 2, north / 2, 0.0)
     flat = np.zeros((document.sketch.height_px // 4, document.sketch.width_px // 4), np.float32)
@@ -46,9 +46,9 @@ def show_picture(link, document, placed, *, eye=None, target=None):
 
 
 @pytest.fixture
-def bare(shown, document, workspace, link):
+def bare(show_widget, document, workspace, link):
     """A view before the first picture."""
-    return shown(View3D(document, workspace, link), WIDTH, HEIGHT)
+    return show_widget(View3D(document, workspace, link), WIDTH, HEIGHT)
 
 
 @pytest.fixture
@@ -68,7 +68,7 @@ def handle(view, role):
 
 
 def answer(link, place):
-    """Let the engine answer the newest pick."""
+    """Answer the newest pick as the engine does."""
     link.picked.emit(PickResult(link.requests[-1].token, place))
 
 
@@ -326,9 +326,9 @@ def test_pictures_fill_the_view_sharp_and_undistorted(view, link):
     pixels[::2, ::2, :3] = 255
     link.picture = QImage(pixels.tobytes(), WIDTH, HEIGHT, QImage.Format.Format_RGB32).copy()
     link.frame_shown.emit(link.frame)
-    shown = view.grab().toImage()
-    assert shown.devicePixelRatio() == 1.0
-    assert [shown.pixelColor(x, 240).lightness() for x in range(300, 308)] == [255, 0] * 4
+    image = view.grab().toImage()
+    assert image.devicePixelRatio() == 1.0
+    assert [image.pixelColor(x, 240).lightness() for x in range(300, 308)] == [255, 0] * 4
     view.resize(800, 480)
     place = view._scene.picture_rectangle(800, 480)
     assert place.width() / place.height() == pytest.approx(WIDTH / HEIGHT)

@@ -148,8 +148,8 @@ def test_river_handles_keep_their_distance(placed):
     assert 3 < len(points) < len(river.points)
     apart = np.hypot(*np.diff([(each.x, each.y) for each in points], axis=0).T)
     assert apart.min() >= 13.0
-    shown = {each.handle.selection.index for each in points}
-    hidden = min(set(range(len(river.points))) - shown)
+    visible = {each.handle.selection.index for each in points}
+    hidden = min(set(range(len(river.points))) - visible)
     selected = MarkBuilder(projection, ground, placed, Selection("river", river.id, hidden)).marks(
         all_features=False
     )

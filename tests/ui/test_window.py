@@ -59,8 +59,8 @@ def test_every_action_has_text_help_a_menu_and_a_shortcut_of_its_own(window):
         return names.union(*(inside(action.menu()) for action in menu.actions() if action.menu()))
 
     bar = window.menuBar()
-    there = set().union(*(inside(action.menu()) for action in bar.actions()))
-    assert {action.objectName() for action in window.actions_by_name} - there == {"leave"}
+    listed = set().union(*(inside(action.menu()) for action in bar.actions()))
+    assert {action.objectName() for action in window.actions_by_name} - listed == {"leave"}
     assert [action.text() for action in bar.actions()] == list(MENUS)
 
     for bar_action in bar.actions():
@@ -217,11 +217,11 @@ def test_pictures_are_saved_as_displayed_or_rendered(window, link, tmp_path, mon
 
     link.picture = QImage(40, 30, QImage.Format.Format_RGB32)
     link.picture.fill(0xFF336699)
-    save_as(tmp_path / "seen")
+    save_as(tmp_path / "view")
     qtbot.waitUntil(lambda: window.banner.message is not None)
     assert window.banner.message.kind == "good"
-    assert QImage(str(tmp_path / "seen.png")).size() == link.picture.size()
-    save_as(tmp_path / "nowhere" / "seen.png")
+    assert QImage(str(tmp_path / "view.png")).size() == link.picture.size()
+    save_as(tmp_path / "nowhere" / "view.png")
     qtbot.waitUntil(lambda: window.banner.message.kind == "error")
     assert "cannot be written" in window.banner.message.line
 
@@ -275,7 +275,7 @@ def test_dropped_sketches_are_opened_and_images_become_layers_in_one_step(window
 
 def test_parts_are_maximised_and_restored(window):
     layout = window.panel_layout
-    shown = {name for name, dock in layout.docks.items() if not dock.isHidden()}
+    visible = {name for name, dock in layout.docks.items() if not dock.isHidden()}
     do(window, "view-only")
     assert not window.canvas.isVisible()
     assert [name for name, dock in layout.docks.items() if not dock.isHidden()] == ["view"]
@@ -285,7 +285,7 @@ def test_parts_are_maximised_and_restored(window):
     assert all(dock.isHidden() for dock in layout.docks.values())
     do(window, "leave")
     assert window.canvas.isVisible()
-    assert {name for name, dock in layout.docks.items() if not dock.isHidden()} == shown
+    assert {name for name, dock in layout.docks.items() if not dock.isHidden()} == visible
     assert not window.actions_by_name["leave"].isEnabled()
 
 
@@ -301,7 +301,7 @@ def test_layout_is_stored_and_can_be_reset(window, open_window, tmp_path):
     assert not docks["history"].isHidden()
     assert not docks["view"].isFloating()
     do(again, "canvas-only")
-    assert again.close(), "closed while one part is alone: the whole is remembered"
+    assert again.close(), "the layout before maximising is stored"
     again.show()
     do(again, "leave")
     assert again.panel_layout.restore(Preferences(tmp_path / "desktop.ini").layout[1])
@@ -350,5 +350,5 @@ def test_the_window_and_its_dialogs_import_no_driver():
         "[export.target_named(name) for name in export.TARGET_NAMES]; "
         "print(*sorted(drivers & set(sys.modules)))"
     )
-    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert shown.stdout.split() == []
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.split() == []

@@ -14,16 +14,16 @@ from sketchterrain.world.options import WorldOptions
 
 @pytest.fixture
 def opened(qtbot, tmp_path, small):
-    """Open the dialog, each time with what was remembered before."""
+    """Return a function that opens the dialog with the stored preferences."""
     path = tmp_path / "desktop.ini"
-    dialogs = []  # qtbot does not hold them
+    dialogs = []  # qtbot holds no reference
 
     def open_() -> WorldDialog:
         preferences = Preferences(path)
         viewed = []
         dialog = WorldDialog(small, preferences, view=viewed.append)
         dialog.viewed = viewed
-        dialog.preferences = preferences  # they have no other owner
+        dialog.preferences = preferences  # keeps them alive
         dialog.path_field.setText(str(tmp_path / "world.zarr"))
         qtbot.addWidget(dialog)
         dialogs.append(dialog)
@@ -39,7 +39,7 @@ def choose(box, data):
 
 
 def run_job(qtbot, dialog):
-    """Press the button, and wait for what comes of it."""
+    """Press the button, wait for the end, and return the result."""
     dialog.accept_button.click()
     with qtbot.waitSignal(dialog.job.finished, timeout=120_000) as done:
         pass
@@ -79,7 +79,7 @@ def test_every_option_is_available_and_defaults_match_the_command_line(opened):
     )
     assert form.options() == options
     untested = {each.name for each in fields(WorldOptions) if getattr(options, each.name) == each.default}
-    assert untested == {"fast"}  # no picture of the window's own may have other bits
+    assert untested == {"fast"}  # not offered: other bits than the view
 
 
 def test_size_and_errors_are_shown_immediately(opened):
@@ -140,7 +140,7 @@ def test_a_world_is_estimated_started_cancelled_and_resumed(qtbot, opened, tmp_p
     assert (result["done"], result["problem"]) == (0, "")
     assert dialog.accept_button.text() == "Start"
     assert "Memory: about" in dialog.hint.text()
-    dialog.form["normals"].setChecked(False)  # of that one nothing is known
+    dialog.form["normals"].setChecked(False)  # other options have no estimate
     assert dialog.accept_button.text() == "Estimate"
     assert "Memory" not in dialog.hint.text()
     dialog.form["normals"].setChecked(True)
@@ -166,7 +166,7 @@ def test_a_world_is_estimated_started_cancelled_and_resumed(qtbot, opened, tmp_p
     assert again.viewed == [tmp_path / "world.zarr"]
 
 
-def test_foreign_files_at_the_output_are_refused_and_kept(qtbot, opened, tmp_path):
+def test_foreign_files_at_the_output_are_refused_and_unchanged(qtbot, opened, tmp_path):
     (tmp_path / "world.zarr").mkdir()
     (tmp_path / "world.zarr" / "mine.txt").write_text("mine")
     dialog = opened()

@@ -27,7 +27,7 @@ WORLD = protocol.WorldFacts((1000.0, 5000.0), (0.0, -2000.0, 4000.0, 0.0), 2.0, 
 
 
 class FakeWorldLink(WorldLink):
-    """A link that starts no process and remembers what it was request."""
+    """A link that starts no process and records its requests."""
 
     starts = 0
 
@@ -45,11 +45,11 @@ class FakeWorldLink(WorldLink):
 def window(qtbot, tmp_path, monkeypatch):
     monkeypatch.setattr(worlds, "WorldLink", FakeWorldLink)
     monkeypatch.setattr(worlds, "state_folder", lambda: tmp_path)
-    shown = worlds.WorldWindow(tmp_path / "island.zarr")
-    qtbot.addWidget(shown)
-    shown.resize(640, 400)
-    shown.show()
-    link = shown.link
+    window = worlds.WorldWindow(tmp_path / "island.zarr")
+    qtbot.addWidget(window)
+    window.resize(640, 400)
+    window.show()
+    link = window.link
     link.world = WORLD
     link.world_known.emit(WORLD)
     link.picture = QImage(320, 200, QImage.Format.Format_RGB32)
@@ -59,7 +59,7 @@ def window(qtbot, tmp_path, monkeypatch):
     link.frame = protocol.FrameFacts(320, 200, 0, pose, to_clip, 0.02, 0.01, 9, 1000, True, 1 << 20)
     link.frame_shown.emit(link.frame)
     link.requests.clear()
-    return shown
+    return window
 
 
 def test_navigation_without_selection(window):
@@ -88,10 +88,10 @@ def test_navigation_without_selection(window):
 
 
 def test_only_actions_without_a_sketch_are_offered(window, monkeypatch):
-    there = [each.objectName() for menu in window.menuBar().actions() for each in menu.menu().actions()]
+    listed = [each.objectName() for menu in window.menuBar().actions() for each in menu.menu().actions()]
     expected = "save-picture quit full-screen mode-fly look-all play bookmark keys"
-    assert set(expected.split()) <= set(there)
-    assert not {"save", "undo", "measure", "export", "look-selection", "canvas-only"} & set(there)
+    assert set(expected.split()) <= set(listed)
+    assert not {"save", "undo", "measure", "export", "look-selection", "canvas-only"} & set(listed)
     window.actions_by_name["play"].trigger()
     assert not window.link.view.plays
     window.actions_by_name["bookmark"].trigger()
@@ -114,7 +114,7 @@ def test_extent_position_and_missing_parts_are_shown(window):
         window.link.error_reported.emit(ErrorReport("world", f"height {chunk}: broken"))
     assert window.banner.message.kind == "warning"
     assert "height 1: broken (2 parts so far)" in window.banner.message.line
-    assert not card.isVisible(), "the picture stays"
+    assert not card.isVisible(), "the picture stays visible"
     window.link.error_reported.emit(ErrorReport("engine", "no such device"))
     assert card.notice.line == "no such device"
     card.pressed.emit()
@@ -132,7 +132,7 @@ def test_a_picture_is_saved(window, tmp_path, monkeypatch, qtbot):
 
 @pytest.fixture(scope="module")
 def world(tmp_path_factory):
-    """A square of hills, broken in its north-west."""
+    """Write a world with a hill and a corrupt block of heights in the north-west."""
     hill = np.zeros((32, 32), np.uint8)
     hill[8:24, 8:24] = 1
     sketch = Sketch(extent=1024.0, layers={"hill": hill})
@@ -159,7 +159,7 @@ def test_the_process_renders_reports_errors_and_restarts(world, qapp):
         wait(lambda: link.frame is not None)
         assert link.world.bounds == (0.0, -1024.0, 1024.0, 0.0)
         assert link.picture.size().width() == 160
-        # Near the broken part it is looked at closely.
+        # Close to the corrupt block its finest level is read.
         link.send(Look(Pose((200.0, -200.0, 60.0), (60.0, -60.0, 0.0))))
         wait(lambda: any("height" in each.line for each in errors))
         wait(lambda: link.frame.converged)
@@ -174,7 +174,7 @@ def test_the_process_renders_reports_errors_and_restarts(world, qapp):
         link.frame_shown.connect(errors.append)
         link.start()
         wait(lambda: len(errors) > 1)
-        assert abs(link.frame.pose.eye[0] - x) < 2000.0, "the eye stays where it was"
+        assert abs(link.frame.pose.eye[0] - x) < 2000.0, "the eye is restored"
         child = link._processes._processes["engine"]
     finally:
         link.stop()

@@ -1,4 +1,4 @@
-"""A screen without a monitor, and someone before it."""
+"""A virtual X display and a user of the program."""
 
 import os
 import shutil
@@ -6,7 +6,7 @@ import subprocess
 
 import pytest
 
-from .person import Person
+from .user import User
 
 SIZE = "1600x1000x24"
 
@@ -31,7 +31,7 @@ def display():
 
 
 @pytest.fixture
-def person(display, tmp_path):
-    someone = Person(display, tmp_path / "home")
-    yield someone
-    someone.close()
+def user(display, tmp_path):
+    created = User(display, tmp_path / "home")
+    yield created
+    created.close()

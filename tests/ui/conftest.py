@@ -92,18 +92,6 @@ def small():
 
 
 @pytest.fixture
-def exporting_into(qapp):
-    """Return a factory of preferences with an export folder."""
-
-    def preferring(folder):
-        preferences = Preferences(folder.parent / "desktop.ini")
-        preferences.export_folder = folder
-        return preferences
-
-    return preferring
-
-
-@pytest.fixture
 def open_window(qtbot, document, workspace, link, tmp_path):
     """Return a factory of main windows that share preferences and recent files."""
     # Imported late: most tests do not need the whole window.

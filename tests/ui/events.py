@@ -1,10 +1,18 @@
-"""Mouse, wheel, pen and key events, sent to a widget as Qt does."""
+"""Mouse, wheel, pen and key events sent to a widget, mnemonics, and waiting."""
 
 import time
 
 from PyQt6 import QtGui
 from PyQt6.QtCore import QEvent, QEventLoop, QPoint, QPointF, Qt
-from PyQt6.QtGui import QInputDevice, QKeyEvent, QMouseEvent, QPointingDevice, QTabletEvent, QWheelEvent
+from PyQt6.QtGui import (
+    QInputDevice,
+    QKeyEvent,
+    QKeySequence,
+    QMouseEvent,
+    QPointingDevice,
+    QTabletEvent,
+    QWheelEvent,
+)
 from PyQt6.QtWidgets import QApplication
 
 LEFT, RIGHT, MIDDLE = Qt.MouseButton.LeftButton, Qt.MouseButton.RightButton, Qt.MouseButton.MiddleButton
@@ -42,7 +50,7 @@ def key(widget, code: Qt.Key, *, up=False, repeat=False, modifiers=NO_KEYS) -> N
     QApplication.sendEvent(widget, QKeyEvent(kind, code, modifiers, "", repeat))
 
 
-def keeps(widget, code: Qt.Key, modifiers=NO_KEYS) -> bool:
+def overrides(widget, code: Qt.Key, modifiers=NO_KEYS) -> bool:
     """Return whether a widget overrides a shortcut of its window."""
     event = QKeyEvent(QEvent.Type.ShortcutOverride, code, modifiers)
     event.ignore()
@@ -60,6 +68,12 @@ def pen(widget, kind: QEvent.Type, x: float, y: float, pressure: float, *, erase
     event = QTabletEvent(kind, device, at, where, pressure, *tilt, NO_KEYS, LEFT, held)
     QApplication.sendEvent(widget, event)
     return event.isAccepted()
+
+
+def repeated_mnemonics(items) -> set[str]:
+    """Return the mnemonics that several visible widgets or actions share."""
+    letters = [QKeySequence.mnemonic(each.text()).toString() for each in items if each.isVisible()]
+    return {letter for letter in letters if letter and letters.count(letter) > 1}
 
 
 def wait(until, seconds=300.0):

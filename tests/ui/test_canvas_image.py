@@ -230,19 +230,6 @@ def test_paint_has_its_labels_colour_and_its_layer_s_hatch(canvas, workspace):
     assert max(shared) < 0.6
 
 
-def test_visibility_and_opacity_blend_paint_with_paper(canvas, workspace):
-    bare = mean(canvas, 32.0, 32.0, radius=3)
-    assert np.abs(mean(canvas, 18.0, 32.0) - bare).max() > 40.0
-    workspace.set_look("mountain", visible=False)
-    assert np.abs(mean(canvas, 18.0, 32.0) - bare).max() < 1.0
-    workspace.set_look("mountain", visible=True)
-    far = []
-    for opacity in (0.2, 0.5, 0.9):
-        workspace.set_look("mountain", opacity=opacity)
-        far.append(np.abs(mean(canvas, 18.0, 32.0) - bare).sum())
-    assert far[0] < far[1] < far[2]
-
-
 def test_incremental_redraws_equal_a_full_one(canvas, plain, workspace):
     rng = random.Random(2)
     for zoom in (1.0, 0.11, 1.7, 9.0):

@@ -222,14 +222,14 @@ def test_wheel_and_keys_zoom_scroll_and_size_the_brush(canvas, workspace, qtbot)
 
 
 def test_keys_of_the_canvas_override_shortcuts(canvas, workspace, qtbot):
-    assert events.keeps(canvas, Qt.Key.Key_BracketLeft)
-    assert not events.keeps(canvas, Qt.Key.Key_B)
-    assert not events.keeps(canvas, Qt.Key.Key_Escape)
-    assert not events.keeps(canvas, Qt.Key.Key_Plus, Qt.KeyboardModifier.ControlModifier)
+    assert events.overrides(canvas, Qt.Key.Key_BracketLeft)
+    assert not events.overrides(canvas, Qt.Key.Key_B)
+    assert not events.overrides(canvas, Qt.Key.Key_Escape)
+    assert not events.overrides(canvas, Qt.Key.Key_Plus, Qt.KeyboardModifier.ControlModifier)
     qtbot.mousePress(canvas, LEFT, pos=at(canvas, 60.0, 60.0))
-    assert events.keeps(canvas, Qt.Key.Key_Escape)
+    assert events.overrides(canvas, Qt.Key.Key_Escape)
     qtbot.mouseRelease(canvas, LEFT, pos=at(canvas, 60.0, 60.0))
-    assert not events.keeps(canvas, Qt.Key.Key_Escape)
+    assert not events.overrides(canvas, Qt.Key.Key_Escape)
 
 
 def test_middle_button_space_and_hand_tool_pan(canvas, blank, workspace, qtbot):

@@ -4,6 +4,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
+from PIL import Image
 from PyQt6.QtCore import Qt
 from PyQt6.QtWidgets import QAbstractButton, QAbstractSpinBox, QComboBox, QLineEdit, QMainWindow
 
@@ -13,19 +14,25 @@ from sketchterrain.ui.dialogs.export import ExportDialog
 from sketchterrain.ui.dialogs.help import AboutDialog, FindDialog, FirstStepsDialog, KeysDialog
 from sketchterrain.ui.dialogs.preferences import PreferencesDialog
 from sketchterrain.ui.dialogs.start import NewSketchDialog, PictureDialog, PresetsDialog, RecoveryDialog
+from sketchterrain.ui.dialogs.trace import TraceDialog
+from sketchterrain.ui.dialogs.world import WorldDialog
 from sketchterrain.ui.engine.protocol import EngineFacts
 from sketchterrain.ui.models.autosave import Recovery
 from sketchterrain.ui.models.preferences import Preferences
 
 
 @pytest.fixture
-def dialogs(qtbot, tmp_path, small, exporting_into):
+def dialogs(qtbot, tmp_path, small):
+    preferences = Preferences(tmp_path / "desktop.ini")
+    Image.new("RGB", (20, 20)).save(tmp_path / "island.png")
     window = QMainWindow()
     recovery = Recovery(tmp_path / "a.sketch", "Mine", datetime.now(UTC), None)
     dialogs = {
         "new": NewSketchDialog(),
         "presets": PresetsDialog(),
-        "export": ExportDialog(small, exporting_into(tmp_path / "out")),
+        "export": ExportDialog(small, preferences),
+        "world": WorldDialog(small, preferences),
+        "trace": TraceDialog(tmp_path / "island.png"),
         "picture": PictureDialog((640, 480), tmp_path, "mine"),
         "keys": KeysDialog(),
         "first": FirstStepsDialog(),
@@ -36,7 +43,7 @@ def dialogs(qtbot, tmp_path, small, exporting_into):
     for each in (window, *dialogs.values()):
         qtbot.addWidget(each)
     yield dialogs
-    assert window is not None  # it holds the actions that are found
+    assert window is not None  # owner of the actions
 
 
 def test_every_dialog_has_a_title_named_controls_and_closes_on_escape(dialogs, qtbot):

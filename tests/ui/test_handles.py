@@ -46,7 +46,7 @@ def test_a_click_in_water_selects_the_river_or_lake(placed):
     )
 
 
-def test_handles_lie_on_what_they_change(placed):
+def test_handles_are_at_centre_radius_points_and_width(placed):
     for point in placed.points[:: max(len(placed.points) // 20, 1)]:
         move, radius = handles_of(placed, Selection("feature", int(point["id"])))
         assert (move.role, move.x, move.y) == ("move", point["x"], point["y"])

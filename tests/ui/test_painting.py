@@ -19,7 +19,6 @@ from sketchterrain.ui.models.painting import (
     line_path,
     line_width,
     paint_sweep,
-    pick,
 )
 
 SIDE = 96
@@ -262,14 +261,3 @@ def test_a_river_line_has_its_labels_width_and_at_least_a_pixel():
     image = empty()
     draw_line(image, [(0.5, 48.5), (95.5, 48.5)], line_width(sketch, "river", 2, 99.0), 2)
     assert set(image[:, 48].nonzero()[0]) == set(range(43, 54)) | {54, 42}
-
-
-def test_the_topmost_paint_is_picked():
-    top, below = empty(), empty()
-    top[10:20, 10:20] = 3
-    below[5:40, 5:40] = 200
-    layers = [("river", top), ("mountain", below)]
-    assert pick(layers, 15, 15) == ("river", 3)
-    assert pick(layers, 30, 30) == ("mountain", 200)
-    assert pick(layers, 80, 80) is None
-    assert pick(layers, -1, 15) is None

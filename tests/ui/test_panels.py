@@ -1,11 +1,14 @@
-"""Properties of all panels: accessible names, no side effects, no leaks."""
+"""Properties of all panels and views: accessible names, no side effects, no leaks."""
+
+import gc
 
 import pytest
 from PyQt6 import QtWidgets
-from PyQt6.QtCore import QCoreApplication, QEvent, Qt
+from PyQt6.QtCore import QCoreApplication, QEvent, QObject, Qt
 from PyQt6.QtWidgets import QApplication, QWidget
 
 from sketchterrain.document.store import load_sketch
+from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.panels.adherence import AdherencePanel
 from sketchterrain.ui.panels.layers import LayersPanel
@@ -13,6 +16,7 @@ from sketchterrain.ui.panels.lists import ContradictionsPanel, HistoryPanel
 from sketchterrain.ui.panels.properties import PropertiesPanel
 from sketchterrain.ui.panels.settings import ViewPanel, WorldPanel
 from sketchterrain.ui.panels.status_line import StatusLine
+from sketchterrain.ui.view3d.view import View3D
 
 PANELS = {
     "layers": lambda document, workspace, _: LayersPanel(document, workspace),
@@ -29,13 +33,8 @@ CONTROLS = (*COMPOUND, QtWidgets.QAbstractButton, QtWidgets.QAbstractSlider, QtW
 
 
 @pytest.fixture(params=PANELS)
-def make(request, document, workspace, link):
-    return lambda: PANELS[request.param](document, workspace, link)
-
-
-@pytest.fixture
-def panel(show_widget, make):
-    return show_widget(make())
+def panel(request, show_widget, document, workspace, link):
+    return show_widget(PANELS[request.param](document, workspace, link))
 
 
 def display_states(workspace, link, placed):
@@ -105,24 +104,30 @@ def test_nothing_is_clipped_in_a_narrow_dock(panel, workspace, link, placed):
                 assert 0 <= left <= right < 300, control.accessibleName()
 
 
-def test_closed_panels_leak_no_widgets_or_connections(make, document, workspace, link, placed):
+@pytest.mark.parametrize("create", [*PANELS.values(), View3D, Canvas])
+def test_closed_widgets_leak_no_objects_or_connections(create, document, workspace, link, placed):
     def open_and_close():
-        panel = make()
-        panel.show()
+        widget = create(document, workspace, link)
+        widget.show()
         QCoreApplication.processEvents()
-        panel.close()
-        panel.deleteLater()
+        widget.grab()
+        widget.close()
+        widget.deleteLater()
+        del widget
         QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
         QCoreApplication.processEvents()
 
+    def living() -> tuple[int, int]:
+        gc.collect()
+        return len(QApplication.allWidgets()), sum(isinstance(each, QObject) for each in gc.get_objects())
+
     for _ in display_states(workspace, link, placed):
         open_and_close()
-    before = len(QApplication.allWidgets())
+    before = living()
     for _ in range(10):
         open_and_close()
-    assert len(QApplication.allWidgets()) == before
-    document.sketch_changed.emit()  # no panel is connected any more
-    document.history_changed.emit()
-    document.opened.emit()
+    assert living() == before
+    for signal in (document.sketch_changed, document.history_changed, document.opened):
+        signal.emit()  # no closed widget is connected
     workspace.overlays_changed.emit()
     link.placed_changed.emit(placed)

@@ -18,7 +18,7 @@ from sketchterrain.ui.panels.layers import LayersPanel
 from sketchterrain.ui.panels.properties import PropertiesPanel
 from sketchterrain.ui.panels.settings import OVERLAY_TITLES, ViewPanel, WorldPanel
 
-from .events import keeps
+from .events import overrides
 
 
 @pytest.fixture
@@ -101,9 +101,9 @@ def test_clicks_activate_labels_and_toggle_eyes_and_locks(layers, workspace):
 
 def test_keys_activate_layers_before_the_windows_shortcuts(layers, workspace):
     keys = Qt.Key
-    accepted = [keeps(layers.list, key) for key in (keys.Key_1, keys.Key_7, keys.Key_8, keys.Key_B)]
+    accepted = [overrides(layers.list, key) for key in (keys.Key_1, keys.Key_7, keys.Key_8, keys.Key_B)]
     assert accepted == [True, True, False, False]
-    assert not keeps(layers.list, keys.Key_1, Qt.KeyboardModifier.ControlModifier)
+    assert not overrides(layers.list, keys.Key_1, Qt.KeyboardModifier.ControlModifier)
     layers.list.setFocus()
     QTest.keyClick(layers.list, keys.Key_3)
     assert workspace.layer == "river"

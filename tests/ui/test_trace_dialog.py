@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from PIL import Image
 from PyQt6.QtCore import Qt
-from PyQt6.QtWidgets import QAbstractSpinBox, QComboBox, QLineEdit
 
 from sketchterrain.importing.legend import NOTHING, Meaning
 from sketchterrain.ui.dialogs.trace import TraceDialog
@@ -44,9 +43,6 @@ def test_colours_are_detected_and_the_form_sets_size_extent_and_name(qtbot, open
     assert np.count_nonzero(sketch.layers["mountain"]) == 30 * 40
     assert not dialog.before.pixmap().isNull()
     assert not dialog.after.pixmap().isNull()
-
-    for control in dialog.findChildren((QComboBox, QAbstractSpinBox, QLineEdit)):
-        assert control.accessibleName() or control.objectName().startswith("qt_")
 
     dialog.form["name"].selectAll()
     qtbot.keyClicks(dialog.form["name"], "Far isle")

@@ -20,7 +20,7 @@ from sketchterrain.ui.menus import MENUS
 from sketchterrain.ui.models.preferences import Preferences
 from sketchterrain.ui.models.workspace import TOOLS, Selection
 
-from .events import LEFT, NO_KEYS
+from .events import LEFT, NO_KEYS, repeated_mnemonics
 from .test_random_actions import UNTRIGGERED, DialogCloser
 
 BUTTON = QMessageBox.StandardButton
@@ -64,10 +64,7 @@ def test_every_action_has_text_help_a_menu_and_a_shortcut_of_its_own(window):
     assert [action.text() for action in bar.actions()] == list(MENUS)
 
     for bar_action in bar.actions():
-        entries = [action for action in bar_action.menu().actions() if action.isVisible() and action.text()]
-        letters = [QKeySequence.mnemonic(action.text()).toString() for action in entries]
-        twice = {letter for letter in letters if letter and letters.count(letter) > 1}
-        assert not twice, f"{bar_action.text()}: {twice}"
+        assert not repeated_mnemonics(bar_action.menu().actions()), bar_action.text()
 
 
 def test_zoom_brush_and_selection_actions_and_all_others_can_be_triggered(

@@ -3,13 +3,14 @@
 from dataclasses import fields, replace
 
 import pytest
-from PyQt6.QtGui import QKeySequence
 from PyQt6.QtWidgets import QAbstractButton, QLabel
 
 from sketchterrain.ui.dialogs.world import WorldDialog
 from sketchterrain.ui.models.preferences import Preferences
 from sketchterrain.world.opening import open_world
 from sketchterrain.world.options import WorldOptions
+
+from .events import repeated_mnemonics
 
 
 @pytest.fixture
@@ -115,9 +116,7 @@ def test_suffix_follows_the_form_and_mnemonics_are_unique(opened, tmp_path):
     choose(dialog.form["form"], "tif")
     assert dialog.path_field.text() == str(tmp_path / "v1.5.tif")
 
-    texts = [each.text() for each in dialog.findChildren((QLabel, QAbstractButton))]
-    letters = [letter for text in texts if (letter := QKeySequence.mnemonic(text).toString())]
-    assert sorted(letters) == sorted(set(letters))
+    assert not repeated_mnemonics(dialog.findChildren((QLabel, QAbstractButton)))
 
 
 def test_options_are_remembered(opened):

@@ -11,12 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float32Array, LatticeArray, StructuredArray
-from sketchterrain.compute.buffers import BufferSet
 from sketchterrain.errors import InputError
 from sketchterrain.placement.hashing import hash_keys
 from sketchterrain.terrain.patch_layout import run_to_completion
 
 if TYPE_CHECKING:
+    from sketchterrain.compute.buffers import BufferSet
     from sketchterrain.compute.context import ComputeContext
 
 MAX_POINTS: Final = 40_000_000

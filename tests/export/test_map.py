@@ -14,7 +14,6 @@ from sketchterrain.errors import InputError
 from sketchterrain.export.map.drawing import Label, LabelSpace, MapSheet, Polygons, Polylines, sheet_png
 from sketchterrain.export.map.features import (
     BANK,
-    FOREST,
     INDEX,
     PENS,
     WATER,
@@ -207,21 +206,6 @@ def test_labels_neither_overlap_nor_are_clipped(terrain, ground, sheet):
     peaks = [int(label.text) for label in labels(sheet, "labels") if label.halo]
     x, y = np.linspace(0.0, terrain.size[0], 700), np.linspace(0.0, terrain.size[1], 500)
     assert max(peaks) == pytest.approx(float(terrain.heights(x[None], y[:, None]).max()), abs=6.0)
-
-
-@pytest.mark.slow
-def test_legend_lists_the_contents_of_the_sheet(terrain, sheet, tmp_path):
-    entries = {"River, flow", "Forest", "Lake, water level (m)", "Summit, height (m)"}
-    scale = f"1 : {fit_frame(terrain.size).scale:,.0f}".replace(",", " ")
-    assert {*entries, "N", scale} <= {label.text for label in labels(sheet)}
-    assert any(shape.colour == FOREST for shape in sheet.layers["forests"] if isinstance(shape, Polygons))
-    bare = st.build(
-        st.Sketch(name="Flat", extent=1000.0, ground={"relief": 0.0}, density={"hill": 0.0, "mountain": 0.0})
-    )
-    written = ET.fromstring(write_map(tmp_path / "map.svg", bare)[0].read_text())  # noqa: S314 - written here
-    plain = {str(each.text) for each in written.iter(f"{SVG}text")}
-    assert "N" in plain
-    assert not {*entries, "Snow"} & plain
 
 
 def test_map_files_have_the_requested_size_vectors_and_text(sheet, tmp_path):

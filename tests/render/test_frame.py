@@ -205,22 +205,6 @@ def test_each_kind_of_change_equals_a_fresh_renderer_moving_or_still(gl, view, c
         assert same(now, first) == (weather == Weather.from_sketch(before.sketch))
 
 
-@pytest.mark.slow
-def test_the_last_of_several_quick_changes_is_visible(gl, view, camera, before):
-    terrain = before
-    for step in range(6):
-        terrain, areas = painted(
-            terrain, ("mountain", 40 + 3 * step, 36 + 4 * step, 4), ("forest", 70, 40 + step, 5)
-        )
-        view.renderer.set_terrain(terrain, areas)
-        if step % 2:
-            view.frame(camera)
-            assert_tiles_are_those_of(terrain, view.renderer)
-        view.renderer.relight(sun=Sun(230.0 + 5 * step, 30.0))
-        view.frame(camera)
-    assert same(view.converged(camera), View(gl, terrain, sun=Sun(255.0, 30.0)).converged(camera))
-
-
 def test_changes_outside_the_view_keep_the_picture_and_another_extent_is_rejected(view, camera, before):
     old = view.converged(camera)
     done = view.renderer.set_terrain(before, [(1200.0, -900.0, 1800.0, 100.0)])  # behind the eye

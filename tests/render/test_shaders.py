@@ -1,6 +1,5 @@
 """GLSL functions against NumPy: texturing, reflectance, the surface map."""
 
-import dataclasses
 import itertools
 import re
 
@@ -13,14 +12,12 @@ from sketchterrain.look.texture_maker import LAYERS, filtered_roughness
 from sketchterrain.render import clouds, plant_cells, scatter
 from sketchterrain.render import textures as texture_places
 from sketchterrain.render.atmosphere import GROUND
-from sketchterrain.render.camera import Camera
 from sketchterrain.render.clouds import cloud_defines
 from sketchterrain.render.ground import SurfaceMap, TileRenderer
-from sketchterrain.render.offscreen import render_picture
 from sketchterrain.render.programs import build_program, build_transform, set_uniforms
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.shading import Shading
-from sketchterrain.render.sky import Sun, Weather
+from sketchterrain.render.sky import Weather
 from sketchterrain.render.targets import FrameBlock
 from sketchterrain.render.textures import (
     OCTAVES,
@@ -214,34 +211,6 @@ def test_hexagons_repeat_after_the_period_and_are_independent_within_it(gl):
     table = got[:, 0].reshape(64, 64)
     neighbours = np.corrcoef(table[:, :-1].ravel(), table[:, 1:].ravel())[0, 1]
     assert abs(neighbours) < 0.05
-
-
-def roughness_of(picture):
-    """Mean difference of neighbouring pixels in the lower third."""
-    ground = picture[-len(picture) // 3 :].astype(float)
-    return np.abs(np.diff(ground, axis=1)).mean()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [0.0, 1.0])
-def test_without_detail_the_terrain_is_smooth(gl, waves, number):
-    camera = Camera((500.0, 100.0, 130.0), (500.0, 300.0, 60.0), far=20_000.0)
-    others = ("grass", "rocks", "trees", "clouds", "shadows")
-    pictures = [
-        render_picture(
-            waves,
-            size=(192, 108),
-            camera=camera,
-            sun=Sun(250.0, 35.0),
-            quality=dataclasses.replace(Quality.from_level(number, without=[*others, *more]), quads=64),
-        )
-        for more in ((), ("detail",))
-    ]
-    detailed, plain = (roughness_of(picture) for picture in pictures)
-    assert plain < 0.5 * detailed
-    # The mean colours are preserved.
-    means = [picture[-36:].mean(axis=(0, 1)) for picture in pictures]
-    assert np.abs(means[0] - means[1]).max() < 12.0
 
 
 TILED = """

@@ -155,18 +155,6 @@ def test_noise_over_a_grid_equals_noise_at_its_positions(make_recipe) -> None:
         np.testing.assert_array_equal(noise.over_grid("group", width, x, y), at)
 
 
-def test_half_density_is_root_two_times_the_spacing(make_recipe, context) -> None:
-    def middle(strength: float) -> np.ndarray:
-        forest = feature("forest", 2000, 2000, 900, strength, peakiness=conifer_code(1.0))
-        return spacing_at(make_recipe(forest), context, Woods, 1850, 1850, 2150, 2150)
-
-    full, half = middle(1.0), middle(0.5)
-    assert full.min() > 3.6
-    assert np.median(full) < 6.4
-    # Except in clearings with isolated plants and seedlings.
-    assert np.isclose(half / full, np.sqrt(2.0), rtol=1e-3)[full < 6.4].mean() > 0.98
-
-
 def test_no_trees_above_the_tree_line_and_on_walls(make_recipe, context) -> None:
     mountain = feature("mountain", 2000, 2000, 1200, 1100, peakiness=0.6)
     forest = feature("forest", 2000, 2000, 1500, 1.0)
@@ -405,17 +393,6 @@ def test_ferns_grow_in_forests_and_flowers_outside(make_recipe, context) -> None
     assert outside["fern"] == 0.0
     assert outside["grass"] > 0.5
     assert outside["flower"] > inside["flower"]
-
-
-def test_grass_is_independent_of_trees(valley) -> None:
-    """Their distance to trees is random."""
-    area = (3350.0, 4350.0, 3550.0, 4550.0)  # at a forest's edge
-    tufts, trees = (valley.foliage(*area, storey=storey) for storey in ("grass", "woody"))
-    assert np.intersect1d(tufts["species"], trees["species"]).size == 0
-    tree = cKDTree(np.stack([tufts["x"], tufts["y"]], axis=-1))
-    away, _ = tree.query(np.stack([trees["x"], trees["y"]], axis=-1))
-    assert len(trees) > 100
-    assert away.min() < 0.25
 
 
 PIXELS, EXTENT = 64, 4096.0

@@ -212,47 +212,57 @@ def test_surfaces_have_the_weights_of_numpy(cell, make_recipe, context, double_c
         np.testing.assert_allclose(surface.materials.astype(np.float64).sum(axis=-1), 1, atol=1e-6)
 
 
+LUSH = resolved_rules([RuleChange("lush", "grass", 0.9, "beach", (Factor(0.0, 0.4, wetness=1.0),))])
+DESERT = load_sketch("desert_mountains")
+DESERT_RULES = resolved_rules(DESERT.material_rules)
+BARE = {"snow_line": 1e4, "tree_line": 1e4}
+COLD = {"snow_line": 500.0, "tree_line": 400.0, "aridity": 0.1}
+FACE = {"mountain": 1.0, "height": 750.0, "steepness": 1.25}
+GULLY = {"mountain": 0.7, "hollow": 0.1}
+# Material, climate, rules, inputs of the rules that are not 0, and the range of the weight.
+SITES = [
+    ("grass", BARE | {"aridity": 0.9}, DEFAULT_RULES, {"water": 0.55}, (0.0, 0.1)),
+    ("grass", BARE | {"aridity": 0.9}, LUSH, {}, (0.0, 0.1)),
+    ("grass", BARE | {"aridity": 0.9}, LUSH, {"water": 0.55}, (0.8, 1.0)),
+    ("soil", BARE | {"aridity": 0.15}, DEFAULT_RULES, {"water": 0.65, "mottle": -0.5}, (0.5, 1.0)),
+    ("grass", BARE | {"aridity": 0.15}, DEFAULT_RULES, {"water": 0.65, "mottle": 0.15}, (0.5, 1.0)),
+    ("sand", BARE | {"aridity": 0.15}, DEFAULT_RULES, {"water": 0.65, "mottle": 0.5}, (0.5, 1.0)),
+    # Snow covers gullies and leaves faces; scree covers gullies up to its angle of repose.
+    ("snow", COLD, DEFAULT_RULES, FACE | {"hollow": 0.15}, (0.7, 1.0)),
+    ("snow", COLD, DEFAULT_RULES, FACE | {"hollow": -0.05}, (0.0, 0.4)),
+    ("snow", COLD, DEFAULT_RULES, FACE | {"steepness": 0.5}, (0.95, 1.0)),
+    ("snow", COLD, DEFAULT_RULES, FACE | {"height": 560.0, "steepness": 0.5, "mottle": -0.4}, (0.0, 0.05)),
+    ("scree", BARE | {"aridity": 0.1}, DEFAULT_RULES, GULLY | {"steepness": 0.7}, (0.7, 1.0)),
+    ("scree", BARE | {"aridity": 0.1}, DEFAULT_RULES, GULLY | {"steepness": 0.2}, (0.0, 0.05)),
+    ("rock", BARE | {"aridity": 0.1}, DEFAULT_RULES, GULLY | {"steepness": 1.4}, (0.9, 1.0)),
+]
+
+
 def material_at(name: str, climate: dict, rules=DEFAULT_RULES, **values: float) -> float:
     """Return the weight of a material at one place; inputs not given are 0."""
     site = {name: np.full(1, values.get(name, 0.0)) for name in NAMES}
     return float(rule_weights(rules, climate, site)[0, MATERIALS.index(name)])
 
 
-def test_banks_are_lusher_than_dry_ground_by_rule() -> None:
-    climate = {"snow_line": 1e4, "tree_line": 1e4, "aridity": 0.45}
-    assert material_at("grass", climate, water=0.55) > material_at("grass", climate) + 0.3
-    desert = climate | {"aridity": 0.9}
-    assert material_at("grass", desert, water=0.55) < 0.1
-    greener = resolved_rules([RuleChange("lush", "grass", 0.9, "beach", (Factor(0.0, 0.4, wetness=1.0),))])
-    dry = material_at("grass", desert, greener)
-    assert dry < 0.1 < 0.8 < material_at("grass", desert, greener, water=0.55)
-
-
-def test_soil_shows_on_crests_and_slopes_and_grass_holds_in_hollows_and_beside_water() -> None:
-    climate = {"snow_line": 1e4, "tree_line": 1e4, "aridity": 0.2}
-    soil = partial(material_at, "soil", climate, mottle=0.63)
+def test_default_rules_at_typical_sites() -> None:
+    for material, climate, rules, inputs, (low, high) in SITES:
+        assert low <= material_at(material, climate, rules, **inputs) <= high, (material, inputs)
+    damp = BARE | {"aridity": 0.45}
+    assert material_at("grass", damp, water=0.55) > material_at("grass", damp) + 0.3
+    soil = partial(material_at, "soil", BARE | {"aridity": 0.2}, mottle=0.63)
     assert soil(hollow=-0.05) > soil() + 0.1 > soil(hollow=0.05) + 0.12
     assert soil(steepness=0.4) > soil() + 0.1
     assert soil(water=0.5) < soil() - 0.08
-
-
-def test_default_rules_at_typical_sites() -> None:
-    climate = {"snow_line": 1e4, "tree_line": 1e4, "aridity": 0.15}
-    for material, mottle in (("soil", -0.5), ("grass", 0.15), ("sand", 0.5)):
-        assert material_at(material, climate, water=0.65, mottle=mottle) > 0.5, material
-    # Snow covers gullies and leaves faces.
-    climate = {"snow_line": 500.0, "tree_line": 400.0, "aridity": 0.1}
-    face = {"mountain": 1.0, "height": 750.0, "steepness": 1.25}
-    assert material_at("snow", climate, **face, hollow=0.15) > 0.7
-    assert material_at("snow", climate, **face, hollow=-0.05) < 0.4
-    assert material_at("snow", climate, **(face | {"steepness": 0.5})) > 0.95
-    assert material_at("snow", climate, **(face | {"height": 560.0, "steepness": 0.5}), mottle=-0.4) < 0.05
-    # Scree covers gullies as steep as it can.
-    climate = {"snow_line": 1e4, "tree_line": 1e4, "aridity": 0.1}
-    gully = {"mountain": 0.7, "hollow": 0.1}
-    assert material_at("scree", climate, **gully, steepness=0.7) > 0.7
-    assert material_at("scree", climate, **gully, steepness=0.2) < 0.05
-    assert material_at("rock", climate, **gully, steepness=1.4) > 0.9
+    # The desert preset: slip faces are sand, flat open terrain is stony, hollows at feet have soil.
+    for material, inputs in (
+        ("sand", {"steepness": 1.3, "dune": 1.0}),
+        ("scree", {"steepness": 0.05, "hollow": -0.02, "mottle": 0.8}),
+        ("soil", {"steepness": 0.1, "hollow": 0.05}),
+    ):
+        own, default = (
+            material_at(material, DESERT.climate, r, **inputs) for r in (DESERT_RULES, DEFAULT_RULES)
+        )
+        assert own > default + 0.3, material
 
 
 def test_a_sketch_overrides_the_table(context) -> None:
@@ -266,17 +276,3 @@ def test_a_sketch_overrides_the_table(context) -> None:
     np.testing.assert_allclose(new, expected, atol=1e-6)
     assert changed_areas(before.recipe, after.recipe) == [EVERYWHERE]
     np.testing.assert_array_equal(before.raster(65).height, after.raster(65).height)
-
-
-def test_the_desert_preset_has_its_own_rules() -> None:
-    """Slip faces are sand, flat open terrain is stony, hollows at feet have soil."""
-    sketch = load_sketch("desert_mountains")
-    own = resolved_rules(sketch.material_rules)
-    places = {
-        "sand": {"steepness": 1.3, "dune": 1.0},
-        "scree": {"steepness": 0.05, "hollow": -0.02, "mottle": 0.8},
-        "soil": {"steepness": 0.1, "hollow": 0.05},
-    }
-    for material, place in places.items():
-        found = [material_at(material, sketch.climate, rules, **place) for rules in (own, DEFAULT_RULES)]
-        assert found[0] > found[1] + 0.3, material

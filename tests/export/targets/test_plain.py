@@ -8,12 +8,6 @@ import OpenEXR
 import pytest
 from PIL import Image
 
-import sketchterrain as st
-from sketchterrain.app.console import Stages
-from sketchterrain.app.export import write_export
-from sketchterrain.export.planning import checked_plan
-from sketchterrain.export.target import ExportOptions
-
 SIDE = 65
 FORMS = [("raw", "r16"), ("raw", "r16be"), ("raw", "r32"), ("png16", None), ("exr", None), ("npy", None)]
 
@@ -122,15 +116,3 @@ def test_tiles_join_to_the_whole_at_the_positions_in_the_sidecar(exported, terra
         assert path.name == f"high_corner_x{tile['x']}_y{tile['y']}_height.exr"
         expected = terrain.heights(*done.places(number), cell_size=16.0)
         np.testing.assert_array_equal(heights(done, number), expected)
-
-
-def test_grass_is_exported_on_request(tmp_path):
-    meadow = st.build(st.Sketch(name="Meadow", extent=64.0, layers={"forest": np.ones((16, 16), np.uint8)}))
-    counts = []
-    for grass in (False, True):
-        plan = checked_plan(meadow.sketch, "npy", ExportOptions(size=9, grass=grass))
-        write_export(plan, meadow, tmp_path, stages=Stages())
-        counts.append(np.bincount(np.load(tmp_path / "foliage.npy")["species"], minlength=8))
-    np.testing.assert_array_equal(counts[0][:5], counts[1][:5])
-    assert counts[0][:5].sum() > 0
-    assert counts[0][5:].sum() == 0 < counts[1][5:].sum()

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import sysconfig
 import tomllib
 import zipfile
 from pathlib import Path
@@ -51,12 +52,12 @@ def test_wheel_contains_kernels_and_presets(tmp_path: Path) -> None:
             if file.suffix in DATA:
                 assert f"sketchterrain/{file.relative_to(ROOT).as_posix()}" in names
     code = (
-        f"import sys; sys.path.insert(0, {str(wheel)!r}); import sketchterrain; "
+        f"import sys; sys.path[:0] = [{str(wheel)!r}, {sysconfig.get_path('purelib')!r}]; import sketchterrain; "
         "from sketchterrain.io import resources; print(sketchterrain.__file__); "
         "print(len(resources.source('terrain.cl')), *resources.preset_names())"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path
+        [sys.executable, "-S", "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path
     )
     assert wheel.name in done.stdout
     assert "valley_river" in done.stdout

@@ -52,7 +52,9 @@ def test_devices_without_doubles_are_errors_and_the_host_packs(desert) -> None:
         other = Terrain(desert.sketch, desert.recipe, ComputeContext(device))
         with pytest.raises(DeviceError, match="has no 64-bit floats"):
             other.window_bytes(0.0, 4096.0, **window)
-        (one,), (two,) = (list(quantised_bands(each.window(0.0, 4096.0, **window))) for each in (desert, other))
+        (one,), (two,) = (
+            list(quantised_bands(each.window(0.0, 4096.0, **window))) for each in (desert, other)
+        )
         np.testing.assert_array_equal(one.normal, two.normal)
         np.testing.assert_array_equal(one.materials, two.materials)
 

@@ -86,7 +86,6 @@ def test_gallery_shows_all_presets(dialogs):
         gallery.setCurrentRow(row)
         assert dialogs["presets"].name == gallery.item(row).data(Qt.ItemDataRole.UserRole) == name
         assert gallery.item(row).icon().pixmap(320, 180).toImage().pixelColor(160, 90).alpha() == 255
-        assert gallery.item(row).toolTip()
 
 
 def test_find_matches_words_and_recovery_discards(dialogs, qtbot):

@@ -295,8 +295,6 @@ def test_compass_and_modes_follow_keys_and_buttons(view, link, document, placed)
         assert buttons[mode.capitalize()].isChecked()
     buttons["Walk"].click()
     assert link.view.mode == "walk"
-    link.set_view(replace(link.view, mode="fly"))
-    assert buttons["Fly"].isChecked()
 
 
 def test_pictures_are_requested_after_resizing_and_not_while_hidden(qtbot, view, link):

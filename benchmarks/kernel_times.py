@@ -123,6 +123,7 @@ def _row(
 _REAL = 4
 _POINT_RADIUS = 1 << 14  # lattice units
 _POINT_STEP = 1 << 15
+_POINT_SIDE = 400.0  # side of the square of points, in distances
 
 WRITTEN: Mapping[str, float] = {
     "patches": 6 * _REAL,  # height, four masks and the mottle
@@ -221,7 +222,7 @@ def _works(context: TimedContext, effort: Effort) -> Iterator[tuple[_Case, Calla
                 _drawn(context, terrain, level, effort.kernel_tiles),
             )
             yield _Case(("points",), name, level), _points(context, terrain, level, effort)
-    yield from _point_works(context, round(effort.foliage_side * _POINT_RADIUS))
+    yield from _point_works(context, round(_POINT_SIDE * _POINT_RADIUS))
     grid = NoiseGrid(context, effort.noise_side)
     yield _Case(("bench_fbm",)), partial(context.lap, grid.launch)
     yield _Case(("bench_fbm_slope",)), partial(context.lap, grid.launch_slope)

@@ -6,9 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.benchmarks.baselines.problem import NoiseProblem
-from sketchterrain.benchmarks.effort import Effort
-from sketchterrain.benchmarks.report import Column, Outcome, Row, Table
-from sketchterrain.benchmarks.timing import TimedContext, alternate, lap, spread
+from sketchterrain.benchmarks.timing import TimedContext
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.noise import NoiseStack, corner_table, fbm, fbm_slope, octave_table
 
@@ -20,18 +18,6 @@ _LONGEST = 1024.0  # m: wavelength of the first octave; the last is 8 m
 _GAIN = 0.5
 _STEP_BITS = 12  # vertices 4096 lattice units apart: 1 m
 _STACK = "bench"
-
-_COLUMNS = (
-    Column("method", "method"),
-    Column("side", "grid side"),
-    Column("octaves", "octaves"),
-    Column("rounds", "rounds"),
-    Column("median_ms", "median, ms"),
-    Column("p95_ms", "95 %, ms"),
-    Column("million_octaves_per_s", "M points × octaves/s"),
-    Column("of_numpy", "× NumPy"),
-    Column("worst", "largest error"),
-)
 
 
 class NoiseGrid:
@@ -106,47 +92,3 @@ class NoiseGrid:
     def _vertices(self) -> list[npt.NDArray[np.int64]]:
         step = np.arange(self._side, dtype=np.int64) << self._step_bits
         return list(np.meshgrid(step, step))
-
-
-def measure(context: TimedContext, effort: Effort) -> Outcome:
-    """Million points × octaves a second of simplex fBm, by the kernel and by NumPy.
-
-    The launch alone is timed by profiling events; the launch with its download, and NumPy, by the clock.
-    NumPy is the float64 reference that the kernels are tested against; the error is the largest difference
-    from it, the sum's range being about ±1. Rounds alternate between the methods.
-    """
-    grid = NoiseGrid(context, effort.noise_side)
-
-    def with_download() -> None:
-        grid.launch()
-        grid.download()
-
-    laps = alternate(
-        {"kernel": lambda: context.lap(with_download), "numpy": lambda: lap(grid.reference)},
-        rounds=effort.rounds,
-    )
-    error = float(np.max(np.abs(grid.download() - grid.reference())))
-    seconds = {
-        "kernel, launch": [one.device for one in laps["kernel"]],
-        "kernel, with download": [one.wall for one in laps["kernel"]],
-        "NumPy float64": [one.wall for one in laps["numpy"]],
-    }
-    numpy = spread(seconds["NumPy float64"]).median
-    rows: list[Row] = []
-    for method, samples in seconds.items():
-        times = spread(samples)
-        rows.append(
-            {
-                "method": method,
-                "side": effort.noise_side,
-                "octaves": OCTAVES,
-                "rounds": times.count,
-                "median_ms": times.median * 1e3,
-                "p95_ms": times.p95 * 1e3,
-                "million_octaves_per_s": effort.noise_side**2 * OCTAVES / times.median * 1e-6,
-                "of_numpy": numpy / times.median,
-                "worst": 0.0 if method == "NumPy float64" else error,
-                "seconds": samples,
-            }
-        )
-    return Outcome((Table("Simplex fBm", _COLUMNS, tuple(rows)),))

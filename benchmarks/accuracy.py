@@ -11,7 +11,7 @@ import numpy.typing as npt
 from sketchterrain.array_types import Float64Array
 from sketchterrain.benchmarks import choices
 from sketchterrain.benchmarks.effort import Effort
-from sketchterrain.benchmarks.grounds import open_ground, scattered_keys
+from sketchterrain.benchmarks.noise import open_ground, scattered_keys
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
 from sketchterrain.terrain.evaluator import Evaluator

@@ -13,38 +13,22 @@ from sketchterrain.benchmarks.erosion import draw_erosion, draw_normals
 from sketchterrain.benchmarks.flight_chart import draw_errors, draw_frames, draw_generation
 from sketchterrain.benchmarks.live import draw_live
 from sketchterrain.benchmarks.pictures import draw_parts, draw_qualities
+from sketchterrain.benchmarks.plotting import (
+    BLUE,
+    GREEN,
+    INK,
+    ORANGE,
+    PURPLE,
+    SMALL,
+    STYLE,
+    VERMILION,
+    new_figure,
+)
 from sketchterrain.benchmarks.points import draw_room, draw_spectra, draw_table_6_1
 from sketchterrain.benchmarks.report import Outcome, Row, value_of
 from sketchterrain.benchmarks.speed import draw_rates, draw_thesis
 from sketchterrain.benchmarks.splines import draw_splines
 from sketchterrain.benchmarks.worlds import draw_worlds
-
-# Okabe and Ito's palette, which colour-blind people can tell apart.
-_BLUE, _VERMILION, _GREEN, _PURPLE, _ORANGE = "#0072B2", "#D55E00", "#009E73", "#AA5586", "#E69F00"
-_HUES = (_BLUE, _VERMILION, _GREEN, _PURPLE, _ORANGE)
-_INK = "#333333"
-
-_STYLE = {
-    "font.size": 9.0,
-    "font.family": "DejaVu Sans",
-    "axes.edgecolor": _INK,
-    "axes.labelcolor": _INK,
-    "axes.titlesize": 10.0,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#E6E6E6",
-    "grid.linewidth": 0.6,
-    "xtick.color": _INK,
-    "ytick.color": _INK,
-    "text.color": _INK,
-    "svg.fonttype": "none",
-    "svg.hashsalt": "sketchterrain",
-}
-_SMALL = 7.5
 
 
 def available() -> bool:
@@ -61,7 +45,7 @@ def draw(name: str, outcome: Outcome) -> dict[str, bytes]:
         return {}
     import matplotlib as mpl
 
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         drawn = {"": CHARTS[name](outcome.tables[0].rows)}
         for number, (ending, drawer) in enumerate(MORE.get(name, {}).items(), start=1):
             drawn[f"-{ending}"] = drawer(outcome.tables[number].rows)
@@ -78,12 +62,6 @@ def _saved(figure: Any, kind: str) -> bytes:
     metadata = {"Date": None} if kind == "svg" else {}
     figure.savefig(stream, format=kind, dpi=120, metadata=metadata)
     return stream.getvalue()
-
-
-def _figure(width: float, height: float) -> Any:
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), layout="constrained")
 
 
 def _log_axis(axis: Any, limits: tuple[float, float]) -> None:
@@ -115,14 +93,14 @@ _MEASURES = (
     ("normal_deg", "normals", "largest error, degrees"),
     ("material", "weights", "largest error, share of 1"),
 )
-_METHODS = {FLOAT: (_BLUE, "o", -1), DOUBLE: (_VERMILION, "s", 1), NUMPY: (_PURPLE, "|", -1)}
+_METHODS = {FLOAT: (BLUE, "o", -1), DOUBLE: (VERMILION, "s", 1), NUMPY: (PURPLE, "|", -1)}
 """Colour, marker, and the side of its points on which a method's labels stand."""
 
 
 def _accuracy(rows: Sequence[Row]) -> Any:
     """Error against time: a point a method and cell size, a row of panels a ground."""
     grounds = list(dict.fromkeys(str(row["ground"]) for row in rows))
-    figure = _figure(11.0, 0.5 + 3.7 * len(grounds))
+    figure = new_figure(11.0, 0.5 + 3.7 * len(grounds))
     panels = figure.subplots(len(grounds), len(_MEASURES), squeeze=False)
     for ground, line in zip(grounds, panels, strict=True):
         of_ground = [row for row in rows if row["ground"] == ground]
@@ -155,7 +133,7 @@ def _error_points(axes: Any, rows: Sequence[Row], method: str, key: str) -> None
     style["ha"] = "left" if side > 0 else "right"
     low, high = axes.get_ylim()
     for y, text in _merged(known, key, decades=math.log10(high / low)):
-        axes.annotate(text, (x, y), (8 * side, 0), fontsize=_SMALL, **style)
+        axes.annotate(text, (x, y), (8 * side, 0), fontsize=SMALL, **style)
     top = max(value_of(row, key) for row in known)
     axes.annotate(method.removesuffix(" kernels"), (x, top), (8 * side, 13), fontweight="bold", **style)
 
@@ -168,7 +146,7 @@ def _references(axes: Any, rows: Sequence[Row], key: str) -> None:
         return
     colour, below = _METHODS[method][0], axes.get_xaxis_transform()
     axes.plot(times, [0.03] * len(times), "|", color=colour, markersize=8, transform=below)
-    style = {"xycoords": below, "va": "bottom", "ha": "right", "color": colour, "fontsize": _SMALL}
+    style = {"xycoords": below, "va": "bottom", "ha": "right", "color": colour, "fontsize": SMALL}
     axes.annotate(f"{method},\nthe reference", (max(times), 0.07), **style)
 
 
@@ -196,14 +174,14 @@ def _kernels(rows: Sequence[Row]) -> Any:
     """Nanoseconds an item: a line a kernel and ground, a dot a level, a whisker to the 95th percentile."""
     lines = list(dict.fromkeys((str(row["kernel"]), row["ground"]) for row in rows))
     levels = sorted({int(value_of(row, "level")) for row in rows if row["level"] is not None})
-    shades = dict(zip(levels, (_ORANGE, _VERMILION, _BLUE, _GREEN, _PURPLE), strict=False))
-    figure = _figure(8.0, 1.2 + 0.24 * len(lines))
+    shades = dict(zip(levels, (ORANGE, VERMILION, BLUE, GREEN, PURPLE), strict=False))
+    figure = new_figure(8.0, 1.2 + 0.24 * len(lines))
     axes = figure.subplots()
     for row in rows:
         y = lines.index((str(row["kernel"]), row["ground"]))
         x = value_of(row, "ns_per_item")
         worst = x * value_of(row, "p95_ms") / value_of(row, "median_ms")
-        colour = _INK if row["level"] is None else shades[int(value_of(row, "level"))]
+        colour = INK if row["level"] is None else shades[int(value_of(row, "level"))]
         axes.plot([x, worst], [y, y], "-", color=colour, linewidth=1.2)
         axes.plot(x, y, "o", color=colour, markersize=5)
     axes.set(
@@ -231,25 +209,25 @@ def _kernels(rows: Sequence[Row]) -> Any:
 
 CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
     "accuracy": _accuracy,
-    "culling": lambda rows: draw_culling(_figure(7.0, 4.0), rows),
+    "culling": draw_culling,
     "erosion": draw_erosion,
     "flight": draw_errors,
     "kernels": _kernels,
     "live": draw_live,
     "pictures": draw_qualities,
     "points": draw_table_6_1,
-    "speed": lambda rows: draw_rates(_figure(9.0, 3.6), rows),
+    "speed": draw_rates,
     "splines": draw_splines,
     "world": draw_worlds,
 }
 """How each benchmark that has a chart draws it, from the rows of its first table."""
 
 MORE: dict[str, dict[str, Callable[[Sequence[Row]], Any]]] = {
-    "accuracy": {"choices": lambda rows: draw_choices(_figure(12.0, 6.6), rows)},
+    "accuracy": {"choices": draw_choices},
     "erosion": {"normals": draw_normals},
     "flight": {"generation": draw_generation, "frames": draw_frames},
     "pictures": {"parts": draw_parts},
     "points": {"room": draw_room, "spectra": draw_spectra},
-    "speed": {"tiles": lambda rows: draw_thesis(_figure(12.0, 4.2), rows)},
+    "speed": {"tiles": draw_thesis},
 }
 """Charts of its second table and so on, by how their files' names end."""

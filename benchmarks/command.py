@@ -1,18 +1,57 @@
-"""The command: measure what is asked for, then show or write it."""
+"""The ``bench`` command: run the selected benchmarks, print or write their report."""
 
+from __future__ import annotations
+
+import platform
 import sys
 from collections.abc import Sequence
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.measure import Measurement
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from sketchterrain.benchmarks.effort import FULL, QUICK, Effort
-from sketchterrain.benchmarks.machine import describe
 from sketchterrain.benchmarks.registry import BENCHMARKS, Benchmark, choose
 from sketchterrain.benchmarks.report import Report, terminal
 from sketchterrain.benchmarks.timing import TimedContext
+
+if TYPE_CHECKING:
+    from sketchterrain.compute.device import Device
+
+
+_PACKAGES = (
+    "sketchterrain",
+    "numpy",
+    "scipy",
+    "scikit-image",
+    "pyopencl",
+    "intel-opencl-rt",
+    "pocl-binary-distribution",
+)
+
+
+def describe(device: Device, *, command: str) -> dict[str, str]:
+    """Return what a reader must know to judge the numbers, as headings and texts."""
+    return {
+        "device": f"{device.name} ({device.type}, {device.compute_units} compute units)",
+        "platform": device.platform,
+        "driver": f"{device.driver} ({device.version})",
+        "system": f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
+        "packages": ", ".join(f"{name} {found}" for name in _PACKAGES if (found := _version(name))),
+        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "command": command,
+    }
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
 
 
 def run(

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from sketchterrain.benchmarks.effort import Effort
-from sketchterrain.benchmarks.grounds import BARE, BARE_SEED, open_ground
+from sketchterrain.benchmarks.noise import BARE, BARE_SEED, open_ground
+from sketchterrain.benchmarks.plotting import BLUE, GREEN, PURPLE, SMALL, VERMILION, new_figure
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
 from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES
@@ -125,22 +126,21 @@ def _row(world: _World, laps: Sequence[Lap]) -> Row:
     }
 
 
-# Okabe and Ito's palette, which colour-blind people can tell apart.
 _LINES = (
-    ("tile_us", "a tile on new ground", "#D55E00"),
-    ("launch_us", "of this on the device", "#0072B2"),
-    ("cull_us", "lists of what reaches it, on new ground", "#009E73"),
-    ("again_us", "the same on ground that was looked at", "#AA5586"),
+    ("tile_us", "a tile on new ground", VERMILION),
+    ("launch_us", "of this on the device", BLUE),
+    ("cull_us", "lists of what reaches it, on new ground", GREEN),
+    ("again_us", "the same on ground that was looked at", PURPLE),
 )
 
 
-def draw_culling(figure: Any, rows: Sequence[Row]) -> Any:
+def draw_culling(rows: Sequence[Row]) -> Any:
     """Draw microseconds a tile over features in the world, at one density."""
+    figure = new_figure(7.0, 4.0, "A tile costs the same in a world of any size")
     axes = figure.subplots()
     x = [value_of(row, "features") for row in rows]
     for key, name, colour in _LINES:
         axes.plot(x, [value_of(row, key) for row in rows], "o-", color=colour, markersize=4, label=name)
     axes.set(xscale="log", yscale="log", xlabel="features in the world, at one density", ylabel="µs a tile")
-    axes.legend(fontsize=7.5, frameon=False)
-    figure.suptitle("A tile costs the same in a world of any size", x=0.01, ha="left")
+    axes.legend(fontsize=SMALL, frameon=False)
     return figure

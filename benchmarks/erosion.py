@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.benchmarks.effort import Effort
+from sketchterrain.benchmarks.plotting import BLUE, GREEN, PURPLE, SMALL, VERMILION, new_figure
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, samples_of, value_of
 from sketchterrain.benchmarks.timing import TimedContext, lap, spread
 from sketchterrain.document.store import load_sketch
@@ -249,17 +250,13 @@ def _angles(a: Float64Array, b: Float64Array) -> Float64Array:
     return np.asarray(np.degrees(np.arctan2(across, (one * other).sum(axis=0))))
 
 
-# Okabe and Ito's palette, which colour-blind people can tell apart.
-_BLUE, _VERMILION, _GREEN, _PURPLE = "#0072B2", "#D55E00", "#009E73", "#AA5586"
-_COLOURS = {"fBm": _PURPLE, "no gullies": _GREEN, "gullies": _VERMILION, "fastscapelib": _BLUE}
+_COLOURS = {"fBm": PURPLE, "no gullies": GREEN, "gullies": VERMILION, "fastscapelib": BLUE}
 _BIN = 3.0  # degrees
 
 
 def draw_erosion(rows: Sequence[Row]) -> Any:
     """Shares of slopes, mean slope against drainage area, hypsometry, and times, one line a ground."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(12.0, 3.8), layout="constrained")
+    figure = new_figure(12.0, 3.8)
     slopes, drainage, heights, times = figure.subplots(1, 4)
     kept = [row for row in rows if row.get("slope_share")]
     for row in kept:
@@ -278,19 +275,17 @@ def draw_erosion(rows: Sequence[Row]) -> Any:
     times.barh(names, [value_of(row, "ms") for row in kept], color=[_COLOURS[name] for name in names])
     times.set(xscale="log", xlabel="ms", title=f"Time for {value_of(kept[0], 'side'):g}² cells")
     times.invert_yaxis()
-    slopes.legend(fontsize=7.5, frameon=False)
+    slopes.legend(fontsize=SMALL, frameon=False)
     return figure
 
 
 def draw_normals(rows: Sequence[Row]) -> Any:
     """Median errors of normals, and their 95th percentiles as whiskers, by cell size."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(7.0, 3.2), layout="constrained")
+    figure = new_figure(7.0, 3.2)
     panels = figure.subplots(1, 2, sharey=True)
     grounds = list(dict.fromkeys(str(row["ground"]) for row in rows))
     for ground, axes in zip(grounds, panels, strict=True):
-        for method, colour in (("finite differences", _BLUE), ("analytic", _VERMILION)):
+        for method, colour in (("finite differences", BLUE), ("analytic", VERMILION)):
             mine = [row for row in rows if row["ground"] == ground and row["method"] == method]
             cells = [value_of(row, "cell_size") for row in mine]
             middle, most = ([value_of(row, key) for row in mine] for key in ("median_deg", "p95_deg"))
@@ -300,5 +295,5 @@ def draw_normals(rows: Sequence[Row]) -> Any:
         axes.set_xticks(cells, [f"{cell:g}" for cell in cells])
         axes.minorticks_off()
     panels[0].set_ylabel("error of normals, degrees")
-    panels[1].legend(fontsize=7.0, frameon=False)
+    panels[1].legend(fontsize=SMALL, frameon=False)
     return figure

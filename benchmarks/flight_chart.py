@@ -5,31 +5,31 @@ from typing import Any
 
 import numpy as np
 
-from sketchterrain.benchmarks.flight import MOST
-from sketchterrain.benchmarks.flight_generation import BUDGET
-from sketchterrain.benchmarks.flight_ways import OURS, THESIS
+from sketchterrain.benchmarks.flight import BUDGET, MOST
+from sketchterrain.benchmarks.flight_methods import OURS, THESIS
+from sketchterrain.benchmarks.plotting import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PURPLE,
+    SKY,
+    SMALL,
+    VERMILION,
+    new_figure,
+)
 from sketchterrain.benchmarks.report import Row, samples_of, value_of
 
-# Okabe and Ito's palette, which colour-blind people can tell apart.
-_BLUE, _SKY, _VERMILION, _ORANGE, _GREEN, _PURPLE, _GREY = (
-    "#0072B2",
-    "#56B4E9",
-    "#D55E00",
-    "#E69F00",
-    "#009E73",
-    "#AA5586",
-    "#888888",
-)
 _COLOURS = {
-    f"{OURS}, 32": _BLUE,
-    f"{OURS}, 64": _SKY,
-    f"{THESIS}, 32": _ORANGE,
-    THESIS: _VERMILION,
-    "uniform": _GREY,
-    "pymartini": _GREEN,
-    "pydelatin": _PURPLE,
+    f"{OURS}, 32": BLUE,
+    f"{OURS}, 64": SKY,
+    f"{THESIS}, 32": ORANGE,
+    THESIS: VERMILION,
+    "uniform": GREY,
+    "pymartini": GREEN,
+    "pydelatin": PURPLE,
 }
-_SMALL = 7.5
 _APART = 0.045  # of a panel's height, between labels
 _BINS = 12  # a decade
 _QUADS = 64  # whose frames are shown one by one
@@ -37,7 +37,7 @@ _QUADS = 64  # whose frames are shown one by one
 
 def draw_errors(rows: Sequence[Row]) -> Any:
     """Draw a line a way, a dot a setting: error against triangles, and against time."""
-    figure = _figure(11.0, 4.6)
+    figure = new_figure(11.0, 4.6)
     left, right = figure.subplots(1, 2, sharey=True)
     rows = [row for row in rows if row.get(MOST) is not None]
     errors = [value_of(row, MOST) for row in rows]
@@ -46,7 +46,7 @@ def draw_errors(rows: Sequence[Row]) -> Any:
         values = [value_of(row, key) for row in rows]
         axes.set(xscale="log", yscale="log", ylim=(low, high))
         axes.set(xlim=(min(values) / 1.5, max(values) * (max(values) / min(values)) ** 0.75), xlabel=what)
-        axes.plot([min(values) / 1.5, max(values) * 1.2], [1, 1], ":", color="#333333", linewidth=0.8)
+        axes.plot([min(values) / 1.5, max(values) * 1.2], [1, 1], ":", color=INK, linewidth=0.8)
         names = list(dict.fromkeys(str(row["way"]) for row in rows))
         ends = {}
         for name in names:
@@ -64,7 +64,7 @@ def draw_errors(rows: Sequence[Row]) -> Any:
 
 def draw_generation(rows: Sequence[Row]) -> Any:
     """Bars by size of tiles and setting as in the thesis's figures 7.1 and 7.2; single frames below."""
-    figure = _figure(12.0, 7.0)
+    figure = new_figure(12.0, 7.0)
     panels = figure.subplots(2, 3)
     settings = list(dict.fromkeys((str(row["way"]), str(row["shown"])) for row in rows))
     shades = _shades([way for way, _ in settings])
@@ -89,7 +89,7 @@ def draw_generation(rows: Sequence[Row]) -> Any:
         axes.set_xticks(range(len(sizes)), [str(size) for size in sizes])
         axes.grid(visible=False, axis="x")
         if key != "initial_ms":
-            axes.axhline(BUDGET * 1e3, color="#333333", linewidth=0.8, linestyle=":")
+            axes.axhline(BUDGET * 1e3, color=INK, linewidth=0.8, linestyle=":")
         _plain(axes, x=False)
     frames: tuple[tuple[str, Callable[[Row], Sequence[float]]], ...] = (
         ("generation of a frame, ms", lambda row: [1e3 * each for each in samples_of(row, "seconds")]),
@@ -108,7 +108,7 @@ def draw_generation(rows: Sequence[Row]) -> Any:
         *panels[0][0].get_legend_handles_labels(),
         loc="outside lower center",
         ncols=min(4, len(settings)),
-        fontsize=_SMALL,
+        fontsize=SMALL,
         frameon=False,
     )
     figure.suptitle(
@@ -121,7 +121,7 @@ def draw_generation(rows: Sequence[Row]) -> Any:
 
 def draw_frames(rows: Sequence[Row]) -> Any:
     """Draw the shares of frames by how long they took, how long their new tiles, and their triangles."""
-    figure = _figure(11.0, 3.2)
+    figure = new_figure(11.0, 3.2)
     panels = figure.subplots(1, 3)
     known = [row for row in rows if row.get("seconds")]
     titles = ("frame, ms", "generation of tiles, ms", "triangles")
@@ -136,18 +136,12 @@ def draw_frames(rows: Sequence[Row]) -> Any:
         for axes, values in zip(panels, parts, strict=True):
             if values:
                 weights = np.full(len(values), 100.0 / len(parts[0]))
-                axes.hist(values, bins=40, weights=weights, color=_BLUE)
-        panels[1].axvline(value_of(row, "budget_ms"), color="#333333", linewidth=0.8, linestyle=":")
+                axes.hist(values, bins=40, weights=weights, color=BLUE)
+        panels[1].axvline(value_of(row, "budget_ms"), color=INK, linewidth=0.8, linestyle=":")
         panels[1].set_xlim(left=0)
         panels[2].xaxis.set_major_formatter(lambda value, _: _tick(value))
         figure.suptitle(f"Frames as drawn by {row['opengl']}. Dotted: the budget.", x=0.01, ha="left")
     return figure
-
-
-def _figure(width: float, height: float) -> Any:
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), layout="constrained")
 
 
 def _whole_frames(row: Row) -> list[float]:
@@ -180,7 +174,7 @@ def _label(axes: Any, ends: dict[str, tuple[float, float]], column: float) -> No
         x, y = ends[name]
         colour = _colour(name)
         axes.plot([x, column], [y, 10**place], color=colour, linewidth=0.6, alpha=0.6)
-        style = {"fontsize": _SMALL, "va": "center", "color": colour, "fontweight": "bold"}
+        style = {"fontsize": SMALL, "va": "center", "color": colour, "fontweight": "bold"}
         axes.annotate(name, (column * 1.08, 10**place), **style)
 
 
@@ -203,7 +197,7 @@ def _tick(value: float) -> str:
 
 
 def _colour(name: str) -> str:
-    return next((colour for start, colour in _COLOURS.items() if name.startswith(start)), _GREY)
+    return next((colour for start, colour in _COLOURS.items() if name.startswith(start)), GREY)
 
 
 def _shades(names: Sequence[str]) -> list[str]:

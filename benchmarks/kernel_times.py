@@ -8,12 +8,10 @@ from functools import partial
 import numpy as np
 
 from sketchterrain.benchmarks.effort import Effort
-from sketchterrain.benchmarks.grounds import BARE, central_keys, open_ground
-from sketchterrain.benchmarks.noise import NoiseGrid
+from sketchterrain.benchmarks.noise import BARE, NoiseGrid, central_keys, open_ground
 from sketchterrain.benchmarks.poisson_disk import PoissonDisk
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table
-from sketchterrain.benchmarks.spline_cases import splines_and_places
-from sketchterrain.benchmarks.spline_methods import KERNELS, SplineQueries
+from sketchterrain.benchmarks.spline_methods import KERNELS, SplineQueries, splines_and_places
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, spread
 from sketchterrain.compute.device import list_devices
 from sketchterrain.compute.device_check import is_usable

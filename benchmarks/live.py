@@ -15,6 +15,7 @@ import numpy as np
 
 from sketchterrain.array_types import UInt8Array
 from sketchterrain.benchmarks.effort import Effort
+from sketchterrain.benchmarks.plotting import BLUE, GREEN, GREY, HUES, INK, ORANGE, PURPLE, new_figure
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, samples_of, value_of
 from sketchterrain.benchmarks.timing import TimedContext, spread
 from sketchterrain.document.sketch import Sketch
@@ -260,35 +261,29 @@ def _paint_blob(image: UInt8Array, at: tuple[float, float], radius: float, rng: 
 
 GOAL = 150.0
 """ms, within which 95 % of strokes shall be there."""
-# Okabe and Ito's palette, which colour-blind people can tell apart.
-_COLOURS = ("#999999", "#0072B2", "#AA5586", "#E69F00", "#009E73")
-_LINES = ("#0072B2", "#D55E00")
-_INK = "#333333"
+_STAGE_COLOURS = (GREY, BLUE, PURPLE, ORANGE, GREEN)
 
 
 def draw_live(rows: Sequence[Row]) -> Any:
     """How many sketches are there after a time; what the mean of it is made of."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10.0, 3.8), layout="constrained")
+    figure = new_figure(10.0, 3.8, "Painting while the terrain follows")
     shares, parts = figure.subplots(1, 2)
-    for row, colour in zip(rows, _LINES, strict=False):
+    for row, colour in zip(rows, HUES, strict=False):
         ms = np.sort(samples_of(row, "seconds")) * 1e3
         share = np.arange(1, len(ms) + 1) / len(ms) * 100.0
         shares.plot(ms, share, color=colour, linewidth=1.8, label=str(row["painting"]))
-    shares.axvline(GOAL, color=_INK, linewidth=0.9, linestyle=":")
-    shares.axhline(95.0, color=_INK, linewidth=0.9, linestyle=":")
+    shares.axvline(GOAL, color=INK, linewidth=0.9, linestyle=":")
+    shares.axhline(95.0, color=INK, linewidth=0.9, linestyle=":")
     shares.set(xlim=(0, None), ylim=(0, 101), xlabel="ms from the stroke to its heights in the view's tiles")
     shares.set(ylabel="% of sketches", title="There after")
     shares.legend(frameon=False, loc="lower right")
     names = [str(row["painting"]) for row in rows]
     left = np.zeros(len(rows))
-    for stage, colour in zip(STAGES, _COLOURS, strict=True):
+    for stage, colour in zip(STAGES, _STAGE_COLOURS, strict=True):
         widths = np.array([value_of(row, f"{stage}_ms".replace(" ", "_")) for row in rows])
         parts.barh(names, widths, left=left, color=colour, height=0.5, label=stage)
         left = left + widths
     parts.invert_yaxis()
     parts.set(xlabel="ms, mean", title="Where the time goes")
     parts.legend(frameon=False, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.18), fontsize=8)
-    figure.suptitle("Painting while the terrain follows", x=0.01, ha="left")
     return figure

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from skimage.color import deltaE_ciede2000, rgb2lab
 
+from sketchterrain.benchmarks.plotting import HUES, SMALL, new_figure
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import DeviceError
@@ -211,21 +212,15 @@ def _part_row(view: str, part: str, found: Mapping[str, _Found]) -> Row:
     }
 
 
-_HUES: Final = ("#0072B2", "#D55E00", "#009E73", "#AA5586", "#E69F00")
-_SMALL: Final = 7.5
-
-
 def draw_qualities(rows: Sequence[Row]) -> Any:
     """Draw the time of a picture by its quality, and its difference from the best against that time."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11.0, 6.4), layout="constrained")
+    figure = new_figure(11.0, 6.4)
     panels = figure.subplots(2, 2)
     known = [row for row in rows if row["opengl"] != "absent"]
     views = list(dict.fromkeys(str(row["view"]) for row in known))
     kinds = (("still", "whole picture"), ("moving", "frame in motion"))
     for (kind, title), (left, right) in zip(kinds, panels, strict=True):
-        for view, hue in zip(views, _HUES, strict=False):
+        for view, hue in zip(views, HUES, strict=False):
             of_view = sorted((row for row in known if row["view"] == view), key=_number)
             numbers = [_number(row) for row in of_view]
             times = [value_of(row, f"{kind}_ms") for row in of_view]
@@ -233,7 +228,7 @@ def draw_qualities(rows: Sequence[Row]) -> Any:
             left.plot(numbers, times, color=hue, marker="o", markersize=3.5, linewidth=1.3, label=view)
             right.plot(times, differences, color=hue, marker="o", markersize=3.5, linewidth=1.3)
             for number, time, apart in zip(numbers, times, differences, strict=True):
-                right.annotate(f" {number:g}", (time, apart), fontsize=_SMALL, color=hue)
+                right.annotate(f" {number:g}", (time, apart), fontsize=SMALL, color=hue)
         left.set(title=f"{title}: time", xlabel="quality", ylabel="ms", yscale="log")
         right.set(title=f"{title}: difference from the best", xlabel="ms", ylabel="ΔE 2000", xscale="log")
         right.set_ylim(bottom=0.0)
@@ -244,7 +239,7 @@ def draw_qualities(rows: Sequence[Row]) -> Any:
         *panels[0][0].get_legend_handles_labels(),
         loc="outside lower center",
         ncols=4,
-        fontsize=_SMALL,
+        fontsize=SMALL,
         frameon=False,
     )
     drivers = ", ".join(dict.fromkeys(str(row["opengl"]) for row in known))
@@ -254,14 +249,12 @@ def draw_qualities(rows: Sequence[Row]) -> Any:
 
 def draw_parts(rows: Sequence[Row]) -> Any:
     """Draw what each part of the best picture takes, and how much of the picture it is."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11.0, 3.6), layout="constrained")
+    figure = new_figure(11.0, 3.6)
     left, right = figure.subplots(1, 2)
     parts = list(dict.fromkeys(str(row["part"]) for row in rows))
     views = list(dict.fromkeys(str(row["view"]) for row in rows))
     thick = 0.8 / max(len(views), 1)
-    for number, (view, hue) in enumerate(zip(views, _HUES, strict=False)):
+    for number, (view, hue) in enumerate(zip(views, HUES, strict=False)):
         of_view = {str(row["part"]): row for row in rows if row["view"] == view}
         at = np.arange(len(parts)) + (number - (len(views) - 1) / 2) * thick
         for axes, key in ((left, "spared_ms"), (right, "difference")):
@@ -270,7 +263,7 @@ def draw_parts(rows: Sequence[Row]) -> Any:
     for axes, title, unit in ((left, "time that it takes", "ms"), (right, "what it changes", "ΔE 2000")):
         axes.set(title=title, xlabel=unit, yticks=range(len(parts)), yticklabels=parts)
         axes.invert_yaxis()
-    left.legend(fontsize=_SMALL, frameon=False)
+    left.legend(fontsize=SMALL, frameon=False)
     return figure
 
 

@@ -3,12 +3,36 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, TypeVar
 
-from sketchterrain.benchmarks.baselines.dart_thrower import throw_darts
+from sketchterrain.benchmarks.baselines.points import throw_darts
 from sketchterrain.benchmarks.effort import Effort
-from sketchterrain.benchmarks.point_ways import OURS, THESIS, TURNS, Way, fill_of, own, peers, room_of, thesis
+from sketchterrain.benchmarks.plotting import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PURPLE,
+    SMALL,
+    VERMILION,
+    new_figure,
+    plain_numbers,
+)
+from sketchterrain.benchmarks.point_methods import (
+    OURS,
+    SIDE,
+    THESIS,
+    TURNS,
+    Spectrum,
+    Way,
+    fill_of,
+    own,
+    peers,
+    room_of,
+    spectrum_of,
+    thesis,
+)
 from sketchterrain.benchmarks.poisson_disk import TRIALS
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, samples_of, value_of
-from sketchterrain.benchmarks.spectrum import SIDE, Spectrum, spectrum_of
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, spread
 from sketchterrain.vegetation.graded_poisson import GREATEST_DENSITY
 
@@ -40,7 +64,7 @@ _QUICK = 0.1  # s a lap
 _MORE = 2  # times as many rounds of quick laps
 _AROUND = 8.0  # distances more than the spectrum's square: its middle is taken
 
-_THESIS_COLUMNS = (
+_TABLE_6_1_COLUMNS = (
     Column("distance", "r"),
     Column("trials", "k"),
     Column("points", "points"),
@@ -108,7 +132,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     smaller square, for it is slow. What is not on the machine is named. A library is compared with this
     program at the fewest darts that fill as much; where none of those measured does, at the most darts.
 
-    Third, the spectrum, see benchmarks/spectrum.py: power averaged over the angle, and anisotropy; the best
+    Third, the spectrum (benchmarks/point_methods.py): power averaged over the angle, and anisotropy; the best
     that n sets can have is -10 log n dB, -13.0 for the twenty of a full run. The power is held against that
     of as many darts that were thrown one after another, or of a maximal set where a way fills more.
 
@@ -141,7 +165,7 @@ def _table_6_1(context: TimedContext, effort: Effort) -> Table:
                 "over_gtx": value_of(row, "million_per_s") / known if known else None,
             }
         )
-    return Table(f"Table 6.1 of the thesis on {effort.point_side:g}²", _THESIS_COLUMNS, tuple(rows))
+    return Table(f"Table 6.1 of the thesis on {effort.point_side:g}²", _TABLE_6_1_COLUMNS, tuple(rows))
 
 
 def _room(context: TimedContext, effort: Effort) -> Table:
@@ -231,12 +255,7 @@ def _spectrum_row(name: str, trials: int | None, found: Spectrum, darts: Spectru
 
 
 def _laps(ways: Mapping[Key, Way], rounds: int) -> dict[Key, list[Lap]]:
-    laps = alternate({key: way.lap for key, way in ways.items()}, rounds=rounds)
-    # Laps of milliseconds are disturbed most, and cost least to have more of.
-    quick = {key: way.lap for key, way in ways.items() if laps[key][0].wall < _QUICK}
-    for key, more in alternate(quick, rounds=_MORE * rounds).items():
-        laps[key] += more
-    return laps
+    return alternate({key: way.lap for key, way in ways.items()}, rounds=rounds, quick=_QUICK, more=_MORE)
 
 
 def _times_as_fast(one: Row, other: Row) -> float:
@@ -254,18 +273,14 @@ def _rate(way: Way, laps: Sequence[Lap]) -> Row:
     return {
         "trials": way.trials,
         "points": len(points),
-        "rounds": times.count,
-        "median_ms": times.median * 1e3,
-        "p95_ms": times.p95 * 1e3,
+        **times.cells(),
         "million_per_s": len(points) / times.median * 1e-6,
         "fill": fill_of(points, way.side),
         "seconds": samples,
     }
 
 
-_OWN, _THESIS, _GTX = "#0072B2", "#777777", "#D55E00"
-_BLUE_NOISE_CHART_MORE = ("#E69F00", "#AA5586", "#009E73", "#333333")
-_SMALL = 8.0
+_LIBRARY_HUES = (ORANGE, PURPLE, GREEN, INK)
 _RATES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000)
 _IDEAL, _ASKED = -13.0, -11.0  # dB, of twenty sets; the worst that is asked for
 _ASKED_ROOM = 1.0  # %
@@ -275,12 +290,13 @@ _LEAST_ROOM = 1e-3  # %; what is less stands there
 def draw_table_6_1(rows: Sequence[Row]) -> Any:
     """Draw points a second against r, a panel a number of darts: of both ways, and the thesis's figures."""
     trials = list(dict.fromkeys(row["trials"] for row in rows))
-    figure = _figure(10.0, 4.0)
+    title = "Table 6.1 of the thesis: up is better. r: the least distance; k: darts a cell."
+    figure = new_figure(10.0, 4.0, title)
     panels = figure.subplots(1, len(trials), squeeze=False, sharey=True)[0]
     series = (
-        ("million_per_s", OURS, _OWN, "o-"),
-        ("thesis_million_per_s", f"{THESIS} here", _THESIS, "s-"),
-        ("gtx_million_per_s", "its figure, GTX 580", _GTX, "D--"),
+        ("million_per_s", OURS, BLUE, "o-"),
+        ("thesis_million_per_s", f"{THESIS} here", GREY, "s-"),
+        ("gtx_million_per_s", "its figure, GTX 580", VERMILION, "D--"),
     )
     for k, axes in zip(trials, panels, strict=True):
         of_k = [row for row in rows if row["trials"] == k]
@@ -290,31 +306,27 @@ def draw_table_6_1(rows: Sequence[Row]) -> Any:
             axes.plot(distances, rates, style, color=colour, markersize=4.5, linewidth=1.4, label=name)
         axes.set(xscale="log", yscale="log", title=f"k = {k}", xlabel="r")
         axes.set_xticks(distances, [f"{distance:g}" for distance in distances])
-        axes.xaxis.set_minor_locator(_no_ticks())
+        axes.xaxis.minorticks_off()
     rates = [value_of(row, key) for row in rows for key, *_ in series if value_of(row, key)]
     low, high = min(rates) / 1.5, max(rates) * 1.5
     ticks = [tick for tick in _RATES if low < tick < high]
     panels[0].set_ylim(low, high)
     panels[0].set_yticks(ticks, [f"{tick:g}" for tick in ticks])
-    panels[0].yaxis.set_minor_locator(_no_ticks())
+    panels[0].yaxis.minorticks_off()
     panels[0].set_ylabel("million points a second")
-    panels[-1].legend(fontsize=_SMALL, frameon=False)
-    figure.suptitle(
-        "Table 6.1 of the thesis: up is better. r: the least distance; k: darts a cell.", x=0.01, ha="left"
-    )
+    panels[-1].legend(fontsize=SMALL, frameon=False)
     return figure
 
 
 def draw_room(rows: Sequence[Row]) -> Any:
     """Draw the room that is left against darts a cell and against time, with the default in a ring."""
     known = [row for row in rows if row.get("room") is not None]
-    figure = _figure(10.0, 4.4)
+    title = "Ground where another point would still fit. Down and left is better."
+    figure = new_figure(10.0, 4.4, title)
     panels = figure.subplots(1, 2, sharey=True)
     names = list(dict.fromkeys(str(row["way"]) for row in known))
-    colours = {OURS: _OWN, THESIS: _THESIS}
-    colours |= dict(
-        zip((name for name in names if name not in colours), _BLUE_NOISE_CHART_MORE, strict=False)
-    )
+    colours = {OURS: BLUE, THESIS: GREY}
+    colours |= dict(zip((name for name in names if name not in colours), _LIBRARY_HUES, strict=False))
     default = next(row for row in known if row.get("note"))
     for axes, key, label in zip(panels, ("trials", "us_per_point"), ("darts, k", "µs a point"), strict=True):
         for name in names:
@@ -331,26 +343,23 @@ def draw_room(rows: Sequence[Row]) -> Any:
                 label=name,
             )
         place = _abscissa(default, key), max(value_of(default, "room"), _LEAST_ROOM)
-        axes.plot(*place, "o", color=_OWN, markersize=11, fillstyle="none")
-        label_style: Any = {"textcoords": "offset points", "color": _OWN, "fontsize": _SMALL, "ha": "right"}
+        axes.plot(*place, "o", color=BLUE, markersize=11, fillstyle="none")
+        label_style: Any = {"textcoords": "offset points", "color": BLUE, "fontsize": SMALL, "ha": "right"}
         axes.annotate("default", place, (-7, -12), **label_style)
-        axes.axhline(_ASKED_ROOM, color=_GTX, linestyle=":", linewidth=1.2)
+        axes.axhline(_ASKED_ROOM, color=VERMILION, linestyle=":", linewidth=1.2)
         axes.set(xscale="log", yscale="log", xlabel=label)
-        axes.xaxis.set_major_formatter(_plain())
-        axes.xaxis.set_minor_formatter(_none())
-        axes.yaxis.set_major_formatter(_plain())
+        plain_numbers(axes.xaxis, axes.yaxis)
     panels[0].set_ylabel("room left, % of the ground; dotted: asked")
-    panels[1].legend(fontsize=_SMALL, frameon=False)
-    figure.suptitle("Ground where another point would still fit. Down and left is better.", x=0.01, ha="left")
+    panels[1].legend(fontsize=SMALL, frameon=False)
     return figure
 
 
 def draw_spectra(rows: Sequence[Row]) -> Any:
     """Draw power and anisotropy against frequency, a line a way; the first row is the reference."""
-    figure = _figure(11.0, 4.2)
+    figure = new_figure(11.0, 4.2, "Spectra; the grey line is darts thrown one after another")
     power, anisotropy = figure.subplots(1, 2)
-    colours = {OURS: _OWN, THESIS: _THESIS, TURNS: _GTX}
-    more = iter(_BLUE_NOISE_CHART_MORE)
+    colours = {OURS: BLUE, THESIS: GREY, TURNS: VERMILION}
+    more = iter(_LIBRARY_HUES)
     for number, row in enumerate(rows):
         name = str(row["way"])
         colour = colours[name] if name in colours else next(more) if number else "#BBBBBB"
@@ -361,41 +370,16 @@ def draw_spectra(rows: Sequence[Row]) -> Any:
         )
         anisotropy.plot(frequency, samples_of(row, "anisotropy"), **style)
     power.set(xlabel="waves a distance", ylabel="power, 1 by chance", title="radial power")
-    power.legend(fontsize=_SMALL, frameon=False)
+    power.legend(fontsize=SMALL, frameon=False)
     anisotropy.axhline(_IDEAL, color="#000000", linestyle=":", linewidth=1.0)
-    anisotropy.axhline(_ASKED, color=_GTX, linestyle=":", linewidth=1.0)
+    anisotropy.axhline(_ASKED, color=VERMILION, linestyle=":", linewidth=1.0)
     anisotropy.set(
         xlabel="waves a distance",
         ylabel="dB; dotted: best of twenty sets, asked",
         title="anisotropy",
     )
-    figure.suptitle("Spectra; the grey line is darts thrown one after another", x=0.01, ha="left")
     return figure
 
 
 def _abscissa(row: Row, key: str) -> float:
     return 1.0 / value_of(row, "million_per_s") if key == "us_per_point" else value_of(row, key)
-
-
-def _figure(width: float, height: float) -> Any:
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), layout="constrained")
-
-
-def _plain() -> Any:
-    from matplotlib.ticker import FormatStrFormatter
-
-    return FormatStrFormatter("%g")
-
-
-def _none() -> Any:
-    from matplotlib.ticker import NullFormatter
-
-    return NullFormatter()
-
-
-def _no_ticks() -> Any:
-    from matplotlib.ticker import NullLocator
-
-    return NullLocator()

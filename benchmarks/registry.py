@@ -20,7 +20,7 @@ from sketchterrain.benchmarks import (
 )
 from sketchterrain.benchmarks import points as blue_noise
 from sketchterrain.benchmarks.effort import Effort
-from sketchterrain.benchmarks.grounds import BARE_SEED
+from sketchterrain.benchmarks.noise import BARE_SEED
 from sketchterrain.benchmarks.report import Outcome
 from sketchterrain.benchmarks.timing import TimedContext
 from sketchterrain.errors import InputError

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.benchmarks import thesis_tiles
-from sketchterrain.benchmarks.baselines import c_noise, fastnoise2, numba_noise, numpy_noise
-from sketchterrain.benchmarks.baselines.problem import Absent, Rival
+from sketchterrain.benchmarks import thesis
+from sketchterrain.benchmarks.baselines import numba_noise
+from sketchterrain.benchmarks.baselines.noise import Absent, Rival, in_c, in_fastnoise2, in_numpy
 from sketchterrain.benchmarks.effort import Effort
-from sketchterrain.benchmarks.grounds import BARE, central_keys, open_ground
-from sketchterrain.benchmarks.noise import OCTAVES, NoiseGrid
+from sketchterrain.benchmarks.noise import BARE, OCTAVES, NoiseGrid, central_keys, open_ground
+from sketchterrain.benchmarks.plotting import BLUE, GREY, new_figure, plain_numbers
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
-from sketchterrain.benchmarks.thesis_tiles import LEVEL, OURS
+from sketchterrain.benchmarks.thesis import LEVEL, OURS
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
 from sketchterrain.compute.device import list_devices
 from sketchterrain.compute.device_check import is_usable
@@ -121,13 +121,7 @@ def _bare_tiles(context: TimedContext, count: int) -> tuple[Callable[[], object]
 ASKED: Mapping[str, float] = {"FastNoise2": 1.0, "numba, a point": 8.0, "NumPy": 25.0}
 """How many times as fast as each rival the first device shall be."""
 
-_RIVALS = (
-    c_noise.rival,
-    fastnoise2.rival,
-    numba_noise.rival,
-    numba_noise.by_rows,
-    numpy_noise.rival,
-)
+_RIVALS = (in_c, in_fastnoise2, numba_noise.rival, numba_noise.by_rows, in_numpy)
 
 _QUICK = 0.2  # s a lap
 _MORE = 4  # times as many rounds of quick laps
@@ -174,7 +168,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     their bytes and the operations of their octaves set; a processor computes whole numbers beside real
     ones, so that noise can pass its bound. By profiling events.
     """
-    tables = (_noise(context, effort), thesis_tiles.table(context, effort), _roofline(context, effort))
+    tables = (_noise(context, effort), thesis.table(context, effort), _roofline(context, effort))
     return Outcome(tables)
 
 
@@ -193,11 +187,7 @@ def _noise(context: TimedContext, effort: Effort) -> Table:
     found = [make(problem) for make in _RIVALS]
     methods = [*_kernels(context, side), *(_method(one) for one in found if isinstance(one, Rival))]
     works = {method.name: method.lap for method in methods}
-    laps = alternate(works, rounds=effort.rounds)
-    # Laps of milliseconds are disturbed most, and cost least to have more of.
-    quick = {name: works[name] for name, found in laps.items() if found[0].wall < _QUICK}
-    for name, more in alternate(quick, rounds=_MORE * effort.rounds).items():
-        laps[name] += more
+    laps = alternate(works, rounds=effort.rounds, quick=_QUICK, more=_MORE)
     first = methods[0].result()
     rows: list[Row] = []
     for method in methods:
@@ -212,9 +202,7 @@ def _noise(context: TimedContext, effort: Effort) -> Table:
             {
                 "method": method.name,
                 "threads": method.threads,
-                "rounds": times.count,
-                "median_ms": times.median * 1e3,
-                "p95_ms": times.p95 * 1e3,
+                **times.cells(),
                 "million_octaves_per_s": side**2 * OCTAVES / times.median * 1e-6,
                 "ours_over_it": times.median / fastest,
                 "by_processor": spread([one.processor for one in laps[method.name]]).median / least,
@@ -259,16 +247,16 @@ def _once(grid: NoiseGrid) -> None:
     grid.finish()
 
 
-_OWN, _OTHER = "#0072B2", "#999999"
-_LEAST = 1e-4  # mm; what is exact stands there
+_LEAST = 1e-4  # mm; exact values are plotted here
 
 
-def draw_rates(figure: Any, rows: Sequence[Row]) -> Any:
+def draw_rates(rows: Sequence[Row]) -> Any:
     """Draw a bar a method, longer is faster; methods that are absent have none."""
+    figure = new_figure(9.0, 3.6, "Simplex fBm of 8 octaves, the same threads for all but NumPy")
     axes = figure.subplots()
     names = [str(row["method"]) for row in rows]
     rates = [value_of(row, "million_octaves_per_s") for row in rows]
-    colours = [_OWN if name.startswith(OURS) else _OTHER for name in names]
+    colours = [BLUE if name.startswith(OURS) else GREY for name in names]
     axes.barh(range(len(rows)), rates, color=colours, height=0.62)
     for place, (row, rate) in enumerate(zip(rows, rates, strict=True)):
         text = f"{rate:.0f}" if rate else str(row.get("note") or "absent")
@@ -277,17 +265,17 @@ def draw_rates(figure: Any, rows: Sequence[Row]) -> Any:
     axes.set(xlim=(0, max(rates) * 1.12), xlabel="million points × octaves a second")
     axes.invert_yaxis()
     axes.grid(visible=False, axis="y")
-    figure.suptitle("Simplex fBm of 8 octaves, the same threads for all but NumPy", x=0.01, ha="left")
     return figure
 
 
-def draw_thesis(figure: Any, rows: Sequence[Row]) -> Any:
-    """Draw a dot a way, a panel a ground: the error of 99 % of the vertices against time.
+def draw_thesis(rows: Sequence[Row]) -> Any:
+    """Draw a dot a method, a panel a ground: the error of 99 % of the vertices against time.
 
-    Without float64 no error is known, and nothing is drawn.
+    Nothing is drawn without float64, which the errors need.
     """
-    from matplotlib.ticker import FormatStrFormatter, NullFormatter
-
+    figure = new_figure(
+        12.0, 4.2, "Tiles against the thesis's method: samples a piece × rounds. Down and left is better."
+    )
     rows = [row for row in rows if row.get("error_mm") is not None]
     if not rows:
         return figure
@@ -297,7 +285,7 @@ def draw_thesis(figure: Any, rows: Sequence[Row]) -> Any:
         for number, row in enumerate(row for row in rows if row["ground"] == ground):
             own = str(row["method"]).startswith(OURS)
             x, y = value_of(row, "us_per_tile"), max(value_of(row, "error_mm"), _LEAST)
-            colour = _OWN if own else _OTHER
+            colour = BLUE if own else GREY
             axes.plot(x, y, "o", color=colour, markersize=6, clip_on=False)
             text = str(row["method"]).removeprefix("the thesis's way, ").removeprefix(f"{OURS}, ")
             weight = "bold" if own else "normal"
@@ -314,12 +302,6 @@ def draw_thesis(figure: Any, rows: Sequence[Row]) -> Any:
         axes.set(xscale="log", yscale="log", xlim=(min(times) / 1.5, max(times) * 5), title=ground)
         axes.set_xlabel("µs a tile")
         axes.set_ylim(_LEAST / 2, 3 * max(value_of(row, "error_mm") for row in rows) + _LEAST)
-        axes.xaxis.set_minor_formatter(NullFormatter())
-        axes.xaxis.set_major_formatter(FormatStrFormatter("%g"))
+        plain_numbers(axes.xaxis)
     panels[0].set_ylabel("height error of 99 % of the vertices, mm")
-    figure.suptitle(
-        "Tiles against the thesis's way: samples a piece × rounds. Down and left is better.",
-        x=0.01,
-        ha="left",
-    )
     return figure

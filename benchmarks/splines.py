@@ -9,15 +9,18 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.benchmarks.effort import Effort
+from sketchterrain.benchmarks.plotting import BLUE, GREEN, INK, ORANGE, PURPLE, VERMILION, new_figure
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
-from sketchterrain.benchmarks.spline_cases import KINDS, distances, splines_and_places
 from sketchterrain.benchmarks.spline_methods import (
     ARCS,
     FLATTENED,
     KERNELS,
+    KINDS,
     SEGMENTS,
     SplineQueries,
+    distances,
     pieces_of,
+    splines_and_places,
 )
 from sketchterrain.benchmarks.timing import TimedContext, alternate, spread
 
@@ -120,22 +123,19 @@ def _pieces(cubics: Float64Array, method: str, cell: float) -> float:
     return float(starts[-1] / len(cubics))
 
 
-# Okabe and Ito's palette, which colour-blind people can tell apart.
 _COLOURS = {
-    "Newton": "#E69F00",
-    "two steps": "#AA5586",
-    "iterated sampling": "#D55E00",
-    "all roots": "#333333",
-    SEGMENTS: "#009E73",
-    ARCS: "#0072B2",
+    "Newton": ORANGE,
+    "two steps": PURPLE,
+    "iterated sampling": VERMILION,
+    "all roots": INK,
+    SEGMENTS: GREEN,
+    ARCS: BLUE,
 }
 
 
 def draw_splines(rows: Sequence[Row]) -> Any:
     """Worst error against time; a table of failures by trap."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11.0, 4.6), layout="constrained")
+    figure = new_figure(11.0, 4.6)
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.15))
     _spline_chart_errors(left, rows)
     _failures(right, [row for row in rows if row["cell_size"] == _SHOWN_CELL])

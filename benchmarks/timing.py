@@ -1,4 +1,4 @@
-"""How a time is taken: laps of work, in rounds that alternate between the rivals."""
+"""Timing: laps of work, in rounds that alternate between the methods compared."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -37,7 +37,7 @@ class Lap:
 
 
 class TimedContext(ComputeContext):
-    """A context that also keeps how many work items each launch has; made like its parent."""
+    """A compute context that also counts the work items of each launch."""
 
     def __init__(self, device: str | None = None, *, real: str = "float", fast: bool = False) -> None:
         super().__init__(device, real=real, fast=fast)
@@ -69,11 +69,15 @@ class TimedContext(ComputeContext):
 
 @dataclass(frozen=True)
 class Spread:
-    """What a sample of times says: its median and its 95th percentile (s), and how many there were."""
+    """Median and 95th percentile of some times (s), and their number."""
 
     median: float
     p95: float
     count: int
+
+    def cells(self) -> dict[str, float]:
+        """Return a row's cells `rounds`, `median_ms` and `p95_ms`."""
+        return {"rounds": self.count, "median_ms": self.median * 1e3, "p95_ms": self.p95 * 1e3}
 
 
 def lap(work: Callable[[], object]) -> Lap:
@@ -83,11 +87,14 @@ def lap(work: Callable[[], object]) -> Lap:
     return Lap(perf_counter() - start, processor=process_time() - used)
 
 
-def alternate(rivals: Mapping[Name, Callable[[], Lap]], *, rounds: int) -> dict[Name, list[Lap]]:
-    """Time rivals so that they can be compared: each once to warm up, then in turn, round after round.
+def alternate(
+    rivals: Mapping[Name, Callable[[], Lap]], *, rounds: int, quick: float = 0.0, more: int = 0
+) -> dict[Name, list[Lap]]:
+    """Time methods so that they can be compared: each once to warm up, then in turn, round after round.
 
-    Every second round runs backwards, so that none always follows the same one. What slows the machine for
-    a while then slows all of them.
+    Every second round runs backwards, so that no method always follows the same one; a slowdown of the
+    machine then affects all of them. Methods whose lap takes less than `quick` seconds get `more` times as
+    many rounds again: short laps are disturbed most, and cost least to repeat.
     """
     for work in rivals.values():
         work()
@@ -96,6 +103,10 @@ def alternate(rivals: Mapping[Name, Callable[[], Lap]], *, rounds: int) -> dict[
         turn = list(rivals.items())
         for name, work in reversed(turn) if number % 2 else turn:
             laps[name].append(work())
+    short = {name: rivals[name] for name, done in laps.items() if done[0].wall < quick}
+    if short and more:
+        for name, again in alternate(short, rounds=more * rounds).items():
+            laps[name] += again
     return laps
 
 

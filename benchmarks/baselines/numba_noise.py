@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sketchterrain.benchmarks.baselines.problem import Absent, NoiseProblem, Rival
+from sketchterrain.benchmarks.baselines.noise import Absent, NoiseProblem, Rival
 
 _HALF, _ZERO = np.float32(0.5), np.float32(0)
 _UNSKEW = np.float32(0.21138669673055244)

@@ -1,11 +1,14 @@
 """One device for all, and sizes that a test can afford."""
 
+from dataclasses import replace
+
 import pytest
 
-from sketchterrain.benchmarks.effort import Effort
+from sketchterrain.benchmarks.effort import QUICK, Effort
 from sketchterrain.benchmarks.timing import TimedContext
 
-TINY = Effort(
+TINY = replace(
+    QUICK,
     rounds=2,
     presets=("valley_river",),
     kernel_levels=(5,),
@@ -25,7 +28,6 @@ TINY = Effort(
     scipy_side=8.0,
     point_sides=(32.0,),
     spectrum_sets=2,
-    accuracy_grounds=("valley_river",),
     accuracy_levels=(6, 9),
     accuracy_tiles=1,
     choice_tiles=1,
@@ -40,17 +42,13 @@ TINY = Effort(
     flight_own_pixels=(64.0, 16.0),
     flight_factors=(0.5,),
     flight_grid_levels=(1, 2),
-    picture_views=(("valley_river", "ground"),),
     picture_numbers=(0.1,),
     picture_parts=("water",),
-    picture_rounds=2,
     picture_size=(96, 54),
     live_strokes=1,
     live_dabs=2,
     batch_size=17,
-    batch_files=("without preview",),
     batch_seeds=1,
-    batch_fresh=1,
     batch_jobs=(1,),
     batch_rounds=2,
     world_sides=(17, 33),

@@ -7,12 +7,11 @@ import numpy.typing as npt
 import pytest
 from scipy.spatial import cKDTree
 
-from sketchterrain.benchmarks.baselines import bridson, c_noise, fastnoise2, numba_noise, numpy_noise
-from sketchterrain.benchmarks.baselines.phase_groups import PhaseGroups
-from sketchterrain.benchmarks.baselines.problem import Absent
+from sketchterrain.benchmarks.baselines import noise, numba_noise, points
+from sketchterrain.benchmarks.baselines.noise import Absent
+from sketchterrain.benchmarks.baselines.points import PhaseGroups
 from sketchterrain.benchmarks.baselines.thesis import Sampling, ThesisTiles
-from sketchterrain.benchmarks.grounds import open_ground
-from sketchterrain.benchmarks.noise import NoiseGrid
+from sketchterrain.benchmarks.noise import NoiseGrid, open_ground
 from sketchterrain.benchmarks.timing import TimedContext
 from sketchterrain.vegetation.graded_poisson import GREATEST_DENSITY
 
@@ -28,7 +27,7 @@ def grid(context) -> NoiseGrid:
 
 @pytest.mark.parametrize(
     ("make", "bound"),
-    [(c_noise.rival, 0.0), (numpy_noise.rival, 0.0), (numba_noise.rival, 1e-6), (numba_noise.by_rows, 1e-6)],
+    [(noise.in_c, 0.0), (noise.in_numpy, 0.0), (numba_noise.rival, 1e-6), (numba_noise.by_rows, 1e-6)],
 )
 def test_rivals_compute_the_same_sum(grid, make, bound):
     rival = make(grid.problem(2))
@@ -41,19 +40,19 @@ def test_rivals_compute_the_same_sum(grid, make, bound):
 
 def test_missing_implementations_say_how_to_get_them(grid, monkeypatch):
     problem = grid.problem(1)
-    for module in (numba_noise, bridson):
+    for module in (numba_noise, points):
         monkeypatch.setattr(module, "find_spec", lambda name: None)
-    monkeypatch.setattr(c_noise.shutil, "which", lambda name: None)
-    monkeypatch.setattr(fastnoise2, "find_library", lambda name: None)
-    for name in (fastnoise2.VARIABLE, bridson.NODE_MODULES, bridson.FASTER_POISSON):
+    monkeypatch.setattr(noise.shutil, "which", lambda name: None)
+    monkeypatch.setattr(noise, "find_library", lambda name: None)
+    for name in (noise.VARIABLE, points.NODE_MODULES, points.FASTER_POISSON):
         monkeypatch.delenv(name, raising=False)
     for absent, word in (
-        (c_noise.rival(problem), "path"),
+        (noise.in_c(problem), "path"),
         (numba_noise.rival(problem), "pip install numba"),
-        (fastnoise2.rival(problem), fastnoise2.VARIABLE),
-        (bridson.in_numba(), "pip install numba"),
-        (bridson.in_rust(), bridson.FASTER_POISSON),
-        (bridson.in_node(), "n"),
+        (noise.in_fastnoise2(problem), noise.VARIABLE),
+        (points.in_numba(), "pip install numba"),
+        (points.in_rust(), points.FASTER_POISSON),
+        (points.in_node(), "n"),
     ):
         assert isinstance(absent, Absent)
         assert word in absent.reason

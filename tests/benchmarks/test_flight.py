@@ -6,18 +6,21 @@ import numpy as np
 import pytest
 
 from sketchterrain.benchmarks.flight import MOST, at_one_pixel, reaching
-from sketchterrain.benchmarks.flight_meshes import Tiles, View, _refined, drawn, uniform_tiles
-from sketchterrain.benchmarks.flight_peers import MESHERS, Mesher, Square, mesher
+from sketchterrain.benchmarks.flight_methods import MESHERS, THESIS, Mesher, Square, mesher
 from sketchterrain.benchmarks.flight_scene import (
     EXTENT,
     PICTURE,
     OwnTiles,
+    Tiles,
+    View,
+    _refined,
+    drawn,
     open_world,
     stops,
+    uniform_tiles,
     view_of,
     within_world,
 )
-from sketchterrain.benchmarks.flight_ways import THESIS
 from sketchterrain.terrain.terrain import Terrain
 
 

@@ -7,7 +7,7 @@ import numpy.typing as npt
 import pytest
 from PIL import Image
 
-from sketchterrain.benchmarks import material_picture, method_pictures, plant_sheet
+from sketchterrain.benchmarks import figures
 
 
 def pixels_of(path: Path) -> npt.NDArray[np.int64]:
@@ -18,9 +18,9 @@ def pixels_of(path: Path) -> npt.NDArray[np.int64]:
 @pytest.mark.slow
 def test_pictures_of_methods_are_drawn(tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
-    monkeypatch.setattr(method_pictures, "_SIDE", 33)
-    assert method_pictures.main([str(tmp_path)]) == 0
-    names = {f"{name}.png" for name in method_pictures.PICTURES}
+    monkeypatch.setattr(figures, "_RASTER_SIDE", 33)
+    assert figures.main(["methods", str(tmp_path)]) == 0
+    names = {f"{name}.png" for name in figures.METHODS}
     assert {path.name for path in tmp_path.iterdir()} == names
     for name in names:
         assert pixels_of(tmp_path / name).std() > 10, name
@@ -28,10 +28,9 @@ def test_pictures_of_methods_are_drawn(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_every_material_is_in_the_picture(tmp_path, monkeypatch):
-    monkeypatch.setattr(material_picture, "_SIDE", 64)
-    path = tmp_path / "materials.jpg"
-    assert material_picture.main([str(path)]) == 0
-    picture = pixels_of(path)
+    monkeypatch.setattr(figures, "_TEXTURE_SIDE", 64)
+    assert figures.main(["textures", str(tmp_path)]) == 0
+    picture = pixels_of(tmp_path / "textures.jpg")
     assert picture.shape == (960, 1920, 3)
     panels = picture.reshape(3, 320, 3, 640, 3)
     assert (panels.std(axis=(1, 3)) > 3.0).all()
@@ -40,9 +39,9 @@ def test_every_material_is_in_the_picture(tmp_path, monkeypatch):
 @pytest.mark.gl
 @pytest.mark.slow
 def test_a_row_of_plants_is_drawn_for_each_level(tmp_path, monkeypatch):
-    monkeypatch.setattr(plant_sheet, "SIZE", (240, 40))
-    monkeypatch.setattr(plant_sheet, "LEAVES", (10.0, 0.05))
-    assert plant_sheet.main([str(tmp_path)]) == 0
+    monkeypatch.setattr(figures, "SIZE", (240, 40))
+    monkeypatch.setattr(figures, "LEAVES", (10.0, 0.05))
+    assert figures.main(["trees", str(tmp_path)]) == 0
     pixels = pixels_of(tmp_path / "trees.jpg")
     assert pixels.shape == (80, 240, 3)
     fine, coarse = pixels[:40], pixels[40:]

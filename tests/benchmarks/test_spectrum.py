@@ -8,11 +8,10 @@ import pytest
 from scipy.spatial import cKDTree
 
 from sketchterrain.benchmarks import points as blue_noise
-from sketchterrain.benchmarks.baselines.dart_thrower import throw_darts
-from sketchterrain.benchmarks.point_ways import fill_of, room_of
+from sketchterrain.benchmarks.baselines.points import throw_darts
+from sketchterrain.benchmarks.point_methods import HIGHEST, LOWEST, SETS, SIDE, fill_of, room_of, spectrum_of
 from sketchterrain.benchmarks.poisson_disk import TRIALS, PoissonDisk
 from sketchterrain.benchmarks.report import Outcome
-from sketchterrain.benchmarks.spectrum import HIGHEST, LOWEST, SETS, SIDE, spectrum_of
 from sketchterrain.vegetation.graded_poisson import GREATEST_DENSITY
 
 IDEAL = -10.0 * np.log10(SETS)

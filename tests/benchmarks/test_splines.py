@@ -5,8 +5,15 @@ import itertools
 import numpy as np
 import pytest
 
-from sketchterrain.benchmarks.spline_cases import KINDS, distances, splines_and_places
-from sketchterrain.benchmarks.spline_methods import ARCS, SEGMENTS, SplineQueries, pieces_of
+from sketchterrain.benchmarks.spline_methods import (
+    ARCS,
+    KINDS,
+    SEGMENTS,
+    SplineQueries,
+    distances,
+    pieces_of,
+    splines_and_places,
+)
 from sketchterrain.benchmarks.splines import CELL_SIZES, failures
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices

@@ -7,6 +7,8 @@ gives most points a second, faster_poisson (Rust) most at the density of darts; 
 least distance itself, so that its points lie denser than darts that fall anywhere.
 """
 
+from __future__ import annotations
+
 import json
 import os
 import shutil
@@ -14,16 +16,24 @@ import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
-from math import sqrt
+from math import ceil, sqrt
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 import scipy
+from scipy.spatial import cKDTree
 from scipy.stats import qmc
 
-from sketchterrain.benchmarks.baselines.problem import Absent
+from sketchterrain.benchmarks.baselines.noise import Absent
 from sketchterrain.benchmarks.timing import Lap, lap
+from sketchterrain.placement.hashing import hash_keys
+
+if TYPE_CHECKING:
+    from sketchterrain.compute.context import ComputeContext
+
+    Points = npt.NDArray[np.float64]
 
 FASTER_POISSON = "SKETCHTERRAIN_FASTER_POISSON"
 """Names the program that ``faster_poisson.rs`` becomes."""
@@ -169,3 +179,133 @@ def _fill(side: float, trials: int, seed: int) -> npt.NDArray[np.float64]:
             waiting -= 1
             active[at] = active[waiting]
     return np.stack((x[:count], y[:count]), axis=-1)
+
+
+_FINEST = 1e-7  # of the distance: free ground that is narrower is as good as none
+
+
+def throw_darts(side: float, *, seed: int) -> Points:
+    """Throw darts at a square whose opposite edges are one, until no other fits."""
+    rng = np.random.default_rng(seed)
+    count = int(np.ceil(side * np.sqrt(2.0)))
+    squares = np.stack(np.divmod(np.arange(count * count), count), axis=-1).astype(np.int64)
+    width = side / count
+    points = np.empty((0, 2))
+    while len(squares) and width > _FINEST:
+        darts = (squares[rng.integers(len(squares), size=len(squares))] + rng.random(squares.shape)) * width
+        points = np.concatenate([points, _staying(darts, points, side)])
+        squares = (2 * squares[:, None] + ((0, 0), (0, 1), (1, 0), (1, 1))).reshape(-1, 2)
+        width /= 2
+        middle = np.asarray((squares + 0.5) * width, np.float64)
+        covered = 1.0 - width / np.sqrt(2.0)
+        # A square whose middle is nearer to a point than this lies within its disc.
+        squares = squares[~_near(middle, points, side, covered)]
+    return points
+
+
+def _staying(darts: Points, points: Points, side: float) -> Points:
+    """Return the darts that stay, thrown in this order after the points."""
+    darts = darts[~_near(darts, points, side, 1.0)] % side
+    stays = np.ones(len(darts), np.bool_)
+    pairs = cKDTree(darts, boxsize=np.full(2, side)).query_pairs(1.0, output_type="ndarray")
+    for first, second in pairs[np.argsort(pairs[:, 0], kind="stable")].tolist():
+        if stays[first]:
+            stays[second] = False
+    return darts[stays]
+
+
+def _near(places: Points, points: Points, side: float, distance: float) -> npt.NDArray[np.bool_]:
+    """Return which places are nearer than a distance to a point."""
+    if not len(points) or distance <= 0.0:
+        return np.zeros(len(places), np.bool_)
+    found, _ = cKDTree(points, boxsize=np.full(2, side)).query(places % side, distance_upper_bound=distance)
+    return np.asarray(np.isfinite(found))
+
+
+_FILE = "baselines/phase_groups.cl"
+_GROUP = 64
+_EMPTY = -1
+
+
+@dataclass(frozen=True, eq=False)
+class _Level:
+    """Cells of one size: how many along the side, how wide, how far points reach, and each one's point."""
+
+    columns: int
+    cell: float
+    reach: int
+    index: Any
+
+
+class PhaseGroups:
+    """Points at least a distance apart on a square."""
+
+    def __init__(
+        self,
+        context: ComputeContext,
+        side: float,
+        distance: float,
+        trials: int,
+        *,
+        levels: int = 3,
+        rounds: bool = False,
+    ) -> None:
+        self._context, self._side, self._distance = context, side, distance
+        self._trials, self._rounds = trials, rounds
+        cell = distance / sqrt(2.0)
+        coarsest = ceil(ceil(side / cell) / 2 ** (levels - 1))
+        self._levels = []
+        for level in range(levels):
+            columns, wide = coarsest << level, cell * 2 ** (levels - 1 - level)
+            index = context.upload(np.full(columns**2, _EMPTY, np.int32), writable=True)
+            self._levels.append(_Level(columns, wide, ceil(distance / wide), index))
+        self._nothing = np.full(coarsest**2, _EMPTY, np.int32)
+        self._most = int(1.3 * (side / distance + 1.0) ** 2) + 1  # circles of diameter 1 do not lie denser
+        self._points = context.empty((self._most, 2), np.float32)
+        self._count = context.upload(np.zeros(1, np.int32), writable=True)
+
+    def points(self, seed: int) -> npt.NDArray[np.float32]:
+        """Return the points of a seed, m, shape (n, 2), in no order."""
+        context = self._context
+        start = np.zeros(1, np.int32)
+        events = [
+            context.write(self._levels[0].index, self._nothing),
+            context.write(self._count, start),
+        ]
+        rng = np.random.default_rng(seed)
+        salt = np.uint32(hash_keys(seed, "phase groups") & np.uint64(0xFFFFFFFF))
+        for number, level in enumerate(self._levels):
+            if number:
+                self._refine(self._levels[number - 1], level)
+            turns = [(t, 1) for t in range(self._trials)] if self._rounds else [(0, self._trials)]
+            for first, trials in turns:
+                for group in rng.permutation((level.reach + 1) ** 2).tolist():
+                    self._throw(level, group, first, trials, salt)
+        found = int(context.download(self._count, 1, np.int32)[0])
+        for event in events:
+            context.wait(event)
+        return context.download(self._points, (found, 2), np.float32)
+
+    def _throw(self, level: _Level, group: int, first: int, trials: int, salt: np.uint32) -> None:
+        row, column = divmod(group, level.reach + 1)
+        along = -(-level.columns // (level.reach + 1))
+        numbers = (level.columns, level.reach, level.reach + 1, column, row, first, trials)
+        columns, reach, apart, *rest = (np.int32(number) for number in numbers)
+        lengths = (np.float32(length) for length in (level.cell, self._side, self._distance))
+        written = (level.index, self._points, self._count)
+        self._context.launch(
+            _FILE,
+            "throw_darts",
+            (_rounded_up(along), along),
+            *(*written, columns, *lengths, reach, apart, *rest, salt),
+            group=(_GROUP, 1),
+        )
+
+    def _refine(self, coarse: _Level, fine: _Level) -> None:
+        size = (_rounded_up(coarse.columns), coarse.columns)
+        given = (coarse.index, fine.index, self._points, np.int32(coarse.columns), np.float32(fine.cell))
+        self._context.launch(_FILE, "refine", size, *given, group=(_GROUP, 1))
+
+
+def _rounded_up(number: int) -> int:
+    return -(-number // _GROUP) * _GROUP

@@ -181,7 +181,7 @@ def draw_foliage(context: ComputeContext) -> Any:
     from sketchterrain.terrain.evaluator import Evaluator
     from sketchterrain.terrain.lattice import metres_per_unit
     from sketchterrain.vegetation.plants import SpacingBlocks
-    from sketchterrain.vegetation.woods import LEAST, MOST, Woods
+    from sketchterrain.vegetation.woods import MAX_SPACING, MIN_SPACING, Woods
 
     terrain = build(load_sketch("valley_river"), device=context)
     figure = new_figure(9.0, 4.9)
@@ -191,13 +191,13 @@ def draw_foliage(context: ComputeContext) -> Any:
     area = (west, south, west + _PLOT, south + _PLOT)
     woods = Woods(Evaluator(terrain.recipe, context))
     raster = SpacingBlocks(woods, terrain.extent).raster(*(round(each / unit) for each in area))
-    spacing = np.ma.masked_greater(raster.spacing * unit, MOST)
+    spacing = np.ma.masked_greater(raster.spacing * unit, MAX_SPACING)
     # A pixel lies about its vertex.
     left, low = ((at - raster.step / 2) * unit - start for at, start in zip(raster[:2], _EDGE, strict=True))
     rows, columns = (raster.step * unit * count for count in spacing.shape)
     image = apart.imshow(
         spacing,
-        norm=LogNorm(LEAST, MOST),
+        norm=LogNorm(MIN_SPACING, MAX_SPACING),
         cmap="viridis",
         origin="lower",
         extent=(left, left + columns, low, low + rows),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +24,9 @@ from sketchterrain.placement.shapes import label_shapes
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
 
+GroundHeight: TypeAlias = Callable[[Float64Array, Float64Array], npt.NDArray[np.floating[Any]]]
+"""Height (m) of the terrain without rivers at positions x, y (n,), m."""
+
 Runs: TypeAlias = list[tuple[int, int, int]]
 """First point, last point and lake (an index) of each run of a course inside a lake, upstream first."""
 
@@ -41,7 +44,7 @@ _BEYOND_BIT = 1 << 47  # in the ids of lakes that were not painted
 
 def painted_lakes(
     sketch: Sketch,
-    ground: Callable[[Float64Array, Float64Array], npt.NDArray[np.floating]],
+    ground: GroundHeight,
     cache: PlacementCache | None = None,
 ) -> list[Lake]:
     """Return the painted lakes in reading order, each as high as the low parts of its shore allow."""

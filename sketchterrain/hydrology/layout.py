@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from hashlib import blake2b
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
@@ -24,7 +23,7 @@ from sketchterrain.hydrology.courses import (
     reach_course,
     reversed_course,
 )
-from sketchterrain.hydrology.lakes import lake_pixels
+from sketchterrain.hydrology.lakes import GroundHeight, lake_pixels
 from sketchterrain.hydrology.network import (
     RiverEnd,
     Skeleton,
@@ -53,9 +52,8 @@ def separate_beyond_edge(courses: list[RiverCourse], size: tuple[float, float]) 
     Parents come first; earlier courses take precedence. Unchanged courses are the identical objects.
     """
     finished: list[RiverCourse] = []
-    replaced: dict[
-        int, tuple[RiverCourse, int]
-    ] = {}  # by old course: the new one, and the number of points removed at its head
+    # By old course: the new one, and the number of points removed at its head.
+    replaced: dict[int, tuple[RiverCourse, int]] = {}
     for course in courses:
         head, tail = _beyond(course.line, size)
         first, last = 0, len(course.line)
@@ -106,8 +104,6 @@ def _part(course: RiverCourse, first: int, last: int) -> RiverCourse:
     )
 
 
-GroundHeight: TypeAlias = "Callable[[Float64Array, Float64Array], npt.NDArray[np.floating[Any]]]"
-
 _EDGE_BONUS = (10.0, 0.02)
 """Preference for mouths at the sketch's edge: m, and m per metre of river."""
 
@@ -118,12 +114,14 @@ def lay_out_rivers(
     sketch: Sketch, *, seed: int, ground: GroundHeight, cache: PlacementCache
 ) -> list[RiverCourse]:
     """Return the courses of all painted networks, parents first; unchanged ones are the identical objects."""
-    found, outlines = _networks(sketch, seed, cache)
-    if not found:
+    skeletons, outlines = _networks(sketch, seed, cache)
+    if not skeletons:
         return []
     image = sketch.layers["river"]
     rivers = [
-        (skeleton, each) for skeleton, each in zip(found, outlines, strict=True) if isinstance(each, tuple)
+        (skeleton, outline)
+        for skeleton, outline in zip(skeletons, outlines, strict=True)
+        if isinstance(outline, tuple)
     ]
     closed = cache.layers.get_or_compute(
         ("closed", IdentityKey(image), *(IdentityKey(skeleton) for skeleton, _ in rivers)),
@@ -131,12 +129,12 @@ def lay_out_rivers(
     )
     if closed is not None:
         sketch = sketch.replace(layers={**sketch.layers, "river": closed})
-        found, outlines = _networks(sketch, seed, cache)
+        skeletons, outlines = _networks(sketch, seed, cache)
     lakes = sketch.layers["lake"]
     lake = cache.layers.get_or_compute(("lake pixels", IdentityKey(lakes)), lambda: lake_pixels(sketch))
-    positions = [_end_positions(sketch, *each) for each in zip(found, outlines, strict=True)]
+    positions = [_end_positions(sketch, *each) for each in zip(skeletons, outlines, strict=True)]
     courses: list[RiverCourse] = []
-    for skeleton, outline, heights in zip(found, outlines, heights_at(ground, positions), strict=True):
+    for skeleton, outline, heights in zip(skeletons, outlines, heights_at(ground, positions), strict=True):
         courses.extend(_courses(sketch, skeleton, outline, heights, seed, lake, cache))
     return courses
 
@@ -161,15 +159,15 @@ def _networks(
 ) -> tuple[tuple[Skeleton, ...], list[RiverCourse | tuple[RiverEnd, ...]]]:
     """Return the skeletons of painted rivers, and for each the dab's course or its ends."""
     image, settings = sketch.layers["river"], _settings(sketch, seed)
-    found: tuple[Skeleton, ...] = cache.layers.get_or_compute(
+    skeletons: tuple[Skeleton, ...] = cache.layers.get_or_compute(
         ("skeletons", IdentityKey(image), settings), lambda: _skeletons(sketch, settings, cache)
     )
-    return found, [
+    return skeletons, [
         cache.rivers.get_or_compute(
             ("outline", IdentityKey(each), settings, _surroundings_key(sketch, each)),
             partial(_outline, sketch, each, seed),
         )
-        for each in found
+        for each in skeletons
     ]
 
 

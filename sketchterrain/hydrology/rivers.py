@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from hashlib import blake2b
 from typing import TYPE_CHECKING
 
@@ -21,8 +20,8 @@ from sketchterrain.hydrology.conflicts import (
     resolve_conflicts,
 )
 from sketchterrain.hydrology.courses import RiverCourse, course_through
-from sketchterrain.hydrology.lakes import mouth_lakes, painted_lakes, solve_lake_levels
-from sketchterrain.hydrology.layout import GroundHeight, heights_at, lay_out_rivers, separate_beyond_edge
+from sketchterrain.hydrology.lakes import GroundHeight, mouth_lakes, painted_lakes, solve_lake_levels
+from sketchterrain.hydrology.layout import heights_at, lay_out_rivers, separate_beyond_edge
 from sketchterrain.hydrology.river_shape import build_network
 from sketchterrain.hydrology.water_levels import build_rivers
 from sketchterrain.placement.cache import IdentityKey, PlacementCache
@@ -179,7 +178,7 @@ def trace_hydrology(
     seed: int,
     ground: GroundHeight,
     cache: PlacementCache | None = None,
-    checkpoint: Callable[[], None] | None = None,
+    checkpoint: Callable[[], None] = lambda: None,
 ) -> Hydrology:
     """Trace rivers as `trace_rivers` does, and the lakes that they flow through and end in.
 
@@ -187,25 +186,20 @@ def trace_hydrology(
     raise to cancel. Results with and without a cache are bit-equal.
     """
     cache = PlacementCache() if cache is None else cache
-    pause = _no_checkpoint if checkpoint is None else checkpoint
     lakes = painted_lakes(sketch, ground, cache)
-    pause()
+    checkpoint()
     painted = lay_out_rivers(sketch, seed=seed, ground=ground, cache=cache)
     courses, orphans = apply_river_edits(painted, sketch.edits)
-    pause()
+    checkpoint()
     courses = cache.rivers.get_or_compute(
         ("apart", sketch.size, *map(IdentityKey, courses)), lambda: separate_beyond_edge(courses, sketch.size)
     )
     lakes, lake_orphans = apply_lake_edits([*lakes, *mouth_lakes(sketch, courses, seed=seed)], sketch.edits)
-    pause()
-    rivers, lakes, grounds = _solve_water(sketch, courses, lakes, ground, cache, pause)
-    pause()
+    checkpoint()
+    rivers, lakes, grounds = _solve_water(sketch, courses, lakes, ground, cache, checkpoint)
+    checkpoint()
     resolutions = resolve_conflicts(sketch, _mountains(sketch, cache), rivers, grounds, lakes)
     return Hydrology(tuple(rivers), tuple(lakes), resolutions, orphans + lake_orphans, tuple(grounds))
-
-
-def _no_checkpoint() -> None:
-    """Never cancel."""
 
 
 def _mountains(sketch: Sketch, cache: PlacementCache) -> npt.NDArray[np.int64]:
@@ -222,13 +216,13 @@ def _solve_water(
     lakes: list[Lake],
     ground: GroundHeight,
     cache: PlacementCache,
-    pause: Callable[[], None],
+    checkpoint: Callable[[], None],
 ) -> tuple[list[River], list[Lake], list[Float64Array]]:
     """Solve water levels: return rivers sorted by id, lakes, and the terrain height along each river."""
     if not courses:
         return [], lakes, []
     grounds = heights_at(ground, [course.line for course in courses])
-    pause()
+    checkpoint()
     mountains = _mountains(sketch, cache)
     cuts = tuple(
         tuple((run.first, run.last) for run in mountain_crossings(sketch, mountains, course.line))
@@ -239,7 +233,7 @@ def _solve_water(
     )
     before = tuple((IdentityKey(lake.shape), lake.id, lake.level, lake.depth) for lake in lakes)
     levels = tuple(each.tobytes() for each in grounds)
-    pause()
+    checkpoint()
 
     def compute() -> tuple[list[River], list[Lake]]:
         network = replace(shape, cuts=cuts)
@@ -253,16 +247,12 @@ def _solve_water(
 
 def _reuse_unchanged(rivers: Sequence[River], cache: PlacementCache) -> list[River]:
     """Return the cached object for each river that is unchanged, bit for bit."""
-    return [
-        cache.rivers.get_or_compute(
-            ("river", *(_bits(part) for part in vars(river).values())), partial(_itself, river)
-        )
-        for river in rivers
-    ]
 
+    def cached(river: River) -> River:
+        key = ("river", *(_bits(part) for part in vars(river).values()))
+        return cache.rivers.get_or_compute(key, lambda: river)
 
-def _itself(river: River) -> River:
-    return river
+    return [cached(river) for river in rivers]
 
 
 def _bits(part: object) -> object:

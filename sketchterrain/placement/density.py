@@ -87,23 +87,11 @@ class DensityField:
         self._sizes = sizes
         self._tree = cKDTree(positions) if len(positions) else None
 
-    def total(self, at: Float64Array, radius: Float64Array) -> Float64Array:
-        """Return the sum of sizes, weighted by the cubic kernel of `radius` (m,), around positions (m, 2)."""
-        position, feature, weight = self._pairs(at, radius)
-        return np.bincount(position, weight * self._sizes[feature], minlength=len(at)).astype(np.float64)
-
-    def mean(
-        self, values: Float64Array, at: Float64Array, radius: Float64Array, *, default: float = 0.0
-    ) -> Float64Array:
-        """Return the mean of a property, weighted like `total`; `default` if no feature is in range."""
-        position, feature, weight = self._pairs(at, radius)
-        weight = weight * self._sizes[feature]
-        total = np.bincount(position, weight, minlength=len(at))
-        mean = np.bincount(position, weight * values[feature], minlength=len(at))
-        return np.where(total > 0.0, mean / np.where(total > 0.0, total, 1.0), default)
-
     def around(self, positions: Float64Array, radius: Float64Array) -> Float64Array:
-        """Return `total`, bit for bit, (m, k), for groups (m, k, 2) of positions with one radius each."""
+        """Return the sum of sizes, weighted by the cubic kernel of `radius` (m,), at positions (m, k, 2).
+
+        Positions of a group, the last k, have one radius.
+        """
         count = positions.shape[1]
         # Features beyond a position's own radius count nothing, to the bit: cubic(1) is 0.
         group, feature = self._near(positions[:, 0], radius + spread(positions))
@@ -113,13 +101,6 @@ class DensityField:
         position_index = group[:, None] * count + np.arange(count)
         total = np.bincount(position_index.ravel(), weight.ravel(), minlength=len(positions) * count)
         return total.astype(np.float64).reshape(len(positions), count)
-
-    def _pairs(self, at: Float64Array, radius: Float64Array) -> tuple[Ints, Ints, Float64Array]:
-        """Return position index, feature index and kernel weight of each pair within the radius."""
-        position, feature = self._near(at, radius)
-        offset = at[position] - self._positions[feature]
-        distance = np.sqrt(offset[:, 0] ** 2 + offset[:, 1] ** 2)
-        return position, feature, cubic(distance / np.maximum(radius[position], 1e-9))
 
     def _near(self, at: Float64Array, radius: Float64Array) -> tuple[Ints, Ints]:
         """Return position and feature indices of each pair within the radius, and of some just beyond.

@@ -198,26 +198,27 @@ LAYER_CODES: Final = {"mountain": 0, "hill": 1, "dune": 2, "forest": 3, "river":
 class TypeRule:
     """How one type of feature derives its size and strength from paint."""
 
-    reach: float  # visible radius over the painted disc's; 1 is on the painted border
+    radius_ratio: float  # visible radius over the painted disc's; 1 is on the painted border
     # (low, high) strength between the summits, as a share of a summit of the same size
     support: tuple[float, float]
-    held: float  # least share of the label's strength at fidelity 1, so that all of the shape is visible
+    min_share: float  # least share of the label's strength at fidelity 1, so that all of the shape is visible
     size_power: float  # a smaller disc's strength scales with (radius / the shape's largest) to this power
     variation: float  # hashed variation of a summit's strength to either side, never above its label's
-    most_slope: float  # strength over the disc's radius, at most; tan 70° for landforms
+    max_slope: float  # strength over the disc's radius, at most; tan 70° for landforms
     fill_radius: float  # largest ground radius of the fill, m; the smallest is 0.4 of it
     fill_extent: float  # … and at most this share of the sketch's extent
     fill_slope: float  # strength of the fill over its ground radius, at most
 
 
-_TAN_70 = 2.7474774194546216
+TAN_70: Final = 2.7474774194546216
+"""Greatest height of a landform over its disc's radius."""
 _ANY = float("inf")
 
 TYPES: Final[dict[str, TypeRule]] = {
-    #                    reach  support      held  size  var.  slope    fill: radius extent slope
-    "mountain": TypeRule(1.14, (0.55, 0.85), 0.36, 0.50, 0.00, _TAN_70, 2500.0, 0.30, 0.60),
-    "hill": TypeRule(1.10, (0.45, 0.70), 0.36, 0.50, 0.25, _TAN_70, 350.0, 0.12, 0.40),
-    "dune": TypeRule(1.03, (0.85, 1.00), 0.85, 0.25, 0.10, _TAN_70, 900.0, 0.20, 0.20),
+    #                    radius support      min.  size  var.  slope    fill: radius extent slope
+    "mountain": TypeRule(1.14, (0.55, 0.85), 0.36, 0.50, 0.00, TAN_70, 2500.0, 0.30, 0.60),
+    "hill": TypeRule(1.10, (0.45, 0.70), 0.36, 0.50, 0.25, TAN_70, 350.0, 0.12, 0.40),
+    "dune": TypeRule(1.03, (0.85, 1.00), 0.85, 0.25, 0.10, TAN_70, 900.0, 0.20, 0.20),
     "forest": TypeRule(1.14, (0.90, 1.00), 0.90, 0.00, 0.05, _ANY, 260.0, 0.10, _ANY),
 }
 """In the order of placement: earlier types take precedence."""
@@ -228,7 +229,7 @@ class Preference:
     """Attraction (weight > 0) or repulsion of a feature when it selects its position near its painted one.
 
     `what` is the set in which `of` is looked up: ``'user'`` features (painted), ``'final'`` features (already
-    placed), or painted pixels of a ``'layer'``. `reach` is the distance at which the effect ends, in disc
+    placed), or painted pixels of a ``'layer'``. `range` is the distance at which the effect ends, in disc
     radii.
     """
 
@@ -236,7 +237,7 @@ class Preference:
     what: Literal["user", "final", "layer"]
     of: str
     weight: float
-    reach: float
+    range: float
 
 
 PREFERENCES: Final = (

@@ -45,7 +45,7 @@ def place(
     *,
     seed: int,
     cache: PlacementCache | None = None,
-    checkpoint: Callable[[], None] | None = None,
+    checkpoint: Callable[[], None] = lambda: None,
 ) -> StructuredArray:
     """Place all painted features but rivers: an array of ``FEATURE``, sorted by id, at least one per shape.
 
@@ -56,14 +56,12 @@ def place(
     cache = PlacementCache() if cache is None else cache
     users = {}
     for name in FEATURE_TYPES:
-        if checkpoint is not None:
-            checkpoint()
+        checkpoint()
         users[name] = cache.user_features(sketch, name, seed=seed)
     placed: dict[str, StructuredArray] = {}
     context = _PlacementContext(sketch, users, placed, cache)
     for name in TYPES:
-        if checkpoint is not None:
-            checkpoint()
+        checkpoint()
         positions = _painted_positions(sketch, users[name])
         if sketch.fidelity < 1.0 and len(positions):
             positions = _preferred(context, name, seed)
@@ -97,7 +95,7 @@ class _PlacementContext:
     def presence(self, preference: Preference, queries: FeatureSet) -> Float64Array:
         """Return how much of a preference's target is near each position: about 1 for one of like size."""
         disc = queries.sizes
-        radius = preference.reach * disc
+        radius = preference.range * disc
         if preference.what == "layer":
             away = self._cache.distance_to_paint(self.sketch, preference.of, queries.positions)
             return cubic(away / radius[:, None])
@@ -174,7 +172,7 @@ def _features(
         of_label = users["label"] == label
         properties = sketch.properties(name, int(label))
         strength = properties["density" if name == "forest" else "height"] * users["share"][of_label]
-        result["strength"][of_label] = np.minimum(strength, rule.most_slope * disc[of_label])
+        result["strength"][of_label] = np.minimum(strength, rule.max_slope * disc[of_label])
         for field in STYLE:
             result[field][of_label] = properties.get(field, 0.0)
         if name == "forest":
@@ -184,7 +182,7 @@ def _features(
         result["peakiness"][~users["summit"]] = 0.0
     share = np.maximum(users["share"], _MIN_SHARE)
     visible = visible_radius(name, share, result["peakiness"].astype(np.float64), sketch.fidelity)
-    result["radius"] = np.maximum(disc * rule.reach / visible, _MIN_RADIUS * sketch.pixel_size)
+    result["radius"] = np.maximum(disc * rule.radius_ratio / visible, _MIN_RADIUS * sketch.pixel_size)
     if name == "forest":
         result["strength"] = np.minimum(result["strength"], 1.0)
     return result

@@ -259,4 +259,4 @@ def _shares(shape: Shape, features: npt.NDArray[np.void], fidelity: float, seed:
     # Only summits differ at random: otherwise ridges would look like strings of pearls.
     swing = np.where(summit, rule.variation * (2.0 * hash_unit(seed, "strength", pixel) - 1.0), 0.0)
     share = np.where(whole, 1.0, np.minimum(share * (1.0 + swing), 1.0))
-    return np.asarray(np.maximum(share, rule.held * fidelity**4))
+    return np.asarray(np.maximum(share, rule.min_share * fidelity**4))

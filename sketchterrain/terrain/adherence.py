@@ -16,7 +16,7 @@ from scipy import ndimage
 from skimage.morphology import skeletonize
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, LatticeArray
-from sketchterrain.placement.feature_types import FEATURE_TYPES
+from sketchterrain.placement.feature_types import FEATURE_TYPES, TAN_70
 from sketchterrain.placement.shapes import Shape, label_shapes
 from sketchterrain.terrain.adherence_rivers import RiverAdherence, measure_river_adherence, standing_water
 from sketchterrain.terrain.evaluator import MASKS, Evaluator
@@ -34,7 +34,6 @@ MIN_WIDTH = 6.0
 EFFECT_SHARE = 0.25
 """Share of the requested height by which the terrain must differ for a pixel to count as affected."""
 
-_TAN_70 = math.tan(math.radians(70.0))
 
 AREA_LAYERS = ("mountain", "hill", "dune", "forest", "lake", "river")
 """Layers whose painted areas are measured, in the order of the report."""
@@ -114,7 +113,7 @@ def agreement(
     With ``has_height`` the effect is a height: it is reported, and capped where a shape is too small for it.
     """
     inradius = np.array([shape.depth.max() for shape in shapes])
-    cap = inradius * sketch.pixel_size * _TAN_70 if has_height else np.full(len(shapes), np.inf)
+    cap = inradius * sketch.pixel_size * TAN_70 if has_height else np.full(len(shapes), np.inf)
     capped, requested = requested > cap, np.minimum(requested, cap)
     number = np.full(effect.shape, -1)
     for index, shape in enumerate(shapes):

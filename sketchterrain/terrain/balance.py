@@ -194,7 +194,7 @@ def solve_strengths(
     *,
     locked: BoolArray | None = None,
     memory: StrengthCache | None = None,
-    checkpoint: Callable[[], None] | None = None,
+    checkpoint: Callable[[], None] = lambda: None,
 ) -> StructuredArray:
     """Return a recipe's painted features, sorted by id, with solved strengths of mountains and hills.
 
@@ -224,7 +224,7 @@ def _solve(
     free: BoolArray,
     name: str,
     last: _Solution | None,
-    checkpoint: Callable[[], None] | None,
+    checkpoint: Callable[[], None],
 ) -> _Solution:
     world = (recipe.extent, recipe.seed, recipe.fidelity)
     last = None if last is None or last.world != world else last
@@ -237,8 +237,7 @@ def _solve(
     least = (_MIN_SHARE + (_MIN_SHARE_AT_FIDELITY_1 - _MIN_SHARE) * recipe.fidelity**8) * requested
     strengths, heights = [requested], []
     for round_ in range(_ROUNDS):
-        if checkpoint is not None:
-            checkpoint()
+        checkpoint()
         strength, reached = strengths[-1], np.zeros(len(features))
         stale = np.ones(len(features), dtype=np.bool_)
         if last is not None:

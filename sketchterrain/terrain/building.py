@@ -159,7 +159,7 @@ def build(
 
 
 def rebuild(
-    terrain: Terrain, sketch: Sketch, *, checkpoint: Callable[[], None] | None = None
+    terrain: Terrain, sketch: Sketch, *, checkpoint: Callable[[], None] = lambda: None
 ) -> tuple[Terrain, list[Bounds]]:
     """Return the terrain of a changed sketch on the same device, and the areas where it may differ.
 
@@ -172,7 +172,7 @@ def rebuild(
 
 
 def make_recipe(
-    sketch: Sketch, *, memory: PlacementCache | None = None, checkpoint: Callable[[], None] | None = None
+    sketch: Sketch, *, memory: PlacementCache | None = None, checkpoint: Callable[[], None] = lambda: None
 ) -> TerrainRecipe:
     """Place the features of a sketch, in plain NumPy without a device.
 
@@ -182,10 +182,6 @@ def make_recipe(
     valid.
     """
     memory = PlacementCache() if memory is None else memory
-    if checkpoint is None:
-
-        def checkpoint() -> None: ...
-
     placed = place(sketch, seed=sketch.seed, cache=memory, checkpoint=checkpoint)
     painted = apply_painted_edits(placed, sketch.edits)
     fill = Fill(sketch, painted.points, seed=sketch.seed, cache=memory)

@@ -118,20 +118,15 @@ def apply_lakes(
     s, t, ground = nearest[near], deepest[near], height[near]
     result, (water, lake) = height.copy(), np.zeros((2, *height.shape))
     terrain = ground + visible * _soft_positive(top - ground) * (1 - s**4) * (1 - s**2)
-    result[near] = terrain + (own - terrain) * visible * _cubic(np.maximum(s - _RIM, 0) / (1 - _RIM))
+    result[near] = terrain + (own - terrain) * visible * cubic(np.maximum(s - _RIM, 0) / (1 - _RIM))
     water[near] = visible * (0.75 * np.maximum(1 - _WATERSIDE * s, 0) + 0.25 * t)
-    lake[near] = visible * _cubic(s / _RIM)
+    lake[near] = visible * cubic(s / _RIM)
     return result, water, lake
 
 
 def _soft_positive(x: Float64Array) -> Float64Array:
     near = np.clip(x, -_SOFTNESS, _SOFTNESS) + _SOFTNESS
     return np.asarray(near**2 / (4 * _SOFTNESS) + np.maximum(x - _SOFTNESS, 0))
-
-
-def _cubic(t: Float64Array) -> Float64Array:
-    s = np.minimum(t, 1)
-    return np.asarray(2 * s**3 - 3 * s**2 + 1)
 
 
 @dataclass(frozen=True)

@@ -49,34 +49,37 @@ def bands(
     return _bands(evaluator, axis_x, axis_y, cell_size, progress)
 
 
-def window_bands(
-    evaluator: Evaluator,
-    corner: tuple[float, float],
-    cell: float,
-    left: int,
-    top: int,
-    columns: int,
-    rows: int,
-) -> Iterator[Band]:
-    """Evaluate a window of an unbounded grid in bands of rows from the north.
+class GridWindow(NamedTuple):
+    """A window of an unbounded grid, from column `left` and row `top`.
 
-    Vertex (row j, column i) is at (west + i·cell, north − j·cell), m, with ``corner`` (west, north):
-    positions depend on j and i alone, so a vertex has the same bits in every window.
+    Vertex (row j, column i) is at (west + i·cell, north − j·cell), m: positions depend on j and i alone, so a
+    vertex has the same bits in every window.
     """
-    axes = window_axes(evaluator.recipe.extent, corner, cell, left, top, columns, rows)
-    return _bands(evaluator, *axes, cell, None)
+
+    west: float  # of the grid's vertex (0, 0), m
+    north: float
+    cell: float
+    left: int
+    top: int
+    columns: int
+    rows: int
+
+    def axes(self, extent: float) -> tuple[LatticeArray, LatticeArray]:
+        """Return lattice coordinates of the columns and rows, with one more beyond each end."""
+        if self.columns < 1 or self.rows < 1:
+            raise InputError(f"expected at least 1 × 1 vertices, got {self.columns} × {self.rows}")
+        axis_x = to_lattice(
+            self.west + np.arange(self.left - 1, self.left + self.columns + 1) * self.cell, extent
+        )
+        axis_y = to_lattice(
+            self.north - np.arange(self.top - 1, self.top + self.rows + 1) * self.cell, extent
+        )
+        return axis_x, axis_y
 
 
-def window_axes(
-    extent: float, corner: tuple[float, float], cell: float, left: int, top: int, columns: int, rows: int
-) -> tuple[LatticeArray, LatticeArray]:
-    """Return lattice coordinates of a window's columns and rows, with one more beyond each end."""
-    if columns < 1 or rows < 1:
-        raise InputError(f"expected at least 1 × 1 vertices, got {columns} × {rows}")
-    west, north = corner
-    axis_x = to_lattice(west + np.arange(left - 1, left + columns + 1) * cell, extent)
-    axis_y = to_lattice(north - np.arange(top - 1, top + rows + 1) * cell, extent)
-    return axis_x, axis_y
+def window_bands(evaluator: Evaluator, window: GridWindow) -> Iterator[Band]:
+    """Evaluate a window of an unbounded grid in bands of rows from the north."""
+    return _bands(evaluator, *window.axes(evaluator.recipe.extent), window.cell, None)
 
 
 class Strip(NamedTuple):
@@ -169,31 +172,22 @@ class QuantizedBand:
     materials: UInt8Array  # (materials, rows, columns); weights sum to 255 at each vertex
 
 
-def quantized_bands(
-    evaluator: Evaluator,
-    corner: tuple[float, float],
-    cell: float,
-    left: int,
-    top: int,
-    columns: int,
-    rows: int,
-) -> Iterator[QuantizedBand]:
-    """Evaluate a window of an unbounded grid as :func:`~raster_windows.window_bands` does, and quantize it.
+def quantized_bands(evaluator: Evaluator, window: GridWindow) -> Iterator[QuantizedBand]:
+    """Evaluate a window of an unbounded grid as `window_bands` does, and quantize it on the device.
 
     Bytes equal the host's rounding of `window_bands`. While a band is consumed, the device computes the next
     one. DeviceError is raised without 64-bit floats, DeviceFailedError for non-finite values.
     """
     if not evaluator.context.device.has_double:
         raise DeviceError(f"{evaluator.context.device.name} has no 64-bit floats, needed to round weights")
-    axes = window_axes(evaluator.recipe.extent, corner, cell, left, top, columns, rows)
-    return _ground_bytes_bands(evaluator, axes, cell, columns)
+    return _quantized_strips(evaluator, strips(*window.axes(evaluator.recipe.extent)), window)
 
 
-def _ground_bytes_bands(
-    evaluator: Evaluator, axes: tuple[LatticeArray, ...], cell: float, columns: int
+def _quantized_strips(
+    evaluator: Evaluator, grid: Iterator[Strip], window: GridWindow
 ) -> Iterator[QuantizedBand]:
-    packer, pending = _Packer(evaluator, cell, columns), None
-    for strip in strips(*axes):
+    packer, pending = _Packer(evaluator, window.cell, window.columns), None
+    for strip in grid:
         following = packer.enqueue(strip)
         if pending is not None:
             yield packer.finish(pending)

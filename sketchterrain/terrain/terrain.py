@@ -15,7 +15,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit, to_lattice
-from sketchterrain.terrain.rasters import QuantizedBand, bands, quantized_bands, window_bands
+from sketchterrain.terrain.rasters import GridWindow, QuantizedBand, bands, quantized_bands, window_bands
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.surfaces import Band, Raster, Surface, SurfaceStore, TerrainFeatures, Tile
 from sketchterrain.terrain.vertices import VertexMemory, VertexStore
@@ -64,7 +64,7 @@ class Terrain:
         sketch, recipe
             The changed ones.
         areas
-            :func:`~sketchterrain.terrain.changed_areas` of the two recipes.
+            :func:`~sketchterrain.terrain.changes.changed_areas` of the two recipes.
         """
         if recipe.extent != self.recipe.extent:
             return Terrain(sketch, recipe, self.context, memory=self.memory)
@@ -287,7 +287,7 @@ class Terrain:
         InputError
             If there are fewer vertices, or they are too far away.
         """
-        return window_bands(self._evaluator, (west, north), cell, left, top, columns, rows)
+        return window_bands(self._evaluator, GridWindow(west, north, cell, left, top, columns, rows))
 
     def window_bytes(
         self, west: float, north: float, *, cell: float, left: int, top: int, columns: int, rows: int
@@ -296,7 +296,7 @@ class Terrain:
 
         DeviceError is raised for a device without 64-bit floats, InputError as by :meth:`window`.
         """
-        return quantized_bands(self._evaluator, (west, north), cell, left, top, columns, rows)
+        return quantized_bands(self._evaluator, GridWindow(west, north, cell, left, top, columns, rows))
 
     def foliage(
         self, west: float, south: float, east: float, north: float, *, storey: str = "woody"
@@ -313,8 +313,8 @@ class Terrain:
         Returns
         -------
         structured ndarray
-            Of dtype :data:`sketchterrain.terrain.plant.PLANT`, sorted by position: by squares of the world,
-            row after row from the south-west, and within each from south to north.
+            Of dtype :data:`sketchterrain.vegetation.plants.PLANT`, sorted by position: by squares of the
+            world, row after row from the south-west, and within each from south to north.
 
         Raises
         ------
@@ -322,25 +322,25 @@ class Terrain:
             If the rectangle is not finite or inverted, the storey is unknown, or there are too many plants to
             return at once.
         """
-        return self._foliage.within(west, south, east, north, storey)
+        return self._foliage.within((west, south, east, north), storey)
 
     def foliage_steps(
         self, west: float, south: float, east: float, north: float, *, storey: str = "woody"
     ) -> Generator[None, None, StructuredArray]:
         """Find the plants of :meth:`foliage` in steps of a few ms; the generator returns them."""
-        return self._foliage.steps(west, south, east, north, storey)
+        return self._foliage.steps((west, south, east, north), storey)
 
     def foliage_pieces(
         self, west: float, south: float, east: float, north: float, *, storey: str = "woody"
     ) -> Iterator[StructuredArray]:
         """Return any number of plants in pieces of bounded size; joined they are those of :meth:`foliage`."""
-        return self._foliage.pieces(west, south, east, north, storey)
+        return self._foliage.pieces((west, south, east, north), storey)
 
     def foliage_estimate(
         self, west: float, south: float, east: float, north: float, *, storey: str = "woody"
     ) -> tuple[int, int]:
         """Return an upper estimate of the number of plants of :meth:`foliage`, and their bytes."""
-        return self._foliage.estimate(west, south, east, north, storey)
+        return self._foliage.estimate((west, south, east, north), storey)
 
     @property
     def material_names(self) -> tuple[str, ...]:

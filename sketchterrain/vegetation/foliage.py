@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import BoolArray, Float32Array, FloatArray, LatticeArray, StructuredArray
+from sketchterrain.array_types import (
+    BoolArray,
+    Bounds,
+    Float32Array,
+    FloatArray,
+    LatticeArray,
+    StructuredArray,
+)
 from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.errors import InputError
 from sketchterrain.placement.hashing import hash_keys
@@ -37,14 +44,14 @@ if TYPE_CHECKING:
 
     Area = tuple[int, int, int, int]
 
-LEAST: Final = 0.5
+MIN_SPACING: Final = 0.5
 """Spacing (m) of tufts at the greatest density."""
-MOST: Final = 4.0
+MAX_SPACING: Final = 4.0
 """Spacing (m) of single plants; none grow where it would be wider."""
 CELL: Final = 2.0
 """Approximate distance (m) between the raster's vertices."""
 
-_APART = {
+_SPACING = {
     "grass": 0.5,
     "forest_floor": 1.2,
     "soil": 1.5,
@@ -95,9 +102,9 @@ class Meadow:
         self._noise = PlantNoise(recipe)
         unit = metres_per_unit(recipe.extent)
         self.step = power_of_two_step(CELL, recipe.extent)
-        self.least, self.most = max(round(LEAST / unit), 2), max(round(MOST / unit), 4)
+        self.least, self.most = max(round(MIN_SPACING / unit), 2), max(round(MAX_SPACING / unit), 4)
         self._cell = self.step * unit
-        full = [float(density_of(_APART[name])) if name in _APART else 0.0 for name in MATERIALS]
+        full = [float(density_of(_SPACING[name])) if name in _SPACING else 0.0 for name in MATERIALS]
         self._full = np.array(full, np.float32)
 
     def densities(self, x: LatticeArray, y: LatticeArray) -> FloatArray:
@@ -266,25 +273,21 @@ def _stratified_blocks(columns: range, rows: range) -> list[tuple[int, int]]:
 
 
 class FoliageSampler:
-    """StructuredArray of a recipe on a device."""
+    """Plants of a recipe on a device, in rectangles (west, south, east, north), m."""
 
     def __init__(self, evaluator: Evaluator) -> None:
         self._extent = evaluator.recipe.extent
         self._storeys = {name: Storey(evaluator, name) for name in STOREYS}
 
-    def within(
-        self, west: float, south: float, east: float, north: float, storey: str = "woody"
-    ) -> StructuredArray:
-        """Return the plants of a rectangle in metres; see :meth:`Terrain.foliage`."""
-        return run_to_completion(self.steps(west, south, east, north, storey))
+    def within(self, rectangle: Bounds, storey: str = "woody") -> StructuredArray:
+        """Return the plants of a rectangle; see :meth:`Terrain.foliage`."""
+        return run_to_completion(self.steps(rectangle, storey))
 
-    def steps(
-        self, west: float, south: float, east: float, north: float, storey: str
-    ) -> Generator[None, None, StructuredArray]:
+    def steps(self, rectangle: Bounds, storey: str) -> Generator[None, None, StructuredArray]:
         """Do the same in steps; see :meth:`Terrain.foliage_steps`."""
-        layer, area = self._validate((west, south, east, north), storey)
+        layer, area = self._validate(rectangle, storey)
         if layer.bound(area) > MAX_PLANTS:
-            most, size = self.estimate(west, south, east, north, storey)
+            most, size = self.estimate(rectangle, storey)
             if most > MAX_PLANTS:
                 raise InputError(
                     f"the rectangle may hold {most:.3g} plants ({size / 2**30:.1f} GiB); "
@@ -296,27 +299,20 @@ class FoliageSampler:
             parts.append(plants)
         return np.concatenate(parts) if parts else np.zeros(0, PLANT)
 
-    def pieces(
-        self, west: float, south: float, east: float, north: float, storey: str = "woody"
-    ) -> Iterator[StructuredArray]:
+    def pieces(self, rectangle: Bounds, storey: str = "woody") -> Iterator[StructuredArray]:
         """Return the same piece by piece; see :meth:`Terrain.foliage_pieces`."""
-        layer, area = self._validate((west, south, east, north), storey)
+        layer, area = self._validate(rectangle, storey)
         return (
             run_to_completion(layer.plants_steps(part)) for part in layer.parts(area, most=_MAX_PER_PIECE)
         )
 
-    def estimate(
-        self, west: float, south: float, east: float, north: float, storey: str = "woody"
-    ) -> tuple[int, int]:
-        """Return an upper estimate of the number of plants, and their bytes.
-
-        See :meth:`Terrain.foliage_estimate`.
-        """
-        layer, area = self._validate((west, south, east, north), storey)
+    def estimate(self, rectangle: Bounds, storey: str = "woody") -> tuple[int, int]:
+        """Return an upper estimate of the number of plants, and their bytes."""
+        layer, area = self._validate(rectangle, storey)
         most = layer.estimate(area)
         return most, most * PLANT.itemsize
 
-    def _validate(self, rectangle: tuple[float, float, float, float], storey: str) -> tuple[Storey, Area]:
+    def _validate(self, rectangle: Bounds, storey: str) -> tuple[Storey, Area]:
         if storey not in self._storeys:
             raise InputError(f"expected a storey, {' or '.join(STOREYS)}, got {storey!r}")
         west, south, east, north = (int(each) for each in to_lattice(rectangle, self._extent))

@@ -36,18 +36,18 @@ EDGE = 0.55
 """Forest mask below which trees are smaller, at the forest's edge."""
 
 _SPRUCE, _PINE, _OAK, _BIRCH, SHRUB = range(len(STOREYS["woody"]))
-_APART = (5.0, 5.9, 6.6, 4.4, 3.8)
+_SPACING = (5.0, 5.9, 6.6, 4.4, 3.8)
 """Spacing (m) of plants in a full stand of each species."""
-_FULL = tuple(float(density_of(apart)) for apart in _APART)
+_FULL = tuple(float(density_of(apart)) for apart in _SPACING)
 _CONIFER_BELT = 450.0  # m below the tree line over which conifers become dominant
 _STANDS = (420.0, 90.0)  # m: wavelengths of stands of one species, and of their ragged borders
 _YOUNG = 0.16  # share of a forest's trees that are young
 _STUNTED = 0.6  # greatest loss of height near the tree line
 _STUNTED_FROM = (-130.0, 50.0)  # m above the tree line where the loss begins, and where it is greatest
 
-LEAST: Final = 4.0
+MIN_SPACING: Final = 4.0
 """Spacing (m) of trees or shrubs at the greatest density."""
-MOST: Final = 63.9
+MAX_SPACING: Final = 63.9
 """Spacing (m) of isolated plants; none grow where it would be wider."""
 CELL: Final = 8.0
 """Approximate distance (m) between the raster's vertices."""
@@ -184,7 +184,7 @@ class Woods:
         self._noise = PlantNoise(recipe)
         unit = metres_per_unit(recipe.extent)
         self.step = power_of_two_step(CELL, recipe.extent)
-        self.least, self.most = round(LEAST / unit), round(MOST / unit)
+        self.least, self.most = round(MIN_SPACING / unit), round(MAX_SPACING / unit)
         self._cell = self.step * unit
         # Vertices within the seeds' range.
         self._rim = int(_SEED_RANGE / self._cell)

@@ -359,7 +359,9 @@ def check_points(sketch: Sketch, name: str, own: StructuredArray) -> None:
     disc = np.maximum(depth[row, column], 1.0) * pixel
     # A feature's radius grows the lower and the sharper it is, but is bounded.
     visible = visible_radius(name, np.array([LEAST_SHARE]), np.array([1.0]), sketch.fidelity)
-    assert np.all(own["radius"] <= np.maximum(rule.reach * disc / visible, LEAST_RADIUS * pixel) * ROUNDING)
+    assert np.all(
+        own["radius"] <= np.maximum(rule.radius_ratio * disc / visible, LEAST_RADIUS * pixel) * ROUNDING
+    )
     assert np.all(own["radius"] >= LEAST_RADIUS * pixel / ROUNDING)
 
     displacement = np.hypot(
@@ -372,7 +374,7 @@ def check_points(sketch: Sketch, name: str, own: StructuredArray) -> None:
     for label in np.unique(image[image > 0]):
         requested[label] = sketch.properties(name, int(label))[key]
     requested = requested[image[row, column]]
-    highest = np.minimum(requested * (1 + rule.variation), rule.most_slope * disc)
+    highest = np.minimum(requested * (1 + rule.variation), rule.max_slope * disc)
     assert np.all(own["strength"] <= highest * ROUNDING)
     # A forest may have density 0.
     assert np.all((own["strength"] > 0) | (requested == 0))

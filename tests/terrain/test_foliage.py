@@ -29,7 +29,7 @@ FAR = 1_000_000.0  # m
 
 
 def grown(recipe, context, *area, storey: str = "woody") -> np.ndarray:
-    return FoliageSampler(Evaluator(recipe, context)).within(*area, storey)
+    return FoliageSampler(Evaluator(recipe, context)).within(area, storey)
 
 
 def test_forests_grow_where_they_are_painted(valley, desert) -> None:
@@ -79,7 +79,7 @@ def test_species_grow_in_stands(make_recipe, context) -> None:
 
 def test_undergrowth_grows_at_a_forests_edge(make_recipe, context) -> None:
     evaluator = Evaluator(make_recipe(wide_forest(0.5)), context)
-    plants = FoliageSampler(evaluator).within(1300, 1300, 2700, 2700)
+    plants = FoliageSampler(evaluator).within((1300, 1300, 2700, 2700))
     places = to_lattice(np.stack([plants["x"], plants["y"]]), evaluator.recipe.extent)
     _, masks = evaluator.points(*places, cell_size=2.0)
     low = (plants["species"] == SPECIES.index("shrub")) | (plants["scale"] < 0.6)
@@ -226,7 +226,7 @@ def test_plants_are_a_function_of_the_world(valley, place, storey) -> None:
     for i, j in tiles:
         x0, y0, x1, y1 = cuts_x[i], cuts_y[j], cuts_x[i + 1], cuts_y[j + 1]
         inside = (whole["x"] >= x0) & (whole["x"] < x1) & (whole["y"] >= y0) & (whole["y"] < y1)
-        np.testing.assert_array_equal(fresh.within(x0, y0, x1, y1, storey), whole[inside])
+        np.testing.assert_array_equal(fresh.within((x0, y0, x1, y1), storey), whole[inside])
 
 
 @tiers(
@@ -385,7 +385,7 @@ def test_ferns_grow_in_forests_and_flowers_outside(make_recipe, context) -> None
     sampler = FoliageSampler(Evaluator(make_recipe(forest), context))
 
     def shares(x: float, y: float) -> dict[str, float]:
-        plants = sampler.within(x - 40, y - 40, x + 40, y + 40, "grass")
+        plants = sampler.within((x - 40, y - 40, x + 40, y + 40), "grass")
         return {name: float(np.mean(plants["species"] == SPECIES.index(name))) for name in STOREYS["grass"]}
 
     inside, outside = shares(2000, 2000), shares(3200, 3200)

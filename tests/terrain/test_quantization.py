@@ -10,7 +10,7 @@ from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
 from sketchterrain.errors import DeviceError, DeviceFailedError, InputError
 from sketchterrain.export.sampled import quantise_weights
-from sketchterrain.terrain.rasters import quantized_bands
+from sketchterrain.terrain.rasters import GridWindow, quantized_bands
 from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.world.task_runner import quantised_bands
 
@@ -177,7 +177,7 @@ def test_non_finite_values_are_counted(with_double) -> None:
 
 def test_non_finite_ground_and_empty_windows_are_errors(valley, monkeypatch) -> None:
     with pytest.raises(InputError, match="at least 1 × 1 vertices"):
-        quantized_bands(valley._evaluator, (0.0, 0.0), 1.0, 0, 0, 0, 5)
+        quantized_bands(valley._evaluator, GridWindow(0.0, 0.0, 1.0, 0, 0, 0, 5))
     read = ComputeContext.read
 
     def nonfinite(context: ComputeContext, buffer: Any, array: npt.NDArray[Any]) -> Any:

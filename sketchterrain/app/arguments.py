@@ -8,14 +8,19 @@ from __future__ import annotations
 import math
 import re
 import sys
+from collections.abc import Callable
+from dataclasses import dataclass, fields, is_dataclass
+from functools import wraps
+from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast, get_type_hints
 
 import typer
 
 from sketchterrain.app.console import Stages
 
 if TYPE_CHECKING:
+    from sketchterrain.app.pictures import PictureOptions
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.export.target import ExportOptions
     from sketchterrain.render.camera import Camera
@@ -362,14 +367,6 @@ def reject_combination(option: str, others: dict[str, object], why: str) -> None
             raise typer.BadParameter(f"{name} with {option}: {why}")
 
 
-def check_camera(eye: Point | None, look_at: Point | None, view: str | None) -> None:
-    """Raise a usage error if camera options contradict each other."""
-    if look_at is not None and (eye is None or eye == look_at):
-        raise typer.BadParameter("--look-at needs an --eye at another place")
-    if eye is not None:
-        reject_combination("--eye", {"--view": view}, "either a camera or a view to find")
-
-
 def camera_from_options(terrain: TerrainSource, eye: Point | None, target: Point | None) -> Camera | None:
     """Return the camera of `--eye` and `--look-at`, None without an eye; print a note if it is underground.
 
@@ -390,29 +387,6 @@ def camera_from_options(terrain: TerrainSource, eye: Point | None, target: Point
     return Camera(eye, target or (x, y, middle))
 
 
-def export_options(
-    tiles: tuple[int, int] | None = None,
-    form: str | None = None,
-    origin: tuple[float, float] | None = None,
-    plants: bool | None = None,
-    **options: Any,
-) -> ExportOptions:
-    """Return export options, None for defaults; raise a usage error for options of tiles if there is one."""
-    from sketchterrain.export.target import ExportOptions
-
-    if tiles is None or tiles == (1, 1):
-        names = ("overlap", "tile_name", "tile_first", "tiles_from_south")
-        tiling = {f"--{name.replace('_', '-')}": options.get(name) for name in names}
-        reject_combination("no --tiles", tiling, "there is one tile")
-    return ExportOptions(
-        tiles=tiles or (1, 1),
-        format=form,
-        origin=origin or (0.0, 0.0),
-        plants=plants is not False,
-        **options,
-    )
-
-
 def read_sketch(name: str, seed: int | None, stages: Stages) -> Sketch:
     """Load a folder, a .sketch file or a preset, with another seed if one is given."""
     with stages.stage("sketch", "Reading the sketch"):
@@ -420,3 +394,104 @@ def read_sketch(name: str, seed: int | None, stages: Stages) -> Sketch:
 
         sketch = load_sketch(name)
         return sketch if seed is None else sketch.replace(seed=seed)
+
+
+def with_option_groups(command: Callable[..., None]) -> Callable[..., None]:
+    """Return a command as typer expects it: options of its own in place of each dataclass of options."""
+    groups: dict[str, type] = {}
+    parameters: list[Parameter] = []
+    hints = get_type_hints(command, include_extras=True)
+    for parameter in signature(command).parameters.values():
+        kind = hints[parameter.name]
+        if is_dataclass(kind):
+            groups[parameter.name] = cast("type", kind)
+            types = get_type_hints(kind, include_extras=True)
+            parameters += [
+                parameter.replace(name=field.name, annotation=types[field.name], default=field.default)
+                for field in fields(kind)
+            ]
+        else:
+            parameters.append(parameter.replace(annotation=kind))
+
+    @wraps(command)
+    def grouped(**values: Any) -> None:
+        for name, kind in groups.items():
+            values[name] = kind(**{field.name: values.pop(field.name) for field in fields(kind)})
+        command(**values)
+
+    grouped.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    grouped.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
+    return grouped
+
+
+@dataclass(frozen=True)
+class ExportArguments:
+    """Options of an export besides size and grass, None by default."""
+
+    tiles: Tiles = None
+    overlap: Overlap = None
+    tile_name: TileName = None
+    tile_first: TileFirst = None
+    tiles_from_south: TilesFromSouth = None
+    format: Format = None
+    heights: Heights = None
+    error: MeshError = None
+    crs: Crs = None
+    origin: Origin = None
+    plants: Plants = None
+
+    def given(self) -> dict[str, Any]:
+        """Return the values that are not None."""
+        return {name: value for name, value in vars(self).items() if value is not None}
+
+    def options(self, size: int | None, *, grass: bool) -> ExportOptions:
+        """Return export options; raise a usage error for options of tiles if there is one tile."""
+        from sketchterrain.export.target import ExportOptions
+
+        tiles = self.tiles or (1, 1)
+        if tiles == (1, 1):
+            names = ("overlap", "tile_name", "tile_first", "tiles_from_south")
+            tiling = {f"--{name.replace('_', '-')}": getattr(self, name) for name in names}
+            reject_combination("no --tiles", tiling, "there is one tile")
+        return ExportOptions(**self.given() | {"size": size, "tiles": tiles, "grass": grass})
+
+
+@dataclass(frozen=True)
+class PictureArguments:
+    """Camera, light and content of a picture, None by default."""
+
+    size: PictureSize = None
+    view: ViewKind = None
+    eye: Eye = None
+    look_at: LookAt = None
+    time: Hour = None
+    clouds: Clouds = None
+    quality: Quality = None
+    without: Without = None
+    textures: Textures = None
+    overlay: OverlayNames = None
+
+    def check_camera(self) -> None:
+        """Raise a usage error if camera options contradict each other."""
+        if self.look_at is not None and (self.eye is None or self.eye == self.look_at):
+            raise typer.BadParameter("--look-at needs an --eye at another place")
+        if self.eye is not None:
+            reject_combination("--eye", {"--view": self.view}, "either a camera or a view to find")
+
+    def options(self, *, top_down: bool = False) -> PictureOptions:
+        """Return picture options; `top_down` for a map."""
+        from sketchterrain.app.pictures import PictureOptions
+
+        return PictureOptions(
+            size=self.size,
+            eye=self.eye,
+            look_at=self.look_at,
+            view=self.view or "auto",
+            hour=self.time,
+            clouds=self.clouds,
+            quality=1.0 if self.quality is None else self.quality,
+            without=tuple(self.without or ()),
+            overlays=tuple(self.overlay or ()),
+            textures=self.textures,
+            top_down=top_down,
+        )

@@ -144,30 +144,23 @@ def generate(
 
 
 @app.command()
+@args.with_option_groups
 def render(
     sketch: args.SketchName,
     output: args.RenderFile,
-    size: args.PictureSize = None,
-    view: args.ViewKind = None,
-    eye: args.Eye = None,
-    look_at: args.LookAt = None,
-    time: args.Hour = None,
-    clouds: args.Clouds = None,
-    quality: args.Quality = None,
-    without: args.Without = None,
-    textures: args.Textures = None,
-    overlay: args.OverlayNames = None,
+    *,
+    picture: args.PictureArguments,
     top_down: args.MapFlag = False,
     seed: args.Seed = None,
     device: args.DeviceName = None,
     fast: args.Fast = False,
 ) -> None:
     """Render a picture of a sketch's terrain from an automatic view or your own, or draw a map."""
-    args.check_camera(eye, look_at, view)
+    picture.check_camera()
     is_svg = output.suffix.lower() == ".svg"
     if top_down:
-        light = {"--time": time, "--clouds": clouds, "--quality": quality, "--textures": textures}
-        others = {"--eye": eye, "--view": view, **light, "--without": without, "--overlay": overlay}
+        others = {f"--{name}": value for name, value in vars(picture).items()}
+        size = others.pop("--size")
         args.reject_combination("--map", others, "it is for pictures")
         if is_svg:
             args.reject_combination("--map", {"--size": size}, "an .svg has no pixels")
@@ -177,13 +170,7 @@ def render(
         document = args.read_sketch(sketch, seed, stages)
         with stages.stage("program", "Loading the program"):
             from sketchterrain.app import pictures as app
-        options = app.PictureOptions(
-            *(size, eye, look_at, view or "auto", time, clouds, 1.0 if quality is None else quality),
-            without=tuple(without or ()),
-            overlays=tuple(overlay or ()),
-            textures=textures,
-            top_down=top_down,
-        )
+        options = picture.options(top_down=top_down)
         legend = app.render_to_file(document, output, options, device=device, fast=fast, stages=stages)
     print_lines(str(output), *legend_lines(legend))
 
@@ -329,7 +316,7 @@ def devices(as_json: args.AsJson = False) -> None:
 
 @app.command()
 def presets(as_json: args.AsJson = False) -> None:
-    """List the presets, which are valid wherever a sketch is expected."""
+    """List the presets, which can be used as sketches."""
     from sketchterrain.document.store import load_sketch
     from sketchterrain.io.resources import preset_names
 

@@ -47,7 +47,7 @@ REPORT = "report.json"
 
 
 def terrain_report(terrain: Terrain, raster: Raster, plants: FoliageResult) -> dict[str, Any]:
-    """Return what is known of a terrain and its files."""
+    """Return the report of a terrain and its files."""
     rows, columns = raster.height.shape
     features = terrain.features
     kinds = Counter(FEATURE_TYPES[code] for code in features.points["type"].tolist())

@@ -27,7 +27,7 @@ _GL_SHARING = {
     "extension": "shares buffers through cl_khr_gl_sharing",
     "mapped": "kernels write into mapped vertex buffers, no copy",
     "copy": "results are copied to vertex buffers",
-    "none": "nothing can be drawn",
+    "none": "no rendering",
 }
 
 

@@ -54,7 +54,7 @@ _PLANTS_AT_ONCE = 1 << 12
 
 @dataclass(frozen=True)
 class FoliageOptions:
-    """Which plants are written, and in which files."""
+    """Plants to write, and their files."""
 
     kind: str = "csv"  # ``foliage.csv``, ``foliage.ply``, both or none
     grass: bool = False  # whether ``foliage.ply`` also holds grass, flowers and ferns
@@ -67,7 +67,7 @@ class FoliageOptions:
 
     @property
     def formats(self) -> tuple[str, ...]:
-        """The requested ones of ``csv`` and ``ply``."""
+        """The requested file formats."""
         return FOLIAGE[self.kind]
 
     @property

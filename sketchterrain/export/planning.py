@@ -285,7 +285,7 @@ _BYTES_AT_LEAST = 500 << 20  # the program, what a device compiles, a band of ro
 
 
 def checked_plan(sketch: Sketch, target: str, options: ExportOptions) -> ExportPlan:
-    """Return what an export will be, refused where this machine has not the memory for it."""
+    """Return the plan of an export; raise InputError if it exceeds this machine's memory."""
     plan = plan_export(sketch, target_named(target), options)
     needed, available = memory_needed(plan), physical_memory()
     if needed > available:
@@ -297,5 +297,5 @@ def checked_plan(sketch: Sketch, target: str, options: ExportOptions) -> ExportP
 
 
 def memory_needed(plan: ExportPlan) -> float:
-    """Return about how many bytes of memory an export takes."""
+    """Return the approximate memory of an export, bytes."""
     return _BYTES_AT_LEAST + plan.vertices * (BYTES_PER_VERTEX + plan.target.memory)

@@ -36,7 +36,7 @@ class TileWindow(NamedTuple):
 
 @dataclass(frozen=True)
 class Tiling:
-    """How a grid is cut into tiles and how these are named."""
+    """Division of a grid into tiles, and their names."""
 
     columns: int = 1  # tiles
     rows: int = 1
@@ -174,7 +174,7 @@ class Export:
 
 
 class ExportOutput(NamedTuple):
-    """Files that a target wrote, and what the sidecar records of them."""
+    """Files of a target, and their entries in the sidecar."""
 
     files: dict[Path, str]  # each file and its description
     settings: dict[str, Any] = {}  # noqa: RUF012 # import settings, named as in the target program

@@ -133,7 +133,7 @@ class GeoPackage:
         self.indexed: dict[str, int] = {}  # those with a geometry, in its spatial index
 
     def add(self, layer: VectorLayer) -> None:
-        """Append features to a layer, which is created even if there are none."""
+        """Append features to a layer, which is created even if empty."""
         import pyogrio.raw
         import shapely
 

@@ -189,7 +189,7 @@ def cluster_properties(
 
 
 def _step(value: Value, steps: float) -> Value:
-    """Return a key of a value's bin, of which there are `steps` per octave."""
+    """Return a key of a value's bin, `steps` per octave."""
     if isinstance(value, str) or value == 0 or steps == math.inf:
         return value
     return f"{'-' if value < 0 else '+'} {round(math.log2(abs(value)) * steps)}"

@@ -46,7 +46,7 @@ class WorkRate:
         self._largest_budget = 0.0
 
     def steps_within(self, budget: TimeBudget, *, step: int = 1) -> int:
-        """Return how many steps of `step` units are expected to fit into the remaining time, maybe 0.
+        """Return the number of steps of `step` units expected to fit into the remaining time.
 
         If none fits although the budget is as large as it gets, the estimate is lowered: one slow measurement
         must not stop the work for ever.
@@ -65,7 +65,7 @@ class WorkRate:
         self._fastest = min(self._fastest, self.unit)
 
     def run(self, budget: TimeBudget, work: Callable[[int], object], *, count: int, step: int = 1) -> int:
-        """Do as many of `count` steps (of `step` units) as fit the budget, measured; return how many."""
+        """Execute up to `count` steps (of `step` units) within the budget; return their number."""
         steps = min(self.steps_within(budget, step=step), count)
         if steps:
             before = budget.spent

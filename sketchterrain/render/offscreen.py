@@ -236,7 +236,7 @@ def _capture(
     clock: float,
     complete: bool,
 ) -> CapturedFrame:
-    """Draw a complete picture, independent of earlier frames, or what is ready within a frame's budget."""
+    """Draw a complete picture, independent of earlier frames, or a frame within its time budget."""
     start, stream = time.perf_counter(), renderer.stream
     tile_seconds, written = renderer.timings.get("tiles", 0.0), stream.written
     if complete:

@@ -41,7 +41,7 @@ CROWN_MARGIN: Final = 12.0  # largest radius of a crown, m
 FADE: Final = 0.55
 """Share of the draw distance from which on plants are thinned out, so that they end without a seam."""
 INVALIDATION_MARGIN: Final = 300.0
-"""Distance from changed ground (m) within which plants may change: they keep their distances."""
+"""Distance from changed terrain (m) within which plants may change: their spacing depends on neighbours."""
 
 CellKey = tuple[int, int]
 
@@ -93,7 +93,7 @@ def plant_instances(plants: StructuredArray, corner: Float64Array) -> PlantInsta
 
 
 def _crowding(position: Float64Array, height: Float64Array) -> Float64Array:
-    """Return how much other trees shade each plant, 0 alone … 1 in a dense forest."""
+    """Return each plant's shading by other trees, 0 alone … 1 in a dense forest."""
     trees = np.where(height > LOW, 1.0, 0.0)
     column, row = np.clip(np.floor(position[:, :2] / PATCH), 0, CELL // PATCH - 1).astype(np.int64).T
     patch = column + int(CELL / PATCH) * row
@@ -121,7 +121,7 @@ class Cell:
         return np.where(self.new[:count], np.float32(self.age), np.float32(np.inf))
 
     def count_above(self, eye: tuple[float, float, float], angle: float) -> int:
-        """Return how many of its first plants may be above a culling angle (rad) for an eye (m)."""
+        """Return the number of first plants that may exceed a culling angle (rad) for an eye (m)."""
         x, y = np.maximum(np.abs(self.corner + 0.5 * CELL - eye[:2]) - 0.5 * CELL, 0.0).tolist()
         z = max(eye[2] - self.high, self.low - eye[2], 0.0)
         nearest = max(math.hypot(x, y, z), 1.0)

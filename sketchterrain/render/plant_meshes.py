@@ -47,7 +47,7 @@ def plant_importance(height: FloatArray, crowding: FloatArray) -> Float64Array:
 
 
 def cull_distance(importance: FloatArray, rank: FloatArray) -> Float64Array:
-    """Return the distances (m) at which plants go if those of rank 0 go at 1 rad of their importance."""
+    """Return the culling distances (m) of plants if rank 0 is culled at 1 rad of importance."""
     return np.asarray(importance / np.sqrt(np.maximum(1.0 - rank, 1e-9)), np.float64)
 
 
@@ -76,7 +76,7 @@ class PlantDensity:
     def update(
         self, angles: FloatArray, copies: npt.NDArray[np.integer], *, least: float, elapsed: float | None
     ) -> None:
-        """Follow what a view needs; at once if `elapsed` (s) is None.
+        """Adapt to a view, gradually over `elapsed` (s); at once if it is None.
 
         `angles` are cull distances over distances (rad) of all plants in view above the floor of `least`, the
         angle wherever the budget allows it; `copies` the instances each is drawn as.

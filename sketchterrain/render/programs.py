@@ -17,7 +17,7 @@ VERSION = 430  # OpenGL 4.3 core, for indirect multi-draw
 
 
 def open_context() -> moderngl.Context:
-    """Open an OpenGL context through EGL, without a screen; raise DeviceError with what to install."""
+    """Open an OpenGL context through EGL, without a screen; raise DeviceError with installation advice."""
     try:
         settings: dict[str, Any] = {"backend": "egl"}
         context = moderngl.create_context(require=VERSION, standalone=True, **settings)

@@ -129,7 +129,7 @@ class Renderer:
         clock: float = 0.0,
         budget: float | None = None,
     ) -> FrameStats:
-        """Draw the frame `elapsed` seconds after the last one, from what is ready.
+        """Draw the frame `elapsed` seconds after the last one, from the data loaded by then.
 
         New tiles, light and plants together take at most `budget` seconds (default: the quality's), except in
         the first frame and after the eye jumped; see `TerrainStream.update`. Until the camera rests and

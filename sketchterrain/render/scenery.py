@@ -162,7 +162,7 @@ class Scenery:
         clock: float,
         moving: bool = False,
     ) -> None:
-        """Draw what is ready into a framebuffer, enlarged from `size` (px).
+        """Draw all loaded content into a framebuffer, enlarged from `size` (px).
 
         The camera has suitable clipping planes; `above` is its height above the terrain (m), `clock` (s)
         animates water, plants and clouds, `moving` means that tiles, light or plants are incomplete.

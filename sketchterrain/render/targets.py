@@ -54,7 +54,7 @@ class RenderTargets:
         self._context = context
 
     def copy_scene(self) -> None:
-        """Copy radiance and depth of the scene, for passes that read what they draw over."""
+        """Copy radiance and depth of the scene, for passes that read and overwrite them."""
         self.scene.use()  # the copy is clipped by the scissor of the bound framebuffer
         self._context.copy_framebuffer(self.copy, self.scene)
 

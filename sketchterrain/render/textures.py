@@ -131,7 +131,7 @@ class MaterialTextures:
 
 
 def _write_level(level: int, texels: npt.NDArray[np.uint8]) -> None:
-    """Write a mipmap level of the bound array, which moderngl cannot."""
+    """Write a mipmap level of the bound array; moderngl has no function for it."""
     layers, height, width, _ = texels.shape
     c_int, c_uint = ctypes.c_int, ctypes.c_uint
     kinds = (c_uint, c_int, c_int, c_int, c_int, c_int, c_int, c_uint, c_uint, ctypes.c_void_p)

@@ -177,7 +177,7 @@ class Water:
     def draw(
         self, eye: tuple[float, float, float], targets: RenderTargets, uniforms: Mapping[str, object]
     ) -> None:
-        """Draw wet banks and the water into ``targets.scene``, which holds everything else already.
+        """Draw wet banks and the water into ``targets.scene``, after all other content.
 
         `uniforms` are those of all passes, ``clock`` (s), ``wind`` (m/s) and ``lift`` (water.vert.glsl).
         """

@@ -110,9 +110,9 @@ TURN = 2 * np.pi / 70.0
 def gust(place, wind, time):
     speed = np.hypot(*wind)
     along = np.array(wind) / speed
-    run, aside = place @ along - speed * time, place @ [-along[1], along[0]]
-    wide = np.sin(run * TURN + 1.7 * np.sin(aside * TURN * 0.37))
-    return 1.0 + 0.45 * wide + 0.25 * np.sin(run * TURN * 2.3 + aside * TURN)
+    run, across = place @ along - speed * time, place @ [-along[1], along[0]]
+    wide = np.sin(run * TURN + 1.7 * np.sin(across * TURN * 0.37))
+    return 1.0 + 0.45 * wide + 0.25 * np.sin(run * TURN * 2.3 + across * TURN)
 
 
 def rows(count, seed=2):

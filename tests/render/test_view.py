@@ -89,9 +89,9 @@ def test_distance_to_water_is_zero_at_the_bank_and_plants_obstruct_views(terrain
     river = terrain.features.rivers[0]
     middle = len(river.centreline) // 2
     along = river.centreline[middle + 1, :2] - river.centreline[middle - 1, :2]
-    aside = np.array([-along[1], along[0]]) / np.hypot(*along)
+    across = np.array([-along[1], along[0]]) / np.hypot(*along)
     half = float(river.centreline_width[middle]) / 2.0
-    places = river.centreline[middle, :2] + np.array([0.0, half + 10.0, half + 500.0])[:, None] * aside
+    places = river.centreline[middle, :2] + np.array([0.0, half + 10.0, half + 500.0])[:, None] * across
     assert cover.distance_to_water(*places.T) == pytest.approx([-half, 10.0, 60.0], abs=1.5)
     assert cover.is_water(*places.T).tolist() == [True, False, False]
 
@@ -228,4 +228,4 @@ def test_one_resource_of_each_kind_is_cached_and_borrowed_ones_outlive_their_bor
     assert sorted(closed) == ["first", "other", "second", "third"]
     with pytest.raises(ZeroDivisionError):
         cache.get_or_create("a", 2, lambda: 1 / 0)
-    assert get(cache, "a", 2, "made") == ["made"]
+    assert get(cache, "a", 2, "created") == ["created"]

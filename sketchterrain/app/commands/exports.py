@@ -27,22 +27,14 @@ if TYPE_CHECKING:
     from sketchterrain.batch.run import BatchResult
 
 
+@args.with_option_groups
 def export(
     sketch: args.SketchName,
     target: args.TargetName,
     output: args.Folder,
+    *,
     size: args.WholeSize = None,
-    tiles: args.Tiles = None,
-    overlap: args.Overlap = None,
-    tile_name: args.TileName = None,
-    tile_first: args.TileFirst = None,
-    tiles_from_south: args.TilesFromSouth = None,
-    form: args.Format = None,
-    heights: args.Heights = None,
-    error: args.MeshError = None,
-    crs: args.Crs = None,
-    origin: args.Origin = None,
-    plants: args.Plants = None,
+    exported: args.ExportArguments,
     grass: args.Grass = False,
     seed: args.Seed = None,
     device: args.DeviceName = None,
@@ -50,21 +42,7 @@ def export(
     as_json: args.AsJson = False,
 ) -> None:
     """Export a terrain to an engine, a GIS or a plain format, in the size and orientation it expects."""
-    options = args.export_options(
-        size=size,
-        tiles=tiles,
-        overlap=overlap,
-        tile_name=tile_name,
-        tile_first=tile_first,
-        tiles_from_south=tiles_from_south,
-        form=form,
-        heights=heights,
-        error=error,
-        crs=crs,
-        origin=origin,
-        plants=plants,
-        grass=grass,
-    )
+    options = exported.options(size, grass=grass)
     with Stages() as stages:
         document = args.read_sketch(sketch, seed, stages)
         with stages.stage("program", "Loading the program"):
@@ -123,8 +101,10 @@ Preview = Annotated[
 ]
 
 
+@args.with_option_groups
 def batch(
     output: args.Folder,
+    *,
     sketches: args.SketchNames = None,
     seeds: Seeds = None,
     settings: Settings = None,
@@ -139,17 +119,7 @@ def batch(
     grass: args.Grass = False,
     map_kind: args.MapKind = None,
     target: TargetName = None,
-    tiles: args.Tiles = None,
-    overlap: args.Overlap = None,
-    tile_name: args.TileName = None,
-    tile_first: args.TileFirst = None,
-    tiles_from_south: args.TilesFromSouth = None,
-    form: args.Format = None,
-    heights: args.Heights = None,
-    error: args.MeshError = None,
-    crs: args.Crs = None,
-    origin: args.Origin = None,
-    plants: args.Plants = None,
+    exported: args.ExportArguments,
     device: args.DeviceName = None,
     fast: args.Fast = False,
     as_json: args.AsJson = False,
@@ -169,12 +139,9 @@ def batch(
     file = SweepFile() if sweep is None else read_sweep(sweep)
     keys: dict[str, Any] = {"size": size, "preview": preview, "view": view, "foliage": foliage}
     keys |= {"grass": grass or None, "map": map_kind, "to": target}
-    options = {"tiles": tiles, "overlap": overlap, "tile_name": tile_name, "tile_first": tile_first}
-    options |= {"tiles_from_south": tiles_from_south, "format": form, "heights": heights, "error": error}
-    options |= {"crs": crs, "origin": origin, "plants": plants}
     written = _output(
         {name: getattr(file, name) if value is None else value for name, value in keys.items()},
-        {name: file.export.get(name) if value is None else value for name, value in options.items()},
+        args.ExportArguments(**file.export | exported.given()),
         fast=fast,
     )
     swept = parse_settings(settings or (), file.settings)
@@ -189,8 +156,8 @@ def batch(
     _report_done(done, output, as_json=as_json)
 
 
-def _output(keys: dict[str, Any], options: dict[str, Any], *, fast: bool) -> Output:
-    """Return what to write of each terrain, from the keys of a sweep file and of its table ``export``."""
+def _output(keys: dict[str, Any], exported: args.ExportArguments, *, fast: bool) -> Output:
+    """Return the files to write of each terrain, from a sweep file's keys and its table ``export``."""
     from sketchterrain.batch.results import Output
     from sketchterrain.export.foliage_files import FoliageOptions
     from sketchterrain.export.targets import target_named
@@ -203,7 +170,7 @@ def _output(keys: dict[str, Any], options: dict[str, Any], *, fast: bool) -> Out
         raise USAGE_ERROR(f"expected a map as png or svg, got {keys['map']!r}")
     check_view(view)
     if keys["to"] is None:
-        extra = next((name for name, value in options.items() if value is not None), None)
+        extra = next(iter(exported.given()), None)
         if extra is not None:
             raise USAGE_ERROR(f"{extra.replace('_', '-')} needs --to TARGET")
         files = FoliageOptions(keys["foliage"] or "csv", bool(keys["grass"]))
@@ -212,9 +179,8 @@ def _output(keys: dict[str, Any], options: dict[str, Any], *, fast: bool) -> Out
         if keys[name] is not None:
             raise USAGE_ERROR(f"{name} with a target: it is for the files of `generate`")
     target_named(keys["to"])
-    form, grass = options.pop("format"), bool(keys["grass"])
-    exported = args.export_options(size=keys["size"], form=form, grass=grass, **options)
-    return Output(keys["size"], preview, view, "none", target=keys["to"], options=exported, fast=fast)
+    options = exported.options(keys["size"], grass=bool(keys["grass"]))
+    return Output(keys["size"], preview, view, "none", target=keys["to"], options=options, fast=fast)
 
 
 def _report_plan(

@@ -258,45 +258,30 @@ def _area(square_metres: float) -> str:
     return f"{square_metres / 1e6:.4g} km²" if square_metres >= 1e6 else f"{square_metres:.4g} m²"
 
 
+@args.with_option_groups
 def view(
     store: args.WorldPath,
     output: args.PictureFile = None,
-    size: args.PictureSize = None,
-    kind: args.ViewKind = None,
-    eye: args.Eye = None,
-    look_at: args.LookAt = None,
-    time: args.Hour = None,
-    clouds: args.Clouds = None,
-    quality: args.Quality = None,
-    without: args.Without = None,
-    textures: args.Textures = None,
-    overlay: args.OverlayNames = None,
+    *,
+    picture: args.PictureArguments,
     device: args.DeviceName = None,
 ) -> None:
     """View a written world in a window, or with -o render a picture of it."""
     if output is None:
-        options = {"size": size, "view": kind, "eye": eye, "look-at": look_at, "time": time, "clouds": clouds}
-        options |= {"quality": quality, "without": without, "textures": textures, "overlay": overlay}
-        for name, value in options.items():
+        for name, value in vars(picture).items():
             if value is not None and value != []:
-                raise USAGE_ERROR(f"--{name} needs -o: it is for pictures")
+                raise USAGE_ERROR(f"--{name.replace('_', '-')} needs -o: it is for pictures")
         from sketchterrain.ui.app import run_world
 
         restore_default_sigterm()
         raise typer.Exit(run_world(store, device=device))
-    args.check_camera(eye, look_at, kind)
+    picture.check_camera()
     with Stages() as stages:
         with stages.stage("program", "Loading the program"):
-            from sketchterrain.app.pictures import PictureOptions
             from sketchterrain.world.viewed import draw_world
 
-        still = PictureOptions(
-            *(size, eye, look_at, kind or "auto", time, clouds, 1.0 if quality is None else quality),
-            without=tuple(without or ()),
-            overlays=tuple(overlay or ()),
-            textures=textures,
-        )
-        legend, missing = draw_world(store, output, still, device=device, stages=stages)
+        options = picture.options()
+        legend, missing = draw_world(store, output, options, device=device, stages=stages)
     for line in missing:
         sys.stderr.write(f"sketchterrain: note: {line}\n")
     print_lines(str(output), *legend_lines(legend))

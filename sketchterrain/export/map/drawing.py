@@ -105,7 +105,7 @@ class LabelSpace:
         self._occupied: list[shapely.Geometry] = []
 
     def reserve(self, area: shapely.Geometry) -> bool:
-        """Occupy an area if it is within the map and free; return whether it was."""
+        """Occupy an area within the map unless occupied; return whether it succeeded."""
         free = bool(self._frame.contains(area) and not shapely.intersects(area, self._occupied).any())
         if free:
             self._occupied.append(area)

@@ -308,7 +308,7 @@ def devices(as_json: args.AsJson = False) -> None:
                 sharing = Sharing("none", "it runs no kernel") if failed else probe_sharing(device)
                 tested.append((device, verdict, sharing))
     if as_json:
-        print_json([device_test_entry(*each) | {"default": each[0] == default} for each in tested])
+        print_json([device_test_entry(*test) | {"default": test[0] == default} for test in tested])
         return
     for device, verdict, sharing in tested:
         print_lines(*device_lines(device, verdict, sharing, default=device == default))

@@ -108,7 +108,7 @@ def _prepared(folder: Path) -> Iterator[None]:
 def _check_disk(plan: ExportPlan, terrain: Terrain, folder: Path) -> None:
     options, target = plan.options, plan.target
     storeys = (("woody",) if options.plants else ()) + (("grass",) if options.grass else ())
-    plants = sum(terrain.foliage_estimate(*plan.grid.bounds, storey=each)[0] for each in storeys)
+    plants = sum(terrain.foliage_estimate(*plan.grid.bounds, storey=storey)[0] for storey in storeys)
     columns, rows = plan.tile_side
     needed = target.disk * columns * rows * plan.tiling.count + target.bytes_per_plant * plants
     check_disk(folder.parent, needed, f"{plan.vertices:.3g} vertices and up to {plants:.3g} plants")

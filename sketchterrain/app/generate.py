@@ -83,7 +83,7 @@ def report_header(terrain: Terrain) -> dict[str, Any]:
         "device": device_entry(context.device),
         "fast": context.fast,
         "notes": undescribed_labels(sketch),
-        "resolutions": [each.line for each in recipe.resolutions],
+        "resolutions": [resolution.line for resolution in recipe.resolutions],
         "edits": {"count": len(sketch.edits), "orphans": list(recipe.orphans)},
     }
 

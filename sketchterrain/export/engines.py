@@ -93,7 +93,7 @@ class EngineAxes:
 def tile_path(export: Export, kind: str, tile: TileWindow, suffix: str) -> Path:
     """Return the path of a tile's file of one kind: ``valley_grass_x0_y0.png``."""
     tiling = export.tiling
-    name = tiling.tile_name("_".join(each for each in (export.name, kind) if each), tile)
+    name = tiling.tile_name("_".join(part for part in (export.name, kind) if part), tile)
     if kind and tiling.count > 1 and "{name}" not in tiling.pattern:
         name = f"{kind}_{name}"  # else all kinds would have one name
     return export.folder / f"{name}{suffix}"

@@ -31,7 +31,7 @@ def check_film(path: Path, *, size: tuple[int, int], frames: int) -> None:
     if _is_folder(path):
         prepare_folder(path)
         last = _frame_name(frames - 1, frames)
-        old = sorted(each.name for each in path.iterdir() if re.fullmatch(r"\d{4,}\.png", each.name))
+        old = sorted(frame.name for frame in path.iterdir() if re.fullmatch(r"\d{4,}\.png", frame.name))
         more = [name for name in old if len(name) != len(last) or name > last]
         if more:
             raise InputError(

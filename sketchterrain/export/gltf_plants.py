@@ -74,7 +74,7 @@ def collect_plants(export: Export, axes: EngineAxes) -> PlantInstances:
             if storey == "woody":
                 model += plant_variants(plant_chances(plants)[1]).astype(np.int64)
             parts.append((position, plants["scale"].copy(), plants["rotation"].copy(), model))
-    position, scale, rotation, model = (np.concatenate(each) for each in zip(*parts, strict=True))
+    position, scale, rotation, model = (np.concatenate(column) for column in zip(*parts, strict=True))
     order = np.argsort(model, kind="stable")
     return PlantInstances(position[order], scale[order], rotation[order], model[order], terrain.species_names)
 
@@ -223,7 +223,7 @@ def _model(position: Float64Array, outward: Float64Array, albedo: Float64Array) 
     back = (facing * outward.mean(axis=1)).sum(axis=-1) < 0.0
     order = np.where(back[:, None], [0, 2, 1], [0, 1, 2])[..., None]
     position, outward, albedo = (
-        np.take_along_axis(each, order, axis=1) for each in (position, outward, albedo)
+        np.take_along_axis(values, order, axis=1) for values in (position, outward, albedo)
     )
     colour = np.full((position.shape[0] * 3, 4), _STEPS, np.uint16)
     colour[:, :3] = np.rint(_STEPS * np.clip(albedo.reshape(-1, 3), 0.0, 1.0))

@@ -165,13 +165,13 @@ def _spans(x: Int64Array, y: Int64Array) -> _Spans:
     y0, y1, y2 = np.take_along_axis(y, order, axis=1).T
     area = (x1 - x0) * (y2 - y0) - (y1 - y0) * (x2 - x0)
     rows = np.where(area == 0, 0, y2 - y0 + 1)
-    of = np.repeat(np.arange(len(x)), rows)
+    triangle = np.repeat(np.arange(len(x)), rows)
     row = _ranges(y0, rows)
     # The longest edge is crossed in every row, and one of the two others.
-    upper = (row < y1[of]) | (y1 == y2)[of]
+    upper = (row < y1[triangle]) | (y1 == y2)[triangle]
     ends = [
-        (x0[of], y0[of], x2[of], y2[of]),
-        tuple(np.where(upper, a[of], b[of]) for a, b in ((x0, x1), (y0, y1), (x1, x2), (y1, y2))),
+        (x0[triangle], y0[triangle], x2[triangle], y2[triangle]),
+        tuple(np.where(upper, a[triangle], b[triangle]) for a, b in ((x0, x1), (y0, y1), (x1, x2), (y1, y2))),
     ]
     low, high = [], []
     for from_x, from_y, to_x, to_y in ends:
@@ -179,7 +179,7 @@ def _spans(x: Int64Array, y: Int64Array) -> _Spans:
         low.append(from_x - (-along // down))
         high.append(from_x + along // down)
     first = np.minimum(*low)
-    return _Spans(of, row, first, np.maximum(np.maximum(*high) - first + 1, 0))
+    return _Spans(triangle, row, first, np.maximum(np.maximum(*high) - first + 1, 0))
 
 
 def _pieces(spans: _Spans) -> Iterator[_Spans]:
@@ -212,10 +212,10 @@ def mesh_positions(mesh: GridMesh, samples: TerrainSamples, axes: EngineAxes) ->
     grid = samples.grid
     dx, dy = grid.spacing
     result = np.empty((len(mesh.column), 3), np.float32)
-    for some in _parts(mesh):
-        column, row = mesh.column[some], mesh.row[some]
+    for part in _parts(mesh):
+        column, row = mesh.column[part], mesh.row[part]
         height = samples.height[row, column]
-        result[some] = axes.points(grid.west + column * dx, grid.north - row * dy, height)
+        result[part] = axes.points(grid.west + column * dx, grid.north - row * dy, height)
     return result
 
 
@@ -224,8 +224,8 @@ def mesh_normals(mesh: GridMesh, samples: TerrainSamples, axes: EngineAxes) -> F
     dx, dy = samples.grid.spacing
     height = samples.height
     result = np.empty((len(mesh.column), 3), np.float32)
-    for some in _parts(mesh):
-        column, row = mesh.column[some].astype(np.intp), mesh.row[some].astype(np.intp)
+    for part in _parts(mesh):
+        column, row = mesh.column[part].astype(np.intp), mesh.row[part].astype(np.intp)
         west, east = np.maximum(column - 1, 0), np.minimum(column + 1, samples.grid.columns - 1)
         north, south = np.maximum(row - 1, 0), np.minimum(row + 1, samples.grid.rows - 1)
         slope_east = (height[row, east].astype(np.float64) - height[row, west]) / ((east - west) * dx)
@@ -233,7 +233,7 @@ def mesh_normals(mesh: GridMesh, samples: TerrainSamples, axes: EngineAxes) -> F
         slope_north = rise / ((south - north) * dy)
         normal = np.stack([-slope_east, -slope_north, np.ones(len(column))], axis=-1)
         normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-        result[some] = axes.vectors(normal)
+        result[part] = axes.vectors(normal)
     return result
 
 

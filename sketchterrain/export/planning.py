@@ -138,7 +138,7 @@ def option_names(target: Target) -> tuple[str, ...]:
     """Return the names of a target's supported options, in the order of `ExportOptions`."""
     size = () if target.spacing is not None else ("size",)
     supported = target.options | _COMMON_OPTIONS | frozenset(size)
-    return tuple(each.name for each in fields(ExportOptions) if each.name in supported)
+    return tuple(field.name for field in fields(ExportOptions) if field.name in supported)
 
 
 def plan_export(sketch: Sketch, target: Target, options: ExportOptions) -> ExportPlan:
@@ -173,16 +173,16 @@ def plan_export(sketch: Sketch, target: Target, options: ExportOptions) -> Expor
 
 def _check_options(target: Target, options: ExportOptions) -> None:
     supported, defaults = option_names(target), ExportOptions()
-    for each in fields(options):
-        if each.name in supported or getattr(options, each.name) == getattr(defaults, each.name):
+    for field in fields(options):
+        if field.name in supported or getattr(options, field.name) == getattr(defaults, field.name):
             continue
-        if each.name == "size":
+        if field.name == "size":
             raise InputError(f"{target.name}: size is fixed, vertices are {target.spacing:g} m apart")
-        if each.name == "overlap" and "tiles" in supported:
+        if field.name == "overlap" and "tiles" in supported:
             shared = {0: "nothing", 1: "an edge"}[target.tiling.overlap if target.tiling else 1]
             raise InputError(f"{target.name}: overlap is fixed, tiles share {shared}")
         names = ", ".join(name.replace("_", "-") for name in supported)
-        raise InputError(f"{target.name} has no option {each.name.replace('_', '-')}, only {names}")
+        raise InputError(f"{target.name} has no option {field.name.replace('_', '-')}, only {names}")
     if options.format is not None and options.format not in target.formats:
         formats = " or ".join(target.formats)
         raise InputError(f"{target.name}: expected {formats} as format, got {one_line(options.format)!r}")
@@ -192,7 +192,7 @@ def _check_options(target: Target, options: ExportOptions) -> None:
         HeightQuantisation.from_range(*options.heights)
     if options.error is not None and not 0.0 < options.error < math.inf:
         raise InputError(f"error = {options.error:g}: expected more than 0 m")
-    if not all(math.isfinite(each) for each in options.origin):
+    if not all(math.isfinite(coordinate) for coordinate in options.origin):
         raise InputError(f"origin {options.origin}: expected two finite numbers, m")
 
 
@@ -215,7 +215,7 @@ def _grid_of_sketch(
     side = _side(target, tiling, tiles[longer], size)
     cell = length[longer] / (side - 1)
     ideal = max(2, round(length[1 - longer] / cell) + 1)
-    other = min(tiling.nearest_sides(ideal, tiles[1 - longer]), key=lambda each: abs(each - ideal))
+    other = min(tiling.nearest_sides(ideal, tiles[1 - longer]), key=lambda side: abs(side - ideal))
     columns, rows = (side, other) if longer == 0 else (other, side)
     return SampleGrid(0.0, 0.0, *length, columns, rows)
 
@@ -242,14 +242,14 @@ def _grid_of_spacing(
     pixels of 1 m. Else 4096 m are 4097 vertices.
     """
     tiles = (tiling.columns, tiling.rows)
-    quads = [math.ceil(each / spacing - _ROUNDING) for each in length]
+    quads = [math.ceil(side / spacing - _ROUNDING) for side in length]
     if multiple > 1:  # of each tile
         steps = [multiple * count for count in tiles]
         least = [max(-(-each // step), 1) * step for each, step in zip(quads, steps, strict=True)]
     else:
-        least = [max(each, 1) + 1 for each in quads]
+        least = [max(count, 1) + 1 for count in quads]
     columns, rows = (
-        next(each for each in tiling.nearest_sides(vertices, count) if each >= vertices)
+        next(side for side in tiling.nearest_sides(vertices, count) if side >= vertices)
         for vertices, count in zip(least, tiles, strict=True)
     )
     return SampleGrid(0.0, 0.0, (columns - 1) * spacing, (rows - 1) * spacing, columns, rows)
@@ -271,9 +271,9 @@ def _side(target: Target, tiling: Tiling, tiles: int, size: int | None) -> int:
         return requested
     if size is None or not valid:
         raise InputError(f"{target.name}: tiles cannot share {tiling.overlap} vertices")
-    below = max((each for each in valid.values() if each < size), default=None)
-    above = min((each for each in valid.values() if each > size), default=None)
-    nearest = " or ".join(str(each) for each in (below, above) if each is not None)
+    below = max((side for side in valid.values() if side < size), default=None)
+    above = min((side for side in valid.values() if side > size), default=None)
+    nearest = " or ".join(str(side) for side in (below, above) if side is not None)
     in_tiles = f" in {tiles} tiles" if tiles > 1 else ""
     raise InputError(
         f"{target.name}: {size} vertices{in_tiles} is not a valid size; nearest: {nearest} "

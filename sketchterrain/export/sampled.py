@@ -125,12 +125,12 @@ def control_map(weights: UInt8Array) -> npt.NDArray[np.float32]:
 
 def _control_bits(weights: UInt8Array) -> npt.NDArray[np.uint32]:
     base = weights.argmax(axis=-1)
-    rest = weights.copy()
-    np.put_along_axis(rest, base[..., None], 0, axis=-1)
-    runner_up = rest.argmax(axis=-1)
+    others = weights.copy()
+    np.put_along_axis(others, base[..., None], 0, axis=-1)
+    runner_up = others.argmax(axis=-1)
     most, second = (
         np.take_along_axis(values, index[..., None], axis=-1)[..., 0].astype(np.uint32)
-        for values, index in ((weights, base), (rest, runner_up))
+        for values, index in ((weights, base), (others, runner_up))
     )
     overlay = np.where(second == 0, base, runner_up).astype(np.uint32)
     share = (_WHOLE * second + (most + second) // 2) // (most + second)

@@ -175,10 +175,10 @@ def stale_export_files(folder: Path, content: dict[str, Any]) -> list[Path]:
         before = json.loads((folder / SIDECAR).read_bytes())
         if any(before[key] != content[key] for key in ("format", "target", "sketch")):
             return []
-        names = {str(each["file"]) for each in before["files"]}
+        names = {str(entry["file"]) for entry in before["files"]}
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return []  # missing, or not ours
-    return stale_files(folder, names, (each["file"] for each in content["files"]))
+    return stale_files(folder, names, (entry["file"] for entry in content["files"]))
 
 
 def _grid_entry(grid: SampleGrid) -> dict[str, Any]:
@@ -210,10 +210,10 @@ def setting_rows(settings: Mapping[str, Any]) -> list[SettingRow]:
 
 def _rows(settings: Mapping[str, Any], depth: int) -> Iterator[SettingRow]:
     for name, value in settings.items():
-        if isinstance(value, dict) and not all(isinstance(each, (int, float)) for each in value.values()):
+        if isinstance(value, dict) and not all(isinstance(item, (int, float)) for item in value.values()):
             yield SettingRow(depth, name, "")
             yield from _rows(value, depth + 1)
-        elif isinstance(value, list) and any(isinstance(each, (dict, list)) for each in value):
+        elif isinstance(value, list) and any(isinstance(item, (dict, list)) for item in value):
             for number, entry in enumerate(value[:_MAX_ENTRIES], start=1):
                 title = name.removesuffix("s") + (f" {number}" if len(value) > 1 else "")
                 yield SettingRow(depth, title, "")
@@ -228,7 +228,7 @@ def _text(value: object) -> str:
     if isinstance(value, dict):
         return "  ".join(f"{name} {_text(each)}" for name, each in value.items())
     if isinstance(value, list):
-        return ", ".join(_text(each) for each in value)
+        return ", ".join(_text(item) for item in value)
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):

@@ -83,7 +83,7 @@ class Tiling:
         if rest == 0 and step >= 1 and step + self.overlap >= 2:
             return step + self.overlap
         shared = {0: "nothing", 1: "an edge"}.get(self.overlap, f"{self.overlap} vertices")
-        nearest = " or ".join(str(each) for each in self.nearest_sides(vertices, tiles))
+        nearest = " or ".join(str(side) for side in self.nearest_sides(vertices, tiles))
         raise InputError(
             f"{vertices} vertices cannot be cut into {tiles} equal tiles that share {shared}; "
             f"nearest: {nearest}"
@@ -99,7 +99,7 @@ class Tiling:
             return (vertices,)
         least = max(1, 2 - self.overlap)
         step = (vertices - self.overlap) // tiles
-        below, above = (tiles * max(each, least) + self.overlap for each in (step, step + 1))
+        below, above = (tiles * max(count, least) + self.overlap for count in (step, step + 1))
         return (vertices,) if below == vertices else tuple(sorted({below, above}))
 
     def tile_name(self, name: str, tile: TileWindow) -> str:

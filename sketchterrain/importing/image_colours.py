@@ -88,7 +88,7 @@ def detect_colours(
     if not total:
         return ()
     filled = np.flatnonzero(counts)
-    weight, flat = (each[filled].astype(np.float64) for each in (counts, flats))
+    weight, flat = (histogram[filled].astype(np.float64) for histogram in (counts, flats))
     colours = sums[filled] / weight[:, None]
     lab = to_oklab(colours / 255.0)
     targets = np.array(list(sought), dtype=np.float64).reshape(-1, 3)
@@ -125,18 +125,18 @@ def _centres(
         if weights[near].sum() >= enough and len(centres) < _MAX_COLOURS:
             centres.append(np.average(lab[near], axis=0, weights=weights[near]))
 
-    for each in sought:  # a small flat area is enough, or many lines
+    for colour in sought:  # a small flat area is enough, or many lines
         before = len(centres)
-        add_centre(each, 0.3 * _RADIUS, flat, _MIN_PIXELS)
+        add_centre(colour, 0.3 * _RADIUS, flat, _MIN_PIXELS)
         if len(centres) == before:
-            add_centre(each, 0.3 * _RADIUS, weight, least)
+            add_centre(colour, 0.3 * _RADIUS, weight, least)
     # Flat areas have little noise: there, near peaks are different colours.
     for radius, weights, enough in (
         (_FLAT_RADIUS, flat, max(_FLAT_SHARE * total, _MIN_PIXELS)),
         (_RADIUS, weight, least),
     ):
-        for each in centres:
-            free &= ((lab - each) ** 2).sum(axis=1) > radius**2
+        for centre in centres:
+            free &= ((lab - centre) ** 2).sum(axis=1) > radius**2
         while len(centres) < _MAX_COLOURS:
             heights = np.where(free & peaks, weights, 0.0)
             top = int(np.argmax(heights))
@@ -150,19 +150,19 @@ def _centres(
 
 def _without_blends(found: list[DetectedColour], solid: list[bool]) -> list[DetectedColour]:
     """Remove colours of lines only that are blends of two others, such as thin ink."""
-    rgb = np.array([each.rgb for each in found], dtype=np.float64)
+    rgb = np.array([colour.rgb for colour in found], dtype=np.float64)
     parts = np.linspace(0.15, 0.85, 15)[:, None]
     distinct = []
-    for index, each in enumerate(found):
+    for index, colour in enumerate(found):
         others = (other for other in range(len(found)) if other != index)
-        larger = [other for other in others if solid[other] or found[other].share > each.share]
+        larger = [other for other in others if solid[other] or found[other].share > colour.share]
         pairs = [(rgb[one], rgb[other]) for one in larger for other in larger if one < other]
         if solid[index] or not pairs:
-            distinct.append(each)
+            distinct.append(colour)
             continue
         blends = to_oklab(np.concatenate([one + parts * (other - one) for one, other in pairs]) / 255.0)
         if ((blends - to_oklab(rgb[index] / 255.0)) ** 2).sum(axis=1).min() > _BLEND_RADIUS**2:
-            distinct.append(each)
+            distinct.append(colour)
     return distinct
 
 
@@ -195,7 +195,7 @@ def classify_pixels(rgba: UInt8Array, colours: Sequence[DetectedColour]) -> Clas
     pixels, so that borders have no fringe of a third colour, unless it is darker than these: an outline.
     """
     height, width = rgba.shape[:2]
-    centres = to_oklab(np.array([each.rgb for each in colours]).reshape(-1, 3) / 255.0).astype(np.float32)
+    centres = to_oklab(np.array([colour.rgb for colour in colours]).reshape(-1, 3) / 255.0).astype(np.float32)
     present, lab = _distinct_colours(rgba)
     plain, strict = (np.full(1 << 24, UNKNOWN, dtype=np.uint8) for _ in range(2))
     plain[present], strict[present] = _nearest_colours(lab, centres)
@@ -304,16 +304,16 @@ def mixtures(rgb: UInt8Array, rough: BoolArray | None = None) -> BoolArray:
     own = rgb[rows, columns].astype(np.int16)
     for down, right in _DIRECTIONS:
         for step in _DISTANCES:
-            one = _at(rgb, rows - step * down, columns - step * right).astype(np.int16)
-            other = _at(rgb, rows + step * down, columns + step * right).astype(np.int16)
-            low, high = np.minimum(one, other), np.maximum(one, other)
-            found = ((own >= low - _SLACK) & (own <= high + _SLACK)).all(axis=1)
-            found &= (high - low).max(axis=1) >= _APART
-            found &= np.abs(own - one).max(axis=1) > _OWN
-            found &= np.abs(own - other).max(axis=1) > _OWN
-            mixed[rows[found], columns[found]] = True
-            rest = ~found
-            rows, columns, own = rows[rest], columns[rest], own[rest]
+            before = _at(rgb, rows - step * down, columns - step * right).astype(np.int16)
+            after = _at(rgb, rows + step * down, columns + step * right).astype(np.int16)
+            low, high = np.minimum(before, after), np.maximum(before, after)
+            blended = ((own >= low - _SLACK) & (own <= high + _SLACK)).all(axis=1)
+            blended &= (high - low).max(axis=1) >= _APART
+            blended &= np.abs(own - before).max(axis=1) > _OWN
+            blended &= np.abs(own - after).max(axis=1) > _OWN
+            mixed[rows[blended], columns[blended]] = True
+            unblended = ~blended
+            rows, columns, own = rows[unblended], columns[unblended], own[unblended]
     return mixed
 
 

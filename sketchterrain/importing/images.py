@@ -225,9 +225,9 @@ class ColouredMap:
         river if narrower than `narrow` px, otherwise a lake (0: by its colour).
         """
         used = tuple(self.meanings if meanings is None else meanings)
-        painted = {each for each in used if each is not None and each.label}
+        painted = {meaning for meaning in used if meaning is not None and meaning.label}
         if not painted:
-            codes = ", ".join(each.code for each in self.colours[:_MAX_NAMES])
+            codes = ", ".join(colour.code for colour in self.colours[:_MAX_NAMES])
             raise InputError(
                 f"no colour of the legend in it, but {codes}: expected meanings for some, "
                 "as with --colour mountain=#8b5a2b"
@@ -284,7 +284,7 @@ def coloured_map(picture: Picture, path: Path, legend: Legend = OWN_LEGEND) -> C
     colours = detect_colours(picture.rgba, sought=sought)
     if not colours:
         raise InputError(f"{location}: it has no areas of one colour: expected a coloured map")
-    meanings = tuple(legend.meaning(each.rgb) for each in colours)
+    meanings = tuple(legend.meaning(colour.rgb) for colour in colours)
     return ColouredMap(path.stem, picture.rgba, colours, meanings, classify_pixels(picture.rgba, colours))
 
 

@@ -97,9 +97,10 @@ def trace_open_raster(path: Path, options: TraceOptions) -> TraceResult:
         if kind != b"image/openraster" or "stack.xml" not in archive.names:
             raise InputError(f"{location}: expected an OpenRaster file, with stack.xml in it")
         size, layers = _stack(archive.read("stack.xml", _MAX_STACK), f"{location}/stack.xml")
-        hidden = [each.name for each in layers if each.is_hidden]
-        others = [each.name for each in layers if each.meaning is None and not each.is_hidden]
-        named = [(each, each.meaning) for each in layers if each.meaning is not None and not each.is_hidden]
+        hidden = [layer.name for layer in layers if layer.is_hidden]
+        visible = [layer for layer in layers if not layer.is_hidden]
+        others = [layer.name for layer in visible if layer.meaning is None]
+        named = [(layer, layer.meaning) for layer in visible if layer.meaning is not None]
         if not named:
             raise _unnamed(location, "layer", (*others, *hidden))
         if len(named) > _MAX_LAYERS:

@@ -167,5 +167,5 @@ def parse_layer_name(name: str) -> Meaning | None:
     if match is None:
         return None
     word, label = match[1].lower(), int(match[2] or 1)
-    known = {**{each: each for each in LAYERS}, **{LAYERS[each].title.lower(): each for each in LAYERS}}
+    known = {**{name: name for name in LAYERS}, **{LAYERS[name].title.lower(): name for name in LAYERS}}
     return Meaning(known[word], label) if word in known and 1 <= label <= 255 else None

@@ -197,7 +197,7 @@ def read_vector_layers(path: Path) -> list[VectorLayer]:
         raise InputError(
             f"{location}: cannot be read as {driver} ({one_line(error)[:_MAX_MESSAGE]})"
         ) from None
-    layers = [each for each in layers if len(each.shapes) or any(each.skipped.values())]
+    layers = [layer for layer in layers if len(layer.shapes) or any(layer.skipped.values())]
     if not layers:
         raise InputError(f"{location}: expected points, lines or areas, found none")
     return layers
@@ -228,16 +228,16 @@ def _read_layer(dataset: Path | str, driver: str, name: str, where: str, max_ver
     info = pyogrio.read_info(dataset, layer=name)
     if info["driver"] != driver:
         raise InputError(f"{where}: expected {driver}, GDAL detects {info['driver']}")
-    columns = [str(each) for each in info["fields"] if str(each).lower() in RELEVANT_TAGS]
+    columns = [str(field) for field in info["fields"] if str(field).lower() in RELEVANT_TAGS]
     meta, _, wkb, fields = pyogrio.raw.read(
         dataset, layer=name, columns=columns, force_2d=True, datetime_as_string=True
     )
-    size = sum(len(each) for each in wkb if each is not None)
+    size = sum(len(geometry) for geometry in wkb if geometry is not None)
     _check_count(size / _BYTES_PER_VERTEX, max_vertices, where)
     skipped: Counter[str] = Counter()
     shapes, of = _usable(wkb, skipped)
     values = [field.tolist() for field in fields]
-    keys = [str(each) for each in meta["fields"]]
+    keys = [str(field) for field in meta["fields"]]
     properties = [{key: column[index] for key, column in zip(keys, values, strict=True)} for index in of]
     return VectorLayer(name, _crs(meta["crs"], where), shapes, properties, skipped)
 

@@ -143,7 +143,7 @@ def _feature_label(layer: str, defaults: Properties, tags: Mapping[str, Any]) ->
     properties: Properties = {}
     clipped = unread = 0
     for name, parameter in LAYERS[layer].parameters.items():
-        value = next((tags[each] for each in _ALIASES.get(name, (name,)) if each in tags), None)
+        value = next((tags[tag] for tag in _ALIASES.get(name, (name,)) if tag in tags), None)
         number = parse_number(value)
         if parameter.kind is str and isinstance(value, str) and value in parameter.choices:
             properties[name] = value
@@ -169,7 +169,8 @@ def cluster_properties(
     steps = math.inf
     while True:
         keys = [
-            tuple((name, _step(value, steps)) for name, value in sorted(each.items())) for each in features
+            tuple((name, _step(value, steps)) for name, value in sorted(feature.items()))
+            for feature in features
         ]
         order = {key: index for index, key in enumerate(dict.fromkeys(keys))}
         if len(order) <= limit:
@@ -177,15 +178,14 @@ def cluster_properties(
         if steps < 1 / 64:  # too many different texts, signs or sets of properties
             return [0] * len(features), [{}], math.inf
         steps = 64.0 if steps == math.inf else steps / 2.0
-    of = [order[key] for key in keys]
+    cluster_of = [order[key] for key in keys]
     members: list[list[Properties]] = [[] for _ in order]
-    for index, each in zip(of, features, strict=True):
-        members[index].append(each)
-    properties = [_mean(each) for each in members]
-    error = max(
-        (_error(each, properties[index]) for index, each in zip(of, features, strict=True)), default=0.0
-    )
-    return of, properties, error
+    for index, feature in zip(cluster_of, features, strict=True):
+        members[index].append(feature)
+    properties = [_mean(cluster) for cluster in members]
+    assigned = zip(cluster_of, features, strict=True)
+    error = max((_error(feature, properties[index]) for index, feature in assigned), default=0.0)
+    return cluster_of, properties, error
 
 
 def _step(value: Value, steps: float) -> Value:
@@ -199,8 +199,8 @@ def _mean(members: Sequence[Properties]) -> Properties:
     """Return the properties of a cluster, with the mean of numbers that differ."""
     mean = dict(members[0])
     for name, first in mean.items():
-        if not isinstance(first, str) and any(each[name] != first for each in members):
-            value = math.fsum(float(each[name]) for each in members) / len(members)
+        if not isinstance(first, str) and any(member[name] != first for member in members):
+            value = math.fsum(float(member[name]) for member in members) / len(members)
             mean[name] = round(value) if isinstance(first, int) else float(f"{value:.4g}")
     return mean
 

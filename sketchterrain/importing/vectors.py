@@ -90,7 +90,7 @@ def sketch_from_vectors(
     _check(layer, width, bounds, size_px)
     target = None if crs is None else parse_metric_crs(crs)
     layers = read_vector_layers(path)
-    skipped: Counter[str] = sum((each.skipped for each in layers), Counter())
+    skipped: Counter[str] = sum((source.skipped for source in layers), Counter())
     try:
         source, features = _collect(layers, layer, width, skipped)
         box, features = _clip(features, source, bounds, skipped)
@@ -143,15 +143,15 @@ def _collect(
 ) -> tuple[CRS | None, _Features]:
     """Return the usable features of all layers, in the CRS of the first layer with any."""
     crs, collected = None, list[_Features]()
-    for each in layers:
-        features = _usable_features(each, layer, width, skipped)
+    for source in layers:
+        features = _usable_features(source, layer, width, skipped)
         if not len(features.shapes):
             continue
         if not collected:
-            crs = each.crs
-        elif each.crs and crs:
-            features = features._replace(shapes=_reprojected(features.shapes, each.crs, crs))
-        elif each.crs or crs:
+            crs = source.crs
+        elif source.crs and crs:
+            features = features._replace(shapes=_reprojected(features.shapes, source.crs, crs))
+        elif source.crs or crs:
             raise InputError("some of its layers have a CRS and some do not: expected all or none")
         collected.append(features)
     if not collected:
@@ -159,7 +159,7 @@ def _collect(
             f"no feature has a layer: expected a property layer ({', '.join(LAYERS)}), "
             "tags such as waterway=river or natural=water, or one layer for all"
         )
-    return crs, _Features(*(np.concatenate(each) for each in zip(*collected, strict=True)))
+    return crs, _Features(*(np.concatenate(column) for column in zip(*collected, strict=True)))
 
 
 def _usable_features(
@@ -279,18 +279,19 @@ def _paint(
     images: dict[str, LabelImage] = {}
     labels: dict[tuple[str, int], dict[str, Value]] = {}
     used, notes = [], []
-    names = np.array([each.layer for each in features.labels])
-    for name in (each for each in LAYERS if each in names):
+    names = np.array([label.layer for label in features.labels])
+    for name in (known for known in LAYERS if known in names):
         layer = features.where(names == name)
         is_area = layer.dimensions == _AREA
         kinds = Counter(_KINDS[dimension] for dimension in layer.dimensions)
         used += [f"{count} {kind}{'s' if count > 1 else ''} as {name}" for kind, count in kinds.items()]
-        properties = [_properties(*each, width) for each in zip(layer.labels, layer.dimensions, strict=True)]
+        pairs = zip(layer.labels, layer.dimensions, strict=True)
+        properties = [_properties(label, dimension, width) for label, dimension in pairs]
         cluster_of, clusters, error = cluster_properties(properties, MAX_LABELS)
         order = list(range(len(clusters)))
         if name == "river":
             # Areas, of width 0, are last: maps also have a line in the middle of a river's area.
-            order.sort(key=[_river_width(each) or math.inf for each in clusters].__getitem__)
+            order.sort(key=[_river_width(cluster) or math.inf for cluster in clusters].__getitem__)
         size = (area.rows, area.columns)
         images[name] = np.zeros(size, dtype=np.uint8)
         widths = _line_widths(layer, [clusters[index] for index in cluster_of], area, width) / area.pixel
@@ -329,7 +330,7 @@ def _line_widths(
 ) -> npt.NDArray[np.float64]:
     """Return the widths (m) of a layer's lines and discs; a river's is its label's."""
     if features.labels[0].layer == "river":
-        return np.array([_river_width(each) for each in labels])
+        return np.array([_river_width(label) for label in labels])
     default = np.full(len(features.shapes), _DEFAULT_WIDTH * area.extent)
     if width is not None:
         default[features.dimensions == _LINE] = width
@@ -363,9 +364,9 @@ def _guess_notes(features: _Features, area: SketchArea, width: float | None) -> 
     """Return notes on missing and changed values."""
     notes = []
     no_area = features.dimensions != _AREA
-    is_river = np.array([each.layer == "river" for each in features.labels])
+    is_river = np.array([label.layer == "river" for label in features.labels])
     rivers = features.labels[is_river & no_area].tolist()
-    guessed_rivers = sum("width" not in each.properties or "width" in each.guessed for each in rivers)
+    guessed_rivers = sum("width" not in label.properties or "width" in label.guessed for label in rivers)
     if guessed_rivers:
         default = f"{width:g} m" if width is not None else "by their kind: 12 m, streams 3 m, ditches 1.5 m"
         notes.append(f"lines of rivers without a width ({guessed_rivers} of {len(rivers)}): {default}")
@@ -375,7 +376,7 @@ def _guess_notes(features: _Features, area: SketchArea, width: float | None) -> 
             f"lines and points without a size ({guessed}): "
             f"{_DEFAULT_WIDTH * area.extent:.4g} m wide{'' if width is None else f', lines {width:g} m'}"
         )
-    clipped, unread = (sum(getattr(each, key) for each in features.labels) for key in ("clipped", "unread"))
+    clipped, unread = (sum(getattr(label, key) for label in features.labels) for key in ("clipped", "unread"))
     notes += [f"{clipped} numbers out of range were clipped"] if clipped else []
     notes += [f"{unread} invalid properties were replaced by defaults"] if unread else []
     return notes

@@ -78,7 +78,7 @@ def kernel_struct(file: str, name: str, real: npt.DTypeLike) -> np.dtype[np.void
     kinds = {"REAL": real, "long": np.int64, "int": np.int32}
     members = re.findall(r"(REAL|long|int) ([\w, ]+);", body)
     return np.dtype(
-        [(each, kinds[kind]) for kind, names in members for each in names.split(", ")], align=True
+        [(name, kinds[kind]) for kind, names in members for name in names.split(", ")], align=True
     )
 
 

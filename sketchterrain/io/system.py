@@ -115,8 +115,8 @@ def resident_memory(process: int) -> int | None:
 
 def memory_in_use() -> int:
     """Return the resident memory of this process, bytes; its peak where only that is known."""
-    found = resident_memory(os.getpid())
-    return peak_memory() if found is None else found
+    resident = resident_memory(os.getpid())
+    return peak_memory() if resident is None else resident
 
 
 def peak_memory() -> int:
@@ -241,13 +241,13 @@ class Interrupts:
 
     def __enter__(self) -> Interrupts:
         if threading.current_thread() is threading.main_thread():
-            for each in (signal.SIGINT, signal.SIGTERM):
-                self._before[each] = signal.signal(each, self._handle)
+            for number in (signal.SIGINT, signal.SIGTERM):
+                self._before[number] = signal.signal(number, self._handle)
         return self
 
     def __exit__(self, *_: object) -> None:
-        for each, before in self._before.items():
-            signal.signal(each, before)
+        for number, before in self._before.items():
+            signal.signal(number, before)
 
     def check(self) -> None:
         """Raise KeyboardInterrupt if a signal is pending."""

@@ -157,9 +157,9 @@ class Rocks:
         self._layers: list[tuple[_RockLayer, VisiblePoints]] = []
         if quality.grass_distance == 0.0 or not quality.includes("rocks"):
             return
-        for each in ROCK_LAYERS:
-            layer = each.layer.scaled(quality.grass_distance, share=quality.ground_cover_density)
-            self._layers.append((replace(each, layer=layer), VisiblePoints(layer, sort=sorted_by_mesh)))
+        for rocks in ROCK_LAYERS:
+            layer = rocks.layer.scaled(quality.grass_distance, share=quality.ground_cover_density)
+            self._layers.append((replace(rocks, layer=layer), VisiblePoints(layer, sort=sorted_by_mesh)))
         self.pool = ScatteredInstances(
             context,
             [rock_mesh(shape, detail) for detail in range(DETAILS) for shape in range(len(SHAPES))],

@@ -132,7 +132,7 @@ class LightMap:
         self.ready = False
         self.version, self.sun = renderer.version, renderer.sun
         self.dirty: list[Rectangle] = []
-        self.wider_key = [(each.square, each.version) for each in wider[:1]]
+        self.wider_key = [(wider_level.square, wider_level.version) for wider_level in wider[:1]]
         self._renderer, self._terrain = renderer, renderer.terrain
         self._wider, self._close = wider, len(wider) > 1
         self._target = renderer.context.framebuffer([self.light])
@@ -200,9 +200,9 @@ class LightMap:
             (east, south, last, north),
             (first, north, last, high),
         ]
-        changed = [_intersection(both, each) for each in previous.dirty]
+        changed = [_intersection(both, area) for area in previous.dirty]
         pending = [(w, s, e, n) for w, s, e, n in borders if w < e and s < n]
-        return pending + [each for each in changed if each is not None]
+        return pending + [area for area in changed if area is not None]
 
     def _sample(self, rows: int) -> None:
         """Sample the next rows of the first pending rectangle."""
@@ -257,8 +257,8 @@ def _intersection(one: Rectangle, other: Rectangle) -> Rectangle | None:
 def _merged(rectangles: Sequence[Rectangle]) -> list[Rectangle]:
     """Return fewer rectangles that cover the same area."""
     result: list[Rectangle] = []
-    for each in rectangles:
-        both, again = each, True
+    for rectangle in rectangles:
+        both, again = rectangle, True
         while again:
             again = False
             for other in result:

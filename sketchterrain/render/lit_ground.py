@@ -317,7 +317,7 @@ class GroundLighting:
         """Return whether a map is of this square, this terrain and this sun."""
         if light_map is None or light_map.dirty or light_map.sun != self._renderer.sun:
             return False
-        wider_key = [(each.square, each.version) for each in wider[:1]]
+        wider_key = [(level.square, level.version) for level in wider[:1]]
         return light_map.square == square and light_map.wider_key == wider_key
 
     def _target_haze_base(self) -> float:

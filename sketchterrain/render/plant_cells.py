@@ -88,7 +88,7 @@ def plant_instances(plants: StructuredArray, corner: Float64Array) -> PlantInsta
     rows[:, 6] = np.floor(15.0 * crowding) + 0.998 * plants["tint"]
     kind = plants["species"] * VARIANTS + plant_variants(second)
     order = np.argsort(-cull, kind="stable")
-    single = [each.astype(np.float32) for each in (rank, importance, cull)]
+    single = [column.astype(np.float32) for column in (rank, importance, cull)]
     return PlantInstances(rows, single[0], single[1], single[2], kind.astype(np.uint8)).subset(order)
 
 
@@ -286,7 +286,7 @@ def join_cells(
         return PlantInstances(np.zeros((0, 8), np.float32), empty, empty, empty, np.zeros(0, np.uint8))
     if counts is None:
         counts = [len(cell.instances.kind) for cell in cells]
-    parts = [[each[:count] for each in cell.instances] for cell, count in zip(cells, counts, strict=True)]
+    parts = [[column[:count] for column in cell.instances] for cell, count in zip(cells, counts, strict=True)]
     joined = PlantInstances(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
     offsets = np.array([cell.corner - origin for cell in cells], np.float32)
     joined.rows[:, :2] += np.repeat(offsets, counts, axis=0)

@@ -58,7 +58,7 @@ class _ShadowMap:
     def __init__(self, context: moderngl.Context, texels: int) -> None:
         self.current, self.previous, self.next = (_depth_texture(context, texels) for _ in range(3))
         textures = (self.current, self.previous, self.next)
-        self.targets = {id(each): context.framebuffer((), each) for each in textures}
+        self.targets = {id(texture): context.framebuffer((), texture) for texture in textures}
         for target in self.targets.values():
             target.use()
             target.clear(depth=1.0)
@@ -130,8 +130,8 @@ class PlantShadows:
 
     def matrices(self, eye: tuple[float, float, float]) -> list[Float64Array]:
         """Return (4, 4) matrices from eye-relative positions to clip space: near, far, their predecessors."""
-        placements = [each.placement for each in self._maps] + [
-            each.previous_placement for each in self._maps
+        placements = [shadow_map.placement for shadow_map in self._maps] + [
+            shadow_map.previous_placement for shadow_map in self._maps
         ]
         return [self._matrix(placement, eye) for placement in placements]
 

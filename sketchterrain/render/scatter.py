@@ -58,7 +58,7 @@ class ScatterLayer:
             self,
             density=self.density * share,
             draw_distance=self.draw_distance * scale,
-            details=tuple(scale * each for each in self.details),
+            details=tuple(scale * detail for detail in self.details),
         )
 
 

@@ -160,15 +160,15 @@ def open_vertex_memory(
     """Allocate vertex memory of a sharing method, or of the best one that works; raise DeviceError."""
     allocators = {"extension": _by_extension, "mapped": _mapped, "copy": _copied}
     reasons: list[str] = []
-    for each in (kind,) if kind is not None else sharing_methods(context):
+    for method in (kind,) if kind is not None else sharing_methods(context):
         try:
-            vertices, written = allocators[each](gl, context, nbytes)
+            vertices, written = allocators[method](gl, context, nbytes)
         except DeviceError as error:
-            if each == kind or each == "copy":
+            if method == kind or method == "copy":
                 raise
             reasons.append(str(error))
         else:
-            return GLVertexMemory(gl, each, vertices, written, reason="; ".join(reasons))
+            return GLVertexMemory(gl, method, vertices, written, reason="; ".join(reasons))
     raise DeviceError("no sharing method works")
 
 

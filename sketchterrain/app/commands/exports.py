@@ -250,5 +250,5 @@ def _report_done(done: BatchResult, folder: Path, *, as_json: bool) -> None:
         sys.stderr.writelines(f"{entry.name:<{width}}  {entry.state:<7}  {entry.error}\n" for entry in bad)
         lost = f"{len(failed)} of {len(done.entries)} terrains failed" if failed else ""
         bare = f"{len(partial)} of {len(done.entries)} have no preview" if partial else ""
-        problems = "; ".join(each for each in (lost, bare) if each)
+        problems = "; ".join(problem for problem in (lost, bare) if problem)
         raise typer.Exit(fail(f"{problems}; --resume tries them again", PARTIAL))

@@ -104,10 +104,10 @@ def trace(
             kind = detect_kind(file)
             _reject_options(kind, {**coloured, **mapped, "--layer": layer, "--extent": extent})
             if kind == "picture" and layer is not None:
-                given = [option for option, value in coloured.items() if value not in (None, [])]
-                if given:
+                unsupported = [option for option, value in coloured.items() if value not in (None, [])]
+                if unsupported:
                     raise USAGE_ERROR(
-                        f"{given[0]}: not with --layer, which is the layer of all that is painted"
+                        f"{unsupported[0]}: not with --layer, which is the layer of all that is painted"
                     )
             _check_places(file, output, preview)
             options = TraceOptions(size_px=size, extent=extent, name=name, seed=seed or 0)
@@ -143,7 +143,7 @@ def trace(
 def _reject_options(kind: str, values: dict[str, object]) -> None:
     for option, value in values.items():
         if value not in (None, []) and kind not in _KINDS_OF_OPTION[option]:
-            kinds = " or ".join(_KINDS[each] for each in _KINDS_OF_OPTION[option])
+            kinds = " or ".join(_KINDS[kind] for kind in _KINDS_OF_OPTION[option])
             raise USAGE_ERROR(f"{option}: not with {_KINDS[kind]}, only with {kinds}")
 
 

@@ -143,7 +143,7 @@ def _report(result: WorldResult, estimate: WorldEstimate, *, as_json: bool) -> N
                 "output": str(estimate.job.output),
                 "tasks": result.tasks,
                 "made": result.computed,
-                "broken": [{"file": each.file, "why": each.reason} for each in result.broken],
+                "broken": [{"file": file.file, "why": file.reason} for file in result.broken],
                 "files": result.files,
                 "bytes": result.bytes,
                 "seconds": round(result.seconds, 3),
@@ -199,10 +199,10 @@ def _report_broken(store: Path, broken: list[BrokenFile], *, as_json: bool) -> N
     from sketchterrain.errors import one_line
 
     if as_json:
-        files = [{"file": each.file, "why": each.reason} for each in broken]
+        files = [{"file": file.file, "why": file.reason} for file in broken]
         print_json({"world": str(store), "broken": files})
     elif broken:
-        print_lines(*(f"{one_line(each.file)} {each.reason}" for each in broken[:_MAX_FILES]))
+        print_lines(*(f"{one_line(file.file)} {file.reason}" for file in broken[:_MAX_FILES]))
         if len(broken) > _MAX_FILES:
             print_lines(f"and {len(broken) - _MAX_FILES} more")
     else:

@@ -108,7 +108,7 @@ def label_contours(
 ) -> list[Label]:
     """Return the height labels of index contours, by score of their positions."""
     indexed = (contour for contour in contours if contour.index)
-    candidates = [each for contour in indexed for each in _label_candidates(contour, samples, interval)]
+    candidates = [label for contour in indexed for label in _label_candidates(contour, samples, interval)]
     placed: dict[str, list[Label]] = {}
     for _, candidate in sorted(candidates, key=lambda each: -each[0]):
         same = placed.setdefault(candidate.text, [])
@@ -342,11 +342,11 @@ def prominences(heights: npt.NDArray[np.floating]) -> list[tuple[float, int, int
         )
         near = [r * columns + c for r in block[0] for c in block[1]]
         summits = {summit(other) for other in near if island[other] >= 0}
-        highest, *lower = sorted(summits, key=lambda each: (-flat[each], each)) or [place]
+        highest, *lower = sorted(summits, key=lambda place: (-flat[place], place)) or [place]
         island[place] = highest
         for low in lower:
             island[low] = highest
             found.append((flat[low] - flat[place], low))
     found.append((max(flat) - min(flat), order[0]))
-    found = sorted((each for each in found if each[0] > 0.0), key=lambda each: (-each[0], each[1]))
+    found = sorted((peak for peak in found if peak[0] > 0.0), key=lambda peak: (-peak[0], peak[1]))
     return [(prominence, *divmod(place, columns)) for prominence, place in found]

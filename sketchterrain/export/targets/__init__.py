@@ -29,5 +29,5 @@ def target_named(name: str) -> Target:
     if name not in _MODULES:
         raise InputError(f"expected one of {', '.join(TARGET_NAMES)} as target, got {one_line(name)!r}")
     module = import_module(f"{__name__}.{_MODULES[name]}")
-    target: Target = next(each for each in module.TARGETS if each.name == name)
+    target: Target = next(target for target in module.TARGETS if target.name == name)
     return target

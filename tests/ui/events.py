@@ -1,4 +1,4 @@
-"""Mouse, wheel, pen and key events sent to a widget, mnemonics, and waiting."""
+"""Mouse, wheel, pen and key events sent to a widget, strokes, mnemonics, and waiting."""
 
 import time
 
@@ -14,6 +14,8 @@ from PyQt6.QtGui import (
     QWheelEvent,
 )
 from PyQt6.QtWidgets import QApplication
+
+from sketchterrain.ui.models.document import Draft
 
 LEFT, RIGHT, MIDDLE = Qt.MouseButton.LeftButton, Qt.MouseButton.RightButton, Qt.MouseButton.MiddleButton
 NO_BUTTON, NO_KEYS = Qt.MouseButton.NoButton, Qt.KeyboardModifier.NoModifier
@@ -68,6 +70,17 @@ def pen(widget, kind: QEvent.Type, x: float, y: float, pressure: float, *, erase
     event = QTabletEvent(kind, device, at, where, pressure, *tilt, NO_KEYS, LEFT, held)
     QApplication.sendEvent(widget, event)
     return event.isAccepted()
+
+
+def paint(document, layer: str, box: tuple, label: int = 1, *, title: str | None = "Paint") -> Draft:
+    """Paint a box (top, left, bottom, right) and commit the draft if it has a title."""
+    draft = document.begin_draft(layer)
+    top, left, bottom, right = box
+    draft.image[top:bottom, left:right] = label
+    draft.touch(box)
+    if title:
+        draft.commit(title)
+    return draft
 
 
 def repeated_mnemonics(items) -> set[str]:

@@ -79,11 +79,11 @@ def sketch_layers(height: int, width: int, labels: int) -> dict[str, np.ndarray]
     return layers
 
 
-def whole(rows: int, columns: int, level: int) -> tuple:
+def full_box(rows: int, columns: int, level: int) -> tuple:
     return 0, 0, -(-rows >> level), -(-columns >> level)
 
 
-def blended(layers: dict[str, np.ndarray]) -> np.ndarray:
+def blend_reference(layers: dict[str, np.ndarray]) -> np.ndarray:
     """Reference: red, green, blue, alpha of each pixel, premultiplied, 0 … 255."""
     shape = layers["a"].shape
     out = np.zeros((*shape, 4))
@@ -100,7 +100,7 @@ def test_colours_are_blended_and_codes_distinguish_mixtures_of_labels():
         layers = sketch_layers(300, 530, labels)
         pixels, codes = LayerCompositor(layers.__getitem__, PAINTS).read(0, (0, 0, 300, 530))
         rgba = np.stack([pixels >> shift & 255 for shift in (16, 8, 0, 24)], axis=-1).astype(float)
-        assert np.abs(rgba - blended(layers)).max() <= 0.51, labels
+        assert np.abs(rgba - blend_reference(layers)).max() <= 0.51, labels
         expected = sum((layers[name] > 0).astype(int) << bit for bit, name in enumerate("abc"))
         assert np.array_equal(codes & MASK, expected), labels
         if labels == 4:  # equal mixtures have equal codes, different ones nearly always differ
@@ -113,14 +113,14 @@ def test_a_box_is_a_part_of_the_whole_and_an_invalidated_one_is_composited_again
     layers = sketch_layers(700, 530, 3)
     compositor = LayerCompositor(layers.__getitem__, PAINTS)
     for level in (0, 1, 3):
-        everything = compositor.read(level, whole(700, 530, level))
+        everything = compositor.read(level, full_box(700, 530, level))
         for cut, image in zip(compositor.read(level, (31, 17, 77, 61)), everything, strict=True):
             assert np.array_equal(cut, image[31:77, 17:61])
     layers["b"][201:333, 250:301] = 2
     compositor.invalidate((201, 250, 333, 301))
     fresh = LayerCompositor(layers.__getitem__, PAINTS)
     for level in (0, 1, 3):
-        box = whole(700, 530, level)
+        box = full_box(700, 530, level)
         for updated, expected in zip(compositor.read(level, box), fresh.read(level, box), strict=True):
             assert np.array_equal(updated, expected)
 
@@ -129,11 +129,11 @@ def test_small_paint_is_visible_at_every_level():
     layers = {name: np.zeros((2100, 3000), np.uint8) for name in "abc"}
     compositor = LayerCompositor(layers.__getitem__, PAINTS)
     for level in (4, 2, 0):
-        assert not compositor.read(level, whole(2100, 3000, level))[1].any()
+        assert not compositor.read(level, full_box(2100, 3000, level))[1].any()
     layers["c"][2050:2060, 1020:1030] = 1
     compositor.invalidate((2050, 1020, 2060, 1030))
     for level in (0, 2, 3, 4, 5):
-        codes = compositor.read(level, whole(2100, 3000, level))[1]
+        codes = compositor.read(level, full_box(2100, 3000, level))[1]
         rows, columns = np.nonzero(codes)
         assert (rows.min(), rows.max()) == (2050 >> level, 2059 >> level)
         assert (columns.min(), columns.max()) == (1020 >> level, 1029 >> level)
@@ -141,7 +141,7 @@ def test_small_paint_is_visible_at_every_level():
     layers = {name: np.zeros((1000, 900), np.uint8) for name in "abc"}
     layers["b"][:, 333] = 1
     for level in range(6):
-        _, codes = LayerCompositor(layers.__getitem__, PAINTS).read(level, whole(1000, 900, level))
+        _, codes = LayerCompositor(layers.__getitem__, PAINTS).read(level, full_box(1000, 900, level))
         assert ((codes > 0).sum(axis=1) == 1).all()
     assert [level_for(scale) for scale in (8.0, 1.0, 0.99, 0.5, 0.49, 0.25)] == [0, 0, 1, 1, 2, 2]
 

@@ -46,12 +46,12 @@ def move(canvas, place, buttons=events.NO_BUTTON):
     events.mouse(canvas, events.MOVE, place.x(), place.y(), buttons)
 
 
-def drag_by(canvas, qtbot, start, *offs, button=LEFT):
+def drag_by(canvas, qtbot, start, *offsets, button=LEFT):
     qtbot.mousePress(canvas, button, pos=start)
-    for off in offs:
-        move(canvas, start + QPoint(*off), button)
+    for offset in offsets:
+        move(canvas, start + QPoint(*offset), button)
     canvas.grab()
-    qtbot.mouseRelease(canvas, button, pos=start + QPoint(*offs[-1]))
+    qtbot.mouseRelease(canvas, button, pos=start + QPoint(*offsets[-1]))
 
 
 def steps(document: Document) -> tuple[str, ...]:
@@ -294,14 +294,14 @@ def mountain(placed: Placement) -> np.void:
     return tall[np.argmax(tall["strength"])]
 
 
-def over(canvas: Canvas, x: float, y: float) -> QPoint:
+def screen_position(canvas: Canvas, x: float, y: float) -> QPoint:
     place = canvas._context.screen_from_world(float(x), float(y))
     return QPoint(round(place.x()), round(place.y()))
 
 
 def test_a_drag_moves_a_feature_in_one_step_and_escape_reverts_it(full, document, placed, qtbot, workspace):
     peak = mountain(placed)
-    start = over(full, peak["x"], peak["y"])
+    start = screen_position(full, peak["x"], peak["y"])
     qtbot.mousePress(full, LEFT, pos=start)
     move(full, start + QPoint(40, 20), LEFT)
     assert document.sketch.edits
@@ -323,24 +323,24 @@ def test_a_drag_moves_a_feature_in_one_step_and_escape_reverts_it(full, document
 def test_handles_resize_widen_and_move_points(full, document, workspace, placed, qtbot):
     peak, river = mountain(placed), placed.rivers[0]
     workspace.selection = Selection("feature", int(peak["id"]))
-    grab(full, qtbot, placed, "radius", (20, 0))
+    drag_handle(full, qtbot, placed, "radius", (20, 0))
     assert steps(document)[-1] == "Resize mountain"
     workspace.selection = Selection("river", river.id)
     full.grab()
-    grab(full, qtbot, placed, "width", (6, 6))
+    drag_handle(full, qtbot, placed, "width", (6, 6))
     assert steps(document)[-1].startswith("Set the width of river")
     workspace.selection = Selection("river", river.id)
-    grab(full, qtbot, placed, "point", (15, 9))
+    drag_handle(full, qtbot, placed, "point", (15, 9))
     assert steps(document)[-1].startswith("Move a point of river")
     assert workspace.selection.index is not None
     assert len(steps(document)) == 3
 
 
-def grab(canvas: Canvas, qtbot, placed, role, off):
+def drag_handle(canvas: Canvas, qtbot, placed, role, offset):
     handles = [each for each in canvas._input.tool._visible_handles(placed) if each.role == role]
     handle = handles[len(handles) // 2]
     place = canvas._input.tool._handle_place(handle)
-    drag_by(canvas, qtbot, QPoint(round(place.x()), round(place.y())), off)
+    drag_by(canvas, qtbot, QPoint(round(place.x()), round(place.y())), offset)
 
 
 def test_delete_deletes_and_escape_deselects(full, document, workspace, placed, qtbot):
@@ -360,13 +360,13 @@ def test_hovering_highlights_clicks_select_and_double_clicks_move_the_view(
 ):
     peak = mountain(placed)
     before = full.grab().toImage()
-    move(full, over(full, peak["x"], peak["y"]))
+    move(full, screen_position(full, peak["x"], peak["y"]))
     assert full.cursor().shape() == Qt.CursorShape.PointingHandCursor
     assert full.grab().toImage() != before
     full._input._leave(None)
     assert full.grab().toImage() == before
 
-    qtbot.mouseClick(full, LEFT, pos=over(full, peak["x"], peak["y"]))
+    qtbot.mouseClick(full, LEFT, pos=screen_position(full, peak["x"], peak["y"]))
     assert workspace.selection == Selection("feature", int(peak["id"]))
     full.grab()
     qtbot.mouseClick(full, LEFT, pos=QPoint(1, 1))
@@ -374,8 +374,8 @@ def test_hovering_highlights_clicks_select_and_double_clicks_move_the_view(
 
     for tool in ("select", "pan"):
         full._context.workspace.tool = tool
-        qtbot.mouseDClick(full, LEFT, pos=over(full, 2000.0, 1500.0))
-        qtbot.mouseRelease(full, LEFT, pos=over(full, 2000.0, 1500.0))
+        qtbot.mouseDClick(full, LEFT, pos=screen_position(full, 2000.0, 1500.0))
+        qtbot.mouseRelease(full, LEFT, pos=screen_position(full, 2000.0, 1500.0))
         request = link.requests[-1]
         assert isinstance(request, GoTo)
         assert (request.x, request.y) == pytest.approx((2000.0, 1500.0), abs=12.0)

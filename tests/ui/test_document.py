@@ -8,7 +8,8 @@ import pytest
 from sketchterrain.document.parameters import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
-from sketchterrain.ui.models.document import Document
+
+from .events import paint
 
 
 @pytest.fixture
@@ -20,15 +21,6 @@ def emitted(document):
         getattr(document, name).connect(lambda name=name: names.append(name))
     document.painted.connect(lambda layer, box: boxes.append((layer, box)))
     return names, boxes
-
-
-def paint(document: Document, layer: str, box: tuple, label: int = 1, *, title: str | None = "Paint"):
-    draft = document.begin_draft(layer)
-    top, left, bottom, right = box
-    draft.image[top:bottom, left:right] = label
-    draft.touch(box)
-    if title:
-        draft.commit(title)
 
 
 def test_a_stroke_is_visible_at_once_and_one_step(document, emitted):

@@ -18,6 +18,8 @@ from sketchterrain.ui.engine.relief import LARGEST, ReliefBuilder, hill_shade
 from sketchterrain.ui.engine.sketch_updates import SketchMirror, UpdateBuilder, settings_of
 from sketchterrain.ui.models.document import Document
 
+from .events import paint
+
 
 @pytest.fixture
 def ends():
@@ -139,16 +141,6 @@ def same(sketch: Sketch, small_document: Document) -> bool:
     return layers and settings_of(sketch) == settings_of(small_document.sketch)
 
 
-def paint(document, layer, box, label, *, commit=False):
-    draft = document.begin_draft(layer)
-    top, left, bottom, right = box
-    draft.image[top:bottom, left:right] = label
-    draft.touch(box)
-    if commit:
-        draft.commit("Paint")
-    return draft
-
-
 def test_the_first_update_is_complete_and_a_strokes_holds_its_box(small_document, builder):
     update, fresh = builder.next()
     assert fresh
@@ -156,7 +148,7 @@ def test_the_first_update_is_complete_and_a_strokes_holds_its_box(small_document
     assert update.shape == (40, 60)
 
     builder.next()
-    draft = paint(small_document, "mountain", (10, 20, 12, 25), 1)
+    draft = paint(small_document, "mountain", (10, 20, 12, 25), title=None)
     update, fresh = builder.next()
     assert not fresh
     assert list(update.layers) == ["mountain"]
@@ -175,7 +167,7 @@ def test_a_mirror_follows_strokes_undo_settings_and_other_documents(small_docume
         if choice <= 2:
             layer, (top, left) = str(rng.choice(list(LAYERS))), rng.integers(0, (30, 50)).tolist()
             box = (top, left, top + int(rng.integers(1, 10)), left + int(rng.integers(1, 10)))
-            paint(small_document, layer, box, rng.integers(0, 4), commit=choice > 0)
+            paint(small_document, layer, box, rng.integers(0, 4), title="Paint" if choice else None)
         elif choice == 3:
             small_document.undo()
         elif choice == 4:
@@ -200,7 +192,7 @@ def test_unchanged_layers_stay_the_same_array(small_document, builder):
     mirror = SketchMirror()
     mirror.apply(builder.next()[0])
     before = mirror.sketch()
-    draft = paint(small_document, "mountain", (3, 3, 5, 5), 1)
+    draft = paint(small_document, "mountain", (3, 3, 5, 5), title=None)
     mirror.apply(builder.next()[0])
     stroke = mirror.sketch()
     assert stroke.layers["hill"] is before.layers["hill"]

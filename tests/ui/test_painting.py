@@ -52,7 +52,7 @@ def depth(image: np.ndarray, start: tuple, end: tuple) -> np.ndarray:
     return a + slope * best - np.hypot(along - best, across)
 
 
-def drawn(places: list[tuple], *, label: int = 1, image: np.ndarray | None = None) -> np.ndarray:
+def stroke_image(places: list[tuple], *, label: int = 1, image: np.ndarray | None = None) -> np.ndarray:
     image = empty() if image is None else image
     stroke = Stroke(image, label)
     for place in places:
@@ -71,7 +71,7 @@ def scribble(seed: int, *, radius: float | None = None, count: int = 12) -> list
 def test_a_dab_covers_the_disc():
     for centre in [(48.5, 48.5), (48.0, 48.0), (31.25, 60.875), (0.0, 95.5), (-20.0, 110.0)]:
         for radius in [0.5, 0.75, 1.0, 1.5, 2.25, 5.0, 16.125, 40.0, 64.5]:
-            image = drawn([(*centre, radius)])
+            image = stroke_image([(*centre, radius)])
             x, y = centres(image)
             expected = (x - centre[0]) ** 2 + (y - centre[1]) ** 2 <= radius**2
             # Never less than a pixel.
@@ -107,7 +107,7 @@ def test_a_stroke_follows_the_spline_within_half_a_pixel():
     for seed in range(20):
         radius = [0.5, 1.0, 3.0, 8.5, 20.0][seed % 5]
         places = scribble(seed, radius=radius)
-        image = drawn(places)
+        image = stroke_image(places)
         path, _ = sample_catmull_rom(np.array(places)[:, :2], 0.02)
         x, y = centres(image)
         far, _ = cKDTree(path).query(np.dstack([x, y]))
@@ -117,11 +117,11 @@ def test_a_stroke_follows_the_spline_within_half_a_pixel():
 
 def test_a_straight_stroke_does_not_depend_on_sampling():
     for end, radius in itertools.product([(80.5, 20.5), (64.25, 72.5), (20.5, 84.5)], [0.5, 3.0, 11.25]):
-        few = drawn([(16.5, 20.5, radius), (*end, radius)])
+        few = stroke_image([(16.5, 20.5, radius), (*end, radius)])
         for count in (2, 4, 16, 64):
             shares = [k / count for k in range(count + 1)]
             many = [(16.5 + (end[0] - 16.5) * s, 20.5 + (end[1] - 20.5) * s, radius) for s in shares]
-            np.testing.assert_array_equal(drawn(many), few, err_msg=f"{end}, {radius}, {count}")
+            np.testing.assert_array_equal(stroke_image(many), few, err_msg=f"{end}, {radius}, {count}")
 
 
 def test_smoothing_halves_jitter_and_stays_within_a_pixel():
@@ -149,46 +149,48 @@ def test_smoothing_halves_jitter_and_stays_within_a_pixel():
 
 
 def test_pressure_changes_the_width_and_zero_erases_beside_other_labels():
-    image = drawn([(10.5, 48.5, 1.0), (80.5, 48.5, 15.0)])
+    image = stroke_image([(10.5, 48.5, 1.0), (80.5, 48.5, 15.0)])
     widths = image[:, 20:70].sum(axis=0).astype(float)
     assert (np.diff(widths) >= 0).all()
     assert np.polyfit(np.arange(50), widths, 1)[0] == pytest.approx(2 * 14 / 70, rel=0.05)
-    grown = drawn([(48.5, 48.5, 2.0), (48.5, 48.5, 9.0)])
-    np.testing.assert_array_equal(grown, drawn([(48.5, 48.5, 9.0)]))
+    grown = stroke_image([(48.5, 48.5, 2.0), (48.5, 48.5, 9.0)])
+    np.testing.assert_array_equal(grown, stroke_image([(48.5, 48.5, 9.0)]))
 
     places = [(20.5, 20.5, 6.0), (70.5, 50.5, 6.0)]
-    erased = drawn(places, label=0, image=np.full((SIDE, SIDE), 4, dtype=np.uint8))
-    np.testing.assert_array_equal(erased, np.where(drawn(places), 0, 4))
+    erased = stroke_image(places, label=0, image=np.full((SIDE, SIDE), 4, dtype=np.uint8))
+    np.testing.assert_array_equal(erased, np.where(stroke_image(places), 0, 4))
 
 
 def test_strokes_are_equivariant_under_mirroring_and_rotation():
     for seed in range(8):
         places = scribble(seed)
-        image = drawn(places)
+        image = stroke_image(places)
         for moved, expected in (
             ([(SIDE - x, y, r) for x, y, r in places], image[:, ::-1]),
             ([(x, SIDE - y, r) for x, y, r in places], image[::-1]),
             ([(y, x, r) for x, y, r in places], image.T),
             ([(y, SIDE - x, r) for x, y, r in places], np.rot90(image)),
         ):
-            np.testing.assert_array_equal(drawn(moved), expected, err_msg=f"seed {seed}")
+            np.testing.assert_array_equal(stroke_image(moved), expected, err_msg=f"seed {seed}")
 
 
 def test_the_thinnest_stroke_has_no_gap_and_is_a_pixel_wide():
     for seed in range(8):
-        image = drawn(scribble(seed, radius=0.01, count=5))
+        image = stroke_image(scribble(seed, radius=0.01, count=5))
         _, pieces = ndimage.label(image, np.ones((3, 3)))
         assert pieces == 1, seed
         assert not ndimage.binary_erosion(image, np.ones((4, 4))).any(), seed
-        straight = drawn([(10.5, 30.5, 0.5), (70.5, 30.5, 0.5)])
+        straight = stroke_image([(10.5, 30.5, 0.5), (70.5, 30.5, 0.5)])
         assert (straight.sum(), straight[30, 10:71].sum()) == (61, 61), seed
 
 
 def test_strokes_are_clipped_at_the_image_border():
     for seed in range(6):
         places = [(2 * x - 48, 2 * y - 48, r) for x, y, r in scribble(seed)]
-        wide = drawn([(x + 100, y + 100, r) for x, y, r in places], image=empty(SIDE + 200, SIDE + 200))
-        np.testing.assert_array_equal(drawn(places), wide[100:-100, 100:-100], err_msg=f"seed {seed}")
+        wide = stroke_image(
+            [(x + 100, y + 100, r) for x, y, r in places], image=empty(SIDE + 200, SIDE + 200)
+        )
+        np.testing.assert_array_equal(stroke_image(places), wide[100:-100, 100:-100], err_msg=f"seed {seed}")
 
     image = empty()
     stroke = Stroke(image, 1)
@@ -242,7 +244,7 @@ def test_a_line_equals_the_stroke_through_its_points_and_its_preview():
     points = [(10.5, 12.0), (40.0, 60.25), (80.0, 30.0), (85.5, 88.5)]
     image = empty()
     assert draw_line(image, points, 7.0, 3) == box_of(image)
-    np.testing.assert_array_equal(image, drawn([(*point, 3.5) for point in points], label=3))
+    np.testing.assert_array_equal(image, stroke_image([(*point, 3.5) for point in points], label=3))
 
     points = [(10.5, 10.5), (60.0, 20.0), (30.0, 80.0)]
     path = line_path(points)

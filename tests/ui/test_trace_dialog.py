@@ -27,14 +27,14 @@ def opened(show_widget):
     return lambda path: show_widget(TraceDialog(path))
 
 
-def ready(qtbot, dialog: TraceDialog):
+def wait_until_ready(qtbot, dialog: TraceDialog):
     qtbot.waitUntil(dialog.create_button.isEnabled, timeout=20_000)
 
 
 def test_colours_are_detected_and_the_form_sets_size_extent_and_name(qtbot, opened, picture):
     dialog = opened(picture)
     assert not dialog.create_button.isEnabled()
-    ready(qtbot, dialog)
+    wait_until_ready(qtbot, dialog)
     assert dialog.colours.meanings == (NOTHING, Meaning("forest", 1), Meaning("mountain", 1))
     assert [box.currentText() for box in dialog.colours.boxes] == ["Nothing", "Forests", "Mountains"]
     sketch = dialog.sketch()
@@ -48,7 +48,7 @@ def test_colours_are_detected_and_the_form_sets_size_extent_and_name(qtbot, open
     qtbot.keyClicks(dialog.form["name"], "Far isle")
     dialog.form["size_px"].setValue(60)
     dialog.form["extent"].setValue(9000.0)
-    ready(qtbot, dialog)
+    wait_until_ready(qtbot, dialog)
     sketch = dialog.sketch()
     assert (sketch.name, sketch.extent) == ("Far isle", 9000.0)
     assert (sketch.width_px, sketch.height_px) == (60, 40)
@@ -57,7 +57,7 @@ def test_colours_are_detected_and_the_form_sets_size_extent_and_name(qtbot, open
 
 def test_meanings_change_by_key_and_a_map_without_any_is_refused(qtbot, opened, picture):
     dialog = opened(picture)
-    ready(qtbot, dialog)
+    wait_until_ready(qtbot, dialog)
     box = dialog.colours.boxes[1]
     box.setFocus()
     while box.currentText() != "Lakes":
@@ -65,18 +65,18 @@ def test_meanings_change_by_key_and_a_map_without_any_is_refused(qtbot, opened, 
         qtbot.keyClick(box, Qt.Key.Key_Down)
         assert box.currentIndex() > before
     assert not dialog.create_button.isEnabled()
-    ready(qtbot, dialog)
+    wait_until_ready(qtbot, dialog)
     assert not dialog.sketch().layers["forest"].any()
     assert dialog.sketch().layers["lake"][20:70, 80:115].all()
 
     dialog = opened(picture)
-    ready(qtbot, dialog)
+    wait_until_ready(qtbot, dialog)
     for box in dialog.colours.boxes:
         box.setCurrentIndex(0)
     qtbot.waitUntil(lambda: "Choose what at least one" in dialog.status.text(), timeout=20_000)
     assert not dialog.create_button.isEnabled()
     dialog.colours.boxes[1].setCurrentIndex(3)
-    ready(qtbot, dialog)
+    wait_until_ready(qtbot, dialog)
 
 
 def test_a_grey_picture_needs_a_layer(qtbot, opened, tmp_path):
@@ -84,9 +84,9 @@ def test_a_grey_picture_needs_a_layer(qtbot, opened, tmp_path):
     pixels[20:40, 10:50] = 255
     Image.fromarray(pixels).save(tmp_path / "mask.png")
     dialog = opened(tmp_path / "mask.png")
-    ready(qtbot, dialog)
+    wait_until_ready(qtbot, dialog)
     dialog.layer.setCurrentText("Lakes 2")
-    ready(qtbot, dialog)
+    wait_until_ready(qtbot, dialog)
     lake = dialog.sketch().layers["lake"]
     assert np.array_equal(lake == 2, pixels > 0)
 
@@ -97,7 +97,7 @@ def test_vectors_define_their_own_extent(qtbot, opened, tmp_path):
     feature = {"type": "Feature", "properties": {"layer": "river"}, "geometry": line}
     path.write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
     dialog = opened(path)
-    ready(qtbot, dialog)
+    wait_until_ready(qtbot, dialog)
     assert dialog.before.isHidden() or not dialog.before.isVisible()
     assert not dialog.form["extent"].isEnabled()
     assert dialog.form["extent"].value() == pytest.approx(dialog.sketch().extent, abs=1.0)

@@ -20,21 +20,15 @@ from sketchterrain.ui.menus import MENUS
 from sketchterrain.ui.models.preferences import Preferences
 from sketchterrain.ui.models.workspace import TOOLS, Selection
 
-from .events import LEFT, NO_KEYS, repeated_mnemonics
+from .events import LEFT, NO_KEYS, paint, repeated_mnemonics
 from .test_random_actions import UNTRIGGERED, DialogCloser
 
 BUTTON = QMessageBox.StandardButton
+PAINTED = (0, 0, 40, 40)
 
 
 def do(window, name: str):
     window.actions_by_name[name].trigger()
-
-
-def paint(document, label: int = 1):
-    image = document.sketch.layers["mountain"].copy()
-    image[:40, :40] = label
-    layers = {**document.sketch.layers, "mountain": image}
-    document.do("Paint mountains", document.sketch.replace(layers=layers))
 
 
 def answer(monkeypatch, button) -> list[str]:
@@ -133,7 +127,7 @@ def test_tool_layer_overlay_and_engine_actions(window, workspace, link):
 def test_save_as_then_save_then_open_recent(window, document, tmp_path, monkeypatch, qtbot):
     mine = str(tmp_path / "mine")
     monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (mine, _[4].split(";;")[0]))
-    paint(document)
+    paint(document, "mountain", PAINTED)
     do(window, "save")
     qtbot.waitUntil(lambda: not document.is_modified)
     path = tmp_path / "mine.sketch"
@@ -231,7 +225,7 @@ def test_closing_asks_about_unsaved_changes_only(window, document, tmp_path, mon
         document.open(Sketch())
         save_sketch(document.sketch, path)
         document.mark_saved(document.sketch, path)
-        paint(document)
+        paint(document, "mountain", PAINTED)
         questions = answer(monkeypatch, button)
         assert window.close() is leaves, button
         assert len(questions) == 1

@@ -156,7 +156,6 @@ def applies_to(sketch: Sketch, name: str) -> bool:
 
 
 def _declared(name: str) -> Parameter:
-    """Return the declaration of a setting."""
     match name.split("."):
         case [key] if key in SKETCH and key not in _NOT_SWEPT:
             return SKETCH[key]

@@ -202,7 +202,6 @@ def _has_preview(entry: Entry) -> bool:
 
 
 def _thumbnail(path: Path) -> Image.Image | None:
-    """Return a preview resized for the sheet, None if it is missing."""
     try:
         with Image.open(path, formats=("PNG",)) as picture:
             return picture.convert("RGB").resize(_PICTURE, Image.Resampling.BOX)

@@ -186,7 +186,6 @@ class _Batch:
         self._entries = {name: blank.get(name) or earlier[name] for name in names}
 
     def run(self, jobs: int) -> BatchResult:
-        """Write missing terrains, then the contact sheets."""
         self._write_manifest()
         self._progress.started(len(self.todo), len(self._skipped))
         start = time.perf_counter()
@@ -235,7 +234,6 @@ class _Batch:
         )  # with a placement cache
 
     def _write_item(self, item: Item) -> Entry:
-        """Write an item and return its entry, which contains any error."""
         folder, start, entry = self._folder / item.name, time.perf_counter(), _blank(item)
         stages = Stages(lambda title: self._stage(item, title))
         try:

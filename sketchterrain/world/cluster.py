@@ -146,7 +146,6 @@ class ClusterExecutor:
         return result
 
     def _poll(self) -> None:
-        """Update the accepted and refused workers."""
         if self._cluster is not None:  # replaces those that died during startup
             self._cluster.scale(self._workers or 1)
         present = self._ask(self._client.scheduler.identity, n_workers=-1)["workers"]
@@ -213,7 +212,6 @@ class ClusterExecutor:
         return client
 
     def _set_up(self, probe: tuple[str, str]) -> None:
-        """Check all workers, now and when they join."""
         # Workers must reproduce the results of this machine, if possible of a known device.
         known = (device for device in list_devices() if device.known and is_usable(device))
         device = next(known, None) or choose_device(self._device)

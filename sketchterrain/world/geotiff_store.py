@@ -193,7 +193,6 @@ def _write_tile(
 
 
 def _write_vrts(folder: Path, georeference: Georeference, sketch: str | None = None) -> tuple[str, ...]:
-    """Write the VRT of each layer and level, the coarsest first; return their names."""
     names = []
     for layer, level in product(georeference.job.layers, reversed(georeference.job.world.levels)):
         names.append(vrt_name(layer, level.number))
@@ -250,5 +249,4 @@ def _sources(layer: str, level: Level, band: int, kind: str) -> Iterator[str]:
 
 
 def _file(name: str) -> str:
-    """Return the reference to a file by its name relative to the VRT."""
     return f'<SourceFilename relativeToVRT="1">{escape(name)}</SourceFilename>'

@@ -123,7 +123,6 @@ def read_ledger(text: str, source: object) -> Ledger:
 
 
 def _is_inside(name: str) -> bool:
-    """Return whether a relative name stays inside its folder."""
     parts = name.split("/")
     return all(part not in ("", ".", "..") and "\0" not in part and "\\" not in part for part in parts)
 
@@ -235,7 +234,6 @@ def check_output_unused(job: Job, *, resume: bool) -> None:
 
 
 def _is_used(path: Path) -> bool:
-    """Return whether a path is a file, or a folder with files other than partial ones."""
     if not path.is_dir():
         return os.path.lexists(path)
     return any(
@@ -313,7 +311,6 @@ def broken_lines(ledger: Ledger) -> Iterator[BrokenFile]:
 
 
 def _difference(file: WrittenFile, layout: OutputLayout) -> str:
-    """Return how a file differs from its record, empty if it is intact."""
     path = layout.path(file.file)
     try:
         size = path.stat().st_size

@@ -110,7 +110,6 @@ class _ZarrWorld(StoredWorld):
         }
 
     def _array(self, group: Any, layer: str, level: Level) -> Any:
-        """Return an array, checked against the shape and shards of the root's metadata."""
         name, spec = f"{level.number}/{layer}", self._specs[layer]
         expected = (spec.shape(level.rows, level.columns), spec.shape(SHARD, SHARD), spec.dtype)
         with _reading(self.folder / name / METADATA):
@@ -218,7 +217,6 @@ def open_world(path: str | Path) -> StoredWorld:
 
 @contextmanager
 def _reading(path: Path) -> Iterator[None]:
-    """Raise reading errors as InputError that names the file."""
     try:
         yield
     except (*_FAILURES, zlib.error) as error:

@@ -80,7 +80,6 @@ def plant_square(world: World, row: int, column: int) -> tuple[float, float, flo
 
 
 def _schema() -> pa.Schema:
-    """Return the columns; see docs/worlds.md."""
     columns = [(name, pa.float64() if name in ("x", "y") else pa.float32()) for name in _FLOATS]
     species = ("species", pa.dictionary(pa.int8(), pa.string()))
     return pa.schema([(_GEOMETRY, pa.binary()), *columns[:6], species, *columns[6:], ("level", pa.int16())])
@@ -89,7 +88,6 @@ def _schema() -> pa.Schema:
 def _batches(
     pieces: Iterator[npt.NDArray[np.void]], species: Sequence[str], origin: Origin
 ) -> Iterator[pa.RecordBatch]:
-    """Yield plants as record batches of `_ROWS` rows."""
     buffered: list[npt.NDArray[np.void]] = []
     for piece in pieces:
         rest = piece

@@ -178,7 +178,6 @@ class _Run:
         self._tasks = task_count(job)
 
     def is_finished(self) -> bool:
-        """Verify all files; return whether the world is finished and intact."""
         found = verify(self._ledger, self._layout, progress=self._interruptible(self.reporter.verified))
         for each in chain(found, broken_lines(self._ledger) if self._ledger.finished else ()):
             self._broken.append(each)
@@ -198,11 +197,9 @@ class _Run:
 
     @property
     def has_pending_tasks(self) -> bool:
-        """Whether a task is not done."""
         return len(self._ledger.done) < self._tasks
 
     def run_tasks(self, *, device: str | None, workers: int | None, scheduler: str | None) -> None:
-        """Run the pending tasks and record them in the journal."""
         executor = self._executor(device=device, workers=workers, scheduler=scheduler)
         with Journal(self._store.journal, self._ledger) as journal, executor:
             for result in executor.run(self._pending_tasks()):
@@ -213,7 +210,6 @@ class _Run:
             journal.sync()
 
     def join(self) -> None:
-        """Write the files that combine all shards, and update the ledger."""
         self._remove_partial_files()  # of lost workers
         joined = self._records(self._store.join(progress=self._interruptible(self.reporter.joined)))
         if self._store.shards_are_final:
@@ -267,7 +263,6 @@ class _Run:
                 yield task
 
     def _interruptible(self, report: Callable[[float], None]) -> Callable[[float], None]:
-        """Return a progress callback that raises KeyboardInterrupt after a signal."""
 
         def report_or_raise(share: float) -> None:
             self._interrupts.check()

@@ -157,7 +157,6 @@ class _Sums:
         self.weights = np.zeros(materials, np.int64)
 
     def add_heights(self, height: npt.NDArray[np.float32]) -> None:
-        """Add heights, m."""
         for top in range(0, len(height), _BLOCK):
             part = height[top : top + _BLOCK].astype(np.float64)
             self.lowest = min(self.lowest, float(part.min()))
@@ -178,7 +177,6 @@ class _Sums:
             self._slopes += np.bincount(number.ravel(), minlength=len(self._slopes))
 
     def add(self, other: _Sums) -> None:
-        """Add the sums of another part."""
         self.lowest, self.highest = min(self.lowest, other.lowest), max(self.highest, other.highest)
         self.steepest = max(self.steepest, other.steepest)
         self._sums += other._sums
@@ -187,14 +185,12 @@ class _Sums:
         self.weights += other.weights
 
     def relief(self) -> Relief:
-        """Return the statistics of the heights."""
         mean, square = self._sums[:2] / self._heights.sum()
         deviation = float(np.sqrt(max(square - mean * mean, 0.0)))
         low, high, quantiles = self.lowest, self.highest, _quantiles(*self._curve())
         return Relief(low, high, high - low, float(self._centre + mean), deviation, quantiles)
 
     def slopes(self) -> Slopes | None:
-        """Return the statistics of the slopes."""
         count = int(self._slopes.sum())
         if not count:
             return None
@@ -205,7 +201,6 @@ class _Sums:
         return Slopes(mean, self.steepest, quantiles, tuple(map(float, classes)), surface)
 
     def hypsometry(self, mean: float) -> Hypsometry:
-        """Return the hypsometric curve."""
         edges, below = self._curve()
         span = self.highest - self.lowest
         steps = np.linspace(self.lowest, self.highest, _CLASSES + 1)

@@ -233,7 +233,6 @@ class _Samples(NamedTuple):
 
 
 def _chunk_parts(first: int, last: int) -> Iterator[tuple[int, int]]:
-    """Yield the parts of a range of vertices, split at chunks."""
     for start in range(first // CHUNK * CHUNK, last, CHUNK):
         yield max(start, first), min(start + CHUNK, last)
 
@@ -245,7 +244,6 @@ def _apart(first: int, count: int, whole: int) -> _Floats:
 
 
 def _refined(parent: _Samples) -> _Samples:
-    """Return a parent's values at and between its vertices."""
     first, second = _ends(2 * len(parent.height) - 1)
 
     def mean(values: _Array) -> _Array:
@@ -374,7 +372,6 @@ def _moved_features(features: TerrainFeatures, west: float, north: float, bounds
 
 
 def _river_parts(river: River, west: float, north: float, bounds: Bounds) -> Iterator[River]:
-    """Yield the parts of a river within bounds."""
     line = river.centreline - np.array([west, north, 0.0])
     inside = _within(line[:, 0], line[:, 1], bounds)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
@@ -385,7 +382,6 @@ def _river_parts(river: River, west: float, north: float, bounds: Bounds) -> Ite
 
 
 def _cut_lake(lake: Lake, west: float, north: float, bounds: Bounds) -> Lake:
-    """Return a lake whose distance field is clipped to bounds."""
     field = lake.shape
     rows, columns = field.inside.shape
     x = field.west - west + np.arange(columns) * field.spacing

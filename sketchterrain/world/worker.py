@@ -183,7 +183,6 @@ def sample_digest(runner: Any) -> str:
 
 
 def _name_of(worker: Worker) -> str:
-    """Return a worker's name and host; local workers are numbered."""
     name = str(worker.name)
     if name.isdigit():
         return f"worker {name}"

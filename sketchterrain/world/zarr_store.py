@@ -108,7 +108,6 @@ class ZarrStore:
         return read_text(self.folder / LEDGER / BYTES)
 
     def _metadata(self, ledger: bytes | None) -> dict[str, bytes]:
-        """Return names and contents of all files except shards; with a ledger, consolidate the root."""
         job, georeference, content = self._job, Georeference(self._job), dict[str, Any]()
         root = _root_group(content)
         root.attrs.update(self._root_attributes() | georeference.root_attributes())
@@ -152,7 +151,6 @@ class ZarrStore:
 
 
 def _root_group(content: dict[str, Any]) -> zarr.Group:
-    """Return the root group of a store in memory."""
     import zarr
     from zarr.storage import MemoryStore
 
@@ -196,7 +194,6 @@ def _create_layer(
 
 
 def _write_bytes(group: zarr.Group, name: str, content: bytes, about: str) -> None:
-    """Write an array with one uncompressed chunk."""
     options: dict[str, Any] = {"shape": (len(content),), "chunks": (max(len(content), 1),)}
     options |= {"attributes": {"long_name": about}, "dimension_names": (f"{name}_byte",)}
     array = _create(group, name, "uint8", **options)

@@ -67,7 +67,7 @@ def test_a_manifest_round_trips_as_json(manifest):
     assert parsed["items"][1]["error"] == "no „room“"
 
 
-def test_an_item_is_whole_only_with_the_files_and_hashes_it_lists(tmp_path):
+def test_item_is_intact_only_with_listed_hashes(tmp_path):
     assert not DONE.is_intact(tmp_path)
     (tmp_path / "a.bin").write_bytes(b"abc")
     assert DONE.is_intact(tmp_path)
@@ -83,7 +83,7 @@ def test_an_item_is_whole_only_with_the_files_and_hashes_it_lists(tmp_path):
     assert hash_file(tmp_path / "b") == (len(content), hashlib.sha256(content).hexdigest())
 
 
-def test_files_that_are_no_manifest_are_refused(tmp_path):
+def test_invalid_manifests_are_refused(tmp_path):
     assert read_manifest(tmp_path) is None
     for content in (b"", b"{", b"[]", b'{"a": 1}', b"\xff\xfe", b"[" * 100_000, b"null", b'"manifest"'):
         (tmp_path / MANIFEST).write_bytes(content)
@@ -123,7 +123,7 @@ def test_truncated_and_hostile_manifests_are_refused(manifest):
         read_manifest(manifest.parent)
 
 
-def test_fingerprints_follow_from_all_that_files_follow_from():
+def test_fingerprint_depends_on_sketch_and_output():
     sketch = Sketch(seed=3)
     river = sketch.layers["river"].copy()
     river[4, 5] = 1
@@ -147,7 +147,7 @@ def written(folder: Path, name: str, colour: tuple[int, int, int]) -> None:
     Image.fromarray(np.full((72, 128, 3), colour, np.uint8)).save(folder / name / "preview.png")
 
 
-def test_a_sheet_shows_each_preview_in_its_place(tmp_path):
+def test_sheet_shows_previews_in_order(tmp_path):
     colours = [(40 * number, 200, 30) for number in range(6)]
     for number, colour in enumerate(colours):
         written(tmp_path, f"s/{number}", colour)
@@ -163,7 +163,7 @@ def test_a_sheet_shows_each_preview_in_its_place(tmp_path):
     assert red[271:, 836:].any()  # why the last one failed
 
 
-def test_failed_items_and_missing_previews_leave_the_sheet_readable(tmp_path):
+def test_sheet_with_failed_items_and_missing_previews(tmp_path):
     written(tmp_path, "s/0", (0, 200, 0))
     failed = Entry("s/0", "s", 1, state="failed", files=(File("preview.png", 1, ""),), error="no")
     assert write_sheets(tmp_path, [failed]) == []
@@ -175,7 +175,7 @@ def test_failed_items_and_missing_previews_leave_the_sheet_readable(tmp_path):
     assert write_sheets(tmp_path, [entry("s"), entry("gone"), entry("s/0"), long]) == ["sheet.png"]
 
 
-def test_sheets_have_pages_and_none_without_previews(tmp_path):
+def test_sheets_are_paged(tmp_path):
     assert write_sheets(tmp_path, [entry("s/0", preview=False)]) == []
     assert write_sheets(tmp_path, []) == []
     assert list(tmp_path.iterdir()) == []

@@ -1,4 +1,6 @@
-"""How a batch goes on when terrains fail, disks are full, people press Ctrl-C and processes are killed."""
+"""Runs of a batch: failures, full disks, interrupts, kills and resuming."""
+
+from __future__ import annotations
 
 import errno
 import json
@@ -10,10 +12,11 @@ import sys
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -31,8 +34,6 @@ from sketchterrain.errors import DeviceError, InputError, SketchterrainError
 from sketchterrain.export.files import move_files, prepare_folder, staging
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.io.files import write_atomic
-
-from .kills import differences, killed
 
 OUTPUT = Output(size=17, preview=False)
 LOCK = threading.Lock()
@@ -56,7 +57,7 @@ class RecordingReporter(BatchProgress):
 
 
 class FakeWriter:
-    """Stands in for what makes terrains: quick, and fails when told to."""
+    """Quick replacement of `write_terrain` that can fail."""
 
     def __init__(self) -> None:
         self.at_once, self.most = 0, 0
@@ -124,7 +125,7 @@ def states(folder: Path) -> dict[int, str]:
     return {entry.seed: entry.state for entry in manifest.entries.values()}
 
 
-def test_all_items_are_made_in_order_and_as_many_at_once_as_asked_for(writer, tmp_path):
+def test_items_run_in_order_with_requested_jobs(writer, tmp_path):
     reporter = RecordingReporter()
     writer.before = lambda _: time.sleep(0.02)
     done = run(tmp_path / "new" / "out", reporter=reporter)
@@ -145,7 +146,7 @@ def test_all_items_are_made_in_order_and_as_many_at_once_as_asked_for(writer, tm
     assert writer.most == 1
 
 
-def test_fewer_terrains_are_in_work_where_there_is_no_memory(monkeypatch):
+def test_jobs_are_limited_by_memory(monkeypatch):
     sketch = Sketch(extent=1024.0)
     small, large = (estimate_needs(sketch, Output(size=size, preview=False)) for size in (257, 1025))
     assert (small.vertices, large.vertices) == (257**2, 1025**2)
@@ -166,7 +167,7 @@ def test_fewer_terrains_are_in_work_where_there_is_no_memory(monkeypatch):
         assert estimate.disk_needed == small.disk + 3 * large.disk
 
 
-def test_a_disk_without_room_is_refused_before_any_work(writer, tmp_path, monkeypatch):
+def test_full_disk_is_refused_before_work(writer, tmp_path, monkeypatch):
     from sketchterrain.io import files as disk
 
     monkeypatch.setattr(disk, "free_disk_space", lambda _: 5000)
@@ -194,7 +195,7 @@ def test_an_unexpected_exception_in_a_thread_never_hangs_the_batch(writer, tmp_p
     assert states(tmp_path / "b")[3] == "waiting"
 
 
-def test_resuming_makes_only_what_is_missing_damaged_changed_or_new(writer, tmp_path):
+def test_resume_writes_missing_damaged_changed_and_new_items(writer, tmp_path):
     run(tmp_path)
     whole = files(tmp_path)
     folder = tmp_path / "valley"
@@ -224,7 +225,7 @@ def test_resuming_makes_only_what_is_missing_damaged_changed_or_new(writer, tmp_
         assert not list((tmp_path / "map").rglob("map.png"))  # of a batch that wanted maps
 
 
-def test_folders_with_a_batch_a_broken_manifest_or_files_are_refused_and_left_alone(writer, tmp_path):
+def test_used_folders_are_refused_and_unchanged(writer, tmp_path):
     run(tmp_path / "made")
     before = files(tmp_path / "made")
     with pytest.raises(InputError, match=r"contains a batch .*--resume"):
@@ -256,9 +257,9 @@ def test_folders_with_a_batch_a_broken_manifest_or_files_are_refused_and_left_al
     assert not (tmp_path / "out").exists()
 
 
-def test_a_failed_item_stops_no_other_and_is_retried_on_resume(writer, tmp_path):
+def test_failed_item_does_not_stop_others_and_is_retried(writer, tmp_path):
     run(tmp_path / "whole")
-    for error, told in (
+    for error, message in (
         (SketchterrainError("one\nline"), "one line"),
         (OSError(errno.ENOSPC, "No space left on device", "x"), "x: No space left on device"),
         (MemoryError(), "out of memory"),
@@ -269,15 +270,15 @@ def test_a_failed_item_stops_no_other_and_is_retried_on_resume(writer, tmp_path)
             if seed in (1, 4):
                 raise error
 
-        writer.before, folder = fail, tmp_path / told[:3]
+        writer.before, folder = fail, tmp_path / message[:3]
         done = run(folder)
-        assert seeds_by_state(done) == {"done": [0, 2, 3, 5], "failed": [1, 4]}, told
-        assert done.entries[1].error.startswith(told), told
-        assert not (folder / "valley" / "seed-001").exists(), told
+        assert seeds_by_state(done) == {"done": [0, 2, 3, 5], "failed": [1, 4]}, message
+        assert done.entries[1].error.startswith(message), message
+        assert not (folder / "valley" / "seed-001").exists(), message
         writer.before = lambda _: None
         again = run(folder, resume=True)
-        assert seeds_by_state(again) == {"skipped": [0, 2, 3, 5], "done": [1, 4]}, told
-        assert files(folder) == files(tmp_path / "whole"), told
+        assert seeds_by_state(again) == {"skipped": [0, 2, 3, 5], "done": [1, 4]}, message
+        assert files(folder) == files(tmp_path / "whole"), message
     writer.before = lambda _: 1 // 0
     other = Source("valley", "valley", Sketch(extent=65.0))
     done = run(tmp_path / "whole", resume=True, sources=(other,))
@@ -285,7 +286,7 @@ def test_a_failed_item_stops_no_other_and_is_retried_on_resume(writer, tmp_path)
     assert files(tmp_path / "whole") == files(folder)  # old files stay
 
 
-def test_partial_and_unreadable_items_are_retried_and_stop_no_other(writer, tmp_path):
+def test_partial_and_unreadable_items_are_retried(writer, tmp_path):
     writer.problem = "no OpenGL"
     done = run(tmp_path, range(2))
     assert [(entry.state, entry.error) for entry in done.entries] == [("partial", "no OpenGL")] * 2
@@ -301,7 +302,7 @@ def test_partial_and_unreadable_items_are_retried_and_stop_no_other(writer, tmp_
     assert seeds_by_state(again) == {"failed": [0, 1], "skipped": [0, 1]}
 
 
-def test_an_interrupt_drops_pending_items_and_keeps_finished_ones(writer, tmp_path):
+def test_interrupt_discards_unfinished_items(writer, tmp_path):
     reporter = RecordingReporter()
     main = threading.main_thread().ident
     assert main is not None
@@ -333,24 +334,7 @@ def test_an_interrupt_drops_pending_items_and_keeps_finished_ones(writer, tmp_pa
     assert set(states(tmp_path).values()) == {"done"}
 
 
-def test_partial_files_of_a_killed_run_are_removed(writer, tmp_path):
-    run(tmp_path, range(2))
-    whole = files(tmp_path)
-    (tmp_path / "valley/seed-001/height.bin").unlink()
-    for name in (
-        "valley/seed-001/.sketchterrain-abc/height.bin",
-        ".manifest.json.0123.tmp",
-        "mine/.keep.tmp",
-    ):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_bytes(b"{")
-    run(tmp_path, range(2), resume=True)
-    assert files(tmp_path) == {**whole, "mine/.keep.tmp": b"{"}
-
-
-def test_every_written_manifest_lists_only_complete_items_and_one_that_cannot_be_ends_the_batch(
-    writer, tmp_path, monkeypatch
-):
+def test_manifest_lists_only_complete_items(writer, tmp_path, monkeypatch):
     counts: list[int] = []
 
     def watched(path: Path, content: bytes) -> Path:
@@ -373,7 +357,7 @@ def test_every_written_manifest_lists_only_complete_items_and_one_that_cannot_be
     assert set(states(tmp_path / "b").values()) == {"done"}
 
 
-def test_a_batch_at_work_keeps_others_out(writer, tmp_path):
+def test_batch_holds_lock(writer, tmp_path):
     refused: list[str] = []
 
     def second(_: int) -> None:
@@ -387,7 +371,7 @@ def test_a_batch_at_work_keeps_others_out(writer, tmp_path):
     assert not list(tmp_path.rglob(".*"))
 
 
-def test_a_preview_that_waits_is_not_begun_after_the_end(monkeypatch):
+def test_queued_preview_is_not_rendered_after_stop(monkeypatch):
     begun, finish, ended = threading.Event(), threading.Event(), threading.Event()
     calls: list[object] = []
 
@@ -443,7 +427,7 @@ def test_killed_and_resumed_to_the_same_bytes(sketch, tmp_path, most):
     kills = killed(
         words, tmp_path / "killed", kills=most, longest=5.0, chance=random.Random(1), timeout=300.0
     )
-    assert len(kills) <= most
+    assert kills <= most
     assert differences(tmp_path / "whole", tmp_path / "killed") == []
 
 
@@ -454,7 +438,7 @@ def test_killed_and_resumed_to_the_same_bytes(sketch, tmp_path, most):
         pytest.param(signal.SIGTERM, marks=pytest.mark.soak),
     ],
 )
-def test_a_signal_ends_it_with_130_and_leaves_nothing_half_written(way, sketch, tmp_path):
+def test_signal_exits_with_130_and_leaves_complete_files(way, sketch, tmp_path):
     out = tmp_path / "out"
     command = [sys.executable, "-m", "sketchterrain", "batch", str(sketch), "-o", str(out)]
     command += ["--seeds", "1-500", "--size", "129", "--no-preview"]
@@ -470,3 +454,66 @@ def test_a_signal_ends_it_with_130_and_leaves_nothing_half_written(way, sketch, 
     done = {path.parent.name for path in out.rglob("report.json")}
     assert {path.name for path in (out / "hill").iterdir()} == done
     assert 3 <= len(done) < 500
+
+
+_MEASURED = ("timings", "rendering", "writing", "peak_memory")
+
+
+def killed(
+    words: Sequence[str],
+    folder: Path,
+    *,
+    kills: int,
+    longest: float,
+    chance: random.Random,
+    timeout: float | None = None,
+) -> int:
+    """Run a batch that is killed and resumed at random moments; return the number of kills."""
+    kills_done = 0
+    command = [sys.executable, "-m", "sketchterrain", "batch", *words, "-o", str(folder), "--resume"]
+    while True:
+        process = subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True
+        )
+        try:
+            _, message = process.communicate(
+                timeout=chance.uniform(0.0, longest) if kills_done < kills else timeout
+            )
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
+            if kills_done == kills:
+                raise
+            kills_done += 1
+            continue
+        if process.returncode != 0:
+            raise RuntimeError(f"batch ended with {process.returncode}: {message.decode(errors='replace')}")
+        return kills_done
+
+
+def differences(one: Path, other: Path) -> list[str]:
+    """Return the files of two batches that differ, except in measured times."""
+    names = [{str(path.relative_to(folder)) for path in folder.rglob("*")} for folder in (one, other)]
+    lacking = sorted(names[0] ^ names[1])
+    both = (name for name in sorted(names[0] & names[1]) if (one / name).is_file())
+    return lacking + [name for name in both if _compared(one / name) != _compared(other / name)]
+
+
+def _compared(path: Path) -> object:
+    if path.name == "report.json":
+        return _without_times(json.loads(path.read_bytes()))
+    if path.name == "manifest.json":
+        manifest = json.loads(path.read_bytes())
+        for item in manifest["items"]:
+            item["files"] = [each for each in item["files"] if each["file"] != "report.json"]
+            del item["seconds"], item["timings"]
+        return manifest
+    return path.read_bytes()
+
+
+def _without_times(report: dict[str, Any]) -> dict[str, Any]:
+    for name in _MEASURED:
+        report.pop(name, None)
+    for name in ("seconds", "plants_per_second"):
+        report.get("foliage", {}).pop(name, None)
+    return report

@@ -33,7 +33,7 @@ def test_seeds_are_parsed():
         assert parse_seeds(text) == seeds, text
 
 
-def test_malformed_seeds_are_refused_in_one_line():
+def test_invalid_seeds_are_refused():
     texts = ["a", "1,,2", "5-1", "-3", "1-", "1.5", "1-99999999999", "9223372036854775808", "1" * 400]
     for text in ("", "1\n2", "١", *texts):
         with pytest.raises(InputError, match=r"^seeds .*expected") as error:
@@ -58,8 +58,8 @@ def test_settings_are_parsed_with_their_types():
         assert [type(value) for value in found.values] == [type(value) for value in values], (name, text)
 
 
-def test_malformed_settings_are_refused_in_one_line():
-    for name, text, told in [
+def test_invalid_settings_are_refused():
+    for name, text, message in [
         ("river.1.wdth", "3", "expected river.1.width, river.1.depth, river.1.flow; did you mean"),
         ("rivr.1.width", "3", "river.1.…"),
         ("density.hil", "3", "did you mean 'density.hill'"),
@@ -74,7 +74,7 @@ def test_malformed_settings_are_refused_in_one_line():
         ("hill.1.multitude", "2.5", "a whole number"),
         ("", "", "unknown setting"),
     ]:
-        with pytest.raises(InputError, match=re.escape(told)) as error:
+        with pytest.raises(InputError, match=re.escape(message)) as error:
             parse_setting(name, text)
         assert "\n" not in str(error.value), (name, text)
 
@@ -90,7 +90,7 @@ def test_every_declared_setting_can_be_swept():
         assert (found[keys[-1]] if keys else found) == parameter.default
 
 
-def test_a_setting_changes_only_itself_and_replaces_the_files():
+def test_setting_replaces_only_itself():
     sketch = PAINTED.replace(labels={("river", 1): {"depth": 5.0}}, density={"hill": 2.0})
     changed = with_settings(sketch, {"river.1.width": 40.0, "density.dune": 1.0})
     assert changed.properties("river", 1) == {**sketch.properties("river", 1), "width": 40.0}
@@ -105,7 +105,7 @@ def test_a_setting_changes_only_itself_and_replaces_the_files():
         parse_settings(["fidelity=1", "fidelity=0"])
 
 
-def test_a_plan_has_all_combinations_in_order_under_stable_names():
+def test_plan_has_all_combinations_with_stable_names():
     swept = (parse_setting("river.1.width", "20,30"), parse_setting("fidelity", "1"))
     items = plan((SOURCE, Source("hills", "hills", PAINTED)), (7, 12), swept)
     places = [(width, seed) for width in (20, 30) for seed in ("007", "012")]
@@ -129,17 +129,17 @@ def test_a_plan_has_all_combinations_in_order_under_stable_names():
     assert max(len(part) for name in names for part in name.split("/")) <= 120
 
 
-def test_plans_without_a_meaning_are_refused():
-    for seeds, texts, told in (
+def test_invalid_plans_are_refused():
+    for seeds, texts, message in (
         (range(MAX_ITEMS), ("fidelity=0,1",), f"expected at most {MAX_ITEMS}"),
         ((1,), ("river.2.width=3",), "no sketch of the batch has a label 2 in its layer river"),
         ((1,), ("fidelity=0", "fidelity=1"), "set twice"),
     ):
-        with pytest.raises(InputError, match=told):
+        with pytest.raises(InputError, match=message):
             plan((SOURCE,), tuple(seeds), [parse_setting(*text.split("=")) for text in texts])
 
 
-def test_an_unreadable_sketch_does_not_stop_the_others(tmp_path):
+def test_unreadable_sketch_does_not_stop_others(tmp_path):
     (tmp_path / "b").mkdir()
     paths = [tmp_path / "a" / "my valley", tmp_path / "b" / "my valley.sketch"]
     for path in paths:
@@ -150,8 +150,12 @@ def test_an_unreadable_sketch_does_not_stop_the_others(tmp_path):
     assert sources[2].sketch is None
     with pytest.raises(InputError, match="no sketch"):
         plan(sources, (1,))[2].sketch  # noqa: B018 - it is asked for
-    for given, told in (([bad], "no sketch"), ([first, first], "given twice"), ([], "at least one sketch")):
-        with pytest.raises(InputError, match=told):
+    for given, message in (
+        ([bad], "no sketch"),
+        ([first, first], "given twice"),
+        ([], "at least one sketch"),
+    ):
+        with pytest.raises(InputError, match=message):
             read_sources(given)
 
 
@@ -164,7 +168,7 @@ def test_output_folders_have_safe_names(tmp_path):
         assert re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.=+-]*", source.name), name
 
 
-def test_a_sweep_file_holds_all_settings_of_the_command_line(tmp_path):
+def test_sweep_file_has_all_command_line_settings(tmp_path):
     save_sketch(PAINTED, tmp_path / "mine")
     file = tmp_path / "sweep.toml"
     file.write_text(
@@ -181,9 +185,9 @@ def test_a_sweep_file_holds_all_settings_of_the_command_line(tmp_path):
     assert found.export == {"tiles": (2, 2), "heights": (-100.0, 900.5), "plants": False}
 
 
-def test_malformed_and_missing_sweep_files_are_refused_in_one_line(tmp_path):
+def test_invalid_sweep_files_are_refused(tmp_path):
     file = tmp_path / "sweep.toml"
-    for text, told in {
+    for text, message in {
         "sizes = 3": "unknown key 'sizes': expected sketches, seeds, size",
         "size = 'big'": "expected int | null, got str - at size",
         "[export]\ntile = 3": "unknown key 'export.tile'",
@@ -195,7 +199,7 @@ def test_malformed_and_missing_sweep_files_are_refused_in_one_line(tmp_path):
         "size = ": "not TOML",
     }.items():
         file.write_text(text)
-        with pytest.raises(InputError, match=re.escape(told)) as error:
+        with pytest.raises(InputError, match=re.escape(message)) as error:
             read_sweep(file)
         assert str(error.value).startswith(f"{file}: "), text
         assert "\n" not in str(error.value), text

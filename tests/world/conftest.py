@@ -1,4 +1,4 @@
-"""A small world of several shards, written once a session, and what a run of it told."""
+"""A small world of several shards, written once per session, and a recording reporter."""
 
 import resource
 from collections.abc import Callable, Iterator
@@ -19,7 +19,7 @@ from sketchterrain.world.run import ProgressReporter, run_world
 
 
 class RecordingReporter(ProgressReporter):
-    """A reporter that remembers."""
+    """A reporter that records all events."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -70,7 +70,7 @@ def small_job() -> Job:
 
 @pytest.fixture(scope="session")
 def finished_world(small_job: Job, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """That world as a Zarr store that was never disturbed; not to be changed."""
+    """That world as a finished Zarr store, read-only."""
     output = tmp_path_factory.mktemp("whole") / "world.zarr"
     run_world(replace(small_job, output=output), reporter=RecordingReporter())
     return output
@@ -78,13 +78,13 @@ def finished_world(small_job: Job, tmp_path_factory: pytest.TempPathFactory) -> 
 
 @pytest.fixture
 def job(small_job: Job, tmp_path: Path) -> Job:
-    """The same, to be written into a folder of the test's own."""
+    """The same job with an output in the test's folder."""
     return replace(small_job, output=tmp_path / "world.zarr")
 
 
 @pytest.fixture(scope="session")
 def tree() -> Callable[[Path], dict[str, str]]:
-    """A function that returns the SHA-256 of every file in a folder, by name."""
+    """Function that returns the SHA-256 of every file in a folder, by name."""
     return _tree
 
 
@@ -105,5 +105,5 @@ def _file_size_limit(size: int) -> Iterator[None]:
 
 @pytest.fixture
 def file_size_limit() -> Callable[[int], AbstractContextManager[None]]:
-    """A context in which no file may grow over so many bytes."""
+    """A context that limits the size of files (bytes)."""
     return _file_size_limit

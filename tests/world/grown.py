@@ -1,4 +1,4 @@
-"""A stored world that lives in memory: what a store would hold of a terrain, read back by its protocol."""
+"""A stored world in memory, evaluated from a terrain."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The same world by workers of a cluster; who may be one; whatever becomes of them, the same bytes."""
+"""Worlds written by dask workers: checks, failures, equal bytes."""
 
 import errno
 import os
@@ -28,7 +28,7 @@ psutil = pytest.importorskip("psutil")
 
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")  # sockets of the library, closed late
 
-LYING = """
+DEVIATING = """
 from sketchterrain.compute import context
 context._OPTIONS = ("-cl-std=CL1.2", "-cl-fast-relaxed-math", "-DFAST")
 """
@@ -55,7 +55,7 @@ def shuffled(job):
 
 @contextmanager
 def process(*words):
-    """Run a command of dask's, and end it and all that it started."""
+    """Run a dask command, and kill it with its children."""
     command = [sys.executable, "-m", "dask", *words]
     started = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
     try:
@@ -68,7 +68,7 @@ def process(*words):
 
 @pytest.fixture
 def scheduler():
-    """The address of a scheduler that has no worker yet, and its process."""
+    """The address of a scheduler without workers, and its process."""
     with process("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard") as started:
         for line in started.stderr:
             if "Scheduler at:" in line:
@@ -105,14 +105,14 @@ def workers_of(pid):
 
 
 def then(reporter, act):
-    """Act whenever a task is done, given how many there are by then."""
+    """Call `act` with the number of finished tasks."""
     made = reporter.task_finished
     reporter.task_finished = lambda result: (made(result), act(len(reporter.done)))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [OSError, ZeroDivisionError])
-def test_threads_as_workers_give_the_same_bytes_also_after_an_error(
+def test_thread_workers_give_equal_bytes_after_errors(
     kind, job, finished_world, reporter, tree, monkeypatch
 ) -> None:
     finish = TaskRunner.finish
@@ -143,7 +143,7 @@ def test_threads_as_workers_give_the_same_bytes_also_after_an_error(
 
 
 @pytest.mark.slow
-def test_a_worker_whose_device_fails_is_refused(job, finished_world, reporter, tree, monkeypatch) -> None:
+def test_worker_with_failing_device_is_refused(job, finished_world, reporter, tree, monkeypatch) -> None:
     evaluate = TaskRunner.evaluate
 
     def failing(runner, task):
@@ -162,7 +162,7 @@ def test_a_worker_whose_device_fails_is_refused(job, finished_world, reporter, t
     assert tree(job.output) == tree(finished_world)
 
 
-def test_an_address_without_a_scheduler_is_one_line_and_at_once() -> None:
+def test_missing_scheduler_is_reported_without_retries() -> None:
     for word in ("", "localhost", "localhost:8786", "http://a:1", "tcp://a", "tcp://a:99999", "tcp://:1"):
         with pytest.raises(InputError, match=r"^expected a scheduler's address such as tcp://HOST:8786, got"):
             check_scheduler(word)
@@ -172,7 +172,7 @@ def test_an_address_without_a_scheduler_is_one_line_and_at_once() -> None:
     assert time.perf_counter() - start < 5
 
 
-def test_a_worker_that_does_not_see_the_folder_is_refused(tmp_path, monkeypatch) -> None:
+def test_worker_without_output_folder_is_refused(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(in_worker, "_VISIBLE", 0.0)
     probe = tmp_path / ".probe"
     probe.write_text("this one", encoding="utf-8")
@@ -184,7 +184,7 @@ def test_a_worker_that_does_not_see_the_folder_is_refused(tmp_path, monkeypatch)
         in_worker.check_folder(str(tmp_path / "no" / "where"), "")
 
 
-def test_workers_of_a_machine_share_its_gpus_out(monkeypatch) -> None:
+def test_local_workers_use_gpus_in_turn(monkeypatch) -> None:
     cpu = replace(choose_device(), type="CPU")
     cards = [replace(cpu, index=number, type="GPU", name=f"Card {number}") for number in range(2)]
     monkeypatch.delenv("PYOPENCL_CTX", raising=False)
@@ -203,9 +203,7 @@ def test_workers_of_a_machine_share_its_gpus_out(monkeypatch) -> None:
 
 
 @pytest.mark.soak
-def test_killed_workers_are_replaced_and_give_the_same_bytes(
-    job, finished_world, reporter, tree, monkeypatch
-) -> None:
+def test_killed_workers_are_replaced(job, finished_world, reporter, tree, monkeypatch) -> None:
     monkeypatch.setattr(running, "iter_tasks", shuffled)
     then(reporter, lambda done: workers_of(os.getpid())[0].kill() if done in (1, 4) else None)
     run_world(job, workers=2, reporter=reporter)
@@ -216,12 +214,12 @@ def test_killed_workers_are_replaced_and_give_the_same_bytes(
 
 
 @pytest.mark.soak
-def test_lying_workers_are_refused_by_name_and_a_dead_scheduler_ends_the_run(
+def test_deviating_workers_are_refused_and_dead_scheduler_ends_run(
     job, finished_world, reporter, tree, scheduler, tmp_path
 ) -> None:
     address, started = scheduler
     with (
-        worker(address, tmp_path, "liar", preload=LYING),
+        worker(address, tmp_path, "liar", preload=DEVIATING),
         worker(address, tmp_path, "older", preload=OLDER),
     ):
         wait_for_workers(address, 2)
@@ -243,9 +241,7 @@ def test_lying_workers_are_refused_by_name_and_a_dead_scheduler_ends_the_run(
 
 
 @pytest.mark.soak
-def test_no_worker_outlives_a_killed_run_which_is_resumed(
-    job, finished_world, reporter, tree, tmp_path
-) -> None:
+def test_workers_exit_with_killed_run(job, finished_world, reporter, tree, tmp_path) -> None:
     (tmp_path / "job").write_bytes(pickle.dumps(job))
     command = [sys.executable, "-c", WRITING, str(tmp_path / "job")]
     root = Path(__file__).parents[2]

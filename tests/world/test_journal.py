@@ -1,4 +1,4 @@
-"""The journal and the ledger: what they tell survives what may happen to a file."""
+"""Journal and ledger: round trips, truncation, invalid content, locks."""
 
 from pathlib import Path
 
@@ -32,7 +32,7 @@ def done(number: int) -> tuple[Task, tuple[WrittenFile, ...]]:
 
 @settings(max_examples=40)
 @given(tasks=some.dictionaries(TASKS, FILES, max_size=6), others=FILES)
-def test_ledger_round_trip_does_not_depend_on_the_order(
+def test_ledger_round_trip_is_order_independent(
     tasks: dict[Task, tuple[WrittenFile, ...]], others: tuple[WrittenFile, ...]
 ) -> None:
     text = Ledger(HEADER, tasks, others).text()
@@ -43,7 +43,7 @@ def test_ledger_round_trip_does_not_depend_on_the_order(
 
 @settings(max_examples=40)
 @given(cut=some.integers(0, 330))
-def test_journal_cut_off_anywhere_keeps_what_came_before(
+def test_truncated_journal_preserves_complete_lines(
     cut: int, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     path = tmp_path_factory.mktemp("cut") / "journal.jsonl"
@@ -63,7 +63,7 @@ def test_journal_cut_off_anywhere_keeps_what_came_before(
     assert (again.done, again.unreadable) == (found.done | dict([done(7)]), 0)
 
 
-def test_one_run_at_a_time_holds_the_lock(tmp_path: Path) -> None:
+def test_lock_is_exclusive(tmp_path: Path) -> None:
     output = tmp_path / "folder" / "world.zarr"
     with exclusive_run(output), pytest.raises(InputError, match="another run is writing it"):
         exclusive_run(output).__enter__()
@@ -75,13 +75,13 @@ def test_one_run_at_a_time_holds_the_lock(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "text", ["", "\n", "[1, 2]\n", '{"fingerprint": "f"}\n', '{"fingerprint":"f","version":"1","format":2}\n']
 )
-def test_other_content_is_refused(text: str) -> None:
+def test_invalid_header_is_refused(text: str) -> None:
     with pytest.raises(InputError, match=r"here: expected a ledger of a world's files"):
         read_ledger(text, "here")
 
 
 @pytest.mark.parametrize("name", ["../x", "/etc/x", "a//b", "a/../../b", "a\\b", ""])
-def test_names_outside_of_the_folder_are_refused(name: str) -> None:
+def test_names_outside_the_folder_are_refused(name: str) -> None:
     text = Ledger(HEADER, {done(1)[0]: (WrittenFile(name, 1, "0" * 64),)}).text()
     with pytest.raises(InputError, match="file name outside the world's folder"):
         read_ledger(text, "here")

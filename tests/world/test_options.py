@@ -1,20 +1,24 @@
-"""Options of a world: what cannot be written is refused in one line, before anything is opened."""
+"""Options of a world, and estimates of memory and disk space."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from sketchterrain.app import estimates as shared_estimates
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.terrain.building import make_recipe
-from sketchterrain.world.options import WorldOptions, check_layers, output_form
+from sketchterrain.world.grid import World
+from sketchterrain.world.job import Job
+from sketchterrain.world.options import WorldOptions, check_layers, estimate_world, output_form
 
 SKETCH = Sketch(extent=512.0, layers={"mountain": np.zeros((24, 32), np.uint8)})
 
 
-def test_output_name_decides_the_form() -> None:
+def test_output_form_follows_extension() -> None:
     for form, names in {
         "zarr": ("world.zarr", "world.ZARR/"),
         "tif": ("a.b/world.tif", "world.tiff"),
@@ -23,7 +27,7 @@ def test_output_name_decides_the_form() -> None:
         assert {output_form(name) for name in names} == {form}
 
 
-def test_other_endings_are_refused_unless_they_are_folders(tmp_path: Path) -> None:
+def test_other_extensions_are_refused_except_folders(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"world\.png: expected a name that ends in \.zarr or \.tif"):
         output_form("world.png")
     (tmp_path / "out.v2").mkdir()
@@ -32,11 +36,11 @@ def test_other_endings_are_refused_unless_they_are_folders(tmp_path: Path) -> No
 
 def test_layers_are_ordered_and_checked() -> None:
     assert check_layers(["materials", "height"]) == ("height", "materials")
-    for text, told in (
+    for text, message in (
         (("height", "colour"), "expected some of"),
         (["normal"], "expected height among them"),
     ):
-        with pytest.raises(InputError, match=told):
+        with pytest.raises(InputError, match=message):
             check_layers(text)
 
 
@@ -48,7 +52,7 @@ def test_default_bounds_are_the_sketch() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "message"),
     [
         ({"bounds": (1.0, 0.0, 1.0, 2.0)}, "west < east"),
         ({"bounds": (0.0, 2.0, 1.0, 1.0)}, "south < north"),
@@ -69,8 +73,8 @@ def test_default_bounds_are_the_sketch() -> None:
         ({"layers": ("normal",)}, "expected height among them"),
     ],
 )
-def test_invalid_options_are_refused(options: dict[str, Any], told: str) -> None:
-    with pytest.raises(InputError, match=told) as caught:
+def test_invalid_options_are_refused(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message) as caught:
         WorldOptions(**options).check(SKETCH)
     assert "\n" not in str(caught.value)
 
@@ -91,3 +95,39 @@ def test_job_carries_the_options(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert job.output == tmp_path / "w.zarr"
     assert job.layers == ("height", "materials")
     assert (job.crs, job.step, job.form, job.world.east) == ("EPSG:25832", 0.5, "zarr", 8.0)
+
+
+VAST = World(0.0, 0.0, 4e6, 4e6, 1.0)
+
+
+def test_disk_follows_vertices_layers_and_form(small_job: Job, tmp_path: Path) -> None:
+    job = replace(small_job, world=World(0.0, 0.0, 512.0, 512.0, 1.0), output=tmp_path / "w.zarr")
+    found = estimate_world(job)
+    assert set(found.needs.disk) == {"height", "normal", "materials"}
+    four = estimate_world(replace(job, world=World(0.0, 0.0, 1024.0, 1024.0, 1.0)))
+    assert four.needs.disk_needed / found.needs.disk_needed == pytest.approx(4.0, rel=0.02)
+    rounded = estimate_world(replace(job, step=2.0**-7))
+    assert rounded.needs.disk["height"] < found.needs.disk["height"] / 2
+    joined = estimate_world(replace(job, form="tif", output=tmp_path / "w.tif"))
+    assert joined.needs.disk_needed == 2 * found.needs.disk_needed
+    planted = estimate_world(replace(job, plants="parquet"))
+    beyond = estimate_world(replace(job, plants="parquet", world=World(600.0, 0.0, 900.0, 300.0, 1.0)))
+    assert planted.needs.disk["plants"] > 0 == beyond.needs.disk["plants"]
+
+
+def test_memory_estimate_is_proportional_to_workers(small_job: Job, tmp_path: Path) -> None:
+    job = replace(small_job, world=VAST, output=tmp_path / "w.zarr")
+    alone, three = (estimate_world(job, workers=count).needs.memory for count in (0, 3))
+    assert 400e6 < alone < 700e6
+    assert three > 3 * alone
+    assert estimate_world(small_job).needs.memory < alone
+
+
+def test_insufficient_disk_or_memory_is_refused(
+    small_job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(InputError, match="the world's files need up to"):
+        estimate_world(replace(small_job, world=VAST, output=tmp_path / "w.zarr")).check_resources()
+    monkeypatch.setattr(shared_estimates, "free_memory", lambda: 1 << 20)
+    with pytest.raises(InputError, match=r"of memory at once, 1\.0 MiB are free"):
+        estimate_world(replace(small_job, output=tmp_path / "w.zarr")).check_resources()

@@ -1,20 +1,24 @@
-"""A world that was disturbed in any way, and resumed, has the bytes of one that never was."""
+"""Interrupted and damaged worlds, resumed to the bytes of an undisturbed run."""
 
 import errno
 import os
+import pickle
+import random
 import shutil
 import signal
+import subprocess
+import sys
+import time
 from dataclasses import replace
 from importlib.metadata import version
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
-from sketchterrain.document.store import pack_sketch
 from sketchterrain.errors import InputError, SketchterrainError
-from sketchterrain.io.system import exclusive_run
 from sketchterrain.world.grid import World
-from sketchterrain.world.job import fingerprint, shard_store
+from sketchterrain.world.job import Job, fingerprint, shard_store, task_count
 from sketchterrain.world.journal import (
     Header,
     Journal,
@@ -22,6 +26,7 @@ from sketchterrain.world.journal import (
     OutputLayout,
     check_output_unused,
     check_world,
+    load_ledger,
     remove_partial_files,
 )
 from sketchterrain.world.run import run_world
@@ -33,7 +38,7 @@ FORMS = {"zarr": "world.zarr", "tiles": "world", "tif": "world.tif"}
 
 @pytest.fixture
 def copied(job, finished_world):
-    """A finished world of the test's own."""
+    """A copy of a finished world."""
     shutil.copytree(finished_world, job.output)
     return job.output
 
@@ -64,7 +69,7 @@ def checked(world):
     return [(*each,) for each in check_world(world, progress=lambda _: None)]
 
 
-def test_a_run_makes_every_task_once_and_leaves_nothing_else(job, reporter, finished_world, tree) -> None:
+def test_run_computes_each_task_once(job, reporter, finished_world, tree) -> None:
     done = run_world(job, reporter=reporter)
     assert reporter.counts == [(TASKS, 0)]
     assert len({made.task for made in reporter.done}) == len(reporter.done) == TASKS
@@ -76,7 +81,7 @@ def test_a_run_makes_every_task_once_and_leaves_nothing_else(job, reporter, fini
     assert all({"evaluate", "write"} == set(made.parts) for made in reporter.done)
 
 
-def test_an_early_end_is_resumed_and_what_is_finished_is_left(job, reporter, finished_world, tree) -> None:
+def test_resume_computes_only_pending_tasks(job, reporter, finished_world, tree) -> None:
     interrupt(job, reporter, 4)
     with pytest.raises(InputError, match="world exists; --resume completes it"):
         run_world(job, reporter=reporter)
@@ -131,7 +136,7 @@ DAMAGES = {
 
 
 @pytest.mark.parametrize("how", DAMAGES)
-def test_broken_files_are_named_and_made_again(how, job, copied, reporter, finished_world, tree) -> None:
+def test_broken_files_are_reported_and_rewritten(how, job, copied, reporter, finished_world, tree) -> None:
     names = DAMAGES[how](copied)
     found = {file for file, _ in checked(copied)}
     assert set(names) <= found
@@ -160,7 +165,7 @@ LEDGERS = {
 
 
 @pytest.mark.parametrize("how", LEDGERS)
-def test_a_broken_ledger_is_mended(how, job, copied, reporter, finished_world, tree) -> None:
+def test_broken_ledger_is_repaired(how, job, copied, reporter, finished_world, tree) -> None:
     disturb, why, made = LEDGERS[how]
     disturb(copied)
     named = [("ledger", why)] if why else []
@@ -170,7 +175,7 @@ def test_a_broken_ledger_is_mended(how, job, copied, reporter, finished_world, t
     assert tree(copied) == tree(finished_world)
 
 
-def test_a_journal_that_is_cut_off_or_lost(job, reporter, finished_world, tree) -> None:
+def test_truncated_journal_is_resumed(job, reporter, finished_world, tree) -> None:
     interrupt(job, reporter, 5)
     journal = job.output / "ledger/journal.jsonl"
     journal.write_bytes(journal.read_bytes()[:-20])
@@ -180,7 +185,7 @@ def test_a_journal_that_is_cut_off_or_lost(job, reporter, finished_world, tree) 
     assert tree(job.output) == tree(finished_world)
 
 
-def test_partial_files_and_damage_of_a_killed_run_are_found(job, reporter, finished_world, tree) -> None:
+def test_partial_and_damaged_files_of_killed_run_are_replaced(job, reporter, finished_world, tree) -> None:
     interrupt(job, reporter, 8)
     name = reporter.done[6].files[0].file
     damage(job.output, name, lambda content: content[:-1])
@@ -197,7 +202,7 @@ def test_partial_files_and_damage_of_a_killed_run_are_found(job, reporter, finis
 
 
 @pytest.mark.parametrize("at", ["shard", "journal", "metadata"])
-def test_a_full_disk_is_told_and_resumed(at, job, reporter, finished_world, tree, monkeypatch) -> None:
+def test_full_disk_is_reported_and_resumed(at, job, reporter, finished_world, tree, monkeypatch) -> None:
     full = {"shard": HEIGHT, "journal": "ledger/journal.jsonl", "metadata": "1/zarr.json"}[at]
 
     def no_space(*_):
@@ -225,7 +230,7 @@ def test_a_full_disk_is_told_and_resumed(at, job, reporter, finished_world, tree
 
 
 @pytest.mark.parametrize("way", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_lets_current_shards_be_written(way, job, reporter, finished_world, tree) -> None:
+def test_signal_finishes_current_shards(way, job, reporter, finished_world, tree) -> None:
     def made(result):
         reporter.done.append(result)
         if len(reporter.done) == 2:
@@ -242,7 +247,7 @@ def test_a_signal_lets_current_shards_be_written(way, job, reporter, finished_wo
 
 
 @pytest.mark.parametrize("step", ["verified", "joined"])
-def test_a_signal_ends_verifying_and_joining_at_once(step, job, reporter, tree) -> None:
+def test_signal_interrupts_verifying_and_joining(step, job, reporter, tree) -> None:
     job = replace(job, output=job.output.with_suffix(".tif"), form="tif")
     if step == "verified":
         run_world(job, reporter=reporter)
@@ -264,13 +269,7 @@ def test_a_signal_ends_verifying_and_joining_at_once(step, job, reporter, tree) 
     assert sorted(tree(job.output.parent)) == [f"world{name}" for name in names]
 
 
-def test_a_second_run_is_refused(job, reporter) -> None:
-    with exclusive_run(job.output), pytest.raises(InputError, match="another run is writing it"):
-        run_world(job, resume=True, reporter=reporter)
-    assert not job.output.exists()
-
-
-def test_another_world_is_refused(job, copied, reporter, finished_world, tree) -> None:
+def test_resuming_another_job_is_refused(job, copied, reporter, finished_world, tree) -> None:
     for changes in (
         {"world": World(-20.0, 250.0, 492.0, 254.0, 0.125)},
         {"step": 0.5},
@@ -294,7 +293,7 @@ USER_FILES = [
 
 
 @pytest.mark.parametrize(("form", "name"), USER_FILES)
-def test_files_of_the_user_are_named_and_left(form, name, small_job, tmp_path, reporter, tree) -> None:
+def test_user_files_are_refused_and_unchanged(form, name, small_job, tmp_path, reporter, tree) -> None:
     job = replace(small_job, output=tmp_path / FORMS[form], form=form, plants="parquet")
     path = tmp_path / name
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -303,14 +302,14 @@ def test_files_of_the_user_are_named_and_left(form, name, small_job, tmp_path, r
     for resume in (False, True):
         with pytest.raises(InputError, match="holds other files; choose another output"):
             run_world(job, resume=resume, reporter=reporter)
-    for output, told in ((path, "expected a folder"), (path / "world.zarr", "is a file")):
-        with pytest.raises(InputError, match=told):
+    for output, message in ((path, "expected a folder"), (path / "world.zarr", "is a file")):
+        with pytest.raises(InputError, match=message):
             run_world(replace(job, form="zarr", output=output), reporter=reporter)
     assert tree(tmp_path) == before
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_only_files_of_a_killed_run_are_removed(form, small_job, tmp_path, tree) -> None:
+def test_only_partial_files_are_removed(form, small_job, tmp_path, tree) -> None:
     job = replace(small_job, output=tmp_path / FORMS[form], form=form, plants="parquet")
     store = shard_store(job)
     layout = OutputLayout.from_job(job, store)
@@ -340,9 +339,93 @@ def test_only_files_of_a_killed_run_are_removed(form, small_job, tmp_path, tree)
     assert tree(tmp_path) == before
 
 
-def test_another_sketch_of_that_name_is_the_users(small_job, tmp_path) -> None:
-    job = replace(small_job, output=tmp_path / "world", form="tiles")
-    job.output.mkdir()
-    (job.output / "sketch.sketch").write_bytes(pack_sketch(replace(small_job.sketch, seed=99)))
-    with pytest.raises(InputError, match="holds other files"):
-        check_output_unused(job, resume=True)
+FORM_CHANGES = {
+    "zarr, parquet": ("world.zarr", {"form": "zarr", "plants": "parquet"}),
+    "tiles, flatgeobuf": ("world", {"form": "tiles", "plants": "flatgeobuf", "layers": ("height",)}),
+    "tif": ("world.tif", {"form": "tif", "layers": ("height", "materials")}),
+    "tif, parquet": ("world.tif", {"form": "tif", "plants": "parquet", "layers": ("height",)}),
+}
+
+
+@pytest.fixture(params=FORM_CHANGES)
+def form_job(request, small_job, tmp_path: Path) -> Job:
+    name, changes = FORM_CHANGES[request.param]
+    world = World(-20.0, 250.0, 300.0, 254.0, 0.125)
+    (tmp_path / "mine").mkdir()
+    return replace(small_job, output=tmp_path / "mine" / name, world=world, **changes)
+
+
+@pytest.mark.slow
+def test_interrupted_and_damaged_worlds_are_repaired(form_job: Job, reporter, tmp_path: Path, tree) -> None:
+    whole, reporter_type = (
+        replace(form_job, output=tmp_path / "whole" / form_job.output.name),
+        type(reporter),
+    )
+    done = run_world(whole, reporter=reporter)
+    expected = tree(tmp_path / "whole")
+    assert done.tasks == done.computed == task_count(form_job)
+    assert list(check_world(whole.output, progress=lambda _: None)) == []
+
+    stopped = reporter_type()
+    stopped.task_finished = lambda made: stopped.done.append(made) or _raise_if(len(stopped.done) == 3)
+    with pytest.raises(_StoppedError):
+        run_world(form_job, reporter=stopped)
+    assert len(load_ledger(form_job, shard_store(form_job)).done) == 3
+    with pytest.raises(InputError, match="is not finished"):
+        check_world(form_job.output, progress=lambda _: None)
+    again = reporter_type()
+    run_world(form_job, resume=True, reporter=again)
+    assert again.counts == [(done.tasks, 3)]
+    assert tree(tmp_path / "mine") == expected
+
+    largest = max((tmp_path / "mine").rglob("*"), key=lambda path: path.is_file() and path.stat().st_size)
+    content = largest.read_bytes()
+    largest.write_bytes(content[:100] + bytes([content[100] ^ 1]) + content[101:])
+    (found,) = check_world(form_job.output, progress=lambda _: None)
+    assert found.file.endswith(largest.name)
+    third = reporter_type()
+    mended = run_world(form_job, resume=True, reporter=third)
+    assert mended.broken == (found,)
+    assert mended.computed >= 1
+    assert tree(tmp_path / "mine") == expected
+    assert (mended.files, mended.bytes) == (done.files, done.bytes)
+
+
+def _raise_if(now: bool) -> None:
+    if now:
+        raise _StoppedError
+
+
+KILLS = 4
+SCRIPT = """
+import pickle, sys
+from pathlib import Path
+from sketchterrain.world.run import run_world
+
+class Watcher:
+    def started(self, tasks, done):
+        print("started", flush=True)
+    def __getattr__(self, name):
+        return lambda *_: None
+
+run_world(pickle.loads(Path(sys.argv[1]).read_bytes()), resume=True, reporter=Watcher())
+"""
+
+
+@pytest.mark.soak
+def test_killed_and_resumed_to_the_same_bytes(job, tmp_path: Path, finished_world, tree) -> None:
+    (tmp_path / "job").write_bytes(pickle.dumps(job))
+    command = [sys.executable, "-c", SCRIPT, str(tmp_path / "job")]
+    chance, killed = random.Random(8), 0
+    for number in range(KILLS + 1):
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
+            assert process.stdout is not None
+            if process.stdout.readline() != "started\n" or number == KILLS:
+                assert process.wait(timeout=300) == 0
+                break
+            time.sleep(chance.uniform(0.0, 0.4))
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGKILL)
+            killed += process.wait() == -signal.SIGKILL
+    assert killed >= 1
+    assert tree(job.output) == tree(finished_world)

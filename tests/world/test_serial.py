@@ -1,5 +1,7 @@
-"""Tasks done in one process: what is written meanwhile, and what becomes of a device that fails."""
+"""Tasks run by one process: overlap, failing devices, progress."""
 
+import io
+import sys
 import threading
 from dataclasses import replace
 from typing import Any
@@ -10,8 +12,9 @@ from sketchterrain.compute.device import list_devices
 from sketchterrain.errors import DeviceFailedError, InputError, SketchterrainError
 from sketchterrain.terrain.self_test import Verdict
 from sketchterrain.world import task_runner
-from sketchterrain.world.job import Task
-from sketchterrain.world.run import run_world
+from sketchterrain.world.job import Task, TaskResult
+from sketchterrain.world.journal import BrokenFile
+from sketchterrain.world.run import ProgressReporter, run_world
 from sketchterrain.world.task_runner import SerialExecutor, TaskRunner, deviating_device
 
 KNOWN = [device for device in list_devices() if device.known]
@@ -20,7 +23,7 @@ OTHER = Verdict("other", "its bits are its own")
 
 
 def failing(monkeypatch, after):
-    """Let the first device fail once it has begun so many tasks; return the names of platforms at work."""
+    """Let the first device fail after a number of tasks; return the platforms used."""
     begin, begun = TaskRunner.evaluate, []
 
     def failing_begin(runner: TaskRunner, task: Task) -> Any:
@@ -35,7 +38,7 @@ def failing(monkeypatch, after):
 
 
 @two_devices
-def test_another_device_goes_on_with_the_same_bytes(job, reporter, finished_world, tree, monkeypatch) -> None:
+def test_replacement_device_gives_equal_bytes(job, reporter, finished_world, tree, monkeypatch) -> None:
     begun = failing(monkeypatch, 5)
     run_world(job, device=str(KNOWN[0].index), reporter=reporter)
     assert begun == [KNOWN[0].platform] * 5 + [KNOWN[1].platform] * 4
@@ -45,7 +48,7 @@ def test_another_device_goes_on_with_the_same_bytes(job, reporter, finished_worl
 
 
 @two_devices
-def test_with_bits_of_its_own_a_device_is_replaced_by_none(job, reporter, monkeypatch) -> None:
+def test_deviating_device_is_not_replaced(job, reporter, monkeypatch) -> None:
     monkeypatch.setattr(task_runner, "deviating_device", lambda device, *, fast: device.platform)
     monkeypatch.setattr(task_runner, "self_test", lambda *_, **__: OTHER)
     with monkeypatch.context() as amid:
@@ -60,7 +63,7 @@ def test_with_bits_of_its_own_a_device_is_replaced_by_none(job, reporter, monkey
 
 
 @pytest.mark.skipif(not KNOWN, reason="needs a CPU driver")
-def test_bits_that_are_traded_for_speed_are_a_devices_own(job, reporter) -> None:
+def test_fast_devices_deviate(job, reporter) -> None:
     assert deviating_device(KNOWN[0], fast=False) == ""
     assert deviating_device(KNOWN[0], fast=True).endswith("with --fast")
     with pytest.raises(InputError, match="--fast results differ between devices"):
@@ -68,18 +71,8 @@ def test_bits_that_are_traded_for_speed_are_a_devices_own(job, reporter) -> None
     assert not job.output.exists()
 
 
-@two_devices
-def test_without_a_device_that_passes_the_self_test_the_run_ends(job, reporter, monkeypatch) -> None:
-    failing(monkeypatch, 1)
-    monkeypatch.setattr(
-        task_runner, "deviating_device", lambda device, *, fast: "" if device == KNOWN[0] else "its own"
-    )
-    with pytest.raises(DeviceFailedError, match="gave up; no other device can continue"):
-        run_world(job, device=str(KNOWN[0].index), reporter=reporter)
-
-
 @pytest.mark.skipif(not KNOWN, reason="needs a CPU driver")
-def test_a_device_that_fails_the_self_test_is_told_and_kept(job, reporter, monkeypatch) -> None:
+def test_deviating_device_is_reported_and_used(job, reporter, monkeypatch) -> None:
     monkeypatch.setattr(task_runner, "self_test", lambda *_, **__: OTHER)
     assert deviating_device(KNOWN[0], fast=False).startswith(KNOWN[0].name)
     executor = SerialExecutor(job, device=str(KNOWN[0].index), note=reporter.notes.append)
@@ -90,7 +83,7 @@ def test_a_device_that_fails_the_self_test_is_told_and_kept(job, reporter, monke
 
 
 @two_devices
-def test_a_device_that_crashes_in_its_self_test_is_replaced(job, monkeypatch) -> None:
+def test_device_crashing_in_self_test_is_replaced(job, monkeypatch) -> None:
     crashed, same = Verdict("failed", "the self-test crashed (SIGSEGV)"), Verdict("same", "")
     monkeypatch.setattr(task_runner, "self_test", lambda device, **_: crashed if device == KNOWN[0] else same)
     notes = []
@@ -103,7 +96,7 @@ def test_a_device_that_crashes_in_its_self_test_is_replaced(job, monkeypatch) ->
     )
 
 
-def test_the_next_is_evaluated_while_one_is_written(job, reporter, monkeypatch) -> None:
+def test_evaluation_overlaps_writing(job, reporter, monkeypatch) -> None:
     end, begin = TaskRunner.finish, TaskRunner.evaluate
     threads, under_way, most = set(), [], []
 
@@ -127,7 +120,7 @@ def test_the_next_is_evaluated_while_one_is_written(job, reporter, monkeypatch) 
 
 
 @pytest.mark.parametrize("error", [SketchterrainError("no room"), ZeroDivisionError("no room")])
-def test_an_error_of_the_writing_thread_ends_the_run(error, job, reporter, monkeypatch) -> None:
+def test_writer_error_ends_run(error, job, reporter, monkeypatch) -> None:
     def finish(*_: object) -> None:
         raise error
 
@@ -135,3 +128,50 @@ def test_an_error_of_the_writing_thread_ends_the_run(error, job, reporter, monke
     with pytest.raises(type(error), match="no room"):
         run_world(job, reporter=reporter)
     assert reporter.done == []
+
+
+RESULT = TaskResult(Task("ground", 0, 0, 0), (), 4.0, {})
+
+
+def test_progress_lines_are_periodic_with_remaining_time(capsys: pytest.CaptureFixture[str]) -> None:
+    now = 0.0
+    with ProgressReporter(timer=lambda: now) as reporter:
+        reporter.started(8, 2)
+        for seconds in (4.0, 4.0, 4.0, 40.0):
+            now += seconds
+            reporter.task_finished(RESULT)
+        reporter.note("one\nline")
+    assert capsys.readouterr().err.splitlines() == [
+        "2 of 8 shards are done and verified",
+        "5 of 8 shards: 62%, about 12 s left",
+        "6 of 8 shards: 75%, about 26 s left",
+        "sketchterrain: note: one�line",
+    ]
+
+
+def test_broken_files_are_listed_up_to_a_maximum(capsys: pytest.CaptureFixture[str]) -> None:
+    with ProgressReporter() as reporter:
+        for number in range(13):
+            reporter.broken(BrokenFile(f"0/height/c/0/{number}", "is missing"))
+        reporter.started(12, 4)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "0/height/c/0/0 is missing: will be rewritten"
+    assert lines[10:] == ["and 3 more files will be rewritten", "4 of 12 shards are done and verified"]
+
+
+def test_terminal_shows_bar(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = io.StringIO()
+    monkeypatch.setattr(terminal, "isatty", lambda: True)
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "160")
+    with ProgressReporter() as reporter:
+        reporter.verified(0.5)
+        reporter.started(8, 1)
+        reporter.task_finished(RESULT)
+        reporter.note("the device is gone")
+        reporter.joined(1.0)
+    message = terminal.getvalue()
+    assert "Joining" in message
+    assert "the device is gone" in message
+    assert "━" in message

@@ -15,8 +15,8 @@ from sketchterrain.world.opening import open_world
 from sketchterrain.world.statistics import QUANTILES, compute_statistics
 
 
-class Held:
-    """A world in memory, whose coarser levels are thinned out; tells the largest window asked for."""
+class ArrayWorld:
+    """A world in memory with subsampled levels; records the largest window."""
 
     west, north = 0.0, 0.0
 
@@ -55,9 +55,9 @@ def places(rows: int, columns: int, cell: float) -> tuple[npt.NDArray[np.float64
 
 
 @pytest.mark.parametrize("cell", [0.5, 8.0])
-def test_a_plane_has_one_slope(cell: float) -> None:
+def test_plane_has_constant_slope(cell: float) -> None:
     x, y = places(300, 517, cell)
-    found = compute_statistics(Held((0.25 * x - 0.5 * y).astype(np.float32), cell))
+    found = compute_statistics(ArrayWorld((0.25 * x - 0.5 * y).astype(np.float32), cell))
     assert found.slopes is not None
     steep = math.degrees(math.atan(math.hypot(0.25, 0.5)))
     assert found.slopes.mean == pytest.approx(steep, abs=1e-4)
@@ -69,11 +69,11 @@ def test_a_plane_has_one_slope(cell: float) -> None:
     assert found.hypsometry.integral == pytest.approx(0.5, abs=1e-6)
 
 
-def test_a_cone_has_the_hypsometry_of_a_cone() -> None:
+def test_cone_hypsometry_is_analytic() -> None:
     x, y = places(1001, 1001, 1.0)
     radius = np.hypot(x, y)
     height = np.maximum(100.0 * (1.0 - radius / 500.0), 0.0).astype(np.float32)
-    found = compute_statistics(Held(height))
+    found = compute_statistics(ArrayWorld(height))
     heights, above = (np.array(each) for each in (found.hypsometry.heights, found.hypsometry.share_above))
     assert np.allclose(heights, np.linspace(0.0, 100.0, 21))
     expected = math.pi * (500.0 * (1.0 - heights / 100.0)) ** 2 / 1000.0**2
@@ -86,11 +86,11 @@ def test_a_cone_has_the_hypsometry_of_a_cone() -> None:
 
 
 @pytest.mark.parametrize("shape", [(700, 4500), (3, 3), (260, 4097), (2, 40), (2, 2)])
-def test_as_numpy_on_the_whole(shape: tuple[int, int]) -> None:
+def test_statistics_equal_numpy(shape: tuple[int, int]) -> None:
     chance = np.random.default_rng(3)
     height = np.cumsum(chance.normal(size=shape), axis=1).astype(np.float32) + np.float32(-40.0)
     weights = chance.integers(0, 128, size=(1, *shape)).astype(np.uint8)
-    held = Held(height, 2.0, np.concatenate([weights, 255 - weights]))
+    held = ArrayWorld(height, 2.0, np.concatenate([weights, 255 - weights]))
     found = compute_statistics(held)
     exact = height.astype(np.float64)
     assert (found.relief.minimum, found.relief.maximum) == (exact.min(), exact.max())
@@ -128,8 +128,8 @@ def horn(z: npt.NDArray[np.float64], cell: float) -> npt.NDArray[np.float64]:
     return np.asarray(np.hypot(east, north))
 
 
-def test_flat_ground_has_statistics() -> None:
-    found = compute_statistics(Held(np.full((50, 60), 7.0, np.float32)))
+def test_flat_terrain_has_statistics() -> None:
+    found = compute_statistics(ArrayWorld(np.full((50, 60), 7.0, np.float32)))
     assert (found.relief.minimum, found.relief.maximum, found.relief.standard_deviation) == (7.0, 7.0, 0.0)
     assert found.relief.quantiles == dict.fromkeys([f"{share:g}" for share in QUANTILES], 7.0)
     assert found.hypsometry.integral == 0.5
@@ -138,19 +138,19 @@ def test_flat_ground_has_statistics() -> None:
     assert found.slopes.shares[0] == 1.0
 
 
-def test_threads_change_no_number(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_statistics_are_independent_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     height = np.cumsum(np.random.default_rng(5).normal(size=(40, 9000)), axis=1).astype(np.float32)
-    several = compute_statistics(Held(height)).as_dict()
+    several = compute_statistics(ArrayWorld(height)).as_dict()
     monkeypatch.setattr(measured, "_THREADS", 1)
-    assert compute_statistics(Held(height)).as_dict() == several
+    assert compute_statistics(ArrayWorld(height)).as_dict() == several
 
 
-def test_a_level_that_is_not_there_is_refused() -> None:
+def test_missing_level_is_refused() -> None:
     with pytest.raises(InputError, match="no level 3: expected 0 to 0"):
-        compute_statistics(Held(np.zeros((5, 5), np.float32)), level=3)
+        compute_statistics(ArrayWorld(np.zeros((5, 5), np.float32)), level=3)
 
 
-def test_levels_of_a_written_world_agree(finished_world: Path) -> None:
+def test_statistics_of_levels_agree(finished_world: Path) -> None:
     stored = open_world(finished_world)
     shares: list[float] = []
     finest, next_, *_ = (

@@ -1,4 +1,4 @@
-"""A shard's ground is the terrain's, at the places that the grid says."""
+"""Shards are the terrain at the vertices of the grid; fingerprints."""
 
 from dataclasses import replace
 from hashlib import sha256
@@ -22,7 +22,7 @@ def runner(small_job, tmp_path_factory) -> TaskRunner:
     return TaskRunner(job, ComputeContext())
 
 
-def test_heights_are_the_terrains_at_the_levels_cell(runner) -> None:
+def test_shard_heights_equal_terrain_at_level_cell(runner) -> None:
     world = runner.job.world
     for shard in (Shard(0, 0, 1), Shard(0, 0, 2), Shard(1, 0, 0), Shard(5, 0, 0)):
         ground, level = runner.compute_shard(shard), world.levels[shard.level]
@@ -35,7 +35,7 @@ def test_heights_are_the_terrains_at_the_levels_cell(runner) -> None:
         assert ground.normal.shape == (3, rows, columns)
 
 
-def test_normals_and_weights_are_those_of_exports(runner) -> None:
+def test_normals_and_weights_equal_exports(runner) -> None:
     world, shard = runner.job.world, Shard(1, 0, 1)
     ground, level = runner.compute_shard(shard), runner.job.world.levels[1]
     rows, columns = level.size_of(shard)
@@ -46,7 +46,7 @@ def test_normals_and_weights_are_those_of_exports(runner) -> None:
     np.testing.assert_array_equal(ground.materials, quantise_weights(band.materials).transpose(2, 0, 1))
 
 
-def test_a_device_without_doubles_leaves_rounding_to_the_host(runner) -> None:
+def test_host_rounding_equals_device_rounding(runner) -> None:
     context = ComputeContext()
     plain = TaskRunner(runner.job, context)
     plain._window = plain._window_on_host  # as where the device has none
@@ -55,13 +55,7 @@ def test_a_device_without_doubles_leaves_rounding_to_the_host(runner) -> None:
         np.testing.assert_array_equal(one, other)
 
 
-def test_layers_that_are_not_asked_for_are_empty(runner) -> None:
-    bare = TaskRunner(replace(runner.job, layers=("height",)), ComputeContext()).compute_shard(Shard(4, 0, 0))
-    assert bare.normal.size == bare.materials.size == 0
-    np.testing.assert_array_equal(bare.height, runner.compute_shard(Shard(4, 0, 0)).height)
-
-
-def test_a_task_tells_of_the_files_that_it_wrote(runner) -> None:
+def test_task_result_lists_written_files(runner) -> None:
     made = runner.finish(runner.evaluate(Task("ground", 3, 0, 0)))
     assert [file.file.split("/")[1] for file in made.files] == ["height", "normal", "materials"]
     for file in made.files:
@@ -81,7 +75,7 @@ def test_heights_are_rounded_to_multiples_of_a_step() -> None:
         assert not np.signbit(round_heights(np.float32([-step / 4]), step)).any()
 
 
-def test_a_fingerprint_knows_all_that_changes_bytes(small_job, monkeypatch) -> None:
+def test_fingerprint_depends_on_everything_that_changes_bytes(small_job, monkeypatch) -> None:
     others = {
         "sketch": replace(small_job.sketch, seed=5),
         "world": World(0.0, 0.0, 8.0, 8.0, 1.0),
@@ -106,7 +100,7 @@ def test_a_fingerprint_knows_all_that_changes_bytes(small_job, monkeypatch) -> N
     assert fingerprint(small_job) != before
 
 
-def test_the_digest_covers_code_and_kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_code_digest_covers_code_and_kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for room in jobs._ROOMS:
         (tmp_path / room).mkdir()
     kernel, page = tmp_path / "kernels" / "noise.clh", tmp_path / "kernels" / "noise.md"
@@ -123,7 +117,7 @@ def test_the_digest_covers_code_and_kernels(tmp_path: Path, monkeypatch: pytest.
     assert found() != before
 
 
-def test_every_task_comes_once_coarse_levels_first(small_job) -> None:
+def test_tasks_are_unique_and_coarse_first(small_job) -> None:
     tasks = list(iter_tasks(small_job))
     assert len(set(tasks)) == len(tasks) == small_job.world.shard_count == 9
     assert [task.level for task in tasks] == sorted((task.level for task in tasks), reverse=True)

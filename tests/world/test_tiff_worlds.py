@@ -1,4 +1,4 @@
-"""Worlds of GeoTIFFs: tiles that join without a gap, one file a layer, both read back as evaluated."""
+"""GeoTIFF worlds: seamless tiles, one file per layer, both read back as evaluated."""
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -28,18 +28,18 @@ def height_at(x: NDArray, y: NDArray) -> NDArray[np.float32]:
     return (80.0 * np.sin(x[None, :] / 90.0) + 0.01 * y[:, None]).astype(np.float32)
 
 
-def of_level(level: Level, world: World) -> tuple[NDArray, NDArray]:
-    """Return where a level's vertices lie."""
+def level_coordinates(level: Level, world: World) -> tuple[NDArray, NDArray]:
+    """Return x and y of a level's vertices."""
     x = world.west + np.arange(level.columns) * level.cell
     return x, world.north - np.arange(level.rows) * level.cell
 
 
-def grounds(world: World) -> Iterator[ShardData]:
-    """Shards of a made-up land, the finest first."""
+def shards(world: World) -> Iterator[ShardData]:
+    """Yield the shards of a synthetic terrain, the finest first."""
     for shard in sorted(world.shards()):
         level = world.levels[shard.level]
         rows, columns = level.size_of(shard)
-        x, y = of_level(level, world)
+        x, y = level_coordinates(level, world)
         left, top = 2048 * shard.column, 2048 * shard.row
         height = height_at(x[left : left + columns], y[top : top + rows])
         normal = np.stack([np.full(height.shape, value, np.uint8) for value in (1, 2, shard.level)])
@@ -49,8 +49,8 @@ def grounds(world: World) -> Iterator[ShardData]:
 
 
 @pytest.fixture(scope="module", params=["tiles", "tif"])
-def made_up(request, small_job: Job, tmp_path_factory) -> Job:
-    """A world of made-up land, in either form."""
+def synthetic_world(request, small_job: Job, tmp_path_factory) -> Job:
+    """A world of a synthetic terrain in either form."""
     folder = tmp_path_factory.mktemp(request.param)
     output = folder / ("world" if request.param == "tiles" else "world.tif")
     job = replace(
@@ -59,7 +59,7 @@ def made_up(request, small_job: Job, tmp_path_factory) -> Job:
     store = (TileStore if request.param == "tiles" else TiffStore)(job)
     store.create()
     assert store.ledger_text() is None
-    for ground in grounds(AREA):
+    for ground in shards(AREA):
         store.write(ground)
     shares: list[float] = []
     names = store.join(progress=shares.append)
@@ -79,9 +79,9 @@ def joined(job: Job, layer: str) -> Path:
     return job.output if layer == "height" else job.output.with_name(f"world_{layer}.tif")
 
 
-def test_gdal_reads_one_grid_across_all_borders(made_up) -> None:
-    x, y = of_level(AREA.levels[0], AREA)
-    with rasterio.open(joined(made_up, "height")) as file:
+def test_gdal_reads_one_grid_across_all_borders(synthetic_world) -> None:
+    x, y = level_coordinates(AREA.levels[0], AREA)
+    with rasterio.open(joined(synthetic_world, "height")) as file:
         np.testing.assert_array_equal(file.read(1), height_at(x, y))
         assert file.xy(0, 0) == (EAST - 30.0, NORTH + 2061.0)
         assert file.xy(2051, 2053) == (EAST + 2023.0, NORTH + 10.0)
@@ -89,37 +89,37 @@ def test_gdal_reads_one_grid_across_all_borders(made_up) -> None:
         assert (file.descriptions, file.units) == (("height",), ("m",))
         across = file.read(1, window=((2040, 2052), (2040, 2054)))
     np.testing.assert_array_equal(across, height_at(x[2040:], y[2040:]))
-    with rasterio.open(joined(made_up, "normal")) as file:
+    with rasterio.open(joined(synthetic_world, "normal")) as file:
         assert file.descriptions == ("east", "north", "up")
         assert [int(each.value) for each in file.colorinterp] == [3, 4, 5]  # red, green, blue
-    with rasterio.open(joined(made_up, "materials")) as file:
+    with rasterio.open(joined(synthetic_world, "materials")) as file:
         assert file.descriptions == st.MATERIALS
         assert np.all(file.read().sum(axis=0, dtype=int) == 255)
 
 
-def test_the_overviews_are_the_evaluated_levels(made_up) -> None:
+def test_overviews_are_evaluated_levels(synthetic_world) -> None:
     for level in AREA.levels[1:]:
-        x, y = of_level(level, AREA)
-        with rasterio.open(joined(made_up, "height"), overview_level=level.number - 1) as file:
+        x, y = level_coordinates(level, AREA)
+        with rasterio.open(joined(synthetic_world, "height"), overview_level=level.number - 1) as file:
             shown = file.read(1)
             np.testing.assert_array_equal(shown, height_at(x, y))
-        with rasterio.open(joined(made_up, "normal"), overview_level=level.number - 1) as file:
+        with rasterio.open(joined(synthetic_world, "normal"), overview_level=level.number - 1) as file:
             assert np.all(file.read(3) == level.number)
-    with rasterio.open(joined(made_up, "height")) as file:
+    with rasterio.open(joined(synthetic_world, "height")) as file:
         assert len(file.overviews(1)) == len(AREA.levels) - 1
-    with rasterio.open(joined(made_up, "normal")) as file:  # as a GIS zoomed out
+    with rasterio.open(joined(synthetic_world, "normal")) as file:  # as a GIS zoomed out
         assert np.all(file.read(3, out_shape=(257, 257)) == 3)  # level 3 has that size
 
 
-def test_every_level_is_read_back(made_up) -> None:
-    world = open_world(made_up.output)
+def test_every_level_is_read_back(synthetic_world) -> None:
+    world = open_world(synthetic_world.output)
     assert (world.west, world.north, world.levels) == (AREA.west, AREA.north, AREA.levels)
-    assert (world.layers, world.material_names) == (made_up.layers, st.MATERIALS)
+    assert (world.layers, world.material_names) == (synthetic_world.layers, st.MATERIALS)
     sketch = world.sketch()
     assert sketch is not None
-    assert sketch.extent == made_up.sketch.extent
+    assert sketch.extent == synthetic_world.sketch.extent
     for level in world.levels:
-        x, y = of_level(level, AREA)
+        x, y = level_coordinates(level, AREA)
         read = world.read("height", level.number, top=0, left=0, rows=level.rows, columns=level.columns)
         np.testing.assert_array_equal(read, height_at(x, y))
     part = world.read("materials", 0, top=2046, left=2045, rows=6, columns=9)
@@ -128,9 +128,9 @@ def test_every_level_is_read_back(made_up) -> None:
     assert np.all(world.read("normal", 1, top=1000, left=1000, rows=20, columns=20)[2] == 1)
 
 
-def test_threads_read_at_once(made_up) -> None:
-    world = open_world(made_up.output)
-    x, y = of_level(AREA.levels[0], AREA)
+def test_threads_read_at_once(synthetic_world) -> None:
+    world = open_world(synthetic_world.output)
+    x, y = level_coordinates(AREA.levels[0], AREA)
     places = [(top, left) for top in range(0, 2000, 300) for left in range(0, 2000, 300)]
 
     def read(place: tuple[int, int]) -> NDArray:
@@ -141,11 +141,11 @@ def test_threads_read_at_once(made_up) -> None:
             np.testing.assert_array_equal(found, height_at(x[left : left + 50], y[top : top + 50]))
 
 
-def test_a_tile_alone_is_a_whole_geotiff_with_overviews(small_job, tmp_path) -> None:
+def test_single_tile_is_cog_with_overviews(small_job, tmp_path) -> None:
     world = World(0.0, 0.0, 1023.0, 699.0, 1.0)
     store = TileStore(replace(small_job, world=world, output=tmp_path / "world", form="tiles"))
     store.create()
-    for ground in grounds(world):
+    for ground in shards(world):
         names = store.write(ground)
         if ground.shard.level == 0:
             height = ground.height
@@ -160,13 +160,13 @@ def test_a_tile_alone_is_a_whole_geotiff_with_overviews(small_job, tmp_path) -> 
 
 
 @pytest.mark.parametrize("form", ["tiles", pytest.param("tif", marks=pytest.mark.slow)])
-def test_a_world_is_the_terrain_to_the_bit(small_job, form: str, tmp_path, reporter, tree) -> None:
+def test_world_is_bit_equal_to_terrain(small_job, form: str, tmp_path, reporter, tree) -> None:
     output = tmp_path / ("world" if form == "tiles" else "world.tif")
     job = replace(small_job, output=output, form=form)
     run_world(job, reporter=reporter)
     terrain = st.build(job.sketch)
     for level in job.world.levels:
-        x, y = of_level(level, job.world)
+        x, y = level_coordinates(level, job.world)
         with rasterio.open(joined(job, "height"), **_overview(level)) as file:
             height = file.read(1)
         rows, columns = height.shape
@@ -175,7 +175,7 @@ def test_a_world_is_the_terrain_to_the_bit(small_job, form: str, tmp_path, repor
     assert list(check_world(output, progress=lambda _: None)) == []
     written = tree(tmp_path)
     assert not [name for name in written if name.startswith(".")]
-    # Anything that is lost or damaged is made again, to the same bytes.
+    # Missing or damaged files are rewritten to the same bytes.
     for name in [each for each in written if "normal" in each][:2]:
         path = tmp_path / name
         content = bytearray(path.read_bytes())
@@ -188,7 +188,7 @@ def test_a_world_is_the_terrain_to_the_bit(small_job, form: str, tmp_path, repor
 
 
 @pytest.mark.slow
-def test_a_run_that_ends_while_shards_are_joined_goes_on_there(small_job, tmp_path, reporter, tree) -> None:
+def test_run_interrupted_while_joining_is_resumed(small_job, tmp_path, reporter, tree) -> None:
     class _StoppedError(Exception):
         pass
 
@@ -216,13 +216,13 @@ def _overview(level: Level) -> dict[str, int]:
     return {"overview_level": level.number - 1} if level.number else {}
 
 
-def test_a_missing_or_broken_tile_is_named(small_job, tmp_path) -> None:
+def test_missing_or_broken_tile_is_reported(small_job, tmp_path) -> None:
     world = World(0.0, 0.0, 699.0, 699.0, 1.0)
     store = TileStore(replace(small_job, world=world, output=tmp_path / "world", form="tiles"))
     store.create()
     with pytest.raises(InputError, match="world: is not finished; world --resume completes it"):
         open_world(store.folder)
-    for ground in grounds(world):
+    for ground in shards(world):
         store.write(ground)
     store.join(progress=lambda _: None)
     whole = {"top": 0, "left": 0, "rows": 700, "columns": 700}
@@ -242,29 +242,29 @@ def test_a_missing_or_broken_tile_is_named(small_job, tmp_path) -> None:
 
 
 @pytest.mark.parametrize("form", ["tiles", "tif"])
-def test_a_world_may_have_any_name(small_job, form: str, tmp_path) -> None:
+def test_special_characters_in_world_names(small_job, form: str, tmp_path) -> None:
     world, name = World(0.0, 0.0, 299.0, 99.0, 1.0), "wo!rld & <größe> 100%.zip"
     (tmp_path / name).mkdir()
     output = tmp_path / name / (name if form == "tiles" else f"{name}.tif")
     job = replace(small_job, world=world, output=output, form=form, layers=("height",))
     store = (TileStore if form == "tiles" else TiffStore)(job)
     store.create()
-    for ground in grounds(world):
+    for ground in shards(world):
         store.write(ground)
     (*_, top) = store.join(progress=lambda _: None)
     store.close("")
-    expected = height_at(*of_level(world.levels[0], world))
+    expected = height_at(*level_coordinates(world.levels[0], world))
     with rasterio.open(store.folder / top) as file:
         np.testing.assert_array_equal(file.read(1), expected)
         assert len(file.overviews(1)) == 1
     with rasterio.open(store.folder / top, overview_level=0) as file:
-        coarse = height_at(*of_level(world.levels[1], world))
+        coarse = height_at(*level_coordinates(world.levels[1], world))
         np.testing.assert_array_equal(file.read(1), coarse[: file.height, : file.width])
     read = open_world(output).read("height", 0, top=0, left=0, rows=100, columns=300)
     np.testing.assert_array_equal(read, expected)
 
 
-def test_what_is_no_world_is_refused_in_one_line(tmp_path) -> None:
+def test_invalid_worlds_are_refused(tmp_path) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match=r"empty: expected a world, with zarr.json or height.vrt"):
         open_world(tmp_path / "empty")
@@ -278,7 +278,7 @@ def test_what_is_no_world_is_refused_in_one_line(tmp_path) -> None:
         open_world(tmp_path / "other.tif")
 
 
-def test_joining_that_fails_leaves_no_file(small_job, tmp_path, file_size_limit) -> None:
+def test_failed_join_leaves_no_file(small_job, tmp_path, file_size_limit) -> None:
     world = World(0.0, 0.0, 299.0, 299.0, 1.0)
     job = replace(small_job, world=world, output=tmp_path / "world.tif", form="tif", layers=("height",))
     store = TiffStore(job)
@@ -286,7 +286,7 @@ def test_joining_that_fails_leaves_no_file(small_job, tmp_path, file_size_limit)
     noise = np.random.default_rng(1)
     made = [
         replace(each, height=noise.normal(size=each.height.shape).astype(np.float32))
-        for each in grounds(world)
+        for each in shards(world)
     ]
     with (
         file_size_limit(4000),

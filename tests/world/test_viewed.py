@@ -1,8 +1,12 @@
 """Tiles and heights of a stored world: the store's own samples, and what a terrain itself would draw."""
 
+import shutil
+
 import numpy as np
 import pytest
+from PIL import Image
 
+from sketchterrain.app.cli import main
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.document.sketch import Sketch
@@ -55,7 +59,7 @@ def chain(key, up):
     return [(key[0] - n, key[1] >> n, key[2] >> n) for n in range(up, -1, -1)]
 
 
-def test_vertices_are_those_that_the_terrain_would_write(terrain, whole):
+def test_vertices_equal_terrain_tiles(terrain, whole):
     view = StoredTerrain(whole, terrain.context)
     assert view.extent == terrain.extent
     for level, column, row in ((4, 7, 10), (4, 0, 15), (3, 5, 2), (2, 3, 0)):
@@ -102,7 +106,7 @@ def test_tile_vertices_are_stored_samples_bit_for_bit(terrain, odd):
     assert checked > 3000
 
 
-def test_neighbours_and_parents_hold_the_same_bits_where_they_meet(terrain, odd):
+def test_neighbours_and_parents_are_bit_equal_at_shared_vertices(terrain, odd):
     view = StoredTerrain(odd, terrain.context)
     level = 4
     keys = [(level, x, y) for x in (3, 4) for y in (-4, -3)]
@@ -122,7 +126,7 @@ def test_neighbours_and_parents_hold_the_same_bits_where_they_meet(terrain, odd)
         assert np.array_equal(own["parent_height"][1::2, 1::2], expected.astype(np.float32))
 
 
-def test_levels_beyond_the_coarsest_are_thinned_out_of_it(terrain, odd):
+def test_coarser_levels_subsample_the_coarsest(terrain, odd):
     levels = StoredPyramid(odd)
     last = odd.levels[-1]
     coarse = levels.level(last.number + 2)
@@ -132,7 +136,7 @@ def test_levels_beyond_the_coarsest_are_thinned_out_of_it(terrain, odd):
     assert np.array_equal(found[:-1, :-1], odd.data["height", last.number][:-1:4, :-1:4])
 
 
-def test_windows_go_on_beyond_the_ends(terrain, odd):
+def test_windows_extend_beyond_edges(terrain, odd):
     levels, height = StoredPyramid(odd), odd.data["height", 0]
     rows, columns = height.shape
     found = levels.window("height", 0, top=-3, left=columns - 2, rows=8, columns=9)
@@ -141,7 +145,7 @@ def test_windows_go_on_beyond_the_ends(terrain, odd):
     assert (outside == odd.data["materials", 0][:, -1:, :1]).all()
 
 
-def test_the_error_tells_how_far_the_finest_level_is(terrain, whole):
+def test_geometric_error_bounds_distance_to_finest_level(terrain, whole):
     view = StoredTerrain(whole, terrain.context)
     finest = whole.data["height", 0]
     shares = []
@@ -163,7 +167,7 @@ def test_the_error_tells_how_far_the_finest_level_is(terrain, whole):
     assert facts[4, 3, -3]["error"] == 0.0
 
 
-def test_heights_are_the_samples_and_lie_between_them(terrain, odd):
+def test_heights_interpolate_samples(terrain, odd):
     view = StoredTerrain(odd, terrain.context)
     height = odd.data["height", 0]
     rng = np.random.default_rng(1)
@@ -183,7 +187,7 @@ def test_heights_are_the_samples_and_lie_between_them(terrain, odd):
     assert np.array_equal(view.heights(x, y), np.array(singly, np.float32))
 
 
-def test_beyond_the_ends_is_low_ground(terrain, odd):
+def test_heights_beyond_edges_are_low(terrain, odd):
     view = StoredTerrain(odd, terrain.context)
     height = odd.data["height", 0]
     far = view.heights([-5000.0, view.size[0] + 10.0], [-100.0, -100.0])
@@ -191,7 +195,7 @@ def test_beyond_the_ends_is_low_ground(terrain, odd):
     assert view.heights(0.0, 0.0) == height[0, 0], "the border itself is ground"
 
 
-def test_normals_and_materials_that_are_not_stored(terrain):
+def test_missing_normals_and_materials_have_defaults(terrain):
     bare = InMemoryWorld(terrain, (0.0, 0.0, 1024.0, 1024.0), CELL, layers=("height",))
     view = StoredTerrain(bare, terrain.context)
     key = (3, 3, -4)
@@ -204,7 +208,7 @@ def test_normals_and_materials_that_are_not_stored(terrain):
     assert len(view.missing_parts) == 3
 
 
-def test_tiles_without_ground_are_neither_read_nor_written(terrain, odd):
+def test_tiles_outside_bounds_are_skipped(terrain, odd):
     view = StoredTerrain(odd, terrain.context)
     before = odd.reads
     keys = [(4, 3, 0), (4, -1, -1), (4, 15, -1)]
@@ -213,7 +217,7 @@ def test_tiles_without_ground_are_neither_read_nor_written(terrain, odd):
     assert all(fact["error"] == 0 for fact in facts.values())
 
 
-def test_a_broken_chunk_is_an_error_that_names_it(terrain, odd):
+def test_broken_chunk_is_reported(terrain, odd):
     odd.broken.add(("height", 0, 0, 1))
     try:
         view = StoredTerrain(odd, terrain.context)
@@ -225,17 +229,17 @@ def test_a_broken_chunk_is_an_error_that_names_it(terrain, odd):
         odd.broken.clear()
 
 
-def test_where_a_chunk_is_broken_the_coarser_level_stands_in(terrain, odd):
+def test_broken_chunk_is_replaced_by_coarser_level(terrain, odd):
     keys = [(4, column, -1) for column in range(6, 9)]
     sound, _ = written(StoredTerrain(odd, terrain.context), keys, roots=keys)
-    told = []
+    message = []
     odd.broken |= {(layer, 0, 0, 1) for layer in odd.layers}
     try:
-        view = StoredTerrain(odd, terrain.context, on_error=told.append)
+        view = StoredTerrain(odd, terrain.context, on_error=message.append)
         tiles, _ = written(view, keys, roots=keys)
     finally:
         odd.broken.clear()
-    assert sorted(told) == [f"0/{layer}/0/1: broken" for layer in sorted(odd.layers)]
+    assert sorted(message) == [f"0/{layer}/0/1: broken" for layer in sorted(odd.layers)]
     assert np.array_equal(tiles[4, 6, -1]["height"], sound[4, 6, -1]["height"])
     # Without a gap, even where the chunk begins, in the first column of the last tile.
     assert np.array_equal(tiles[4, 7, -1][:, -1], tiles[4, 8, -1][:, 0])
@@ -246,7 +250,7 @@ def test_where_a_chunk_is_broken_the_coarser_level_stands_in(terrain, odd):
     assert apart.max() < 20.0
 
 
-def test_plants_and_water_come_from_the_sketch_and_end_with_the_world(terrain, odd):
+def test_plants_and_water_are_clipped_to_world(terrain, odd):
     view = StoredTerrain(odd, terrain.context, terrain)
     west, south, east, north = view.bounds
     plants = view.foliage(west - 50, south - 50, west + 150, south + 100)
@@ -274,3 +278,68 @@ def test_foreign_materials_are_refused(terrain, odd):
 
     with pytest.raises(InputError, match="lava"):
         StoredPyramid(Foreign())
+
+
+SMALL = ["--size", "160x90", "--quality", "0", "--without", "trees"]
+
+
+def picture(path):
+    with Image.open(path) as image:
+        assert image.format == "PNG"
+        return np.asarray(image.convert("RGB"))
+
+
+def error_lines(capsys):
+    lines = capsys.readouterr().err.strip().splitlines()
+    return [line for line in lines if line.startswith("sketchterrain: ")]
+
+
+@pytest.mark.gl
+@pytest.mark.slow
+def test_picture_of_world(finished_world, tmp_path, capsys):
+    file = tmp_path / "new" / "view.png"
+    eye = ["--eye", "200,252,90", "--look-at", "330,252,10"]
+    assert main(["view", str(finished_world), "-o", str(file), *SMALL, *eye]) == 0
+    assert capsys.readouterr().out.strip() == str(file)
+    seen = picture(file)
+    assert seen.shape == (90, 160, 3)
+    # A strip of ground 4 m wide before the air: only in the middle it is seen.
+    ground = np.abs(seen[70].astype(int) - seen[70, 0]).max(axis=-1) > 12
+    assert ground.any()
+    assert not ground[:30].any()
+    assert not ground[-30:].any()
+
+
+@pytest.mark.gl
+def test_picture_of_broken_world_reports_file(finished_world, tmp_path, capsys):
+    broken = tmp_path / "broken.zarr"
+    shutil.copytree(finished_world, broken)
+    for shard in (broken / "0" / "height" / "c").rglob("*"):
+        if shard.is_file():
+            data = bytearray(shard.read_bytes())
+            for place in range(0, len(data) * 3 // 4, 500):  # in every chunk of it
+                data[place] ^= 1
+            shard.write_bytes(data)
+    file = tmp_path / "view.png"
+    arguments = ["view", str(broken), "-o", str(file), *SMALL, "--eye", "200,252,9", "--look-at", "330,252,0"]
+    code = main(arguments)
+    (line,) = error_lines(capsys)
+    assert code == 3
+    assert "height/c/" in line
+    assert "broken" in line
+    assert not file.exists()
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["-o", "view.svg"], "expected the name of a .png file, got 'view.svg'"),
+        (["--eye", "0,0,9"], "--eye needs -o: it is for pictures"),
+        (["-o", "v.png", "--look-at", "0,0,0"], "--look-at needs an --eye at another place"),
+        (["-o", "v.png", "--eye", "0,0,9", "--view", "air"], "--view with --eye"),
+    ],
+)
+def test_inconsistent_view_options_are_refused(options, message, capsys):
+    assert main(["view", "world.zarr", *options]) == 2
+    assert message in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Plants of a world in squares: none twice, none missing, in files that GIS and data tools read."""
+"""Plants of a world: complete, unique, in files that GIS and data tools read."""
 
 import json
 from dataclasses import replace
@@ -34,10 +34,10 @@ def terrain(small_job):
 def planted(request, small_job, terrain, tmp_path_factory):
     """A job, and the file of each of its squares."""
     output = tmp_path_factory.mktemp(request.param) / "world.zarr"
-    return planted_into(output, request.param, small_job, terrain)
+    return write_plants(output, request.param, small_job, terrain)
 
 
-def planted_into(output, plants, small_job, terrain):
+def write_plants(output, plants, small_job, terrain):
     changes = {"plants": plants, "grass": True, "crs": "EPSG:25832", "origin": (EAST, NORTH)}
     job = replace(small_job, world=AREA, output=output, **changes)
     store = PlantStore(job)
@@ -55,7 +55,7 @@ def expected(terrain):
     return np.concatenate([terrain.foliage(*area, storey=storey) for storey in ("woody", "grass")])
 
 
-def columns_of(path):
+def read_plants(path):
     """Read a file's plants, whichever form it has."""
     if path.suffix == ".parquet":
         table = pyarrow.parquet.ParquetFile(path).read()
@@ -72,11 +72,11 @@ def columns_of(path):
 
 
 def joined(files):
-    parts = [columns_of(path) for path in files.values()]
+    parts = [read_plants(path) for path in files.values()]
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def test_squares_cover_the_rectangle_without_a_gap() -> None:
+def test_squares_cover_rectangle_without_gaps() -> None:
     level = AREA.levels[0]
     squares = {(row, column): plant_square(AREA, row, column) for row in range(2) for column in range(3)}
     for (row, column), (west, south, east, north) in squares.items():
@@ -93,13 +93,13 @@ def test_squares_cover_the_rectangle_without_a_gap() -> None:
     )
 
 
-def test_a_shard_of_one_column_has_no_square(small_job) -> None:
+def test_shard_of_one_column_has_no_plants(small_job) -> None:
     for across, squares in ((SHARD - 1, 1), (SHARD, 1), (SHARD + 1, 2)):
         job = replace(small_job, plants="parquet", world=World(0.0, 0.0, float(across), 1.0, 1.0))
         assert list(plant_tasks(job)) == [Task("plants", 0, 0, column) for column in range(squares)]
 
 
-def test_no_plant_is_missing_or_there_twice(planted, expected) -> None:
+def test_plants_are_complete_and_unique(planted, expected) -> None:
     _, files = planted
     assert len(files) == 6
     found = joined(files)
@@ -118,21 +118,19 @@ def test_no_plant_is_missing_or_there_twice(planted, expected) -> None:
         np.testing.assert_array_equal(found[name][order], plants["normal"][:, axis])
 
 
-def test_each_square_holds_its_own_plants_and_always_the_same_bytes(
-    planted, small_job, terrain, tmp_path
-) -> None:
+def test_squares_contain_own_plants_with_reproducible_bytes(planted, small_job, terrain, tmp_path) -> None:
     job, files = planted
-    _, again = planted_into(tmp_path / "world.zarr", job.plants, small_job, terrain)
+    _, again = write_plants(tmp_path / "world.zarr", job.plants, small_job, terrain)
     for task, path in files.items():
         west, south, east, north = plant_square(AREA, task.row, task.column)
-        found = columns_of(path)
+        found = read_plants(path)
         assert np.all((found["x"] - EAST >= west) & (found["x"] - EAST < east))
         assert np.all((found["y"] - NORTH >= south) & (found["y"] - NORTH < north))
         assert path.read_bytes() == again[task].read_bytes()
 
 
-def test_parquet_is_a_data_set_in_partitions(small_job, terrain, expected, tmp_path) -> None:
-    job, files = planted_into(tmp_path / "world.tif", "parquet", small_job, terrain)
+def test_parquet_is_partitioned_data_set(small_job, terrain, expected, tmp_path) -> None:
+    job, files = write_plants(tmp_path / "world.tif", "parquet", small_job, terrain)
     folder = tmp_path / "world-plants"
     assert files[Task("plants", 0, 1, 2)] == folder / "tile_row=1/tile_column=2/plants.parquet"
     data = pyarrow.dataset.dataset(folder, partitioning="hive")
@@ -141,22 +139,20 @@ def test_parquet_is_a_data_set_in_partitions(small_job, terrain, expected, tmp_p
     assert set(part["tile_row"].to_pylist()) == {0, 1}
     west, _, east, _ = plant_square(AREA, 0, 1)
     assert west <= min(part["x"].to_pylist()) - EAST < max(part["x"].to_pylist()) - EAST < east
-    told = json.loads(pyarrow.parquet.read_metadata(files[Task("plants", 0, 0, 0)]).metadata[b"geo"])
-    assert (told["version"], told["primary_column"]) == ("1.1.0", "geometry")
-    column = told["columns"]["geometry"]
+    message = json.loads(pyarrow.parquet.read_metadata(files[Task("plants", 0, 0, 0)]).metadata[b"geo"])
+    assert (message["version"], message["primary_column"]) == ("1.1.0", "geometry")
+    column = message["columns"]["geometry"]
     assert (column["encoding"], column["geometry_types"]) == ("WKB", ["Point Z"])
     assert column["crs"]["id"] == {"authority": "EPSG", "code": 25832}
-    found = columns_of(files[Task("plants", 0, 0, 0)])
+    found = read_plants(files[Task("plants", 0, 0, 0)])
     low, high = ([end(found[name]) for name in "xyz"] for end in (np.min, np.max))
     assert column["bbox"] == [*low, *high]
     assert job.origin == (EAST, NORTH)
 
 
-def test_row_groups_are_bounded_and_say_where_they_lie(
-    small_job, terrain, expected, tmp_path, monkeypatch
-) -> None:
+def test_row_groups_are_bounded_with_statistics(small_job, terrain, expected, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(written, "_ROWS", 200)
-    _, files = planted_into(tmp_path / "world.zarr", "parquet", small_job, terrain)
+    _, files = write_plants(tmp_path / "world.zarr", "parquet", small_job, terrain)
     counted = 0
     for path in files.values():
         file = pyarrow.parquet.ParquetFile(path)
@@ -164,20 +160,20 @@ def test_row_groups_are_bounded_and_say_where_they_lie(
         assert all(group.num_rows == 200 for group in groups[:-1])
         for index, group in enumerate(groups):
             x = file.read_row_group(index)["x"].to_numpy()
-            told = group.column(file.schema_arrow.get_field_index("x")).statistics
-            assert (told.min, told.max) == (x.min(), x.max())
+            message = group.column(file.schema_arrow.get_field_index("x")).statistics
+            assert (message.min, message.max) == (x.min(), x.max())
             counted += group.num_rows
     assert counted == len(expected)
 
 
-def test_flatgeobuf_has_a_layer_with_an_index(small_job, terrain, tmp_path) -> None:
-    _, files = planted_into(tmp_path / "world.zarr", "flatgeobuf", small_job, terrain)
+def test_flatgeobuf_has_spatial_index(small_job, terrain, tmp_path) -> None:
+    _, files = write_plants(tmp_path / "world.zarr", "flatgeobuf", small_job, terrain)
     path = files[Task("plants", 0, 0, 1)]
     assert path == tmp_path / "world-plants" / "r0000_c0001.fgb"
     info = pyogrio.read_info(path)
     assert (info["layer_name"], info["geometry_type"], info["crs"]) == ("plants", "Point Z", "EPSG:25832")
     assert info["capabilities"]["fast_spatial_filter"]
-    found = columns_of(path)
+    found = read_plants(path)
     west, south = np.median(found["x"]), np.median(found["y"])
     box = (west, south, west + 20.0, south + 20.0)
     inside = (found["x"] >= west) & (found["x"] <= box[2]) & (found["y"] >= south) & (found["y"] <= box[3])
@@ -185,8 +181,8 @@ def test_flatgeobuf_has_a_layer_with_an_index(small_job, terrain, tmp_path) -> N
     assert len(geometry) == inside.sum() > 0
 
 
-def pieces_of(*pieces, then=None):
-    """Return a terrain that has these plants."""
+def fake_terrain(*pieces, then=None):
+    """Return a terrain with these plants."""
 
     def foliage_pieces(*_, storey):
         assert storey == "woody"
@@ -207,23 +203,23 @@ def test_empty_squares_failures_and_names(small_job, plants, tmp_path, file_size
     store = PlantStore(replace(small_job, plants=plants, output=tmp_path / "world.zarr"))
     failed = DeviceFailedError("it gave up")
     with pytest.raises(DeviceFailedError) as caught:
-        store.write(task, pieces_of(np.zeros(5, PLANT), then=failed))
+        store.write(task, fake_terrain(np.zeros(5, PLANT), then=failed))
     assert caught.value is failed
     many = np.zeros(20_000, PLANT)
     many["x"], many["tint"] = np.random.default_rng(1).random((2, len(many)))
     with file_size_limit(50_000), pytest.raises(SketchterrainError, match=r"cannot be written \("):
-        store.write(task, pieces_of(many))
+        store.write(task, fake_terrain(many))
     assert not files_in(store.folder)
 
-    for terrain in (pieces_of(), pieces_of(np.zeros(0, PLANT))):
+    for terrain in (fake_terrain(), fake_terrain(np.zeros(0, PLANT))):
         (name,) = store.write(task, terrain)
-        found = columns_of(store.folder / name)
+        found = read_plants(store.folder / name)
         assert {"x", "species", "tint"} <= set(found)
         assert all(len(values) == 0 for values in found.values())
 
     for name in ("wo!rld", "a world.zip", "größe 100%"):
         store = PlantStore(replace(small_job, plants=plants, output=tmp_path / name / f"{name}.zarr"))
-        (file,) = store.write(task, pieces_of(np.zeros(3, PLANT)))
+        (file,) = store.write(task, fake_terrain(np.zeros(3, PLANT)))
         assert files_in(store.folder) == [file.split("/")[-1]]
 
     monkeypatch.setattr("sketchterrain.world.job.find_spec", lambda name: None)

@@ -1,16 +1,16 @@
 // Poisson-disk sampling with a distance r(x, y) that varies over the ground; a function of the world.
 //
-// Two points p and q are no nearer than 2^min(a, b) (r_p + r_q) / 2, where a and b are their levels: all points keep
-// the mean of their distances, and those of level j and above 2^j times that.
+// Two points p and q are no nearer than 2^min(a, b) (r_p + r_q) / 2, where a and b are their levels: all points are
+// at least the mean of their distances apart, and those of level j and above 2^j times that.
 //
-// Grids of cells with sides s, 2 s, 4 s ... are filled one after the other, the coarsest first. At a place of distance
-// r the points of one grid have the one level a for which r 2^a lies within [s sqrt(2), 2 s sqrt(2)), so that a cell
+// Grids of cells with sides s, 2 s, 4 s ... are filled one after the other, the coarsest first. At a position of distance
+// r the points of one grid have the one level a for which r 2^a is in [s sqrt(2), 2 s sqrt(2)), so that a cell
 // holds at most one of them and points of one grid conflict over at most REACH cells. Points of coarser grids that can
-// conflict with anything thrown into a cell are listed for the cell beforehand: some of its own list when it was of the
-// finer grid, and some of its neighbours. Rounds of darts are as in poisson.cl. Only + - * and conversions touch
+// conflict with a dart thrown into a cell are listed for the cell beforehand, filtered from the lists of its parent cell
+// and of that cell's neighbours. Rounds of darts: docs/kernels/poisson.md. Only + - * and conversions touch
 // distances, so every device gives the same points.
 //
-// Lengths are in shares of a cell's side, 1 / SIDE, of the grid at hand: they double from a grid to the next finer one.
+// Lengths are in shares of a cell's side, 1 / SIDE, of the current grid: they double from a grid to the next finer one.
 
 #include "poisson.clh"
 #include "real.clh"
@@ -32,7 +32,7 @@ typedef struct {
     __global const float *spacing;
     int width, bits;
     long west, south;  // of the first vertex, lattice units
-    float most;        // nothing stands where it is more
+    float most;        // no points where it is more
 } Raster;
 
 #define RASTER_ARGUMENTS \
@@ -83,7 +83,7 @@ inline int conflict(float dx, float dy, float half_p, float times_p, float half_
 #define BLOCK_COLUMNS 64
 #define BLOCK_ROWS 16
 #define BLOCK_ARGUMENTS __global const int2 *blocks, int width, int height, int rim
-// Rows are asked about before columns: what is the same for all of a group does not keep it from being vectorised.
+// Rows are tested before columns: a condition that is uniform over a group does not prevent vectorisation.
 #define CELL_OF_BLOCK                                                   \
     const int2 block = blocks[(uint)get_global_id(1) / BLOCK_ROWS];     \
     const int j = block.s1 + (int)((uint)get_global_id(1) % BLOCK_ROWS); \
@@ -92,15 +92,15 @@ inline int conflict(float dx, float dy, float half_p, float times_p, float half_
     if (i < rim || i >= width - rim) return;                            \
     const int at = j * width + i;
 
-// A window's points: where they lie in their cells (x EMPTY: none), half their distance, and 2^level.
+// A window's points: positions in their cells (x EMPTY: none), half their distance, and 2^level.
 #define POINT_ARGUMENTS \
     __global short *x, __global short *y, __global float *half_distance, __global float *times
 
 // Lists of a grid's coarser points: one for every four of its cells that are one of the next coarser grid's.
-//   near      LISTED times four planes of a float a coarse cell: where a point lies from the cell's south-west corner,
+//   near      LISTED times four planes of a float a coarse cell: offset of a point from the cell's south-west corner,
 //             half its distance, 2^level; lengths as in the finer grid
 //   listed    uchar a coarse cell: how many, or OVERFLOW
-//   width, height, west, south  of the coarser window, 0 where there is none
+//   width, height, west, south  of the coarser window, 0 without one
 typedef struct {
     __global const float *near;
     __global const uchar *listed;
@@ -112,7 +112,7 @@ typedef struct {
     __global const float *near, __global const uchar *listed, int list_width, int list_height, long list_west, long list_south
 #define COLLECT_LISTS const Lists lists = {near, listed, list_width, list_height, list_west, list_south};
 
-// Whose list is that of a cell.
+// Index of a cell's list.
 inline int list_of(Lists lists, long column, long row)
 {
     return (int)((row >> 1) - lists.south) * lists.width + (int)((column >> 1) - lists.west);
@@ -125,8 +125,8 @@ inline float4 listed_point(Lists lists, int list, int n)
     return (float4)(first[0], first[plane], first[2 * plane], first[3 * plane]);
 }
 
-// Puts a point on a list if something thrown into the list's cell can conflict with it: if it is nearer to the cell than
-// the most that two may have to keep. Returns how many are listed now, more than LISTED if there was no room.
+// Puts a point on a list if a dart in the list's cell can conflict with it: if it is nearer to the cell than the
+// greatest required distance. Returns the number of listed points, more than LISTED on overflow.
 __attribute__((always_inline)) inline int list(__global float *near, size_t plane, int at, int many, float4 q)
 {
     const float side = 2 * SIDE;
@@ -171,7 +171,7 @@ __kernel void list_for_finer(BLOCK_ARGUMENTS, POINT_ARGUMENTS, LIST_ARGUMENTS, _
         // The finer grid's points conflict with this one's over less than 1.5 LEAST, 2.13 cells.
         const int span = REACH - (dj * dj > 1) - (dj * dj > 4);
         for (int di = -span; di <= span; ++di) {
-            // An empty cell's point is farther away than any may reach.
+            // An empty cell's point is farther away than any conflict.
             const int there = at + dj * width + di;
             const float4 q = {2.0f * (float)(di * SIDE + x[there]), 2.0f * (float)(dj * SIDE + y[there]),
                               2.0f * half_distance[there], times[there]};
@@ -200,7 +200,7 @@ __kernel void clear(__global short *x, __global float *half_distance, __global f
 }
 
 // The candidate of a cell: its first dart, of `tries` from number `start` on, that is free. `at_once`, a literal,
-// of them are held against each point while that is at hand.
+// of them are compared with each point that is loaded.
 __attribute__((always_inline)) inline void throw_darts(
     POINT_ARGUMENTS, __global short *candidate_x, __global short *candidate_y, __global float *candidate_half,
     __global float *candidate_times, __global uint *time, Lists lists, Raster raster, BLOCK_ARGUMENTS, Window w,
@@ -215,7 +215,7 @@ __attribute__((always_inline)) inline void throw_darts(
     const int list = lists.width > 0 ? list_of(lists, w.west + i, w.south + j) : 0;
     const int known = lists.width > 0 ? lists.listed[list] : 0;
     const int many = known == OVERFLOW ? 0 : known;
-    const int taken = x[at] != EMPTY || known == OVERFLOW;
+    const int occupied = x[at] != EMPTY || known == OVERFLOW;
     int found_x = EMPTY, found_y = 0;
     float found_half = 0.0f, found_times = 0.0f;
     uint found = NEVER;
@@ -233,7 +233,7 @@ __attribute__((always_inline)) inline void throw_darts(
             py[k] = (float)dart_y(bits[k]);
             half_p[k] = grade.s0;
             times_p[k] = grade.s1;
-            blocked[k] = taken | (times_p[k] == 0.0f);
+            blocked[k] = occupied | (times_p[k] == 0.0f);
         }
         for (int n = 0; n < many; ++n) {
             const float4 q = listed_point(lists, list, n);
@@ -309,7 +309,7 @@ __kernel void accept_graded(BLOCK_ARGUMENTS, POINT_ARGUMENTS, __global const sho
     const float half_p = candidate_half[at];
     const float times_p = candidate_times[at];
     const uint own = time[at];
-    int beaten = candidate_x[at] == EMPTY;
+    int rejected = candidate_x[at] == EMPTY;
     #pragma unroll
     for (int dj = -REACH; dj <= REACH; ++dj) {
         #pragma unroll
@@ -317,20 +317,20 @@ __kernel void accept_graded(BLOCK_ARGUMENTS, POINT_ARGUMENTS, __global const sho
             const int there = at + dj * width + di;
             const float dx = (float)(candidate_x[there] + di * SIDE) - px;
             const float dy = (float)(candidate_y[there] + dj * SIDE) - py;
-            beaten |= earlier(time[there], own, di, dj)
+            rejected |= earlier(time[there], own, di, dj)
                       & conflict(dx, dy, half_p, times_p, candidate_half[there], candidate_times[there]);
         }
     }
-    x[at] = beaten ? x[at] : candidate_x[at];
-    y[at] = beaten ? y[at] : candidate_y[at];
-    half_distance[at] = beaten ? half_distance[at] : half_p;
-    times[at] = beaten ? times[at] : times_p;
+    x[at] = rejected ? x[at] : candidate_x[at];
+    y[at] = rejected ? y[at] : candidate_y[at];
+    half_distance[at] = rejected ? half_distance[at] : half_p;
+    times[at] = rejected ? times[at] : times_p;
 }
 
 #include "poisson_collect.clh"
 
 // The points of each piece, from where it starts.
-//   start   int a piece: how many points all before it have
+//   start   int a piece: number of points in all pieces before it
 //   point   long2 a point, written: lattice units
 //   of      float2 a point, written: its distance, lattice units, and 2^level
 __kernel void write_graded(POINT_ARGUMENTS, int width, int rim, long west, long south, long cell, long4 area,

@@ -35,19 +35,19 @@ inline void weight_bytes(const REAL *weights, int *bytes)
     for (; missing > 0; --missing) {
         double most = rest[0];
         for (int i = 1; i < WEIGHTS; ++i) most = rest[i] > most ? rest[i] : most;
-        int given = 0;
+        int assigned = 0;
         for (int i = 0; i < WEIGHTS; ++i) {
-            const int gets = !given && rest[i] == most;
+            const int gets = !assigned && rest[i] == most;
             bytes[i] += gets;
             rest[i] = gets ? -1.0 : rest[i];
-            given |= gets;
+            assigned |= gets;
         }
     }
 }
 
-//   first, across     which patch the first one is, counted row after row, and how many stand side by side
+//   first, across     index of the first patch, row after row, and patches in a row
 //   rows, columns     vertices of a plane; patches share a row and a column of them, written by the first alone
-//   ground, material  patches * side^2 of what `surfaces` writes; side is that of the global size
+//   ground, material  patches * side^2, as written by `surfaces`; side is that of the global size
 //   height            rows * columns, m
 //   normal            3 planes: east, north, up; 0 is −1, 255 is 1
 //   weight            WEIGHTS planes that sum to 255

@@ -1,4 +1,4 @@
-// What every device must compute to the same bits, each alone: compute/arithmetic.py says what they are.
+// Operations that every device must compute to the same bits; compute/arithmetic.py has the expected values.
 #include "hash.clh"
 #include "real.clh"
 
@@ -6,7 +6,7 @@
 #define WHOLES 5
 #define STEPS 32
 
-// Many products and sums on top of each other: one that is contracted, reordered or approximated changes the end.
+// A chain of products and sums: one that is contracted, reordered or approximated changes the end.
 inline REAL chain(REAL a, REAL b, REAL c)
 {
     REAL x = a;

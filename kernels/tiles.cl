@@ -63,7 +63,7 @@ __kernel void surfaces(SURFACE_ARGUMENTS, __global const int *slot, __global REA
     ((__global REAL8 *)(material + MATERIALS * start))[at] = surface.weights;
 }
 
-// What the parent of each tile holds at the tile's vertices. Between two of its vertices it is half their sum, along
+// The parent's values at the vertices of each tile. Between two of its vertices they are half their sum, along
 // an edge or along the diagonal from north-west to south-east by which quads are cut into triangles.
 //   inverse   1 / distance between the two neighbours of a parent's vertex, 1/m
 //   side      of the parent's patch: half the tile's quads, its vertices and a border of one
@@ -71,7 +71,7 @@ __kernel void surfaces(SURFACE_ARGUMENTS, __global const int *slot, __global REA
 //   slot      as in `surfaces`
 //   parent    slots * inner^2 * 4 as `ground`; inner = 2 side - 5
 // Each work item takes a parent's vertex and the children half a quad east and south of it. It reads up to two rows
-// beyond the patch for values that it does not store: there must be room for them behind the last one.
+// beyond the patch for values that it does not store: the buffer has two spare rows for them.
 // Global size: (side-2, side-2, patches), groups of whole rows.
 __kernel void parents(REAL inverse, int side, __global const REAL *height, __global const int *slot,
                       __global REAL *parent)

@@ -1,10 +1,10 @@
 // Poisson-disk sampling with one distance r, by darts thrown in parallel; a function of the world.
 //
 // Cells have the side r / sqrt(2). In each round every empty cell throws darts; its first one that is no nearer than r
-// to a point is its candidate, and a candidate is accepted if it is earlier than all candidates nearer than r. What a
-// cell throws and when is hashed from its place, so no order of work changes the result; distances are compared in
-// whole numbers. It is dart throwing in the darts' order but for losers that lost to losers: they throw again.
-// Levels: the points of a grid of cells twice as wide, sampled before at the distance 2 r, are kept in the finer one.
+// to a point is its candidate, and a candidate is accepted if it is earlier than all candidates nearer than r. A cell's
+// darts and their times are hashed from its position, so that no order of work changes the result; distances are
+// compared as integers. This is dart throwing in the darts' order, except that a candidate rejected by a rejected one
+// throws again. Levels: the points of a grid of cells twice as wide, sampled before at 2 r, stay in the finer one.
 
 #include "poisson.clh"
 
@@ -15,7 +15,7 @@
 #define SPAN(j) ((j) == -REACH || (j) == REACH ? REACH - 1 : REACH)
 
 // The candidate of a cell: its first dart, of `tries` from number `start` on, that is free. `at_once`, a literal,
-// of them are held against each cell's point while that is at hand; `bare`, too, if the window has no point yet.
+// of them are compared with each cell's point that is loaded; `bare`, a literal: the window has no point yet.
 __attribute__((always_inline)) inline void throw_darts(
     __global const short *x, __global const short *y, __global short *candidate_x, __global short *candidate_y,
     __global uint *time, int width, int rim, Window w, int r2, int start, int tries, const int at_once, const int bare)
@@ -25,7 +25,7 @@ __attribute__((always_inline)) inline void throw_darts(
     if (i >= width - rim) return;
     const int at = j * width + i;
     const uint cell = cell_hash(w, i, j);
-    const int taken = x[at] != EMPTY;
+    const int occupied = x[at] != EMPTY;
     int found_x = EMPTY, found_y = 0;
     uint found = NEVER;
     for (int number = start; number < start + tries; number += at_once) {
@@ -36,7 +36,7 @@ __attribute__((always_inline)) inline void throw_darts(
             bits[k] = dart(cell, number + k);
             px[k] = dart_x(bits[k]);
             py[k] = dart_y(bits[k]);
-            blocked[k] = taken;
+            blocked[k] = occupied;
         }
         #pragma unroll
         for (int dj = -REACH; dj <= (bare ? -REACH - 1 : REACH); ++dj) {
@@ -99,7 +99,7 @@ __kernel void accept(__global short *x, __global short *y, __global uchar *level
     const int px = candidate_x[at];
     const int py = candidate_y[at];
     const uint own = time[at];
-    int beaten = px == EMPTY;
+    int rejected = px == EMPTY;
     #pragma unroll
     for (int dj = -REACH; dj <= REACH; ++dj) {
         #pragma unroll
@@ -107,12 +107,12 @@ __kernel void accept(__global short *x, __global short *y, __global uchar *level
             const int there = at + dj * width + di;
             const int dx = candidate_x[there] + di * SIDE - px;
             const int dy = candidate_y[there] + dj * SIDE - py;
-            beaten |= earlier(time[there], own, di, dj) & (dx * dx + dy * dy < r2);
+            rejected |= earlier(time[there], own, di, dj) & (dx * dx + dy * dy < r2);
         }
     }
-    x[at] = beaten ? x[at] : (short)px;
-    y[at] = beaten ? y[at] : (short)py;
-    level[at] = beaten ? level[at] : (uchar)now;
+    x[at] = rejected ? x[at] : (short)px;
+    y[at] = rejected ? y[at] : (short)py;
+    level[at] = rejected ? level[at] : (uchar)now;
 }
 
 // Starts a window: with the points of a coarser one, or empty where that has the width 0.
@@ -143,7 +143,7 @@ __kernel void inherit(__global short *x, __global short *y, __global uchar *leve
 #include "poisson_collect.clh"
 
 // The points and their levels, from where each piece starts.
-//   start   int a piece: how many points all before it have
+//   start   int a piece: number of points in all pieces before it
 //   point   long2 a point, written: lattice units
 //   of      uchar a point, written: its level
 __kernel void write_points(__global const short *x, __global const short *y, __global const uchar *level, int width,

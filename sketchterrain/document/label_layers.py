@@ -212,15 +212,15 @@ def _shades(layer: str) -> tuple[tuple[int, int, int], ...]:
     chromas = max(chroma, 0.03) * np.array([0.8, 1.25])
     grid = np.stack(np.meshgrid(lights, chromas, hues, indexing="ij"), axis=-1).reshape(-1, 3)
     lab = np.stack([grid[:, 0], grid[:, 1] * np.cos(grid[:, 2]), grid[:, 1] * np.sin(grid[:, 2])], axis=-1)
-    chosen = [np.array([light, base[1], base[2]])]
+    shades = [np.array([light, base[1], base[2]])]
     # Hue weighs less than lightness, which colour-blind users see.
     weight = np.array([1.0, 0.6, 0.6])
     nearest = np.full(len(lab), np.inf)
     for _ in range(_SHADES - 1):
-        nearest = np.minimum(nearest, np.sqrt((((lab - chosen[-1]) * weight) ** 2).sum(axis=1)))
+        nearest = np.minimum(nearest, np.sqrt((((lab - shades[-1]) * weight) ** 2).sum(axis=1)))
         score = nearest - 0.12 * np.abs(grid[:, 2] - hue) / np.pi
-        chosen.append(lab[int(np.argmax(score))])
-    colours = [LAYERS[layer].colour, *(_rgb(each) for each in chosen[1:])]
+        shades.append(lab[int(np.argmax(score))])
+    colours = [LAYERS[layer].colour, *(_rgb(each) for each in shades[1:])]
     return tuple((int(r), int(g), int(b)) for r, g, b in colours)
 
 

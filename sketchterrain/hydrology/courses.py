@@ -130,8 +130,8 @@ def stroke_widths(sketch: Sketch, skeleton: Skeleton, pixels: Int64Array) -> Flo
     """
     at = np.stack([skeleton.rows[pixels], skeleton.columns[pixels]], axis=-1)
     lower, upper = 2.0 * skeleton.depth[pixels], 2.0 * skeleton.depth[pixels] + _MAX_EXCESS
-    reach = math.ceil(0.5 * float(upper.max()))
-    low, high = np.maximum(at.min(axis=0) - reach, 0), at.max(axis=0) + reach + 1
+    margin = math.ceil(0.5 * float(upper.max()))
+    low, high = np.maximum(at.min(axis=0) - margin, 0), at.max(axis=0) + margin + 1
     area = np.argwhere(sketch.layers["river"][low[0] : high[0], low[1] : high[1]] > 0) + low
     nearest = cKDTree(np.stack([skeleton.rows, skeleton.columns], axis=-1)).query(area)[1]
     count = np.bincount(nearest, minlength=len(skeleton.rows))[pixels].astype(np.float64)

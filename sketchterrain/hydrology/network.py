@@ -272,16 +272,16 @@ def _heading(skeleton: Skeleton, end: RiverEnd) -> Float64Array | None:
 
 
 def _ahead(
-    regions: Int64Array, own: int, at: Int64Array, heading: Float64Array | None, reach: float
+    regions: Int64Array, own: int, at: Int64Array, heading: Float64Array | None, distance: float
 ) -> Int64Array | None:
     """Return the nearest pixel of another region ahead, if any."""
     if heading is None:
         return None
-    low = np.maximum(at - int(reach) - 1, 0)
-    window = regions[low[0] : at[0] + int(reach) + 2, low[1] : at[1] + int(reach) + 2]
+    low = np.maximum(at - int(distance) - 1, 0)
+    window = regions[low[0] : at[0] + int(distance) + 2, low[1] : at[1] + int(distance) + 2]
     there = np.argwhere((window > 0) & (window != own)) + low
     away = np.hypot(*(there - at).T)
-    candidate = (away <= reach) & ((there - at) @ heading >= _AHEAD * away)
+    candidate = (away <= distance) & ((there - at) @ heading >= _AHEAD * away)
     if not candidate.any():
         return None
     return np.asarray(there[candidate][int(np.argmin(away[candidate]))])

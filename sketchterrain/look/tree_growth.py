@@ -72,20 +72,22 @@ def grow_whorls(whorls: Whorls, rng: np.random.Generator) -> Wood:
     tier, bough = np.divmod(np.arange(count), whorls.boughs)
     up = (tier + rng.uniform(-0.35, 0.35, count)) / whorls.tiers
     height = whorls.lowest + (0.985 - whorls.lowest) * np.clip(up, 0.0, 1.0) ** 0.92
-    reach = (whorls.spread * (1.0 - height) ** 0.78 + 0.012) * rng.uniform(0.68, 1.18, count)
+    bough_length = (whorls.spread * (1.0 - height) ** 0.78 + 0.012) * rng.uniform(0.68, 1.18, count)
     angle = 2.0 * np.pi * bough / whorls.boughs + GOLDEN_ANGLE * tier + rng.uniform(-0.3, 0.3, count)
     out = np.stack([np.cos(angle), np.sin(angle), np.zeros(count)], axis=1)
     trunk = _trunk(rng, 0.99, whorls.bend, pieces=12)
     start = _at_height(trunk, height)
     # Young boughs rise, old ones hang under their own weight; the tips of all turn up.
     climb = 0.55 * np.clip(height - 0.55, -0.55, 0.45) * 1.6 - 0.30 * (1.0 - height) * whorls.hang
-    middle = start + reach[:, None] * (0.58 * out + [0.0, 0.0, 1.0] * (climb - 0.10 * whorls.hang)[:, None])
-    tip = start + reach[:, None] * (out + [0.0, 0.0, 1.0] * (1.1 * climb)[:, None])
+    middle = start + bough_length[:, None] * (
+        0.58 * out + [0.0, 0.0, 1.0] * (climb - 0.10 * whorls.hang)[:, None]
+    )
+    tip = start + bough_length[:, None] * (out + [0.0, 0.0, 1.0] * (1.1 * climb)[:, None])
     boughs = _bent(start, middle, tip, STEPS)
     boughs[..., 2] = np.maximum(boughs[..., 2], 0.01)
     trunk_radius = whorls.trunk_radius * np.clip(1.02 - trunk[:, 2], 0.02, 1.0) ** 0.8
     trunk_radius[0] *= 1.4
-    bough_thickness = 0.26 * whorls.trunk_radius * (reach / whorls.spread) ** 0.6
+    bough_thickness = 0.26 * whorls.trunk_radius * (bough_length / whorls.spread) ** 0.6
     return Wood(
         trunk,
         trunk_radius,
@@ -195,12 +197,12 @@ def leaves_of_crown(crown: Crown, wood: Wood, rng: np.random.Generator) -> Leave
 
 def leaves_of_whorls(whorls: Whorls, wood: Wood, rng: np.random.Generator) -> Leaves:
     """Put needle sprays on both sides of each bough, others hanging from it, and one at its tip."""
-    reach = np.linalg.norm(wood.boughs[:, -1] - wood.boughs[:, 0], axis=1)
-    pairs = np.maximum(np.rint(whorls.sprays * (reach / whorls.spread) ** 0.8), 2)
+    bough_length = np.linalg.norm(wood.boughs[:, -1] - wood.boughs[:, 0], axis=1)
+    pairs = np.maximum(np.rint(whorls.sprays * (bough_length / whorls.spread) ** 0.8), 2)
     bough, step, side = (
         each.ravel()
         for each in np.meshgrid(
-            np.arange(len(reach)), np.arange(whorls.sprays + 2), np.arange(3), indexing="ij"
+            np.arange(len(bough_length)), np.arange(whorls.sprays + 2), np.arange(3), indexing="ij"
         )
     )
     selected = step < pairs[bough]
@@ -224,7 +226,7 @@ def leaves_of_whorls(whorls: Whorls, wood: Wood, rng: np.random.Generator) -> Le
         + 0.16 * rng.standard_normal((count, 3))
     )
     length, half_width = whorls.leaf
-    young = 0.16 + 0.84 * (reach / whorls.spread)[bough]
+    young = 0.16 + 0.84 * (bough_length / whorls.spread)[bough]
     grown = rng.uniform(0.75, 1.25, count) * (1.05 - 0.45 * t) * young
     grown = np.where(side == 2, 0.75, 1.0) * grown
     flat = np.where(hangs, unit(ahead), unit(np.cross(along, UP)))
@@ -232,7 +234,7 @@ def leaves_of_whorls(whorls: Whorls, wood: Wood, rng: np.random.Generator) -> Le
     flat = unit(flat - along * np.sum(flat * along, axis=1, keepdims=True))
     middle = root + 0.5 * length * grown[:, None] * along
     normal = unit(unit(middle * [1.0, 1.0, 0.0]) + 0.5 * UP + 0.2 * rng.standard_normal((count, 3)))
-    of_bough = rng.uniform(0.85, 1.15, (len(reach), 1))
+    of_bough = rng.uniform(0.85, 1.15, (len(bough_length), 1))
     albedo = np.array(whorls.colours.leaf) * of_bough[bough] * rng.uniform(0.82, 1.18, (count, 1))
     phase = np.mod(0.618 * bough, 1.0)
     width = half_width * np.sqrt(grown)[:, None] * flat

@@ -32,11 +32,11 @@ def shape_field(sketch: Sketch, shape: Shape, *, margin: float) -> ShapeField:
     and shifted to preserve the shape's area. A shape that touches the sketch's edge continues beyond it.
     """
     height, width = sketch.height_px, sketch.width_px
-    over = round(EDGE_OVERHANG * max(height, width))
+    overhang = round(EDGE_OVERHANG * max(height, width))
     # Distances shrink by up to two pixels where the border is moved.
     rim = int(np.ceil(margin / sketch.pixel_size)) + 3
-    north, south = over * (shape.rows.start == 0), over * (shape.rows.stop == height)
-    west, east = over * (shape.columns.start == 0), over * (shape.columns.stop == width)
+    north, south = overhang * (shape.rows.start == 0), overhang * (shape.rows.stop == height)
+    west, east = overhang * (shape.columns.start == 0), overhang * (shape.columns.stop == width)
     mask = np.pad(shape.mask, ((north, south), (west, east)), mode="edge")
     mask = np.pad(mask, rim)
     inside = _rounded(_signed_distance(mask), mask, (1.0 - sketch.fidelity) * _BLUR)

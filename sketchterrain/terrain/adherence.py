@@ -271,7 +271,7 @@ def measure_adherence(terrain: Terrain) -> Adherence:
     The area of a layer with heights (mountain, hill, dune) is where the height with that layer's painted
     features differs from the height without them by more than a quarter of its label's. Forests have no
     height: theirs is where the tree cover differs by more than a quarter of the label's density. Troughs
-    between dune crests at most a wavelength apart count as dunes. Lakes and rivers are where water stands.
+    between dune crests at most a wavelength apart count as dunes. Lakes and rivers are standing water.
     Every pixel belongs to the nearest painted shape.
     """
     sampled = SampledTerrain.evaluate(terrain)

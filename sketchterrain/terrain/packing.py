@@ -23,7 +23,7 @@ from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.noise import OctaveTable, band_weight, octave_table
 from sketchterrain.terrain.recipe import FINEST_CELL, TerrainRecipe
 
-# The noise seldom leaves ±0.55 of its bound, so this brings the ground to about the asked relief.
+# The noise seldom leaves ±0.55 of its bound, so this brings the ground to about the requested relief.
 _GROUND_SPAN = 1.8
 # Ridges move outlines further than the warp does; the noise stays within [-1, 1].
 _SPUR_WARPS = 1.0
@@ -145,10 +145,10 @@ def pack_world(recipe: TerrainRecipe, cell_size: float, *, real: npt.DTypeLike) 
 
 def _depth_scale(stack: str, recipe: TerrainRecipe, depth: float) -> float:
     """Return metres per amplitude of a stack whose octaves are each ``depth`` of their wavelength deep."""
-    chosen = next(each for each in recipe.stacks if each.name == stack)
+    noise = next(each for each in recipe.stacks if each.name == stack)
     unit = metres_per_unit(recipe.extent)
-    longest = 2.0 ** round(np.log2(chosen.wavelength / unit)) * unit
-    return float(depth * longest / (1 - chosen.gain))
+    longest = 2.0 ** round(np.log2(noise.wavelength / unit)) * unit
+    return float(depth * longest / (1 - noise.gain))
 
 
 def _pack_styles(recipe: TerrainRecipe, cell: float, real: npt.DTypeLike) -> StructuredArray:

@@ -118,8 +118,8 @@ def screen_errors(view: CameraView, boxes: Boxes, errors: Float64Array) -> Float
     The error is as near as the box's nearest point, and seen as sideways as its farthest corner.
     """
     distance, above = eye_distances(view, boxes)
-    _, reach = horizontal_distances(view, boxes)
-    sideways = reach / np.hypot(reach, above)
+    _, farthest = horizontal_distances(view, boxes)
+    sideways = farthest / np.hypot(farthest, above)
     return np.asarray(errors * view.pixels_per_radian * sideways / distance)
 
 

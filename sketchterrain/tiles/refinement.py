@@ -105,9 +105,9 @@ class TileSelector:
         cells = self.extent * np.exp2(-decode(codes)[0].astype(np.float64)) / self.quads
         excess = self.metric.excess(view, boxes, pool.error[slots], cells)
         distance, _ = horizontal_distances(view, boxes)
-        there = intersects_bounds(codes, self.extent, self.bounds)
-        excess = np.where(there & (distance <= view.draw_distance), excess, 0.0)
-        seen = there & view.sees(boxes, margin=_MARGIN * distance)
+        in_bounds = intersects_bounds(codes, self.extent, self.bounds)
+        excess = np.where(in_bounds & (distance <= view.draw_distance), excess, 0.0)
+        seen = in_bounds & view.sees(boxes, margin=_MARGIN * distance)
         every = TileExcess(codes, np.where(seen, excess, _UNSEEN_WEIGHT * excess), seen)
         if self.hide:
             coarse = np.flatnonzero(seen & (excess > 1))
@@ -151,13 +151,13 @@ class TileSelector:
         starts = np.searchsorted(
             codes, [code_of(level, -FARTHEST_TILE, -FARTHEST_TILE) for level in self._levels]
         )
-        found: list[npt.NDArray[np.intp]] = []
+        by_level: list[npt.NDArray[np.intp]] = []
         for first, last in zip(starts, [*starts[1:], None], strict=True):
             here = coarse[first:last]
-            if found:
-                here = here[contains(excess.codes[found[-1]], parent_of(excess.codes[here]))]
-            found.append(here)
-        return found[:-1]
+            if by_level:
+                here = here[contains(excess.codes[by_level[-1]], parent_of(excess.codes[here]))]
+            by_level.append(here)
+        return by_level[:-1]
 
     def _leaves(self, excess: TileExcess) -> npt.NDArray[np.intp]:
         """Return the leaves after splitting all tiles that are too coarse, unbalanced."""
@@ -171,8 +171,8 @@ class TileSelector:
     def _range(self, view: CameraView, level: int, share: float) -> Range:
         """Return first and last column and row of a level within bounds and a share of the draw distance."""
         width = self.extent * 2.0**-level
-        reach = min(share * view.draw_distance, _MAX_ROOTS * self.extent * 2.0**-ROOT_LEVEL)
-        ends = [int(np.floor((at + sign * reach) / width)) for at in view.eye[:2] for sign in (-1, 1)]
+        distance = min(share * view.draw_distance, _MAX_ROOTS * self.extent * 2.0**-ROOT_LEVEL)
+        ends = [int(np.floor((at + sign * distance) / width)) for at in view.eye[:2] for sign in (-1, 1)]
         most = tile_range(self.bounds, width)
         west, east, south, north = (
             int(limit(end, there)) for limit, end, there in zip((max, min, max, min), ends, most, strict=True)
@@ -213,14 +213,14 @@ class TileSelector:
 
 
 def _raise(values: dict[int, float], others: Iterable[tuple[int, float]]) -> None:
-    """Merge values, keeping the greater one."""
+    """Merge values, retaining the greater one."""
     for code, value in others:
         if values.get(code, 0.0) < value:
             values[code] = value
 
 
 def _within(codes: Int64Array, inside: Range) -> npt.NDArray[np.bool_]:
-    """Return which tiles lie in a range of columns and rows."""
+    """Return which tiles are in a range of columns and rows."""
     _, col, row = decode(codes)
     west, east, south, north = inside
     return np.asarray((col >= west) & (col <= east) & (row >= south) & (row <= north))

@@ -51,7 +51,7 @@ class CostModel:
 
     def __init__(self) -> None:
         self._cost = np.array(_INITIAL_COST)
-        self._screen_error: deque[tuple[npt.NDArray[np.float64], float]] = deque(maxlen=_HISTORY)
+        self._batches: deque[tuple[npt.NDArray[np.float64], float]] = deque(maxlen=_HISTORY)
         self._slowdown = 1.0
 
     def expected(self, levels: Int64Array) -> float:
@@ -69,9 +69,9 @@ class CostModel:
 
     def record(self, levels: Int64Array, seconds: float) -> None:
         """Record the seconds that a batch took."""
-        self._screen_error.append((_counts(levels)[-1], max(seconds, _MIN_SECONDS)))
-        counts = np.stack([each for each, _ in self._screen_error])
-        seconds_taken = np.array([each for _, each in self._screen_error])
+        self._batches.append((_counts(levels)[-1], max(seconds, _MIN_SECONDS)))
+        counts = np.stack([each for each, _ in self._batches])
+        seconds_taken = np.array([each for _, each in self._batches])
         # The previous costs count as one batch of each kind: identical batches can't separate them.
         shares = np.concatenate([counts / seconds_taken[:, None], np.diag(1.0 / self._cost)])
         fitted = np.linalg.lstsq(shares, np.ones(len(shares)), rcond=None)[0]

@@ -77,10 +77,8 @@ _GRASS, _FLOWER, _FERN = (SPECIES.index(name) for name in ("grass", "flower", "f
 LEVELS: Final = 3
 """Coarser Poisson-disk sets nested in the plants, each of twice the distance."""
 
-_SQUARES: Final = {
-    "woody": 2048.0,
-    "grass": 256.0,
-}  # m, approximate side of the squares by which plants are sorted
+_SQUARES: Final = {"woody": 2048.0, "grass": 256.0}
+"""Approximate side (m) of the squares by which plants are sorted."""
 _AT_ONCE = 1 << 12  # plants evaluated in a step
 _SAMPLES = 16  # blocks along a side that an estimate reads
 _ERRORS = 2.0  # standard errors added to their mean

@@ -341,14 +341,8 @@ class GradedPoisson:
         raster = self._raster(_lattice_area(windows[-1], self._side << len(windows) - 1))
         raster_arguments, ranges = self._upload(raster), SpacingRanges.from_raster(raster)
         yield
-        lists = (
-            raster_arguments[0],
-            raster_arguments[0],
-            np.int32(0),
-            np.int32(0),
-            np.int64(0),
-            np.int64(0),
-        )  # none
+        # The coarsest grid has no lists: any buffer, and a width of 0.
+        lists = (*raster_arguments[:1] * 2, np.int32(0), np.int32(0), np.int64(0), np.int64(0))
         collected = []
         for number in reversed(range(len(windows))):
             grid = self._create_grid(buffers, windows[number], number, lists)
@@ -403,7 +397,7 @@ class GradedPoisson:
     ) -> _GradedGrid:
         """Return an empty grid over a window."""
         own = [buffers.buffer(name, cells.shape, kind) for name, kind in _KINDS.items()]
-        # Two sets of lists are enough: each is made from the one before.
+        # Two sets of lists are enough: each is computed from the previous one.
         near = buffers.buffer(f"near {number % 2}", (*cells.shape, _LISTED, 4) if number else 1, np.float32)
         listed = buffers.buffer(f"listed {number % 2}", cells.shape, np.uint8)
         grid = _GradedGrid(

@@ -34,10 +34,7 @@ PLANT: Final = np.dtype(
         ("z", "f4"),  # m, height of the ground
         ("normal", "f4", 3),  # of the ground, a unit vector: east, north, up
         ("species", "u1"),  # index into SPECIES
-        (
-            "level",
-            "u1",
-        ),  # plants of this level and above are a Poisson-disk set at 2^level times the distance
+        ("level", "u1"),  # those of this level and above are a Poisson-disk set at 2^level times the spacing
         ("scale", "f4"),  # 1 is a mature plant
         ("rotation", "f4"),  # radians, counter-clockwise seen from above
         ("tint", "f4"),  # 0 … 1, position in its species' range of colours

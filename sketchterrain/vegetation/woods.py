@@ -200,7 +200,7 @@ class Woods:
         z, steepness = height[inner], self._steepness(height)
         wide, narrow = (self._noise.over_blocks("group", width, x, y) for width in _GROUPS)
         lone = self._lone(wide, narrow, dune, water)
-        beside = _FRINGE * np.maximum(self._bounding_blocks(mask[:, 2]) - forest, 0)
+        beside = _FRINGE * np.maximum(self._mean_around(mask[:, 2]) - forest, 0)
         young = beside / (beside + lone + 1e-9) * (forest < OUTSIDE)
         density = lone + beside
         some = forest.any(axis=(1, 2))
@@ -253,15 +253,17 @@ class Woods:
         north = near[:, 2:, 1:-1] - near[:, :-2, 1:-1]
         return np.asarray(np.sqrt(east * east + north * north) / np.float32(2 * self._cell))
 
-    def _bounding_blocks(self, forest: FloatArray) -> FloatArray:
+    def _mean_around(self, forest: FloatArray) -> FloatArray:
         """Return the mean of a mask over a disc of the seeds' range, within the rim."""
         rim = self._rim
         side = forest.shape[-1] - 2 * rim
         total = np.zeros((len(forest), side, side), forest.dtype)
         if not forest.any():
             return total
-        reach = (_SEED_RANGE / self._cell) ** 2
-        shifts = [(i, j) for i, j in product(range(-rim, rim + 1), repeat=2) if i * i + j * j <= reach]
+        radius_squared = (_SEED_RANGE / self._cell) ** 2
+        shifts = [
+            (i, j) for i, j in product(range(-rim, rim + 1), repeat=2) if i * i + j * j <= radius_squared
+        ]
         for i, j in shifts:
             total += forest[:, rim + i : rim + i + side, rim + j : rim + j + side]
         return np.asarray(total / np.float32(len(shifts)))

@@ -82,19 +82,16 @@ class _Sample:
 def measure(context: TimedContext, effort: Effort) -> Outcome:
     """Error of heights, normals and material weights against nanoseconds a vertex, for several cell sizes.
 
-    The kernels as they are used (float32) and the same source built with `REAL=double` evaluate the same
-    tiles, drawn from the whole sketch; the launches are timed by profiling events. Their errors are
-    differences from the plain NumPy float64 reference (by the clock): heights in millimetres, normals in
-    degrees. Material weights (0 … 1) have no NumPy reference: float32 is compared with the float64 kernels.
-    Errors are the largest of all vertices, and the 99th percentile. Rounds alternate between the methods.
-    A device without 64-bit floats leaves the float64 kernels out. Either build keeps 24 bits of a position
-    within a noise cell, where NumPy keeps all: that is what remains of the float64 kernels' error.
+    The float32 kernels and the same source built with `REAL=double` evaluate the same random tiles, timed by
+    profiling events. Their errors are differences from the NumPy float64 reference (by the clock): heights in
+    millimetres, normals in degrees. Material weights (0 … 1) have no NumPy reference: float32 is compared
+    with the float64 kernels. Errors are the largest of all vertices, and the 99th percentile. Both builds
+    store 24 bits of a position within a noise cell, NumPy all: that is the float64 kernels' remaining error.
 
-    Other ways to the same, each choice by itself, on a square of valley_river: octaves left out for larger
-    cells, against full detail; the ways to the distance to a spline; normals of noise, analytic and by
-    differences (four more evaluations where the neighbours are not there anyway); float32, float64 and
-    `--fast`; quads of a tile, whose borders are evaluated twice; features left out of tiles that they
-    reach, with so much of their reach. Errors are the largest; times are of all launches together.
+    Alternatives, one choice at a time, on a square of valley_river: octaves omitted for larger cells, against
+    full detail; methods for the distance to a spline; normals of noise, analytic and by differences; float32,
+    float64 and `--fast`; quads of a tile, whose borders are evaluated twice; features culled at a share of
+    their support. Errors are the largest; times are of all launches together.
     """
     exact = TimedContext(str(context.device.index), real="double") if context.device.has_double else None
     rows: list[Row] = []

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from sketchterrain.array_types import Int64Array
+from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.flight_methods import OURS, THESIS, thesis_seconds, thesis_view, ways
 from sketchterrain.benchmarks.flight_scene import (
@@ -40,8 +40,6 @@ from sketchterrain.tiles.lod import inside_frustum
 from sketchterrain.tiles.quadtree import tile_indices
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
     from sketchterrain.render.budgets import FrameStats
 
 
@@ -88,7 +86,7 @@ class _First(NamedTuple):
 
 @dataclass
 class _Flown:
-    """What a flight took: seconds of generation and of the choice of tiles, and triangles, of each frame."""
+    """Seconds of generation and of the choice of tiles, and triangles, of each frame of a flight."""
 
     initial: float
     generation: list[float]
@@ -180,7 +178,7 @@ def _own_flight(terrain: Terrain, path: Sequence[Stop], quads: int, tolerance: f
 
 
 def _thesis_flight(terrain: Terrain, path: Sequence[Stop], quads: int, tessellation: float) -> _Flown:
-    """Fly as the thesis does: all tiles of the world are chosen anew, those that were not there generated."""
+    """Fly as the thesis does: all tiles are selected again in each frame, the new ones generated."""
     flown = _Flown(0.0, [], [], [])
     known: set[tuple[int, ...]] = set()
     for number, stop in enumerate(path):
@@ -346,7 +344,7 @@ def reaching(rows: Sequence[Row], way: str, key: str, *, pixels: float = 1.0) ->
 SHARE_WITHIN = 99.0
 """% of the frames with new tiles that are to make them within the budget; all within twice it."""
 
-_FLIGHT_FRAMES_COLUMNS = (
+_FRAMES_COLUMNS = (
     Column("opengl", "OpenGL"),
     Column("frames", "frames"),
     Column("median_ms", "frame, median, ms"),
@@ -364,27 +362,14 @@ _FLIGHT_FRAMES_COLUMNS = (
 )
 
 
-@dataclass(frozen=True)
-class _Frames:
-    name: str
-    quality: Quality
-    seconds: npt.NDArray[np.float64]
-    stats: tuple[FrameStats, ...]
-
-
 def frames(terrain: Terrain, effort: Effort) -> Table:
     """Draw the flight at the quality that suits the driver, from a complete first picture on."""
     title = "Frames as drawn, {} × {}".format(*effort.flight_size)
     try:
-        found = _drawn(terrain, effort)
+        gl = open_context()
     except DeviceError as error:
-        return Table(title, _FLIGHT_FRAMES_COLUMNS, ({"opengl": "absent", "note": str(error)},))
-    return Table(title, _FLIGHT_FRAMES_COLUMNS, (_frames_row(found),))
-
-
-def _drawn(terrain: Terrain, effort: Effort) -> _Frames:
+        return Table(title, _FRAMES_COLUMNS, ({"opengl": "absent", "note": str(error)},))
     path = stops(terrain, effort.flight_frames + 1, seconds=effort.flight_frames / RATE)
-    gl = open_context()
     try:
         name = str(gl.info["GL_RENDERER"])
         quality = Quality.for_renderer(name)
@@ -399,67 +384,62 @@ def _drawn(terrain: Terrain, effort: Effort) -> _Frames:
             seconds.append(perf_counter() - start)
     finally:
         close_context(gl)
-    return _Frames(name, quality, np.array(seconds[1:]), tuple(stats[1:]))
+    row = _frames_row(name, quality.budget, np.array(seconds[1:]), stats[1:])
+    return Table(title, _FRAMES_COLUMNS, (row,))
 
 
-def _frames_row(found: _Frames) -> Row:
-    name, quality = found.name, found.quality
-    generation = np.array([each.generation_seconds for each in found.stats if each.tiles_generated])
-    new = np.array(
-        [each.generation_seconds + each.light_seconds + each.plant_seconds for each in found.stats]
-    )
+def _frames_row(name: str, budget: float, seconds: Float64Array, stats: Sequence[FrameStats]) -> Row:
+    generation = np.array([each.generation_seconds for each in stats if each.tiles_generated])
+    new = np.array([each.generation_seconds + each.light_seconds + each.plant_seconds for each in stats])
     some = generation if generation.size else np.zeros(1)
-    median, p95 = np.percentile(found.seconds, [50, 95])
+    median, p95 = np.percentile(seconds, [50, 95])
     return {
         "opengl": name,
-        "frames": len(found.seconds),
+        "frames": len(seconds),
         "median_ms": float(median) * 1e3,
         "p95_ms": float(p95) * 1e3,
-        "worst_ms": float(found.seconds.max()) * 1e3,
-        "budget_ms": quality.budget * 1e3,
+        "worst_ms": float(seconds.max()) * 1e3,
+        "budget_ms": budget * 1e3,
         "generation_ms": float(some.mean()) * 1e3,
         "worst_generation_ms": float(some.max()) * 1e3,
-        "within_budget": 100.0 * float(np.mean(some <= quality.budget)),
+        "within_budget": 100.0 * float(np.mean(some <= budget)),
         "asked": SHARE_WITHIN,
-        "within_twice": 100.0 * float(np.mean(some <= 2 * quality.budget)),
-        "new_within": 100.0 * float(np.mean(new <= quality.budget)),
-        "triangles": round(float(np.mean([each.triangles for each in found.stats]))),
+        "within_twice": 100.0 * float(np.mean(some <= 2 * budget)),
+        "new_within": 100.0 * float(np.mean(new <= budget)),
+        "triangles": round(float(np.mean([each.triangles for each in stats]))),
         "note": None,
-        "seconds": found.seconds.tolist(),
-        "generation_seconds": [each.generation_seconds for each in found.stats],
+        "seconds": seconds.tolist(),
+        "generation_seconds": [each.generation_seconds for each in stats],
         "new_seconds": new.tolist(),
-        "triangles_each": [each.triangles for each in found.stats],
+        "triangles_each": [each.triangles for each in stats],
     }
 
 
 def measure(context: TimedContext, effort: Effort) -> Outcome:
-    """Compare ways to choose triangles for views of a world, by screen error, triangles and time.
+    """Compare level-of-detail methods for views of a world, by screen error, triangles and time.
 
-    The world is valley_river laid over 4096 m, the finest quads are not under 0.2 m; the camera flies 10 s at
-    40 m/s along a circle, 4 to 120 m above the ground, and takes pictures of 1280 × 720 pixels, 45° high.
+    The world is valley_river scaled to 4096 m, the finest quads are at least 0.2 m; the camera flies 10 s at
+    40 m/s along a circle, 4 to 120 m above the ground, with pictures of 1280 × 720 pixels and 45° high.
 
-    Screen error: at places of the flight, rays through every fourth pixel both ways find the drawn triangles;
-    the distance in pixels from what is seen to the terrain in full detail at the same x, y is the error. Full
-    detail is more than 16 times the resolution of whatever is drawn, and the same for all. Ways are compared
-    at the error that 99.9 % of the samples stay within. Triangles are those of tiles in view, borders to
-    coarser tiles included; times are by the clock from nothing to the last tile in view, medians of views.
-    The program's time covers the choice of tiles, coarser ones on the way, and all that its vertices carry.
+    Screen error: rays through every fourth pixel both ways find the displayed triangles; the error is the
+    distance in pixels to the terrain in full detail at the same x, y. Methods are compared at the error that
+    99.9 % of the samples stay within. Triangles are those of tiles in view, borders to coarser tiles
+    included; times are by the clock from nothing to the last tile in view, medians of views; for this
+    program include the choice of tiles, coarser ones on the way, and all that its vertices carry.
 
     The thesis's metric (Zaaijer 2013, chapter 2): no quad longer than √d / (T · F), F = 2 near mountains and
-    rivers and 1 elsewhere (the thesis tells no values), tiles across an edge one level apart. Its triangles
-    stand on this terrain, its time is that of its own kernels, a launch of each a tile, without the choice
-    and without what is prepared on the host. Uniform grid: one level, tiles out of view left out. pymartini
-    and pydelatin: heightmaps of 257² samples two pixels apart at most, each thinned out to the height that so
-    many pixels are at its nearest point; gaps between maps are left; time covers making and thinning them.
+    rivers and 1 elsewhere (the thesis gives no values), tiles across an edge one level apart, same terrain;
+    its time is that of its own kernels, one launch of each a tile. Uniform grid: one level of the tiles in
+    view. pymartini and pydelatin: heightmaps of 257² samples at most two pixels apart, simplified to the
+    height of so many pixels at the nearest point; time covers computing and simplifying them.
 
-    Flights: each frame, this program generates what fits into 8 ms and morphs; the thesis's way generates at
-    once what its metric asks for all around and was not there in the frame before. Milliseconds of generation
-    by the clock: at the start, the mean of frames that generate, the worst, the mean of all. The first
-    complete view: the time from nothing until all tiles are there, both with the T and the τ where they err
-    by one pixel; kernels alone by profiling events.
+    Flights: in each frame this program generates what fits into 8 ms and morphs; the thesis's method
+    generates at once all new tiles that its metric requires all around. Milliseconds of generation by the
+    clock. The first complete view: the time from nothing until all tiles are present, with the T and the τ of
+    an error of one pixel; kernels alone by profiling events.
 
-    Frames as drawn: the renderer itself, at the quality that suits the driver, from a complete first picture
-    on; the clock stops when OpenGL has finished.
+    Displayed frames: the renderer at the driver's default quality, from a complete first picture on, until
+    OpenGL has finished.
     """
     terrain = open_world(context)
     errors = points(terrain, effort)

@@ -109,9 +109,7 @@ def _row(
         "level": level,
         "quads": quads,
         "tiles": square.tiles,
-        "launches": times.count,
-        "median_ms": times.median * 1e3,
-        "p95_ms": times.p95 * 1e3,
+        **times.cells("launches"),
         "million_vertices_per_s": square.vertices / times.median * 1e-6,
         "gigabytes_per_s": square.vertices * _WRITTEN[kernel] / times.median * 1e-9,
         "seconds": seconds,
@@ -171,21 +169,18 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     """Device time of a launch of every kernel, by profiling events.
 
     `patches` and `surfaces` evaluate tiles of 64 quads around the middle of the sketch (an item is a vertex;
-    `patches` has a border of one around each tile), `parents` what they keep of their parents, `ground_bytes`
-    packs as many as files hold them, `vertices` writes the same tiles as they are drawn and `facts` how high
-    they are and how far from full detail (an item is a strip of quads), `points` a square grid over the same
-    ground at the same cell size, `throw_…`, `accept_…` and `inherit` the rounds of Poisson-disk points,
-    `clear` and `list_for_finer` what graded ones need besides (an item is a cell of the window),
-    `count_points` and `write_…` their lists (an item is 256 cells of a row), `bench_fbm` 8 octaves of noise
-    on a grid, `bench_fbm_slope` with slopes, `material_paint` and `material_relief` the materials' textures
-    (an item is a texel), `spline_…_distances` the distance to a spline of six control points, flattened for
-    cells of 1 m.
-    Medians and 95th percentiles are over all launches of all rounds; rates are work items, and the bytes that
-    they write, over the median. Launches of `patches` are padded to whole groups of 256 items; the padding,
-    under 3 %, counts as items.
+    `patches` includes a border of one), `parents` derives their parents' values, `ground_bytes` packs them as
+    in files, `vertices` writes them for display, `facts` their bounds and errors (an item is a strip of
+    quads), `points` evaluates a square grid at the same cell size. `throw_…`, `accept_…` and `inherit` are
+    the rounds of Poisson-disk points, `clear` and `list_for_finer` those of graded ones (an item is a cell),
+    `count_points` and `write_…` their lists (an item is 256 cells of a row). `bench_fbm` is 8 octaves of
+    noise on a grid, `bench_fbm_slope` with slopes, `material_paint` and `material_relief` the materials'
+    textures (an item is a texel), `spline_…_distances` the distance to a spline of six control points,
+    flattened for cells of 1 m. Medians and 95th percentiles are over all launches of all rounds; rates are
+    work items, and the bytes that they write, over the median. `patches` is padded to groups of 256 items.
 
-    The second table has the kernels of tiles on every device there is: the same ground cut into tiles of 16
-    to 128 quads, at each level, per vertex that is kept.
+    The second table times the tiles' kernels on every device: the same area in tiles of 16 to 128 quads, at
+    each level, per vertex.
     """
     works = dict(_works(context, effort))
     laps = alternate({str(case): work for case, work in works.items()}, rounds=effort.rounds)
@@ -210,7 +205,7 @@ def _works(context: TimedContext, effort: Effort) -> Iterator[tuple[_Case, Calla
         for level in effort.kernel_levels:
             yield (
                 _Case(("patches", "surfaces", "parents"), name, level),
-                _tiles(context, terrain, level, effort.kernel_tiles),
+                partial(context.lap, partial(terrain.tiles, central_keys(level, effort.kernel_tiles))),
             )
             if context.device.has_double:
                 packed = _packed(context, terrain, level, effort.kernel_tiles)
@@ -261,11 +256,6 @@ def _even(west: int, south: int, east: int, north: int) -> SpacingRaster:
     return SpacingRaster(column * step, row * step, step, np.full(shape, 1.2 * _POINT_RADIUS, np.float32))
 
 
-def _tiles(context: TimedContext, terrain: Terrain, level: int, count: int) -> Callable[[], Lap]:
-    keys = central_keys(level, count)
-    return partial(context.lap, partial(terrain.tiles, keys))
-
-
 def _packed(context: TimedContext, terrain: Terrain, level: int, count: int) -> Callable[[], Lap]:
     """Pack as many patches as there are tiles, from the middle of the sketch on."""
     cell = terrain.extent / 2.0**level / QUADS
@@ -310,10 +300,8 @@ def _kernel_times_rows(case: _Case, laps: Sequence[Lap]) -> Iterator[Row]:
             "kernel": kernel,
             "ground": case.ground,
             "level": case.level,
-            "launches": times.count,
+            **times.cells("launches"),
             "items": items,
-            "median_ms": times.median * 1e3,
-            "p95_ms": times.p95 * 1e3,
             "ns_per_item": times.median / items * 1e9,
             "million_items_per_s": items / times.median * 1e-6,
             "gigabytes_per_s": items * WRITTEN[kernel] / times.median * 1e-9,

@@ -117,26 +117,25 @@ _SPECTRUM_COLUMNS = (
 
 
 def measure(context: TimedContext, effort: Effort) -> Outcome:
-    """Points a second, how full they fill the ground, what room they leave, and their spectrum.
+    """Points a second, fill, free area and spectrum of Poisson-disk methods.
 
-    Time is by the clock, from call to points in memory, with the device's buffers made before; rounds
-    alternate between all ways of a table, and those below 0.1 s have twice as many again, which do not count
-    in ratios to slower ones. Fill is the density by that of a maximal set, 0.6966 points a squared distance,
-    two distances away from the border, where points lie denser in all ways but this program's. Room is the
-    share of the ground where another point would still fit, by places drawn at random.
+    Time is by the clock, from call to points in memory, with buffers created before; laps below 0.1 s have
+    twice as many rounds again. Fill is the density relative to that of a maximal set, 0.6966 points a squared
+    distance, two distances away from the border. Room is the share of the area where another point would
+    still fit, by random places.
 
-    First, table 6.1 of the thesis: r, k darts a cell, the thesis's way made anew (phase groups, three levels,
-    all darts of a cell in one turn) on the same device, and the thesis's own figures for a GTX 580.
+    First, table 6.1 of the thesis: r, k darts a cell, its method (phase groups, three levels, all darts of a
+    cell in one turn) on the same device, and the thesis's own figures for a GTX 580.
 
-    Second, r = 1: fill and room against k and time, beside libraries in one thread, as they come; scipy on a
-    smaller square, for it is slow. What is not on the machine is named. A library is compared with this
-    program at the fewest darts that fill as much; where none of those measured does, at the most darts.
+    Second, r = 1: fill and room against k and time, and libraries in one thread; scipy on a smaller square,
+    because it is slow. A library is compared with this program at the fewest darts that fill as much, or at
+    the most darts measured.
 
-    Third, the spectrum (benchmarks/point_methods.py): power averaged over the angle, and anisotropy; the best
-    that n sets can have is -10 log n dB, -13.0 for the twenty of a full run. The power is held against that
-    of as many darts that were thrown one after another, or of a maximal set where a way fills more.
+    Third, the spectrum (benchmarks/point_methods.py): power averaged over the angle, and anisotropy, whose
+    limit for n sets is -10 log n dB. The power is compared with that of equally many darts thrown one after
+    another, or of a maximal set if a method fills more.
 
-    Fourth, more points by this program; the launches alone, by profiling events, say what a GPU can do.
+    Fourth, larger squares by this program; the launches alone, by profiling events.
     """
     tables = (_table_6_1(context, effort), _room(context, effort), _spectra(context, effort))
     return Outcome((*tables, _large(context, effort)))

@@ -142,31 +142,27 @@ _SPEED_COLUMNS = (
 
 
 def measure(context: TimedContext, effort: Effort) -> Outcome:
-    """Compare times of this program and of others that do the same, in one run, in turn; medians.
+    """Compare median times of this program and of others that do the same, in alternating rounds.
 
-    Noise: float32 simplex fBm of 8 octaves in two dimensions on a square grid, by the clock from call to
-    the last value in memory. This program's kernel runs on the chosen device and on every CPU device, with
-    the settings that give the same bits everywhere; the others with as many threads as the process may use.
-    C, numba and NumPy compute the same sum, numba as one writes it and in the C loop's order, which its
-    compiler turns into vectors; FastNoise2 sums gradient noise on the same kind of lattice with its own
-    hash and gradients. Those that take less than 0.2 s have four times as many rounds again. By processor
-    time too, of all threads of the process, which others disturb less; NumPy has one thread. What is not on
-    the machine is named, with how to get it.
+    Noise: float32 simplex fBm of 8 octaves in two dimensions on a square grid, by the clock from call to the
+    last value in memory. This program's kernel runs on the selected device and on every CPU device, the
+    others with as many threads as the process may use. C, numba and NumPy compute the same sum; FastNoise2
+    sums gradient noise on the same kind of lattice with its own hash and gradients. Methods below 0.2 s have
+    four times as many rounds again. Processor time counts all threads; NumPy has one. Missing programs are
+    listed with how to install them.
 
-    Tiles: 64 quads, heights and normals, against a re-implementation of the thesis's way (permutation
-    table, all octaves at every level, iterated sampling of splines, a launch a tile, finite differences),
-    both by the clock from the first launch to the end of the last, the tiles left on the device. This
-    program's carry weights of materials too; its heights and normals alone stand beside them. Each method's
-    error is that of its heights against its own float64 build, this program's with rivers as arcs for the
-    finest cells, the thesis's with the nearest place on each spline sampled 64 times in 5 rounds. The
-    ratios that count are those to the thesis's quickest way whose error is no larger than this program's,
-    or to its most accurate one where none is: by the error of 99 % of the vertices, and by the largest,
-    since a single wrong distance shows (Zaaijer 2013, section 3.4).
+    Tiles: 64 quads, heights and normals, against a re-implementation of the thesis's method (permutation
+    table, all octaves at every level, iterated sampling of splines, a launch a tile, finite differences), by
+    the clock to the end of the last launch, the tiles left on the device. This program's also carry material
+    weights; its heights and normals alone are a separate row. Errors are those of heights against each
+    method's own float64 build, this program's with rivers as arcs for the finest cells, the thesis's with
+    splines sampled 64 times in 5 rounds. The ratios that count are those to the thesis's fastest variant
+    whose error is no larger than this program's, or to its most accurate one: by the error of 99 % of the
+    vertices, and by the largest (Zaaijer 2013, section 3.4).
 
-    Roofline: the most that the chosen device can write, and multiply and add without contraction, by small
-    kernels in the same run; noise and tiles without features as shares of the lower of the two bounds that
-    their bytes and the operations of their octaves set; a processor computes whole numbers beside real
-    ones, so that noise can pass its bound. By profiling events.
+    Roofline: the most that the selected device can write, and multiply and add without contraction, by small
+    kernels in the same run; noise and bare tiles as shares of the lower of the two bounds of their bytes and
+    operations. A processor computes integers in parallel with reals, so noise can pass its bound.
     """
     tables = (_noise(context, effort), thesis.table(context, effort), _roofline(context, effort))
     return Outcome(tables)

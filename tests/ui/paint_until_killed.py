@@ -33,7 +33,7 @@ def fingerprint(sketch: Sketch) -> str:
 
 
 class Painter:
-    """Simulates a user in a hurry."""
+    """Performs a random document action every 3 ms."""
 
     def __init__(self, target: Path, folder: Path, log: Path, *, interval_s: float, seed: int) -> None:
         self._file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)

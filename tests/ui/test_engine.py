@@ -16,7 +16,7 @@ from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.models.document import Document
 
-from .events import wait
+from .events import paint, wait
 
 pytestmark = pytest.mark.gl
 
@@ -36,18 +36,11 @@ def pixels(link) -> np.ndarray:
     return np.frombuffer(data, np.uint8).reshape(image.height(), image.width(), 4)[..., :3].copy()
 
 
-def stroke(document, row, column, layer="mountain", label=1):
-    draft = document.begin_draft(layer)
-    draft.image[row : row + 12, column : column + 12] = label
-    draft.touch((row, column, row + 12, column + 12))
-    return draft
-
-
 class Listener:
     def __init__(self, link):
-        self.errors, self.followed, self.frames, self.picked, self.written = [], [], [], [], []
+        self.errors, self.updated, self.frames, self.picked, self.written = [], [], [], [], []
         link.error_reported.connect(self.errors.append)
-        link.terrain_updated.connect(self.followed.append)
+        link.terrain_updated.connect(self.updated.append)
         link.frame_shown.connect(self.frames.append)
         link.picked.connect(self.picked.append)
         link.picture_written.connect(lambda written: self.written.append(written.path))
@@ -102,7 +95,7 @@ def test_strokes_are_placed_drawn_picked_and_undone(running):
 
     look(link)
     before, heights = pixels(link), link.relief.height
-    draft = stroke(document, 60, 60)
+    draft = paint(document, "mountain", (60, 60, 72, 72), title=None)
     wait(converged(link, newest(link) + 1))
     assert link.relief.height[62:70, 62:70].max() > heights[62:70, 62:70].max() + 50.0
     assert np.array_equal(link.relief.height[:10, :10], heights[:10, :10])
@@ -136,7 +129,7 @@ def look(link, *, elevation=0.7):
 @pytest.mark.slow
 def test_committing_a_stroke_already_sent_only_updates_the_version(running):
     document, link, _ = running
-    draft = stroke(document, 60, 60)
+    draft = paint(document, "mountain", (60, 60, 72, 72), title=None)
     wait(converged(link, newest(link) + 1))
     heights, version = link.relief.height, newest(link)
     draft.commit("Paint mountains")
@@ -150,7 +143,7 @@ def test_committing_a_stroke_already_sent_only_updates_the_version(running):
 @pytest.mark.slow
 def test_the_newest_of_many_quick_updates_is_displayed(running, qapp):
     document, link, listener = running
-    listener.followed.clear()
+    listener.updated.clear()
     listener.frames.clear()
     draft = document.begin_draft("hill")
     for step in range(20):
@@ -161,7 +154,7 @@ def test_the_newest_of_many_quick_updates_is_displayed(running, qapp):
     draft.commit("Paint hills")
     qapp.processEvents()
     wait(lambda: converged(link, newest(link))() and not link._timer.isActive())
-    versions = [each.version for each in listener.followed]
+    versions = [each.version for each in listener.updated]
     assert versions == sorted(set(versions))
     assert versions[-1] == newest(link)
     displayed = {frame.version for frame in listener.frames}
@@ -215,7 +208,7 @@ def test_view_state_changes_the_picture_and_a_hidden_view_is_not_drawn(running, 
     time.sleep(0.5)
     qapp.processEvents()
     listener.frames.clear()
-    draft = stroke(document, 70, 20)
+    draft = paint(document, "mountain", (70, 20, 82, 32), title=None)
     wait(lambda: link.relief.version > 0 and link.relief.height[72:80, 22:30].max() > 100.0)
     assert listener.frames == []
     draft.cancel()
@@ -279,26 +272,9 @@ def test_a_killed_engine_is_reported_and_restarted(running):
     listener.errors.clear()
     listener.frames.clear()
     wait(lambda: listener.frames and link.frame.converged)
-    stroke(document, 60, 60).commit("Paint mountains")
+    paint(document, "mountain", (60, 60, 72, 72))
     wait(converged(link, newest(link) + 1))
     assert link.relief.height[62:70, 62:70].max() > 100.0
-
-
-@pytest.mark.soak
-def test_a_second_crash_in_a_row_disables_opengl(running):
-    document, link, listener = running
-    link.start()  # crashes before do not count
-    for _ in range(2):
-        os.kill(link._processes._processes["placer"].pid, signal.SIGKILL)
-        wait(lambda: listener.errors)
-        listener.errors.clear()
-    wait(lambda: link.facts.opengl_error)
-    placed = newest(link)
-    stroke(document, 10, 70).commit("Paint mountains")
-    wait(lambda: link.relief.version > placed and link.placed.version > placed)
-    assert link.relief.height[12:20, 72:80].max() > 100.0
-    link.start()
-    wait(lambda: link.facts.renderer and not link.facts.opengl_error)
 
 
 @pytest.mark.slow

@@ -38,30 +38,30 @@ class Log:
     @classmethod
     def read(cls, path: Path) -> "Log":
         rows = path.read_text().splitlines() if path.exists() else []
-        return cls(tuple((what, float(when), which) for what, when, which in map(str.split, rows)))
+        return cls(tuple((kind, float(time_s), digest) for kind, time_s, digest in map(str.split, rows)))
 
     def states(self) -> list[tuple[float, str]]:
-        return [(when, which) for what, when, which in self.lines if what == "state"]
+        return [(time_s, digest) for kind, time_s, digest in self.lines if kind == "state"]
 
     @property
     def saves(self) -> int:
-        return sum(what == "saved" for what, _, _ in self.lines)
+        return sum(kind == "saved" for kind, _, _ in self.lines)
 
     def may_be_saved(self) -> set[str]:
         """Return the sketches the file may hold: the last saved one, or any whose save started later."""
-        ends = [k for k, (what, _, _) in enumerate(self.lines) if what == "saved"]
-        started = [which for what, _, which in self.lines[ends[-1] if ends else 0 :] if what == "saving"]
+        ends = [k for k, (kind, _, _) in enumerate(self.lines) if kind == "saved"]
+        started = [digest for kind, _, digest in self.lines[ends[-1] if ends else 0 :] if kind == "saving"]
         return {*started, *(self.lines[k][2] for k in ends[-1:])}
 
-    def lost(self, which: str, killed: float) -> float:
+    def lost(self, digest: str, killed: float) -> float:
         """Return the age (s) of the first step that a sketch lacks."""
         states = self.states()
-        last = max(k for k, (_, each) in enumerate(states) if each == which)
+        last = max(k for k, (_, each) in enumerate(states) if each == digest)
         return killed - states[last + 1][0] if last + 1 < len(states) else 0.0
 
 
 def paint_and_kill(target: Path, folder: Path, log: Path, rng: random.Random) -> float:
-    """Run the program for a random time and kill it; return when (s, monotonic)."""
+    """Run the program for a random time and kill it; return the time (s, monotonic)."""
     command = [sys.executable, str(PROGRAM), str(target), str(folder), str(log), str(INTERVAL)]
     with subprocess.Popen([*command, str(rng.randrange(10**9))], stderr=subprocess.PIPE) as child:
         while not log.exists() or not log.stat().st_size:
@@ -100,10 +100,10 @@ def test_a_kill_at_any_moment_loses_at_most_the_last_seconds(tmp_path: Path, nam
         recovered = [fingerprint(load_sketch(each)) for each in folder.glob("*.sketch")]
         assert all(read_recovery(each) is not None for each in folder.glob("*.sketch"))
         assert len(recovered) <= 2  # of the previous kill and of this one
-        known = {which for _, which in log.states()}
-        survived += [which for which in (*on_file, *recovered) if which in known]
+        known = {digest for _, digest in log.states()}
+        survived += [digest for digest in (*on_file, *recovered) if digest in known]
         assert survived, "everything is lost"
-        lost.append(min(log.lost(which, killed) for which in survived))
+        lost.append(min(log.lost(digest, killed) for digest in survived))
         saves += log.saves
         recoveries += bool(recovered)
         left = [*tmp_path.rglob(".*.tmp"), *tmp_path.rglob(JOURNAL)]

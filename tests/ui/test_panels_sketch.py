@@ -196,7 +196,7 @@ def test_a_slider_drag_is_one_live_undo_step(properties, document, workspace):
     assert document.history.position == 1
     assert len(set(live)) == 10
     assert row.box.value() == document.sketch.properties("mountain", 1)["height"]
-    # The drag passes the sketch's first value.
+    # The drag passes the value of the opened sketch.
     row = properties.label_page.forms["mountain"].rows["peakiness"]
     row.slider.setSliderDown(True)
     for value in (550, 600, 650):
@@ -216,7 +216,7 @@ def test_pending_text_applies_to_the_previous_selection(properties, document, wo
         workspace.use_label("mountain", 1)
         before = document.sketch.properties(*other)
         typed(properties.label_page.forms["mountain"].rows["height"].box, "901")
-        workspace.use_label(*other)  # by the pick tool: the keyboard stays here
+        workspace.use_label(*other)  # as the pick tool does, without a focus change
         assert document.sketch.properties("mountain", 1)["height"] == 901.0
         assert document.sketch.properties(*other) == before
         document.undo()
@@ -288,7 +288,7 @@ def test_river_width_and_control_points_become_edits(properties, document, works
     (edit,) = document.sketch.edits
     assert (edit.action, edit.x) == ("move_point", pytest.approx(form.east.box.value()))
     assert edit.y == pytest.approx(river.points[1, 1], abs=0.001)
-    for each in placed.rivers:  # where it joins another one it follows that one
+    for each in placed.rivers:  # a confluence follows the parent river
         if find_parent_river(placed, each) is not None:
             workspace.selection = Selection("river", each.id, len(each.points) - 1)
             assert not form.east.isEnabled()

@@ -173,4 +173,4 @@ def test_a_folder_without_a_world_is_reported(tmp_path, qapp):
     wait(lambda: errors)
     link.stop()
     assert [each.source for each in errors] == ["engine"]
-    assert "no world" in errors[0].line
+    assert "expected a world" in errors[0].line

@@ -245,7 +245,7 @@ def _grid_of_spacing(
     quads = [math.ceil(side / spacing - _ROUNDING) for side in length]
     if multiple > 1:  # of each tile
         steps = [multiple * count for count in tiles]
-        least = [max(-(-each // step), 1) * step for each, step in zip(quads, steps, strict=True)]
+        least = [max(-(-count // step), 1) * step for count, step in zip(quads, steps, strict=True)]
     else:
         least = [max(count, 1) + 1 for count in quads]
     columns, rows = (
@@ -260,7 +260,7 @@ def _side(target: Target, tiling: Tiling, tiles: int, size: int | None) -> int:
     if not target.sizes:
         if size is None:
             sides = tiling.nearest_sides(target.size, tiles)
-            return min(sides, key=lambda each: abs(each - target.size))
+            return min(sides, key=lambda side: abs(side - target.size))
         tiling.tile_side(size, tiles)
         return size
     valid = {

@@ -226,7 +226,7 @@ def _rows(settings: Mapping[str, Any], depth: int) -> Iterator[SettingRow]:
 
 def _text(value: object) -> str:
     if isinstance(value, dict):
-        return "  ".join(f"{name} {_text(each)}" for name, each in value.items())
+        return "  ".join(f"{name} {_text(item)}" for name, item in value.items())
     if isinstance(value, list):
         return ", ".join(_text(item) for item in value)
     if isinstance(value, bool):

@@ -108,7 +108,7 @@ def detect_colours(
             found.append(DetectedColour((red, green, blue), float(weight[mine].sum() / total)))
             solid.append(bool(flat[close].sum() >= _SOLID * weight[close].sum()))
     distinct = _without_blends(found, solid)
-    return tuple(sorted(distinct, key=lambda each: (-each.share, each.rgb)))
+    return tuple(sorted(distinct, key=lambda colour: (-colour.share, colour.rgb)))
 
 
 def _centres(

@@ -232,7 +232,7 @@ class ColouredMap:
                 f"no colour of the legend in it, but {codes}: expected meanings for some, "
                 "as with --colour mountain=#8b5a2b"
             )
-        order = sorted(painted, key=lambda each: (tuple(LAYERS).index(each.layer), each.label))
+        order = sorted(painted, key=lambda meaning: (tuple(LAYERS).index(meaning.layer), meaning.label))
         value_of = {meaning: value for value, meaning in enumerate(order, start=1)}
         table = np.zeros(256, dtype=np.uint8)
         table[UNKNOWN] = UNASSIGNED
@@ -289,8 +289,10 @@ def coloured_map(picture: Picture, path: Path, legend: Legend = OWN_LEGEND) -> C
 
 
 def _colour_notes(pairs: Sequence[tuple[DetectedColour, Meaning | None]]) -> list[str]:
-    known = [f"{each.code} is {meaning} ({each.share:.1%})" for each, meaning in pairs if meaning is not None]
-    unknown = [f"{each.code} ({each.share:.1%})" for each, meaning in pairs if meaning is None]
+    known = [
+        f"{colour.code} is {meaning} ({colour.share:.1%})" for colour, meaning in pairs if meaning is not None
+    ]
+    unknown = [f"{colour.code} ({colour.share:.1%})" for colour, meaning in pairs if meaning is None]
     notes = [_shortened(known)] if known else []
     if unknown:
         notes.append(f"not in the legend, left empty: {_shortened(unknown)}; --colour LAYER=#rrggbb adds one")

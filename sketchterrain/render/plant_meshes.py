@@ -1,8 +1,8 @@
 """Plant meshes in one vertex buffer, drawn by indirect calls, and the density LOD of their instances.
 
-A plant's removal rank is the share of plants removed before it: all of a level of the Poisson-disk sets
-before those of the next, within a level by chance, so that what remains is spread evenly. Of plants n times
-as small on screen one in n² remains; they grow wider, to cover what all did.
+A plant's removal rank is the share of plants removed before it: one level of the Poisson-disk sets after the
+other, in random order within a level, so that the remaining plants are evenly spaced. Of plants n times as
+small on screen one in n² remains, widened to preserve the cover.
 """
 
 from __future__ import annotations

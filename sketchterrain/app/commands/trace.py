@@ -226,8 +226,8 @@ def _entry(done: TraceResult, output: Path, kind: str) -> dict[str, Any]:
     if isinstance(done, TracedMap):
         entry["shares"] = {"sure": done.certain, "taken": done.inferred, "unknown": done.unknown}
         entry["colours"] = [
-            {"rgb": each.code, "share": each.share, "layer": meaning and meaning.layer}
+            {"rgb": colour.code, "share": colour.share, "layer": meaning and meaning.layer}
             | ({"label": meaning.label} if meaning is not None and meaning.label else {})
-            for each, meaning in done.colours
+            for colour, meaning in done.colours
         ]
     return entry

@@ -142,8 +142,8 @@ STATS = [
     ("nowhere.zarr", 3, ("nowhere.zarr: no such file or folder",)),
     ("WORLD --level 9", 3, ("no level 9: expected 0 to 0",)),
     ("WORLD --level 0 --check", 2, ("--level with --check",)),
-    ("SKETCH", 3, ("no world",)),
-    ("SKETCH --check", 3, ("no ledger",)),
+    ("SKETCH", 3, ("expected a world",)),
+    ("SKETCH --check", 3, ("its ledger is missing",)),
 ]
 COMMANDS = {
     "usage": ("", "", USAGE),

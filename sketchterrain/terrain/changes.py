@@ -114,7 +114,7 @@ def river_areas(old: TerrainRecipe, new: TerrainRecipe) -> list[Bounds]:
     unit = metres_per_unit(new.extent)
     unchanged = {id(course) for _, course in courses[0]} & {id(course) for _, course in courses[1]}
     spans = [_parts([each for each in own if id(each[1]) not in unchanged], unit) for own in courses]
-    found: dict[Bounds, None] = {}
+    areas: dict[Bounds, None] = {}
     for own, others in (spans, spans[::-1]):
         run: Bounds | None = None
         for contents, box in own.items():
@@ -122,11 +122,11 @@ def river_areas(old: TerrainRecipe, new: TerrainRecipe) -> list[Bounds]:
                 continue
             joined = None if run is None else _joined(run, box)
             if joined is None and run is not None:
-                found[run] = None
+                areas[run] = None
             run = box if joined is None else joined
         if run is not None:
-            found[run] = None
-    return list(found)
+            areas[run] = None
+    return list(areas)
 
 
 def _parts(courses: list[tuple[LatticeArray, PreparedCentreline]], unit: float) -> dict[bytes, Bounds]:
@@ -158,7 +158,7 @@ def _boxes(
 ) -> Float64Array:
     """Return rectangles (m, relative to the centreline's source) around each cubic, as wide as the valley."""
     c = course.curve
-    # A cubic lies within the corners of its Bézier form.
+    # A cubic is within the corners of its Bézier form.
     corners = np.stack(
         [c[..., 0], c[..., 0] + c[..., 1] / 3, c[..., 0] + (2 * c[..., 1] + c[..., 2]) / 3, c.sum(axis=-1)]
     )
@@ -201,8 +201,8 @@ def fill_difference(
 def rows_only_in(one: StructuredArray, other: StructuredArray) -> StructuredArray:
     """Return the rows of one array that the other does not have, bit for bit."""
     others_rows = set(_rows(other))
-    found: StructuredArray = one[np.array([row not in others_rows for row in _rows(one)], dtype=np.bool_)]
-    return found
+    only: StructuredArray = one[np.array([row not in others_rows for row in _rows(one)], dtype=np.bool_)]
+    return only
 
 
 def _rows(points: StructuredArray) -> list[bytes]:
@@ -216,19 +216,17 @@ def _split_edits(fill: Fill | EditedFill) -> tuple[Fill, StructuredArray]:
 
 def _fill_areas(old: Fill, new: Fill) -> list[Bounds]:
     """Return rectangles outside of which the two fills are the same."""
-    found = []
+    areas = []
     points = np.concatenate([rows_only_in(old.painted, new.painted), rows_only_in(new.painted, old.painted)])
     for x, y, code, radius in zip(*(points[key] for key in ("x", "y", "type", "radius")), strict=True):
         distances = new.influence_radii(FEATURE_TYPES[code], float(radius)).values()
-        found += [
-            _widened((float(x), float(y), float(x), float(y)), distance)
-            for distance in sorted(distances)[-1:]
-        ]
+        if distances:
+            areas.append(_widened((float(x), float(y), float(x), float(y)), max(distances)))
     for name in new.sketch.layers:
         distances = new.influence_radii(name).values()
-        for distance in sorted(distances)[-1:]:
-            found += [_widened(box, distance) for box in _repainted(old.sketch, new.sketch, name)]
-    return merge_boxes(found)
+        if distances:
+            areas += [_widened(box, max(distances)) for box in _repainted(old.sketch, new.sketch, name)]
+    return merge_boxes(areas)
 
 
 def _widened(box: Bounds, distance: float) -> Bounds:

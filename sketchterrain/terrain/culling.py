@@ -73,14 +73,11 @@ class BoxIndex:
         row = base[size[part]] + (first[part, 1] + offset) * width[size[part]]
         start = np.searchsorted(keys, row + first[part, 0])
         end = np.searchsorted(keys, row + last[part, 0], side="right")
-        of, place = _runs(end - start)
-        return block[part[of]], items[start[of] + place]
+        row_of, place = _runs(end - start)
+        return block[part[row_of]], items[start[row_of] + place]
 
     def _build(self) -> tuple[LatticeArray, ...]:
-        """Return, for each cell size, bits, columns, rows and first key; the sorted keys of all items.
-
-        The items.
-        """
+        """Return for each cell size bits, columns, rows and first key; then sorted keys and their items."""
         low, span = self._low, np.max(self._high - self._low, axis=1)
         origin = low.min(axis=0)
         whole = int((low.max(axis=0) - origin).max()) + 1
@@ -121,9 +118,9 @@ def features_near(recipe: TerrainRecipe, blocks: LatticeArray, min_radius: float
     Blocks are west, south, east, north in lattice units; fill with a radius (m) below ``min_radius`` is
     omitted.
     """
-    found = np.concatenate([painted_near(recipe, blocks), _fill_near(recipe, blocks, min_radius)])
-    _, unique = np.unique(found["id"], return_index=True)
-    return found[unique]
+    features = np.concatenate([painted_near(recipe, blocks), _fill_near(recipe, blocks, min_radius)])
+    _, unique = np.unique(features["id"], return_index=True)
+    return features[unique]
 
 
 def painted_near(recipe: TerrainRecipe, blocks: LatticeArray) -> StructuredArray:
@@ -152,8 +149,8 @@ def _merge_if_compact(areas: Float64Array) -> list[tuple[float, float, float, fl
     """Return one bounding rectangle where it is little larger than the rectangles together."""
     west, south = areas[:, :2].min(axis=0)
     east, north = areas[:, 2:].max(axis=0)
-    ground = float(np.sum((areas[:, 2] - areas[:, 0]) * (areas[:, 3] - areas[:, 1])))
-    if (east - west) * (north - south) <= 2 * ground:
+    covered = float(np.sum((areas[:, 2] - areas[:, 0]) * (areas[:, 3] - areas[:, 1])))
+    if (east - west) * (north - south) <= 2 * covered:
         return [(float(west), float(south), float(east), float(north))]
     return [(float(w), float(s), float(e), float(n)) for w, s, e, n in areas]
 

@@ -36,7 +36,7 @@ class EditedPoints:
     unlocked: StructuredArray
     locked: npt.NDArray[np.bool_]  # (n,) features whose values, strength included, are fixed
     lock_only: npt.NDArray[np.bool_]  # (n,) features that exist only through their lock
-    replaced: StructuredArray  # features of before that were removed or changed
+    replaced: StructuredArray  # original features that were removed or changed
     orphans: tuple[str, ...]  # one line for each edit whose feature is missing
 
 
@@ -66,8 +66,8 @@ class EditedFill:
         self, west: float, south: float, east: float, north: float, *, min_radius: float = 0.0
     ) -> StructuredArray:
         """Return the features centred in a rectangle, as `Fill.within` does."""
-        found = self.fill.within(west, south, east, north, min_radius=min_radius)
-        remaining: StructuredArray = found[~np.isin(found["id"], self.replaced["id"])]
+        features = self.fill.within(west, south, east, north, min_radius=min_radius)
+        remaining: StructuredArray = features[~np.isin(features["id"], self.replaced["id"])]
         return remaining
 
 
@@ -82,11 +82,11 @@ def apply_fill_edits(fill: Fill, edits: Iterable[Edit], *, size: tuple[float, fl
     Returns only the changed features; `EditedFill` removes the `replaced` ones from the fill.
     """
     own = [edit for edit in edits if _targets_points(edit) and _targets_fill(edit)]
-    found = np.zeros(0, dtype=FEATURE)
+    edited = np.zeros(0, dtype=FEATURE)
     if own:
-        found = fill.within(0.0, 0.0, *size)
-        found = found[_has_id(found, [edit.feature or 0 for edit in own])]
-    return _edited(found, own)
+        edited = fill.within(0.0, 0.0, *size)
+        edited = edited[_has_id(edited, [edit.feature or 0 for edit in own])]
+    return _edited(edited, own)
 
 
 def lock_edit(point: np.void) -> Edit:
@@ -160,11 +160,11 @@ def _stored(edit: Edit) -> StructuredArray:
     row["type"] = FEATURE_TYPES.index(name)
     # Missing values are the defaults of the type's labels.
     table = {**ACTIONS[edit.action].values, **LAYERS[name].parameters}
-    given = {key: edit.values.get(key, parameter.default) for key, parameter in table.items()}
+    values = {key: edit.values.get(key, parameter.default) for key, parameter in table.items()}
     for key in ("x", "y", "radius", "strength", *_STYLE.get(name, ())):
-        row[key] = given[key]
+        row[key] = values[key]
     if name == "forest":
-        row["peakiness"] = conifer_code(cast("float", given["conifers"]))
+        row["peakiness"] = conifer_code(cast("float", values["conifers"]))
     return row
 
 

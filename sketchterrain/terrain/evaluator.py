@@ -52,7 +52,7 @@ class Evaluator:
     def with_strengths(self, strength: FloatArray) -> Evaluator:
         """Return an evaluator of the same recipe with other strengths (n,) of its painted features.
 
-        It shares everything on the device that stays the same.
+        Unchanged buffers on the device are shared.
         """
         other = copy(self)
         other._arguments = self._arguments.with_strengths(strength)

@@ -227,7 +227,7 @@ def distance_to_crest(
 def extend_by_spurs(t: ValueSlope, spur: ValueSlope, share: float | Float64Array) -> ValueSlope:
     """Return distances shortened by a share of the spurs.
 
-    T - spur t(2 - t) up to one radius, t - spur beyond.
+    t - spur t(2 - t) up to one radius, t - spur beyond.
     """
     rest = np.maximum(1 - t.value, 0)
     far = share * (1 - rest * rest)

@@ -156,10 +156,7 @@ class KernelArguments:
         self._feature_cache = FeatureCache(recipe, context)
 
     def with_strengths(self, strength: FloatArray) -> KernelArguments:
-        """Return those of the same recipe with other strengths (n,) of its painted features.
-
-        It shares everything on the device that stays the same.
-        """
+        """Return the arguments with other strengths (n,) of painted features; other buffers are shared."""
         painted = self.recipe.painted.copy()
         painted["strength"] = strength
         other = copy(self)
@@ -168,7 +165,7 @@ class KernelArguments:
         return other
 
     def updated(self, recipe: TerrainRecipe, areas: Sequence[Bounds]) -> KernelArguments:
-        """Return those of a changed recipe, sharing everything that lies outside the `changed_areas` (m)."""
+        """Return the arguments of a changed recipe, sharing buffers outside the `changed_areas` (m)."""
         before = self.recipe
         if global_key(before) != global_key(recipe):
             return KernelArguments(recipe, self.context)
@@ -210,7 +207,7 @@ class KernelArguments:
     ) -> CulledInputs:
         """Return what affects blocks (n, 4) of west, south, east and north, lattice units.
 
-        ``ground`` (m, 4) are fewer blocks that contain all of them, if any.
+        ``ground`` (m, 4): fewer, larger blocks that contain all of them, to select features by.
         """
         visible = self.world(cell_size)["lakes_visible"]
         around = blocks if ground is None else ground

@@ -285,10 +285,7 @@ def pack_rivers(recipe: TerrainRecipe, cell_size: float = FINEST_CELL) -> Packed
 
 
 def prepared_centrelines(recipe: TerrainRecipe) -> list[tuple[LatticeArray, PreparedCentreline]]:
-    """Return each river's source on the lattice, and its prepared centreline relative to that.
-
-    Cached by river.
-    """
+    """Return each river's source on the lattice and its prepared centreline from there; cached by river."""
     unit = metres_per_unit(recipe.extent)
     meeting = np.array([river.centreline[-1, :2] for river in recipe.rivers]).reshape(-1, 2)
     found = []

@@ -56,7 +56,7 @@ class WideTileErrors:
     def updated(
         self, recipe: TerrainRecipe, heights: Callable[[Patches], Float32Array], areas: Sequence[Bounds]
     ) -> WideTileErrors:
-        """Return those of a changed recipe of the same extent, which differs in areas (m)."""
+        """Return the errors of a changed recipe of the same extent, which differs in areas (m)."""
         other = WideTileErrors(recipe, heights)
         side = recipe.extent / 2.0**self._square_level
         for (column, row), samples in self._sampled.items():

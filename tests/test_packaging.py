@@ -52,8 +52,8 @@ def test_wheel_contains_kernels_and_presets(tmp_path: Path) -> None:
             if file.suffix in DATA:
                 assert f"sketchterrain/{file.relative_to(ROOT).as_posix()}" in names
     code = (
-        f"import sys; sys.path[:0] = [{str(wheel)!r}, {sysconfig.get_path('purelib')!r}]; import sketchterrain; "
-        "from sketchterrain.io import resources; print(sketchterrain.__file__); "
+        f"import sys; sys.path[:0] = [{str(wheel)!r}, {sysconfig.get_path('purelib')!r}]; "
+        "import sketchterrain; from sketchterrain.io import resources; print(sketchterrain.__file__); "
         "print(len(resources.source('terrain.cl')), *resources.preset_names())"
     )
     done = subprocess.run(

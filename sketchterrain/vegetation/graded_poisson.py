@@ -374,7 +374,7 @@ class GradedPoisson:
     def _blocks(
         self, ranges: SpacingRanges, grid: Grid, number: int, *, finer: bool = False
     ) -> npt.NDArray[np.int32]:
-        """Return the first cells (n, 2) of blocks where a grid, or with `finer` any finer one too, is active."""
+        """Return the first cells (n, 2) of blocks where a grid (`finer`: or a finer one) is active."""
         first = [np.arange(0, many, size) for many, size in zip(grid.cells.shape, _BLOCK, strict=True)]
         start = [
             (at + cell) * grid.side

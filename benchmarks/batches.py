@@ -41,26 +41,28 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     """
     device = ["--device", str(context.device.index), *(["--fast"] if context.fast else [])]
     common = ["--size", str(effort.batch_size), *device]
-    ways = [
+    variants = [
         (files, [] if files == "all" else ["--no-preview"], jobs)
         for files in effort.batch_files
         for jobs in effort.batch_jobs
     ]
-    rounds: dict[tuple[str, int], list[tuple[float, float]]] = {(files, jobs): [] for files, _, jobs in ways}
+    rounds: dict[tuple[str, int], list[tuple[float, float]]] = {
+        (files, jobs): [] for files, _, jobs in variants
+    }
     with tempfile.TemporaryDirectory() as folder:
         for turn in range(effort.batch_rounds + 1):  # the first one only warms up
             warm = turn == 0
             alone, together = (1, 1) if warm else (effort.batch_fresh, effort.batch_seeds)
             first = 1 + turn * max(alone, together)
             fresh: dict[str, float] = {}
-            for number, (files, words, jobs) in enumerate(ways):
+            for number, (files, words, jobs) in enumerate(variants):
                 place = Path(folder) / f"{turn}-{number}"
                 if files not in fresh:
                     fresh[files] = _one_by_one(first, alone, place, [*common, *words]) / alone
                 took = _batch(first, together, jobs, place, [*common, *words]) / together
                 if not warm:
                     rounds[files, jobs].append((fresh[files], took))
-    rows = [_row(files, jobs, effort.batch_seeds, rounds[files, jobs]) for files, _, jobs in ways]
+    rows = [_row(files, jobs, effort.batch_seeds, rounds[files, jobs]) for files, _, jobs in variants]
     title = f"{SKETCH}, {effort.batch_size} vertices along a side, {effort.batch_fresh} one by one"
     return Outcome((Table(title, _COLUMNS, tuple(rows)),))
 

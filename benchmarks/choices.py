@@ -65,7 +65,7 @@ _COLUMNS = (
 
 
 @dataclass(frozen=True)
-class _Way:
+class _Method:
     """One way to do something: what it is called, its work, points and largest error."""
 
     name: str
@@ -79,30 +79,30 @@ def table(context: TimedContext, effort: Effort) -> Table:
     """Measure every way of every choice."""
     recipe = open_ground(GROUND, context).recipe
     rows: list[Row] = []
-    for subject, ways in (
+    for subject, methods in (
         ("octaves", _octaves(recipe, context, effort)),
         ("normals", _normals(context, effort)),
         ("precision", _precisions(recipe, context, effort)),
         ("tile size", _tile_sizes(recipe, context, effort)),
         ("culling", _shares(recipe, context, effort)),
     ):
-        rows += _rows(subject, list(ways), effort.rounds)
+        rows += _rows(subject, list(methods), effort.rounds)
     rows += _splines(context, effort)
     order = list(SUBJECTS)
     rows.sort(key=lambda row: order.index(str(row["subject"])))
     return Table("Other ways", _COLUMNS, tuple(rows))
 
 
-def _rows(subject: str, ways: list[_Way], rounds: int) -> Iterator[Row]:
-    laps = alternate({way.name: way.lap for way in ways}, rounds=rounds)
-    for way in ways:
-        seconds = [one.device for one in laps[way.name]]
+def _rows(subject: str, methods: list[_Method], rounds: int) -> Iterator[Row]:
+    laps = alternate({method.name: method.lap for method in methods}, rounds=rounds)
+    for method in methods:
+        seconds = [one.device for one in laps[method.name]]
         yield {
             "subject": subject,
-            "choice": way.name,
-            "chosen": "yes" if way.chosen else "",
-            "ns": spread(seconds).median / way.points * 1e9,
-            "error": way.error(),
+            "choice": method.name,
+            "chosen": "yes" if method.chosen else "",
+            "ns": spread(seconds).median / method.points * 1e9,
+            "error": method.error(),
             "unit": SUBJECTS[subject],
             "seconds": seconds,
         }
@@ -135,17 +135,17 @@ class _Ground:
         return np.stack(parts).reshape(len(x), x.shape[1], x.shape[1])
 
 
-def _octaves(recipe: TerrainRecipe, context: TimedContext, effort: Effort) -> Iterator[_Way]:
+def _octaves(recipe: TerrainRecipe, context: TimedContext, effort: Effort) -> Iterator[_Method]:
     ground, evaluator = _Ground(recipe, effort.choice_tiles), Evaluator(recipe, context)
     truth = ground.work(evaluator, 0.0)()
     for cell in CELLS:
         work = ground.work(evaluator, cell)
         name = f"cells of {cell:g} m" if cell else "all octaves"
         chosen = 0.5 * ground.cell <= cell <= ground.cell
-        yield _Way(name, partial(context.lap, work), ground.points, partial(_worst, work, truth), chosen)
+        yield _Method(name, partial(context.lap, work), ground.points, partial(_worst, work, truth), chosen)
 
 
-def _normals(context: TimedContext, effort: Effort) -> Iterator[_Way]:
+def _normals(context: TimedContext, effort: Effort) -> Iterator[_Method]:
     side = min(effort.noise_side, 512)
     grid = NoiseGrid(context, side)
     truth = _normal(grid.host_slope())
@@ -155,7 +155,7 @@ def _normals(context: TimedContext, effort: Effort) -> Iterator[_Way]:
         return grid.download_slope()
 
     lap = partial(context.lap, grid.launch_slope)
-    yield _Way("analytic", lap, side**2, lambda: _angle(_normal(analytic()), truth))
+    yield _Method("analytic", lap, side**2, lambda: _angle(_normal(analytic()), truth))
     for bits in _FINER_BITS:
         fine = NoiseGrid(context, side, step_bits=bits)
         launches = 1 if bits == _FINER_BITS[0] else 5
@@ -166,7 +166,9 @@ def _normals(context: TimedContext, effort: Effort) -> Iterator[_Way]:
                 fine.launch()
 
         name = f"differences, {fine.spacing:g} m"
-        yield _Way(name, partial(context.lap, work), side**2, partial(_difference_error, fine), launches == 1)
+        yield _Method(
+            name, partial(context.lap, work), side**2, partial(_difference_error, fine), launches == 1
+        )
 
 
 def _difference_error(grid: NoiseGrid) -> float:
@@ -189,7 +191,7 @@ def _angle(normal: Reals, truth: Reals) -> float:
     return float(np.degrees(2 * np.arcsin(chord.max() / 2)))
 
 
-def _precisions(recipe: TerrainRecipe, context: TimedContext, effort: Effort) -> Iterator[_Way]:
+def _precisions(recipe: TerrainRecipe, context: TimedContext, effort: Effort) -> Iterator[_Method]:
     ground = _Ground(recipe, 1)
     truth, index = ground.reference(recipe), str(context.device.index)
     contexts = {"float32": context, "float32, --fast": TimedContext(index, fast=True)}
@@ -200,10 +202,10 @@ def _precisions(recipe: TerrainRecipe, context: TimedContext, effort: Effort) ->
         evaluator = Evaluator(recipe, opened)
         lap = partial(opened.lap, timed.work(evaluator))
         error = partial(_worst, ground.work(evaluator), truth)
-        yield _Way(name, lap, timed.points, error, name == "float32")
+        yield _Method(name, lap, timed.points, error, name == "float32")
 
 
-def _tile_sizes(recipe: TerrainRecipe, context: TimedContext, effort: Effort) -> Iterator[_Way]:
+def _tile_sizes(recipe: TerrainRecipe, context: TimedContext, effort: Effort) -> Iterator[_Method]:
     evaluator = Evaluator(recipe, context)
     device = str(context.device.index)
     exact = TimedContext(device, real="double") if context.device.has_double else context
@@ -213,23 +215,23 @@ def _tile_sizes(recipe: TerrainRecipe, context: TimedContext, effort: Effort) ->
         work, truth = ground.work(evaluator), ground.work(truth_of)()
         # What counts are the quads: vertices on borders are evaluated twice.
         points = len(ground.x) * quads**2
-        yield _Way(
+        yield _Method(
             f"{quads} quads", partial(context.lap, work), points, partial(_worst, work, truth), quads == QUADS
         )
 
 
-def _shares(recipe: TerrainRecipe, context: TimedContext, effort: Effort) -> Iterator[_Way]:
+def _shares(recipe: TerrainRecipe, context: TimedContext, effort: Effort) -> Iterator[_Method]:
     ground = _Ground(recipe, max(effort.choice_tiles, 4), level=_WIDE_LEVEL)
     whole = ground.work(Evaluator(recipe, context))
     truth = whole()
-    yield _Way("all of the reach", partial(context.lap, whole), ground.points, lambda: 0.0, chosen=True)
+    yield _Method("all of the reach", partial(context.lap, whole), ground.points, lambda: 0.0, chosen=True)
     for share in _SHARES:
         # The program has no such tolerance: its features are made to end early here.
         with patch.object(surroundings, "pack_features", partial(_cut_short, share)):
             work = ground.work(Evaluator(recipe, context))
             work()  # what reaches the ground is found once and kept
         name = f"{share:.0%} of the reach"
-        yield _Way(name, partial(context.lap, work), ground.points, partial(_worst, work, truth))
+        yield _Method(name, partial(context.lap, work), ground.points, partial(_worst, work, truth))
 
 
 def _cut_short(share: float, recipe: TerrainRecipe, features: StructuredArray, cell: float) -> PackedFeatures:

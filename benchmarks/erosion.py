@@ -88,9 +88,9 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
         height, _ = evaluate()
         heights[name] = height.reshape(side, side).astype(np.float64)
         rows.append(_shape(name, heights[name], [each.wall for each in laps[1:]]))
-    began = time.perf_counter()
+    start = time.perf_counter()
     noise = _noise(eroded, axis)
-    seconds = time.perf_counter() - began
+    seconds = time.perf_counter() - start
     noise = (noise - noise.mean()) / noise.std() * heights[_PLAIN].std() + heights[_PLAIN].mean()
     rows.insert(0, _shape(_NOISE, noise, [seconds]))
     rows.append(_simulated(heights[_PLAIN]))
@@ -126,11 +126,11 @@ def _simulated(base: Float64Array) -> Row:
     graph = peer.FlowGraph(grid, [peer.SingleFlowRouter(), peer.MSTSinkResolver()])
     eroder = peer.SPLEroder(graph, _PEER_K, _PEER_AREA, _PEER_SLOPE, 1e-5)
     height = base.copy()
-    began = time.perf_counter()
+    start = time.perf_counter()
     for _ in range(_PEER_STEPS):
         graph.update_routes(height)
         height -= eroder.erode(height, graph.accumulate(1.0), _PEER_YEARS)
-    return _shape(_PEER, height, [time.perf_counter() - began])
+    return _shape(_PEER, height, [time.perf_counter() - start])
 
 
 def _shape(name: str, height: Float64Array, seconds: list[float]) -> Row:

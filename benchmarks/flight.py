@@ -12,7 +12,7 @@ import numpy as np
 
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.benchmarks.effort import Effort
-from sketchterrain.benchmarks.flight_methods import OURS, THESIS, thesis_seconds, thesis_view, ways
+from sketchterrain.benchmarks.flight_methods import OURS, THESIS, methods, thesis_seconds, thesis_view
 from sketchterrain.benchmarks.flight_scene import (
     PICTURE,
     RATE,
@@ -135,7 +135,7 @@ def first_views(
         lap = context.lap(lambda: frames.append(tiles.converge(view)))
         return _First(quads, frames[0].tiles, frames[0].generation + frames[0].choice, lap.device)
 
-    ways = (
+    methods = (
         (f"{THESIS} all around", thesis),
         (f"{OURS}, what is in view", partial(own, around=False)),
         (f"{OURS}, all around", partial(own, around=True)),
@@ -143,21 +143,21 @@ def first_views(
     for quads in effort.flight_quads:
         thesis(quads)  # warms up
         own(quads, around=False, pixels=4 * allowed)
-        for name, measure in ways:
+        for name, measure in methods:
             found.setdefault(name, []).append(measure(quads))
-    theirs = min(each.seconds for each in found[ways[0][0]])
-    kernels = min(each.kernels for each in found[ways[0][0]])
+    theirs = min(each.seconds for each in found[methods[0][0]])
+    kernels = min(each.kernels for each in found[methods[0][0]])
     rows: list[Row] = [
         {
             "way": name,
             "quads": each.quads,
-            "shown": f"T = {factor:.3g}" if name == ways[0][0] else f"τ = {allowed:.3g} px",
+            "shown": f"T = {factor:.3g}" if name == methods[0][0] else f"τ = {allowed:.3g} px",
             "tiles": each.tiles,
             "ms": each.seconds * 1e3,
             "kernels_ms": each.kernels * 1e3,
-            "times": None if name == ways[0][0] else theirs / each.seconds,
-            "by_kernels": None if name == ways[0][0] else kernels / each.kernels,
-            "asked": _SPEED_UP if name == ways[1][0] else None,
+            "times": None if name == methods[0][0] else theirs / each.seconds,
+            "by_kernels": None if name == methods[0][0] else kernels / each.kernels,
+            "asked": _SPEED_UP if name == methods[1][0] else None,
         }
         for name, several in found.items()
         for each in several
@@ -217,13 +217,13 @@ def _places(terrain: Terrain, stop: Stop, quads: int, tessellation: float) -> In
 
 
 def _generation_row(
-    way: str, quads: int, setting: float, shown: str, flown: _Flown, *, budget: float | None
+    method: str, quads: int, setting: float, shown: str, flown: _Flown, *, budget: float | None
 ) -> Row:
     seconds = np.array(flown.generation)
     updating = seconds[seconds > 0]
     some = updating if updating.size else np.zeros(1)
     return {
-        "way": way,
+        "way": method,
         "quads": quads,
         "setting": setting,
         "shown": shown,
@@ -270,14 +270,14 @@ _REACHING = (
 def points(terrain: Terrain, effort: Effort) -> Table:
     """Measure every way at each of its settings over views of the flight."""
     views = [View(stop, PICTURE) for stop in stops(terrain, effort.flight_views)]
-    found, absent = ways(terrain, effort)
+    found, absent = methods(terrain, effort)
     rows: list[Row] = []
-    for way in found:
-        way.draw(views[0], way.settings[0])  # warms up
-        for setting in way.settings:
+    for method in found:
+        method.draw(views[0], method.settings[0])  # warms up
+        for setting in method.settings:
             triangles, seconds, distances, whole = [], [], [], True
             for view in views:
-                shown = way.draw(view, setting)
+                shown = method.draw(view, setting)
                 triangles.append(shown.triangles)
                 seconds.append(shown.seconds)
                 whole &= shown.whole
@@ -285,9 +285,9 @@ def points(terrain: Terrain, effort: Effort) -> Table:
             error = ErrorSummary.of(np.concatenate(distances))
             rows.append(
                 {
-                    "way": way.name,
+                    "way": method.name,
                     "setting": setting,
-                    "shown": way.unit.format(setting),
+                    "shown": method.unit.format(setting),
                     "triangles": round(float(np.mean(triangles))),
                     "ms": float(np.median(seconds)) * 1e3,
                     "within": error.within * 100,
@@ -325,7 +325,7 @@ def at_one_pixel(rows: Sequence[Row]) -> Table:
     return Table("Triangles where 99.9 % of the samples are within 1 px", _REACHING, tuple(found))
 
 
-def reaching(rows: Sequence[Row], way: str, key: str, *, pixels: float = 1.0) -> float | None:
+def reaching(rows: Sequence[Row], method: str, key: str, *, pixels: float = 1.0) -> float | None:
     """Return a way's value at an error, on straight lines between its points in logarithms.
 
     None where its points don't lie to both sides of the error.
@@ -333,7 +333,7 @@ def reaching(rows: Sequence[Row], way: str, key: str, *, pixels: float = 1.0) ->
     known = sorted(
         (value_of(row, MOST), value_of(row, key))
         for row in rows
-        if row["way"] == way and value_of(row, MOST) > 0
+        if row["way"] == method and value_of(row, MOST) > 0
     )
     errors = np.log([error for error, _ in known])
     if not known or not errors[0] <= np.log(pixels) <= errors[-1]:
@@ -444,7 +444,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     terrain = open_world(context)
     errors = points(terrain, effort)
     generation = flights(terrain, effort)
-    thesis, own = (_at_one_pixel_setting(errors, way) for way in (THESIS, OURS))
+    thesis, own = (_at_one_pixel_setting(errors, method) for method in (THESIS, OURS))
     drawn = frames(terrain, effort)
     first = first_views(context, terrain, effort, tessellation=thesis, tolerance=own)
     return Outcome((errors, generation, drawn, at_one_pixel(errors.rows), first))
@@ -452,5 +452,5 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
 
 def _at_one_pixel_setting(errors: Table, start: str) -> float | None:
     """Return what a way with its largest tiles is set to where it errs by one pixel, if known."""
-    ways = [str(row["way"]) for row in errors.rows if str(row["way"]).startswith(start)]
-    return reaching(errors.rows, ways[-1], "setting")
+    methods = [str(row["way"]) for row in errors.rows if str(row["way"]).startswith(start)]
+    return reaching(errors.rows, methods[-1], "setting")

@@ -195,7 +195,7 @@ class Shown(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Way:
+class Method:
     """A way to draw."""
 
     name: str
@@ -204,14 +204,16 @@ class Way:
     draw: Callable[[View, float], Shown]
 
 
-def ways(terrain: Terrain, effort: Effort) -> tuple[list[Way], list[Absent]]:
+def methods(terrain: Terrain, effort: Effort) -> tuple[list[Method], list[Absent]]:
     """Return the ways, and the peers that are not on this machine."""
     found = [
-        Way(f"{OURS}, {quads} quads", "τ = {:g} px", effort.flight_own_pixels, partial(_own, terrain, quads))
+        Method(
+            f"{OURS}, {quads} quads", "τ = {:g} px", effort.flight_own_pixels, partial(_own, terrain, quads)
+        )
         for quads in effort.flight_own_quads
     ]
     found += [
-        Way(
+        Method(
             f"{THESIS}, {quads} quads",
             "T = {:g}",
             effort.flight_tessellations,
@@ -220,7 +222,7 @@ def ways(terrain: Terrain, effort: Effort) -> tuple[list[Way], list[Absent]]:
         for quads in effort.flight_own_quads
     ]
     found.append(
-        Way(
+        Method(
             "uniform grid",
             "{:g} m",
             tuple(terrain.extent / QUADS / 2**level for level in effort.flight_grid_levels),
@@ -234,7 +236,7 @@ def ways(terrain: Terrain, effort: Effort) -> tuple[list[Way], list[Absent]]:
         if isinstance(peer, Absent):
             absent.append(peer)
         else:
-            found.append(Way(peer.name, "{:g} px", effort.flight_pixels, partial(rasters.draw, peer)))
+            found.append(Method(peer.name, "{:g} px", effort.flight_pixels, partial(rasters.draw, peer)))
     return found, absent
 
 

@@ -304,16 +304,16 @@ class OwnTiles:
         start = perf_counter()
 
         def generate(batch: Batch) -> npt.NDArray[np.void]:
-            begun = perf_counter()
+            batch_start = perf_counter()
             facts = self._terrain.write_tiles(batch.keys, batch.slots, batch.parents, self._store)
-            batches.append((batch, begun, perf_counter()))
+            batches.append((batch, batch_start, perf_counter()))
             return facts
 
         draws = self._stream.generate_all(view, generate)
         shown = set(draws.keys)
         last = max((i for i, (batch, _, _) in enumerate(batches) if shown & set(batch.keys)), default=-1)
         needed = batches[: last + 1]
-        generation = sum(end - begun for _, begun, end in needed)
+        generation = sum(end - batch_start for _, batch_start, end in needed)
         whole = needed[-1][2] - start if needed else 0.0
         tiles = sum(len(batch.keys) for batch, _, _ in needed)
         return OwnFrame(generation, whole - generation, tiles, draws)

@@ -64,13 +64,13 @@ class LatencyProbe:
         self._application = _application()
         self._document = Document(sketch)
         self._link = EngineLink(self._document)
-        self._made: dict[int, float] = {}
+        self._created: dict[int, float] = {}
         self._followed: list[TerrainUpdated] = []
-        self._troubles: list[ErrorReport] = []
+        self._errors: list[ErrorReport] = []
         self._beats: list[float] = []
-        self._link.sent.connect(self._made.__setitem__)
+        self._link.sent.connect(self._created.__setitem__)
         self._link.terrain_updated.connect(self._followed.append)
-        self._link.error_reported.connect(self._troubles.append)
+        self._link.error_reported.connect(self._errors.append)
         self._heart = QTimer(timerType=Qt.TimerType.PreciseTimer)  # type: ignore[call-arg] # a property
         self._heart.timeout.connect(lambda: self._beats.append(time.monotonic()))
         self._folder = TemporaryDirectory(prefix="sketchterrain-latency-")
@@ -94,7 +94,7 @@ class LatencyProbe:
 
     def paint(self, layer: str, label: int, path: Sequence[tuple[float, float]], radius: float) -> Painted:
         """Paint a stroke (px of the sketch) at a mouse's rate, wait for the terrain, and undo it."""
-        for watched in (self._made, self._followed, self._beats):
+        for watched in (self._created, self._followed, self._beats):
             watched.clear()
         draft = self._document.begin_draft(layer)
         stroke = Stroke(draft.image, label)
@@ -111,15 +111,15 @@ class LatencyProbe:
         stalls = np.diff(self._beats) - _HEARTBEAT * 1e-3
         self._wait(self._is_there)
         times = []
-        for version, made in sorted(self._made.items()):
+        for version, created in sorted(self._created.items()):
             at = next(each for each in self._followed if each.version >= version)
-            times.append((made, at.started, at.placed, at.sent, at.received, at.displayed))
+            times.append((created, at.started, at.placed, at.sent, at.received, at.displayed))
         self._document.undo()
         self._wait(self._is_there)
         return Painted(tuple(times), tuple(stalls.tolist()))
 
     def _is_there(self) -> bool:
-        return all(any(each.version >= version for each in self._followed) for version in self._made)
+        return all(any(each.version >= version for each in self._followed) for version in self._created)
 
     def _pause(self, until: float) -> None:
         while (left := until - time.monotonic()) > 0.0:
@@ -131,8 +131,8 @@ class LatencyProbe:
         end = time.monotonic() + _TIMEOUT
         self._pause(time.monotonic() + 0.02)  # so that what was painted last is on its way
         while not until():
-            if self._troubles or time.monotonic() > end:
-                lines = "; ".join(each.line for each in self._troubles) or "no answer"
+            if self._errors or time.monotonic() > end:
+                lines = "; ".join(each.line for each in self._errors) or "no answer"
                 raise DeviceError(f"the terrain does not follow what is painted: {lines}")
             self._pause(time.monotonic() + 0.002)
 

@@ -120,7 +120,7 @@ _BORDER = 2.0  # distances; nearer to a square's border points lie denser, for n
 
 
 @dataclass(frozen=True)
-class Way:
+class Method:
     """A way to scatter points over a square."""
 
     name: str
@@ -133,7 +133,7 @@ class Way:
         return self.run(0)[0]
 
 
-def own(context: TimedContext, side: float, trials: int) -> Way:
+def own(context: TimedContext, side: float, trials: int) -> Method:
     """Return this program's way, from call to array; each seed's buffers are kept from call to call."""
     area = (0, 0, round(side * _RADIUS), round(side * _RADIUS))
 
@@ -146,10 +146,10 @@ def own(context: TimedContext, side: float, trials: int) -> Way:
         taken = context.lap(lambda: found.append(world(seed).within(area).position))
         return taken, found[0] / _RADIUS
 
-    return Way(OURS, trials, side, run)
+    return Method(OURS, trials, side, run)
 
 
-def thesis(context: TimedContext, side: float, trials: int, *, turns: bool = False) -> Way:
+def thesis(context: TimedContext, side: float, trials: int, *, turns: bool = False) -> Method:
     """Return the thesis's way, from launch to array; with `turns` a dart of a cell a turn of the groups."""
     groups = PhaseGroups(context, side, 1.0, trials, rounds=turns)
 
@@ -158,14 +158,14 @@ def thesis(context: TimedContext, side: float, trials: int, *, turns: bool = Fal
         taken = context.lap(lambda: found.append(groups.points(seed)))
         return taken, found[0].astype(np.float64)
 
-    return Way(TURNS if turns else THESIS, trials, side, run)
+    return Method(TURNS if turns else THESIS, trials, side, run)
 
 
 def peers(
     side: float, trials: Sequence[int], *, scipy_side: float | None = None
-) -> tuple[list[Way], list[Absent]]:
+) -> tuple[list[Method], list[Absent]]:
     """Return the libraries that are on this machine, and those that are not."""
-    ways: list[Way] = []
+    methods: list[Method] = []
     absent: list[Absent] = []
     for made, wide, ladder in (
         (bridson.in_numba(), side, trials),
@@ -176,8 +176,8 @@ def peers(
         if isinstance(made, Absent):
             absent.append(made)
         elif wide is not None:
-            ways += [Way(made.name, k, wide, partial(made.scatter, wide, k)) for k in ladder]
-    return ways, absent
+            methods += [Method(made.name, k, wide, partial(made.scatter, wide, k)) for k in ladder]
+    return methods, absent
 
 
 def fill_of(points: Points, side: float) -> float:

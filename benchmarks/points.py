@@ -22,8 +22,8 @@ from sketchterrain.benchmarks.point_methods import (
     SIDE,
     THESIS,
     TURNS,
+    Method,
     Spectrum,
-    Way,
     fill_of,
     own,
     peers,
@@ -143,12 +143,12 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
 
 def _table_6_1(context: TimedContext, effort: Effort) -> Table:
     cells = [(r, k) for r in effort.point_distances for k in effort.point_trials]
-    ways = {(*cell, OURS): own(context, effort.point_side / cell[0], cell[1]) for cell in cells}
-    ways |= {(*cell, THESIS): thesis(context, effort.point_side / cell[0], cell[1]) for cell in cells}
-    laps = _laps(ways, effort.rounds)
+    methods = {(*cell, OURS): own(context, effort.point_side / cell[0], cell[1]) for cell in cells}
+    methods |= {(*cell, THESIS): thesis(context, effort.point_side / cell[0], cell[1]) for cell in cells}
+    laps = _laps(methods, effort.rounds)
     rows = []
     for r, k in cells:
-        row, there = (_rate(ways[r, k, name], laps[r, k, name]) for name in (OURS, THESIS))
+        row, there = (_rate(methods[r, k, name], laps[r, k, name]) for name in (OURS, THESIS))
         # On a square of another size the figures are those for the same r, k and way.
         known = GTX_580.get((r, k))
         rows.append(
@@ -171,18 +171,18 @@ def _room(context: TimedContext, effort: Effort) -> Table:
     side = effort.room_side
     ladder = sorted({*effort.room_trials, TRIALS})
     libraries, absent = peers(side, effort.peer_trials, scipy_side=effort.scipy_side)
-    ways = [
+    methods = [
         *(own(context, side, k) for k in ladder),
         *(thesis(context, side, k) for k in effort.room_trials),
         *libraries,
     ]
-    laps = _laps({(way.name, way.trials): way for way in ways}, effort.rounds)
+    laps = _laps({(method.name, method.trials): method for method in methods}, effort.rounds)
     rows: list[Row] = []
-    for way in ways:
-        _, points = way.run(0)
-        room = room_of(points, way.side, places=effort.room_places, seed=SEED)
-        rate = _rate(way, laps[way.name, way.trials])
-        rows.append({"way": way.name, "side": way.side, **rate, "room": room * 100.0})
+    for method in methods:
+        _, points = method.run(0)
+        room = room_of(points, method.side, places=effort.room_places, seed=SEED)
+        rate = _rate(method, laps[method.name, method.trials])
+        rows.append({"way": method.name, "side": method.side, **rate, "room": room * 100.0})
     ours, others = rows[: len(ladder)], rows[len(ladder) :]
     rows = [{**row, "note": "the default" if row["trials"] == TRIALS else None} for row in ours]
     rows += [{**row, **_compared(row, ours)} for row in others]
@@ -208,31 +208,31 @@ def _spectra(context: TimedContext, effort: Effort) -> Table:
     side = SIDE + _AROUND
     darts = [throw_darts(side, seed=seed) for seed in seeds]
     libraries, _ = peers(side, effort.peer_trials[-1:])
-    ways = [
+    methods = [
         own(context, side, TRIALS),
         *(thesis(context, side, effort.point_trials[0], turns=turns) for turns in (False, True)),
         *libraries,
     ]
     maximal = spectrum_of(darts)
     rows = [_spectrum_row(DARTS, None, maximal, maximal, effort)]
-    for way in ways:
+    for method in methods:
         # Seen from a place away from the border.
-        found = spectrum_of([way.run(seed)[1] - 0.5 * _AROUND for seed in seeds])
+        found = spectrum_of([method.run(seed)[1] - 0.5 * _AROUND for seed in seeds])
         count = round(found.points / SIDE**2 * side**2)
         as_many = spectrum_of([thrown[:count] for thrown in darts])
-        rows.append(_spectrum_row(way.name, way.trials, found, as_many, effort))
+        rows.append(_spectrum_row(method.name, method.trials, found, as_many, effort))
     return Table(f"Spectrum of {len(seeds)} sets", _SPECTRUM_COLUMNS, tuple(rows))
 
 
 def _large(context: TimedContext, effort: Effort) -> Table:
     cells = [(side, k) for side in effort.point_sides for k in (effort.point_trials[0], TRIALS)]
-    ways = {(side, k): own(context, side, k) for side, k in cells}
-    laps = _laps(ways, effort.rounds)
+    methods = {(side, k): own(context, side, k) for side, k in cells}
+    laps = _laps(methods, effort.rounds)
     rows = []
-    for cell, way in ways.items():
-        row, device = _rate(way, laps[cell]), spread([lap.device for lap in laps[cell]]).median
+    for cell, method in methods.items():
+        row, device = _rate(method, laps[cell]), spread([lap.device for lap in laps[cell]]).median
         rate = value_of(row, "points") / device * 1e-6
-        rows.append({"side": way.side, **row, "launch_million_per_s": rate})
+        rows.append({"side": method.side, **row, "launch_million_per_s": rate})
     return Table("More points", _LARGE_COLUMNS, tuple(rows))
 
 
@@ -253,8 +253,10 @@ def _spectrum_row(name: str, trials: int | None, found: Spectrum, darts: Spectru
     }
 
 
-def _laps(ways: Mapping[Key, Way], rounds: int) -> dict[Key, list[Lap]]:
-    return alternate({key: way.lap for key, way in ways.items()}, rounds=rounds, quick=_QUICK, more=_MORE)
+def _laps(methods: Mapping[Key, Method], rounds: int) -> dict[Key, list[Lap]]:
+    return alternate(
+        {key: method.lap for key, method in methods.items()}, rounds=rounds, quick=_QUICK, more=_MORE
+    )
 
 
 def _times_as_fast(one: Row, other: Row) -> float:
@@ -265,16 +267,16 @@ def _times_as_fast(one: Row, other: Row) -> float:
     return ratio * value_of(one, "points") / value_of(other, "points")
 
 
-def _rate(way: Way, laps: Sequence[Lap]) -> Row:
-    _, points = way.run(0)
+def _rate(method: Method, laps: Sequence[Lap]) -> Row:
+    _, points = method.run(0)
     samples = [lap.wall for lap in laps]
     times = spread(samples)
     return {
-        "trials": way.trials,
+        "trials": method.trials,
         "points": len(points),
         **times.cells(),
         "million_per_s": len(points) / times.median * 1e-6,
-        "fill": fill_of(points, way.side),
+        "fill": fill_of(points, method.side),
         "seconds": samples,
     }
 

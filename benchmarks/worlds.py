@@ -62,15 +62,15 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     with tempfile.TemporaryDirectory() as folder:
         sizes = []
         for side in effort.world_sides:
-            told, layers = _world(Path(folder), side, device)
-            sizes.append(_size(side, told))
-        crews = _crews(Path(folder), effort, ["--device", str(context.device.index)])
+            report, layers = _world(Path(folder), side, device)
+            sizes.append(_size(side, report))
+        workers = _workers(Path(folder), effort, ["--device", str(context.device.index)])
     title = f"{SKETCH}, cells of 1 m, Zarr"
     return Outcome(
         (
             Table(title, _SIZES, tuple(sizes)),
             Table(f"Bytes by layer, {effort.world_sides[-1]} vertices a side", _LAYERS, tuple(layers)),
-            Table(f"Workers, {effort.world_workers_side} vertices a side", _WORKERS, tuple(crews)),
+            Table(f"Workers, {effort.world_workers_side} vertices a side", _WORKERS, tuple(workers)),
         )
     )
 
@@ -79,8 +79,8 @@ def _world(folder: Path, side: int, words: Sequence[str]) -> tuple[dict[str, Any
     """Write a world, and return what the program told of it, and its bytes by layer."""
     output = folder / f"{side}.zarr"
     bounds = f"0,0,{side - 1},{side - 1}"
-    told = _run(["world", SKETCH, "--bounds", bounds, "-o", str(output), "--json", *words])
-    vertices = told["estimate"]["vertices"]
+    report = _run(["world", SKETCH, "--bounds", bounds, "-o", str(output), "--json", *words])
+    vertices = report["estimate"]["vertices"]
     rows: list[Row] = []
     for layer, raw in (("height", 4), ("normal", 3), ("materials", 8)):
         stored = sum(path.stat().st_size for path in output.glob(f"*/{layer}/**/*") if path.is_file())
@@ -89,36 +89,36 @@ def _world(folder: Path, side: int, words: Sequence[str]) -> tuple[dict[str, Any
                 "layer": layer,
                 "raw": raw,
                 "stored": round(stored / vertices, 3),
-                "share": round(stored / told["bytes"], 3),
+                "share": round(stored / report["bytes"], 3),
             }
         )
     shutil.rmtree(output)
-    return told, rows
+    return report, rows
 
 
-def _size(side: int, told: dict[str, Any]) -> Row:
-    expected, vertices, seconds = told["estimate"], told["estimate"]["vertices"], told["seconds"]
+def _size(side: int, report: dict[str, Any]) -> Row:
+    expected, vertices, seconds = report["estimate"], report["estimate"]["vertices"], report["seconds"]
     return {
         "side": side,
         "vertices": vertices,
         "million_vertices": round(vertices * 1e-6, 2),
         "seconds": seconds,
         "million_vertices_per_s": round(vertices * 1e-6 / seconds, 3),
-        "megabytes": round(told["peak_memory"] * 1e-6, 1),
-        "bytes_a_vertex": round(told["bytes"] / vertices, 3),
-        "estimated_bytes": round(sum(expected["disk"]["parts"].values()) / told["bytes"], 3),
-        "estimated_memory": round(expected["memory"]["needed"] / told["peak_memory"], 3),
+        "megabytes": round(report["peak_memory"] * 1e-6, 1),
+        "bytes_a_vertex": round(report["bytes"] / vertices, 3),
+        "estimated_bytes": round(sum(expected["disk"]["parts"].values()) / report["bytes"], 3),
+        "estimated_memory": round(expected["memory"]["needed"] / report["peak_memory"], 3),
     }
 
 
-def _crews(folder: Path, effort: Effort, device: Sequence[str]) -> list[Row]:
+def _workers(folder: Path, effort: Effort, device: Sequence[str]) -> list[Row]:
     """Return how long one world takes alone and with workers, in turn."""
-    ways = {"alone": [], **{f"{count}": ["--workers", str(count)] for count in effort.world_workers}}
-    took: dict[str, list[float]] = {name: [] for name in ways}
+    variants = {"alone": [], **{f"{count}": ["--workers", str(count)] for count in effort.world_workers}}
+    took: dict[str, list[float]] = {name: [] for name in variants}
     for _ in range(effort.world_rounds):
-        for name, words in ways.items():
-            told, _ = _world(folder, effort.world_workers_side, [*device, *words])
-            took[name].append(told["seconds"])
+        for name, words in variants.items():
+            report, _ = _world(folder, effort.world_workers_side, [*device, *words])
+            took[name].append(report["seconds"])
     alone = np.array(took["alone"])
     return [
         {
@@ -134,8 +134,8 @@ def _crews(folder: Path, effort: Effort, device: Sequence[str]) -> list[Row]:
 
 def _run(words: Sequence[str]) -> dict[str, Any]:
     done = subprocess.run([sys.executable, "-m", "sketchterrain", *words], check=True, capture_output=True)
-    told: dict[str, Any] = json.loads(done.stdout)
-    return told
+    report: dict[str, Any] = json.loads(done.stdout)
+    return report
 
 
 def draw_worlds(rows: Sequence[Row]) -> Any:

@@ -1,4 +1,4 @@
-"""Imports between rooms."""
+"""Imports between packages, and inside the desktop program: models and engine never import views."""
 
 import ast
 import subprocess
@@ -29,6 +29,8 @@ MAY_IMPORT = {
 }
 ANYTHING = {"__init__", "__main__", "app", "batch", "benchmarks", "ui", "world"}
 ONLY_IN = {"pyopencl": {"compute"}, "moderngl": {"render"}, "PyQt6": {"ui", "benchmarks"}}
+UI_VIEWS = {"canvas", "panels", "view3d", "dialogs", "look", "window", "app", "actions"}
+UI_CORE = {"models", "commands", "engine"}
 
 
 def room_of(path: Path) -> str:
@@ -64,11 +66,29 @@ def violations(room: str, tree: ast.AST) -> list[str]:
     return bad
 
 
-def test_modules_import_only_the_rooms_they_may() -> None:
+def ui_violations(path: Path, tree: ast.AST) -> list[str]:
+    """Return imports of views or Qt that a module of the desktop program may not have."""
+    place = path.relative_to(ROOT / "ui").parts[0].removesuffix(".py")
+    if place not in UI_CORE:
+        return []
+    # The link passes pictures as Qt's images.
+    allowed = {"models": {"QtCore"}, "engine": {"QtCore", "QtGui"} if path.name == "link.py" else set()}
+    bad = []
+    for name in imports(tree):
+        parts = name.split(".")
+        if (parts[:2] == ["sketchterrain", "ui"] and len(parts) > 2 and parts[2] in UI_VIEWS) or (
+            parts[0] == "PyQt6" and len(parts) > 1 and parts[1] not in allowed.get(place, set())
+        ):
+            bad.append(name)
+    return bad
+
+
+def test_modules_import_only_the_packages_they_may() -> None:
     for path in modules():
         room, tree = room_of(path), ast.parse(path.read_text(encoding="utf-8"))
         assert room in MAY_IMPORT or room in ANYTHING, f"{path} is in no known room"
         assert violations(room, tree) == [], path
+        assert room != "ui" or ui_violations(path, tree) == [], path
         for node in ast.walk(tree):  # a relative import would hide from this test
             assert not (isinstance(node, ast.ImportFrom) and node.level), f"{path}: relative import"
 
@@ -81,6 +101,14 @@ def test_planted_violations_are_found() -> None:
         ("document", "def f():\n    from sketchterrain.app import cli"),
     ):
         assert violations(room, ast.parse(planted)) != [], room
+    for file, planted in (
+        ("models/document.py", "from PyQt6.QtWidgets import QWidget"),
+        ("models/document.py", "from sketchterrain.ui.canvas.canvas import Canvas"),
+        ("commands.py", "from PyQt6 import QtCore"),
+        ("engine/engine.py", "import PyQt6.QtGui"),
+        ("models/painting.py", "from sketchterrain.ui import window"),
+    ):
+        assert ui_violations(ROOT / "ui" / file, ast.parse(planted)) != [], (file, planted)
 
 
 def test_importing_loads_no_driver() -> None:

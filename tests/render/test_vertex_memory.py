@@ -204,20 +204,6 @@ def test_drivers_without_the_extension_are_not_called(gl, device, monkeypatch):
     assert "no cl_none_sharing" in found.reason
 
 
-@pytest.mark.slow
-def test_a_driver_that_ends_the_process_is_probed_in_a_child(gl, monkeypatch):
-    """Without the extension the child is refused or crashes, and vertices are mapped."""
-    probe_for_extension("cl_khr_global_int32_base_atomics", monkeypatch)
-    for device in CPUS:
-        found = probe_sharing(replace(device, gl_sharing="extension"))
-        assert "\n" not in found.reason
-        if device.gl_sharing == "extension":
-            assert (found.kind == "extension") == (found.reason == "")
-        else:
-            assert found.kind == "mapped"
-            assert found.reason.startswith("extension: ")
-
-
 def test_a_terrain_moves_to_a_sharing_context_if_there_is_one(monkeypatch):
     mountain = np.zeros((32, 32), np.uint8)
     mountain[8:20, 8:20] = 1

@@ -18,8 +18,17 @@ from sketchterrain.document.material_rules import (
     Factor,
     MaterialRule,
 )
-from sketchterrain.document.parameter_types import Parameter, Value, format_number
-from sketchterrain.document.parameters import FORMAT, LAYERS, LOOK, MATERIALS, SKETCH, TABLES
+from sketchterrain.document.parameters import (
+    FORMAT,
+    LAYERS,
+    LOOK,
+    MATERIALS,
+    SKETCH,
+    TABLES,
+    Parameter,
+    Value,
+    format_number,
+)
 
 DOCS = Path(__file__).parents[1] / "docs"
 

@@ -40,7 +40,7 @@ from sketchterrain.tiles.lod import inside_frustum
 from sketchterrain.tiles.quadtree import tile_indices
 
 if TYPE_CHECKING:
-    from sketchterrain.render.budgets import FrameStats
+    from sketchterrain.render.quality import FrameStats
 
 
 BUDGET: Final = 8e-3

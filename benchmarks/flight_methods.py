@@ -30,8 +30,8 @@ from sketchterrain.benchmarks.flight_scene import (
 )
 from sketchterrain.benchmarks.thesis import ThesisView, feature_discs
 from sketchterrain.benchmarks.timing import lap
+from sketchterrain.terrain.surfaces import VertexStore
 from sketchterrain.terrain.terrain import Terrain
-from sketchterrain.terrain.vertices import VertexStore
 from sketchterrain.tiles.lod import inside_frustum
 from sketchterrain.tiles.stream import QUADS
 

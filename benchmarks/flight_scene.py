@@ -18,8 +18,8 @@ from sketchterrain.document.store import load_sketch
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.flight import Flight, Keyframe
 from sketchterrain.terrain.building import build
+from sketchterrain.terrain.surfaces import VERTEX
 from sketchterrain.terrain.terrain import Terrain
-from sketchterrain.terrain.vertices import VERTEX
 from sketchterrain.tiles.lod import CameraView, ScreenError, inside_frustum, morph_weights
 from sketchterrain.tiles.quadtree import tile_indices
 from sketchterrain.tiles.stream import TileStream

@@ -21,9 +21,8 @@ from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit
 from sketchterrain.terrain.patch_layout import Patches, sample_stride
 from sketchterrain.terrain.patches import PatchLauncher
 from sketchterrain.terrain.recipe import TerrainRecipe
-from sketchterrain.terrain.surfaces import SurfaceStore
+from sketchterrain.terrain.surfaces import VERTEX, SurfaceStore
 from sketchterrain.terrain.terrain import Terrain
-from sketchterrain.terrain.vertices import VERTEX
 from sketchterrain.vegetation.graded_poisson import GradedPoisson, SpacingRaster
 
 SIZES = (16, 32, 64, 128)

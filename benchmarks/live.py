@@ -59,7 +59,7 @@ class LatencyProbe:
         from sketchterrain.ui.application import GarbageCollection
         from sketchterrain.ui.engine.link import EngineLink
         from sketchterrain.ui.models.document import Document
-        from sketchterrain.ui.models.preferences import Preferences
+        from sketchterrain.ui.models.workspace import Preferences
 
         self._application = _application()
         self._document = Document(sketch)

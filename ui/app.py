@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from sketchterrain.ui.engine.link import EngineLink
     from sketchterrain.ui.models.autosave import Autosave
     from sketchterrain.ui.models.document import Document
-    from sketchterrain.ui.models.preferences import Preferences
+    from sketchterrain.ui.models.workspace import Preferences
     from sketchterrain.ui.window import MainWindow
 
 _DEFAULT_PRESET = "valley_river"
@@ -41,12 +41,12 @@ def run(name: str | None = None) -> int:
 def run_world(path: Path, *, device: str | None = None) -> int:
     """Show a stored world until its window is closed; return the exit code."""
     check_screen()
-    from sketchterrain.world.opening import open_world
+    from sketchterrain.world.statistics import open_world
 
     open_world(path)
     from sketchterrain.ui.application import named_application, show_until_closed
     from sketchterrain.ui.look.theme import apply_theme
-    from sketchterrain.ui.models.preferences import Preferences, config_folder
+    from sketchterrain.ui.models.workspace import Preferences, config_folder
     from sketchterrain.ui.world_window import WorldWindow
 
     app = named_application()
@@ -62,7 +62,7 @@ def _run_editor(app: QApplication, sketch: Sketch, path: Path | None) -> int:
     from sketchterrain.ui.engine.link import EngineLink
     from sketchterrain.ui.look.theme import apply_theme
     from sketchterrain.ui.models.document import Document
-    from sketchterrain.ui.models.preferences import Preferences, config_folder, state_folder
+    from sketchterrain.ui.models.workspace import Preferences, config_folder, state_folder
 
     settings = config_folder() / "desktop.ini"
     is_new = not settings.exists()
@@ -104,8 +104,7 @@ def new_window(document: Document, link: EngineLink, preferences: Preferences, s
     """Return a main window that stores recent files and bookmarks in the folder `state`."""
     from sketchterrain.ui.models.background import SketchSaver
     from sketchterrain.ui.models.bookmarks import Bookmarks
-    from sketchterrain.ui.models.preferences import RecentFiles
-    from sketchterrain.ui.models.workspace import Workspace
+    from sketchterrain.ui.models.workspace import RecentFiles, Workspace
     from sketchterrain.ui.window import MainWindow
 
     bookmarks = Bookmarks(document, state / "bookmarks")

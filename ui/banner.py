@@ -16,16 +16,7 @@ from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import ErrorReport
-from sketchterrain.ui.look.theme import (
-    MARGIN,
-    SMALL,
-    SPACING,
-    Symbol,
-    active_theme,
-    row,
-    theme,
-    tool_button,
-)
+from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, Symbol, active_theme, row, theme, tool_button
 
 _DURATION = 8000  # ms until information disappears
 _MAX_MESSAGES = 8

@@ -16,8 +16,7 @@ import numpy as np
 
 from sketchterrain.document.edits import ACTIONS, Edit
 from sketchterrain.document.label_layers import MAX_LABELS, LabelImage
-from sketchterrain.document.parameter_types import Parameter, Value
-from sketchterrain.document.parameters import LAYERS, SKETCH, TABLES
+from sketchterrain.document.parameters import LAYERS, SKETCH, TABLES, Parameter, Value
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.hydrology.rivers import move_edit

@@ -18,9 +18,8 @@ from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.files import Files
 from sketchterrain.ui.look.theme import icon
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.preferences import RecentFiles
 from sketchterrain.ui.models.selection import delete, lock, reset, unlock
-from sketchterrain.ui.models.workspace import OVERLAYS, TOOLS, Selection, Workspace
+from sketchterrain.ui.models.workspace import OVERLAYS, TOOLS, RecentFiles, Selection, Workspace
 
 
 class ContextMenu(QMenu):

@@ -14,7 +14,7 @@ from sketchterrain.ui.banner import Banner, ErrorReporter, Message, UncaughtExce
 from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import GoTo
-from sketchterrain.ui.files import Files
+from sketchterrain.ui.files import Files, OpenDialogs
 from sketchterrain.ui.layout import FullScreenActions, PanelLayout, fitting_size
 from sketchterrain.ui.look.layer_colours import swatch
 from sketchterrain.ui.look.theme import SMALL, SPACING, active_theme, app_icon, described, row, tabular
@@ -22,17 +22,14 @@ from sketchterrain.ui.menus import RecentMenu, add_menus, add_tool_bars
 from sketchterrain.ui.models.background import SketchSaver
 from sketchterrain.ui.models.bookmarks import Bookmarks
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.preferences import Preferences, RecentFiles
-from sketchterrain.ui.models.workspace import BRUSHES, Workspace
-from sketchterrain.ui.open_dialogs import OpenDialogs
-from sketchterrain.ui.panels.adherence import AdherencePanel
+from sketchterrain.ui.models.workspace import BRUSHES, Preferences, RecentFiles, Workspace
 from sketchterrain.ui.panels.layers import LayersPanel
 from sketchterrain.ui.panels.lists import BookmarksPanel, ContradictionsPanel, HistoryPanel
 from sketchterrain.ui.panels.properties import PropertiesPanel
 from sketchterrain.ui.panels.settings import ViewPanel, WorldPanel
-from sketchterrain.ui.panels.status_line import StatusLine
+from sketchterrain.ui.panels.status_line import AdherencePanel, StatusLine
 from sketchterrain.ui.view3d.view import View3D
-from sketchterrain.ui.window_actions import SketchActions, ViewActions
+from sketchterrain.ui.world_window import SketchActions, ViewActions
 
 _STEPS = 400
 _LOG_MIN, _LOG_MAX = (math.log(radius) for radius in BRUSHES)

@@ -230,7 +230,7 @@ def adherence(
     with Stages() as stages:
         document = args.read_sketch(sketch, seed, stages)
         with stages.stage("program", "Loading the program"):
-            from sketchterrain.app.jobs import run_with_fallback
+            from sketchterrain.app.export import run_with_fallback
             from sketchterrain.terrain.adherence import measure_adherence
             from sketchterrain.terrain.building import build
 

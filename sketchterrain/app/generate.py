@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.app.console import Stages
-from sketchterrain.app.jobs import DeviceFallback
+from sketchterrain.app.export import DeviceFallback
 from sketchterrain.app.listings import device_entry, undescribed_labels
 from sketchterrain.app.pictures import sketch_weather
 from sketchterrain.compute.context import ComputeContext

@@ -9,7 +9,7 @@ from typing import Any
 
 from sketchterrain.app.arguments import Point, camera_from_options
 from sketchterrain.app.console import Stages
-from sketchterrain.app.jobs import run_with_fallback
+from sketchterrain.app.export import run_with_fallback
 from sketchterrain.app.listings import device_entry
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.sketch import Sketch
@@ -23,8 +23,7 @@ from sketchterrain.render.offscreen import CapturedFrame, capture_frames, render
 from sketchterrain.render.overlays import LegendEntry, check_overlays
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.sky import Weather, sun_at
-from sketchterrain.render.tour import tour
-from sketchterrain.render.views import check_view
+from sketchterrain.render.views import check_view, tour
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.terrain import Terrain
 

@@ -12,8 +12,7 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from sketchterrain.document.parameter_types import Parameter, format_number
-from sketchterrain.document.parameters import LAYERS, SKETCH, TABLES
+from sketchterrain.document.parameters import LAYERS, SKETCH, TABLES, Parameter, format_number
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.document.toml_format import load_toml

@@ -17,7 +17,7 @@ from msgspec.structs import replace
 
 from sketchterrain.app.console import Stages, describe_error
 from sketchterrain.app.estimates import Estimate, free_memory
-from sketchterrain.app.export import write_export
+from sketchterrain.app.export import DeviceFallback, write_export
 from sketchterrain.app.generate import (
     REPORT,
     GenerateOptions,
@@ -30,7 +30,6 @@ from sketchterrain.app.generate import (
     run_statistics,
     stale_report_files,
 )
-from sketchterrain.app.jobs import DeviceFallback
 from sketchterrain.app.pictures import sketch_weather
 from sketchterrain.batch.plan import Item
 from sketchterrain.batch.results import (

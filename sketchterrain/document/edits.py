@@ -9,8 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from sketchterrain.document.parameter_types import Parameter, Value, check_values, parameter_table
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.parameters import LAYERS, Parameter, Value, check_values, parameter_table
 from sketchterrain.errors import InputError, did_you_mean, format_value, unknown_key
 
 POINT_TYPES = ("mountain", "hill", "dune", "forest")

@@ -22,8 +22,18 @@ from sketchterrain.document.label_layers import (
     labels_in,
 )
 from sketchterrain.document.material_rules import RuleChange, check_rule_changes
-from sketchterrain.document.parameter_types import Properties, check_items, check_values, defaults
-from sketchterrain.document.parameters import LAYERS, LOOK, MATERIALS, SKETCH, TABLES, Layer
+from sketchterrain.document.parameters import (
+    LAYERS,
+    LOOK,
+    MATERIALS,
+    SKETCH,
+    TABLES,
+    Layer,
+    Properties,
+    check_items,
+    check_values,
+    defaults,
+)
 from sketchterrain.errors import InputError, did_you_mean, format_value
 
 __all__ = ["DEFAULT_SIDE", "MAX_LABELS", "MAX_SIDE", "LabelImage", "Sketch", "labels_in"]

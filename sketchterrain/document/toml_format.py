@@ -10,14 +10,17 @@ import numpy as np
 
 from sketchterrain.document.edits import ACTIONS, parse_edit
 from sketchterrain.document.label_layers import LabelImage
-from sketchterrain.document.material_rules import (
-    FACTOR,
-    RULE,
-    RuleChange,
-    parse_rule_change,
+from sketchterrain.document.material_rules import FACTOR, RULE, RuleChange, parse_rule_change
+from sketchterrain.document.parameters import (
+    FORMAT,
+    LAYERS,
+    LOOK,
+    SKETCH,
+    TABLES,
+    Parameter,
+    Properties,
+    Value,
 )
-from sketchterrain.document.parameter_types import Parameter, Properties, Value
-from sketchterrain.document.parameters import FORMAT, LAYERS, LOOK, SKETCH, TABLES
 from sketchterrain.document.sketch import DEFAULT_SIDE, Sketch
 from sketchterrain.errors import InputError, format_value, one_line, unknown_key
 

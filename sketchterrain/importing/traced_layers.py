@@ -12,8 +12,7 @@ from scipy import ndimage, sparse
 
 from sketchterrain.array_types import BoolArray, UInt8Array
 from sketchterrain.document.label_layers import DRAW_ORDER, MAX_LABELS, MAX_SIDE, label_rgb, labels_in
-from sketchterrain.document.parameter_types import Value
-from sketchterrain.document.parameters import LAYERS, SKETCH
+from sketchterrain.document.parameters import LAYERS, SKETCH, Value
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 

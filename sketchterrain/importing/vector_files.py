@@ -25,7 +25,7 @@ from sketchterrain.array_types import Float64Array
 from sketchterrain.document.parameters import SKETCH
 from sketchterrain.errors import InputError, format_value, one_line
 from sketchterrain.importing.images import vector_driver
-from sketchterrain.importing.vector_kinds import RELEVANT_TAGS
+from sketchterrain.importing.legend import RELEVANT_TAGS
 from sketchterrain.io.crs import is_westward, parse_crs, plain_path
 
 Box = Sequence[float]  # west, south, east, north

@@ -16,10 +16,16 @@ from rasterio.features import rasterize
 
 from sketchterrain.array_types import BoolArray
 from sketchterrain.document.label_layers import MAX_LABELS, MAX_SIDE, LabelImage
-from sketchterrain.document.parameter_types import Value
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.parameters import LAYERS, Value
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, did_you_mean, format_value, one_line
+from sketchterrain.importing.legend import (
+    FeatureLabel,
+    cluster_properties,
+    feature_label,
+    parse_number,
+    relevant_tags,
+)
 from sketchterrain.importing.traced_layers import TraceResult
 from sketchterrain.importing.vector_files import (
     Box,
@@ -33,13 +39,6 @@ from sketchterrain.importing.vector_files import (
     sketch_area,
     to_longitude_latitude,
     valid_areas,
-)
-from sketchterrain.importing.vector_kinds import (
-    FeatureLabel,
-    cluster_properties,
-    feature_label,
-    parse_number,
-    relevant_tags,
 )
 from sketchterrain.io.crs import parse_metric_crs
 

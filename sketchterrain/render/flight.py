@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from sketchterrain.document.parameter_types import Parameter, check_items, parameter_table
+from sketchterrain.document.parameters import Parameter, check_items, parameter_table
 from sketchterrain.document.toml_format import load_toml
 from sketchterrain.errors import InputError, did_you_mean, format_value, one_line
 from sketchterrain.hydrology.splines import catmull_rom

@@ -8,7 +8,6 @@ import numpy as np
 
 from sketchterrain.array_types import BoolArray, Bounds, Float32Array, Float64Array, FloatArray
 from sketchterrain.look.tree_levels import DETAILS, MASKED_DETAILS
-from sketchterrain.render.budgets import TimeBudget
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.lit_ground import GroundLighting
 from sketchterrain.render.plant_cells import (
@@ -32,7 +31,7 @@ from sketchterrain.render.plant_meshes import (
 )
 from sketchterrain.render.plant_shade import PlantShadows
 from sketchterrain.render.programs import build_program, build_transform
-from sketchterrain.render.quality import Quality
+from sketchterrain.render.quality import Quality, TimeBudget
 from sketchterrain.render.scene import TerrainSource
 from sketchterrain.render.sky import Sun
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     Eye = tuple[float, float, float]
 
 _VERTEX_ATTRIBUTES: Final = ("4u4 4u4", "ground", "materials")
-"""32 bytes: `sketchterrain.terrain.vertices.VERTEX`, kernels/render/ground.glsl."""
+"""32 bytes: `sketchterrain.terrain.surfaces.VERTEX`, kernels/render/ground.glsl."""
 _TILE: Final = np.dtype(
     [("corner", "<i4", 2), ("step", "<i4"), ("centre", "<f4"), ("west", "<f4", 4), ("east", "<f4", 4)]
 )

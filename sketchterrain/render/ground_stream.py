@@ -11,15 +11,14 @@ import numpy.typing as npt
 from sketchterrain.array_types import Bounds
 from sketchterrain.errors import InputError
 from sketchterrain.placement.cache import IdentityKey
-from sketchterrain.render.budgets import StreamStats, TerrainUpdateStats
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.ground import TileRenderer
 from sketchterrain.render.programs import ResourceCache
-from sketchterrain.render.quality import Quality
+from sketchterrain.render.quality import Quality, StreamStats, TerrainUpdateStats
 from sketchterrain.render.scene import BoundedTerrain, TileSource
 from sketchterrain.render.sharing_probe import moved_to_context, shared_with_gl
 from sketchterrain.render.vertex_memory import GLVertexMemory, open_vertex_memory
-from sketchterrain.terrain.vertices import VERTEX
+from sketchterrain.terrain.surfaces import VERTEX
 from sketchterrain.tiles.lod import CameraView, ScreenError
 from sketchterrain.tiles.quadtree import UNBOUNDED
 from sketchterrain.tiles.stream import TileStream

@@ -11,8 +11,8 @@ import moderngl
 import numpy as np
 
 from sketchterrain.array_types import Bounds
-from sketchterrain.render.budgets import TimeBudget, WorkRate
 from sketchterrain.render.programs import fullscreen_pass, set_uniforms
+from sketchterrain.render.quality import TimeBudget, WorkRate
 from sketchterrain.render.scene import HeightMap, TerrainSource
 from sketchterrain.render.sky import Sun
 

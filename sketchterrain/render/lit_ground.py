@@ -9,10 +9,10 @@ import moderngl
 import numpy as np
 
 from sketchterrain.array_types import Bounds
-from sketchterrain.render.budgets import TimeBudget
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.light_map import LightMap, LightMapRenderer, TexelSquare
 from sketchterrain.render.programs import fullscreen_pass, set_uniforms
+from sketchterrain.render.quality import TimeBudget
 from sketchterrain.render.scene import TerrainSource
 from sketchterrain.render.sky import Sun
 

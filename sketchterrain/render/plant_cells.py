@@ -10,8 +10,8 @@ import numpy as np
 
 from sketchterrain.look.tree_levels import VARIANTS, plant_chances, plant_variants
 from sketchterrain.look.tree_species import HEIGHTS
-from sketchterrain.render.budgets import WorkRate
 from sketchterrain.render.plant_meshes import cull_distance, plant_importance, removal_rank
+from sketchterrain.render.quality import WorkRate
 from sketchterrain.render.scatter import boxes_in_frustum, cells_within
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
         StructuredArray,
         UInt8Array,
     )
-    from sketchterrain.render.budgets import TimeBudget
+    from sketchterrain.render.quality import TimeBudget
     from sketchterrain.render.scene import TerrainSource
 
 CELL: Final = 256.0

@@ -7,7 +7,6 @@ import numpy as np
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.look.tree_levels import DETAILS
-from sketchterrain.render.budgets import TimeBudget, WorkRate
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.lit_ground import GroundLighting
 from sketchterrain.render.plant_cells import (
@@ -27,7 +26,7 @@ from sketchterrain.render.plant_meshes import (
     width_scale,
 )
 from sketchterrain.render.programs import build_program, set_uniforms
-from sketchterrain.render.quality import Quality
+from sketchterrain.render.quality import Quality, TimeBudget, WorkRate
 from sketchterrain.render.sky import Sun
 
 MAPS: Final = ((0.06, 0.075), (0.45, 0.60))

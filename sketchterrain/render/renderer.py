@@ -9,10 +9,9 @@ from typing import Final
 
 import moderngl
 
-from sketchterrain.render.budgets import FrameStats, TerrainUpdateStats, TimeBudget
 from sketchterrain.render.camera import Camera, clip_planes, draw_distance
 from sketchterrain.render.programs import ResourceCache
-from sketchterrain.render.quality import Quality
+from sketchterrain.render.quality import FrameStats, Quality, TerrainUpdateStats, TimeBudget
 from sketchterrain.render.scene import TerrainSource
 from sketchterrain.render.scenery import Scenery
 from sketchterrain.render.sharing_probe import moved_to_context, shared_with_gl

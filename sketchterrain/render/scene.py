@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.terrain.surfaces import TerrainFeatures
-from sketchterrain.terrain.vertices import VertexMemory, VertexStore
+from sketchterrain.terrain.surfaces import TerrainFeatures, VertexMemory, VertexStore
 from sketchterrain.tiles.stream import QUADS
 
 if TYPE_CHECKING:

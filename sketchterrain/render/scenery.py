@@ -10,7 +10,6 @@ import numpy as np
 
 from sketchterrain.array_types import Bounds
 from sketchterrain.render.atmosphere import AEROSOL_HEIGHT, RAYLEIGH, RAYLEIGH_HEIGHT
-from sketchterrain.render.budgets import TerrainUpdateStats
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.clouds import Clouds, cloud_defines
 from sketchterrain.render.forest import Forest
@@ -19,7 +18,7 @@ from sketchterrain.render.ground_cover import GroundCover
 from sketchterrain.render.ground_stream import TerrainStream
 from sketchterrain.render.lit_ground import GroundLighting
 from sketchterrain.render.programs import ResourceCache
-from sketchterrain.render.quality import Quality
+from sketchterrain.render.quality import Quality, TerrainUpdateStats
 from sketchterrain.render.scene import TerrainSource
 from sketchterrain.render.shading import Shading
 from sketchterrain.render.sky import Sky, Sun, Weather

@@ -17,8 +17,16 @@ from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit, to_lattice
 from sketchterrain.terrain.rasters import GridWindow, QuantizedBand, bands, quantized_bands, window_bands
 from sketchterrain.terrain.recipe import TerrainRecipe
-from sketchterrain.terrain.surfaces import Band, Raster, Surface, SurfaceStore, TerrainFeatures, Tile
-from sketchterrain.terrain.vertices import VertexMemory, VertexStore
+from sketchterrain.terrain.surfaces import (
+    Band,
+    Raster,
+    Surface,
+    SurfaceStore,
+    TerrainFeatures,
+    Tile,
+    VertexMemory,
+    VertexStore,
+)
 from sketchterrain.vegetation.foliage import FoliageSampler
 from sketchterrain.vegetation.plants import SPECIES
 

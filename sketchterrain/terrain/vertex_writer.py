@@ -20,8 +20,7 @@ from sketchterrain.terrain.lattice import LATTICE_BITS, finest_level
 from sketchterrain.terrain.patch_layout import Batches, Patches, sample_stride, tile_patches, tile_samples
 from sketchterrain.terrain.patches import PatchLauncher
 from sketchterrain.terrain.recipe import FINEST_CELL, TerrainRecipe
-from sketchterrain.terrain.surfaces import non_finite
-from sketchterrain.terrain.vertices import FACTS, VertexStore
+from sketchterrain.terrain.surfaces import FACTS, VertexStore, non_finite
 
 if TYPE_CHECKING:
     _Samples = tuple[LatticeArray, LatticeArray, Float32Array]

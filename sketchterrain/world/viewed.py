@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from sketchterrain.app.arguments import camera_from_options
 from sketchterrain.app.console import Stages
-from sketchterrain.app.jobs import run_with_fallback
+from sketchterrain.app.export import run_with_fallback
 from sketchterrain.app.pictures import PictureOptions, sketch_weather
 from sketchterrain.array_types import Bounds
 from sketchterrain.compute.context import ComputeContext
@@ -31,14 +31,13 @@ from sketchterrain.render.views import check_view
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS, finest_level
 from sketchterrain.terrain.patch_layout import run_to_completion
-from sketchterrain.terrain.surfaces import TerrainFeatures
+from sketchterrain.terrain.surfaces import FACTS, VERTEX, TerrainFeatures, VertexMemory, VertexStore
 from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.terrain.vertex_writer import geometric_error
-from sketchterrain.terrain.vertices import FACTS, VERTEX, VertexMemory, VertexStore
 from sketchterrain.tiles.quadtree import code_of, intersects_bounds
 from sketchterrain.vegetation.plants import PLANT
 from sketchterrain.world.grid import CHUNK, LAYER_SPECS, Level
-from sketchterrain.world.opening import StoredWorld, open_world
+from sketchterrain.world.statistics import StoredWorld, open_world
 
 _LEAST_BITS: Final = 8
 _MOST_BITS: Final = LATTICE_BITS - 1

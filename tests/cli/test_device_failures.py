@@ -9,7 +9,7 @@ import numpy as np
 import pyopencl as cl
 import pytest
 
-import sketchterrain.app.jobs
+import sketchterrain.app.export
 import sketchterrain.render.offscreen
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
@@ -115,7 +115,7 @@ def test_without_another_device_nothing_is_written(call, tiny, tmp_path, monkeyp
     self_test(device, compare=False)
     failing = Failing(monkeypatch, device)
     assert generate(call, tiny, tmp_path / "whole", "--device", device.index).code == 0
-    monkeypatch.setattr(sketchterrain.app.jobs, "fallback_device", lambda failed: None)
+    monkeypatch.setattr(sketchterrain.app.export, "fallback_device", lambda failed: None)
     failing.at_call(range(len(failing.calls))[number])
     done = generate(call, tiny, tmp_path / "out", "--device", device.index)
     assert done.code == 4
@@ -182,7 +182,7 @@ def test_exhausted_device_memory_is_an_error(call, tiny, tmp_path, monkeypatch):
 
 def test_other_bits_print_a_note(call, tiny, tmp_path, monkeypatch):
     verdict = Verdict("other", "wrong in inverse_sqrt")
-    monkeypatch.setattr(sketchterrain.app.jobs, "self_test", lambda device, *, compare: verdict)
+    monkeypatch.setattr(sketchterrain.app.export, "self_test", lambda device, *, compare: verdict)
     done = generate(call, tiny, tmp_path)
     assert (done.code, "self-test of" in done.err) == (0, True)
     assert done.err.rstrip().endswith("other bits: wrong in inverse_sqrt")
@@ -208,7 +208,7 @@ def test_a_device_that_fails_its_self_test_is_replaced(call, tiny, tmp_path, mon
             return Verdict("failed", "the self-test crashed (SIGSEGV)")
         return Verdict("same", "")
 
-    monkeypatch.setattr(sketchterrain.app.jobs, "self_test", verdict)
+    monkeypatch.setattr(sketchterrain.app.export, "self_test", verdict)
     done = generate(call, tiny, tmp_path, "--device", DEVICES[0].index)
     assert done.code == 0
     (restart,) = report(tmp_path)["restarts"]

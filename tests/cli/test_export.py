@@ -14,7 +14,6 @@ from typing import Any
 import pytest
 
 import sketchterrain.app.export
-import sketchterrain.app.jobs
 import sketchterrain.export.files
 import sketchterrain.export.planning
 import sketchterrain.export.sidecar

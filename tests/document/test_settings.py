@@ -21,8 +21,7 @@ from sketchterrain.document.material_rules import (
     RuleChange,
     resolved_rules,
 )
-from sketchterrain.document.parameter_types import Parameter
-from sketchterrain.document.parameters import LAYERS, LOOK, MATERIALS, SKETCH, TABLES
+from sketchterrain.document.parameters import LAYERS, LOOK, MATERIALS, SKETCH, TABLES, Parameter
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import SETTINGS, file_limit
 from sketchterrain.document.toml_format import parse_settings, settings_text

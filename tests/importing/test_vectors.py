@@ -15,8 +15,8 @@ from scipy import ndimage
 
 from sketchterrain.errors import InputError
 from sketchterrain.importing.images import detect_kind
+from sketchterrain.importing.legend import cluster_properties
 from sketchterrain.importing.vector_files import mean_longitude, metric_crs_at, reproject, sketch_area
-from sketchterrain.importing.vector_kinds import cluster_properties
 from sketchterrain.importing.vectors import paint_areas, paint_lines, sketch_from_vectors
 from sketchterrain.io.crs import parse_crs, parse_metric_crs
 

@@ -7,7 +7,7 @@ import pytest
 from sketchterrain.errors import DeviceError
 from sketchterrain.placement.feature_types import FEATURE
 from sketchterrain.render.programs import open_context
-from sketchterrain.terrain.vertices import VertexStore
+from sketchterrain.terrain.surfaces import VertexStore
 from sketchterrain.vegetation.plants import PLANT
 
 from .ground_model import HostContext, write_tiles

@@ -12,7 +12,7 @@ from sketchterrain.render.camera import Camera, clip_planes, direction
 from sketchterrain.render.programs import FRAME_BINDING
 from sketchterrain.render.targets import FrameBlock
 from sketchterrain.terrain.lattice import LATTICE_BITS, metres_per_unit
-from sketchterrain.terrain.vertices import FACTS, VERTEX
+from sketchterrain.terrain.surfaces import FACTS, VERTEX
 from sketchterrain.tiles.lod import morph_weights
 from sketchterrain.tiles.quadtree import tile_indices
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.render import tour as tour_module
+from sketchterrain.render import views as tour_module
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.flight import (
     HEIGHTS,
@@ -24,7 +24,7 @@ from sketchterrain.render.flight import (
 from sketchterrain.render.offscreen import capture_frames, render_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.sky import find_sun
-from sketchterrain.render.tour import tour
+from sketchterrain.render.views import tour
 
 from .test_camera import hills
 

@@ -20,7 +20,7 @@ from sketchterrain.render.targets import NOISE_PERIOD, wrap_to_noise_period
 from sketchterrain.render.vertex_memory import gl_function
 from sketchterrain.terrain.building import build, rebuild
 from sketchterrain.terrain.changes import EVERYWHERE
-from sketchterrain.terrain.vertices import VERTEX
+from sketchterrain.terrain.surfaces import VERTEX
 from sketchterrain.tiles.quadtree import code_of, decode, keys_of, parent_of
 from sketchterrain.tiles.refinement import ROOT_LEVEL
 

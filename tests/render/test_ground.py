@@ -12,7 +12,7 @@ from sketchterrain.render.programs import FRAME_BINDING, set_uniforms
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.targets import FrameBlock
 from sketchterrain.terrain.lattice import metres_per_unit
-from sketchterrain.terrain.vertices import VERTEX
+from sketchterrain.terrain.surfaces import VERTEX
 from sketchterrain.tiles.lod import CameraView, ScreenError
 from sketchterrain.tiles.stream import TileStream
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from sketchterrain.io.resources import source
-from sketchterrain.render.budgets import TimeBudget, WorkRate
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.light_map import BLOCK, LightMap, LightMapRenderer, TexelSquare
 from sketchterrain.render.lit_ground import FADE, GroundLighting
 from sketchterrain.render.programs import FRAME_BINDING
+from sketchterrain.render.quality import TimeBudget, WorkRate
 from sketchterrain.render.sky import Sun
 from sketchterrain.render.targets import FrameBlock
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from sketchterrain.look.tree_levels import DETAILS
-from sketchterrain.render.budgets import TimeBudget
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.forest import BAND, GROW, PIXELS, Forest, detail_shares
 from sketchterrain.render.lit_ground import GroundLighting
@@ -35,7 +34,7 @@ from sketchterrain.render.plant_meshes import (
     width_scale,
 )
 from sketchterrain.render.plant_shade import PlantShadows, shadow_matrix, sun_axes
-from sketchterrain.render.quality import Quality
+from sketchterrain.render.quality import Quality, TimeBudget
 from sketchterrain.render.sky import Sun
 from sketchterrain.vegetation.plants import PLANT
 

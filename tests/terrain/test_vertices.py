@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import DeviceFailedError, InputError
-from sketchterrain.terrain.vertices import TILE_QUADS, VERTEX
+from sketchterrain.terrain.surfaces import TILE_QUADS, VERTEX
 
 from .conftest import half_sums, launches, tiers
 

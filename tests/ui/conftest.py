@@ -14,8 +14,7 @@ from sketchterrain.terrain.building import make_recipe
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.preferences import Preferences
-from sketchterrain.ui.models.workspace import Workspace
+from sketchterrain.ui.models.workspace import Preferences, Workspace
 
 
 class FakeLink(EngineLink):
@@ -97,7 +96,7 @@ def open_window(qtbot, document, workspace, link, tmp_path):
     # Imported late: most tests do not need the whole window.
     from sketchterrain.ui.models.background import SketchSaver
     from sketchterrain.ui.models.bookmarks import Bookmarks
-    from sketchterrain.ui.models.preferences import RecentFiles
+    from sketchterrain.ui.models.workspace import RecentFiles
     from sketchterrain.ui.window import MainWindow
 
     def open_():

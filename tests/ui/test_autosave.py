@@ -14,7 +14,7 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.ui.models.autosave import Autosave, Lock, new_recovery_path, write_recovery
 from sketchterrain.ui.models.background import BackgroundQueue, SketchSaver
-from sketchterrain.ui.models.preferences import RecentFiles
+from sketchterrain.ui.models.workspace import RecentFiles
 
 
 @pytest.fixture

@@ -11,14 +11,19 @@ from PyQt6.QtWidgets import QAbstractButton, QAbstractSpinBox, QComboBox, QLineE
 from sketchterrain.io.resources import preset_names
 from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.dialogs.export import ExportDialog
-from sketchterrain.ui.dialogs.help import AboutDialog, FindDialog, FirstStepsDialog, KeysDialog
-from sketchterrain.ui.dialogs.preferences import PreferencesDialog
+from sketchterrain.ui.dialogs.help import (
+    AboutDialog,
+    FindDialog,
+    FirstStepsDialog,
+    KeysDialog,
+    PreferencesDialog,
+)
 from sketchterrain.ui.dialogs.start import NewSketchDialog, PictureDialog, PresetsDialog, RecoveryDialog
 from sketchterrain.ui.dialogs.trace import TraceDialog
 from sketchterrain.ui.dialogs.world import WorldDialog
 from sketchterrain.ui.engine.protocol import EngineFacts
 from sketchterrain.ui.models.autosave import Recovery
-from sketchterrain.ui.models.preferences import Preferences
+from sketchterrain.ui.models.workspace import Preferences
 
 
 @pytest.fixture

@@ -11,11 +11,18 @@ import pytest
 
 from sketchterrain.document.parameters import LAYERS
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.ui.engine.channel import Channel, pickle_without, ready, unpickle_with
+from sketchterrain.ui.engine.channel import (
+    Channel,
+    SketchMirror,
+    UpdateBuilder,
+    pickle_without,
+    ready,
+    settings_of,
+    unpickle_with,
+)
 from sketchterrain.ui.engine.frames import FrameMemory
 from sketchterrain.ui.engine.protocol import LayerPatch, Turn
-from sketchterrain.ui.engine.relief import LARGEST, ReliefBuilder, hill_shade
-from sketchterrain.ui.engine.sketch_updates import SketchMirror, UpdateBuilder, settings_of
+from sketchterrain.ui.engine.terrain_session import LARGEST, ReliefBuilder, hill_shade
 from sketchterrain.ui.models.document import Document
 
 from .events import paint

@@ -20,12 +20,11 @@ from sketchterrain.ui.engine import link as link_module
 from sketchterrain.ui.engine import placer as placer_module
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.background import JobQueue
-from sketchterrain.ui.engine.channel import Channel, pickle_without, unpickle_with
+from sketchterrain.ui.engine.channel import Channel, pickle_without, settings_of, unpickle_with
 from sketchterrain.ui.engine.engine import Engine
 from sketchterrain.ui.engine.frames import FrameMemory
 from sketchterrain.ui.engine.link import EngineLink, ViewSource
 from sketchterrain.ui.engine.placer import CancellationPolicy, Placer, Superseded
-from sketchterrain.ui.engine.sketch_updates import settings_of
 from sketchterrain.ui.engine.terrain_session import TerrainSession
 
 

@@ -11,7 +11,7 @@ from sketchterrain.export.planning import checked_plan, option_names
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.export.targets import TARGET_NAMES, target_named
 from sketchterrain.ui.dialogs.export import ExportDialog
-from sketchterrain.ui.models.preferences import Preferences
+from sketchterrain.ui.models.workspace import Preferences
 
 from .events import repeated_mnemonics
 

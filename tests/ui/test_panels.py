@@ -10,12 +10,11 @@ from PyQt6.QtWidgets import QApplication, QWidget
 from sketchterrain.document.store import load_sketch
 from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.models.workspace import Selection
-from sketchterrain.ui.panels.adherence import AdherencePanel
 from sketchterrain.ui.panels.layers import LayersPanel
 from sketchterrain.ui.panels.lists import ContradictionsPanel, HistoryPanel
 from sketchterrain.ui.panels.properties import PropertiesPanel
 from sketchterrain.ui.panels.settings import ViewPanel, WorldPanel
-from sketchterrain.ui.panels.status_line import StatusLine
+from sketchterrain.ui.panels.status_line import AdherencePanel, StatusLine
 from sketchterrain.ui.view3d.view import View3D
 
 PANELS = {

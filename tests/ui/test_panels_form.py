@@ -5,9 +5,9 @@ from PyQt6.QtCore import Qt
 from PyQt6.QtTest import QTest
 
 from sketchterrain.document.parameters import LAYERS, SKETCH, TABLES
-from sketchterrain.ui.panels import numbers
+from sketchterrain.ui.panels import controls as numbers
+from sketchterrain.ui.panels.controls import SLIDER_STEPS, ClockBox, Gesture, Scale
 from sketchterrain.ui.panels.form import ChoiceRow, NumberRow, TextRow
-from sketchterrain.ui.panels.numbers import SLIDER_STEPS, ClockBox, Gesture, Scale
 
 from .events import wheel
 

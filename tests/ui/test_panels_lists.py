@@ -9,9 +9,8 @@ from PyQt6.QtTest import QTest
 
 from sketchterrain.ui.commands import WORLD, set_setting
 from sketchterrain.ui.engine import protocol as msg
-from sketchterrain.ui.panels.adherence import AdherencePanel
 from sketchterrain.ui.panels.lists import PALE, ContradictionsPanel, HistoryPanel
-from sketchterrain.ui.panels.status_line import StatusLine
+from sketchterrain.ui.panels.status_line import AdherencePanel, StatusLine
 
 LAYER = {"shapes": 3, "measured": 2, "lost": 1, "iou_mean": 0.912, "spill": 0.051}
 PEAKS = {"measured": 2, "capped": 1, "least": 0.9, "mean": 1.0, "most": 1.04}

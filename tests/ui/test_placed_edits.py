@@ -12,13 +12,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.terrain.building import make_recipe
 from sketchterrain.ui import commands as edits
-from sketchterrain.ui.commands import (
-    exists,
-    find_parent_river,
-    find_point,
-    find_river,
-    name_of,
-)
+from sketchterrain.ui.commands import exists, find_parent_river, find_point, find_river, name_of
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.selection import handles_of
 from sketchterrain.ui.models.workspace import Selection

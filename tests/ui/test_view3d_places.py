@@ -7,13 +7,7 @@ from sketchterrain.placement.feature_types import FEATURE
 from sketchterrain.render.camera import Camera
 from sketchterrain.ui.engine.protocol import FrameFacts, Placement, Pose, Relief
 from sketchterrain.ui.models.workspace import Selection
-from sketchterrain.ui.view3d.camera import (
-    Projection,
-    TerrainHeights,
-    circle,
-    overview,
-    scale_bar,
-)
+from sketchterrain.ui.view3d.camera import Projection, TerrainHeights, circle, overview, scale_bar
 from sketchterrain.ui.view3d.hud import heading_of
 from sketchterrain.ui.view3d.marks import MarkBuilder
 

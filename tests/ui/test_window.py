@@ -17,8 +17,7 @@ from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.ui.banner import Message
 from sketchterrain.ui.engine.protocol import ErrorReport, MeasureAdherence, RenderPicture
 from sketchterrain.ui.menus import MENUS
-from sketchterrain.ui.models.preferences import Preferences
-from sketchterrain.ui.models.workspace import TOOLS, Selection
+from sketchterrain.ui.models.workspace import TOOLS, Preferences, Selection
 
 from .events import LEFT, NO_KEYS, paint, repeated_mnemonics
 from .test_random_actions import UNTRIGGERED, DialogCloser

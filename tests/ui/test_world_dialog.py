@@ -6,9 +6,9 @@ import pytest
 from PyQt6.QtWidgets import QAbstractButton, QLabel
 
 from sketchterrain.ui.dialogs.world import WorldDialog
-from sketchterrain.ui.models.preferences import Preferences
-from sketchterrain.world.opening import open_world
+from sketchterrain.ui.models.workspace import Preferences
 from sketchterrain.world.options import WorldOptions
+from sketchterrain.world.statistics import open_world
 
 from .events import repeated_mnemonics
 

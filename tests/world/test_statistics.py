@@ -11,8 +11,7 @@ import pytest
 from sketchterrain.errors import InputError
 from sketchterrain.world import statistics as measured
 from sketchterrain.world.grid import World
-from sketchterrain.world.opening import open_world
-from sketchterrain.world.statistics import QUANTILES, compute_statistics
+from sketchterrain.world.statistics import QUANTILES, compute_statistics, open_world
 
 
 class ArrayWorld:

@@ -16,8 +16,8 @@ from sketchterrain.world.geotiff_store import TiffStore, TileStore
 from sketchterrain.world.grid import Level, ShardData, World
 from sketchterrain.world.job import Job
 from sketchterrain.world.journal import check_world
-from sketchterrain.world.opening import open_world
 from sketchterrain.world.run import run_world
+from sketchterrain.world.statistics import open_world
 
 EAST, NORTH = 512_000.0, 5_403_000.0
 # Two shards each way, whose southern and eastern ones are a few vertices wide.

@@ -19,7 +19,7 @@ from sketchterrain.compute.context import ComputeContext
 from sketchterrain.errors import InputError
 from sketchterrain.world.grid import ShardData, World
 from sketchterrain.world.job import Job
-from sketchterrain.world.opening import open_world
+from sketchterrain.world.statistics import open_world
 from sketchterrain.world.task_runner import TaskRunner
 from sketchterrain.world.zarr_store import ZarrStore
 

@@ -25,7 +25,7 @@ from sketchterrain.export.targets import TARGET_NAMES, target_named
 from sketchterrain.ui.dialogs.export_options import EverythingForm, TargetForm
 from sketchterrain.ui.dialogs.form import JobDialog, JobProgress, show_note, titled
 from sketchterrain.ui.look.theme import MARGIN, column, described, row
-from sketchterrain.ui.models.preferences import Preferences
+from sketchterrain.ui.models.workspace import Preferences
 
 _STAGES = {
     "Starting": 1,

@@ -31,8 +31,8 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.ui.export_job import ExportJob
 from sketchterrain.ui.export_request import ExportRequest, TargetRequest, WorldRequest
 from sketchterrain.ui.look.theme import MARGIN, SPACING, column, row
-from sketchterrain.ui.models.preferences import Preferences
-from sketchterrain.ui.panels.numbers import NumberBox
+from sketchterrain.ui.models.workspace import Preferences
+from sketchterrain.ui.panels.controls import NumberBox
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from sketchterrain.io.files import format_bytes
 from sketchterrain.ui.dialogs.form import Field, Form, JobDialog, JobProgress, Line, show_note, titled
 from sketchterrain.ui.export_request import WorldRequest
 from sketchterrain.ui.look.theme import MARGIN, column
-from sketchterrain.ui.models.preferences import Preferences
+from sketchterrain.ui.models.workspace import Preferences
 from sketchterrain.world.grid import LAYERS
 from sketchterrain.world.job import ENDINGS
 from sketchterrain.world.options import WorldOptions, output_form

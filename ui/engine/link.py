@@ -13,9 +13,8 @@ from PyQt6.QtCore import QObject, Qt, QTimer, pyqtBoundSignal, pyqtSignal
 from PyQt6.QtGui import QImage
 
 from sketchterrain.ui.engine import protocol as msg
-from sketchterrain.ui.engine.channel import Channel, start_process
+from sketchterrain.ui.engine.channel import Channel, UpdateBuilder, start_process
 from sketchterrain.ui.engine.frames import FrameMemory
-from sketchterrain.ui.engine.sketch_updates import UpdateBuilder
 from sketchterrain.ui.models.document import Document
 
 _EXIT_TIME: Final = 0.4  # s for processes to exit by themselves

@@ -11,8 +11,7 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.ui.engine import protocol as msg
-from sketchterrain.ui.engine.channel import Channel, pickle_without
-from sketchterrain.ui.engine.sketch_updates import SketchMirror
+from sketchterrain.ui.engine.channel import Channel, SketchMirror, pickle_without
 
 _SHORT: Final = 0.1  # s; a placement expected to end sooner is finished in any case
 

@@ -1,24 +1,138 @@
-"""The engine's terrain on an OpenCL device, from recipes or a stored world; failover to other devices."""
+"""The engine's terrain on an OpenCL device, from recipes or a stored world; relief images for the canvas."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Final, cast
+
+import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.array_types import Bounds
 from sketchterrain.compute.device import Device
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import DeviceError, one_line
 from sketchterrain.terrain.recipe import TerrainRecipe
-from sketchterrain.ui.engine.channel import unpickle_with
-from sketchterrain.ui.engine.protocol import RecipeUpdate, WorldFacts
-from sketchterrain.ui.engine.sketch_updates import SketchMirror
+from sketchterrain.ui.engine.channel import SketchMirror, unpickle_with
+from sketchterrain.ui.engine.protocol import RecipeUpdate, Relief, WorldFacts
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.terrain.terrain import Terrain
     from sketchterrain.world.viewed import StoredTerrain
+
+
+LARGEST: Final = 1024  # samples along the longer side
+_POINTS: Final = 16384  # samples evaluated at once
+_BAND: Final = 32  # rows
+_INTERVAL: Final = 0.4  # s between reliefs during a stroke
+_LIGHT: Final = np.array([-0.5, 0.5, 0.75]) / np.linalg.norm([-0.5, 0.5, 0.75])
+_EXAGGERATION: Final = 1.6  # of slopes, so that gentle terrain shows its shape too
+
+
+class ReliefBuilder:
+    """Computes the relief in slices; each one that it returns is of a single version."""
+
+    def __init__(self) -> None:
+        self._terrain: Terrain | None = None
+        self._version = -1
+        self._step = 0
+        self._height = np.zeros((0, 0), np.float32)
+        self._shade = np.zeros((0, 0), np.uint8)
+        self._stale = np.zeros((0, 0), np.bool_)
+        self._work: Iterator[Relief | None] | None = None
+        self._returned_at = 0.0
+
+    def set_terrain(self, terrain: Terrain, version: int, areas: list[Bounds]) -> None:
+        """Compute this terrain next, which differs from the previous one in areas (m) only."""
+        sketch = terrain.sketch
+        step = max(-(-max(sketch.width_px, sketch.height_px) // LARGEST), 1)
+        shape = (-(-sketch.height_px // step), -(-sketch.width_px // step))
+        rescaled = self._terrain is None or self._terrain.sketch.pixel_size != sketch.pixel_size
+        if rescaled or shape != self._height.shape:
+            self._height, self._shade = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
+            self._stale = np.ones(shape, np.bool_)
+            self._work = None
+        self._terrain, self._version, self._step = terrain, version, step
+        cell = step * sketch.pixel_size
+        north = sketch.height_px * sketch.pixel_size
+        for west, south, east, top in areas:
+            rows = _samples((north - top) / cell, (north - south) / cell, shape[0])
+            self._stale[rows, _samples(west / cell, east / cell, shape[1])] = True
+
+    @property
+    def busy(self) -> bool:
+        """Whether the relief is out of date."""
+        return self._work is not None or bool(self._stale.any())
+
+    def due(self, *, update_pending: bool) -> float | None:
+        """Return the s until work is resumed; None: up to date. Tiles of a pending terrain go first."""
+        if not self.busy:
+            return None
+        return max(_INTERVAL - (time.monotonic() - self._returned_at), 0.0) if update_pending else 0.0
+
+    def work(self, seconds: float) -> Relief | None:
+        """Compute for about this long; return the relief once it is complete."""
+        until = time.perf_counter() + seconds
+        while self.busy:
+            if self._work is None:
+                assert self._terrain is not None  # noqa: S101 # otherwise nothing is stale
+                stale, self._stale = self._stale, np.zeros_like(self._stale)
+                self._work = self._steps(self._terrain, self._version, stale)
+            relief = next(self._work)
+            if relief is not None:
+                self._work, self._returned_at = None, time.monotonic()
+                return relief
+            if time.perf_counter() >= until:
+                break
+        return None
+
+    def _steps(self, terrain: Terrain, version: int, stale: npt.NDArray[np.bool_]) -> Iterator[Relief | None]:
+        """Compute stale samples of this terrain even if it is replaced meanwhile; yield the relief last."""
+        cell, height = self._step * terrain.sketch.pixel_size, self._height
+        north = terrain.sketch.height_px * terrain.sketch.pixel_size
+        for top in range(0, len(stale), _BAND):
+            columns = np.flatnonzero(stale[top : top + _BAND].any(axis=0))
+            if not columns.size:
+                continue
+            left, right = int(columns[0]), int(columns[-1]) + 1
+            x = (np.arange(left, right) + 0.5) * cell
+            deep = max(_POINTS // len(x), 1)
+            for row in range(top, min(top + _BAND, len(stale)), deep):
+                end = min(row + deep, top + _BAND, len(stale))
+                y = north - (np.arange(row, end) + 0.5) * cell
+                height[row:end, left:right] = terrain.heights(x[None, :], y[:, None], cell_size=cell)
+                yield None
+        rows = np.flatnonzero(stale.any(axis=1))
+        first, last = (int(rows[0]), int(rows[-1]) + 1) if rows.size else (0, 0)
+        for top in range(max(first - 1, 0), last + 1, 4 * _BAND):
+            end = min(top + 4 * _BAND, last + 1, len(stale))
+            above, below = max(top - 1, 0), min(end + 1, len(stale))
+            self._shade[top:end] = hill_shade(height[above:below], cell)[top - above : end - above]
+            yield None
+        if not self._stale.any():  # a newer terrain is equal everywhere
+            version = self._version
+        yield Relief(version, self._step, height.copy(), self._shade.copy())
+
+
+def hill_shade(height: npt.NDArray[np.float32], cell: float) -> npt.NDArray[np.uint8]:
+    """Return Lambertian hill-shading, light from the north-west, 0 … 255; level terrain is about 185."""
+    east = np.gradient(height, cell / _EXAGGERATION, axis=1) if height.shape[1] > 1 else np.zeros_like(height)
+    south = (
+        np.gradient(height, cell / _EXAGGERATION, axis=0) if height.shape[0] > 1 else np.zeros_like(height)
+    )
+    light = (_LIGHT[2] - east * _LIGHT[0] + south * _LIGHT[1]) / np.sqrt(1.0 + east**2 + south**2)
+    return np.asarray(np.clip(light, 0.0, 1.0) * 255.0, np.uint8)
+
+
+def _samples(low: float, high: float, count: int) -> slice:
+    """Return the samples in a range of positions (in samples), rounded outwards."""
+    first = 0 if low < 0 else min(math.floor(low), count)
+    last = count if high > count else max(math.ceil(high), 0)
+    return slice(first, last)
 
 
 class TerrainSession:
@@ -113,7 +227,7 @@ class WorldSession(TerrainSession):
         *,
         device: str | None = None,
     ) -> None:
-        from sketchterrain.world.opening import open_world
+        from sketchterrain.world.statistics import open_world
 
         self._stored, self._report = open_world(path), report
         self.world: StoredTerrain | None = None

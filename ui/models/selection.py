@@ -17,14 +17,7 @@ from sketchterrain.placement.feature_types import (
     mountain_profile,
 )
 from sketchterrain.ui import commands
-from sketchterrain.ui.commands import (
-    drag_title,
-    dragged,
-    find_parent_river,
-    find_point,
-    find_river,
-    name_of,
-)
+from sketchterrain.ui.commands import drag_title, dragged, find_parent_river, find_point, find_river, name_of
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Selection, Workspace

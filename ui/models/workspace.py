@@ -1,11 +1,200 @@
-"""Editing state that is not part of the sketch: tool, layer, label, brush, selection, overlays."""
+"""State of the program that is not the document: preferences on disk, current tool, layer and view."""
 
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
-from PyQt6.QtCore import QObject, pyqtSignal
+from PyQt6.QtCore import QByteArray, QObject, QSettings, pyqtSignal
 
 from sketchterrain.document.parameters import LAYERS
+from sketchterrain.errors import SketchterrainError
+from sketchterrain.io.files import write_atomic
+
+_THEMES = ("system", "light", "dark")
+_MAX_RECENT = 12
+
+
+def config_folder() -> Path:
+    """Return the folder for preferences (``XDG_CONFIG_HOME``)."""
+    return _folder("XDG_CONFIG_HOME", ".config")
+
+
+def state_folder() -> Path:
+    """Return the folder for state (``XDG_STATE_HOME``)."""
+    return _folder("XDG_STATE_HOME", ".local/state")
+
+
+def _folder(variable: str, default: str) -> Path:
+    value = os.environ.get(variable, "")
+    # The XDG specification: relative paths are ignored.
+    return (Path(value) if value.startswith("/") else Path.home() / default) / "sketchterrain"
+
+
+class Preferences(QObject):
+    """The user's preferences; unreadable values count as unset."""
+
+    theme_changed = pyqtSignal(str)
+    device_changed = pyqtSignal()
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self._settings = QSettings(str(path), QSettings.Format.IniFormat)
+
+    @property
+    def theme(self) -> str:
+        """``system``, ``light`` or ``dark``."""
+        theme = self._text("theme")
+        return theme if theme in _THEMES else "system"
+
+    @theme.setter
+    def theme(self, theme: str) -> None:
+        if theme not in _THEMES:
+            raise ValueError(f"expected a theme, one of {', '.join(_THEMES)}, got {theme!r}")
+        if theme != self.theme:
+            self._settings.setValue("theme", theme)
+            self.theme_changed.emit(theme)
+
+    @property
+    def device(self) -> str | None:
+        """Selector of the OpenCL device; None: automatic."""
+        return self._text("device") or None
+
+    @device.setter
+    def device(self, device: str | None) -> None:
+        if device != self.device:
+            self._settings.setValue("device", device or "")
+            self.device_changed.emit()
+
+    @property
+    def last_folder(self) -> Path:
+        """Folder of the last opened or saved file; the home folder if unset or missing."""
+        folder = Path(self._text("last_folder") or Path.home())
+        return folder if folder.is_dir() else Path.home()
+
+    @last_folder.setter
+    def last_folder(self, folder: Path) -> None:
+        self._settings.setValue("last_folder", str(folder))
+
+    @property
+    def export_folder(self) -> Path | None:
+        """Folder of the last export."""
+        text = self._text("export_folder")
+        return Path(text) if text else None
+
+    @export_folder.setter
+    def export_folder(self, folder: Path) -> None:
+        self._settings.setValue("export_folder", str(folder))
+
+    @property
+    def export_target(self) -> str:
+        """Last export target; empty: all files."""
+        return self._text("export_target")
+
+    @export_target.setter
+    def export_target(self, target: str) -> None:
+        self._settings.setValue("export_target", target)
+
+    def export_options(self, target: str) -> dict[str, Any]:
+        """Return the options of the last export to a target; empty if none."""
+        try:
+            values = json.loads(self._text(f"export/{target or 'everything'}"))
+        except ValueError:
+            return {}
+        return values if isinstance(values, dict) else {}
+
+    def set_export_options(self, target: str, values: Mapping[str, object]) -> None:
+        """Store the options of an export to a target."""
+        self._settings.setValue(f"export/{target or 'everything'}", json.dumps(dict(values)))
+
+    @property
+    def layout(self) -> tuple[QByteArray, QByteArray] | None:
+        """Window geometry and dock state in Qt's format; None: default."""
+        geometry, state = (self._settings.value(f"window/{key}") for key in ("geometry", "state"))
+        if isinstance(geometry, QByteArray) and isinstance(state, QByteArray):
+            return geometry, state
+        return None
+
+    @layout.setter
+    def layout(self, layout: tuple[QByteArray, QByteArray] | None) -> None:
+        if layout is None:
+            self._settings.remove("window")
+            return
+        self._settings.setValue("window/geometry", layout[0])
+        self._settings.setValue("window/state", layout[1])
+
+    def save(self) -> None:
+        """Write to disk now."""
+        self._settings.sync()
+
+    def _text(self, key: str) -> str:
+        value = self._settings.value(key, "")
+        return value if isinstance(value, str) else ""
+
+
+class RecentFiles(QObject):
+    """Paths of recent sketches, newest first, stored in a file.
+
+    Other instances may write that file: it is read before each change. If it is not accessible, paths last
+    until the program ends.
+    """
+
+    changed = pyqtSignal()
+
+    def __init__(self, file: Path, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._file = file
+        self._paths: tuple[Path, ...] = ()
+        self._is_stored = True
+        self._read()
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """Up to twelve paths, newest first; some may no longer exist."""
+        return self._paths
+
+    def add(self, path: Path) -> None:
+        """Move a path to the front."""
+        self._read()
+        whole = path.absolute()
+        self._store([whole, *(each for each in self._paths if each != whole)][:_MAX_RECENT])
+
+    def forget(self, path: Path) -> None:
+        """Remove a path."""
+        self._read()
+        whole = path.absolute()
+        self._store([each for each in self._paths if each != whole])
+
+    def clear(self) -> None:
+        """Remove all paths."""
+        self._store([])
+
+    def _read(self) -> None:
+        if not self._is_stored:
+            return
+        try:
+            found = json.loads(self._file.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return
+        if isinstance(found, list):
+            self._paths = tuple(Path(each) for each in found if isinstance(each, str))[:_MAX_RECENT]
+
+    def _store(self, paths: Sequence[Path]) -> None:
+        if tuple(paths) == self._paths:
+            return
+        self._paths = tuple(paths)
+        try:
+            self._file.parent.mkdir(parents=True, exist_ok=True)
+            write_atomic(self._file, json.dumps([str(path) for path in paths], indent=1).encode("utf-8"))
+            self._is_stored = True
+        except (OSError, SketchterrainError):
+            self._is_stored = False  # not worth a message
+        self.changed.emit()
+
 
 TOOLS: Final = ("select", "brush", "eraser", "line", "fill", "pick", "pan")
 OVERLAYS: Final = {

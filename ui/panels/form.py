@@ -7,14 +7,15 @@ from itertools import pairwise
 from PyQt6.QtCore import QSignalBlocker, pyqtSignal
 from PyQt6.QtWidgets import QCheckBox, QComboBox, QGridLayout, QLabel, QLineEdit, QToolButton, QWidget
 
-from sketchterrain.document.parameter_types import Parameter, Value
+from sketchterrain.document.parameters import Parameter, Value
 from sketchterrain.ui.look.theme import SPACING, column, row, tool_button
-from sketchterrain.ui.panels.numbers import (
+from sketchterrain.ui.panels.controls import (
     SLIDER_STEPS,
     ClockBox,
     Gesture,
     NumberBox,
     Scale,
+    faint_label,
     help_text,
     scroll_past,
     slider,
@@ -24,7 +25,6 @@ from sketchterrain.ui.panels.numbers import (
     tool_tip,
     with_unit,
 )
-from sketchterrain.ui.panels.parts import faint_label
 
 
 class ParameterRow(QWidget):

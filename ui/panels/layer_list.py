@@ -20,7 +20,7 @@ from sketchterrain.document.parameters import LAYERS
 from sketchterrain.ui.actions import ShortcutOverride
 from sketchterrain.ui.look.layer_colours import swatch
 from sketchterrain.ui.look.theme import SMALL, SPACING, draw_icon, tabular
-from sketchterrain.ui.panels.parts import draw_band, small
+from sketchterrain.ui.panels.controls import draw_band, small
 
 NAME, EYE, LOCK = range(3)
 """Columns."""

@@ -23,8 +23,8 @@ from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, column, describe
 from sketchterrain.ui.menus import ContextMenu
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
+from sketchterrain.ui.panels.controls import SLIDER_STEPS, label_title, number, slider, with_unit
 from sketchterrain.ui.panels.layer_list import LayerList, Row
-from sketchterrain.ui.panels.numbers import SLIDER_STEPS, label_title, number, slider, with_unit
 
 _SLICE = 1 << 20  # px: a few ms
 

@@ -50,8 +50,7 @@ from sketchterrain.ui.menus import ContextMenu
 from sketchterrain.ui.models.bookmarks import Bookmark, Bookmarks
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
-from sketchterrain.ui.panels.numbers import size_text
-from sketchterrain.ui.panels.parts import Panel, draw_band, faint_label
+from sketchterrain.ui.panels.controls import Panel, draw_band, faint_label, size_text
 
 ICON: Final = Qt.ItemDataRole.UserRole + 1
 """Name of an icon, or None."""

@@ -9,8 +9,7 @@ from PyQt6.QtCore import QSignalBlocker
 from PyQt6.QtWidgets import QLabel, QPushButton, QVBoxLayout, QWidget
 
 from sketchterrain.document.edits import ACTIONS, ADDED_BIT
-from sketchterrain.document.parameter_types import Value
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.parameters import LAYERS, Value
 from sketchterrain.placement.feature_types import FILL_BIT, River
 from sketchterrain.ui.commands import (
     exists,
@@ -37,9 +36,16 @@ from sketchterrain.ui.look.theme import MARGIN, SMALL, column, described, icon, 
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.selection import delete, lock, reset, unlock
 from sketchterrain.ui.models.workspace import Selection, Workspace
+from sketchterrain.ui.panels.controls import (
+    NumberBox,
+    PageHead,
+    ScrollingPanel,
+    faint_label,
+    label_title,
+    number,
+    title_from_key,
+)
 from sketchterrain.ui.panels.form import NumberRow, ParameterForm
-from sketchterrain.ui.panels.numbers import NumberBox, label_title, number, title_from_key
-from sketchterrain.ui.panels.parts import PageHead, ScrollingPanel, faint_label
 
 _SHAPE = ACTIONS["add"].required
 _HEIGHT = replace(_SHAPE["strength"], name="height", low=0.0, unit="m", help="from foot to top")

@@ -8,24 +8,23 @@ from PyQt6.QtCore import QRegularExpression, QSignalBlocker, pyqtSignal
 from PyQt6.QtGui import QRegularExpressionValidator
 from PyQt6.QtWidgets import QCheckBox, QLabel, QLineEdit, QMenu, QToolButton, QWidget
 
-from sketchterrain.document.parameter_types import Parameter, Sentinel, Value
-from sketchterrain.document.parameters import SKETCH
+from sketchterrain.document.parameters import SKETCH, Parameter, Sentinel, Value
 from sketchterrain.errors import InputError
 from sketchterrain.ui.application import single_shot
-from sketchterrain.ui.commands import (
-    WORLD,
-    declared,
-    random_seed,
-    reset_setting,
-    set_setting,
-    settings,
-)
+from sketchterrain.ui.commands import WORLD, declared, random_seed, reset_setting, set_setting, settings
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.look.theme import SMALL, SPACING, column, described, row, tabular, tool_button
 from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.panels.controls import (
+    CollapsibleGroup,
+    ScrollingPanel,
+    faint_label,
+    help_text,
+    number,
+    title_from_key,
+    tool_tip,
+)
 from sketchterrain.ui.panels.form import NumberRow, ParameterForm
-from sketchterrain.ui.panels.numbers import help_text, number, title_from_key, tool_tip
-from sketchterrain.ui.panels.parts import CollapsibleGroup, ScrollingPanel, faint_label
 
 _SEED: Final[Parameter] = SKETCH["seed"]
 _MAX_USED_SEEDS: Final = 20

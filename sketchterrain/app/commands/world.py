@@ -179,8 +179,7 @@ def stats(
                 broken = list(check_world(store, progress=progress))
         else:
             with stages.stage("open", "Opening the world"):
-                from sketchterrain.world.opening import open_world
-                from sketchterrain.world.statistics import compute_statistics
+                from sketchterrain.world.statistics import compute_statistics, open_world
 
                 stored = open_world(store)
             with stages.stage("statistics", "Measuring") as progress:

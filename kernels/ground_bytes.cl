@@ -51,11 +51,11 @@ inline void weight_bytes(const REAL *weights, int *bytes)
 //   height            rows * columns, m
 //   normal            3 planes: east, north, up; 0 is −1, 255 is 1
 //   weight            WEIGHTS planes that sum to 255
-//   odd               counts values that are no numbers
+//   nonfinite         counts NaN and Inf
 // Global size: (side, side, patches).
 __kernel void ground_bytes(int first, int across, int rows, int columns, __global const REAL *ground,
                            __global const REAL *material, __global REAL *height, __global uchar *normal,
-                           __global uchar *weight, __global int *odd)
+                           __global uchar *weight, __global int *nonfinite)
 {
     const int side = get_global_size(0);
     const int patch = first + (int)get_global_id(2);
@@ -77,7 +77,7 @@ __kernel void ground_bytes(int first, int across, int rows, int columns, __globa
         wrong += is_odd(weights[i]);
     }
     if (wrong) {
-        atomic_add(odd, wrong);
+        atomic_add(nonfinite, wrong);
         return;
     }
     height[at] = here.w;

@@ -16,7 +16,7 @@ from sketchterrain.errors import SketchterrainError, one_line
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-    Show = Callable[[str], AbstractContextManager[Callable[[float], None]]]
+    ShowStage = Callable[[str], AbstractContextManager[Callable[[float], None]]]
 
 FAILED = 1
 PARTIAL = 5
@@ -57,13 +57,13 @@ class Stages:
     `show` takes a stage's title and returns a context that yields a callback for the share that is done.
     """
 
-    def __init__(self, show: Show | None = None) -> None:
+    def __init__(self, show: ShowStage | None = None) -> None:
         self.seconds: dict[str, float] = {}
         self._start = time.perf_counter()
         self._bars: Progress | None = (
             progress_bars(remaining=False) if show is None and sys.stderr.isatty() else None
         )
-        self._show: Show = show or self._show_on_stderr
+        self._show: ShowStage = show or self._show_on_stderr
 
     def __enter__(self) -> Stages:
         if self._bars is not None:

@@ -9,7 +9,7 @@ from PyQt6.QtCore import QObject, QProcess, pyqtSignal
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.ui.application import single_shot
-from sketchterrain.ui.export_request import ExportRequest, TargetRequest, WorldRequest
+from sketchterrain.ui.engine.protocol import ExportRequest, TargetRequest, WorldRequest
 from sketchterrain.ui.models.background import BackgroundReader
 
 _GRACE = 5000  # ms from SIGTERM to SIGKILL

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from sketchterrain.app.console import Stages
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.ui.export_request import ExportRequest, TargetRequest, WorldRequest
+from sketchterrain.ui.engine.protocol import ExportRequest, TargetRequest, WorldRequest
 
 if TYPE_CHECKING:
     from sketchterrain.world.job import Job

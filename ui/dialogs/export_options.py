@@ -16,7 +16,7 @@ from sketchterrain.export.sidecar import SIDECAR
 from sketchterrain.export.target import ExportOptions, Target, Tiling
 from sketchterrain.io.files import format_bytes
 from sketchterrain.ui.dialogs.form import Field, Form, Line, note
-from sketchterrain.ui.export_request import ExportRequest, TargetRequest
+from sketchterrain.ui.engine.protocol import ExportRequest, TargetRequest
 
 _SIZES: Final = (257, 513, 1025, 2049, 4097, 8193)
 _FOLIAGE: Final = {

@@ -28,8 +28,8 @@ from PyQt6.QtWidgets import (
 
 from sketchterrain.document.parameters import SKETCH
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.ui.engine.protocol import ExportRequest, TargetRequest, WorldRequest
 from sketchterrain.ui.export_job import ExportJob
-from sketchterrain.ui.export_request import ExportRequest, TargetRequest, WorldRequest
 from sketchterrain.ui.look.theme import MARGIN, SPACING, column, row
 from sketchterrain.ui.models.workspace import Preferences
 from sketchterrain.ui.panels.controls import NumberBox

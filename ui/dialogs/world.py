@@ -13,7 +13,7 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, SketchterrainError, one_line
 from sketchterrain.io.files import format_bytes
 from sketchterrain.ui.dialogs.form import Field, Form, JobDialog, JobProgress, Line, show_note, titled
-from sketchterrain.ui.export_request import WorldRequest
+from sketchterrain.ui.engine.protocol import WorldRequest
 from sketchterrain.ui.look.theme import MARGIN, column
 from sketchterrain.ui.models.workspace import Preferences
 from sketchterrain.world.grid import LAYERS

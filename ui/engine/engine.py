@@ -305,8 +305,9 @@ def _open(window: Channel, options: dict[str, Any]) -> dict[str, Any]:
     """Return the engine's session, pacer, jobs and facts."""
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.ui.engine.background import JobQueue
-    from sketchterrain.ui.engine.frames import FrameMemory, FramePacer, ViewRenderer
+    from sketchterrain.ui.engine.frames import FrameMemory, FramePacer
     from sketchterrain.ui.engine.terrain_session import TerrainSession, WorldSession
+    from sketchterrain.ui.engine.view_renderer import ViewRenderer
 
     renderer, opengl_error = None, "OpenGL failed twice: start it again"
     if options["draws"]:

@@ -1,9 +1,10 @@
-"""Messages between the window, the engine, the placer and the background process: plain, pickled values."""
+"""Messages between the processes of the desktop program, and requests of an export."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -12,7 +13,10 @@ if TYPE_CHECKING:
 
     from sketchterrain.array_types import Bounds, StructuredArray
     from sketchterrain.document.sketch import Sketch
+    from sketchterrain.export.target import ExportOptions
     from sketchterrain.placement.feature_types import Lake, River
+    from sketchterrain.world.options import WorldOptions
+
 
 MODES = ("orbit", "fly", "walk")
 """Camera modes."""
@@ -319,3 +323,38 @@ class PictureJob:
     pose: Pose
     sun: tuple[float, float]
     overlays: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ExportRequest:
+    """Files to write as `generate` does."""
+
+    folder: Path
+    size: int = 1025  # Vertices along the longer side
+    foliage: str = "csv"
+    grass: bool = False
+    preview: bool = True
+    view: str = "auto"  # Viewpoint of the preview: auto, ground, hill or air
+    map: str | None = None
+    device: str | None = None
+
+
+@dataclass(frozen=True)
+class TargetRequest:
+    """Files to write for a target, one of `sketchterrain.export.targets.TARGET_NAMES`."""
+
+    folder: Path
+    target: str
+    options: ExportOptions
+    device: str | None = None
+
+
+@dataclass(frozen=True)
+class WorldRequest:
+    """World to write or resume; its form follows from the output's suffix."""
+
+    output: Path
+    options: WorldOptions
+    workers: int = 0  # Worker processes; 0: in this process
+    device: str | None = None
+    only_estimate: bool = False

@@ -1,0 +1,131 @@
+"""The engine's renderer: an OpenGL context that follows the terrain and the view's state."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sketchterrain.errors import InputError, one_line
+from sketchterrain.render.overlays import OVERLAYS, Overlay
+from sketchterrain.render.programs import open_context
+from sketchterrain.render.quality import CPU_DRIVERS, Quality
+from sketchterrain.render.renderer import Renderer
+from sketchterrain.render.sharing_probe import open_device
+from sketchterrain.render.sky import Weather, find_sun, sun_for_view
+from sketchterrain.render.targets import PictureTarget
+from sketchterrain.ui.engine.protocol import ViewState
+
+if TYPE_CHECKING:
+    from sketchterrain.array_types import Bounds
+    from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.compute.device import Device
+    from sketchterrain.render.camera import Camera
+    from sketchterrain.render.quality import FrameStats
+    from sketchterrain.render.scene import TerrainSource
+    from sketchterrain.render.sky import Sun
+
+_DRAWING_THREADS = "llvmpipe-"
+_NICENESS = 10  # about a tenth of the CPU under load
+
+
+class ViewRenderer:
+    """An OpenGL context, and the renderer and overlays of the current terrain."""
+
+    def __init__(self) -> None:
+        self._context = open_context()
+        self.name = str(self._context.info["GL_RENDERER"])
+        self.is_software = any(part in self.name.lower() for part in CPU_DRIVERS)
+        if self.is_software:
+            _lower_drawing_threads()
+        self._view = ViewState()
+        self._renderer: Renderer | None = None
+        self._overlay: Overlay | None = None
+        self._terrain: TerrainSource | None = None
+        self.sun: Sun | None = None  # None before the first terrain
+        self._target = PictureTarget(self._context)
+
+    def open_device(self, device: Device) -> ComputeContext:
+        """Open a device so that it writes to this context's buffers."""
+        return open_device(device)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is no renderer, before the first terrain or after an error."""
+        return self._renderer is None
+
+    @property
+    def sharing(self) -> str:
+        """How heights reach OpenGL; ``none`` before the first terrain."""
+        return "none" if self._renderer is None else self._renderer.stream.memory.kind
+
+    def set_view(self, view: ViewState) -> None:
+        """Apply size, quality and overlays."""
+        if view.quality != self._view.quality:
+            self.clear()
+        self._view = view
+
+    def clear(self) -> None:
+        """Release the renderer; the next `set_terrain` creates another one."""
+        renderer, self._renderer = self._renderer, None
+        self._overlay = self._terrain = self.sun = None
+        if renderer is not None:
+            renderer.release()
+
+    def set_terrain(self, terrain: TerrainSource, areas: list[Bounds], camera: Camera) -> str:
+        """Display a terrain that differs from the previous one in areas (m); return a warning or nothing."""
+        weather = Weather.from_sketch(terrain.sketch)
+        if self._terrain is not None and self._terrain.extent != terrain.extent:
+            self.clear()
+        before, self._terrain = self._terrain, terrain
+        if self._renderer is None or before is None:
+            self.sun, line = _find_sun(terrain, camera, weather)
+            number = self._view.quality
+            quality = Quality.for_renderer(self.name) if number is None else Quality.from_level(number)
+            self._renderer = Renderer(self._context, terrain, sun=self.sun, weather=weather, quality=quality)
+            return line
+        line = ""
+        if areas or terrain.sketch.look != before.sketch.look:
+            self._renderer.set_terrain(terrain, areas)
+            if self._overlay is not None:
+                self._overlay.set_terrain(terrain, areas)
+        old = Weather.from_sketch(before.sketch)
+        if (weather.hour, weather.latitude) != (old.hour, old.latitude):
+            self.sun, line = _find_sun(terrain, camera, weather)
+        if weather != old:
+            assert self.sun is not None  # noqa: S101 # set with the renderer
+            self._renderer.relight(sun=self.sun, weather=weather)
+        return line
+
+    def draw(self, camera: Camera, *, elapsed: float, clock: float) -> FrameStats:
+        """Draw a frame; see `read_pixels`."""
+        renderer, terrain = self._renderer, self._terrain
+        assert renderer is not None and terrain is not None  # noqa: S101, PT018 # `set_terrain` was called
+        framebuffer = self._target.sized((self._view.width, self._view.height))
+        stats = renderer.frame(camera, framebuffer, elapsed=elapsed, clock=clock)
+        for name in [name for name in self._view.overlays if name in OVERLAYS]:
+            if self._overlay is None:
+                self._overlay = Overlay(self._context, terrain, renderer.stream)
+            self._overlay.draw(name, camera.eye, framebuffer)
+        return stats
+
+    def read_pixels(self, into: memoryview) -> None:
+        """Copy the last frame: RGBX, row 0 on top."""
+        self._target.read_into(into)
+
+
+def _lower_drawing_threads() -> None:
+    """Lower the priority of a software renderer's threads below placement and computation."""
+    if sys.platform == "linux":
+        for thread in Path("/proc/self/task").glob("*"):
+            if (thread / "comm").read_text(encoding="ascii", errors="replace").startswith(_DRAWING_THREADS):
+                os.setpriority(os.PRIO_PROCESS, int(thread.name), _NICENESS)
+
+
+def _find_sun(terrain: TerrainSource, camera: Camera, weather: Weather) -> tuple[Sun, str]:
+    """Return the sun; at night, one that suits the view, and a line that says so."""
+    try:
+        return sun_for_view(terrain, camera, weather), ""
+    except InputError as error:
+        return find_sun(terrain, camera), one_line(error)

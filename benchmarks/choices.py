@@ -259,7 +259,7 @@ def _splines(context: TimedContext, effort: Effort) -> Iterator[Row]:
             }
 
 
-_CHOICES_CHART_COLUMNS = 3
+_PANELS_PER_LINE = 3
 _APART = 0.07  # of a panel's height, between labels
 
 
@@ -270,8 +270,8 @@ def draw_choices(rows: Sequence[Row]) -> Any:
         6.6,
         "Largest error against time of each way to do the same, down and left is better. Blue: what is used.",
     )
-    lines = -(-len(SUBJECTS) // _CHOICES_CHART_COLUMNS)
-    panels = figure.subplots(lines, _CHOICES_CHART_COLUMNS, squeeze=False).ravel()
+    lines = -(-len(SUBJECTS) // _PANELS_PER_LINE)
+    panels = figure.subplots(lines, _PANELS_PER_LINE, squeeze=False).ravel()
     for (subject, unit), axes in zip(SUBJECTS.items(), panels, strict=True):
         _panel(axes, [row for row in rows if row["subject"] == subject])
         axes.set_title(unit, fontsize=9.0)

@@ -150,7 +150,7 @@ WRITTEN: Mapping[str, float] = {
 }
 """Bytes that a work item writes, for every kernel in ``kernels/*.cl``."""
 
-_KERNEL_TIMES_COLUMNS = (
+_TIME_COLUMNS = (
     Column("kernel", "kernel"),
     Column("ground", "ground"),
     Column("level", "level"),
@@ -183,10 +183,10 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     """
     works = dict(_works(context, effort))
     laps = alternate({str(case): work for case, work in works.items()}, rounds=effort.rounds)
-    rows = [row for case in works for row in _kernel_times_rows(case, laps[str(case)])]
+    rows = [row for case in works for row in _time_rows(case, laps[str(case)])]
     order = list(WRITTEN)
     rows.sort(key=lambda row: order.index(str(row["kernel"])))
-    return Outcome((Table("Kernels", _KERNEL_TIMES_COLUMNS, tuple(rows)), _size_table(context, effort)))
+    return Outcome((Table("Kernels", _TIME_COLUMNS, tuple(rows)), _size_table(context, effort)))
 
 
 @dataclass(frozen=True)
@@ -287,7 +287,7 @@ def _points(context: TimedContext, terrain: Terrain, level: int, effort: Effort)
     return partial(context.lap, partial(terrain.heights, x, y, cell_size=width / QUADS))
 
 
-def _kernel_times_rows(case: _Case, laps: Sequence[Lap]) -> Iterator[Row]:
+def _time_rows(case: _Case, laps: Sequence[Lap]) -> Iterator[Row]:
     for kernel in case.kernels:
         launches = [launch for lap in laps for launch in lap.launches if launch.kernel == kernel]
         # Parents' bare heights are fewer, and no masks are written for them.

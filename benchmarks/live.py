@@ -35,7 +35,7 @@ _RATE, _TIMEOUT, _HEARTBEAT = 0.008, 120.0, 5  # s between places of the mouse, 
 class Painted(NamedTuple):
     """Times of one stroke: a row for each sketch that was sent, and how late the event loop was."""
 
-    # s of the monotonic clock: sketch made, placing begun and ended, recipe sent, received, tiles written
+    # s of the monotonic clock: sketch, placing started, finished, recipe sent, received, tiles written
     times: tuple[tuple[float, ...], ...]
     stalls: tuple[float, ...]  # s that each beat of a timer in the event loop came too late
 

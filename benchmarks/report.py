@@ -50,7 +50,7 @@ class Outcome:
 
 
 def value_of(row: Row, key: str) -> float:
-    """Return a row's number, 0 where there is none."""
+    """Return a row's number, 0 if it is missing."""
     value = row.get(key)
     return float(value) if isinstance(value, (int, float)) else 0.0
 

@@ -126,7 +126,7 @@ _RIVALS = (in_c, in_fastnoise2, numba_noise.rival, numba_noise.by_rows, in_numpy
 _QUICK = 0.2  # s a lap
 _MORE = 4  # times as many rounds of quick laps
 
-_SPEED_COLUMNS = (
+_NOISE_COLUMNS = (
     Column("method", "method"),
     Column("threads", "threads"),
     Column("rounds", "rounds"),
@@ -217,7 +217,7 @@ def _noise(context: TimedContext, effort: Effort) -> Table:
         for one in found
         if isinstance(one, Absent)
     ]
-    return Table(f"Noise: simplex fBm, {OCTAVES} octaves, {side}²", _SPEED_COLUMNS, tuple(rows))
+    return Table(f"Noise: simplex fBm, {OCTAVES} octaves, {side}²", _NOISE_COLUMNS, tuple(rows))
 
 
 def _kernels(context: TimedContext, side: int) -> Iterator[_Method]:

@@ -137,12 +137,12 @@ def draw_splines(rows: Sequence[Row]) -> Any:
     """Worst error against time; a table of failures by trap."""
     figure = new_figure(11.0, 4.6)
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.15))
-    _spline_chart_errors(left, rows)
+    _draw_errors(left, rows)
     _failures(right, [row for row in rows if row["cell_size"] == _SHOWN_CELL])
     return figure
 
 
-def _spline_chart_errors(axes: Any, rows: Sequence[Row]) -> None:
+def _draw_errors(axes: Any, rows: Sequence[Row]) -> None:
     """Draw a point a method; a line of points, one a cell size, where splines are flattened for it."""
     for method, colour in _COLOURS.items():
         mine = [row for row in rows if row["method"] == method]

@@ -246,7 +246,7 @@ class ThesisView:
         return found
 
     def _splits(self, eye: Float64Array, ground: float) -> list[BoolArray]:
-        """Tell of each level which of its tiles, [row, column], are split."""
+        """Return for each level which of its tiles, [row, column], are split."""
         splits: list[BoolArray] = []
         for level in range(self.finest + 1):
             parent = _doubled(splits[-1]) if splits else np.ones((1, 1), np.bool_)

@@ -5,13 +5,10 @@ from __future__ import annotations
 import gc
 import sys
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from PyQt6.QtCore import QEvent, QObject, QTimer
 from PyQt6.QtWidgets import QApplication, QWidget
-
-if TYPE_CHECKING:
-    pass
 
 _COLLECTION_INTERVAL: Final = 2000  # ms
 _FULL_EVERY: Final = 30  # collections

@@ -181,7 +181,7 @@ def _opened(path: str) -> ctypes.CDLL:
 
 
 def _fractal(library: ctypes.CDLL, octaves: int) -> int:
-    """Return a node that sums so many octaves of simplex noise; LookupError where there is none."""
+    """Return a node that sums so many octaves of simplex noise; raise LookupError if it is missing."""
     kinds = {
         library.fnGetMetadataName(i).decode().replace(" ", ""): i for i in range(library.fnGetMetadataCount())
     }
@@ -197,7 +197,7 @@ def _fractal(library: ctypes.CDLL, octaves: int) -> int:
 
 
 def _variable(library: ctypes.CDLL, kind: int, name: str) -> int:
-    """Return a variable's place among those of a kind of node; LookupError where there is none."""
+    """Return a variable's place among those of a kind of node; raise LookupError if it is missing."""
     names = [
         library.fnGetMetadataVariableName(kind, i).decode()
         for i in range(library.fnGetMetadataVariableCount(kind))

@@ -53,14 +53,19 @@ def _inline(name: str, seen: set[str]) -> str:
 
 def kernel_constants(file: str, *names: str) -> tuple[float, ...]:
     """Return the values of ``#define NAME`` in a kernel source: integers, or reals written as ``R(…)``."""
-    found = dict(_CONSTANT.findall(source(file)))
-    return tuple(_number(found[name]) for name in names)
+    constants = _constants(file)
+    return tuple(_number(constants[name]) for name in names)
+
+
+@cache
+def _constants(file: str) -> dict[str, str]:
+    return dict(_CONSTANT.findall(source(file)))
 
 
 def _number(text: str) -> float:
-    return (
-        int(text, 16) if text.startswith("0x") else int(text) if text.lstrip("-").isdigit() else float(text)
-    )
+    if text.startswith("0x") or text.lstrip("-").isdigit():
+        return int(text, 0)
+    return float(text)
 
 
 def kernel_columns(file: str, row: str) -> Mapping[str, int]:
@@ -74,12 +79,16 @@ def kernel_columns(file: str, row: str) -> Mapping[str, int]:
 
 def kernel_struct(file: str, name: str, real: npt.DTypeLike) -> np.dtype[np.void]:
     """Return the layout of a struct of ``REAL``, ``long`` and ``int`` members, with ``real`` for ``REAL``."""
-    (body,) = re.findall(rf"typedef struct {{([^}}]*)}} {name};", source(file))
     kinds = {"REAL": real, "long": np.int64, "int": np.int32}
-    members = re.findall(r"(REAL|long|int) ([\w, ]+);", body)
-    return np.dtype(
-        [(name, kinds[kind]) for kind, names in members for name in names.split(", ")], align=True
-    )
+    return np.dtype([(member, kinds[kind]) for kind, member in _members(file, name)], align=True)
+
+
+@cache  # a struct is packed for every cell size
+def _members(file: str, struct: str) -> tuple[tuple[str, str], ...]:
+    """Return the type and the name of each member of a struct."""
+    (body,) = re.findall(rf"typedef struct {{([^}}]*)}} {struct};", source(file))
+    lines = re.findall(r"(REAL|long|int) ([\w, ]+);", body)
+    return tuple((kind, member) for kind, members in lines for member in members.split(", "))
 
 
 def preset_names() -> tuple[str, ...]:

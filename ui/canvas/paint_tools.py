@@ -171,7 +171,7 @@ class PickTool(Tool):
 
 
 def pick_label(context: ToolContext, pointer: Pointer) -> None:
-    """Activate the topmost visible layer and label at a position; report if there is none."""
+    """Activate the topmost visible layer and label at a position; report if nothing is painted there."""
     layers = [(name, context.document.layer(name)) for name in reversed(visible_layers(context.workspace))]
     found = pick(layers, math.floor(pointer.y), math.floor(pointer.x))
     if found is None:

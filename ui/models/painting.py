@@ -107,7 +107,7 @@ def paint_sweep(image: LabelImage, start: Dab, end: Dab, label: int) -> Box | No
     top, bottom = max(top, 0), min(bottom, image.shape[0])
     if top >= bottom:
         return None
-    left, right = _stroke_runs(start, end, np.arange(top, bottom) + 0.5)
+    left, right = _capsule_runs(start, end, np.arange(top, bottom) + 0.5)
     first = np.maximum(np.ceil(left - 0.5), 0.0)
     last = np.minimum(np.floor(right - 0.5) + 1.0, image.shape[1])
     rows = np.flatnonzero(first < last)
@@ -120,7 +120,7 @@ def paint_sweep(image: LabelImage, start: Dab, end: Dab, label: int) -> Box | No
     return int(rows[0]) + top, int(first[rows].min()), int(rows[-1]) + top + 1, int(last[rows].max())
 
 
-def _stroke_runs(start: Dab, end: Dab, y: Float64Array) -> tuple[Float64Array, Float64Array]:
+def _capsule_runs(start: Dab, end: Dab, y: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Return where each row is entered and left, px; where nothing is covered it is left before."""
     left, right = np.full(len(y), np.inf), np.full(len(y), -np.inf)
     for centre_x, centre_y, radius in (start, end) if start != end else (start,):

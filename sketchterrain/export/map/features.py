@@ -170,7 +170,7 @@ ARROWS: Final = (14.0, 48.0)  # mm along a river to its first arrow, and between
 ARROW: Final = (2.6, 1.1, 0.8)  # mm: length; length and width of the head
 MIN_FOREST: Final = 1.2  # mm²
 CELL, LEAST = 1.2, 1.6  # mm of a peak's cell; prominence of the lowest peaks, in contour intervals
-FEATURES_APART, MOST = 8.0, 48  # mm between peaks, and their number
+PEAKS_APART, MOST = 8.0, 48  # mm between peaks, and their number
 PEAK_SIZE, PEAK_INK, PEAK_HALO = 2.05, (34, 30, 28), (250, 248, 238)  # mm of the digits, and their colours
 
 
@@ -305,8 +305,7 @@ def find_peaks(terrain: Terrain, samples: MapSamples, interval: float) -> list[P
         inner = divmod(int(blocks[row, column].argmax()), cell)
         x, y = samples.metres(row * cell + inner[0], column * cell + inner[1])
         if all(
-            np.hypot(x - peak[0], y - peak[1]) >= FEATURES_APART / samples.frame.mm_per_metre
-            for peak in peaks
+            np.hypot(x - peak[0], y - peak[1]) >= PEAKS_APART / samples.frame.mm_per_metre for peak in peaks
         ):
             # The highest point of full detail nearby.
             off = np.linspace(-samples.cell_size, samples.cell_size, 9)

@@ -7,14 +7,15 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 
-BASE = {"errors", "array_types", "io", "document"}
+BASE = {"errors", "array_types", "caching", "io", "document"}
 CORE = BASE | {"placement", "hydrology", "compute", "terrain", "vegetation"}
 # Each room and the rooms it may import; a room may always import itself.
 MAY_IMPORT = {
     "errors": set(),
     "array_types": set(),
+    "caching": set(),
     "io": {"errors"},
-    "document": {"errors", "array_types", "io"},
+    "document": {"errors", "array_types", "caching", "io"},
     "placement": BASE,
     "hydrology": BASE | {"placement"},
     "compute": {"errors", "array_types", "io"},

@@ -12,10 +12,11 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
+from sketchterrain.caching import IdentityKey
 from sketchterrain.hydrology.courses import RiverCourse, arc_length
 from sketchterrain.hydrology.river_shape import Network
 from sketchterrain.hydrology.water_levels import LakeReach, join_water_levels, solve_water_levels
-from sketchterrain.placement.cache import IdentityKey, PlacementCache
+from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.covers import shape_field
 from sketchterrain.placement.feature_types import LAYER_CODES, Lake, ShapeField
 from sketchterrain.placement.hashing import rounded, value_noise

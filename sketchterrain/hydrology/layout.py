@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
+from sketchterrain.caching import IdentityKey
 from sketchterrain.errors import InputError
 from sketchterrain.hydrology.courses import (
     LAKE_GAP,
@@ -35,7 +36,7 @@ from sketchterrain.hydrology.network import (
     split_into_reaches,
     thin_region,
 )
-from sketchterrain.placement.cache import IdentityKey, PlacementCache
+from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.hashing import rounded
 from sketchterrain.placement.shapes import Region, find_regions
 

@@ -12,8 +12,9 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
+from sketchterrain.caching import IdentityKey
 from sketchterrain.hydrology.courses import RiverCourse, arc_length, smoothed
-from sketchterrain.placement.cache import IdentityKey, PlacementCache
+from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.hashing import rounded
 
 MIN_GRADIENT = 1e-4

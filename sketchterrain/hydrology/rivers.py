@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array
+from sketchterrain.caching import IdentityKey
 from sketchterrain.document.edits import Edit
 from sketchterrain.hydrology.conflicts import (
     Resolution,
@@ -24,7 +25,7 @@ from sketchterrain.hydrology.lakes import GroundHeight, mouth_lakes, painted_lak
 from sketchterrain.hydrology.layout import heights_at, lay_out_rivers, separate_beyond_edge
 from sketchterrain.hydrology.river_shape import build_network
 from sketchterrain.hydrology.water_levels import build_rivers
-from sketchterrain.placement.cache import IdentityKey, PlacementCache
+from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.feature_types import LAYER_CODES, Lake, River
 
 if TYPE_CHECKING:

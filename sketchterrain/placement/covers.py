@@ -9,8 +9,9 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from sketchterrain.array_types import Float64Array
+from sketchterrain.caching import IdentityKey
 from sketchterrain.document.parameters import MATERIALS
-from sketchterrain.placement.cache import IdentityKey, PlacementCache
+from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.feature_types import LAYER_CODES, Cover, ShapeField
 from sketchterrain.placement.hashing import gaussian_filter
 from sketchterrain.placement.shapes import EDGE_OVERHANG, Shape, label_shapes

@@ -19,8 +19,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array, StructuredArray
+from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.errors import InputError
-from sketchterrain.placement.cache import IdentityKey, LRUCache, PlacementCache
+from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.density import PaintedDistance
 from sketchterrain.placement.feature_types import (
     CLEARANCE,

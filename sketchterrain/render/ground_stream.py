@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Bounds
+from sketchterrain.caching import IdentityKey
 from sketchterrain.errors import InputError
-from sketchterrain.placement.cache import IdentityKey
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.ground import TileRenderer
 from sketchterrain.render.programs import ResourceCache

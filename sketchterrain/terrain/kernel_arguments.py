@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Bounds, Float64Array, FloatArray, LatticeArray
+from sketchterrain.caching import LRUCache
 from sketchterrain.document.material_rules import Factor
 from sketchterrain.document.parameters import MATERIALS
-from sketchterrain.placement.cache import LRUCache
 from sketchterrain.terrain.centrelines import tolerance_cell
 from sketchterrain.terrain.culling import BoxIndex, field_index, item_lists, river_index
 from sketchterrain.terrain.feature_cache import FeatureBatch, FeatureCache

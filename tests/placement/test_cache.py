@@ -6,9 +6,10 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
+from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.placement import cache as cache_module
-from sketchterrain.placement.cache import IdentityKey, LRUCache, PlacementCache
+from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.density import DensityField
 from sketchterrain.placement.placement import place
 from sketchterrain.terrain.building import make_recipe

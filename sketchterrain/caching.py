@@ -1,0 +1,48 @@
+"""Least-recently-used caches, keyed by everything that a value depends on."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from typing import Any, TypeVar
+
+Value = TypeVar("Value")
+
+
+class IdentityKey:
+    """Cache key of an immutable object, equal only to itself."""
+
+    __slots__ = ("_thing",)
+
+    def __init__(self, thing: object) -> None:
+        self._thing = thing
+
+    def __eq__(self, other: object) -> bool:
+        """Compare by identity."""
+        return isinstance(other, IdentityKey) and self._thing is other._thing
+
+    def __hash__(self) -> int:
+        """Hash by identity: the key holds the object, so its id can't be reused."""
+        return id(self._thing)
+
+
+class LRUCache:
+    """Thread-safe cache of a number of values; the least recently used are evicted."""
+
+    def __init__(self, capacity: int) -> None:
+        self._capacity = capacity
+        self._values: OrderedDict[Hashable, Any] = OrderedDict()
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def get_or_compute(self, key: Hashable, compute: Callable[[], Value]) -> Value:
+        """Return the value cached for a key of everything it depends on; compute it if missing."""
+        try:
+            value: Value = self._values.pop(key)
+        except KeyError:
+            value = compute()
+        self._values[key] = value
+        while len(self._values) > self._capacity:
+            self._values.popitem(last=False)
+        return value

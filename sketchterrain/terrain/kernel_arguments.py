@@ -5,20 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, fields, is_dataclass, replace
-from functools import reduce
-from operator import or_
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import Bounds, Float64Array, FloatArray, LatticeArray
+from sketchterrain.array_types import Bounds, FloatArray, LatticeArray
 from sketchterrain.caching import LRUCache
-from sketchterrain.document.material_rules import Factor
-from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.terrain.centrelines import tolerance_cell
 from sketchterrain.terrain.culling import BoxIndex, field_index, item_lists, river_index
 from sketchterrain.terrain.feature_cache import FeatureBatch, FeatureCache
+from sketchterrain.terrain.materials import pack_rules
 from sketchterrain.terrain.packing import (
     SLOT_DUNE,
     SLOT_FOREST,
@@ -36,13 +33,6 @@ from sketchterrain.terrain.recipe import TerrainRecipe
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.terrain.culling import Lists
-
-_MASKS = ("mountain", "dune", "forest", "water")
-_KERNEL_INPUTS = ("height", "steepness", "hollow", "mottle", *_MASKS, "wetness")
-_ROUNDING = 1e-3
-# Ranges of a factor's inputs; the mottle's actual range is less than half of this.
-_RANGES = {"steepness": (0.0, np.inf), "mottle": (-4.0, 4.0), "wetness": (0.0, 1.0)}
-_RANGES |= dict.fromkeys(_MASKS, (0.0, 1.0))
 
 _MAX_CELL_SIZES = 64
 _MAX_TOLERANCES = 16
@@ -66,61 +56,6 @@ def bit_equal(one: object, other: object) -> bool:
     if is_dataclass(one) and type(one) is type(other):
         return all(bit_equal(getattr(one, each.name), getattr(other, each.name)) for each in fields(one))
     return bool(one == other)
-
-
-@dataclass(frozen=True)
-class PackedRules:
-    """``Rules`` of ``kernels/materials.clh``; at least one row of each, so that buffers are not empty."""
-
-    count: int
-    form: npt.NDArray[np.int32]  # (rules, 4)
-    cover: Float64Array  # (rules,)
-    ramp: Float64Array  # (factors, 3, 4)
-
-
-def pack_rules(recipe: TerrainRecipe) -> PackedRules:
-    """Return the rules of a recipe, with its climate added to the starts of their ramps."""
-    rules = recipe.material_rules
-    factors = [_pack_factor(factor, recipe.climate) for rule in rules for factor in rule.factors]
-    form = np.zeros((max(len(rules), 1), 4), np.int32)
-    ends = np.cumsum([len(rule.factors) for rule in rules], dtype=np.int64)
-    form[: len(rules), 0] = [MATERIALS.index(rule.material) for rule in rules]
-    form[1 : len(rules), 1] = ends[:-1]
-    form[: len(rules), 2] = ends
-    for row in form[: len(rules)]:
-        row[3] = reduce(or_, (_required_masks(factor) for factor in factors[row[1] : row[2]]), 0)
-    cover = np.zeros(len(form))
-    cover[: len(rules)] = [rule.cover for rule in rules]
-    ramp = np.array(factors, np.float64).reshape(-1, 3, 4)
-    return PackedRules(len(rules), form, cover, ramp)
-
-
-def _pack_factor(factor: Factor, climate: Mapping[str, float]) -> list[float]:
-    """Return the weights of a factor's inputs, its start, 1 / (full - start), and 1 for a linear ramp."""
-    weights = factor.weights
-    # The climate is constant over the terrain: subtract its part from the ramp's start.
-    start = factor.start - weights.pop("aridity", 0.0) * climate["aridity"]
-    for line in ("snow_line", "tree_line"):
-        weight = weights.pop(f"above_{line}", 0.0)
-        start += weight * climate[line]
-        weights["height"] = weights.get("height", 0.0) + weight
-    ramp = [start, 1 / (factor.full - factor.start), float(factor.shape == "straight")]
-    return [*(weights.get(name, 0.0) for name in _KERNEL_INPUTS), *ramp]
-
-
-def _required_masks(factor: list[float]) -> int:
-    """Return the bits of the masks without which a packed factor is 0, whatever its other inputs."""
-    *weights, start, inverse, _ = factor
-    sign = np.sign(inverse)
-    bits = 0
-    for number, mask in enumerate(_MASKS):
-        zero = {mask, "wetness"} if mask == "water" else {mask}
-        others = {name: w for name, w in zip(_KERNEL_INPUTS, weights, strict=True) if w and name not in zero}
-        ends = {name: _RANGES.get(name, (-np.inf, np.inf)) for name in others}
-        most = sum(max(sign * w * end for end in ends[name]) for name, w in others.items()) - sign * start
-        # A sum of several may be rounded up.
-        bits |= bool(most < -_ROUNDING if others else most <= 0) << number
-    return bits
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,8 +23,8 @@ from sketchterrain.terrain.building import build
 from sketchterrain.terrain.changes import EVERYWHERE, changed_areas
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import field_distance, host_samples
-from sketchterrain.terrain.kernel_arguments import pack_rules
 from sketchterrain.terrain.lattice import metres_per_unit
+from sketchterrain.terrain.materials import pack_rules
 from sketchterrain.terrain.noise import fbm
 from sketchterrain.terrain.packing import pack_covers, pack_fields, pack_world
 from sketchterrain.terrain.recipe import TerrainRecipe

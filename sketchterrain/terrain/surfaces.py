@@ -81,11 +81,12 @@ class Band:
 
 @dataclass(frozen=True)
 class TerrainFeatures:
-    """Placed features: points (mountains, hills, dunes, forests) in and near the sketch; rivers; lakes."""
+    """Placed features: points (mountains, hills, dunes, forests) in and near the sketch; waters."""
 
     points: StructuredArray  # dtype ``FEATURE``, by id
     rivers: tuple[River, ...]
     lakes: tuple[Lake, ...] = ()
+    sea_level: float | None = None  # m; None: no sea
 
     @classmethod
     def from_recipe(cls, recipe: TerrainRecipe, size: tuple[float, float]) -> TerrainFeatures:

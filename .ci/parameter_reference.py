@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from sketchterrain.document.edits import ACTIONS
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.material_rules import (
     DEFAULT_RULES,
     FACTOR,
@@ -18,17 +19,8 @@ from sketchterrain.document.material_rules import (
     Factor,
     MaterialRule,
 )
-from sketchterrain.document.parameters import (
-    FORMAT,
-    LAYERS,
-    LOOK,
-    MATERIALS,
-    SKETCH,
-    TABLES,
-    Parameter,
-    Value,
-    format_number,
-)
+from sketchterrain.document.parameters import FORMAT, LOOK, MATERIALS, SKETCH, Parameter, Value, format_number
+from sketchterrain.document.sketch import TABLES
 
 DOCS = Path(__file__).parents[1] / "docs"
 

@@ -8,7 +8,7 @@ from PyQt6.QtCore import QEvent, QObject
 from PyQt6.QtGui import QAction, QActionGroup, QKeyEvent, QKeySequence
 from PyQt6.QtWidgets import QMainWindow, QWidget
 
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.ui.look.theme import icon
 from sketchterrain.ui.models.workspace import OVERLAYS
 

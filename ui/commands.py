@@ -16,8 +16,9 @@ import numpy as np
 
 from sketchterrain.document.edits import ACTIONS, Edit
 from sketchterrain.document.label_layers import MAX_LABELS, LabelImage
-from sketchterrain.document.parameters import LAYERS, SKETCH, TABLES, Parameter, Value
-from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.parameters import SKETCH, Parameter, Value
+from sketchterrain.document.sketch import TABLES, Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.hydrology.rivers import move_edit
 from sketchterrain.placement.feature_types import FEATURE_TYPES, TYPES, Lake, River

@@ -13,7 +13,7 @@ from PyQt6.QtGui import QDesktopServices, QImage
 from PyQt6.QtWidgets import QDialog, QFileDialog, QMessageBox, QWidget
 
 from sketchterrain.document.label_layers import LabelImage, decode_layer
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import InputError, SketchterrainError

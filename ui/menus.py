@@ -11,7 +11,7 @@ from PyQt6.QtCore import QSize, Qt
 from PyQt6.QtGui import QAction
 from PyQt6.QtWidgets import QMainWindow, QMenu, QToolBar, QWidget
 
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.commands import is_edited, is_locked, name_of
 from sketchterrain.ui.engine.protocol import Placement

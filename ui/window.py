@@ -8,7 +8,7 @@ from PyQt6.QtCore import QEvent, QSignalBlocker, QSize, Qt
 from PyQt6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QResizeEvent, QShowEvent
 from PyQt6.QtWidgets import QLabel, QMainWindow, QMenu, QSizePolicy, QSlider, QTabWidget, QWidget
 
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.banner import Banner, ErrorReporter, Message, UncaughtExceptions
 from sketchterrain.ui.canvas.canvas import Canvas

@@ -12,7 +12,7 @@ from PyQt6.QtCore import QObject, QSize, Qt, pyqtSignal
 from PyQt6.QtGui import QCloseEvent, QResizeEvent
 from PyQt6.QtWidgets import QFileDialog, QLabel, QMainWindow, QMenu
 
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.errors import InputError
 from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.banner import Banner, Message

@@ -12,8 +12,9 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from sketchterrain.document.parameters import LAYERS, SKETCH, TABLES, Parameter, format_number
-from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.parameters import SKETCH, Parameter, format_number
+from sketchterrain.document.sketch import TABLES, Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.document.toml_format import load_toml
 from sketchterrain.errors import InputError, SketchterrainError, did_you_mean, format_value, one_line

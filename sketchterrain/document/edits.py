@@ -9,11 +9,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from sketchterrain.document.parameters import LAYERS, Parameter, Value, check_values, parameter_table
+from sketchterrain.document.layers import LAYERS, POINT_LAYERS
+from sketchterrain.document.parameters import Parameter, Value, check_values, parameter_table
 from sketchterrain.errors import InputError, did_you_mean, format_value, unknown_key
-
-POINT_TYPES = ("mountain", "hill", "dune", "forest")
-"""Types that can be added and locked; rivers are edited by their control points."""
 
 ADDED_BIT = 1 << 62
 """Set in the id of every feature that the user added."""
@@ -61,22 +59,16 @@ _FROM_X, _FROM_Y = (
 )
 _RADIUS = Parameter("radius", float, 100.0, 0.1, 1e5, "m", "ground radius of its support")
 _STRENGTH = Parameter("strength", float, 1.0, 0.0, 9000.0, "", "height in m; of a forest the share of trees")
-_TYPE = Parameter("type", str, "mountain", 0, 10, "", "type of feature", choices=POINT_TYPES)
+_TYPE = Parameter("type", str, POINT_LAYERS[0], 0, 10, "", "type of feature", choices=POINT_LAYERS)
 _INDEX = Parameter("index", int, 0, 0, 100_000, "", "index of the control point, 0 at the source")
 _FEATURE = Parameter("feature", int, 0, 0, 2**64 - 1, "", "id of the feature, as in features.json")
 _SHAPE = (_TYPE, _X, _Y, _RADIUS, _STRENGTH)
-_STYLE = parameter_table(
-    LAYERS["mountain"].parameters["peakiness"],
-    LAYERS["mountain"].parameters["erosion"],
-    LAYERS["mountain"].parameters["gullies"],
-    LAYERS["dune"].parameters["wavelength"],
-    LAYERS["dune"].parameters["wind"],
-    LAYERS["forest"].parameters["conifers"],
-)
+_STYLE: dict[str, Parameter] = {}
+for _name in POINT_LAYERS:
+    _STYLE |= {each.name: each for each in LAYERS[_name].style if each.name not in _STYLE}
 
-_WIDTH = dataclasses.replace(
-    LAYERS["river"].parameters["width"], low=0.5, help="from bank to bank", sentinel=None
-)
+_RIVER = next(layer for layer in LAYERS.values() if layer.kind == "course")
+_WIDTH = dataclasses.replace(_RIVER.main, low=0.5, help="from bank to bank", sentinel=None)
 
 ACTIONS: Mapping[str, Action] = {
     "move": Action("moves a feature", parameter_table(_X, _Y)),
@@ -130,7 +122,7 @@ class Edit:
             raise InputError(f"{where}: expected {', '.join(action.required)}, no {missing[0]} given")
         if (self.from_x is None) != (self.from_y is None):
             raise InputError(f"{where}: expected both from_x and from_y, or none of them")
-        if self.type == "forest" and (self.strength or 0.0) > 1.0:
+        if self.type and LAYERS[self.type].is_share and (self.strength or 0.0) > 1.0:
             raise InputError(f"{where}.strength = {self.strength}: expected a share from 0 to 1")
         is_added = self.action == "add"
         feature = _added_id(self.values) if is_added else _FEATURE.check(self.feature, f"{where}.feature")

@@ -5,7 +5,7 @@ import struct
 import zlib
 from functools import lru_cache
 from hashlib import sha256
-from typing import Final, TypeAlias
+from typing import TypeAlias
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -14,7 +14,7 @@ from PIL import Image
 from PIL.PngImagePlugin import PngImageFile
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.errors import InputError
 
 Box = tuple[int, int, int, int]
@@ -166,12 +166,6 @@ def _read_header(data: bytes) -> tuple[int, int, int, int]:
     return width, height, depth, colour_type
 
 
-DRAW_ORDER: Final = ("material", "mountain", "hill", "dune", "forest", "lake", "river")
-"""Layers from bottom to top; thin shapes are drawn last."""
-
-LIGHT_HATCH: Final = ("forest", "river")
-"""Dark layers, which have a light hatch."""
-
 _SHADES = 16  # distinct labels; later ones repeat
 
 _TO_LMS = np.array(
@@ -207,7 +201,7 @@ def _shades(layer: str) -> tuple[tuple[int, int, int], ...]:
     """Return the colours of labels 1, 2, …: each as far from those before it as the layer's hues allow."""
     light, *_ = base = to_oklab(np.array(LAYERS[layer].colour) / 255.0)
     chroma, hue = np.hypot(base[1], base[2]), np.arctan2(base[2], base[1])
-    lights = np.linspace(0.34, 0.66, 5) if layer in LIGHT_HATCH else np.linspace(0.52, 0.88, 6)
+    lights = np.linspace(0.34, 0.66, 5) if LAYERS[layer].light_hatch else np.linspace(0.52, 0.88, 6)
     hues = hue + np.deg2rad([0.0, 15.0, -15.0, 30.0, -30.0])
     chromas = max(chroma, 0.03) * np.array([0.8, 1.25])
     grid = np.stack(np.meshgrid(lights, chromas, hues, indexing="ij"), axis=-1).reshape(-1, 3)

@@ -1,11 +1,11 @@
-"""Parameters: types with unit, range and default, and the declaration of all of them."""
+"""Parameters: types with unit, range and default, and the settings of a sketch as a whole."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from numbers import Integral, Real
 from types import MappingProxyType
 from typing import Any, NamedTuple, TypeAlias, TypeVar
@@ -142,34 +142,6 @@ MATERIALS = ("grass", "soil", "rock", "scree", "sand", "snow", "river_bed", "for
 """Materials of the ground."""
 
 
-@dataclass(frozen=True)
-class Layer:
-    """A layer of a sketch: the kind of feature that its painted regions become."""
-
-    name: str  # key in the sketch file; the image is ``name.png``
-    title: str
-    colour: tuple[int, int, int]  # sRGB of label 1, 0 to 255
-    help: str
-    parameters: Mapping[str, Parameter] = field(hash=False)  # of each label, by name
-
-
-def _multitude(default: int, what: str) -> Parameter:
-    return Parameter("multitude", int, default, 1, 500, "", f"how many {what} a painted shape is broken into")
-
-
-def _density(name: str, what: str) -> Parameter:
-    return Parameter(name, float, 0.0, 0.0, 100.0, "1/km²", f"{what} per km² where nothing is painted")
-
-
-def _erosion(default: float) -> tuple[Parameter, Parameter]:
-    return (
-        Parameter(
-            "erosion", float, default, 0.0, 1.0, "", "how deep water has cut its gullies; 0 is not at all"
-        ),
-        Parameter("gullies", float, 0.5, 0.02, 1.0, "", "width of the widest gullies, over the radius"),
-    )
-
-
 SKETCH: Mapping[str, Parameter] = parameter_table(
     Parameter("name", str, "Untitled", 0, 200, "characters", "title of the sketch"),
     Parameter(
@@ -182,14 +154,6 @@ SKETCH: Mapping[str, Parameter] = parameter_table(
     ),
 )
 """Keys at the top of the file."""
-
-DENSITY: Mapping[str, Parameter] = parameter_table(
-    _density("mountain", "mountains"),
-    _density("hill", "hills"),
-    _density("dune", "dunes"),
-    _density("forest", "groves of trees"),
-)
-"""Keys of ``[density]``: features where nothing is painted."""
 
 GROUND: Mapping[str, Parameter] = parameter_table(
     Parameter("relief", float, 40.0, 0.0, 2000.0, "m", "range of heights of the ground between features"),
@@ -246,110 +210,3 @@ LOOK: Mapping[str, Parameter] = parameter_table(
     Parameter("bump", float, 1.0, 0.0, 2.0, "", "how high its relief is, over the program's own; 0 is flat"),
 )
 """Keys of ``[look.MATERIAL]``: appearance of a material; it does not change the terrain."""
-
-TABLES: Mapping[str, Mapping[str, Parameter]] = MappingProxyType(
-    {"density": DENSITY, "ground": GROUND, "climate": CLIMATE, "weather": WEATHER}
-)
-"""Tables of the file with one value per key."""
-
-LAYERS: Mapping[str, Layer] = MappingProxyType(
-    {
-        layer.name: layer
-        for layer in (
-            Layer(
-                "mountain",
-                "Mountains",
-                (140, 92, 70),
-                "where mountains rise",
-                parameter_table(
-                    Parameter("height", float, 600.0, 1.0, 9000.0, "m", "from foot to summit"),
-                    Parameter("peakiness", float, 0.5, 0.0, 1.0, "", "0 is a broad dome, 1 is a sharp peak"),
-                    *_erosion(0.7),
-                    _multitude(1, "mountains"),
-                ),
-            ),
-            Layer(
-                "hill",
-                "Hills",
-                (122, 160, 72),
-                "where hills roll",
-                parameter_table(
-                    Parameter("height", float, 80.0, 1.0, 2000.0, "m", "from foot to top"),
-                    *_erosion(0.3),
-                    _multitude(6, "hills"),
-                ),
-            ),
-            Layer(
-                "river",
-                "Rivers",
-                (56, 116, 196),
-                "where rivers flow: paint strokes along their courses",
-                parameter_table(
-                    Parameter(
-                        *("width", float, 12.0, 0.0, 2000.0, "m"),
-                        "from bank to bank; 0 is as wide as painted",
-                        sentinel=Sentinel(0.0, "As wide as painted", 12.0),
-                        soft_range=(0.5, 2000.0),
-                    ),
-                    Parameter("depth", float, 2.0, 0.1, 100.0, "m", "from the water's surface to the bed"),
-                    Parameter(
-                        *("flow", float, -1.0, -1.0, 360.0, "°", "where it runs to: 0 north; -1 downhill"),
-                        sentinel=Sentinel(-1.0, "Downhill", 180.0),
-                        soft_range=(0.0, 360.0),
-                    ),
-                ),
-            ),
-            Layer(
-                "dune",
-                "Dunes",
-                (222, 186, 108),
-                "where the ground is a desert of dunes",
-                parameter_table(
-                    Parameter("height", float, 14.0, 0.5, 300.0, "m", "from trough to crest"),
-                    Parameter("wavelength", float, 140.0, 5.0, 2000.0, "m", "from crest to crest"),
-                    Parameter(
-                        "wind", float, 270.0, 0.0, 360.0, "°", "where the wind blows from: 0 north, 90 east"
-                    ),
-                    _multitude(12, "dune fields"),
-                ),
-            ),
-            Layer(
-                "forest",
-                "Forests",
-                (38, 104, 58),
-                "where trees grow",
-                parameter_table(
-                    Parameter(
-                        "density", float, 0.8, 0.0, 1.0, "", "share of the trees that the ground can carry"
-                    ),
-                    Parameter(
-                        *("conifers", float, -1.0, -1.0, 1.0, "", "share of conifers; -1 is by elevation"),
-                        sentinel=Sentinel(-1.0, "By elevation", 0.5),
-                        soft_range=(0.0, 1.0),
-                    ),
-                    _multitude(20, "groves"),
-                ),
-            ),
-            Layer(
-                "lake",
-                "Lakes",
-                (98, 178, 214),
-                "where lakes are",
-                parameter_table(
-                    Parameter("depth", float, 6.0, 0.5, 200.0, "m", "greatest depth of the water")
-                ),
-            ),
-            Layer(
-                "material",
-                "Materials",
-                (168, 160, 150),
-                "a material that overrides the material rules",
-                parameter_table(
-                    Parameter("material", str, "rock", 0, 40, "", "the material", choices=MATERIALS),
-                    Parameter("strength", float, 1.0, 0.0, 1.0, "", "0 is no cover, 1 hides all else"),
-                ),
-            ),
-        )
-    }
-)
-"""The layers, in display order."""

@@ -21,14 +21,16 @@ from sketchterrain.document.label_layers import (
     freeze_image,
     labels_in,
 )
+from sketchterrain.document.layers import DENSITY, LAYERS, Layer
 from sketchterrain.document.material_rules import RuleChange, check_rule_changes
 from sketchterrain.document.parameters import (
-    LAYERS,
+    CLIMATE,
+    GROUND,
     LOOK,
     MATERIALS,
     SKETCH,
-    TABLES,
-    Layer,
+    WEATHER,
+    Parameter,
     Properties,
     check_items,
     check_values,
@@ -37,6 +39,11 @@ from sketchterrain.document.parameters import (
 from sketchterrain.errors import InputError, did_you_mean, format_value
 
 __all__ = ["DEFAULT_SIDE", "MAX_LABELS", "MAX_SIDE", "LabelImage", "Sketch", "labels_in"]
+
+TABLES: Mapping[str, Mapping[str, Parameter]] = MappingProxyType(
+    {"density": DENSITY, "ground": GROUND, "climate": CLIMATE, "weather": WEATHER}
+)
+"""Tables of the file with one value per key."""
 
 DEFAULT_SIDE = 512
 """Pixels along each side of a sketch without any layer image."""

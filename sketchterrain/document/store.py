@@ -13,7 +13,7 @@ from pathlib import Path, PurePosixPath
 from weakref import ref
 
 from sketchterrain.document.label_layers import LabelImage, decode_layer, encode_layer
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.toml_format import parse_settings, settings_text, starter_sketch
 from sketchterrain.errors import InputError, did_you_mean, format_value, one_line

@@ -10,18 +10,10 @@ import numpy as np
 
 from sketchterrain.document.edits import ACTIONS, parse_edit
 from sketchterrain.document.label_layers import LabelImage
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.material_rules import FACTOR, RULE, RuleChange, parse_rule_change
-from sketchterrain.document.parameters import (
-    FORMAT,
-    LAYERS,
-    LOOK,
-    SKETCH,
-    TABLES,
-    Parameter,
-    Properties,
-    Value,
-)
-from sketchterrain.document.sketch import DEFAULT_SIDE, Sketch
+from sketchterrain.document.parameters import FORMAT, LOOK, SKETCH, Parameter, Properties, Value
+from sketchterrain.document.sketch import DEFAULT_SIDE, TABLES, Sketch
 from sketchterrain.errors import InputError, format_value, one_line, unknown_key
 
 _MAX_DOTS = 250

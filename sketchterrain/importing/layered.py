@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray
 from sketchterrain.document.label_layers import to_oklab
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.errors import InputError, format_value, one_line
 from sketchterrain.importing.images import Picture, check_size, decode_picture, detect_format, read_picture
 from sketchterrain.importing.legend import Meaning, parse_layer_name

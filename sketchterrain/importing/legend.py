@@ -15,7 +15,8 @@ import msgspec
 import numpy as np
 
 from sketchterrain.document.label_layers import to_oklab
-from sketchterrain.document.parameters import LAYERS, Value
+from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.parameters import Value
 from sketchterrain.document.toml_format import load_toml
 from sketchterrain.errors import InputError, did_you_mean, format_value, one_line
 

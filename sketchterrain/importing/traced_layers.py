@@ -11,8 +11,9 @@ from PIL import Image
 from scipy import ndimage, sparse
 
 from sketchterrain.array_types import BoolArray, UInt8Array
-from sketchterrain.document.label_layers import DRAW_ORDER, MAX_LABELS, MAX_SIDE, label_rgb, labels_in
-from sketchterrain.document.parameters import LAYERS, SKETCH, Value
+from sketchterrain.document.label_layers import MAX_LABELS, MAX_SIDE, label_rgb, labels_in
+from sketchterrain.document.layers import DRAW_ORDER, LAYERS
+from sketchterrain.document.parameters import SKETCH, Value
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 

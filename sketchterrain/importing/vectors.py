@@ -16,7 +16,8 @@ from rasterio.features import rasterize
 
 from sketchterrain.array_types import BoolArray
 from sketchterrain.document.label_layers import MAX_LABELS, MAX_SIDE, LabelImage
-from sketchterrain.document.parameters import LAYERS, Value
+from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.parameters import Value
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, did_you_mean, format_value, one_line
 from sketchterrain.importing.legend import (

@@ -7,10 +7,11 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, StructuredArray
+from sketchterrain.document.layers import LAYERS, POINT_LAYERS
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.placement.hashing import hash_unit
 
-FEATURE_TYPES: Final = ("mountain", "hill", "dune", "forest")
+FEATURE_TYPES: Final = POINT_LAYERS
 """Types of point feature; the index of a type is its code in ``FEATURE["type"]``."""
 
 FEATURE: Final = np.dtype(
@@ -190,8 +191,8 @@ def visible_radius(name: str, share: Float64Array, peakiness: Float64Array, fide
     return low / (1.0 + _CUT_IN * (1.0 - fidelity)) if name == "mountain" else low
 
 
-LAYER_CODES: Final = {"mountain": 0, "hill": 1, "dune": 2, "forest": 3, "river": 4, "lake": 5, "material": 6}
-"""Layer codes in ids and hashes. Never renumber: every terrain would change."""
+LAYER_CODES: Final = {name: layer.code for name, layer in LAYERS.items()}
+"""Layer codes in ids and hashes."""
 
 
 @dataclass(frozen=True)

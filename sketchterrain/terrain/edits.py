@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import StructuredArray
 from sketchterrain.document.edits import ACTIONS, Edit
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.hydrology.rivers import targets_lake, targets_river
 from sketchterrain.placement.feature_types import (
     FEATURE,

@@ -16,8 +16,9 @@ from sketchterrain.batch.plan import (
     read_sweep,
     with_settings,
 )
-from sketchterrain.document.parameters import LAYERS, SKETCH, TABLES
-from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.parameters import SKETCH
+from sketchterrain.document.sketch import TABLES, Sketch
 from sketchterrain.document.store import save_sketch
 from sketchterrain.errors import InputError
 

@@ -8,8 +8,8 @@ import pytest
 
 from sketchterrain.document.edits import Edit
 from sketchterrain.document.label_layers import labels_in
-from sketchterrain.document.parameters import LAYERS, TABLES
-from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.sketch import TABLES, Sketch
 from sketchterrain.document.toml_format import parse_settings, settings_text
 from sketchterrain.errors import InputError
 

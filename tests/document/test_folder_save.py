@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from sketchterrain.document.label_layers import encode_layer
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import JOURNAL, load_sketch, new_sketch, save_sketch
 from sketchterrain.errors import InputError, SketchterrainError

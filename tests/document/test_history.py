@@ -7,7 +7,7 @@ import pytest
 
 from sketchterrain.document.edits import Edit
 from sketchterrain.document.history import History, LayerChange
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
 
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from sketchterrain.document.label_layers import decode_layer, encode_layer
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.store import load_sketch, pack_zip
 from sketchterrain.errors import InputError
 

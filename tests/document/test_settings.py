@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.material_rules import (
     DEFAULT_RULES,
     FACTOR,
@@ -21,8 +22,8 @@ from sketchterrain.document.material_rules import (
     RuleChange,
     resolved_rules,
 )
-from sketchterrain.document.parameters import LAYERS, LOOK, MATERIALS, SKETCH, TABLES, Parameter
-from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.parameters import LOOK, MATERIALS, SKETCH, Parameter
+from sketchterrain.document.sketch import TABLES, Sketch
 from sketchterrain.document.store import SETTINGS, file_limit
 from sketchterrain.document.toml_format import parse_settings, settings_text
 from sketchterrain.errors import InputError

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.errors import InputError
 from sketchterrain.importing.images import decode_picture, detect_kind, read_picture
 from sketchterrain.importing.layered import trace_folder, trace_mask, trace_open_raster

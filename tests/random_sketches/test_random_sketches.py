@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from sketchterrain.array_types import BoolArray, StructuredArray
-from sketchterrain.document.parameters import DENSITY, LAYERS, Parameter
+from sketchterrain.document.layers import DENSITY, LAYERS
+from sketchterrain.document.parameters import Parameter
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.hydrology.rivers import trace_rivers
 from sketchterrain.placement.feature_types import FEATURE_TYPES, LAYER_CODES, TYPES, River, visible_radius

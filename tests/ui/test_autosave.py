@@ -9,7 +9,7 @@ from threading import Event
 
 import pytest
 
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.ui.models.autosave import Autosave, Lock, new_recovery_path, write_recovery

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from PyQt6.QtCore import QPointF
 from PyQt6.QtGui import QColor, QImage
 
-from sketchterrain.document.label_layers import DRAW_ORDER
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.layers import DRAW_ORDER, LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.canvas.compositing import (

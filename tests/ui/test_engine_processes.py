@@ -10,7 +10,7 @@ import pytest
 
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.terrain import building as from_sketch

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from sketchterrain.document.parameters import LAYERS, SKETCH, TABLES
-from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.parameters import SKETCH
+from sketchterrain.document.sketch import TABLES, Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.errors import InputError
 from sketchterrain.ui import commands

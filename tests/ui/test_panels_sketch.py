@@ -7,7 +7,9 @@ import pytest
 from PyQt6.QtCore import QPoint, Qt
 from PyQt6.QtTest import QTest
 
-from sketchterrain.document.parameters import LAYERS, SKETCH, TABLES
+from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.parameters import SKETCH
+from sketchterrain.document.sketch import TABLES
 from sketchterrain.document.store import load_sketch
 from sketchterrain.render.overlays import OVERLAYS
 from sketchterrain.ui.commands import find_parent_river, is_locked, label_areas, set_property, width_of

@@ -11,8 +11,9 @@ from typing import Final, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.document.label_layers import DRAW_ORDER, Box, LabelImage, union_box
-from sketchterrain.ui.look.layer_colours import hatch, hatch_colour, hatch_period, label_colour, layer_pattern
+from sketchterrain.document.label_layers import Box, LabelImage, union_box
+from sketchterrain.document.layers import DRAW_ORDER, LAYERS
+from sketchterrain.ui.look.layer_colours import hatch, hatch_colour, hatch_period, label_colour
 from sketchterrain.ui.models.workspace import Workspace
 
 Colours: TypeAlias = npt.NDArray[np.uint32]
@@ -322,7 +323,7 @@ def hatches_of(workspace: Workspace) -> tuple[LayerHatch, ...]:
         colour, opacity = hatch_colour(name), workspace.look(name).opacity
         strength = colour.alphaF() * (0.4 + 0.6 * opacity)  # readable where the paint is thin, too
         rgb = (colour.red(), colour.green(), colour.blue())
-        hatches.append(LayerHatch(layer_pattern(name), rgb, strength))
+        hatches.append(LayerHatch(LAYERS[name].hatch, rgb, strength))
     return tuple(hatches)
 
 

@@ -6,7 +6,7 @@ from functools import cache
 from PyQt6.QtCore import QPointF, QRect, QRectF, Qt
 from PyQt6.QtGui import QColor, QFontMetricsF, QPainter, QPainterPath, QPen, QPolygonF
 
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.ui.canvas.marks import DARK, SELECTED, FeatureMarks
 from sketchterrain.ui.canvas.sketch_image import AGREEMENT
 from sketchterrain.ui.canvas.tool_context import Tool, ToolContext

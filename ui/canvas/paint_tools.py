@@ -5,7 +5,7 @@ import math
 from PyQt6.QtCore import QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QPainter, QPen, QPolygonF
 
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.ui.canvas.compositing import visible_layers
 from sketchterrain.ui.canvas.decorations import write_beside
 from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext

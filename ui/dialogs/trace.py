@@ -25,7 +25,8 @@ from PyQt6.QtWidgets import (
     QWidget,
 )
 
-from sketchterrain.document.parameters import LAYERS, SKETCH
+from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.parameters import SKETCH
 from sketchterrain.document.sketch import DEFAULT_SIDE, Sketch
 from sketchterrain.importing.image_colours import DetectedColour
 from sketchterrain.importing.images import SPECKS, ColouredMap, Kind, coloured_map, detect_kind, read_picture

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from sketchterrain.document.label_layers import Box, LabelImage, union_box
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.ui.engine.protocol import LayerPatch, SketchUpdate
 

@@ -9,18 +9,9 @@ from PyQt6.QtCore import QRectF, Qt
 from PyQt6.QtGui import QBrush, QColor, QImage, QPainter, QPainterPath, QPen, QPixmap
 
 from sketchterrain.array_types import Float32Array
-from sketchterrain.document.label_layers import LIGHT_HATCH, label_rgb
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.label_layers import label_rgb
+from sketchterrain.document.layers import LAYERS
 
-_PATTERNS = {
-    "mountain": "peaks",
-    "hill": "waves",
-    "river": "falling",
-    "dune": "dots",
-    "forest": "trees",
-    "lake": "level",
-    "material": "crossed",
-}
 _HATCH_STRENGTH = 0.42
 
 
@@ -29,14 +20,9 @@ def label_colour(layer: str, label: int) -> QColor:
     return QColor(*label_rgb(layer, label))
 
 
-def layer_pattern(layer: str) -> str:
-    """Return the hatch of a layer, one of `HATCHES`."""
-    return _PATTERNS[layer]
-
-
 def hatch_colour(layer: str) -> QColor:
     """Return the line colour, with alpha, of a layer's hatch."""
-    if layer in LIGHT_HATCH:
+    if LAYERS[layer].light_hatch:
         return QColor(255, 255, 255, round(255 * _HATCH_STRENGTH))
     red, green, blue = (round(0.3 * part) for part in LAYERS[layer].colour)
     return QColor(red, green, blue, round(255 * _HATCH_STRENGTH))
@@ -62,7 +48,7 @@ def swatch(layer: str, label: int, size: int, dpr: float = 1.0) -> QPixmap:
 
 
 def _hatch_image(layer: str, dpr: float) -> QImage:
-    covered = hatch(layer_pattern(layer), hatch_period(dpr))
+    covered = hatch(LAYERS[layer].hatch, hatch_period(dpr))
     colour = hatch_colour(layer)
     pixels = np.empty((*covered.shape, 4), np.uint8)
     pixels[..., :3] = colour.red(), colour.green(), colour.blue()

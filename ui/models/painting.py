@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.document.label_layers import Box, LabelImage, union_box
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.hydrology.splines import cubics
 

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from PyQt6.QtCore import QByteArray, QObject, QSettings, pyqtSignal
 
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.io.files import write_atomic
 

@@ -25,7 +25,8 @@ from PyQt6.QtWidgets import (
 )
 from superqt import QCollapsible, QElidingLabel
 
-from sketchterrain.document.parameters import LAYERS, Parameter, format_number
+from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.parameters import Parameter, format_number
 from sketchterrain.ui.look.layer_colours import swatch
 from sketchterrain.ui.look.theme import MARGIN, MARKS, SPACING, column, described, tabular
 

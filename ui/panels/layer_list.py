@@ -16,7 +16,7 @@ from PyQt6.QtWidgets import (
     QTreeWidgetItem,
 )
 
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.ui.actions import ShortcutOverride
 from sketchterrain.ui.look.layer_colours import swatch
 from sketchterrain.ui.look.theme import SMALL, SPACING, draw_icon, tabular

@@ -8,7 +8,7 @@ from PyQt6.QtCore import QObject, QPoint, QSignalBlocker, QSize, Qt, QTimer, pyq
 from PyQt6.QtWidgets import QLabel, QWidget
 
 from sketchterrain.document.label_layers import MAX_LABELS, LabelImage
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.ui.commands import (

@@ -9,7 +9,8 @@ from PyQt6.QtCore import QSignalBlocker
 from PyQt6.QtWidgets import QLabel, QPushButton, QVBoxLayout, QWidget
 
 from sketchterrain.document.edits import ACTIONS, ADDED_BIT
-from sketchterrain.document.parameters import LAYERS, Value
+from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.parameters import Value
 from sketchterrain.placement.feature_types import FILL_BIT, River
 from sketchterrain.ui.commands import (
     exists,

@@ -11,7 +11,7 @@ from PyQt6.QtGui import QPainter, QPaintEvent, QPalette
 from PyQt6.QtWidgets import QCheckBox, QProgressBar, QPushButton, QSizePolicy, QWidget
 from superqt import QElidingLabel
 
-from sketchterrain.document.parameters import LAYERS
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.io.system import memory_in_use
 from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.engine.link import EngineLink

@@ -1,0 +1,248 @@
+"""Declaration of the painted layers: what their shapes become, how they look and what is imported as them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Final, Literal, NamedTuple
+
+from sketchterrain.document.parameters import MATERIALS, Parameter, Sentinel, Value, parameter_table
+
+Colour = tuple[int, int, int]
+"""sRGB, 0 to 255."""
+
+
+class TagRule(NamedTuple):
+    """Values of an OpenStreetMap key whose features belong to a layer, and properties that follow from them.
+
+    Keys with the same values follow: ``landuse`` those of ``natural``, ``fclass`` and ``featurecla`` both.
+    """
+
+    key: Literal["waterway", "water", "natural"]
+    values: str  # separated by spaces
+    properties: Mapping[str, Value] = MappingProxyType({})
+
+
+@dataclass(frozen=True)
+class Layer:
+    """A painted layer. Beside it stand only its placement rules, if any, and its layer of the terrain.
+
+    Shapes become, by `kind`: ``summits``, point features that rise; ``patches``, point features that cover
+    an area together; ``landform`` and ``water``, a field of distances from the border; ``course``, the lines
+    of a river network; ``cover``, a material on top of the others.
+    """
+
+    name: str  # key in the sketch file; the image is ``name.png``
+    title: str
+    code: int  # in the ids and hashes of its features; never renumber: every terrain would change
+    kind: Literal["summits", "patches", "landform", "water", "course", "cover"]
+    help: str
+    parameters: Mapping[str, Parameter] = field(hash=False)  # of each label, by name; the main one is first
+    colour: Colour  # of label 1
+    hatch: str  # one of `ui.look.layer_colours.HATCHES`
+    light_hatch: bool = False  # on a dark colour
+    overlay: Colour | None = None  # of its lines in the overlay of features
+    # Of point features:
+    glyph: str = ""  # one of `ui.look.layer_colours.GLYPHS`
+    added_radius: float = 0.05  # of a feature that the user adds, over the sketch's extent
+    fill: str = ""  # name of those that stand where nothing is painted
+    # Of imports:
+    map_colours: str = ""  # of maps, as #rrggbb, separated by spaces
+    tags: tuple[TagRule, ...] = ()
+    source_names: str = ""  # of vector layers, besides `name` and `title`, separated by spaces
+    narrow: str = ""  # layer of the narrow parts of its areas on a map, if asked for
+
+    @property
+    def is_points(self) -> bool:
+        """Whether shapes are broken into point features."""
+        return self.kind in ("summits", "patches")
+
+    @property
+    def is_water(self) -> bool:
+        """Whether water stands or runs in its shapes."""
+        return self.kind in ("water", "course")
+
+    @property
+    def main(self) -> Parameter:
+        """The parameter that lists show; of point features their strength."""
+        return next(iter(self.parameters.values()))
+
+    @property
+    def style(self) -> tuple[Parameter, ...]:
+        """The parameters of each point feature besides its strength."""
+        rest = (each for each in self.parameters.values() if each is not self.main)
+        return tuple(each for each in rest if each.name != "multitude")
+
+    @property
+    def is_share(self) -> bool:
+        """Whether its features' strength is a share, 0 … 1, not a height in m."""
+        return not self.main.unit
+
+
+def _multitude(default: int, what: str) -> Parameter:
+    return Parameter("multitude", int, default, 1, 500, "", f"how many {what} a painted shape is broken into")
+
+
+def _erosion(default: float) -> tuple[Parameter, Parameter]:
+    return (
+        Parameter(
+            "erosion", float, default, 0.0, 1.0, "", "how deep water has cut its gullies; 0 is not at all"
+        ),
+        Parameter("gullies", float, 0.5, 0.02, 1.0, "", "width of the widest gullies, over the radius"),
+    )
+
+
+_ALL: Final = (
+    Layer(
+        *("mountain", "Mountains", 0, "summits", "where mountains rise"),
+        parameter_table(
+            Parameter("height", float, 600.0, 1.0, 9000.0, "m", "from foot to summit"),
+            Parameter("peakiness", float, 0.5, 0.0, 1.0, "", "0 is a broad dome, 1 is a sharp peak"),
+            *_erosion(0.7),
+            _multitude(1, "mountains"),
+        ),
+        colour=(140, 92, 70),
+        hatch="peaks",
+        overlay=(230, 60, 40),
+        glyph="triangle",
+        added_radius=0.12,
+        fill="mountains",
+        map_colours="#8b5a2b #a0522d #5b3a1e",
+        tags=(TagRule("natural", "peak ridge arete volcano mountain mountain_range massif"),),
+    ),
+    Layer(
+        *("hill", "Hills", 1, "summits", "where hills roll"),
+        parameter_table(
+            Parameter("height", float, 80.0, 1.0, 2000.0, "m", "from foot to top"),
+            *_erosion(0.3),
+            _multitude(6, "hills"),
+        ),
+        colour=(122, 160, 72),
+        hatch="waves",
+        overlay=(250, 190, 40),
+        glyph="arch",
+        fill="hills",
+        map_colours="#9acd32",
+        tags=(TagRule("natural", "hill"),),
+    ),
+    Layer(
+        *("river", "Rivers", 4, "course", "where rivers flow: paint strokes along their courses"),
+        parameter_table(
+            Parameter(
+                *("width", float, 12.0, 0.0, 2000.0, "m"),
+                "from bank to bank; 0 is as wide as painted",
+                sentinel=Sentinel(0.0, "As wide as painted", 12.0),
+                soft_range=(0.5, 2000.0),
+            ),
+            Parameter("depth", float, 2.0, 0.1, 100.0, "m", "from the water's surface to the bed"),
+            Parameter(
+                *("flow", float, -1.0, -1.0, 360.0, "°", "where it runs to: 0 north; -1 downhill"),
+                sentinel=Sentinel(-1.0, "Downhill", 180.0),
+                soft_range=(0.0, 360.0),
+            ),
+        ),
+        colour=(56, 116, 196),
+        hatch="falling",
+        light_hatch=True,
+        overlay=(40, 120, 255),
+        map_colours="#0000ff #1f4e9c",
+        tags=(
+            TagRule("waterway", "river tidal_channel riverbank"),
+            TagRule("waterway", "canal fairway", {"width": 10.0}),
+            TagRule("waterway", "stream brook", {"width": 3.0, "depth": 0.5}),
+            TagRule("waterway", "ditch drain", {"width": 1.5, "depth": 0.5}),
+            TagRule("water", "river stream canal"),
+        ),
+        source_names="waterway waterways",
+    ),
+    Layer(
+        *("dune", "Dunes", 2, "patches", "where the ground is a desert of dunes"),
+        parameter_table(
+            Parameter("height", float, 14.0, 0.5, 300.0, "m", "from trough to crest"),
+            Parameter("wavelength", float, 140.0, 5.0, 2000.0, "m", "from crest to crest"),
+            Parameter("wind", float, 270.0, 0.0, 360.0, "°", "where the wind blows from: 0 north, 90 east"),
+            _multitude(12, "dune fields"),
+        ),
+        colour=(222, 186, 108),
+        hatch="dots",
+        overlay=(225, 90, 220),
+        glyph="crescent",
+        added_radius=0.06,
+        fill="dunes",
+        map_colours="#ffff00 #f0e68c #f5e9c6",
+        tags=(TagRule("natural", "dune desert"),),
+    ),
+    Layer(
+        *("forest", "Forests", 3, "patches", "where trees grow"),
+        parameter_table(
+            Parameter("density", float, 0.8, 0.0, 1.0, "", "share of the trees that the ground can carry"),
+            Parameter(
+                *("conifers", float, -1.0, -1.0, 1.0, "", "share of conifers; -1 is by elevation"),
+                sentinel=Sentinel(-1.0, "By elevation", 0.5),
+                soft_range=(0.0, 1.0),
+            ),
+            _multitude(20, "groves"),
+        ),
+        colour=(38, 104, 58),
+        hatch="trees",
+        light_hatch=True,
+        overlay=(60, 200, 80),
+        glyph="tree",
+        fill="groves of trees",
+        map_colours="#008000 #add19e",
+        tags=(TagRule("natural", "wood forest"),),
+        source_names="wood woods",
+    ),
+    Layer(
+        *("lake", "Lakes", 5, "water", "where lakes are"),
+        parameter_table(Parameter("depth", float, 6.0, 0.5, 200.0, "m", "greatest depth of the water")),
+        colour=(98, 178, 214),
+        hatch="level",
+        overlay=(30, 220, 240),
+        map_colours="#87ceeb #aad3df",
+        tags=(
+            TagRule("natural", "water reservoir basin lake pond lagoon"),
+            TagRule("water", "lake reservoir pond basin lagoon"),
+        ),
+        source_names="water",
+        narrow="river",
+    ),
+    Layer(
+        *("material", "Materials", 6, "cover", "a material that overrides the material rules"),
+        parameter_table(
+            Parameter("material", str, "rock", 0, 40, "", "the material", choices=MATERIALS),
+            Parameter("strength", float, 1.0, 0.0, 1.0, "", "0 is no cover, 1 hides all else"),
+        ),
+        colour=(168, 160, 150),
+        hatch="crossed",
+        map_colours="#eee5dc",
+        tags=(
+            TagRule("natural", "bare_rock rock cliff", {"material": "rock"}),
+            TagRule("natural", "scree shingle", {"material": "scree"}),
+            TagRule("natural", "sand beach", {"material": "sand"}),
+            TagRule("natural", "glacier", {"material": "snow"}),
+            TagRule("natural", "meadow grass grassland", {"material": "grass"}),
+        ),
+    ),
+)
+
+LAYERS: Mapping[str, Layer] = MappingProxyType({layer.name: layer for layer in _ALL})
+"""The layers, in display order."""
+
+POINT_LAYERS: Final = tuple(layer.name for layer in _ALL if layer.is_points)
+"""Layers of point features: their types, which can be added and locked."""
+
+DENSITY: Mapping[str, Parameter] = parameter_table(
+    *(
+        Parameter(
+            *(layer.name, float, 0.0, 0.0, 100.0, "1/km²"), f"{layer.fill} per km² where nothing is painted"
+        )
+        for layer in _ALL
+        if layer.fill
+    )
+)
+"""Keys of ``[density]``: features where nothing is painted."""
+
+_BOTTOM_UP = ("cover", "landform", "summits", "patches", "water", "course")
+
+DRAW_ORDER: Final = tuple(sorted(LAYERS, key=lambda name: _BOTTOM_UP.index(LAYERS[name].kind)))
+"""The layers from bottom to top, as the canvas draws them; thin shapes are drawn last."""

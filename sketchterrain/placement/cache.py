@@ -9,7 +9,7 @@ import numpy as np
 
 from sketchterrain.array_types import Float64Array, StructuredArray
 from sketchterrain.caching import IdentityKey, LRUCache, Value
-from sketchterrain.placement.density import DensityCache, PaintedDistance
+from sketchterrain.placement.density import DensityCache, painted_distance
 from sketchterrain.placement.shapes import Region, find_regions, measure_shape
 from sketchterrain.placement.user_features import USER_FEATURE, user_features
 
@@ -30,7 +30,6 @@ class PlacementCache:
         self.layers = LRUCache(32)  # results of whole layers
         self.rivers = LRUCache(256)  # results of single rivers and of groups of them
         self.candidates = LRUCache(128)  # of the fill around the sketch
-        self._distances = LRUCache(8)
         self._paint_distances = LRUCache(32)
         self._densities: dict[tuple[str, str], DensityCache] = {}
         self._parts: dict[type, Any] = {}
@@ -48,16 +47,9 @@ class PlacementCache:
         """Return the connected regions of a layer's image."""
         return self.layers.get_or_compute(("regions", IdentityKey(image)), lambda: find_regions(image))
 
-    def painted_distance(self, sketch: Sketch, layer: str) -> PaintedDistance:
-        """Return the distance function of a layer's painted pixels."""
-        image, pixel = sketch.layers[layer], sketch.pixel_size
-        return self._distances.get_or_compute(
-            (IdentityKey(image), pixel), lambda: PaintedDistance(image > 0, pixel)
-        )
-
     def distance_to_paint(self, sketch: Sketch, layer: str, positions: Float64Array) -> Float64Array:
         """Return the distance (m) from positions (..., 2) to a layer's painted pixels."""
-        distance = self.painted_distance(sketch, layer)
+        distance = painted_distance(sketch.layers[layer], sketch.pixel_size)
         key = (IdentityKey(distance), positions.shape, blake2b(positions.tobytes()).digest())
         return self._paint_distances.get_or_compute(
             key, lambda: distance(positions[..., 0], positions[..., 1])

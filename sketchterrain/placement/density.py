@@ -11,6 +11,8 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array
+from sketchterrain.caching import IdentityKey, LRUCache
+from sketchterrain.document.label_layers import LabelImage
 
 _MAP_RATIO = 64  # pixels per query; with fewer queries a map of distances does not pay
 
@@ -56,6 +58,17 @@ class PaintedDistance:
         bare = ~self._mask[rows, columns]
         result[bare] = self._tree.query(np.stack([rows[bare], columns[bare]], axis=-1))[0]
         return result
+
+
+_distances = LRUCache(8)
+"""By image: a recipe needs those of several layers, and the next one shares most of them."""
+
+
+def painted_distance(image: LabelImage, pixel_size: float) -> PaintedDistance:
+    """Return the distance to the painted pixels of a label image, which must not change."""
+    return _distances.get_or_compute(
+        (IdentityKey(image), pixel_size), lambda: PaintedDistance(image > 0, pixel_size)
+    )
 
 
 def _border(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:

@@ -9,8 +9,8 @@ that a rectangle's features do not depend on which rectangle was queried.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import partial
 from hashlib import blake2b
 from typing import TYPE_CHECKING
@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sketchterrain.array_types import BoolArray, Float64Array, StructuredArray
+from sketchterrain.array_types import BoolArray, Bounds, Float64Array, StructuredArray
 from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.errors import InputError
-from sketchterrain.placement.cache import PlacementCache
-from sketchterrain.placement.density import PaintedDistance
+from sketchterrain.placement.density import painted_distance
+from sketchterrain.placement.differences import merge_boxes, repainted_boxes, rows_only_in, widened
 from sketchterrain.placement.feature_types import (
     CLEARANCE,
     FEATURE,
@@ -37,28 +37,31 @@ from sketchterrain.placement.feature_types import (
 from sketchterrain.placement.hashing import hash_keys, hash_unit
 
 if TYPE_CHECKING:
+    from sketchterrain.document.label_layers import LabelImage
+    from sketchterrain.document.parameters import Properties
     from sketchterrain.document.sketch import Sketch
-
-    Box = tuple[float, float, float, float]
+    from sketchterrain.placement.cache import PlacementCache
 
 _MIN_RADIUS = 0.4  # of the largest
 _MAX_CROWDING = 0.3  # expected rivals of a candidate within its spacing
 _KM2 = 1e6  # m²
 _MIN_CELL, _MAX_CELL = 16.0, 32768.0  # m
-# Margin of the cached box around the sketch: the extensions of rivers, and features that influence them.
-_CACHED_EXTENTS, _CACHED_RADII = 0.4, 2.0
-_MAX_CACHED = 6000  # candidates
+# Margin of the box around the sketch that is computed once: the extensions of rivers, and features that
+# influence them.
+_NEAR_EXTENTS, _NEAR_RADII = 0.4, 2.0
+_MAX_NEAR = 6000  # candidates
 
 
 @dataclass(frozen=True)
 class CandidateRule:
-    """How candidates of one type are proposed: radii (m), cells (m), candidates per cell."""
+    """How candidates of one type are proposed: radii (m), cells (m), candidates per cell, properties."""
 
     name: str
     low: float
     high: float
     cell: float
     per_cell: float
+    properties: Properties = field(hash=False)  # of the layer's label 1
 
 
 def candidate_rules(sketch: Sketch) -> dict[str, CandidateRule]:
@@ -82,7 +85,8 @@ def candidate_rules(sketch: Sketch) -> dict[str, CandidateRule]:
             rate *= math.exp(min(density_of * math.pi * of_other, 1.0))
         cell = 2.0 ** round(math.log2(1.0 / math.sqrt(rate)))
         cell = min(max(cell, _MIN_CELL), _MAX_CELL)
-        rules[name] = CandidateRule(name, low, high, cell, rate * cell * cell)
+        properties = dict(sketch.properties(name, 1))
+        rules[name] = CandidateRule(name, low, high, cell, rate * cell * cell, properties)
         preceding[name] = (rate, low, high)
     return rules
 
@@ -98,56 +102,10 @@ def _moments(low: float, high: float) -> tuple[float, float]:
     return (high - low) / span, (high**2 - low**2) / (2.0 * span)
 
 
-def _cached_box(sketch: Sketch, rules: dict[str, CandidateRule]) -> Box | None:
-    """Return the box (m) around the sketch whose features are cached; None if too many candidates."""
-    east, north = sketch.size
-    margin = _CACHED_EXTENTS * sketch.extent + _CACHED_RADII * max(
-        (rule.high for rule in rules.values()), default=0.0
-    )
-    rate = sum(rule.per_cell / (rule.cell * rule.cell) for rule in rules.values())
-    if (east + 2.0 * margin) * (north + 2.0 * margin) * rate > _MAX_CACHED:
-        return None
-    return -margin, -margin, east + margin, north + margin
-
-
-class PaintedClearance:
-    """Painted shapes and features that the fill keeps clear of."""
-
-    def __init__(
-        self, sketch: Sketch, painted: StructuredArray, names: tuple[str, ...], cache: PlacementCache
-    ) -> None:
-        self._distances = {
-            layer: cache.painted_distance(sketch, layer)
-            for layer, image in sketch.layers.items()
-            if any((name, layer) in CLEARANCE for name in names) and image.any()
-        }
-        self._placed = {name: painted[painted["type"] == code] for code, name in enumerate(FEATURE_TYPES)}
-
-    def clearance_mask(self, name: str, features: StructuredArray, cache: LRUCache) -> BoolArray:
-        """Return which features of a type are clear of paint and of placed features."""
-        clear = np.ones(len(features), dtype=np.bool_)
-        if len(features) == 0:
-            return clear
-        for layer, distance in self._distances.items():
-            if (name, layer) in CLEARANCE:
-                clear &= cache.get_or_compute(
-                    ("clearance", name, layer, IdentityKey(features), IdentityKey(distance)),
-                    partial(_clear_of_paint, features, distance, CLEARANCE[name, layer]),
-                )
-        for other, placed in self._placed.items():
-            factor = SPACING.get((other, name), 0.0)
-            if factor > 0.0 and len(placed):
-                radius = factor * float(placed["radius"].max() + features["radius"].max())
-                digest = blake2b(placed.tobytes()).digest()
-                clear &= ~cache.get_or_compute(
-                    ("spacing", name, other, IdentityKey(features), digest),
-                    partial(suppressed_by, features, placed, factor, radius, same=False),
-                )
-        return clear
-
-
-def _clear_of_paint(features: StructuredArray, distance: PaintedDistance, factor: float) -> BoolArray:
-    away = distance(features["x"], features["y"])
+def _clear_of_paint(
+    features: StructuredArray, image: LabelImage, pixel_size: float, factor: float
+) -> BoolArray:
+    away = painted_distance(image, pixel_size)(features["x"], features["y"])
     return np.asarray(away > factor * features["radius"].astype(np.float64))
 
 
@@ -178,45 +136,55 @@ def suppressed_by(
     return suppressed
 
 
+@dataclass(frozen=True, eq=False)
 class Fill:
-    """Features of unpainted terrain: a pure function of position and seed, at the sketch's densities.
+    """Features of unpainted terrain: a pure function of position and seed, at the sketch's densities."""
 
-    The fill keeps its distance from painted layers and from `painted` features (`place`). No feature exceeds
-    `max_radius` (m), 0 when every density is 0.
-    """
+    seed: int
+    extent: float  # m, the sketch's longer side
+    size: tuple[float, float]  # m, of the sketch
+    pixel_size: float  # m
+    rules: Mapping[str, CandidateRule]  # by type, in order of precedence
+    conifers: float  # share in its forests, 0 … 1 or `BY_ELEVATION`
+    painted: StructuredArray  # placed features that it keeps its distance from
+    images: Mapping[str, LabelImage]  # painted layers that it keeps clear of
+    near: StructuredArray | None = None  # the features around the sketch, unless they are too many
+    replaced: StructuredArray = field(default_factory=lambda: np.zeros(0, dtype=FEATURE))  # by edits
 
-    def __init__(
-        self, sketch: Sketch, painted: StructuredArray, *, seed: int, cache: PlacementCache | None = None
-    ) -> None:
-        cache = PlacementCache() if cache is None else cache
-        self.sketch = sketch
-        self.painted = painted
-        self.seed = seed
-        self._rules = candidate_rules(sketch)
-        self.max_radius = max((rule.high for rule in self._rules.values()), default=0.0)
-        self._clearance = PaintedClearance(sketch, painted, tuple(self._rules), cache)
-        self._cached_box = _cached_box(sketch, self._rules)
-        self._cached_features: StructuredArray | None = None
-        self._cache = cache.candidates
-
-    def __reduce__(self) -> tuple[Callable[..., Fill], tuple[object, ...]]:
-        """Pickle the arguments and the cached features."""
-        return _rebuild, (self.sketch, self.painted, self.seed, self._cached_features)
+    @classmethod
+    def from_sketch(
+        cls, sketch: Sketch, painted: StructuredArray, *, seed: int, cache: PlacementCache | None = None
+    ) -> Fill:
+        """Return the fill at a sketch's densities around `painted` features (`place`)."""
+        rules = candidate_rules(sketch)
+        avoided = {layer for name, layer in CLEARANCE if name in rules}
+        fill = cls(
+            seed,
+            sketch.extent,
+            sketch.size,
+            sketch.pixel_size,
+            rules,
+            float(sketch.properties("forest", 1)["conifers"]),
+            painted,
+            {name: image for name, image in sketch.layers.items() if name in avoided and image.any()},
+        )
+        box = fill._near_box()
+        if box is None:
+            return fill
+        # Most candidates near the sketch are those of the sketch before.
+        return replace(fill, near=fill._compute(box, 0.0, LRUCache(0) if cache is None else cache.candidates))
 
     @property
-    def rules(self) -> tuple[object, ...]:
-        """Everything that it depends on everywhere: fills with equal rules differ only near changed paint."""
-        own = [tuple(self.sketch.properties(name, 1).items()) for name in self._rules]
-        size = (self.sketch.extent, self.sketch.width_px, self.sketch.height_px)
-        return self.seed, size, tuple(self._rules.values()), tuple(own)
+    def max_radius(self) -> float:
+        """Radius that no feature exceeds, m; 0 if every density is 0."""
+        return max((rule.high for rule in self.rules.values()), default=0.0)
 
     def max_strength(self, name: str, radius: float) -> float:
         """Return an upper bound of the strength of a type's features up to a ground radius (m); 0 if none."""
-        rule = self._rules.get(name)
+        rule = self.rules.get(name)
         if rule is None or radius <= rule.low:
             return 0.0
-        properties = self.sketch.properties(name, 1)
-        strength = properties["density"] if name == "forest" else properties["height"]
+        strength = rule.properties["density"] if name == "forest" else rule.properties["height"]
         return float(min(strength, TYPES[name].fill_slope * min(radius, rule.high)))
 
     def influence_radii(self, name: str, radius: float | None = None) -> dict[str, float]:
@@ -226,7 +194,7 @@ class Fill:
         then those that it had suppressed may survive.
         """
         direct: dict[str, float] = {}
-        for own, rule in self._rules.items():
+        for own, rule in self.rules.items():
             if radius is not None:
                 factor = SPACING.get((name, own), 0.0)
                 if factor > 0.0:
@@ -234,27 +202,22 @@ class Fill:
             elif (own, name) in CLEARANCE:
                 # Beyond the sketch's edge a distance may be underestimated by a factor of up to √2.
                 clearance = math.sqrt(2.0) * CLEARANCE[own, name] * rule.high
-                direct[own] = clearance + 2.0 * self.sketch.pixel_size
+                direct[own] = clearance + 2.0 * self.pixel_size
         radii = dict(direct)
         for (rival, own), factor in SPACING.items():
-            if rival in direct and own in self._rules:
-                indirect = direct[rival] + factor * (self._rules[rival].high + self._rules[own].high)
+            if rival in direct and own in self.rules:
+                indirect = direct[rival] + factor * (self.rules[rival].high + self.rules[own].high)
                 radii[own] = max(radii.get(own, 0.0), indirect)
         return radii
 
     @property
     def dune_styles(self) -> frozenset[tuple[float, float]]:
         """Distinct (wavelength in m, wind in degrees) of its dunes, rounded as in ``FEATURE``."""
-        if "dune" not in self._rules:
+        if "dune" not in self.rules:
             return frozenset()
-        properties = self.sketch.properties("dune", 1)
+        properties = self.rules["dune"].properties
         style = (float(np.float32(properties["wavelength"])), float(np.float32(properties["wind"])))
         return frozenset([style])
-
-    @property
-    def conifers(self) -> float:
-        """Share of conifers in its forests, 0 … 1 or ``BY_ELEVATION``."""
-        return float(self.sketch.properties("forest", 1)["conifers"])
 
     def within(
         self, west: float, south: float, east: float, north: float, *, min_radius: float = 0.0
@@ -267,24 +230,71 @@ class Fill:
         box = (float(west), float(south), float(east), float(north))
         if not all(math.isfinite(side) for side in box) or east < west or north < south:
             raise InputError(f"expected finite bounds with west <= east and south <= north, got {box}")
-        near = self._cached_box
-        if near is None or box[0] < near[0] or box[1] < near[1] or box[2] > near[2] or box[3] > near[3]:
-            return self._compute(box, min_radius)
-        if self._cached_features is None:
-            self._cached_features = self._compute(near, 0.0)
-        features = self._cached_features
-        selected: StructuredArray = features[_inside(features, box) & (features["radius"] >= min_radius)]
+        features = self._within(box, min_radius)
+        remaining: StructuredArray = features[~np.isin(features["id"], self.replaced["id"])]
+        return remaining
+
+    def difference(self, other: Fill) -> tuple[StructuredArray, StructuredArray] | None:
+        """Return the features that only this and only the other has; None if they may differ anywhere."""
+        if self._settings() != other._settings():
+            return None
+        removed = [rows_only_in(other.replaced, self.replaced)]
+        added = [rows_only_in(self.replaced, other.replaced)]
+        for area in self._changed_areas(other):
+            before, after = self._within(area, 0.0), other._within(area, 0.0)
+            removed.append(rows_only_in(before, after))
+            added.append(rows_only_in(after, before))
+        return np.unique(np.concatenate(removed)), np.unique(np.concatenate(added))
+
+    def _settings(self) -> tuple[object, ...]:
+        """Return everything that it depends on everywhere."""
+        return self.seed, self.extent, self.size, self.pixel_size, list(self.rules.items())
+
+    def _changed_areas(self, other: Fill) -> list[Bounds]:
+        """Return rectangles outside of which two fills of equal settings are the same, edits aside."""
+        areas = []
+        if self.painted is not other.painted:
+            one, two = self.painted, other.painted
+            for point in np.concatenate([rows_only_in(one, two), rows_only_in(two, one)]):
+                x, y, radius = (float(point[key]) for key in ("x", "y", "radius"))
+                distances = self.influence_radii(FEATURE_TYPES[point["type"]], radius).values()
+                if distances:
+                    areas.append(widened((x, y, x, y), max(distances)))
+        for name in {**self.images, **other.images}:
+            distance = max(self.influence_radii(name).values())
+            boxes = repainted_boxes(self.images.get(name), other.images.get(name), self.pixel_size)
+            areas += [widened(box, distance) for box in boxes]
+        return merge_boxes(areas)
+
+    def _near_box(self) -> Bounds | None:
+        """Return the box (m) around the sketch whose features are in `near`; None if too many candidates."""
+        east, north = self.size
+        margin = _NEAR_EXTENTS * self.extent + _NEAR_RADII * self.max_radius
+        rate = sum(rule.per_cell / (rule.cell * rule.cell) for rule in self.rules.values())
+        if (east + 2.0 * margin) * (north + 2.0 * margin) * rate > _MAX_NEAR:
+            return None
+        return -margin, -margin, east + margin, north + margin
+
+    def _within(self, box: Bounds, min_radius: float) -> StructuredArray:
+        near = self._near_box()
+        if (
+            near is None
+            or self.near is None
+            or (box[0] < near[0] or box[1] < near[1] or box[2] > near[2] or box[3] > near[3])
+        ):
+            return self._compute(box, min_radius, LRUCache(0))
+        selected: StructuredArray = self.near[_inside(self.near, box) & (self.near["radius"] >= min_radius)]
         return selected
 
-    def _compute(self, box: Box, min_radius: float) -> StructuredArray:
-        rules = [rule for rule in self._rules.values() if rule.high >= min_radius]
-        candidates = self._candidates_around(box, rules)
+    def _compute(self, box: Bounds, min_radius: float, cache: LRUCache) -> StructuredArray:
+        rules = [rule for rule in self.rules.values() if rule.high >= min_radius]
+        candidates = self._candidates_around(box, rules, cache)
         parts = [np.zeros(0, dtype=FEATURE)]
         for rule in rules:
             own = candidates[rule.name]
             own = own[_inside(own, box) & (own["radius"] >= min_radius)]
             survives = np.ones(len(own), dtype=np.bool_)
-            for rival in self._rules.values():
+            for rival in self.rules.values():
                 factor = SPACING.get((rival.name, rule.name), 0.0)
                 if factor > 0.0 and len(own):
                     radius = factor * (rival.high + rule.high)
@@ -295,28 +305,48 @@ class Fill:
         ordered: StructuredArray = found[np.argsort(found["id"], kind="stable")]
         return ordered
 
-    def _candidates_around(self, box: Box, rules: list[CandidateRule]) -> dict[str, StructuredArray]:
+    def _candidates_around(
+        self, box: Bounds, rules: list[CandidateRule], cache: LRUCache
+    ) -> dict[str, StructuredArray]:
         """Return candidates of each type in a rectangle, and around it as far as they may suppress others."""
         found = {}
-        # Most candidates near the sketch are those of the sketch before.
-        cache = self._cache if box is self._cached_box else LRUCache(0)
-        for rival in self._rules.values():
+        for rival in self.rules.values():
             distances = [SPACING.get((rival.name, own.name), 0.0) * (rival.high + own.high) for own in rules]
             margin = max(distances, default=0.0)
             if margin > 0.0 or rival in rules:
-                wide = (box[0] - margin, box[1] - margin, box[2] + margin, box[3] + margin)
-                proposed = self._propose(rival, wide, cache)
-                found[rival.name] = proposed[self._clearance.clearance_mask(rival.name, proposed, cache)]
+                proposed = self._propose(rival, widened(box, margin), cache)
+                found[rival.name] = proposed[self._clearance_mask(rival.name, proposed, cache)]
         return found
 
-    def _propose(self, rule: CandidateRule, box: Box, cache: LRUCache) -> StructuredArray:
-        """Return candidates of a type in a rectangle, ignoring paint."""
-        properties = tuple(self.sketch.properties(rule.name, 1).items())
-        return cache.get_or_compute(
-            ("proposed", self.seed, rule, box, properties), lambda: self._hash_candidates(rule, box)
-        )
+    def _clearance_mask(self, name: str, features: StructuredArray, cache: LRUCache) -> BoolArray:
+        """Return which features of a type are clear of paint and of placed features."""
+        clear = np.ones(len(features), dtype=np.bool_)
+        if len(features) == 0:
+            return clear
+        for layer, image in self.images.items():
+            if (name, layer) in CLEARANCE:
+                clear &= cache.get_or_compute(
+                    ("clearance", name, layer, IdentityKey(features), IdentityKey(image), self.pixel_size),
+                    partial(_clear_of_paint, features, image, self.pixel_size, CLEARANCE[name, layer]),
+                )
+        for code, other in enumerate(FEATURE_TYPES):
+            factor = SPACING.get((other, name), 0.0)
+            placed = self.painted[self.painted["type"] == code] if factor > 0.0 else self.painted[:0]
+            if len(placed):
+                radius = factor * float(placed["radius"].max() + features["radius"].max())
+                digest = blake2b(placed.tobytes()).digest()
+                clear &= ~cache.get_or_compute(
+                    ("spacing", name, other, IdentityKey(features), digest),
+                    partial(suppressed_by, features, placed, factor, radius, same=False),
+                )
+        return clear
 
-    def _hash_candidates(self, rule: CandidateRule, box: Box) -> StructuredArray:
+    def _propose(self, rule: CandidateRule, box: Bounds, cache: LRUCache) -> StructuredArray:
+        """Return candidates of a type in a rectangle, ignoring paint."""
+        key = ("proposed", self.seed, rule, box)
+        return cache.get_or_compute(key, lambda: self._hash_candidates(rule, box))
+
+    def _hash_candidates(self, rule: CandidateRule, box: Bounds) -> StructuredArray:
         name, cell, code = rule.name, rule.cell, FEATURE_TYPES.index(rule.name)
         column = np.arange(math.floor(box[0] / cell), math.floor(box[2] / cell) + 1)[None, :, None]
         row = np.arange(math.floor(box[1] / cell), math.floor(box[3] / cell) + 1)[:, None, None]
@@ -339,7 +369,7 @@ class Fill:
 
     def _set_strength(self, features: StructuredArray, rule: CandidateRule, chance: Float64Array) -> None:
         """Set strength and style from the properties of the layer's label 1, lower where it is smaller."""
-        properties = self.sketch.properties(rule.name, 1)
+        properties = rule.properties
         radius = features["radius"].astype(np.float64)
         if rule.name == "forest":
             strength = properties["density"] * (0.7 + 0.3 * chance)
@@ -354,14 +384,6 @@ class Fill:
             features["peakiness"] = conifer_code(float(properties["conifers"]))
 
 
-def _inside(features: StructuredArray, box: Box) -> BoolArray:
+def _inside(features: StructuredArray, box: Bounds) -> BoolArray:
     x, y = features["x"], features["y"]
     return np.asarray((box[0] <= x) & (x < box[2]) & (box[1] <= y) & (y < box[3]))
-
-
-def _rebuild(
-    sketch: Sketch, painted: StructuredArray, seed: int, cached_features: StructuredArray | None
-) -> Fill:
-    fill = Fill(sketch, painted, seed=seed)
-    fill._cached_features = cached_features
-    return fill

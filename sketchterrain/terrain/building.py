@@ -14,13 +14,14 @@ from sketchterrain.document.material_rules import resolved_rules
 from sketchterrain.hydrology.rivers import trace_hydrology
 from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.covers import create_covers
+from sketchterrain.placement.differences import rows_only_in
 from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.placement import place
 from sketchterrain.terrain.balance import StrengthCache, solve_strengths
 from sketchterrain.terrain.centrelines import valley_radius
-from sketchterrain.terrain.changes import changed_areas, rows_only_in
+from sketchterrain.terrain.changes import changed_areas
 from sketchterrain.terrain.culling import features_near
-from sketchterrain.terrain.edits import EditedFill, EditedPoints, apply_fill_edits, apply_painted_edits
+from sketchterrain.terrain.edits import EditedPoints, apply_fill_edits, apply_painted_edits
 from sketchterrain.terrain.host_heights import dry_heights
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.packing import effective_cell, pack_features
@@ -184,7 +185,7 @@ def make_recipe(
     memory = PlacementCache() if memory is None else memory
     placed = place(sketch, seed=sketch.seed, cache=memory, checkpoint=checkpoint)
     painted = apply_painted_edits(placed, sketch.edits)
-    fill = Fill(sketch, painted.points, seed=sketch.seed, cache=memory)
+    fill = Fill.from_sketch(sketch, painted.points, seed=sketch.seed, cache=memory)
     adopted = apply_fill_edits(fill, sketch.edits, size=sketch.size)
     dry = TerrainRecipe(
         extent=sketch.extent,
@@ -193,7 +194,7 @@ def make_recipe(
         ground=sketch.ground,
         climate=sketch.climate,
         painted=painted.points,
-        fill=EditedFill(fill, adopted.replaced) if adopted.replaced.size else fill,
+        fill=replace(fill, replaced=adopted.replaced),
         covers=create_covers(sketch, cache=memory),
         material_rules=resolved_rules(sketch.material_rules),
     )

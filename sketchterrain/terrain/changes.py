@@ -3,32 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
 
 from sketchterrain.array_types import Bounds, Float64Array, LatticeArray, StructuredArray
-from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES, Cover, Lake, ShapeField
+from sketchterrain.placement.differences import merge_boxes, rows_only_in
+from sketchterrain.placement.feature_types import Cover, Lake, ShapeField
 from sketchterrain.placement.fill import Fill
 from sketchterrain.terrain.centrelines import MAX_TOLERANCE, TOLERANCE_CELLS, PreparedCentreline
-from sketchterrain.terrain.edits import EditedFill
 from sketchterrain.terrain.kernel_arguments import bit_equal
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.packing import pack_features, prepared_centrelines, support_radii
 from sketchterrain.terrain.recipe import TerrainRecipe
-
-if TYPE_CHECKING:
-    from sketchterrain.document.sketch import Sketch
 
 EVERYWHERE: Bounds = (-math.inf, -math.inf, math.inf, math.inf)
 """The whole world."""
 
 _FIELD_MARGIN = 2  # samples: the support of a field's spline
 _OVERLAP = 0.5  # of the smaller rectangle, required to join two
-_MAX_REGIONS = 64  # repainted regions treated separately
 
 
 def changed_areas(old: TerrainRecipe, new: TerrainRecipe) -> list[Bounds]:
@@ -77,8 +71,8 @@ def _fills(old: TerrainRecipe, new: TerrainRecipe) -> tuple[StructuredArray, Str
     """Return the fill features that only the old or only the new recipe has; None if unknown."""
     if old.fill is new.fill or max(old.fill.max_radius, new.fill.max_radius) == 0:
         return old.painted[:0], new.painted[:0]
-    if isinstance(old.fill, Fill | EditedFill) and isinstance(new.fill, Fill | EditedFill):
-        return fill_difference(old.fill, new.fill)
+    if isinstance(old.fill, Fill) and isinstance(new.fill, Fill):
+        return old.fill.difference(new.fill)
     return None
 
 
@@ -178,103 +172,3 @@ def _joined(one: Bounds, other: Bounds) -> Bounds | None:
 
 def _area(box: Bounds) -> float:
     return (box[2] - box[0]) * (box[3] - box[1])
-
-
-def fill_difference(
-    old: Fill | EditedFill, new: Fill | EditedFill
-) -> tuple[StructuredArray, StructuredArray] | None:
-    """Return the features that only the old and only the new fill has; None if they may differ anywhere."""
-    (old, old_hidden), (new, new_hidden) = _split_edits(old), _split_edits(new)
-    if old is new:
-        return rows_only_in(new_hidden, old_hidden), rows_only_in(old_hidden, new_hidden)
-    if old.rules != new.rules:
-        return None
-    removed, added = [rows_only_in(new_hidden, old_hidden)], [rows_only_in(old_hidden, new_hidden)]
-    if new.max_radius > 0:
-        for area in _fill_areas(old, new):
-            before, after = old.within(*area), new.within(*area)
-            removed.append(rows_only_in(before, after))
-            added.append(rows_only_in(after, before))
-    return np.unique(np.concatenate(removed)), np.unique(np.concatenate(added))
-
-
-def rows_only_in(one: StructuredArray, other: StructuredArray) -> StructuredArray:
-    """Return the rows of one array that the other does not have, bit for bit."""
-    others_rows = set(_rows(other))
-    only: StructuredArray = one[np.array([row not in others_rows for row in _rows(one)], dtype=np.bool_)]
-    return only
-
-
-def _rows(points: StructuredArray) -> list[bytes]:
-    data, size = np.ascontiguousarray(points).tobytes(), points.dtype.itemsize
-    return [data[start : start + size] for start in range(0, len(data), size)]
-
-
-def _split_edits(fill: Fill | EditedFill) -> tuple[Fill, StructuredArray]:
-    return (fill.fill, fill.replaced) if isinstance(fill, EditedFill) else (fill, np.zeros(0, dtype=FEATURE))
-
-
-def _fill_areas(old: Fill, new: Fill) -> list[Bounds]:
-    """Return rectangles outside of which the two fills are the same."""
-    areas = []
-    points = np.concatenate([rows_only_in(old.painted, new.painted), rows_only_in(new.painted, old.painted)])
-    for x, y, code, radius in zip(*(points[key] for key in ("x", "y", "type", "radius")), strict=True):
-        distances = new.influence_radii(FEATURE_TYPES[code], float(radius)).values()
-        if distances:
-            areas.append(_widened((float(x), float(y), float(x), float(y)), max(distances)))
-    for name in new.sketch.layers:
-        distances = new.influence_radii(name).values()
-        if distances:
-            areas += [_widened(box, max(distances)) for box in _repainted(old.sketch, new.sketch, name)]
-    return merge_boxes(areas)
-
-
-def _widened(box: Bounds, distance: float) -> Bounds:
-    west, south, east, north = box
-    return west - distance, south - distance, east + distance, north + distance
-
-
-def _repainted(old: Sketch, new: Sketch, name: str) -> list[Bounds]:
-    """Return rectangles (m) around pixels of a layer painted in only one of two sketches of one size."""
-    image, boxes = new.layers[name], []
-    if image is old.layers[name]:
-        return []
-    changed = (image > 0) != (old.layers[name] > 0)
-    lines = [np.flatnonzero(changed.any(axis=axis)) for axis in (1, 0)]
-    if not len(lines[0]):
-        return []
-    top, left = (int(each[0]) for each in lines)
-    changed = changed[top : lines[0][-1] + 1, left : lines[1][-1] + 1]
-    regions, count = ndimage.label(changed, structure=np.ones((3, 3)))
-    if count > _MAX_REGIONS:
-        regions = changed.astype(np.int32)
-    for rows, columns in filter(None, ndimage.find_objects(regions)):
-        south, north = (new.height_px - top - row for row in (rows.stop, rows.start))
-        pixels = np.array([left + columns.start, south, left + columns.stop, north]) * new.pixel_size
-        boxes.append((float(pixels[0]), float(pixels[1]), float(pixels[2]), float(pixels[3])))
-    return boxes
-
-
-def merge_boxes(boxes: Iterable[Bounds]) -> list[Bounds]:
-    """Merge rectangles whose common bounding box adds little area."""
-    every = np.array(list(boxes), dtype=np.float64).reshape(-1, 4)
-    merged, count = np.zeros_like(every), 0
-    for box in every:
-        merging = True
-        while merging and count:
-            rows = merged[:count]
-            low, high = np.minimum(rows[:, :2], box[:2]), np.maximum(rows[:, 2:], box[2:])
-            areas, own = _areas(rows[:, :2], rows[:, 2:]), _areas(box[None, :2], box[None, 2:])
-            growth = (_areas(low, high) - areas - own) / np.maximum(np.minimum(areas, own), 1e-9)
-            best = int(growth.argmin())
-            merging = bool(growth[best] <= -_OVERLAP)
-            if merging:
-                box, count = np.concatenate([low[best], high[best]]), count - 1
-                merged[best:count] = merged[best + 1 : count + 1]
-        merged[count], count = box, count + 1
-    return [(west, south, east, north) for west, south, east, north in merged[:count].tolist()]
-
-
-def _areas(low: Float64Array, high: Float64Array) -> Float64Array:
-    size = high - low
-    return np.asarray(size[:, 0] * size[:, 1])

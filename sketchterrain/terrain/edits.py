@@ -40,37 +40,6 @@ class EditedPoints:
     orphans: tuple[str, ...]  # one line for each edit whose feature is missing
 
 
-class EditedFill:
-    """The fill without the features that the user changed (`replaced`)."""
-
-    def __init__(self, fill: Fill, replaced: StructuredArray) -> None:
-        self.fill = fill
-        self.replaced = replaced
-        self.max_radius = fill.max_radius
-
-    @property
-    def dune_styles(self) -> frozenset[tuple[float, float]]:
-        """Distinct (wavelength in m, wind in degrees) of its dunes."""
-        return self.fill.dune_styles
-
-    @property
-    def conifers(self) -> float:
-        """Share of conifers in its forests, 0 … 1 or ``BY_ELEVATION``."""
-        return self.fill.conifers
-
-    def max_strength(self, name: str, radius: float) -> float:
-        """Return an upper bound of the strength of a type's features up to a ground radius (m)."""
-        return self.fill.max_strength(name, radius)
-
-    def within(
-        self, west: float, south: float, east: float, north: float, *, min_radius: float = 0.0
-    ) -> StructuredArray:
-        """Return the features centred in a rectangle, as `Fill.within` does."""
-        features = self.fill.within(west, south, east, north, min_radius=min_radius)
-        remaining: StructuredArray = features[~np.isin(features["id"], self.replaced["id"])]
-        return remaining
-
-
 def apply_painted_edits(painted: StructuredArray, edits: Iterable[Edit]) -> EditedPoints:
     """Apply the user's edits, in order, to painted features; those of waters and of the fill are ignored."""
     return _edited(painted, [edit for edit in edits if _targets_points(edit) and not _targets_fill(edit)])
@@ -79,7 +48,7 @@ def apply_painted_edits(painted: StructuredArray, edits: Iterable[Edit]) -> Edit
 def apply_fill_edits(fill: Fill, edits: Iterable[Edit], *, size: tuple[float, float]) -> EditedPoints:
     """Apply the user's edits, in order, to fill features within the sketch's `size` (m); others are ignored.
 
-    Returns only the changed features; `EditedFill` removes the `replaced` ones from the fill.
+    Returns only the changed features; the `replaced` ones are to be left out of the fill.
     """
     own = [edit for edit in edits if _targets_points(edit) and _targets_fill(edit)]
     edited = np.zeros(0, dtype=FEATURE)

@@ -39,7 +39,10 @@ _MAX_CREST = 1260.0  # m
 class FeatureSource(Protocol):
     """Features of unpainted areas: a pure function of the position."""
 
-    max_radius: float
+    @property
+    def max_radius(self) -> float:
+        """Radius that no feature exceeds, m; 0 if there are none."""
+        ...
 
     def within(
         self, west: float, south: float, east: float, north: float, *, min_radius: float = 0.0

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ from sketchterrain.placement.feature_types import FEATURE_TYPES, FILL_BIT
 from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.placement import place
 from sketchterrain.terrain.building import make_recipe
-from sketchterrain.terrain.edits import EditedFill, apply_fill_edits, apply_painted_edits, lock_edit
+from sketchterrain.terrain.edits import apply_fill_edits, apply_painted_edits, lock_edit
 
 SIDE = 128
 
@@ -121,7 +123,7 @@ def test_the_fill_is_edited_and_keeps_clear_of_moved_features(sketch, painted):
     distance = np.hypot(hills["x"] - 0.6 * east, hills["y"] - 0.1 * north)
     assert (distance >= 0.5 * (hills["radius"] + mountain["radius"]) - 0.01).all()
 
-    fill = Fill(sketch, painted, seed=sketch.seed)
+    fill = Fill.from_sketch(sketch, painted, seed=sketch.seed)
     there = fill.within(0, 0, *sketch.size)
     first, second, third = (int(name) for name in there["id"][:3])
     edits = [Edit("delete", first), Edit("move", second, x=10.0, y=10.0)]
@@ -130,7 +132,7 @@ def test_the_fill_is_edited_and_keeps_clear_of_moved_features(sketch, painted):
     assert edited.points["id"].tolist() == [second, third]
     assert edited.points[1].tobytes() == there[2].tobytes()
     assert len(edited.orphans) == 1
-    rest = EditedFill(fill, edited.replaced).within(0, 0, *sketch.size)
+    rest = replace(fill, replaced=edited.replaced).within(0, 0, *sketch.size)
     assert rest.tobytes() == there[3:].tobytes()
 
 

@@ -16,7 +16,7 @@ DENSITY = {"mountain": 0.05, "hill": 0.6, "dune": 0.1, "forest": 3.0}
 def fill(density=None, *, seed=5, **layers):
     layers = layers or {"hill": np.zeros((64, 64), np.uint8)}
     sketch = Sketch(extent=4096.0, density=density or DENSITY, layers=layers)
-    return Fill(sketch, place(sketch, seed=seed), seed=seed)
+    return Fill.from_sketch(sketch, place(sketch, seed=seed), seed=seed)
 
 
 @pytest.mark.parametrize("origin", [(0.0, 0.0), (-1e9 - 0.3, 1e9 + 0.7)])
@@ -72,7 +72,7 @@ def test_the_fill_keeps_clear_of_painted_layers():
 
 def test_small_features_are_filtered_and_no_density_gives_none():
     sketch = Sketch()
-    nothing = Fill(sketch, place(sketch, seed=1), seed=1)
+    nothing = Fill.from_sketch(sketch, place(sketch, seed=1), seed=1)
     assert nothing.max_radius == 0.0
     assert len(nothing.within(-1e6, -1e6, 1e6, 1e6)) == 0
     ground = fill()

@@ -306,7 +306,7 @@ def rolling(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 def check_tiny(sketch: Sketch) -> None:
     placed = check_placed(sketch)
     check_rivers(sketch, trace_rivers(sketch, seed=sketch.seed, ground=rolling))
-    check_fill(Fill(sketch, placed, seed=sketch.seed), -2000.0, -2000.0, 6000.0, 6000.0)
+    check_fill(Fill.from_sketch(sketch, placed, seed=sketch.seed), -2000.0, -2000.0, 6000.0, 6000.0)
 
 
 def check(sketch: Sketch) -> None:

@@ -19,7 +19,8 @@ from sketchterrain.document.material_rules import (
     Factor,
     MaterialRule,
 )
-from sketchterrain.document.parameters import FORMAT, LOOK, MATERIALS, SKETCH, Parameter, Value, format_number
+from sketchterrain.document.materials import MATERIALS
+from sketchterrain.document.parameters import FORMAT, LOOK, SKETCH, Parameter, Value, format_number
 from sketchterrain.document.sketch import TABLES
 
 DOCS = Path(__file__).parents[1] / "docs"

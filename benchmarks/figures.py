@@ -23,11 +23,11 @@ from sketchterrain.benchmarks.noise import BARE, open_ground
 from sketchterrain.benchmarks.plotting import BLUE, GREEN, INK, VERMILION, new_figure
 from sketchterrain.benchmarks.poisson_disk import PoissonDisk
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.document.parameters import MATERIALS
+from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.document.store import load_sketch
 from sketchterrain.io.files import write_atomic
 from sketchterrain.io.resources import preset_names
-from sketchterrain.look.texture_maker import LAYERS, emboss, paint_layer
+from sketchterrain.look.texture_maker import emboss, paint_layer
 from sketchterrain.look.tree_species import HEIGHTS, SPECIES
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.offscreen import canvas, read_picture, render_picture
@@ -82,16 +82,6 @@ def _growing(west: int, south: int, east: int, north: int) -> SpacingRaster:
     return SpacingRaster(column * step, row * step, step, spacing.astype(np.float32))
 
 
-COLOURS = {
-    "grass": "#7BA05B",
-    "soil": "#8A6642",
-    "rock": "#55565C",
-    "scree": "#A9A49B",
-    "sand": "#E6CC85",
-    "snow": "#FAFCFF",
-    "river_bed": "#3F7CBF",
-    "forest_floor": "#24562B",
-}
 _SPECIES = {
     "spruce": ("#0B5D3B", "^"),
     "pine": ("#56B4A0", "^"),
@@ -122,10 +112,9 @@ def write_methods(folder: Path) -> None:
 
 def draw_materials(context: ComputeContext) -> Any:
     """Draw every preset's weights as mixed colours, shaded by the sun."""
-    from matplotlib.colors import to_rgb
     from matplotlib.patches import Patch
 
-    colours = np.array([to_rgb(COLOURS[name]) for name in MATERIALS])
+    colours = np.array([each.colour for each in BUILT_IN]) / 255.0
     figure = new_figure(9.0, 9.6)
     for axes, name in zip(figure.subplots(2, 2).flat, preset_names(), strict=True):
         terrain = build(load_sketch(name), device=context)
@@ -136,8 +125,11 @@ def draw_materials(context: ComputeContext) -> Any:
         axes.imshow(np.clip(pixels, 0.0, 1.0), extent=(0.0, east, 0.0, north))
         axes.set(xlabel="km")
         axes.set_title(name, loc="left")
-    patches = [Patch(facecolor=colour, edgecolor=INK, label=name) for name, colour in COLOURS.items()]
-    figure.legend(handles=patches, loc="outside lower center", ncols=len(MATERIALS), frameon=False)
+    patches = [
+        Patch(facecolor=colour, edgecolor=INK, label=name)
+        for colour, name in zip(colours, BUILT_IN.names, strict=True)
+    ]
+    figure.legend(handles=patches, loc="outside lower center", ncols=len(BUILT_IN), frameon=False)
     return figure
 
 
@@ -247,10 +239,10 @@ _EXPOSURE = {"snow": 0.55, "sand": 0.9}  # 1.6 for the others
 
 def draw_textures(context: ComputeContext) -> Image.Image:
     """Draw all materials, three a row: a third of the texture's width, and three times three of it."""
-    rows = -(-len(LAYERS) // _ACROSS)
+    rows = -(-len(BUILT_IN.layers) // _ACROSS)
     picture = Image.new("RGB", (2 * _PANEL * _ACROSS, _PANEL * rows))
-    for index, (name, layer) in enumerate(LAYERS.items()):
-        painted = paint_layer(context, index, _TEXTURE_SIDE)
+    for index, (name, layer) in enumerate(BUILT_IN.layers.items()):
+        painted = paint_layer(context, name, _TEXTURE_SIDE)
         light = _lit(painted, emboss(context, painted, layer))
         light *= _EXPOSURE.get(name, 1.6)
         near = light[: _TEXTURE_SIDE // 3, : _TEXTURE_SIDE // 3]

@@ -15,7 +15,8 @@ from sketchterrain.benchmarks.spline_methods import KERNELS, SplineQueries, spli
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, spread
 from sketchterrain.compute.device import list_devices
 from sketchterrain.compute.device_check import is_usable
-from sketchterrain.look.texture_maker import LAYERS, emboss, paint_layer
+from sketchterrain.document.materials import BUILT_IN
+from sketchterrain.look.texture_maker import emboss, paint_layer
 from sketchterrain.terrain.kernel_arguments import KernelArguments
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit
 from sketchterrain.terrain.patch_layout import Patches, sample_stride
@@ -274,8 +275,8 @@ def _drawn(context: TimedContext, terrain: Terrain, level: int, count: int) -> C
 def _textures(context: TimedContext, effort: Effort) -> None:
     """Make every texture of materials, of as many texels as other kernels have points, or fewer."""
     side = 1 << (int(np.sqrt(effort.kernel_points)).bit_length() - 1)
-    for index, layer in enumerate(LAYERS.values()):
-        emboss(context, paint_layer(context, index, side), layer)
+    for layer in BUILT_IN.layers.values():
+        emboss(context, paint_layer(context, layer.name, side), layer)
 
 
 def _points(context: TimedContext, terrain: Terrain, level: int, effort: Effort) -> Callable[[], Lap]:

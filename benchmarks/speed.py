@@ -20,7 +20,7 @@ from sketchterrain.benchmarks.thesis import LEVEL, OURS
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
 from sketchterrain.compute.device import list_devices
 from sketchterrain.compute.device_check import is_usable
-from sketchterrain.document.parameters import MATERIALS
+from sketchterrain.document.materials import MATERIALS
 from sketchterrain.terrain.kernel_arguments import KernelArguments
 from sketchterrain.terrain.lattice import QUADS
 from sketchterrain.terrain.patch_layout import tile_patches

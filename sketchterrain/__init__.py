@@ -8,7 +8,7 @@
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from sketchterrain.document.parameters import MATERIALS
+from sketchterrain.document.materials import MATERIALS
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from sketchterrain.vegetation.plants import SPECIES
 
 _MODULES = {
-    "MATERIALS": "document.parameters",
+    "MATERIALS": "document.materials",
     "SPECIES": "vegetation.plants",
     "Sketch": "document.sketch",
     "Terrain": "terrain.terrain",

@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Final, Literal, NamedTuple
 
-from sketchterrain.document.parameters import MATERIALS, Parameter, Sentinel, Value, parameter_table
+from sketchterrain.document.materials import MATERIALS
+from sketchterrain.document.parameters import Parameter, Sentinel, Value, parameter_table
 
 Colour = tuple[int, int, int]
 """sRGB, 0 to 255."""

@@ -5,7 +5,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias, cast
 
-from sketchterrain.document.parameters import MATERIALS, Parameter, Value, check_items, parameter_table
+from sketchterrain.document.materials import MATERIALS
+from sketchterrain.document.parameters import Parameter, Value, check_items, parameter_table
 from sketchterrain.errors import InputError, did_you_mean, format_value, unknown_key
 
 MAX_FACTORS = 4

@@ -138,9 +138,6 @@ def defaults(table: Mapping[str, Parameter]) -> dict[str, Value]:
 FORMAT = 1
 """Version of the sketch file format."""
 
-MATERIALS = ("grass", "soil", "rock", "scree", "sand", "snow", "river_bed", "forest_floor")
-"""Materials of the ground."""
-
 
 SKETCH: Mapping[str, Parameter] = parameter_table(
     Parameter("name", str, "Untitled", 0, 200, "characters", "title of the sketch"),

@@ -23,11 +23,11 @@ from sketchterrain.document.label_layers import (
 )
 from sketchterrain.document.layers import DENSITY, LAYERS, Layer
 from sketchterrain.document.material_rules import RuleChange, check_rule_changes
+from sketchterrain.document.materials import BUILT_IN, MaterialTable
 from sketchterrain.document.parameters import (
     CLIMATE,
     GROUND,
     LOOK,
-    MATERIALS,
     SKETCH,
     WEATHER,
     Parameter,
@@ -110,7 +110,7 @@ class Sketch:
             checked[key] = MappingProxyType(defaults(table) | given)
         checked["layers"] = _check_layers(self.layers)
         checked["labels"] = _check_labels(self.labels)
-        checked["look"] = _check_look(self.look)
+        checked["look"] = _check_look(self.look, self.material_table)
         checked["edits"] = check_items(Edit, self.edits, "edits", most=MAX_EDITS)
         checked["material_rules"] = check_rule_changes(self.material_rules)
         for key, value in checked.items():
@@ -184,6 +184,11 @@ class Sketch:
         declared = self.labels.get((layer, _check_label(layer, label)), {})
         return MappingProxyType(defaults(table) | dict(declared))
 
+    @property
+    def material_table(self) -> MaterialTable:
+        """The materials that the sketch can use."""
+        return BUILT_IN
+
     def replace(self, **changes: Any) -> Sketch:
         """Return a sketch with other values in the named fields, each replaced as a whole."""
         return dataclasses.replace(self, **changes)
@@ -211,17 +216,16 @@ def _layer(name: str) -> Layer:
     return LAYERS[name]
 
 
-def _check_look(look: Mapping[str, Mapping[str, object]]) -> Mapping[str, Properties]:
+def _check_look(look: Mapping[str, Mapping[str, object]], table: MaterialTable) -> Mapping[str, Properties]:
     checked = {}
     for name, values in look.items():
-        if name not in MATERIALS:
-            near = did_you_mean(name, MATERIALS)
+        if name not in table.names:
+            near = did_you_mean(name, table.names)
             raise InputError(
-                f"[look.{format_value(name)}]: expected a material, {', '.join(MATERIALS)}{near}"
+                f"[look.{format_value(name)}]: expected a material, {', '.join(table.names)}{near}"
             )
-        table = check_values(values, LOOK, f"[look.{name}]", f"look.{name}.")
-        checked[name] = MappingProxyType(table)
-    return MappingProxyType({name: checked[name] for name in MATERIALS if name in checked})
+        checked[name] = MappingProxyType(check_values(values, LOOK, f"[look.{name}]", f"look.{name}."))
+    return MappingProxyType({name: checked[name] for name in table.names if name in checked})
 
 
 def _check_label(layer: str, label: object) -> int:

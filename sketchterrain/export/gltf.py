@@ -225,9 +225,9 @@ def material_appearance(terrain: Terrain) -> MaterialAppearance:
         return ComputeContext(device if isinstance(device, Device) else None)
 
     levels = customized_levels(
-        procedural_levels(_TEXELS, open_context), terrain.sketch.look, {}, open_context
+        procedural_levels(_TEXELS, open_context), terrain.materials, terrain.sketch.look, {}, open_context
     )
-    colour, relief = (part.reshape(-1, 4)[: len(terrain.material_names)] / 255.0 for part in levels[-1])
+    colour, relief = (part.reshape(-1, 4)[: len(terrain.materials)] / 255.0 for part in levels[-1])
     return MaterialAppearance(colour[:, :3] ** 2, relief[:, 2])
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from sketchterrain.document.label_layers import to_oklab
 from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.document.parameters import Value
 from sketchterrain.document.toml_format import load_toml
 from sketchterrain.errors import InputError, did_you_mean, format_value, one_line
@@ -206,11 +207,7 @@ _GROUND: dict[str, _Rule] = {
     **_rules("mountain", "peak ridge arete volcano mountain mountain_range massif"),
     **_rules("hill", "hill"),
     **_rules("dune", "dune desert"),
-    **_rules("material", "bare_rock rock cliff", material="rock"),
-    **_rules("material", "scree shingle", material="scree"),
-    **_rules("material", "sand beach", material="sand"),
-    **_rules("material", "glacier", material="snow"),
-    **_rules("material", "meadow grass grassland", material="grass"),
+    **{tag: ("material", {"material": each.name}) for each in BUILT_IN for tag in each.tags.split()},
 }
 # OpenStreetMap's keys (wiki: Map features), `fclass` of Geofabrik's extracts, `featurecla` of Natural Earth,
 # `type` of this program's own exports.

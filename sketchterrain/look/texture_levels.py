@@ -12,13 +12,12 @@ import numpy.typing as npt
 from PIL import Image, UnidentifiedImageError
 
 from sketchterrain.array_types import UInt8Array
+from sketchterrain.document.materials import BUILT_IN, MaterialTable, Texture
 from sketchterrain.errors import InputError, SketchterrainError, one_line
 from sketchterrain.io.files import cache_folder, write_atomic
 from sketchterrain.io.resources import source
 from sketchterrain.look.texture_maker import (
-    LAYERS,
     SOURCE,
-    TextureLayer,
     decode_level,
     emboss,
     linear_from_hex,
@@ -89,7 +88,7 @@ MaterialImages = dict[str, Array]
 """Images of a material by `SUFFIX_FIELDS`, row 0 south: albedo linear, slopes eastward and northward."""
 
 
-def read_material_images(folder: Path, size: int) -> dict[str, MaterialImages]:
+def read_material_images(folder: Path, size: int, table: MaterialTable) -> dict[str, MaterialImages]:
     """Read ``rock.png``, ``rock_height.png``, ``rock_normal.jpg``, …, resized to `size` texels a side.
 
     Colours are sRGB; a normal map has x to the right, y up and z to the eye in red, green and blue; height
@@ -97,13 +96,13 @@ def read_material_images(folder: Path, size: int) -> dict[str, MaterialImages]:
     """
     if not folder.is_dir():
         raise InputError(f"{one_line(folder)}: expected a folder of textures")
-    names = {name + suffix: (name, suffix) for name in LAYERS for suffix in SUFFIX_FIELDS}
+    names = {name + suffix: (name, suffix) for name in table.layers for suffix in SUFFIX_FIELDS}
     found: dict[str, MaterialImages] = {}
     for path in sorted(each for each in folder.iterdir() if each.suffix.lower() in SUFFIXES):
         if path.stem not in names:
             raise InputError(
-                f"{one_line(path)}: expected the name of a material, {', '.join(LAYERS)}, alone or with "
-                f"{', '.join(list(SUFFIX_FIELDS)[1:])}"
+                f"{one_line(path)}: expected the name of a material, {', '.join(table.layers)}, alone "
+                f"or with {', '.join(list(SUFFIX_FIELDS)[1:])}"
             )
         material, suffix = names[path.stem]
         field = SUFFIX_FIELDS[suffix]
@@ -152,8 +151,8 @@ _FORMAT: Final = 1  # to be changed when `mipmaps` encodes the same textures dif
 
 def procedural_levels(size: int, open_context: ContextFactory) -> Levels:
     """Return the procedural textures, `size` (a power of two) texels a side, cached on disk."""
-    shapes = [(len(LAYERS), size >> level, size >> level, 4) for level in range(size.bit_length())]
-    recipe = f"{source(SOURCE)}\n{LAYERS}\n{size}\n{_FORMAT}"
+    shapes = [(len(BUILT_IN.layers), size >> level, size >> level, 4) for level in range(size.bit_length())]
+    recipe = f"{source(SOURCE)}\n{BUILT_IN.layers.values()}\n{size}\n{_FORMAT}"
     nbytes = 2 * sum(int(np.prod(shape)) for shape in shapes)
     flat = np.frombuffer(
         cached_bytes(f"materials-{size}", recipe, nbytes, lambda: _compute_levels(size, open_context())),
@@ -170,24 +169,27 @@ def procedural_levels(size: int, open_context: ContextFactory) -> Levels:
 
 def customized_levels(
     levels: Levels,
+    table: MaterialTable,
     looks: Mapping[str, Mapping[str, Any]],
     images: Mapping[str, MaterialImages],
     open_context: ContextFactory,
 ) -> Levels:
-    """Return textures with a sketch's ``[look.…]`` and user images (of the same size) applied, images first.
+    """Return the layers of a table, with a sketch's looks and user images (of the same size), images first.
 
     A colour becomes the mean albedo, a roughness the mean roughness; heights of an image without a normal map
     get slopes and openness as the procedural ones do, by a context that is opened only then.
     """
-    names = [name for name in LAYERS if name in looks or name in images]
-    if not names:
+    names = [name for name in table.layers if name in looks or name in images]
+    if not names and table == BUILT_IN:
         return levels
-    levels = [(colour.copy(), relief.copy()) for colour, relief in levels]
+    known = list(BUILT_IN.layers)
+    order = [known.index(texture.name) for texture in table.layers.values()]
+    levels = [(colour[order], relief[order]) for colour, relief in levels]
     for name in names:
-        index = list(LAYERS).index(name)
+        index = list(table.layers).index(name)
         painted, relief = decode_level(levels[0][0][index], levels[0][1][index])
         if name in images:
-            painted, relief = _with_images(LAYERS[name], painted, images[name], relief, open_context)
+            painted, relief = _with_images(table.layers[name], painted, images[name], relief, open_context)
         painted, relief = _with_look(painted, relief, looks.get(name, {}))
         for level, (colour, slopes) in zip(levels, mipmaps(painted, relief), strict=True):
             level[0][index], level[1][index] = colour, slopes
@@ -195,7 +197,7 @@ def customized_levels(
 
 
 def _with_images(
-    layer: TextureLayer, painted: Array, images: MaterialImages, relief: Array, open_context: ContextFactory
+    layer: Texture, painted: Array, images: MaterialImages, relief: Array, open_context: ContextFactory
 ) -> tuple[Array, Array]:
     albedo, height = images.get("albedo"), images.get("height")
     if albedo is not None:
@@ -229,8 +231,8 @@ def _with_look(painted: Array, relief: Array, look: Mapping[str, Any]) -> tuple[
 
 def _compute_levels(size: int, context: ComputeContext) -> bytes:
     layers = []
-    for index, layer in enumerate(LAYERS.values()):
-        painted = paint_layer(context, index, size)
+    for layer in BUILT_IN.layers.values():
+        painted = paint_layer(context, layer.name, size)
         layers.append(mipmaps(painted, emboss(context, painted, layer)))
     levels = (zip(*level, strict=True) for level in zip(*layers, strict=True))
     return b"".join(np.stack(part).tobytes() for level in levels for part in level)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+
+from sketchterrain.document.materials import BUILT_IN, Texture
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -21,39 +22,16 @@ if TYPE_CHECKING:
 SOURCE: Final = "material_textures.cl"
 
 
-@dataclass(frozen=True)
-class TextureLayer:
-    """Size and relief of a material's texture, besides its colours."""
-
-    width: float  # m that it covers where it is laid finest
-    bump: float  # height range, texture widths
-    low: float  # roughness of its lowest points
-    high: float  # roughness of its highest points
-
-
-LAYERS: Final[dict[str, TextureLayer]] = {
-    "grass": TextureLayer(5.0, 0.010, 0.95, 0.80),
-    "soil": TextureLayer(5.0, 0.030, 0.95, 0.85),
-    "rock": TextureLayer(8.0, 0.150, 0.90, 0.75),
-    "scree": TextureLayer(7.0, 0.060, 0.95, 0.80),
-    "sand": TextureLayer(4.0, 0.018, 0.85, 0.75),
-    "snow": TextureLayer(6.0, 0.030, 0.75, 0.55),
-    "river_bed": TextureLayer(5.0, 0.045, 0.60, 0.50),
-    "forest_floor": TextureLayer(4.0, 0.022, 0.95, 0.85),
-    "canopy": TextureLayer(8.0, 0.060, 0.95, 0.85),
-}
-"""The terrain's materials in their order, then the forest's canopy seen from afar."""
-
-
-def paint_layer(context: ComputeContext, layer: int, size: int) -> Array:
-    """Return (size, size, 4) linear albedo and height 0..1 of the i-th of `LAYERS`, row 0 south."""
+def paint_layer(context: ComputeContext, texture: str, size: int) -> Array:
+    """Return (size, size, 4) linear albedo and height 0..1 of a texture layer, row 0 south."""
     painted = context.empty((size, size, 4), context.real_dtype)
+    layer = np.int32(list(BUILT_IN.layers).index(texture))
     texel = context.real_dtype.type(1.0 / size)
-    context.launch(SOURCE, "material_paint", (size, size), np.int32(layer), texel, painted)
+    context.launch(SOURCE, "material_paint", (size, size), layer, texel, painted)
     return context.download(painted, (size, size, 4), context.real_dtype)
 
 
-def emboss(context: ComputeContext, painted: Array, layer: TextureLayer) -> Array:
+def emboss(context: ComputeContext, painted: Array, layer: Texture) -> Array:
     """Return (n, n, 4) slopes east and north, roughness and openness of a result of :func:`paint_layer`."""
     real = context.real_dtype.type
     given = context.upload(painted.astype(context.real_dtype, copy=False))

@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.caching import IdentityKey
-from sketchterrain.document.parameters import MATERIALS
+from sketchterrain.document.materials import MATERIALS
 from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.feature_types import LAYER_CODES, Cover, ShapeField
 from sketchterrain.placement.hashing import gaussian_filter

@@ -198,16 +198,6 @@ _LEVELS: Final = np.array(
 _RAMP: Final = np.array([(48, 18, 130), (40, 140, 230), (60, 220, 130), (250, 220, 60), (210, 30, 20)])
 _ERROR_RANGE: Final = (0.01, 100.0)  # m; ends of the logarithmic ramp
 _MAX_PIXELS: Final = 2.0  # px; end of the ramp that starts at 0
-_MATERIALS: Final = {
-    "grass": (90, 170, 60),
-    "soil": (130, 90, 50),
-    "rock": (130, 130, 140),
-    "scree": (190, 180, 165),
-    "sand": (235, 205, 120),
-    "snow": (250, 250, 255),
-    "river_bed": (60, 110, 200),
-    "forest_floor": (30, 90, 50),
-}
 _PLANES: Final = {"across x": (255, 0, 0), "across y": (0, 255, 0), "across z": (0, 0, 255)}
 _TILES, _WEIGHTS, _TRIPLANAR, _PLAIN, _RELIEF = range(5)
 _OPACITY: Final = 0.8
@@ -227,6 +217,7 @@ class Overlay:
     def __init__(self, context: moderngl.Context, terrain: TerrainSource, stream: TerrainStream) -> None:
         self._context = context
         self._terrain = terrain
+        self._materials = {each.name: each.colour for each in terrain.sketch.material_table}
         self._stream = stream
         self._tint_buffer = context.buffer(reserve=16 * stream.tiles.pool.slots, dynamic=True)
         program = stream.tile_renderer.create_program("overlay.vert.glsl", "overlay.frag.glsl")
@@ -289,11 +280,11 @@ class Overlay:
             return _ramp_entries(np.geomspace(*_ERROR_RANGE, len(_RAMP)), "m")
         if name == "screen-error":
             return _ramp_entries(np.linspace(0.0, _MAX_PIXELS, len(_RAMP)), "px")
-        named = {"materials": _MATERIALS, "triplanar": _PLANES}.get(name, FEATURE_COLOURS)
+        named = {"materials": self._materials, "triplanar": _PLANES}.get(name, FEATURE_COLOURS)
         return tuple(LegendEntry(colour, meaning) for meaning, colour in named.items())
 
     def _draw_tiles(self, mode: int, opacity: float) -> None:
-        palette = [tuple(np.divide(colour, 255.0).tolist()) for colour in _MATERIALS.values()]
+        palette = [tuple(np.divide(colour, 255.0).tolist()) for colour in self._materials.values()]
         set_uniforms(self._tiles.program, {"mode": mode, "opacity": opacity, "palette": palette})
         self._stream.tile_renderer.draw(self._tiles)
 

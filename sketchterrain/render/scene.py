@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array
+from sketchterrain.document.materials import MaterialTable
 from sketchterrain.terrain.surfaces import TerrainFeatures, VertexMemory, VertexStore
 from sketchterrain.tiles.stream import QUADS
 
@@ -27,6 +28,10 @@ class Sketch(Protocol):
     @property
     def look(self) -> Mapping[str, Mapping[str, Any]]:
         """Settings of the ``[look]`` table by material."""
+
+    @property
+    def material_table(self) -> MaterialTable:
+        """Its materials."""
 
     @property
     def weather(self) -> Mapping[str, float]:

@@ -56,7 +56,7 @@ class Scenery:
         self._sun = sun
         self._weather = weather
         self._features = terrain.features
-        self._look = terrain.sketch.look
+        self._table, self._look = terrain.sketch.material_table, terrain.sketch.look
         self._extent = terrain.extent
         self._quality = quality
         self._targets: dict[tuple[int, int], RenderTargets] = {}
@@ -95,7 +95,12 @@ class Scenery:
     def _lighting(self) -> tuple[Shading, Clouds]:
         """Return the full-screen passes and the clouds for the current weather."""
         shading = Shading(
-            self._context, self._quality, aridity=self._aridity, look=self._look, clouds=self._cloudiness
+            self._context,
+            self._quality,
+            self._table,
+            aridity=self._aridity,
+            look=self._look,
+            clouds=self._cloudiness,
         )
         clouds = Clouds(
             self._context, self._weather, self._sky, quality=self._quality, defines=shading.defines

@@ -1,28 +1,22 @@
 """Full-screen passes: shading of the terrain, sky, upsampling to samples, tone mapping."""
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any
 
 import moderngl
 import numpy as np
 
-from sketchterrain.look.texture_maker import LAYERS
+from sketchterrain.document.materials import MaterialTable
 from sketchterrain.render.programs import fullscreen_pass, set_uniforms
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.targets import RenderTargets
 from sketchterrain.render.textures import OCTAVES, texture_phases, texture_uniforms, texture_widths
 
-STRAW_TINT: Final = np.array([1.5, 1.2, 1.0])  # tint of grass at aridity 1
-RED_TINT: Final = np.array([1.35, 0.98, 0.72])
-"""Tint of `RED_LAYERS` at aridity 1, ..."""
-RED_ARIDITY: Final = 0.4  # ... from none at this aridity
-RED_LAYERS: Final = ("soil", "rock", "scree")
-
 
 class Shading:
     """Programs of all full-screen passes, built for one quality.
 
-    `look` is the ``[look]`` table of the sketch, by material: a layer with a colour of its own is not tinted.
+    `look` has the sketch's looks of the materials of a table: a layer with a colour of its own is not tinted.
     `defines` are the macros of all programs that shade something, `tints` the climate tints as uniforms.
     """
 
@@ -30,6 +24,7 @@ class Shading:
         self,
         context: moderngl.Context,
         quality: Quality,
+        table: MaterialTable,
         *,
         aridity: float,
         look: Mapping[str, Mapping[str, Any]],
@@ -37,6 +32,7 @@ class Shading:
     ) -> None:
         self._context = context
         self._samples = quality.samples
+        self._table = table
         self.defines = {
             "OCTAVES": OCTAVES,
             "MATERIALS": quality.materials,
@@ -61,16 +57,16 @@ class Shading:
         self._enlarge = fullscreen_pass(context, "enlarge.frag.glsl")
 
     def set_materials(self, aridity: float, look: Mapping[str, Mapping[str, Any]]) -> None:
-        """Set tints and texture sizes from the climate and the sketch's ``[look]`` table."""
-        self.tints = _climate_tints(aridity, look)
-        self._widths = texture_widths(look)
-        set_uniforms(self._ground.program, self.tints | texture_uniforms(self._widths))
+        """Set tints and texture sizes from the climate and the sketch's looks."""
+        self.tints = _climate_tints(self._table, aridity, look)
+        self._widths = texture_widths(self._table, look)
+        set_uniforms(self._ground.program, self.tints | texture_uniforms(self._table, self._widths))
 
     def shade_scene(
         self, targets: RenderTargets, eye: tuple[float, float, float], units: dict[str, object]
     ) -> None:
         """Shade the G-buffer, with the sky behind it, into ``targets.scene``."""
-        phases = [tuple(phase) for phase in texture_phases(eye, self._widths).tolist()]
+        phases = [tuple(phase) for phase in texture_phases(self._table, eye, self._widths).tolist()]
         ground = units | {"phases": phases}
         if self._upsample is None:
             self._shade_single_sample(targets, ground, units)
@@ -122,12 +118,13 @@ def _run(array: moderngl.VertexArray, uniforms: dict[str, object]) -> None:
     array.render(vertices=3)
 
 
-def _climate_tints(aridity: float, look: Mapping[str, Mapping[str, Any]]) -> dict[str, object]:
+def _climate_tints(
+    table: MaterialTable, aridity: float, look: Mapping[str, Mapping[str, Any]]
+) -> dict[str, object]:
     """Return the tint of each layer: arid terrain has straw and red stone."""
-    red = 1.0 + (RED_TINT - 1.0) * max(0.0, aridity - RED_ARIDITY) / (1.0 - RED_ARIDITY)
-    straw = 1.0 + (STRAW_TINT - 1.0) * aridity
-    tints = np.ones((len(LAYERS), 3))
-    for layer, name in enumerate(LAYERS):
+    tints = np.ones((len(table.layers), 3))
+    for tint, (name, layer) in zip(tints, table.layers.items(), strict=True):
         if not look.get(name, {}).get("colour"):
-            tints[layer] = straw if name == "grass" else red if name in RED_LAYERS else 1.0
+            share = max(0.0, aridity - layer.arid_from) / (1.0 - layer.arid_from)
+            tint += (np.array(layer.arid_tint) - 1.0) * share
     return {"tints": [tuple(row) for row in tints]}

@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import Device
+from sketchterrain.document.materials import MaterialTable
 from sketchterrain.look.texture_levels import customized_levels, procedural_levels, read_material_images
-from sketchterrain.look.texture_maker import LAYERS
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.scene import TerrainSource
 from sketchterrain.render.vertex_memory import gl_function
@@ -24,46 +24,36 @@ RATIO: Final = 3.7  # width ratio of successive octaves
 PERIOD: Final = 64  # texture widths after which the hexagons of kernels/render/hex_tiling.glsl repeat
 OCTAVE_ROTATION: Final = 0.65  # rad, rotation of successive octaves of layers without a direction
 _PLANES: Final = ((1, 2), (0, 2), (0, 1))
-_OCTAVE_RANGES: Final = {
-    "grass": (0, 2),
-    "soil": (0, 3),
-    "rock": (0, 5),
-    "scree": (0, 2),
-    "sand": (0, 2),
-    "snow": (0, 3),
-    "river_bed": (0, 1),
-    "forest_floor": (0, 2),
-    "canopy": (2, 2),
-}
-"""Finest and coarsest octave of a layer: blades of grass are never a metre wide."""
-_ROTATION_LIMITS: Final = {"rock": 0.0, "sand": 0.1, "snow": 0.2}
-"""Layers with a direction, and the largest rotation of their hexagons (rad)."""
 
 
-def texture_widths(looks: Mapping[str, Mapping[str, Any]] | None = None) -> npt.NDArray[np.float64]:
-    """Return the width (m) of each layer's texture at octave 0, from the sketch's ``[look]`` or defaults."""
-    defaults = {name: layer.width for name, layer in LAYERS.items()}
+def texture_widths(
+    table: MaterialTable, looks: Mapping[str, Mapping[str, Any]] | None = None
+) -> npt.NDArray[np.float64]:
+    """Return the width (m) of each layer's texture at octave 0, from the sketch's looks or defaults."""
+    defaults = {name: layer.width for name, layer in table.layers.items()}
     requested = {name: look["size"] for name, look in (looks or {}).items() if look.get("size", 0.0) > 0.0}
-    return np.array([{**defaults, **requested}[name] for name in LAYERS])
+    return np.array([{**defaults, **requested}[name] for name in table.layers])
 
 
-def texture_uniforms(widths: npt.NDArray[np.float64]) -> dict[str, object]:
+def texture_uniforms(table: MaterialTable, widths: npt.NDArray[np.float64]) -> dict[str, object]:
     """Return uniforms of kernels/render/matter.glsl for layers of these texture widths (m)."""
-    rotations = _octave_rotations()
+    layers = table.layers.values()
     tiling = [
-        (width, *_OCTAVE_RANGES[name], rotations[i])
-        for i, (name, width) in enumerate(zip(LAYERS, widths, strict=True))
+        (width, *layer.octaves, rotation)
+        for layer, width, rotation in zip(layers, widths, _octave_rotations(table), strict=True)
     ]
-    return {"texture_tiling": tiling, "max_rotations": [_ROTATION_LIMITS.get(name, np.pi) for name in LAYERS]}
+    return {"texture_tiling": tiling, "max_rotations": [layer.rotation for layer in layers]}
 
 
-def texture_phases(eye: Sequence[float], widths: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
+def texture_phases(
+    table: MaterialTable, eye: Sequence[float], widths: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float32]:
     """Return the eye's texture coordinates (layers · 3 planes · OCTAVES, 2), modulo PERIOD.
 
     Planes are yz, xz, xy. Computed in float64, so that textures do not swim far from the origin.
     """
     octave = np.arange(OCTAVES)
-    angle = np.multiply.outer(_octave_rotations(), octave)[:, None, :]
+    angle = np.multiply.outer(_octave_rotations(table), octave)[:, None, :]
     scale = 1.0 / np.multiply.outer(widths, RATIO**octave)[:, None, :]
     first, second = (np.array([eye[plane[k]] for plane in _PLANES])[:, None] for k in (0, 1))
     u = (np.cos(angle) * first - np.sin(angle) * second) * scale
@@ -71,8 +61,8 @@ def texture_phases(eye: Sequence[float], widths: npt.NDArray[np.float64]) -> npt
     return (np.stack([u, v], axis=-1) % PERIOD).reshape(-1, 2).astype(np.float32)
 
 
-def _octave_rotations() -> npt.NDArray[np.float64]:
-    return np.array([0.0 if name in _ROTATION_LIMITS else OCTAVE_ROTATION for name in LAYERS])
+def _octave_rotations(table: MaterialTable) -> npt.NDArray[np.float64]:
+    return np.array([0.0 if layer.is_directed else OCTAVE_ROTATION for layer in table.layers.values()])
 
 
 NOISE_SIZE: Final = 512
@@ -92,6 +82,7 @@ class MaterialTextures:
         self,
         context: moderngl.Context,
         device: Device | None,
+        table: MaterialTable,
         *,
         size: int,
         looks: Mapping[str, Mapping[str, Any]],
@@ -101,12 +92,13 @@ class MaterialTextures:
         def opened() -> ComputeContext:
             return ComputeContext(device)
 
-        pictures = {} if folder is None else read_material_images(folder, size)
-        levels = customized_levels(procedural_levels(size, opened), looks, pictures, opened)
+        pictures = {} if folder is None else read_material_images(folder, size, table)
+        levels = customized_levels(procedural_levels(size, opened), table, looks, pictures, opened)
+        layers = len(table.layers)
         # No anisotropic filter: Mesa's software driver hung in one.
         least = moderngl.LINEAR_MIPMAP_LINEAR if smooth else moderngl.LINEAR_MIPMAP_NEAREST
-        self.colour, self.relief = (context.texture_array((size, size, len(LAYERS)), 4) for _ in range(2))
-        roots = levels[-1][0].reshape(len(LAYERS), -1)[:, :3] / 255.0
+        self.colour, self.relief = (context.texture_array((size, size, layers), 4) for _ in range(2))
+        roots = levels[-1][0].reshape(layers, -1)[:, :3] / 255.0
         self.means = [tuple(mean) for mean in np.maximum(roots**2, 1e-3).tolist()]
         for part, array in enumerate((self.colour, self.relief)):
             array.use(0)
@@ -123,6 +115,7 @@ class MaterialTextures:
         return cls(
             context,
             device if isinstance(device, Device) else None,
+            terrain.sketch.material_table,
             size=quality.material_texels,
             looks=terrain.sketch.look,
             folder=folder,

@@ -196,6 +196,7 @@ def make_recipe(
         painted=painted.points,
         fill=replace(fill, replaced=adopted.replaced),
         covers=create_covers(sketch, cache=memory),
+        materials=sketch.material_table,
         material_rules=resolved_rules(sketch.material_rules),
     )
     checkpoint()

@@ -63,7 +63,7 @@ def touches(areas: Sequence[Bounds], bounds: Bounds, *, margin: float = 0.0) -> 
 
 def _global_key(recipe: TerrainRecipe) -> tuple[object, ...]:
     """Return everything that heights and masks depend on everywhere."""
-    settings = (dict(recipe.ground), dict(recipe.climate), recipe.material_rules)
+    settings = (dict(recipe.ground), dict(recipe.climate), recipe.materials, recipe.material_rules)
     return recipe.extent, recipe.seed, recipe.fidelity, settings, recipe.stacks, support_radii(recipe)
 
 

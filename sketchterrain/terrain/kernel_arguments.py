@@ -40,7 +40,7 @@ _MAX_TOLERANCES = 16
 
 def global_key(recipe: TerrainRecipe) -> tuple[object, ...]:
     """Return everything on the device that depends on the whole world."""
-    settings = (dict(recipe.ground), dict(recipe.climate), recipe.material_rules)
+    settings = (dict(recipe.ground), dict(recipe.climate), recipe.materials, recipe.material_rules)
     noises = (recipe.stacks, recipe.warp, recipe.ridge_depth)
     return recipe.extent, recipe.seed, recipe.fidelity, settings, noises, recipe.dune_styles
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.document.material_rules import Factor
-from sketchterrain.document.parameters import MATERIALS
+from sketchterrain.document.materials import MATERIALS
 from sketchterrain.terrain.recipe import TerrainRecipe
 
 _MASKS = ("mountain", "dune", "forest", "water")

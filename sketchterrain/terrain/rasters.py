@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float32Array, FloatArray, LatticeArray, UInt8Array
-from sketchterrain.document.parameters import MATERIALS
+from sketchterrain.document.materials import MATERIALS
 from sketchterrain.errors import DeviceError, InputError
 from sketchterrain.terrain.lattice import QUADS, to_lattice
 from sketchterrain.terrain.surfaces import Band, SurfaceStore, non_finite

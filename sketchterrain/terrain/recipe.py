@@ -13,6 +13,7 @@ import numpy as np
 
 from sketchterrain.array_types import StructuredArray
 from sketchterrain.document.material_rules import DEFAULT_RULES, MaterialRule
+from sketchterrain.document.materials import BUILT_IN, MaterialTable
 from sketchterrain.placement.feature_types import (
     BY_ELEVATION,
     FEATURE_TYPES,
@@ -74,6 +75,8 @@ class TerrainRecipe:
     lakes : tuple of Lake
     covers : tuple of Cover
         Painted materials, later ones on top.
+    materials : MaterialTable
+        Materials that rules and covers name.
     material_rules : tuple of MaterialRule
         Rules for materials under the painted ones, from bottom to top.
     resolutions : tuple of Resolution
@@ -93,6 +96,7 @@ class TerrainRecipe:
     valley_radii: tuple[np.ndarray[tuple[int], np.dtype[np.float64]], ...] = ()
     lakes: tuple[Lake, ...] = ()
     covers: tuple[Cover, ...] = ()
+    materials: MaterialTable = BUILT_IN
     material_rules: tuple[MaterialRule, ...] = DEFAULT_RULES
     resolutions: tuple[Resolution, ...] = ()
     orphans: tuple[str, ...] = ()

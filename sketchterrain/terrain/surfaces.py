@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Bounds, Float32Array, FloatArray, LatticeArray, StructuredArray
-from sketchterrain.document.parameters import MATERIALS
+from sketchterrain.document.materials import MATERIALS
 from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.placement.feature_types import Lake, River
 from sketchterrain.terrain.lattice import QUADS

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Bounds, Float32Array, Float64Array, LatticeArray, StructuredArray
-from sketchterrain.document.parameters import MATERIALS
+from sketchterrain.document.materials import MaterialTable
 from sketchterrain.errors import InputError
 from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.terrain.evaluator import Evaluator
@@ -228,7 +228,7 @@ class Terrain:
         east, north = self.size
         cell = self.extent / (longer_side - 1)
         columns, rows = (max(2, round(length / cell) + 1) for length in (east, north))
-        parts = [np.empty((rows, columns, *more), np.float32) for more in ((), (3,), (len(MATERIALS),))]
+        parts = [np.empty((rows, columns, *more), np.float32) for more in ((), (3,), (len(self.materials),))]
         area = (0.0, 0.0, east, north)
         for band in bands(self._evaluator, area, columns, rows, cell_size=cell, progress=progress):
             for whole, part in zip(parts, (band.height, band.normal, band.materials), strict=True):
@@ -353,7 +353,12 @@ class Terrain:
     @property
     def material_names(self) -> tuple[str, ...]:
         """Names of the material weights, in order."""
-        return MATERIALS
+        return self.materials.names
+
+    @property
+    def materials(self) -> MaterialTable:
+        """The materials of the weights, in order."""
+        return self.recipe.materials
 
     @property
     def species_names(self) -> tuple[str, ...]:

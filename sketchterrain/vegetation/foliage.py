@@ -17,7 +17,6 @@ from sketchterrain.array_types import (
     LatticeArray,
     StructuredArray,
 )
-from sketchterrain.document.parameters import MATERIALS
 from sketchterrain.errors import InputError
 from sketchterrain.placement.hashing import hash_keys
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
@@ -51,16 +50,6 @@ MAX_SPACING: Final = 4.0
 CELL: Final = 2.0
 """Approximate distance (m) between the raster's vertices."""
 
-_SPACING = {
-    "grass": 0.5,
-    "forest_floor": 1.2,
-    "soil": 1.5,
-    "scree": 2.4,
-    "river_bed": 3.0,
-    "sand": 3.4,
-    "rock": 3.8,
-}
-"""Least spacing (m) on pure materials; none grow on snow."""
 _PATCHES = (23.0, 6.0)  # m: wavelengths of dense patches and of their ragged borders
 _THIN = 0.3  # density between patches, over the density in them
 _DROUGHT = 0.8  # share of plants missing in a desert
@@ -102,7 +91,8 @@ class Meadow:
         self.step = power_of_two_step(CELL, recipe.extent)
         self.least, self.most = max(round(MIN_SPACING / unit), 2), max(round(MAX_SPACING / unit), 4)
         self._cell = self.step * unit
-        full = [float(density_of(_SPACING[name])) if name in _SPACING else 0.0 for name in MATERIALS]
+        spacings = [each.spacing for each in recipe.materials]
+        full = [0.0 if least is None else float(density_of(least)) for least in spacings]
         self._full = np.array(full, np.float32)
 
     def densities(self, x: LatticeArray, y: LatticeArray) -> FloatArray:

@@ -23,7 +23,7 @@ from rasterio.enums import Resampling
 from rasterio.errors import RasterioError
 from rasterio.io import MemoryFile
 
-from sketchterrain.document.parameters import MATERIALS
+from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.store import pack_sketch
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.export.files import prepare_folder

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import Device, choose_device, fallback_device
-from sketchterrain.document.parameters import MATERIALS
+from sketchterrain.document.materials import MATERIALS
 from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.export.sampled import quantise_normals, quantise_weights
 from sketchterrain.terrain.rasters import QuantizedBand

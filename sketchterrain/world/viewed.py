@@ -18,7 +18,7 @@ from sketchterrain.app.export import run_with_fallback
 from sketchterrain.app.pictures import PictureOptions, sketch_weather
 from sketchterrain.array_types import Bounds
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.document.parameters import MATERIALS
+from sketchterrain.document.materials import BEDROCK, MATERIALS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.export.files import prepare_folder
@@ -42,9 +42,6 @@ from sketchterrain.world.statistics import StoredWorld, open_world
 _LEAST_BITS: Final = 8
 _MOST_BITS: Final = LATTICE_BITS - 1
 """Exponents of the least and most cells along the longer side of a viewed world."""
-BARE: Final = "rock"
-"""Material of a terrain without stored materials."""
-
 _UNIT: Final = np.float32(32767)  # a unit normal's component, as a slope
 _HALF_STEP: Final = np.float32(1.0 / 255)  # accuracy of a stored normal's components
 _Array = npt.NDArray[Any]
@@ -203,7 +200,7 @@ class StoredPyramid:
             bands = [MATERIALS.index(name) for name in self.world.material_names]
             weights[..., bands] = self.window("materials", number, **inside).transpose(1, 2, 0)
         else:
-            weights[..., MATERIALS.index(BARE)] = 255
+            weights[..., MATERIALS.index(BEDROCK)] = 255
         return _Samples(np.ascontiguousarray(height[1:-1, 1:-1]), slope, weights)
 
     def _error(self, number: int, top: int, left: int, height: _Floats) -> float:
@@ -295,7 +292,7 @@ class StoredTerrain:
         self.heights = self._pyramid.heights
         missing_parts = {
             "the world holds no normals: they are computed from its heights": "normal" not in world.layers,
-            f"the world holds no materials: it is shown as {BARE}": "materials" not in world.layers,
+            f"the world holds no materials: it is shown as {BEDROCK}": "materials" not in world.layers,
             "the world holds no sketch: it is shown without plants and water": terrain is None,
         }
         self.missing_parts = [line for line, true in missing_parts.items() if true]

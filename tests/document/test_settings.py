@@ -22,7 +22,8 @@ from sketchterrain.document.material_rules import (
     RuleChange,
     resolved_rules,
 )
-from sketchterrain.document.parameters import LOOK, MATERIALS, SKETCH, Parameter
+from sketchterrain.document.materials import MATERIALS
+from sketchterrain.document.parameters import LOOK, SKETCH, Parameter
 from sketchterrain.document.sketch import TABLES, Sketch
 from sketchterrain.document.store import SETTINGS, file_limit
 from sketchterrain.document.toml_format import parse_settings, settings_text

@@ -10,6 +10,7 @@ import shapely
 from PIL import Image
 
 import sketchterrain as st
+from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.errors import InputError
 from sketchterrain.export.map.drawing import Label, LabelSpace, MapSheet, Polygons, Polylines, sheet_png
 from sketchterrain.export.map.features import (
@@ -92,7 +93,7 @@ def level_ground(height, scale=5000.0):
     cover = np.eye(1, 8, dtype=np.float32) * np.ones((*height.shape, 1), np.float32)
     frame = MapFrame(10.0, 20.0, 1000.0, 1000.0, scale)
     dry = np.full(height.shape, -1.0, np.float32)
-    return MapSamples(frame, (spacing, spacing), height, height, spacing, dry, cover)
+    return MapSamples(frame, (spacing, spacing), height, height, spacing, dry, cover, BUILT_IN)
 
 
 def places(side=201):

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.errors import DeviceError
 from sketchterrain.placement.feature_types import FEATURE
 from sketchterrain.render.programs import open_context
@@ -26,7 +27,7 @@ class Waves:
     context = HostContext()
     extent = 1000.0
     size = (1000.0, 1000.0)
-    sketch = SimpleNamespace(climate={"aridity": 0.2}, weather={}, look={})
+    sketch = SimpleNamespace(climate={"aridity": 0.2}, weather={}, look={}, material_table=BUILT_IN)
 
     def __init__(self, *, rivers=True, plants=True):
         t = np.linspace(-200.0, 1200.0, 60)

@@ -6,9 +6,10 @@ import re
 import numpy as np
 import pytest
 
+from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.errors import BuildError
 from sketchterrain.io.resources import source
-from sketchterrain.look.texture_maker import LAYERS, filtered_roughness
+from sketchterrain.look.texture_maker import filtered_roughness
 from sketchterrain.render import clouds, plant_cells, scatter
 from sketchterrain.render import textures as texture_places
 from sketchterrain.render.atmosphere import GROUND
@@ -92,7 +93,7 @@ def test_a_broken_program_names_its_files(gl, monkeypatch):
 def test_no_stage_exceeds_the_guaranteed_texture_units(gl):
     quality = Quality()
     clouds = cloud_defines(quality, Weather(clouds=0.8))
-    defines = Shading(gl, quality, aridity=0.2, look={}, clouds=clouds).defines
+    defines = Shading(gl, quality, BUILT_IN, aridity=0.2, look={}, clouds=clouds).defines
     programs = [
         build_program(gl, "screen.vert.glsl", "shade_ground.frag.glsl", defines=defines),
         build_program(gl, "rock.vert.glsl", "rock.frag.glsl", defines=defines),
@@ -119,10 +120,12 @@ def test_constants_of_shaders_equal_those_of_python():
     for file in ("matter.glsl", "rock.frag.glsl", "rock_place.vert.glsl", "variety.glsl"):
         text = source(f"render/{file}")
         numbers = dict(re.findall(r"#define (\w+) (\d)$", text, re.MULTILINE))
-        own = {name: int(numbers[name.upper()]) for name in LAYERS if name.upper() in numbers}
+        own = {name: int(numbers[name.upper()]) for name in BUILT_IN.layers if name.upper() in numbers}
         assert own, file
-        assert own == {name: list(LAYERS).index(name) for name in own}, file
-        assert all(int(size) == len(LAYERS) for size in re.findall(r"uniform \w+ \w+\[(\d+)", text)), file
+        assert own == {name: list(BUILT_IN.layers).index(name) for name in own}, file
+        assert all(
+            int(size) == len(BUILT_IN.layers) for size in re.findall(r"uniform \w+ \w+\[(\d+)", text)
+        ), file
 
 
 HEX = ["render/hex_tiling.glsl"]
@@ -235,10 +238,10 @@ def tiled(gl, textures, layer, hexes, *, across=4, side=256):
         vertex_shader=source("render/screen.vert.glsl"),
         fragment_shader="#version 430 core\n" + macros + source("render/matter.glsl") + TILED,
     )
-    widths = texture_widths()
-    phases = [tuple(phase) for phase in texture_phases((0.031, 0.053, 0.0), widths).tolist()]
+    widths = texture_widths(BUILT_IN)
+    phases = [tuple(phase) for phase in texture_phases(BUILT_IN, (0.031, 0.053, 0.0), widths).tolist()]
     units = {"material_colour": 0, "material_relief": 1, "phases": phases, "across": float(across)}
-    set_uniforms(program, units | texture_uniforms(widths))
+    set_uniforms(program, units | texture_uniforms(BUILT_IN, widths))
     textures.colour.use(0)
     textures.relief.use(1)
     target = gl.texture((side, side), 4, dtype="f4")
@@ -249,14 +252,14 @@ def tiled(gl, textures, layer, hexes, *, across=4, side=256):
 
 
 def test_hexagons_hide_the_repetition_and_keep_mean_and_contrast(gl):
-    textures = MaterialTextures(gl, None, size=256, looks={})
+    textures = MaterialTextures(gl, None, BUILT_IN, size=256, looks={})
 
     def correlation(picture, shift):
         height = picture[..., 3]
         return np.corrcoef(height[:, :-shift].ravel(), height[:, shift:].ravel())[0, 1]
 
     for name in ("grass", "scree", "river_bed", "rock", "snow"):
-        plain, hidden = (tiled(gl, textures, list(LAYERS).index(name), hexes) for hexes in (1, 3))
+        plain, hidden = (tiled(gl, textures, list(BUILT_IN.layers).index(name), hexes) for hexes in (1, 3))
         # A texture's width is 64 pixels here.
         assert correlation(plain, 64) > 0.99, name
         assert abs(correlation(hidden, 64)) < 0.08, name

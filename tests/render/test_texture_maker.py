@@ -8,6 +8,7 @@ from PIL import Image
 
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
+from sketchterrain.document.materials import BUILT_IN, Texture
 from sketchterrain.errors import InputError
 from sketchterrain.io.files import cache_folder
 from sketchterrain.look.texture_levels import (
@@ -17,8 +18,6 @@ from sketchterrain.look.texture_levels import (
     read_material_images,
 )
 from sketchterrain.look.texture_maker import (
-    LAYERS,
-    TextureLayer,
     decode_level,
     emboss,
     encode_level,
@@ -54,7 +53,7 @@ def context():
 
 @pytest.fixture(scope="module")
 def painted(context):
-    return [paint_layer(context, index, SIDE) for index in range(len(LAYERS))]
+    return [paint_layer(context, name, SIDE) for name in BUILT_IN.layers]
 
 
 def test_float_build_matches_double(painted):
@@ -62,8 +61,8 @@ def test_float_build_matches_double(painted):
     if not with_double:
         pytest.skip("no device with 64-bit floats")
     double = ComputeContext(with_double[0], real="double")
-    for index, name in enumerate(LAYERS):
-        off = np.abs(painted[index] - paint_layer(double, index, SIDE)).max(axis=-1)
+    for index, name in enumerate(BUILT_IN.layers):
+        off = np.abs(painted[index] - paint_layer(double, name, SIDE)).max(axis=-1)
         # Where two stones are equally high, or a texel is on a border, either may win.
         assert np.quantile(off, 0.995) < 1e-4, name
         assert off.mean() < 1e-3, name
@@ -75,16 +74,16 @@ def test_devices_are_bit_equal(painted):
         pytest.skip("one device has nothing to differ from")
     for device in devices[1:]:
         other = ComputeContext(device)
-        for index, (mine, layer) in enumerate(zip(painted, LAYERS.values(), strict=True)):
-            theirs = paint_layer(other, index, SIDE)
-            np.testing.assert_array_equal(mine, theirs, err_msg=f"layer {index} on {device.platform}")
+        for mine, layer in zip(painted, BUILT_IN.layers.values(), strict=True):
+            theirs = paint_layer(other, layer.name, SIDE)
+            np.testing.assert_array_equal(mine, theirs, err_msg=f"{layer.name} on {device.platform}")
             assert (emboss(ComputeContext(), mine, layer) == emboss(other, mine, layer)).all()
 
 
 def test_textures_tile(context):
-    for index, name in enumerate(LAYERS):
+    for name in BUILT_IN.layers:
         # Finer than their finest structure, so that neighbouring texels are near each other.
-        height = paint_layer(context, index, 512)[..., 3]
+        height = paint_layer(context, name, 512)[..., 3]
         for axis in (0, 1):
             step = np.abs(np.roll(height, -1, axis) - height)
             assert step.take(-1, axis).mean() < 1.6 * step.mean(), name
@@ -93,7 +92,7 @@ def test_textures_tile(context):
 def test_albedos_are_in_measured_ranges(painted):
     lows = (0.03, 0.05, 0.15, 0.15, 0.22, 0.80, 0.10, 0.02, 0.01)
     highs = (0.12, 0.15, 0.35, 0.30, 0.45, 0.92, 0.25, 0.09, 0.06)
-    albedos = dict(zip(LAYERS, (layer[..., :3] for layer in painted), strict=True))
+    albedos = dict(zip(BUILT_IN.layers, (layer[..., :3] for layer in painted), strict=True))
     for (name, albedo), low, high in zip(albedos.items(), lows, highs, strict=True):
         assert low < albedo.mean() < high, name
         assert albedo.min() >= 0.0, name
@@ -102,7 +101,7 @@ def test_albedos_are_in_measured_ranges(painted):
     assert grass[1] > 1.15 * grass[0] > 1.15 * grass[2]
     assert sand[0] > sand[1] > sand[2]
 
-    for name, layer in LAYERS.items():
+    for name, layer in BUILT_IN.layers.items():
         assert 0.0 < layer.high < layer.low <= 1.0, name
         assert 0.0 < layer.bump < 0.5, name
         assert layer.width > 0.0, name
@@ -111,7 +110,7 @@ def test_albedos_are_in_measured_ranges(painted):
 def test_relief_matches_the_oracle(context):
     rng = np.random.default_rng(3)
     painted = rng.uniform(0.2, 0.8, (32, 32, 4))
-    layer = TextureLayer(1.0, 0.05, 0.9, 0.6)
+    layer = Texture("plain", 1.0, 0.05, 0.9, 0.6, (0, 0))
     got = emboss(context, painted, layer)
     height = painted[..., 3]
     steep = 0.05 * 32
@@ -126,7 +125,7 @@ def test_relief_matches_the_oracle(context):
         openness += 0.125 / (1.0 + (steep * horizon) ** 2)
     expected = np.stack([east, north, 0.9 - 0.3 * height, openness], axis=-1)
     assert np.abs(got - expected).max() < 2e-6
-    flat = emboss(context, np.full((16, 16, 4), 0.5), TextureLayer(1.0, 0.1, 0.9, 0.7))
+    flat = emboss(context, np.full((16, 16, 4), 0.5), Texture("plain", 1.0, 0.1, 0.9, 0.7, (0, 0)))
     assert np.allclose(flat, [0.0, 0.0, 0.8, 1.0], atol=1e-6)
 
 
@@ -210,7 +209,7 @@ def test_filtered_texel_reflects_like_the_fine_ones():
 
 
 SIZE = 32
-ROCK = list(LAYERS).index("rock")
+ROCK = list(BUILT_IN.layers).index("rock")
 
 
 @pytest.fixture(scope="module")
@@ -225,17 +224,19 @@ def save(folder, name, values, mode=None):
 
 
 def test_look_sets_mean_colour_roughness_and_bump(levels):
-    assert [colour.shape for colour, _ in levels] == [(len(LAYERS), n, n, 4) for n in (32, 16, 8, 4, 2, 1)]
+    assert [colour.shape for colour, _ in levels] == [
+        (len(BUILT_IN.layers), n, n, 4) for n in (32, 16, 8, 4, 2, 1)
+    ]
     assert all(colour.shape == relief.shape for colour, relief in levels)
-    assert customized_levels(levels, {}, {}, ComputeContext) is levels
+    assert customized_levels(levels, BUILT_IN, {}, {}, ComputeContext) is levels
 
     look = {"rock": {"colour": "#405060", "roughness": 0.5, "bump": 0.0}}
-    colour, relief = customized_levels(levels, look, {}, ComputeContext)[0]
+    colour, relief = customized_levels(levels, BUILT_IN, look, {}, ComputeContext)[0]
     albedo = (colour[ROCK, ..., :3] / 255.0) ** 2
     assert np.allclose(albedo.mean(axis=(0, 1)), linear_from_hex("#405060"), rtol=0.03)
     assert relief[ROCK, ..., 2].mean() / 255.0 == pytest.approx(0.5, abs=0.01)
     assert np.abs(relief[ROCK, ..., :2].astype(int) - 128).max() <= 1
-    others = [k for k in range(len(LAYERS)) if k != ROCK]
+    others = [k for k in range(len(BUILT_IN.layers)) if k != ROCK]
     assert (colour[others] == levels[0][0][others]).all()
     assert (relief[others] == levels[0][1][others]).all()
 
@@ -246,14 +247,14 @@ def test_user_images_replace_their_maps(levels, tmp_path):
     save(tmp_path, "rock_normal.png", np.full((8, 8, 3), (192, 128, 240), np.uint8))
     save(tmp_path, "sand_height.png", np.full((4, 4), 65535 // 2, np.uint16))
     (tmp_path / "readme.txt").write_text("not a picture")
-    pictures = read_material_images(tmp_path, SIZE)
+    pictures = read_material_images(tmp_path, SIZE, BUILT_IN)
     assert set(pictures) == {"rock", "sand"}
-    colour, relief = customized_levels(levels, {}, pictures, ComputeContext)[0]
+    colour, relief = customized_levels(levels, BUILT_IN, {}, pictures, ComputeContext)[0]
     assert np.allclose((colour[ROCK, ..., :3] / 255.0) ** 2, [0.503, 0.216, 0.0513], atol=0.01)
     assert np.abs(relief[ROCK, ..., 2].astype(int) - 128).max() <= 1
     # The normal leans east, so the ground rises westward.
     assert (relief[ROCK, ..., 0] > 180).all()
-    sand = list(LAYERS).index("sand")
+    sand = list(BUILT_IN.layers).index("sand")
     assert np.abs(colour[sand, ..., 3].astype(int) - 127).max() <= 1
     assert (colour[sand, ..., :3] == levels[0][0][sand, ..., :3]).all()
     assert np.abs(relief[sand, ..., :2].astype(int) - 128).max() <= 1
@@ -263,14 +264,16 @@ def test_height_image_orientation_and_height_from_colour(tmp_path, levels):
     rows = np.zeros((SIZE, SIZE), np.uint8)
     rows[0] = 255
     save(tmp_path, "snow_height.png", rows)
-    height = read_material_images(tmp_path, SIZE)["snow"]["height"]
+    height = read_material_images(tmp_path, SIZE, BUILT_IN)["snow"]["height"]
     assert (height[-1] == 1.0).all()
     assert (height[:-1] == 0.0).all()
 
     grey = np.zeros((SIZE, SIZE, 3), np.uint8)
     grey[:, SIZE // 2 :] = 255
     save(tmp_path, "rock.jpg", grey)
-    colour, relief = customized_levels(levels, {}, read_material_images(tmp_path, SIZE), ComputeContext)[0]
+    colour, relief = customized_levels(
+        levels, BUILT_IN, {}, read_material_images(tmp_path, SIZE, BUILT_IN), ComputeContext
+    )[0]
     assert colour[ROCK, 5, 5, 3] < 10
     assert colour[ROCK, 5, -5, 3] > 245
     assert relief[ROCK, 5, SIZE // 2, 0] < 100
@@ -289,7 +292,7 @@ def test_invalid_texture_folders_are_refused(tmp_path):
         for name in names.split():
             save(folder, name, np.zeros((4, 4), np.uint8))
         with pytest.raises(InputError, match=line) as caught:
-            read_material_images(folder, SIZE)
+            read_material_images(folder, SIZE, BUILT_IN)
         assert "\n" not in str(caught.value), names
     (tmp_path / "grass.png").write_bytes(b"\x89PNG\r\n\x1a\nnothing more")
     for folder, line in (
@@ -297,14 +300,14 @@ def test_invalid_texture_folders_are_refused(tmp_path):
         (tmp_path / "nowhere", "nowhere: expected a folder of textures"),
     ):
         with pytest.raises(InputError, match=line) as caught:
-            read_material_images(folder, SIZE)
+            read_material_images(folder, SIZE, BUILT_IN)
         assert "\n" not in str(caught.value), folder
 
 
 @pytest.mark.gl
 def test_opengl_textures_hold_every_level(gl, levels, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    textures = MaterialTextures(gl, None, size=SIZE, looks={})
+    textures = MaterialTextures(gl, None, BUILT_IN, size=SIZE, looks={})
     for part, array in enumerate((textures.colour, textures.relief)):
         array.use(0)
         for level, both in enumerate(levels):
@@ -377,17 +380,17 @@ def test_corrupt_cache_files_are_replaced_and_missing_folders_tolerated(tmp_path
     assert cached(compute, None) == compute.content
 
 
-WIDTHS = texture_widths()
+WIDTHS = texture_widths(BUILT_IN)
 
 
 def phases(*eye):
-    return texture_phases(eye, WIDTHS).reshape(len(LAYERS), 3, OCTAVES, 2)
+    return texture_phases(BUILT_IN, eye, WIDTHS).reshape(len(BUILT_IN.layers), 3, OCTAVES, 2)
 
 
 def test_texture_phases_match_the_oracle_and_are_periodic():
     eye = np.array([3.0, 7.0, 2.0])
     got = phases(*eye)
-    for layer, (width, _, _, turn) in enumerate(texture_uniforms(WIDTHS)["texture_tiling"]):
+    for layer, (width, _, _, turn) in enumerate(texture_uniforms(BUILT_IN, WIDTHS)["texture_tiling"]):
         for plane, axes in enumerate(((1, 2), (0, 2), (0, 1))):
             for octave in range(OCTAVES):
                 place = complex(*eye[list(axes)]) * np.exp(1j * turn * octave) / (width * RATIO**octave)
@@ -400,8 +403,10 @@ def test_texture_phases_match_the_oracle_and_are_periodic():
     assert np.minimum(gap, PERIOD - gap).max() < 1e-5
     far = phases(1e9, -1e9, 10.0)
     assert ((far >= 0) & (far <= PERIOD)).all()
-    widths = texture_widths({"sand": {"size": 9.0}, "rock": {"size": 0.0}})
-    assert dict(zip(LAYERS, widths, strict=True)) == dict(zip(LAYERS, WIDTHS, strict=True)) | {"sand": 9.0}
+    widths = texture_widths(BUILT_IN, {"sand": {"size": 9.0}, "rock": {"size": 0.0}})
+    assert dict(zip(BUILT_IN.layers, widths, strict=True)) == dict(
+        zip(BUILT_IN.layers, WIDTHS, strict=True)
+    ) | {"sand": 9.0}
 
 
 def test_noise_is_tileable():

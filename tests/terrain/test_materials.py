@@ -17,7 +17,7 @@ from sketchterrain.document.material_rules import (
     RuleChange,
     resolved_rules,
 )
-from sketchterrain.document.parameters import MATERIALS
+from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.store import load_sketch
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.changes import EVERYWHERE, changed_areas

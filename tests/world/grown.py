@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sketchterrain.document.parameters import MATERIALS
+from sketchterrain.document.materials import MATERIALS
 from sketchterrain.errors import InputError
 from sketchterrain.export.sampled import quantise_normals, quantise_weights
 from sketchterrain.world.grid import CHUNK, LAYERS, World

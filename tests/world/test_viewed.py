@@ -8,12 +8,12 @@ from PIL import Image
 
 from sketchterrain.app.cli import main
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.document.parameters import MATERIALS
+from sketchterrain.document.materials import BEDROCK, MATERIALS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.terrain.building import build
 from sketchterrain.world.grid import CHUNK
-from sketchterrain.world.viewed import BARE, StoredPyramid, StoredTerrain
+from sketchterrain.world.viewed import StoredPyramid, StoredTerrain
 
 from .grown import InMemoryWorld
 
@@ -203,7 +203,7 @@ def test_missing_normals_and_materials_have_defaults(terrain):
     tile = tiles[key][:-1, :-1]
     exact = bare.data["exact normal", 0][:, 96 : 96 + QUADS, 96 : 96 + QUADS]
     assert np.abs(tile["slope"] / 32767 - exact[:2].transpose(1, 2, 0)).max() < 1e-4
-    assert (tile["weights"][..., MATERIALS.index(BARE)] == 255).all()
+    assert (tile["weights"][..., MATERIALS.index(BEDROCK)] == 255).all()
     assert tile["weights"].sum() == 255 * tile.size
     assert len(view.missing_parts) == 3
 

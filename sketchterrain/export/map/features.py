@@ -17,7 +17,7 @@ INDEX: Final = 5  # every 5th contour is an index contour: heavier and labelled
 STEEP_SHARE: Final = 85.0  # percentile of slope for which the interval is chosen
 MIN_LENGTH, MIN_PIECE = 2.4, 0.8  # mm of closed contours, and of pieces
 PENS: Final[dict[str, Colour]] = {"ground": (158, 108, 66), "rock": (98, 94, 92), "snow": (92, 138, 178)}
-"""Colours of contours on soil, on rock and scree, and on snow."""
+"""Colours of contours by `Material.pen`."""
 WIDTHS: Final = {False: 0.12, True: 0.25}  # mm of contours, and of index contours
 CROWDED: Final = 0.26  # mm between contours below which only index contours are drawn
 GAP: Final = 0.45  # mm between a label and its contour
@@ -90,8 +90,9 @@ def contour_lines(
 
 def pen_numbers(samples: MapSamples) -> Grid:
     """Return the index of the pen for each sample."""
-    stone = samples.cover_weight("rock", "scree") > 0.5
-    return np.where(samples.cover_weight("snow") > 0.5, 2, np.where(stone, 1, 0)).astype(np.float32)
+    stone = samples.cover_weight(lambda each: each.pen == "rock") > 0.5
+    snow = samples.cover_weight(lambda each: each.pen == "snow") > 0.5
+    return np.where(snow, 2, np.where(stone, 1, 0)).astype(np.float32)
 
 
 def pieces(path: Points, code: npt.NDArray[np.int_]) -> Iterator[tuple[Points, int]]:
@@ -253,7 +254,7 @@ def label_lakes(terrain: Terrain, samples: MapSamples, space: LabelSpace) -> lis
 
 def draw_forests(samples: MapSamples) -> list[Shape]:
     """Return the forests as areas with edges."""
-    share = gaussian_filter(samples.cover_weight("forest_floor"), 1.0)
+    share = gaussian_filter(samples.cover_weight(lambda each: each.is_wooded), 1.0)
     (rings,) = contour_rings(share, [0.5], samples)
     rings = [ring for ring in rings if shapely.Polygon(ring).area >= MIN_FOREST]
     return forest(rings) if rings else []

@@ -1,5 +1,6 @@
 """Frame and samples of a map, and its shaded relief."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, TypeAlias
@@ -9,8 +10,8 @@ import numpy.typing as npt
 from contourpy import LineType, contour_generator
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from sketchterrain.document.parameters import MATERIALS
-from sketchterrain.export.map.drawing import Box, Colour, Points
+from sketchterrain.document.materials import Material, MaterialTable
+from sketchterrain.export.map.drawing import Box, Points
 from sketchterrain.terrain.terrain import Terrain
 
 Grid: TypeAlias = npt.NDArray[np.float32]
@@ -23,17 +24,6 @@ SCALES: Final = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.5, 8.0)
 STEP, SMOOTH = 0.2, 0.5  # mm between samples; mm, cell size of the heights for contours
 COVER_SIGMA: Final = 0.45  # mm, blur of materials against speckles
 
-TINTS: Final[dict[str, tuple[Colour, str | None]]] = {
-    "grass": ((223, 230, 194), "Grassland"),
-    "soil": ((228, 220, 190), "Bare soil"),
-    "rock": ((209, 204, 199), "Rock"),
-    "scree": ((226, 218, 204), "Scree"),
-    "sand": ((252, 236, 200), "Sand"),
-    "snow": ((240, 246, 252), "Snow"),
-    "river_bed": ((226, 226, 203), None),
-    "forest_floor": ((212, 224, 182), None),
-}
-"""Colour of each material and its name in the legend."""
 LIGHTS: Final = ((315.0, 0.46), (270.0, 0.2), (0.0, 0.2), (225.0, 0.14))
 """Azimuth (degrees) and weight of each light: after Mark (1992), with more weight in the north-west."""
 ELEVATION: Final = np.radians(45.0)  # of all lights
@@ -86,15 +76,17 @@ class MapSamples:
     cell_size: float  # m, of the smooth heights
     depth: Grid  # m of water in lakes, negative elsewhere
     cover: Grid  # weights of the materials (rows, columns, materials), blurred
+    materials: MaterialTable
 
     @cached_property
     def slope(self) -> tuple[Grid, Grid, Grid]:
         """Rise over run of the smooth heights: eastward, northward, and steepest."""
         return _slopes(self.smooth, self.spacing)
 
-    def cover_weight(self, *names: str) -> Grid:
-        """Return the total weight of some materials, (rows, columns)."""
-        return np.asarray(sum(self.cover[..., MATERIALS.index(name)] for name in names), np.float32)
+    def cover_weight(self, chosen: Callable[[Material], bool]) -> Grid:
+        """Return the total weight of the materials that are chosen, (rows, columns)."""
+        weights = (self.cover[..., index] for index, each in enumerate(self.materials) if chosen(each))
+        return np.asarray(sum(weights), np.float32)
 
     def metres(self, row: float, column: float) -> tuple[float, float]:
         """Return x, y (m) of a sample."""
@@ -141,12 +133,12 @@ def sample_map(terrain: Terrain, frame: MapFrame) -> MapSamples:
     for material in range(cover.shape[-1]):
         gaussian_filter(raster.materials[..., material], COVER_SIGMA / STEP, output=cover[..., material])
     depth = _lake_depth(terrain, smooth, x, y)
-    return MapSamples(frame, raster.spacing, raster.height, smooth, cell, depth, cover)
+    return MapSamples(frame, raster.spacing, raster.height, smooth, cell, depth, cover, terrain.materials)
 
 
 def shaded_relief(samples: MapSamples) -> npt.NDArray[np.uint8]:
     """Return the terrain's colours with multidirectional hillshading: (rows, columns, 3), row 0 north."""
-    tints = np.array([TINTS[name][0] for name in MATERIALS], np.float32)
+    tints = np.array([each.tint for each in samples.materials], np.float32)
     colour = samples.cover @ tints / np.maximum(samples.cover.sum(axis=-1, keepdims=True), 1e-6)
     rise = _rise(samples.height)[..., None]
     colour *= LOW + rise * (HIGH - LOW)

@@ -36,7 +36,6 @@ from sketchterrain.export.map.features import (
 )
 from sketchterrain.export.map.relief import (
     MARGIN,
-    TINTS,
     MapFrame,
     MapSamples,
     fit_frame,
@@ -145,16 +144,18 @@ def legend_entries(
     ]
     river = [Polylines([course], features.BANK, 0.8), Polylines([course], features.WATER, 0.52), *arrow]
     peak = [*features.peak_triangle(2.4, 0.4), Label("345", 4.0, 0.0, features.PEAK_SIZE, INK)]
+    meadow = next(iter(samples.materials)).tint
     known: dict[str, Entry] = {
         "river": ("River, flow", river),
         "lake": ("Lake, water level (m)", lake),
-        "forest": ("Forest", [Polygons([patch], TINTS["grass"][0]), *features.forest([patch])]),
+        "forest": ("Forest", [Polygons([patch], meadow), *features.forest([patch])]),
         "peak": ("Summit, height (m)", peak),
     }
     entries += [entry for name, entry in known.items() if name in present]
-    for name, (tint, meaning) in TINTS.items():
-        if meaning and samples.cover_weight(name).mean() > 0.01:
-            entries.append((meaning, [Polygons([patch], tint), Polylines([patch], GREY, 0.1)]))
+    for index, material in enumerate(samples.materials):
+        if material.is_mapped and samples.cover[..., index].mean() > 0.01:
+            symbol = [Polygons([patch], material.tint), Polylines([patch], GREY, 0.1)]
+            entries.append((material.title, symbol))
     return entries
 
 

@@ -31,7 +31,6 @@ if TYPE_CHECKING:  # it imports this module
 
 _DIGITS = 3  # of a metre, resolution of dragged values
 _SAME_PLACE = 0.01  # m; tolerance of a control point's position in an edit
-_ADDED_EXTENT = {"mountain": 0.12, "hill": 0.05, "dune": 0.06, "forest": 0.05}  # radius / extent
 _TITLES = {
     "move": "Move {}",
     "radius": "Resize {}",
@@ -122,7 +121,8 @@ def resized(sketch: Sketch, placed: Placement, selection: Selection, radius: flo
 def strengthened(sketch: Sketch, placed: Placement, selection: Selection, strength: float) -> Sketch:
     """Return the sketch with another strength of a feature: height (m), of a forest its density."""
     strength = _clamp("strength", "strength", strength)
-    if name_of(placed, selection) == "forest":
+    point = find_point(placed, selection)
+    if point is not None and LAYERS[FEATURE_TYPES[point["type"]]].is_share:
         strength = min(strength, 1.0)
     return _with_value(sketch, placed, Edit("strength", selection.id, strength=strength))
 
@@ -215,7 +215,7 @@ def is_edited(sketch: Sketch, placed: Placement, selection: Selection) -> bool:
 
 def added(sketch: Sketch, kind: str, x: float, y: float, radius: float, strength: float) -> Sketch:
     """Return the sketch with another feature."""
-    if kind == "forest":
+    if kind in LAYERS and LAYERS[kind].is_share:
         strength = min(strength, 1.0)
     edit = Edit(
         "add",
@@ -230,11 +230,10 @@ def added(sketch: Sketch, kind: str, x: float, y: float, radius: float, strength
 
 def added_at(sketch: Sketch, kind: str, x: float, y: float) -> Sketch:
     """Return the sketch with another feature at a position (m), of its type's default size and strength."""
-    radius = _ADDED_EXTENT[kind] * sketch.extent
-    properties = sketch.properties(kind, 1)
-    if kind == "forest":
-        return added(sketch, kind, x, y, radius, properties["density"])
-    return added(sketch, kind, x, y, radius, min(properties["height"], TYPES[kind].fill_slope * radius))
+    layer = LAYERS[kind]
+    radius = layer.added_radius * sketch.extent
+    strength = sketch.properties(kind, 1)[layer.main.name]
+    return added(sketch, kind, x, y, radius, min(strength, TYPES[kind].fill_slope * radius))
 
 
 def _with_value(sketch: Sketch, placed: Placement, edit: Edit) -> Sketch:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Final, Literal, NamedTuple
 
-from sketchterrain.document.materials import MATERIALS
+from sketchterrain.document.materials import BUILT_IN, MATERIALS
 from sketchterrain.document.parameters import Parameter, Sentinel, Value, parameter_table
 
 Colour = tuple[int, int, int]
@@ -47,7 +47,7 @@ class Layer:
     added_radius: float = 0.05  # of a feature that the user adds, over the sketch's extent
     fill: str = ""  # name of those that stand where nothing is painted
     # Of imports:
-    map_colours: str = ""  # of maps, as #rrggbb, separated by spaces
+    map_colours: str = ""  # on common maps and in OpenStreetMap's standard style, separated by spaces
     tags: tuple[TagRule, ...] = ()
     source_names: str = ""  # of vector layers, besides `name` and `title`, separated by spaces
     narrow: str = ""  # layer of the narrow parts of its areas on a map, if asked for
@@ -216,18 +216,20 @@ _ALL: Final = (
         colour=(168, 160, 150),
         hatch="crossed",
         map_colours="#eee5dc",
-        tags=(
-            TagRule("natural", "bare_rock rock cliff", {"material": "rock"}),
-            TagRule("natural", "scree shingle", {"material": "scree"}),
-            TagRule("natural", "sand beach", {"material": "sand"}),
-            TagRule("natural", "glacier", {"material": "snow"}),
-            TagRule("natural", "meadow grass grassland", {"material": "grass"}),
-        ),
+        tags=tuple(TagRule("natural", each.tags, {"material": each.name}) for each in BUILT_IN if each.tags),
     ),
 )
 
 LAYERS: Mapping[str, Layer] = MappingProxyType({layer.name: layer for layer in _ALL})
 """The layers, in display order."""
+
+_CODES = {layer.code: layer.name for layer in _ALL}
+
+
+def layer_of(feature: int) -> str:
+    """Return the layer of a painted feature, river or lake by its id."""
+    return _CODES[feature >> 48 & 0x3FFF]  # the two highest bits mark added features and those of the fill
+
 
 POINT_LAYERS: Final = tuple(layer.name for layer in _ALL if layer.is_points)
 """Layers of point features: their types, which can be added and locked."""

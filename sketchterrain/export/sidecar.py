@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.export.files import stale_files, write_json, write_png
 from sketchterrain.export.rasters import ORIENTATION
 from sketchterrain.export.sampled import SampleGrid
@@ -90,7 +91,7 @@ def _title(adherence: Adherence, name: str) -> str:
     if layer.iou_mean is not None:
         parts.append(f"overlap {layer.iou_mean:.0%}")
     courses = [river.mean_distance for river in adherence.rivers if river.mean_distance is not None]
-    if name == "river" and courses:
+    if LAYERS[name].kind == "course" and courses:
         # A stroke gives a river's course and its label the width: the overlap alone would mislead.
         parts.append(f"course {np.mean(courses):.1f} px off")
     return ", ".join(parts)

@@ -13,18 +13,22 @@ import numpy.typing as npt
 from skimage.measure import find_contours
 
 from sketchterrain.array_types import StructuredArray
+from sketchterrain.document.layers import layer_of
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.io.crs import plain_path
 from sketchterrain.io.files import write_atomic
-from sketchterrain.placement.feature_types import FEATURE_TYPES, Lake, River, ShapeField, conifer_share
+from sketchterrain.placement.feature_types import (
+    FEATURE_TYPES,
+    Lake,
+    River,
+    ShapeField,
+    conifer_share,
+    has_parameter,
+    style_of,
+)
 from sketchterrain.terrain.surfaces import TerrainFeatures
 
 _OUTLINE_DECIMALS = 2  # centimetres
-_TYPE_COLUMNS = {
-    "mountain": ("peakiness", "erosion", "gullies"),
-    "hill": ("erosion", "gullies"),
-    "dune": ("wavelength", "wind"),
-}
 
 
 def write_features(folder: Path, features: TerrainFeatures) -> tuple[Path, ...]:
@@ -60,16 +64,15 @@ def _point_entry(point: np.void) -> dict[str, Any]:
         "radius": _shortest(point["radius"]),
         "strength": _shortest(point["strength"]),
     }
-    entry |= {key: _shortest(point[key]) for key in _TYPE_COLUMNS.get(name, ())}
-    if name == "forest":
-        entry["conifers"] = round(float(conifer_share(point["peakiness"])), 4)
+    for key, value in style_of(point).items():
+        entry[key] = _shortest(value) if isinstance(value, np.float32) else round(value, 4)
     return entry | {"painted": bool(point["painted"])}
 
 
 def _river_entry(river: River) -> dict[str, Any]:
     return {
         "id": river.id,
-        "type": "river",
+        "type": layer_of(river.id),
         "label": river.label,
         "points": river.points.tolist(),
         "width": [_shortest(width) for width in river.width],
@@ -83,7 +86,7 @@ def _river_entry(river: River) -> dict[str, Any]:
 def _lake_entry(lake: Lake) -> dict[str, Any]:
     return {
         "id": lake.id,
-        "type": "lake",
+        "type": layer_of(lake.id),
         "label": lake.label,
         "level": lake.level,
         "depth": lake.depth,
@@ -252,7 +255,7 @@ def feature_layer(points: StructuredArray, height: npt.NDArray[np.float32], orig
     import shapely
 
     names = np.array(FEATURE_TYPES, dtype=object)
-    forests = points["type"] == FEATURE_TYPES.index("forest")
+    has_conifers = has_parameter(points, "conifers")
     columns = ("peakiness", "wavelength", "wind", "erosion", "gullies")
     fields: dict[str, npt.NDArray[Any]] = {
         "id": _texts(points["id"]),
@@ -260,8 +263,8 @@ def feature_layer(points: StructuredArray, height: npt.NDArray[np.float32], orig
         "radius": points["radius"],
         "strength": points["strength"],
     }
-    fields |= {name: np.where(forests, np.float32(0.0), points[name]) for name in columns}
-    fields["conifers"] = np.where(forests, conifer_share(points["peakiness"]), -1.0).astype(np.float32)
+    fields |= {name: np.where(has_conifers, np.float32(0.0), points[name]) for name in columns}
+    fields["conifers"] = np.where(has_conifers, conifer_share(points["peakiness"]), -1.0).astype(np.float32)
     fields["painted"] = points["painted"]
     places = np.stack([points["x"] + origin.east, points["y"] + origin.north, height], axis=-1)
     return VectorLayer("features", "Point Z", shapely.points(places), fields)

@@ -4,7 +4,7 @@ import io
 import struct
 import warnings
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Final, Literal
@@ -14,6 +14,7 @@ import numpy.typing as npt
 from PIL import Image, ImageOps
 from PIL.ImageFile import ImageFile
 
+from sketchterrain.document.label_layers import LabelImage
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.errors import InputError, format_value, one_line
 from sketchterrain.importing.image_colours import (
@@ -185,7 +186,6 @@ def _is_grey(rgba: npt.NDArray[np.uint8]) -> bool:
 SPECKS: Final = 16  # px of the sketch; smaller areas are removed by default
 
 _INK_RADIUS = 24.0  # px of the sketch by which lettering is filled from its sides; the rest stays empty
-_THIN = ("river",)
 _RIVER_GAP = 14  # px of the sketch, of rivers broken by lettering and noise
 _NARROW = 8  # px of the sketch, of lakes that may be rivers
 _MAX_NAMES = 12  # colours in a note
@@ -240,7 +240,7 @@ class ColouredMap:
         for index, meaning in enumerate(used):
             table[index] = UNASSIGNED if meaning == INK else value_of.get(meaning or NOTHING, 0)
         height, width = self.pixels.index.shape
-        thin = [value for meaning, value in value_of.items() if meaning.layer in _THIN]
+        thin = [value for meaning, value in value_of.items() if LAYERS[meaning.layer].kind == "course"]
         values = scale_labels(table[self.pixels.index], options.size(width, height), thin=thin)
         if INK in used:  # lettering comes with outlines
             values = unassign_thin_parts(values, {0, *value_of.values()}.difference(thin))
@@ -251,8 +251,9 @@ class ColouredMap:
         layers = {name: np.zeros(values.shape, dtype=np.uint8) for name in LAYERS}
         for meaning, value in value_of.items():
             layers[meaning.layer][values == value] = meaning.label
-        if narrow > 0.0:
-            layers["river"], layers["lake"] = split_water(layers["river"], layers["lake"], narrow)
+        waters = [(layer.narrow, name) for name, layer in LAYERS.items() if layer.narrow]
+        for thin_name, name in waters if narrow > 0.0 else ():
+            layers[thin_name], layers[name] = split_water(layers[thin_name], layers[name], narrow)
         sketch, sketch_notes = options.sketch(layers, self.name)
         pairs = tuple(zip(self.colours, used, strict=True))
         pixels = self.pixels
@@ -260,7 +261,7 @@ class ColouredMap:
             f"{pixels.certain:.1%} of the picture is clearly one of its {len(self.colours)} colours, "
             f"{pixels.inferred:.1%} is inferred from its neighbours, {pixels.unknown:.1%} is unknown",
             *_colour_notes(pairs),
-            *([] if narrow > 0.0 else _water_notes(layers["river"] > 0, layers["lake"] > 0)),
+            *([] if narrow > 0.0 else _water_notes(layers, waters)),
             *sketch_notes,
         )
         return TracedMap(sketch, notes, pairs, pixels.certain, pixels.inferred, pixels.unknown)
@@ -299,8 +300,9 @@ def _colour_notes(pairs: Sequence[tuple[DetectedColour, Meaning | None]]) -> lis
     return notes
 
 
-def _water_notes(river: npt.NDArray[np.bool_], lake: npt.NDArray[np.bool_]) -> list[str]:
-    if river.any() or not lake.any() or not narrow_water(lake, _NARROW).any():
+def _water_notes(layers: Mapping[str, LabelImage], waters: Iterable[tuple[str, str]]) -> list[str]:
+    candidates = [layers[wide] > 0 for thin, wide in waters if layers[wide].any() and not layers[thin].any()]
+    if not any(narrow_water(each, _NARROW).any() for each in candidates):
         return []
     return [f"some lakes are narrow and long: --rivers-up-to {_NARROW} makes rivers of them"]
 

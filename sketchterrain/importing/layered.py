@@ -46,7 +46,7 @@ class _LayerComposer:
 
     def add(self, meaning: Meaning, mask: BoolArray) -> int:
         """Paint unpainted pixels; return their number."""
-        thin = (1,) if meaning.layer == "river" else ()
+        thin = (1,) if LAYERS[meaning.layer].kind == "course" else ()
         scaled = scale_labels(mask.astype(np.uint8), self.size, thin=thin) > 0
         image = self.layers[meaning.layer]
         free = scaled & (image == 0)

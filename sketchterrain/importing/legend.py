@@ -16,7 +16,6 @@ import numpy as np
 
 from sketchterrain.document.label_layers import to_oklab
 from sketchterrain.document.layers import LAYERS
-from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.document.parameters import Value
 from sketchterrain.document.toml_format import load_toml
 from sketchterrain.errors import InputError, did_you_mean, format_value, one_line
@@ -149,18 +148,17 @@ def _checked(colours: list[tuple[Rgb, Meaning]], where: str) -> dict[Rgb, Meanin
     return meanings
 
 
+_NO_LAYER = (
+    *("nothing=#ffffff", "ink=#000000", "ink=#101010", "ink=#202020", "ink=#303030"),
+    # OpenStreetMap's standard style (openstreetmap-carto, style/landcover.mss, style/water.mss).
+    *("nothing=#f2efe9", "nothing=#cdebb0", "nothing=#ddecec"),
+)
+
+
 def _own() -> Legend:
-    common = (
-        # Common choices.
-        *("mountain=#8b5a2b", "mountain=#a0522d", "mountain=#5b3a1e", "hill=#9acd32", "forest=#008000"),
-        *("river=#0000ff", "river=#1f4e9c", "lake=#87ceeb", "dune=#ffff00", "dune=#f0e68c"),
-        *("nothing=#ffffff", "ink=#000000", "ink=#101010", "ink=#202020", "ink=#303030"),
-        # OpenStreetMap's standard style (openstreetmap-carto, style/landcover.mss, style/water.mss).
-        *("lake=#aad3df", "forest=#add19e", "dune=#f5e9c6", "material=#eee5dc", "nothing=#f2efe9"),
-        *("nothing=#cdebb0", "nothing=#ddecec"),
-    )
+    named = (f"{name}={code}" for name, layer in LAYERS.items() for code in layer.map_colours.split())
     layers = {layer.colour: Meaning(name, 1) for name, layer in LAYERS.items()}
-    return Legend({**layers, **Legend.parse(common).colours, **layers})
+    return Legend({**layers, **Legend.parse((*named, *_NO_LAYER)).colours, **layers})
 
 
 OWN_LEGEND: Final = _own()  # the program's colours, and those of common maps
@@ -191,36 +189,24 @@ class FeatureLabel:
     unread: int  # invalid values
 
 
-def _rules(layer: str, values: str, **properties: Value) -> dict[str, _Rule]:
-    return dict.fromkeys(values.split(), (layer, properties))
+def _rules(key: str) -> dict[str, _Rule]:
+    rules = ((layer.name, rule) for layer in LAYERS.values() for rule in layer.tags if rule.key == key)
+    return {value: (name, dict(rule.properties)) for name, rule in rules for value in rule.values.split()}
 
 
-_WATERWAY: dict[str, _Rule] = {
-    **_rules("river", "river tidal_channel riverbank"),
-    **_rules("river", "canal fairway", width=10.0),
-    **_rules("river", "stream brook", width=3.0, depth=0.5),
-    **_rules("river", "ditch drain", width=1.5, depth=0.5),
-}
-_GROUND: dict[str, _Rule] = {
-    **_rules("lake", "water reservoir basin lake pond lagoon"),
-    **_rules("forest", "wood forest"),
-    **_rules("mountain", "peak ridge arete volcano mountain mountain_range massif"),
-    **_rules("hill", "hill"),
-    **_rules("dune", "dune desert"),
-    **{tag: ("material", {"material": each.name}) for each in BUILT_IN for tag in each.tags.split()},
-}
+_WATERWAY, _GROUND = _rules("waterway"), _rules("natural")
 # OpenStreetMap's keys (wiki: Map features), `fclass` of Geofabrik's extracts, `featurecla` of Natural Earth,
 # `type` of this program's own exports.
 _KEYS: dict[str, dict[str, _Rule]] = {
     "waterway": _WATERWAY,
-    "water": {**_rules("river", "river stream canal"), **_rules("lake", "lake reservoir pond basin lagoon")},
+    "water": _rules("water"),
     "natural": _GROUND,
     "landuse": _GROUND,
     "fclass": _GROUND | _WATERWAY,
     "featurecla": _GROUND | _WATERWAY,
     "type": {layer: (layer, {}) for layer in LAYERS},
 }
-_SOURCES = {"wood": "forest", "woods": "forest", "water": "lake", "waterway": "river", "waterways": "river"}
+_SOURCES = {source: name for name, layer in LAYERS.items() for source in layer.source_names.split()}
 # Other names of properties: in our own exports strength is the height of hills and mountains.
 _ALIASES = {
     "height": ("height", "strength"),

@@ -45,8 +45,7 @@ from sketchterrain.io.crs import parse_metric_crs
 
 _SIZE = 512  # px
 _MARGIN = 0.5  # of the bounds' size, around them: wide lines there extend into them
-_DISCS = ("mountain", "hill", "dune", "forest")  # layers on which points become discs
-_AREAS = ("dune", "forest", "lake", "material")  # layers whose closed lines are areas
+_AREAS = ("patches", "landform", "water", "cover")  # kinds of layers whose closed lines are areas
 _MAX_WIDTH = 1e6  # m
 _DEFAULT_WIDTH = 0.04  # of the longer side: lines and discs on layers of areas
 _SIMPLIFICATION = 1 / 16  # px, tolerance for wide lines
@@ -186,18 +185,18 @@ def _shape(
     shape: Any, label: FeatureLabel, tags: Mapping[str, Any], width: float | None
 ) -> tuple[Any, float | None]:
     """Return a feature's shape on its layer and its width, or a reason to skip it."""
-    if shape.geom_type == "LineString" and label.layer in _AREAS and shape.is_closed:
+    if shape.geom_type == "LineString" and LAYERS[label.layer].kind in _AREAS and shape.is_closed:
         rings = np.array([shapely.Polygon(shape.coords)]) if len(shape.coords) > 3 else np.array([shape])
         shape = valid_areas(rings)[0]
     if shapely.get_dimensions(shape) == _AREA and not shape.is_empty:
         return shape, None
     if shape.geom_type == "Point":
-        if label.layer not in _DISCS:
+        if not LAYERS[label.layer].is_points:
             return "that are points of areas", None
         radius = parse_number(tags.get("radius"))
         return shape, None if radius is None else 2.0 * radius
     own_width = parse_number(tags.get("width"))
-    if label.layer in _AREAS and own_width is None and width is None:
+    if LAYERS[label.layer].kind in _AREAS and own_width is None and width is None:
         return "that are open lines of areas", None
     return shape, own_width
 
@@ -289,16 +288,16 @@ def _paint(
         properties = [_properties(label, dimension, width) for label, dimension in pairs]
         cluster_of, clusters, error = cluster_properties(properties, MAX_LABELS)
         order = list(range(len(clusters)))
-        if name == "river":
+        if LAYERS[name].kind == "course":
             # Areas, of width 0, are last: maps also have a line in the middle of a river's area.
-            order.sort(key=[_river_width(cluster) or math.inf for cluster in clusters].__getitem__)
+            order.sort(key=[_river_width(name, cluster) or math.inf for cluster in clusters].__getitem__)
         size = (area.rows, area.columns)
         images[name] = np.zeros(size, dtype=np.uint8)
         widths = _line_widths(layer, [clusters[index] for index in cluster_of], area, width) / area.pixel
         for label, index in enumerate(order, start=1):
             members = np.array(cluster_of) == index
             areas, lines = members & is_area, members & ~is_area
-            mask = paint_areas(size, layer.shapes[areas], touched=name == "river")
+            mask = paint_areas(size, layer.shapes[areas], touched=LAYERS[name].kind == "course")
             mask |= paint_lines(size, layer.shapes[lines], widths[lines])
             images[name][mask] = label
             labels[name, label] = clusters[index]
@@ -311,8 +310,8 @@ def _paint(
 def _properties(label: FeatureLabel, dimension: int, width: float | None) -> dict[str, Value]:
     """Return the properties of a feature's label; width 0 of a river's area means as painted."""
     properties = dict(label.properties)
-    if label.layer == "river":
-        parameter = LAYERS["river"].parameters["width"]
+    if LAYERS[label.layer].kind == "course":
+        parameter = LAYERS[label.layer].parameters["width"]
         if dimension == _AREA:
             properties["width"] = 0.0
         elif width is not None and ("width" not in properties or "width" in label.guessed):
@@ -321,16 +320,17 @@ def _properties(label: FeatureLabel, dimension: int, width: float | None) -> dic
     return properties
 
 
-def _river_width(properties: Mapping[str, Value]) -> float:
-    return float(properties.get("width", LAYERS["river"].parameters["width"].default))
+def _river_width(layer: str, properties: Mapping[str, Value]) -> float:
+    return float(properties.get("width", LAYERS[layer].parameters["width"].default))
 
 
 def _line_widths(
     features: _Features, labels: Sequence[Mapping[str, Value]], area: SketchArea, width: float | None
 ) -> npt.NDArray[np.float64]:
     """Return the widths (m) of a layer's lines and discs; a river's is its label's."""
-    if features.labels[0].layer == "river":
-        return np.array([_river_width(label) for label in labels])
+    layer = features.labels[0].layer
+    if LAYERS[layer].kind == "course":
+        return np.array([_river_width(layer, label) for label in labels])
     default = np.full(len(features.shapes), _DEFAULT_WIDTH * area.extent)
     if width is not None:
         default[features.dimensions == _LINE] = width
@@ -364,7 +364,7 @@ def _guess_notes(features: _Features, area: SketchArea, width: float | None) -> 
     """Return notes on missing and changed values."""
     notes = []
     no_area = features.dimensions != _AREA
-    is_river = np.array([label.layer == "river" for label in features.labels])
+    is_river = np.array([LAYERS[label.layer].kind == "course" for label in features.labels])
     rivers = features.labels[is_river & no_area].tolist()
     guessed_rivers = sum("width" not in label.properties or "width" in label.guessed for label in rivers)
     if guessed_rivers:

@@ -1,7 +1,8 @@
 """Feature types: record layout, height profiles, placement rules and crest lines."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -32,9 +33,6 @@ FEATURE: Final = np.dtype(
 )
 """One placed feature. Arrays of it are sorted by id, the order in which terrain sums them."""
 
-STYLE: Final = ("peakiness", "wavelength", "wind", "erosion", "gullies")
-"""Fields copied from the label's parameters of the same name; 0 where its type has no such parameter."""
-
 FILL_BIT: Final = np.uint64(1 << 63)
 """Set in the id of every feature of the fill."""
 
@@ -50,6 +48,27 @@ def conifer_code(share: float) -> float:
 def conifer_share(code: npt.ArrayLike) -> npt.NDArray[np.float64]:
     """Return the share of conifers, 0 … 1 or ``BY_ELEVATION``, stored in a forest's ``peakiness``."""
     return np.asarray(np.asarray(code, dtype=np.float64) - 1.0)
+
+
+def stored_style(name: str, properties: Mapping[str, Any]) -> dict[str, float]:
+    """Return the fields of a type's features that store its parameters besides the strength."""
+    values = {each.name: properties[each.name] for each in LAYERS[name].style}
+    if "conifers" in values:
+        values["peakiness"] = conifer_code(float(values.pop("conifers")))
+    return values
+
+
+def has_parameter(points: StructuredArray, name: str) -> npt.NDArray[np.bool_]:
+    """Return which features' types have a parameter."""
+    types = [code for code, layer in enumerate(FEATURE_TYPES) if name in LAYERS[layer].parameters]
+    return np.isin(points["type"], types)
+
+
+def style_of(point: np.void) -> dict[str, Any]:
+    """Return the parameters of a feature besides its strength, as stored."""
+    names = [each.name for each in LAYERS[FEATURE_TYPES[point["type"]]].style]
+    code = point["peakiness"]
+    return {name: float(conifer_share(code)) if name == "conifers" else point[name] for name in names}
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,6 +190,13 @@ def area_profile(t: Float64Array) -> Float64Array:
     return cubic(np.maximum((t - 0.5) / 0.5, 0.0))
 
 
+def height_profile(name: str, t: Float64Array, peakiness: Float64Array, steepness: float) -> Float64Array:
+    """Return the share of a feature's strength at t ground radii from its centre."""
+    if name == "mountain":
+        return mountain_profile(t, peakiness, steepness)
+    return hill_profile(t, steepness) if name == "hill" else area_profile(t)
+
+
 def visible_radius(name: str, share: Float64Array, peakiness: Float64Array, fidelity: float) -> Float64Array:
     """Return where a feature reaches a quarter of its label's strength, in its ground radii.
 
@@ -179,12 +205,7 @@ def visible_radius(name: str, share: Float64Array, peakiness: Float64Array, fide
     low, high = np.zeros(len(share)), np.ones(len(share))
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        if name == "mountain":
-            profile = mountain_profile(middle, peakiness, flank(fidelity))
-        elif name == "hill":
-            profile = hill_profile(middle, flank(fidelity))
-        else:
-            profile = area_profile(middle)
+        profile = height_profile(name, middle, peakiness, flank(fidelity))
         above = share * profile > VISIBLE_SHARE
         low, high = np.where(above, middle, low), np.where(above, high, middle)
     # Valleys between ridges cut into an outline more than spurs add to it, less so near fidelity 1.

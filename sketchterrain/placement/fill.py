@@ -20,6 +20,7 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Bounds, Float64Array, StructuredArray
 from sketchterrain.caching import IdentityKey, LRUCache
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.errors import InputError
 from sketchterrain.placement.density import painted_distance
 from sketchterrain.placement.differences import merge_boxes, repainted_boxes, rows_only_in, widened
@@ -29,10 +30,9 @@ from sketchterrain.placement.feature_types import (
     FEATURE_TYPES,
     FILL_BIT,
     SPACING,
-    STYLE,
     TYPES,
-    conifer_code,
     crest_offsets,
+    stored_style,
 )
 from sketchterrain.placement.hashing import hash_keys, hash_unit
 
@@ -184,7 +184,7 @@ class Fill:
         rule = self.rules.get(name)
         if rule is None or radius <= rule.low:
             return 0.0
-        strength = rule.properties["density"] if name == "forest" else rule.properties["height"]
+        strength = rule.properties[LAYERS[name].main.name]
         return float(min(strength, TYPES[name].fill_slope * min(radius, rule.high)))
 
     def influence_radii(self, name: str, radius: float | None = None) -> dict[str, float]:
@@ -371,17 +371,16 @@ class Fill:
         """Set strength and style from the properties of the layer's label 1, lower where it is smaller."""
         properties = rule.properties
         radius = features["radius"].astype(np.float64)
-        if rule.name == "forest":
-            strength = properties["density"] * (0.7 + 0.3 * chance)
+        strength = properties[LAYERS[rule.name].main.name]
+        if LAYERS[rule.name].is_share:
+            strength = strength * (0.7 + 0.3 * chance)
         else:
-            strength = properties["height"] * (radius / rule.high) ** 0.8 * (0.8 + 0.2 * chance)
+            strength = strength * (radius / rule.high) ** 0.8 * (0.8 + 0.2 * chance)
         # A crest shortens the flanks.
         flank = 1.0 - np.hypot(*crest_offsets(features).T)
         features["strength"] = np.minimum(strength, TYPES[rule.name].fill_slope * radius) * flank
-        for key in STYLE:
-            features[key] = properties.get(key, 0.0)
-        if rule.name == "forest":
-            features["peakiness"] = conifer_code(float(properties["conifers"]))
+        for key, value in stored_style(rule.name, properties).items():
+            features[key] = value
 
 
 def _inside(features: StructuredArray, box: Bounds) -> BoolArray:

@@ -13,17 +13,17 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, StructuredArray
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.density import FeatureSet, cubic
 from sketchterrain.placement.feature_types import (
     FEATURE,
     FEATURE_TYPES,
     PREFERENCES,
-    STYLE,
     SUMMIT_REPULSION,
     TYPES,
     Preference,
-    conifer_code,
+    stored_style,
     visible_radius,
 )
 from sketchterrain.placement.hashing import hash_unit
@@ -171,18 +171,16 @@ def _features(
     for label in np.unique(users["label"]):
         of_label = users["label"] == label
         properties = sketch.properties(name, int(label))
-        strength = properties["density" if name == "forest" else "height"] * users["share"][of_label]
+        strength = properties[LAYERS[name].main.name] * users["share"][of_label]
         result["strength"][of_label] = np.minimum(strength, rule.max_slope * disc[of_label])
-        for field in STYLE:
-            result[field][of_label] = properties.get(field, 0.0)
-        if name == "forest":
-            result["peakiness"][of_label] = conifer_code(float(properties["conifers"]))
-    if name != "forest":
+        for field, value in stored_style(name, properties).items():
+            result[field][of_label] = value
+    if LAYERS[name].kind == "summits":
         # Ridges between summits have no tips.
         result["peakiness"][~users["summit"]] = 0.0
     share = np.maximum(users["share"], _MIN_SHARE)
     visible = visible_radius(name, share, result["peakiness"].astype(np.float64), sketch.fidelity)
     result["radius"] = np.maximum(disc * rule.radius_ratio / visible, _MIN_RADIUS * sketch.pixel_size)
-    if name == "forest":
+    if LAYERS[name].is_share:
         result["strength"] = np.minimum(result["strength"], 1.0)
     return result

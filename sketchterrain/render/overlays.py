@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Bounds, Float64Array
+from sketchterrain.document.layers import LAYERS, layer_of
 from sketchterrain.errors import InputError
 from sketchterrain.placement.feature_types import FEATURE_TYPES, ShapeField
 from sketchterrain.render.programs import build_program, fullscreen_pass, set_uniforms
@@ -21,15 +22,10 @@ if TYPE_CHECKING:
 
     Colour = tuple[int, int, int]
 
-FEATURE_COLOURS: Final[dict[str, Colour]] = {
-    "mountain": (230, 60, 40),
-    "hill": (250, 190, 40),
-    "dune": (225, 90, 220),
-    "forest": (60, 200, 80),
-    "river": (40, 120, 255),
-    "lake": (30, 220, 240),
+FEATURE_COLOURS: Final = {
+    name: layer.overlay or layer.colour for name, layer in LAYERS.items() if layer.is_points or layer.is_water
 }
-"""Colours by feature type; features that fill unpainted areas have half the opacity."""
+"""Colours by layer; features that fill unpainted areas have half the opacity."""
 _RING: Final = 96
 _POST: Final = 0.12
 """Height of the post in the centre of a feature, in radii ..."""
@@ -107,13 +103,16 @@ class HeightCache:
 
 def feature_lines(terrain: TerrainSource, heights: HeightCache | None = None) -> npt.NDArray[np.void]:
     """Return the lines of all features: from, to (m) and colour (RGBA)."""
-    rivers = [river.centreline for river in terrain.features.rivers if len(river.centreline) > 1]
+    rivers = [river for river in terrain.features.rivers if len(river.centreline) > 1]
     lakes = terrain.features.lakes
     parts = [
         np.zeros(0, _LINE),
         *_rings(terrain, heights or HeightCache()),
-        *(_lines_of(line[:-1], line[1:], FEATURE_COLOURS["river"]) for line in rivers),
-        *(_lines_of(*_shore(lake.shape, lake.level), FEATURE_COLOURS["lake"]) for lake in lakes),
+        *(
+            _lines_of(river.centreline[:-1], river.centreline[1:], FEATURE_COLOURS[layer_of(river.id)])
+            for river in rivers
+        ),
+        *(_lines_of(*_shore(lake.shape, lake.level), FEATURE_COLOURS[layer_of(lake.id)]) for lake in lakes),
     ]
     return np.concatenate(parts)
 

@@ -16,6 +16,7 @@ from scipy import ndimage
 from skimage.morphology import skeletonize
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, LatticeArray
+from sketchterrain.document.layers import DRAW_ORDER, LAYERS
 from sketchterrain.placement.feature_types import FEATURE_TYPES, TAN_70
 from sketchterrain.placement.shapes import Shape, label_shapes
 from sketchterrain.terrain.adherence_rivers import RiverAdherence, measure_river_adherence, standing_water
@@ -35,7 +36,7 @@ EFFECT_SHARE = 0.25
 """Share of the requested height by which the terrain must differ for a pixel to count as affected."""
 
 
-AREA_LAYERS = ("mountain", "hill", "dune", "forest", "lake", "river")
+AREA_LAYERS = tuple(name for name in DRAW_ORDER if LAYERS[name].kind != "cover")
 """Layers whose painted areas are measured, in the order of the report."""
 
 
@@ -88,16 +89,16 @@ def measure_layer(sampled: SampledTerrain, layer: str) -> tuple[tuple[ShapeAdher
     terrain = sampled.terrain
     sketch = terrain.sketch
     shapes = label_shapes(layer, sketch.layers[layer])
-    if layer not in FEATURE_TYPES:
+    declared = LAYERS[layer]
+    if declared.is_water:
         x, y = pixel_centres(sketch)
         wet = standing_water(terrain.recipe, layer, x, y, sampled.height.reshape(x.shape))
         return agreement(sketch, shapes, wet.astype(np.float32), np.ones(len(shapes)))
     effect = _effect(sampled, layer)
-    if layer == "dune":
-        effect = _crest_to_crest(sketch, effect)
-    key = "density" if layer == "forest" else "height"
-    requested = np.array([sketch.properties(layer, shape.label)[key] for shape in shapes])
-    return agreement(sketch, shapes, effect, requested, has_height=layer != "forest")
+    if "wavelength" in declared.parameters:
+        effect = _crest_to_crest(sketch, layer, effect)
+    requested = np.array([sketch.properties(layer, shape.label)[declared.main.name] for shape in shapes])
+    return agreement(sketch, shapes, effect, requested, has_height=not declared.is_share)
 
 
 def agreement(
@@ -152,15 +153,15 @@ def _width(shape: Shape) -> float:
 
     For a river, whose inradius grows at confluences, the mean width.
     """
-    if shape.layer == "river":
+    if LAYERS[shape.layer].kind == "course":
         return shape.area / max(int(np.count_nonzero(skeletonize(shape.mask))), 1)
     return 2.0 * float(shape.depth.max())
 
 
-def _crest_to_crest(sketch: Sketch, effect: Float32Array) -> Float32Array:
+def _crest_to_crest(sketch: Sketch, layer: str, effect: Float32Array) -> Float32Array:
     """Fill the troughs between dunes: a dune field is one area, partly bare."""
-    labels = np.unique(sketch.layers["dune"])
-    wavelength = max(float(sketch.properties("dune", int(label))["wavelength"]) for label in labels if label)
+    labels = np.unique(sketch.layers[layer])
+    wavelength = max(float(sketch.properties(layer, int(label))["wavelength"]) for label in labels if label)
     size = 2 * math.ceil(wavelength / sketch.pixel_size / 2.0) + 1
     closed: Float32Array = ndimage.grey_closing(effect, size=(size, size))
     return closed
@@ -186,9 +187,9 @@ def _effect(sampled: SampledTerrain, layer: str) -> Float32Array:
     strengths = np.where(painted["type"] == FEATURE_TYPES.index(layer), 0.0, painted["strength"])
     without = sampled.evaluator.with_strengths(strengths)
     height, masks = without.points(sampled.x[at], sampled.y[at], cell_size=0.0)
-    if layer == "forest":
-        forest = MASKS.index("forest")
-        effect[inside] = sampled.masks[at, forest] - masks[:, forest]
+    if LAYERS[layer].is_share:
+        mask = MASKS.index(layer)
+        effect[inside] = sampled.masks[at, mask] - masks[:, mask]
     else:
         effect[inside] = sampled.height[at] - height
     return effect
@@ -304,7 +305,8 @@ def _summary(shapes: tuple[ShapeAdherence, ...]) -> LayerSummary:
 
 
 def _peaks(shapes: Iterable[ShapeAdherence]) -> PeakSummary:
-    mountains = [shape for shape in shapes if shape.layer == "mountain" and shape.iou is not None]
+    measured = [shape for shape in shapes if shape.iou is not None]
+    mountains = [shape for shape in measured if "peakiness" in LAYERS[shape.layer].parameters]
     ratios = [shape.reached / shape.asked for shape in mountains if shape.reached is not None and shape.asked]
     return PeakSummary(
         measured=len(mountains),

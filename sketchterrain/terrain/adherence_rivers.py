@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, LatticeArray
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.hydrology.network import skeletons
 from sketchterrain.placement.feature_types import Lake
 from sketchterrain.placement.shapes import Shape, label_shapes
@@ -21,9 +22,13 @@ _MAX_DISTANCE = 8.0  # px: of a centreline from the painted stroke it belongs to
 def standing_water(
     recipe: TerrainRecipe, layer: str, x: Float64Array, y: Float64Array, ground: Float32Array
 ) -> BoolArray:
-    """Return where the terrain (heights, m) lies under the water of a layer, ``'river'`` or ``'lake'``."""
-    if layer == "river":
+    """Return where the terrain (heights, m) lies under the water of a layer."""
+    if LAYERS[layer].kind == "course":
         return _rivers(recipe, x, y, ground)
+    return _lakes(recipe, x, y, ground)
+
+
+def _lakes(recipe: TerrainRecipe, x: Float64Array, y: Float64Array, ground: Float32Array) -> BoolArray:
     wet = np.zeros(x.shape, dtype=np.bool_)
     for lake in recipe.lakes:
         wet |= _within(lake, x, y) & (ground < lake.level)
@@ -112,7 +117,7 @@ def resample(points: Float64Array, step: float = _STEP) -> Float64Array:
 def _beds(terrain: Terrain, line: Float64Array) -> list[Float64Array]:
     """Return heights (m) along a line, split at lakes, whose beds are hollows by design."""
     height = terrain.heights(line[:, 0], line[:, 1])
-    dry = ~standing_water(terrain.recipe, "lake", line[:, 0], line[:, 1], height)
+    dry = ~_lakes(terrain.recipe, line[:, 0], line[:, 1], height)
     starts = np.flatnonzero(np.diff(dry.astype(np.int8), prepend=0) == 1)
     ends = np.flatnonzero(np.diff(dry.astype(np.int8), append=0) == -1) + 1
     return [height[start:end].astype(np.float64) for start, end in zip(starts, ends, strict=True)]

@@ -15,16 +15,10 @@ from sketchterrain.placement.feature_types import (
     FEATURE,
     FEATURE_TYPES,
     FILL_BIT,
-    conifer_code,
-    conifer_share,
+    stored_style,
+    style_of,
 )
 from sketchterrain.placement.fill import Fill
-
-_STYLE = {
-    "mountain": ("peakiness", "erosion", "gullies"),
-    "hill": ("erosion", "gullies"),
-    "dune": ("wavelength", "wind"),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,11 +55,9 @@ def apply_fill_edits(fill: Fill, edits: Iterable[Edit], *, size: tuple[float, fl
 def lock_edit(point: np.void) -> Edit:
     """Return the edit that fixes a placed feature exactly as it is."""
     name = FEATURE_TYPES[int(point["type"])]
-    keys = ("x", "y", "radius", "strength", *_STYLE.get(name, ()))
-    values: dict[str, Any] = {key: float(point[key]) for key in keys}
-    if name == "forest":
-        values["conifers"] = float(conifer_share(point["peakiness"]))
-    return Edit("lock", int(point["id"]), type=name, **values)
+    values = {key: point[key] for key in ("x", "y", "radius", "strength")} | style_of(point)
+    floats: dict[str, Any] = {key: float(value) for key, value in values.items()}
+    return Edit("lock", int(point["id"]), type=name, **floats)
 
 
 def _targets_points(edit: Edit) -> bool:
@@ -130,10 +122,9 @@ def _stored(edit: Edit) -> StructuredArray:
     # Missing values are the defaults of the type's labels.
     table = {**ACTIONS[edit.action].values, **LAYERS[name].parameters}
     values = {key: edit.values.get(key, parameter.default) for key, parameter in table.items()}
-    for key in ("x", "y", "radius", "strength", *_STYLE.get(name, ())):
-        row[key] = values[key]
-    if name == "forest":
-        row["peakiness"] = conifer_code(cast("float", values["conifers"]))
+    fields = {key: values[key] for key in ("x", "y", "radius", "strength")} | stored_style(name, values)
+    for key, value in fields.items():
+        row[key] = value
     return row
 
 
@@ -142,6 +133,6 @@ def _with_values(row: StructuredArray, edit: Edit) -> StructuredArray:
     for key in ("x", "y", "radius", "strength"):
         if key in edit.values:
             row[key] = edit.values[key]
-    if FEATURE_TYPES[int(row["type"][0])] == "forest":
+    if LAYERS[FEATURE_TYPES[int(row["type"][0])]].is_share:
         row["strength"] = np.minimum(row["strength"], 1.0)
     return row

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, FloatArray, LatticeArray, UInt8Array
-from sketchterrain.placement.feature_types import FEATURE_TYPES, conifer_share
+from sketchterrain.placement.feature_types import conifer_share, has_parameter
 from sketchterrain.terrain.culling import features_near
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.packing import support_radii
@@ -148,7 +148,7 @@ def _conifers(
     if not (by_elevation.size and recipe.has_conifer_shares):
         return by_elevation
     near = features_near(recipe, _bounding_blocks(x, y), min_radius=0.0)
-    forests = near[near["type"] == FEATURE_TYPES.index("forest")]
+    forests = near[has_parameter(near, "conifers")]
     share = conifer_share(forests["peakiness"])
     if not (share >= 0).any():
         return by_elevation

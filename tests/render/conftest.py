@@ -4,6 +4,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.errors import DeviceError
 from sketchterrain.placement.feature_types import FEATURE
@@ -32,7 +33,9 @@ class Waves:
     def __init__(self, *, rivers=True, plants=True):
         t = np.linspace(-200.0, 1200.0, 60)
         line = np.stack([t, np.full(60, 500.0), np.linspace(2.0, 0.0, 60)], axis=1)
-        river = SimpleNamespace(centreline=line, centreline_width=np.full(60, 24.0, np.float32))
+        river = SimpleNamespace(
+            id=LAYERS["river"].code << 48, centreline=line, centreline_width=np.full(60, 24.0, np.float32)
+        )
         self.features = SimpleNamespace(
             points=np.zeros(0, FEATURE), rivers=(river,) if rivers else (), lakes=()
         )

@@ -8,6 +8,7 @@ import moderngl
 import numpy as np
 import pytest
 
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.errors import InputError
 from sketchterrain.placement.feature_types import FEATURE
 from sketchterrain.render.camera import Camera
@@ -147,7 +148,7 @@ def test_lakes_have_shorelines(waves):
     inside = (10.0 - np.maximum(np.abs(step), np.abs(step[:, None]))) * 4.0 + 1.0
     shape = SimpleNamespace(west=100.0, south=-50.0, spacing=4.0, inside=inside.astype(np.float32))
     waves.features.rivers = ()
-    waves.features.lakes = (SimpleNamespace(shape=shape, level=7.0),)
+    waves.features.lakes = (SimpleNamespace(id=LAYERS["lake"].code << 48, shape=shape, level=7.0),)
     start, end, _ = columns(feature_lines(waves))
     assert np.linalg.norm(end - start, axis=1).sum() == pytest.approx(4 * 21 * 4.0)
     assert np.unique(np.round([start[:, 0], end[:, 0]], 6)).tolist()[:: 10**6] == [100.0 + 9.5 * 4.0]

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import replace
-from functools import cache, lru_cache
+from functools import lru_cache
 
 import numpy as np
 from contourpy import LineType, contour_generator
@@ -11,11 +11,13 @@ from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.placement.feature_types import FEATURE_TYPES, Lake, River, ShapeField
 from sketchterrain.ui.canvas.sketch_image import scroll_image
 from sketchterrain.ui.canvas.tool_context import ToolContext, Viewport
 from sketchterrain.ui.commands import find_lake, find_point, find_river
 from sketchterrain.ui.engine.protocol import Placement
+from sketchterrain.ui.look.layer_colours import FILLED_GLYPHS, layer_glyph
 from sketchterrain.ui.models.workspace import Selection
 
 LIGHT = QColor(255, 255, 255, 205)  # halo of lines
@@ -41,7 +43,7 @@ def _glyph_image(kind: str, alpha: int, size: float, ratio: float) -> QImage:
     colour.setAlpha(alpha)
     painter.translate(0.5 * side, 0.5 * side)
     painter.scale(size * ratio, size * ratio)
-    draw_haloed(painter, _glyph(kind), colour, 1.5, fill=kind in ("mountain", "forest"))
+    draw_haloed(painter, layer_glyph(kind), colour, 1.5, fill=LAYERS[kind].glyph in FILLED_GLYPHS)
     painter.end()
     image.setDevicePixelRatio(ratio)
     return image
@@ -61,26 +63,6 @@ def draw_haloed(
     if fill:
         painter.setBrush(colour)
     painter.drawPath(path)
-
-
-@cache
-def _glyph(kind: str) -> QPainterPath:
-    path = QPainterPath()
-    if kind == "mountain":
-        path.addPolygon(QPolygonF([QPointF(-5.0, 4.0), QPointF(0.0, -5.0), QPointF(5.0, 4.0)]))
-        path.closeSubpath()
-    elif kind == "hill":
-        path.moveTo(-5.5, 3.0)
-        path.cubicTo(-3.5, -5.0, 3.5, -5.0, 5.5, 3.0)
-    elif kind == "dune":
-        path.moveTo(-6.0, 2.5)
-        path.cubicTo(-3.0, 1.5, -1.5, -1.0, 0.5, -3.5)
-        path.cubicTo(0.5, -0.5, 2.5, 2.0, 6.0, 2.5)
-    else:
-        path.addEllipse(QRectF(-3.2, -5.5, 6.4, 6.4))
-        path.moveTo(0.0, 1.0)
-        path.lineTo(0.0, 5.0)
-    return path
 
 
 def shore_lines(field: ShapeField) -> Float64Array:

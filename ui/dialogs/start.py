@@ -17,6 +17,7 @@ from PyQt6.QtWidgets import (
     QWidget,
 )
 
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.parameters import SKETCH
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.toml_format import starter_sketch
@@ -76,7 +77,7 @@ class NewSketchDialog(QDialog):
             sketch = starter_sketch()
         else:
             width, height = self._pixels()
-            sketch = Sketch(layers={"mountain": np.zeros((height, width), np.uint8)})
+            sketch = Sketch(layers={next(iter(LAYERS)): np.zeros((height, width), np.uint8)})
         name = values["name"].strip() or "Untitled"
         return sketch.replace(name=name, extent=float(values["extent"]), seed=random_seed())
 

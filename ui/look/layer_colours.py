@@ -1,12 +1,12 @@
-"""Colours, hatches and swatches of layers and labels."""
+"""Colours, hatches, swatches and glyphs of layers and labels."""
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Final
 
 import numpy as np
-from PyQt6.QtCore import QRectF, Qt
-from PyQt6.QtGui import QBrush, QColor, QImage, QPainter, QPainterPath, QPen, QPixmap
+from PyQt6.QtCore import QPointF, QRectF, Qt
+from PyQt6.QtGui import QBrush, QColor, QImage, QPainter, QPainterPath, QPen, QPixmap, QPolygonF
 
 from sketchterrain.array_types import Float32Array
 from sketchterrain.document.label_layers import label_rgb
@@ -145,3 +145,40 @@ HATCHES: Final[dict[str, Callable[[Float32Array, Float32Array], tuple[Float32Arr
     "trees": _trees,
 }
 """Distance from a hatch's lines and half their width, px at a device pixel ratio of 1."""
+
+
+def _triangle(path: QPainterPath) -> None:
+    path.addPolygon(QPolygonF([QPointF(-5.0, 4.0), QPointF(0.0, -5.0), QPointF(5.0, 4.0)]))
+    path.closeSubpath()
+
+
+def _arch(path: QPainterPath) -> None:
+    path.moveTo(-5.5, 3.0)
+    path.cubicTo(-3.5, -5.0, 3.5, -5.0, 5.5, 3.0)
+
+
+def _crescent(path: QPainterPath) -> None:
+    path.moveTo(-6.0, 2.5)
+    path.cubicTo(-3.0, 1.5, -1.5, -1.0, 0.5, -3.5)
+    path.cubicTo(0.5, -0.5, 2.5, 2.0, 6.0, 2.5)
+
+
+def _tree(path: QPainterPath) -> None:
+    path.addEllipse(QRectF(-3.2, -5.5, 6.4, 6.4))
+    path.moveTo(0.0, 1.0)
+    path.lineTo(0.0, 5.0)
+
+
+GLYPHS: Final = {"triangle": _triangle, "arch": _arch, "crescent": _crescent, "tree": _tree}
+"""Symbols of point features, distinct without colour, about 11 px high around the origin."""
+
+FILLED_GLYPHS: Final = ("triangle", "tree")
+"""Those that are filled in the sketch."""
+
+
+@cache
+def layer_glyph(layer: str) -> QPainterPath:
+    """Return the symbol of a layer's point features."""
+    path = QPainterPath()
+    GLYPHS[LAYERS[layer].glyph](path)
+    return path

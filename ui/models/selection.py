@@ -5,17 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from sketchterrain.array_types import Float64Array, StructuredArray
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.hydrology.lakes import distance_inside
-from sketchterrain.placement.feature_types import (
-    FEATURE_TYPES,
-    Lake,
-    River,
-    area_profile,
-    hill_profile,
-    mountain_profile,
-)
+from sketchterrain.placement.feature_types import FEATURE_TYPES, Lake, River, height_profile
 from sketchterrain.ui import commands
 from sketchterrain.ui.commands import drag_title, dragged, find_parent_river, find_point, find_river, name_of
 from sketchterrain.ui.engine.protocol import Placement
@@ -105,15 +99,11 @@ def _contains(lake: Lake, x: float, y: float) -> bool:
 def _heights(points: StructuredArray, distance: Float64Array) -> Float64Array:
     """Return each feature's approximate height (m) at a distance (m) from its centre; trees count."""
     t = distance / np.maximum(points["radius"], 1e-6)
-    kinds = points["type"]
-    profiles = {
-        "mountain": mountain_profile(t, points["peakiness"].astype(np.float64), 1.0),
-        "hill": hill_profile(t, 1.0),
-        "dune": area_profile(t),
-        "forest": _TREE_HEIGHT * area_profile(t),
-    }
-    cases = [kinds == FEATURE_TYPES.index(name) for name in profiles]
-    profile = np.select(cases, list(profiles.values()), 0.0)
+    profile = np.zeros(len(points))
+    for code, name in enumerate(FEATURE_TYPES):
+        own = points["type"] == code
+        height = height_profile(name, t[own], points["peakiness"][own].astype(np.float64), 1.0)
+        profile[own] = height * (_TREE_HEIGHT if LAYERS[name].is_share else 1.0)
     return np.asarray(np.where(t < 1.0, points["strength"] * profile, 0.0))
 
 

@@ -240,7 +240,7 @@ class Workspace(QObject):
     def __init__(self) -> None:
         super().__init__()
         self._tool = "brush"
-        self._layer, self._label = "mountain", 1
+        self._layer, self._label = next(iter(LAYERS)), 1
         self._brush = 16.0
         self._looks = {name: LayerLook() for name in LAYERS}
         self._selection: Selection | None = None

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from functools import partial
-from typing import Final
 
 from PyQt6.QtCore import QObject, QPoint, QSignalBlocker, QSize, Qt, QTimer, pyqtSignal
 from PyQt6.QtWidgets import QLabel, QWidget
@@ -75,23 +74,12 @@ class LabelAreaCounter(QObject):
             self.counted.emit(name, areas)
 
 
-_MAIN_PROPERTY: Final = {
-    "mountain": "height",
-    "hill": "height",
-    "river": "width",
-    "dune": "height",
-    "forest": "density",
-    "lake": "depth",
-    "material": "material",
-}
-
-
 def label_detail(sketch: Sketch, layer: str, label: int, pixels: int) -> str:
     """Return for example ``"900 m · 1.2 km²"``."""
-    name = _MAIN_PROPERTY[layer]
-    main = with_unit(LAYERS[layer].parameters[name], sketch.properties(layer, label)[name])
-    if layer == "forest":
-        main = f"density {main}"
+    shown = LAYERS[layer].main
+    main = with_unit(shown, sketch.properties(layer, label)[shown.name])
+    if shown.kind is not str and not shown.unit:
+        main = f"{shown.name} {main}"
     area = pixels * sketch.pixel_size**2  # m²
     if not area:
         return f"{main} · not painted"

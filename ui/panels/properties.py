@@ -9,7 +9,7 @@ from PyQt6.QtCore import QSignalBlocker
 from PyQt6.QtWidgets import QLabel, QPushButton, QVBoxLayout, QWidget
 
 from sketchterrain.document.edits import ACTIONS, ADDED_BIT
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import LAYERS, POINT_LAYERS, layer_of
 from sketchterrain.document.parameters import Value
 from sketchterrain.placement.feature_types import FILL_BIT, River
 from sketchterrain.ui.commands import (
@@ -64,7 +64,7 @@ class FeatureForm(QWidget):
         super().__init__()
         self._document = document
         self._shown: tuple[Placement, Selection] | None = None
-        self.layer, self.label, self.line = "mountain", 1, ""
+        self.layer, self.label, self.line = POINT_LAYERS[0], 1, ""
         self.rows = {
             "height": NumberRow(_HEIGHT, has_reset=False, decimals=1),
             "density": NumberRow(_DENSITY, has_reset=False, decimals=2),
@@ -91,8 +91,8 @@ class FeatureForm(QWidget):
         self.rows["radius"].set_slider_range(max(east, north) / 1000, max(east, north))
         for name, value in self._values(placed, selection, point).items():
             self.rows[name].show_value(value)
-        self.rows["height"].setVisible(self.layer != "forest")
-        self.rows["density"].setVisible(self.layer == "forest")
+        self.rows["height"].setVisible(not LAYERS[self.layer].is_share)
+        self.rows["density"].setVisible(LAYERS[self.layer].is_share)
 
     def _values(self, placed: Placement, selection: Selection, point: np.void) -> dict[str, float]:
         """Return the values of a feature with pending edits, which are placed a moment later."""
@@ -132,7 +132,7 @@ class RiverForm(QWidget):
         self._document, self._workspace = document, workspace
         self._shown: tuple[Placement, Selection] | None = None
         self._pending: tuple[Placement, Selection, float, float] | None = None  # a moved point
-        self.layer, self.label, self.line = "river", 1, ""
+        self.layer, self.label, self.line = "", 1, ""
         self.width_row = NumberRow(ACTIONS["width"].required["width"], has_reset=False, decimals=1)
         self.points = described(
             NumberBox(0, 0, decimals=0),
@@ -160,7 +160,7 @@ class RiverForm(QWidget):
             for field in (self.width_row, self.east, self.north):
                 field.finish()  # the text being typed is for the previous river
         self._shown = placed, selection
-        self.label = max(river.label, 1)
+        self.layer, self.label = layer_of(river.id), max(river.label, 1)
         steps = np.diff(river.centreline[:, :2], axis=0)
         length = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
         self.line = f"{number(length / 1000, decimals=2)} km, painted with label {river.label}"
@@ -217,7 +217,7 @@ class LakeForm(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self.layer, self.label, self.line = "lake", 1, ""
+        self.layer, self.label, self.line = "", 1, ""
         self._text = faint_label()
         column(self, self._text)
 
@@ -225,7 +225,7 @@ class LakeForm(QWidget):
         lake = find_lake(placed, selection)
         if lake is None:
             return
-        self.label = max(lake.label, 1)  # 0: not painted but filled by a river
+        self.layer, self.label = layer_of(lake.id), max(lake.label, 1)  # 0: not painted but filled by a river
         self.line = f"painted with label {lake.label}" if lake.label else "filled by a river"
         self._text.setText(
             f"Water level: {number(lake.level, decimals=1)} m, as high as its rim allows. "

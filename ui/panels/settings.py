@@ -8,6 +8,7 @@ from PyQt6.QtCore import QRegularExpression, QSignalBlocker, pyqtSignal
 from PyQt6.QtGui import QRegularExpressionValidator
 from PyQt6.QtWidgets import QCheckBox, QLabel, QLineEdit, QMenu, QToolButton, QWidget
 
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.parameters import SKETCH, Parameter, Sentinel, Value
 from sketchterrain.errors import InputError
 from sketchterrain.ui.application import single_shot
@@ -90,7 +91,7 @@ class SeedRow(QWidget):
 _GROUPS: Final = {"ground": "Ground between", "climate": "Climate", "density": "Unpainted land"}
 """Titles of the displayed tables."""
 _TITLES: Final = {
-    "density": {"mountain": "Mountains", "hill": "Hills", "dune": "Dunes", "forest": "Groves"},
+    "density": {layer.name: layer.fill.split()[0].capitalize() for layer in LAYERS.values() if layer.fill},
     "weather": {"hour": "Time of day", "wind_from": "Wind from"},
 }
 

@@ -4,10 +4,13 @@ from collections.abc import Iterable
 from typing import Final
 
 from PyQt6.QtCore import QPointF, QRectF, Qt
-from PyQt6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPainterPath, QPen, QPolygonF
+from PyQt6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPainterPath, QPen, QTransform
 
+from sketchterrain.document.layers import LAYERS
+from sketchterrain.placement.feature_types import FEATURE_TYPES
 from sketchterrain.ui.commands import find_point, find_river, is_locked, name_of
 from sketchterrain.ui.engine.link import ViewSource
+from sketchterrain.ui.look.layer_colours import layer_glyph
 from sketchterrain.ui.look.theme import DARK, theme
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.selection import Handle
@@ -20,7 +23,7 @@ _LIGHT: Final = QColor(255, 255, 255, 235)
 _WATER: Final = QColor("#9fd4ff")
 _ACCENT: Final = QColor(DARK.accent)  # pictures of terrain are as dark as a dark theme
 _HIDDEN = 0.28  # opacity of marks behind the terrain
-_HANDLE, _DOT = 5.0, 3.2  # px, radii
+_HANDLE, _DOT = 5.0, 0.8  # radius, px; size of a glyph
 _IDLE = 0.8  # opacity of dots that are not hovered
 
 
@@ -81,34 +84,10 @@ def _draw_dot(painter: QPainter, dot: Dot, *, larger: bool) -> None:
     painter.setOpacity(_HIDDEN if dot.hidden else 1.0 if larger else _IDLE)
     painter.setPen(QPen(_RIM, 1.4))
     painter.setBrush(_ACCENT if larger else _LIGHT)
-    shape = _shape(dot.kind, _DOT * (1.7 if larger else 1.0))
+    size = _DOT * (1.7 if larger else 1.0)
+    shape = QTransform.fromScale(size, size).map(layer_glyph(dot.kind))
     painter.drawPath(shape.translated(dot.x, dot.y))
     painter.setOpacity(1.0)
-
-
-def _shape(kind: str, size: float) -> QPainterPath:
-    """Return the symbol of a feature type around the origin, distinct without colour."""
-    path = QPainterPath()
-    if kind == "mountain":
-        corners = [
-            QPointF(0.0, -1.3 * size),
-            QPointF(1.25 * size, 0.9 * size),
-            QPointF(-1.25 * size, 0.9 * size),
-        ]
-        path.addPolygon(QPolygonF(corners))
-        path.closeSubpath()
-    elif kind == "hill":
-        path.moveTo(-1.3 * size, 0.8 * size)
-        path.arcTo(QRectF(-1.3 * size, -1.0 * size, 2.6 * size, 3.6 * size), 180.0, -180.0)
-        path.closeSubpath()
-    elif kind == "dune":
-        path.moveTo(-1.4 * size, 0.8 * size)
-        path.quadTo(0.3 * size, 0.6 * size, 0.5 * size, -1.0 * size)
-        path.quadTo(0.7 * size, 0.5 * size, 1.4 * size, 0.8 * size)
-        path.closeSubpath()
-    else:
-        path.addEllipse(QPointF(0.0, 0.0), size, size)
-    return path
 
 
 def _draw_handle(painter: QPainter, mark: HandleMark, *, larger: bool) -> None:
@@ -254,7 +233,7 @@ class Scene:
         elif point is not None and self.drag is not None and self.drag[0].role == "radius":
             x, y = self.drag[1] - self.drag[0].base_x, self.drag[2] - self.drag[0].base_y
             text += f" · radius {length_text((x * x + y * y) ** 0.5)}"
-        elif point is not None and text != "Forest":
+        elif point is not None and not LAYERS[FEATURE_TYPES[point["type"]]].is_share:
             text += f" · {length_text(float(point['strength']))}"
         if self._document is not None and is_locked(self._document.sketch, selection):
             text += " · locked"

@@ -114,7 +114,7 @@ def legend_entries(
     present: set[str],
     heights: list[Label],
 ) -> list[Entry]:
-    """Return the entries of the legend; `present` has some of river, lake, forest and peak."""
+    """Return the entries of the legend; `present` has some of rivers, lakes, forests and peaks."""
     entries: list[Entry] = []
     patch = rectangle(0.0, -HEIGHT / 2, WIDTH, HEIGHT)
     if any(contour.index for contour in contours):
@@ -146,10 +146,10 @@ def legend_entries(
     peak = [*features.peak_triangle(2.4, 0.4), Label("345", 4.0, 0.0, features.PEAK_SIZE, INK)]
     meadow = next(iter(samples.materials)).tint
     known: dict[str, Entry] = {
-        "river": ("River, flow", river),
-        "lake": ("Lake, water level (m)", lake),
-        "forest": ("Forest", [Polygons([patch], meadow), *features.forest([patch])]),
-        "peak": ("Summit, height (m)", peak),
+        "rivers": ("River, flow", river),
+        "lakes": ("Lake, water level (m)", lake),
+        "forests": ("Forest", [Polygons([patch], meadow), *features.forest([patch])]),
+        "peaks": ("Summit, height (m)", peak),
     }
     entries += [entry for name, entry in known.items() if name in present]
     for index, material in enumerate(samples.materials):
@@ -269,7 +269,7 @@ def map_sheet(terrain: Terrain) -> MapSheet:
     # Samples are pixel centres: the image extends half a sample beyond the frame.
     x, y = (0.5 * step * frame.mm_per_metre for step in samples.spacing)
     image = RasterImage(shaded_relief(samples), (left - x, top - y, width + 2 * x, height + 2 * y))
-    drawn = {"river": rivers, "lake": lakes, "forest": forests, "peak": peaks}
+    drawn = {"rivers": rivers, "lakes": lakes, "forests": forests, "peaks": peaks}
     present = {name for name, shapes in drawn.items() if shapes}
     entries = legend_entries(contours, samples, interval, present, heights)
     name = terrain.sketch.name or "Terrain"

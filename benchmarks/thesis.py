@@ -292,7 +292,7 @@ class ThesisView:
 
 def feature_discs(recipe: TerrainRecipe, factor: float) -> tuple[Disc, ...]:
     """Return painted mountains and pieces of rivers as discs of one factor."""
-    mountains = recipe.painted[recipe.painted["type"] == FEATURE_TYPES.index("mountain")]
+    mountains = recipe.points.painted[recipe.points.painted["type"] == FEATURE_TYPES.index("mountain")]
     discs = [Disc(float(f["x"]), float(f["y"]), float(f["radius"]), factor) for f in mountains]
     for river in recipe.rivers:
         line, reach = river.points[:, :2], 4.0 * float(np.max(river.width))

@@ -8,12 +8,12 @@ __kernel void points(TERRAIN_ARGUMENTS, __global const long *x, __global const l
                      __global const int *block, int count, __global REAL *height, __global REAL4 *masks)
 {
     COLLECT_OCTAVES
-    COLLECT_FEATURES
+    COLLECT_LAYERS
     const int item = get_global_id(0);
     const int i = min(item, count - 1);
     const LatticePoint p = lattice_point(x[i], y[i]);
-    const REAL cover_noise = has_forest(features, *world, block[i]) ? cover_noise_at(octaves, *world, p) : R(0);
-    const TerrainSample g = terrain_at(octaves, features, lakes, rivers, styles, world, block[i], p, true, cover_noise);
+    const REAL cover_noise = has_forest(layers.points, block[i]) ? cover_noise_at(octaves, *world, p) : R(0);
+    const TerrainSample g = terrain_at(octaves, world, layers, block[i], p, true, cover_noise);
     if (item >= count) return;
     height[item] = g.height;
     masks[item] = (REAL4)(g.mountain, g.dune, g.forest, g.water);

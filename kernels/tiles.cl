@@ -20,7 +20,7 @@ __kernel void patches(TERRAIN_ARGUMENTS,
                       VERTEX_ARGUMENTS, int side, int squares, int square_side, int bare, RESULT_ARGUMENTS)
 {
     COLLECT_OCTAVES
-    COLLECT_FEATURES
+    COLLECT_LAYERS
     const int count = square_side * square_side;
     const int item = get_global_id(0);
     const int inside = min(item, count - 1);
@@ -34,7 +34,7 @@ __kernel void patches(TERRAIN_ARGUMENTS,
     const int column = min(first_column + inside - row_inside * square_side, side - 1);
     const LatticePoint p = VERTEX(patch, column, row);
     const REAL cover = bare ? R(0) : cover_noise_at(octaves, *world, p);
-    const TerrainSample g = terrain_at(octaves, features, lakes, rivers, styles, world, block, p, !bare, cover);
+    const TerrainSample g = terrain_at(octaves, world, layers, block, p, !bare, cover);
     if (item >= count) return;
     const size_t plane = (size_t)side * side;
     // Two calls, since CPU drivers write consecutive vertices at once.

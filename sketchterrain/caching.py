@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterable
 from typing import Any, TypeVar
 
 Value = TypeVar("Value")
@@ -42,7 +42,29 @@ class LRUCache:
             value: Value = self._values.pop(key)
         except KeyError:
             value = compute()
+        return self.store(key, value)
+
+    def store(self, key: Hashable, value: Value) -> Value:
+        """Cache a value and return it."""
         self._values[key] = value
         while len(self._values) > self._capacity:
             self._values.popitem(last=False)
         return value
+
+    def get(self, key: Hashable) -> Any:
+        """Return the value cached for a key, now the most recently used, or None."""
+        value = self._values.get(key)
+        if value is not None:
+            self._values.move_to_end(key)
+        return value
+
+    def keys(self) -> list[Any]:
+        """Return the keys, the least recently used first."""
+        return list(self._values)
+
+    def retained(self, keys: Iterable[Hashable]) -> LRUCache:
+        """Return a cache of the entries of some keys, in this order."""
+        other = LRUCache(self._capacity)
+        for key in keys:
+            other._values[key] = self._values[key]
+        return other

@@ -110,7 +110,9 @@ class ThesisTiles:
 
 def _rising(recipe: TerrainRecipe) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
     """Return x, y, radius and height of hills, then of mountains, shape (n, 4), and which are hills."""
-    parts = [recipe.painted[recipe.painted["type"] == FEATURE_TYPES.index(name)] for name in _RISING]
+    parts = [
+        recipe.points.painted[recipe.points.painted["type"] == FEATURE_TYPES.index(name)] for name in _RISING
+    ]
     rising = np.concatenate(parts)
     numbers = np.stack([rising[name] for name in ("x", "y", "radius", "strength")], axis=-1).astype(
         np.float64

@@ -30,10 +30,12 @@ def source(name: str) -> str:
 def kernels_digest() -> str:
     """Return the SHA-256 of all OpenCL sources of ``kernels/``."""
     digest = sha256()
-    for file in sorted(files("sketchterrain.kernels").iterdir(), key=lambda file: file.name):
-        if file.name.endswith((".cl", ".clh")):
-            digest.update(f"{file.name}\n".encode())
-            digest.update(file.read_bytes())
+    kernels = files("sketchterrain.kernels")
+    for folder in (kernels, kernels.joinpath("layers")):
+        for file in sorted(folder.iterdir(), key=lambda file: file.name):
+            if file.name.endswith((".cl", ".clh")):
+                digest.update(f"{file.name}\n".encode())
+                digest.update(file.read_bytes())
     return digest.hexdigest()
 
 
@@ -75,6 +77,17 @@ def kernel_columns(file: str, row: str) -> Mapping[str, int]:
     first = {name: 4 * number for number, name in enumerate(members.split(", "))}
     columns = re.findall(rf"^COLUMN\({row}, (\w+), (\w+), s(\d)\)", text, re.MULTILINE)
     return {name: first[member] + int(component) for name, member, component in columns}
+
+
+@cache
+def kernel_arguments(file: str, macro: str) -> tuple[str, ...]:
+    """Return the names in a list of arguments, ``#define NAME_ARGUMENTS …``, which may hold further lists."""
+    (body,) = re.findall(rf"^#define {macro} ((?:.*\\\n)*.*)", source(file), re.MULTILINE)
+    names: list[str] = []
+    for argument in body.replace("\\\n", " ").split(","):
+        name = argument.replace("*", " ").split()[-1]
+        names += kernel_arguments(file, name) if name.endswith("_ARGUMENTS") else [name]
+    return tuple(names)
 
 
 def kernel_struct(file: str, name: str, real: npt.DTypeLike) -> np.dtype[np.void]:

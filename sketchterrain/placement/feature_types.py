@@ -126,7 +126,7 @@ VISIBLE_SHARE: Final = 0.25
 _STEEPEST = 0.6  # added to the flank at fidelity 1
 _LOOSE = 0.6  # fidelity up to which flanks are gentlest
 _HILL_FOOT, _HILL_FOOT_SLOPE, _PEAK_MIN, _PEAK_RANGE, _TIP = kernel_constants(
-    "features.clh", "HILL_FOOT", "HILL_FOOT_SLOPE", "PEAK_MIN", "PEAK_RANGE", "TIP"
+    "layers/relief.clh", "HILL_FOOT", "HILL_FOOT_SLOPE", "PEAK_MIN", "PEAK_RANGE", "TIP"
 )
 _CUT_IN = 0.2  # radius added to a mountain at fidelity 0, as valleys cut into its outline
 _HALVINGS = 30

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,9 +20,10 @@ from sketchterrain.document.layers import DRAW_ORDER, LAYERS
 from sketchterrain.placement.feature_types import FEATURE_TYPES, TAN_70
 from sketchterrain.placement.shapes import Shape, label_shapes
 from sketchterrain.terrain.adherence_rivers import RiverAdherence, measure_river_adherence, standing_water
-from sketchterrain.terrain.evaluator import MASKS, Evaluator
+from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.lattice import to_lattice
-from sketchterrain.terrain.packing import support_radii
+from sketchterrain.terrain.layers.layer import MASKS
+from sketchterrain.terrain.layers.points import support_radii
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.terrain import Terrain
 
@@ -183,9 +184,10 @@ def _effect(sampled: SampledTerrain, layer: str) -> Float32Array:
         return effect
     at = inside.ravel()
     # Zero strength instead of removal, so that everything derived from the set of features stays the same.
-    painted = terrain.recipe.painted
-    strengths = np.where(painted["type"] == FEATURE_TYPES.index(layer), 0.0, painted["strength"])
-    without = sampled.evaluator.with_strengths(strengths)
+    painted = terrain.recipe.points.painted.copy()
+    painted["strength"][painted["type"] == FEATURE_TYPES.index(layer)] = 0.0
+    points = replace(terrain.recipe.points, painted=painted)
+    without, _ = sampled.evaluator.updated(terrain.recipe.with_layers([points]))
     height, masks = without.points(sampled.x[at], sampled.y[at], cell_size=0.0)
     if LAYERS[layer].is_share:
         mask = MASKS.index(layer)
@@ -197,8 +199,9 @@ def _effect(sampled: SampledTerrain, layer: str) -> Float32Array:
 
 def _support(sketch: Sketch, recipe: TerrainRecipe, layer: str) -> BoolArray:
     """Return the pixels inside the bounding boxes of the supports of a type's painted features."""
-    features = recipe.painted[recipe.painted["type"] == FEATURE_TYPES.index(layer)]
-    support = features["radius"] * support_radii(recipe) / sketch.pixel_size + 1.0
+    painted = recipe.points.painted
+    features = painted[painted["type"] == FEATURE_TYPES.index(layer)]
+    support = features["radius"] * support_radii(recipe.world.fidelity) / sketch.pixel_size + 1.0
     column = features["x"] / sketch.pixel_size
     row = sketch.height_px - features["y"] / sketch.pixel_size
     sides = np.stack([row - support, row + support, column - support, column + support], axis=-1)

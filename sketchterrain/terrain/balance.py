@@ -11,10 +11,12 @@ import numpy.typing as npt
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, StructuredArray
 from sketchterrain.placement.feature_types import FEATURE_TYPES
 from sketchterrain.terrain.balance_samples import BalanceSamples
-from sketchterrain.terrain.host_relief import ErodibleHeight, deepest_gullies, gullies
 from sketchterrain.terrain.lattice import to_lattice
+from sketchterrain.terrain.layers.layer import Sampling, WorldSettings, effective_cell
+from sketchterrain.terrain.layers.points import noise_weight
+from sketchterrain.terrain.layers.relief import ReliefLayer
+from sketchterrain.terrain.layers.relief_host import ErodibleHeight, ReliefScale, deepest_gullies, gullies
 from sketchterrain.terrain.noise import ValueSlope
-from sketchterrain.terrain.packing import PackedWorld, noise_weight, pack_world
 from sketchterrain.terrain.recipe import TerrainRecipe
 
 _DOMINANT_SHARE = 0.1  # of the sum of powers at a sample, from which a feature is responsible for its height
@@ -37,7 +39,8 @@ class Heights:
     recipe: TerrainRecipe
     samples: BalanceSamples
     mountains: bool
-    world: PackedWorld
+    sampling: Sampling
+    scale: ReliefScale
     pair_feature: Int64Array  # feature of each pair
     pair_point: Int64Array  # sample of each pair
     own: Float64Array  # power of the profile of each sample's owner
@@ -57,12 +60,13 @@ class Heights:
         features = samples.features
         radius = features["radius"].astype(np.float64)
         erosion, gully = (features[key].astype(np.float64) for key in ("erosion", "gullies"))
-        traits = np.stack([erosion, gully * radius, noise_weight(recipe, radius)])
-        world = pack_world(recipe, recipe.extent / _CELLS_ERODED, real=np.float64)
+        traits = np.stack([erosion, gully * radius, noise_weight(radius, recipe.world)])
+        sampling = recipe.sampling(effective_cell(recipe.extent / _CELLS_ERODED))
+        scale = recipe[ReliefLayer].scale(recipe.world)
         edges = np.concatenate([[0], np.cumsum(np.bincount(samples.owner))[:-1]])
         most = (np.maximum.reduceat(each[samples.feature], edges) for each in traits[:2])
-        depth = deepest_gullies(world.scalars[0], world.octaves, *most)
-        return cls(recipe, samples, mountains, world, pair_feature, pair_point, own, traits, depth)
+        depth = deepest_gullies(scale, sampling.octaves, *most)
+        return cls(recipe, samples, mountains, sampling, scale, pair_feature, pair_point, own, traits, depth)
 
     def reached(
         self, strength: Float64Array, selected: npt.NDArray[np.intp], *, eroded: bool
@@ -155,7 +159,7 @@ class Heights:
         )
         x, y = (to_lattice(self.samples.at[rows, axis], self.recipe.extent) for axis in (0, 1))
         rise = ErodibleHeight(ValueSlope(plain, *slopes), erosion, widest)
-        return np.asarray(plain + gullies(self.world.scalars[0], self.world.octaves, x, y, rise).value)
+        return np.asarray(plain + gullies(self.scale, self.sampling.octaves, x, y, rise).value)
 
 
 def _power(values: Float64Array, *, mountains: bool) -> Float64Array:
@@ -170,7 +174,7 @@ class _Solution:
     ``inputs`` are everything it depends on besides ``world``: the features, and which of them are free.
     """
 
-    world: tuple[float, int, float]
+    world: WorldSettings
     inputs: bytes
     samples: BalanceSamples
     strengths: list[Float64Array]
@@ -204,7 +208,7 @@ def solve_strengths(
     depends on it. ``checkpoint`` is called between rounds; it may raise to cancel.
     """
     memory = StrengthCache() if memory is None else memory
-    result = recipe.painted.copy()
+    result = recipe.points.painted.copy()
     free = result["strength"] > 0
     if locked is not None:
         free &= ~locked
@@ -226,15 +230,14 @@ def _solve(
     last: _Solution | None,
     checkpoint: Callable[[], None],
 ) -> _Solution:
-    world = (recipe.extent, recipe.seed, recipe.fidelity)
-    last = None if last is None or last.world != world else last
+    last = None if last is None or last.world != recipe.world else last
     inputs = features.tobytes() + free.tobytes()
     if last is not None and last.inputs == inputs:
         return last
     samples = BalanceSamples.sample(recipe, features, name, None if last is None else last.samples)
     heights_of = Heights.prepare(recipe, samples, name)
     requested = features["strength"].astype(np.float64)
-    least = (_MIN_SHARE + (_MIN_SHARE_AT_FIDELITY_1 - _MIN_SHARE) * recipe.fidelity**8) * requested
+    least = (_MIN_SHARE + (_MIN_SHARE_AT_FIDELITY_1 - _MIN_SHARE) * recipe.world.fidelity**8) * requested
     strengths, heights = [requested], []
     for round_ in range(_ROUNDS):
         checkpoint()
@@ -249,7 +252,7 @@ def _solve(
         heights.append(reached)
         scale = requested / np.where(free, np.maximum(_MISSED * reached, 1e-3 * requested), 1.0)
         strengths.append(np.where(free, np.maximum(strength * scale, least), requested))
-    return _Solution(world, inputs, samples, strengths, heights)
+    return _Solution(recipe.world, inputs, samples, strengths, heights)
 
 
 def _stale(samples: BalanceSamples, strength: Float64Array, before: Float64Array) -> BoolArray:

@@ -13,13 +13,21 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, StructuredArray
-from sketchterrain.placement.feature_types import hill_profile, hill_slope, mountain_profile, mountain_slope
-from sketchterrain.terrain.host_heights import relief_noise
-from sketchterrain.terrain.host_relief import ReliefNoise, distance_to_crest, extend_by_spurs
+from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, LatticeArray, StructuredArray
+from sketchterrain.placement.feature_types import (
+    flank,
+    hill_profile,
+    hill_slope,
+    mountain_profile,
+    mountain_slope,
+)
 from sketchterrain.terrain.lattice import to_lattice
+from sketchterrain.terrain.layers.layer import effective_cell
+from sketchterrain.terrain.layers.point_site import OutlineNoise, distance_to_crest
+from sketchterrain.terrain.layers.points import noise_weight, outline_warp, support_radii
+from sketchterrain.terrain.layers.relief import ReliefLayer
+from sketchterrain.terrain.layers.relief_host import ReliefNoise, extend_by_spurs
 from sketchterrain.terrain.noise import ValueSlope
-from sketchterrain.terrain.packing import noise_weight, support_radii
 from sketchterrain.terrain.recipe import TerrainRecipe
 
 # Samples around a centre, as ridges may move the summit off the centre. Their number depends on the feature's
@@ -87,7 +95,7 @@ class BalanceSamples:
             rows = _ranges(first[~known], count[~known])
             at[rows] = _spiral(features[~known], count[~known])
             x, y = (to_lattice(at[rows, axis], recipe.extent) for axis in (0, 1))
-            noise[:, rows] = _rows(relief_noise(recipe, x, y, cell_size=recipe.extent / _CELLS_PER_EXTENT))
+            noise[:, rows] = _noise_rows(recipe, x, y)
         owner, feature = _edges(recipe, features)
         reused = np.full(len(owner), -1, dtype=np.int64)
         if before is not None and len(before.owner):
@@ -111,8 +119,7 @@ class BalanceSamples:
     def relief(self, rows: npt.NDArray[np.integer] | slice) -> ReliefNoise:
         """Return the noise that shapes mountains and hills at some of the points."""
         n = self.noise[:, rows]
-        parts = [ValueSlope(*n[i : i + 3]) for i in range(0, 15, 3)]
-        return ReliefNoise((parts[0], parts[1]), parts[2], parts[3], parts[4])
+        return ReliefNoise(*(ValueSlope(*n[i : i + 3]) for i in range(6, 15, 3)))
 
 
 def _counts(recipe: TerrainRecipe, features: StructuredArray) -> Int64Array:
@@ -131,9 +138,14 @@ def _spiral(features: StructuredArray, count: Int64Array) -> Float64Array:
     return np.stack([x, y], axis=-1)
 
 
-def _rows(relief: ReliefNoise) -> Float64Array:
+def _noise_rows(recipe: TerrainRecipe, x: LatticeArray, y: LatticeArray) -> Float64Array:
+    """Return the warp of outlines and the noise of relief at lattice positions, as in `BalanceSamples`."""
+    sampling = recipe.sampling(effective_cell(recipe.extent / _CELLS_PER_EXTENT))
+    warp = outline_warp(recipe.world.fidelity)
+    outline = OutlineNoise.at(sampling.octaves, sampling.unit, x, y, warp=warp)
+    relief = ReliefNoise.at(recipe[ReliefLayer].scale(recipe.world), sampling.octaves, outline, x, y)
     return np.stack(
-        [part for slope in (*relief.bend, relief.swell, relief.ridge, relief.spur) for part in slope]
+        [part for slope in (*outline.bend, relief.swell, relief.ridge, relief.spur) for part in slope]
     )
 
 
@@ -141,7 +153,7 @@ def _edges(recipe: TerrainRecipe, features: StructuredArray) -> tuple[Int64Array
     """Return owners and the features whose support overlaps the circle of their points, sorted by both."""
     radius = features["radius"].astype(np.float64)
     centre = np.stack([features["x"], features["y"]], axis=-1)
-    wide = radius * support_radii(recipe)
+    wide = radius * support_radii(recipe.world.fidelity)
     tree = cKDTree(centre)
     found = tree.query_ball_point(centre, _TOP * radius + float(wide.max()), return_sorted=True)
     owner = np.repeat(np.arange(len(features)), [len(near) for near in found])
@@ -166,7 +178,7 @@ def _pairs(
     centre = np.stack([features["x"], features["y"]], axis=-1)
     offset = (at[row] - centre[feature]).T
     # Most candidate pairs lie outside the support: reject them first.
-    support = radius * support_radii(recipe) * (1 + 1e-9)
+    support = radius * support_radii(recipe.world.fidelity) * (1 + 1e-9)
     near = np.flatnonzero((offset * offset).sum(axis=0) <= (support * support)[feature])
     edge, row, feature, offset = (
         np.repeat(np.arange(len(many)), many)[near],
@@ -177,11 +189,14 @@ def _pairs(
     n = noise[:, row]
     t, _ = distance_to_crest(offset, 1 / radius[feature], (ValueSlope(*n[:3]), ValueSlope(*n[3:6])))
     if name == "mountain":
-        t = extend_by_spurs(t, ValueSlope(*n[12:]), noise_weight(recipe, radius)[feature])
-        style = (features["peakiness"][feature].astype(np.float64), recipe.flank)
+        t = extend_by_spurs(t, ValueSlope(*n[12:]), noise_weight(radius, recipe.world)[feature])
+        style = (features["peakiness"][feature].astype(np.float64), flank(recipe.world.fidelity))
         profile, slope = mountain_profile(t.value, *style), mountain_slope(t.value, *style)
     else:
-        profile, slope = hill_profile(t.value, recipe.flank), hill_slope(t.value, recipe.flank)
+        profile, slope = (
+            hill_profile(t.value, flank(recipe.world.fidelity)),
+            hill_slope(t.value, flank(recipe.world.fidelity)),
+        )
     inside = profile > 0.0
     edge, profile, slope = edge[inside], profile[inside], slope[inside]
     start = np.concatenate([[0], np.cumsum(np.bincount(edge, minlength=len(many)))])

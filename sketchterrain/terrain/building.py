@@ -14,17 +14,20 @@ from sketchterrain.document.material_rules import resolved_rules
 from sketchterrain.hydrology.rivers import trace_hydrology
 from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.covers import create_covers
-from sketchterrain.placement.differences import rows_only_in
 from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.placement import place
 from sketchterrain.terrain.balance import StrengthCache, solve_strengths
 from sketchterrain.terrain.centrelines import valley_radius
-from sketchterrain.terrain.changes import changed_areas
-from sketchterrain.terrain.culling import features_near
+from sketchterrain.terrain.changes import difference
 from sketchterrain.terrain.edits import EditedPoints, apply_fill_edits, apply_painted_edits
-from sketchterrain.terrain.host_heights import dry_heights
-from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
-from sketchterrain.terrain.packing import effective_cell, pack_features
+from sketchterrain.terrain.host_heights import HostTerrain
+from sketchterrain.terrain.lattice import to_lattice
+from sketchterrain.terrain.layers import layer_stack
+from sketchterrain.terrain.layers.corridors import CorridorsLayer
+from sketchterrain.terrain.layers.covers import CoversLayer
+from sketchterrain.terrain.layers.dunes import DunesLayer
+from sketchterrain.terrain.layers.lakes import LakesLayer
+from sketchterrain.terrain.layers.layer import WorldSettings
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.terrain import Terrain
 
@@ -40,9 +43,7 @@ _MAX_CACHED = 2**31  # lattice units: farther positions are not cached
 class _CachedHeights:
     """Cached heights of one recipe."""
 
-    world: tuple[object, ...]  # everything that heights depend on except features
-    block: LatticeArray  # (4,) rectangle around all positions, lattice units
-    features: StructuredArray  # those that affect it
+    recipe: TerrainRecipe  # without rivers and lakes
     key: LatticeArray  # (n,) positions, ascending
     height: Float64Array  # (n,), m
 
@@ -57,23 +58,24 @@ class DryTerrainCache:
 class DryTerrain:
     """Heights of a recipe's terrain without rivers and lakes; each position is evaluated once.
 
-    Heights of positions that no changed feature affects come from the cache; the bits are the same.
+    Heights of positions that no change affects come from the cache; the bits are the same.
     """
 
     def __init__(self, recipe: TerrainRecipe, memory: DryTerrainCache) -> None:
         self._recipe = recipe
+        self._terrain = HostTerrain(recipe)
         self._memory = memory
         self._cell = recipe.extent / _CELLS_PER_EXTENT
-        settings = (recipe.ground["relief"], recipe.stacks, recipe.dune_styles)
-        self._world = (recipe.extent, recipe.seed, recipe.fidelity, *settings)
         self._requested: LatticeArray = np.zeros(0, dtype=np.int64)
         self._key, self._height = self._still_valid(memory.last)
 
     def __call__(self, x: Float64Array, y: Float64Array) -> Float64Array:
         """Return heights (m) at positions (m), shape (n,)."""
         east, north = (to_lattice(each, self._recipe.extent) for each in (x, y))
-        if len(east) == 0 or max(np.abs(east).max(), np.abs(north).max()) >= _MAX_CACHED:
-            return dry_heights(self._recipe, east, north, cell_size=self._cell)
+        if len(east) == 0:
+            return np.zeros(0)
+        if max(np.abs(east).max(), np.abs(north).max()) >= _MAX_CACHED:
+            return self._terrain.heights(east, north, cell_size=self._cell)
         key, inverse = np.unique((east << 32) + north, return_inverse=True)
         row = np.minimum(np.searchsorted(self._key, key), max(len(self._key) - 1, 0))
         cached = self._key[row] == key if len(self._key) else np.zeros(len(key), dtype=np.bool_)
@@ -81,7 +83,7 @@ class DryTerrain:
         height[cached] = self._height[row[cached]]
         if not cached.all():
             at = _unpack_keys(key[~cached])
-            height[~cached] = dry_heights(self._recipe, *at, cell_size=self._cell)
+            height[~cached] = self._terrain.heights(*at, cell_size=self._cell)
             merged = np.concatenate([self._key, key[~cached]])
             order = np.argsort(merged)
             self._key = merged[order]
@@ -91,28 +93,20 @@ class DryTerrain:
 
     def store(self) -> None:
         """Store the requested heights for the next recipe and drop all others."""
-        if len(self._requested) == 0:
-            return
         row = np.searchsorted(self._key, self._requested)
-        block = _bounding_block(self._requested)
-        cached = _CachedHeights(self._world, block, self._near(block), self._requested, self._height[row])
-        self._memory.last = cached
-
-    def _near(self, block: LatticeArray) -> StructuredArray:
-        return features_near(self._recipe, block[None], min_radius=effective_cell(self._cell))
+        self._memory.last = _CachedHeights(self._recipe, self._requested, self._height[row])
 
     def _still_valid(self, last: _CachedHeights | None) -> tuple[LatticeArray, Float64Array]:
-        """Return positions, ascending, and heights that no changed feature affects."""
-        if last is None or last.world != self._world:
+        """Return positions, ascending, and heights that no change affects."""
+        change = None if last is None else difference(last.recipe, self._recipe)
+        if last is None or change is None:
             return np.zeros(0, dtype=np.int64), np.zeros(0)
-        now = self._near(last.block)
-        changed = np.concatenate([rows_only_in(now, last.features), rows_only_in(last.features, now)])
-        packed = pack_features(self._recipe, changed, self._cell)
         valid = np.ones(len(last.key), dtype=np.bool_)
         east, north = _unpack_keys(last.key)
-        unit = metres_per_unit(self._recipe.extent)
-        for (x, y), support in zip(packed.at, packed.support, strict=True):
-            valid &= np.hypot(east - x, north - y) * unit > support
+        unit = self._recipe.world.unit
+        for box in change.areas:
+            west, south, right, top = np.array(box) / unit + [-1, -1, 1, 1]
+            valid &= (east < west) | (east > right) | (north < south) | (north > top)
         return last.key[valid], last.height[valid]
 
 
@@ -120,11 +114,6 @@ def _unpack_keys(key: LatticeArray) -> tuple[LatticeArray, LatticeArray]:
     """Return positions by their keys: x in the high half, signed y in the low half."""
     north = (key & 0xFFFFFFFF).astype(np.uint32).view(np.int32).astype(np.int64)
     return (key - north) >> 32, north
-
-
-def _bounding_block(key: LatticeArray) -> LatticeArray:
-    east, north = _unpack_keys(key)
-    return np.array([east.min(), north.min(), east.max(), north.max()])
 
 
 def build(
@@ -167,9 +156,7 @@ def rebuild(
     Cached placement is reused; the bits are those of `build`. Only tiles that the areas touch have changed,
     see :func:`~sketchterrain.terrain.changes.changed_areas`. ``checkpoint`` is as for `make_recipe`.
     """
-    recipe = make_recipe(sketch, memory=terrain.memory, checkpoint=checkpoint)
-    areas = changed_areas(terrain.recipe, recipe)
-    return terrain.updated(sketch, recipe, areas), areas
+    return terrain.updated(sketch, make_recipe(sketch, memory=terrain.memory, checkpoint=checkpoint))
 
 
 def make_recipe(
@@ -187,29 +174,33 @@ def make_recipe(
     painted = apply_painted_edits(placed, sketch.edits)
     fill = Fill.from_sketch(sketch, painted.points, seed=sketch.seed, cache=memory)
     adopted = apply_fill_edits(fill, sketch.edits, size=sketch.size)
+    world = WorldSettings(sketch.extent, sketch.seed, sketch.fidelity)
     dry = TerrainRecipe(
-        extent=sketch.extent,
-        seed=sketch.seed,
-        fidelity=sketch.fidelity,
-        ground=sketch.ground,
-        climate=sketch.climate,
-        painted=painted.points,
-        fill=replace(fill, replaced=adopted.replaced),
-        covers=create_covers(sketch, cache=memory),
-        materials=sketch.material_table,
-        material_rules=resolved_rules(sketch.material_rules),
+        world,
+        sketch.climate,
+        layer_stack(
+            extent=sketch.extent,
+            ground=sketch.ground,
+            painted=painted.points,
+            fill=replace(fill, replaced=adopted.replaced),
+            covers=create_covers(sketch, cache=memory),
+        ),
+        sketch.material_table,
+        resolved_rules(sketch.material_rules),
     )
     checkpoint()
     solved = _solved_features(dry, painted, memory, checkpoint)
-    dry = replace(dry, painted=np.concatenate([solved, adopted.points]))
-    terrain = DryTerrain(dry, memory.part(DryTerrainCache))
+    points = replace(dry.points, painted=np.concatenate([solved, adopted.points]))
+    dry = dry.with_layers([points, DunesLayer(points.dune_styles)])
+    # Heights depend on neither covers nor material rules.
+    bare = replace(dry.with_layers([CoversLayer(())]), climate={}, material_rules=())
+    terrain = DryTerrain(bare, memory.part(DryTerrainCache))
     waters = trace_hydrology(sketch, seed=sketch.seed, ground=terrain, cache=memory, checkpoint=checkpoint)
     terrain.store()
+    radii = [valley_radius(*each) for each in zip(waters.rivers, waters.grounds, strict=True)]
+    corridors = CorridorsLayer.of(waters.rivers, radii, sketch.extent, memory.rivers)
     return replace(
-        dry,
-        rivers=waters.rivers,
-        valley_radii=tuple(valley_radius(*each) for each in zip(waters.rivers, waters.grounds, strict=True)),
-        lakes=waters.lakes,
+        dry.with_layers([LakesLayer(waters.lakes), corridors]),
         resolutions=waters.resolutions,
         orphans=(*painted.orphans, *adopted.orphans, *waters.orphans),
     )
@@ -219,7 +210,7 @@ def _solved_features(
     dry: TerrainRecipe, edited: EditedPoints, memory: PlacementCache, checkpoint: Callable[[], None]
 ) -> StructuredArray:
     """Return the features with solved strengths, and locked ones with their own."""
-    requested = replace(dry, painted=edited.unlocked)
+    requested = dry.with_layers([replace(dry.points, painted=edited.unlocked)])
     solved = solve_strengths(
         requested, locked=edited.lock_only, memory=memory.part(StrengthCache), checkpoint=checkpoint
     )

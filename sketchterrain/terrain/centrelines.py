@@ -15,7 +15,7 @@ from sketchterrain.hydrology.splines import catmull_rom, cubics
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.placement.feature_types import River
 from sketchterrain.placement.hashing import gaussian_filter, rounded
-from sketchterrain.terrain.recipe import FINEST_CELL
+from sketchterrain.terrain.noise import FINEST_CELL
 
 if TYPE_CHECKING:
     Ints = npt.NDArray[np.intp]

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from copy import copy
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import Bounds, Float64Array, FloatArray, LatticeArray
+from sketchterrain.array_types import Bounds, Float64Array, LatticeArray, StructuredArray
 from sketchterrain.compute.buffers import StagingBuffer
+from sketchterrain.terrain.changes import EVERYWHERE, difference
+from sketchterrain.terrain.culler import list_arrays
 from sketchterrain.terrain.detail_bounds import DetailBound
-from sketchterrain.terrain.kernel_arguments import KernelArguments
+from sketchterrain.terrain.inputs import KernelInputs
 from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS
+from sketchterrain.terrain.layers.layer import MASKS
 from sketchterrain.terrain.patch_layout import Batches, Patches, tile_patches
 from sketchterrain.terrain.patches import GROUP, PatchLauncher, rounded_up
 from sketchterrain.terrain.recipe import TerrainRecipe
@@ -23,9 +25,6 @@ from sketchterrain.terrain.vertex_writer import VertexWriter
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
 
-MASKS = ("mountain", "dune", "forest", "water")
-"""The four masks of a point: see ``Ground`` in ``kernels/world.clh``."""
-
 _FILE = "terrain.cl"
 _PATCHES_PER_LAUNCH = 256
 _POINTS_PER_LAUNCH = 1 << 21
@@ -34,43 +33,44 @@ _BLOCKS_PER_EXTENT_BITS = 5
 _MAX_BLOCKS_BITS = 6
 
 
+class _Parts(NamedTuple):
+    """Parts of an evaluator that one of a changed recipe may share."""
+
+    inputs: KernelInputs
+    launcher: PatchLauncher
+    vertices: VertexWriter
+    staged: StagingBuffer
+
+
 class Evaluator:
     """A recipe on an open device; ``vertices`` writes tiles as OpenGL draws them."""
 
-    def __init__(self, recipe: TerrainRecipe, context: ComputeContext) -> None:
+    def __init__(self, recipe: TerrainRecipe, context: ComputeContext, parts: _Parts | None = None) -> None:
         self.recipe = recipe
         self.context = context
-        self._arguments = KernelArguments(recipe, context)
-        self._launcher = PatchLauncher(self._arguments)
-        self._staged = StagingBuffer(context)
+        if parts is None:
+            inputs = KernelInputs(recipe, context)
+            parts = _Parts(inputs, PatchLauncher(inputs), VertexWriter(inputs), StagingBuffer(context))
+        self._inputs, self._launcher, self.vertices, self._staged = parts
         self._cached_store: SurfaceStore | None = None
-        self.vertices = VertexWriter(self._arguments)
-        self._detail: DetailBound | None = None
+        self._detail = DetailBound(recipe)
         self._patches_at_once = Batches(_PATCHES_PER_LAUNCH)
         self._points_at_once = Batches(_POINTS_PER_LAUNCH)
 
-    def with_strengths(self, strength: FloatArray) -> Evaluator:
-        """Return an evaluator of the same recipe with other strengths (n,) of its painted features.
+    def updated(self, recipe: TerrainRecipe) -> tuple[Evaluator, list[Bounds]]:
+        """Return an evaluator of a changed recipe sharing the rest, and the areas (m) that differ."""
+        change = difference(self.recipe, recipe)
+        if change is None:
+            return Evaluator(recipe, self.context), [EVERYWHERE]
+        inputs = self._inputs.updated(change)
+        launcher = PatchLauncher(inputs, shared=self._launcher)
+        vertices = self.vertices.updated(inputs, change.areas)
+        parts = _Parts(inputs, launcher, vertices, self._staged)
+        return Evaluator(change.recipe, self.context, parts), change.areas
 
-        Unchanged buffers on the device are shared.
-        """
-        other = copy(self)
-        other._arguments = self._arguments.with_strengths(strength)
-        other._launcher = PatchLauncher(other._arguments)
-        other.vertices = VertexWriter(other._arguments)
-        other._detail = None
-        other.recipe = other._arguments.recipe
-        return other
-
-    def updated(self, recipe: TerrainRecipe, areas: Sequence[Bounds]) -> Evaluator:
-        """Return an evaluator of a changed recipe of the same extent, sharing all outside the areas (m)."""
-        other = copy(self)
-        other.recipe = recipe
-        other._arguments = self._arguments.updated(recipe, areas)
-        other._launcher = self._launcher.with_arguments(other._arguments)
-        other.vertices = self.vertices.updated(other._arguments, areas)
-        other._detail = None
-        return other
+    def features_near(self, blocks: LatticeArray) -> StructuredArray:
+        """Return the point features that may affect any of the blocks (n, 4), lattice units, sorted by id."""
+        return self._inputs.point_features(blocks)
 
     def surface(
         self,
@@ -170,9 +170,7 @@ class Evaluator:
         own, coarse = (tile_patches(level, keys, self.recipe.extent, up=up) for up in (0, 1))
         culled = self._launcher.surfaces(own, store, slots)
         self._launcher.parents(coarse, store, slots)
-        if self._detail is None:
-            self._detail = DetailBound(self.recipe)
-        return self._detail.bounds(culled, own.blocks, own.cell_size)
+        return self._detail.bounds(culled, own.blocks, self._inputs.sampling(own.cell_size))
 
     def points(
         self, x: LatticeArray, y: LatticeArray, *, cell_size: float
@@ -186,14 +184,14 @@ class Evaluator:
 
         def evaluate(part: slice) -> None:
             blocks, block = _blocks_of(x[part], y[part])
-            culled, count = self._arguments.cull(blocks, cell_size), part.stop - part.start
-            lists = self._staged.upload(culled.lists)
+            culled, count = self._inputs.cull(blocks, cell_size), part.stop - part.start
+            lists = self._staged.upload(list_arrays(culled))
             buffers = context.empty(count, real), context.empty(4 * count, real)
             context.launch(
                 _FILE,
                 "points",
                 (rounded_up(count),),
-                *self._arguments.terrain(culled, cell_size, lists),
+                *self._inputs.arguments("TERRAIN_ARGUMENTS", culled, cell_size, lists),
                 context.upload(x[part]),
                 context.upload(y[part]),
                 context.upload(block.astype(np.int32)),
@@ -217,7 +215,7 @@ class Evaluator:
 
     def _release_buffers(self) -> None:
         self._cached_store = None
-        self._launcher = PatchLauncher(self._arguments)
+        self._launcher = PatchLauncher(self._inputs)
 
 
 def _blocks_of(x: LatticeArray, y: LatticeArray) -> tuple[LatticeArray, LatticeArray]:

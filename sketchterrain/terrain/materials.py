@@ -13,14 +13,14 @@ import numpy.typing as npt
 from sketchterrain.array_types import Float64Array
 from sketchterrain.document.material_rules import Factor
 from sketchterrain.document.materials import MATERIALS
+from sketchterrain.terrain.layers.layer import MASKS
 from sketchterrain.terrain.recipe import TerrainRecipe
 
-_MASKS = ("mountain", "dune", "forest", "water")
-_KERNEL_INPUTS = ("height", "steepness", "hollow", "mottle", *_MASKS, "wetness")
+_KERNEL_INPUTS = ("height", "steepness", "hollow", "mottle", *MASKS, "wetness")
 _ROUNDING = 1e-3
 # Ranges of a factor's inputs; the mottle's actual range is less than half of this.
 _RANGES = {"steepness": (0.0, np.inf), "mottle": (-4.0, 4.0), "wetness": (0.0, 1.0)}
-_RANGES |= dict.fromkeys(_MASKS, (0.0, 1.0))
+_RANGES |= dict.fromkeys(MASKS, (0.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def _required_masks(factor: list[float]) -> int:
     *weights, start, inverse, _ = factor
     sign = np.sign(inverse)
     bits = 0
-    for number, mask in enumerate(_MASKS):
+    for number, mask in enumerate(MASKS):
         zero = {mask, "wetness"} if mask == "water" else {mask}
         others = {name: w for name, w in zip(_KERNEL_INPUTS, weights, strict=True) if w and name not in zero}
         ends = {name: _RANGES.get(name, (-np.inf, np.inf)) for name in others}

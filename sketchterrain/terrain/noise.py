@@ -16,6 +16,12 @@ from sketchterrain.terrain.lattice import QUADS, metres_per_unit
 FINEST_WAVELENGTH = 0.5
 """Shortest noise wavelength, m: well resolved by samples 0.1 m apart."""
 
+FINEST_CELL = FINEST_WAVELENGTH / 4
+"""Cell size that resolves every octave, m; finer ones give the same terrain."""
+
+NOISE_PEAK = 1.01
+"""Bound of |noise| in one octave: a simplex's corners give no more, each with its worst gradient."""
+
 SKEW_SAME, SKEW_OTHER, *STRIDES = (
     int(value)
     for value in kernel_constants("positions.clh", "SKEW_SAME", "SKEW_OTHER", "STRIDE_U", "STRIDE_V")
@@ -149,6 +155,16 @@ def corner_table(octaves: OctaveTable, corner: LatticeArray, step_bits: int) -> 
     hashed_cell = (strides.sum(axis=-1) + seed) & 0xFFFFFFFF
     bits = np.broadcast_to(shift - step_bits, hashed_cell.shape)
     return np.stack([fraction[..., 0], fraction[..., 1], hashed_cell, bits], axis=-1).astype(np.uint32)
+
+
+def omitted_amplitudes(
+    full: OctaveTable, resolved: OctaveTable, stack: str
+) -> tuple[Float64Array, Float64Array]:
+    """Return the amplitudes of a stack's octaves, and what a coarser cell size leaves of them, shape (n,)."""
+    first, last = full.ranges[stack]
+    amplitude = full.scale[first:last, 0]
+    left = resolved.scale[slice(*resolved.ranges[stack]), 0]
+    return amplitude, np.concatenate([left, np.zeros(last - first - len(left))])
 
 
 class ValueSlope(NamedTuple):

@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from copy import copy
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, LatticeArray
+from sketchterrain.caching import LRUCache
 from sketchterrain.compute.buffers import BufferSet, StagingBuffer
+from sketchterrain.terrain.culler import list_arrays
 from sketchterrain.terrain.lattice import metres_per_unit
-from sketchterrain.terrain.noise import OctaveTable, corner_table, fits_patches, whole_step_bits
+from sketchterrain.terrain.noise import corner_table, fits_patches, whole_step_bits
 from sketchterrain.terrain.patch_layout import Patches
 from sketchterrain.terrain.surfaces import SurfaceStore
 
 if TYPE_CHECKING:
-    from sketchterrain.terrain.kernel_arguments import CulledInputs, KernelArguments
+    from sketchterrain.terrain.culler import Culled
+    from sketchterrain.terrain.inputs import KernelInputs
 
 GROUP = 64
 """Work items of a group."""
@@ -27,6 +28,7 @@ GROUP = 64
 # Larger groups run short of registers on GPUs.
 _MAX_IN_GROUP = 512
 _PATCH_GROUP = 4 * GROUP
+_MAX_CACHED = 32
 _ANYWHERE, _WHOLE_STEPS = "terrain.cl", "tiles.cl"
 
 
@@ -38,26 +40,26 @@ def rounded_up(count: int) -> int:
 class PatchLauncher:
     """Evaluates patches of a recipe on a device, without downloads."""
 
-    def __init__(self, arguments: KernelArguments) -> None:
-        self._arguments = arguments
-        self._context = arguments.context
-        self._buffers = BufferSet(self._context)
-        self._max_in_group = lru_cache(maxsize=8)(self._context.max_group_size)
-        self._row_groups = lru_cache(maxsize=16)(self._whole_rows)
-        self._staged = {name: StagingBuffer(self._context) for name in ("all", "heights")}
+    def __init__(self, inputs: KernelInputs, *, shared: PatchLauncher | None = None) -> None:
+        self._inputs = inputs
+        self._context = inputs.context
+        # Buffers may be shared with a launcher of another recipe on the same device.
+        self._buffers: BufferSet = shared._buffers if shared else BufferSet(self._context)
+        self._staged: dict[str, StagingBuffer] = (
+            shared._staged if shared else {name: StagingBuffer(self._context) for name in ("all", "heights")}
+        )
+        self._groups: LRUCache = shared._groups if shared else LRUCache(_MAX_CACHED)
 
-    def with_arguments(self, arguments: KernelArguments) -> PatchLauncher:
-        """Return a launcher of another recipe of the same extent on the same device, with shared buffers."""
-        other = copy(self)
-        other._arguments = arguments
-        return other
-
-    def surfaces(self, patches: Patches, store: SurfaceStore, slots: npt.NDArray[np.integer]) -> CulledInputs:
+    def surfaces(
+        self, patches: Patches, store: SurfaceStore, slots: npt.NDArray[np.integer]
+    ) -> dict[str, Culled]:
         """Enqueue heights, normals and materials of patches into ``slots`` (patches,) of a store."""
         extra = {"slot": np.asarray(slots, np.int32)}
         return self._surfaces("surfaces", patches, extra, store.ground, store.materials)
 
-    def vertices(self, patches: Patches, tile_slots: npt.NDArray[np.int32], vertices: Any) -> CulledInputs:
+    def vertices(
+        self, patches: Patches, tile_slots: npt.NDArray[np.int32], vertices: Any
+    ) -> dict[str, Culled]:
         """Enqueue packed vertices of tiles into a buffer, with their parents' values.
 
         ``tile_slots`` (patches, 4) are the slot, parent's slot, east half and north half that the kernel
@@ -67,22 +69,22 @@ class PatchLauncher:
 
     def _surfaces(
         self, kernel: str, patches: Patches, where: Mapping[str, npt.NDArray[Any]], *written: Any
-    ) -> CulledInputs:
+    ) -> dict[str, Culled]:
         """Enqueue a kernel that writes surfaces at the destinations given by small arrays."""
         inner = patches.side - 2
-        covers = self._arguments.cover_lists(patches.blocks)
-        launch = self._heights(patches, {**where, **covers}, heights_only=False)
+        surface = self._inputs.cull(patches.blocks, patches.cell_size, surface=True)
+        launch = self._heights(patches, {**where, **list_arrays(surface)}, heights_only=False)
         self._context.launch(
             launch.file,
             kernel,
             (inner, inner, patches.count),
-            *self._arguments.rules,
+            *self._inputs.rules,
             *launch.positions,
             *launch.across,
             launch.small["empty_masks"],
             np.int32(patches.side),
             *launch.results,
-            *self._arguments.covers(launch.small),
+            *self._inputs.arguments("COVERS_ARGUMENTS", surface, patches.cell_size, launch.small),
             *(launch.small[name] for name in where),
             *written,
             group=self._row_groups(launch.file, kernel, inner),
@@ -122,13 +124,14 @@ class PatchLauncher:
         """Enqueue heights, masks and mottle with their border, staging ``more`` small arrays along."""
         count, side, real = patches.count, patches.side, self._context.real_dtype
         size = 1 if heights_only else count * side * side
-        culled = self._arguments.cull(patches.square_blocks, patches.cell_size, ground=patches.blocks)
+        culled = self._inputs.cull(patches.square_blocks, patches.cell_size, around=patches.blocks)
         vertices = self._vertices(patches)
         staging = self._staged["heights" if heights_only else "all"]
         if not heights_only:
-            empty_masks = _common_bits(culled.empty_masks, patches.squares)
+            empty = self._inputs.empty_masks(culled, len(patches.square_blocks))
+            empty_masks = _common_bits(empty, patches.squares)
             extra = {**extra, **vertices.inverse, "empty_masks": empty_masks}
-        small = staging.upload({**culled.lists, **vertices.arrays, **extra})
+        small = staging.upload({**list_arrays(culled), **vertices.arrays, **extra})
         launch = _Launch(
             vertices.file,
             culled,
@@ -143,13 +146,13 @@ class PatchLauncher:
             ),
         )
         items = patches.square_side**2
-        whole = self._max_in_group(vertices.file, "patches") >= _PATCH_GROUP and items >= 4 * _PATCH_GROUP
+        whole = self._group_limit(vertices.file, "patches") >= _PATCH_GROUP and items >= 4 * _PATCH_GROUP
         group = _PATCH_GROUP if whole or items == _PATCH_GROUP else GROUP
         self._context.launch(
             vertices.file,
             "patches",
             (-(-items // group) * group, count * patches.squares**2),
-            *self._arguments.terrain(culled, patches.cell_size, small),
+            *self._inputs.arguments("TERRAIN_ARGUMENTS", culled, patches.cell_size, small),
             *(small[name] for name in vertices.noise),
             *vertices.octaves,
             *launch.positions,
@@ -165,7 +168,7 @@ class PatchLauncher:
     def _vertices(self, patches: Patches) -> _Vertices:
         """Return the positions of vertices, as 32-bit steps where possible."""
         real = self._context.real_dtype
-        octaves: OctaveTable = self._arguments.world(patches.cell_size)["table"]
+        octaves = self._inputs.sampling(patches.cell_size).octaves
         between, bits = patches.step_bits or (0, -1)
         bits = min(bits, whole_step_bits(octaves))
         stride_bits = between - bits
@@ -190,13 +193,17 @@ class PatchLauncher:
     def _inverse_spans(self, axis: LatticeArray) -> Float64Array:
         """Return 1 / distance between a vertex's two neighbours (1/m); 0 at the ends."""
         inverse = np.zeros(axis.shape)
-        spans = np.maximum(axis[:, 2:] - axis[:, :-2], 1) * metres_per_unit(self._arguments.recipe.extent)
+        spans = np.maximum(axis[:, 2:] - axis[:, :-2], 1) * metres_per_unit(self._inputs.recipe.extent)
         inverse[:, 1:-1] = 1 / spans
         return inverse
 
-    def _whole_rows(self, file: str, kernel: str, side: int) -> tuple[int, int, int] | None:
+    def _group_limit(self, file: str, kernel: str) -> int:
+        """Return the most work items of a kernel's group."""
+        return self._groups.get_or_compute((file, kernel), lambda: self._context.max_group_size(file, kernel))
+
+    def _row_groups(self, file: str, kernel: str, side: int) -> tuple[int, int, int] | None:
         """Return groups of as many whole rows of a square as fit and divide it; None where none fits."""
-        limit = min(self._max_in_group(file, kernel), _MAX_IN_GROUP)
+        limit = min(self._group_limit(file, kernel), _MAX_IN_GROUP)
         rows = [number for number in range(1, side + 1) if side % number == 0 and number * side <= limit]
         return (side, rows[-1], 1) if rows else None
 
@@ -235,7 +242,7 @@ class _Launch:
     """A launch of ``patches``: its file, inputs, positions of vertices, and output buffers."""
 
     file: str
-    culled: CulledInputs
+    culled: dict[str, Culled]
     small: dict[str, Any]
     positions: list[Any]
     across: list[Any]

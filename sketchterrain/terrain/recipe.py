@@ -1,55 +1,33 @@
-"""The recipe: an immutable value of everything that a terrain's heights depend on."""
+"""The recipe: an immutable value of everything that a terrain depends on."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Hashable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.array_types import StructuredArray
 from sketchterrain.document.material_rules import DEFAULT_RULES, MaterialRule
 from sketchterrain.document.materials import BUILT_IN, MaterialTable
-from sketchterrain.placement.feature_types import (
-    BY_ELEVATION,
-    FEATURE_TYPES,
-    Cover,
-    Lake,
-    River,
-    conifer_share,
-    flank,
-)
-from sketchterrain.terrain.noise import FINEST_WAVELENGTH, NoiseStack
+from sketchterrain.placement.feature_types import Lake, River
+from sketchterrain.terrain.layers.corridors import CorridorsLayer
+from sketchterrain.terrain.layers.forests import COVER_NOISE
+from sketchterrain.terrain.layers.lakes import LakesLayer
+from sketchterrain.terrain.layers.layer import Sampling, TerrainLayer, WorldSettings
+from sketchterrain.terrain.layers.points import PointsLayer
+from sketchterrain.terrain.noise import FINEST_CELL, NoiseStack, OctaveTable, octave_table
 
 if TYPE_CHECKING:
     from sketchterrain.hydrology.conflicts import Resolution
 
-FINEST_CELL = FINEST_WAVELENGTH / 4
-"""Cell size that resolves every octave, m; finer ones give the same terrain."""
+_Layer = TypeVar("_Layer", bound=TerrainLayer)
 
-# Noises must not depend on placed features: an edit in one corner would reshape the whole world.
-_RIDGE_SHARE = 1 / 8  # of the extent: nearly the width of a typical mountain
-_CREST_SHARE = 1 / 8  # of the extent: wavelength of the crests of dunes
-_MAX_CREST = 1260.0  # m
-
-
-class FeatureSource(Protocol):
-    """Features of unpainted areas: a pure function of the position."""
-
-    @property
-    def max_radius(self) -> float:
-        """Radius that no feature exceeds, m; 0 if there are none."""
-        ...
-
-    def within(
-        self, west: float, south: float, east: float, north: float, *, min_radius: float = 0.0
-    ) -> StructuredArray:
-        """Return the features whose centre lies in the rectangle (m), sorted by id."""
-        ...
+_COVER_NOISE_SHARE: Final = 1 / 12  # of the extent
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,23 +36,12 @@ class TerrainRecipe:
 
     Attributes
     ----------
-    extent : float
-        Metres along the sketch's longer side.
-    seed : int
-    fidelity : float
-        0 … 1; outlines deviate less towards 1.
-    ground, climate : mapping
-        The sketch's [ground] and [climate] parameters.
-    painted : structured ndarray
-        Placed features (dtype ``FEATURE``), sorted by id.
-    fill : FeatureSource
-        Features of unpainted areas.
-    rivers : tuple of River
-    valley_radii : tuple of ndarray
-        For each river its valley's radius of influence at each point of the centreline, m.
-    lakes : tuple of Lake
-    covers : tuple of Cover
-        Painted materials, later ones on top.
+    world : WorldSettings
+        Extent (m), seed and fidelity.
+    climate : mapping
+        The sketch's [climate] parameters.
+    layers : tuple of TerrainLayer
+        What the heights are made of, in order; one of each kind.
     materials : MaterialTable
         Materials that rules and covers name.
     material_rules : tuple of MaterialRule
@@ -85,78 +52,89 @@ class TerrainRecipe:
         Edits of features that no longer exist, one line each.
     """
 
-    extent: float
-    seed: int
-    fidelity: float
-    ground: Mapping[str, float]
+    world: WorldSettings
     climate: Mapping[str, float]
-    painted: StructuredArray
-    fill: FeatureSource
-    rivers: tuple[River, ...] = ()
-    valley_radii: tuple[np.ndarray[tuple[int], np.dtype[np.float64]], ...] = ()
-    lakes: tuple[Lake, ...] = ()
-    covers: tuple[Cover, ...] = ()
+    layers: tuple[TerrainLayer, ...]
     materials: MaterialTable = BUILT_IN
     material_rules: tuple[MaterialRule, ...] = DEFAULT_RULES
     resolutions: tuple[Resolution, ...] = ()
     orphans: tuple[str, ...] = ()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the fields with plain dicts, without cached properties."""
+        """Return the fields, with plain dicts."""
         state = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
-        return state | {key: dict(state[key]) for key in ("ground", "climate")}
+        return state | {"climate": dict(self.climate)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore the fields."""
         for key, value in state.items():
             object.__setattr__(self, key, MappingProxyType(value) if isinstance(value, dict) else value)
 
-    @property
-    def warp(self) -> float:
-        """Greatest displacement of features' outlines, in radii."""
-        return 0.34 - 0.2 * self.fidelity - 0.5 * max(self.fidelity - 0.8, 0.0)
+    def key(self) -> Hashable:
+        """Return everything that heights and materials depend on everywhere."""
+        layers = tuple((layer.name, layer.key()) for layer in self.layers)
+        return self.world, tuple(sorted(self.climate.items())), self.materials, self.material_rules, layers
+
+    def __getitem__(self, kind: type[_Layer]) -> _Layer:
+        """Return the layer of a kind."""
+        return next(layer for layer in self.layers if isinstance(layer, kind))
+
+    def with_layers(self, layers: Iterable[TerrainLayer]) -> TerrainRecipe:
+        """Return the recipe with these layers in place of those of the same kind."""
+        given = {type(layer): layer for layer in layers}
+        return replace(self, layers=tuple(given.get(type(layer), layer) for layer in self.layers))
 
     @property
-    def ridge_depth(self) -> float:
-        """Greatest share of its height that a mountain gains or loses by noise."""
-        return 0.9 - 1.7 * max(self.fidelity - 0.8, 0.0)
+    def extent(self) -> float:
+        """Metres along the sketch's longer side."""
+        return self.world.extent
 
     @property
-    def flank(self) -> float:
-        """Exponent by which the flanks of mountains and hills are steeper than at a low fidelity."""
-        return flank(self.fidelity)
+    def seed(self) -> int:
+        """Seed of all random numbers."""
+        return self.world.seed
 
     @property
-    def ridge_wavelength(self) -> float:
-        """Wavelength of the mountains' main ridges, m."""
-        return self.extent * _RIDGE_SHARE
+    def points(self) -> PointsLayer:
+        """The point features."""
+        return self[PointsLayer]
 
-    @cached_property
-    def dune_styles(self) -> tuple[tuple[float, float], ...]:
-        """Distinct (wavelength in m, wind in degrees) of the dunes, sorted."""
-        dunes = self.painted[self.painted["type"] == FEATURE_TYPES.index("dune")]
-        painted = {(float(dune["wavelength"]), float(dune["wind"])) for dune in dunes}
-        return tuple(sorted(painted | set(getattr(self.fill, "dune_styles", ()))))
+    @property
+    def rivers(self) -> tuple[River, ...]:
+        """The rivers."""
+        return self[CorridorsLayer].rivers
 
-    @cached_property
-    def has_conifer_shares(self) -> bool:
-        """Whether any forest's share of conifers is set instead of derived from elevation."""
-        forests = self.painted[self.painted["type"] == FEATURE_TYPES.index("forest")]
-        shares = (*conifer_share(forests["peakiness"]), getattr(self.fill, "conifers", BY_ELEVATION))
-        return bool(max(shares) >= 0.0)
+    @property
+    def lakes(self) -> tuple[Lake, ...]:
+        """The lakes."""
+        return self[LakesLayer].lakes
 
     @property
     def stacks(self) -> tuple[NoiseStack, ...]:
         """Noise stacks of the terrain."""
-        outline = self.extent / 5
-        crest = min(self.extent * _CREST_SHARE, _MAX_CREST)
-        return (
-            NoiseStack("ground", self.ground["wavelength"], self.ground["roughness"]),
-            NoiseStack("warp_u", outline, 0.45, most=3),
-            NoiseStack("warp_v", outline, 0.45, most=3),
-            NoiseStack("ridge", self.ridge_wavelength, 0.42, most=2),
-            NoiseStack("gully", self.extent / 8, 0.45, most=9),
-            NoiseStack("crag", self.extent / 512, 0.5),
-            NoiseStack("crest", crest, 0.42, most=4),
-            NoiseStack("mottle", self.extent / 12, 0.62, most=8),
-        )
+        cover = NoiseStack(COVER_NOISE, self.extent * _COVER_NOISE_SHARE, 0.62, most=8)
+        return (*(stack for layer in self.layers for stack in layer.stacks(self.world)), cover)
+
+    def sampling(self, cell: float, real: npt.DTypeLike = np.float64) -> Sampling:
+        """Return what layers are packed for at a cell size of at least `FINEST_CELL` (m)."""
+        full, octaves = (self._octaves(size) for size in (FINEST_CELL, cell))
+        return Sampling(self.world, cell, octaves, full, np.dtype(real))
+
+    def _octaves(self, cell: float) -> OctaveTable:
+        return octave_table(self.stacks, extent=self.extent, seed=self.seed, cell_size=cell)
+
+    def pack_world(self, sampling: Sampling) -> dict[str, npt.NDArray[Any]]:
+        """Return the arrays of ``WORLD_ARGUMENTS`` in ``kernels/world.clh``."""
+        scalars = {
+            "metres_per_unit": sampling.unit,
+            "units_per_metre": 1 / sampling.unit,
+            "inverse_cell": 1 / sampling.cell,
+        }
+        world: StructuredArray = sampling.struct("world.clh", "World", scalars | sampling.ranges(COVER_NOISE))
+        octaves = sampling.octaves
+        return {
+            "world": world,
+            "octave_form": octaves.form,
+            "octave_offset": octaves.offset,
+            "octave_scale": octaves.scale,
+        }

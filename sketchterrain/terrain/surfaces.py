@@ -91,7 +91,7 @@ class TerrainFeatures:
     @classmethod
     def from_recipe(cls, recipe: TerrainRecipe, size: tuple[float, float]) -> TerrainFeatures:
         """Return a recipe's features: all painted ones, and the fill inside a sketch of a size (m)."""
-        points = np.concatenate([recipe.painted, recipe.fill.within(0.0, 0.0, *size)])
+        points = np.concatenate([recipe.points.painted, recipe.points.fill.within(0.0, 0.0, *size)])
         return cls(points[np.argsort(points["id"], kind="stable")], recipe.rivers, recipe.lakes)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
-from copy import copy
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -54,35 +53,23 @@ class Terrain:
         context: ComputeContext,
         *,
         memory: PlacementCache | None = None,
+        evaluator: Evaluator | None = None,
     ) -> None:
         self.memory = memory
         self.sketch = sketch
         self.recipe = recipe
         self.context = context
-        self._evaluator = Evaluator(recipe, context)
+        self._evaluator = Evaluator(recipe, context) if evaluator is None else evaluator
         self._foliage = FoliageSampler(self._evaluator)
 
-    def updated(self, sketch: Sketch, recipe: TerrainRecipe, areas: Sequence[Bounds]) -> Terrain:
-        """Return the terrain of a changed recipe on the same device, sharing everything unchanged.
+    def updated(self, sketch: Sketch, recipe: TerrainRecipe) -> tuple[Terrain, list[Bounds]]:
+        """Return the terrain of a changed recipe on the same device, and the areas where it may differ.
 
-        Its bits are those of a newly built terrain. Both stay usable, in one thread.
-
-        Parameters
-        ----------
-        sketch, recipe
-            The changed ones.
-        areas
-            :func:`~sketchterrain.terrain.changes.changed_areas` of the two recipes.
+        Its bits are those of a newly built terrain; everything unchanged is shared. Both stay usable, in one
+        thread. Areas are those of :func:`~sketchterrain.terrain.changes.changed_areas`.
         """
-        if recipe.extent != self.recipe.extent:
-            return Terrain(sketch, recipe, self.context, memory=self.memory)
-        other = copy(self)
-        other.sketch, other.recipe = sketch, recipe
-        other._evaluator = self._evaluator.updated(recipe, areas)
-        other._foliage = FoliageSampler(other._evaluator)
-        return other
-
-    after = updated  # its former name, for one release
+        evaluator, areas = self._evaluator.updated(recipe)
+        return Terrain(sketch, evaluator.recipe, self.context, memory=self.memory, evaluator=evaluator), areas
 
     @property
     def extent(self) -> float:

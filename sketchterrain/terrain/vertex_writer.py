@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from copy import copy
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -15,11 +14,12 @@ import numpy.typing as npt
 from sketchterrain.array_types import Bounds, Float32Array, Float64Array, LatticeArray, StructuredArray
 from sketchterrain.compute.buffers import BufferSet, StagingBuffer
 from sketchterrain.terrain.changes import touches
-from sketchterrain.terrain.kernel_arguments import KernelArguments
+from sketchterrain.terrain.inputs import KernelInputs
 from sketchterrain.terrain.lattice import LATTICE_BITS, finest_level
+from sketchterrain.terrain.noise import FINEST_CELL
 from sketchterrain.terrain.patch_layout import Batches, Patches, sample_stride, tile_patches, tile_samples
 from sketchterrain.terrain.patches import PatchLauncher
-from sketchterrain.terrain.recipe import FINEST_CELL, TerrainRecipe
+from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.surfaces import FACTS, VertexStore, non_finite
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ class WideTileErrors:
         side = self._recipe.extent / 2.0**self._square_level
         share = 1 << (self._square_level - level)
         low = np.array([column, row]) * share
-        painted = self._recipe.painted
+        painted = self._recipe.points.painted
         at = np.floor(np.stack([painted["x"], painted["y"]], axis=-1) / side).astype(np.int64)
         inside = np.flatnonzero(np.all((at >= low) & (at < low + share), axis=-1))
         if not inside.size:
@@ -137,22 +137,25 @@ def _on_triangles(height: Float32Array, u: Float64Array, v: Float64Array) -> Flo
 class VertexWriter:
     """Writes tiles of a recipe into stores of vertices."""
 
-    def __init__(self, arguments: KernelArguments) -> None:
-        self._arguments = arguments
-        self._context = arguments.context
-        self._launcher = PatchLauncher(arguments)
-        self._staged = StagingBuffer(self._context)
-        self._wide_errors = WideTileErrors(arguments.recipe, self._heights)
-        self._at_once: dict[int, Batches] = {}
-        self._buffers = BufferSet(self._context)
+    def __init__(
+        self, inputs: KernelInputs, *, shared: VertexWriter | None = None, areas: Sequence[Bounds] = ()
+    ) -> None:
+        self._inputs = inputs
+        self._context = inputs.context
+        # Buffers may be shared with a writer of a recipe that differs in areas (m).
+        self._launcher: PatchLauncher = PatchLauncher(inputs, shared=shared._launcher if shared else None)
+        self._staged: StagingBuffer = shared._staged if shared else StagingBuffer(self._context)
+        self._buffers: BufferSet = shared._buffers if shared else BufferSet(self._context)
+        self._at_once: dict[int, Batches] = shared._at_once if shared else {}
+        self._wide_errors: WideTileErrors = (
+            shared._wide_errors.updated(inputs.recipe, self._heights, areas)
+            if shared
+            else WideTileErrors(inputs.recipe, self._heights)
+        )
 
-    def updated(self, arguments: KernelArguments, areas: Sequence[Bounds]) -> VertexWriter:
+    def updated(self, inputs: KernelInputs, areas: Sequence[Bounds]) -> VertexWriter:
         """Return a writer of a recipe that differs in areas (m), on the same device, with shared buffers."""
-        other = copy(self)
-        other._arguments = arguments
-        other._launcher = self._launcher.with_arguments(arguments)
-        other._wide_errors = self._wide_errors.updated(arguments.recipe, other._heights, areas)
-        return other
+        return VertexWriter(inputs, shared=self, areas=areas)
 
     def write(
         self, keys: LatticeArray, slots: LatticeArray, parents: LatticeArray, store: VertexStore
@@ -211,7 +214,7 @@ class VertexWriter:
         """Enqueue tiles of one level."""
         level, places = int(keys[0, 0]), keys[:, 1:]
         stride = sample_stride(store.quads)
-        patches = tile_patches(level, places, self._arguments.recipe.extent, quads=store.quads)
+        patches = tile_patches(level, places, self._inputs.recipe.extent, quads=store.quads)
         cut = partial(_in_squares, width=patches.cell_size * store.quads)
         self._launcher.vertices(cut(patches), tile_slots, store.buffer)
         sample, sampled = extrema, False
@@ -242,7 +245,7 @@ class VertexWriter:
 
     def _release_buffers(self) -> None:
         """Drop the buffers allocated for larger batches."""
-        self._launcher = PatchLauncher(self._arguments)
+        self._launcher = PatchLauncher(self._inputs)
 
 
 def geometric_error(deviations: Float32Array) -> Float64Array:

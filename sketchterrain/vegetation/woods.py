@@ -13,10 +13,8 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, FloatArray, LatticeArray, UInt8Array
 from sketchterrain.placement.feature_types import conifer_share, has_parameter
-from sketchterrain.terrain.culling import features_near
 from sketchterrain.terrain.lattice import metres_per_unit
-from sketchterrain.terrain.packing import support_radii
-from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.layers.points import support_radii
 from sketchterrain.vegetation.plants import (
     STOREYS,
     PlantNoise,
@@ -104,11 +102,11 @@ class SpeciesMix(NamedTuple):
         return np.where(draw("shrub") < self.shrub, SHRUB, tree).astype(np.uint8)
 
 
-def species_mix(recipe: TerrainRecipe, site: SpeciesInputs) -> SpeciesMix:
+def species_mix(evaluator: Evaluator, site: SpeciesInputs) -> SpeciesMix:
     """Return the shares of species at positions."""
-    climate = recipe.climate
+    climate = evaluator.recipe.climate
     belt = ramp(site.z, climate["tree_line"] - 2 * _CONIFER_BELT, climate["tree_line"] - 0.3 * _CONIFER_BELT)
-    conifers = _conifers(recipe, site.x, site.y, 0.22 + 0.78 * belt)
+    conifers = _conifers(evaluator, site.x, site.y, 0.22 + 0.78 * belt)
     # Pines prefer dry and steep slopes; birches pioneer edges and tolerate wet soil.
     dry = 0.7 * ramp(site.steepness, 0.25, 0.7) + 0.7 * climate["aridity"]
     pines = _stands(site, "pine", dry - 0.45)
@@ -141,13 +139,12 @@ def _stands(site: SpeciesInputs, name: str, lean: FloatArray) -> FloatArray:
     return np.asarray(np.clip(0.5 + 4.0 * (0.75 * wide + 0.25 * narrow - 0.5) + lean, 0.05, 0.95))
 
 
-def _conifers(
-    recipe: TerrainRecipe, x: LatticeArray, y: LatticeArray, by_elevation: FloatArray
-) -> FloatArray:
+def _conifers(evaluator: Evaluator, x: LatticeArray, y: LatticeArray, by_elevation: FloatArray) -> FloatArray:
     """Return the share of conifers: the mean of the forests at a position, weighted by their cover."""
-    if not (by_elevation.size and recipe.has_conifer_shares):
+    recipe = evaluator.recipe
+    if not (by_elevation.size and recipe.points.has_conifer_shares):
         return by_elevation
-    near = features_near(recipe, _bounding_blocks(x, y), min_radius=0.0)
+    near = evaluator.features_near(_bounding_blocks(x, y))
     forests = near[has_parameter(near, "conifers")]
     share = conifer_share(forests["peakiness"])
     if not (share >= 0).any():
@@ -155,7 +152,7 @@ def _conifers(
     x, y = np.broadcast_arrays(x, y)
     places = np.stack([x.ravel(), y.ravel()], axis=-1) * metres_per_unit(recipe.extent)
     centres = np.stack([forests["x"], forests["y"]], axis=-1)
-    radii = support_radii(recipe) * forests["radius"].astype(np.float64)
+    radii = support_radii(recipe.world.fidelity) * forests["radius"].astype(np.float64)
     members = cKDTree(places).query_ball_point(centres, radii, return_sorted=True)
     own = by_elevation.ravel()
     change, weights = np.zeros((2, own.size))
@@ -208,7 +205,7 @@ class Woods:
             over = partial(self._noise.over_blocks, x=x[some], y=y[some])
             ground = (part[some] for part in (z, steepness, forest, water, young))
             site = SpeciesInputs(x[some, None, :], y[some, :, None], over, *ground)
-            wood = forest[some] * species_mix(self._recipe, site).full_density
+            wood = forest[some] * species_mix(self._evaluator, site).full_density
             density[some] = np.maximum(wood, lone[some]) + beside[some]
         return np.asarray(density * self._survival(z, steepness))
 
@@ -227,7 +224,7 @@ class Woods:
         young = (sites.forest < OUTSIDE) & (draw("seed") >= lone / density_of(spacing))
         ground = (sites.z, sites.steepness, sites.forest, sites.water, young.astype(np.float64))
         site = SpeciesInputs(sites.x, sites.y, at, *ground)
-        plants["species"] = species_mix(self._recipe, site).draw_species(draw)
+        plants["species"] = species_mix(self._evaluator, site).draw_species(draw)
         above = sites.z - self._recipe.climate["tree_line"]
         plants["scale"] = tree_size(draw, sites.forest, above, young, plants["species"] == SHRUB)
 

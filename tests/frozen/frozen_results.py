@@ -18,6 +18,7 @@ from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.store import load_sketch
 from sketchterrain.placement.feature_types import FEATURE_TYPES
 from sketchterrain.terrain.building import build
+from sketchterrain.terrain.layers.covers import CoversLayer
 from sketchterrain.terrain.surfaces import Tile
 from sketchterrain.terrain.terrain import Terrain
 
@@ -53,14 +54,14 @@ def places(terrain: Terrain) -> dict[str, tuple[float, float]]:
     recipe, (east, north) = terrain.recipe, terrain.size
     found = {"middle": (0.5 * east, 0.5 * north), "outside": (-0.15 * east, 1.1 * north)}
     for number, name in enumerate(FEATURE_TYPES):
-        own = recipe.painted[recipe.painted["type"] == number]
+        own = recipe.points.painted[recipe.points.painted["type"] == number]
         if len(own):
             widest = own[np.argmax(own["radius"])]
             found[name] = (float(widest["x"]), float(widest["y"]))
     if recipe.rivers:
         points = max((river.points for river in recipe.rivers), key=len)
         found["river"] = tuple(points[len(points) // 2, :2].tolist())
-    for name, painted in (("lake", recipe.lakes), ("cover", recipe.covers)):
+    for name, painted in (("lake", recipe.lakes), ("cover", recipe[CoversLayer].covers)):
         if painted:
             field = max((each.shape for each in painted), key=lambda shape: shape.inside.max())
             row, column = np.unravel_index(np.argmax(field.inside), field.inside.shape)

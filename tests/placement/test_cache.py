@@ -124,7 +124,7 @@ def painted_often(rng, strokes, **changes):
 
 def recipe_bits(recipe):
     """Every number of a recipe but the world's settings."""
-    bits = [recipe.painted.tobytes(), recipe.fill.within(-2000, -2000, 10_000, 9000).tobytes()]
+    bits = [recipe.points.painted.tobytes(), recipe.points.fill.within(-2000, -2000, 10_000, 9000).tobytes()]
     for river in recipe.rivers:
         bits += [each.tobytes() for each in vars(river).values() if isinstance(each, np.ndarray)]
     bits += [radii.tobytes() for radii in recipe.valley_radii]

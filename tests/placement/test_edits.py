@@ -94,7 +94,7 @@ def test_added_and_locked_features_have_their_values(painted):
 
 def test_edits_survive_distant_paint_and_are_orphans_without_their_feature(sketch):
     recipe = make_recipe(sketch)
-    name = int(recipe.painted["id"][0])
+    name = int(recipe.points.painted["id"][0])
     edited = sketch.with_edit(Edit("move", name, x=500.0, y=700.0))
     more = edited.replace(layers={**sketch.layers, "hill": _image((60, 20, 8), (120, 120, 6))})
     moved = _of(make_recipe(more).painted, name)
@@ -105,9 +105,9 @@ def test_edits_survive_distant_paint_and_are_orphans_without_their_feature(sketc
 
 def test_a_locked_feature_is_unchanged_whatever_is_painted(sketch):
     recipe = make_recipe(sketch)
-    mountain = recipe.painted[recipe.painted["type"] == 0][0]
+    mountain = recipe.points.painted[recipe.points.painted["type"] == 0][0]
     locked = sketch.with_edit(lock_edit(mountain))
-    assert make_recipe(locked).painted.tobytes() == recipe.painted.tobytes()
+    assert make_recipe(locked).points.painted.tobytes() == recipe.points.painted.tobytes()
     for image in (np.zeros((SIDE, SIDE), np.uint8), _image((34, 34, 20)), _image((110, 110, 10))):
         repainted = make_recipe(locked.replace(layers={**sketch.layers, "mountain": image}))
         assert _of(repainted.painted, int(mountain["id"])).tobytes() == mountain.tobytes()

@@ -22,6 +22,7 @@ from sketchterrain.placement.placement import MAX_DISPLACEMENT, place
 from sketchterrain.placement.shapes import Shape, label_shapes
 from sketchterrain.terrain.building import make_recipe
 from sketchterrain.terrain.host_heights import host_heights
+from sketchterrain.terrain.layers.covers import CoversLayer
 from sketchterrain.terrain.recipe import TerrainRecipe
 
 COUNT = 300
@@ -316,7 +317,7 @@ def check(sketch: Sketch) -> None:
     check_rivers(sketch, recipe.rivers)
     check_fields(sketch, recipe)
     (east, north), reach = sketch.size, min(2000.0, sketch.extent)
-    check_fill(recipe.fill, -reach, -reach, min(east, reach), min(north, reach))
+    check_fill(recipe.points.fill, -reach, -reach, min(east, reach), min(north, reach))
     check_heights(sketch, recipe)
 
 
@@ -384,9 +385,9 @@ def check_strengths(recipe: TerrainRecipe, placed: StructuredArray) -> None:
     """The recipe has exactly the placed features, with solved strengths."""
     assert np.all(np.diff(placed["id"].astype(np.int64)) > 0)
     for field in ("id", "x", "y", "radius"):
-        assert np.array_equal(recipe.painted[field], placed[field])
-    assert np.isfinite(recipe.painted["strength"]).all()
-    assert np.all(recipe.painted["strength"] >= 0)
+        assert np.array_equal(recipe.points.painted[field], placed[field])
+    assert np.isfinite(recipe.points.painted["strength"]).all()
+    assert np.all(recipe.points.painted["strength"] >= 0)
 
 
 def check_rivers(sketch: Sketch, rivers: Sequence[River]) -> None:
@@ -406,7 +407,7 @@ def check_rivers(sketch: Sketch, rivers: Sequence[River]) -> None:
 
 def check_fields(sketch: Sketch, recipe: TerrainRecipe) -> None:
     """Every lake exists, and every cover with a strength above 0."""
-    for name, fields in (("lake", recipe.lakes), ("material", recipe.covers)):
+    for name, fields in (("lake", recipe.lakes), ("material", recipe[CoversLayer].covers)):
         row, column = pixels_of(np.array([each.id for each in fields], dtype=np.uint64), sketch)
         shapes = tuple(
             shape

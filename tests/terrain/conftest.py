@@ -6,10 +6,13 @@ import pytest
 
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
+from sketchterrain.document.material_rules import DEFAULT_RULES
 from sketchterrain.document.store import load_sketch
 from sketchterrain.io import resources
 from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES, Cover, Lake, River, ShapeField
 from sketchterrain.terrain.building import build
+from sketchterrain.terrain.layers import layer_stack
+from sketchterrain.terrain.layers.layer import WorldSettings
 from sketchterrain.terrain.noise import corner_table
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.terrain import Terrain
@@ -158,21 +161,21 @@ def cover(x: float, y: float, radius: float, material: int, strength: float = 1.
 def make_recipe() -> Callable[..., TerrainRecipe]:
     """Return a function that makes a 4096 m recipe of only the given features and rivers."""
 
-    def make(*features, rivers=(), **changes) -> TerrainRecipe:
+    def make(*features, rivers=(), fidelity=0.8, resolutions=(), material_rules=DEFAULT_RULES, **changes):
         painted = np.concatenate([np.zeros(0, FEATURE), *features])
         painted["id"] = np.arange(painted.size)
+        extent, seed = changes.pop("extent", 4096.0), changes.pop("seed", 5)
+        climate = changes.pop("climate", {"snow_line": 600.0, "tree_line": 400.0, "aridity": 0.2})
         values: dict[str, Any] = {
-            "extent": 4096.0,
-            "seed": 5,
-            "fidelity": 0.8,
             "ground": {"relief": 40.0, "wavelength": 1600.0, "roughness": 0.45},
-            "climate": {"snow_line": 600.0, "tree_line": 400.0, "aridity": 0.2},
             "painted": painted,
             "fill": NoFill(),
             "rivers": rivers,
             "valley_radii": tuple(np.full(len(river.centreline), 160.0) for river in rivers),
         }
-        return TerrainRecipe(**(values | changes))
+        layers = layer_stack(extent=extent, **(values | changes))
+        world = WorldSettings(extent, seed, fidelity)
+        return TerrainRecipe(world, climate, layers, material_rules=material_rules, resolutions=resolutions)
 
     return make
 

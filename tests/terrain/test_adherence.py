@@ -222,6 +222,6 @@ def test_a_mountain_without_strength_is_lost(context) -> None:
     terrain = build(
         Sketch(extent=1280.0, layers={"mountain": disc(60, 60, 20).astype(np.uint8)}), device=context
     )
-    terrain.recipe.painted["strength"] = 0.0
+    terrain.recipe.points.painted["strength"] = 0.0
     found = measure_adherence(terrain)
     assert (found.lost, found.peaks.least) == (1, 0.0)

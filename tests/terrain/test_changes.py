@@ -293,9 +293,9 @@ def _pickled(value: Any) -> Any:
 
 
 def test_a_pickled_recipe_gives_the_same_heights(valley, context) -> None:
-    fill = valley.recipe.fill.within(0.0, 0.0, *valley.size)
+    fill = valley.recipe.points.fill.within(0.0, 0.0, *valley.size)
     edited, _ = rebuild(valley, valley.sketch.with_edit(Edit("delete", int(fill["id"][0]))))
-    assert len(edited.recipe.fill.replaced) == 1
+    assert len(edited.recipe.points.fill.replaced) == 1
     for terrain in (valley, edited):
         recipe = _pickled(terrain.recipe)
         other = Terrain(terrain.sketch, recipe, context)

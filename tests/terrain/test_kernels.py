@@ -12,6 +12,7 @@ from sketchterrain.terrain import packing
 from sketchterrain.terrain.evaluator import MASKS, Evaluator
 from sketchterrain.terrain.host_heights import HostSamples, host_samples
 from sketchterrain.terrain.lattice import metres_per_unit
+from sketchterrain.terrain.layers.covers import CoversLayer
 from sketchterrain.terrain.noise import SKEW_OTHER, SKEW_SAME, OctaveTable, octave_table
 from sketchterrain.terrain.recipe import TerrainRecipe
 
@@ -77,7 +78,7 @@ def test_a_mountain_with_a_crest_is_longer_than_wide_and_sags_to_its_ends(
     make_recipe, double_context
 ) -> None:
     recipe = make_recipe(feature("mountain", 2000, 2000, 1200, 900, painted=False), fidelity=1.0)
-    direction = crest_offsets(recipe.painted)[0]
+    direction = crest_offsets(recipe.points.painted)[0]
     length = float(np.hypot(*direction))
     unit, along = metres_per_unit(recipe.extent), np.arange(-1150, 1150, 2.0)
 
@@ -177,7 +178,7 @@ def moved_field(field: ShapeField, shift: Shift) -> ShapeField:
 
 
 def moved(recipe: TerrainRecipe, shift: Shift) -> TerrainRecipe:
-    painted = recipe.painted.copy()
+    painted = recipe.points.painted.copy()
     painted["x"] += metres(shift)[0]
     painted["y"] += metres(shift)[1]
     by = np.array([*metres(shift), 0.0])
@@ -185,13 +186,13 @@ def moved(recipe: TerrainRecipe, shift: Shift) -> TerrainRecipe:
         replace(river, points=river.points + by, centreline=river.centreline + by) for river in recipe.rivers
     )
     lakes = tuple(replace(lake, shape=moved_field(lake.shape, shift)) for lake in recipe.lakes)
-    covers = tuple(replace(each, shape=moved_field(each.shape, shift)) for each in recipe.covers)
+    covers = tuple(replace(each, shape=moved_field(each.shape, shift)) for each in recipe[CoversLayer].covers)
     return replace(recipe, painted=painted, rivers=rivers, lakes=lakes, covers=covers)
 
 
 def snap_to_lattice(recipe: TerrainRecipe) -> TerrainRecipe:
     """Return the recipe with all positions rounded to whole units, exact as floats far away."""
-    painted = recipe.painted.copy()
+    painted = recipe.points.painted.copy()
     for axis in ("x", "y"):
         painted[axis] = np.rint(painted[axis] / UNIT) * UNIT
     rivers = []

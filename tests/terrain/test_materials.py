@@ -24,6 +24,7 @@ from sketchterrain.terrain.changes import EVERYWHERE, changed_areas
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import field_distance, host_samples
 from sketchterrain.terrain.lattice import metres_per_unit
+from sketchterrain.terrain.layers.covers import CoversLayer
 from sketchterrain.terrain.materials import pack_rules
 from sketchterrain.terrain.noise import fbm
 from sketchterrain.terrain.packing import pack_covers, pack_fields, pack_world
@@ -92,7 +93,7 @@ def patch_weights(recipe: TerrainRecipe, x: np.ndarray, y: np.ndarray, cell_size
     masks = [getattr(ground, name).reshape(x.shape)[inner] for name in MASKS]
     values = (z[inner], np.hypot(east, north) / (2 * cell_size), hollow, mottle, *masks)
     weights = rule_weights(recipe.material_rules, recipe.climate, dict(zip(NAMES, values, strict=True)))
-    fields = pack_fields(recipe, [cover.shape for cover in recipe.covers])
+    fields = pack_fields(recipe, [cover.shape for cover in recipe[CoversLayer].covers])
     covers = pack_covers(recipe, fields)
     for i, (_, inverse_width, strength, _) in enumerate(covers.shape):
         d = field_distance(fields, i, x[inner], y[inner])

@@ -17,6 +17,7 @@ from sketchterrain.compute.device_check import DeviceCheck, check_device, clear_
 from sketchterrain.errors import DeviceFailedError, DeviceMemoryError
 from sketchterrain.io.system import ChildFailedError
 from sketchterrain.terrain.building import build
+from sketchterrain.terrain.layers.covers import CoversLayer
 from sketchterrain.terrain.patch_layout import Batches
 from sketchterrain.terrain.self_test import self_test
 
@@ -72,10 +73,10 @@ def test_known_devices_pass_and_the_verdict_is_cached(device) -> None:
 
 def test_the_small_terrain_contains_every_kind_of_feature(probe) -> None:
     recipe = verdicts._probe_recipe()
-    assert set(recipe.painted["type"].tolist()) >= set(range(4))
+    assert set(recipe.points.painted["type"].tolist()) >= set(range(4))
     assert recipe.rivers
     assert recipe.lakes
-    assert recipe.covers
+    assert recipe[CoversLayer].covers
     assert len(probe.rest["plants"]) > 100
 
 

@@ -305,7 +305,7 @@ def test_batches_give_the_lists_of_all_features(valley, level) -> None:
     batch = FeatureCache(recipe, valley.context).batch(blocks, cell)
     whole = np.array([[*blocks[:, :2].min(axis=0), *blocks[:, 2:].max(axis=0)]])
     every = features_near(recipe, whole, cell)
-    every = np.concatenate([recipe.painted, every[~np.isin(every["id"], recipe.painted["id"])]])
+    every = np.concatenate([recipe.points.painted, every[~np.isin(every["id"], recipe.points.painted["id"])]])
     every = every[np.argsort(every["id"], kind="stable")]
     packed = pack_features(recipe, every, cell)
     unit = recipe.extent / 2.0**24

@@ -61,8 +61,8 @@ def placed():
     """The placement of the preset valley_river."""
     sketch = load_sketch("valley_river")
     recipe = make_recipe(sketch)
-    fill = recipe.fill.within(0.0, 0.0, *sketch.size)
-    points = np.sort(np.concatenate([recipe.painted, fill]), order="id")
+    fill = recipe.points.fill.within(0.0, 0.0, *sketch.size)
+    points = np.sort(np.concatenate([recipe.points.painted, fill]), order="id")
     return Placement(1, points, tuple(recipe.rivers), tuple(recipe.lakes))
 
 

@@ -22,7 +22,7 @@ MEMORY = PlacementCache()
 
 def placed_of(sketch: Sketch) -> Placement:
     recipe = make_recipe(sketch, memory=MEMORY)
-    points = np.concatenate([recipe.painted, recipe.fill.within(0.0, 0.0, *sketch.size)])
+    points = np.concatenate([recipe.points.painted, recipe.points.fill.within(0.0, 0.0, *sketch.size)])
     points = points[np.argsort(points["id"])]
     return Placement(1, points, tuple(recipe.rivers), tuple(recipe.lakes), orphans=recipe.orphans)
 

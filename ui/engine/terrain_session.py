@@ -211,7 +211,7 @@ class TerrainSession:
         if self.terrain is None:
             self.terrain = Terrain(self.sketch, recipe, self._context)
         else:
-            self.terrain = self.terrain.updated(self.sketch, recipe, self.dirty_areas)
+            self.terrain, _ = self.terrain.updated(self.sketch, recipe)
 
 
 class WorldSession(TerrainSession):

@@ -1,60 +1,69 @@
 """Mountains, hills and gullies with their slopes on the host, in NumPy float64.
 
-See ``kernels/features.clh``, ``relief.clh`` and ``erosion.clh``.
+See ``kernels/layers/relief.clh`` and ``erosion.clh``.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
-from itertools import chain
-from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from sketchterrain.array_types import Float64Array, Int64Array, LatticeArray
+from sketchterrain.array_types import Float64Array, LatticeArray
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.placement.feature_types import hill_profile, hill_slope, mountain_profile, mountain_slope
+from sketchterrain.terrain.layers.layer import scaled_slope
+from sketchterrain.terrain.layers.point_site import OutlineNoise, PointSite
+from sketchterrain.terrain.layers.points import SLOT_HILL, SLOT_MOUNTAIN
 from sketchterrain.terrain.noise import UNSKEW, OctaveTable, ValueSlope, fbm, fbm_slope, gradients, skewed
-from sketchterrain.terrain.packing import SLOT_HILL, SLOT_MOUNTAIN, PackedFeatures
 
 _TALUS, _WAVES, _PIVOT, _FEED, _CALM, _SHARP, _GENTLE, _ROUGH = kernel_constants(
-    "relief.clh", "TALUS", "WAVES", "PIVOT", "FEED", "CALM", "SHARP", "GENTLE", "CRAG_STEEP"
+    "layers/relief.clh", "TALUS", "WAVES", "PIVOT", "FEED", "CALM", "SHARP", "GENTLE", "CRAG_STEEP"
 )
 _PIVOT *= 2.0**31  # the kernel multiplies gradients of 32-bit integers
 
-(_HILL_SWELL,) = kernel_constants("relief.clh", "HILL_SWELL")
+(_HILL_SWELL,) = kernel_constants("layers/relief.clh", "HILL_SWELL")
+
+
+@dataclass(frozen=True)
+class ReliefScale:
+    """Strengths of the noises that shape relief."""
+
+    ridge_depth: float  # share of its height that a mountain gains or loses, at most
+    spur: float  # radii that ridges carry flanks outward, at most
+    gully_depth: float  # m, of an octave of gullies, over its amplitude
+    crag_depth: float  # m, the same of the roughness of bare rock
+    units_per_metre: float  # lattice units
 
 
 def deepest_gullies(
-    w: np.void, octaves: OctaveTable, erosion: Float64Array, widest: Float64Array
+    scale: ReliefScale, octaves: OctaveTable, erosion: Float64Array, widest: Float64Array
 ) -> Float64Array:
     """Return the greatest depth (m) of `gullies`, from the greatest erosion and width (n,).
 
     They raise the terrain by at most 18 % of it.
     """
     steepest = 1 / (1 + _GENTLE / _TALUS) ** 2  # greatest weight of the slope
-    depths = (_depth(w, octaves, i, erosion, widest) for i in range(*octaves.ranges["gully"]))
+    depths = (_depth(scale, octaves, i, erosion, widest) for i in range(*octaves.ranges["gully"]))
     return steepest * sum(depths, np.zeros(erosion.shape))
 
 
 def _depth(
-    w: np.void, octaves: OctaveTable, i: int, erosion: Float64Array, widest: Float64Array
+    scale: ReliefScale, octaves: OctaveTable, i: int, erosion: Float64Array, widest: Float64Array
 ) -> Float64Array:
     """Return the depth (m) of an octave's gullies where the slope has full weight."""
-    t = np.clip((widest * (octaves.scale[i, 1] * w["units_per_metre"]) - 0.5) * 2, 0, 1)
-    return np.asarray(w["gully_depth"] * octaves.scale[i, 0] * erosion * t * t * (3 - 2 * t))
+    t = np.clip((widest * (octaves.scale[i, 1] * scale.units_per_metre) - 0.5) * 2, 0, 1)
+    return np.asarray(scale.gully_depth * octaves.scale[i, 0] * erosion * t * t * (3 - 2 * t))
 
 
 def gullies(
-    w: np.void, octaves: OctaveTable, x: LatticeArray, y: LatticeArray, rise: ErodibleHeight
+    scale: ReliefScale, octaves: OctaveTable, x: LatticeArray, y: LatticeArray, rise: ErodibleHeight
 ) -> ValueSlope:
     """Return the height added by erosion, with its slope per metre for constant directions of the waves."""
     value, east_sum, north_sum = np.zeros((3, *x.shape))
     leans = [np.broadcast_to(part, x.shape) for part in rise.height[1:]]
     for i in range(*octaves.ranges["gully"]):
-        whole = np.broadcast_to(_depth(w, octaves, i, rise.erosion, rise.widest), x.shape)
+        whole = np.broadcast_to(_depth(scale, octaves, i, rise.erosion, rise.widest), x.shape)
         here = whole > 0  # elsewhere nothing is added
         if not here.any():
             continue
@@ -65,7 +74,7 @@ def gullies(
         cosine, sine, weight = _waves(octaves, i, x[here], y[here], -north * across, east * across)
         even = 1 / np.sqrt(cosine**2 + sine**2 + _CALM * weight**2)
         v = cosine * even
-        per_metre = octaves.scale[i, 1] * w["units_per_metre"]
+        per_metre = octaves.scale[i, 1] * scale.units_per_metre
         depth = whole[here] * square / ((square + _GENTLE**2) * (1 + square / _TALUS**2))
         value[here] += depth * (v + _SHARP * (v * v - 0.5))
         lean = depth * (1 + 2 * _SHARP * v) * -sine * even * 2 * np.pi * per_metre * across
@@ -94,7 +103,7 @@ def _waves(
 
 
 def crags(
-    w: np.void,
+    scale: ReliefScale,
     octaves: OctaveTable,
     x: LatticeArray,
     y: LatticeArray,
@@ -103,17 +112,27 @@ def crags(
 ) -> Float64Array:
     """Return the roughness of bare rock on mountains of a slope."""
     square = east * east + north * north
-    return np.asarray(w["crag_depth"] * square / (square + _ROUGH) * fbm(octaves, "crag", x, y))
+    return np.asarray(scale.crag_depth * square / (square + _ROUGH) * fbm(octaves, "crag", x, y))
 
 
 @dataclass(frozen=True)
 class ReliefNoise:
     """Noise that shapes mountains and hills at points; slopes are per metre."""
 
-    bend: tuple[ValueSlope, ValueSlope]  # displacement of outlines eastward and northward, in radii
     swell: ValueSlope  # factor of the heights of hills
     ridge: ValueSlope  # share of height that narrow mountains gain or lose
     spur: ValueSlope  # outward displacement of the mountains' flanks by ridges, in radii
+
+    @classmethod
+    def at(
+        cls, scale: ReliefScale, octaves: OctaveTable, outline: OutlineNoise, x: LatticeArray, y: LatticeArray
+    ) -> ReliefNoise:
+        """Return the noise at lattice positions of shape (n,), where outlines have a warp."""
+        noise, per_metre = fbm_slope(octaves, "ridge", x, y), scale.units_per_metre
+        ridge = ValueSlope(noise.value, per_metre * noise.east, per_metre * noise.north)
+        east = outline.swell
+        swell = ValueSlope(1 + _HILL_SWELL * east.value, _HILL_SWELL * east.east, _HILL_SWELL * east.north)
+        return cls(swell, scaled_slope(ridge, scale.ridge_depth), scaled_slope(ridge, scale.spur))
 
     def mountain_factor(self, weight: ValueSlope) -> ValueSlope:
         """Return the factor of the heights of mountains, for a weight of the noise."""
@@ -133,97 +152,6 @@ class ErodibleHeight:
     widest: Float64Array
 
 
-@dataclass(frozen=True)
-class SamplePoints:
-    """Lattice positions, and the warp there."""
-
-    x: LatticeArray
-    y: LatticeArray
-    unit: float
-    bend: tuple[ValueSlope, ValueSlope]
-
-    @cached_property
-    def _metres(self) -> Float64Array:
-        """Positions from the first one (m), (n, 2)."""
-        return np.stack([self.x - self.x[:1], self.y - self.y[:1]], axis=-1) * self.unit
-
-    @cached_property
-    def _tree(self) -> cKDTree:
-        return cKDTree(self._metres)
-
-    def pairs_within_support(self, packed: PackedFeatures, slot: int) -> PointPairs:
-        """Pair these positions with the features of a slot whose support contains them."""
-        selected = np.flatnonzero(packed.slot == slot)
-        if not (selected.size and self.x.size):
-            return PointPairs(np.zeros(0, np.int64), np.zeros(0, np.int64))
-        centre = (packed.at[selected] - [self.x[0], self.y[0]]) * self.unit
-        wide = packed.support[selected] * (1 + 1e-9) + 1e-6
-        found = self._tree.query_ball_point(centre, wide)
-        count = [len(each) for each in found]
-        point = np.fromiter(chain.from_iterable(found), dtype=np.int64, count=sum(count))
-        return PointPairs(point, np.repeat(selected, count))
-
-    def distance_to_crests(self, packed: PackedFeatures, pairs: PointPairs) -> tuple[ValueSlope, ValueSlope]:
-        """Return the distances to features, as `distance_to_crest` does."""
-        point, feature = pairs.point, pairs.feature
-        offset = (
-            np.stack([self.x[point] - packed.at[feature, 0], self.y[point] - packed.at[feature, 1]])
-            * self.unit
-        )
-        east, north = (ValueSlope(*(part[point] for part in bend)) for bend in self.bend)
-        return distance_to_crest(
-            offset, packed["inverse_radius"][feature], (east, north), crest=_crest(packed, feature)
-        )
-
-    def summed(self, pairs: PointPairs, values: Float64Array) -> Float64Array:
-        """Sum values of pairs at each position, in the order of the features."""
-        return np.asarray(np.bincount(pairs.point, values, minlength=len(self.x)), dtype=np.float64)
-
-
-def _crest(packed: PackedFeatures, of: Int64Array) -> Float64Array:
-    """Return the crest of features: half of it eastward and northward, 1 / its length², its sag; (4, n)."""
-    names = ("crest_east", "crest_north", "inverse_crest_square", "crest_sag")
-    return np.stack([packed[name][of] for name in names])
-
-
-class PointPairs(NamedTuple):
-    """Pairs of positions and features, by index, in the order of the features."""
-
-    point: LatticeArray
-    feature: LatticeArray
-
-
-def distance_to_crest(
-    offset: Float64Array,
-    inverse_radius: float | Float64Array,
-    bend: tuple[ValueSlope, ValueSlope],
-    *,
-    crest: Float64Array | tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
-) -> tuple[ValueSlope, ValueSlope]:
-    """Return the distance (in radii) to a feature's crest at offsets (m), (2, n), and its share of height.
-
-    Slopes are per metre; the share is that of the nearest point of the crest, which sags towards its ends.
-    """
-    east, north = bend
-    dx, dy = offset[0] * inverse_radius + east.value, offset[1] * inverse_radius + north.value
-    u = np.clip((dx * crest[0] + dy * crest[1]) * crest[2], -1, 1)
-    dx, dy = dx - u * crest[0], dy - u * crest[1]
-    t = np.sqrt(dx * dx + dy * dy)
-
-    def per_metre(x: Float64Array, y: Float64Array) -> tuple[Float64Array, Float64Array]:
-        return (
-            x * (inverse_radius + east.east) + y * north.east,
-            x * east.north + y * (inverse_radius + north.north),
-        )
-
-    back = 1 / np.maximum(t, 1e-12)
-    sag = -4 * crest[3] * u * (1 - u * u) * crest[2]
-    crest_share = 1 - crest[3] * u * u * (2 - u * u)
-    return ValueSlope(t, *per_metre(dx * back, dy * back)), ValueSlope(
-        crest_share, *per_metre(sag * crest[0], sag * crest[1])
-    )
-
-
 def extend_by_spurs(t: ValueSlope, spur: ValueSlope, share: float | Float64Array) -> ValueSlope:
     """Return distances shortened by a share of the spurs.
 
@@ -239,38 +167,11 @@ def extend_by_spurs(t: ValueSlope, spur: ValueSlope, share: float | Float64Array
     )
 
 
-def relief_noise_at(w: np.void, octaves: OctaveTable, x: LatticeArray, y: LatticeArray) -> ReliefNoise:
-    """Return the noise that shapes mountains and hills at lattice positions of shape (n,)."""
-    per_metre = float(w["units_per_metre"])
-    east, north = (_warp(octaves, name, x, y, per_metre) for name in ("warp_u", "warp_v"))
-    noise = fbm_slope(octaves, "ridge", x, y)
-    ridge = ValueSlope(noise.value, per_metre * noise.east, per_metre * noise.north)
-    warp, depth = float(w["warp"]), float(w["ridge_depth"])
-    return ReliefNoise(
-        bend=(_times(east, warp), _times(north, warp)),
-        swell=ValueSlope(1 + _HILL_SWELL * east.value, _HILL_SWELL * east.east, _HILL_SWELL * east.north),
-        ridge=_times(ridge, depth),
-        spur=_times(ridge, float(w["spur"])),
-    )
-
-
-def _warp(octaves: OctaveTable, name: str, x: LatticeArray, y: LatticeArray, per_metre: float) -> ValueSlope:
-    noise = fbm_slope(octaves, name, x, y)
-    inside = np.where(np.abs(noise.value) < 1, per_metre, 0)
-    return ValueSlope(np.clip(noise.value, -1, 1), noise.east * inside, noise.north * inside)
-
-
-def _times(slope: ValueSlope, by: float) -> ValueSlope:
-    return ValueSlope(*(part * by for part in slope))
-
-
-def mountains(
-    packed: PackedFeatures, points: SamplePoints, spur: ValueSlope
-) -> tuple[ErodibleHeight, ValueSlope]:
+def mountains(points: PointSite, spur: ValueSlope) -> tuple[ErodibleHeight, ValueSlope]:
     """Join the mountains as (Σ h⁴)^¼; return also the weight of noise."""
-    pairs = points.pairs_within_support(packed, SLOT_MOUNTAIN)
+    pairs = points.pairs_within_support(SLOT_MOUNTAIN)
     strength, peakiness, flank, erosion, widest, noise = (
-        packed[name][pairs.feature]
+        points.packed[name][pairs.feature]
         for name in (
             "feature_strength",
             "feature_peakiness",
@@ -280,7 +181,7 @@ def mountains(
             "noise_weight",
         )
     )
-    away, crest_share = points.distance_to_crests(packed, pairs)
+    away, crest_share = points.distance_to_crests(pairs)
     t = extend_by_spurs(away, ValueSlope(*(part[pairs.point] for part in spur)), noise)
     profile = strength * mountain_profile(t.value, peakiness, flank)
     h = crest_share.value * profile
@@ -305,14 +206,14 @@ def join_mountains(sums: Float64Array) -> tuple[ErodibleHeight, ValueSlope]:
     return rise, ValueSlope(weight, *(4 * (sums[6:] - weight * sums[1:3]) / total))
 
 
-def hills(packed: PackedFeatures, points: SamplePoints) -> ErodibleHeight:
+def hills(points: PointSite) -> ErodibleHeight:
     """Join the hills as (Σ h²)^½."""
-    pairs = points.pairs_within_support(packed, SLOT_HILL)
+    pairs = points.pairs_within_support(SLOT_HILL)
     strength, flank, erosion, widest = (
-        packed[name][pairs.feature]
+        points.packed[name][pairs.feature]
         for name in ("feature_strength", "feature_flank", "feature_erosion", "widest_gully")
     )
-    t, _ = points.distance_to_crests(packed, pairs)
+    t, _ = points.distance_to_crests(pairs)
     h = strength * hill_profile(t.value, flank)
     lean = h * strength * hill_slope(t.value, flank)
     parts = (h**2, lean * t.east, lean * t.north, h**2 * erosion, h**2 * widest)

@@ -1,0 +1,108 @@
+"""Inputs of the terrain kernels: layers packed and uploaded, and what affects which block."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.array_types import LatticeArray, StructuredArray
+from sketchterrain.caching import LRUCache
+from sketchterrain.io.resources import kernel_arguments
+from sketchterrain.terrain.changes import RecipeChange
+from sketchterrain.terrain.culler import MAX_CELL_SIZES, Culled, Culler, upload_reals
+from sketchterrain.terrain.layers.layer import MASKS, Sampling, effective_cell
+from sketchterrain.terrain.layers.point_culler import PointCuller
+from sketchterrain.terrain.layers.points import PointsLayer
+from sketchterrain.terrain.materials import pack_rules
+from sketchterrain.terrain.recipe import TerrainRecipe
+
+if TYPE_CHECKING:
+    from sketchterrain.compute.context import ComputeContext
+
+
+class KernelInputs:
+    """A recipe on an open device: the arguments of its kernels, by name."""
+
+    def __init__(
+        self, recipe: TerrainRecipe, context: ComputeContext, cullers: Mapping[str, Culler] | None = None
+    ) -> None:
+        self.recipe = recipe
+        self.context = context
+        rules = pack_rules(recipe)
+        # The arguments of ``RULE_ARGUMENTS`` in ``kernels/materials.clh``.
+        self.rules = [
+            np.int32(rules.count),
+            *upload_reals(context, {"form": rules.form, "cover": rules.cover, "ramp": rules.ramp}).values(),
+        ]
+        self.cullers = (
+            {layer.name: layer.culler(context, recipe.world) for layer in recipe.layers}
+            if cullers is None
+            else dict(cullers)
+        )
+        self._worlds = LRUCache(MAX_CELL_SIZES)
+
+    def updated(self, change: RecipeChange) -> KernelInputs:
+        """Return the inputs of a changed recipe, sharing unchanged buffers."""
+        cullers = dict(self.cullers)
+        for layer in change.recipe.layers:
+            if layer.name in change.layers:
+                cullers[layer.name] = cullers[layer.name].updated(layer, change.layers[layer.name])
+        other = KernelInputs(change.recipe, self.context, cullers)
+        other._worlds = self._worlds
+        return other
+
+    def point_features(self, blocks: LatticeArray) -> StructuredArray:
+        """Return the point features that may affect any of the blocks (n, 4), sorted by id."""
+        culler = self.cullers[PointsLayer.name]
+        assert isinstance(culler, PointCuller)  # noqa: S101 # which that layer makes
+        return culler.near(blocks)
+
+    def sampling(self, cell_size: float) -> Sampling:
+        """Return what layers are packed for at a cell size (m)."""
+        return self.recipe.sampling(effective_cell(cell_size), self.context.real_dtype)
+
+    def cull(
+        self,
+        blocks: LatticeArray,
+        cell_size: float,
+        *,
+        around: LatticeArray | None = None,
+        surface: bool = False,
+    ) -> dict[str, Culled]:
+        """Return what affects blocks by layer: those of heights, or of the ``surface``; see `Culler.cull`."""
+        sampling = self.sampling(cell_size)
+        return {
+            layer.name: self.cullers[layer.name].cull(blocks, sampling, around)
+            for layer in self.recipe.layers
+            if layer.surface == surface
+        }
+
+    def arguments(
+        self, macro: str, culled: Mapping[str, Culled], cell_size: float, staged: Mapping[str, Any]
+    ) -> list[Any]:
+        """Return the arguments in a list of ``kernels/tiles.cl``, in order.
+
+        ``staged`` are device buffers of the layers' lists, by name.
+        """
+        named = dict(staged) | self._world(cell_size)
+        for each in culled.values():
+            named |= each.buffers
+        return [named[name] for name in kernel_arguments("tiles.cl", macro)]
+
+    def empty_masks(self, culled: Mapping[str, Culled], blocks: int) -> npt.NDArray[np.int32]:
+        """Return the bits of the masks that are 0 on all of a block, shape (blocks,)."""
+        present = np.zeros(blocks, np.int32)
+        for layer in self.recipe.layers:
+            if layer.name in culled:
+                present |= layer.masks(culled[layer.name], blocks)
+        return ~present & ((1 << len(MASKS)) - 1)
+
+    def _world(self, cell_size: float) -> dict[str, Any]:
+        """Return the buffers of ``WORLD_ARGUMENTS``; cached."""
+        sampling = self.sampling(cell_size)
+        return self._worlds.get_or_compute(
+            sampling.cell, lambda: upload_reals(self.context, self.recipe.pack_world(sampling))
+        )

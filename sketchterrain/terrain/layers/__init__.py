@@ -1,0 +1,47 @@
+"""The layers of the terrain, in the order in which they are laid: see ``kernels/height.clh``."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from sketchterrain.array_types import Float64Array, StructuredArray
+from sketchterrain.caching import LRUCache
+from sketchterrain.placement.feature_types import Cover, Lake, River
+from sketchterrain.terrain.layers.base import BaseLayer
+from sketchterrain.terrain.layers.corridors import CorridorsLayer
+from sketchterrain.terrain.layers.covers import CoversLayer
+from sketchterrain.terrain.layers.dunes import DunesLayer
+from sketchterrain.terrain.layers.forests import ForestsLayer
+from sketchterrain.terrain.layers.lakes import LakesLayer
+from sketchterrain.terrain.layers.layer import TerrainLayer
+from sketchterrain.terrain.layers.points import FeatureSource, PointsLayer
+from sketchterrain.terrain.layers.relief import ReliefLayer
+
+
+def layer_stack(
+    *,
+    extent: float,
+    ground: Mapping[str, Any],
+    painted: StructuredArray,
+    fill: FeatureSource,
+    rivers: Sequence[River] = (),
+    valley_radii: Sequence[Float64Array] = (),
+    lakes: Sequence[Lake] = (),
+    covers: Sequence[Cover] = (),
+    cache: LRUCache | None = None,
+) -> tuple[TerrainLayer, ...]:
+    """Return all layers of a terrain.
+
+    ``ground`` are the sketch's [ground] parameters, ``painted`` and ``fill`` the point features,
+    ``valley_radii`` the radius of influence (m) of each river's valley at each point of its centreline.
+    """
+    points = PointsLayer(painted, fill)
+    return (
+        BaseLayer(ground["relief"], ground["wavelength"], ground["roughness"]),
+        points,
+        ReliefLayer(),
+        ForestsLayer(),
+        DunesLayer(points.dune_styles),
+        LakesLayer(tuple(lakes)),
+        CorridorsLayer.of(rivers, valley_radii, extent, cache),
+        CoversLayer(tuple(covers)),
+    )

@@ -1,0 +1,332 @@
+"""Corridors: rivers as arcs of their centrelines, with the valleys that they carve."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, ClassVar, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.array_types import Float64Array, LatticeArray, StructuredArray
+from sketchterrain.caching import IdentityKey, LRUCache
+from sketchterrain.io.resources import kernel_columns, kernel_constants
+from sketchterrain.placement.feature_types import River, cubic
+from sketchterrain.terrain.centrelines import (
+    MAX_TOLERANCE,
+    TOLERANCE_CELLS,
+    PreparedCentreline,
+    flatten_to_arcs,
+    meetings_on,
+    nearest_on_arc,
+    prepare_centreline,
+    tolerance_cell,
+)
+from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
+from sketchterrain.terrain.layers.layer import (
+    ITEM,
+    ITEMS,
+    DetailState,
+    HostSamples,
+    HostSite,
+    Packed,
+    Sampling,
+    TerrainLayer,
+    WorldSettings,
+    content_items,
+    mask_bits,
+    smooth_rise,
+)
+from sketchterrain.terrain.noise import FINEST_CELL
+
+if TYPE_CHECKING:
+    from sketchterrain.terrain.culler import Culled
+
+_HEADER: Final = "layers/corridors.clh"
+ARC: Final = kernel_columns(_HEADER, "ArcRow")
+SECTION: Final = kernel_columns(_HEADER, "SectionRow")
+"""Columns of packed arcs of rivers, and of rivers at one end of an arc."""
+_NEARNESS, _WEIGHT_SCALE, _BANK_WIDTH, _BANK_RISE, _FLOODPLAIN_SLOPE, _CHANNEL_CELLS, _MATERIAL_CELLS = (
+    kernel_constants(
+        _HEADER,
+        "NEARNESS",
+        "WEIGHT_SCALE",
+        "BANK_WIDTH",
+        "BANK_RISE",
+        "FLOODPLAIN_SLOPE",
+        "CHANNEL_CELLS",
+        "MATERIAL_CELLS",
+    )
+)
+# Difference of the bed by arcs for a coarser cell: in cells along the banks' slope, and in widths along the
+# fall. Measured, not proven: blends of arcs shift where these are split differently.
+_ARC_SLOPES, _ARC_WIDTHS = 0.4, 0.8
+
+
+@dataclass(frozen=True)
+class PackedRivers:
+    """Arcs of all centrelines (``Rivers`` of ``kernels/layers/corridors.clh``)."""
+
+    start: LatticeArray  # (n, 2) upstream ends, lattice units
+    arc: Float64Array  # (n, 8) columns of `ARC`
+    up: Float64Array  # (n, 4) columns of `SECTION`
+    down: Float64Array  # (n, 4)
+
+    @property
+    def chord(self) -> Float64Array:
+        """Vectors from the upstream to the downstream ends (m), shape (n, 2)."""
+        return self.arc[:, [ARC["chord_east"], ARC["chord_north"]]]
+
+    def ends(self, name: str) -> tuple[Float64Array, Float64Array]:
+        """Return a column of `SECTION` at the upstream and at the downstream ends, shape (n,) each."""
+        return self.up[:, SECTION[name]], self.down[:, SECTION[name]]
+
+    @property
+    def support(self) -> Float64Array:
+        """Greatest distance (m) of any effect of an arc from the box around its two ends, shape (n,)."""
+        sagitta = 0.5 * np.abs(self.arc[:, ARC["arc_bend"]]) * np.hypot(*self.chord.T)
+        return np.asarray(np.maximum(*self.ends("valley_radius")) + sagitta)
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """A river with its centreline, ready to be flattened to arcs."""
+
+    river: River
+    valley_radius: Float64Array  # (m,) radius of influence at each point of the centreline, m
+    anchor: LatticeArray  # (2,) its source, lattice units
+    line: PreparedCentreline  # relative to the anchor, m: far from the origin it would round otherwise
+
+    pieces: StructuredArray  # `ITEM` rows: its parts between control points, by the inputs of their arcs
+
+    @classmethod
+    def prepare(
+        cls, river: River, valley_radius: Float64Array, meetings: Float64Array, extent: float, cache: LRUCache
+    ) -> Course:
+        """Prepare a river whose centreline meets others at some points (n, 2), m."""
+        unit = metres_per_unit(extent)
+        anchor = to_lattice(river.centreline[0, :2], extent)
+        away = np.append(anchor * unit, 0.0)
+        local = replace(river, points=river.points - away, centreline=river.centreline - away)
+        met = meetings - away[:2]
+
+        def compute() -> Course:
+            line = prepare_centreline(local, valley_radius, met)
+            return cls(river, valley_radius, anchor, line, _pieces(anchor, line, unit))
+
+        own = meetings_on(local, met).tobytes()
+        return cache.get_or_compute((IdentityKey(river), extent, valley_radius.tobytes(), own), compute)
+
+
+@dataclass(frozen=True, eq=False)
+class CorridorsLayer(TerrainLayer):
+    """Rivers on their way through the terrain."""
+
+    name: ClassVar[str] = "corridors"
+
+    courses: tuple[Course, ...] = field(metadata=ITEMS)
+
+    @classmethod
+    def of(
+        cls,
+        rivers: Sequence[River],
+        valley_radii: Sequence[Float64Array],
+        extent: float,
+        cache: LRUCache | None = None,
+    ) -> CorridorsLayer:
+        """Return the layer of rivers with their valleys' radii at each point of the centreline, m."""
+        ends = np.array([river.centreline[-1, :2] for river in rivers]).reshape(-1, 2)
+        cache = LRUCache(0) if cache is None else cache
+        return cls(
+            tuple(
+                Course.prepare(river, radii, ends, extent, cache)
+                for river, radii in zip(rivers, valley_radii, strict=True)
+            )
+        )
+
+    @property
+    def rivers(self) -> tuple[River, ...]:
+        """The rivers."""
+        return tuple(course.river for course in self.courses)
+
+    def items(self, world: WorldSettings) -> StructuredArray:
+        """Return the parts of rivers between control points.
+
+        The arcs there depend on the curve, on the samples of the centreline from one control point to the
+        other, and on which of these are ends of arcs: where all of these are bit-equal, so are the arcs for
+        every cell size.
+        """
+        del world
+        rows = np.concatenate([np.zeros(0, ITEM), *(course.pieces for course in self.courses)])
+        return np.asarray(rows[np.argsort(rows, order=("id", "digest"))])
+
+    def pack_key(self, cell: float) -> float:
+        """Return the cell size that arcs are made for."""
+        return tolerance_cell(cell)
+
+    def pack(self, sampling: Sampling, cache: LRUCache) -> Packed:
+        """Return the arcs."""
+        del cache
+        rivers = self.arcs(sampling.world.extent, sampling.cell)
+        arrays = {
+            "river_from": rivers.start,
+            "river_arc": rivers.arc,
+            "river_up": rivers.up,
+            "river_down": rivers.down,
+        }
+        unit = sampling.unit
+        end = rivers.start + np.rint(rivers.chord / unit).astype(np.int64)
+        wide = np.ceil(rivers.support / unit * (1 + 1e-5) + 2).astype(np.int64)[:, None]
+        low, high = np.minimum(rivers.start, end), np.maximum(rivers.start, end)
+        return Packed(arrays, np.concatenate([low - wide, high + wide], axis=1), "river", details=rivers)
+
+    def arcs(self, extent: float, cell_size: float = FINEST_CELL) -> PackedRivers:
+        """Return the rivers' centrelines as arcs, within 1 % of the cell size of their splines.
+
+        Where rivers meet, both have the same point. An arc's weight in a blend is its length, but at most
+        half a width: otherwise a straight river would dominate a winding one beside it.
+        """
+        cell, unit = tolerance_cell(cell_size), metres_per_unit(extent)
+        courses, anchors = [], []
+        for course in self.courses:
+            courses.append(flatten_to_arcs(course.line, cell_size=cell, least=unit))
+            anchors.append(np.tile(course.anchor, (len(courses[-1].bend), 1)))
+        if not courses:
+            empty = np.zeros((0, 4))
+            return PackedRivers(np.zeros((0, 2), np.int64), np.zeros((0, 8)), empty, empty)
+        starts, ends = (
+            np.concatenate([c.points[part] for c in courses]) for part in (slice(-1), slice(1, None))
+        )
+        anchor = np.concatenate(anchors)
+        start, end = (to_lattice(each[:, :2], extent) + anchor for each in (starts, ends))
+        vector = (end - start) * unit
+        length2 = np.sum(vector**2, axis=1)
+        valid = length2 > 0
+        weight = np.minimum(np.sqrt(length2), 0.5 * (starts[:, 3] + ends[:, 3]))
+        arc = np.zeros((len(start), 8))
+        for name, values in {
+            "chord_east": vector[:, 0],
+            "chord_north": vector[:, 1],
+            "inverse_chord_square": 1 / np.where(valid, length2, 1),
+            "arc_weight": weight,
+            "arc_bend": np.concatenate([each.bend for each in courses]),
+        }.items():
+            arc[:, ARC[name]] = values
+        return PackedRivers(start[valid], arc[valid], starts[valid, 2:], ends[valid, 2:])
+
+    def masks(self, culled: Culled, blocks: int) -> npt.NDArray[np.int32]:
+        """Return the water of blocks with rivers."""
+        del blocks
+        return mask_bits(water=np.diff(culled.lists["river_starts"]) > 0)
+
+    def omitted(self, state: DetailState, culled: Culled, sampling: Sampling) -> None:
+        """Add the change by channels that fade out, and by arcs flattened for a coarser cell."""
+        starts, member = culled.lists["river_starts"], culled.lists["river_list"]
+        rivers: PackedRivers = culled.details.details
+        cell = sampling.cell
+        count = len(starts) - 1
+        lost, depth, moved = np.zeros((3, count))
+        if not member.size:
+            return
+        block = np.repeat(np.arange(count), np.diff(starts))
+        half_width = np.minimum(*rivers.ends("half_width"))[member]
+        deep = np.maximum(*rivers.ends("river_depth"))[member]
+        resolved = np.clip(2 * half_width / cell / _CHANNEL_CELLS - 1, 0, 1)
+        np.maximum.at(lost, block, 1 - resolved * resolved * (3 - 2 * resolved))
+        np.maximum.at(depth, block, deep)
+        tolerance = tolerance_cell(cell)
+        if tolerance > FINEST_CELL:
+            fall = np.abs(np.subtract(*rivers.ends("water_surface")))[member]
+            steep = fall / np.maximum(np.hypot(*rivers.chord[member].T), 1e-3)
+            off = _ARC_SLOPES * tolerance * 2 * deep / half_width + _ARC_WIDTHS * 2 * half_width * steep
+            np.maximum.at(moved, block, off)
+        state.bound += (1 + _BANK_RISE) * depth * lost + moved
+
+    def heights(self, ground: HostSamples, site: HostSite) -> HostSamples:
+        """Return the ground with rivers carved into it; in a lake a river builds no dam."""
+        rivers = self.arcs(site.sampling.world.extent, site.sampling.cell)
+        if not len(rivers.start):
+            return ground
+        carved, river = _carved(ground.height, rivers, site)
+        height = carved + (np.minimum(carved, ground.height) - carved) * ground.lake
+        return replace(ground, height=height, water=np.maximum(ground.water, river))
+
+
+def _pieces(anchor: LatticeArray, line: PreparedCentreline, unit: float) -> StructuredArray:
+    """Return the inputs of the arcs between two control points, and the box of their support."""
+    first, last = _spans(line)
+    samples = np.column_stack([line.along, line.line, line.anchors, line.steep])
+    widest = float(line.river.centreline_width.max())
+    whole = anchor.tobytes() + bytes(widest > 2.0 * cell for cell in TOLERANCE_CELLS)
+    boxes = _boxes(line, first, last, margin=MAX_TOLERANCE + 3.0 * unit) / unit + np.tile(anchor, 2)
+    contents = [
+        (whole, line.curve[number].tobytes(), samples[first[number] : last[number] + 1].tobytes())
+        for number in range(len(boxes))
+    ]
+    low, high = np.floor(boxes[:, :2]).astype(np.int64), np.ceil(boxes[:, 2:]).astype(np.int64)
+    return content_items(contents, low, high)
+
+
+def _spans(course: PreparedCentreline) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Return the first and last sample of the centreline on each cubic of the spline, both ends included."""
+    number = np.arange(len(course.curve), dtype=np.float64)
+    return (
+        np.searchsorted(course.along, number, side="right") - 1,
+        np.searchsorted(course.along, number + 1.0, side="left"),
+    )
+
+
+def _boxes(
+    course: PreparedCentreline, first: npt.NDArray[np.intp], last: npt.NDArray[np.intp], *, margin: float
+) -> Float64Array:
+    """Return rectangles (m, relative to the centreline's source) around each cubic, as wide as the valley."""
+    c = course.curve
+    # A cubic is within the corners of its Bézier form.
+    corners = np.stack(
+        [c[..., 0], c[..., 0] + c[..., 1] / 3, c[..., 0] + (2 * c[..., 1] + c[..., 2]) / 3, c.sum(axis=-1)]
+    )
+    pairs = np.stack([first, np.minimum(last + 1, len(course.line) - 1)], axis=-1).ravel()
+    radius = np.maximum(np.maximum.reduceat(course.line[:, 5], pairs)[::2], course.line[last, 5])
+    wide = (radius * (1 + 1e-5) + margin)[:, None]
+    return np.column_stack([corners.min(axis=0) - wide, corners.max(axis=0) + wide])
+
+
+def _carved(height: Float64Array, rivers: PackedRivers, site: HostSite) -> tuple[Float64Array, Float64Array]:
+    """Return the carved heights, and the mask of water."""
+    cell, unit = site.sampling.cell, site.sampling.unit
+    weights, nearest = np.zeros(height.shape), np.full(height.shape, 1e30)
+    sums = np.zeros((4, *height.shape))
+    for i in range(len(rivers.start)):
+        chord, bend = rivers.chord[i], rivers.arc[i, ARC["arc_bend"]]
+        contribution = rivers.arc[i, ARC["arc_weight"]]
+        dx = (site.x - rivers.start[i, 0]) * unit
+        dy = (site.y - rivers.start[i, 1]) * unit
+        t, d2 = nearest_on_arc(chord, bend, np.stack([dx, dy], axis=-1))
+        here = rivers.up[i][:, None] + (rivers.down[i] - rivers.up[i])[:, None] * t
+        width, radius = here[SECTION["half_width"]], here[SECTION["valley_radius"]]
+        share2 = d2 / radius**2
+        inside = np.maximum(1 - share2, 0)
+        contribution = contribution * inside**2 * (_WEIGHT_SCALE * width / (d2 + width**2 * _NEARNESS)) ** 4
+        weights += contribution
+        sums += contribution * here
+        nearest = np.minimum(nearest, d2 / (width * np.maximum(inside * (1 + share2), 1e-6)))
+    near = weights > 1e-30
+    surface, half_width, depth, radius = sums[:, near] / weights[near]
+    d = np.sqrt(nearest[near] * half_width)
+    ground = height[near]
+
+    channel = smooth_rise(2 * half_width / cell, _CHANNEL_CELLS, _CHANNEL_CELLS)
+    bank = _BANK_RISE * depth
+    across = d / half_width
+    bed = -depth * np.maximum(1 - across**2, 0)
+    rise = bank * smooth_rise(across, 1, _BANK_WIDTH)
+    flat = _FLOODPLAIN_SLOPE * np.maximum(d - half_width, 0)
+    enforced = surface + flat + bank + (rise + bed - bank) * channel
+    edge = (1 + _BANK_WIDTH) * half_width
+    s = np.clip((d - edge) / np.maximum(radius - edge, edge), 0, 1)
+    terrain = ground + np.maximum(surface + bank - ground, 0) * (1 - s**4) * (1 - s**2)
+    carved, mask = height.copy(), np.zeros(height.shape)
+    carved[near] = terrain + (enforced - terrain) * cubic(s)
+    mask[near] = np.maximum(1 - d / (4 * np.maximum(half_width, _MATERIAL_CELLS * cell)), 0)
+    return carved, mask

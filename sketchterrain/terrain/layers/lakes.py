@@ -1,0 +1,170 @@
+"""Lakes: a bed that shelves from the shore, a beach, and a rim that holds the water."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.array_types import BoolArray, Float64Array, StructuredArray
+from sketchterrain.caching import LRUCache
+from sketchterrain.io.resources import kernel_columns, kernel_constants
+from sketchterrain.placement.feature_types import Lake, cubic
+from sketchterrain.terrain.index import BoxIndex
+from sketchterrain.terrain.layers.fields import PackedFields, field_distance, field_items, pack_fields
+from sketchterrain.terrain.layers.layer import (
+    ITEMS,
+    DetailState,
+    HostSamples,
+    HostSite,
+    Packed,
+    Sampling,
+    TerrainLayer,
+    WorldSettings,
+    mask_bits,
+)
+
+if TYPE_CHECKING:
+    from sketchterrain.terrain.culler import Culled
+
+_HEADER: Final = "layers/lakes.clh"
+LAKE: Final = kernel_columns(_HEADER, "LakeRow")
+"""Columns of packed lakes."""
+_RIM, _BEACH, _WATERSIDE, _SHARPNESS, _SOFTNESS = kernel_constants(
+    _HEADER, "RIM", "BEACH", "WATERSIDE", "SHARPNESS", "SOFTNESS"
+)
+# Metres of shelf per metre of depth, if the lake is wide enough; slopes of the shore.
+_SHELF_RUN = 8.0
+_SHORE_SHARE = 0.5
+_STEEPEST_SHORE = 0.2
+_STEEPEST_BED = 1.0
+
+
+@dataclass(frozen=True)
+class PackedLakes:
+    """Columns of ``Lakes`` in ``kernels/layers/lakes.clh`` besides the fields, for one cell size."""
+
+    fields: PackedFields
+    row: Float64Array  # (n, 8) columns of `LAKE`; the first is the field's samples per lattice unit
+    visible: BoolArray  # (n,) whether anything of a lake is left at the cell size
+
+    def __getitem__(self, name: str) -> Float64Array:
+        """Return a column of `LAKE`, shape (n,)."""
+        return self.row[:, LAKE[name]]
+
+
+@dataclass(frozen=True, eq=False)
+class LakesLayer(TerrainLayer):
+    """Lakes that have found their levels."""
+
+    name: ClassVar[str] = "lakes"
+
+    lakes: tuple[Lake, ...] = field(metadata=ITEMS)
+
+    def items(self, world: WorldSettings) -> StructuredArray:
+        """Return the lakes by their contents."""
+        settings = [(lake.level, lake.depth) for lake in self.lakes]
+        return field_items([lake.shape for lake in self.lakes], settings, world.extent)
+
+    def pack(self, sampling: Sampling, cache: LRUCache) -> Packed:
+        """Return the fields and their profiles."""
+        fields = cache.get_or_compute(
+            self.name, lambda: pack_fields([lake.shape for lake in self.lakes], sampling.world.extent)
+        )
+        lakes = self.profiles(fields, sampling.cell)
+        arrays: dict[str, npt.NDArray[Any]] = {
+            "lake_at": fields.at,
+            "lake_form": fields.form,
+            "lake_shape": lakes.row[:, :4],
+            "lake_profile": lakes.row[:, 4:],
+            "lake_samples": fields.samples,
+        }
+        return Packed(arrays, fields.boxes, "lake", lakes.visible, lakes)
+
+    def profiles(self, fields: PackedFields, cell: float) -> PackedLakes:
+        """Return the lakes' profiles; lakes narrower than two cells fade out and vanish at one.
+
+        A lake is at most as deep as its greatest distance from the shore, so that its bed is no steeper than
+        45°.
+        """
+        level = np.array([lake.level for lake in self.lakes], dtype=np.float64)
+        requested = np.array([lake.depth for lake in self.lakes], dtype=np.float64)
+        deep = np.minimum(requested, _STEEPEST_BED * fields.depth)
+        shelf = np.minimum(0.9 * fields.depth, _SHELF_RUN * deep)
+        shore = np.minimum(_SHORE_SHARE * deep / shelf, _STEEPEST_SHORE)
+        # The beach is a parabola over half the margin that starts with the shore's slope.
+        rise = shore * fields.margin / 4
+        fade = np.clip(2 * fields.depth / cell - 1, 0, 1)
+        fade = fade * fade * (3 - 2 * fade)
+        row = np.zeros((len(fade), 8))
+        row[:, 0] = fields.scale
+        for name, values in {
+            "inverse_margin": 1 / fields.margin,
+            "lake_level": level,
+            "lake_visible": fade,
+            "lake_depth": deep,
+            "inverse_shelf": 1 / shelf,
+            "shore_drop": shore * shelf,
+            "beach_rise": rise,
+        }.items():
+            row[:, LAKE[name]] = values
+        return PackedLakes(fields, row, fade > 0)
+
+    def masks(self, culled: Culled, blocks: int) -> npt.NDArray[np.int32]:
+        """Return the water of blocks with lakes."""
+        del blocks
+        return mask_bits(water=np.diff(culled.lists["lake_starts"]) > 0)
+
+    def omitted(self, state: DetailState, culled: Culled, sampling: Sampling) -> None:
+        """Add the greatest change by lakes that fade out: terrain up to their rims, or down to their beds."""
+        lakes: PackedLakes = culled.details.details
+        lost, level = 1 - lakes["lake_visible"], lakes["lake_level"]
+        if not lost.any():
+            return
+        index = state.cache.get_or_compute(self.name, lambda: BoxIndex(lakes.fields.boxes))
+        block, lake = index.touching(state.blocks)
+        up = 2 * np.maximum((level + lakes["beach_rise"])[lake] - state.low[block], 0)
+        down = state.high[block] - (level - lakes["lake_depth"])[lake]
+        bound = np.zeros(len(state.blocks))
+        np.maximum.at(bound, block, lost[lake] * np.maximum(up, down))
+        state.bound += bound
+
+    def heights(self, ground: HostSamples, site: HostSite) -> HostSamples:
+        """Return the ground with lakes in it."""
+        if not self.lakes:
+            return ground
+        sampling, x, y, height = site.sampling, site.x, site.y, ground.height
+        fields = pack_fields([lake.shape for lake in self.lakes], sampling.world.extent)
+        packed = self.profiles(fields, sampling.cell)
+        weights, own, top, visible, deepest = np.zeros((5, *height.shape))
+        nearest = np.ones(height.shape)
+        for i in np.flatnonzero(packed.visible):
+            inverse_margin, level, fade, depth, inverse_shelf, slope, rise = (
+                packed[name][i] for name in LAKE
+            )
+            d = field_distance(fields, int(i), x, y)
+            s = np.clip(-d * inverse_margin, 0, 1)
+            t = np.clip(d * inverse_shelf, 0, 1)
+            bed = level - depth * t**2 * (3 - 2 * t) - slope * t * (1 - t) ** 2
+            weight = fade * (1 - s) ** 2 / (s**2 + _SHARPNESS) ** 2
+            weights += weight
+            own += weight * (bed + rise * (1 - np.maximum(1 - _BEACH * s, 0) ** 2))
+            top += weight * (level + rise)
+            visible += weight * fade
+            nearest, deepest = np.minimum(nearest, s), np.maximum(deepest, t)
+        near = weights > 0
+        own, top, visible = (part[near] / weights[near] for part in (own, top, visible))
+        s, t, below = nearest[near], deepest[near], height[near]
+        result, (water, lake) = height.copy(), np.zeros((2, *height.shape))
+        terrain = below + visible * _soft_positive(top - below) * (1 - s**4) * (1 - s**2)
+        result[near] = terrain + (own - terrain) * visible * cubic(np.maximum(s - _RIM, 0) / (1 - _RIM))
+        water[near] = visible * (0.75 * np.maximum(1 - _WATERSIDE * s, 0) + 0.25 * t)
+        lake[near] = visible * cubic(s / _RIM)
+        return replace(ground, height=result, water=np.maximum(ground.water, water), lake=lake)
+
+
+def _soft_positive(x: Float64Array) -> Float64Array:
+    near = np.clip(x, -_SOFTNESS, _SOFTNESS) + _SOFTNESS
+    return np.asarray(near**2 / (4 * _SOFTNESS) + np.maximum(x - _SOFTNESS, 0))

@@ -1,0 +1,423 @@
+"""Point features: painted ones and fill, as packed for kernels, and the warp of their outlines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.array_types import Float64Array, LatticeArray, StructuredArray
+from sketchterrain.caching import LRUCache
+from sketchterrain.io.resources import kernel_columns, kernel_constants
+from sketchterrain.placement.differences import rows_only_in
+from sketchterrain.placement.feature_types import (
+    BY_ELEVATION,
+    FEATURE_TYPES,
+    area_profile,
+    conifer_share,
+    crest_offsets,
+    flank,
+    hill_profile,
+    mountain_profile,
+)
+from sketchterrain.terrain.changes import LayerChange, row_difference
+from sketchterrain.terrain.index import BoxIndex
+from sketchterrain.terrain.lattice import to_lattice
+from sketchterrain.terrain.layers.layer import (
+    ITEMS,
+    DetailState,
+    HostSamples,
+    HostSite,
+    Packed,
+    Sampling,
+    TerrainLayer,
+    WorldSettings,
+    effective_cell,
+    mask_bits,
+)
+from sketchterrain.terrain.layers.point_site import OutlineNoise, PointSite
+from sketchterrain.terrain.noise import NOISE_PEAK, NoiseStack
+
+if TYPE_CHECKING:
+    from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.terrain.culler import Culled
+    from sketchterrain.terrain.layers.point_culler import PointCuller
+
+_HEADER: Final = "layers/points.clh"
+SLOT_MOUNTAIN, SLOT_HILL, SLOT_FOREST, SLOT_DUNE = (
+    int(slot) for slot in kernel_constants(_HEADER, "SLOT_MOUNTAIN", "SLOT_HILL", "SLOT_FOREST", "SLOT_DUNE")
+)
+"""Indices of a block's lists by kind of feature; dunes have one for each style from `SLOT_DUNE` on."""
+FEATURE_COLUMNS: Final = kernel_columns(_HEADER, "FeatureRow")
+"""Columns of packed features."""
+_SLOTS = ("mountain", "hill", "forest")  # then the styles of dunes
+
+# Noises must not depend on placed features: an edit in one corner would reshape the whole world.
+_WARP_SHARE = 1 / 5  # of the extent
+_RIDGE_SHARE = 1 / 8  # of the extent: nearly the width of a typical mountain
+# Ridges move outlines further than the warp does; the noise stays within [-1, 1].
+_SPUR_WARPS = 1.0
+# Most features of a kind, omitted at a cell size, that overlap at their full height.
+_MAX_OVERLAP = 4.0
+_SAG = 0.5  # share of height lost at the ends of a crest whose half length equals the width of its flanks
+
+
+class FeatureSource(Protocol):
+    """Features of unpainted areas: a pure function of the position; see `Fill`."""
+
+    @property
+    def max_radius(self) -> float:
+        """Greatest ground radius of a feature (m); 0 if there are none."""
+        ...
+
+    def within(
+        self, west: float, south: float, east: float, north: float, *, min_radius: float = 0.0
+    ) -> StructuredArray:
+        """Return the features whose centre lies in the rectangle (m), sorted by id."""
+        ...
+
+    def difference(self, other: Any) -> tuple[StructuredArray, StructuredArray] | None:
+        """Return features that only this and only another source has; None if they may differ anywhere."""
+        ...
+
+
+@dataclass(frozen=True)
+class PackedFeatures:
+    """Features that may affect the blocks of one launch, in the order of their ids."""
+
+    at: LatticeArray  # (n, 2) centres, lattice units
+    row: Float64Array  # (n, 12) columns of `FEATURE_COLUMNS`
+    support: Float64Array  # (n,) radius of influence, m
+    slot: LatticeArray  # (n,) kind of feature: the index of its list in a block
+
+    def __getitem__(self, name: str) -> Float64Array:
+        """Return a column of `FEATURE_COLUMNS`, shape (n,)."""
+        return self.row[:, FEATURE_COLUMNS[name]]
+
+
+@dataclass(frozen=True, eq=False)
+class PointsLayer(TerrainLayer):
+    """Point features, which relief, forests and dunes are made of, and the warp of their outlines."""
+
+    name: ClassVar[str] = "points"
+
+    painted: StructuredArray = field(metadata=ITEMS)  # placed features (dtype ``FEATURE``), sorted by id
+    fill: FeatureSource = field(metadata=ITEMS)  # features of unpainted areas
+
+    @cached_property
+    def dune_styles(self) -> tuple[tuple[float, float], ...]:
+        """Distinct (wavelength in m, wind in degrees) of the dunes, sorted; the key of their layer."""
+        dunes = self.painted[self.painted["type"] == FEATURE_TYPES.index("dune")]
+        painted = {(float(dune["wavelength"]), float(dune["wind"])) for dune in dunes}
+        return tuple(sorted(painted | set(getattr(self.fill, "dune_styles", ()))))
+
+    @property
+    def slots(self) -> int:
+        """Number of feature lists of a block."""
+        return len(_SLOTS) + len(self.dune_styles)
+
+    @cached_property
+    def has_conifer_shares(self) -> bool:
+        """Whether any forest's share of conifers is set instead of derived from elevation."""
+        forests = self.painted[self.painted["type"] == FEATURE_TYPES.index("forest")]
+        shares = (*conifer_share(forests["peakiness"]), getattr(self.fill, "conifers", BY_ELEVATION))
+        return bool(max(shares) >= 0.0)
+
+    def stacks(self, world: WorldSettings) -> tuple[NoiseStack, ...]:
+        """Return the noises of the warp."""
+        outline = world.extent * _WARP_SHARE
+        return NoiseStack("warp_u", outline, 0.45, most=3), NoiseStack("warp_v", outline, 0.45, most=3)
+
+    def items(self, world: WorldSettings) -> StructuredArray:
+        """Return the painted features."""
+        del world
+        return self.painted
+
+    def boxes(self, rows: StructuredArray, world: WorldSettings) -> LatticeArray:
+        """Return boxes around the features' support."""
+        at, support = self._positions(rows, world), self.support(rows["radius"], world)
+        wide = np.ceil(support / world.unit).astype(np.int64)[:, None]
+        return np.concatenate([at - wide, at + wide], axis=1)
+
+    def change(self, old: TerrainLayer, world: WorldSettings) -> LayerChange | None:
+        """Return changed features, of the fill too; None if the fill may differ anywhere."""
+        assert isinstance(old, PointsLayer)  # noqa: S101 # layers are compared with their own kind
+        removed, added = row_difference(old.painted, self.painted)
+        fills = self._fill_difference(old)
+        if fills is None:
+            return None
+        # A fill feature that an edit made a painted one, unchanged, is in both.
+        gone, came = (
+            np.concatenate([old.painted[removed], fills[0]]),
+            np.concatenate([self.painted[added], fills[1]]),
+        )
+        gone, came = rows_only_in(gone, came), rows_only_in(came, gone)
+        boxes = np.concatenate([old.boxes(gone, world), self.boxes(came, world)])
+        return LayerChange(removed, added, boxes, self.boxes(np.concatenate(fills), world))
+
+    def _fill_difference(self, old: PointsLayer) -> tuple[StructuredArray, StructuredArray] | None:
+        if old.fill is self.fill or max(old.fill.max_radius, self.fill.max_radius) == 0:
+            return self.painted[:0], self.painted[:0]
+        return old.fill.difference(self.fill)
+
+    def _positions(self, rows: StructuredArray, world: WorldSettings) -> LatticeArray:
+        return to_lattice(np.stack([rows["x"], rows["y"]], axis=-1), world.extent)
+
+    def support(self, radius: npt.ArrayLike, world: WorldSettings) -> Float64Array:
+        """Return the radius of influence (m) of features of a ground radius (m), padded for rounding."""
+        radii = np.asarray(radius, np.float64)
+        return np.asarray(radii * support_radii(world.fidelity) * (1 + 1e-5) + 2 * world.unit)
+
+    def fill_near(
+        self, blocks: LatticeArray, world: WorldSettings, *, min_radius: float = 0.0
+    ) -> list[StructuredArray]:
+        """Return the fill of at least a radius (m) that may affect blocks (n, 4), with duplicates."""
+        if self.fill.max_radius < min_radius or self.fill.max_radius == 0:
+            return []
+        margin = self.fill.max_radius * support_radii(world.fidelity) + 1
+        metres = blocks * world.unit + margin * np.array([-1, -1, 1, 1])
+        return [self.fill.within(*area, min_radius=min_radius) for area in _merge_if_compact(metres)]
+
+    def pack(self, sampling: Sampling, cache: LRUCache) -> Packed:
+        """Return the scalars; the features near some blocks are packed for these."""
+        del cache
+        scalars = {"warp": outline_warp(sampling.world.fidelity), "slots": self.slots} | sampling.ranges(
+            "warp_u", "warp_v"
+        )
+        return Packed({"point_params": sampling.struct(_HEADER, "PointParams", scalars)})
+
+    def pack_features(
+        self, features: StructuredArray, world: WorldSettings, cell_size: float
+    ) -> PackedFeatures:
+        """Return features as kernels read them, without those too small for the cell size.
+
+        Features narrower than two cells fade out: strength × (0 at a radius of one cell … 1 at two).
+        """
+        cell = effective_cell(cell_size)
+        radius = features["radius"].astype(np.float64)
+        fade = np.clip(radius / cell - 1, 0, 1)
+        fade = fade * fade * (3 - 2 * fade)
+        visible = fade > 0
+        features, radius, fade = features[visible], radius[visible], fade[visible]
+        row = np.zeros((features.size, 12))
+        crest = crest_offsets(features)
+        core = 1 - np.hypot(*crest.T)  # the crest and the flanks around it end where the feature does
+        half_crest = crest / core[:, None]
+        square = (half_crest**2).sum(axis=1)
+        for name, values in {
+            "inverse_radius": 1 / (core * radius),
+            "feature_strength": features["strength"] * fade,
+            "feature_peakiness": features["peakiness"],
+            "feature_flank": np.where(features["painted"], flank(world.fidelity), 1.0),
+            "feature_erosion": features["erosion"],
+            "widest_gully": features["gullies"] * radius,
+            "noise_weight": noise_weight(radius, world),
+            "crest_east": half_crest[:, 0],
+            "crest_north": half_crest[:, 1],
+            "inverse_crest_square": np.divide(1, square, out=np.zeros(len(square)), where=square > 0),
+            "crest_sag": _SAG * np.sqrt(square),
+        }.items():
+            row[:, FEATURE_COLUMNS[name]] = values
+        return PackedFeatures(
+            self._positions(features, world), row, self.support(radius, world), self._slots_of(features)
+        )
+
+    def _slots_of(self, features: StructuredArray) -> LatticeArray:
+        slot = np.empty(features.size, dtype=np.int64)
+        for number, name in enumerate(_SLOTS):
+            slot[features["type"] == FEATURE_TYPES.index(name)] = number
+        is_dune = features["type"] == FEATURE_TYPES.index("dune")
+        for number, (wavelength, wind) in enumerate(self.dune_styles):
+            of_style = is_dune & (features["wavelength"] == wavelength) & (features["wind"] == wind)
+            slot[of_style] = len(_SLOTS) + number
+        return slot
+
+    def culler(self, context: ComputeContext, world: WorldSettings) -> PointCuller:
+        """Return the cache of features around evaluated blocks."""
+        from sketchterrain.terrain.layers.point_culler import PointCuller
+
+        return PointCuller(self, context, world)
+
+    def masks(self, culled: Culled, blocks: int) -> npt.NDArray[np.int32]:
+        """Return the masks of the kinds of features near each block."""
+        del blocks
+        some = np.diff(culled.lists["point_starts"], axis=-1) > 0
+        dunes = np.asarray(some[:, SLOT_DUNE:].any(axis=-1))
+        return mask_bits(mountain=some[:, SLOT_MOUNTAIN], dune=dunes, forest=some[:, SLOT_FOREST])
+
+    def omitted(self, state: DetailState, culled: Culled, sampling: Sampling) -> None:
+        """Find the greatest effects of the features near each block, for the layers made of them."""
+        state.near = _near_points(self, state.blocks, culled, sampling.world)
+
+    def lost_height(self, kind: str, cell: float, power: float) -> float:
+        """Return the height (m) lost of features too small for a cell size, where several overlap."""
+        small = self.painted[self.painted["type"] == FEATURE_TYPES.index(kind)]
+        small = small[small["radius"] < 2 * cell]
+        lost = small["strength"] * _fade_loss(small["radius"] / cell)
+        strongest, radii = getattr(self.fill, "max_strength", None), np.linspace(0.0, 2.0, 21)
+        if strongest is not None:
+            # Strength and visibility both grow with the radius.
+            of_fill = [strongest(kind, radius * cell) for radius in radii[1:]] * _fade_loss(radii[:-1])
+            lost = np.append(lost, of_fill)
+        return float(lost.max(initial=0.0) * _MAX_OVERLAP**power)
+
+    def heights(self, ground: HostSamples, site: HostSite) -> HostSamples:
+        """Find the features near the points, and the warp of outlines there."""
+        sampling = site.sampling
+        finder = site.finder or PointFinder(self, sampling.world)
+        block = np.array([[site.x.min(), site.y.min(), site.x.max(), site.y.max()]])
+        near = finder.near(block, min_radius=sampling.cell)
+        packed = self.pack_features(near, sampling.world, sampling.cell)
+        noise = OutlineNoise.at(
+            sampling.octaves, sampling.unit, site.x, site.y, warp=outline_warp(sampling.world.fidelity)
+        )
+        site.points = PointSite(site.x, site.y, sampling.unit, packed, noise)
+        return ground
+
+
+def outline_warp(fidelity: float) -> float:
+    """Return the greatest displacement of features' outlines, in radii."""
+    return 0.34 - 0.2 * fidelity - 0.5 * max(fidelity - 0.8, 0.0)
+
+
+def spur_length(fidelity: float) -> float:
+    """Return the greatest distance that ridges carry the flanks of mountains outward, in radii."""
+    return _SPUR_WARPS * outline_warp(fidelity)
+
+
+def support_radii(fidelity: float) -> float:
+    """Return the radius of influence of features over their radius.
+
+    The warp moves a point by up to its length in each direction, and a spur adds to that.
+    """
+    return float(1 + (np.sqrt(2) + _SPUR_WARPS) * outline_warp(fidelity))
+
+
+def noise_weight(radius: Float64Array, world: WorldSettings) -> Float64Array:
+    """Return the weight of noise in mountains of a ground radius (m).
+
+    It is less in those wider than the noise, which would cover ridges with bumps.
+    """
+    return np.asarray(np.minimum((ridge_wavelength(world.extent) / radius) ** 2, 1.0))
+
+
+def ridge_wavelength(extent: float) -> float:
+    """Return the wavelength (m) of the mountains' main ridges."""
+    return extent * _RIDGE_SHARE
+
+
+class PointFinder:
+    """Features near blocks, by an index of the painted ones."""
+
+    def __init__(self, layer: PointsLayer, world: WorldSettings, index: BoxIndex | None = None) -> None:
+        self._layer = layer
+        self._world = world
+        self._index = BoxIndex(layer.boxes(layer.painted, world)) if index is None else index
+
+    def updated(self, layer: PointsLayer, change: LayerChange) -> PointFinder:
+        """Return the finder of a layer with changed painted features."""
+        boxes = layer.boxes(layer.painted[change.added], self._world)
+        return PointFinder(layer, self._world, self._index.updated(change.removed, change.added, boxes))
+
+    def near(self, blocks: LatticeArray, *, min_radius: float) -> StructuredArray:
+        """Return the painted features whose support meets any block (n, 4), and the fill that may, by id.
+
+        Blocks are west, south, east, north in lattice units; fill with a radius (m) below ``min_radius`` is
+        omitted.
+        """
+        fill = self._layer.fill_near(blocks, self._world, min_radius=min_radius)
+        return unique_by_id([self.painted_near(blocks), *fill])
+
+    def painted_near(self, blocks: LatticeArray) -> StructuredArray:
+        """Return the painted features whose support meets any of the blocks, sorted by id."""
+        _, item = self._index.touching(blocks)
+        found: StructuredArray = self._layer.painted[np.unique(item)]
+        return found
+
+
+def unique_by_id(parts: Sequence[StructuredArray]) -> StructuredArray:
+    """Return all features of some arrays once, sorted by id."""
+    features = np.concatenate(parts)
+    _, unique = np.unique(features["id"], return_index=True)
+    return features[unique]
+
+
+def _merge_if_compact(areas: Float64Array) -> list[tuple[float, float, float, float]]:
+    """Return one bounding rectangle where it is little larger than the rectangles together."""
+    west, south = areas[:, :2].min(axis=0)
+    east, north = areas[:, 2:].max(axis=0)
+    covered = float(np.sum((areas[:, 2] - areas[:, 0]) * (areas[:, 3] - areas[:, 1])))
+    if (east - west) * (north - south) <= 2 * covered:
+        return [(float(west), float(south), float(east), float(north))]
+    return [(float(w), float(s), float(e), float(n)) for w, s, e, n in areas]
+
+
+@dataclass(frozen=True)
+class NearPoints:
+    """Greatest effects of the features near each of n blocks."""
+
+    layer: PointsLayer
+
+    hill: Float64Array  # (n,) height without swell or gullies, m
+    mountain: Float64Array
+    hill_sum: Float64Array  # (n,) the same if all of them had their summit in the block, m
+    mountain_sum: Float64Array
+    erosion: Float64Array  # (n,) 0 … 1
+    widest: Float64Array  # (n,) width of the widest gullies, m
+    cover: Float64Array  # (n, styles) 0 … 1
+    dune: Float64Array  # (n, styles) height of the highest dunes, m
+
+
+def _near_points(
+    layer: PointsLayer, blocks: LatticeArray, culled: Culled, world: WorldSettings
+) -> NearPoints:
+    packed, lists = culled.details, culled.lists
+    count = len(blocks)
+    starts, member = lists["point_starts"], lists["point_list"]
+    of_slot = np.diff(starts, axis=-1)
+    slots = of_slot.shape[1]
+    if not member.size:
+        zero = np.zeros(count)
+        styles = np.zeros((count, slots - SLOT_DUNE))
+        return NearPoints(layer, zero, zero, zero, zero, zero, zero, styles, styles)
+    block, slot = np.divmod(np.repeat(np.arange(count * slots), of_slot.ravel()), slots)
+    at, column = packed.at[member], {name: packed[name][member] for name in FEATURE_COLUMNS}
+    strength, flank = column["feature_strength"], column["feature_flank"]
+    outside = np.maximum(np.maximum(blocks[block, :2] - at, at - blocks[block, 2:]), 0) * world.unit
+    radii = np.hypot(outside[:, 0], outside[:, 1]) * column["inverse_radius"]
+    radii = np.maximum(radii - np.hypot(column["crest_east"], column["crest_north"]), 0)
+    bent = np.maximum(radii - np.sqrt(2) * outline_warp(world.fidelity), 0)
+    spur = spur_length(world.fidelity) * NOISE_PEAK
+
+    def power_mean(kind: int, heights: Float64Array, power: int) -> Float64Array:
+        sums = np.bincount(block, weights=np.where(slot == kind, heights, 0.0) ** power, minlength=count)
+        return np.asarray(sums ** (1 / power))
+
+    hill = power_mean(SLOT_HILL, strength * hill_profile(bent, flank), 2)
+    peaks = strength * mountain_profile(np.maximum(bent - spur, 0), column["feature_peakiness"], flank)
+    mountain = power_mean(SLOT_MOUNTAIN, peaks, 4)
+    # The same without profiles, to bound shifts of the profiles.
+    hill_sum, mountain_sum = (
+        power_mean(kind, strength, power) for kind, power in ((SLOT_HILL, 2), (SLOT_MOUNTAIN, 4))
+    )
+    cut = np.where(slot <= SLOT_HILL, column["feature_erosion"], 0.0)
+    erosion, widest = np.zeros(count), np.zeros(count)
+    np.maximum.at(erosion, block, cut)
+    np.maximum.at(widest, block, np.where(cut > 0, column["widest_gully"], 0.0))
+    cover, dune = np.zeros((count, slots)), np.zeros((count, slots))
+    np.add.at(cover, (block, slot), area_profile(bent) ** 4)
+    np.maximum.at(dune, (block, slot), strength)
+    cover = np.minimum(cover**0.25, 1.0)[:, SLOT_DUNE:]
+    return NearPoints(
+        layer, hill, mountain, hill_sum, mountain_sum, erosion, widest, cover, dune[:, SLOT_DUNE:]
+    )
+
+
+def _fade_loss(cells: Float64Array) -> Float64Array:
+    """Return the share that is lost of features of a radius in cells."""
+    left = np.clip(cells - 1.0, 0.0, 1.0)
+    return 1 - left * left * (3 - 2 * left)

@@ -33,6 +33,7 @@ def reference_table() -> str:
         "density": "Features where nothing is painted.",
         "ground": "The ground under and between the features.",
         "climate": "Snow and vegetation.",
+        "coast": "The sea's level and its shores ([sea](kernels/sea.md)).",
         "weather": "Lighting and air of pictures ([light.md](light.md)); it does not change the terrain.",
     }
     sections += [_section(f"`[{name}]`", about[name], table) for name, table in TABLES.items()]

@@ -208,6 +208,22 @@ _ALL: Final = (
         narrow="river",
     ),
     Layer(
+        *("sea", "Sea", 7, "water", "where the sea is; all other ground is land"),
+        parameter_table(
+            Parameter(
+                *("depth", float, 40.0, 0.5, 1e4, "m", "greatest depth of the water"),
+                soft_range=(1.0, 500.0),
+            )
+        ),
+        colour=(24, 52, 96),
+        hatch="level",
+        light_hatch=True,
+        overlay=(20, 90, 190),
+        map_colours="#14284b",
+        tags=(TagRule("natural", "bay strait sea ocean"), TagRule("water", "sea ocean")),
+        source_names="ocean",
+    ),
+    Layer(
         *("material", "Materials", 6, "cover", "a material that overrides the material rules"),
         parameter_table(
             Parameter("material", str, "rock", 0, 40, "", "the material", choices=MATERIALS),

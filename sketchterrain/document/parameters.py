@@ -174,6 +174,24 @@ CLIMATE: Mapping[str, Parameter] = parameter_table(
 )
 """Keys of ``[climate]``: snow and vegetation."""
 
+COAST: Mapping[str, Parameter] = parameter_table(
+    Parameter(
+        *("sea_level", float, -1e4, -1e4, 1e4, "m"),
+        "elevation below which is sea; 0 by default where a sea is painted",
+        sentinel=Sentinel(-1e4, "No sea", 0.0),
+        soft_range=(-200.0, 200.0),
+    ),
+    Parameter(
+        *("beach", float, 40.0, 2.0, 1000.0, "m", "width of the beaches along the shore"),
+        soft_range=(2.0, 200.0),
+    ),
+    Parameter(
+        *("shelf", float, 800.0, 10.0, 1e5, "m", "distance from a painted coast to the greatest depth"),
+        soft_range=(50.0, 5000.0),
+    ),
+)
+"""Keys of ``[coast]``: the sea's level and its shores."""
+
 WEATHER: Mapping[str, Parameter] = parameter_table(
     Parameter(
         *("hour", float, -1.0, -1.0, 24.0, "h"),

@@ -26,6 +26,7 @@ from sketchterrain.document.material_rules import RuleChange, check_rule_changes
 from sketchterrain.document.materials import BUILT_IN, MaterialTable
 from sketchterrain.document.parameters import (
     CLIMATE,
+    COAST,
     GROUND,
     LOOK,
     SKETCH,
@@ -41,7 +42,7 @@ from sketchterrain.errors import InputError, did_you_mean, format_value
 __all__ = ["DEFAULT_SIDE", "MAX_LABELS", "MAX_SIDE", "LabelImage", "Sketch", "labels_in"]
 
 TABLES: Mapping[str, Mapping[str, Parameter]] = MappingProxyType(
-    {"density": DENSITY, "ground": GROUND, "climate": CLIMATE, "weather": WEATHER}
+    {"density": DENSITY, "ground": GROUND, "climate": CLIMATE, "coast": COAST, "weather": WEATHER}
 )
 """Tables of the file with one value per key."""
 
@@ -67,8 +68,9 @@ class Sketch:
         0 to 2⁶³ − 1.
     fidelity
         0 (a loose guideline) to 1 (exactly where it was painted).
-    density, ground, climate, weather
-        Settings by the names in `DENSITY`, `GROUND`, `CLIMATE` and `WEATHER`; missing ones have defaults.
+    density, ground, climate, coast, weather
+        Settings by the names in `DENSITY`, `GROUND`, `CLIMATE`, `COAST` and `WEATHER`; missing ones have
+        defaults.
     layers
         Label images by layer name: uint8, (height, width), 0 is empty. Missing layers are empty. The
         arrays of a sketch are read-only; a writeable array is copied.
@@ -94,6 +96,7 @@ class Sketch:
     density: Mapping[str, float] = field(default_factory=dict)
     ground: Mapping[str, float] = field(default_factory=dict)
     climate: Mapping[str, float] = field(default_factory=dict)
+    coast: Mapping[str, float] = field(default_factory=dict)
     weather: Mapping[str, float] = field(default_factory=dict)
     layers: Mapping[str, LabelImage] = field(default_factory=dict)
     labels: Mapping[tuple[str, int], Properties] = field(default_factory=dict)

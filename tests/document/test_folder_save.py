@@ -125,7 +125,7 @@ def test_refused_and_ignored_files(folder):
         ("Mountain.PNG", "did you mean 'mountain.png'"),
         (
             "pond.png",
-            "expected mountain.png, hill.png, river.png, dune.png, forest.png, lake.png, material.png",
+            f"expected {', '.join(f'{name}.png' for name in LAYERS)}",
         ),
         ("hill.jpg", "'hill.jpg': expected a PNG file, hill.png"),
         ("two\nlines.png", r"unknown layer image 'two\nlines.png'"),
@@ -224,6 +224,9 @@ class Killed(BaseException):
     """Not caught anywhere in the program."""
 
 
+JOURNALLED = 2 * len(LAYERS) + 6  # disk operations until all new files are written beside the old ones
+
+
 def numbered_sketch(label):
     """Return a sketch whose files all depend on a number."""
     image = np.full((20, 30), label, dtype=np.uint8)
@@ -270,7 +273,7 @@ def test_killed_save_leaves_the_old_or_the_new_sketch(tmp_path, monkeypatch, bef
             save_sketch(numbered_sketch(1), folder)
         if before == "an unfinished save":
             assert interrupted_at(
-                monkeypatch, 22, lambda folder=folder: save_sketch(numbered_sketch(2), folder)
+                monkeypatch, JOURNALLED + 2, lambda folder=folder: save_sketch(numbered_sketch(2), folder)
             )
             assert (folder / JOURNAL).exists()
             same(load_sketch(folder), numbered_sketch(2))
@@ -298,7 +301,7 @@ def test_killed_save_leaves_the_old_or_the_new_sketch(tmp_path, monkeypatch, bef
 
 def test_image_modified_after_the_crash_wins(tmp_path, monkeypatch):
     save_sketch(numbered_sketch(1), tmp_path)
-    assert interrupted_at(monkeypatch, 20, lambda: save_sketch(numbered_sketch(2), tmp_path))
+    assert interrupted_at(monkeypatch, JOURNALLED, lambda: save_sketch(numbered_sketch(2), tmp_path))
     time.sleep(0.02)
     (tmp_path / "hill.png").write_bytes(encode_layer(np.full((20, 30), 9, dtype=np.uint8), (0, 0, 0)))
     sketch = load_sketch(tmp_path)
@@ -311,7 +314,7 @@ def test_image_modified_after_the_crash_wins(tmp_path, monkeypatch):
 def test_unfinished_first_save_precedes_a_preset(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     folder = Path("valley_river")
-    assert interrupted_at(monkeypatch, 19, lambda: save_sketch(numbered_sketch(2), folder))
+    assert interrupted_at(monkeypatch, JOURNALLED - 1, lambda: save_sketch(numbered_sketch(2), folder))
     assert not (folder / "sketch.toml").exists()
     same(load_sketch("valley_river"), numbered_sketch(2))
 

@@ -376,5 +376,5 @@ def test_mask_is_what_differs_from_the_background(saved) -> None:
     path = saved(np.full((50, 70), 255, np.uint8))
     with pytest.raises(InputError, match="it is all #ffffff"):
         trace_mask(path, "lake", DEFAULTS)
-    with pytest.raises(InputError, match="layer 'sea': expected mountain"):
-        trace_mask(path, "sea", DEFAULTS)
+    with pytest.raises(InputError, match="layer 'ocean': expected mountain"):
+        trace_mask(path, "ocean", DEFAULTS)

@@ -17,16 +17,17 @@ from sketchterrain.ui.look.layer_colours import hatch, hatch_colour, hatch_perio
 from sketchterrain.ui.models.workspace import Workspace
 
 Colours: TypeAlias = npt.NDArray[np.uint32]
-Codes: TypeAlias = npt.NDArray[np.uint16]
+Codes: TypeAlias = npt.NDArray[np.uint32]
 Floats: TypeAlias = npt.NDArray[np.float32]
 
-MASK: Final = 127
+MASK: Final = (1 << len(LAYERS)) - 1
 """Code bits of painted layers, bit i for the i-th `LayerPaint`; the other bits are a hash of the labels."""
 
 _TILE = 256  # px of a level along a tile's side
-_MAX_TILES = 320  # 126 MB
+_MAX_TILES = 240  # 126 MB
 _BLOCK = 1024  # px of the sketch along a block that may be known to be unpainted
-_HASH_FACTORS = (2654435761, 40503017, 3266489917, 668265263, 374761393, 2246822519, 3432918353)  # odd
+_HASH_FACTORS = np.random.default_rng(1).integers(2**32, size=len(LAYERS), dtype=np.uint32) | np.uint32(1)
+_HASH_BITS = np.uint32(0xFFFF0000)
 _MAX_MIXTURES = 4096  # label combinations of a look-up table
 
 
@@ -97,7 +98,7 @@ class LayerCompositor:
         """Return colours and codes of a level in a box of its rows and columns."""
         top, left, bottom, right = box
         colours = np.empty((bottom - top, right - left), np.uint32)
-        codes = np.empty(colours.shape, np.uint16)
+        codes = np.empty(colours.shape, np.uint32)
         for row in range(top // _TILE, -(-bottom // _TILE)):
             for column in range(left // _TILE, -(-right // _TILE)):
                 tile = self._tile(level, row, column)
@@ -170,7 +171,7 @@ class _Tile:
 
     def __init__(self) -> None:
         self.colours: Colours = np.zeros((_TILE, _TILE), np.uint32)
-        self.codes: Codes = np.zeros((_TILE, _TILE), np.uint16)
+        self.codes: Codes = np.zeros((_TILE, _TILE), np.uint32)
         self.stale: Box | None = (0, 0, _TILE, _TILE)
 
 
@@ -206,12 +207,13 @@ def _label_mixtures(images: Sequence[LabelImage]) -> tuple[npt.NDArray[np.intp],
             number += image
         grid = np.indices(counts).reshape(len(counts), -1).T
         return number, np.ascontiguousarray(grid, np.uint8)
-    key = np.zeros(images[0].shape, np.uint64)
+    key = np.zeros(images[0].size, np.uint64)
     for place, image in enumerate(images):
-        key |= image.astype(np.uint64) << np.uint64(8 * place)
-    found, number = np.unique(key.ravel(), return_inverse=True)
-    shifts = np.arange(0, 8 * len(images), 8, dtype=np.uint64)
-    return number.reshape(key.shape), (found[:, None] >> shifts & np.uint64(255)).astype(np.uint8)
+        if place % 5 == 4:  # before the key overflows
+            key = np.unique(key, return_inverse=True)[1].astype(np.uint64)
+        key = key << np.uint64(8) | image.ravel()
+    _, first, number = np.unique(key, return_index=True, return_inverse=True)
+    return number.reshape(images[0].shape), np.stack([image.ravel()[first] for image in images], axis=-1)
 
 
 def _blend(
@@ -220,19 +222,19 @@ def _blend(
     """Return colour and code of each mixture of labels, (n, layers)."""
     colour = np.zeros((len(labels), 3), np.float32)
     alpha = np.zeros((len(labels), 1), np.float32)
-    mask = np.zeros(len(labels), np.uint16)
+    mask = np.zeros(len(labels), np.uint32)
     hashes = np.zeros(len(labels), np.uint32)
     for place, (paint, bit) in enumerate(zip(paints, bits, strict=True)):
         label = labels[:, place]
         cover = np.where(label > 0, np.float32(paint.opacity), np.float32(0.0))[:, None]
         colour += (paint.colours[label] - colour) * cover
         alpha += (1.0 - alpha) * cover
-        mask |= np.where(label > 0, np.uint16(1 << bit), np.uint16(0))
-        hashes += label * np.uint32(_HASH_FACTORS[bit])
+        mask |= np.where(label > 0, np.uint32(1 << bit), np.uint32(0))
+        hashes += label * _HASH_FACTORS[bit]
     red, green, blue = np.rint(255.0 * colour).astype(np.uint32).T
     packed = np.rint(255.0 * alpha[:, 0]).astype(np.uint32) << 24 | red << 16 | green << 8 | blue
     hashes = (hashes ^ hashes >> np.uint32(13)) * np.uint32(2246822519)
-    return packed, mask | ((hashes >> np.uint32(16) & np.uint32(511)) << np.uint32(7)).astype(np.uint16)
+    return packed, mask | hashes & _HASH_BITS
 
 
 _UNDERLYING = 0.35  # strength of a hatch below another layer
@@ -271,8 +273,7 @@ class HatchTable:
         height, width = inner.shape
         across = (np.arange(x, x + width) % period).astype(np.uint32)
         down = (np.arange(y, y + height) % period).astype(np.uint32) * np.uint32(period)
-        index = (inner & np.uint16(MASK)).astype(np.uint32)
-        index *= np.uint32(period * period)
+        index = (inner & np.uint32(MASK)) * np.uint32(period * period)
         index += across
         index += down[:, None]
         pixels: Colours = np.take(self._table, index)

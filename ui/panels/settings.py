@@ -88,7 +88,12 @@ class SeedRow(QWidget):
             self.edited.emit(seed)
 
 
-_GROUPS: Final = {"ground": "Ground between", "climate": "Climate", "density": "Unpainted land"}
+_GROUPS: Final = {
+    "ground": "Ground between",
+    "climate": "Climate",
+    "coast": "Sea and coast",
+    "density": "Unpainted land",
+}
 """Titles of the displayed tables."""
 _TITLES: Final = {
     "density": {layer.name: layer.fill.split()[0].capitalize() for layer in LAYERS.values() if layer.fill},

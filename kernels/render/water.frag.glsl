@@ -29,13 +29,21 @@ const vec3 LAKE_ABSORPTION = vec3(0.46, 0.135, 0.150);
 const vec3 LAKE_BACKSCATTER = vec3(0.006, 0.014, 0.016);
 const vec3 STREAM_ABSORPTION = vec3(0.44, 0.17, 0.20);
 const vec3 STREAM_BACKSCATTER = vec3(0.007, 0.0135, 0.011);
+// Of a coast: clearer and bluer, with a little yellow substance and plankton.
+const vec3 SEA_ABSORPTION = vec3(0.33, 0.075, 0.048);
+const vec3 SEA_BACKSCATTER = vec3(0.0035, 0.0052, 0.0062);
 const float FOAM_ALBEDO = 0.62;
 const float SHELTER = 0.42;          // inland wind over that of open sea
 const float CALM = 0.0012;           // slope² of water without wind
+const float CLEAREST = 60.0;         // m of depth beyond which no bed is seen
 const float FOAM_TEXELS = 512.0;     // of the noise texture, each side
 const float FROTH = 9.3;             // frequency of froth over that of foam patches
 const float SWELL_PERIOD = 4.3;      // s, of swell at shores
 const float SOFT_SHORE = 0.07;       // m of depth over which alpha rises
+const float SOFT_PIXELS = 0.15;      // and in pixels on the sea, whose shore nothing else smooths
+const float SURF_PERIOD = 7.0;       // s, of the waves that break at a coast
+const float GUSTS = 6144.0;          // m, period of the sea's wide gusts
+const float UNSEEN = 0.9999999;      // depth buffer without ground
 
 // Slope² of waves under a wind (m/s), both axes together (Cox & Munk 1954).
 float wind_roughness(float speed) { return CALM + 0.00512 * speed; }
@@ -53,7 +61,7 @@ void main()
     float grazing = max(dot(to_eye, normalize(vec3(-tilt, 1.0))), 0.02);
     vec2 uv = gl_FragCoord.xy / view_range.zw;
     float pixel = distance * trees.z * inversesqrt(grazing);
-    bool lake = stream.w == 0.0;
+    bool lake = stream.w <= 0.0, sea = stream.w < 0.0;
 
     // Gusts and slicks, elongated along a stream and advected by it.
     float across = flow.x / max(stream.w, 0.1);
@@ -61,7 +69,13 @@ void main()
     vec2 drift = lake ? (position.xy + eye.xy - wind * clock * 0.5) / 512.0 : vec2(flow.x / 24.0, (flow.y - stream.x * clock * 0.7) / 190.0);
     vec4 patches = textureLod(noise_field, drift, log2(max(pixel * (lake ? 1.0 : 8.0), 0.01)));
     float gust = smoothstep(-0.7, 0.9, patches.x);
-    float roughness = lake ? wind_roughness(SHELTER * length(wind)) * (0.25 + 1.5 * gust)
+    if (sea) {
+        // Seen from high up the patches of a lake would repeat.
+        vec2 wide_at = mat2(0.8, 0.6, -0.6, 0.8) * (position.xy + eye.xy - wind * clock) / GUSTS;
+        float wide = textureLod(noise_field, wide_at, log2(max(pixel * 512.0 / GUSTS, 0.01))).x;
+        gust = smoothstep(-0.9, 0.9, wide + 0.35 * patches.x / (1.0 + pixel / 4.0));
+    }
+    float roughness = sea ? wind_roughness(length(wind)) * (0.6 + 0.8 * gust) : lake ? wind_roughness(SHELTER * length(wind)) * (0.25 + 1.5 * gust)
                            : stream_roughness(speed, stream.y) * (0.45 + 1.1 * gust);
     float time = clock / RENEWAL + 0.8 * patches.y;
     Waves waves = waves_at(position.xy, flow.zw * speed, pixel, roughness, time);
@@ -71,7 +85,8 @@ void main()
     vec3 behind = scene_position(uv);
     float depth = max(position.z + dot(tilt, behind.xy - position.xy) - behind.z + rise, 0.0);
     float up = refracted_cosine(grazing);
-    float soft = smoothstep(0.0, SOFT_SHORE, depth);
+    if (sea && textureLod(scene_depth, uv, 0.0).r > UNSEEN) depth = CLEAREST;
+    float soft = smoothstep(0.0, sea ? max(SOFT_SHORE, SOFT_PIXELS * pixel) : SOFT_SHORE, depth);
     float shallow = depth - rise;
     vec2 bed_uv = uv;
 #if MATERIALS > 1
@@ -92,9 +107,9 @@ void main()
     sun *= tree_shade(position, vec3(0.0, 0.0, 1.0));
 #endif
     vec3 incoming = sun_light.rgb * max(to_sun.z, 0.0) * sun + sky_irradiance(vec3(0.0, 0.0, 1.0)) * light.g;
-    vec3 absorption = lake ? LAKE_ABSORPTION : STREAM_ABSORPTION;
-    vec3 backscatter = lake ? LAKE_BACKSCATTER : STREAM_BACKSCATTER;
-    vec3 clear = let_through(absorption + backscatter, min(depth, 60.0), up, refracted_cosine(max(to_sun.z, 0.2)));
+    vec3 absorption = sea ? SEA_ABSORPTION : lake ? LAKE_ABSORPTION : STREAM_ABSORPTION;
+    vec3 backscatter = sea ? SEA_BACKSCATTER : lake ? LAKE_BACKSCATTER : STREAM_BACKSCATTER;
+    vec3 clear = let_through(absorption + backscatter, min(depth, CLEAREST), up, refracted_cosine(max(to_sun.z, 0.2)));
     vec3 air = through_air(vec3(0.0), position);
     vec3 body = through_air((1.0 - clear) * deep_colour(absorption, backscatter) * incoming / PI, position);
     body += clear * max(bed - air, 0.0);
@@ -123,6 +138,11 @@ void main()
     float fine = clamp(0.12 / max(pixel, 0.01), 0.0, 1.0); // visibility of a shoreline at this pixel size
     float shoal = shore_foam(max(shallow, 0.0), beat, lake ? 0.14 : 0.08) * fine * (lake ? 0.15 : 0.03) * (0.2 + gust);
     float amount = shoal + (lake ? 0.0 : stream_foam(stream.y, across));
+    if (sea) {
+        float passed = waves_to_shore(shallow, SURF_PERIOD) + clock / SURF_PERIOD + 0.6 * patches.y;
+        float strength = length(wind), seen = 1.0 - smoothstep(0.5, 4.0, pixel);
+        amount = surf_foam(max(shallow, 0.0), surf_height(strength), passed, seen) * (0.5 + gust) + whitecaps(strength) * 2.0 * gust;
+    }
 #if MATERIALS == 1
     float web = froth.y;
 #else

@@ -8,10 +8,10 @@
 uniform vec3 anchor; // origin of all positions, relative to the eye, m
 uniform float lift;  // error of the displayed ground's height seen from the side, per metre of distance
 
-in vec3 local_position;  // m from the anchor
+in vec3 local_position;  // m from the anchor; of the sea in draw distances
 in vec4 flow_frame; // x: m across, from the centreline; y: m along; zw: unit vector downstream
 in vec2 shore;  // x: m from the shore, negative in the bank; y: extent of the mesh into the bank, m
-in vec4 stream_params; // x: mid-stream speed, m/s; y: slope; z: visible share; w: half width, 0 for a lake
+in vec4 stream_params; // x: mid-stream speed, m/s; y: slope; z: visible share; w: half width, 0 for a lake, -1 for the sea
 
 out vec3 position;
 out vec4 flow;
@@ -29,17 +29,21 @@ vec2 in_picture(vec4 clip) { return clip.xy / clip.w * 0.5 * view_range.zw; }
 
 void main()
 {
-    position = anchor + local_position;
+    bool sea = stream_params.w < 0.0;
+    position = anchor + local_position * (sea ? view_range.x : 1.0);
     float distance = length(position);
     float rise = lift * distance / max(length(position.xy) / distance, STEEPEST);
     nearer = min(rise / max(abs(position.z), FLATTEST * distance), 0.5) + (stream_params.w > 0.0 ? OVER : 0.0);
-    wet_room = shore.x + max(1.0 - rise / BANK, 0.0) * shore.y;
+    // Without a shore to end at, the sea ends where it meets the drawn ground.
+    if (sea) nearer = 0.0;
+    wet_room = sea ? 1.0 : shore.x + max(1.0 - rise / BANK, 0.0) * shore.y;
     flow = flow_frame;
     stream = stream_params;
     coverage = 1.0;
     gl_Position = to_clip * vec4(position, 1.0);
     vec4 before = to_clip * vec4(position * (1.0 - nearer), 1.0);
     if (before.w > 0.0) gl_Position.z = before.z / before.w * gl_Position.w;
+    if (sea) gl_Position.z = min(gl_Position.z, 0.9999999 * gl_Position.w);
 
     vec3 right = vec3(flow_frame.w, -flow_frame.z, 0.0);
     vec4 centre = to_clip * vec4(position - flow_frame.x * right, 1.0);

@@ -16,7 +16,8 @@ const float LID = 0.75; // m over the water
 
 void main()
 {
-    position = anchor + local_position;
-    wet_room = shore.x;
+    bool sea = stream_params.w < 0.0;
+    position = anchor + local_position * (sea ? view_range.x : 1.0);
+    wet_room = sea ? 1.0 : shore.x;
     gl_Position = to_clip * vec4(position + vec3(0.0, 0.0, LID), 1.0);
 }

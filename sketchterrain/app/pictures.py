@@ -4,6 +4,7 @@ import statistics
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -132,8 +133,9 @@ def fly(
             terrain = build(sketch, device=context)
         with stages.stage("path", "Choosing a path"):
             path = tour(terrain, seconds=seconds or SECONDS) if flight is None else flight
-            views = path.with_absolute_heights(terrain.heights).at(path.times(options.fps, seconds))
-            clearance = views.eye[:, 2] - terrain.heights(views.eye[:, 0], views.eye[:, 1])
+            surface = partial(scene.surface_heights, terrain)
+            views = path.with_absolute_heights(surface).at(path.times(options.fps, seconds))
+            clearance = views.eye[:, 2] - surface(views.eye[:, 0], views.eye[:, 1])
         with stages.stage("frames", "Flying") as progress:
             frames = _capture(terrain, views, options, weather, output, progress)
         timings = stages.seconds | {"total": stages.elapsed}

@@ -1,4 +1,4 @@
-"""glTF scenes: GLB files, the terrain mesh with baked materials, rivers and lakes.
+"""glTF scenes: GLB files, the terrain mesh with baked materials, waters.
 
 x east, y up, z south, metres from the sketch's south-west corner at height 0.
 """
@@ -24,8 +24,8 @@ from sketchterrain.export.mesh import (
     mesh_normals,
     mesh_positions,
     mesh_texcoords,
+    object_meshes,
     texture_stride,
-    water_meshes,
 )
 from sketchterrain.export.sampled import SampleGrid
 from sketchterrain.export.target import Export
@@ -187,11 +187,11 @@ def add_ground(glb: GlbWriter, mesh: GridMesh, export: Export) -> None:
     glb.node("ground", mesh=ground, translation=grid_centre(grid).tolist())
 
 
-def add_water(glb: GlbWriter, export: Export) -> None:
-    """Add rivers and lakes, a node each."""
+def add_objects(glb: GlbWriter, export: Export) -> None:
+    """Add the waters, a node each."""
     grid = export.grid
     material = None
-    for water in water_meshes(export.terrain.features, grid):
+    for water in object_meshes(export.terrain.features, export.samples):
         if material is None:
             material = glb.material("water", alphaMode="BLEND", pbrMetallicRoughness=_WATER)
         position = _centred_axes(grid).points(*water.position.T).astype(np.float32)

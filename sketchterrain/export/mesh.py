@@ -257,21 +257,24 @@ def _parts(mesh: GridMesh) -> Iterator[slice]:
         yield slice(first, first + _VERTICES_AT_ONCE)
 
 
-class WaterMesh(NamedTuple):
-    """Surface of one river or lake."""
+class ObjectMesh(NamedTuple):
+    """Surface of a thing on the terrain: of one river or lake, or the sea."""
 
     name: str  # "river 7", by its id
     position: npt.NDArray[np.float64]  # (n, 3): x east, y north, z up, m
     triangles: npt.NDArray[np.uint32]  # (k, 3), counter-clockwise from above
 
 
-def water_meshes(features: TerrainFeatures, grid: SampleGrid) -> Iterator[WaterMesh]:
-    """Return each water surface, clipped to a grid's rectangle, lakes first."""
-    from sketchterrain.look.water_surfaces import water_surfaces  # SciPy: not for a list of targets
+def object_meshes(features: TerrainFeatures, samples: TerrainSamples) -> Iterator[ObjectMesh]:
+    """Return each water surface, clipped to the samples' rectangle; the sea only over ground below it."""
+    from sketchterrain.look.objects import terrain_objects  # SciPy: not for a list of targets
 
-    rivers = [river for river in features.rivers if len(river.centreline) > 1]
-    names = [f"lake {lake.id}" for lake in features.lakes] + [f"river {river.id}" for river in rivers]
-    for name, surface in zip(names, water_surfaces(features), strict=True):
+    grid = samples.grid
+    bounds = (grid.west, grid.south, grid.east, grid.north)
+    for each in terrain_objects(features):
+        if each.level is not None and not (samples.height < each.level).any():
+            continue
+        surface = each.mesh(bounds)
         triangles = surface.triangles.reshape(-1, 3)
         x, y = surface.position[:, 0], surface.position[:, 1]
         inside = (x >= grid.west) & (x <= grid.east) & (y >= grid.south) & (y <= grid.north)
@@ -284,4 +287,4 @@ def water_meshes(features: TerrainFeatures, grid: SampleGrid) -> Iterator[WaterM
         remaining = triangles[visible & inside[triangles].any(axis=1) & (area > 0.0)]
         if len(remaining):
             used, index = np.unique(remaining, return_inverse=True)
-            yield WaterMesh(name, position[used], index.reshape(-1, 3).astype(np.uint32))
+            yield ObjectMesh(each.name, position[used], index.reshape(-1, 3).astype(np.uint32))

@@ -13,7 +13,7 @@ import numpy as np
 from sketchterrain.array_types import Bounds
 from sketchterrain.render.programs import fullscreen_pass, set_uniforms
 from sketchterrain.render.quality import TimeBudget, WorkRate
-from sketchterrain.render.scene import HeightMap, TerrainSource
+from sketchterrain.render.scene import HeightMap, TerrainSource, surface_heights
 from sketchterrain.render.sky import Sun
 
 BLOCK: Final = 64
@@ -212,8 +212,8 @@ class LightMap:
         x = (np.arange(west, east) + 0.5) * square.texel
         y = (np.arange(south, end) + 0.5) * square.texel
         row, col = south - square.row, west - square.col
-        self.relief.heights[row : row + end - south, col : col + east - west] = self._terrain.heights(
-            x[None, :], y[:, None], cell_size=square.texel
+        self.relief.heights[row : row + end - south, col : col + east - west] = surface_heights(
+            self._terrain, x[None, :], y[:, None], cell_size=square.texel
         )
         if end < north:
             self._pending.insert(0, (west, end, east, north))

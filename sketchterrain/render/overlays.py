@@ -10,11 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Bounds, Float64Array
-from sketchterrain.document.layers import LAYERS, layer_of
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.errors import InputError
+from sketchterrain.look.objects import shore_lines, terrain_objects
 from sketchterrain.placement.feature_types import FEATURE_TYPES, ShapeField
 from sketchterrain.render.programs import build_program, fullscreen_pass, set_uniforms
-from sketchterrain.render.scene import TerrainSource
+from sketchterrain.render.scene import TerrainSource, sample_heights, visible_rectangle
 from sketchterrain.tiles.tile_pool import DrawList
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
     Colour = tuple[int, int, int]
 
-FEATURE_COLOURS: Final = {
+FEATURE_COLOURS: Final = {"sea": (20, 150, 200)} | {
     name: layer.overlay or layer.colour for name, layer in LAYERS.items() if layer.is_points or layer.is_water
 }
 """Colours by layer; features that fill unpainted areas have half the opacity."""
@@ -31,6 +32,7 @@ _POST: Final = 0.12
 """Height of the post in the centre of a feature, in radii ..."""
 _MIN_POST: Final = 4.0  # ... and at least, in m
 _LIFT: Final = 0.004  # radii by which rings are lifted, otherwise ridges between two vertices hide them
+_COAST: Final = 512  # samples along a side for the coastline
 _HIDDEN_OPACITY: Final = 0.3  # opacity of lines hidden by the terrain
 _LINE: Final = np.dtype([("from", "<f8", 3), ("to", "<f8", 3), ("colour", "u1", 4)])
 _PACKED_LINE: Final = np.dtype([("from", "<f4", 3), ("to", "<f4", 3), ("colour", "u1", 4)])
@@ -103,17 +105,10 @@ class HeightCache:
 
 def feature_lines(terrain: TerrainSource, heights: HeightCache | None = None) -> npt.NDArray[np.void]:
     """Return the lines of all features: from, to (m) and colour (RGBA)."""
-    rivers = [river for river in terrain.features.rivers if len(river.centreline) > 1]
-    lakes = terrain.features.lakes
-    parts = [
-        np.zeros(0, _LINE),
-        *_rings(terrain, heights or HeightCache()),
-        *(
-            _lines_of(river.centreline[:-1], river.centreline[1:], FEATURE_COLOURS[layer_of(river.id)])
-            for river in rivers
-        ),
-        *(_lines_of(*_shore(lake.shape, lake.level), FEATURE_COLOURS[layer_of(lake.id)]) for lake in lakes),
-    ]
+    parts = [np.zeros(0, _LINE), *_rings(terrain, heights or HeightCache())]
+    for each in terrain_objects(terrain.features):
+        lines = each.lines() if each.level is None else _coast(terrain, each.level)
+        parts.append(_lines_of(*lines, FEATURE_COLOURS[each.kind]))
     return np.concatenate(parts)
 
 
@@ -153,20 +148,13 @@ def _rings(terrain: TerrainSource, heights: HeightCache) -> list[npt.NDArray[np.
     return parts
 
 
-def _shore(shape: ShapeField, level: float) -> tuple[Float64Array, Float64Array]:
-    """Return starts and ends of the sample edges between inside and outside of a shape."""
-    inside = np.pad(shape.inside > 0, 1)
-    starts: list[Float64Array] = []
-    ends: list[Float64Array] = []
-    for axis, side in ((0, (0.5, 0.0)), (1, (0.0, 0.5))):
-        cut = np.argwhere(np.diff(inside.astype(np.int8), axis=axis) != 0).astype(np.float64)
-        cut[:, axis] += 0.5
-        row, column = (cut - 1.0).T
-        for into, sign in ((starts, -1.0), (ends, 1.0)):
-            x = shape.west + (column + sign * side[0]) * shape.spacing
-            y = shape.south + (row + sign * side[1]) * shape.spacing
-            into.append(np.stack([x, y, np.full(len(x), level)], axis=-1))
-    return np.concatenate(starts), np.concatenate(ends)
+def _coast(terrain: TerrainSource, level: float) -> tuple[Float64Array, Float64Array]:
+    """Return starts and ends of the coastline of a sea at a level (m)."""
+    west, south, east, north = visible_rectangle(terrain)
+    width = max(east - west, north - south)
+    ground = sample_heights(terrain, ((west + east) / 2, (south + north) / 2), width, _COAST)
+    half, inside = 0.5 * ground.texel, np.where(ground.heights > level, np.float32(-1.0), np.float32(1.0))
+    return shore_lines(ShapeField(ground.west + half, ground.south + half, ground.texel, inside), level)
 
 
 OVERLAYS: Final = {
@@ -175,7 +163,7 @@ OVERLAYS: Final = {
     "error": "tiles, coloured by geometric error δ (m)",
     "screen-error": "tiles, coloured by screen-space error (px)",
     "materials": "material weights of the terrain",
-    "features": "rings and centre posts of features, river centrelines, lake shores",
+    "features": "rings and centre posts of features, river centrelines, shores",
     "triplanar": "weights of the texture planes",
 }
 """Help texts by name."""

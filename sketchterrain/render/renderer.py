@@ -12,7 +12,7 @@ import moderngl
 from sketchterrain.render.camera import Camera, clip_planes, draw_distance
 from sketchterrain.render.programs import ResourceCache
 from sketchterrain.render.quality import FrameStats, Quality, TerrainUpdateStats, TimeBudget
-from sketchterrain.render.scene import TerrainSource
+from sketchterrain.render.scene import TerrainSource, surface_heights
 from sketchterrain.render.scenery import Scenery
 from sketchterrain.render.sharing_probe import moved_to_context, shared_with_gl
 from sketchterrain.render.sky import Sun, Weather
@@ -199,7 +199,7 @@ class Renderer:
     def _clipped(self, camera: Camera) -> tuple[Camera, float, float]:
         """Return the camera with clipping planes for its height, the draw distance and the height (m)."""
         x, y, z = camera.eye
-        above = max(z - float(self._terrain.heights([x], [y])[0]), 0.0)
+        above = max(z - float(surface_heights(self._terrain, x, y)), 0.0)
         distance = draw_distance(above, extent=self._terrain.extent, extents=self._quality.draw_distance)
         near, far = clip_planes(above, distance)
         return replace(camera, near=near, far=far), distance, above

@@ -92,6 +92,10 @@ class TerrainSource(TileSource, Protocol):
     def features(self) -> TerrainFeatures:
         """Placed features."""
 
+    @property
+    def sea_level(self) -> float | None:
+        """Level of the sea (m); None without one."""
+
     def heights(
         self, x: npt.ArrayLike, y: npt.ArrayLike, *, cell_size: float = 0.0
     ) -> npt.NDArray[np.float32]:
@@ -156,11 +160,20 @@ class HeightMap:
         return HeightMap(self.west, self.south, self.width, marks)
 
 
+def surface_heights(
+    terrain: TerrainSource, x: npt.ArrayLike, y: npt.ArrayLike, *, cell_size: float = 0.0
+) -> npt.NDArray[np.float32]:
+    """Return heights (m) as `TerrainSource.heights` does, with the sea's surface above its bed."""
+    heights, level = terrain.heights(x, y, cell_size=cell_size), terrain.sea_level
+    return heights if level is None else np.maximum(heights, np.float32(level))
+
+
 def sample_heights(
     terrain: TerrainSource, centre: tuple[float, float], width: float, texels: int
 ) -> HeightMap:
-    """Return heights of a square of a terrain, band-limited to the texels."""
+    """Return heights of a square of a terrain, band-limited to the texels, with the sea's surface."""
     west, south = centre[0] - width / 2, centre[1] - width / 2
     along = (np.arange(texels) + 0.5) * (width / texels)
-    heights = terrain.heights(west + along[None, :], south + along[:, None], cell_size=width / texels)
+    x, y = west + along[None, :], south + along[:, None]
+    heights = surface_heights(terrain, x, y, cell_size=width / texels)
     return HeightMap(west, south, width, np.ascontiguousarray(heights, dtype=np.float32))

@@ -12,7 +12,13 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.scene import HeightMap, TerrainSource, sample_heights, visible_rectangle
+from sketchterrain.render.scene import (
+    HeightMap,
+    TerrainSource,
+    sample_heights,
+    surface_heights,
+    visible_rectangle,
+)
 from sketchterrain.render.sky import Weather, sun_at
 
 if TYPE_CHECKING:
@@ -97,6 +103,8 @@ RISES: Final = 40  # … and for rises, of which the `TALL` with the highest top
 TALL: Final = 130
 SHORE: Final = (9.0, 30.0)  # distances (m) of shore viewpoints from the water
 SHORE_EVERY: Final = 1.0 / 50.0  # extents between them along a river
+BEACH: Final = 0.1  # slope that distances from the sea are guessed by
+SEA_SHORES: Final = 200  # positions beside the sea
 STEEPEST: Final = 0.3
 AROUND: Final = 0.09  # window of the topographic position, in extents
 FOREST: Final = 3  # type code of forests
@@ -108,7 +116,7 @@ class LandCover:
     """Distance to water and mask of forests."""
 
     def __init__(self, terrain: TerrainSource, relief: HeightMap) -> None:
-        features = terrain.features
+        features, self._relief, self._sea_level = terrain.features, relief, terrain.sea_level
         forests = features.points[features.points["type"] == FOREST]
         positions = np.stack([forests["x"], forests["y"]], axis=1)
         self._woods = relief.rasterized_mask([positions], [1.8 * forests["radius"].astype(np.float64)])
@@ -132,7 +140,7 @@ class LandCover:
         return self._woods.at(x, y)
 
     def is_water(self, x: Float64Array, y: Float64Array) -> BoolArray:
-        """Return whether positions (m) are in a river or a lake."""
+        """Return whether positions (m) are in water."""
         return self.distance_to_water(x, y) <= 0.0
 
     def distance_to_water(self, x: Float64Array, y: Float64Array) -> Float64Array:
@@ -140,6 +148,8 @@ class LandCover:
         far = np.full(np.shape(x), 60.0)
         for lake in self._lakes:
             far = np.minimum(far, -lake.at(x, y))
+        if self._sea_level is not None:
+            far = np.minimum(far, (self._relief.at(x, y) - self._sea_level) / BEACH)
         if self._rivers is not None and self._half is not None:
             positions = np.stack([np.ravel(x), np.ravel(y)], axis=-1)
             bound = 60.0 + float(self._half.max())
@@ -158,7 +168,7 @@ def find_viewpoints(
     if raised:
         positions = grid[np.argsort(-topographic_position(terrain, relief, grid), kind="stable")]
     else:
-        positions = np.concatenate([_shore_positions(terrain), grid])
+        positions = np.concatenate([_shore_positions(terrain, relief), grid])
     suitable = positions[_is_suitable(terrain, cover, positions)]
     if not len(suitable):
         west, south, east, north = visible_rectangle(terrain)
@@ -191,8 +201,8 @@ def unobstructed_distance(
     return float(min(ahead.min(initial=max_distance), max_distance))
 
 
-def _shore_positions(terrain: TerrainSource) -> Float64Array:
-    """Return positions beside rivers and lakes."""
+def _shore_positions(terrain: TerrainSource, relief: HeightMap) -> Float64Array:
+    """Return positions beside rivers, lakes and the sea."""
     positions = [np.zeros((0, 2))]
     for river in terrain.features.rivers:
         line = np.asarray(river.centreline)[:, :2]
@@ -213,6 +223,12 @@ def _shore_positions(terrain: TerrainSource) -> Float64Array:
         positions.append(
             np.stack([column[picked], row[picked]], axis=-1) * field.spacing + [field.west, field.south]
         )
+    level = terrain.sea_level
+    if level is not None:
+        above = (relief.heights - level) / BEACH
+        row, column = np.nonzero((above > SHORE[0]) & (above < SHORE[1]))
+        place = np.stack([column, row], axis=-1)[:: max(len(row) // SEA_SHORES, 1)] + 0.5
+        positions.append(place * relief.texel + [relief.west, relief.south])
     return np.concatenate(positions)
 
 
@@ -272,7 +288,7 @@ def eye_level_view(terrain: TerrainSource, light: LightScore, *, raised: bool) -
     relief = sample_heights(terrain, ((west + east) / 2, (south + north) / 2), 1.3 * extent, 640)
     cover = LandCover(terrain, relief)
     viewpoints = find_viewpoints(terrain, relief, cover, raised=raised)
-    ground = terrain.heights(viewpoints[:, 0], viewpoints[:, 1]).astype(np.float64)
+    ground = surface_heights(terrain, viewpoints[:, 0], viewpoints[:, 1]).astype(np.float64)
     eyes = np.column_stack([viewpoints, ground + EYE[raised]])
     bearings = np.linspace(0.0, 2.0 * np.pi, BEARINGS, endpoint=False)
     visibility = _compute_visibility(terrain, cover, eyes, bearings)
@@ -304,7 +320,7 @@ def _compute_visibility(
     extent = terrain.extent
     distance = np.geomspace(NEAREST, 1.5 * extent, DISTANCES)
     east, north = ray_positions(eyes, bearings, distance)
-    ground = terrain.heights(east, north, cell_size=CELL).astype(np.float64)
+    ground = surface_heights(terrain, east, north, cell_size=CELL).astype(np.float64)
     woods, is_water = cover.woods(east, north), cover.is_water(east, north)
     level = eyes[:, 2, None, None]
     slope = (ground + TREES * woods * (distance > 2.0 * TREES) - level) / distance

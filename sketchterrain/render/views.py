@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from sketchterrain.render.scene import (
     HeightMap,
     TerrainSource,
     sample_heights,
+    surface_heights,
     visible_rectangle,
 )
 from sketchterrain.render.sky import Weather
@@ -135,7 +137,7 @@ def find_view(terrain: TerrainSource, kind: str = "auto", *, weather: Weather | 
     seen = _compute_visibility(terrain, relief, np.stack([x, y, z], axis=1), bearings, distances)
     score = _score(seen, distances / extent, style) + light(bearings)
     viewpoint, bearing = np.unravel_index(int(np.argmax(score)), score.shape)
-    eye_z = float(terrain.heights(x[viewpoint], y[viewpoint])) + float(rise[viewpoint])
+    eye_z = float(surface_heights(terrain, x[viewpoint], y[viewpoint])) + float(rise[viewpoint])
     eye = (float(x[viewpoint]), float(y[viewpoint]), eye_z)
     skyline = neighbouring_bearings(seen.horizon, style.in_view)[:, viewpoint, bearing]
     angle = float(bearings[bearing])
@@ -185,14 +187,17 @@ def _compute_visibility(
 
 
 def water_map(terrain: TerrainSource, relief: HeightMap) -> HeightMap:
-    """Return a mask of rivers and lakes on the texels of a map: 1 inside, 0 outside."""
+    """Return a mask of the waters on the texels of a map: 1 inside, 0 outside."""
     rivers, lakes = terrain.features.rivers, [lake.shape for lake in terrain.features.lakes]
     positions, widths = [river.centreline for river in rivers], [river.centreline_width for river in rivers]
     for lake in lakes:
         row, column = np.nonzero(lake.inside > 0)
         positions.append(np.stack([column, row], axis=-1) * lake.spacing + [lake.west, lake.south])
         widths.append(np.full(len(row), lake.spacing, np.float32))
-    return relief.rasterized_mask(positions, widths)
+    mask, level = relief.rasterized_mask(positions, widths), terrain.sea_level
+    if level is not None:
+        mask.heights[relief.heights <= level] = 1.0
+    return mask
 
 
 def _painted(terrain: TerrainSource, relief: HeightMap) -> list[HeightMap]:
@@ -273,7 +278,7 @@ def tour(terrain: TerrainSource, *, seconds: float = 20.0) -> Flight:
     flight = Flight(
         tuple(Keyframe(KEY_EVERY * i, tuple(eye), tuple(target), FOV) for i, (eye, target) in enumerate(rows))
     )
-    return Flight(flight.raised_above(terrain.heights, clearance=LOW * rise).keys[:count])
+    return Flight(flight.raised_above(partial(surface_heights, terrain), clearance=LOW * rise).keys[:count])
 
 
 def _loop_positions(terrain: TerrainSource, relief: HeightMap) -> Float64Array:

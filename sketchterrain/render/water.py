@@ -7,13 +7,16 @@ from typing import TYPE_CHECKING, Final, cast
 import moderngl
 import numpy as np
 
-from sketchterrain.look.water_surfaces import water_surfaces
+from sketchterrain.look.objects import SEA, terrain_objects
 from sketchterrain.render.programs import build_program, set_uniforms
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
+
+    import numpy.typing as npt
 
     from sketchterrain.array_types import Float32Array, Float64Array
+    from sketchterrain.look.objects import WaterSurface
     from sketchterrain.render.targets import RenderTargets
     from sketchterrain.terrain.surfaces import TerrainFeatures
 
@@ -102,12 +105,16 @@ _ATTRIBUTES: Final = (
     ("2f4", "shore"),
     ("4f4", "stream_params"),
 )
+_NOWHERE: Final = (0.0, 0.0, 0.0, 0.0)
+NEAREST_RING: Final = 1e-4  # radius of the innermost ring of the sea in draw distances
+RINGS, SECTORS = 60, 96
 
 
 class Water:
-    """The surfaces of all rivers and lakes in one vertex buffer; ``MATERIALS`` 1 leaves out wet banks.
+    """The surfaces of all waters; ``MATERIALS`` 1 leaves out wet banks.
 
-    `textures` are to be bound for the passes by the names of their samplers.
+    Rivers and lakes are in one vertex buffer; the sea is a disc about the eye. `textures` are to be bound for
+    the passes by the names of their samplers.
     """
 
     def __init__(
@@ -120,7 +127,8 @@ class Water:
     ) -> None:
         self._context = context
         self._enabled, self._defines = enabled, dict(defines or {})
-        self._arrays: list[moderngl.VertexArray] = []
+        self._arrays: list[list[moderngl.VertexArray]] = []  # of each pass: inland waters, the sea
+        self._anchors: list[Float64Array | float] = []  # of each array: a place (m), or the sea's level (m)
         self._programs: list[moderngl.Program] = []
         self._uploaded: object = None
         self._cheap = self._defines.get("MATERIALS") == 1
@@ -128,7 +136,7 @@ class Water:
         self.set_features(features)
 
     def __bool__(self) -> bool:
-        return bool(self._arrays)
+        return bool(self._anchors)
 
     def rebuild(self, features: TerrainFeatures, defines: Mapping[str, int]) -> None:
         """Replace the programs by ones with other macros."""
@@ -136,43 +144,41 @@ class Water:
         self.set_features(features)
 
     def set_features(self, features: TerrainFeatures) -> None:
-        """Replace the rivers and lakes; nothing happens if they are equal."""
-        state = _state(features) if self._enabled else ()
+        """Replace the waters; nothing happens if they are equal."""
+        objects = terrain_objects(features) if self._enabled else []
+        state = [each.key for each in objects]
         if state == self._uploaded:
             return
         self._uploaded = state
-        surfaces = water_surfaces(features) if self._enabled else []
+        meshes = [each.mesh(_NOWHERE) for each in objects if each.level is None]
+        parts = [inland_vertices(meshes)] if meshes else []
+        self._anchors = [meshes[0].position[0].copy()] if meshes else []
+        for each in objects:
+            if each.level is not None:
+                parts.append(sea_vertices())
+                self._anchors.append(each.level)
         self._arrays = []
-        if not surfaces:
+        if not parts:
             return
-        self._anchor = surfaces[0].position[0].copy()
-        vertices, indices, base = [], [], 0
-        for position, flow, shore_distance, stream, triangles in surfaces:
-            bank = np.full(len(shore_distance), max(-shore_distance.min(), 0.0))
-            columns = (
-                position - self._anchor,
-                flow,
-                shore_distance[:, None],
-                bank[:, None],
-                stream,
-            )
-            vertices.append(np.concatenate(columns, axis=1).astype(np.float32))
-            indices.append(triangles + np.uint32(base))
-            base += len(position)
-        buffer = self._context.buffer(np.concatenate(vertices).tobytes())
-        index_buffer = self._context.buffer(np.concatenate(indices).tobytes())
         if not self._programs:
             self._programs = [
                 build_program(self._context, f"{name}.vert.glsl", f"{name}.frag.glsl", defines=self._defines)
                 for name in (["water"] if self._cheap else ["water_bank", "water"])
             ]
             self.textures["wave_slopes"] = wave_texture(self._context)
+        buffers = [[self._context.buffer(array.tobytes()) for array in part] for part in parts]
         for program in self._programs:
             # Drivers reject attributes that a program does not read: they are skipped as padding.
             layout = [size if name in program else f"{4 * int(size[0])}x" for size, name in _ATTRIBUTES]
             names = [name for _, name in _ATTRIBUTES if name in program]
-            content = [(buffer, " ".join(layout), *names)]
-            self._arrays.append(self._context.vertex_array(program, content, index_buffer=index_buffer))
+            self._arrays.append(
+                [
+                    self._context.vertex_array(
+                        program, [(vertices, " ".join(layout), *names)], index_buffer=indices
+                    )
+                    for vertices, indices in buffers
+                ]
+            )
 
     def draw(
         self, eye: tuple[float, float, float], targets: RenderTargets, uniforms: Mapping[str, object]
@@ -181,40 +187,52 @@ class Water:
 
         `uniforms` are those of all passes, ``clock`` (s), ``wind`` (m/s) and ``lift`` (water.vert.glsl).
         """
-        if not self._arrays:
-            return
         count = 1 if self._cheap else len(LAYERS)
         layers = wave_layers(cast("tuple[float, float]", uniforms["wind"]), count)
         own = {
-            "anchor": tuple(self._anchor - np.asarray(eye)),
             "wave_layers": _uniform_array(layers),
             "wave_phases": _uniform_array(wave_phases(layers, eye, cast(float, uniforms["clock"]))),
         }
         context = self._context
         context.enable(moderngl.BLEND)
-        for array in self._arrays:
+        for arrays in self._arrays:
             targets.copy_scene()  # each pass reads what was drawn before it
             targets.scene.use()
-            water = array is self._arrays[-1]
+            water = arrays is self._arrays[-1]
             targets.scene.depth_mask = water
             context.blend_func = ALPHA_BLEND if water else DARKEN_AND_ADD
-            set_uniforms(array.program, {**uniforms, **own})
-            array.render()
+            for array, anchor in zip(arrays, self._anchors, strict=True):
+                place = (*eye[:2], anchor) if isinstance(anchor, float) else anchor
+                set_uniforms(array.program, {**uniforms, **own, "anchor": tuple(np.subtract(place, eye))})
+                array.render()
         context.disable(moderngl.BLEND)
+
+
+def inland_vertices(meshes: Sequence[WaterSurface]) -> tuple[Float32Array, npt.NDArray[np.uint32]]:
+    """Return vertices of `_ATTRIBUTES`, relative to the first vertex, and indices of all meshes."""
+    anchor, vertices, indices, base = meshes[0].position[0], [], [], 0
+    for position, flow, shore_distance, stream, triangles in meshes:
+        bank = np.full(len(shore_distance), max(-shore_distance.min(), 0.0))
+        vertices.append(np.column_stack([position - anchor, flow, shore_distance, bank, stream]))
+        indices.append(triangles + np.uint32(base))
+        base += len(position)
+    return np.concatenate(vertices).astype(np.float32), np.concatenate(indices)
+
+
+def sea_vertices() -> tuple[Float32Array, npt.NDArray[np.uint32]]:
+    """Return vertices of `_ATTRIBUTES` and indices of a disc of radius 1, in rings that widen outward."""
+    radius = np.concatenate([[0.0], np.geomspace(NEAREST_RING, 1.0, RINGS)])
+    angle = np.linspace(0.0, 2.0 * np.pi, SECTORS + 1)
+    vertices = np.zeros((len(radius), len(angle), 13), np.float32)
+    vertices[..., 0], vertices[..., 1] = radius[:, None] * np.cos(angle), radius[:, None] * np.sin(angle)
+    vertices[..., 6], vertices[..., 11], vertices[..., 12] = 1.0, 1.0, SEA
+    index = np.arange(vertices[..., 0].size, dtype=np.uint32).reshape(vertices.shape[:2])
+    inner, outer = index[:-1], index[1:]
+    corners = [inner[:, :-1], outer[:, :-1], outer[:, 1:], inner[:, :-1], outer[:, 1:], inner[:, 1:]]
+    return vertices.reshape(-1, 13), np.stack(corners, axis=-1).ravel()
 
 
 def _uniform_array(rows: Float64Array) -> object:
     """Return an array of vectors as a uniform's value; for a single vector, that vector."""
     values = [tuple(row) for row in rows.tolist()]
     return values if len(values) > 1 else values[0]
-
-
-def _state(features: TerrainFeatures) -> tuple[object, ...]:
-    """Return a value that is equal for equal waters."""
-    rivers = [(river.centreline.tobytes(), river.centreline_width.tobytes()) for river in features.rivers]
-    lakes = [
-        (lake.level, shape.west, shape.south, shape.spacing, shape.inside.shape, shape.inside.tobytes())
-        for lake in features.lakes
-        for shape in (lake.shape,)
-    ]
-    return (*rivers, *lakes)

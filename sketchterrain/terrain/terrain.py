@@ -86,6 +86,12 @@ class Terrain:
         """Painted features, fill features inside the sketch, rivers and lakes."""
         return TerrainFeatures.from_recipe(self.recipe, self.size)
 
+    @property
+    def sea_level(self) -> float | None:
+        """Level of the sea (m); None without one."""
+        sea = getattr(self.recipe, "sea", None)
+        return None if sea is None else float(sea.level)
+
     def heights(self, x: npt.ArrayLike, y: npt.ArrayLike, *, cell_size: float = 0.0) -> Float32Array:
         """Return heights at any points of the world.
 

@@ -287,6 +287,7 @@ class StoredTerrain:
         self.bounds: Bounds = (0.0, -self.size[1], self.size[0], 0.0)
         self.sketch = Sketch() if terrain is None else terrain.sketch
         self.features = TerrainFeatures(np.zeros(0, FEATURE), ())
+        self.sea_level = None if terrain is None else terrain.sea_level
         if terrain is not None:
             self.features = _moved_features(terrain.features, *self.corner, self.bounds)
         self.heights = self._pyramid.heights
@@ -363,7 +364,10 @@ def _moved_features(features: TerrainFeatures, west: float, north: float, bounds
     rivers = [part for river in features.rivers for part in _river_parts(river, west, north, bounds)]
     lakes = [_cut_lake(lake, west, north, bounds) for lake in features.lakes]
     return TerrainFeatures(
-        points[inside], tuple(rivers), tuple(lake for lake in lakes if (lake.shape.inside > 0).any())
+        points[inside],
+        tuple(rivers),
+        tuple(lake for lake in lakes if (lake.shape.inside > 0).any()),
+        features.sea_level,
     )
 
 

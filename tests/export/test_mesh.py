@@ -7,8 +7,9 @@ import numpy as np
 import pydelatin
 import pytest
 
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.errors import InputError
-from sketchterrain.export.mesh import GridMesh, adaptive_mesh, mesh_error, water_meshes
+from sketchterrain.export.mesh import GridMesh, adaptive_mesh, mesh_error, object_meshes
 from sketchterrain.export.sampled import SampleGrid
 from sketchterrain.export.targets.meshes import boundary, closed_solid
 
@@ -159,6 +160,7 @@ LEVEL = 20.0
 
 def river(number, points, width):
     line = np.asarray(points, np.float64)
+    number += LAYERS["river"].code << 48
     return SimpleNamespace(id=number, centreline=line, centreline_width=np.full(len(line), width, np.float32))
 
 
@@ -166,15 +168,24 @@ def lake(number, centre, radius):
     y, x = np.mgrid[0.0:401.0:4.0, 0.0:401.0:4.0]
     inside = (radius - np.hypot(x - centre[0], y - centre[1])).astype(np.float32)
     field = SimpleNamespace(west=0.0, south=0.0, spacing=4.0, inside=inside)
+    number += LAYERS["lake"].code << 48
     return SimpleNamespace(id=number, shape=field, level=LEVEL)
+
+
+def ground(low):
+    heights = np.full((GRID.rows, GRID.columns), 90.0, np.float32)
+    heights[0, 0] = low
+    return SimpleNamespace(grid=GRID, height=heights)
 
 
 @pytest.fixture(scope="module")
 def found():
     x = np.linspace(-60.0, 250.0, 80)
     line = np.stack([x, np.full(80, 200.0), np.maximum(LEVEL, 32.0 - 0.08 * x)], axis=-1)
-    features = SimpleNamespace(lakes=[lake(3, (250.0, 200.0), 90.0)], rivers=[river(7, line, 16.0)])
-    return {water.name: water for water in water_meshes(features, GRID)}
+    features = SimpleNamespace(
+        lakes=[lake(3, (250.0, 200.0), 90.0)], rivers=[river(7, line, 16.0)], sea_level=LEVEL - 5.0
+    )
+    return {water.name.split()[0]: water for water in object_meshes(features, ground(LEVEL - 5.1))}
 
 
 def areas(water):
@@ -183,14 +194,14 @@ def areas(water):
 
 
 def test_water_meshes_face_up_are_clipped_and_never_coplanar(found):
-    assert list(found) == ["lake 3", "river 7"]
+    assert list(found) == ["lake", "river", "sea"]
     for water in found.values():
         assert (areas(water) > 0.0).all()
         assert set(water.triangles.ravel().tolist()) == set(range(len(water.position)))
-    water = found["lake 3"]
+    water = found["lake"]
     assert (water.position[:, 2] == LEVEL).all()
     assert 90.0**2 < areas(water).sum() / np.pi < 96.0**2  # it ends within its banks
-    position = found["river 7"].position
+    position = found["river"].position
     assert position[:, 0].min() == 0.0
     assert position[:, 0].max() < 250.0 - 90.0 + 20.0
     wet = np.hypot(position[:, 0] - 250.0, position[:, 1] - 200.0) < 90.0 - 1.0
@@ -198,4 +209,13 @@ def test_water_meshes_face_up_are_clipped_and_never_coplanar(found):
     assert (position[wet, 2] < LEVEL - 0.02).all()
     assert (position[~wet, 2] > LEVEL - 0.05).all()
     beside = np.stack([np.linspace(0.0, 300.0, 40), np.full(40, 900.0), np.full(40, 5.0)], axis=-1)
-    assert not list(water_meshes(SimpleNamespace(lakes=[], rivers=[river(1, beside, 8.0)]), GRID))
+    features = SimpleNamespace(lakes=[], rivers=[river(1, beside, 8.0)], sea_level=None)
+    assert not list(object_meshes(features, ground(0.0)))
+
+
+def test_the_sea_is_a_rectangle_if_any_ground_is_below_it(found):
+    sea = found["sea"]
+    assert (sea.position[:, 2] == LEVEL - 5.0).all()
+    assert areas(sea).sum() == pytest.approx((GRID.east - GRID.west) * (GRID.north - GRID.south))
+    features = SimpleNamespace(lakes=[], rivers=[], sea_level=LEVEL)
+    assert not list(object_meshes(features, ground(LEVEL)))

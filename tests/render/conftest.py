@@ -30,15 +30,16 @@ class Waves:
     size = (1000.0, 1000.0)
     sketch = SimpleNamespace(climate={"aridity": 0.2}, weather={}, look={}, material_table=BUILT_IN)
 
-    def __init__(self, *, rivers=True, plants=True):
+    def __init__(self, *, rivers=True, plants=True, sea_level=None):
         t = np.linspace(-200.0, 1200.0, 60)
         line = np.stack([t, np.full(60, 500.0), np.linspace(2.0, 0.0, 60)], axis=1)
         river = SimpleNamespace(
             id=LAYERS["river"].code << 48, centreline=line, centreline_width=np.full(60, 24.0, np.float32)
         )
         self.features = SimpleNamespace(
-            points=np.zeros(0, FEATURE), rivers=(river,) if rivers else (), lakes=()
+            points=np.zeros(0, FEATURE), rivers=(river,) if rivers else (), lakes=(), sea_level=sea_level
         )
+        self.sea_level = sea_level
         self.plants = plants
 
     def heights(self, x, y, *, cell_size=0.0):

@@ -97,7 +97,7 @@ def test_cached_heights_near_the_eye_match_the_terrain(waves):
             found = LocalHeights(waves)(x, y)
             assert found == pytest.approx(waves.heights(x, y), abs=0.02 + 2e-3 * spread), (east, spread)
 
-    counted = Mock(wraps=waves, extent=waves.extent)
+    counted = Mock(wraps=waves, extent=waves.extent, sea_level=None)
     ground = LocalHeights(counted)
     calls = []
     for x in ([0.0], [10.0], [-0.45 * MIN_WIDTH], [40.0], [0.0, 500.0], [250.0], [250.0, 260.0]):
@@ -108,7 +108,7 @@ def test_cached_heights_near_the_eye_match_the_terrain(waves):
 
 def test_a_moving_eye_stays_above_the_terrain_with_few_height_maps(waves):
     for boost in (1.0, 20.0):
-        counted = Mock(wraps=waves, extent=waves.extent)
+        counted = Mock(wraps=waves, extent=waves.extent, sea_level=None)
         walk = WalkController(LocalHeights(counted), (100.0, 300.0, 0.0), heading=40.0, pitch=-20.0)
         for _ in range(600):
             walk.look(0.2, 0.0)

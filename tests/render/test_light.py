@@ -23,6 +23,7 @@ SUN = Sun(90.0, 30.0)
 class Wall:
     """60 m high, along x = 0; counts the queried heights."""
 
+    sea_level = None
     extent = 1000.0
 
     def __init__(self):

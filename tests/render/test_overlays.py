@@ -19,6 +19,7 @@ from sketchterrain.render.quality import Quality
 from sketchterrain.render.targets import FrameBlock
 from sketchterrain.tiles.lod import ScreenError
 
+from .conftest import Waves
 from .ground_model import TILE_BYTES
 
 SIZE = (160, 90)
@@ -156,6 +157,15 @@ def test_lakes_have_shorelines(waves):
     ends, count = np.unique(np.round(np.concatenate([start, end]), 6), axis=0, return_counts=True)
     assert (count == 2).all()
     assert ends[:, 0].max() == pytest.approx(100.0 + 30.5 * 4.0)
+
+
+def test_the_sea_has_a_coastline():
+    start, end, colour = columns(feature_lines(Waves(rivers=False, sea_level=20.0)))
+    assert len(start) > 100
+    assert (colour[:, :3] == FEATURE_COLOURS["sea"]).all()
+    assert (start[:, 2] == 20.0).all()
+    ground = Waves().heights(*(0.5 * (start + end))[:, :2].T)
+    assert np.abs(ground - 20.0).max() < 5.0  # within a sample
 
 
 @pytest.mark.slow

@@ -46,6 +46,7 @@ CAMERA = Camera((500.0, 60.0, 120.0), (500.0, 700.0, 60.0))
 class Lattice:
     """Plants on a lattice of which every second row and column is a level up, on a slope, without an end."""
 
+    sea_level = None
     context = None
 
     def __init__(self, *, extent=2000.0, spacing=16.0, slope=(0.02, -0.01), scale=0.8, species=5, levels=1):

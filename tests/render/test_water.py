@@ -1,5 +1,6 @@
 """Water: functions against NumPy, closed forms or integrals; surfaces and pictures."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import moderngl
@@ -8,18 +9,24 @@ import pytest
 from scipy.special import erfc
 from scipy.stats import norm
 
+from sketchterrain.document.layers import LAYERS as PAINTED
 from sketchterrain.io.resources import source
-from sketchterrain.look.water_surfaces import (
+from sketchterrain.look.objects import (
     ACROSS,
     flow_speed_and_slope,
     lake_surface,
     river_surface,
-    water_surfaces,
+    terrain_objects,
 )
 from sketchterrain.render.camera import Camera
+from sketchterrain.render.navigation import intersect_terrain
+from sketchterrain.render.offscreen import render_picture
+from sketchterrain.render.quality import Quality
+from sketchterrain.render.sky import Sun
 from sketchterrain.render.targets import FrameBlock
 from sketchterrain.render.water import LAYERS, Water, wave_layers, wave_mipmaps, wave_phases, wave_slopes
 
+from .conftest import Waves
 from .test_shaders import evaluate, smoothstep
 
 OPTICS = ["render/water_optics.glsl"]
@@ -166,7 +173,9 @@ def straight(z=(0.0, 0.0), *, width=10.0, start=(0.0, 0.0), end=(1000.0, 0.0), c
     t = np.linspace(0.0, 1.0, count)[:, None]
     ends = np.array([[*start, z[0]], [*end, z[1]]])
     line = ends[0] + t * (ends[1] - ends[0])
-    return SimpleNamespace(centreline=line, centreline_width=np.full(count, width, np.float32))
+    return SimpleNamespace(
+        id=LAYERS["river"].code << 48, centreline=line, centreline_width=np.full(count, width, np.float32)
+    )
 
 
 def test_wave_slopes_match_heights_and_mipmaps_preserve_variance():
@@ -259,18 +268,22 @@ def test_river_mesh_has_the_right_width_and_faces_up():
     assert len(triangles) == 10 * (ACROSS - 1) * 6
 
 
-def features(*rivers, lakes=()):
-    return SimpleNamespace(rivers=rivers, lakes=lakes)
+def features(*rivers, lakes=(), sea_level=None):
+    return SimpleNamespace(rivers=rivers, lakes=lakes, sea_level=sea_level)
+
+
+def surfaces(*rivers, **others):
+    return [each.mesh((0.0, 0.0, 0.0, 0.0)) for each in terrain_objects(features(*rivers, **others))]
 
 
 def test_one_of_two_overlapping_waters_is_visible():
     step = 5.0 * np.arange(41)
     inside = 60.0 - np.hypot(step - 100.0, (step - 100.0)[:, None])
     field = SimpleNamespace(west=900.0, south=-100.0, spacing=5.0, inside=inside.astype(np.float32))
-    lake = SimpleNamespace(shape=field, level=0.0)
+    lake = SimpleNamespace(id=PAINTED["lake"].code << 48, shape=field, level=0.0)
     main = straight(width=20.0, count=1001)
     tributary = straight(width=8.0, start=(500.0, 300.0), end=(500.0, 0.0))
-    sheet_, wide, narrow = water_surfaces(features(main, tributary, lakes=[lake]))
+    sheet_, wide, narrow = surfaces(main, tributary, lakes=[lake])
     assert (sheet_.stream[:, 2] == 1).all()
     off = np.abs(narrow.position[:, 1])
     assert (narrow.stream[off >= 10.0, 2] == 1).all()
@@ -281,9 +294,64 @@ def test_one_of_two_overlapping_waters_is_visible():
     # Where one continues as the other both are visible.
     first = straight(width=12.0, end=(500.0, 0.0))
     second = straight(width=10.0, start=(500.0, 0.0))
-    for surface in water_surfaces(features(first, second)):
+    for surface in surfaces(first, second):
         visible = surface.stream[:, 2].reshape(101, -1)
         assert (visible[2:-2] == 1).all()
+
+
+def test_rivers_fade_into_the_sea():
+    river, sea = surfaces(straight((4.0, 0.0), count=201), sea_level=1.0)
+    high = river.position[:, 2] - 1.0
+    np.testing.assert_allclose(river.stream[:, 2], np.clip(high / 0.15, 0.0, 1.0))
+    assert (sea.stream[:, 3] == -1.0).all()
+
+
+@pytest.mark.gl
+def test_surf_breaks_in_shallow_water_and_whitecaps_need_wind(gl):
+    depth = np.linspace(0.0, 4.0, 401)
+    height = 0.35 + 0.0214 * 5.0**2
+    got = evaluate(gl, FOAM, "vec4(surf_foam(a.x, surf_height(5.0), a.y, 1.0))", rows(depth, 0.5))[:, 0]
+    assert (got[depth > 1.28 * height] == 0.0).all()
+    assert got[0] > 0.4
+    # A pixel that resolves no bore has the mean of one.
+    passed = (np.arange(1000) + 0.5) / 1000
+    call = "vec4(surf_foam(0.6, 1.0, a.x, a.y))"
+    fine, coarse = (evaluate(gl, FOAM, call, rows(passed, seen))[:, 0] for seen in (1.0, 0.0))
+    assert coarse[0] == pytest.approx(fine.mean(), rel=1e-3)
+    number = evaluate(gl, FOAM, "vec4(waves_to_shore(a.x, 7.0))", rows(depth))[:, 0]
+    np.testing.assert_allclose(number, 2.0 * np.sqrt(depth / 9.81) / (0.05 * 7.0), rtol=1e-5)
+    wind = np.array([0.0, 5.0, 10.0, 100.0])
+    white = evaluate(gl, FOAM, "vec4(whitecaps(a.x))", rows(wind))[:, 0]
+    np.testing.assert_allclose(white, np.minimum(3.84e-6 * wind**3.41, 0.3), rtol=1e-4)
+
+
+@pytest.mark.gl
+def test_the_sea_covers_ground_below_its_level_and_nothing_else():
+    """Rays that meet the ground under the level see water; those above it the same as before."""
+    size, level = (96, 64), 10.0
+    camera = Camera((500.0, -60.0, 120.0), (500.0, 420.0, 0.0), fov=50.0, near=5.0, far=30_000.0)
+    quality = replace(Quality.from_level(0.0), quads=64, material_texels=64, map_texels=64)
+    given = {"size": size, "camera": camera, "quality": quality, "sun": Sun(200.0, 40.0)}
+    dry, wet = (
+        render_picture(Waves(rivers=False, plants=False, sea_level=sea), **given).astype(float)
+        for sea in (None, level)
+    )
+    rows_, columns_ = (axis.ravel() for axis in np.mgrid[1 : size[1] : 3, 1 : size[0] : 3])
+    below, above = [], []
+    for row, column in zip(rows_.tolist(), columns_.tolist(), strict=True):
+        along = camera.ray((column + 0.5) / size[0] * 2 - 1, 1 - (row + 0.5) / size[1] * 2, size[0] / size[1])
+        place = intersect_terrain(Waves().heights, camera.eye, along, max_distance=2500.0)
+        if place is not None and place[2] < level - 5.0:
+            below.append((row, column))
+        elif place is not None and place[2] > level + 5.0:
+            above.append((row, column))
+    assert min(len(below), len(above)) > 30
+    there = tuple(np.transpose(below))
+    blue = [(picture[..., 2] - picture[..., 1])[there] for picture in (dry, wet)]
+    assert (blue[1] - blue[0] > 10).all()
+    there = tuple(np.transpose(above))
+    exposure = np.median(wet[there] / dry[there])  # the haze lies on the sea, not on its bed
+    assert np.percentile(np.abs(dry[there] * exposure - wet[there]), 95.0) <= 10.0
 
 
 @pytest.mark.gl
@@ -322,7 +390,7 @@ def test_distant_river_brightness_is_its_projected_width(gl, monkeypatch):
     assert not Water(gl, features(far), enabled=False)
     assert not Water(gl, features())
     water = Water(gl, features(far), defines={"MATERIALS": 1})
-    array = water._arrays[-1]
+    array = water._arrays[-1][0]
     target = gl.framebuffer([gl.texture(size, 4, dtype="f4")], gl.depth_texture(size))
     frame = FrameBlock(gl)
     expected, got = [], []
@@ -341,7 +409,7 @@ def test_distant_river_brightness_is_its_projected_width(gl, monkeypatch):
         gl.enable_only(moderngl.BLEND)
         gl.blend_func = moderngl.DEFAULT_BLENDING
         array.program["lift"].value = 1.0  # as far away: no water in the banks
-        array.program["anchor"].value = tuple(water._anchor - eye)
+        array.program["anchor"].value = tuple(water._anchors[0] - eye)
         array.render()
         pixels = np.frombuffer(target.read(components=4, dtype="f4"), np.float32).reshape(*size[::-1], 4)
         got.append(pixels[..., 0].sum(axis=0))

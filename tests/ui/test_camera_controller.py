@@ -14,6 +14,7 @@ EXTENT = 4000.0
 class Hills:
     """An analytic terrain."""
 
+    sea_level = None
     extent = EXTENT
     size = (EXTENT, 3000.0)
 

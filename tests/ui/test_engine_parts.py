@@ -215,6 +215,8 @@ EVERYWHERE = (-np.inf, -np.inf, np.inf, np.inf)
 class Bumpy:
     """A plane with a bump; counts evaluated points."""
 
+    sea_level = None
+
     def __init__(self, shape=(60, 90), bump=0.0):
         self.sketch = Sketch(extent=900.0, layers={"hill": np.zeros(shape, np.uint8)})
         self.bump = bump

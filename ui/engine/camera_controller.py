@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from sketchterrain.render.camera import Camera, Vector
 from sketchterrain.render.navigation import LocalHeights, OrbitController, WalkController, intersect_terrain
-from sketchterrain.render.scene import BoundedTerrain, TerrainSource, visible_rectangle
+from sketchterrain.render.scene import BoundedTerrain, TerrainSource, surface_heights, visible_rectangle
 from sketchterrain.ui.engine.protocol import Fly, GoTo, Pan, Pose, Turn, Zoom
 
 _FOV: Final = 50.0  # degrees, vertical
@@ -39,7 +39,7 @@ class CameraController:
         west, south, east, north = visible_rectangle(terrain)
         x, y = (west + east) / 2, (south + north) / 2
         self._orbit = self._create_orbit(
-            (x, y, float(terrain.heights(x, y))),
+            (x, y, float(surface_heights(terrain, x, y))),
             distance=_START_VIEW[0] * terrain.extent * max(_LEAST_ASPECT / aspect, 1.0),
             elevation=_START_VIEW[1],
         )
@@ -123,7 +123,7 @@ class CameraController:
         return intersect_terrain(self._heights, camera.eye, along, max_distance=_RANGE * self._terrain.extent)
 
     def _heights(self, x: npt.ArrayLike, y: npt.ArrayLike) -> npt.NDArray[np.float32]:
-        return self._terrain.heights(x, y)
+        return surface_heights(self._terrain, x, y)
 
     def _surface_height(self, x: npt.ArrayLike, y: npt.ArrayLike) -> npt.NDArray[np.float64]:
         return self._near_surface(x, y)  # of the current terrain
@@ -180,7 +180,7 @@ class CameraController:
         self._glide = _Glide(walk, (x, y, z), walk.heading, walk.pitch, seconds=0.12)
 
     def _glide_to(self, motion: GoTo) -> None:
-        place = (motion.x, motion.y, float(self._terrain.heights(motion.x, motion.y)))
+        place = (motion.x, motion.y, float(self._heights(motion.x, motion.y)))
         if self._walk is None:
             self._orbit.glide(place, distance=motion.distance)
             return

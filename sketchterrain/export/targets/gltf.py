@@ -5,7 +5,7 @@ from typing import Any, Final
 
 from sketchterrain.errors import InputError
 from sketchterrain.export.engines import write_water_json
-from sketchterrain.export.gltf import AXES, GlbWriter, add_ground, add_water, grid_centre
+from sketchterrain.export.gltf import AXES, GlbWriter, add_ground, add_objects, grid_centre
 from sketchterrain.export.gltf_plants import (
     BYTES_PER_PLANT,
     PlantInstances,
@@ -61,7 +61,7 @@ def terrain_scene(export: Export) -> tuple[GlbWriter, dict[str, Any]]:
     result = export_mesh(export)
     scene = GlbWriter()
     add_ground(scene, result.mesh, export)
-    add_water(scene, export)
+    add_objects(scene, export)
     facts = {"heights": {"numbers": "float32"}, "axes": AXES.metadata, "byte_order": "little-endian"}
     return scene, facts | {"mesh": mesh_metadata(export, result)}
 

@@ -26,8 +26,8 @@ from sketchterrain.export.mesh import (
     mesh_normals,
     mesh_positions,
     mesh_texcoords,
+    object_meshes,
     texture_stride,
-    water_meshes,
 )
 from sketchterrain.export.rasters import write_normals_and_weights
 from sketchterrain.export.target import Export, ExportOutput, Target
@@ -189,7 +189,7 @@ def _write_obj(export: Export) -> ExportOutput:
                 mesh.triangles,
             )
         )
-        for water in water_meshes(export.terrain.features, export.grid):
+        for water in object_meshes(export.terrain.features, export.samples):
             up = np.broadcast_to(np.array([0.0, 1.0, 0.0], np.float32), water.position.shape)
             position = _Y_UP.points(*water.position.T).astype(np.float64)
             add(ObjObject(water.name, "water", position, up, None, water.triangles))

@@ -1,19 +1,23 @@
-"""Water surfaces of lakes and rivers as meshes."""
+"""Objects on a terrain that are not height: the water of lakes, rivers and the sea, as meshes."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
+from sketchterrain.document.layers import layer_of
+
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Hashable, Sequence
 
     import numpy.typing as npt
 
-    from sketchterrain.array_types import Float32Array, Float64Array
+    from sketchterrain.array_types import Bounds, Float32Array, Float64Array
     from sketchterrain.placement.feature_types import Lake, River, ShapeField
     from sketchterrain.terrain.surfaces import TerrainFeatures
 
@@ -29,6 +33,8 @@ SPEEDS: Final = (0.25, 3.2)  # range of speeds, m/s
 FALL_WIDTHS: Final = 4.0  # length in widths over which a river's slope is measured
 MOUTH: Final = 9.0  # m into a lake over which a river's surface fades into the lake's
 LEVEL: Final = 0.4  # largest difference of level (m) at which two overlapping waters merge
+ESTUARY: Final = 0.15  # m over the sea's level over which a river's surface fades into it
+SEA: Final = -1.0  # half width (m) that marks the sea for water.frag.glsl
 
 
 class WaterSurface(NamedTuple):
@@ -37,26 +43,64 @@ class WaterSurface(NamedTuple):
     position: Float64Array  # (n, 3) world coordinates, m
     flow: Float64Array  # (n, 4) m across and along, unit vector downstream
     shore_distance: Float64Array  # (n,) m from the shore, negative in the bank
-    stream: Float64Array  # (n, 4) mid-stream speed (m/s), slope, visible share, half width (m; lake 0)
+    stream: Float64Array  # (n, 4) speed (m/s), slope, visible share, half width (m; lakes 0, sea −1)
     triangles: npt.NDArray[np.uint32]  # (k,) indices, three a triangle, counter-clockwise from above
 
 
-def water_surfaces(features: TerrainFeatures) -> list[WaterSurface]:
-    """Return the surfaces of all waters, lakes first; where waters overlap, one of them is faded out."""
+@dataclass(frozen=True, eq=False)
+class TerrainObject:
+    """A thing on the terrain that is not height: so far, a water surface."""
+
+    name: str  # of its node in exports: "river 7", by its id
+    kind: str  # its painted layer: lake, river or sea
+    key: Hashable  # equal for equal objects
+    mesh: Callable[[Bounds], WaterSurface]  # its surface; bounds (m) limit the sea's
+    lines: Callable[[], tuple[Float64Array, Float64Array]]  # starts and ends (n, 3; m) of lines that mark it
+    level: float | None = None  # m, of a plane without end, whose shore is where it meets the ground
+
+
+def terrain_objects(features: TerrainFeatures) -> list[TerrainObject]:
+    """Return the waters, lakes first; where waters overlap, one of them is faded out."""
     rivers = [river for river in features.rivers if len(river.centreline) > 1]
-    meshes = [lake_surface(lake.shape, lake.level) for lake in features.lakes]
-    for number, river in enumerate(rivers):
-        wider = [
-            other
-            for k, other in enumerate(rivers)
-            if (other.centreline_width.mean(), -k) > (river.centreline_width.mean(), -number)
-        ]
-        surface = river_surface(river.centreline, river.centreline_width)
-        surface.stream[:, 2] = _outside_lakes(surface.position, features.lakes) * _outside_rivers(
-            surface.position, wider
-        )
-        meshes.append(surface)
-    return meshes
+    return [
+        *(_lake_object(lake) for lake in features.lakes),
+        *(_river_object(river, _wider(rivers, number), features) for number, river in enumerate(rivers)),
+        *([] if features.sea_level is None else [_sea_object(features.sea_level)]),
+    ]
+
+
+def _lake_object(lake: Lake) -> TerrainObject:
+    shape, level = lake.shape, lake.level
+    key = (level, shape.west, shape.south, shape.spacing, shape.inside.shape, shape.inside.tobytes())
+    lines = partial(shore_lines, shape, level)
+    kind = layer_of(lake.id)
+    return TerrainObject(f"{kind} {lake.id}", kind, key, lambda _: lake_surface(shape, level), lines)
+
+
+def _river_object(river: River, wider: Sequence[River], features: TerrainFeatures) -> TerrainObject:
+    line, width = river.centreline, river.centreline_width
+
+    def mesh(_: Bounds) -> WaterSurface:
+        surface = river_surface(line, width)
+        position, visible = surface.position, surface.stream[:, 2]
+        visible *= _outside_lakes(position, features.lakes) * _outside_rivers(position, wider)
+        if features.sea_level is not None:
+            visible *= np.clip((position[:, 2] - features.sea_level) / ESTUARY, 0.0, 1.0)
+        return surface
+
+    kind, lines = layer_of(river.id), (line[:-1], line[1:])
+    return TerrainObject(f"{kind} {river.id}", kind, (line.tobytes(), width.tobytes()), mesh, lambda: lines)
+
+
+def _sea_object(level: float) -> TerrainObject:
+    none = np.zeros((0, 3)), np.zeros((0, 3))
+    return TerrainObject("sea", "sea", level, partial(sea_surface, level), lambda: none, level)
+
+
+def _wider(rivers: Sequence[River], number: int) -> list[River]:
+    """Return the rivers that cover a river where they overlap."""
+    widths = [(float(river.centreline_width.mean()), -k) for k, river in enumerate(rivers)]
+    return [river for river, width in zip(rivers, widths, strict=True) if width > widths[number]]
 
 
 def flow_speed_and_slope(centreline: Float64Array, width: Float32Array) -> tuple[Float64Array, Float64Array]:
@@ -127,6 +171,36 @@ def lake_surface(shape: ShapeField, level: float) -> WaterSurface:
         stream,
         triangles.ravel().astype(np.uint32),
     )
+
+
+def sea_surface(level: float, bounds: Bounds) -> WaterSurface:
+    """Cover a rectangle with one quad at the level of the sea."""
+    west, south, east, north = bounds
+    corners = np.array([[west, south], [east, south], [west, north], [east, north]])
+    flow = np.concatenate([corners, np.tile([0.0, 1.0], (4, 1))], axis=1)
+    return WaterSurface(
+        np.column_stack([corners, np.full(4, level)]),
+        flow,
+        np.full(4, np.inf),
+        np.tile([0.0, 0.0, 1.0, SEA], (4, 1)),
+        _quads(np.arange(4, dtype=np.uint32).reshape(2, 2)).ravel(),
+    )
+
+
+def shore_lines(shape: ShapeField, level: float) -> tuple[Float64Array, Float64Array]:
+    """Return starts and ends of the sample edges between inside and outside of a shape."""
+    inside = shape.inside > 0
+    starts: list[Float64Array] = []
+    ends: list[Float64Array] = []
+    for axis, side in ((0, (0.5, 0.0)), (1, (0.0, 0.5))):
+        cut = np.argwhere(np.diff(inside.astype(np.int8), axis=axis) != 0).astype(np.float64)
+        cut[:, axis] += 0.5
+        row, column = cut.T
+        for into, sign in ((starts, -1.0), (ends, 1.0)):
+            x = shape.west + (column + sign * side[0]) * shape.spacing
+            y = shape.south + (row + sign * side[1]) * shape.spacing
+            into.append(np.stack([x, y, np.full(len(x), level)], axis=-1))
+    return np.concatenate(starts), np.concatenate(ends)
 
 
 def _quads(index: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32]:

@@ -174,7 +174,7 @@ def straight(z=(0.0, 0.0), *, width=10.0, start=(0.0, 0.0), end=(1000.0, 0.0), c
     ends = np.array([[*start, z[0]], [*end, z[1]]])
     line = ends[0] + t * (ends[1] - ends[0])
     return SimpleNamespace(
-        id=LAYERS["river"].code << 48, centreline=line, centreline_width=np.full(count, width, np.float32)
+        id=PAINTED["river"].code << 48, centreline=line, centreline_width=np.full(count, width, np.float32)
     )
 
 

@@ -30,7 +30,6 @@ from sketchterrain.benchmarks.flight_scene import (
 )
 from sketchterrain.benchmarks.thesis import ThesisView, feature_discs
 from sketchterrain.benchmarks.timing import lap
-from sketchterrain.terrain.surfaces import VertexStore
 from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.tiles.lod import inside_frustum
 from sketchterrain.tiles.stream import QUADS
@@ -75,7 +74,7 @@ class Rasters:
             apart * RASTER_QUADS / view.picture.pixels_per_radian(view.stop.camera)
         )  # of its distance
         level = int(np.floor(np.log2(terrain.extent / RASTER_QUADS / FINEST_CELL)))
-        self._store = VertexStore(terrain.context, _RASTER_BATCH, quads=RASTER_QUADS)
+        self._store = terrain.vertex_store(_RASTER_BATCH, quads=RASTER_QUADS)
         keys = [key for key in self._split(terrain, (0, 0, 0), level) if self._seen(terrain, key)]
         squares: list[Square] = []
         self.seconds = 0.0

@@ -18,7 +18,7 @@ from sketchterrain.document.store import load_sketch
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.flight import Flight, Keyframe
 from sketchterrain.terrain.building import build
-from sketchterrain.terrain.surfaces import VERTEX
+from sketchterrain.terrain.surfaces import vertex_dtype
 from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.tiles.lod import CameraView, ScreenError, inside_frustum, morph_weights
 from sketchterrain.tiles.quadtree import tile_indices
@@ -274,7 +274,7 @@ class OwnTiles:
     """Tiles by their error on the screen, in a store of their own."""
 
     def __init__(self, terrain: Terrain, *, quads: int, tolerance: float) -> None:
-        slots = min(_BYTES // (VERTEX.itemsize * (quads + 1) ** 2), _MOST_SLOTS)
+        slots = min(_BYTES // (vertex_dtype(len(terrain.materials)).itemsize * (quads + 1) ** 2), _MOST_SLOTS)
         self._terrain = terrain
         self._store = terrain.vertex_store(slots, quads=quads)
         self._stream = TileStream(

@@ -22,7 +22,7 @@ from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit
 from sketchterrain.terrain.patch_layout import Patches, sample_stride
 from sketchterrain.terrain.patches import PatchLauncher
 from sketchterrain.terrain.recipe import TerrainRecipe
-from sketchterrain.terrain.surfaces import VERTEX, SurfaceStore
+from sketchterrain.terrain.surfaces import SurfaceStore, vertex_dtype
 from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.vegetation.graded_poisson import GradedPoisson, SpacingRaster
 
@@ -86,7 +86,7 @@ class _Square:
         self._patches = Patches(column[:, None] + offset, row[:, None] + offset[::-1], cell)
         self._context = context
         self._launcher = PatchLauncher(KernelArguments(recipe, context))
-        self._store = SurfaceStore(context, quads + 1, self._patches.count)
+        self._store = SurfaceStore(context, quads + 1, self._patches.count, len(recipe.materials))
         self.tiles = self._patches.count
         self.vertices = self._patches.count * (quads + 1) ** 2
 
@@ -130,7 +130,7 @@ WRITTEN: Mapping[str, float] = {
     * (QUADS + 1) ** 2
     / (QUADS // 2 + 1) ** 2,  # height and normal of nearly four children
     "ground_bytes": _REAL + 3 + 8,  # height; normal and eight weights as bytes
-    "vertices": VERTEX.itemsize,
+    "vertices": vertex_dtype(len(BUILT_IN)).itemsize,
     "facts": 4 * _REAL + _REAL * QUADS / sample_stride(QUADS),  # low, high, whether finite; a strip of errors
     **dict.fromkeys(("throw_first", "throw_one", "throw_two", "throw_four"), 8),  # candidate and time
     "accept": 5,  # point and level

@@ -113,7 +113,7 @@ def _bare_tiles(context: TimedContext, count: int) -> tuple[Callable[[], object]
     patches = tile_patches(LEVEL, [key[1:] for key in keys], recipe.extent, up=0)
     ranges = arguments.world(patches.cell_size)["table"].ranges
     octaves = sum(last - first for first, last in (ranges["ground"], ranges["mottle"]))
-    launcher, store = PatchLauncher(arguments), SurfaceStore(context, QUADS + 1, count)
+    launcher, store = PatchLauncher(arguments), SurfaceStore(context, QUADS + 1, count, len(recipe.materials))
     work = partial(launcher.surfaces, patches, store, np.arange(count))
     return work, octaves, count * (QUADS + 1) ** 2
 

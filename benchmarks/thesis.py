@@ -123,7 +123,7 @@ class _Ours:
         self._context = context
         self._launcher = PatchLauncher(KernelArguments(recipe, context))
         self._patches = tile_patches(keys[0][0], [key[1:] for key in keys], recipe.extent, up=0)
-        self._store = SurfaceStore(context, QUADS + 1, len(keys))
+        self._store = SurfaceStore(context, QUADS + 1, len(keys), len(recipe.materials))
 
     def launch(self) -> None:
         """Enqueue the tiles and wait for them."""

@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from sketchterrain.compute.context import ComputeContext
+from sketchterrain.io.resources import Defines
 
 Name = TypeVar("Name")
 
@@ -50,9 +51,10 @@ class TimedContext(ComputeContext):
         size: Sequence[int],
         *arguments: object,
         group: Sequence[int] | None = None,
+        defines: Defines = (),
     ) -> None:
         """Enqueue one kernel; see :meth:`ComputeContext.launch`."""
-        super().launch(file, kernel, size, *arguments, group=group)
+        super().launch(file, kernel, size, *arguments, group=group, defines=defines)
         self._items.append(math.prod(size))
 
     def lap(self, work: Callable[[], object]) -> Lap:

@@ -3,7 +3,6 @@
 // is nothing here where there are none.
 #include "real.clh"
 
-#define WEIGHTS 8
 #define NORMAL 3
 
 // Whether a value is no number or infinite: by its bits, for compilers that may take all values for finite.
@@ -16,16 +15,29 @@ inline int is_odd(REAL x)
 }
 
 #ifdef cl_khr_fp64
+// The sum in NumPy's order: up to 7 values one by one; else eight sums of every eighth, by pairs, then the others.
+inline double sum_of(const double *x)
+{
+    const int eighths = MATERIALS / 8 * 8;
+    double sum = 0.0;
+    if (eighths > 0) {
+        double part[8];
+        for (int i = 0; i < eighths; ++i) part[i % 8] = i < 8 ? x[i] : part[i % 8] + x[i];
+        sum = ((part[0] + part[1]) + (part[2] + part[3])) + ((part[4] + part[5]) + (part[6] + part[7]));
+    }
+    for (int i = eighths; i < MATERIALS; ++i) sum += x[i];
+    return sum;
+}
+
 // Weights as bytes whose sum is 255, by the method of the largest remainder; the first of equal ones gets the step.
 inline void weight_bytes(const REAL *weights, int *bytes)
 {
-    double exact[WEIGHTS], rest[WEIGHTS];
-    for (int i = 0; i < WEIGHTS; ++i) exact[i] = (double)weights[i];
-    // In the order in which NumPy sums eight values.
-    const double sum = ((exact[0] + exact[1]) + (exact[2] + exact[3])) + ((exact[4] + exact[5]) + (exact[6] + exact[7]));
+    double exact[MATERIALS], rest[MATERIALS];
+    for (int i = 0; i < MATERIALS; ++i) exact[i] = (double)weights[i];
+    const double sum = sum_of(exact);
     const double scale = 255.0 / sum;  // correctly rounded: in 64 bits OpenCL asks for it
     int missing = 255;
-    for (int i = 0; i < WEIGHTS; ++i) {
+    for (int i = 0; i < MATERIALS; ++i) {
         const double scaled = exact[i] * scale;
         const double whole = floor(scaled);
         rest[i] = scaled - whole;
@@ -34,9 +46,9 @@ inline void weight_bytes(const REAL *weights, int *bytes)
     }
     for (; missing > 0; --missing) {
         double most = rest[0];
-        for (int i = 1; i < WEIGHTS; ++i) most = rest[i] > most ? rest[i] : most;
+        for (int i = 1; i < MATERIALS; ++i) most = rest[i] > most ? rest[i] : most;
         int assigned = 0;
-        for (int i = 0; i < WEIGHTS; ++i) {
+        for (int i = 0; i < MATERIALS; ++i) {
             const int gets = !assigned && rest[i] == most;
             bytes[i] += gets;
             rest[i] = gets ? -1.0 : rest[i];
@@ -50,7 +62,7 @@ inline void weight_bytes(const REAL *weights, int *bytes)
 //   ground, material  patches * side^2, as written by `surfaces`; side is that of the global size
 //   height            rows * columns, m
 //   normal            3 planes: east, north, up; 0 is −1, 255 is 1
-//   weight            WEIGHTS planes that sum to 255
+//   weight            MATERIALS planes that sum to 255
 //   nonfinite         counts NaN and Inf
 // Global size: (side, side, patches).
 __kernel void ground_bytes(int first, int across, int rows, int columns, __global const REAL *ground,
@@ -68,12 +80,12 @@ __kernel void ground_bytes(int first, int across, int rows, int columns, __globa
     const size_t at = (size_t)row * columns + column;
     const REAL4 here = vload4(from, ground);
     const REAL parts[NORMAL] = {here.x, here.y, here.z};
-    REAL weights[WEIGHTS];
-    int bytes[WEIGHTS];
+    REAL weights[MATERIALS];
+    int bytes[MATERIALS];
     int wrong = is_odd(here.w);
     for (int i = 0; i < NORMAL; ++i) wrong += is_odd(parts[i]);
-    for (int i = 0; i < WEIGHTS; ++i) {
-        weights[i] = material[from * WEIGHTS + i];
+    for (int i = 0; i < MATERIALS; ++i) {
+        weights[i] = material[from * MATERIALS + i];
         wrong += is_odd(weights[i]);
     }
     if (wrong) {
@@ -83,6 +95,6 @@ __kernel void ground_bytes(int first, int across, int rows, int columns, __globa
     height[at] = here.w;
     for (int i = 0; i < NORMAL; ++i) normal[at + i * plane] = (uchar)(int)rint(parts[i] * R(127.5) + R(127.5));
     weight_bytes(weights, bytes);
-    for (int i = 0; i < WEIGHTS; ++i) weight[at + i * plane] = (uchar)bytes[i];
+    for (int i = 0; i < MATERIALS; ++i) weight[at + i * plane] = (uchar)bytes[i];
 }
 #endif

@@ -5,7 +5,7 @@
 // Heights and masks at single points. block[i] is the block of ground that point i lies in.
 // Global size: count rounded up.
 __kernel void points(TERRAIN_ARGUMENTS, __global const long *x, __global const long *y,
-                     __global const int *block, int count, __global REAL *height, __global REAL4 *masks)
+                     __global const int *block, int count, __global REAL *height, __global REAL *masks)
 {
     COLLECT_OCTAVES
     COLLECT_LAYERS
@@ -16,5 +16,9 @@ __kernel void points(TERRAIN_ARGUMENTS, __global const long *x, __global const l
     const TerrainSample g = terrain_at(octaves, world, layers, block[i], p, true, cover_noise);
     if (item >= count) return;
     height[item] = g.height;
-    masks[item] = (REAL4)(g.mountain, g.dune, g.forest, g.water);
+    __global REAL *mask = masks + MASKS * item;
+    mask[MASK_MOUNTAIN] = g.mountain;
+    mask[MASK_DUNE] = g.dune;
+    mask[MASK_FOREST] = g.forest;
+    mask[MASK_WATER] = g.water;
 }

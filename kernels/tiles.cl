@@ -59,8 +59,8 @@ __kernel void surfaces(SURFACE_ARGUMENTS, __global const int *slot, __global REA
     const size_t start = (size_t)slot[patch] * inner * inner;
     const int at = row * inner + column;
     vstore4(surface.ground, at, ground + 4 * start);
-    // Not by vstore8: of doubles it makes PoCL warn, and what it built with a warning its cache gives back without kernels.
-    ((__global REAL8 *)(material + MATERIALS * start))[at] = surface.weights;
+    __global REAL *own = material + MATERIALS * (start + at);
+    for (int m = 0; m < MATERIALS; ++m) own[m] = surface.weights[m];
 }
 
 // The parent's values at the vertices of each tile. Between two of its vertices they are half their sum, along
@@ -111,22 +111,23 @@ __kernel void vertices(SURFACE_ARGUMENTS, __global const int4 *tile_slots, __glo
     const int4 slots = tile_slots[patch];
     const uint z = as_uint((float)surface.ground.s3);
     const uint slope = packed_slope(surface.ground);
-    const uint low = packed_weights(surface.weights.lo);
-    const uint high = packed_weights(surface.weights.hi);
-    uint8 packed = {z, z, slope, slope, low, high, low, high};
+    uint words[WEIGHT_WORDS];
+    for (int k = 0; k < WEIGHT_WORDS; ++k) words[k] = packed_weights(surface.weights, k);
+    __global uint *own = vertex + ((size_t)slots.s0 * inner * inner + row * inner + column) * VERTEX_WORDS;
+    uint4 packed = {z, z, slope, slope};
+    for (int k = 0; k < WEIGHT_WORDS; ++k) own[4 + k] = words[k];
     if (slots.s1 >= 0) {
         __global const uint *parent = vertex + (size_t)slots.s1 * inner * inner * VERTEX_WORDS;
         const int east = column + slots.s2 * quads;
         const int south = row + (1 - slots.s3) * quads;
-        const int at = (south >> 1) * inner + (east >> 1);
-        const uint8 a = vload8(at, parent);
-        const uint8 b = vload8(at + (south & 1) * inner + (east & 1), parent);
-        packed.s1 = as_uint(0.5f * (as_float(a.s0) + as_float(b.s0)));
-        packed.s3 = middle_slope(a.s2, b.s2);
-        packed.s6 = middle_weights(a.s4, b.s4);
-        packed.s7 = middle_weights(a.s5, b.s5);
+        __global const uint *a = parent + ((south >> 1) * inner + (east >> 1)) * VERTEX_WORDS;
+        __global const uint *b = a + ((south & 1) * inner + (east & 1)) * VERTEX_WORDS;
+        packed.s1 = as_uint(0.5f * (as_float(a[0]) + as_float(b[0])));
+        packed.s3 = middle_slope(a[2], b[2]);
+        for (int k = 0; k < WEIGHT_WORDS; ++k) words[k] = middle_weights(a[4 + k], b[4 + k]);
     }
-    vstore8(packed, row * inner + column, vertex + (size_t)slots.s0 * inner * inner * VERTEX_WORDS);
+    vstore4(packed, 0, own);
+    for (int k = 0; k < WEIGHT_WORDS; ++k) own[4 + WEIGHT_WORDS + k] = words[k];
 }
 
 // Statistics of tiles, for each strip of columns of quads: the lowest and the highest height, own and parent's; the

@@ -16,6 +16,7 @@ from sketchterrain.compute.device import Device, choose_device
 from sketchterrain.compute.gl_interop import GLHandles
 from sketchterrain.errors import BuildError, DeviceError, DeviceFailedError, DeviceMemoryError, one_line
 from sketchterrain.io import resources
+from sketchterrain.io.resources import Defines
 
 _STATUS = cl.status_code
 # CL_OUT_OF_RESOURCES is not one of them: drivers report it for crashed kernels too.
@@ -104,7 +105,7 @@ class ComputeContext:
         self._context = self._call("opening", _opened, self.device, gl)
         profiling = cl.command_queue_properties.PROFILING_ENABLE
         self._queue = self._call("opening", cl.CommandQueue, self._context, properties=profiling)
-        self._kernels: dict[tuple[str, str], Any] = {}
+        self._kernels: dict[tuple[str, str, Defines], Any] = {}
         self._launches: list[tuple[str, Any]] | None = None
 
     def launch(
@@ -114,20 +115,23 @@ class ComputeContext:
         size: Sequence[int],
         *arguments: object,
         group: Sequence[int] | None = None,
+        defines: Defines = (),
     ) -> None:
-        """Enqueue one kernel with global and local work sizes; builds its file at the first call.
+        """Enqueue one kernel with global and local work sizes; builds its file with macros before.
 
         Arguments are buffers and NumPy scalars of the exact type, in the kernel's order.
         """
         shape = (tuple(size), None if group is None else tuple(group))
-        event = self._call(f"launching {kernel}", self._kernel(file, kernel), self._queue, *shape, *arguments)
+        event = self._call(
+            f"launching {kernel}", self._kernel(file, kernel, defines), self._queue, *shape, *arguments
+        )
         if self._launches is not None:
             self._launches.append((kernel, event))
 
-    def max_group_size(self, file: str, kernel: str) -> int:
+    def max_group_size(self, file: str, kernel: str, defines: Defines = ()) -> int:
         """Return the largest work-group size of a kernel on this device."""
         query = cl.kernel_work_group_info.WORK_GROUP_SIZE
-        info = self._kernel(file, kernel).get_work_group_info
+        info = self._kernel(file, kernel, defines).get_work_group_info
         return int(self._call("querying the work-group size", info, query, self.device.handle))
 
     def upload(self, array: npt.NDArray[Any], *, writable: bool = False) -> Any:
@@ -217,21 +221,22 @@ class ComputeContext:
         launches, self._launches = self._launches or [], None
         return [KernelTime(name, self._call("profiling", _seconds, event)) for name, event in launches]
 
-    def _kernel(self, file: str, name: str) -> Any:
-        if (file, name) not in self._kernels:
-            for kernel in self._call("building", self._build(file).all_kernels):
-                self._kernels[file, kernel.function_name] = kernel
-        if (file, name) not in self._kernels:
+    def _kernel(self, file: str, name: str, defines: Defines) -> Any:
+        key = file, name, defines
+        if key not in self._kernels:
+            for kernel in self._call("building", self._build(file, defines).all_kernels):
+                self._kernels[file, kernel.function_name, defines] = kernel
+        if key not in self._kernels:
             # PoCL's cache may return a program without kernels.
             where = f"{self.device.name} ({self.device.platform} {self.device.driver})"
             raise BuildError(f"kernels/{file} was built on {where} without its kernel {name}")
-        return self._kernels[file, name]
+        return self._kernels[key]
 
-    def _build(self, file: str) -> Any:
+    def _build(self, file: str, defines: Defines) -> Any:
         options = (*_OPTIONS, f"-DREAL={self.real}", *(_FAST_OPTIONS if self.fast else ()))
         try:
             with _BUILDING:
-                return _built(self._context, resources.source(file), options)
+                return _built(self._context, resources.source(file, defines), options)
         except cl.Error as error:
             raise build_error(self.device, file, options, error) from error
 

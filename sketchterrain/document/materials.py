@@ -240,5 +240,10 @@ class MaterialTable:
         return iter(self.materials)
 
 
+def weight_words(materials: int) -> int:
+    """Return how many words of 32 bits hold the weights of so many materials as bytes."""
+    return (materials + 3) // 4
+
+
 BUILT_IN: Final = MaterialTable()
 """The program's materials."""

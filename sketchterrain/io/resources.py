@@ -6,6 +6,7 @@ from functools import cache
 from hashlib import sha256
 from importlib.resources import files
 from importlib.resources.abc import Traversable
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -17,13 +18,23 @@ _BASELINES = "baselines/"
 _INCLUDE = re.compile(r'^[ \t]*#include[ \t]+"([^"]+)"[ \t]*$', re.MULTILINE)
 
 
+Defines: TypeAlias = tuple[tuple[str, int | str], ...]
+"""Macros and their values."""
+
+
 @cache
-def source(name: str) -> str:
+def source(name: str, defines: Defines = ()) -> str:
     """Return a source of ``kernels/`` with each ``#include "…"`` expanded once, for OpenCL and GLSL alike.
 
-    ``#line`` preserves line numbers; ``baselines/…`` are sources of the benchmarks.
+    ``#line`` preserves line numbers; ``baselines/…`` are sources of the benchmarks. Macros come first,
+    or after GLSL's ``#version``.
     """
-    return _inline(name, set())
+    text = _inline(name, set())
+    if not defines:
+        return text
+    head, rest = text.split("\n", 1) if text.startswith("#version") else ("", text)
+    macros = "".join(f"#define {macro} {value}\n" for macro, value in defines)
+    return f"{head}\n{macros}#line 2\n{rest}" if head else f"{macros}#line 1\n{rest}"
 
 
 @cache

@@ -10,7 +10,6 @@ from scipy import ndimage
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.caching import IdentityKey
-from sketchterrain.document.materials import MATERIALS
 from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.feature_types import LAYER_CODES, Cover, ShapeField
 from sketchterrain.placement.hashing import gaussian_filter
@@ -80,7 +79,14 @@ def create_covers(sketch: Sketch, *, cache: PlacementCache | None = None) -> tup
     if cache is None:
         return _create(sketch)
     labels = tuple((key, tuple(each.items())) for key, each in sketch.labels.items() if key[0] == "material")
-    key = ("covers", IdentityKey(sketch.layers["material"]), sketch.extent, sketch.fidelity, labels)
+    key = (
+        "covers",
+        IdentityKey(sketch.layers["material"]),
+        sketch.extent,
+        sketch.fidelity,
+        labels,
+        sketch.material_table.names,
+    )
     covers: tuple[Cover, ...] = cache.layers.get_or_compute(key, lambda: _create(sketch))
     return covers
 
@@ -95,7 +101,7 @@ def _create(sketch: Sketch) -> tuple[Cover, ...]:
         if strength <= 0:
             continue
         shape_distance = shape_field(sketch, shape, margin=margin)
-        material = MATERIALS.index(str(properties["material"]))
+        material = sketch.material_table.names.index(str(properties["material"]))
         name = LAYER_CODES["material"] << 48 | shape.id
         covers.append(Cover(name, shape.label, shape_distance, material, strength))
     return tuple(covers)

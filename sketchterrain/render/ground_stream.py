@@ -18,7 +18,7 @@ from sketchterrain.render.quality import Quality, StreamStats, TerrainUpdateStat
 from sketchterrain.render.scene import BoundedTerrain, TileSource
 from sketchterrain.render.sharing_probe import moved_to_context, shared_with_gl
 from sketchterrain.render.vertex_memory import GLVertexMemory, open_vertex_memory
-from sketchterrain.terrain.surfaces import VERTEX
+from sketchterrain.terrain.surfaces import vertex_dtype
 from sketchterrain.tiles.lod import CameraView, ScreenError
 from sketchterrain.tiles.quadtree import UNBOUNDED
 from sketchterrain.tiles.stream import TileStream
@@ -62,7 +62,7 @@ class TerrainStream:
         quality = quality or Quality()
         terrain = shared_with_gl(terrain)
         quads = quality.quads
-        tile_bytes = (quads + 1) ** 2 * VERTEX.itemsize
+        tile_bytes = (quads + 1) ** 2 * vertex_dtype(len(terrain.sketch.material_table)).itemsize
         slots = max(quality.tile_memory // tile_bytes, 1)
         bounds = terrain.bounds if isinstance(terrain, BoundedTerrain) else None
         if isinstance(terrain, BoundedTerrain):

@@ -96,9 +96,9 @@ FRAME_BINDING = 0  # binding point of the uniform block ``Frame`` (kernels/rende
 
 
 def build_program(
-    context: moderngl.Context, vertex: str, fragment: str, *, defines: Mapping[str, int] | None = None
+    context: moderngl.Context, vertex: str, fragment: str, *, defines: Mapping[str, int | str] | None = None
 ) -> moderngl.Program:
-    """Build a program from two files in ``kernels/render``, with integer macros; raise BuildError."""
+    """Build a program from two files in ``kernels/render``, with macros; raise BuildError."""
     return _build(context, defines, vertex, fragment)
 
 
@@ -107,7 +107,7 @@ def build_transform(
     vertex: str,
     captured: Sequence[str],
     *,
-    defines: Mapping[str, int] | None = None,
+    defines: Mapping[str, int | str] | None = None,
 ) -> moderngl.Program:
     """Build a transform feedback program that captures vertex shader outputs; raise BuildError."""
     return _build(context, defines, vertex, varyings=tuple(captured))
@@ -115,21 +115,16 @@ def build_transform(
 
 def _build(
     context: moderngl.Context,
-    defines: Mapping[str, int] | None,
+    defines: Mapping[str, int | str] | None,
     vertex: str,
     fragment: str | None = None,
     varyings: tuple[str, ...] = (),
 ) -> moderngl.Program:
-    macros = "".join(f"#define {name} {value}\n" for name, value in (defines or {}).items())
-
-    def shader(file: str) -> str:
-        version, _, rest = source(f"render/{file}").partition("\n")
-        return f"{version}\n{macros}#line 2\n{rest}"
-
+    macros = tuple((defines or {}).items())
     try:
         program = context.program(
-            vertex_shader=shader(vertex),
-            fragment_shader=None if fragment is None else shader(fragment),
+            vertex_shader=source(f"render/{vertex}", macros),
+            fragment_shader=None if fragment is None else source(f"render/{fragment}", macros),
             varyings=varyings,
         )
     except moderngl.Error as error:
@@ -154,7 +149,7 @@ def set_uniforms(program: moderngl.Program, values: Mapping[str, object]) -> Non
 
 
 def fullscreen_pass(
-    context: moderngl.Context, fragment: str, *, defines: Mapping[str, int] | None = None
+    context: moderngl.Context, fragment: str, *, defines: Mapping[str, int | str] | None = None
 ) -> moderngl.VertexArray:
     """Return a full-screen pass of a fragment shader, for ``.render(vertices=3)``."""
     return context.vertex_array(build_program(context, "screen.vert.glsl", fragment, defines=defines), [])

@@ -49,6 +49,10 @@ class TileSource(Protocol):
     def context(self) -> ComputeContext:
         """Compute context of the terrain."""
 
+    @property
+    def sketch(self) -> Sketch:
+        """The document."""
+
     def vertex_store(
         self, slots: int, *, quads: int = QUADS, memory: VertexMemory | None = None
     ) -> VertexStore:
@@ -83,10 +87,6 @@ class TerrainSource(TileSource, Protocol):
     @property
     def size(self) -> tuple[float, float]:
         """Width and height of the sketch (m)."""
-
-    @property
-    def sketch(self) -> Sketch:
-        """The document."""
 
     @property
     def features(self) -> TerrainFeatures:

@@ -86,7 +86,7 @@ class Evaluator:
         … 1.
         """
         count, side = axis_x.shape
-        surface = Surface.empty(count, side - 2, real=self.context.real_dtype)
+        surface = Surface.empty(count, side - 2, len(self.recipe.materials), real=self.context.real_dtype)
 
         def download(store: SurfaceStore, part: slice) -> None:
             store.download(surface.part(part))
@@ -121,7 +121,7 @@ class Evaluator:
     def heights_and_masks(
         self, axis_x: LatticeArray, axis_y: LatticeArray, *, cell_size: float
     ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-        """Return heights (patches, n, n), m, and masks (patches, 4, n, n) of patches without a border.
+        """Return heights (patches, n, n), m, and masks (patches, masks, n, n) of patches without a border.
 
         Row 0 is northernmost; masks are in the order of :data:`MASKS`.
         """
@@ -141,7 +141,9 @@ class Evaluator:
 
     def tiles(self, keys: Sequence[tuple[int, int]], level: int) -> tuple[Surface, Float64Array]:
         """Evaluate tiles (column, row) of a level, with their parents' values and detail bounds (m)."""
-        surface = Surface.empty(len(keys), QUADS + 1, real=self.context.real_dtype, parents=True)
+        surface = Surface.empty(
+            len(keys), QUADS + 1, len(self.recipe.materials), real=self.context.real_dtype, parents=True
+        )
         bounds = np.empty(len(keys))
 
         def evaluate(part: slice) -> None:
@@ -175,18 +177,18 @@ class Evaluator:
     def points(
         self, x: LatticeArray, y: LatticeArray, *, cell_size: float
     ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-        """Return heights (n,), m, and masks (n, 4) at lattice positions (n,).
+        """Return heights (n,), m, and masks (n, masks) at lattice positions (n,).
 
         Detail below the cell size (m) is omitted; masks are in the order of :data:`MASKS`.
         """
         context, real = self.context, self.context.real_dtype
-        height, masks = np.empty(x.size, real), np.empty((x.size, 4), real)
+        height, masks = np.empty(x.size, real), np.empty((x.size, len(MASKS)), real)
 
         def evaluate(part: slice) -> None:
             blocks, block = _blocks_of(x[part], y[part])
             culled, count = self._inputs.cull(blocks, cell_size), part.stop - part.start
             lists = self._staged.upload(list_arrays(culled))
-            buffers = context.empty(count, real), context.empty(4 * count, real)
+            buffers = context.empty(count, real), context.empty(len(MASKS) * count, real)
             context.launch(
                 _FILE,
                 "points",
@@ -198,6 +200,7 @@ class Evaluator:
                 np.int32(count),
                 *buffers,
                 group=(GROUP,),
+                defines=self._inputs.defines,
             )
             for buffer, array in zip(buffers, (height, masks), strict=True):
                 array[part] = context.download(buffer, array[part].shape, real)
@@ -210,7 +213,9 @@ class Evaluator:
     def _store(self, inner: int) -> SurfaceStore:
         """Return the cached store for patches of inner × inner vertices."""
         if self._cached_store is None or self._cached_store.inner != inner:
-            self._cached_store = SurfaceStore(self.context, inner, self._patches_at_once.limit)
+            self._cached_store = SurfaceStore(
+                self.context, inner, self._patches_at_once.limit, len(self.recipe.materials)
+            )
         return self._cached_store
 
     def _release_buffers(self) -> None:

@@ -16,7 +16,7 @@ from sketchterrain.terrain.culler import MAX_CELL_SIZES, Culled, Culler, upload_
 from sketchterrain.terrain.layers.layer import MASKS, Sampling, effective_cell
 from sketchterrain.terrain.layers.point_culler import PointCuller
 from sketchterrain.terrain.layers.points import PointsLayer
-from sketchterrain.terrain.materials import pack_rules
+from sketchterrain.terrain.materials import material_defines, pack_rules
 from sketchterrain.terrain.recipe import TerrainRecipe
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ class KernelInputs:
     ) -> None:
         self.recipe = recipe
         self.context = context
+        self.defines = material_defines(recipe.materials)
         rules = pack_rules(recipe)
         # The arguments of ``RULE_ARGUMENTS`` in ``kernels/materials.clh``.
         self.rules = [

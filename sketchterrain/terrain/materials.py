@@ -12,7 +12,8 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.document.material_rules import Factor
-from sketchterrain.document.materials import MATERIALS
+from sketchterrain.document.materials import MaterialTable
+from sketchterrain.io.resources import Defines
 from sketchterrain.terrain.layers.layer import MASKS
 from sketchterrain.terrain.recipe import TerrainRecipe
 
@@ -23,6 +24,12 @@ _RANGES = {"steepness": (0.0, np.inf), "mottle": (-4.0, 4.0), "wetness": (0.0, 1
 _RANGES |= dict.fromkeys(MASKS, (0.0, 1.0))
 
 
+def material_defines(table: MaterialTable) -> Defines:
+    """Return the macros of kernels that evaluate materials: their number, and those of masks."""
+    masks = ((f"MASK_{name.upper()}", number) for number, name in enumerate(MASKS))
+    return ("MATERIALS", len(table)), ("MASKS", len(MASKS)), *masks
+
+
 @dataclass(frozen=True)
 class PackedRules:
     """``Rules`` of ``kernels/materials.clh``; at least one row of each, so that buffers are not empty."""
@@ -30,7 +37,7 @@ class PackedRules:
     count: int
     form: npt.NDArray[np.int32]  # (rules, 4)
     cover: Float64Array  # (rules,)
-    ramp: Float64Array  # (factors, 3, 4)
+    ramp: Float64Array  # (factors, 8 + masks)
 
 
 def pack_rules(recipe: TerrainRecipe) -> PackedRules:
@@ -39,14 +46,14 @@ def pack_rules(recipe: TerrainRecipe) -> PackedRules:
     factors = [_pack_factor(factor, recipe.climate) for rule in rules for factor in rule.factors]
     form = np.zeros((max(len(rules), 1), 4), np.int32)
     ends = np.cumsum([len(rule.factors) for rule in rules], dtype=np.int64)
-    form[: len(rules), 0] = [MATERIALS.index(rule.material) for rule in rules]
+    form[: len(rules), 0] = [recipe.materials.names.index(rule.material) for rule in rules]
     form[1 : len(rules), 1] = ends[:-1]
     form[: len(rules), 2] = ends
     for row in form[: len(rules)]:
         row[3] = reduce(or_, (_required_masks(factor) for factor in factors[row[1] : row[2]]), 0)
     cover = np.zeros(len(form))
     cover[: len(rules)] = [rule.cover for rule in rules]
-    ramp = np.array(factors, np.float64).reshape(-1, 3, 4)
+    ramp = np.array(factors, np.float64).reshape(-1, len(_KERNEL_INPUTS) + 3)
     return PackedRules(len(rules), form, cover, ramp)
 
 

@@ -14,6 +14,7 @@ from sketchterrain.caching import LRUCache
 from sketchterrain.compute.buffers import BufferSet, StagingBuffer
 from sketchterrain.terrain.culler import list_arrays
 from sketchterrain.terrain.lattice import metres_per_unit
+from sketchterrain.terrain.layers.layer import MASKS
 from sketchterrain.terrain.noise import corner_table, fits_patches, whole_step_bits
 from sketchterrain.terrain.patch_layout import Patches
 from sketchterrain.terrain.surfaces import SurfaceStore
@@ -88,6 +89,7 @@ class PatchLauncher:
             *(launch.small[name] for name in where),
             *written,
             group=self._row_groups(launch.file, kernel, inner),
+            defines=self._inputs.defines,
         )
         return launch.culled
 
@@ -104,12 +106,13 @@ class PatchLauncher:
             launch.small["slot"],
             store.parent,
             group=self._row_groups(_ANYWHERE, "parents", patches.side - 2),
+            defines=self._inputs.defines,
         )
 
     def heights_and_masks(self, patches: Patches) -> tuple[Any, Any]:
         """Enqueue heights and masks with their border; return their buffers, which later launches reuse.
 
-        Heights are (patches, side, side), m; masks (patches, 4, side, side), in the order of ``MASKS``.
+        Heights are (patches, side, side), m; masks (patches, masks, side, side), in the order of ``MASKS``.
         """
         height, masks, _ = self._heights(patches, {}, heights_only=False).results
         return height, masks
@@ -141,7 +144,7 @@ class PatchLauncher:
             (
                 # Two spare rows: see `parents`.
                 self._buffers.buffer(f"height {heights_only}", (count * side + 2, side), real),
-                self._buffers.buffer("masks", (4, size), real),
+                self._buffers.buffer("masks", (len(MASKS), size), real),
                 self._buffers.buffer("mottle", size, real),
             ),
         )
@@ -162,6 +165,7 @@ class PatchLauncher:
             np.int32(heights_only),
             *launch.results,
             group=(group, 1),
+            defines=self._inputs.defines,
         )
         return launch
 
@@ -199,7 +203,8 @@ class PatchLauncher:
 
     def _group_limit(self, file: str, kernel: str) -> int:
         """Return the most work items of a kernel's group."""
-        return self._groups.get_or_compute((file, kernel), lambda: self._context.max_group_size(file, kernel))
+        key = file, kernel, self._inputs.defines
+        return self._groups.get_or_compute(key, lambda: self._context.max_group_size(*key))
 
     def _row_groups(self, file: str, kernel: str, side: int) -> tuple[int, int, int] | None:
         """Return groups of as many whole rows of a square as fit and divide it; None where none fits."""

@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float32Array, FloatArray, LatticeArray, UInt8Array
-from sketchterrain.document.materials import MATERIALS
 from sketchterrain.errors import DeviceError, InputError
 from sketchterrain.terrain.lattice import QUADS, to_lattice
+from sketchterrain.terrain.materials import material_defines
 from sketchterrain.terrain.surfaces import Band, SurfaceStore, non_finite
 
 if TYPE_CHECKING:
@@ -221,7 +221,7 @@ class _Packer:
             strip.top,
             np.empty(shape, context.real_dtype),
             np.empty((3, *shape), np.uint8),
-            np.empty((len(MATERIALS), *shape), np.uint8),
+            np.empty((len(self._evaluator.recipe.materials), *shape), np.uint8),
         )
         arrays: tuple[npt.NDArray[Any], ...] = (band.height, band.normal, band.materials)
         if strip.rows > self._rows:
@@ -260,4 +260,5 @@ class _Packer:
             store.materials,
             *self._planes,
             counter,
+            defines=material_defines(self._evaluator.recipe.materials),
         )

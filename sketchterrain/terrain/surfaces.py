@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Bounds, Float32Array, FloatArray, LatticeArray, StructuredArray
-from sketchterrain.document.materials import MATERIALS
+from sketchterrain.document.materials import weight_words
 from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.placement.feature_types import Lake, River
 from sketchterrain.terrain.lattice import QUADS
@@ -39,8 +39,8 @@ class Tile:
         Metres.
     normal : ndarray of float32, shape (65, 65, 3)
         Unit vectors: east, north, up.
-    materials : ndarray of float32, shape (65, 65, 8)
-        Weights in the order of ``MATERIALS``; they sum to 1.
+    materials : ndarray of float32, shape (65, 65, materials)
+        Weights in the order of ``Terrain.materials``; they sum to 1.
     parent_height, parent_normal : ndarray of float32, shapes (65, 65) and (65, 65, 3)
         Values of the parent tile at these vertices: bit-equal at shared vertices; between two of the parent's
         vertices half their sum, along its edges or its diagonals from north-west to south-east.
@@ -117,7 +117,7 @@ class Surface:
     """Normals, heights and materials of patches of n×n vertices, as a device writes them."""
 
     ground: FloatArray  # (patches, n, n, 4): unit normal (east, north, up), height (m)
-    materials: FloatArray  # (patches, n, n, len(MATERIALS)): weights that sum to 1
+    materials: FloatArray  # (patches, n, n, materials): weights that sum to 1
     parent: FloatArray  # as ``ground``: the parents' values; (0, n, n, 4) unless requested
 
     @property
@@ -131,12 +131,14 @@ class Surface:
         return self.ground[..., :3]
 
     @classmethod
-    def empty(cls, count: int, inner: int, *, real: npt.DTypeLike, parents: bool = False) -> Self:
+    def empty(
+        cls, count: int, inner: int, materials: int, *, real: npt.DTypeLike, parents: bool = False
+    ) -> Self:
         """Return uninitialised arrays for ``count`` patches of inner × inner vertices."""
         shape = (inner, inner)
         return cls(
             np.empty((count, *shape, 4), real),
-            np.empty((count, *shape, len(MATERIALS)), real),
+            np.empty((count, *shape, materials), real),
             np.empty((count if parents else 0, *shape, 4), real),
         )
 
@@ -148,16 +150,16 @@ class Surface:
 class SurfaceStore:
     """Device buffers with slots for patches of inner × inner vertices.
 
-    ``ground`` and ``parent`` have four REAL per vertex (unit normal, height), ``materials`` eight.
+    ``ground`` and ``parent`` have four REAL per vertex (unit normal, height), ``materials`` their number.
     """
 
-    def __init__(self, context: ComputeContext, inner: int, slots: int) -> None:
+    def __init__(self, context: ComputeContext, inner: int, slots: int, materials: int) -> None:
         self.context = context
         self.inner = inner
         self.slots = slots
         vertices = slots * inner * inner
         self.ground, self.materials, self.parent = (
-            context.empty(width * vertices, context.real_dtype) for width in (4, len(MATERIALS), 4)
+            context.empty(width * vertices, context.real_dtype) for width in (4, materials, 4)
         )
 
     def download(self, out: Surface) -> None:
@@ -172,17 +174,23 @@ class SurfaceStore:
             require_finite(array, what, self.context.device)
 
 
-VERTEX: Final = np.dtype(
-    [
-        ("height", "<f4"),
-        ("parent_height", "<f4"),
-        ("slope", "<i2", 2),
-        ("parent_slope", "<i2", 2),
-        ("weights", "u1", 8),
-        ("parent_weights", "u1", 8),
-    ]
-)
-"""A vertex, 32 bytes: metres; x and y of the unit normal times 32767; materials' weights, 255 for 1."""
+def vertex_dtype(materials: int) -> np.dtype[np.void]:
+    """Return the layout of a vertex: m; x and y of the unit normal times 32767; weights, 255 for 1.
+
+    Weights are padded to whole words of four.
+    """
+    weights = 4 * weight_words(materials)
+    return np.dtype(
+        [
+            ("height", "<f4"),
+            ("parent_height", "<f4"),
+            ("slope", "<i2", 2),
+            ("parent_slope", "<i2", 2),
+            ("weights", "u1", weights),
+            ("parent_weights", "u1", weights),
+        ]
+    )
+
 
 FACTS: Final = np.dtype([("low", "f8"), ("high", "f8"), ("error", "f8")])
 """Facts of a tile, m: see :meth:`~sketchterrain.terrain.terrain.Terrain.write_tiles`."""
@@ -217,11 +225,18 @@ class VertexStore:
     """Slots for tiles of vertices.
 
     Slot s starts at vertex s · (quads + 1)²; rows run from north to south. ``quads`` along a side is 32, 64,
-    128 or 256. ``memory`` is on the context's device; None allocates a buffer.
+    128 or 256; vertices have weights of so many ``materials``. ``memory`` is on the context's device; None
+    allocates a buffer.
     """
 
     def __init__(
-        self, context: ComputeContext, slots: int, *, quads: int = QUADS, memory: VertexMemory | None = None
+        self,
+        context: ComputeContext,
+        slots: int,
+        materials: int,
+        *,
+        quads: int = QUADS,
+        memory: VertexMemory | None = None,
     ) -> None:
         if quads not in TILE_QUADS:
             raise InputError(f"expected quads of {', '.join(map(str, TILE_QUADS))}, got {quads}")
@@ -230,6 +245,7 @@ class VertexStore:
         self.context = context
         self.slots = slots
         self.quads = quads
+        self.vertex = vertex_dtype(materials)
         if memory is not None and memory.nbytes < self.nbytes:
             raise InputError(f"expected {self.nbytes} bytes for {slots} tiles, got {memory.nbytes}")
         self.memory = memory
@@ -238,7 +254,7 @@ class VertexStore:
     @property
     def tile_bytes(self) -> int:
         """Bytes of a slot."""
-        return (self.quads + 1) ** 2 * VERTEX.itemsize
+        return (self.quads + 1) ** 2 * self.vertex.itemsize
 
     @property
     def nbytes(self) -> int:
@@ -262,12 +278,12 @@ class VertexStore:
         self.memory.release([(int(first) * size, int(count) * size) for first, count in runs])
 
     def write(self, slot: int, tile: StructuredArray) -> None:
-        """Upload a tile (quads + 1, quads + 1) of `VERTEX`, row 0 north, to a slot that the device holds."""
+        """Upload a tile (quads + 1, quads + 1) of vertices, row 0 north, to a slot that the device holds."""
         self.context.upload_into(self.buffer, np.ascontiguousarray(tile), start=slot * self.tile_bytes)
 
     def heights(self, slot: int) -> Float32Array:
         """Wait for the device, which must hold the vertices, and return a tile's heights (m)."""
-        tile = np.empty((self.quads + 1, self.quads + 1), VERTEX)
+        tile = np.empty((self.quads + 1, self.quads + 1), self.vertex)
         self.context.download_into(self.buffer, tile, start=slot * self.tile_bytes)
         return np.ascontiguousarray(tile["height"])
 
@@ -275,6 +291,6 @@ class VertexStore:
         """Wait for the device and return the vertices of all slots, shape (slots, quads + 1, quads + 1)."""
         self.acquire()
         shape = (self.slots, self.quads + 1, self.quads + 1)
-        found = self.context.download(self.buffer, shape, VERTEX)
+        found = self.context.download(self.buffer, shape, self.vertex)
         self.release(np.zeros(0, np.int64))
         return found

@@ -142,7 +142,7 @@ class Terrain:
 
     def tile_store(self, slots: int) -> SurfaceStore:
         """Return device buffers for so many tiles, for :meth:`fill_tiles`."""
-        return SurfaceStore(self.context, QUADS + 1, slots)
+        return SurfaceStore(self.context, QUADS + 1, slots, len(self.materials))
 
     def fill_tiles(
         self, keys: Sequence[tuple[int, int, int]], store: SurfaceStore, slots: Sequence[int]
@@ -172,7 +172,7 @@ class Terrain:
 
         ``memory`` is that of the vertices; None allocates a buffer on the device.
         """
-        return VertexStore(self.context, slots, quads=quads, memory=memory)
+        return VertexStore(self.context, slots, len(self.materials), quads=quads, memory=memory)
 
     def write_tiles(
         self,

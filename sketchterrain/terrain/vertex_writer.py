@@ -235,6 +235,7 @@ class VertexWriter:
             np.int32(first),
             extrema,
             errors,
+            defines=self._inputs.defines,
         )
 
     def _heights(self, patches: Patches) -> Float32Array:

@@ -18,7 +18,7 @@ from sketchterrain.app.export import run_with_fallback
 from sketchterrain.app.pictures import PictureOptions, sketch_weather
 from sketchterrain.array_types import Bounds
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.document.materials import BEDROCK, MATERIALS
+from sketchterrain.document.materials import BEDROCK, BUILT_IN, MaterialTable, weight_words
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.export.files import prepare_folder
@@ -31,7 +31,7 @@ from sketchterrain.render.views import check_view
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS, finest_level
 from sketchterrain.terrain.patch_layout import run_to_completion
-from sketchterrain.terrain.surfaces import FACTS, VERTEX, TerrainFeatures, VertexMemory, VertexStore
+from sketchterrain.terrain.surfaces import FACTS, TerrainFeatures, VertexMemory, VertexStore, vertex_dtype
 from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.terrain.vertex_writer import geometric_error
 from sketchterrain.tiles.quadtree import code_of, intersects_bounds
@@ -55,12 +55,18 @@ class StoredPyramid:
     With `on_error`, unreadable parts are reported to it once, and replaced by the next coarser level.
     """
 
-    def __init__(self, world: StoredWorld, *, on_error: Callable[[str], None] | None = None) -> None:
-        self.world, self._on_error = world, on_error
+    def __init__(
+        self,
+        world: StoredWorld,
+        table: MaterialTable = BUILT_IN,
+        *,
+        on_error: Callable[[str], None] | None = None,
+    ) -> None:
+        self.world, self._table, self._on_error = world, table, on_error
         self._lines: set[str] = set()
-        unknown = [name for name in world.material_names if name not in MATERIALS]
+        unknown = [name for name in world.material_names if name not in table.names]
         if "materials" in world.layers and unknown:
-            raise InputError(f"expected materials among {', '.join(MATERIALS)}, got {', '.join(unknown)}")
+            raise InputError(f"expected materials among {', '.join(table.names)}, got {', '.join(unknown)}")
 
     def level(self, number: int) -> Level:
         """Return a level, which may be coarser than the stored ones."""
@@ -163,7 +169,7 @@ class StoredPyramid:
     def tile(
         self, number: int, column: int, row: int, *, quads: int, root: bool
     ) -> tuple[npt.NDArray[np.void], tuple[float, float, float]]:
-        """Return a tile of `VERTEX`, and its lowest and highest height and its geometric error (m).
+        """Return a tile's vertices, and its lowest and highest height and its geometric error (m).
 
         A tile in column c and row −1 − r, rows northward, starts at the level's vertex (r·quads, c·quads).
         Parent values are interpolated along edges and north-west diagonals as in kernels/vertices.clh.
@@ -173,7 +179,7 @@ class StoredPyramid:
         parent = own
         if not root:
             parent = _refined(self._samples(number + 1, top // 2, left // 2, quads // 2 + 1))
-        tile = np.empty((quads + 1, quads + 1), VERTEX)
+        tile = np.empty((quads + 1, quads + 1), vertex_dtype(len(self._table)))
         tile["height"], tile["slope"], tile["weights"] = own
         tile["parent_height"], tile["parent_slope"], tile["parent_weights"] = parent
         low = min(float(own.height.min()), float(parent.height.min()))
@@ -195,12 +201,12 @@ class StoredPyramid:
             stored = coded * np.float32(1 / 127.5) - 1
             normal = np.clip(normal, stored - _HALF_STEP, stored + _HALF_STEP)
         slope = np.rint(np.clip(normal, -1, 1) * _UNIT).astype(np.int16)
-        weights = np.zeros((side, side, len(MATERIALS)), np.uint8)
+        weights = np.zeros((side, side, 4 * weight_words(len(self._table))), np.uint8)
         if "materials" in self.world.layers:
-            bands = [MATERIALS.index(name) for name in self.world.material_names]
+            bands = [self._table.names.index(name) for name in self.world.material_names]
             weights[..., bands] = self.window("materials", number, **inside).transpose(1, 2, 0)
         else:
-            weights[..., MATERIALS.index(BEDROCK)] = 255
+            weights[..., self._table.names.index(BEDROCK)] = 255
         return _Samples(np.ascontiguousarray(height[1:-1, 1:-1]), slope, weights)
 
     def _error(self, number: int, top: int, left: int, height: _Floats) -> float:
@@ -273,7 +279,9 @@ class StoredTerrain:
         *,
         on_error: Callable[[str], None] | None = None,
     ) -> None:
-        self._pyramid, self._terrain, self.context = StoredPyramid(world, on_error=on_error), terrain, context
+        self.sketch = Sketch() if terrain is None else terrain.sketch
+        self._pyramid = StoredPyramid(world, self.sketch.material_table, on_error=on_error)
+        self._terrain, self.context = terrain, context
         finest = world.levels[0]
         across, down = finest.columns - 1, finest.rows - 1
         self._bits = max(math.ceil(math.log2(max(across, down, 1))), _LEAST_BITS)
@@ -285,7 +293,6 @@ class StoredTerrain:
         self.extent = finest.cell * 2.0**self._bits
         self.size = across * finest.cell, down * finest.cell
         self.bounds: Bounds = (0.0, -self.size[1], self.size[0], 0.0)
-        self.sketch = Sketch() if terrain is None else terrain.sketch
         self.features = TerrainFeatures(np.zeros(0, FEATURE), ())
         self.sea_level = None if terrain is None else terrain.sea_level
         if terrain is not None:
@@ -302,7 +309,7 @@ class StoredTerrain:
         self, slots: int, *, quads: int = QUADS, memory: VertexMemory | None = None
     ) -> VertexStore:
         """Return a store with slots for tiles, for `write_tiles`."""
-        return VertexStore(self.context, slots, quads=quads, memory=memory)
+        return VertexStore(self.context, slots, len(self.sketch.material_table), quads=quads, memory=memory)
 
     def write_tiles(
         self,

@@ -11,8 +11,10 @@ from sketchterrain.compute.arithmetic import failed_operations
 from sketchterrain.compute.buffers import StagingBuffer
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
+from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.errors import BuildError, DeviceMemoryError
 from sketchterrain.io import resources
+from sketchterrain.terrain.materials import material_defines
 
 pytestmark = pytest.mark.skipif(not list_devices(), reason="no OpenCL device")
 on_each_device = pytest.mark.parametrize("device", list_devices(), ids=lambda d: d.platform)
@@ -25,7 +27,7 @@ __kernel void add(__global const float *a, float b, __global float *sum)
 
 
 def test_kernels_run_and_are_timed_and_empty_arrays_round_trip(monkeypatch):
-    monkeypatch.setattr(resources, "source", lambda name: ADD)
+    monkeypatch.setattr(resources, "source", lambda *_: ADD)
     context = ComputeContext()
     values = np.arange(1000, dtype=np.float32)
     result = context.empty(1000, np.float32)
@@ -43,13 +45,13 @@ def test_kernels_run_and_are_timed_and_empty_arrays_round_trip(monkeypatch):
 
 
 def test_failed_builds_and_missing_kernels_raise_build_errors(monkeypatch):
-    monkeypatch.setattr(resources, "source", lambda name: "__kernel void broken() { nonsense; }")
+    monkeypatch.setattr(resources, "source", lambda *_: "__kernel void broken() { nonsense; }")
     context = ComputeContext()
     with pytest.raises(BuildError, match=r"kernels/broken.cl did not build on .* with -cl-std") as caught:
         context.launch("broken.cl", "broken", (1,))
     assert "nonsense" in str(caught.value)
 
-    monkeypatch.setattr(resources, "source", lambda name: ADD)
+    monkeypatch.setattr(resources, "source", lambda *_: ADD)
     with pytest.raises(BuildError, match=r"kernels/add.cl was built on .* without its kernel subtract"):
         ComputeContext().launch("add.cl", "subtract", (1,))
 
@@ -72,7 +74,7 @@ def test_every_kernel_builds_on_every_device(device, real):
     assert {"terrain.cl", "tiles.cl", "graded_poisson.cl"} <= set(programs)
     for file in programs:
         if file != "ground_bytes.cl" or device.has_double:  # it rounds in 64 bits, else has no kernel
-            assert context._build(file).all_kernels(), file
+            assert context._build(file, material_defines(BUILT_IN)).all_kernels(), file
 
 
 @on_each_device
@@ -83,7 +85,7 @@ def test_arithmetic_is_ieee_and_contraction_is_detected(device, monkeypatch):
     text = resources.source("self_test.cl")
     fused = text.replace("a[i] * b[i] + c[i];", "fma(a[i], b[i], c[i]);")
     assert fused != text
-    monkeypatch.setattr(resources, "source", lambda _: fused)
+    monkeypatch.setattr(resources, "source", lambda *_: fused)
     assert failed_operations(ComputeContext(device)) == ("a product and a sum",)
 
 
@@ -100,7 +102,7 @@ def test_arithmetic_is_ieee_and_contraction_is_detected(device, monkeypatch):
 def test_a_planted_wrong_operation_is_named(monkeypatch, right, wrong, name):
     text = resources.source("self_test.cl")
     assert right in text
-    monkeypatch.setattr(resources, "source", lambda _: text.replace(right, wrong))
+    monkeypatch.setattr(resources, "source", lambda *_: text.replace(right, wrong))
     assert failed_operations(ComputeContext()) == (() if name is None else (name,))
 
 

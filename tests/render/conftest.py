@@ -58,13 +58,13 @@ class Waves:
             dy = (self.heights(x, y + d) - self.heights(x, y - d)) / (2 * d)
             normal = np.stack([-dx, -dy, np.ones_like(dx)], axis=-1)
             normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-            materials = np.zeros((65, 65, 8), np.float32)
+            materials = np.zeros((65, 65, len(BUILT_IN)), np.float32)
             materials[..., 0], materials[..., 2] = 0.75, 0.25
             tiles.append(Surface(self.heights(x, y), normal.astype(np.float32), materials))
         return tiles
 
     def vertex_store(self, slots, *, quads=64, memory=None):
-        return VertexStore(self.context, slots, quads=quads, memory=memory)
+        return VertexStore(self.context, slots, len(BUILT_IN), quads=quads, memory=memory)
 
     def write_tiles(self, keys, slots, parents, store):
         return write_tiles(self, keys, slots, parents, store)

@@ -7,17 +7,19 @@ from types import SimpleNamespace
 import moderngl
 import numpy as np
 
+from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.io.resources import source
 from sketchterrain.render.camera import Camera, clip_planes, direction
 from sketchterrain.render.programs import FRAME_BINDING
 from sketchterrain.render.targets import FrameBlock
 from sketchterrain.terrain.lattice import LATTICE_BITS, metres_per_unit
-from sketchterrain.terrain.surfaces import FACTS, VERTEX
+from sketchterrain.terrain.surfaces import FACTS, vertex_dtype
 from sketchterrain.tiles.lod import morph_weights
 from sketchterrain.tiles.quadtree import tile_indices
 
 QUADS = 64
 SIDE = QUADS + 1
+VERTEX = vertex_dtype(len(BUILT_IN))
 TILE_BYTES = SIDE * SIDE * VERTEX.itemsize
 
 
@@ -69,7 +71,7 @@ def packed(tile):
     vertices = np.zeros((SIDE, SIDE), VERTEX)
     vertices["height"] = tile.height
     vertices["slope"] = np.rint(tile.normal[..., :2] * 32767.0)
-    vertices["weights"] = np.rint(tile.materials * 255.0)
+    vertices["weights"][..., : len(BUILT_IN)] = np.rint(tile.materials * 255.0)
     return vertices
 
 

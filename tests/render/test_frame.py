@@ -8,6 +8,7 @@ import moderngl
 import numpy as np
 import pytest
 
+from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.render.camera import FARTHEST, Camera
@@ -20,7 +21,7 @@ from sketchterrain.render.targets import NOISE_PERIOD, wrap_to_noise_period
 from sketchterrain.render.vertex_memory import gl_function
 from sketchterrain.terrain.building import build, rebuild
 from sketchterrain.terrain.changes import EVERYWHERE
-from sketchterrain.terrain.surfaces import VERTEX
+from sketchterrain.terrain.surfaces import vertex_dtype
 from sketchterrain.tiles.quadtree import code_of, decode, keys_of, parent_of
 from sketchterrain.tiles.refinement import ROOT_LEVEL
 
@@ -115,7 +116,7 @@ def same(picture, other):
 def drawn_vertices(renderer):
     """Return the vertices of each drawn tile as stored in OpenGL."""
     quads = QUALITY.quads
-    held = np.frombuffer(renderer.stream.memory.read(), VERTEX)
+    held = np.frombuffer(renderer.stream.memory.read(), vertex_dtype(len(BUILT_IN)))
     tile = (quads + 1) ** 2
     held = held[: len(held) // tile * tile].reshape(-1, quads + 1, quads + 1)
     draws = renderer.stream.draws

@@ -12,7 +12,6 @@ from sketchterrain.render.programs import FRAME_BINDING, set_uniforms
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.targets import FrameBlock
 from sketchterrain.terrain.lattice import metres_per_unit
-from sketchterrain.terrain.surfaces import VERTEX
 from sketchterrain.tiles.lod import CameraView, ScreenError
 from sketchterrain.tiles.stream import TileStream
 
@@ -22,6 +21,7 @@ from .ground_model import (
     QUADS,
     SIDE,
     TILE_BYTES,
+    VERTEX,
     HoleView,
     along_rims,
     beyond,

@@ -7,12 +7,15 @@ import pytest
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
 from sketchterrain.document.material_rules import DEFAULT_RULES
+from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.document.store import load_sketch
 from sketchterrain.io import resources
+from sketchterrain.io.resources import Defines
 from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES, Cover, Lake, River, ShapeField
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.layers import layer_stack
 from sketchterrain.terrain.layers.layer import WorldSettings
+from sketchterrain.terrain.materials import material_defines
 from sketchterrain.terrain.noise import corner_table
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.terrain import Terrain
@@ -72,8 +75,10 @@ def with_kernel(monkeypatch):
     source = resources.source
 
     def add(name: str, base: str, kernel: str) -> None:
-        def found(file: str) -> str:
-            return source(base) + kernel if file == name else source(file)
+        macros = material_defines(BUILT_IN)
+
+        def found(file: str, defines: Defines) -> str:
+            return source(base, macros) + kernel if file == name else source(file, defines)
 
         monkeypatch.setattr(resources, "source", found)
 

@@ -9,10 +9,11 @@ import pytest
 
 from sketchterrain.placement.feature_types import ShapeField, crest_offsets
 from sketchterrain.terrain import packing
-from sketchterrain.terrain.evaluator import MASKS, Evaluator
+from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import HostSamples, host_samples
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.layers.covers import CoversLayer
+from sketchterrain.terrain.layers.layer import MASKS
 from sketchterrain.terrain.noise import SKEW_OTHER, SKEW_SAME, OctaveTable, octave_table
 from sketchterrain.terrain.recipe import TerrainRecipe
 

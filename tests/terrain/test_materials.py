@@ -25,6 +25,7 @@ from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import field_distance, host_samples
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.layers.covers import CoversLayer
+from sketchterrain.terrain.layers.layer import MASKS
 from sketchterrain.terrain.materials import pack_rules
 from sketchterrain.terrain.noise import fbm
 from sketchterrain.terrain.packing import pack_covers, pack_fields, pack_world
@@ -40,13 +41,15 @@ CLIMATES = (
 
 # `weights` evaluates the rules of `surfaces` at arbitrary inputs.
 KERNEL = """
-__kernel void weights(RULE_ARGUMENTS, __global const REAL *values, __global const REAL4 *masks,
+__kernel void weights(RULE_ARGUMENTS, __global const REAL *values, __global const REAL *masks,
                       __global REAL *out)
 {
     COLLECT_RULES
     const size_t i = get_global_id(0);
     __global const REAL *v = values + 4 * i;
-    const SurfaceInputs inputs = {v[0], v[1], v[2], v[3], masks[i]};
+    SurfaceInputs inputs = {v[0], v[1], v[2], v[3]};
+    for (int m = 0; m < MASKS; ++m) inputs.mask[m] = masks[MASKS * i + m];
+    inputs.empty_masks = 0;
     REAL w[MATERIALS];
     lay_rules(rules, inputs, w);
     for (int m = 0; m < MATERIALS; ++m) out[MATERIALS * i + m] = w[m];
@@ -54,7 +57,6 @@ __kernel void weights(RULE_ARGUMENTS, __global const REAL *values, __global cons
 """
 
 
-MASKS = ("mountain", "dune", "forest", "water")
 NAMES = ("height", "steepness", "hollow", "mottle", *MASKS)
 Site = dict[str, np.ndarray]  # inputs of rules by name, arrays of one shape
 

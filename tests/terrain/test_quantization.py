@@ -111,15 +111,17 @@ def launched(
     count, real = len(ground), context.real_dtype
     rows, columns = count // ACROSS * (SIDE - 1) + 1, ACROSS * (SIDE - 1) + 1
     size = rows * columns
-    planes = (context.empty(size, real), context.empty(3 * size, np.uint8), context.empty(8 * size, np.uint8))
+    number = weights.shape[-1]
+    planes = [context.empty(size, real), *(context.empty(each * size, np.uint8) for each in (3, number))]
     nonfinite = context.upload(np.zeros(1, np.int32), writable=True)
     arrays = [context.upload(np.ascontiguousarray(each, real)) for each in (ground, weights)]
     scalars = [np.int32(each) for each in (0, ACROSS, rows, columns)]
     size3 = (SIDE, SIDE, count)
-    context.launch("ground_bytes.cl", "ground_bytes", size3, *scalars, *arrays, *planes, nonfinite)
+    given = (*scalars, *arrays, *planes, nonfinite)
+    context.launch("ground_bytes.cl", "ground_bytes", size3, *given, defines=(("MATERIALS", number),))
     height = context.download(planes[0], (rows, columns), real)
     normal = context.download(planes[1], (3, rows, columns), np.uint8)
-    weight = context.download(planes[2], (8, rows, columns), np.uint8)
+    weight = context.download(planes[2], (number, rows, columns), np.uint8)
     return height, normal, weight, int(context.download(nonfinite, 1, np.int32)[0])
 
 

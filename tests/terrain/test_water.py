@@ -18,8 +18,9 @@ from sketchterrain.placement.feature_types import Cover, Lake, River, ShapeField
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.building import make_recipe as recipe_of
 from sketchterrain.terrain.centrelines import TOLERANCE_CELLS, nearest_on_arc, tolerance_cell
-from sketchterrain.terrain.evaluator import MASKS, Evaluator
+from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
+from sketchterrain.terrain.layers.layer import MASKS
 from sketchterrain.terrain.packing import ARC, pack_rivers
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.terrain import Terrain

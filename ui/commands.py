@@ -16,7 +16,7 @@ import numpy as np
 
 from sketchterrain.document.edits import ACTIONS, Edit
 from sketchterrain.document.label_layers import MAX_LABELS, LabelImage
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import LAYERS, layer_of
 from sketchterrain.document.parameters import SKETCH, Parameter, Value
 from sketchterrain.document.sketch import TABLES, Sketch
 from sketchterrain.errors import InputError
@@ -50,13 +50,13 @@ def find_point(placed: Placement, selection: Selection) -> np.void | None:
 
 def find_river(placed: Placement, selection: Selection) -> River | None:
     """Return the selected river; None if missing or of another kind."""
-    rivers = placed.rivers if selection.kind == "river" else ()
+    rivers = placed.rivers if selection.kind == "course" else ()
     return next((river for river in rivers if river.id == selection.id), None)
 
 
 def find_lake(placed: Placement, selection: Selection) -> Lake | None:
     """Return the selected lake; None if missing or of another kind."""
-    lakes = placed.lakes if selection.kind == "lake" else ()
+    lakes = placed.lakes if selection.kind == "water" else ()
     return next((lake for lake in lakes if lake.id == selection.id), None)
 
 
@@ -74,11 +74,12 @@ def find_parent_river(placed: Placement, river: River) -> River | None:
 
 def name_of(placed: Placement, selection: Selection) -> str:
     """Return the selection's display name: ``mountain``, ``river 2``, numbered as contradictions are."""
-    point = find_point(placed, selection)
-    if point is not None:
-        return FEATURE_TYPES[int(point["type"])]
-    ids = [each.id for each in (placed.rivers if selection.kind == "river" else placed.lakes)]
-    return f"{selection.kind} {ids.index(selection.id) + 1}" if selection.id in ids else selection.kind
+    if selection.kind == "feature":
+        point = find_point(placed, selection)
+        return "feature" if point is None else FEATURE_TYPES[int(point["type"])]
+    ids = [each.id for each in (placed.rivers if selection.kind == "course" else placed.lakes)]
+    layer = layer_of(selection.id)
+    return f"{layer} {ids.index(selection.id) + 1}" if selection.id in ids else layer
 
 
 def dragged(sketch: Sketch, placed: Placement, handle: Handle, x: float, y: float) -> Sketch:
@@ -161,7 +162,7 @@ def point_moved(sketch: Sketch, placed: Placement, selection: Selection, x: floa
 
 def widened(sketch: Sketch, selection: Selection, width: float) -> Sketch:
     """Return the sketch with another width (m) of a river."""
-    if selection.kind != "river":
+    if selection.kind != "course":
         return sketch
     return sketch.with_edit(Edit("width", selection.id, width=_clamp("width", "width", width)))
 
@@ -277,7 +278,7 @@ def _declared_width(sketch: Sketch, river: River) -> float:
     edited = [edit.width for edit in sketch.edits if edit.action == "width" and edit.feature == river.id]
     if edited and edited[-1] is not None:
         return edited[-1]
-    return cast(float, sketch.properties("river", river.label)["width"])
+    return cast(float, sketch.properties(layer_of(river.id), river.label)["width"])
 
 
 def _clamp(action: str, name: str, value: float) -> float:

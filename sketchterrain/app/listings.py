@@ -109,8 +109,8 @@ def generated_lines(report: dict[str, Any], folder: Path) -> list[str]:
     lines = [
         f"{report['sketch']}, seed {report['seed']}: {size['columns']} × {size['rows']} vertices "
         f"{report['spacing']['x']:.3g} m apart, {heights['minimum']:.1f} to {heights['maximum']:.1f} m high, "
-        f"{pluralize(sum(counts['features'].values()), 'feature')}, {pluralize(counts['rivers'], 'river')}, "
-        f"{pluralize(counts['lakes'], 'lake')}"
+        f"{pluralize(sum(counts['features'].values()), 'feature')}, "
+        + ", ".join(pluralize(counts[name], name.removesuffix("s")) for name in ("rivers", "lakes"))
         + (f", {pluralize(sum(counts['plants'].values()), 'plant')}" if counts["plants"] else ""),
         f"in {report['timings']['total']:.1f} s on {device['name']} ({device['platform']})"
         f"{', with --fast: other bits than without' if report['fast'] else ''}",

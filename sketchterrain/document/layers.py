@@ -63,6 +63,11 @@ class Layer:
         return self.kind in ("water", "course")
 
     @property
+    def is_measured(self) -> bool:
+        """Whether the terrain's adherence to its areas is measured."""
+        return self.is_points or self.is_water
+
+    @property
     def main(self) -> Parameter:
         """The parameter that lists show; of point features their strength."""
         return next(iter(self.parameters.values()))

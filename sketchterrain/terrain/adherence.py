@@ -37,7 +37,7 @@ EFFECT_SHARE = 0.25
 """Share of the requested height by which the terrain must differ for a pixel to count as affected."""
 
 
-AREA_LAYERS = tuple(name for name in DRAW_ORDER if LAYERS[name].kind != "cover")
+AREA_LAYERS = tuple(name for name in DRAW_ORDER if LAYERS[name].is_measured)
 """Layers whose painted areas are measured, in the order of the report."""
 
 

@@ -1,12 +1,13 @@
 """Adherence of rivers: painted strokes against centrelines, beds along these, and standing water."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, LatticeArray
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import LAYERS, layer_of
 from sketchterrain.hydrology.network import skeletons
 from sketchterrain.placement.feature_types import Lake
 from sketchterrain.placement.shapes import Shape, label_shapes
@@ -25,12 +26,12 @@ def standing_water(
     """Return where the terrain (heights, m) lies under the water of a layer."""
     if LAYERS[layer].kind == "course":
         return _rivers(recipe, x, y, ground)
-    return _lakes(recipe, x, y, ground)
+    return _lakes((lake for lake in recipe.lakes if layer_of(lake.id) == layer), x, y, ground)
 
 
-def _lakes(recipe: TerrainRecipe, x: Float64Array, y: Float64Array, ground: Float32Array) -> BoolArray:
+def _lakes(lakes: Iterable[Lake], x: Float64Array, y: Float64Array, ground: Float32Array) -> BoolArray:
     wet = np.zeros(x.shape, dtype=np.bool_)
-    for lake in recipe.lakes:
+    for lake in lakes:
         wet |= _within(lake, x, y) & (ground < lake.level)
     return wet
 
@@ -117,7 +118,7 @@ def resample(points: Float64Array, step: float = _STEP) -> Float64Array:
 def _beds(terrain: Terrain, line: Float64Array) -> list[Float64Array]:
     """Return heights (m) along a line, split at lakes, whose beds are hollows by design."""
     height = terrain.heights(line[:, 0], line[:, 1])
-    dry = ~_lakes(terrain.recipe, line[:, 0], line[:, 1], height)
+    dry = ~_lakes(terrain.recipe.lakes, line[:, 0], line[:, 1], height)
     starts = np.flatnonzero(np.diff(dry.astype(np.int8), prepend=0) == 1)
     ends = np.flatnonzero(np.diff(dry.astype(np.int8), append=0) == -1) + 1
     return [height[start:end].astype(np.float64) for start, end in zip(starts, ends, strict=True)]

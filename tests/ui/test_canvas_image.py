@@ -159,7 +159,7 @@ def test_hatches_tile_without_a_seam():
 
 def test_outlines_are_drawn_where_codes_change():
     table = HatchTable([LayerHatch("dots", (0, 0, 0), 0.0)], 1.0)
-    codes = np.zeros((12, 12), np.uint16)
+    codes = np.zeros((12, 12), np.uint32)
     codes[4:8, 5:9] = 1
     expected = np.zeros((12, 12), bool)  # one of the two pixels at a border
     expected[3:8, 4:9] = True

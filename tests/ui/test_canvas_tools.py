@@ -325,11 +325,11 @@ def test_handles_resize_widen_and_move_points(full, document, workspace, placed,
     workspace.selection = Selection("feature", int(peak["id"]))
     drag_handle(full, qtbot, placed, "radius", (20, 0))
     assert steps(document)[-1] == "Resize mountain"
-    workspace.selection = Selection("river", river.id)
+    workspace.selection = Selection("course", river.id)
     full.grab()
     drag_handle(full, qtbot, placed, "width", (6, 6))
     assert steps(document)[-1].startswith("Set the width of river")
-    workspace.selection = Selection("river", river.id)
+    workspace.selection = Selection("course", river.id)
     drag_handle(full, qtbot, placed, "point", (15, 9))
     assert steps(document)[-1].startswith("Move a point of river")
     assert workspace.selection.index is not None

@@ -35,14 +35,14 @@ def test_a_click_in_water_selects_the_river_or_lake(placed):
     wet = Placement(1, points, placed.rivers, placed.lakes)
     for river in placed.rivers:
         x, y = river.centreline[len(river.centreline) // 3, :2]
-        assert select_at(wet, x, y, reach=0.0) == Selection("river", river.id)
+        assert select_at(wet, x, y, reach=0.0) == Selection("course", river.id)
     assert select_at(wet, -1e6, -1e6, reach=1.0) is None
     found = [
         select_at(Placement(1, points, (), (lake,)), *lake_centre(lake), reach=0.0) for lake in placed.lakes
     ]
     assert any(found)
     assert all(
-        each in (None, Selection("lake", lake.id)) for each, lake in zip(found, placed.lakes, strict=True)
+        each in (None, Selection("water", lake.id)) for each, lake in zip(found, placed.lakes, strict=True)
     )
 
 
@@ -53,7 +53,7 @@ def test_handles_are_at_centre_radius_points_and_width(placed):
         distance = np.hypot(radius.x - radius.base_x, radius.y - radius.base_y)
         assert distance == pytest.approx(float(point["radius"]))
     for river in placed.rivers:
-        *points, width = handles_of(placed, Selection("river", river.id))
+        *points, width = handles_of(placed, Selection("course", river.id))
         assert [each.selection.index for each in points] == list(range(len(points)))
         at = np.argmin(np.hypot(*(river.centreline[:, :2] - [width.base_x, width.base_y]).T))
         half = 0.5 * float(river.centreline_width[at])

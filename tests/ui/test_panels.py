@@ -45,9 +45,15 @@ def display_states(workspace, link, placed):
         yield
     feature, river = (
         Selection("feature", int(placed.points["id"][0])),
-        Selection("river", placed.rivers[0].id, 1),
+        Selection("course", placed.rivers[0].id, 1),
     )
-    for selection in (feature, river, Selection("lake", placed.lakes[0].id), Selection("lake", 12345), None):
+    for selection in (
+        feature,
+        river,
+        Selection("water", placed.lakes[0].id),
+        Selection("water", 12345),
+        None,
+    ):
         workspace.selection = selection
         yield
 

@@ -276,8 +276,8 @@ def test_a_vanished_selection_disables_its_page(properties, link, placed, mounta
 
 def test_river_width_and_control_points_become_edits(properties, document, workspace, placed):
     river = max(placed.rivers, key=lambda each: len(each.points))
-    workspace.selection = Selection("river", river.id)
-    form = properties.selection_page.forms["river"]
+    workspace.selection = Selection("course", river.id)
+    form = properties.selection_page.forms["course"]
     assert form.width_row.number == pytest.approx(width_of(document.sketch, placed, workspace.selection))
     form.width_row.box.setValue(40.0)
     assert [(edit.action, edit.width) for edit in document.sketch.edits] == [("width", 40.0)]
@@ -294,10 +294,10 @@ def test_river_width_and_control_points_become_edits(properties, document, works
     assert edit.y == pytest.approx(river.points[1, 1], abs=0.001)
     for each in placed.rivers:  # a confluence follows the parent river
         if find_parent_river(placed, each) is not None:
-            workspace.selection = Selection("river", each.id, len(each.points) - 1)
+            workspace.selection = Selection("course", each.id, len(each.points) - 1)
             assert not form.east.isEnabled()
-    workspace.selection = Selection("lake", placed.lakes[0].id)
-    assert properties.selection_page.forms["lake"].isVisible()
+    workspace.selection = Selection("water", placed.lakes[0].id)
+    assert properties.selection_page.forms["water"].isVisible()
     assert properties.selection_page.delete.isEnabled()
 
 

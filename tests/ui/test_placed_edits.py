@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.document.edits import ADDED_BIT, MAX_EDITS
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import InputError
@@ -155,7 +156,7 @@ def test_a_dragged_locked_feature_stays_locked(sketch, placed):
 
 
 def test_deleted_objects_are_gone_until_reset(sketch, placed):
-    lake = Selection("lake", next(each.id for each in placed.lakes if each.label))
+    lake = Selection("water", next(each.id for each in placed.lakes if each.label))
     for selection in (first(placed), first(placed, painted=False), unjoined(placed), lake):
         gone = edits.deleted(edits.reset(sketch, placed, selection), selection)
         now = placed_of(gone)
@@ -191,17 +192,19 @@ def test_values_are_clamped_and_confluences_cannot_be_moved(sketch, placed):
         edits.resized(sketch, placed, selection, float("nan"))
 
     child = next(each for each in placed.rivers if find_parent_river(placed, each) is not None)
-    selection = Selection("river", child.id)
+    selection = Selection("course", child.id)
     last = len(child.points) - 1
     assert last not in [each.selection.index for each in handles_of(placed, selection)]
-    assert edits.point_moved(sketch, placed, Selection("river", child.id, last), 0.0, 0.0) is sketch
+    assert edits.point_moved(sketch, placed, Selection("course", child.id, last), 0.0, 0.0) is sketch
 
 
 def test_edits_of_missing_objects_change_nothing(placed, sketch):
-    for selection in (Selection("feature", 7), Selection("river", 7), Selection("lake", 7)):
+    river, lake = (LAYERS[name].code << 48 | 7 for name in ("river", "lake"))
+    missing = Selection("feature", 7), Selection("course", river), Selection("water", lake)
+    for selection, name in zip(missing, ("feature", "river", "lake"), strict=True):
         assert handles_of(placed, selection) == ()
         assert not exists(placed, selection)
-        assert name_of(placed, selection) == selection.kind
+        assert name_of(placed, selection) == name
         for command, values in (
             *((edits.moved, (0.0, 0.0)), (edits.resized, (10.0,)), (edits.strengthened, (10.0,))),
             *((edits.locked, ()), (edits.point_moved, (0.0, 0.0))),
@@ -210,8 +213,8 @@ def test_edits_of_missing_objects_change_nothing(placed, sketch):
         assert (
             edits.strength_of(sketch, placed, selection) is edits.width_of(sketch, placed, selection) is None
         )
-    assert edits.widened(sketch, Selection("lake", 7), 10.0) is sketch
-    short = Selection("river", placed.rivers[0].id, 100_000)
+    assert edits.widened(sketch, Selection("water", 7), 10.0) is sketch
+    short = Selection("course", placed.rivers[0].id, 100_000)
     assert not edits.is_edited(sketch, placed, short)
     assert edits.point_moved(sketch, placed, short, 0.0, 0.0) is sketch
 
@@ -222,7 +225,7 @@ def test_a_hundred_random_drags_stay_valid():
     now = placed_of(sketch)
     rng = np.random.default_rng(8)
     everything = [Selection("feature", int(each)) for each in rng.choice(now.points["id"], 12, replace=False)]
-    everything += [Selection("river", each.id) for each in now.rivers]
+    everything += [Selection("course", each.id) for each in now.rivers]
     touched: set[object] = set()
     for number in range(100):
         selection = everything[rng.integers(len(everything))]

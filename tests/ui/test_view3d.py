@@ -189,7 +189,7 @@ def test_a_dropped_handle_stays_until_it_is_placed(view, link, document, selecti
 
 
 def test_river_points_are_dragged_and_reset(view, document, workspace, placed):
-    workspace.selection = Selection("river", placed.rivers[0].id)
+    workspace.selection = Selection("course", placed.rivers[0].id)
     points = (each for each in marks(view).handles if each.handle.role == "point")
     mark = next(each for each in points if 100 < each.y < 400)
     drag(view, (mark.x, mark.y), (mark.x + 20, mark.y))
@@ -270,7 +270,7 @@ def test_home_shows_everything_and_f_the_selection(view, link, document, workspa
     assert link.requests[0] == Look(overview((0.0, 0.0, *document.sketch.size), 0.0, aspect=WIDTH / HEIGHT))
     assert (link.requests[1].x, link.requests[1].y) == (point["x"], point["y"])
     assert 2.0 * point["radius"] < link.requests[1].distance < 6.0 * point["radius"]
-    workspace.selection = Selection("river", placed.rivers[0].id)
+    workspace.selection = Selection("course", placed.rivers[0].id)
     key(view, Qt.Key.Key_F)
     assert 0.0 <= link.requests[2].x <= document.sketch.size[0]
     workspace.selection = None
@@ -374,7 +374,7 @@ def test_a_stopped_engine_can_be_restarted(view, link, document, placed):
 
 def test_every_selection_and_viewpoint_can_be_painted(view, link, document, workspace, placed):
     workspace.tool = "select"
-    workspace.selection = Selection("river", placed.rivers[0].id)
+    workspace.selection = Selection("course", placed.rivers[0].id)
     x, y, z = placed.rivers[0].centreline[40]
     for eye, target in (
         ((x, y, z + 2.0), (x + 10.0, y, z)),
@@ -384,7 +384,7 @@ def test_every_selection_and_viewpoint_can_be_painted(view, link, document, work
     ):
         show_picture(link, document, placed, eye=eye, target=target)
         assert not view.grab().isNull()
-    lake, unknown = Selection("lake", placed.lakes[0].id), Selection("feature", 1)
+    lake, unknown = Selection("water", placed.lakes[0].id), Selection("feature", 1)
     for selection in (None, lake, replace(workspace.selection, index=3), unknown):
         workspace.selection = selection
         assert not view.grab().isNull()

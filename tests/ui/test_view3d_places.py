@@ -135,7 +135,7 @@ def test_river_handles_keep_their_distance(placed):
     river = placed.rivers[0]
     x, y, z = river.centreline[len(river.centreline) // 2]
     projection = projection_of((x, y - 6e3, z + 4e3), (x, y, z))
-    selection = Selection("river", river.id)
+    selection = Selection("course", river.id)
     ground = flat(256, 24.0)
     far = MarkBuilder(projection, ground, placed, selection).marks(all_features=False)
     points = [each for each in far.handles if each.handle.role == "point"]
@@ -144,7 +144,7 @@ def test_river_handles_keep_their_distance(placed):
     assert apart.min() >= 13.0
     visible = {each.handle.selection.index for each in points}
     hidden = min(set(range(len(river.points))) - visible)
-    selected = MarkBuilder(projection, ground, placed, Selection("river", river.id, hidden)).marks(
+    selected = MarkBuilder(projection, ground, placed, Selection("course", river.id, hidden)).marks(
         all_features=False
     )
     assert hidden in [each.handle.selection.index for each in selected.handles]

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from functools import reduce
-from typing import TypeVar, cast
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -111,19 +111,14 @@ def _view_image(pixels: Colours, form: QImage.Format = QImage.Format.Format_ARGB
     return image
 
 
-_Pixel = TypeVar("_Pixel", np.uint16, np.uint32)
-
-
 def _source_indices(first: int, count: int, scale: float, side: int) -> npt.NDArray[np.intp]:
     """Return the sketch pixel that each screen pixel shows, counted from the sketch's corner."""
     places = np.floor((np.arange(first, first + count) + 0.5) / scale)
     return np.asarray(np.clip(places, 0, side - 1), np.intp)
 
 
-def _gather(
-    pixels: npt.NDArray[_Pixel], rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp]
-) -> npt.NDArray[_Pixel]:
-    gathered: npt.NDArray[_Pixel] = pixels.take(rows, axis=0).take(columns, axis=1)
+def _gather(pixels: Colours, rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp]) -> Colours:
+    gathered: Colours = pixels.take(rows, axis=0).take(columns, axis=1)
     return gathered
 
 

@@ -42,10 +42,10 @@ def select_at(placed: Placement, x: float, y: float, *, reach: float) -> Selecti
         return Selection("feature", int(points["id"][int(np.argmin(distance))]))
     rivers = [(_bank_distance(river, x, y), river.id) for river in placed.rivers]
     if rivers and min(rivers)[0] <= reach:
-        return Selection("river", min(rivers)[1])
+        return Selection("course", min(rivers)[1])
     lake = next((each for each in placed.lakes if _contains(each, x, y)), None)
     if lake is not None:
-        return Selection("lake", lake.id)
+        return Selection("water", lake.id)
     heights = _heights(points, distance)
     if not len(heights) or heights.max() <= 0.0:
         return None
@@ -66,7 +66,9 @@ def handles_of(placed: Placement, selection: Selection | None) -> tuple[Handle, 
         return ()
     free = len(river.points) - (find_parent_river(placed, river) is not None)
     places = river.points[:free, :2].tolist()
-    points = [Handle("point", Selection("river", river.id, i), x, y, x, y) for i, (x, y) in enumerate(places)]
+    points = [
+        Handle("point", Selection("course", river.id, i), x, y, x, y) for i, (x, y) in enumerate(places)
+    ]
     return (*points, _width_handle(river, whole))
 
 

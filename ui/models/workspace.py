@@ -222,7 +222,7 @@ class LayerLook:
 class Selection:
     """A selected feature, river or lake, by its id in `features.json`."""
 
-    kind: str  # feature, river or lake
+    kind: str  # feature, or the kind of the layer of a river (course) or lake (water)
     id: int
     index: int | None = None  # of a river's control point
 

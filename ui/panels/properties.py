@@ -286,8 +286,8 @@ class SelectionPage(QWidget):
         self._head = PageHead()
         self.forms: dict[str, FeatureForm | RiverForm | LakeForm] = {
             "feature": FeatureForm(document),
-            "river": RiverForm(document, workspace),
-            "lake": LakeForm(),
+            "course": RiverForm(document, workspace),
+            "water": LakeForm(),
         }
         self._note = faint_label("Locked: painting does not change it.")
         self.lock = _button("lock", "Loc&k", "Leave it as it is, whatever is painted")

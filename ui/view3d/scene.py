@@ -213,7 +213,7 @@ class Scene:
         placed, selection = self._link.placed, self._workspace.selection
         if placed is None or selection is None:
             return
-        if selection.kind == "lake" and marks.outline and len(marks.outline[0].pixels):
+        if selection.kind == "water" and marks.outline and len(marks.outline[0].pixels):
             shore = marks.outline[0].pixels
             top = shore[shore[:, 1].argmin()]
             text = name_of(placed, selection).capitalize()

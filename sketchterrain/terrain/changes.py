@@ -107,7 +107,10 @@ def row_difference(old: StructuredArray, new: StructuredArray) -> tuple[LatticeA
     added: list[LatticeArray] = []
     if old is new:
         return _joined(removed), _joined(added)
-    one, other = (np.ascontiguousarray(each).view(np.uint8).reshape(len(each), -1) for each in (old, new))
+    one, other = (
+        np.ascontiguousarray(each).view(np.uint8).reshape(len(each), each.dtype.itemsize)
+        for each in (old, new)
+    )
     i = j = 0
     chunk = _CHUNK
     while i < len(old) and j < len(new):

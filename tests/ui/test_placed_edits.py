@@ -64,7 +64,7 @@ def first(placed: Placement, kind: int = 0, *, painted: bool = True) -> Selectio
 def unjoined(placed: Placement) -> Selection:
     """Return a river that joins no other one."""
     return Selection(
-        "river", next(each.id for each in placed.rivers if find_parent_river(placed, each) is None)
+        "course", next(each.id for each in placed.rivers if find_parent_river(placed, each) is None)
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, partialmethod
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
@@ -21,11 +21,11 @@ from sketchterrain.benchmarks.plotting import BLUE, GREY, SMALL, new_figure, pla
 from sketchterrain.benchmarks.report import Column, Row, Table, value_of
 from sketchterrain.benchmarks.spline_methods import ARCS
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, spread
-from sketchterrain.terrain import feature_cache as surroundings
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import host_samples
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit
-from sketchterrain.terrain.packing import PackedFeatures, pack_features
+from sketchterrain.terrain.layers.layer import WorldSettings
+from sketchterrain.terrain.layers.points import PackedFeatures, PointsLayer
 from sketchterrain.terrain.recipe import TerrainRecipe
 
 if TYPE_CHECKING:
@@ -227,16 +227,21 @@ def _shares(recipe: TerrainRecipe, context: TimedContext, effort: Effort) -> Ite
     yield _Method("all of the reach", partial(context.lap, whole), ground.points, lambda: 0.0, chosen=True)
     for share in _SHARES:
         # The program has no such tolerance: its features are made to end early here.
-        with patch.object(surroundings, "pack_features", partial(_cut_short, share)):
+        with patch.object(PointsLayer, "pack_features", partialmethod(_cut_short, share)):
             work = ground.work(Evaluator(recipe, context))
             work()  # what reaches the ground is found once and kept
         name = f"{share:.0%} of the reach"
         yield _Method(name, partial(context.lap, work), ground.points, partial(_worst, work, truth))
 
 
-def _cut_short(share: float, recipe: TerrainRecipe, features: StructuredArray, cell: float) -> PackedFeatures:
+_PACK_FEATURES = PointsLayer.pack_features
+
+
+def _cut_short(
+    layer: PointsLayer, share: float, features: StructuredArray, world: WorldSettings, cell: float
+) -> PackedFeatures:
     """Pack features as if they reached less far."""
-    packed = pack_features(recipe, features, cell)
+    packed = _PACK_FEATURES(layer, features, world, cell)
     return replace(packed, support=packed.support * share)
 
 

@@ -13,8 +13,8 @@ from sketchterrain.benchmarks.plotting import BLUE, GREEN, PURPLE, SMALL, VERMIL
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
 from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES
-from sketchterrain.terrain.culling import painted_near
-from sketchterrain.terrain.kernel_arguments import KernelArguments
+from sketchterrain.terrain.inputs import KernelInputs
+from sketchterrain.terrain.layers.points import PointFinder
 from sketchterrain.terrain.patch_layout import tile_patches
 from sketchterrain.terrain.terrain import Terrain
 
@@ -72,14 +72,15 @@ class _World:
         painted["id"], painted["type"] = np.arange(count), FEATURE_TYPES.index("hill")
         painted["x"], painted["y"] = rng.uniform(0, self.side, (2, count))
         painted["radius"], painted["strength"] = rng.uniform(120, 300, count), rng.uniform(10, 60, count)
-        recipe = replace(bare.recipe, painted=painted)
+        points = replace(bare.recipe.points, painted=painted)
+        recipe = bare.recipe.with_layers([points])
         self._context = context
         self._rng = rng
         start = perf_counter()
-        painted_near(recipe, np.array([[0, 0, 1 << 20, 1 << 20]]))
+        PointFinder(points, recipe.world).painted_near(np.array([[0, 0, 1 << 20, 1 << 20]]))
         self.index = perf_counter() - start
         self._extent = recipe.extent
-        self._arguments = KernelArguments(recipe, context)
+        self._inputs = KernelInputs(recipe, context)
         self._terrain = Terrain(bare.sketch, recipe, context)
         self._store = self._terrain.tile_store(_TILES**2)
         self.looks: list[_Look] = []
@@ -102,8 +103,8 @@ class _World:
         keys = [(corner[0] + i, corner[1] + j) for j in range(_TILES) for i in range(_TILES)]
         patches = tile_patches(_LEVEL, keys, self._extent, up=0)
         blocks, cell = patches.blocks, patches.cell_size
-        first, again = (lap(lambda: self._arguments.cull(blocks, cell)).wall for _ in range(2))
-        near = len(self._arguments.cull(blocks, cell).lists["feature_list"]) / len(keys)
+        first, again = (lap(lambda: self._inputs.cull(blocks, cell)).wall for _ in range(2))
+        near = len(self._inputs.cull(blocks, cell)["points"].lists["point_list"]) / len(keys)
         return _Look(first, again, near)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
@@ -23,6 +22,8 @@ from sketchterrain.terrain.building import make_recipe
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import host_heights, host_slope
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
+from sketchterrain.terrain.layers.corridors import CorridorsLayer
+from sketchterrain.terrain.layers.lakes import LakesLayer
 from sketchterrain.terrain.noise import NoiseStack, fbm, octave_table
 from sketchterrain.terrain.recipe import TerrainRecipe
 
@@ -108,7 +109,7 @@ def _recipe(**label: float) -> TerrainRecipe:
         key: {**values, **label} for key, values in sketch.labels.items() if key[0] in ("mountain", "hill")
     }
     recipe = make_recipe(sketch.replace(labels={**sketch.labels, **labels}))
-    return replace(recipe, rivers=(), valley_radii=(), lakes=())
+    return recipe.with_layers([CorridorsLayer(()), LakesLayer(())])
 
 
 def _noise(recipe: TerrainRecipe, axis: Float64Array) -> Float64Array:

@@ -8,7 +8,6 @@ detail) or ``gallery`` (each preset from three heights in three lights, with a c
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import io
 import sys
 from collections.abc import Callable, Generator, Mapping, Sequence
@@ -35,6 +34,7 @@ from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Sun, Weather
 from sketchterrain.terrain.building import build
+from sketchterrain.terrain.layers.lakes import LakesLayer
 from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.vegetation.graded_poisson import GradedPoisson, SpacingRaster
 from sketchterrain.vegetation.plants import PLANT
@@ -136,7 +136,7 @@ def draw_materials(context: ComputeContext) -> Any:
 def draw_lakes(context: ComputeContext) -> Any:
     """Draw a lake from above with its depth, and the ground across it with and without it."""
     terrain = build(load_sketch("valley_river"), device=context)
-    dry = Terrain(terrain.sketch, dataclasses.replace(terrain.recipe, lakes=()), context)
+    dry = Terrain(terrain.sketch, terrain.recipe.with_layers([LakesLayer(())]), context)
     lake = terrain.recipe.lakes[_PICTURED_LAKE]
     field = lake.shape
     rows, columns = field.inside.shape

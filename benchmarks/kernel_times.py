@@ -17,7 +17,7 @@ from sketchterrain.compute.device import list_devices
 from sketchterrain.compute.device_check import is_usable
 from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.look.texture_maker import emboss, paint_layer
-from sketchterrain.terrain.kernel_arguments import KernelArguments
+from sketchterrain.terrain.inputs import KernelInputs
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit
 from sketchterrain.terrain.patch_layout import Patches, sample_stride
 from sketchterrain.terrain.patches import PatchLauncher
@@ -85,7 +85,7 @@ class _Square:
         cell = step * metres_per_unit(recipe.extent)
         self._patches = Patches(column[:, None] + offset, row[:, None] + offset[::-1], cell)
         self._context = context
-        self._launcher = PatchLauncher(KernelArguments(recipe, context))
+        self._launcher = PatchLauncher(KernelInputs(recipe, context))
         self._store = SurfaceStore(context, quads + 1, self._patches.count, len(recipe.materials))
         self.tiles = self._patches.count
         self.vertices = self._patches.count * (quads + 1) ** 2

@@ -21,7 +21,7 @@ from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, s
 from sketchterrain.compute.device import list_devices
 from sketchterrain.compute.device_check import is_usable
 from sketchterrain.document.materials import MATERIALS
-from sketchterrain.terrain.kernel_arguments import KernelArguments
+from sketchterrain.terrain.inputs import KernelInputs
 from sketchterrain.terrain.lattice import QUADS
 from sketchterrain.terrain.patch_layout import tile_patches
 from sketchterrain.terrain.patches import PatchLauncher
@@ -109,11 +109,11 @@ def _roofline(context: TimedContext, effort: Effort) -> Table:
 def _bare_tiles(context: TimedContext, count: int) -> tuple[Callable[[], object], int, int]:
     """Return what launches tiles without features, their octaves at a vertex, and their vertices."""
     recipe = open_ground(BARE, context).recipe
-    arguments, keys = KernelArguments(recipe, context), central_keys(LEVEL, count)
+    inputs, keys = KernelInputs(recipe, context), central_keys(LEVEL, count)
     patches = tile_patches(LEVEL, [key[1:] for key in keys], recipe.extent, up=0)
-    ranges = arguments.world(patches.cell_size)["table"].ranges
+    ranges = inputs.sampling(patches.cell_size).octaves.ranges
     octaves = sum(last - first for first, last in (ranges["ground"], ranges["mottle"]))
-    launcher, store = PatchLauncher(arguments), SurfaceStore(context, QUADS + 1, count, len(recipe.materials))
+    launcher, store = PatchLauncher(inputs), SurfaceStore(context, QUADS + 1, count, len(recipe.materials))
     work = partial(launcher.surfaces, patches, store, np.arange(count))
     return work, octaves, count * (QUADS + 1) ** 2
 

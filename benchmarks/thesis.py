@@ -20,12 +20,13 @@ from sketchterrain.benchmarks.report import Column, Row, Table
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.placement.feature_types import FEATURE_TYPES
-from sketchterrain.terrain import kernel_arguments
-from sketchterrain.terrain.kernel_arguments import KernelArguments
+from sketchterrain.terrain.inputs import KernelInputs
 from sketchterrain.terrain.lattice import QUADS
+from sketchterrain.terrain.layers import corridors
+from sketchterrain.terrain.noise import FINEST_CELL
 from sketchterrain.terrain.patch_layout import tile_patches
 from sketchterrain.terrain.patches import PatchLauncher
-from sketchterrain.terrain.recipe import FINEST_CELL, TerrainRecipe
+from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.surfaces import SurfaceStore
 from sketchterrain.tiles.quadtree import EAST, NORTH, SOUTH, WEST
 
@@ -121,7 +122,7 @@ class _Ours:
 
     def __init__(self, recipe: TerrainRecipe, context: ComputeContext, keys: Sequence[TileKey]) -> None:
         self._context = context
-        self._launcher = PatchLauncher(KernelArguments(recipe, context))
+        self._launcher = PatchLauncher(KernelInputs(recipe, context))
         self._patches = tile_patches(keys[0][0], [key[1:] for key in keys], recipe.extent, up=0)
         self._store = SurfaceStore(context, QUADS + 1, len(keys), len(recipe.materials))
 
@@ -165,7 +166,7 @@ def _errors(
     heights = {}
     for opened in (exact, context):
         # Rivers as many short arcs are what this program converges to.
-        fine = patch.object(kernel_arguments, "tolerance_cell", lambda cell: FINEST_CELL)
+        fine = patch.object(corridors, "tolerance_cell", lambda cell: FINEST_CELL)
         with fine if opened is exact else nullcontext():
             ours = _Ours(recipe, opened, keys)
             ours.launch()

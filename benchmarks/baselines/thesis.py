@@ -19,6 +19,8 @@ import numpy.typing as npt
 from sketchterrain.array_types import FloatArray
 from sketchterrain.placement.feature_types import FEATURE_TYPES
 from sketchterrain.terrain.lattice import QUADS
+from sketchterrain.terrain.layers.base import BaseLayer
+from sketchterrain.terrain.layers.corridors import CorridorsLayer
 from sketchterrain.terrain.noise import FINEST_WAVELENGTH
 from sketchterrain.terrain.recipe import TerrainRecipe
 
@@ -54,15 +56,15 @@ class ThesisTiles:
         self._inner_side, self._side = quads + 1, quads + 3
         real = context.real_dtype
         width = recipe.extent / 2.0 ** keys[0][0]
-        ground = recipe.ground
+        ground = recipe[BaseLayer]
         self.spacing = width / quads
-        octaves = int(np.log2(ground["wavelength"] / FINEST_WAVELENGTH)) + 1
+        octaves = int(np.log2(ground.wavelength / FINEST_WAVELENGTH)) + 1
         permutation = np.random.default_rng(recipe.seed).permutation(256).astype(np.int32)
         self._noise = (
             context.upload(np.tile(permutation, 2)),
             np.int32(octaves),
-            *(real.type(ground[name]) for name in ("wavelength", "roughness")),
-            real.type(ground["relief"] / 2),
+            *(real.type(each) for each in (ground.wavelength, ground.roughness)),
+            real.type(ground.relief / 2),
         )
         (features, hill), segments = _rising(recipe), _segments(recipe)
         reach = _reaches(recipe)
@@ -135,7 +137,8 @@ def _segments(recipe: TerrainRecipe) -> FloatArray:
 def _reaches(recipe: TerrainRecipe) -> FloatArray:
     """Return how far the rivers' valleys reach, m, for each piece: as far as this program's."""
     parts = [np.empty(0)]
-    for river, reach in zip(recipe.rivers, recipe.valley_radii, strict=True):
+    for course in recipe[CorridorsLayer].courses:
+        river, reach = course.river, course.valley_radius
         apart = river.points[:, None, :2] - river.centreline[None, :, :2]
         far = reach[np.argmin(np.linalg.norm(apart, axis=-1), axis=1)]
         parts.append(np.maximum(far[1:], far[:-1]))

@@ -31,13 +31,8 @@ class LayerChange:
 
     removed: LatticeArray  # rows of the old layer, ascending
     added: LatticeArray  # rows of the new one
-    boxes: LatticeArray  # (n, 4) around both, lattice units
+    boxes: LatticeArray  # (n, 4) of all that differ, lattice units
     unbounded: LatticeArray = field(default_factory=_no_boxes)  # (m, 4) where features without end differ
-
-    @property
-    def areas(self) -> LatticeArray:
-        """All boxes, shape (n + m, 4)."""
-        return np.concatenate([self.boxes, self.unbounded])
 
     def __bool__(self) -> bool:
         """Return whether anything differs."""
@@ -68,7 +63,7 @@ def difference(old: TerrainRecipe, new: TerrainRecipe) -> RecipeChange | None:
         if change:
             changes[now.name] = change
         layers.append(now if change else before)
-    areas = np.concatenate([_no_boxes(), *(change.areas for change in changes.values())]) * new.world.unit
+    areas = np.concatenate([_no_boxes(), *(change.boxes for change in changes.values())]) * new.world.unit
     return RecipeChange(
         new.with_layers(layers), changes, merge_boxes((w, s, e, n) for w, s, e, n in areas.tolist())
     )

@@ -13,6 +13,7 @@ from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.density import DensityField
 from sketchterrain.placement.placement import place
 from sketchterrain.terrain.building import make_recipe
+from sketchterrain.terrain.layers.corridors import CorridorsLayer
 
 
 def test_lru_cache_evicts_the_least_recent_and_does_not_cache_failures():
@@ -127,7 +128,7 @@ def recipe_bits(recipe):
     bits = [recipe.points.painted.tobytes(), recipe.points.fill.within(-2000, -2000, 10_000, 9000).tobytes()]
     for river in recipe.rivers:
         bits += [each.tobytes() for each in vars(river).values() if isinstance(each, np.ndarray)]
-    bits += [radii.tobytes() for radii in recipe.valley_radii]
+    bits += [course.valley_radius.tobytes() for course in recipe[CorridorsLayer].courses]
     bits += [lake.shape.inside.tobytes() + repr((lake.level, lake.depth)).encode() for lake in recipe.lakes]
     return [*bits, repr((recipe.resolutions, recipe.orphans)).encode()]
 

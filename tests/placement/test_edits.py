@@ -97,7 +97,7 @@ def test_edits_survive_distant_paint_and_are_orphans_without_their_feature(sketc
     name = int(recipe.points.painted["id"][0])
     edited = sketch.with_edit(Edit("move", name, x=500.0, y=700.0))
     more = edited.replace(layers={**sketch.layers, "hill": _image((60, 20, 8), (120, 120, 6))})
-    moved = _of(make_recipe(more).painted, name)
+    moved = _of(make_recipe(more).points.painted, name)
     assert (moved["x"], moved["y"]) == (500.0, 700.0)
     erased = make_recipe(edited.replace(layers={"river": sketch.layers["river"]}))
     assert erased.orphans == (f"move of feature {name}: no such feature",)
@@ -110,7 +110,7 @@ def test_a_locked_feature_is_unchanged_whatever_is_painted(sketch):
     assert make_recipe(locked).points.painted.tobytes() == recipe.points.painted.tobytes()
     for image in (np.zeros((SIDE, SIDE), np.uint8), _image((34, 34, 20)), _image((110, 110, 10))):
         repainted = make_recipe(locked.replace(layers={**sketch.layers, "mountain": image}))
-        assert _of(repainted.painted, int(mountain["id"])).tobytes() == mountain.tobytes()
+        assert _of(repainted.points.painted, int(mountain["id"])).tobytes() == mountain.tobytes()
         assert repainted.orphans == ()
 
 
@@ -118,7 +118,7 @@ def test_the_fill_is_edited_and_keeps_clear_of_moved_features(sketch, painted):
     mountain = painted[painted["type"] == 0][0]
     east, north = sketch.size
     moved = make_recipe(sketch.with_edit(Edit("move", int(mountain["id"]), x=0.6 * east, y=0.1 * north)))
-    fill = moved.fill.within(0, 0, east, north)
+    fill = moved.points.fill.within(0, 0, east, north)
     hills = fill[fill["type"] == 1]
     distance = np.hypot(hills["x"] - 0.6 * east, hills["y"] - 0.1 * north)
     assert (distance >= 0.5 * (hills["radius"] + mountain["radius"]) - 0.01).all()

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from sketchterrain.placement.feature_types import ShapeField, crest_offsets
-from sketchterrain.terrain import packing
 from sketchterrain.terrain.evaluator import Evaluator
-from sketchterrain.terrain.host_heights import HostSamples, host_samples
+from sketchterrain.terrain.host_heights import host_samples
 from sketchterrain.terrain.lattice import metres_per_unit
+from sketchterrain.terrain.layers.corridors import CorridorsLayer
 from sketchterrain.terrain.layers.covers import CoversLayer
-from sketchterrain.terrain.layers.layer import MASKS
+from sketchterrain.terrain.layers.lakes import LakesLayer
+from sketchterrain.terrain.layers.layer import MASKS, HostSamples
 from sketchterrain.terrain.noise import SKEW_OTHER, SKEW_SAME, OctaveTable, octave_table
 from sketchterrain.terrain.recipe import TerrainRecipe
 
@@ -188,7 +189,22 @@ def moved(recipe: TerrainRecipe, shift: Shift) -> TerrainRecipe:
     )
     lakes = tuple(replace(lake, shape=moved_field(lake.shape, shift)) for lake in recipe.lakes)
     covers = tuple(replace(each, shape=moved_field(each.shape, shift)) for each in recipe[CoversLayer].covers)
-    return replace(recipe, painted=painted, rivers=rivers, lakes=lakes, covers=covers)
+    return rebuilt(recipe, painted, rivers, lakes, covers)
+
+
+def rebuilt(
+    recipe: TerrainRecipe, painted: np.ndarray, rivers: Any, lakes: Any, covers: Any
+) -> TerrainRecipe:
+    """Return the recipe with other features, rivers, lakes and covers."""
+    radii = [course.valley_radius for course in recipe[CorridorsLayer].courses]
+    return recipe.with_layers(
+        [
+            replace(recipe.points, painted=painted),
+            LakesLayer(tuple(lakes)),
+            CorridorsLayer.of(rivers, radii, recipe.extent),
+            CoversLayer(tuple(covers)),
+        ]
+    )
 
 
 def snap_to_lattice(recipe: TerrainRecipe) -> TerrainRecipe:
@@ -201,7 +217,7 @@ def snap_to_lattice(recipe: TerrainRecipe) -> TerrainRecipe:
         line = river.centreline.copy()
         line[:, :2] = np.rint(line[:, :2] / UNIT) * UNIT
         rivers.append(replace(river, centreline=line, points=line[::20]))
-    return replace(recipe, painted=painted, rivers=tuple(rivers))
+    return rebuilt(recipe, painted, rivers, recipe.lakes, recipe[CoversLayer].covers)
 
 
 @pytest.fixture
@@ -217,7 +233,7 @@ def shift_noise(monkeypatch) -> Callable[[Shift], None]:
             table = octave_table(*stacks, **options)
             return replace(table, offset=table.offset - np.where(table.form[:, 2:3] == 1, turned, plain))
 
-        monkeypatch.setattr(packing, "octave_table", shifted)
+        monkeypatch.setattr("sketchterrain.terrain.recipe.octave_table", shifted)
 
     return to
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sketchterrain.caching import LRUCache
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
 from sketchterrain.document.material_rules import (
@@ -22,13 +23,13 @@ from sketchterrain.document.store import load_sketch
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.changes import EVERYWHERE, changed_areas
 from sketchterrain.terrain.evaluator import Evaluator
-from sketchterrain.terrain.host_heights import field_distance, host_samples
+from sketchterrain.terrain.host_heights import host_samples
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.layers.covers import CoversLayer
+from sketchterrain.terrain.layers.fields import field_distance, pack_fields
 from sketchterrain.terrain.layers.layer import MASKS
 from sketchterrain.terrain.materials import pack_rules
 from sketchterrain.terrain.noise import fbm
-from sketchterrain.terrain.packing import pack_covers, pack_fields, pack_world
 from sketchterrain.terrain.recipe import TerrainRecipe
 
 from .conftest import CASES, LAKES, cover, straight_river
@@ -89,20 +90,21 @@ def patch_weights(recipe: TerrainRecipe, x: np.ndarray, y: np.ndarray, cell_size
     z, inner = ground.height.reshape(x.shape), (slice(1, -1), slice(1, -1))
     east, north = z[1:-1, 2:] - z[1:-1, :-2], z[:-2, 1:-1] - z[2:, 1:-1]
     around = z[1:-1, 2:] + z[1:-1, :-2] + z[:-2, 1:-1] + z[2:, 1:-1]
-    octaves = pack_world(recipe, cell_size, real=np.float64).octaves
+    octaves = recipe.sampling(cell_size).octaves
     mottle = 2.2 * fbm(octaves, "mottle", x[inner], y[inner])
     hollow = (around - 4 * z[inner]) / (4 * cell_size)
     masks = [getattr(ground, name).reshape(x.shape)[inner] for name in MASKS]
     values = (z[inner], np.hypot(east, north) / (2 * cell_size), hollow, mottle, *masks)
     weights = rule_weights(recipe.material_rules, recipe.climate, dict(zip(NAMES, values, strict=True)))
-    fields = pack_fields(recipe, [cover.shape for cover in recipe[CoversLayer].covers])
-    covers = pack_covers(recipe, fields)
-    for i, (_, inverse_width, strength, _) in enumerate(covers.shape):
+    covers = recipe[CoversLayer]
+    fields = pack_fields([cover.shape for cover in covers.covers], recipe.extent)
+    packed = covers.pack(recipe.sampling(cell_size), LRUCache(1)).arrays
+    for i, (_, inverse_width, strength, _) in enumerate(packed["cover_shape"]):
         d = field_distance(fields, i, x[inner], y[inner])
         t = np.clip(d * inverse_width + 0.5 * np.clip(mottle, -1, 1) + 0.5, 0, 1)
         cover = strength * t * t * (3 - 2 * t)
         weights *= 1 - cover[..., None]
-        weights[..., covers.form[i, 3]] += cover
+        weights[..., packed["cover_form"][i, 3]] += cover
     return weights
 
 

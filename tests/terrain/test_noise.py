@@ -6,9 +6,12 @@ import numpy as np
 
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import host_samples, host_slope
-from sketchterrain.terrain.host_relief import ErodibleHeight, distance_to_crest, gullies
 from sketchterrain.terrain.lattice import metres_per_unit
+from sketchterrain.terrain.layers.point_site import distance_to_crest
+from sketchterrain.terrain.layers.relief import ReliefLayer
+from sketchterrain.terrain.layers.relief_host import ErodibleHeight, gullies
 from sketchterrain.terrain.noise import (
+    FINEST_CELL,
     NoiseStack,
     OctaveTable,
     ValueSlope,
@@ -17,7 +20,6 @@ from sketchterrain.terrain.noise import (
     gradients,
     octave_table,
 )
-from sketchterrain.terrain.packing import pack_world
 from sketchterrain.terrain.recipe import TerrainRecipe
 
 from .conftest import feature, octave_arguments
@@ -139,12 +141,11 @@ def plane(
     recipe: TerrainRecipe, side: int, metres: float, slope: tuple[float, float], octaves: int
 ) -> ValueSlope:
     """The gullies of a plane."""
-    world = pack_world(recipe, 0.5, real=np.float64)
     table = octave_table([NoiseStack("gully", EXTENT / 16, 0.45, most=octaves)], extent=EXTENT, seed=5)
     x, y = grid(side, metres)
     ones = np.ones(x.shape)
     rise = ErodibleHeight(ValueSlope(ones, slope[0] * ones, slope[1] * ones), ones, 1e4 * ones)
-    return gullies(world.scalars[0], table, x, y, rise)
+    return gullies(recipe[ReliefLayer].scale(recipe.world), table, x, y, rise)
 
 
 def test_gullies_run_down_the_gradient(make_recipe) -> None:
@@ -201,16 +202,16 @@ def test_octaves_below_two_cells_are_omitted(make_recipe, context) -> None:
     evaluator = Evaluator(recipe, context)
     whole, _ = evaluator.points(x, y, cell_size=0.0)
     for cell in (4.0, 16.0, 64.0):
-        world = pack_world(recipe, cell, real=np.float64)
-        resolved = world.octaves.scale[slice(*world.octaves.ranges["gully"])]
+        octaves, all_of_them = (recipe.sampling(size).octaves for size in (cell, FINEST_CELL))
+        resolved = octaves.scale[slice(*octaves.ranges["gully"])]
         assert np.all(UNIT / resolved[:, 1] > 2 * cell)
-        all_of_them = pack_world(recipe, 0.0, real=np.float64).octaves
+        scale = recipe[ReliefLayer].scale(recipe.world)
         lost = 0.0
         for stack, most in (("gully", MOST), ("crag", 1.0)):
-            first, last = world.octaves.ranges[stack]
+            first, last = octaves.ranges[stack]
             tail = all_of_them.scale[slice(*all_of_them.ranges[stack]), 0].sum()
-            depth = float(world.scalars[0][f"{stack}_depth"])
-            lost += most * depth * (tail - world.octaves.scale[first:last, 0].sum())
+            depth = getattr(scale, f"{stack}_depth")
+            lost += most * depth * (tail - octaves.scale[first:last, 0].sum())
         part, _ = evaluator.points(x, y, cell_size=cell)
         # Crags weigh the slope of all gullies, so that what is lost of these matters to them too.
         assert np.abs(whole - part).max() <= 1.5 * lost + 1e-3
@@ -254,9 +255,10 @@ def test_without_erosion_there_are_no_gullies(make_recipe, context) -> None:
         for width in (0.0, 0.5)
     )
     np.testing.assert_array_equal(none, without)
-    world = pack_world(make_recipe(mountain()), 4.0, real=np.float64)
+    recipe = make_recipe(mountain())
     still = ErodibleHeight(ValueSlope(*np.ones((3, *x.shape))), np.zeros(x.shape), np.full(x.shape, 1e4))
-    assert not np.any(np.stack(gullies(world.scalars[0], world.octaves, x, y, still)))
+    scale, octaves = recipe[ReliefLayer].scale(recipe.world), recipe.sampling(4.0).octaves
+    assert not np.any(np.stack(gullies(scale, octaves, x, y, still)))
 
 
 def test_heights_are_finite(make_recipe, context) -> None:

@@ -13,13 +13,11 @@ from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import InputError
 from sketchterrain.io.resources import preset_names
 from sketchterrain.terrain.building import build
-from sketchterrain.terrain.culling import BoxIndex, features_near
-from sketchterrain.terrain.detail_bounds import NOISE_PEAK
-from sketchterrain.terrain.feature_cache import FeatureCache
-from sketchterrain.terrain.kernel_arguments import CulledInputs, KernelArguments
+from sketchterrain.terrain.index import BoxIndex
+from sketchterrain.terrain.inputs import KernelInputs
 from sketchterrain.terrain.lattice import QUADS
-from sketchterrain.terrain.noise import UNSKEW
-from sketchterrain.terrain.packing import pack_features
+from sketchterrain.terrain.layers.points import PointFinder
+from sketchterrain.terrain.noise import NOISE_PEAK, UNSKEW
 from sketchterrain.terrain.patch_layout import tile_patches
 from sketchterrain.terrain.terrain import Terrain
 
@@ -50,7 +48,7 @@ def test_heights_at_vertices_are_those_of_tiles_and_rasters(valley) -> None:
 def test_culling_changes_no_bit(valley, monkeypatch) -> None:
     keys = [(5, 12, 14), (5, 20, 9), (5, 25, 30), (3, 3, 3)]
     culled = valley.tiles(keys)
-    monkeypatch.setattr("sketchterrain.terrain.culling.BoxIndex.touching", everything_touches)
+    monkeypatch.setattr("sketchterrain.terrain.index.BoxIndex.touching", everything_touches)
     # A terrain without caches: all painted features are in the list of every block.
     uncut = Terrain(valley.sketch, valley.recipe, valley.context)
     for one, two in zip(culled, uncut.tiles(keys), strict=True):
@@ -197,10 +195,11 @@ def test_omitted_rules_have_no_weight(valley, desert, monkeypatch) -> None:
         keys = [(5, c, r) for c in range(0, 32, 5) for r in range(0, 32, 5)]
         left_out = terrain.tiles(keys)
         blocks = tile_patches(5, [key[1:] for key in keys], terrain.extent, up=0).blocks
-        empty_masks = KernelArguments(terrain.recipe, terrain.context).cull(blocks, 4.0).empty_masks
+        inputs = KernelInputs(terrain.recipe, terrain.context)
+        empty_masks = inputs.empty_masks(inputs.cull(blocks, 4.0), len(blocks))
         assert len(np.unique(empty_masks)) > 2
         with monkeypatch.context() as patch:
-            patch.setattr(CulledInputs, "empty_masks", np.zeros(len(keys), np.int32))
+            patch.setattr(KernelInputs, "empty_masks", lambda _, __, blocks: np.zeros(blocks, np.int32))
             every = terrain.tiles(keys)
         for one, two in zip(left_out, every, strict=True):
             np.testing.assert_array_equal(one.materials, two.materials)
@@ -271,7 +270,7 @@ def brute_force(low, high, reach, blocks):
 
 
 def test_the_index_equals_brute_force(monkeypatch) -> None:
-    monkeypatch.setattr("sketchterrain.terrain.culling._FEW", -1)
+    monkeypatch.setattr("sketchterrain.terrain.index._FEW", -1)
     for seed, far in itertools.product(range(6), (0, -(1 << 50), 1 << 50)):
         rng = np.random.default_rng(seed)
         count, blocks = (int(n) for n in rng.integers(1, (3000, 60)))
@@ -284,12 +283,13 @@ def test_the_index_equals_brute_force(monkeypatch) -> None:
         area[0] = [far - 4 * world, far - 4 * world, far + 4 * world, far + 4 * world]
         # One that only shares a corner with the first item.
         area[-1, :2] = area[-1, 2:] = high[0] + int(np.ceil(reach[0]))
-        found = BoxIndex(low, high, reach).touching(area)
+        grow = np.ceil(reach).astype(np.int64)[:, None]
+        found = BoxIndex(np.concatenate([low - grow, high + grow], axis=1)).touching(area)
         for one, other in zip(found, brute_force(low, high, reach, area), strict=True):
             np.testing.assert_array_equal(one, other, err_msg=f"seed {seed}, far {far}")
     monkeypatch.undo()
-    none = np.zeros((0, 2), np.int64)
-    block, item = BoxIndex(none, none, np.zeros(0)).touching(np.zeros((3, 4), np.int64))
+    none = np.zeros((0, 4), np.int64)
+    block, item = BoxIndex(none).touching(np.zeros((3, 4), np.int64))
     assert block.size == item.size == 0
 
 
@@ -302,23 +302,25 @@ def test_batches_give_the_lists_of_all_features(valley, level) -> None:
     column, row = rng.integers(-(2**level), 2 ** (level + 1), (2, 5))
     blocks = np.stack([column, row, column + 1, row + 1], axis=-1) * step
     cell = recipe.extent / 2.0**level / 64
-    batch = FeatureCache(recipe, valley.context).batch(blocks, cell)
+    points, world = recipe.points, recipe.world
+    culler = points.culler(valley.context, world)
+    culled = culler.cull(blocks, recipe.sampling(cell, np.float32))
     whole = np.array([[*blocks[:, :2].min(axis=0), *blocks[:, 2:].max(axis=0)]])
-    every = features_near(recipe, whole, cell)
+    every = PointFinder(points, world).near(whole, min_radius=cell)
     every = np.concatenate([recipe.points.painted, every[~np.isin(every["id"], recipe.points.painted["id"])]])
     every = every[np.argsort(every["id"], kind="stable")]
-    packed = pack_features(recipe, every, cell)
+    packed = points.pack_features(every, world, cell)
     unit = recipe.extent / 2.0**24
     block, item = brute_force(packed.at, packed.at, packed.support / unit, blocks)
-    starts, members = batch.lists(blocks)
-    at = valley.context.download(batch.at, (len(batch.packed.slot), 2), np.int64)
+    starts, members = (culled.lists[f"point_{part}"] for part in ("starts", "list"))
+    at = valley.context.download(culled.buffers["point_at"], (len(culled.details.slot), 2), np.int64)
     for number in range(len(blocks)):
         expected = item[block == number]
         expected = expected[np.argsort(packed.slot[expected], kind="stable")]
         listed = members[starts[number, 0] : starts[number, -1]]
         np.testing.assert_array_equal(at[listed], packed.at[expected])
-        np.testing.assert_array_equal(batch.packed.row[listed], packed.row[expected])
-        sizes = np.bincount(packed.slot[expected], minlength=batch.slots)
+        np.testing.assert_array_equal(culled.details.row[listed], packed.row[expected])
+        sizes = np.bincount(packed.slot[expected], minlength=points.slots)
         np.testing.assert_array_equal(np.diff(starts[number]), sizes)
 
 

@@ -20,8 +20,8 @@ from sketchterrain.terrain.building import make_recipe as recipe_of
 from sketchterrain.terrain.centrelines import TOLERANCE_CELLS, nearest_on_arc, tolerance_cell
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
+from sketchterrain.terrain.layers.corridors import ARC, CorridorsLayer
 from sketchterrain.terrain.layers.layer import MASKS
-from sketchterrain.terrain.packing import ARC, pack_rivers
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.terrain import Terrain
 
@@ -441,7 +441,7 @@ def test_arcs_stay_within_a_hundredth_of_a_cell_of_the_spline(name, samples) -> 
     curve = np.concatenate([catmull_rom(c, np.linspace(0, len(c) - 1, samples * len(c))) for c in controls])
     counts = []
     for cell in (*TOLERANCE_CELLS[::2], 3.0, 1000.0):
-        packed = pack_rivers(recipe, cell)
+        packed = recipe[CorridorsLayer].arcs(recipe.extent, cell)
         counts.append(len(packed.start))
         square = np.full(len(curve), np.inf)
         for start, chord, arc in zip(packed.start * unit, packed.chord, packed.arc, strict=True):

@@ -94,7 +94,7 @@ class PointCuller:
             return other
         other._bits, other._worlds = self._bits, self._worlds
         other._squares = self._outside(self._squares, change.unbounded)
-        other._batches = self._outside(self._batches, change.areas)
+        other._batches = self._outside(self._batches, change.boxes)
         return other
 
     def _outside(self, cache: LRUCache, areas: LatticeArray) -> LRUCache:

@@ -35,7 +35,7 @@ _RATE, _TIMEOUT, _HEARTBEAT = 0.008, 120.0, 5  # s between places of the mouse, 
 class Painted(NamedTuple):
     """Times of one stroke: a row for each sketch that was sent, and how late the event loop was."""
 
-    # s of the monotonic clock: sketch, placing started, finished, recipe sent, received, tiles written
+    # s of the monotonic clock: sketch, placing started, finished, recipe received, tiles written
     times: tuple[tuple[float, ...], ...]
     stalls: tuple[float, ...]  # s that each beat of a timer in the event loop came too late
 
@@ -113,7 +113,7 @@ class LatencyProbe:
         times = []
         for version, created in sorted(self._created.items()):
             at = next(each for each in self._followed if each.version >= version)
-            times.append((created, at.started, at.placed, at.sent, at.received, at.displayed))
+            times.append((created, at.started, at.placed, at.received, at.displayed))
         self._document.undo()
         self._wait(self._is_there)
         return Painted(tuple(times), tuple(stalls.tolist()))
@@ -138,7 +138,7 @@ class LatencyProbe:
 
 
 SEED: Final = 11
-STAGES: Final = ("waiting", "placing", "areas", "handing over", "tiles")
+STAGES: Final = ("waiting", "placing", "handing over", "tiles")
 _SIDE, _BLOBS = 512, 18
 _SKETCH_SEED = 5
 _RADIUS_SHARE = 0.38  # of a shape's cell
@@ -165,10 +165,10 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     radii from 8 to 40 px: `strokes` of 60 to 120 places 8 ms apart, as a mouse tells them; `dabs`, each after
     the one before is there; each is undone after. The time begins when the window makes the sketch that it
     sends, and ends when the view's tiles hold the heights of that sketch or a newer one; drawing them comes
-    after. It is made of `waiting` (for what is being placed; on its way), `placing`, `areas` (what changed,
-    and packing it), `handing over` (the engine ends a frame that it draws) and `tiles`: their means. A stall
-    is how much later than 5 ms after the one before the window's event loop gets to a timer, while one
-    paints.
+    after. It is made of `waiting` (for what is being placed; on its way), `placing`, `handing
+    over` (packing the recipe; the engine ends a frame that it draws) and `tiles` (what changed, and computing
+    it): their means. A stall is how much later than 5 ms after the one before the window's event loop gets to
+    a timer, while one paints.
     """
     del context  # the processes open devices of their own
     probe = LatencyProbe(sketch_with_twenty_shapes())

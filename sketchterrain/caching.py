@@ -36,6 +36,9 @@ class LRUCache:
     def __len__(self) -> int:
         return len(self._values)
 
+    def __contains__(self, key: Hashable) -> bool:
+        return key in self._values
+
     def get_or_compute(self, key: Hashable, compute: Callable[[], Value]) -> Value:
         """Return the value cached for a key of everything it depends on; compute it if missing."""
         try:

@@ -6,7 +6,6 @@ import zlib
 from functools import lru_cache
 from hashlib import sha256
 from typing import TypeAlias
-from weakref import WeakValueDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +13,7 @@ from PIL import Image
 from PIL.PngImagePlugin import PngImageFile
 
 from sketchterrain.array_types import Float64Array
+from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.errors import InputError
 
@@ -38,8 +38,8 @@ MAX_LABELS = 16
 
 _BLOCK_PIXELS = 1 << 20
 
-# Images that were checked and frozen, by identity: the next sketch need not check them again.
-_checked: WeakValueDictionary[int, LabelImage] = WeakValueDictionary()
+_checked = LRUCache(16)
+"""Images that were checked and frozen: the next sketch, which shares most of them, need not check them."""
 
 
 def labels_in(image: LabelImage) -> tuple[int, ...]:
@@ -61,8 +61,8 @@ def check_image(name: str, image: LabelImage) -> LabelImage:
 
     Raise InputError, naming the layer, if it is not a label image.
     """
-    if _checked.get(id(image)) is image and not image.flags.writeable:
-        return image
+    if IdentityKey(image) in _checked and not image.flags.writeable:
+        return freeze_image(image)
     if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 2:
         given = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
         raise InputError(f"layer {name}: expected a uint8 array (height, width), got {given}")
@@ -82,8 +82,7 @@ def check_image(name: str, image: LabelImage) -> LabelImage:
 def freeze_image(image: LabelImage) -> LabelImage:
     """Make a valid label image read-only and register it as checked."""
     image.flags.writeable = False
-    _checked[id(image)] = image
-    return image
+    return _checked.get_or_compute(IdentityKey(image), lambda: image)
 
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"

@@ -15,12 +15,11 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.terrain import building as from_sketch
 from sketchterrain.terrain.building import make_recipe
-from sketchterrain.terrain.changes import EVERYWHERE
 from sketchterrain.ui.engine import link as link_module
 from sketchterrain.ui.engine import placer as placer_module
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.background import JobQueue
-from sketchterrain.ui.engine.channel import Channel, pickle_without, settings_of, unpickle_with
+from sketchterrain.ui.engine.channel import Channel, settings_of
 from sketchterrain.ui.engine.engine import Engine
 from sketchterrain.ui.engine.frames import FrameMemory
 from sketchterrain.ui.engine.link import EngineLink, ViewSource
@@ -73,8 +72,8 @@ class Harness:
     def send_recipe(self, column):
         layers = {"hill": blob(column)}
         sketch = Sketch(extent=3000.0, layers=layers)
-        recipe = pickle_without(make_recipe(sketch), sketch)
-        self.other.send(msg.RecipeUpdate(self.update(sketch, layers), recipe, (EVERYWHERE,), 0.0, 0.0, 0.0))
+        self.version += 1
+        self.other.send(msg.RecipeUpdate(self.version, sketch, make_recipe(sketch), 0.0, 0.0))
 
     def answer(self, kind):
         """Return the next message of a kind, and those before it."""
@@ -134,7 +133,7 @@ def test_pending_updates_are_all_applied_and_the_newest_is_displayed(harness, mo
 
     def slow(updates):
         gate.wait(20.0)
-        applied.extend(update.sketch.version for update in updates)
+        applied.extend(update.version for update in updates)
         return apply(updates)
 
     monkeypatch.setattr(harness.session, "apply", slow)
@@ -394,16 +393,14 @@ def test_the_newest_of_many_sketches_is_placed_and_changes_accumulate(placer):
     assert placer.answer(msg.Placement)[0].version == 20  # all were pending at its first look
     plan = placer.other.receive()
     whole = Sketch(extent=4000.0, layers={"mountain": blob(20, row=19)})
-    assert np.array_equal(unpickle_with(plan.recipe, whole).painted, make_recipe(whole).painted)
-    assert plan.sketch.version == 20
+    assert np.array_equal(plan.recipe.painted, make_recipe(whole).painted)
+    assert plan.version == 20
     placed = placer.placed(sketch, {"mountain": blob(30, row=19)})
     assert isinstance(placed, msg.Placement)
     assert placed.version == 21
     plan = placer.other.receive()
-    assert plan.areas
-    assert all(west < east for west, _, east, _ in plan.areas)
-    assert list(plan.sketch.layers) == ["mountain"]
-    assert plan.started <= plan.sent <= time.monotonic()
+    assert np.array_equal(plan.sketch.layers["mountain"], blob(30, row=19))
+    assert plan.started <= plan.placed <= time.monotonic()
 
 
 def test_appearance_settings_do_not_place_again(placer):
@@ -415,8 +412,8 @@ def test_appearance_settings_do_not_place_again(placer):
     assert isinstance(answer, msg.Unchanged)
     assert answer.version == 2
     plan = placer.other.receive()
-    assert (plan.recipe, plan.areas) == (None, ())
-    assert plan.sketch.settings["weather"]["clouds"] == 0.9
+    assert plan.recipe is None
+    assert plan.sketch.weather["clouds"] == 0.9
     assert isinstance(placer.placed(Sketch(weather={"clouds": 0.9}, seed=5), layers), msg.Placement)
 
 

@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.io.system import lower_priority
-from sketchterrain.ui.engine.channel import Channel, start_process, unpickle_with
+from sketchterrain.ui.engine.channel import Channel, ContentChannel, start_process
 from sketchterrain.ui.engine.protocol import Adherence, ErrorReport, MeasureJob, PictureJob, PictureWritten
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
+    from sketchterrain.terrain.recipe import TerrainRecipe
     from sketchterrain.terrain.terrain import Terrain
 
 _Job: TypeAlias = MeasureJob | PictureJob
@@ -80,7 +81,7 @@ class JobQueue:
         if self.channel is None:
             ours, theirs = socket.socketpair()
             self._child = start_process("background", [str(theirs.fileno())], [theirs])
-            self.channel = Channel(ours, patient=False)
+            self.channel = ContentChannel(ours, patient=False)
         self._running = self._pending.pop(0)
         self.channel.send(self._running)
 
@@ -122,11 +123,11 @@ def _render(job: PictureJob) -> PictureWritten:
     return PictureWritten(job.path)
 
 
-def _terrain(sketch: Sketch, recipe: bytes) -> Terrain:
+def _terrain(sketch: Sketch, recipe: TerrainRecipe) -> Terrain:
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.terrain.terrain import Terrain
 
-    return Terrain(sketch, unpickle_with(recipe, sketch), ComputeContext())
+    return Terrain(sketch, recipe, ComputeContext())
 
 
 def _main(number: int) -> None:

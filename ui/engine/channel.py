@@ -1,4 +1,4 @@
-"""Messages between processes: pickled with out-of-band buffers, and changes of a sketch."""
+"""Messages between processes: pickled, arrays sent once and then by hash, and changes of a sketch."""
 
 from __future__ import annotations
 
@@ -13,14 +13,17 @@ import struct
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
+from hashlib import blake2b
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, cast
 
 import numpy as np
+import numpy.typing as npt
 
-from sketchterrain.document.label_layers import Box, LabelImage, union_box
+from sketchterrain.document.label_layers import Box, LabelImage, freeze_image, union_box
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.ui.engine.protocol import LayerPatch, SketchUpdate
@@ -32,6 +35,13 @@ if TYPE_CHECKING:
 _COUNT: Final = struct.Struct("<I")
 _LENGTH: Final = struct.Struct("<Q")
 _SEND_BUFFER: Final = 1 << 20  # bytes in flight before a writer blocks, as far as the system allows
+_LEAST: Final = 1024  # bytes of an array that is sent by its hash
+_CHUNK: Final = 1 << 14  # bytes that are sent again if one of them changes
+_DIGEST: Final = 16  # bytes of a hash
+_REMEMBERED: Final = 4  # messages with arrays
+
+_Definition: TypeAlias = tuple[bytes, npt.DTypeLike | None, tuple[int, ...], tuple[bytes, ...]]
+"""Hash of a new value, type and shape of an array (None: any other value), hashes of its chunks."""
 
 
 def _read_only(values: dict[Any, Any]) -> MappingProxyType[Any, Any]:
@@ -41,12 +51,163 @@ def _read_only(values: dict[Any, Any]) -> MappingProxyType[Any, Any]:
 copyreg.pickle(MappingProxyType, lambda mapping: (_read_only, (dict(mapping),)))  # a sketch's settings
 
 
+class _Shared(NamedTuple):
+    """A value that both ends of a connection hold."""
+
+    value: Any
+    content: memoryview  # an array's data; any other value pickled
+    chunks: tuple[bytes, ...]  # hashes of parts of the content
+    parts: tuple[bytes, ...]  # hashes of the shared values that it refers to
+
+
+class _ContentMemory:
+    """Values of the last messages in one direction by hash: both ends remember the same ones."""
+
+    def __init__(self) -> None:
+        self._messages: deque[dict[bytes, _Shared]] = deque(maxlen=_REMEMBERED)
+        self.shared: dict[bytes, _Shared] = {}
+        self.chunks: dict[bytes, memoryview] = {}
+        self.digests: dict[int, bytes] = {}  # by id of the values held here
+
+    def add_message(self, used: dict[bytes, _Shared]) -> None:
+        """Remember the values of a message and forget those of the oldest one."""
+        if not used:
+            return
+        self._messages.append(used)
+        self.shared = {digest: each for message in self._messages for digest, each in message.items()}
+        self.digests = {id(each.value): digest for digest, each in self.shared.items()}
+        self.chunks = {
+            name: chunk
+            for each in self.shared.values()
+            for name, chunk in zip(each.chunks, _split(each.content), strict=True)
+        }
+
+
+class _Message:
+    """The shared values of one message."""
+
+    def __init__(self, memory: _ContentMemory) -> None:
+        self.memory = memory
+        self.used: dict[bytes, _Shared] = {}
+        self.new: list[_Definition] = []  # parts before what refers to them
+        self.new_chunks: dict[bytes, memoryview | bytearray] = {}
+
+    def use(self, digest: bytes) -> Any:
+        """Return the value of a hash, and remember it and its parts with this message."""
+        shared = self.used.get(digest)
+        if shared is None:
+            shared = self.used[digest] = self.memory.shared[digest]
+            for part in shared.parts:
+                self.use(part)
+        return shared.value
+
+    def define(self, definition: _Definition) -> None:
+        """Assemble a new value from its chunks."""
+        digest, dtype, shape, names = definition
+        content = b"".join(self.new_chunks.get(name) or self.memory.chunks[name] for name in names)
+        parts: tuple[bytes, ...] = ()
+        if dtype is None:
+            reader = _ContentUnpickler(content, self)
+            value, parts = reader.load(), tuple(reader.parts)
+        else:
+            value = np.frombuffer(content, dtype).reshape(shape)
+        self.used[digest] = _Shared(value, memoryview(content), names, parts)
+
+
+class ContentPickler(pickle.Pickler):
+    """Pickles a message; large arrays and frozen values as the hash of their content."""
+
+    dispatch_table = copyreg.dispatch_table.copy()
+    # A sketch would compress its layers.
+    dispatch_table[Sketch] = lambda sketch: (_sketch, (settings_of(sketch), dict(sketch.layers)))
+
+    def __init__(self, message: _Message) -> None:
+        self._stream = io.BytesIO()
+        super().__init__(self._stream, protocol=5)
+        self._message = message
+        self._whole: object = None
+        self.parts: dict[bytes, None] = {}
+
+    def dumps(self, whole: object) -> memoryview:
+        """Return a pickled value, itself in full."""
+        self._whole = whole
+        self.dump(whole)
+        return self._stream.getbuffer()
+
+    def persistent_id(self, value: Any) -> bytes | None:
+        """Return the hash of a shared value; None if it is pickled in place."""
+        if value is self._whole or not _is_shared(value):
+            return None
+        digest = self._message.memory.digests.get(id(value)) or self._define(value)
+        self._message.use(digest)
+        self.parts[digest] = None
+        return digest
+
+    def _define(self, value: Any) -> bytes:
+        """Return the hash of a value, and note what of it the receiver does not have."""
+        message, dtype, shape = self._message, None, ()
+        parts: tuple[bytes, ...] = ()
+        if isinstance(value, np.ndarray):
+            content, dtype, shape = value.reshape(-1).view(np.uint8).data, value.dtype, value.shape
+        else:
+            inner = ContentPickler(message)
+            content, parts = inner.dumps(value), tuple(inner.parts)
+        chunks = _split(content)
+        names = tuple(_digest(chunk) for chunk in chunks)
+        digest = _digest(repr((dtype, shape, names)).encode())
+        if digest not in message.memory.shared and digest not in message.used:
+            known = message.memory.chunks
+            pairs = zip(names, chunks, strict=True)
+            message.new_chunks |= {name: chunk for name, chunk in pairs if name not in known}
+            message.new.append((digest, dtype, shape, names))
+            message.used[digest] = _Shared(value, content, names, parts)
+        return digest
+
+
+class _ContentUnpickler(pickle.Unpickler):
+    """Reads what `ContentPickler` wrote: arrays are read-only, and known values the same objects."""
+
+    def __init__(self, data: bytes | bytearray, message: _Message, buffers: Iterable[bytearray] = ()) -> None:
+        super().__init__(io.BytesIO(data), buffers=buffers)
+        self._message = message
+        self.parts: dict[bytes, None] = {}
+
+    def persistent_load(self, digest: bytes) -> Any:
+        """Return the value of a hash."""
+        self.parts[digest] = None
+        return self._message.use(digest)
+
+
+def _is_shared(value: object) -> bool:
+    """Return whether a value is a large array, or frozen and compared by identity."""
+    kind = type(value)
+    if kind is np.ndarray:
+        array = cast("npt.NDArray[Any]", value)
+        return array.nbytes >= _LEAST and array.flags.c_contiguous
+    dataclass = getattr(kind, "__dataclass_params__", None)
+    return dataclass is not None and dataclass.frozen and not dataclass.eq
+
+
+def _split(content: memoryview) -> list[memoryview]:
+    return [content[start : start + _CHUNK] for start in range(0, len(content), _CHUNK)]
+
+
+def _digest(data: bytes | memoryview) -> bytes:
+    return blake2b(data, digest_size=_DIGEST).digest()
+
+
+def _sketch(settings: dict[str, Any], layers: dict[str, LabelImage]) -> Sketch:
+    valid = {name: freeze_image(image) for name, image in layers.items()}
+    return Sketch(**settings, layers=valid)
+
+
 class Channel:
     """One end of a connection to another process; if not `patient`, `send` queues instead of blocking."""
 
     def __init__(self, end: socket.socket, *, patient: bool = True) -> None:
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
         self._socket = end
+        self._received = _ContentMemory()
         self._queue: queue.SimpleQueue[list[memoryview] | None] | None = None
         if not patient:
             self._queue = queue.SimpleQueue()
@@ -64,9 +225,7 @@ class Channel:
 
     def send(self, message: Any) -> None:
         """Send a message; its arrays must not change afterwards, the rest is pickled before this returns."""
-        buffers = list[pickle.PickleBuffer]()
-        data = pickle.dumps(message, protocol=5, buffer_callback=buffers.append)
-        parts = [memoryview(data), *(buffer.raw() for buffer in buffers)]
+        parts = self._pickle(message)
         if self._queue is None:
             self._write(parts)
         else:
@@ -80,8 +239,16 @@ class Channel:
         """Return the next message, blocking; raise EOFError when the other process has ended."""
         (count,) = _COUNT.unpack(self._read(_COUNT.size))
         lengths = [_LENGTH.unpack(self._read(_LENGTH.size))[0] for _ in range(count)]
-        first, *others = [self._read(length) for length in lengths]
-        return pickle.loads(first, buffers=others)  # noqa: S301 # only processes of this program hold the other end
+        head, data, *others = [self._read(length) for length in lengths]
+        message = _Message(self._received)
+        # Only processes of this program hold the other end.
+        definitions, names = pickle.loads(head) if head else ((), ())  # noqa: S301
+        message.new_chunks.update(zip(names, others, strict=False))
+        for definition in definitions:
+            message.define(definition)
+        received = _ContentUnpickler(data, message, others[len(names) :]).load()
+        self._received.add_message(message.used)
+        return received
 
     def close(self, *, timeout: float = 0.2) -> None:
         """Write queued messages for up to `timeout` s, then close the socket."""
@@ -94,6 +261,12 @@ class Channel:
         if self._queue is not None:
             self._thread.join(timeout)
         self._socket.close()
+
+    def _pickle(self, message: Any) -> list[memoryview]:
+        """Return what of shared values is new (nothing), the pickled message, and its buffers."""
+        buffers = list[pickle.PickleBuffer]()
+        data = pickle.dumps(message, protocol=5, buffer_callback=buffers.append)
+        return [memoryview(b""), memoryview(data), *(buffer.raw() for buffer in buffers)]
 
     def _write_queued(self) -> None:
         assert self._queue is not None  # noqa: S101 # it started this thread
@@ -120,6 +293,21 @@ class Channel:
         return data
 
 
+class ContentChannel(Channel):
+    """A channel that sends of arrays and values only what the last messages did not contain."""
+
+    def __init__(self, end: socket.socket, *, patient: bool = True) -> None:
+        self._sent = _ContentMemory()
+        super().__init__(end, patient=patient)
+
+    def _pickle(self, message: Any) -> list[memoryview]:
+        parts = _Message(self._sent)
+        data = ContentPickler(parts).dumps(message)
+        self._sent.add_message(parts.used)
+        head = pickle.dumps((parts.new, tuple(parts.new_chunks)), protocol=5)
+        return [memoryview(head), data, *(memoryview(chunk) for chunk in parts.new_chunks.values())]
+
+
 def ready(channels: list[Channel], timeout: float | None = None) -> list[Channel]:
     """Return the channels with a message or a lost connection; wait up to `timeout` s for the first."""
     with selectors.DefaultSelector() as selector:
@@ -141,36 +329,6 @@ def start_process(
     return child
 
 
-class _Pickler(pickle.Pickler):
-    def __init__(self, data: io.BytesIO, excluded: object) -> None:
-        super().__init__(data, protocol=5)
-        self._excluded = excluded
-
-    def persistent_id(self, value: Any) -> str | None:
-        return "excluded" if value is self._excluded and value is not None else None
-
-
-class _Unpickler(pickle.Unpickler):
-    def __init__(self, data: bytes, excluded: object) -> None:
-        super().__init__(io.BytesIO(data))
-        self._excluded = excluded
-
-    def persistent_load(self, _: Any) -> object:
-        return self._excluded
-
-
-def pickle_without(value: Any, excluded: object = None) -> bytes:
-    """Return a value pickled with a placeholder for one object that it refers to; see `unpickle_with`."""
-    data = io.BytesIO()
-    _Pickler(data, excluded).dump(value)
-    return data.getvalue()
-
-
-def unpickle_with(data: bytes, excluded: object = None) -> Any:
-    """Return the value of `pickle_without`, the given object in place of the placeholder."""
-    return _Unpickler(data, excluded).load()
-
-
 def settings_of(sketch: Sketch) -> dict[str, Any]:
     """Return every field of a sketch except its layers."""
     return {each.name: getattr(sketch, each.name) for each in fields(sketch) if each.name != "layers"}
@@ -186,7 +344,6 @@ class SketchMirror:
         self.version = -1
         self._layers: dict[str, LabelImage] = {}
         self._settings: Mapping[str, Any] = {}
-        self._changed: set[str] = set()
 
     def apply(self, update: SketchUpdate) -> None:
         """Apply an update."""
@@ -195,7 +352,6 @@ class SketchMirror:
             empty = np.zeros(update.shape, np.uint8)
             empty.flags.writeable = False
             self._layers = dict.fromkeys(LAYERS, empty)
-            self._changed = set(LAYERS)
         for name, patch in update.layers.items():
             self._patch(name, patch)
         self._settings = update.settings
@@ -204,13 +360,6 @@ class SketchMirror:
     def sketch(self) -> Sketch:
         """Return the sketch as of the last update."""
         return Sketch(**self._settings, layers=self._layers)
-
-    def changes(self) -> SketchUpdate:
-        """Return the update for another mirror since the last call."""
-        shape = next(iter(self._layers.values())).shape
-        layers = {name: LayerPatch(0, 0, self._layers[name]) for name in sorted(self._changed)}
-        self._changed = set()
-        return SketchUpdate(self.version, (shape[0], shape[1]), self._settings, layers)
 
     def _patch(self, name: str, patch: LayerPatch) -> None:
         image = self._layers[name]
@@ -225,7 +374,6 @@ class SketchMirror:
             image[place] = patch.pixels
         image.flags.writeable = False
         self._layers[name] = image
-        self._changed.add(name)
 
 
 class UpdateBuilder:

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 _SLICE: Final = 0.008  # s of relief computation between two frames
 _IDLE_SLICE: Final = 0.03  # s at a time while no frame is due
 _NICENESS: Final = 2  # under load the window and the placer go first
-_EVERYWHERE: Final = (float("-inf"), float("-inf"), float("inf"), float("inf"))
 
 
 class Engine:
@@ -147,7 +146,6 @@ class Engine:
         device = self._session.device
         name, platform = ("", "") if device is None else (device.name, device.platform)
         self._update_facts(device=name, platform=platform, device_error=self._session.device_error)
-        self._session.dirty_areas = [_EVERYWHERE]
         self._guarded("view", self._show_terrain)
 
     def _follow(self, updates: list[msg.RecipeUpdate]) -> None:
@@ -156,7 +154,7 @@ class Engine:
         self._session.apply(updates)
         self._show_terrain()
         placed = next((each for each in reversed(updates) if each.recipe is not None), updates[-1])
-        times = placed.started, placed.placed, placed.sent, received, time.monotonic()
+        times = placed.started, placed.placed, received, time.monotonic()
         self._window.send(msg.TerrainUpdated(self._session.version, *times))
 
     def _show_terrain(self) -> None:
@@ -243,20 +241,21 @@ class Engine:
 
     def _measure(self, _: msg.MeasureAdherence) -> None:
         session = self._session
-        if session.sketch is None or session.terrain is None:
+        if session.sketch is None or session.recipe is None or session.terrain is None:
             raise SketchterrainError(session.device_error or "the terrain is not ready yet")
         self._jobs.add(msg.MeasureJob(session.version, session.sketch, session.recipe))
 
     def _render_picture(self, request: msg.RenderPicture) -> None:
         sun = None if self._pacer is None else self._pacer.renderer.sun
-        if sun is None or self._camera is None or self._session.sketch is None:
+        sketch, recipe = self._session.sketch, self._session.recipe
+        if sun is None or self._camera is None or sketch is None or recipe is None:
             error = self._facts.opengl_error or self._facts.device_error
             self._window.send(msg.ErrorReport("picture", error or "the 3-D view is not ready yet"))
             return
         self._jobs.add(
             msg.PictureJob(
-                sketch=self._session.sketch,
-                recipe=self._session.recipe,
+                sketch=sketch,
+                recipe=recipe,
                 path=request.path,
                 size=(request.width, request.height),
                 pose=self._camera.pose(),

@@ -9,9 +9,8 @@ from typing import Final
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import SketchterrainError, one_line
-from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.ui.engine import protocol as msg
-from sketchterrain.ui.engine.channel import Channel, SketchMirror, pickle_without
+from sketchterrain.ui.engine.channel import Channel, ContentChannel, SketchMirror
 
 _SHORT: Final = 0.1  # s; a placement expected to end sooner is finished in any case
 
@@ -68,7 +67,6 @@ class Placer:
         self._memory = PlacementCache()
         self._policy = CancellationPolicy(window.has_message)
         self._sketch: Sketch | None = None
-        self._recipe: TerrainRecipe | None = None
         self._reported = False
         self._started = 0.0
 
@@ -95,12 +93,12 @@ class Placer:
     def _update(self) -> None:
         try:
             sketch = self._mirror.sketch()
-            if self._recipe is None or self._affects_placement(sketch):
+            if self._affects_placement(sketch):
                 self._place(sketch)
             else:
                 self._sketch = sketch
                 now = time.monotonic()
-                self._engine.send(msg.RecipeUpdate(self._mirror.changes(), None, (), now, now, now))
+                self._engine.send(msg.RecipeUpdate(self._mirror.version, sketch, None, now, now))
                 self._window.send(msg.Unchanged("placement", self._mirror.version))
         except Superseded:
             pass
@@ -122,7 +120,6 @@ class Placer:
 
     def _place(self, sketch: Sketch) -> None:
         from sketchterrain.terrain.building import make_recipe
-        from sketchterrain.terrain.changes import EVERYWHERE, changed_areas
         from sketchterrain.terrain.surfaces import TerrainFeatures
 
         version = self._mirror.version
@@ -135,11 +132,8 @@ class Placer:
                 self._reported = False
                 self._window.send(msg.Activity(""))
         placed = time.monotonic()
-        areas = [EVERYWHERE] if self._recipe is None else changed_areas(self._recipe, recipe)
-        seconds = self._policy.finish()
-        data, changes = pickle_without(recipe, sketch), self._mirror.changes()
-        self._engine.send(msg.RecipeUpdate(changes, data, tuple(areas), started, placed, time.monotonic()))
-        self._sketch, self._recipe = sketch, recipe
+        self._engine.send(msg.RecipeUpdate(version, sketch, recipe, started, placed))
+        self._sketch = sketch
         found = TerrainFeatures.from_recipe(recipe, sketch.size)
         self._window.send(
             msg.Placement(
@@ -149,7 +143,7 @@ class Placer:
                 lakes=found.lakes,
                 resolutions=recipe.resolutions,
                 orphans=recipe.orphans,
-                seconds=seconds,
+                seconds=self._policy.finish(),
             )
         )
 
@@ -163,4 +157,6 @@ class Placer:
 if __name__ == "__main__":
     # Recipes may queue, but must never delay placement.
     _window, _engine = (int(each) for each in sys.argv[1:])
-    Placer(Channel.from_descriptor(_window), Channel.from_descriptor(_engine, patient=False)).run()
+    Placer(
+        ContentChannel.from_descriptor(_window), ContentChannel.from_descriptor(_engine, patient=False)
+    ).run()

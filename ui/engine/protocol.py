@@ -11,10 +11,11 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from sketchterrain.array_types import Bounds, StructuredArray
+    from sketchterrain.array_types import StructuredArray
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.export.target import ExportOptions
     from sketchterrain.placement.feature_types import Lake, River
+    from sketchterrain.terrain.recipe import TerrainRecipe
     from sketchterrain.world.options import WorldOptions
 
 
@@ -268,8 +269,7 @@ class TerrainUpdated:
 
     version: int
     started: float  # placement started
-    placed: float  # placement finished
-    sent: float  # recipe sent to the engine
+    placed: float  # placement finished, recipe sent to the engine
     received: float
     displayed: float  # tiles written
 
@@ -295,12 +295,11 @@ class PictureWritten:
 class RecipeUpdate:
     """The next terrain. Times as in `TerrainUpdated`."""
 
-    sketch: SketchUpdate  # difference to the previous recipe's sketch
-    recipe: bytes | None  # `TerrainRecipe` without its sketch; None: as before
-    areas: tuple[Bounds, ...]  # m; all heights outside are bit-equal to the previous ones
+    version: int
+    sketch: Sketch
+    recipe: TerrainRecipe | None  # None: as before
     started: float
     placed: float
-    sent: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,7 +308,7 @@ class MeasureJob:
 
     version: int
     sketch: Sketch
-    recipe: bytes
+    recipe: TerrainRecipe
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,7 +316,7 @@ class PictureJob:
     """Render a picture; sun azimuth and elevation in degrees."""
 
     sketch: Sketch
-    recipe: bytes
+    recipe: TerrainRecipe
     path: str
     size: tuple[int, int]
     pose: Pose

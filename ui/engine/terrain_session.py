@@ -16,7 +16,6 @@ from sketchterrain.compute.device import Device
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import DeviceError, one_line
 from sketchterrain.terrain.recipe import TerrainRecipe
-from sketchterrain.ui.engine.channel import SketchMirror, unpickle_with
 from sketchterrain.ui.engine.protocol import RecipeUpdate, Relief, WorldFacts
 
 if TYPE_CHECKING:
@@ -144,10 +143,10 @@ class TerrainSession:
         self._open_device = open_device
         self.terrain: Terrain | None = None
         self.sketch: Sketch | None = None
-        self.recipe = b""
+        self.recipe: TerrainRecipe | None = None
+        self.version = -1  # of the sketch
         self.device_error = ""  # one line, why there is no device
         self.dirty_areas: list[Bounds] = []  # m: where heights differ from the displayed ones
-        self._mirror = SketchMirror()
         self._failed: list[Device] = []
         self._context: ComputeContext | None = None
         try:
@@ -156,28 +155,16 @@ class TerrainSession:
             self.device_error = one_line(error)
 
     @property
-    def version(self) -> int:
-        """Version of the sketch; −1 before the first."""
-        return self._mirror.version
-
-    @property
     def device(self) -> Device | None:
         """The OpenCL device in use."""
         return None if self._context is None else self._context.device
 
     def apply(self, updates: list[RecipeUpdate]) -> None:
         """Apply updates; only the last one's terrain is created."""
-        recipe = None
         for update in updates:
-            self._mirror.apply(update.sketch)
-            self.dirty_areas += update.areas
-            recipe = update.recipe or recipe
-        self.sketch = self._mirror.sketch()
-        if recipe is not None:
-            self.recipe = recipe
-            self._set_recipe(unpickle_with(recipe, self.sketch))
-        elif self.terrain is not None:
-            self._set_recipe(self.terrain.recipe)
+            self.recipe = update.recipe or self.recipe
+        self.version, self.sketch = updates[-1].version, updates[-1].sketch
+        self._update_terrain()
 
     def switch_device(self) -> str:
         """Re-create the terrain on another device after a failure; return a line that reports which."""
@@ -190,7 +177,7 @@ class TerrainSession:
         while (spare := fallback_device(self._failed)) is not None:
             try:
                 self._context = self._open_device(spare)
-                self._rebuild()
+                self._update_terrain()
             except DeviceError:
                 self._failed.append(spare)
                 continue
@@ -199,25 +186,22 @@ class TerrainSession:
         self.device_error = "every OpenCL device failed: start the program again, or install another driver"
         return "there is no other device"
 
-    def _rebuild(self) -> None:
-        if self.recipe:
-            self._set_recipe(unpickle_with(self.recipe, self.sketch))
-
-    def _set_recipe(self, recipe: TerrainRecipe) -> None:
+    def _update_terrain(self) -> None:
+        from sketchterrain.terrain.changes import EVERYWHERE
         from sketchterrain.terrain.terrain import Terrain
 
-        if self._context is None or self.sketch is None:
+        sketch, recipe = self.sketch, self.recipe
+        if self._context is None or sketch is None or recipe is None:
             return
         if self.terrain is None:
-            self.terrain = Terrain(self.sketch, recipe, self._context)
+            self.terrain, self.dirty_areas = Terrain(sketch, recipe, self._context), [EVERYWHERE]
         else:
-            self.terrain, _ = self.terrain.updated(self.sketch, recipe)
+            self.terrain, areas = self.terrain.updated(sketch, recipe)
+            self.dirty_areas += areas
 
 
 class WorldSession(TerrainSession):
     """A stored world in place of an evaluated terrain, without recipe or updates."""
-
-    version = 0
 
     def __init__(
         self,
@@ -232,7 +216,8 @@ class WorldSession(TerrainSession):
         self._stored, self._report = open_world(path), report
         self.world: StoredTerrain | None = None
         super().__init__(open_device, device=device)
-        self._rebuild()
+        self.version = 0
+        self._update_terrain()
 
     def facts(self) -> WorldFacts:
         """Return the bounds and missing parts of the world."""
@@ -242,7 +227,7 @@ class WorldSession(TerrainSession):
         middle = float(world.heights((west + east) / 2, (south + north) / 2))
         return WorldFacts(world.corner, world.bounds, world.finest_cell, middle, tuple(world.missing_parts))
 
-    def _rebuild(self) -> None:
+    def _update_terrain(self) -> None:
         from sketchterrain.terrain.building import build
         from sketchterrain.world.viewed import StoredTerrain
 

@@ -393,7 +393,7 @@ def test_the_newest_of_many_sketches_is_placed_and_changes_accumulate(placer):
     assert placer.answer(msg.Placement)[0].version == 20  # all were pending at its first look
     plan = placer.other.receive()
     whole = Sketch(extent=4000.0, layers={"mountain": blob(20, row=19)})
-    assert np.array_equal(plan.recipe.painted, make_recipe(whole).painted)
+    assert np.array_equal(plan.recipe.points.painted, make_recipe(whole).points.painted)
     assert plan.version == 20
     placed = placer.placed(sketch, {"mountain": blob(30, row=19)})
     assert isinstance(placed, msg.Placement)

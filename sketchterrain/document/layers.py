@@ -65,7 +65,7 @@ class Layer:
     @property
     def is_measured(self) -> bool:
         """Whether the terrain's adherence to its areas is measured."""
-        return self.is_points or self.is_water
+        return self.kind != "cover"
 
     @property
     def main(self) -> Parameter:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     Colour = tuple[int, int, int]
 
-FEATURE_COLOURS: Final = {"sea": (20, 150, 200)} | {
+FEATURE_COLOURS: Final = {
     name: layer.overlay or layer.colour for name, layer in LAYERS.items() if layer.is_points or layer.is_water
 }
 """Colours by layer; features that fill unpainted areas have half the opacity."""

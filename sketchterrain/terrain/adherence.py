@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,13 +16,13 @@ from scipy import ndimage
 from skimage.morphology import skeletonize
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, LatticeArray
-from sketchterrain.document.layers import DRAW_ORDER, LAYERS
+from sketchterrain.document.layers import DRAW_ORDER, LAYERS, layer_of
 from sketchterrain.placement.feature_types import FEATURE_TYPES, TAN_70
 from sketchterrain.placement.shapes import Shape, label_shapes
 from sketchterrain.terrain.adherence_rivers import RiverAdherence, measure_river_adherence, standing_water
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.lattice import to_lattice
-from sketchterrain.terrain.layers.layer import MASKS
+from sketchterrain.terrain.layers.layer import MASKS, TerrainLayer
 from sketchterrain.terrain.layers.points import support_radii
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.terrain import Terrain
@@ -179,15 +179,13 @@ def _effect(sampled: SampledTerrain, layer: str) -> Float32Array:
     """Return how much a layer's painted features change the terrain at each pixel of the sketch."""
     terrain, sketch = sampled.terrain, sampled.terrain.sketch
     effect = np.zeros((sketch.height_px, sketch.width_px), np.float32)
-    inside = _support(sketch, terrain.recipe, layer)
+    is_points = LAYERS[layer].is_points
+    inside = _support(sketch, terrain.recipe, layer) if is_points else np.ones(effect.shape, np.bool_)
     if not inside.any():
         return effect
     at = inside.ravel()
-    # Zero strength instead of removal, so that everything derived from the set of features stays the same.
-    painted = terrain.recipe.points.painted.copy()
-    painted["strength"][painted["type"] == FEATURE_TYPES.index(layer)] = 0.0
-    points = replace(terrain.recipe.points, painted=painted)
-    without, _ = sampled.evaluator.updated(terrain.recipe.with_layers([points]))
+    changed = _without_points if is_points else _without_shapes
+    without, _ = sampled.evaluator.updated(terrain.recipe.with_layers(changed(terrain.recipe, layer)))
     height, masks = without.points(sampled.x[at], sampled.y[at], cell_size=0.0)
     if LAYERS[layer].is_share:
         mask = MASKS.index(layer)
@@ -195,6 +193,24 @@ def _effect(sampled: SampledTerrain, layer: str) -> Float32Array:
     else:
         effect[inside] = sampled.height[at] - height
     return effect
+
+
+def _without_points(recipe: TerrainRecipe, layer: str) -> list[TerrainLayer]:
+    # Zero strength instead of removal, so that everything derived from the set of features stays the same.
+    painted = recipe.points.painted.copy()
+    painted["strength"][painted["type"] == FEATURE_TYPES.index(layer)] = 0.0
+    return [replace(recipe.points, painted=painted)]
+
+
+def _without_shapes(recipe: TerrainRecipe, layer: str) -> list[TerrainLayer]:
+    changed = []
+    for each in recipe.layers:
+        parts = (part.name for part in fields(each) if part.metadata.get("items"))
+        shapes = {name: items for name in parts if isinstance(items := getattr(each, name), tuple)}
+        for name, items in shapes.items():
+            left = tuple(item for item in items if layer_of(getattr(item, "id", 0)) != layer)
+            changed += [replace(each, **{name: left})] if len(left) < len(items) else []
+    return changed
 
 
 def _support(sketch: Sketch, recipe: TerrainRecipe, layer: str) -> BoolArray:
@@ -272,8 +288,8 @@ class Adherence:
 def measure_adherence(terrain: Terrain) -> Adherence:
     """Measure how closely a terrain follows its sketch.
 
-    The area of a layer with heights (mountain, hill, dune) is where the height with that layer's painted
-    features differs from the height without them by more than a quarter of its label's. Forests have no
+    The area of a layer with heights (mountain, hill, dune, plateau) is where the height with that layer's
+    painted shapes differs from the height without them by more than a quarter of its label's. Forests have no
     height: theirs is where the tree cover differs by more than a quarter of the label's density. Troughs
     between dune crests at most a wavelength apart count as dunes. Lakes and rivers are standing water.
     Every pixel belongs to the nearest painted shape.

@@ -169,18 +169,21 @@ def _plant_rows(
 
 
 def write_water_json(export: Export, axes: EngineAxes) -> dict[Path, str]:
-    """Write rivers and lakes; return the file with its description."""
+    """Write the waters; return the file with its description."""
     path = export.folder / f"{export.name}_water.json"
     write_json(path, water_content(export.terrain.features, axes))
-    return {path: f"rivers and lakes, {axes.title}"}
+    return {path: f"rivers, lakes and the sea, {axes.title}"}
 
 
 def water_content(features: TerrainFeatures, axes: EngineAxes) -> dict[str, Any]:
-    """Return all rivers and lakes in the program's coordinates and unit.
+    """Return all waters in the program's coordinates and unit.
 
     A river is its centreline on the water, from the spring; a lake's outline is closed rings at its level,
-    islands included.
+    islands included; the sea, if there is one, is a level.
     """
+
+    def height(level: float) -> float:
+        return round(float((np.float64(level) - axes.origin[2]) * axes.per_metre), _DECIMALS)
 
     def river_entry(river: River) -> dict[str, Any]:
         return {
@@ -192,16 +195,13 @@ def water_content(features: TerrainFeatures, axes: EngineAxes) -> dict[str, Any]
         }
 
     def lake_entry(lake: Lake) -> dict[str, Any]:
-        level = np.float64(lake.level)
-        rings = lake_outline(lake.shape)
+        outline = [np.insert(ring, 2, lake.level, axis=1) for ring in lake_outline(lake.shape)]
         return {
             "id": lake.id,
             "label": lake.label,
-            "level": round(float((level - axes.origin[2]) * axes.per_metre), _DECIMALS),
+            "level": height(lake.level),
             "depth": round(float(lake.depth * axes.per_metre), _DECIMALS),
-            "outline": [
-                _rounded(axes.points(ring[:, 0], ring[:, 1], np.full(len(ring), level))) for ring in rings
-            ],
+            "outline": [_rounded(axes.points(*ring.T)) for ring in outline],
         }
 
     return {
@@ -209,6 +209,7 @@ def water_content(features: TerrainFeatures, axes: EngineAxes) -> dict[str, Any]
         "axes": axes.metadata,
         "rivers": [river_entry(river) for river in features.rivers],
         "lakes": [lake_entry(lake) for lake in features.lakes],
+        **({} if features.sea_level is None else {"sea": {"level": height(features.sea_level)}}),
     }
 
 

@@ -1,4 +1,4 @@
-"""Features, rivers, lakes and plants as JSON and as vector layers of a GeoPackage."""
+"""Features, waters and plants as JSON and as vector layers of a GeoPackage."""
 
 import json
 import sqlite3
@@ -15,6 +15,7 @@ from skimage.measure import find_contours
 from sketchterrain.array_types import StructuredArray
 from sketchterrain.document.layers import layer_of
 from sketchterrain.errors import SketchterrainError, one_line
+from sketchterrain.export.sampled import TerrainSamples
 from sketchterrain.io.crs import plain_path
 from sketchterrain.io.files import write_atomic
 from sketchterrain.placement.feature_types import (
@@ -29,10 +30,11 @@ from sketchterrain.placement.feature_types import (
 from sketchterrain.terrain.surfaces import TerrainFeatures
 
 _OUTLINE_DECIMALS = 2  # centimetres
+_RIM = -1e9  # m of depth around a raster, so that the sea ends at its outermost samples
 
 
 def write_features(folder: Path, features: TerrainFeatures) -> tuple[Path, ...]:
-    """Write ``features.json``: point features by id, rivers as splines, lakes as outlines.
+    """Write ``features.json``: point features by id, rivers as splines, lakes as outlines, the sea's level.
 
     Ids are 64-bit unsigned integers, lengths metres, angles degrees.
     """
@@ -43,7 +45,7 @@ def write_features(folder: Path, features: TerrainFeatures) -> tuple[Path, ...]:
         + _lines(_river_entry(river) for river in features.rivers)
         + '],\n"lakes": [\n'
         + _lines(_lake_entry(lake) for lake in features.lakes)
-        + "]}\n"
+        + ("]}\n" if features.sea_level is None else f'],\n"sea": {{"level": {features.sea_level}}}}}\n')
     )
     return (write_atomic(folder / "features.json", text.encode()),)
 
@@ -192,7 +194,7 @@ def _check_complete(path: Path, file: GeoPackage) -> None:
 
 def lake_layer(lakes: Sequence[Lake], origin: Origin) -> VectorLayer:
     """Return the lakes as areas at their level, without islands."""
-    areas = [_area(lake, origin) for lake in lakes]
+    areas = [_area([ring + origin for ring in lake_outline(lake.shape)], lake.level) for lake in lakes]
     return VectorLayer(
         "lakes",
         "MultiPolygon Z",
@@ -204,6 +206,18 @@ def lake_layer(lakes: Sequence[Lake], origin: Origin) -> VectorLayer:
             "depth": np.array([lake.depth for lake in lakes], np.float64),
         },
     )
+
+
+def sea_layer(level: float, samples: TerrainSamples, origin: Origin) -> VectorLayer:
+    """Return the ground below the sea's level as areas at it."""
+    grid = samples.grid
+    depth = np.pad(level - samples.height.astype(np.float64), 1, constant_values=_RIM)
+    corner = np.array([grid.west + origin.east, grid.north + origin.north])
+    step = np.array([1.0, -1.0]) * grid.spacing
+    rings = [corner + (ring[:, ::-1] - 1.0) * step for ring in find_contours(depth, 0.0)]
+    areas = [_area([np.round(ring, _OUTLINE_DECIMALS) for ring in rings], level)] if rings else []
+    fields = {"level": np.full(len(areas), level)}
+    return VectorLayer("sea", "MultiPolygon Z", np.array(areas, object), fields)
 
 
 def river_layer(rivers: Sequence[River], origin: Origin) -> VectorLayer:
@@ -307,15 +321,15 @@ def _moved(places: npt.NDArray[np.float64], origin: Origin) -> npt.NDArray[np.fl
     return np.add(places, (origin.east, origin.north, 0.0))
 
 
-def _area(lake: Lake, origin: Origin) -> Any:
-    """Return a lake's surface, by the even-odd rule of its rings."""
+def _area(rings: Sequence[npt.NDArray[np.float64]], level: float) -> Any:
+    """Return the area of rings (n, 2; m) by the even-odd rule, at a level (m)."""
     import shapely
 
-    rings = [shapely.linestrings(ring + origin) for ring in lake_outline(lake.shape)]
     # Rings do not cross, but one that touches itself is invalid.
-    area = shapely.make_valid(shapely.build_area(shapely.multilinestrings(rings)))
+    lines = shapely.multilinestrings([shapely.linestrings(ring) for ring in rings])
+    area = shapely.make_valid(shapely.build_area(lines))
     parts = [part for part in shapely.get_parts(area) if part.geom_type == "Polygon"]
-    return shapely.force_3d(shapely.multipolygons(parts), lake.level)
+    return shapely.force_3d(shapely.multipolygons(parts), level)
 
 
 def _texts(numbers: Iterable[Any]) -> npt.NDArray[np.object_]:

@@ -381,8 +381,8 @@ def test_distant_river_brightness_is_its_projected_width(gl, monkeypatch):
     """Its light in a column of the picture is its width in pixels, from many of them to a fifth of one."""
     read = source
 
-    def plain(name):
-        return PLAIN if name == "render/water.frag.glsl" else read(name)
+    def plain(name, *given):
+        return PLAIN if name == "render/water.frag.glsl" else read(name, *given)
 
     monkeypatch.setattr("sketchterrain.render.programs.source", plain)
     size = (64, 256)

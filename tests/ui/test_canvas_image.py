@@ -283,6 +283,25 @@ def test_the_relief_shades_the_paper_and_is_redrawn_where_it_changed(canvas, lin
     assert np.abs(incremental - pixels(canvas)).max() <= 2
 
 
+def test_the_relief_has_the_sea_below_its_level(canvas, link):
+    def show(version, height, level):
+        link.relief = Relief(version, 1, height.copy(), np.full((SIDE, SIDE), 190, np.uint8), level)
+        link.relief_changed.emit(link.relief)
+        return [mean(canvas, column, 32.0, radius=3) for column in (10.0, 50.0)]
+
+    height = np.full((SIDE, SIDE), 5.0, np.float32)
+    height[:, :20] = -3.0
+    (dry, _), (wet, beside) = show(1, height, None), show(1, height, 0.0)
+    assert wet[0] - wet[2] < dry[0] - dry[2] - 10.0  # bluer
+    height[:, :20] = -60.0
+    deep, as_before = show(2, height, 0.0)
+    assert deep.mean() < wet.mean() - 10.0
+    assert np.abs(as_before - beside).max() < 1.0
+    incremental = pixels(canvas)
+    canvas._sketch_view.refresh()
+    assert np.abs(incremental - pixels(canvas)).max() <= 2
+
+
 def test_adherence_is_tinted_in_its_legends_colours(canvas, link, workspace):
     hide_overlays(workspace)
     painted, present = np.zeros((2, SIDE, SIDE), bool)

@@ -116,6 +116,19 @@ def test_status_line_shows_activity_and_the_paint_under_the_pointer(line, link, 
     assert line.paint.text() == ""
 
 
+def test_status_line_tells_the_depth_of_the_sea(line, link):
+    flat = np.zeros((4, 4), np.float32)
+    for level, elevation, expected in (
+        (None, -3.0, "−3 m high"),
+        (10.0, 12.0, "12 m high"),
+        (10.0, 10.0, "sea"),
+        (10.0, -2.0, "sea, 12 m deep"),
+    ):
+        link.relief = msg.Relief(1, 1, flat, flat.astype(np.uint8), level)
+        line.show_position((1.0, 2.0, elevation))
+        assert line.place.text().endswith(f"  {expected}")
+
+
 def test_status_labels_keep_their_positions(qtbot, line, link, placed):
     def places():
         line.layout().activate()

@@ -35,6 +35,8 @@ _SHADOW = 10  # logical px of the sketch's drop shadow
 _SHADOW_OFFSET = 2  # px down
 _BRIGHT_SHADE = 196.0  # from which the paper is not darkened; level terrain is a little below
 _DARKEST = (0.44, 0.42, 0.41)  # of the paper's red, green and blue, in the deepest shade
+_SEA = (198.0, 220.0, 232.0), (120.0, 164.0, 198.0)  # at the shore, and where it is deepest
+_DEEP = 20.0  # m at which it is halfway between them
 _TINT = 0.62  # opacity of the adherence colours
 _MAX_AREAS = 12  # stale areas composed one by one
 _BAND = 64  # screen rows composed at a time, so that their pixels stay in the CPU's cache
@@ -82,13 +84,21 @@ def _draw_surround(painter: QPainter, area: QRect, sketch: QRect, ratio: float) 
 
 
 def relief_image(relief: Relief) -> QImage:
-    """Return the relief as shaded paper."""
+    """Return the relief as shaded paper, with the sea by its depth."""
     share = np.minimum(np.arange(256, dtype=np.float32) / _BRIGHT_SHADE, 1.0)[:, None]
-    paper = np.array([PAPER.red(), PAPER.green(), PAPER.blue()], np.float32)
-    colours = paper * (np.array(_DARKEST, np.float32) * (1.0 - share) + share)
+    factors = np.array(_DARKEST, np.float32) * (1.0 - share) + share
+    pixels = _packed(np.array([PAPER.red(), PAPER.green(), PAPER.blue()], np.float32) * factors)[relief.shade]
+    if relief.sea_level is not None:
+        depth = relief.sea_level - relief.height
+        deep = (1.0 - 2.0 ** (-depth[depth > 0.0] / _DEEP))[:, None]
+        pixels[depth > 0.0] = _packed(np.array(_SEA[0]) * (1.0 - deep) + np.array(_SEA[1]) * deep)
+    return _view_image(pixels, QImage.Format.Format_RGB32).copy()
+
+
+def _packed(colours: npt.NDArray[np.floating]) -> npt.NDArray[np.uint32]:
+    """Return colours (n, 3), 0 … 255, as opaque pixels (n,)."""
     red, green, blue = np.rint(colours).astype(np.uint32).T
-    table: npt.NDArray[np.uint32] = np.uint32(0xFF000000) | red << 16 | green << 8 | blue
-    return _view_image(table[relief.shade], QImage.Format.Format_RGB32).copy()
+    return np.asarray(np.uint32(0xFF000000) | red << 16 | green << 8 | blue)
 
 
 def adherence_image(adherence: Adherence, layer: str) -> QImage | None:
@@ -192,8 +202,14 @@ class SketchView(QObject):
         before, self._relief = self._relief, relief
         self._relief_image, self._relief_step = relief_image(relief), relief.step
         box = (0, 0, rows, columns)
-        if before is not None and before.shade.shape == relief.shade.shape:
+        if (
+            before is not None
+            and before.shade.shape == relief.shade.shape
+            and (before.sea_level == relief.sea_level)
+        ):
             changed = before.shade != relief.shade
+            if relief.sea_level is not None:
+                changed |= before.height != relief.height
             down, across = np.flatnonzero(changed.any(axis=1)), np.flatnonzero(changed.any(axis=0))
             if not len(down):
                 return QRect()

@@ -219,6 +219,7 @@ class Relief:
     step: int  # sketch pixels along a side of a sample: 1, more for large sketches
     height: npt.NDArray[np.float32]  # m, at sample centres, row 0 north
     shade: npt.NDArray[np.uint8]  # hill-shading, light from the north-west
+    sea_level: float | None = None  # m; None: no sea
 
 
 @dataclass(frozen=True)

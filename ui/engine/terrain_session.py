@@ -114,7 +114,7 @@ class ReliefBuilder:
             yield None
         if not self._stale.any():  # a newer terrain is equal everywhere
             version = self._version
-        yield Relief(version, self._step, height.copy(), self._shade.copy())
+        yield Relief(version, self._step, height.copy(), self._shade.copy(), terrain.sea_level)
 
 
 def hill_shade(height: npt.NDArray[np.float32], cell: float) -> npt.NDArray[np.uint8]:

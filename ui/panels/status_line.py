@@ -33,6 +33,7 @@ from sketchterrain.ui.panels.controls import (
 
 _SWATCH = 22
 _THICKNESS = 5.0
+_AT_SEA = 0.05  # m from its level at which a place is on its surface
 _DELAY = 600  # ms without a change until adherence is measured again
 
 
@@ -192,7 +193,7 @@ def _peaks_text(peaks: Mapping[str, Any] | None) -> str:
 
 
 _INTERVAL: Final = 250  # ms between updates of the timings
-_LONGEST_PLACE: Final = "88888 E  88888 N   −8888 m high"
+_LONGEST_PLACE: Final = "88888 E  88888 N   sea, 888 m deep"
 _SHARING: Final = {
     "extension": "shared memory",
     "mapped": "mapped memory",
@@ -242,9 +243,17 @@ class StatusLine(QWidget):
             _show(self.paint, "")
             return
         x, y, elevation = position
-        up = "" if elevation is None else f"   {number(elevation, decimals=0)} m high"
+        up = "" if elevation is None else f"   {self._height_text(elevation)}"
         _show(self.place, f"{number(x, decimals=0)} E  {number(y, decimals=0)} N{up}")
         _show(self.paint, ", ".join(self._labels_at(x, y)).capitalize())
+
+    def _height_text(self, elevation: float) -> str:
+        """Return an elevation (m) as text, or what the sea is there; the 3-D view finds its surface."""
+        relief = self._link.relief
+        depth = -math.inf if relief is None or relief.sea_level is None else relief.sea_level - elevation
+        if depth < -_AT_SEA:
+            return f"{number(elevation, decimals=0)} m high"
+        return "sea" if depth < _AT_SEA else f"sea, {number(depth, decimals=0)} m deep"
 
     def _show_timings_later(self, *_: object) -> None:
         if not self._timer.isActive():

@@ -1,4 +1,4 @@
-"""Contours, rivers, lakes, forests and peaks of a map."""
+"""Contours, waters, forests and peaks of a map."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -75,7 +75,7 @@ def contour_lines(
     paths: dict[tuple[bool, int], list[Points]] = {(i, pen): [] for i in (False, True) for pen in range(3)}
     for contour in contours:
         path = samples.frame.to_sheet(contour.points)
-        visible = (samples.interpolate(samples.depth, contour.points) < 0.0) & ~shapely.contains_xy(
+        visible = (samples.interpolate(samples.water, contour.points) < 0.0) & ~shapely.contains_xy(
             gaps, path
         )
         if not contour.index:
@@ -159,7 +159,7 @@ def along(path: Points, arc: Points, lengths: Points) -> Points:
     return np.stack([np.interp(lengths, arc, path[:, axis]) for axis in (0, 1)], axis=-1)
 
 
-WATER, DEEP = (166, 206, 230), (92, 150, 196)
+WATER, DEEP, DEEPER = (166, 206, 230), (92, 150, 196), 0.3  # the opacity of each depth's tint
 BANK: Final = (48, 110, 160)
 LEVEL: Final = (16, 58, 104)  # of labels on lakes
 FOREST, FOREST_EDGE, FOREST_OPACITY = (128, 172, 108), (84, 130, 76), 0.52  # the relief shows through
@@ -183,7 +183,7 @@ def draw_rivers(terrain: Terrain, samples: MapSamples, space: LabelSpace) -> lis
     for river in terrain.features.rivers:
         path = frame.to_sheet(river.centreline)
         width = np.maximum(river.centreline_width * frame.mm_per_metre, MIN_RIVER)
-        dry = samples.interpolate(samples.depth, river.centreline) <= 0.0
+        dry = samples.interpolate(samples.water, river.centreline) <= 0.0
         for piece, steps in pieces(path, np.where(dry, np.rint(width / WIDTH_STEP), -1).astype(int)):
             paths.setdefault(steps, []).append(piece)
         arrows += _arrows(path, width, dry, space)
@@ -221,17 +221,22 @@ def _arrows(path: Points, width: Points, dry: npt.NDArray[np.bool_], space: Labe
     return shapes
 
 
-def draw_lakes(samples: MapSamples) -> list[Shape]:
-    """Return lakes with depth tints and shores."""
-    deepest = float(samples.depth.max())
-    if deepest <= 0.0:
+def depth_step(depth: Grid) -> float:
+    """Return the step (m) between the depth lines of lakes or of the sea; 0 without any water."""
+    deepest = float(depth.max())
+    return nearest_round(deepest / 3) if deepest > 0.0 else 0.0
+
+
+def draw_still_water(depth: Grid, samples: MapSamples) -> list[Shape]:
+    """Return lakes, or the sea, with depth tints, depth lines and shores."""
+    step = depth_step(depth)
+    if not step:
         return []
-    step = nearest_round(deepest / 3)
-    depths = np.arange(step, deepest, step).tolist()
-    shores, *deeper = contour_rings(samples.depth, [0.0, *depths], samples)
+    depths = np.arange(step, float(depth.max()), step).tolist()
+    shores, *deeper = contour_rings(depth, [0.0, *depths], samples)
     shapes: list[Shape] = [Polygons(shores, WATER)]
     for rings in deeper:
-        shapes += [Polygons(rings, DEEP, 0.3), Polylines(rings, BANK, 0.08, 0.7)]
+        shapes += [Polygons(rings, DEEP, DEEPER), Polylines(rings, BANK, 0.08, 0.7)]
     return [*shapes, Polylines(shores, BANK, SHORE_WIDTH)]
 
 
@@ -312,6 +317,8 @@ def find_peaks(terrain: Terrain, samples: MapSamples, interval: float) -> list[P
             off = np.linspace(-samples.cell_size, samples.cell_size, 9)
             near = np.clip(np.stack(np.meshgrid(x + off, y + off), axis=-1).reshape(-1, 2), 0.0, terrain.size)
             heights = terrain.heights(*near.T)
+            if terrain.sea_level is not None and heights.max() <= terrain.sea_level:
+                continue
             peaks.append(np.append(near[heights.argmax()], heights.max()))
     return peaks
 

@@ -24,6 +24,7 @@ SCALES: Final = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.5, 8.0)
 STEP, SMOOTH = 0.2, 0.5  # mm between samples; mm, cell size of the heights for contours
 COVER_SIGMA: Final = 0.45  # mm, blur of materials against speckles
 
+_DRY: Final = np.float32(-1e6)  # m of depth where there is no water
 LIGHTS: Final = ((315.0, 0.46), (270.0, 0.2), (0.0, 0.2), (225.0, 0.14))
 """Azimuth (degrees) and weight of each light: after Mark (1992), with more weight in the north-west."""
 ELEVATION: Final = np.radians(45.0)  # of all lights
@@ -75,8 +76,14 @@ class MapSamples:
     smooth: Grid  # m, at a coarser cell size, for contours
     cell_size: float  # m, of the smooth heights
     depth: Grid  # m of water in lakes, negative elsewhere
+    sea_depth: Grid  # m of water in the sea, negative elsewhere
     cover: Grid  # weights of the materials (rows, columns, materials), blurred
     materials: MaterialTable
+
+    @cached_property
+    def water(self) -> Grid:
+        """Depth of any water (m), negative on land."""
+        return np.maximum(self.depth, self.sea_depth)
 
     @cached_property
     def slope(self) -> tuple[Grid, Grid, Grid]:
@@ -132,8 +139,9 @@ def sample_map(terrain: Terrain, frame: MapFrame) -> MapSamples:
     cover = np.empty_like(raster.materials)
     for material in range(cover.shape[-1]):
         gaussian_filter(raster.materials[..., material], COVER_SIGMA / STEP, output=cover[..., material])
-    depth = _lake_depth(terrain, smooth, x, y)
-    return MapSamples(frame, raster.spacing, raster.height, smooth, cell, depth, cover, terrain.materials)
+    sea = np.full_like(smooth, _DRY) if terrain.sea_level is None else terrain.sea_level - smooth
+    depths = (_lake_depth(terrain, smooth, x, y), sea)
+    return MapSamples(frame, raster.spacing, raster.height, smooth, cell, *depths, cover, terrain.materials)
 
 
 def shaded_relief(samples: MapSamples) -> npt.NDArray[np.uint8]:
@@ -154,7 +162,7 @@ def shaded_relief(samples: MapSamples) -> npt.NDArray[np.uint8]:
 
 def _lake_depth(terrain: Terrain, height: Grid, x: Points, y: Points) -> Grid:
     """Return the depth of lakes (m), falling with the distance outside of their painted shapes."""
-    depth = np.full(height.shape, -1e6, np.float32)
+    depth = np.full(height.shape, _DRY, np.float32)
     for lake in terrain.features.lakes:
         field = lake.shape
         column, row = (x - field.west) / field.spacing, (y - field.south) / field.spacing

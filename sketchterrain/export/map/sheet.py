@@ -27,8 +27,8 @@ from sketchterrain.export.map.features import (
     choose_interval,
     contour_lines,
     draw_forests,
-    draw_lakes,
     draw_rivers,
+    draw_still_water,
     label_contours,
     label_lakes,
     label_peaks,
@@ -142,12 +142,17 @@ def legend_entries(
         Polylines([shore], features.BANK, features.SHORE_WIDTH),
         level,
     ]
+    deep = [rectangle(WIDTH * part, -HEIGHT / 2, WIDTH * (1.0 - part), HEIGHT) for part in (1 / 3, 2 / 3)]
+    sea: list[Shape] = [Polygons([patch], features.WATER)]
+    sea += [Polygons([ring], features.DEEP, features.DEEPER) for ring in deep]
+    sea += [Polylines([patch[[0, 3]]], features.BANK, features.SHORE_WIDTH)]
     river = [Polylines([course], features.BANK, 0.8), Polylines([course], features.WATER, 0.52), *arrow]
     peak = [*features.peak_triangle(2.4, 0.4), Label("345", 4.0, 0.0, features.PEAK_SIZE, INK)]
     meadow = next(iter(samples.materials)).tint
     known: dict[str, Entry] = {
         "rivers": ("River, flow", river),
         "lakes": ("Lake, water level (m)", lake),
+        "sea": (f"Sea, depth lines each {features.depth_step(samples.sea_depth):g} m", sea),
         "forests": ("Forest", [Polygons([patch], meadow), *features.forest([patch])]),
         "peaks": ("Summit, height (m)", peak),
     }
@@ -264,12 +269,13 @@ def map_sheet(terrain: Terrain) -> MapSheet:
     levels = label_lakes(terrain, samples, space)
     rivers = draw_rivers(terrain, samples, space)
     heights = label_contours(contours, samples, space, interval)
-    lakes, forests = draw_lakes(samples), draw_forests(samples)
+    lakes, sea = (draw_still_water(depth, samples) for depth in (samples.depth, samples.sea_depth))
+    forests = draw_forests(samples)
     left, top, width, height = frame.box
     # Samples are pixel centres: the image extends half a sample beyond the frame.
     x, y = (0.5 * step * frame.mm_per_metre for step in samples.spacing)
     image = RasterImage(shaded_relief(samples), (left - x, top - y, width + 2 * x, height + 2 * y))
-    drawn = {"rivers": rivers, "lakes": lakes, "forests": forests, "peaks": peaks}
+    drawn = {"rivers": rivers, "lakes": lakes, "sea": sea, "forests": forests, "peaks": peaks}
     present = {name for name, shapes in drawn.items() if shapes}
     entries = legend_entries(contours, samples, interval, present, heights)
     name = terrain.sketch.name or "Terrain"
@@ -285,6 +291,7 @@ def map_sheet(terrain: Terrain) -> MapSheet:
             "relief": [image],
             "forests": forests,
             "contours": contour_lines(contours, samples, heights, interval),
+            "sea": sea,
             "lakes": lakes,
             "rivers": rivers,
             "grid": grid_lines(frame),

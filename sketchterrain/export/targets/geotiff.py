@@ -19,6 +19,7 @@ from sketchterrain.export.vectors import (
     lake_layer,
     plant_layer,
     river_layer,
+    sea_layer,
     station_layer,
 )
 from sketchterrain.io.crs import parse_metric_crs
@@ -29,6 +30,7 @@ _FIELDS = {
     "rivers": "length, width, depth: m; the mean, and at the spring and the mouth; z is the water",
     "river_stations": "distance from the spring, width, depth: m; river is the river's id",
     "lakes": "level, depth: m",
+    "sea": "level: m",
     "features": "radius: m; strength: m of height, of forests a share of the trees; wind: degrees, 0 north",
     "plants and grass": "scale: 1 is grown; rotation: degrees, counter-clockwise; tint: 0 to 1; "
     "level: a filter level >= n thins them evenly",
@@ -92,6 +94,8 @@ def _write_vectors(
 ) -> None:
     terrain = export.terrain
     placed = terrain.features
+    if placed.sea_level is not None:
+        file.add(sea_layer(placed.sea_level, export.samples, origin))
     file.add(lake_layer(placed.lakes, origin))
     file.add(river_layer(placed.rivers, origin))
     file.add(station_layer(placed.rivers, origin))

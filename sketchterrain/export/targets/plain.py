@@ -161,7 +161,7 @@ def _write_npy(export: Export) -> ExportOutput:
 
 def _write_features(export: Export) -> dict[Path, str]:
     paths = write_features(export.folder, export.terrain.features)
-    return dict.fromkeys(paths, "mountains, hills, forests; rivers as centrelines, lakes as outlines")
+    return dict.fromkeys(paths, "mountains, hills, forests; rivers, lakes and the level of the sea")
 
 
 TARGETS = (

@@ -295,7 +295,7 @@ def test_the_relief_has_the_sea_below_its_level(canvas, link):
     assert wet[0] - wet[2] < dry[0] - dry[2] - 10.0  # bluer
     height[:, :20] = -60.0
     deep, as_before = show(2, height, 0.0)
-    assert deep.mean() < wet.mean() - 10.0
+    assert deep.mean() < wet.mean() - 5.0
     assert np.abs(as_before - beside).max() < 1.0
     incremental = pixels(canvas)
     canvas._sketch_view.refresh()

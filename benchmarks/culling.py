@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from sketchterrain.array_types import StructuredArray
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import BARE, BARE_SEED, open_ground
 from sketchterrain.benchmarks.plotting import BLUE, GREEN, PURPLE, SMALL, VERMILION, new_figure
@@ -51,6 +52,17 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     return Outcome((Table("Culling", _COLUMNS, tuple(_row(worlds[count], laps[count]) for count in worlds)),))
 
 
+def scattered_hills(count: int) -> tuple[StructuredArray, float]:
+    """Return so many hills with even ids, and the side of the square that they lie in (m)."""
+    rng = np.random.default_rng([BARE_SEED, count])
+    side = float(np.sqrt(count / DENSITY)) * 1000.0
+    hills = np.zeros(count, FEATURE)
+    hills["id"], hills["type"] = 2 * np.arange(count), FEATURE_TYPES.index("hill")
+    hills["x"], hills["y"] = rng.uniform(0, side, (2, count))
+    hills["radius"], hills["strength"] = rng.uniform(120, 300, count), rng.uniform(10, 60, count)
+    return hills, side
+
+
 @dataclass(frozen=True)
 class _Look:
     """Seconds until the lists are there, at the first and at the second look, and features a tile."""
@@ -65,17 +77,12 @@ class _World:
 
     def __init__(self, count: int, context: TimedContext) -> None:
         bare = open_ground(BARE, context)
-        rng = np.random.default_rng([BARE_SEED, count])
         self.count = count
-        self.side = float(np.sqrt(count / DENSITY)) * 1000.0
-        painted = np.zeros(count, FEATURE)
-        painted["id"], painted["type"] = np.arange(count), FEATURE_TYPES.index("hill")
-        painted["x"], painted["y"] = rng.uniform(0, self.side, (2, count))
-        painted["radius"], painted["strength"] = rng.uniform(120, 300, count), rng.uniform(10, 60, count)
+        painted, self.side = scattered_hills(count)
         points = replace(bare.recipe.points, painted=painted)
         recipe = bare.recipe.with_layers([points])
         self._context = context
-        self._rng = rng
+        self._rng = np.random.default_rng([BARE_SEED, count, 1])
         start = perf_counter()
         PointFinder(points, recipe.world).painted_near(np.array([[0, 0, 1 << 20, 1 << 20]]))
         self.index = perf_counter() - start

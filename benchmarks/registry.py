@@ -16,6 +16,7 @@ from sketchterrain.benchmarks import (
     pictures,
     speed,
     splines,
+    updates,
     worlds,
 )
 from sketchterrain.benchmarks import points as blue_noise
@@ -60,6 +61,7 @@ BENCHMARKS = {
             speed.measure,
         ),
         Benchmark("culling", "hills at one density in worlds of any size", str(BARE_SEED), culling.measure),
+        Benchmark("updates", "hills as for culling", str(BARE_SEED), updates.measure),
         Benchmark(
             "points",
             "a square, and its middle for spectra",

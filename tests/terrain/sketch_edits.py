@@ -22,7 +22,7 @@ from sketchterrain.terrain.terrain import TerrainFeatures
 Rng = np.random.Generator
 
 SIDE = 64  # px
-EXTENTS = (1500.0, 5000.0, 9000.0)  # m
+EXTENTS = (2500.0, 4000.0, 6000.0)  # m
 _LABELS = (1, 2, 7)
 _FILL = 6  # features of each type in an unpainted sketch, at most
 

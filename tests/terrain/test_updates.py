@@ -14,7 +14,6 @@ from sketchterrain.array_types import Bounds
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.terrain.building import build, rebuild
 from sketchterrain.terrain.changes import EVERYWHERE
-from sketchterrain.terrain.surfaces import VERTEX
 from sketchterrain.terrain.terrain import Terrain
 
 from .sketch_edits import CHANGES, COSMETIC, SETTINGS, State, random_sketch
@@ -65,10 +64,11 @@ def samples_of(terrain: Terrain) -> dict[str, Samples]:
         width = extent * 2.0 ** -key[0]
         line = np.linspace(0.0, width, _QUADS + 1)
         x, y = np.meshgrid(key[1] * width + line, key[2] * width + line[::-1])
-        own = [name for name in VERTEX.names if not name.startswith("parent")]
+        parts = vertices.dtype.names
+        own = [name for name in parts if not name.startswith("parent")]
         found[f"tile {key}"] = Samples.of(x, y, width / _QUADS, _columns(tile, own))
         if parent >= 0:
-            others = [name for name in VERTEX.names if name.startswith("parent")]
+            others = [name for name in parts if name.startswith("parent")]
             found[f"parent of {key}"] = Samples.of(x, y, 3 * width / _QUADS, _columns(tile, others))
     nowhere = np.full(len(keys), np.nan)
     found["facts of tiles"] = Samples.of(nowhere, nowhere, 0.0, _columns(facts, facts.dtype.names))

@@ -28,14 +28,14 @@ class Layer:
     """A painted layer. Beside it stand only its placement rules, if any, and its layer of the terrain.
 
     Shapes become, by `kind`: ``summits``, point features that rise; ``patches``, point features that cover
-    an area together; ``landform`` and ``water``, a field of distances from the border; ``course``, the lines
-    of a river network; ``cover``, a material on top of the others.
+    an area together; ``landform``, ``sea`` and ``water``, a field of distances from the border; ``course``,
+    the lines of a river network; ``cover``, a material on top of the others.
     """
 
     name: str  # key in the sketch file; the image is ``name.png``
     title: str
     code: int  # in the ids and hashes of its features; never renumber: every terrain would change
-    kind: Literal["summits", "patches", "landform", "water", "course", "cover"]
+    kind: Literal["summits", "patches", "landform", "sea", "water", "course", "cover"]
     help: str
     parameters: Mapping[str, Parameter] = field(hash=False)  # of each label, by name; the main one is first
     colour: Colour  # of label 1
@@ -60,7 +60,7 @@ class Layer:
     @property
     def is_water(self) -> bool:
         """Whether water stands or runs in its shapes."""
-        return self.kind in ("water", "course")
+        return self.kind in ("sea", "water", "course")
 
     @property
     def is_measured(self) -> bool:
@@ -213,7 +213,7 @@ _ALL: Final = (
         narrow="river",
     ),
     Layer(
-        *("sea", "Sea", 7, "water", "where the sea is; all other ground is land"),
+        *("sea", "Sea", 7, "sea", "where the sea is; all other ground is land"),
         parameter_table(
             Parameter(
                 *("depth", float, 40.0, 0.5, 1e4, "m", "greatest depth of the water"),
@@ -266,7 +266,7 @@ DENSITY: Mapping[str, Parameter] = parameter_table(
 )
 """Keys of ``[density]``: features where nothing is painted."""
 
-_BOTTOM_UP = ("cover", "landform", "summits", "patches", "water", "course")
+_BOTTOM_UP = ("cover", "landform", "summits", "patches", "sea", "water", "course")
 
 DRAW_ORDER: Final = tuple(sorted(LAYERS, key=lambda name: _BOTTOM_UP.index(LAYERS[name].kind)))
 """The layers from bottom to top, as the canvas draws them; thin shapes are drawn last."""

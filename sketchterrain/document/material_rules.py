@@ -27,6 +27,7 @@ INPUTS: Mapping[str, Parameter] = parameter_table(
     _weight("height", "1/m", "weight of the elevation"),
     _weight("above_snow_line", "1/m", "weight of the elevation above [climate] snow_line"),
     _weight("above_tree_line", "1/m", "weight of the elevation above [climate] tree_line"),
+    _weight("above_sea", "1/m", "weight of the elevation above the sea; a rule with it needs a sea"),
     _weight("steepness", "", "weight of the slope, rise over run"),
     _weight("hollow", "", "weight of the curvature: change of slope over a cell, positive in hollows"),
     _weight("aridity", "", "weight of [climate] aridity"),
@@ -70,6 +71,7 @@ class Factor:
     height: float = 0.0
     above_snow_line: float = 0.0
     above_tree_line: float = 0.0
+    above_sea: float = 0.0
     steepness: float = 0.0
     hollow: float = 0.0
     aridity: float = 0.0
@@ -224,6 +226,16 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
         (Factor(0.640625, 0.71875, water=1.0, mottle=0.03125), Factor(-0.05, 0.25, mottle=1.0)),
     ),
     MaterialRule("river_bed", "river_bed", 1.0, (Factor(0.6875, 0.75, water=1.0),)),
+    MaterialRule(
+        "sea_sand",
+        "sand",
+        1.0,
+        (
+            Factor(0.02, 0.2, water=1.0, mottle=0.03),
+            Factor(3.0, 1.2, above_sea=1.0),
+            Factor(0.75, 0.5, steepness=1.0),
+        ),
+    ),
 )
 """The default table; each rule covers those before it, and below them all is grass."""
 

@@ -305,3 +305,17 @@ def course_through(
         depth=np.interp(u, number, points[:, 3]),
         taper=taper,
     )
+
+
+def part_of_course(course: RiverCourse, first: int, last: int) -> RiverCourse:
+    """Return the points of a course from `first` up to `last`, exclusive."""
+    if first == 0 and last == len(course.line):
+        return course
+    controls = course.controls[(course.controls > first) & (course.controls < last - 1)] - first
+    return replace(
+        course,
+        line=course.line[first:last],
+        controls=np.concatenate([[0], controls, [last - first - 1]]),
+        width=course.width[first:last],
+        depth=course.depth[first:last],
+    )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -37,6 +37,7 @@ _SHORE_POINTS = 4096
 _FREEBOARD = 0.25  # m between the water and that height
 _RIM = 0.2  # share of the margin around a lake where the lake alone shapes the terrain
 _ROUNDS = 16
+_ABOVE_SEA = 0.2  # m that a lake beside the sea lies above it, at least
 _MOUTH_WIDTHS = 5.0  # of the river: radius of the lake in which it ends
 _MOUTH_EXTENT = (0.012, 0.05)  # … between these shares of the sketch's extent
 _MOUTH_DEPTHS = 3.0  # of the river: depth of that lake
@@ -47,9 +48,15 @@ def painted_lakes(
     sketch: Sketch,
     ground: GroundHeight,
     cache: PlacementCache | None = None,
+    *,
+    sea_level: float | None = None,
 ) -> list[Lake]:
-    """Return the painted lakes in reading order, each as high as the low parts of its shore allow."""
+    """Return the painted lakes in reading order, each as high as the low parts of its shore allow.
+
+    Those in the sea are left out, others lie above its level.
+    """
     cache = PlacementCache() if cache is None else cache
+    lowest = -np.inf if sea_level is None else sea_level + _ABOVE_SEA
     image = sketch.layers["lake"]
     outlines: list[_LakeOutline] = cache.layers.get_or_compute(
         ("lakes", IdentityKey(image), sketch.extent, sketch.fidelity), lambda: _lake_outlines(sketch)
@@ -58,16 +65,17 @@ def painted_lakes(
         return []
     at = np.concatenate([each.shore for each in outlines])
     heights = np.asarray(ground(at[:, 0].copy(), at[:, 1].copy()), dtype=np.float64)
-    ends = np.cumsum([len(each.shore) for each in outlines])
+    shores = np.split(heights, np.cumsum([len(each.shore) for each in outlines])[:-1])
     return [
         Lake(
             id=each.id,
             label=each.label,
             shape=each.field,
-            level=_rim_level(heights[end - len(each.shore) : end]),
+            level=max(_rim_level(shore), lowest),
             depth=float(sketch.properties("lake", each.label)["depth"]),
         )
-        for each, end in zip(outlines, ends, strict=True)
+        for each, shore in zip(outlines, shores, strict=True)
+        if sea_level is None or np.median(shore) > sea_level
     ]
 
 
@@ -94,8 +102,12 @@ def _lake_outlines(sketch: Sketch) -> list[_LakeOutline]:
     return found
 
 
-def mouth_lakes(sketch: Sketch, courses: Sequence[RiverCourse], *, seed: int) -> list[Lake]:
+def mouth_lakes(
+    sketch: Sketch, courses: Sequence[RiverCourse], *, seed: int, at_sea: Collection[int] = ()
+) -> list[Lake]:
     """Return the lakes at the ends of rivers beyond the sketch, unless another river is too near.
+
+    Rivers that end in the sea, by their ids, have none.
 
     Their level is still infinite: it is that of the river.
     """
@@ -103,7 +115,7 @@ def mouth_lakes(sketch: Sketch, courses: Sequence[RiverCourse], *, seed: int) ->
     for course in courses:
         end = course.line[-1]
         outside = float(np.hypot(*(end - np.clip(end, 0.0, np.array(sketch.size)))))
-        if course.parent is not None or outside <= 0.0:
+        if course.parent is not None or outside <= 0.0 or course.id in at_sea:
             continue
         low, high = (share * sketch.extent for share in _MOUTH_EXTENT)
         radius = float(np.clip(_MOUTH_WIDTHS * course.width[-1], low, high))
@@ -152,7 +164,7 @@ def runs_inside(lakes: Sequence[Lake], line: Float64Array) -> Runs:
     return sorted(
         (first, last, number)
         for number, lake in enumerate(lakes)
-        for first, last in _runs(distance_inside(lake.shape, line) > 0.0)
+        for first, last in index_runs(distance_inside(lake.shape, line) > 0.0)
     )
 
 
@@ -162,8 +174,8 @@ def lake_reaches(lakes: Sequence[Lake], line: Float64Array) -> list[tuple[int, i
     for number, lake in enumerate(lakes):
         depth = distance_inside(lake.shape, line)
         rim = _RIM * float(lake.shape.inside[[0, -1]].max())  # below zero: outside
-        inside = _runs(depth > 0.0)
-        for start, stop in _runs(depth > rim):
+        inside = index_runs(depth > 0.0)
+        for start, stop in index_runs(depth > rim):
             shore, own = start, [run for run in inside if start <= run[0] <= stop]
             for first, last in own:
                 found.append((shore, first, last, number))
@@ -173,19 +185,26 @@ def lake_reaches(lakes: Sequence[Lake], line: Float64Array) -> list[tuple[int, i
     return sorted(found, key=lambda run: run[1:])
 
 
-def _runs(mask: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
+def index_runs(mask: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Return first and last index of each run of True."""
     turns = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return [(int(a), int(b) - 1) for a, b in zip(turns[::2], turns[1::2], strict=True)]
 
 
 def solve_lake_levels(
-    lakes: Sequence[Lake], network: Network, grounds: Sequence[Float64Array]
+    lakes: Sequence[Lake],
+    network: Network,
+    grounds: Sequence[Float64Array],
+    tides: Sequence[Sequence[LakeReach]] = (),
 ) -> tuple[list[Lake], list[Float64Array]]:
-    """Lower lakes until no river flows up into one; return lakes and water levels along each course."""
+    """Lower lakes until no river flows up into one; return lakes and water levels along each course.
+
+    `tides` are the reaches of courses at the level of the sea, if there is one.
+    """
+    tides = tides or [()] * len(network.courses)
     runs = [lake_reaches(lakes, course.line) for course in network.courses]
     water = np.array([lake.level for lake in lakes])
-    levels = solve_water_levels(network, grounds, [()] * len(runs))
+    levels = solve_water_levels(network, grounds, tides)
     for _ in range(_ROUNDS):
         previous = water.copy()
         for own, level in zip(runs, levels, strict=True):
@@ -194,7 +213,10 @@ def solve_lake_levels(
                     continue  # the course only passes by
                 inflow = level[first - 1] if first > 0 else level[min(last + 1, len(level) - 1)]
                 water[lake] = min(water[lake], inflow)
-        still = [[LakeReach(shore, a, b, float(water[lake])) for shore, a, b, lake in own] for own in runs]
+        still = [
+            [*(LakeReach(shore, a, b, float(water[lake])) for shore, a, b, lake in own), *tide]
+            for own, tide in zip(runs, tides, strict=True)
+        ]
         levels = solve_water_levels(network, grounds, still)
         if (water == previous).all():
             break

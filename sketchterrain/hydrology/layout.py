@@ -20,6 +20,7 @@ from sketchterrain.hydrology.courses import (
     RiverCourse,
     arc_length,
     dab_course,
+    part_of_course,
     pixel_positions,
     reach_course,
     reversed_course,
@@ -38,6 +39,7 @@ from sketchterrain.hydrology.network import (
 )
 from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.hashing import rounded
+from sketchterrain.placement.sea import sea_level
 from sketchterrain.placement.shapes import Region, find_regions
 
 if TYPE_CHECKING:
@@ -59,12 +61,12 @@ def separate_beyond_edge(courses: list[RiverCourse], size: tuple[float, float]) 
         head, tail = _beyond(course.line, size)
         first, last = 0, len(course.line)
         if tail < last:
-            others = [*finished, *([_part(course, 0, head)] if head > 1 else [])]
+            others = [*finished, *([part_of_course(course, 0, head)] if head > 1 else [])]
             last = tail + _free(course.line[tail:], course.width[tail:], others)
         if head > 0:
             upstream = _free(course.line[:head][::-1], course.width[:head][::-1], finished)
             first = head - upstream
-        part = _part(course, min(first, last - 2), max(last, first + 2))
+        part = part_of_course(course, min(first, last - 2), max(last, first + 2))
         if part.parent is not None:
             parent, removed = replaced[id(course.parent)]
             if parent is not part.parent or removed:
@@ -90,19 +92,6 @@ def _free(line: Float64Array, width: Float64Array, others: list[RiverCourse]) ->
         )
         free = min(free, int(np.argmax(close))) if close.any() else free
     return free
-
-
-def _part(course: RiverCourse, first: int, last: int) -> RiverCourse:
-    if first == 0 and last == len(course.line):
-        return course
-    controls = course.controls[(course.controls > first) & (course.controls < last - 1)] - first
-    return dataclasses.replace(
-        course,
-        line=course.line[first:last],
-        controls=np.concatenate([[0], controls, [last - first - 1]]),
-        width=course.width[first:last],
-        depth=course.depth[first:last],
-    )
 
 
 _EDGE_BONUS = (10.0, 0.02)
@@ -233,11 +222,14 @@ def _mouth(
     heights: Float64Array,
     lake: cKDTree | None,
 ) -> int:
-    """Return the end farthest along the label's flow, or the lowest, preferring lakes and the edge."""
+    """Return the end farthest along the label's flow, or the lowest: in the sea, else a lake or the edge."""
     flow = _flow(sketch, skeleton)
     at = np.array([end.pixel for end in ends])
     if flow is not None:
         return ends[int(np.argmax(pixel_positions(sketch, skeleton, at) @ flow))].pixel
+    sea = sea_level(sketch)
+    if sea is not None and heights.min() < sea:
+        return ends[int(np.argmin(heights))].pixel
     length = max(end.length for end in ends) * sketch.pixel_size
     bonus = _EDGE_BONUS[0] + _EDGE_BONUS[1] * length
     size = (sketch.height_px, sketch.width_px)

@@ -53,6 +53,11 @@ def river_widths(
     return width
 
 
+def bank_height(depth: float) -> float:
+    """Return how far (m) the water of a river of a depth (m) lies below the terrain along it."""
+    return 0.3 * depth + 0.5
+
+
 def water_surface(
     ground: Float64Array, arc: Float64Array, *, width: float, depth: float, ceilings: list[tuple[int, float]]
 ) -> Float64Array:
@@ -63,7 +68,7 @@ def water_surface(
     """
     spacing = max(float(arc[-1]) / max(len(arc) - 1, 1), 1e-9)
     sigma = min(6.0 * width / spacing, len(arc) / 4.0)
-    target = _blurred(ground, sigma) - (0.3 * depth + 0.5)
+    target = _blurred(ground, sigma) - bank_height(depth)
     for index, level in ceilings:
         target[index:] = np.minimum(target[index:], level)
     falling = np.minimum.accumulate(target)

@@ -24,9 +24,11 @@ from sketchterrain.hydrology.courses import RiverCourse, course_through
 from sketchterrain.hydrology.lakes import GroundHeight, mouth_lakes, painted_lakes, solve_lake_levels
 from sketchterrain.hydrology.layout import heights_at, lay_out_rivers, separate_beyond_edge
 from sketchterrain.hydrology.river_shape import build_network
+from sketchterrain.hydrology.sea import CoursesToSea, above_sea, end_in_sea, sea_resolutions, tidal_reaches
 from sketchterrain.hydrology.water_levels import build_rivers
 from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.feature_types import LAYER_CODES, Lake, River
+from sketchterrain.placement.sea import sea_level
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
@@ -187,7 +189,8 @@ def trace_hydrology(
     raise to cancel. Results with and without a cache are bit-equal.
     """
     cache = PlacementCache() if cache is None else cache
-    lakes = painted_lakes(sketch, ground, cache)
+    level = sea_level(sketch)
+    lakes = painted_lakes(sketch, ground, cache, sea_level=level)
     checkpoint()
     painted = lay_out_rivers(sketch, seed=seed, ground=ground, cache=cache)
     courses, orphans = apply_river_edits(painted, sketch.edits)
@@ -195,12 +198,27 @@ def trace_hydrology(
     courses = cache.rivers.get_or_compute(
         ("apart", sketch.size, *map(IdentityKey, courses)), lambda: separate_beyond_edge(courses, sketch.size)
     )
-    lakes, lake_orphans = apply_lake_edits([*lakes, *mouth_lakes(sketch, courses, seed=seed)], sketch.edits)
+    to_sea = CoursesToSea(courses)
+    if level is not None and courses:
+        to_sea = _end_in_sea(courses, ground, level, sketch.extent, cache)
+        courses = to_sea.courses
+    mouths = mouth_lakes(sketch, courses, seed=seed, at_sea=to_sea.at_sea)
+    lakes, lake_orphans = apply_lake_edits([*lakes, *mouths], sketch.edits)
     checkpoint()
-    rivers, lakes, grounds = _solve_water(sketch, courses, lakes, ground, cache, checkpoint)
+    rivers, lakes, grounds = _solve_water(sketch, courses, lakes, ground, cache, checkpoint, level)
     checkpoint()
     resolutions = resolve_conflicts(sketch, _mountains(sketch, cache), rivers, grounds, lakes)
+    if level is not None:
+        resolutions += sea_resolutions(sketch, level, to_sea, rivers, lakes)
     return Hydrology(tuple(rivers), tuple(lakes), resolutions, orphans + lake_orphans, tuple(grounds))
+
+
+def _end_in_sea(
+    courses: list[RiverCourse], ground: GroundHeight, level: float, extent: float, cache: PlacementCache
+) -> CoursesToSea:
+    grounds = heights_at(ground, [course.line for course in courses])
+    key = ("sea", level, extent, *map(IdentityKey, courses), *(each.tobytes() for each in grounds))
+    return cache.rivers.get_or_compute(key, lambda: end_in_sea(courses, grounds, level=level, extent=extent))
 
 
 def _mountains(sketch: Sketch, cache: PlacementCache) -> npt.NDArray[np.int64]:
@@ -218,6 +236,7 @@ def _solve_water(
     ground: GroundHeight,
     cache: PlacementCache,
     checkpoint: Callable[[], None],
+    sea_level: float | None,
 ) -> tuple[list[River], list[Lake], list[Float64Array]]:
     """Solve water levels: return rivers sorted by id, lakes, and the terrain height along each river."""
     if not courses:
@@ -238,10 +257,16 @@ def _solve_water(
 
     def compute() -> tuple[list[River], list[Lake]]:
         network = replace(shape, cuts=cuts)
-        filled, levels = solve_lake_levels(lakes, network, grounds)
+        above, tides = grounds, []
+        if sea_level is not None:
+            above = above_sea(network, grounds, sea_level)
+            tides = [tidal_reaches(*each, sea_level) for each in zip(courses, grounds, strict=True)]
+        filled, levels = solve_lake_levels(lakes, network, above, tides)
         return _reuse_unchanged(build_rivers(network, levels), cache), filled
 
-    rivers, filled = cache.rivers.get_or_compute(("water", IdentityKey(shape), cuts, before, levels), compute)
+    rivers, filled = cache.rivers.get_or_compute(
+        ("water", IdentityKey(shape), cuts, before, levels, sea_level), compute
+    )
     order = sorted(range(len(rivers)), key=lambda number: rivers[number].id)
     return [rivers[number] for number in order], filled, [grounds[number] for number in order]
 

@@ -45,7 +45,7 @@ from sketchterrain.io.crs import parse_metric_crs
 
 _SIZE = 512  # px
 _MARGIN = 0.5  # of the bounds' size, around them: wide lines there extend into them
-_AREAS = ("patches", "landform", "water", "cover")  # kinds of layers whose closed lines are areas
+_AREAS = ("patches", "landform", "sea", "water", "cover")  # kinds of layers whose closed lines are areas
 _MAX_WIDTH = 1e6  # m
 _DEFAULT_WIDTH = 0.04  # of the longer side: lines and discs on layers of areas
 _SIMPLIFICATION = 1 / 16  # px, tolerance for wide lines

@@ -39,7 +39,7 @@ def shape_field(sketch: Sketch, shape: Shape, *, margin: float) -> ShapeField:
     west, east = overhang * (shape.columns.start == 0), overhang * (shape.columns.stop == width)
     mask = np.pad(shape.mask, ((north, south), (west, east)), mode="edge")
     mask = np.pad(mask, rim)
-    inside = _rounded(_signed_distance(mask), mask, (1.0 - sketch.fidelity) * _BLUR)
+    inside = _rounded(signed_distance(mask), mask, (1.0 - sketch.fidelity) * _BLUR)
     pixel = sketch.pixel_size
     return ShapeField(
         west=(shape.columns.start - west - rim + 0.5) * pixel,
@@ -49,7 +49,7 @@ def shape_field(sketch: Sketch, shape: Shape, *, margin: float) -> ShapeField:
     )
 
 
-def _signed_distance(mask: npt.NDArray[np.bool_]) -> Float64Array:
+def signed_distance(mask: npt.NDArray[np.bool_]) -> Float64Array:
     """Return the distance of pixel centres from the border (px), positive inside."""
     within, beyond = ndimage.distance_transform_edt(mask), ndimage.distance_transform_edt(~mask)
     return np.asarray(np.where(mask, within - 0.5, 0.5 - beyond), dtype=np.float64)

@@ -26,6 +26,8 @@ def standing_water(
     """Return where the terrain (heights, m) lies under the water of a layer."""
     if LAYERS[layer].kind == "course":
         return _rivers(recipe, x, y, ground)
+    if LAYERS[layer].kind == "sea" and recipe.sea_level is not None:
+        return np.asarray(ground < recipe.sea_level)
     return _lakes((lake for lake in recipe.lakes if layer_of(lake.id) == layer), x, y, ground)
 
 

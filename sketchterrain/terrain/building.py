@@ -16,6 +16,7 @@ from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.covers import create_covers
 from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.placement import place
+from sketchterrain.placement.sea import create_sea
 from sketchterrain.terrain.balance import StrengthCache, solve_strengths
 from sketchterrain.terrain.centrelines import valley_radius
 from sketchterrain.terrain.changes import difference
@@ -184,6 +185,7 @@ def make_recipe(
             painted=painted.points,
             fill=replace(fill, replaced=adopted.replaced),
             covers=create_covers(sketch, cache=memory),
+            sea=create_sea(sketch, cache=memory),
         ),
         sketch.material_table,
         resolved_rules(sketch.material_rules),

@@ -41,9 +41,13 @@ class PackedRules:
 
 
 def pack_rules(recipe: TerrainRecipe) -> PackedRules:
-    """Return the rules of a recipe, with its climate added to the starts of their ramps."""
-    rules = recipe.material_rules
-    factors = [_pack_factor(factor, recipe.climate) for rule in rules for factor in rule.factors]
+    """Return the rules of a recipe, with its climate and sea level added to the starts of their ramps."""
+    rules, climate = recipe.material_rules, dict(recipe.climate)
+    if recipe.sea_level is None:
+        rules = tuple(rule for rule in rules if not any(factor.above_sea for factor in rule.factors))
+    else:
+        climate["sea"] = recipe.sea_level
+    factors = [_pack_factor(factor, climate) for rule in rules for factor in rule.factors]
     form = np.zeros((max(len(rules), 1), 4), np.int32)
     ends = np.cumsum([len(rule.factors) for rule in rules], dtype=np.int64)
     form[: len(rules), 0] = [recipe.materials.names.index(rule.material) for rule in rules]
@@ -62,9 +66,9 @@ def _pack_factor(factor: Factor, climate: Mapping[str, float]) -> list[float]:
     weights = factor.weights
     # The climate is constant over the terrain: subtract its part from the ramp's start.
     start = factor.start - weights.pop("aridity", 0.0) * climate["aridity"]
-    for line in ("snow_line", "tree_line"):
+    for line in ("snow_line", "tree_line", "sea"):
         weight = weights.pop(f"above_{line}", 0.0)
-        start += weight * climate[line]
+        start += weight * climate.get(line, 0.0)
         weights["height"] = weights.get("height", 0.0) + weight
     ramp = [start, 1 / (factor.full - factor.start), float(factor.shape == "straight")]
     return [*(weights.get(name, 0.0) for name in _KERNEL_INPUTS), *ramp]

@@ -20,6 +20,7 @@ from sketchterrain.terrain.layers.forests import COVER_NOISE
 from sketchterrain.terrain.layers.lakes import LakesLayer
 from sketchterrain.terrain.layers.layer import Sampling, TerrainLayer, WorldSettings
 from sketchterrain.terrain.layers.points import PointsLayer
+from sketchterrain.terrain.layers.sea import SeaLayer
 from sketchterrain.terrain.noise import FINEST_CELL, NoiseStack, OctaveTable, octave_table
 
 if TYPE_CHECKING:
@@ -108,6 +109,11 @@ class TerrainRecipe:
     def lakes(self) -> tuple[Lake, ...]:
         """The lakes."""
         return self[LakesLayer].lakes
+
+    @property
+    def sea_level(self) -> float | None:
+        """The level of the sea (m), None without one."""
+        return self[SeaLayer].level
 
     @property
     def stacks(self) -> tuple[NoiseStack, ...]:

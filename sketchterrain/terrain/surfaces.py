@@ -92,7 +92,8 @@ class TerrainFeatures:
     def from_recipe(cls, recipe: TerrainRecipe, size: tuple[float, float]) -> TerrainFeatures:
         """Return a recipe's features: all painted ones, and the fill inside a sketch of a size (m)."""
         points = np.concatenate([recipe.points.painted, recipe.points.fill.within(0.0, 0.0, *size)])
-        return cls(points[np.argsort(points["id"], kind="stable")], recipe.rivers, recipe.lakes)
+        ordered = points[np.argsort(points["id"], kind="stable")]
+        return cls(ordered, recipe.rivers, recipe.lakes, recipe.sea_level)
 
 
 def require_finite(values: npt.NDArray[Any], what: str, device: Device) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 from sketchterrain.array_types import Float64Array, StructuredArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.placement.feature_types import Cover, Lake, River
+from sketchterrain.placement.sea import Sea
 from sketchterrain.terrain.layers.base import BaseLayer
 from sketchterrain.terrain.layers.corridors import CorridorsLayer
 from sketchterrain.terrain.layers.covers import CoversLayer
@@ -15,6 +16,7 @@ from sketchterrain.terrain.layers.lakes import LakesLayer
 from sketchterrain.terrain.layers.layer import TerrainLayer
 from sketchterrain.terrain.layers.points import FeatureSource, PointsLayer
 from sketchterrain.terrain.layers.relief import ReliefLayer
+from sketchterrain.terrain.layers.sea import SeaLayer
 
 
 def layer_stack(
@@ -27,6 +29,7 @@ def layer_stack(
     valley_radii: Sequence[Float64Array] = (),
     lakes: Sequence[Lake] = (),
     covers: Sequence[Cover] = (),
+    sea: Sea | None = None,
     cache: LRUCache | None = None,
 ) -> tuple[TerrainLayer, ...]:
     """Return all layers of a terrain.
@@ -41,6 +44,7 @@ def layer_stack(
         ReliefLayer(),
         ForestsLayer(),
         DunesLayer(points.dune_styles),
+        SeaLayer.of(sea),
         LakesLayer(tuple(lakes)),
         CorridorsLayer.of(rivers, valley_radii, extent, cache),
         CoversLayer(tuple(covers)),

@@ -162,7 +162,9 @@ class LakesLayer(TerrainLayer):
         result[near] = terrain + (own - terrain) * visible * cubic(np.maximum(s - _RIM, 0) / (1 - _RIM))
         water[near] = visible * (0.75 * np.maximum(1 - _WATERSIDE * s, 0) + 0.25 * t)
         lake[near] = visible * cubic(s / _RIM)
-        return replace(ground, height=result, water=np.maximum(ground.water, water), lake=lake)
+        return replace(
+            ground, height=result, water=np.maximum(ground.water, water), lake=np.maximum(ground.lake, lake)
+        )
 
 
 def _soft_positive(x: Float64Array) -> Float64Array:

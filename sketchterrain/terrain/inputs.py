@@ -63,7 +63,7 @@ class KernelInputs:
 
     def sampling(self, cell_size: float) -> Sampling:
         """Return what layers are packed for at a cell size (m)."""
-        return self.recipe.sampling(effective_cell(cell_size), self.context.real_dtype)
+        return self._at_cell(cell_size)[0]
 
     def cull(
         self,
@@ -88,7 +88,7 @@ class KernelInputs:
 
         ``staged`` are device buffers of the layers' lists, by name.
         """
-        named = dict(staged) | self._world(cell_size)
+        named = dict(staged) | self._at_cell(cell_size)[1]
         for each in culled.values():
             named |= each.buffers
         return [named[name] for name in kernel_arguments("tiles.cl", macro)]
@@ -101,9 +101,12 @@ class KernelInputs:
                 present |= layer.masks(culled[layer.name], blocks)
         return ~present & ((1 << len(MASKS)) - 1)
 
-    def _world(self, cell_size: float) -> dict[str, Any]:
-        """Return the buffers of ``WORLD_ARGUMENTS``; cached."""
-        sampling = self.sampling(cell_size)
-        return self._worlds.get_or_compute(
-            sampling.cell, lambda: upload_reals(self.context, self.recipe.pack_world(sampling))
-        )
+    def _at_cell(self, cell_size: float) -> tuple[Sampling, dict[str, Any]]:
+        """Return what layers are packed for, and the buffers of ``WORLD_ARGUMENTS``; cached."""
+        cell = effective_cell(cell_size)
+
+        def compute() -> tuple[Sampling, dict[str, Any]]:
+            sampling = self.recipe.sampling(cell, self.context.real_dtype)
+            return sampling, upload_reals(self.context, self.recipe.pack_world(sampling))
+
+        return self._worlds.get_or_compute(cell, compute)

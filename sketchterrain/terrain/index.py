@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -18,8 +17,8 @@ Lists: TypeAlias = tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]
 _FEW = 1 << 14
 # Ratio of successive cell sizes, as a power of two.
 _SIZE_BITS = 2
-# Changes after which an index is rebuilt: so many, and a share of its items.
-_MOST_EDITS, _EDITED_SHARE = 64, 16
+# An index is rebuilt after each change up to so many items, and then once a share of them has changed.
+_FEW_ITEMS, _EDITED_SHARE = 1024, 16
 _NONE = np.zeros(0, np.int64)
 _NO_BOXES = np.zeros((0, 4), np.int64)
 
@@ -82,11 +81,17 @@ class BoxIndex:
     row are adjacent in one sorted array, so that a row of a block is a pair of binary searches.
     """
 
-    def __init__(self, boxes: LatticeArray) -> None:
+    def __init__(
+        self,
+        boxes: LatticeArray,
+        *,
+        cells: tuple[LatticeArray, ...] | None = None,
+        edits: _Edits | None = None,
+    ) -> None:
         self._boxes = boxes
         self._low, self._high = boxes[:, :2], boxes[:, 2:]
-        self._levels: tuple[LatticeArray, ...] | None = None
-        self._edits = _Edits(_NONE, _NONE, _NO_BOXES)
+        self._cells = cells
+        self._edits = _Edits(_NONE, _NONE, _NO_BOXES) if edits is None else edits
 
     def __len__(self) -> int:
         return len(self._low) - len(self._edits.removed) + len(self._edits.added)
@@ -98,13 +103,12 @@ class BoxIndex:
         O(k log n) on average.
         """
         edits = self._edits.updated(removed, added, boxes)
-        if len(edits.removed) + len(edits.added) > _MOST_EDITS + len(self._low) // _EDITED_SHARE:
+        changes = len(edits.removed) + len(edits.added)
+        if len(self._low) <= _FEW_ITEMS or changes > len(self._low) // _EDITED_SHARE:
             return BoxIndex(edits.applied(self._boxes))
-        if self._levels is None and len(self._low) > _FEW:
-            self._levels = self._build()
-        other = copy(self)
-        other._edits = edits
-        return other
+        if self._cells is None:
+            self._cells = self._build()
+        return BoxIndex(self._boxes, cells=self._cells, edits=edits)
 
     def touching(self, blocks: LatticeArray) -> tuple[LatticeArray, LatticeArray]:
         """Return pairs (block, item) that touch blocks (m, 4), borders included, by block, then by item."""
@@ -122,9 +126,9 @@ class BoxIndex:
 
     def _candidates(self, blocks: LatticeArray) -> tuple[LatticeArray, LatticeArray]:
         """Return pairs of blocks and items in cells near them."""
-        if self._levels is None:
-            self._levels = self._build()
-        bits, origin, width, rows, base, keys, items = self._levels
+        if self._cells is None:
+            self._cells = self._build()
+        bits, origin, width, rows, base, keys, items = self._cells
         # One row of this for every size of cell and block.
         size, block = (np.ravel(part) for part in np.indices((len(bits), len(blocks))))
         shift, area = bits[size][:, None], blocks[block]

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Bounds, Float32Array, Float64Array, LatticeArray, StructuredArray
+from sketchterrain.caching import LRUCache
 from sketchterrain.compute.buffers import BufferSet, StagingBuffer
 from sketchterrain.terrain.changes import touches
 from sketchterrain.terrain.inputs import KernelInputs
@@ -49,8 +50,8 @@ class WideTileErrors:
         self._recipe = recipe
         self._heights = heights
         self._square_level = int(np.ceil(np.log2(recipe.extent / _WIDEST)))
-        self._sampled: dict[tuple[int, int], _Samples] = {}
-        self._omitted: dict[float, Float32Array] = {}
+        self._sampled = LRUCache(_MAX_CACHED)  # `_Samples` by column and row of their square
+        self._omitted = LRUCache(_MAX_CACHED)  # by cell size
 
     def updated(
         self, recipe: TerrainRecipe, heights: Callable[[Patches], Float32Array], areas: Sequence[Bounds]
@@ -58,12 +59,13 @@ class WideTileErrors:
         """Return the errors of a changed recipe of the same extent, which differs in areas (m)."""
         other = WideTileErrors(recipe, heights)
         side = recipe.extent / 2.0**self._square_level
-        for (column, row), samples in self._sampled.items():
-            square = (column * side, row * side, (column + 1) * side, (row + 1) * side)
-            if not touches(areas, square):
-                other._sampled[column, row] = samples
-        if (self._beside, 0) in other._sampled:
-            other._omitted = dict(self._omitted)
+        other._sampled = self._sampled.retained(
+            (column, row)
+            for column, row in self._sampled.keys()  # noqa: SIM118 # no mapping
+            if not touches(areas, (column * side, row * side, (column + 1) * side, (row + 1) * side))
+        )
+        if other._sampled.get((self._beside, 0)) is not None:
+            other._omitted = self._omitted
         return other
 
     def is_wide(self, level: int) -> bool:
@@ -105,21 +107,23 @@ class WideTileErrors:
 
     def _unpainted(self, cell_size: float) -> Float32Array:
         """Return the detail (m) that a cell size omits of unpainted terrain."""
-        if cell_size not in self._omitted:
+
+        def compute() -> Float32Array:
             square = self._beside, 0
             coarse = tile_samples(self._square_level, [square], cell_size=cell_size)
             deviation = np.abs(self._samples(square)[2] - self._heights(coarse)[0])
-            self._omitted[cell_size] = np.asarray(deviation, np.float32).ravel()
-        return self._omitted[cell_size]
+            return np.asarray(deviation, np.float32).ravel()
+
+        return self._omitted.get_or_compute(cell_size, compute)
 
     def _samples(self, square: tuple[int, int]) -> _Samples:
         """Return the lattice positions of the samples of a square, and full detail there; cached."""
-        if square not in self._sampled:
+
+        def compute() -> _Samples:
             patches = tile_samples(self._square_level, [square], cell_size=FINEST_CELL)
-            while len(self._sampled) >= _MAX_CACHED:
-                del self._sampled[next(iter(self._sampled))]
-            self._sampled[square] = patches.axis_x[0], patches.axis_y[0], self._heights(patches)[0]
-        return self._sampled[square]
+            return patches.axis_x[0], patches.axis_y[0], self._heights(patches)[0]
+
+        return self._sampled.get_or_compute(square, compute)
 
 
 def _on_triangles(height: Float32Array, u: Float64Array, v: Float64Array) -> Float32Array:

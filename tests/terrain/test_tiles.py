@@ -13,6 +13,7 @@ from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import InputError
 from sketchterrain.io.resources import preset_names
 from sketchterrain.terrain.building import build
+from sketchterrain.terrain.changes import row_difference
 from sketchterrain.terrain.index import BoxIndex
 from sketchterrain.terrain.inputs import KernelInputs
 from sketchterrain.terrain.lattice import QUADS
@@ -291,6 +292,44 @@ def test_the_index_equals_brute_force(monkeypatch) -> None:
     none = np.zeros((0, 4), np.int64)
     block, item = BoxIndex(none).touching(np.zeros((3, 4), np.int64))
     assert block.size == item.size == 0
+
+
+def test_an_updated_index_equals_a_new_one(monkeypatch) -> None:
+    """Rows of sorted ids are removed, added and changed, in many rounds; differences find them."""
+    monkeypatch.setattr("sketchterrain.terrain.index._FEW_ITEMS", 8)
+    rng = np.random.default_rng(5)
+    layout = np.dtype([("id", "u8"), ("box", "i8", 4)])
+
+    def rows(count: int) -> np.ndarray:
+        found = np.zeros(count, layout)
+        found["id"] = rng.choice(100_000, count, replace=False)
+        low = rng.integers(-5000, 5000, (count, 2))
+        found["box"] = np.concatenate([low, low + rng.integers(0, 300, (count, 2))], axis=1)
+        return found
+
+    old, blocks = np.sort(rows(2000), order="id"), np.array([[-900, -700, 100, 50], [2000, 0, 2100, 90]])
+    index, whole = BoxIndex(old["box"]), 0
+    for number in range(60):
+        new = np.delete(old, rng.choice(len(old), int(rng.integers(0, 9)), replace=False))
+        new["box"][rng.integers(len(new))] += 70
+        more = rows(int(rng.integers(0, 9)))
+        new = np.sort(np.concatenate([new, more[~np.isin(more["id"], new["id"])]]), order="id")
+        if number == 30:  # nearly everything changes
+            new["box"][::2] += 3
+        removed, added = row_difference(old, new)
+        assert {row.tobytes() for row in old[removed]} == {r.tobytes() for r in old} - {
+            r.tobytes() for r in new
+        }
+        assert {row.tobytes() for row in new[added]} == {r.tobytes() for r in new} - {
+            r.tobytes() for r in old
+        }
+        before, index = index, index.updated(removed, added, new["box"][added])
+        for one, other in zip(index.touching(blocks), BoxIndex(new["box"]).touching(blocks), strict=True):
+            np.testing.assert_array_equal(one, other)
+        np.testing.assert_array_equal(before.touching(blocks), BoxIndex(old["box"]).touching(blocks))
+        whole += index._boxes is not before._boxes
+        old = new
+    assert 0 < whole < 20  # rebuilt at times only
 
 
 @tiers("level", [1, 7], [4, 11])

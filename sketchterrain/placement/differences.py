@@ -2,31 +2,71 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 from scipy import ndimage
 
-from sketchterrain.array_types import Bounds, Float64Array, StructuredArray
+from sketchterrain.array_types import Bounds, Float64Array, Int64Array, StructuredArray
 
 if TYPE_CHECKING:
     from sketchterrain.document.label_layers import LabelImage
 
 _OVERLAP = 0.5  # of the smaller rectangle, required to join two
+_BLOCK = 4096  # rows compared at once
+_NONE = np.zeros(0, np.int64)
 _MAX_REGIONS = 64  # repainted regions treated separately
 
 
+def row_difference(old: StructuredArray, new: StructuredArray) -> tuple[Int64Array, Int64Array]:
+    """Return the indices of rows that only the old and only the new array has, bit for bit.
+
+    Both are sorted by unique ids. Blocks are compared as memory: k changes among n rows cost one pass over
+    the memory and the search of k blocks.
+    """
+    removed, added = [_NONE], [_NONE]
+    one, other = _words(old), _words(new)
+    i = j = 0
+    while old is not new and i < len(old) and j < len(new):
+        rows = min(_BLOCK, len(old) - i, len(new) - j)
+        mine, others = slice(i, i + rows), slice(j, j + rows)
+        if not np.array_equal(one[mine], other[others]):
+            ids, other_ids = old["id"][mine], new["id"][others]
+            unequal = np.flatnonzero(ids != other_ids)
+            paired = int(unequal[0]) if unequal.size else rows
+            differ = np.flatnonzero((one[i : i + paired] != other[j : j + paired]).any(axis=1))
+            removed.append(i + differ)
+            added.append(j + differ)
+            i, j = i + paired, j + paired
+            if paired < rows:  # rows up to the next id of the other array are only in one
+                gone, came = (
+                    int(np.searchsorted(each[paired:], of_other[paired]))
+                    for each, of_other in ((ids, other_ids), (other_ids, ids))
+                )
+                removed.append(np.arange(i, i + gone))
+                added.append(np.arange(j, j + came))
+                i, j = i + gone, j + came
+        else:
+            i, j = i + rows, j + rows
+    if old is not new:
+        removed.append(np.arange(i, len(old)))
+        added.append(np.arange(j, len(new)))
+    return np.concatenate(removed), np.concatenate(added)
+
+
 def rows_only_in(one: StructuredArray, other: StructuredArray) -> StructuredArray:
-    """Return the rows of one array that the other does not have, bit for bit."""
-    others_rows = set(_rows(other))
-    only: StructuredArray = one[np.array([row not in others_rows for row in _rows(one)], dtype=np.bool_)]
+    """Return the rows of one array that the other does not have, bit for bit; both sorted by unique ids."""
+    only: StructuredArray = one[row_difference(one, other)[0]]
     return only
 
 
-def _rows(points: StructuredArray) -> list[bytes]:
-    data, size = np.ascontiguousarray(points).tobytes(), points.dtype.itemsize
-    return [data[start : start + size] for start in range(0, len(data), size)]
+def _words(rows: StructuredArray) -> npt.NDArray[np.unsignedinteger]:
+    """Return rows as words, (rows, words)."""
+    size = math.gcd(rows.dtype.itemsize, 8)
+    return np.ascontiguousarray(rows).view(f"u{size}").reshape(len(rows), rows.dtype.itemsize // size)
 
 
 def widened(box: Bounds, distance: float) -> Bounds:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sketchterrain.array_types import Bounds, LatticeArray, StructuredArray
+from sketchterrain.array_types import Bounds, LatticeArray
 from sketchterrain.placement.differences import merge_boxes
 
 if TYPE_CHECKING:
@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
 EVERYWHERE: Bounds = (-math.inf, -math.inf, math.inf, math.inf)
 """The whole world."""
-
-_CHUNK = 64  # rows compared at first
 
 
 def _no_boxes() -> LatticeArray:
@@ -90,53 +88,3 @@ def touches(areas: Sequence[Bounds], bounds: Bounds, *, margin: float = 0.0) -> 
         w <= east + margin and e >= west - margin and s <= north + margin and n >= south - margin
         for w, s, e, n in areas
     )
-
-
-def row_difference(old: StructuredArray, new: StructuredArray) -> tuple[LatticeArray, LatticeArray]:
-    """Return the indices of rows that only the old and only the new array has, bit for bit.
-
-    Both are sorted by unique ids. Equal stretches are compared as memory, so that k changes among n rows cost
-    one pass over the memory and O(k log n) steps.
-    """
-    removed: list[LatticeArray] = []
-    added: list[LatticeArray] = []
-    if old is new:
-        return _joined(removed), _joined(added)
-    one, other = (
-        np.ascontiguousarray(each).view(np.uint8).reshape(len(each), each.dtype.itemsize)
-        for each in (old, new)
-    )
-    i = j = 0
-    chunk = _CHUNK
-    while i < len(old) and j < len(new):
-        rows = min(chunk, len(old) - i, len(new) - j)
-        mine, others = slice(i, i + rows), slice(j, j + rows)
-        if np.array_equal(one[mine], other[others]):
-            i, j, chunk = i + rows, j + rows, 2 * chunk
-        elif rows > _CHUNK:
-            chunk = max(rows // 4, _CHUNK)
-        elif np.array_equal(old["id"][mine], new["id"][others]):
-            differ = np.flatnonzero((one[mine] != other[others]).any(axis=1))
-            removed.append(differ + i)
-            added.append(differ + j)
-            i, j = i + rows, j + rows
-        else:
-            same = old["id"][mine] == new["id"][others]
-            first = int(np.argmin(same))
-            differ = np.flatnonzero((one[i : i + first] != other[j : j + first]).any(axis=1))
-            removed.append(differ + i)
-            added.append(differ + j)
-            i, j = i + first, j + first
-            if old["id"][i] < new["id"][j]:
-                removed.append(np.array([i]))
-                i += 1
-            else:
-                added.append(np.array([j]))
-                j += 1
-    removed.append(np.arange(i, len(old)))
-    added.append(np.arange(j, len(new)))
-    return _joined(removed), _joined(added)
-
-
-def _joined(parts: list[LatticeArray]) -> LatticeArray:
-    return np.concatenate([np.zeros(0, np.int64), *parts])

@@ -12,7 +12,8 @@ from sketchterrain.document.edits import Edit
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.placement.cache import PlacementCache
-from sketchterrain.placement.feature_types import FEATURE_TYPES, FILL_BIT
+from sketchterrain.placement.differences import row_difference
+from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES, FILL_BIT
 from sketchterrain.terrain.building import build, make_recipe, rebuild
 from sketchterrain.terrain.centrelines import TOLERANCE_CELLS
 from sketchterrain.terrain.changes import EVERYWHERE, changed_areas, touches
@@ -312,3 +313,18 @@ def test_a_pickled_recipe_gives_the_same_heights(valley, context) -> None:
     assert other.points.tobytes() == features.points.tobytes()
     for one, two in zip(features.rivers, other.rivers, strict=True):
         assert all(np.array_equal(a, b) for a, b in zip(vars(one).values(), vars(two).values(), strict=True))
+
+
+@pytest.mark.parametrize("block", [1, 3, 8, 4096])
+def test_row_difference_equals_that_of_sets(monkeypatch, block) -> None:
+    monkeypatch.setattr("sketchterrain.placement.differences._BLOCK", block)
+    rng = np.random.default_rng(block)
+    for _ in range(100):
+        arrays = []
+        for _ in range(2):
+            rows = np.zeros(40, FEATURE)
+            rows["id"], rows["x"] = np.arange(40), rng.random(40) < rng.choice([0.0, 0.1, 0.5])
+            arrays.append(rows[rng.random(40) < rng.choice([0.3, 0.9, 1.0])])
+        sets = [{row.tobytes() for row in rows} for rows in arrays]
+        for rows, others, found in zip(arrays, sets[::-1], row_difference(*arrays), strict=True):
+            assert found.tolist() == [i for i, row in enumerate(rows) if row.tobytes() not in others]

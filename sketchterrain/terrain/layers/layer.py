@@ -13,7 +13,8 @@ import numpy.typing as npt
 from sketchterrain.array_types import Float64Array, LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.io.resources import kernel_struct
-from sketchterrain.terrain.changes import LayerChange, row_difference
+from sketchterrain.placement.differences import row_difference
+from sketchterrain.terrain.changes import LayerChange
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.noise import (
     FINEST_CELL,

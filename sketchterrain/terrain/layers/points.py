@@ -13,7 +13,7 @@ import numpy.typing as npt
 from sketchterrain.array_types import Float64Array, LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.io.resources import kernel_columns, kernel_constants
-from sketchterrain.placement.differences import rows_only_in
+from sketchterrain.placement.differences import row_difference, rows_only_in
 from sketchterrain.placement.feature_types import (
     BY_ELEVATION,
     FEATURE_TYPES,
@@ -24,7 +24,7 @@ from sketchterrain.placement.feature_types import (
     hill_profile,
     mountain_profile,
 )
-from sketchterrain.terrain.changes import LayerChange, row_difference
+from sketchterrain.terrain.changes import LayerChange
 from sketchterrain.terrain.index import BoxIndex
 from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.layers.layer import (
@@ -152,8 +152,8 @@ class PointsLayer(TerrainLayer):
             return None
         # A fill feature that an edit made a painted one, unchanged, is in both.
         gone, came = (
-            np.concatenate([old.painted[removed], fills[0]]),
-            np.concatenate([self.painted[added], fills[1]]),
+            unique_by_id(parts)
+            for parts in ([old.painted[removed], fills[0]], [self.painted[added], fills[1]])
         )
         gone, came = rows_only_in(gone, came), rows_only_in(came, gone)
         boxes = np.concatenate([old.boxes(gone, world), self.boxes(came, world)])

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterable
+from threading import RLock
 from typing import Any, TypeVar
+
+import numpy as np
 
 Value = TypeVar("Value")
 
@@ -27,11 +30,12 @@ class IdentityKey:
 
 
 class LRUCache:
-    """Thread-safe cache of a number of values; the least recently used are evicted."""
+    """Thread-safe cache of so many values and bytes of their arrays; the least recently used are evicted."""
 
-    def __init__(self, capacity: int) -> None:
-        self._capacity = capacity
-        self._values: OrderedDict[Hashable, Any] = OrderedDict()
+    def __init__(self, capacity: int = 1 << 14, *, max_bytes: int = 1 << 29) -> None:
+        self._capacity, self._max_bytes, self._bytes = capacity, max_bytes, 0
+        self._values: OrderedDict[Hashable, tuple[Any, int]] = OrderedDict()
+        self._lock = RLock()
 
     def __len__(self) -> int:
         return len(self._values)
@@ -41,25 +45,32 @@ class LRUCache:
 
     def get_or_compute(self, key: Hashable, compute: Callable[[], Value]) -> Value:
         """Return the value cached for a key of everything it depends on; compute it if missing."""
-        try:
-            value: Value = self._values.pop(key)
-        except KeyError:
-            value = compute()
-        return self.store(key, value)
+        with self._lock:
+            if key in self._values:
+                self._values.move_to_end(key)
+                value: Value = self._values[key][0]
+                return value
+        return self.store(key, compute())
 
     def store(self, key: Hashable, value: Value) -> Value:
         """Cache a value and return it."""
-        self._values[key] = value
-        while len(self._values) > self._capacity:
-            self._values.popitem(last=False)
+        size = _array_bytes(value)
+        with self._lock:
+            self._bytes += size - self._values.pop(key, (None, 0))[1]
+            self._values[key] = value, size
+            while len(self._values) > self._capacity or (
+                self._bytes > self._max_bytes and len(self._values) > 1
+            ):
+                self._bytes -= self._values.popitem(last=False)[1][1]
         return value
 
     def get(self, key: Hashable) -> Any:
         """Return the value cached for a key, now the most recently used, or None."""
-        value = self._values.get(key)
-        if value is not None:
+        with self._lock:
+            if key not in self._values:
+                return None
             self._values.move_to_end(key)
-        return value
+            return self._values[key][0]
 
     def keys(self) -> list[Any]:
         """Return the keys, the least recently used first."""
@@ -67,7 +78,16 @@ class LRUCache:
 
     def retained(self, keys: Iterable[Hashable]) -> LRUCache:
         """Return a cache of the entries of some keys, in this order."""
-        other = LRUCache(self._capacity)
+        other = LRUCache(self._capacity, max_bytes=self._max_bytes)
         for key in keys:
-            other._values[key] = self._values[key]
+            other.store(key, self._values[key][0])
         return other
+
+
+def _array_bytes(value: object) -> int:
+    """Return the bytes of the arrays that a value consists of."""
+    if isinstance(value, np.ndarray):
+        return value.nbytes
+    if isinstance(value, (tuple, list)):
+        return sum(map(_array_bytes, value))
+    return sum(map(_array_bytes, vars(value).values())) if hasattr(value, "__dataclass_fields__") else 0

@@ -19,6 +19,7 @@ from sketchterrain.app.console import Stages
 from sketchterrain.app.export import DeviceFallback
 from sketchterrain.app.listings import device_entry, undescribed_labels
 from sketchterrain.app.pictures import sketch_weather
+from sketchterrain.caching import LRUCache
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import DeviceFailedError, SketchterrainError
@@ -34,7 +35,6 @@ from sketchterrain.export.rasters import (
 )
 from sketchterrain.export.vectors import write_features
 from sketchterrain.io.system import peak_memory
-from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.feature_types import FEATURE_TYPES
 from sketchterrain.render.sky import Weather
 from sketchterrain.render.views import check_view
@@ -142,7 +142,7 @@ class SharedResources:
     """Resources shared by the terrains of one process."""
 
     devices: DeviceFallback
-    memory: PlacementCache = field(default_factory=PlacementCache)  # of one thread
+    memory: LRUCache = field(default_factory=LRUCache)  # of one thread
     take_picture: Callable[..., npt.NDArray[np.uint8]] | None = None  # by default render_picture
 
 

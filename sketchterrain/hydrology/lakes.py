@@ -12,11 +12,10 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.caching import IdentityKey
+from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.hydrology.courses import RiverCourse, arc_length
 from sketchterrain.hydrology.river_shape import Network
 from sketchterrain.hydrology.water_levels import LakeReach, join_water_levels, solve_water_levels
-from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.covers import shape_field
 from sketchterrain.placement.feature_types import LAYER_CODES, Lake, ShapeField
 from sketchterrain.placement.hashing import rounded, value_noise
@@ -47,7 +46,7 @@ _BEYOND_BIT = 1 << 47  # in the ids of lakes that were not painted
 def painted_lakes(
     sketch: Sketch,
     ground: GroundHeight,
-    cache: PlacementCache | None = None,
+    cache: LRUCache | None = None,
     *,
     sea_level: float | None = None,
 ) -> list[Lake]:
@@ -55,10 +54,10 @@ def painted_lakes(
 
     Those in the sea are left out, others lie above its level.
     """
-    cache = PlacementCache() if cache is None else cache
+    cache = LRUCache() if cache is None else cache
     lowest = -np.inf if sea_level is None else sea_level + _ABOVE_SEA
     image = sketch.layers["lake"]
-    outlines: list[_LakeOutline] = cache.layers.get_or_compute(
+    outlines: list[_LakeOutline] = cache.get_or_compute(
         ("lakes", IdentityKey(image), sketch.extent, sketch.fidelity), lambda: _lake_outlines(sketch)
     )
     if not outlines:

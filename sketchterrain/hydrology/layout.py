@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.caching import IdentityKey
+from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.errors import InputError
 from sketchterrain.hydrology.courses import (
     LAKE_GAP,
@@ -37,7 +37,6 @@ from sketchterrain.hydrology.network import (
     split_into_reaches,
     thin_region,
 )
-from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.hashing import rounded
 from sketchterrain.placement.sea import sea_level
 from sketchterrain.placement.shapes import Region, find_regions
@@ -100,9 +99,7 @@ _EDGE_BONUS = (10.0, 0.02)
 _MAX_DAB = 2.0  # px; a shorter skeleton is a dab, however thin
 
 
-def lay_out_rivers(
-    sketch: Sketch, *, seed: int, ground: GroundHeight, cache: PlacementCache
-) -> list[RiverCourse]:
+def lay_out_rivers(sketch: Sketch, *, seed: int, ground: GroundHeight, cache: LRUCache) -> list[RiverCourse]:
     """Return the courses of all painted networks, parents first; unchanged ones are the identical objects."""
     skeletons, outlines = _networks(sketch, seed, cache)
     if not skeletons:
@@ -113,7 +110,7 @@ def lay_out_rivers(
         for skeleton, outline in zip(skeletons, outlines, strict=True)
         if isinstance(outline, tuple)
     ]
-    closed = cache.layers.get_or_compute(
+    closed = cache.get_or_compute(
         ("closed", IdentityKey(image), *(IdentityKey(skeleton) for skeleton, _ in rivers)),
         lambda: close_gaps(image, rivers, LAKE_GAP),
     )
@@ -121,7 +118,7 @@ def lay_out_rivers(
         sketch = sketch.replace(layers={**sketch.layers, "river": closed})
         skeletons, outlines = _networks(sketch, seed, cache)
     lakes = sketch.layers["lake"]
-    lake = cache.layers.get_or_compute(("lake pixels", IdentityKey(lakes)), lambda: lake_pixels(sketch))
+    lake = cache.get_or_compute(("lake pixels", IdentityKey(lakes)), lambda: lake_pixels(sketch))
     positions = [_end_positions(sketch, *each) for each in zip(skeletons, outlines, strict=True)]
     courses: list[RiverCourse] = []
     for skeleton, outline, heights in zip(skeletons, outlines, heights_at(ground, positions), strict=True):
@@ -145,15 +142,15 @@ def _settings(sketch: Sketch, seed: int) -> tuple[object, ...]:
 
 
 def _networks(
-    sketch: Sketch, seed: int, cache: PlacementCache
+    sketch: Sketch, seed: int, cache: LRUCache
 ) -> tuple[tuple[Skeleton, ...], list[RiverCourse | tuple[RiverEnd, ...]]]:
     """Return the skeletons of painted rivers, and for each the dab's course or its ends."""
     image, settings = sketch.layers["river"], _settings(sketch, seed)
-    skeletons: tuple[Skeleton, ...] = cache.layers.get_or_compute(
+    skeletons: tuple[Skeleton, ...] = cache.get_or_compute(
         ("skeletons", IdentityKey(image), settings), lambda: _skeletons(sketch, settings, cache)
     )
     return skeletons, [
-        cache.rivers.get_or_compute(
+        cache.get_or_compute(
             ("outline", IdentityKey(each), settings, _surroundings_key(sketch, each)),
             partial(_outline, sketch, each, seed),
         )
@@ -169,14 +166,14 @@ def _surroundings_key(sketch: Sketch, skeleton: Skeleton) -> IdentityKey | None:
     return IdentityKey(image) if as_painted else None
 
 
-def _skeletons(sketch: Sketch, settings: tuple[object, ...], cache: PlacementCache) -> tuple[Skeleton, ...]:
+def _skeletons(sketch: Sketch, settings: tuple[object, ...], cache: LRUCache) -> tuple[Skeleton, ...]:
     image = sketch.layers["river"]
     widths = _label_widths(sketch)
 
     def compute(region: Region) -> Skeleton:
         window = np.where(region.mask, image[region.rows, region.columns], 0)
         corner = (region.rows.start, region.columns.start, window.shape)
-        return cache.rivers.get_or_compute(
+        return cache.get_or_compute(
             ("skeleton", corner, blake2b(window.tobytes()).digest(), settings),
             lambda: _weighted(sketch, thin_region(region, widths[window], image.shape)),
         )
@@ -255,7 +252,7 @@ def _courses(
     heights: Float64Array,
     seed: int,
     lake: cKDTree | None,
-    cache: PlacementCache,
+    cache: LRUCache,
 ) -> list[RiverCourse]:
     """Lay out one network, parents first."""
     key = (IdentityKey(skeleton), _settings(sketch, seed))
@@ -263,7 +260,7 @@ def _courses(
         dab = outline
         if heights[0] >= heights[1]:
             return [dab]
-        return [cache.rivers.get_or_compute(("turned", *key), lambda: reversed_course(dab))]
+        return [cache.get_or_compute(("turned", *key), lambda: reversed_course(dab))]
     mouth = _mouth(sketch, skeleton, outline, heights, lake)
 
     def compute() -> list[RiverCourse]:
@@ -273,6 +270,6 @@ def _courses(
             courses.append(reach_course(sketch, skeleton, reach, parent, seed=seed, lake=lake))
         return courses
 
-    return cache.rivers.get_or_compute(
+    return cache.get_or_compute(
         ("courses", *key, mouth, IdentityKey(lake), _surroundings_key(sketch, skeleton)), compute
     )

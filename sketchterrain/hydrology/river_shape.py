@@ -12,9 +12,8 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.caching import IdentityKey
+from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.hydrology.courses import RiverCourse, arc_length, smoothed
-from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.hashing import rounded
 
 MIN_GRADIENT = 1e-4
@@ -194,10 +193,10 @@ class Network:
 def build_network(
     courses: Sequence[RiverCourse],
     cuts: Sequence[Sequence[tuple[int, int]]],
-    cache: PlacementCache | None = None,
+    cache: LRUCache | None = None,
 ) -> Network:
     """Compute river widths, confluences and bends; `courses` have parents first, `cuts` as in `Network`."""
-    cache = PlacementCache() if cache is None else cache
+    cache = LRUCache() if cache is None else cache
     number_of = {id(course): number for number, course in enumerate(courses)}
     parents = [-1 if course.parent is None else number_of[id(course.parent)] for course in courses]
     arcs = [arc_length(course.line) for course in courses]
@@ -219,7 +218,7 @@ def build_network(
     ]
     widths = _narrow_neighbours(courses, parents, arcs, widths, confluences)
     bends = [
-        cache.rivers.get_or_compute(
+        cache.get_or_compute(
             ("bends", IdentityKey(course), blake2b(width.tobytes()).digest()),
             partial(_bends, course.line, arc, width),
         )

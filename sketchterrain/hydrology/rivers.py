@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.caching import IdentityKey
+from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document.edits import Edit
 from sketchterrain.hydrology.conflicts import (
     Resolution,
@@ -26,9 +26,9 @@ from sketchterrain.hydrology.layout import heights_at, lay_out_rivers, separate_
 from sketchterrain.hydrology.river_shape import build_network
 from sketchterrain.hydrology.sea import CoursesToSea, above_sea, end_in_sea, sea_resolutions, tidal_reaches
 from sketchterrain.hydrology.water_levels import build_rivers
-from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.feature_types import LAYER_CODES, Lake, River
 from sketchterrain.placement.sea import sea_level
+from sketchterrain.placement.shapes import cached_regions
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
@@ -180,7 +180,7 @@ def trace_hydrology(
     *,
     seed: int,
     ground: GroundHeight,
-    cache: PlacementCache | None = None,
+    cache: LRUCache | None = None,
     checkpoint: Callable[[], None] = lambda: None,
 ) -> Hydrology:
     """Trace rivers as `trace_rivers` does, and the lakes that they flow through and end in.
@@ -188,14 +188,14 @@ def trace_hydrology(
     `ground` is called once more, for the shores of all lakes. `checkpoint` is called between steps and may
     raise to cancel. Results with and without a cache are bit-equal.
     """
-    cache = PlacementCache() if cache is None else cache
+    cache = LRUCache() if cache is None else cache
     level = sea_level(sketch)
     lakes = painted_lakes(sketch, ground, cache, sea_level=level)
     checkpoint()
     painted = lay_out_rivers(sketch, seed=seed, ground=ground, cache=cache)
     courses, orphans = apply_river_edits(painted, sketch.edits)
     checkpoint()
-    courses = cache.rivers.get_or_compute(
+    courses = cache.get_or_compute(
         ("apart", sketch.size, *map(IdentityKey, courses)), lambda: separate_beyond_edge(courses, sketch.size)
     )
     to_sea = CoursesToSea(courses)
@@ -214,17 +214,17 @@ def trace_hydrology(
 
 
 def _end_in_sea(
-    courses: list[RiverCourse], ground: GroundHeight, level: float, extent: float, cache: PlacementCache
+    courses: list[RiverCourse], ground: GroundHeight, level: float, extent: float, cache: LRUCache
 ) -> CoursesToSea:
     grounds = heights_at(ground, [course.line for course in courses])
-    key = ("sea", level, extent, *map(IdentityKey, courses), *(each.tobytes() for each in grounds))
-    return cache.rivers.get_or_compute(key, lambda: end_in_sea(courses, grounds, level=level, extent=extent))
+    key = ("courses to sea", level, extent, *map(IdentityKey, courses), *(each.tobytes() for each in grounds))
+    return cache.get_or_compute(key, lambda: end_in_sea(courses, grounds, level=level, extent=extent))
 
 
-def _mountains(sketch: Sketch, cache: PlacementCache) -> npt.NDArray[np.int64]:
+def _mountains(sketch: Sketch, cache: LRUCache) -> npt.NDArray[np.int64]:
     image = sketch.layers["mountain"]
-    numbers: npt.NDArray[np.int64] = cache.layers.get_or_compute(
-        ("mountains", IdentityKey(image)), lambda: label_mountains(sketch, cache.regions(image))
+    numbers: npt.NDArray[np.int64] = cache.get_or_compute(
+        ("mountains", IdentityKey(image)), lambda: label_mountains(sketch, cached_regions(image, cache))
     )
     return numbers
 
@@ -234,7 +234,7 @@ def _solve_water(
     courses: list[RiverCourse],
     lakes: list[Lake],
     ground: GroundHeight,
-    cache: PlacementCache,
+    cache: LRUCache,
     checkpoint: Callable[[], None],
     sea_level: float | None,
 ) -> tuple[list[River], list[Lake], list[Float64Array]]:
@@ -248,7 +248,7 @@ def _solve_water(
         tuple((run.first, run.last) for run in mountain_crossings(sketch, mountains, course.line))
         for course in courses
     )
-    shape = cache.rivers.get_or_compute(
+    shape = cache.get_or_compute(
         ("network", *map(IdentityKey, courses)), lambda: build_network(courses, [()] * len(courses), cache)
     )
     before = tuple((IdentityKey(lake.shape), lake.id, lake.level, lake.depth) for lake in lakes)
@@ -264,19 +264,19 @@ def _solve_water(
         filled, levels = solve_lake_levels(lakes, network, above, tides)
         return _reuse_unchanged(build_rivers(network, levels), cache), filled
 
-    rivers, filled = cache.rivers.get_or_compute(
+    rivers, filled = cache.get_or_compute(
         ("water", IdentityKey(shape), cuts, before, levels, sea_level), compute
     )
     order = sorted(range(len(rivers)), key=lambda number: rivers[number].id)
     return [rivers[number] for number in order], filled, [grounds[number] for number in order]
 
 
-def _reuse_unchanged(rivers: Sequence[River], cache: PlacementCache) -> list[River]:
+def _reuse_unchanged(rivers: Sequence[River], cache: LRUCache) -> list[River]:
     """Return the cached object for each river that is unchanged, bit for bit."""
 
     def cached(river: River) -> River:
         key = ("river", *(_bits(part) for part in vars(river).values()))
-        return cache.rivers.get_or_compute(key, lambda: river)
+        return cache.get_or_compute(key, lambda: river)
 
     return [cached(river) for river in rivers]
 

@@ -9,8 +9,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.caching import IdentityKey
-from sketchterrain.placement.cache import PlacementCache
+from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.placement.feature_types import LAYER_CODES, Cover, ShapeField
 from sketchterrain.placement.hashing import gaussian_filter
 from sketchterrain.placement.shapes import EDGE_OVERHANG, Shape, label_shapes
@@ -70,7 +69,7 @@ def _rounded(distance: Float64Array, mask: npt.NDArray[np.bool_], blur: float) -
 _MARGIN = (1.0, 7.0)
 
 
-def create_covers(sketch: Sketch, *, cache: PlacementCache | None = None) -> tuple[Cover, ...]:
+def create_covers(sketch: Sketch, *, cache: LRUCache | None = None) -> tuple[Cover, ...]:
     """Return the material layer's visible shapes, in reading order of their first pixels.
 
     Shapes of one layer do not overlap; where two borders meet, the later one is on top. Unchanged covers are
@@ -87,7 +86,7 @@ def create_covers(sketch: Sketch, *, cache: PlacementCache | None = None) -> tup
         labels,
         sketch.material_table.names,
     )
-    covers: tuple[Cover, ...] = cache.layers.get_or_compute(key, lambda: _create(sketch))
+    covers: tuple[Cover, ...] = cache.get_or_compute(key, lambda: _create(sketch))
     return covers
 
 

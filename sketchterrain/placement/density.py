@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 from itertools import chain
 
@@ -156,29 +157,27 @@ class FeatureSet:
         return equal & (other.positions[row] == self.positions).all(axis=axes), row
 
 
-class DensityCache:
-    """Bit-equal `DensityField.around` that recomputes only the neighbourhoods of changed features."""
+def density_around(features: FeatureSet, queries: FeatureSet, cache: LRUCache, key: Hashable) -> Float64Array:
+    """Return the density of `features` at groups of positions, (m, k), in units of its sizes.
 
-    def __init__(self) -> None:
-        self._last: tuple[FeatureSet, FeatureSet, Float64Array] | None = None
-
-    def around(self, features: FeatureSet, queries: FeatureSet) -> Float64Array:
-        """Return the density of `features` at groups of positions, (m, k), in units of its sizes."""
-        count = queries.positions.shape[1]
-        result, changed = np.zeros((len(queries.ids), count)), np.ones(len(queries.ids), dtype=np.bool_)
-        last = self._last  # read once: another thread may replace it
-        if last is not None:
-            features_then, queries_then, values = last
-            unchanged, row = queries.same(queries_then)
-            result[unchanged] = values[row[unchanged]]
-            changed = ~unchanged | _near_changes(features_then, features, queries)
-        positions, radius = queries.positions[changed], queries.sizes[changed]
-        if len(positions):
-            near = _in_box(features.positions, positions, float(radius.max()))
-            field = DensityField(features.positions[near], features.sizes[near])
-            result[changed] = field.around(positions, radius)
-        self._last = (features, queries, result)
-        return result
+    Bit-equal to `DensityField.around`; only the neighbourhoods of what changed since the last call with a
+    key are computed.
+    """
+    count = queries.positions.shape[1]
+    result, changed = np.zeros((len(queries.ids), count)), np.ones(len(queries.ids), dtype=np.bool_)
+    last: tuple[FeatureSet, FeatureSet, Float64Array] | None = cache.get(key)
+    if last is not None:
+        features_then, queries_then, values = last
+        unchanged, row = queries.same(queries_then)
+        result[unchanged] = values[row[unchanged]]
+        changed = ~unchanged | _near_changes(features_then, features, queries)
+    positions, radius = queries.positions[changed], queries.sizes[changed]
+    if len(positions):
+        near = _in_box(features.positions, positions, float(radius.max()))
+        field = DensityField(features.positions[near], features.sizes[near])
+        result[changed] = field.around(positions, radius)
+    cache.store(key, (features, queries, result))
+    return result
 
 
 def _near_changes(before: FeatureSet, after: FeatureSet, queries: FeatureSet) -> BoolArray:

@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from sketchterrain.document.label_layers import LabelImage
     from sketchterrain.document.parameters import Properties
     from sketchterrain.document.sketch import Sketch
-    from sketchterrain.placement.cache import PlacementCache
 
 _MIN_RADIUS = 0.4  # of the largest
 _MAX_CROWDING = 0.3  # expected rivals of a candidate within its spacing
@@ -153,7 +152,7 @@ class Fill:
 
     @classmethod
     def from_sketch(
-        cls, sketch: Sketch, painted: StructuredArray, *, seed: int, cache: PlacementCache | None = None
+        cls, sketch: Sketch, painted: StructuredArray, *, seed: int, cache: LRUCache | None = None
     ) -> Fill:
         """Return the fill at a sketch's densities around `painted` features (`place`)."""
         rules = candidate_rules(sketch)
@@ -172,7 +171,7 @@ class Fill:
         if box is None:
             return fill
         # Most candidates near the sketch are those of the sketch before.
-        return replace(fill, near=fill._compute(box, 0.0, LRUCache(0) if cache is None else cache.candidates))
+        return replace(fill, near=fill._compute(box, 0.0, LRUCache(0) if cache is None else cache))
 
     @property
     def max_radius(self) -> float:

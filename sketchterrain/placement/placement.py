@@ -7,15 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from hashlib import blake2b
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, StructuredArray
+from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document.layers import LAYERS
-from sketchterrain.placement.cache import PlacementCache
-from sketchterrain.placement.density import FeatureSet, cubic
+from sketchterrain.placement.density import FeatureSet, cubic, density_around, painted_distance
 from sketchterrain.placement.feature_types import (
     FEATURE,
     FEATURE_TYPES,
@@ -27,6 +28,7 @@ from sketchterrain.placement.feature_types import (
     visible_radius,
 )
 from sketchterrain.placement.hashing import hash_unit
+from sketchterrain.placement.user_features import layer_user_features
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
@@ -44,7 +46,7 @@ def place(
     sketch: Sketch,
     *,
     seed: int,
-    cache: PlacementCache | None = None,
+    cache: LRUCache | None = None,
     checkpoint: Callable[[], None] = lambda: None,
 ) -> StructuredArray:
     """Place all painted features but rivers: an array of ``FEATURE``, sorted by id, at least one per shape.
@@ -53,11 +55,11 @@ def place(
     painted farther away than two of a feature's discs changes it. Results with and without a cache are
     bit-equal.
     """
-    cache = PlacementCache() if cache is None else cache
+    cache = LRUCache() if cache is None else cache
     users = {}
     for name in FEATURE_TYPES:
         checkpoint()
-        users[name] = cache.user_features(sketch, name, seed=seed)
+        users[name] = layer_user_features(sketch, name, seed=seed, cache=cache)
     placed: dict[str, StructuredArray] = {}
     context = _PlacementContext(sketch, users, placed, cache)
     for name in TYPES:
@@ -85,7 +87,7 @@ class _PlacementContext:
         sketch: Sketch,
         users: dict[str, npt.NDArray[np.void]],
         placed: dict[str, StructuredArray],
-        cache: PlacementCache,
+        cache: LRUCache,
     ) -> None:
         self.sketch = sketch
         self.users = users
@@ -97,7 +99,7 @@ class _PlacementContext:
         disc = queries.sizes
         radius = preference.range * disc
         if preference.what == "layer":
-            away = self._cache.distance_to_paint(self.sketch, preference.of, queries.positions)
+            away = self._distance_to_paint(preference.of, queries.positions)
             return cubic(away / radius[:, None])
         if preference.what == "user":
             features = self.painted(preference.of)
@@ -120,8 +122,18 @@ class _PlacementContext:
         self, feature: str, term: str, features: FeatureSet, queries: FeatureSet, radius: Float64Array
     ) -> Float64Array:
         """Return the density of features within `radius` (m) of each position, relative to its disc."""
-        cache = self._cache.density(feature, term)
-        return cache.around(features, replace(queries, sizes=radius)) / queries.sizes[:, None]
+        around = replace(queries, sizes=radius)
+        density = density_around(features, around, self._cache, ("density", feature, term))
+        return density / queries.sizes[:, None]
+
+    def _distance_to_paint(self, layer: str, positions: Float64Array) -> Float64Array:
+        """Return the distance (m) from positions (..., 2) to a layer's painted pixels."""
+        image, pixel = self.sketch.layers[layer], self.sketch.pixel_size
+        digest = blake2b(positions.tobytes()).digest()
+        return self._cache.get_or_compute(
+            ("paint distance", IdentityKey(image), pixel, positions.shape, digest),
+            lambda: painted_distance(image, pixel)(positions[..., 0], positions[..., 1]),
+        )
 
 
 def _preferred(context: _PlacementContext, name: str, seed: int) -> Float64Array:

@@ -9,10 +9,9 @@ import numpy as np
 from scipy import ndimage
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.caching import IdentityKey
+from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document.label_layers import LabelImage, labels_in
 from sketchterrain.document.parameters import COAST
-from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.covers import signed_distance
 from sketchterrain.placement.feature_types import ShapeField
 from sketchterrain.placement.hashing import gaussian_filter
@@ -50,7 +49,7 @@ def sea_level(sketch: Sketch) -> float | None:
     return 0.0 if sketch.layers["sea"].any() else None
 
 
-def create_sea(sketch: Sketch, *, cache: PlacementCache | None = None) -> Sea | None:
+def create_sea(sketch: Sketch, *, cache: LRUCache | None = None) -> Sea | None:
     """Return the sea of a sketch, None without one."""
     level = sea_level(sketch)
     if level is None:
@@ -58,10 +57,8 @@ def create_sea(sketch: Sketch, *, cache: PlacementCache | None = None) -> Sea | 
     image = sketch.layers["sea"]
     depths = tuple(_depth_of(sketch, label) for label in labels_in(image))
     settings = (sketch.extent, sketch.fidelity, *sketch.coast.values(), *depths)
-    cache = PlacementCache() if cache is None else cache
-    sea: Sea = cache.layers.get_or_compute(
-        ("sea", IdentityKey(image), *settings), lambda: _create(sketch, level)
-    )
+    cache = LRUCache() if cache is None else cache
+    sea: Sea = cache.get_or_compute(("sea", IdentityKey(image), *settings), lambda: _create(sketch, level))
     return sea
 
 

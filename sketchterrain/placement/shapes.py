@@ -11,6 +11,7 @@ from scipy import ndimage, sparse
 from scipy.sparse.csgraph import connected_components
 
 from sketchterrain.array_types import Float64Array, Int64Array
+from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.placement.feature_types import LAYER_CODES
 from sketchterrain.placement.hashing import hash_keys
 
@@ -53,6 +54,11 @@ class Region(NamedTuple):
 def label_shapes(layer: str, image: npt.NDArray[np.uint8]) -> tuple[Shape, ...]:
     """Return the shapes of a label image (0 is empty), in reading order of their first pixels."""
     return tuple(measure_shape(layer, image, region) for region in find_regions(image))
+
+
+def cached_regions(image: npt.NDArray[np.uint8], cache: LRUCache) -> tuple[Region, ...]:
+    """Return the connected regions of a label image, which must not change."""
+    return cache.get_or_compute(("regions", IdentityKey(image)), lambda: find_regions(image))
 
 
 def find_regions(image: npt.NDArray[np.uint8]) -> tuple[Region, ...]:

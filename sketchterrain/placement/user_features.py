@@ -5,16 +5,24 @@ that overlap along the shape's medial axis, so that a long range is one ridge, t
 fill the remaining holes, as far as the fidelity requires.
 """
 
+from __future__ import annotations
+
 import math
+from hashlib import blake2b
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
+from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, StructuredArray
+from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.placement.feature_types import LAYER_CODES, TYPES
 from sketchterrain.placement.hashing import hash_unit, value_noise
-from sketchterrain.placement.shapes import MIN_DISC, Shape, ShapePixels
+from sketchterrain.placement.shapes import MIN_DISC, Region, Shape, ShapePixels, cached_regions, measure_shape
+
+if TYPE_CHECKING:
+    from sketchterrain.document.sketch import Sketch
 
 _DARTS_EACH = 64  # darts per requested summit
 _ROUNDS = 8  # of darts, closer in each one
@@ -260,3 +268,37 @@ def _shares(shape: Shape, features: npt.NDArray[np.void], fidelity: float, seed:
     swing = np.where(summit, rule.variation * (2.0 * hash_unit(seed, "strength", pixel) - 1.0), 0.0)
     share = np.where(whole, 1.0, np.minimum(share * (1.0 + swing), 1.0))
     return np.asarray(np.maximum(share, rule.min_share * fidelity**4))
+
+
+def layer_user_features(sketch: Sketch, layer: str, *, seed: int, cache: LRUCache) -> StructuredArray:
+    """Return the user features of a layer, sorted by id; the sketch's own seed is ignored."""
+    image = sketch.layers[layer]
+    declared = tuple((key, _multitude(sketch, *key)) for key in sketch.labels if key[0] == layer)
+
+    def compute() -> StructuredArray:
+        regions = cached_regions(image, cache)
+        parts = [np.zeros(0, dtype=USER_FEATURE)]
+        parts += [_of_region(sketch, layer, region, seed, cache) for region in regions]
+        users = np.concatenate(parts)
+        ordered: StructuredArray = users[np.argsort(users["id"], kind="stable")]
+        return ordered
+
+    key = ("user features", layer, IdentityKey(image), seed, sketch.fidelity, declared)
+    return cache.get_or_compute(key, compute)
+
+
+def _of_region(sketch: Sketch, layer: str, region: Region, seed: int, cache: LRUCache) -> StructuredArray:
+    image, fidelity = sketch.layers[layer], sketch.fidelity
+    multitude = _multitude(sketch, layer, region.label)
+    box = (region.rows.start, region.rows.stop, region.columns.start, region.columns.stop)
+    pixels = blake2b(np.packbits(region.mask).tobytes(), digest_size=16).digest()
+    return cache.get_or_compute(
+        ("shape", layer, region.label, box, image.shape, multitude, fidelity, seed, pixels),
+        lambda: user_features(
+            measure_shape(layer, image, region), multitude=multitude, fidelity=fidelity, seed=seed
+        ),
+    )
+
+
+def _multitude(sketch: Sketch, layer: str, label: int) -> int:
+    return max(int(sketch.properties(layer, label)["multitude"]), 1)

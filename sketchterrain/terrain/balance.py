@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, StructuredArray
+from sketchterrain.caching import LRUCache
 from sketchterrain.placement.feature_types import FEATURE_TYPES
 from sketchterrain.terrain.balance_samples import BalanceSamples
 from sketchterrain.terrain.lattice import to_lattice
@@ -181,23 +182,11 @@ class _Solution:
     heights: list[Float64Array]
 
 
-@dataclass
-class StrengthCache:
-    """The previous solution by type; several threads may share it.
-
-    The height a feature reaches in one round depends only on that round's strengths of the features whose
-    support overlaps it: where these are bit-equal, so is the height. A change propagates by one neighbour a
-    round; the rest is reused.
-    """
-
-    last: dict[str, _Solution] = field(default_factory=dict)
-
-
 def solve_strengths(
     recipe: TerrainRecipe,
     *,
     locked: BoolArray | None = None,
-    memory: StrengthCache | None = None,
+    memory: LRUCache | None = None,
     checkpoint: Callable[[], None] = lambda: None,
 ) -> StructuredArray:
     """Return a recipe's painted features, sorted by id, with solved strengths of mountains and hills.
@@ -207,7 +196,7 @@ def solve_strengths(
     centre, where it dominates. ``locked`` (n,) features retain their strength. ``memory`` saves time, no bit
     depends on it. ``checkpoint`` is called between rounds; it may raise to cancel.
     """
-    memory = StrengthCache() if memory is None else memory
+    memory = LRUCache() if memory is None else memory
     result = recipe.points.painted.copy()
     free = result["strength"] > 0
     if locked is not None:
@@ -215,10 +204,10 @@ def solve_strengths(
     for name in ("mountain", "hill"):
         selected = np.flatnonzero(result["type"] == FEATURE_TYPES.index(name))
         if selected.size:
-            last = memory.last.get(name)
+            last = memory.get(("strengths", name))
             solution = _solve(recipe, result[selected], free[selected], name, last, checkpoint)
             result["strength"][selected] = solution.strengths[-1]
-            memory.last[name] = solution
+            memory.store(("strengths", name), solution)
     return result
 
 
@@ -230,6 +219,12 @@ def _solve(
     last: _Solution | None,
     checkpoint: Callable[[], None],
 ) -> _Solution:
+    """Return the iterations for one type, as far as possible from those of the last recipe.
+
+    The height a feature reaches in one round depends only on that round's strengths of the features whose
+    support overlaps it: where these are bit-equal, so is the height. A change propagates by one neighbour a
+    round; the rest is reused.
+    """
     last = None if last is None or last.world != recipe.world else last
     inputs = features.tobytes() + free.tobytes()
     if last is not None and last.inputs == inputs:

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sketchterrain.array_types import Bounds, Float64Array, LatticeArray, StructuredArray
+from sketchterrain.caching import LRUCache
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.material_rules import resolved_rules
 from sketchterrain.hydrology.rivers import trace_hydrology
-from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.covers import create_covers
 from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.placement import place
 from sketchterrain.placement.sea import create_sea
-from sketchterrain.terrain.balance import StrengthCache, solve_strengths
+from sketchterrain.terrain.balance import solve_strengths
 from sketchterrain.terrain.centrelines import valley_radius
 from sketchterrain.terrain.changes import difference
 from sketchterrain.terrain.edits import EditedPoints, apply_fill_edits, apply_painted_edits
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 # Rivers follow the terrain at this coarse cell size, without its small features.
 _CELLS_PER_EXTENT = 256
 _MAX_CACHED = 2**31  # lattice units: farther positions are not cached
+_DRY_HEIGHTS = "dry heights"  # of the last recipe, in the cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,26 +50,19 @@ class _CachedHeights:
     height: Float64Array  # (n,), m
 
 
-@dataclass
-class DryTerrainCache:
-    """Heights evaluated for the previous recipe; several threads may share it."""
-
-    last: _CachedHeights | None = None
-
-
 class DryTerrain:
     """Heights of a recipe's terrain without rivers and lakes; each position is evaluated once.
 
     Heights of positions that no change affects come from the cache; the bits are the same.
     """
 
-    def __init__(self, recipe: TerrainRecipe, memory: DryTerrainCache) -> None:
+    def __init__(self, recipe: TerrainRecipe, memory: LRUCache) -> None:
         self._recipe = recipe
         self._terrain = HostTerrain(recipe)
         self._memory = memory
         self._cell = recipe.extent / _CELLS_PER_EXTENT
         self._requested: LatticeArray = np.zeros(0, dtype=np.int64)
-        self._key, self._height = self._still_valid(memory.last)
+        self._key, self._height = self._still_valid(memory.get(_DRY_HEIGHTS))
 
     def __call__(self, x: Float64Array, y: Float64Array) -> Float64Array:
         """Return heights (m) at positions (m), shape (n,)."""
@@ -95,7 +89,7 @@ class DryTerrain:
     def store(self) -> None:
         """Store the requested heights for the next recipe and drop all others."""
         row = np.searchsorted(self._key, self._requested)
-        self._memory.last = _CachedHeights(self._recipe, self._requested, self._height[row])
+        self._memory.store(_DRY_HEIGHTS, _CachedHeights(self._recipe, self._requested, self._height[row]))
 
     def _still_valid(self, last: _CachedHeights | None) -> tuple[LatticeArray, Float64Array]:
         """Return positions, ascending, and heights that no change affects."""
@@ -122,7 +116,7 @@ def build(
     *,
     seed: int | None = None,
     device: str | ComputeContext | None = None,
-    memory: PlacementCache | None = None,
+    memory: LRUCache | None = None,
 ) -> Terrain:
     """Place a sketch's features and open a device; no part of the terrain is computed yet.
 
@@ -145,7 +139,7 @@ def build(
     context = device if isinstance(device, ComputeContext) else ComputeContext(device)
     if seed is not None:
         sketch = sketch.replace(seed=seed)
-    memory = PlacementCache() if memory is None else memory
+    memory = LRUCache() if memory is None else memory
     return Terrain(sketch, make_recipe(sketch, memory=memory), context, memory=memory)
 
 
@@ -161,7 +155,7 @@ def rebuild(
 
 
 def make_recipe(
-    sketch: Sketch, *, memory: PlacementCache | None = None, checkpoint: Callable[[], None] = lambda: None
+    sketch: Sketch, *, memory: LRUCache | None = None, checkpoint: Callable[[], None] = lambda: None
 ) -> TerrainRecipe:
     """Place the features of a sketch, in plain NumPy without a device.
 
@@ -170,7 +164,7 @@ def make_recipe(
     bits are the same. ``checkpoint`` is called between steps; it may raise to cancel, which leaves the cache
     valid.
     """
-    memory = PlacementCache() if memory is None else memory
+    memory = LRUCache() if memory is None else memory
     placed = place(sketch, seed=sketch.seed, cache=memory, checkpoint=checkpoint)
     painted = apply_painted_edits(placed, sketch.edits)
     fill = Fill.from_sketch(sketch, painted.points, seed=sketch.seed, cache=memory)
@@ -196,11 +190,11 @@ def make_recipe(
     dry = dry.with_layers([points, DunesLayer(points.dune_styles)])
     # Heights depend on neither covers nor material rules.
     bare = replace(dry.with_layers([CoversLayer(())]), climate={}, material_rules=())
-    terrain = DryTerrain(bare, memory.part(DryTerrainCache))
+    terrain = DryTerrain(bare, memory)
     waters = trace_hydrology(sketch, seed=sketch.seed, ground=terrain, cache=memory, checkpoint=checkpoint)
     terrain.store()
     radii = [valley_radius(*each) for each in zip(waters.rivers, waters.grounds, strict=True)]
-    corridors = CorridorsLayer.of(waters.rivers, radii, sketch.extent, memory.rivers)
+    corridors = CorridorsLayer.of(waters.rivers, radii, sketch.extent, memory)
     return replace(
         dry.with_layers([LakesLayer(waters.lakes), corridors]),
         resolutions=waters.resolutions,
@@ -209,13 +203,11 @@ def make_recipe(
 
 
 def _solved_features(
-    dry: TerrainRecipe, edited: EditedPoints, memory: PlacementCache, checkpoint: Callable[[], None]
+    dry: TerrainRecipe, edited: EditedPoints, memory: LRUCache, checkpoint: Callable[[], None]
 ) -> StructuredArray:
     """Return the features with solved strengths, and locked ones with their own."""
     requested = dry.with_layers([replace(dry.points, painted=edited.unlocked)])
-    solved = solve_strengths(
-        requested, locked=edited.lock_only, memory=memory.part(StrengthCache), checkpoint=checkpoint
-    )
+    solved = solve_strengths(requested, locked=edited.lock_only, memory=memory, checkpoint=checkpoint)
     points = edited.points.copy()
     points["strength"] = np.where(edited.locked, points["strength"], solved["strength"])
     return points

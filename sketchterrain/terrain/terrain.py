@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Bounds, Float32Array, Float64Array, LatticeArray, StructuredArray
+from sketchterrain.caching import LRUCache
 from sketchterrain.document.materials import MaterialTable
 from sketchterrain.errors import InputError
-from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit, to_lattice
 from sketchterrain.terrain.rasters import GridWindow, QuantizedBand, bands, quantized_bands, window_bands
@@ -42,7 +42,7 @@ class Terrain:
     sketch : Sketch
     recipe : TerrainRecipe
     context : ComputeContext
-    memory : PlacementCache or None
+    memory : LRUCache or None
         Cache of placement for the next recipe.
     """
 
@@ -52,7 +52,7 @@ class Terrain:
         recipe: TerrainRecipe,
         context: ComputeContext,
         *,
-        memory: PlacementCache | None = None,
+        memory: LRUCache | None = None,
         evaluator: Evaluator | None = None,
     ) -> None:
         self.memory = memory

@@ -8,8 +8,7 @@ import pytest
 
 from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.placement import cache as cache_module
-from sketchterrain.placement.cache import PlacementCache
+from sketchterrain.placement import user_features as user_features_module
 from sketchterrain.placement.density import DensityField
 from sketchterrain.placement.placement import place
 from sketchterrain.terrain.building import make_recipe
@@ -24,6 +23,15 @@ def test_lru_cache_evicts_the_least_recent_and_does_not_cache_failures():
     assert cache.get_or_compute("a", lambda: 5) == 5
     one, other = [1], [1]
     assert IdentityKey(one) == IdentityKey(one) != IdentityKey(other)
+    cache = LRUCache(max_bytes=1000)
+    for number in range(5):
+        cache.store(number, (np.zeros(50), [np.zeros(0)]))
+    assert cache.keys() == [3, 4]
+    assert cache.store("large", np.zeros(1000)).nbytes == 8000
+    assert cache.keys() == ["large"]
+    cache.store("large", 1)
+    cache.store("small", np.zeros(100))
+    assert cache.keys() == ["large", "small"]
     cache = LRUCache(0)
     assert [cache.get_or_compute(IdentityKey(one), lambda value=value: value) for value in (1, 2)] == [1, 2]
 
@@ -43,21 +51,15 @@ def dabbed(sketch, row, column):
 
 
 def test_only_shapes_of_a_stroke_are_broken_up_and_the_oldest_are_evicted(monkeypatch):
-    broken_up = Mock(side_effect=cache_module.user_features)
-    monkeypatch.setattr(cache_module, "user_features", broken_up)
-    sketch, cache = squares(), PlacementCache()
+    broken_up = Mock(side_effect=user_features_module.user_features)
+    monkeypatch.setattr(user_features_module, "user_features", broken_up)
+    sketch, cache = squares(), LRUCache()
     for _ in range(2):
         place(sketch, seed=1, cache=cache)
         assert broken_up.call_count == 5
     place(dabbed(sketch, 19, 30), seed=1, cache=cache)  # at the edge of the second square
     place(dabbed(sketch, 30, 30), seed=1, cache=cache)  # a shape of its own
     assert [call.args[0].id for call in broken_up.call_args_list[5:]] == [4 * 96 + 26, 30 * 96 + 30]
-
-    cache = PlacementCache(shapes=3)
-    for shift in range(4):
-        moved = np.roll(sketch.layers["mountain"], shift, 0)
-        place(sketch.replace(layers={"mountain": moved}), seed=1, cache=cache)
-        assert len(cache.shapes) == 3
 
 
 def test_placement_with_a_cache_equals_placement_without():
@@ -72,7 +74,7 @@ def test_placement_with_a_cache_equals_placement_without():
         {"layers": {"mountain": np.ones((32, 96), np.uint8)}},
         {"layers": rolled},
     ):
-        cache = PlacementCache()
+        cache = LRUCache()
         place(squares(), seed=1, cache=cache)
         after = squares().replace(**changed)
         for seed in (1, 2):
@@ -89,7 +91,7 @@ def test_only_densities_near_a_stroke_are_summed_again(monkeypatch):
     monkeypatch.setattr(DensityField, "around", counted)
     painted = np.zeros((256, 256), np.uint8)
     painted[6::16, 6::16] = painted[6::16, 7::16] = 1
-    sketch, cache = Sketch(layers={"hill": painted}), PlacementCache()
+    sketch, cache = Sketch(layers={"hill": painted}), LRUCache()
     place(sketch, seed=1, cache=cache)
     whole = sum(queries)
     queries.clear()
@@ -140,7 +142,7 @@ LATER = [(1, 0.0), (2, 0.4), (3, 0.8), (5, 1.0)]
     ("seed", "fidelity"), [(0, 0.8), *(pytest.param(*case, marks=pytest.mark.slow) for case in LATER)]
 )
 def test_random_strokes_give_the_bits_of_fresh_placements_and_recipes(seed, fidelity):
-    rng, cache, features = np.random.default_rng(seed), PlacementCache(), PlacementCache()
+    rng, cache, features = np.random.default_rng(seed), LRUCache(), LRUCache()
     sketch = painted_often(rng, 20, fidelity=fidelity)[-1]
     seen = [sketch]
     for turn in range(12):
@@ -161,7 +163,7 @@ class CancelledError(Exception):
 
 @pytest.mark.slow
 def test_a_cancelled_recipe_leaves_a_valid_cache():
-    rng, cache = np.random.default_rng(9), PlacementCache()
+    rng, cache = np.random.default_rng(9), LRUCache()
     sketch = painted_often(rng, 16)[-1]
     make_recipe(sketch, memory=cache)
     checkpoints = 0
@@ -182,7 +184,7 @@ def test_a_cancelled_recipe_leaves_a_valid_cache():
 
 @pytest.mark.slow
 def test_threads_share_a_cache():
-    cache, sketches = PlacementCache(), painted_often(np.random.default_rng(12), 18)[-6:]
+    cache, sketches = LRUCache(), painted_often(np.random.default_rng(12), 18)[-6:]
     with ThreadPoolExecutor(3) as pool:
         recipes = list(pool.map(lambda sketch: make_recipe(sketch, memory=cache), sketches))
     for recipe, sketch in zip(recipes, sketches, strict=True):

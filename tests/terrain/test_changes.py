@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from sketchterrain.array_types import Bounds
+from sketchterrain.caching import LRUCache
 from sketchterrain.document.edits import Edit
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
-from sketchterrain.placement.cache import PlacementCache
 from sketchterrain.placement.differences import row_difference
 from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES, FILL_BIT
 from sketchterrain.terrain.building import build, make_recipe, rebuild
@@ -187,7 +187,7 @@ def river_areas(old: TerrainRecipe, new: TerrainRecipe) -> np.ndarray:
 
 @tiers("preset", PRESETS[:1], PRESETS)
 def test_every_changed_arc_is_inside_the_river_areas(preset) -> None:
-    sketch, memory = load_sketch(preset), PlacementCache()
+    sketch, memory = load_sketch(preset), LRUCache()
     old = make_recipe(sketch, memory=memory)
     assert not len(river_areas(old, make_recipe(sketch)))
     changed = 0

@@ -60,11 +60,11 @@ class Placer:
     """Follows the window's sketch, places it, and reports to the window and the engine."""
 
     def __init__(self, window: Channel, engine: Channel) -> None:
-        from sketchterrain.placement.cache import PlacementCache
+        from sketchterrain.caching import LRUCache
 
         self._window, self._engine = window, engine
         self._mirror = SketchMirror()
-        self._memory = PlacementCache()
+        self._memory = LRUCache()
         self._policy = CancellationPolicy(window.has_message)
         self._sketch: Sketch | None = None
         self._reported = False

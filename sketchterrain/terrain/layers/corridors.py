@@ -116,7 +116,9 @@ class Course:
             return cls(river, valley_radius, anchor, line, _pieces(anchor, line, unit))
 
         own = meetings_on(local, met).tobytes()
-        return cache.get_or_compute((IdentityKey(river), extent, valley_radius.tobytes(), own), compute)
+        return cache.get_or_compute(
+            ("course", IdentityKey(river), extent, valley_radius.tobytes(), own), compute
+        )
 
 
 @dataclass(frozen=True, eq=False)

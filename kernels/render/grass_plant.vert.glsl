@@ -1,6 +1,7 @@
 #version 430 core
 // Plant at a scattered point, captured by transform feedback (render/grass.py) as a plant has many vertices; its height
 // is 0 where none grows.
+// Macros of render/material_macros.py say which materials are meadows and undergrowth.
 //   KIND 0 tufts of a meadow, 1 tall grass in ear, 2 flowers, 3 ferns
 #include "render/frame.glsl"
 #include "render/shade.glsl"
@@ -47,8 +48,8 @@ const float SUN_WARMTH = 0.5;   // of the height, where shadow maps are sampled
 // Mean of the ground's texture, so that tufts match the ground around them.
 vec3 meadow_albedo(vec4 wide, vec4 middle, vec4 small)
 {
-    vec3 mean = textureLod(material_colour, vec3(0.5, 0.5, float(GRASS)), 20.0).rgb;
-    return mean * mean * variety(GRASS, wide, middle, small);
+    vec3 mean = textureLod(material_colour, vec3(0.5, 0.5, float(MEADOW_LAYER)), 20.0).rgb;
+    return mean * mean * variety(MEADOW_LAYER, wide, middle, small);
 }
 
 // Of the kinds of flowers that foot_height in patches.
@@ -68,7 +69,9 @@ void main()
     float away = length(foot);
     float up = drawn.w > 0.0 ? presence(seed.y, capacity, away, full, draw_distance) : 0.0;
 
-    vec4 low = drawn_weights_low(place), high = drawn_weights_high(place);
+    vec4 weights[WEIGHT_WORDS];
+    drawn_weights(place, weights);
+    float turf = MEADOW_SHARE(weights);
     vec2 world = place + eye.xy;
     vec4 wide = textureLod(noise_field, world / 4096.0, 0.0);
     vec4 middle = textureLod(noise_field, world / 512.0 + 0.37, 0.0);
@@ -76,9 +79,9 @@ void main()
     vec4 fine = textureLod(noise_field, world / 17.0 + 0.13, 0.0);
 
     float a = unit_float(hash32(h + 3u)), b = unit_float(hash32(h + 4u)), c = unit_float(hash32(h + 5u));
-    float fray = 2.0 * (middle.x * 0.45 + small.x * 0.4) * low.x * (1.0 - low.x);
-    float meadow = smoothstep(0.34, 0.62, low.x + fray);
-    float wood = smoothstep(0.35, 0.8, high.w);
+    float fray = 2.0 * (middle.x * 0.45 + small.x * 0.4) * turf * (1.0 - turf);
+    float meadow = smoothstep(0.34, 0.62, turf + fray);
+    float wood = smoothstep(0.35, 0.8, UNDERGROWTH_SHARE(weights));
     float lush = smoothstep(-0.8, 0.9, 0.5 * small.y + 0.4 * middle.z + 0.75 * fine.x);
     vec3 colour = meadow_albedo(wide, middle, small);
     float tall, half_width = BLADE, least = LEAST, chance;
@@ -91,7 +94,7 @@ void main()
     tall = mix(0.38, 0.70, lush) * (0.7 + 0.5 * a);
     colour = mix(colour, colour * vec3(1.18, 1.04, 0.95), b);
     // In dry lands single bunches foot_height on sand and soil.
-    float bunch = smoothstep(DRY, VERY_DRY, trees.y) * (high.x + low.y) * 0.09 * smoothstep(-0.2, 0.7, 0.6 * small.w + 0.5 * fine.y);
+    float bunch = smoothstep(DRY, VERY_DRY, trees.y) * BUNCH_SHARE(weights) * 0.09 * smoothstep(-0.2, 0.7, 0.6 * small.w + 0.5 * fine.y);
     colour = bunch > chance ? HAY * mix(0.75, 1.2, b) : colour;
     tall = bunch > chance ? mix(0.22, 0.45, a) : tall;
     chance = max(chance, bunch);

@@ -8,8 +8,11 @@
 const int SIDE = TILE_QUADS + 1;
 
 // Few wide attributes: on a CPU driver the cost is per attribute, not per component.
-in uvec4 ground;    // height of the tile and of its parent's triangles, m; x and y of the two normals
-in uvec4 materials; // weights of tile and parent: grass, soil, rock, scree; sand, snow, river bed, forest floor
+in uvec4 ground;       // height of the tile and of its parent's triangles, m; x and y of the two normals
+in uvec4 weight_words; // of the materials, WEIGHT_WORDS of the tile, then as many of its parent, four weights a word
+#if WEIGHT_WORDS > 2
+in uvec4 more_words;
+#endif
 
 // Per tile.
 in ivec4 tile_corner; // north-west corner, lattice units east and north of the eye's cell; units per quad; w: see below
@@ -17,8 +20,7 @@ in vec4 morph_west;   // parent share at the north-west, west, south-west and no
 in vec4 morph_east;   // parent share at the north-east, east, south-east and south; at the centre: tile_corner.w
 
 out vec3 ground_normal;
-out vec4 weights_low;
-out vec4 weights_high;
+out vec4 material_weights[WEIGHT_WORDS];
 
 invariant gl_Position;
 
@@ -65,16 +67,20 @@ vec3 ground_normal_at(float share)
     return vec3(flat_part, sqrt(max(1.0 - dot(flat_part, flat_part), 0.0)));
 }
 
-// Grass, soil, rock, scree.
-vec4 low_weights_at(float share)
+uint weight_word(int k)
 {
-    return mix(unpackUnorm4x8(materials.x), unpackUnorm4x8(materials.z), share);
+#if WEIGHT_WORDS > 2
+    return k < 4 ? weight_words[k] : more_words[k - 4];
+#else
+    return weight_words[k];
+#endif
 }
 
-// Sand, snow, river bed, forest floor.
-vec4 high_weights_at(float share)
+// Output the weights of the materials.
+void emit_weights(float share)
 {
-    return mix(unpackUnorm4x8(materials.y), unpackUnorm4x8(materials.w), share);
+    for (int k = 0; k < WEIGHT_WORDS; ++k)
+        material_weights[k] = mix(unpackUnorm4x8(weight_word(k)), unpackUnorm4x8(weight_word(WEIGHT_WORDS + k)), share);
 }
 
 // Clip to the bounds of a finite world.
@@ -94,8 +100,7 @@ ivec2 emit_vertex()
     ivec2 place = place_in_tile();
     float share = parent_share(place);
     ground_normal = ground_normal_at(share);
-    weights_low = low_weights_at(share);
-    weights_high = high_weights_at(share);
+    emit_weights(share);
     vec3 position = ground_position(place, share);
     clip_to_bounds(position);
     gl_Position = to_clip * vec4(position, 1.0);

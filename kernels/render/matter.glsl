@@ -5,22 +5,24 @@
 //   SIZES   1 or 2: number of octaves, nearest to the distance
 //   HEXES   1 or 3: number of shifted hexagons, which hide the repetition
 //   DETAIL  0: neither relief nor fine structure of colours
+// and of render/material_macros.py:
+//   LAYERS            number of texture layers
+//   IS_BEDDED(layer)  whether its faces have level beds
 // Loops end early: CPU drivers leave them when no pixel of a group continues.
 #include "render/hex_tiling.glsl"
 #include "render/roughness.glsl"
 
 uniform sampler2DArray material_colour; // √albedo, height
 uniform sampler2DArray material_relief; // normal x and y, roughness, openness
-uniform vec2 phases[9 * 3 * OCTAVES];   // texture coordinates of the eye by layer, plane (yz, xz, xy) and octave
-uniform vec4 texture_tiling[9];         // texture width, m; finest and coarsest octave; rotation per octave, rad
-uniform float max_rotations[9];         // of hexagons, rad
+uniform vec2 phases[LAYERS * 3 * OCTAVES]; // texture coordinates of the eye by layer, plane (yz, xz, xy) and octave
+uniform vec4 texture_tiling[LAYERS];       // texture width, m; finest and coarsest octave; rotation per octave, rad
+uniform float max_rotations[LAYERS];       // of hexagons, rad
 
 const float RATIO = 3.7;         // width ratio of successive octaves
 const float FULL_SIZE = 26.0;    // m, distance up to which octave 0 is used
 const float OCTAVE_SLOPE = 0.93; // slope ratio of successive octaves
 const float COARSEST_LOD = 16.0; // mipmap of one texel
 const float LEAST_SHARE = 0.02;  // weight below which a plane or octave is skipped
-#define ROCK 2
 
 struct MaterialSample {
     vec3 albedo;
@@ -92,7 +94,7 @@ MaterialSample sample_octave(int layer, Plane p, int octave, float footprint)
 #else
     Hexagons h = hexagons(uv);
     // Beds of a rock face are level.
-    float max_rotation = layer == ROCK && p.axis == 2 ? PI : max_rotations[layer];
+    float max_rotation = IS_BEDDED(layer) && p.axis == 2 ? PI : max_rotations[layer];
     MaterialSample sum = NO_MATERIAL;
     float total = 0.0, square = 0.0; // square: mean of a slope's square in one direction
     for (int k = 0; k < h.count; ++k) {

@@ -10,11 +10,10 @@ const int RELIEF = 4;    // light alone
 
 uniform int mode;
 uniform float opacity;
-uniform vec3 palette[8];
+uniform vec3 palette[4 * WEIGHT_WORDS];
 
 in vec3 ground_normal;
-in vec4 weights_low;
-in vec4 weights_high;
+in vec4 material_weights[WEIGHT_WORDS];
 in vec2 along;
 in vec4 tile_tint;
 
@@ -26,7 +25,7 @@ void main()
     vec3 base = tile_tint.rgb;
     if (mode == MATERIALS) {
         base = vec3(0.0);
-        for (int k = 0; k < 4; ++k) base += weights_low[k] * palette[k] + weights_high[k] * palette[4 + k];
+        for (int k = 0; k < 4 * WEIGHT_WORDS; ++k) base += material_weights[k / 4][k % 4] * palette[k];
     }
     if (mode == TRIPLANAR) base = triplanar_weights(n);
     if (mode == RELIEF) base = vec3(0.92);

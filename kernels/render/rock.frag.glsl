@@ -21,7 +21,6 @@ const float TEXTURE = 1.7;       // m, width of the texture on a stone
 const float SPAN = 0.55;         // radii over which the ground's occlusion ends
 const float DEEP = 0.30;         // light left where stone meets ground
 const float FACETS = 0.5;        // flat shading of unworn stones
-#define ROCK 2
 
 void main()
 {
@@ -31,15 +30,15 @@ void main()
     float open = 0.0;
     for (int axis = 0; axis < 3; ++axis) {
         vec2 at = (axis == 0 ? on_stone.yz : axis == 1 ? on_stone.xz : on_stone.xy) / TEXTURE;
-        vec4 colour = texture(material_colour, vec3(at, float(ROCK)));
-        vec4 relief = texture(material_relief, vec3(at, float(ROCK)));
+        vec4 colour = texture(material_colour, vec3(at, float(BEDROCK)));
+        vec4 relief = texture(material_relief, vec3(at, float(BEDROCK)));
         albedo += planes[axis] * colour.rgb * colour.rgb;
         open += planes[axis] * relief.a;
         vec2 slope = (relief.xy - 0.5) * 2.0;
         vec3 turned = axis == 0 ? vec3(0.0, slope) : axis == 1 ? vec3(slope.x, 0.0, slope.y) : vec3(slope, 0.0);
         bump += planes[axis] * turned;
     }
-    vec3 mean = textureLod(material_colour, vec3(0.5, 0.5, float(ROCK)), 20.0).rgb;
+    vec3 mean = textureLod(material_colour, vec3(0.5, 0.5, float(BEDROCK)), 20.0).rgb;
     albedo *= mean_albedo / (mean * mean);
     vec3 face = normalize(cross(dFdx(position), dFdy(position)));
     vec3 smoothed = normalize(normal);

@@ -1,14 +1,13 @@
 #version 430 core
 // Stone at a scattered point, captured by transform feedback (render/ground_cover.py). Sizes follow a power law: a cell's
 // first points, which are visible farthest, hold its largest stones. Its radius is 0 where none lies.
+// Macros of render/material_macros.py say which materials have which stones.
 #include "render/frame.glsl"
 #include "render/shade.glsl"
 #include "render/clouds.glsl"
 #include "render/surface_map.glsl"
 #include "render/scatter.glsl"
 #include "render/variety.glsl"
-
-#define RIVER_BED 6
 
 in vec2 corner; // of the cell, relative to the eye, m
 in uvec2 seed;  // the cell's hash, the point's rank
@@ -33,11 +32,11 @@ vec4 quaternion_product(vec4 a, vec4 b) // rotates by b, then a
     return vec4(a.w * b.xyz + b.w * a.xyz + cross(a.xyz, b.xyz), a.w * b.w - dot(a.xyz, b.xyz));
 }
 
-// Mean albedo of a material.
-vec3 mean_albedo(int layer)
+// Mean albedo of a material with its variety.
+vec3 stone_albedo(int layer, vec4 wide, vec4 middle, vec4 small)
 {
     vec3 colour = textureLod(material_colour, vec3(0.5, 0.5, float(layer)), 20.0).rgb;
-    return colour * colour;
+    return colour * colour * variety(layer, wide, middle, small);
 }
 
 void main()
@@ -48,7 +47,8 @@ void main()
     vec3 foot = vec3(place, drawn.z);
     float away = length(foot);
     float up = drawn.w > 0.0 ? presence(seed.y, scatter_layer.x, away, scatter_layer.y, scatter_layer.z) : 0.0;
-    vec4 low = drawn_weights_low(place), high = drawn_weights_high(place);
+    vec4 weights[WEIGHT_WORDS];
+    drawn_weights(place, weights);
     vec3 normal = drawn_normal(drawn);
 
     float a = unit_float(hash32(h + 3u)), b = unit_float(hash32(h + 4u)), c = unit_float(hash32(h + 5u));
@@ -56,9 +56,7 @@ void main()
     vec2 world = place + eye.xy;
     float heap = smoothstep(-0.1, 0.8, textureLod(noise_field, world / 93.0 + 0.21, 0.0).x
         + 0.6 * textureLod(noise_field, world / 311.0 + 0.57, 0.0).y);
-    // Probability of a stone by material.
-    float chance = 1.0 * low.w + 0.75 * high.z + 0.5 * low.z + (0.22 * low.y + 0.03 * high.x + 0.05 * high.y + 0.10 * high.w) * heap
-        + 0.06 * low.x * heap * heap;
+    float chance = STONES_ANYWHERE(weights) + (STONES_IN_HEAPS(weights) + STONES_IN_MIDDLES(weights) * heap) * heap;
     chance *= sizes.z * smoothstep(STEEP - 0.12, STEEP + 0.12, normal.z);
     up *= step(d, chance * 0.999);
 
@@ -79,14 +77,13 @@ void main()
     centre_radius = vec4(foot + normal * over, radius);
     ground = vec4(normal, over);
     vec4 light = ground_light(place);
-    float of_river = smoothstep(0.3, 0.6, high.z);
-    kind = vec4(of_river, light.r * cloud_shadow(foot), light.g, 0.0);
+    kind = vec4(STONE_WEAR(weights), light.r * cloud_shadow(foot), light.g, 0.0);
 
-    // Albedo of the surrounding rock, scree or river bed.
+    // Albedo of the ground's own stones, else of bedrock.
     vec4 wide = textureLod(noise_field, world / 4096.0, 0.0), middle = textureLod(noise_field, world / 512.0 + 0.37, 0.0);
     vec4 small = textureLod(noise_field, world / 64.0 + 0.71, 0.0);
-    vec3 rock = mean_albedo(ROCK) * variety(ROCK, wide, middle, small), scree = mean_albedo(SCREE) * variety(SCREE, wide, middle, small);
-    vec3 lying = mix(mix(rock, scree, smoothstep(0.15, 0.6, low.w)), mean_albedo(RIVER_BED), of_river);
+    vec3 lying = stone_albedo(BEDROCK, wide, middle, small);
+    STONE_COLOURS
     hue = vec4(lying * mix(0.78, 1.22, c) * mix(vec3(1.06, 1.0, 0.94), vec3(0.95, 1.0, 1.05), b), 0.0);
     gl_Position = vec4(0.0);
 }

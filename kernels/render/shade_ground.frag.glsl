@@ -4,6 +4,7 @@
 // A CPU driver executes both sides of every branch, so the cost is fixed by macros (render/shading.py):
 //   MATERIALS  1 to 3: number of blended materials; with one, a single noise lookup replaces three
 //   PLANES, SIZES, HEXES, DETAIL  texturing of each material, render/matter.glsl
+//   WEIGHT_WORDS, DISTANT_LAYER(layer)  of the sketch's materials, render/material_macros.py
 //   SHADE_MAPS 0, 1 or 2: shadow maps of the plants
 //   SAMPLES    along each axis of a pixel
 #include "render/frame.glsl"
@@ -17,15 +18,14 @@
 
 uniform sampler2D gbuffer_depth; // SAMPLES² samples a pixel, ground.frag.glsl
 uniform sampler2D gbuffer_normal;
-uniform sampler2D gbuffer_weights_low;
-uniform sampler2D gbuffer_weights_high;
+uniform sampler2D gbuffer_weights[WEIGHT_WORDS];
 
 layout(location = 0) out vec4 radiance; // w: depth of the sample that was shaded
 
 vec3 position; // of the shaded point, m from the eye
 
 #if MATERIALS == 1
-uniform vec3 means[9];         // mean albedo of the layers
+uniform vec3 means[LAYERS];    // mean albedo of the layers
 const float SOFT_BORDER = 0.6; // difference of weights over which two materials exchange their mean colours
 #endif
 const float BED_SPAN = 700.0;  // m of height after which beds repeat
@@ -107,20 +107,13 @@ vec3 position_of(ivec2 at, float depth)
 // The strongest materials of a G-buffer sample, after noise has frayed borders that are smooth by interpolation.
 StrongestMaterials select_materials(ivec2 at, Noise noise)
 {
-    vec4 weights_low = texelFetch(gbuffer_weights_low, at, 0);
-    vec4 weights_high = texelFetch(gbuffer_weights_high, at, 0);
     vec4 fray = 2.0 * (noise.middle * 0.45 + noise.small * 0.4);
-    vec4 low = weights_low + fray * weights_low * (1.0 - weights_low);
-    vec4 high = weights_high - fray * weights_high * (1.0 - weights_high);
     StrongestMaterials selected = StrongestMaterials(vec3(-1.0), ivec3(0));
-    insert_material(low.x, 0, selected);
-    insert_material(low.y, 1, selected);
-    insert_material(low.z, 2, selected);
-    insert_material(low.w, 3, selected);
-    insert_material(high.x, 4, selected);
-    insert_material(high.y, 5, selected);
-    insert_material(high.z, 6, selected);
-    insert_material(high.w, 7, selected);
+    for (int k = 0; k < WEIGHT_WORDS; ++k) {
+        vec4 weights = texelFetch(gbuffer_weights[k], at, 0);
+        vec4 frayed = weights + (k % 2 == 0 ? fray : -fray) * weights * (1.0 - weights);
+        for (int i = 0; i < 4; ++i) insert_material(frayed[i], 4 * k + i, selected);
+    }
     return selected;
 }
 
@@ -156,10 +149,10 @@ MaterialSample compose(StrongestMaterials selected, Noise noise, vec3 n, float d
     for (int k = 0; k < count; ++k) {
         float weight = k == 0 ? selected.weight.x : k == 1 ? selected.weight.y : selected.weight.z;
         int layer = k == 0 ? selected.layer.x : k == 1 ? selected.layer.y : selected.layer.z;
-        layer = layer == FOREST_FLOOR && is_canopy ? CANOPY : layer;
+        layer = is_canopy ? DISTANT_LAYER(layer) : layer;
         MaterialSample material = sample_material(layer, position, n, a, b, share, level, footprint);
         material.albedo *= variety(layer, noise.wide, noise.middle, noise.small);
-        if (layer == ROCK) add_beds(material, noise, planes, footprint);
+        if (IS_BEDDED(layer)) add_beds(material, noise, planes, footprint);
         float height = weight + material.height;
         if (k == 0) {
             all = material;
@@ -173,8 +166,8 @@ MaterialSample compose(StrongestMaterials selected, Noise noise, vec3 n, float d
     }
 #if MATERIALS == 1
     // Only one material is sampled: near a border it takes on the mean colour of the other.
-    ivec2 both = ivec2(selected.layer.x == FOREST_FLOOR && is_canopy ? CANOPY : selected.layer.x,
-        selected.layer.y == FOREST_FLOOR && is_canopy ? CANOPY : selected.layer.y);
+    ivec2 both = selected.layer.xy;
+    if (is_canopy) both = ivec2(DISTANT_LAYER(both.x), DISTANT_LAYER(both.y));
     vec3 towards = means[both.y] * tints[both.y] / (means[both.x] * tints[both.x]);
     all.albedo *= mix(vec3(1.0), towards, 0.5 * smoothstep(-SOFT_BORDER, 0.0, selected.weight.y - selected.weight.x));
 #endif

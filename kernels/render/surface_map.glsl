@@ -6,10 +6,9 @@
 #define MATERIALS 2
 #endif
 
-uniform sampler2D surface;      // xy: normal; z: height above the square's origin, m; w: 1; all zero where nothing is drawn
-uniform sampler2D surface_low;  // grass, soil, rock, scree
-uniform sampler2D surface_high; // sand, snow, river bed, forest floor
-uniform vec4 surface_near;      // xy: south-west corner, m; z: 1 / width, 1/m; w: height origin, m
+uniform sampler2D surface; // xy: normal; z: height above the square's origin, m; w: 1; all zero where nothing is drawn
+uniform sampler2D surface_weights[WEIGHT_WORDS]; // of the materials
+uniform vec4 surface_near; // xy: south-west corner, m; z: 1 / width, 1/m; w: height origin, m
 uniform vec4 surface_far;
 
 const float SURFACE_EDGE = 0.01; // unused border of a square, in widths: more than a texel
@@ -82,8 +81,9 @@ vec3 drawn_normal(vec4 drawn)
     return vec3(drawn.xy, sqrt(max(1.0 - dot(drawn.xy, drawn.xy), 0.0)));
 }
 
-// Grass, soil, rock, scree; zero where nothing is drawn.
-vec4 drawn_weights_low(vec2 place) { return surface_texel(surface_low, surface_place(place)); }
-
-// Sand, snow, river bed, forest floor.
-vec4 drawn_weights_high(vec2 place) { return surface_texel(surface_high, surface_place(place)); }
+// Weights of the materials; zero where nothing is drawn.
+void drawn_weights(vec2 place, out vec4 weights[WEIGHT_WORDS])
+{
+    SurfacePlace at = surface_place(place);
+    for (int k = 0; k < WEIGHT_WORDS; ++k) weights[k] = surface_texel(surface_weights[k], at);
+}

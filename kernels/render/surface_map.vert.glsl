@@ -13,8 +13,7 @@ void main()
     vec3 at = ground_position(place, share);
     clip_to_bounds(at);
     ground_normal = ground_normal_at(share);
-    weights_low = low_weights_at(share);
-    weights_high = high_weights_at(share);
+    emit_weights(share);
     height_over_eye = at.z;
     gl_Position = vec4((at.xy - map_place.xy) * map_place.z - 1.0, 0.0, 1.0);
 }

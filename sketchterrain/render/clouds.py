@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final
 
 import moderngl
@@ -36,7 +37,7 @@ class Clouds:
         sky: Sky,
         *,
         quality: Quality,
-        defines: dict[str, int],
+        defines: Mapping[str, int | str],
     ) -> None:
         self._context = context
         self._cover: float | None = None
@@ -46,7 +47,7 @@ class Clouds:
         if defines["CLOUDS"] == VOLUMETRIC:
             billows = np.round(billow_noise() * 255.0).astype(np.uint8)
             self._billows = context.texture3d((BILLOW_SIZE, BILLOW_SIZE, BILLOW_SIZE), 1, billows.tobytes())
-            marching = defines | {"STEPS": quality.cloud_steps, "SUN_STEPS": SUN_STEPS}
+            marching = {**defines, "STEPS": quality.cloud_steps, "SUN_STEPS": SUN_STEPS}
             self._march = fullscreen_pass(context, "clouds.frag.glsl", defines=marching)
 
     def set_weather(self, weather: Weather, sky: Sky) -> None:

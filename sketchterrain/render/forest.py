@@ -58,7 +58,7 @@ class Forest:
         sun: Sun,
         *,
         quality: Quality,
-        defines: Mapping[str, int],
+        defines: Mapping[str, int | str],
     ) -> None:
         self.draw_distance = min(quality.plant_distance, 0.45 * terrain.extent)
         self._pixels = np.array(PIXELS) / quality.plant_lod_scale
@@ -79,7 +79,7 @@ class Forest:
         self.density = PlantDensity(quality.max_plants)
         self._origin = np.zeros(2)
 
-    def rebuild(self, defines: Mapping[str, int]) -> None:
+    def rebuild(self, defines: Mapping[str, int | str]) -> None:
         """Replace the programs by ones with other macros."""
         self._batches = [_batch(self._context, self._meshes, details, defines) for details in BATCHES]
         self._selected_view: tuple[object, ...] = ()
@@ -203,7 +203,7 @@ class Forest:
 
 
 def _batch(
-    context: moderngl.Context, meshes: PlantMeshes, details: range, defines: Mapping[str, int]
+    context: moderngl.Context, meshes: PlantMeshes, details: range, defines: Mapping[str, int | str]
 ) -> PlantBatch:
     far = details.start >= VERTEX_LIT
     own = {**defines, "SPRIGS": int(details.start < MASKED_DETAILS), "FAR": int(far)}

@@ -244,7 +244,9 @@ CAPTURED: Final = ("foot_height", "turn", "albedo", "ground", "sky", "under", "v
 class Grass:
     """Ground plants around an eye; counts triangles and candidate points (`plants`) of the last frame."""
 
-    def __init__(self, context: moderngl.Context, *, quality: Quality, defines: Mapping[str, int]) -> None:
+    def __init__(
+        self, context: moderngl.Context, *, quality: Quality, defines: Mapping[str, int | str]
+    ) -> None:
         self.triangles = self.plants = 0
         self._kinds = (
             [_GrassKind(context, kind, quality=quality, defines=defines) for kind in KINDS]
@@ -267,7 +269,7 @@ class _GrassKind:
     """One kind of plant: its meshes and its scattered instances."""
 
     def __init__(
-        self, context: moderngl.Context, kind: str, *, quality: Quality, defines: Mapping[str, int]
+        self, context: moderngl.Context, kind: str, *, quality: Quality, defines: Mapping[str, int | str]
     ) -> None:
         self.triangles = self.plants = 0
         own = {**defines, "KIND": KINDS.index(kind)}

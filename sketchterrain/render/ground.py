@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.errors import InputError
-from sketchterrain.render.programs import build_program, set_uniforms
+from sketchterrain.render.programs import Textures, build_program, set_uniforms
 from sketchterrain.render.vertex_memory import COMMAND, clipping
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.tiles import quadtree as borders
@@ -19,8 +19,6 @@ from sketchterrain.tiles.tile_pool import DrawList
 if TYPE_CHECKING:
     Eye = tuple[float, float, float]
 
-_VERTEX_ATTRIBUTES: Final = ("4u4 4u4", "ground", "materials")
-"""32 bytes: `sketchterrain.terrain.surfaces.VERTEX`, kernels/render/ground.glsl."""
 _TILE: Final = np.dtype(
     [("corner", "<i4", 2), ("step", "<i4"), ("centre", "<f4"), ("west", "<f4", 4), ("east", "<f4", 4)]
 )
@@ -29,10 +27,11 @@ _MAX_UNITS: Final = 2**31 - 1  # largest lattice distance from the eye to a vert
 
 
 class TileRenderer:
-    """Draws tiles of quads² cells from a buffer with (quads + 1)² `VERTEX` per slot.
+    """Draws tiles of quads² cells from a buffer with (quads + 1)² vertices per slot.
 
-    `extent` is the width of a level-0 tile (m); nothing is drawn beyond `bounds` (W, S, E, N; m). `tiles` and
-    `triangles` count those of the last `set_tiles`.
+    Vertices have `words` of material weights (`surfaces.vertex_dtype`). `extent` is the width of a level-0
+    tile (m); nothing is drawn beyond `bounds` (W, S, E, N; m). `tiles` and `triangles` count those of the
+    last `set_tiles`.
     """
 
     def __init__(
@@ -40,6 +39,7 @@ class TileRenderer:
         context: moderngl.Context,
         extent: float,
         vertices: moderngl.Buffer,
+        words: int,
         *,
         quads: int = QUADS,
         bounds: tuple[float, float, float, float] | None = None,
@@ -48,12 +48,13 @@ class TileRenderer:
         self._context = context
         self._unit = metres_per_unit(extent)
         self._quads = quads
+        self.words = words
         self._bounds = bounds
         self._eye = np.zeros(2)
         self._vertices = vertices
         indices, self._first_index, self._index_count = borders.tile_indices(quads)
         self._indices = context.buffer(indices.tobytes())
-        capacity = max(vertices.size // (32 * (quads + 1) ** 2), 1)
+        capacity = max(vertices.size // ((16 + 8 * words) * (quads + 1) ** 2), 1)
         self._tiles = context.buffer(reserve=_TILE.itemsize * capacity, dynamic=True)
         self._commands = context.buffer(reserve=COMMAND.itemsize * capacity, dynamic=True)
         self._eye_fraction = (0.0, 0.0)
@@ -67,14 +68,18 @@ class TileRenderer:
     @property
     def vertex_bindings(self) -> tuple[tuple[object, ...], ...]:
         """Buffers and attributes of vertices and tiles, in the format of ``Context.vertex_array``."""
+        first, more = min(2 * self.words, 4), 2 * self.words - 4
+        vertex = (f"4u4 {first}u4" + (f" {more}u4" if more > 0 else ""), "ground", "weight_words")
         return (
-            (self._vertices, *_VERTEX_ATTRIBUTES),
+            (self._vertices, *vertex, *(("more_words",) if more > 0 else ())),
             (self._tiles, *_TILE_ATTRIBUTES),
         )
 
     def create_program(self, vertex: str, fragment: str) -> moderngl.Program:
         """Build a program whose vertex shader includes ``render/ground.glsl``."""
-        defines = {"TILE_QUADS": self._quads} | ({} if self._bounds is None else {"BOUNDED": 1})
+        defines = {"TILE_QUADS": self._quads, "WEIGHT_WORDS": self.words}
+        if self._bounds is not None:
+            defines["BOUNDED"] = 1
         return build_program(self._context, vertex, fragment, defines=defines)
 
     def vertex_array(
@@ -191,12 +196,12 @@ class SurfaceMap:
         self._tile_renderer = tile_renderer
         size = (2 * texels, texels)
         drawn = context.texture(size, 4, dtype="f4")
-        low, high = (context.texture(size, 4, dtype="f1") for _ in range(2))
-        self.textures = {"surface": drawn, "surface_low": low, "surface_high": high}
-        for texture in self.textures.values():
+        weights = [context.texture(size, 4, dtype="f1") for _ in range(tile_renderer.words)]
+        self.textures: dict[str, Textures] = {"surface": drawn, "surface_weights": weights}
+        for texture in (drawn, *weights):
             texture.repeat_x = texture.repeat_y = False
             texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-        self._target = context.framebuffer([drawn, low, high])
+        self._target = context.framebuffer([drawn, *weights])
         self._target.clear()
         self._array = tile_renderer.vertex_array(
             tile_renderer.create_program("surface_map.vert.glsl", "surface_map.frag.glsl")

@@ -151,7 +151,9 @@ CAPTURED: Final = ("centre_radius", "spin", "ground", "kind", "hue")  # outputs 
 class Rocks:
     """Stones on the ground around an eye; counts triangles and candidate points (`stones`) of a frame."""
 
-    def __init__(self, context: moderngl.Context, *, quality: Quality, defines: Mapping[str, int]) -> None:
+    def __init__(
+        self, context: moderngl.Context, *, quality: Quality, defines: Mapping[str, int | str]
+    ) -> None:
         self.triangles = self.stones = 0
         self._context = context
         self._layers: list[tuple[_RockLayer, VisiblePoints]] = []

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Bounds
 from sketchterrain.caching import IdentityKey
+from sketchterrain.document.materials import weight_words
 from sketchterrain.errors import InputError
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.ground import TileRenderer
@@ -62,7 +63,9 @@ class TerrainStream:
         quality = quality or Quality()
         terrain = shared_with_gl(terrain)
         quads = quality.quads
-        tile_bytes = (quads + 1) ** 2 * vertex_dtype(len(terrain.sketch.material_table)).itemsize
+        materials = len(terrain.sketch.material_table)
+        words = weight_words(materials)
+        tile_bytes = (quads + 1) ** 2 * vertex_dtype(materials).itemsize
         slots = max(quality.tile_memory // tile_bytes, 1)
         bounds = terrain.bounds if isinstance(terrain, BoundedTerrain) else None
         if isinstance(terrain, BoundedTerrain):
@@ -94,7 +97,7 @@ class TerrainStream:
         )
         self._store = terrain.vertex_store(slots, quads=quads, memory=self.memory)
         self.tile_renderer = TileRenderer(
-            context, terrain.extent, self.memory.vertices, quads=quads, bounds=bounds
+            context, terrain.extent, self.memory.vertices, words, quads=quads, bounds=bounds
         )
         self._eye: npt.NDArray[np.float64] | None = None
         self._placed_eye: tuple[float, float, float] | None = None

@@ -272,6 +272,7 @@ class Overlay:
 
     def _draw_tiles(self, mode: int, opacity: float) -> None:
         palette = [tuple(np.divide(colour, 255.0).tolist()) for colour in self._materials.values()]
+        palette += [(0.0, 0.0, 0.0)] * (-len(palette) % 4)
         set_uniforms(self._tiles.program, {"mode": mode, "opacity": opacity, "palette": palette})
         self._stream.tile_renderer.draw(self._tiles)
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from typing import Any, TypeVar
+from itertools import count
+from typing import Any, TypeAlias, TypeVar
 
 import moderngl
 
@@ -142,10 +143,26 @@ def set_uniforms(program: moderngl.Program, values: Mapping[str, object]) -> Non
         member = program.get(name, None)
         if isinstance(member, moderngl.Uniform):
             many = member.array_length
-            if isinstance(value, list) and len(value) > many:
+            if isinstance(value, list):
                 member.value = value[:many] if many > 1 else value[0]
             else:
                 member.value = value
+
+
+Textures: TypeAlias = moderngl.Texture | moderngl.TextureArray | moderngl.Texture3D | list[moderngl.Texture]
+"""What a sampler, or an array of samplers, reads."""
+
+
+def bind_textures(textures: Mapping[str, Textures]) -> dict[str, object]:
+    """Bind textures to units of their own, from 1 on; return the units by the names of the samplers."""
+    unit = count(1)
+    units: dict[str, object] = {}
+    for name, given in textures.items():
+        numbers = [next(unit) for _ in (given if isinstance(given, list) else [given])]
+        for number, texture in zip(numbers, given if isinstance(given, list) else [given], strict=True):
+            texture.use(number)
+        units[name] = numbers if isinstance(given, list) else numbers[0]
+    return units
 
 
 def fullscreen_pass(

@@ -17,7 +17,7 @@ from sketchterrain.render.ground import SurfaceMap
 from sketchterrain.render.ground_cover import GroundCover
 from sketchterrain.render.ground_stream import TerrainStream
 from sketchterrain.render.lit_ground import GroundLighting
-from sketchterrain.render.programs import ResourceCache
+from sketchterrain.render.programs import ResourceCache, Textures, bind_textures
 from sketchterrain.render.quality import Quality, TerrainUpdateStats
 from sketchterrain.render.scene import TerrainSource
 from sketchterrain.render.shading import Shading
@@ -174,7 +174,9 @@ class Scenery:
         targets = self._targets.get(size)
         if targets is None:
             last_used = dict(list(self._targets.items())[-1:])
-            targets = RenderTargets(self._context, size, self._quality.samples)
+            targets = RenderTargets(
+                self._context, size, self._quality.samples, self.stream.tile_renderer.words
+            )
             self._targets = {**last_used, size: targets}
         self._set_frame(camera, targets, draw_distance)
         targets.gbuffer.use()
@@ -222,7 +224,7 @@ class Scenery:
 
     def _bind(self, targets: RenderTargets) -> dict[str, object]:
         """Bind all shared textures to units of their own; return the units by sampler name."""
-        textures: dict[str, moderngl.Texture | moderngl.TextureArray | moderngl.Texture3D] = {
+        textures: dict[str, Textures] = {
             "sky_view": self._sky.view,
             **self.lit.textures,
             "noise_field": self._noise,
@@ -234,11 +236,7 @@ class Scenery:
             **targets.textures,
             **self._clouds.textures(targets),
         }
-        units: dict[str, object] = {"wind": self._weather.drift, "means": self._materials.means}
-        for unit, (name, texture) in enumerate(textures.items(), start=1):
-            texture.use(unit)
-            units[name] = unit
-        return units
+        return bind_textures(textures) | {"wind": self._weather.drift, "means": self._materials.means}
 
 
 def _aridity(terrain: TerrainSource) -> float:

@@ -7,6 +7,7 @@ import moderngl
 import numpy as np
 
 from sketchterrain.document.materials import MaterialTable
+from sketchterrain.render.material_macros import material_macros
 from sketchterrain.render.programs import fullscreen_pass, set_uniforms
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.targets import RenderTargets
@@ -33,7 +34,8 @@ class Shading:
         self._context = context
         self._samples = quality.samples
         self._table = table
-        self.defines = {
+        self.defines: dict[str, int | str] = {
+            **material_macros(table),
             "OCTAVES": OCTAVES,
             "MATERIALS": quality.materials,
             "PLANES": quality.planes,

@@ -7,40 +7,39 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.render.programs import FRAME_BINDING
+from sketchterrain.render.programs import FRAME_BINDING, Textures
 
 
 class RenderTargets:
     """Framebuffers for pictures of `size` (px): visibility at samples² samples a pixel, shading at one.
 
-    `gbuffer` has depth, normal and material weights of the terrain at all samples (`sample_size`, px). With
-    more than one sample `shaded` and `sky` have radiance at one sample a pixel, and `upsampled` receives it
-    at all samples (spread.frag.glsl). `scene` is the same colour buffer with depth, for plants and water,
-    `copy` a copy of it that water reads, `tonemapped` the picture if it is to be enlarged. `textures` has all
-    of them by sampler name.
+    `gbuffer` has depth, normal and `words` of material weights of the terrain at all samples
+    (`sample_size`, px). With more than one sample `shaded` and `sky` have radiance at one sample a pixel,
+    and `upsampled` receives it at all samples (spread.frag.glsl). `scene` is the same colour buffer with
+    depth, for plants and water, `copy` a copy of it that water reads, `tonemapped` the picture if it is to
+    be enlarged. `textures` has all of them by sampler name.
     """
 
-    def __init__(self, context: moderngl.Context, size: tuple[int, int], samples: int) -> None:
+    def __init__(self, context: moderngl.Context, size: tuple[int, int], samples: int, words: int) -> None:
         self.size = size
         sample_size = (size[0] * samples, size[1] * samples)
         self.sample_size = sample_size
         self.depth = depth = _depth(context, sample_size)
         normal = _colour(context, sample_size, "f2")
-        low, high = _colour(context, sample_size, "f1"), _colour(context, sample_size, "f1")
+        weights = [_colour(context, sample_size, "f1") for _ in range(words)]
         colour = _colour(context, sample_size, "f2")
         copy_colour, copy_depth = _colour(context, sample_size, "f2"), _depth(context, sample_size)
         tonemapped = _colour(context, size, "f1")
         tonemapped.filter = (moderngl.LINEAR, moderngl.LINEAR)
-        self.gbuffer = context.framebuffer([normal, low, high], depth)
+        self.gbuffer = context.framebuffer([normal, *weights], depth)
         self.upsampled = context.framebuffer([colour])
         self.scene = context.framebuffer([colour], depth)
         self.copy = context.framebuffer([copy_colour], copy_depth)
         self.tonemapped = context.framebuffer([tonemapped])
-        self.textures = {
+        self.textures: dict[str, Textures] = {
             "gbuffer_depth": copy_depth if samples == 1 else depth,
             "gbuffer_normal": normal,
-            "gbuffer_weights_low": low,
-            "gbuffer_weights_high": high,
+            "gbuffer_weights": weights,
             "radiance": colour,
             "scene": copy_colour,
             "scene_depth": copy_depth,

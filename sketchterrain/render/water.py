@@ -123,7 +123,7 @@ class Water:
         features: TerrainFeatures,
         *,
         enabled: bool = True,
-        defines: Mapping[str, int] | None = None,
+        defines: Mapping[str, int | str] | None = None,
     ) -> None:
         self._context = context
         self._enabled, self._defines = enabled, dict(defines or {})
@@ -138,7 +138,7 @@ class Water:
     def __bool__(self) -> bool:
         return bool(self._anchors)
 
-    def rebuild(self, features: TerrainFeatures, defines: Mapping[str, int]) -> None:
+    def rebuild(self, features: TerrainFeatures, defines: Mapping[str, int | str]) -> None:
         """Replace the programs by ones with other macros."""
         self._defines, self._programs, self._uploaded = dict(defines), [], None
         self.set_features(features)

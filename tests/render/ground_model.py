@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import moderngl
 import numpy as np
 
-from sketchterrain.document.materials import BUILT_IN
+from sketchterrain.document.materials import BUILT_IN, weight_words
 from sketchterrain.io.resources import source
 from sketchterrain.render.camera import Camera, clip_planes, direction
 from sketchterrain.render.programs import FRAME_BINDING
@@ -20,6 +20,8 @@ from sketchterrain.tiles.quadtree import tile_indices
 QUADS = 64
 SIDE = QUADS + 1
 VERTEX = vertex_dtype(len(BUILT_IN))
+WORDS = weight_words(len(BUILT_IN))
+HEADER = f"#version 430 core\n#define TILE_QUADS {QUADS}\n#define WEIGHT_WORDS {WORDS}\n"
 TILE_BYTES = SIDE * SIDE * VERTEX.itemsize
 
 
@@ -237,10 +239,10 @@ class ShadedView:
         self.light = gl.texture(inner, 1, dtype="f4")
         self.target = gl.framebuffer([self.light], gl.depth_renderbuffer(inner))
         self.frame = FrameBlock(gl)
-        version, _, rest = source("render/ground.vert.glsl").partition("\n")
+        macros = (("TILE_QUADS", stream.tiles.quads), ("WEIGHT_WORDS", WORDS))
         program = gl.program(
-            vertex_shader=f"{version}\n#define TILE_QUADS {stream.tiles.quads}\n{rest}",
-            fragment_shader=f"{version}\n{source('render/frame.glsl')}{LIT}",
+            vertex_shader=source("render/ground.vert.glsl", macros),
+            fragment_shader=f"#version 430 core\n{source('render/frame.glsl')}{LIT}",
         )
         program["Frame"].binding = FRAME_BINDING
         self.pool = stream.tile_renderer

@@ -17,11 +17,13 @@ from sketchterrain.tiles.stream import TileStream
 
 from .conftest import Waves
 from .ground_model import (
+    HEADER,
     MAGENTA,
     QUADS,
     SIDE,
     TILE_BYTES,
     VERTEX,
+    WORDS,
     HoleView,
     along_rims,
     beyond,
@@ -44,7 +46,7 @@ def test_shader_equals_its_oracle_bit_for_bit(gl, waves, eye):
     keys, draws = neighbours(eye)
     vertices = pack_tiles(waves, keys)
     expected, share, slope, _ = shaded(draws, vertices, waves.extent, eye)
-    text = f"#version 430 core\n#define TILE_QUADS {QUADS}\n" + source("render/ground.glsl")
+    text = HEADER + source("render/ground.glsl")
     text += """
 out vec3 place; out float share; out vec2 flat_normal;
 void main() {
@@ -63,7 +65,7 @@ void main() {
     gl.simple_framebuffer((4, 4)).use()
     output = gl.buffer(reserve=24 * SIDE**2)
     for tile in range(len(keys)):
-        tile_renderer = TileRenderer(gl, waves.extent, gl.buffer(vertices[tile].tobytes()))
+        tile_renderer = TileRenderer(gl, waves.extent, gl.buffer(vertices[tile].tobytes()), WORDS)
         tile_renderer.set_tiles(draws.part(tile), eye)
         gl.vertex_array(program, tile_renderer.vertex_bindings, skip_errors=True).transform(
             output, moderngl.POINTS, vertices=SIDE**2, instances=1
@@ -77,7 +79,7 @@ void main() {
 @pytest.mark.gl
 def test_tiles_beyond_32_bit_lattice_distances_are_rejected(gl, waves):
     keys, draws = neighbours(EYES[0])
-    tile_renderer = TileRenderer(gl, waves.extent, gl.buffer(pack_tiles(waves, keys).tobytes()))
+    tile_renderer = TileRenderer(gl, waves.extent, gl.buffer(pack_tiles(waves, keys).tobytes()), WORDS)
     with pytest.raises(InputError, match="128000 m of the eye"):
         tile_renderer.set_tiles(draws, (200_000.0, 0.0, 10.0))
 

@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from sketchterrain.document.store import load_sketch
 from sketchterrain.io import resources
 from sketchterrain.io.resources import Defines
 from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES, Cover, Lake, River, ShapeField
+from sketchterrain.placement.sea import Sea
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.layers import layer_stack
 from sketchterrain.terrain.layers.layer import WorldSettings
@@ -157,6 +159,16 @@ def lake(x: float, y: float, radius: float, level: float, *, depth: float = 8.0,
     return Lake(1, 1, round_field(x, y, radius, **more), level, depth)
 
 
+def winding_sea(x: float = 2048.0, y: float = 2048.0, *, level: float = 2.0, wave: float = 300.0) -> Sea:
+    """Return a sea west of a winding coast, in a field of 4 km around a position."""
+    spacing, count = 16.0, 256
+    step = (np.arange(count) - 0.5 * (count - 1)) * spacing
+    inside = wave * np.sin(step[:, None] / 500) - step
+    coast = ShapeField(x + step[0], y + step[0], spacing, np.clip(inside, -500, 900).astype(np.float32))
+    depth = replace(coast, inside=np.full(inside.shape, 30.0, np.float32))
+    return Sea(level, beach=40.0, shelf=700.0, reach=320.0, ragged=40.0, coast=coast, depth=depth)
+
+
 def cover(x: float, y: float, radius: float, material: int, strength: float = 1.0) -> Cover:
     """Return a round patch of one material."""
     return Cover(1, 1, round_field(x, y, radius), material, strength)
@@ -210,7 +222,10 @@ CASES = {
     "forest": [feature("forest", 2500, 1200, 800, 0.8)],
     "river": [],
     "lake": [],
+    "sea": [feature("mountain", 2100, 2300, 900, 300), feature("forest", 2300, 1700, 500, 0.8)],
+    "flood": [feature("hill", 2100, 2300, 900, 60)],
 }
+SEAS = {"sea": winding_sea(), "flood": Sea(2.0, 40.0, 700.0, 320.0, 40.0, None, None)}
 LAKES = (
     lake(1800, 1900, 420, 3.0),
     lake(2270, 2300, 150, 9.0, margin=60.0, spacing=5.0),
@@ -224,4 +239,4 @@ def case(request, make_recipe) -> tuple[str, TerrainRecipe]:
     name = request.param
     rivers = (straight_river(), straight_river(900, width=6)) if name == "river" else ()
     lakes = LAKES if name == "lake" else ()
-    return name, make_recipe(*CASES[name], rivers=rivers, lakes=lakes)
+    return name, make_recipe(*CASES[name], rivers=rivers, lakes=lakes, sea=SEAS.get(name))

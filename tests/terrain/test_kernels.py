@@ -18,14 +18,26 @@ from sketchterrain.terrain.layers.layer import MASKS, HostSamples
 from sketchterrain.terrain.noise import SKEW_OTHER, SKEW_SAME, OctaveTable, octave_table
 from sketchterrain.terrain.recipe import TerrainRecipe
 
-from .conftest import CASES, LAKES, cover, feature, lake, river_of, straight_river, tiers
+from .conftest import (
+    CASES,
+    LAKES,
+    SEAS,
+    cover,
+    feature,
+    lake,
+    river_of,
+    straight_river,
+    tiers,
+    winding_sea,
+)
 
 # float32 carries 7 digits; the steepest profile multiplies a distance's error by height / radius.
 HEIGHT_TOLERANCE_M = 3e-3
 MASK_TOLERANCE = 2e-5
 CELLS = (0.0, 8.0, 64.0)
 _EXPECTED: dict[tuple[str, float], HostSamples] = {}
-WET = {"river": "water", "lake": "water", "eroded": "mountain", "crest": "mountain"}
+REACHED = {"eroded": "mountain", "crest": "mountain", "river": "water", "lake": "water", "flood": "water"}
+REACHED |= {"sea": "water mountain forest"}
 
 
 def places(count: int = 4000) -> tuple[np.ndarray, np.ndarray]:
@@ -52,7 +64,7 @@ def test_float_kernel_agrees_with_numpy_float64(case, context) -> None:
     # Each case reaches its branch.
     _, masks = Evaluator(recipe, context).points(*places(), cell_size=4.0)
     reached = dict(zip(MASKS, (masks > 0.5).sum(axis=0) > 20, strict=True))
-    assert reached == {mask: mask == WET.get(name, name) for mask in MASKS}
+    assert reached == {mask: mask in REACHED.get(name, name).split() for mask in MASKS}
 
 
 def test_double_kernel_equals_host_evaluation(case, double_context) -> None:
@@ -99,7 +111,7 @@ NORMAL_DEGREES = 0.1
 EXTENT = 32768.0
 FARTHEST = 16_000.0
 CORNERS = [(-1, -1), (1, -1), (-1, 1), (1, 1), (0, 0)]
-KINDS = ("ground", "mountains", "eroded", "hills", "dunes", "river", "lake")
+KINDS = ("ground", "mountains", "eroded", "hills", "dunes", "river", "lake", "sea", "flood")
 SIDE = 35
 
 
@@ -123,6 +135,10 @@ def recipe_of(kind, corner, make_recipe) -> tuple[TerrainRecipe, np.ndarray[Any,
         changes["rivers"] = (river_of(line, 20.0),)
     if kind == "lake":
         changes["lakes"] = (lake(x, y, 400, 3.0),)
+    if kind == "sea":
+        changes["sea"] = winding_sea(x, y)
+    if kind == "flood":
+        changes["sea"] = SEAS["flood"]
     return make_recipe(*placed, **changes), middle
 
 

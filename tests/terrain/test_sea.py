@@ -1,0 +1,199 @@
+"""Coasts: profiles of bed, beach and cliff; what stays as it is; the sea of a painted sketch."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.document.materials import MATERIALS
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.placement.feature_types import ShapeField
+from sketchterrain.placement.sea import Sea, create_sea
+from sketchterrain.terrain.building import build
+from sketchterrain.terrain.evaluator import Evaluator
+from sketchterrain.terrain.lattice import to_lattice
+from sketchterrain.terrain.layers.layer import MASKS
+from sketchterrain.terrain.layers.sea import SeaLayer, raised_lowland
+from sketchterrain.terrain.recipe import TerrainRecipe
+
+from .conftest import CASES, feature, winding_sea
+
+EXTENT, COAST = 4096.0, 2048.0
+LEVEL, SHELF, DEPTH, BEACH, REACH = 2.0, 700.0, 30.0, 40.0, 320.0
+SLOPE = 0.05
+
+
+def straight_sea(*, ragged: float = 0.0) -> Sea:
+    """A sea east of x = COAST."""
+    spacing, count = 16.0, 256
+    inside = np.broadcast_to((np.arange(count) + 0.5) * spacing - COAST, (count, count))
+    coast = ShapeField(8.0, 8.0, spacing, np.clip(inside, -500, 900).astype(np.float32))
+    depth = replace(coast, inside=np.full(inside.shape, DEPTH, np.float32))
+    return Sea(LEVEL, BEACH, SHELF, REACH, ragged, coast, depth)
+
+
+def flood(level: float = LEVEL) -> Sea:
+    """All ground below a level."""
+    return Sea(level, BEACH, SHELF, REACH, 0.0, None, None)
+
+
+def heights(recipe: TerrainRecipe, context: ComputeContext, x: Any, y: Any, cell: float = 0.0) -> Any:
+    x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
+    lattice = to_lattice(x.ravel(), EXTENT), to_lattice(y.ravel(), EXTENT)
+    return Evaluator(recipe, context).points(*lattice, cell_size=cell)[0].reshape(x.shape)
+
+
+def test_a_painted_bed_follows_its_profile(make_recipe, context) -> None:
+    """Slope at the waterline, greatest depth at the shelf's end; the ground below has no effect."""
+    recipe = make_recipe(*CASES["mountain"], sea=straight_sea())
+    d = np.array([0.5, 5.0, 100.0, 350.0, 699.0, 750.0, 1500.0, 9000.0])
+    t = np.minimum(d / SHELF, 1)
+    bars = 0.15 * DEPTH * t**2 * (3 - 2 * t)  # banks and hollows
+    expected = LEVEL - DEPTH * t**2 * (3 - 2 * t) - SLOPE * SHELF * t * (1 - t) ** 2
+    for y in (-3000.0, 700.0, 2000.0, 9000.0):
+        found = heights(recipe, context, COAST + d, y)
+        assert (np.abs(found - expected) < bars + 1e-3).all()
+    assert np.ptp(heights(recipe, context, COAST + 1500.0, np.arange(500.0, 3500.0, 100.0))) > 1.0
+
+
+def test_land_beside_a_painted_sea_is_above_it(make_recipe, context) -> None:
+    """It begins at the level with the beach's slope, and from the reach on only lowland is raised."""
+    bare = make_recipe(*CASES["mountain"])
+    recipe = make_recipe(*CASES["mountain"], sea=straight_sea())
+    y = np.linspace(0, EXTENT, 400)
+    shore = [heights(recipe, context, COAST - x, y) - LEVEL for x in (0.25, 0.5)]
+    np.testing.assert_allclose(shore[1] - shore[0], 0.25 * SLOPE, atol=0.004)
+    x = COAST - np.geomspace(0.2, 2000, 40)[:, None]
+    ground, land = heights(bare, context, x, y), heights(recipe, context, x, y)
+    assert (land > LEVEL).all()
+    raised = LEVEL + raised_lowland(ground - LEVEL)
+    assert (land <= raised + 1e-3).all()
+    inland = (COAST - x[:, 0]) > REACH
+    np.testing.assert_allclose(land[inland], raised[inland], atol=1e-4)
+    high = inland[:, None] & (ground > LEVEL + 8.0)
+    np.testing.assert_array_equal(land[high], ground[high])
+    assert high.sum() > 1000
+
+
+def test_slopes_are_continuous_across_coasts(make_recipe, context) -> None:
+    """From step to step they change no more than without a sea, but for the cliffs' own curvature."""
+    relief = [feature("hill", 2100, 2000, 900, 60)]
+    x = np.arange(1200.0, 2900.0, 0.5)
+    for sea in (winding_sea(), straight_sea(ragged=40.0), flood()):
+        # Without the noise that is as fine as the steps.
+        ground = heights(make_recipe(*relief, sea=sea), context, x, np.array([[1700.0], [2050.0]]), 32.0)
+        slope = np.diff(ground, axis=1) / 0.5
+        assert np.abs(np.diff(slope, axis=1)).max() < 0.02
+
+
+def test_an_unpainted_sea_changes_only_ground_near_its_level(make_recipe, context) -> None:
+    rng = np.random.default_rng(4)
+    x, y = rng.uniform(-EXTENT, 2 * EXTENT, (2, 20000))
+    bare = heights(make_recipe(), context, x, y).astype(np.float64) - LEVEL
+    found = heights(make_recipe(sea=flood()), context, x, y).astype(np.float64) - LEVEL
+    swash = 0.1 * BEACH
+    near = np.abs(bare) < swash
+    np.testing.assert_allclose(found[~near], bare[~near], atol=1e-5)
+    u = bare[near] / swash
+    np.testing.assert_allclose(found[near], bare[near] * (1 - 0.75 * (1 - u**2) ** 2), atol=1e-5)
+    assert (np.sign(found[np.abs(bare) > 1e-3]) == np.sign(bare[np.abs(bare) > 1e-3])).all()
+    assert near.sum() > 500
+
+
+def test_masks_of_the_sea(make_recipe, context) -> None:
+    """Water is 3/4 at the waterline and 1 where the sea is deep; no forest and no rock in it."""
+    forest = feature("forest", COAST, COAST, 1500, 0.9)
+    x = COAST + np.array([-300.0, -41.0, -20.0, -0.01, 0.01, 350.0, 700.0])
+    recipe = make_recipe(forest, *CASES["mountain"], sea=straight_sea())
+    lattice = to_lattice(x, EXTENT), to_lattice(np.full(x.size, COAST), EXTENT)
+    masks = Evaluator(recipe, context).points(*lattice, cell_size=0.0)[1]
+    water, wood, rock = (masks[:, MASKS.index(name)] for name in ("water", "forest", "mountain"))
+    np.testing.assert_allclose(water[[0, 1, 3, 4, 5, 6]], [0, 0, 0.75, 0.75, 0.875, 1], atol=1e-3)
+    assert 0.1 < water[2] < 0.3
+    assert (wood[3:] == 0).all()
+    assert (rock[3:] < 1e-3).all()
+
+
+def square_sketch(**changes: Any) -> Sketch:
+    """A square island of half the sketch's width."""
+    image = np.ones((64, 64), np.uint8)
+    image[16:48, 16:48] = 0
+    return Sketch(extent=EXTENT, **({"layers": {"sea": image}, "fidelity": 1.0} | changes))
+
+
+def test_paint_is_the_coast_at_fidelity_1(context) -> None:
+    """All of the paint is under water, all other ground above it, also beyond the sketch."""
+    terrain = build(square_sketch(ground={"relief": 80.0}), device=context)
+    assert terrain.features.sea_level == 0.0
+    step = (np.arange(-32, 96) + 0.5) * 64.0
+    wet = terrain.heights(*np.meshgrid(step, step)) < 0
+    island = np.zeros((128, 128), bool)
+    island[48:80, 48:80] = True
+    border = island ^ ndimage.binary_erosion(island) | (ndimage.binary_dilation(island) ^ island)
+    assert (wet == ~island)[~border].all()
+    assert (wet == ~island)[border].mean() > 0.98
+
+
+def test_below_fidelity_1_coasts_are_ragged_near_the_paint(context) -> None:
+    x, y = np.meshgrid(*[np.linspace(900, 3200, 460)] * 2)
+    painted = create_sea(square_sketch(fidelity=0.8))
+    assert painted is not None
+    assert painted.ragged == pytest.approx(5 * 64.0)
+    wet, loose = (
+        build(square_sketch(fidelity=value), device=context).heights(x, y) < 0 for value in (1.0, 0.8)
+    )
+    moved = ndimage.distance_transform_edt(wet == wet[0, 0]), ndimage.distance_transform_edt(wet != wet[0, 0])
+    away = np.maximum(*moved)[wet != loose]
+    assert away.max() * 5 < 5 * 64.0 + 2 * 64.0
+    assert (wet != loose).mean() > 0.02
+
+
+def test_labels_have_their_own_depths(context) -> None:
+    image = np.ones((64, 64), np.uint8)
+    image[:, 32:] = 2
+    image[:, 28:36] = 0
+    labels = {("sea", 1): {"depth": 10.0}, ("sea", 2): {"depth": 90.0}}
+    sketch = square_sketch(layers={"sea": image}, labels=labels, coast={"shelf": 300.0, "sea_level": 12.0})
+    shallow, deep = build(sketch, device=context).heights([300.0, 3800.0], [2000.0, 2000.0])
+    assert shallow == pytest.approx(12.0 - 10.0, abs=1.6)
+    assert deep == pytest.approx(12.0 - 90.0, abs=13.6)
+
+
+def test_a_stroke_changes_only_what_is_near_it() -> None:
+    """Parts of the coast that a stroke does not reach are the same items."""
+    image = np.ones((512, 512), np.uint8)
+    image[100:400, 100:400] = 0
+    painted = image.copy()
+    painted[240:260, 395:405] = 1
+    sketches = [Sketch(extent=8192.0, layers={"sea": each}) for each in (image, painted)]
+    old, new = (SeaLayer.of(create_sea(each)) for each in sketches)
+    recipe = build(sketches[0]).recipe
+    assert old.key() == new.key()
+    change = new.change(old, recipe.world)
+    assert change is not None
+    boxes = change.boxes * recipe.world.unit
+    assert 0 < len(change.added) < 30
+    assert boxes[:, 0].min() > 3500.0  # the island's west is as it was
+
+
+def test_sand_covers_beaches_and_the_bed(context) -> None:
+    terrain = build(square_sketch(ground={"relief": 4.0}), device=context)
+    tile = terrain.tile(3, 2, 4)
+    share = tile.materials[..., MATERIALS.index("sand")]
+    near = (tile.height > -3) & (tile.height < 0.3)
+    assert near.any()
+    assert share[near].mean() > 0.95
+    dry = build(square_sketch(layers={"sea": np.zeros((64, 64), np.uint8)}), device=context)
+    assert dry.features.sea_level is None
+    assert dry.tile(3, 2, 4).materials[..., MATERIALS.index("sand")].max() < 1e-6
+
+
+def test_unpainted_features_keep_off_the_sea(context) -> None:
+    sketch = square_sketch(density={"hill": 4.0, "mountain": 1.0})
+    points = build(sketch, device=context).features.points
+    inside = np.all([(points[axis] > 1024) & (points[axis] < 3072) for axis in ("x", "y")], axis=0)
+    assert len(points) > 3
+    assert inside.all()

@@ -9,10 +9,12 @@ from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
 from sketchterrain.document.material_rules import DEFAULT_RULES
 from sketchterrain.document.materials import BUILT_IN
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.io import resources
 from sketchterrain.io.resources import Defines
 from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES, Cover, Lake, River, ShapeField
+from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.sea import Sea
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.layers import layer_stack
@@ -26,13 +28,8 @@ if not list_devices():
     pytest.skip("no OpenCL device", allow_module_level=True)
 
 
-class NoFill:
-    """Unpainted areas without features."""
-
-    max_radius = 0.0
-
-    def within(self, west, south, east, north, *, min_radius=0.0):
-        return np.zeros(0, dtype=FEATURE)
+NO_FILL = Fill.from_sketch(Sketch(), np.zeros(0, FEATURE), seed=0)
+"""Unpainted areas without features."""
 
 
 def tiers(names, quick, slow=(), soak=()):
@@ -186,7 +183,7 @@ def make_recipe() -> Callable[..., TerrainRecipe]:
         values: dict[str, Any] = {
             "ground": {"relief": 40.0, "wavelength": 1600.0, "roughness": 0.45},
             "painted": painted,
-            "fill": NoFill(),
+            "fill": NO_FILL,
             "rivers": rivers,
             "valley_radii": tuple(np.full(len(river.centreline), 160.0) for river in rivers),
         }

@@ -6,6 +6,7 @@ from typing import Any
 from sketchterrain.array_types import Float64Array, StructuredArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.placement.feature_types import Cover, Lake, River
+from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.sea import Sea
 from sketchterrain.terrain.layers.base import BaseLayer
 from sketchterrain.terrain.layers.corridors import CorridorsLayer
@@ -14,7 +15,7 @@ from sketchterrain.terrain.layers.dunes import DunesLayer
 from sketchterrain.terrain.layers.forests import ForestsLayer
 from sketchterrain.terrain.layers.lakes import LakesLayer
 from sketchterrain.terrain.layers.layer import TerrainLayer
-from sketchterrain.terrain.layers.points import FeatureSource, PointsLayer
+from sketchterrain.terrain.layers.points import PointsLayer
 from sketchterrain.terrain.layers.relief import ReliefLayer
 from sketchterrain.terrain.layers.sea import SeaLayer
 
@@ -24,7 +25,7 @@ def layer_stack(
     extent: float,
     ground: Mapping[str, Any],
     painted: StructuredArray,
-    fill: FeatureSource,
+    fill: Fill,
     rivers: Sequence[River] = (),
     valley_radii: Sequence[Float64Array] = (),
     lakes: Sequence[Lake] = (),

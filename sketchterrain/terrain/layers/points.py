@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Protocol
+from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,6 @@ from sketchterrain.caching import LRUCache
 from sketchterrain.io.resources import kernel_columns, kernel_constants
 from sketchterrain.placement.differences import row_difference, rows_only_in
 from sketchterrain.placement.feature_types import (
-    BY_ELEVATION,
     FEATURE_TYPES,
     area_profile,
     conifer_share,
@@ -24,6 +23,7 @@ from sketchterrain.placement.feature_types import (
     hill_profile,
     mountain_profile,
 )
+from sketchterrain.placement.fill import Fill
 from sketchterrain.terrain.changes import LayerChange
 from sketchterrain.terrain.index import BoxIndex
 from sketchterrain.terrain.lattice import to_lattice
@@ -66,25 +66,6 @@ _MAX_OVERLAP = 4.0
 _SAG = 0.5  # share of height lost at the ends of a crest whose half length equals the width of its flanks
 
 
-class FeatureSource(Protocol):
-    """Features of unpainted areas: a pure function of the position; see `Fill`."""
-
-    @property
-    def max_radius(self) -> float:
-        """Greatest ground radius of a feature (m); 0 if there are none."""
-        ...
-
-    def within(
-        self, west: float, south: float, east: float, north: float, *, min_radius: float = 0.0
-    ) -> StructuredArray:
-        """Return the features whose centre lies in the rectangle (m), sorted by id."""
-        ...
-
-    def difference(self, other: Any) -> tuple[StructuredArray, StructuredArray] | None:
-        """Return features that only this and only another source has; None if they may differ anywhere."""
-        ...
-
-
 @dataclass(frozen=True)
 class PackedFeatures:
     """Features that may affect the blocks of one launch, in the order of their ids."""
@@ -106,14 +87,14 @@ class PointsLayer(TerrainLayer):
     name: ClassVar[str] = "points"
 
     painted: StructuredArray = field(metadata=ITEMS)  # placed features (dtype ``FEATURE``), sorted by id
-    fill: FeatureSource = field(metadata=ITEMS)  # features of unpainted areas
+    fill: Fill = field(metadata=ITEMS)  # features of unpainted areas
 
     @cached_property
     def dune_styles(self) -> tuple[tuple[float, float], ...]:
         """Distinct (wavelength in m, wind in degrees) of the dunes, sorted; the key of their layer."""
         dunes = self.painted[self.painted["type"] == FEATURE_TYPES.index("dune")]
         painted = {(float(dune["wavelength"]), float(dune["wind"])) for dune in dunes}
-        return tuple(sorted(painted | set(getattr(self.fill, "dune_styles", ()))))
+        return tuple(sorted(painted | self.fill.dune_styles))
 
     @property
     def slots(self) -> int:
@@ -124,7 +105,7 @@ class PointsLayer(TerrainLayer):
     def has_conifer_shares(self) -> bool:
         """Whether any forest's share of conifers is set instead of derived from elevation."""
         forests = self.painted[self.painted["type"] == FEATURE_TYPES.index("forest")]
-        shares = (*conifer_share(forests["peakiness"]), getattr(self.fill, "conifers", BY_ELEVATION))
+        shares = (*conifer_share(forests["peakiness"]), self.fill.conifers)
         return bool(max(shares) >= 0.0)
 
     def stacks(self, world: WorldSettings) -> tuple[NoiseStack, ...]:
@@ -258,11 +239,10 @@ class PointsLayer(TerrainLayer):
         small = self.painted[self.painted["type"] == FEATURE_TYPES.index(kind)]
         small = small[small["radius"] < 2 * cell]
         lost = small["strength"] * _fade_loss(small["radius"] / cell)
-        strongest, radii = getattr(self.fill, "max_strength", None), np.linspace(0.0, 2.0, 21)
-        if strongest is not None:
-            # Strength and visibility both grow with the radius.
-            of_fill = [strongest(kind, radius * cell) for radius in radii[1:]] * _fade_loss(radii[:-1])
-            lost = np.append(lost, of_fill)
+        # Strength and visibility both grow with the radius.
+        radii = np.linspace(0.0, 2.0, 21)
+        of_fill = [self.fill.max_strength(kind, radius * cell) for radius in radii[1:]]
+        lost = np.append(lost, of_fill * _fade_loss(radii[:-1]))
         return float(lost.max(initial=0.0) * _MAX_OVERLAP**power)
 
     def heights(self, ground: HostSamples, site: HostSite) -> HostSamples:

@@ -3,7 +3,7 @@
 #if MATERIALS == 1
 #define WAVES 1
 #else
-#define WAVES 3
+#define WAVES 4
 #endif
 #include "render/frame.glsl"
 #include "render/surface.glsl"
@@ -78,7 +78,7 @@ void main()
     float roughness = sea ? wind_roughness(length(wind)) * (0.6 + 0.8 * gust) : lake ? wind_roughness(SHELTER * length(wind)) * (0.25 + 1.5 * gust)
                            : stream_roughness(speed, stream.y) * (0.45 + 1.1 * gust);
     float time = clock / RENEWAL + 0.8 * patches.y;
-    Waves waves = waves_at(position.xy, flow.zw * speed, pixel, roughness, time);
+    Waves waves = waves_at(position.xy, flow.zw * speed, pixel, roughness, time, sea);
 
     // The bed, where the refracted ray meets a level bed of the depth behind the pixel.
     float rise = nearer * abs(position.z);
@@ -141,7 +141,7 @@ void main()
     if (sea) {
         float passed = waves_to_shore(shallow, SURF_PERIOD) + clock / SURF_PERIOD + 0.6 * patches.y;
         float strength = length(wind), seen = 1.0 - smoothstep(0.5, 4.0, pixel);
-        amount = surf_foam(max(shallow, 0.0), surf_height(strength), passed, seen) * (0.5 + gust) + whitecaps(strength) * 2.0 * gust;
+        amount = surf_foam(max(shallow, 0.0), surf_height(strength), passed, seen) * (0.5 + gust) + whitecaps(strength) * 2.0 * gust * (1.0 - smoothstep(0.5, 2.5, pixel));
     }
 #if MATERIALS == 1
     float web = froth.y;

@@ -4,7 +4,7 @@
 // roughness (Olano & Baker 2010; Bruneton et al. 2010, section 4.1).
 // WAVES: how many sizes.
 uniform sampler2D wave_slopes;     // rg: slope of one size, mean 0, mean of the squared length 1; b: that square; a: height
-uniform vec4 wave_layers[WAVES];   // xy: texture's x axis over its period, 1/m; z: root of its share of slope²; w: unused
+uniform vec4 wave_layers[WAVES];   // xy: texture's x axis over its period, 1/m; z, w: root of its share of slope² inland, and at sea
 uniform vec2 wave_phases[WAVES];   // the eye's position in the texture, including drift
 
 const float RENEWAL = 3.2;     // s, after which an advected pattern restarts
@@ -37,12 +37,15 @@ vec2 flow_phase(float time, float phase)
 //   pixel      width of a pixel on the water, m
 //   roughness  slope² of all waves, both axes together
 //   time       in renewals
-Waves waves_at(vec2 place, vec2 velocity, float pixel, float roughness, float time)
+//   sea        whether the shares are the sea's
+Waves waves_at(vec2 place, vec2 velocity, float pixel, float roughness, float time, bool sea)
 {
     Waves all = Waves(vec2(0.0), FINEST_WAVES);
     float texels = float(textureSize(wave_slopes, 0).x);
     for (int i = 0; i < WAVES; ++i) {
         vec4 layer = wave_layers[i];
+        float share = sea ? layer.w : layer.z;
+        if (share == 0.0) continue;
         mat2 turn = mat2(layer.x, -layer.y, layer.y, layer.x); // m -> texture, columns
         float lod = log2(max(pixel * length(layer.xy) * texels, 1e-3));
         vec3 sum = vec3(0.0);
@@ -53,7 +56,7 @@ Waves waves_at(vec2 place, vec2 velocity, float pixel, float roughness, float ti
             float spread = max(read.b - dot(read.rg, read.rg), 0.0);
             sum += vec3(flow.y * read.rg, flow.y * flow.y * spread);
         }
-        float height = sqrt(roughness) * layer.z;
+        float height = sqrt(roughness) * share;
         vec2 axis = layer.xy / length(layer.xy);
         all.slope += height * (mat2(axis.x, axis.y, -axis.y, axis.x) * sum.xy);
         all.variance += 0.5 * height * height * sum.z;

@@ -23,8 +23,13 @@ if TYPE_CHECKING:
 
 SIZE: Final = 256  # texels along a side of the texture
 BAND: Final = (3.0, 56.0)  # longest and shortest waves, per side
-LAYERS: Final = ((8.0, -0.42, 0.40), (2.3, 0.55, 0.28), (31.0, 0.16, 0.32))
-"""Side (m), rotation against the wind (rad) and share of slope² of each layer."""
+LAYERS: Final = (
+    (8.0, -0.42, 0.40, 0.32),
+    (2.3, 0.55, 0.28, 0.26),
+    (31.0, 0.16, 0.32, 0.31),
+    (173.0, -0.23, 0.0, 0.11),
+)
+"""Side (m), rotation against the wind (rad) and shares of slope² inland and at sea of each layer."""
 GRAVITY: Final = 9.81  # m/s²
 TYPICAL: Final = 7.0  # waves per side whose phase speed a layer drifts at
 
@@ -76,15 +81,15 @@ def wave_texture(context: moderngl.Context) -> moderngl.Texture:
 
 
 def wave_layers(wind: tuple[float, float], count: int = len(LAYERS)) -> Float64Array:
-    """Return (count, 4): the texture's x axis over its side (1/m), √ of the share of slope², 0.
+    """Return (count, 4): the texture's x axis over its side (1/m), √ of the shares of slope².
 
     Only the direction of the wind (m/s, east and north) counts.
     """
     heading = np.arctan2(wind[1], wind[0])
-    side, turn, share = np.array(LAYERS[:count]).T
+    side, turn, *shares = np.array(LAYERS[:count]).T
     angle = heading + turn
-    rows = [np.cos(angle) / side, np.sin(angle) / side, np.sqrt(share / share.sum()), np.zeros(count)]
-    return np.stack(rows, axis=-1)
+    roots = [np.sqrt(share / share.sum()) for share in shares]
+    return np.stack([np.cos(angle) / side, np.sin(angle) / side, *roots], axis=-1)
 
 
 def wave_phases(layers: Float64Array, eye: tuple[float, float, float], clock: float) -> Float64Array:

@@ -204,8 +204,8 @@ def test_wave_slopes_match_heights_and_mipmaps_preserve_variance():
 def test_waves_run_downwind_and_are_periodic():
     layers = wave_layers((3.0, 4.0))
     assert len(layers) == len(LAYERS)
-    np.testing.assert_allclose((layers[:, 2] ** 2).sum(), 1.0)
-    for layer, (side, turn, _) in zip(layers, LAYERS, strict=True):
+    np.testing.assert_allclose((layers[:, 2:] ** 2).sum(axis=0), 1.0)
+    for layer, (side, turn, *_) in zip(layers, LAYERS, strict=True):
         assert np.hypot(*layer[:2]) == pytest.approx(1 / side)
         assert np.arctan2(layer[1], layer[0]) == pytest.approx(np.arctan2(4, 3) + turn)
     here = wave_phases(layers, (5e6, -3e6, 10.0), 7.0)

@@ -141,7 +141,7 @@ void main()
     if (sea) {
         float passed = waves_to_shore(shallow, SURF_PERIOD) + clock / SURF_PERIOD + 0.6 * patches.y;
         float strength = length(wind), seen = 1.0 - smoothstep(0.5, 4.0, pixel);
-        amount = surf_foam(max(shallow, 0.0), surf_height(strength), passed, seen) * (0.5 + gust) + whitecaps(strength) * 2.0 * gust * (1.0 - smoothstep(0.5, 2.5, pixel));
+        amount = surf_foam(max(shallow, 0.0), surf_height(strength), passed, seen) * (0.7 + 0.6 * gust) + whitecaps(strength) * 2.0 * gust * (1.0 - smoothstep(0.5, 2.5, pixel));
     }
 #if MATERIALS == 1
     float web = froth.y;

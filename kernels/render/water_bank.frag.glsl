@@ -11,6 +11,7 @@ uniform sampler2D noise_field;
 
 in vec3 position;
 in float wet_room;
+in float visible;
 out vec4 radiance;
 
 const float WET = 0.5;        // albedo of wet over dry ground
@@ -29,7 +30,7 @@ void main()
     vec4 wide = texture(noise_field, at / 128.0);
     vec4 fine = texture(noise_field, at / 16.0);
     float uneven = UNEVEN * (wide.x + 0.7 * fine.y);
-    float wet = wetness_beside(above, wet_room, uneven) * (1.0 - smoothstep(0.4 * FAR, FAR, length(ground)));
+    float wet = visible * wetness_beside(above, wet_room, uneven) * (1.0 - smoothstep(0.4 * FAR, FAR, length(ground)));
     vec3 to_eye = -normalize(ground);
     float mirror = SHEEN * wet * schlick(vec3(0.02), dot(normal, to_eye)).r * smoothstep(-0.1, 0.1, above);
     vec3 clear = through_air(vec3(1.0), ground) - through_air(vec3(0.0), ground);

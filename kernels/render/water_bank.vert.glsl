@@ -11,6 +11,7 @@ in vec4 stream_params;
 
 out vec3 position;  // on the water surface, m from the eye
 out float wet_room; // m, negative in the bank
+out float visible;  // share of the water
 
 const float LID = 0.75; // m over the water
 
@@ -18,6 +19,7 @@ void main()
 {
     bool sea = stream_params.w < 0.0;
     position = anchor + local_position * (sea ? view_range.x : 1.0);
+    visible = stream_params.z;
     wet_room = sea ? 1.0 : shore.x;
     gl_Position = to_clip * vec4(position + vec3(0.0, 0.0, LID), 1.0);
 }

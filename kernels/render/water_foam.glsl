@@ -66,7 +66,7 @@ float surf_foam(float depth, float height, float passed, float seen)
     float zone = 1.0 - smoothstep(0.35, 1.0, depth / (1.28 * height));
     float bore = mix((1.0 - exp(-TRAIL)) / TRAIL, exp(-TRAIL * fract(passed)), seen);
     float wash = 1.0 - smoothstep(0.0, 0.12 * height, depth);
-    return clamp(zone * bore * (0.35 + 0.65 * zone) + 0.45 * wash, 0.0, 0.9);
+    return clamp(zone * bore * (0.5 + 0.5 * zone) + 0.5 * wash, 0.0, 0.9);
 }
 
 // Share of the open sea under whitecaps at a wind (m/s) (Monahan & O'Muircheartaigh 1980).

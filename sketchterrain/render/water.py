@@ -132,8 +132,8 @@ class Water:
     ) -> None:
         self._context = context
         self._enabled, self._defines = enabled, dict(defines or {})
-        self._arrays: list[list[moderngl.VertexArray]] = []  # of each pass: inland waters, the sea
-        self._anchors: list[Float64Array | float] = []  # of each array: a place (m), or the sea's level (m)
+        self._arrays: list[list[moderngl.VertexArray]] = []  # of each pass: the sea, inland waters
+        self._anchors: list[float | Float64Array] = []  # of each array: the sea's level (m), or a place (m)
         self._programs: list[moderngl.Program] = []
         self._uploaded: object = None
         self._cheap = self._defines.get("MATERIALS") == 1
@@ -155,13 +155,13 @@ class Water:
         if state == self._uploaded:
             return
         self._uploaded = state
+        # The sea is first: rivers fade into it.
+        self._anchors = [each.level for each in objects if each.level is not None]
+        parts = [sea_vertices() for _ in self._anchors]
         meshes = [each.mesh(_NOWHERE) for each in objects if each.level is None]
-        parts = [inland_vertices(meshes)] if meshes else []
-        self._anchors = [meshes[0].position[0].copy()] if meshes else []
-        for each in objects:
-            if each.level is not None:
-                parts.append(sea_vertices())
-                self._anchors.append(each.level)
+        if meshes:
+            self._anchors.append(meshes[0].position[0].copy())
+            parts.append(inland_vertices(meshes))
         self._arrays = []
         if not parts:
             return

@@ -89,8 +89,7 @@ class Terrain:
     @property
     def sea_level(self) -> float | None:
         """Level of the sea (m); None without one."""
-        sea = getattr(self.recipe, "sea", None)
-        return None if sea is None else float(sea.level)
+        return self.recipe.sea_level
 
     def heights(self, x: npt.ArrayLike, y: npt.ArrayLike, *, cell_size: float = 0.0) -> Float32Array:
         """Return heights at any points of the world.

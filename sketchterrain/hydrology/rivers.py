@@ -262,6 +262,8 @@ def _solve_water(
             above = above_sea(network, grounds, sea_level)
             tides = [tidal_reaches(*each, sea_level) for each in zip(courses, grounds, strict=True)]
         filled, levels = solve_lake_levels(lakes, network, above, tides)
+        if sea_level is not None:  # sharp bends have lowered it by centimetres
+            levels = [np.maximum(level, sea_level) for level in levels]
         return _reuse_unchanged(build_rivers(network, levels), cache), filled
 
     rivers, filled = cache.get_or_compute(

@@ -86,7 +86,7 @@ class LatencyProbe:
         """Close the window and end the processes."""
         self._garbage.stop()
         self._link.stop()
-        self._document.mark_saved(self._document.sketch, Path(self._folder.name))  # or it would ask
+        self._document.mark_saved(self._document.state, Path(self._folder.name))  # or it would ask
         self._window.close()
         self._window.deleteLater()
         self._application.processEvents()

@@ -72,6 +72,10 @@ class LRUCache:
             self._values.move_to_end(key)
             return self._values[key][0]
 
+    def items(self) -> list[tuple[Any, Any]]:
+        """Return the keys and values, the least recently used first."""
+        return [(key, value) for key, (value, _) in self._values.items()]
+
     def keys(self) -> list[Any]:
         """Return the keys, the least recently used first."""
         return list(self._values)

@@ -5,9 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import count
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -174,8 +172,8 @@ class _Step:
 
     title: str
     settings: Mapping[str, Any]
-    key: int
     changes: Mapping[str, LayerChange] = field(default_factory=dict)
+    key: object = field(default_factory=object)
 
     @property
     def bytes(self) -> int:
@@ -187,10 +185,7 @@ class History:
 
     def __init__(self, sketch: Sketch, *, most_bytes: int = MAX_BYTES, most_steps: int = MAX_STEPS) -> None:
         self._sketch = sketch
-        self._keys = count()
-        # The step at which a sketch was current, as long as the sketch is referenced.
-        self._key_of: WeakKeyDictionary[Sketch, int] = WeakKeyDictionary()
-        self._steps = [_Step("Open", _settings(sketch), self._new_key(sketch))]
+        self._steps = [_Step("Open", _settings(sketch))]
         self._at = 0
         self._most_bytes, self._most_steps = most_bytes, most_steps
         self._bytes = self._steps[0].bytes
@@ -211,6 +206,11 @@ class History:
     def position(self) -> int:
         """Index in `titles` of the current step."""
         return self._at
+
+    @property
+    def key(self) -> object:
+        """Key of the current step, the same after it was undone and redone."""
+        return self._steps[self._at].key
 
     @property
     def bytes(self) -> int:
@@ -242,7 +242,6 @@ class History:
             self._drop(self._at, self._at + 1)
             self._at -= 1
             if self._is_equal(self._at, sketch, changes):  # a drag back to where it began
-                self._key_of[sketch] = self._steps[self._at].key
                 self._merge = self._before_merge = None
                 return boxes
         else:
@@ -250,7 +249,7 @@ class History:
         # Equal settings are stored as one object.
         last = self._steps[self._at].settings
         settings = {key: last[key] if last[key] == each else each for key, each in _settings(sketch).items()}
-        self._steps.append(_Step(title, settings, self._new_key(sketch), changes))
+        self._steps.append(_Step(title, settings, changes))
         self._bytes += self._steps[-1].bytes
         self._at += 1
         self._enforce_limits()
@@ -264,21 +263,12 @@ class History:
         between = self._steps[self._at : position : -1] if back else self._steps[self._at + 1 : position + 1]
         layers = _replayed(self._sketch.layers, between, LayerChange.revert if back else LayerChange.apply)
         self._sketch = self._sketch.replace(layers=layers, **self._steps[position].settings)
-        self._key_of[self._sketch] = self._steps[position].key
         self._at = position
         self._merge = self._before_merge = None
         return _boxes(between, self._sketch)
 
-    def step_key(self, sketch: Sketch) -> int | None:
-        """Return a number shared by all sketches that were current at the same step, or None."""
-        return self._key_of.get(sketch)
-
     def _is_equal(self, position: int, sketch: Sketch, changes: Mapping[str, LayerChange]) -> bool:
         return not changes and _settings(sketch) == self._steps[position].settings
-
-    def _new_key(self, sketch: Sketch) -> int:
-        self._key_of[sketch] = next(self._keys)
-        return self._key_of[sketch]
 
     def _drop(self, begin: int, end: int) -> None:
         self._bytes -= sum(step.bytes for step in self._steps[begin:end])

@@ -10,8 +10,8 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.resources.abc import Traversable
 from pathlib import Path, PurePosixPath
-from weakref import ref
 
+from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document.label_layers import LabelImage, decode_layer, encode_layer
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
@@ -200,8 +200,8 @@ def _remove_stale_files(folder: Path, names: Iterable[str]) -> None:
 
 _ZIP_SUFFIX = ".sketch"
 
-_encoded: dict[str, tuple[ref[LabelImage], bytes]] = {}
-"""The last image of each layer and its file: autosave writes most layers unchanged."""
+_encoded = LRUCache(len(LAYERS))
+"""Files of images: autosave writes most layers unchanged."""
 
 
 def load_sketch(path_or_preset: str | Path) -> Sketch:
@@ -316,12 +316,8 @@ def _encode(sketch: Sketch) -> dict[str, bytes]:
 
 
 def _encode_cached(name: str, image: LabelImage) -> bytes:
-    cached = _encoded.get(name)
-    if cached is not None and cached[0]() is image:
-        return cached[1]
-    content = encode_layer(image, LAYERS[name].colour)
-    _encoded[name] = ref(image), content
-    return content
+    colour = LAYERS[name].colour
+    return _encoded.get_or_compute((IdentityKey(image), colour), lambda: encode_layer(image, colour))
 
 
 def _save_folder(sketch: Sketch, folder: Path) -> None:

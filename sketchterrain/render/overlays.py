@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Bounds, Float64Array
+from sketchterrain.caching import LRUCache
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.errors import InputError
 from sketchterrain.look.objects import shore_lines, terrain_objects
@@ -81,26 +82,26 @@ class HeightCache:
     """Terrain heights at rings and centres of features, cached while the terrain is unchanged there."""
 
     def __init__(self) -> None:
-        self._rows: dict[bytes, tuple[Bounds, Float64Array]] = {}
+        self._rows = LRUCache()  # boxes and heights by positions
 
     def invalidate(self, areas: Sequence[Bounds]) -> None:
         """Drop heights inside areas (W, S, E, N; m)."""
-        self._rows = {
-            row: (box, heights)
-            for row, (box, heights) in self._rows.items()
+        self._rows = self._rows.retained(
+            row
+            for row, (box, _) in self._rows.items()
             if not any(w <= box[2] and e >= box[0] and s <= box[3] and n >= box[1] for w, s, e, n in areas)
-        }
+        )
 
     def at(self, terrain: TerrainSource, x: Float64Array, y: Float64Array) -> Float64Array:
-        """Return heights (m) at rows of positions (m), (rows, n), which replace the cached rows."""
+        """Return heights (m) at rows of positions (m), (rows, n)."""
         names = [place.tobytes() for place in np.concatenate([x, y], axis=1)]
         new = [number for number, name in enumerate(names) if name not in self._rows]
+        known = {name: self._rows.get(name)[1] for name in names if name in self._rows}
         heights = terrain.heights(x[new], y[new]).astype(np.float64)
         for number, row in zip(new, heights, strict=True):
             box = (x[number].min(), y[number].min(), x[number].max(), y[number].max())
-            self._rows[names[number]] = box, row
-        self._rows = {name: self._rows[name] for name in names}
-        return np.stack([self._rows[name][1] for name in names])
+            known[names[number]] = self._rows.store(names[number], (box, row))[1]
+        return np.stack([known[name] for name in names])
 
 
 def feature_lines(terrain: TerrainSource, heights: HeightCache | None = None) -> npt.NDArray[np.void]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections import OrderedDict
 from collections.abc import Generator
 from typing import TYPE_CHECKING, Final, NamedTuple, Protocol, Self
 
 import numpy as np
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, FloatArray, LatticeArray
+from sketchterrain.caching import LRUCache
 from sketchterrain.placement.hashing import hash_unit, value_noise
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.recipe import TerrainRecipe
@@ -172,7 +172,7 @@ class SpacingBlocks:
     def __init__(self, rule: SpacingRule, extent: float) -> None:
         self._rule = rule
         self._unit = metres_per_unit(extent)
-        self._cache: OrderedDict[tuple[int, int], Float32Array] = OrderedDict()
+        self._cache = LRUCache(_CACHED)  # blocks
 
     def raster(self, west: int, south: int, east: int, north: int) -> SpacingRaster:
         """Return the spacing at vertices in and around a rectangle (lattice units), one beyond each border.
@@ -209,15 +209,10 @@ class SpacingBlocks:
         for start in range(0, len(missing), _AT_ONCE):
             part = missing[start : start + _AT_ONCE]
             computed.update(zip(part, self._compute(part), strict=True))
-        blocks = []
-        for key in keys:
-            block = computed[key] if key in computed else self._cache[key]
-            blocks.append(block)
-            self._cache[key] = block
-            self._cache.move_to_end(key)
-        while len(self._cache) > _CACHED:
-            self._cache.popitem(last=False)
-        return blocks
+        known = {key: self._cache.get(key) for key in keys if key not in computed}
+        for key, block in computed.items():
+            self._cache.store(key, block)
+        return [known[key] if key in known else computed[key] for key in keys]
 
     def _compute(self, keys: list[tuple[int, int]]) -> Float32Array:
         rule = self._rule

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache, partial
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any, Final
@@ -23,6 +23,7 @@ import rasterio
 from rasterio.errors import RasterioError
 from rasterio.windows import Window
 
+from sketchterrain.caching import LRUCache
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import InputError, one_line
@@ -53,7 +54,7 @@ class StoredWorld(ABC):
         # A world of another version may have other materials.
         materials = replace(LAYER_SPECS["materials"], bands=material_names)
         self._specs = LAYER_SPECS | {"materials": materials}
-        self._chunk = lru_cache(_CHUNKS)(self._load)
+        self._chunks = LRUCache(_CHUNKS)
 
     @abstractmethod
     def sketch(self) -> Sketch | None:
@@ -83,7 +84,8 @@ class StoredWorld(ABC):
             down, across = row * CHUNK, column * CHUNK  # first vertex of the chunk
             first, last = max(top, down), min(bottom, down + CHUNK)
             begin, end = max(left, across), min(right, across + CHUNK)
-            chunk = self._chunk(layer, level, row, column)
+            key = (layer, level, row, column)
+            chunk = self._chunks.get_or_compute(key, partial(self._load, *key))
             part = chunk[..., first - down : last - down, begin - across : end - across]
             window[..., first - top : last - top, begin - left : end - left] = part
         return window
@@ -140,16 +142,17 @@ class _ZarrWorld(StoredWorld):
 
 
 class _OpenFiles(threading.local):
-    """Cache of open GDAL datasets, which are not thread-safe."""
+    """Open GDAL datasets, which are not thread-safe."""
 
     def __init__(self) -> None:
-        self.open = lru_cache(_FILES)(self._open)
+        self._files = LRUCache(_FILES)
 
-    @staticmethod
-    def _open(path: Path, overview: int, _modified: int) -> Any:
+    def open(self, path: Path, overview: int) -> Any:
+        """Return the dataset of a file as it is now."""
         level = {} if overview == 0 else {"overview_level": overview - 1}
         with rasterio.Env(GDAL_DISABLE_READDIR_ON_OPEN="EMPTY_DIR"):
-            return rasterio.open(path, **level)
+            key = (path, overview, path.stat().st_mtime_ns)
+            return self._files.get_or_compute(key, lambda: rasterio.open(path, **level))
 
 
 class _TiffWorld(StoredWorld):
@@ -188,7 +191,7 @@ class _TiffWorld(StoredWorld):
             row, column = row % side, column % side
         expected = (len(LAYER_SPECS[layer].bands), *shape)
         with _reading(path):
-            file = self._files.open(path, overview, path.stat().st_mtime_ns)
+            file = self._files.open(path, overview)
             if (file.count, *file.shape) != expected:
                 raise ValueError(f"expected {expected} bands, rows, columns, got {file.count, *file.shape}")
             with path.open("rb") as stream:  # the checksum of a block, which GDAL ignores

@@ -111,7 +111,7 @@ def open_window(qtbot, document, workspace, link, tmp_path):
         )
         # Closing must not ask about unsaved changes.
         qtbot.addWidget(
-            window, before_close_func=lambda _: document.mark_saved(document.sketch, tmp_path / "end.sketch")
+            window, before_close_func=lambda _: document.mark_saved(document.state, tmp_path / "end.sketch")
         )
         window.show()
         return window

@@ -60,7 +60,7 @@ def test_a_modified_document_is_written_and_removed_once_saved(document, autosav
     seed(document, 5)
     qtbot.waitUntil(autosave.path.exists)
     assert load_sketch(autosave.path).seed == 5
-    document.mark_saved(document.sketch, tmp_path / "a.sketch")
+    document.mark_saved(document.state, tmp_path / "a.sketch")
     qtbot.waitUntil(lambda: not autosave.path.exists())
     seed(document, 6)
     qtbot.waitUntil(autosave.path.exists)

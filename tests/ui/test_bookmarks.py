@@ -27,7 +27,7 @@ def test_bookmarks_are_stored_by_path(document, folder, tmp_path):
     bookmarks = Bookmarks(document, folder)
     bookmarks.add(Bookmark("Summit", HERE, "walk", b"jpeg"))
     assert not folder.exists(), "the sketch has no path yet"
-    document.mark_saved(document.sketch, one)
+    document.mark_saved(document.state, one)
     bookmarks.add(Bookmark("Lake", THERE))
     stored = bookmarks.all
     again = Document()
@@ -38,7 +38,7 @@ def test_bookmarks_are_stored_by_path(document, folder, tmp_path):
     again.open(load_sketch("valley_river"), other)
     assert later.all == ()
     again.open(load_sketch("valley_river"), one)
-    again.mark_saved(again.sketch, other)
+    again.mark_saved(again.state, other)
     assert later.all == stored, "copied by Save As"
     again.open(load_sketch("valley_river"), other)
     assert later.all == stored
@@ -57,7 +57,7 @@ def test_an_unreadable_file_is_treated_as_empty(document, folder, tmp_path):
     for content in (*broken, *(bookmark_file(**changes) for changes in invalid)):
         path = tmp_path / "one.sketch"
         bookmarks = Bookmarks(document, folder)
-        document.mark_saved(document.sketch, path)
+        document.mark_saved(document.state, path)
         bookmarks.add(Bookmark("a", HERE))
         (file,) = folder.iterdir()
         assert json.loads(file.read_bytes())["sketch"] == str(path), content
@@ -74,7 +74,7 @@ def test_an_unwritable_folder_is_reported(document, folder, tmp_path):
     bookmarks = Bookmarks(document, folder)
     lines = []
     bookmarks.failed.connect(lines.append)
-    document.mark_saved(document.sketch, tmp_path / "one.sketch")
+    document.mark_saved(document.state, tmp_path / "one.sketch")
     bookmarks.add(Bookmark("a", HERE))
     assert "cannot be saved" in lines[0]
     assert len(bookmarks.all) == 1

@@ -100,7 +100,7 @@ def test_modified_follows_undo_late_saves_and_recovery(document, emitted):
     assert not document.is_modified
     paint(document, "lake", (0, 0, 9, 9))
     assert document.is_modified
-    saving = document.sketch
+    saving = document.state
     paint(document, "lake", (20, 0, 29, 9))
     document.mark_saved(saving, path)  # after a later change
     assert (document.path, document.is_modified) == (path, True)
@@ -110,6 +110,9 @@ def test_modified_follows_undo_late_saves_and_recovery(document, emitted):
     assert document.is_modified
     document.redo()
     assert not document.is_modified
+    document.open(Sketch())
+    document.mark_saved(saving, Path("other.sketch"))  # of the sketch before
+    assert (document.path, document.is_modified) == (None, False)
     document.do("Seed", document.sketch.replace(seed=5))
     document.undo()
     assert not document.is_modified
@@ -119,7 +122,7 @@ def test_modified_follows_undo_late_saves_and_recovery(document, emitted):
     sketch = document.sketch
     document.open(sketch, Path("here"), modified=True)
     assert document.is_modified
-    assert names.count("opened") == 1
+    assert names.count("opened") == 2
     assert document.history.titles == ("Open",)
     document.open(sketch, Path("here"))
     assert not document.is_modified

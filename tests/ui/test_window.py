@@ -84,7 +84,7 @@ def test_zoom_brush_and_selection_actions_and_all_others_can_be_triggered(
     assert [edit.action for edit in document.sketch.edits] == ["delete"]
     assert workspace.selection is None
 
-    document.mark_saved(document.sketch, tmp_path / "a.sketch")
+    document.mark_saved(document.state, tmp_path / "a.sketch")
     for action in window.actions_by_name:
         if action.objectName() not in UNTRIGGERED and action.isEnabled():
             closer = DialogCloser()
@@ -223,7 +223,7 @@ def test_closing_asks_about_unsaved_changes_only(window, document, tmp_path, mon
         window.show()
         document.open(Sketch())
         save_sketch(document.sketch, path)
-        document.mark_saved(document.sketch, path)
+        document.mark_saved(document.state, path)
         paint(document, "mountain", PAINTED)
         questions = answer(monkeypatch, button)
         assert window.close() is leaves, button

@@ -107,7 +107,7 @@ class User:
     def leave(self) -> int:
         """Quit without saving; return the exit code."""
         document = "window._document"
-        saved = f"{document}.mark_saved({document}.sketch, {document}.path)"
+        saved = f"{document}.mark_saved({document}.state, {document}.path)"
         self.evaluate(f"{saved}, QTimer.singleShot(0, window.close)")
         code = self._program.wait(timeout=30)
         self._end()

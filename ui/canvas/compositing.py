@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -11,6 +10,7 @@ from typing import Final, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.caching import LRUCache
 from sketchterrain.document.label_layers import Box, LabelImage, union_box
 from sketchterrain.document.layers import DRAW_ORDER, LAYERS
 from sketchterrain.ui.look.layer_colours import hatch, hatch_colour, hatch_period, label_colour
@@ -56,7 +56,7 @@ class LayerCompositor:
         self._layer = layer
         self._paints = tuple(paints)
         self._empty_blocks: dict[tuple[str, int, int], bool] = {}
-        self._tiles: OrderedDict[tuple[int, int, int], _Tile] = OrderedDict()
+        self._tiles = LRUCache(_MAX_TILES)  # by level, row and column
 
     @property
     def paints(self) -> tuple[LayerPaint, ...]:
@@ -71,7 +71,7 @@ class LayerCompositor:
     def invalidate(self, box: Box | None = None) -> None:
         """Mark a box of the sketch as stale, or everything."""
         if box is None:
-            self._tiles.clear()
+            self._tiles = LRUCache(_MAX_TILES)
             self._empty_blocks.clear()
             return
         rows = range(box[0] // _BLOCK, -(-box[2] // _BLOCK))
@@ -111,13 +111,7 @@ class LayerCompositor:
         return colours, codes
 
     def _tile(self, level: int, row: int, column: int) -> _Tile:
-        key = (level, row, column)
-        tile = self._tiles.get(key)
-        if tile is None:
-            tile = self._tiles[key] = _Tile()
-            if len(self._tiles) > _MAX_TILES:
-                self._tiles.popitem(last=False)
-        self._tiles.move_to_end(key)
+        tile = self._tiles.get_or_compute((level, row, column), _Tile)
         if tile.stale is not None:
             top, left, bottom, right = tile.stale
             area = np.s_[top:bottom, left:right]

@@ -9,7 +9,7 @@ from threading import Condition, Thread
 
 from PyQt6.QtCore import QObject, pyqtSignal
 
-from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.history import History
 from sketchterrain.document.store import save_sketch
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.ui.models.document import Document
@@ -159,8 +159,8 @@ class SketchSaver(QObject):
 
     def save(self, path: Path) -> None:
         """Save the sketch as it is now, without the current stroke."""
-        sketch = self._document.sketch
-        work, then = partial(save_sketch, sketch, path), partial(self._finish, sketch, path)
+        sketch, state = self._document.sketch, self._document.state
+        work, then = partial(save_sketch, sketch, path), partial(self._finish, state, path)
         self._background.do(path.absolute(), work, then)
 
     def wait(self) -> bool:
@@ -168,10 +168,10 @@ class SketchSaver(QObject):
         self._background.wait()
         return self._succeeded
 
-    def _finish(self, sketch: Sketch, path: Path, line: str) -> None:
+    def _finish(self, state: tuple[History, object], path: Path, line: str) -> None:
         self._succeeded = not line
         if line:
             self.failed.emit(line)
         else:
-            self._document.mark_saved(sketch, path)
+            self._document.mark_saved(state, path)
             self.saved.emit(path)

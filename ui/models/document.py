@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
 from pathlib import Path
-from weakref import ref
 
 from PyQt6.QtCore import QObject, pyqtSignal
 
+from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document.history import History, LayerChange
 from sketchterrain.document.label_layers import (
     MAX_LABELS,
@@ -18,6 +18,7 @@ from sketchterrain.document.label_layers import (
     labels_in,
     union_box,
 )
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 
@@ -64,9 +65,8 @@ class Document(QObject):
         self.history = History(sketch or Sketch())  # changed through `do`, `undo`, `redo` and `go_to` only
         self.path: Path | None = None  # None if never saved
         self.draft: Draft | None = None  # the current stroke
-        self._saved: int | None = self._key
-        # Labels that may occur in an image, by layer.
-        self._labels: dict[str, tuple[ref[LabelImage], frozenset[int]]] = {}
+        self._saved: object = self.state
+        self._labels = LRUCache(len(LAYERS))  # that may occur in an image
 
     @property
     def sketch(self) -> Sketch:
@@ -76,7 +76,7 @@ class Document(QObject):
     @property
     def is_modified(self) -> bool:
         """Whether there are unsaved changes."""
-        return self._key != self._saved
+        return self.state != self._saved
 
     def layer(self, name: str) -> LabelImage:
         """Return a layer's labels, including the current stroke."""
@@ -108,17 +108,21 @@ class Document(QObject):
         """Replace the sketch and its history; `modified`: it differs from its file, as after a recovery."""
         self.draft = None
         self.history = History(sketch)
-        self._saved = None if modified else self._key
+        self._saved = None if modified else self.state
         self.path = path
         self.opened.emit()
         self._emit_changes({})
         self.saved_changed.emit()
 
-    def mark_saved(self, sketch: Sketch, path: Path) -> None:
-        """Record that a sketch of this document's history, current or not, was saved at a path."""
-        key = self.history.step_key(sketch)
-        if key is not None:
-            self._saved, self.path = key, path
+    @property
+    def state(self) -> tuple[History, object]:
+        """Key of the current sketch, the same after it was undone and redone."""
+        return self.history, self.history.key
+
+    def mark_saved(self, state: tuple[History, object], path: Path) -> None:
+        """Record that the sketch of a state, current or not, was saved at a path."""
+        if state[0] is self.history:
+            self._saved, self.path = state, path
             self.saved_changed.emit()
 
     def begin_draft(self, layer: str) -> Draft:
@@ -156,19 +160,13 @@ class Document(QObject):
     def _checked(self, draft: Draft, change: LayerChange) -> LabelImage:
         """Freeze and return the stroke's image; labels are counted only as far as needed."""
         before = self.sketch.layers[draft.layer]
-        image, labels = self._labels.get(draft.layer, (None, frozenset()))
-        if image is None or image() is not before:
-            labels = frozenset(labels_in(before))
+        labels = self._labels.get_or_compute(IdentityKey(before), lambda: frozenset(labels_in(before)))
         labels |= change.new_labels - {0}
         if len(labels) > MAX_LABELS:  # some of them may have been painted over
             check_image(draft.layer, draft.image)
             labels = frozenset(labels_in(draft.image))
-        self._labels[draft.layer] = ref(draft.image), labels
+        self._labels.store(IdentityKey(draft.image), labels)
         return freeze_image(draft.image)
-
-    @property
-    def _key(self) -> int | None:
-        return self.history.step_key(self.sketch)
 
     def _do(
         self,

@@ -42,6 +42,8 @@ class Layer:
     hatch: str  # one of `ui.look.layer_colours.HATCHES`
     light_hatch: bool = False  # on a dark colour
     overlay: Colour | None = None  # of its lines in the overlay of features
+    # Of features of the fill from its paint, in their radii, by `POINT_LAYERS`; 0: only unpainted; none: any.
+    clearance: tuple[float, ...] = ()
     # Of point features:
     glyph: str = ""  # one of `ui.look.layer_colours.GLYPHS`
     added_radius: float = 0.05  # of a feature that the user adds, over the sketch's extent
@@ -61,11 +63,6 @@ class Layer:
     def is_water(self) -> bool:
         """Whether water stands or runs in its shapes."""
         return self.kind in ("sea", "water", "course")
-
-    @property
-    def is_measured(self) -> bool:
-        """Whether the terrain's adherence to its areas is measured."""
-        return self.kind != "cover"
 
     @property
     def main(self) -> Parameter:
@@ -108,6 +105,7 @@ _ALL: Final = (
         ),
         colour=(140, 92, 70),
         hatch="peaks",
+        clearance=(0.80, 0.40, 0.90, 0.00),
         overlay=(230, 60, 40),
         glyph="triangle",
         added_radius=0.12,
@@ -124,6 +122,7 @@ _ALL: Final = (
         ),
         colour=(122, 160, 72),
         hatch="waves",
+        clearance=(0.80, 0.80, 0.90, 0.00),
         overlay=(250, 190, 40),
         glyph="arch",
         fill="hills",
@@ -148,6 +147,7 @@ _ALL: Final = (
         ),
         colour=(56, 116, 196),
         hatch="falling",
+        clearance=(1.00, 0.90, 1.20, 0.00),
         light_hatch=True,
         overlay=(40, 120, 255),
         map_colours="#0000ff #1f4e9c",
@@ -170,6 +170,7 @@ _ALL: Final = (
         ),
         colour=(222, 186, 108),
         hatch="dots",
+        clearance=(0.90, 0.90, 0.80, 1.00),
         overlay=(225, 90, 220),
         glyph="crescent",
         added_radius=0.06,
@@ -190,6 +191,7 @@ _ALL: Final = (
         ),
         colour=(38, 104, 58),
         hatch="trees",
+        clearance=(0.60, 0.20, 1.00, 0.50),
         light_hatch=True,
         overlay=(60, 200, 80),
         glyph="tree",
@@ -222,6 +224,7 @@ _ALL: Final = (
         ),
         colour=(24, 52, 96),
         hatch="level",
+        clearance=(1.00, 0.90, 1.00, 0.00),
         light_hatch=True,
         overlay=(20, 90, 190),
         map_colours="#14284b",

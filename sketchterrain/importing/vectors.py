@@ -45,7 +45,7 @@ from sketchterrain.io.crs import parse_metric_crs
 
 _SIZE = 512  # px
 _MARGIN = 0.5  # of the bounds' size, around them: wide lines there extend into them
-_AREAS = ("patches", "landform", "sea", "water", "cover")  # kinds of layers whose closed lines are areas
+_NO_AREAS = ("summits", "course")  # kinds of layers whose closed lines are no areas
 _MAX_WIDTH = 1e6  # m
 _DEFAULT_WIDTH = 0.04  # of the longer side: lines and discs on layers of areas
 _SIMPLIFICATION = 1 / 16  # px, tolerance for wide lines
@@ -185,7 +185,7 @@ def _shape(
     shape: Any, label: FeatureLabel, tags: Mapping[str, Any], width: float | None
 ) -> tuple[Any, float | None]:
     """Return a feature's shape on its layer and its width, or a reason to skip it."""
-    if shape.geom_type == "LineString" and LAYERS[label.layer].kind in _AREAS and shape.is_closed:
+    if shape.geom_type == "LineString" and LAYERS[label.layer].kind not in _NO_AREAS and shape.is_closed:
         rings = np.array([shapely.Polygon(shape.coords)]) if len(shape.coords) > 3 else np.array([shape])
         shape = valid_areas(rings)[0]
     if shapely.get_dimensions(shape) == _AREA and not shape.is_empty:
@@ -196,7 +196,7 @@ def _shape(
         radius = parse_number(tags.get("radius"))
         return shape, None if radius is None else 2.0 * radius
     own_width = parse_number(tags.get("width"))
-    if LAYERS[label.layer].kind in _AREAS and own_width is None and width is None:
+    if LAYERS[label.layer].kind not in _NO_AREAS and own_width is None and width is None:
         return "that are open lines of areas", None
     return shape, own_width
 

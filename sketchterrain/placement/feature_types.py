@@ -292,30 +292,9 @@ SPACING: Final[dict[tuple[str, str], float]] = {
 """Two features of the fill conflict within this times the sum of their radii."""
 
 CLEARANCE: Final[dict[tuple[str, str], float]] = {
-    ("mountain", "mountain"): 0.80,
-    ("mountain", "hill"): 0.80,
-    ("mountain", "river"): 1.00,
-    ("mountain", "sea"): 1.00,
-    ("mountain", "dune"): 0.90,
-    ("mountain", "forest"): 0.60,
-    ("hill", "mountain"): 0.40,
-    ("hill", "hill"): 0.80,
-    ("hill", "river"): 0.90,
-    ("hill", "sea"): 0.90,
-    ("hill", "dune"): 0.90,
-    ("hill", "forest"): 0.20,
-    ("dune", "mountain"): 0.90,
-    ("dune", "hill"): 0.90,
-    ("dune", "river"): 1.20,
-    ("dune", "sea"): 1.00,
-    ("dune", "dune"): 0.80,
-    ("dune", "forest"): 1.00,
-    ("forest", "mountain"): 0.00,
-    ("forest", "hill"): 0.00,
-    ("forest", "river"): 0.00,
-    ("forest", "sea"): 0.00,
-    ("forest", "dune"): 1.00,
-    ("forest", "forest"): 0.50,
+    (name, layer.name): clearance
+    for layer in LAYERS.values()
+    for name, clearance in zip(POINT_LAYERS, layer.clearance, strict=False)
 }
 """Clearance of fill features (first) from pixels of a painted layer (second), in radii; 0: only unpainted."""
 

@@ -37,7 +37,7 @@ EFFECT_SHARE = 0.25
 """Share of the requested height by which the terrain must differ for a pixel to count as affected."""
 
 
-AREA_LAYERS = tuple(name for name in DRAW_ORDER if LAYERS[name].is_measured)
+AREA_LAYERS = tuple(name for name in DRAW_ORDER if LAYERS[name].kind != "cover")
 """Layers whose painted areas are measured, in the order of the report."""
 
 
@@ -191,7 +191,8 @@ def _effect(sampled: SampledTerrain, layer: str) -> Float32Array:
         mask = MASKS.index(layer)
         effect[inside] = sampled.masks[at, mask] - masks[:, mask]
     else:
-        effect[inside] = sampled.height[at] - height
+        change = sampled.height[at] - height
+        effect[inside] = change if is_points else np.abs(change)
     return effect
 
 

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 from PyQt6.QtCore import QPointF, QRectF, Qt
-from PyQt6.QtGui import QBrush, QColor, QImage, QPainter, QPainterPath, QPen, QPixmap, QPolygonF
+from PyQt6.QtGui import QBrush, QColor, QImage, QPainter, QPainterPath, QPen, QPixmap
 
 from sketchterrain.array_types import Float32Array
 from sketchterrain.document.label_layers import label_rgb
@@ -147,30 +147,13 @@ HATCHES: Final[dict[str, Callable[[Float32Array, Float32Array], tuple[Float32Arr
 """Distance from a hatch's lines and half their width, px at a device pixel ratio of 1."""
 
 
-def _triangle(path: QPainterPath) -> None:
-    path.addPolygon(QPolygonF([QPointF(-5.0, 4.0), QPointF(0.0, -5.0), QPointF(5.0, 4.0)]))
-    path.closeSubpath()
-
-
-def _arch(path: QPainterPath) -> None:
-    path.moveTo(-5.5, 3.0)
-    path.cubicTo(-3.5, -5.0, 3.5, -5.0, 5.5, 3.0)
-
-
-def _crescent(path: QPainterPath) -> None:
-    path.moveTo(-6.0, 2.5)
-    path.cubicTo(-3.0, 1.5, -1.5, -1.0, 0.5, -3.5)
-    path.cubicTo(0.5, -0.5, 2.5, 2.0, 6.0, 2.5)
-
-
-def _tree(path: QPainterPath) -> None:
-    path.addEllipse(QRectF(-3.2, -5.5, 6.4, 6.4))
-    path.moveTo(0.0, 1.0)
-    path.lineTo(0.0, 5.0)
-
-
-GLYPHS: Final = {"triangle": _triangle, "arch": _arch, "crescent": _crescent, "tree": _tree}
-"""Symbols of point features, distinct without colour, about 11 px high around the origin."""
+GLYPHS: Final[dict[str, tuple[tuple[float, ...], ...]]] = {
+    "triangle": ((-5.0, 4.0), (0.0, -5.0), (5.0, 4.0), (-5.0, 4.0)),
+    "arch": ((-5.5, 3.0), (-3.5, -5.0, 3.5, -5.0, 5.5, 3.0)),
+    "crescent": ((-6.0, 2.5), (-3.0, 1.5, -1.5, -1.0, 0.5, -3.5), (0.5, -0.5, 2.5, 2.0, 6.0, 2.5)),
+    "tree": ((0.0, 5.0), (0.0, 0.9), (-4.3, 0.9, -4.3, -5.5, 0.0, -5.5), (4.3, -5.5, 4.3, 0.9, 0.0, 0.9)),
+}
+"""Symbols of point features around the origin (px), distinct without colour: points and cubic curves."""
 
 FILLED_GLYPHS: Final = ("triangle", "tree")
 """Those that are filled in the sketch."""
@@ -179,6 +162,8 @@ FILLED_GLYPHS: Final = ("triangle", "tree")
 @cache
 def layer_glyph(layer: str) -> QPainterPath:
     """Return the symbol of a layer's point features."""
-    path = QPainterPath()
-    GLYPHS[LAYERS[layer].glyph](path)
+    start, *parts = GLYPHS[LAYERS[layer].glyph]
+    path = QPainterPath(QPointF(*start))
+    for part in parts:
+        (path.lineTo if len(part) == 2 else path.cubicTo)(*part)
     return path

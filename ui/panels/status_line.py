@@ -119,7 +119,7 @@ class AdherencePanel(ScrollingPanel):
             "Show where the active layer is missing and where it spills over",
         )
         self._head, self._state, self._peaks = heading(), faint_label(), faint_label()
-        self.bars = {name: AdherenceBar(name) for name, layer in LAYERS.items() if layer.is_measured}
+        self.bars = {name: AdherenceBar(name) for name, layer in LAYERS.items() if layer.kind != "cover"}
         self._timer = single_shot(self, _DELAY, self._measure)
         page = QWidget()
         controls = row(None, self.measure, (self.overlay, 1))

@@ -12,8 +12,8 @@ from sketchterrain.compute.device import list_devices
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import InputError
 from sketchterrain.io.resources import preset_names
+from sketchterrain.placement.differences import row_difference
 from sketchterrain.terrain.building import build
-from sketchterrain.terrain.changes import row_difference
 from sketchterrain.terrain.index import BoxIndex
 from sketchterrain.terrain.inputs import KernelInputs
 from sketchterrain.terrain.lattice import QUADS

@@ -201,6 +201,20 @@ _ALL: Final = (
         source_names="wood woods",
     ),
     Layer(
+        *("plateau", "Plateaus", 8, "landform", "where mesas and tablelands rise"),
+        parameter_table(
+            Parameter("height", float, 180.0, 1.0, 3000.0, "m", "from the ground around to the flat top"),
+            Parameter("cliffness", float, 0.8, 0.0, 1.0, "", "0 is a slope, 1 a cliff of up to 75°"),
+            Parameter("strata", float, 0.6, 0.0, 1.0, "", "how far layers of rock stand out as ledges"),
+            Parameter("foot", float, 0.35, 0.1, 0.9, "", "share of the height that is talus"),
+        ),
+        colour=(186, 104, 72),
+        hatch="peaks",
+        overlay=(200, 90, 50),
+        map_colours="#cd853f",
+        tags=(TagRule("natural", "mesa butte plateau tableland"),),
+    ),
+    Layer(
         *("lake", "Lakes", 5, "water", "where lakes are"),
         parameter_table(Parameter("depth", float, 6.0, 0.5, 200.0, "m", "greatest depth of the water")),
         colour=(98, 178, 214),

@@ -16,6 +16,7 @@ from sketchterrain.hydrology.rivers import trace_hydrology
 from sketchterrain.placement.covers import create_covers
 from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.placement import place
+from sketchterrain.placement.plateaus import create_plateaus
 from sketchterrain.placement.sea import create_sea
 from sketchterrain.terrain.balance import solve_strengths
 from sketchterrain.terrain.centrelines import valley_radius
@@ -29,6 +30,7 @@ from sketchterrain.terrain.layers.covers import CoversLayer
 from sketchterrain.terrain.layers.dunes import DunesLayer
 from sketchterrain.terrain.layers.lakes import LakesLayer
 from sketchterrain.terrain.layers.layer import WorldSettings
+from sketchterrain.terrain.layers.plateaus import PlateausLayer
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.terrain import Terrain
 
@@ -38,7 +40,6 @@ if TYPE_CHECKING:
 # Rivers follow the terrain at this coarse cell size, without its small features.
 _CELLS_PER_EXTENT = 256
 _MAX_CACHED = 2**31  # lattice units: farther positions are not cached
-_DRY_HEIGHTS = "dry heights"  # of the last recipe, in the cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,16 +54,18 @@ class _CachedHeights:
 class DryTerrain:
     """Heights of a recipe's terrain without rivers and lakes; each position is evaluated once.
 
-    Heights of positions that no change affects come from the cache; the bits are the same.
+    Heights of positions that no change affects come from the cache, where the last recipe's have a name; the
+    bits are the same.
     """
 
-    def __init__(self, recipe: TerrainRecipe, memory: LRUCache) -> None:
+    def __init__(self, recipe: TerrainRecipe, memory: LRUCache, name: str) -> None:
         self._recipe = recipe
         self._terrain = HostTerrain(recipe)
         self._memory = memory
+        self._name = name
         self._cell = recipe.extent / _CELLS_PER_EXTENT
         self._requested: LatticeArray = np.zeros(0, dtype=np.int64)
-        self._key, self._height = self._still_valid(memory.get(_DRY_HEIGHTS))
+        self._key, self._height = self._still_valid(memory.get(self._name))
 
     def __call__(self, x: Float64Array, y: Float64Array) -> Float64Array:
         """Return heights (m) at positions (m), shape (n,)."""
@@ -89,7 +92,7 @@ class DryTerrain:
     def store(self) -> None:
         """Store the requested heights for the next recipe and drop all others."""
         row = np.searchsorted(self._key, self._requested)
-        self._memory.store(_DRY_HEIGHTS, _CachedHeights(self._recipe, self._requested, self._height[row]))
+        self._memory.store(self._name, _CachedHeights(self._recipe, self._requested, self._height[row]))
 
     def _still_valid(self, last: _CachedHeights | None) -> tuple[LatticeArray, Float64Array]:
         """Return positions, ascending, and heights that no change affects."""
@@ -190,13 +193,16 @@ def make_recipe(
     dry = dry.with_layers([points, DunesLayer(points.dune_styles)])
     # Heights depend on neither covers nor material rules.
     bare = replace(dry.with_layers([CoversLayer(())]), climate={}, material_rules=())
-    terrain = DryTerrain(bare, memory)
+    borders = DryTerrain(bare, memory, "heights at borders")
+    plateaus = PlateausLayer(create_plateaus(sketch, borders, memory))
+    borders.store()
+    terrain = DryTerrain(bare.with_layers([plateaus]), memory, "dry heights")
     waters = trace_hydrology(sketch, seed=sketch.seed, ground=terrain, cache=memory, checkpoint=checkpoint)
     terrain.store()
     radii = [valley_radius(*each) for each in zip(waters.rivers, waters.grounds, strict=True)]
     corridors = CorridorsLayer.of(waters.rivers, radii, sketch.extent, memory)
     return replace(
-        dry.with_layers([LakesLayer(waters.lakes), corridors]),
+        dry.with_layers([plateaus, LakesLayer(waters.lakes), corridors]),
         resolutions=waters.resolutions,
         orphans=(*painted.orphans, *adopted.orphans, *waters.orphans),
     )

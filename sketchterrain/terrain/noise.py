@@ -192,7 +192,7 @@ def fbm_slope(octaves: OctaveTable, stack: str, x: LatticeArray, y: LatticeArray
     """Return a stack's sum of octaves with its slope per lattice unit."""
     total = ValueSlope(*np.zeros((3, *x.shape)))
     for i in range(*octaves.ranges[stack]):
-        noise = _octave(octaves, i, x, y, 0.0, 0.0)
+        noise = octave_noise(octaves, i, x, y)
         total = ValueSlope(
             *(part + octaves.scale[i, 0] * more for part, more in zip(total, noise, strict=True))
         )
@@ -222,15 +222,9 @@ def skewed(
     return cell_u + whole_u, cell_v + whole_v, fu - whole_u, fv - whole_v
 
 
-def _octave(
-    octaves: OctaveTable,
-    i: int,
-    x: LatticeArray,
-    y: LatticeArray,
-    east: Float64Array | float,
-    north: Float64Array | float,
-) -> ValueSlope:
-    noise = _simplex_in(*skewed(octaves, i, x, y, east, north), int(octaves.form[i, 1]))
+def octave_noise(octaves: OctaveTable, i: int, x: LatticeArray, y: LatticeArray) -> ValueSlope:
+    """Return the noise of one octave with its slope per lattice unit, -1 … 1."""
+    noise = _simplex_in(*skewed(octaves, i, x, y), int(octaves.form[i, 1]))
     slopes = (-noise.north, noise.east) if octaves.form[i, 2] else noise[1:]
     return ValueSlope(noise.value, *(octaves.scale[i, 1] * slope for slope in slopes))
 

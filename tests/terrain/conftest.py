@@ -15,6 +15,7 @@ from sketchterrain.io import resources
 from sketchterrain.io.resources import Defines
 from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES, Cover, Lake, River, ShapeField
 from sketchterrain.placement.fill import Fill
+from sketchterrain.placement.plateaus import Plateau
 from sketchterrain.placement.sea import Sea
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.layers import layer_stack
@@ -166,6 +167,15 @@ def winding_sea(x: float = 2048.0, y: float = 2048.0, *, level: float = 2.0, wav
     return Sea(level, beach=40.0, shelf=700.0, reach=320.0, ragged=40.0, coast=coast, depth=depth)
 
 
+def plateau(
+    x: float, y: float, radius: float, height: float, *, cliffness=0.8, strata=0.6, foot=0.35
+) -> Plateau:
+    """Return a round plateau that stands on ground at 0."""
+    thickness = 2.0 ** round(np.log2(height / 8.0))
+    field = round_field(x, y, radius, margin=2.0 * height + radius)
+    return Plateau(1, 1, field, height, height, cliffness, strata, foot, 0.25, thickness)
+
+
 def cover(x: float, y: float, radius: float, material: int, strength: float = 1.0) -> Cover:
     """Return a round patch of one material."""
     return Cover(1, 1, round_field(x, y, radius), material, strength)
@@ -219,6 +229,7 @@ CASES = {
     "forest": [feature("forest", 2500, 1200, 800, 0.8)],
     "river": [],
     "lake": [],
+    "plateau": [],
     "sea": [feature("mountain", 2100, 2300, 900, 300), feature("forest", 2300, 1700, 500, 0.8)],
     "flood": [feature("hill", 2100, 2300, 900, 60)],
 }
@@ -230,10 +241,20 @@ LAKES = (
 )
 
 
+PLATEAUS = (
+    plateau(1500, 1700, 700, 260.0),
+    plateau(2600, 1500, 350, 180.0, cliffness=1.0, strata=1.0, foot=0.15),
+    plateau(3000, 2900, 500, 90.0, cliffness=0.0, strata=0.0, foot=0.8),
+    plateau(900, 3100, 60, 70.0),
+)
+
+
 @pytest.fixture(params=list(CASES))
 def case(request, make_recipe) -> tuple[str, TerrainRecipe]:
     """One kind of feature alone."""
     name = request.param
     rivers = (straight_river(), straight_river(900, width=6)) if name == "river" else ()
     lakes = LAKES if name == "lake" else ()
-    return name, make_recipe(*CASES[name], rivers=rivers, lakes=lakes, sea=SEAS.get(name))
+    plateaus = PLATEAUS if name == "plateau" else ()
+    sea = SEAS.get(name)
+    return name, make_recipe(*CASES[name], rivers=rivers, lakes=lakes, plateaus=plateaus, sea=sea)

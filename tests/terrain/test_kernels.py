@@ -15,12 +15,14 @@ from sketchterrain.terrain.layers.corridors import CorridorsLayer
 from sketchterrain.terrain.layers.covers import CoversLayer
 from sketchterrain.terrain.layers.lakes import LakesLayer
 from sketchterrain.terrain.layers.layer import MASKS, HostSamples
+from sketchterrain.terrain.layers.plateaus import PlateausLayer
 from sketchterrain.terrain.noise import SKEW_OTHER, SKEW_SAME, OctaveTable, octave_table
 from sketchterrain.terrain.recipe import TerrainRecipe
 
 from .conftest import (
     CASES,
     LAKES,
+    PLATEAUS,
     SEAS,
     cover,
     feature,
@@ -36,7 +38,14 @@ HEIGHT_TOLERANCE_M = 3e-3
 MASK_TOLERANCE = 2e-5
 CELLS = (0.0, 8.0, 64.0)
 _EXPECTED: dict[tuple[str, float], HostSamples] = {}
-REACHED = {"eroded": "mountain", "crest": "mountain", "river": "water", "lake": "water", "flood": "water"}
+REACHED = {
+    "eroded": "mountain",
+    "plateau": "mountain",
+    "crest": "mountain",
+    "river": "water",
+    "lake": "water",
+    "flood": "water",
+}
 REACHED |= {"sea": "water mountain forest"}
 
 
@@ -204,8 +213,12 @@ def moved(recipe: TerrainRecipe, shift: Shift) -> TerrainRecipe:
         replace(river, points=river.points + by, centreline=river.centreline + by) for river in recipe.rivers
     )
     lakes = tuple(replace(lake, shape=moved_field(lake.shape, shift)) for lake in recipe.lakes)
-    covers = tuple(replace(each, shape=moved_field(each.shape, shift)) for each in recipe[CoversLayer].covers)
-    return rebuilt(recipe, painted, rivers, lakes, covers)
+    covers, plateaus = (
+        tuple(replace(each, shape=moved_field(each.shape, shift)) for each in items)
+        for items in (recipe[CoversLayer].covers, recipe[PlateausLayer].plateaus)
+    )
+    there = recipe.with_layers([PlateausLayer(plateaus)])
+    return rebuilt(there, painted, rivers, lakes, covers)
 
 
 def rebuilt(
@@ -259,6 +272,7 @@ def complete_recipe(make_recipe: Callable[..., TerrainRecipe], *names: str) -> T
         *(feature for name in names for feature in CASES[name]),
         rivers=(straight_river(), straight_river(900, width=6)),
         lakes=LAKES,
+        plateaus=PLATEAUS,
         covers=(cover(1900.0, 2000.0, 60.0, 4, 0.8),),
     )
     assert metres_per_unit(recipe.extent) == UNIT

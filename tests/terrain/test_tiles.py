@@ -22,7 +22,7 @@ from sketchterrain.terrain.noise import NOISE_PEAK, UNSKEW
 from sketchterrain.terrain.patch_layout import tile_patches
 from sketchterrain.terrain.terrain import Terrain
 
-from .conftest import CASES, LAKES, SEAS, assert_same, half_sums, launches, straight_river, tiers
+from .conftest import CASES, LAKES, PLATEAUS, SEAS, assert_same, half_sums, launches, straight_river, tiers
 
 
 def vertices(tile: st.Tile) -> tuple[np.ndarray, np.ndarray]:
@@ -404,12 +404,13 @@ def test_omitted_detail_is_within_the_bound(preset) -> None:
             assert np.median(ratio) < MAX_RATIO, level
 
 
-@tiers("name", ["eroded", "river", "sea", "everything"], CASES)
+@tiers("name", ["eroded", "river", "sea", "plateau", "everything"], CASES)
 def test_each_kind_of_feature_is_within_the_bound(name, make_recipe, valley) -> None:
     features = [one for kind in CASES for one in CASES[kind]] if name == "everything" else CASES[name]
     rivers = (straight_river(), straight_river(900, width=6)) if name in ("river", "everything") else ()
     lakes = LAKES if name in ("lake", "everything") else ()
-    recipe = make_recipe(*features, rivers=rivers, lakes=lakes, sea=SEAS.get(name))
+    plateaus = PLATEAUS if name in ("plateau", "everything") else ()
+    recipe = make_recipe(*features, rivers=rivers, lakes=lakes, plateaus=plateaus, sea=SEAS.get(name))
     terrain = Terrain(valley.sketch, recipe, valley.context)
     rng = np.random.default_rng(3)
     for level in range(-2, 12):

@@ -7,6 +7,7 @@ from sketchterrain.array_types import Float64Array, StructuredArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.placement.feature_types import Cover, Lake, River
 from sketchterrain.placement.fill import Fill
+from sketchterrain.placement.plateaus import Plateau
 from sketchterrain.placement.sea import Sea
 from sketchterrain.terrain.layers.base import BaseLayer
 from sketchterrain.terrain.layers.corridors import CorridorsLayer
@@ -15,6 +16,7 @@ from sketchterrain.terrain.layers.dunes import DunesLayer
 from sketchterrain.terrain.layers.forests import ForestsLayer
 from sketchterrain.terrain.layers.lakes import LakesLayer
 from sketchterrain.terrain.layers.layer import TerrainLayer
+from sketchterrain.terrain.layers.plateaus import PlateausLayer
 from sketchterrain.terrain.layers.points import PointsLayer
 from sketchterrain.terrain.layers.relief import ReliefLayer
 from sketchterrain.terrain.layers.sea import SeaLayer
@@ -28,6 +30,7 @@ def layer_stack(
     fill: Fill,
     rivers: Sequence[River] = (),
     valley_radii: Sequence[Float64Array] = (),
+    plateaus: Sequence[Plateau] = (),
     lakes: Sequence[Lake] = (),
     covers: Sequence[Cover] = (),
     sea: Sea | None = None,
@@ -45,6 +48,7 @@ def layer_stack(
         ReliefLayer(),
         ForestsLayer(),
         DunesLayer(points.dune_styles),
+        PlateausLayer(tuple(plateaus)),
         SeaLayer.of(sea),
         LakesLayer(tuple(lakes)),
         CorridorsLayer.of(rivers, valley_radii, extent, cache),

@@ -24,6 +24,7 @@ from sketchterrain.terrain.layers.layer import (
     TerrainLayer,
     WorldSettings,
     mask_bits,
+    soft_positive,
 )
 
 if TYPE_CHECKING:
@@ -158,15 +159,10 @@ class LakesLayer(TerrainLayer):
         own, top, visible = (part[near] / weights[near] for part in (own, top, visible))
         s, t, below = nearest[near], deepest[near], height[near]
         result, (water, lake) = height.copy(), np.zeros((2, *height.shape))
-        terrain = below + visible * _soft_positive(top - below) * (1 - s**4) * (1 - s**2)
+        terrain = below + visible * soft_positive(top - below, _SOFTNESS) * (1 - s**4) * (1 - s**2)
         result[near] = terrain + (own - terrain) * visible * cubic(np.maximum(s - _RIM, 0) / (1 - _RIM))
         water[near] = visible * (0.75 * np.maximum(1 - _WATERSIDE * s, 0) + 0.25 * t)
         lake[near] = visible * cubic(s / _RIM)
         return replace(
             ground, height=result, water=np.maximum(ground.water, water), lake=np.maximum(ground.lake, lake)
         )
-
-
-def _soft_positive(x: Float64Array) -> Float64Array:
-    near = np.clip(x, -_SOFTNESS, _SOFTNESS) + _SOFTNESS
-    return np.asarray(near**2 / (4 * _SOFTNESS) + np.maximum(x - _SOFTNESS, 0))

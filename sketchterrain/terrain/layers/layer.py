@@ -242,6 +242,12 @@ def smooth_rise(x: Float64Array, start: float, width: float) -> Float64Array:
     return np.asarray(t * t * (3 - 2 * t))
 
 
+def soft_positive(x: Float64Array, softness: float) -> Float64Array:
+    """Return max(x, 0) with its corner rounded, exactly 0 up to ``-softness``."""
+    near = np.clip(x, -softness, softness) + softness
+    return np.asarray(near**2 / (4 * softness) + np.maximum(x - softness, 0))
+
+
 def scaled_slope(slope: ValueSlope, by: float) -> ValueSlope:
     """Return a value and its slope times a number."""
     return ValueSlope(*(part * by for part in slope))

@@ -43,6 +43,7 @@ const float SOFT_SHORE = 0.07;       // m of depth over which alpha rises
 const float SOFT_PIXELS = 0.15;      // and in pixels on the sea, whose shore nothing else smooths
 const float SURF_PERIOD = 7.0;       // s, of the waves that break at a coast
 const float GUSTS = 6144.0;          // m, period of the sea's wide gusts
+const vec2 BLUR = vec2(0.05, 0.14);  // standard deviations of slope between which the sea stops to mirror single clouds
 const float UNSEEN = 0.9999999;      // depth buffer without ground
 
 // Slope² of waves under a wind (m/s), both axes together (Cox & Munk 1954).
@@ -124,8 +125,9 @@ void main()
     back.z = max(abs(back.z), 0.012);
     float cosine = max(dot(normalize(vec3(-slope, 1.0)), to_eye), 0.02);
     float share = mirrored_share(cosine, spread);
+    float blur = sea ? smoothstep(BLUR.x, BLUR.y, spread) : 0.0;
     vec3 glint = sun_light.rgb * min(glitter(to_eye, to_sun.xyz, slope, max(spread, 0.03)), 12.0) * sun;
-    vec3 surface = mix(body, mirrored(position, normalize(back)), share) + through_air(glint, position) - air;
+    vec3 surface = mix(body, mirrored(position, normalize(back), blur), share) + through_air(glint, position) - air;
 
     // Foam: streaks along a stream, lines along a shore; both made of froth.
     vec2 grain_at = lake ? (position.xy + eye.xy) / 64.0 : vec2(flow.x / 23.0, (flow.y - stream.x * clock) / 140.0);

@@ -22,6 +22,7 @@ const float SUNK = 0.4;         // m below the height map that count as a hit
 const float THICK = 2.0;        // m, smallest assumed thickness of depth buffer surfaces
 const float THICK_STEPS = 2.0;  // and in steps of the ray
 const float FAR_OFF = 1e5;      // m, distance of the sky
+const float BLURRED = 5.0;      // level of the cloud field that the roughest water mirrors
 const float BRIGHTEST = 0.4;    // radiance of clouds over the sun's irradiance
 const vec3 GREEN = vec3(0.045, 0.055, 0.026); // albedos of ground outside the picture
 const vec3 STONY = vec3(0.20, 0.185, 0.165);
@@ -48,19 +49,19 @@ vec3 picture_place(vec3 p)
     return vec3(clamp(uv.x, 0.002, 0.998), uv.y, clip.w > 0.0 ? inside : 0.0);
 }
 
-// The sky read from the picture if visible, else with flat clouds as in sky.frag.glsl.
-vec3 mirrored_sky(vec3 direction)
+// The sky read from the picture if visible, else with flat clouds as in sky.frag.glsl; `blur` 0 ... 1 by rough water.
+vec3 mirrored_sky(vec3 direction, float blur)
 {
     vec3 clear = clear_sky(direction), sky = clear;
 #if CLOUDS > 0
     vec3 place = direction * to_layer(max(CLOUD_BASE + view_range.y - eye.z, 300.0), max(direction.z, 0.01));
-    float density = cloud_density(place.xy);
+    float density = mix(cloud_density(place.xy), smoothstep(0.0, 0.7, textureLod(cloud_field, cloud_place(place.xy), BLURRED).r), blur);
     vec3 lit = sunlit(3.0 * density, dot(direction, to_sun.xyz)) * SUN_GAIN + cloud_ambient(0.35);
     sky = mix(sky, mix(sky, lit, clear_air(place)), density * (1.0 - overcast) * smoothstep(0.0, 0.1, direction.z));
 #endif
 #if MATERIALS > 1
     vec3 at = picture_place(direction * FAR_OFF);
-    float seen = at.z * step(0.9999999, textureLod(scene_depth, at.xy, 0.0).r);
+    float seen = (1.0 - blur) * at.z * step(0.9999999, textureLod(scene_depth, at.xy, 0.0).r);
     // The sun's disc is left to the glitter.
     sky = mix(sky, min(textureLod(scene, at.xy, 0.0).rgb, clear + BRIGHTEST * sun_light.rgb), seen);
 #endif
@@ -81,8 +82,8 @@ vec3 guessed_ground(vec3 p)
     return through_air(albedo / PI * down, p);
 }
 
-// Radiance along a reflected ray, including aerial perspective.
-vec3 mirrored(vec3 from, vec3 direction)
+// Radiance along a reflected ray, including aerial perspective; `blur` as for the sky.
+vec3 mirrored(vec3 from, vec3 direction, float blur)
 {
     float gone = FIRST_STEP, before = 0.0, hit = -1.0, seen_hit = -1.0;
     for (int i = 0; i < MARCH; ++i) {
@@ -112,7 +113,7 @@ vec3 mirrored(vec3 from, vec3 direction)
     }
     if (seen_hit > 0.0) hit = far_end;
 #endif
-    vec3 sky = through_air(mirrored_sky(direction), from);
+    vec3 sky = through_air(mirrored_sky(direction, blur), from);
     if (hit < 0.0) return sky;
     vec3 p = from + direction * hit;
     vec3 at = picture_place(p);

@@ -57,6 +57,7 @@ def terrain_report(terrain: Terrain, raster: Raster, plants: FoliageResult) -> d
         "size": {"columns": columns, "rows": rows},
         "spacing": {"x": raster.spacing[0], "y": raster.spacing[1]},
         "heights": {"minimum": float(raster.height.min()), "maximum": float(raster.height.max())},
+        **({} if terrain.sea_level is None else {"sea_level": terrain.sea_level}),
         "counts": {
             "features": {name: kinds[name] for name in FEATURE_TYPES},
             "rivers": len(features.rivers),

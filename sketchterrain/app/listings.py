@@ -111,6 +111,7 @@ def generated_lines(report: dict[str, Any], folder: Path) -> list[str]:
         f"{report['spacing']['x']:.3g} m apart, {heights['minimum']:.1f} to {heights['maximum']:.1f} m high, "
         f"{pluralize(sum(counts['features'].values()), 'feature')}, "
         + ", ".join(pluralize(counts[name], name.removesuffix("s")) for name in ("rivers", "lakes"))
+        + (f", the sea at {report['sea_level']:g} m" if "sea_level" in report else "")
         + (f", {pluralize(sum(counts['plants'].values()), 'plant')}" if counts["plants"] else ""),
         f"in {report['timings']['total']:.1f} s on {device['name']} ({device['platform']})"
         f"{', with --fast: other bits than without' if report['fast'] else ''}",

@@ -290,7 +290,10 @@ class Hypsometry:
 
 @dataclass(frozen=True)
 class Statistics:
-    """Statistics of one level of a world; slopes are None without interior vertices."""
+    """Statistics of one level of a world; slopes are None without interior vertices.
+
+    `sea_share` is the share of the area below the sea's level, None without a sea.
+    """
 
     level: int
     cell: float
@@ -300,6 +303,7 @@ class Statistics:
     relief: Relief
     slopes: Slopes | None
     hypsometry: Hypsometry
+    sea_share: float | None
     materials: dict[str, float]
 
     def as_dict(self) -> dict[str, Any]:
@@ -311,10 +315,15 @@ class Statistics:
 
 
 def compute_statistics(
-    stored: StoredWorld, *, level: int = 0, progress: Callable[[float], None] | None = None
+    stored: StoredWorld,
+    *,
+    level: int = 0,
+    sea_level: float | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> Statistics:
     """Return statistics of a level, the same on every machine; raise InputError for missing or broken files.
 
+    `sea_level` (m) is that of the world's sketch.
     Threads measure stripes, which are merged in order; `progress` receives the share done, 0 … 1.
     """
     if not 0 <= level < len(stored.levels):
@@ -340,7 +349,8 @@ def compute_statistics(
     columns, rows, cell = selected.columns, selected.rows, selected.cell
     area, relief = (columns - 1) * (rows - 1) * cell**2, total.relief()
     slopes, hypsometry = total.slopes(), total.hypsometry(relief.mean)
-    return Statistics(level, cell, columns, rows, area, relief, slopes, hypsometry, materials)
+    sea = None if sea_level is None else total.share_below(sea_level)
+    return Statistics(level, cell, columns, rows, area, relief, slopes, hypsometry, sea, materials)
 
 
 def _stripe(stored: StoredWorld, level: Level, left: int, sums: _Sums) -> _Sums:
@@ -428,6 +438,9 @@ class _Sums:
         above = 1.0 - np.interp(steps, edges, below) if span > 0 else np.ones(_CLASSES + 1)
         integral = (mean - self.lowest) / span if span > 0 else 0.5
         return Hypsometry(integral, tuple(map(float, steps)), tuple(map(float, above)))
+
+    def share_below(self, height: float) -> float:
+        return float(np.interp(height, *self._curve(), left=0.0, right=1.0))
 
     def _curve(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
         """Return edges of bins, clamped to the extreme heights, and the share below each."""

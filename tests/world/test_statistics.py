@@ -78,6 +78,11 @@ def test_cone_hypsometry_is_analytic() -> None:
     expected = math.pi * (500.0 * (1.0 - heights / 100.0)) ** 2 / 1000.0**2
     assert above[1:] == pytest.approx(expected[1:], abs=2e-3)
     assert above[0] == 1.0  # all of it, where it is flat, too
+    assert found.sea_share is None
+    for level in (-5.0, 20.0, 60.0, 200.0):
+        drowned = compute_statistics(ArrayWorld(height), sea_level=level).sea_share
+        dry = math.pi * (500.0 * (1.0 - min(max(level, 1e-9), 100.0) / 100.0)) ** 2 / 1000.0**2
+        assert drowned == pytest.approx(0.0 if level < 0.0 else 1.0 - dry, abs=2e-3), level
     # A cone's volume is a third of its base and height.
     assert found.hypsometry.integral == pytest.approx(math.pi * 500.0**2 / 3.0 / 1000.0**2, abs=1e-3)
     assert found.slopes is not None

@@ -179,11 +179,14 @@ def stats(
                 broken = list(check_world(store, progress=progress))
         else:
             with stages.stage("open", "Opening the world"):
+                from sketchterrain.placement.sea import sea_level
                 from sketchterrain.world.statistics import compute_statistics, open_world
 
                 stored = open_world(store)
+                sketch = stored.sketch()
+                sea = None if sketch is None else sea_level(sketch)
             with stages.stage("statistics", "Measuring") as progress:
-                found = compute_statistics(stored, level=level or 0, progress=progress)
+                found = compute_statistics(stored, level=level or 0, sea_level=sea, progress=progress)
     if not check:
         if as_json:
             print_json({"world": str(store), **found.as_dict()})
@@ -237,6 +240,8 @@ def _lines(store: Path, found: Statistics) -> list[str]:
     lines.append(f"{'hypsometry':<{_WIDTH}}integral {hypsometry.integral:.3f} (Strahler 1952); area above")
     rows = list(zip(hypsometry.heights, hypsometry.share_above, strict=True))
     lines += [_bar(f"{height:.0f} m", share, 1.0) for height, share in rows[::-2]]
+    if found.sea_share is not None:
+        lines.append(f"{'sea':<{_WIDTH}}{found.sea_share:.1%} of the area")
     if found.materials:
         lines.append(f"{'materials':<{_WIDTH}}share of the whole")
         ordered = sorted(found.materials.items(), key=lambda each: -each[1])

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from sketchterrain.document.edits import ACTIONS, Edit
-from sketchterrain.document.label_layers import MAX_LABELS, LabelImage
+from sketchterrain.document.label_layers import MAX_LABELS, freeze_image, labels_in
 from sketchterrain.document.layers import LAYERS, layer_of
 from sketchterrain.document.parameters import SKETCH, Parameter, Value
 from sketchterrain.document.sketch import TABLES, Sketch
@@ -289,22 +289,10 @@ def _clamp(action: str, name: str, value: float) -> float:
     return min(max(round(float(value), _DIGITS), float(parameter.low)), float(parameter.high))
 
 
-_PIXELS_AT_ONCE = 1 << 20
-
-
-def label_areas(image: LabelImage) -> dict[int, int]:
-    """Return the pixel counts of the labels (1 to 255) that occur in an image."""
-    rows = max(1, _PIXELS_AT_ONCE // max(1, image.shape[1]))
-    counts = np.zeros(256, dtype=np.int64)
-    for top in range(0, image.shape[0], rows):  # bincount widens its input eightfold
-        counts += np.bincount(image[top : top + rows].ravel(), minlength=256)
-    return {int(label): int(counts[label]) for label in np.flatnonzero(counts) if label}
-
-
 def labels_of(sketch: Sketch, layer: str) -> tuple[int, ...]:
     """Return the painted or declared labels of a layer, ascending."""
     declared = {label for name, label in sketch.labels if name == layer}
-    return tuple(sorted(declared | set(label_areas(sketch.layers[layer]))))
+    return tuple(sorted(declared | set(labels_in(sketch.layers[layer]))))
 
 
 def free_label(sketch: Sketch, layer: str) -> int:
@@ -336,7 +324,7 @@ def delete_label(sketch: Sketch, layer: str, label: int) -> Sketch:
     if not painted.any():
         return sketch if len(labels) == len(sketch.labels) else sketch.replace(labels=labels)
     erased = np.where(painted, np.uint8(0), image)
-    return sketch.replace(labels=labels, layers={**sketch.layers, layer: _frozen(erased)})
+    return sketch.replace(labels=labels, layers={**sketch.layers, layer: freeze_image(erased)})
 
 
 def clear_layer(sketch: Sketch, layer: str) -> Sketch:
@@ -344,7 +332,7 @@ def clear_layer(sketch: Sketch, layer: str) -> Sketch:
     image = sketch.layers[layer]
     if not image.any():
         return sketch
-    return sketch.replace(layers={**sketch.layers, layer: _frozen(np.zeros_like(image))})
+    return sketch.replace(layers={**sketch.layers, layer: freeze_image(np.zeros_like(image))})
 
 
 def set_property(sketch: Sketch, layer: str, label: int, name: str, value: Value) -> Sketch:
@@ -362,11 +350,6 @@ def reset_property(sketch: Sketch, layer: str, label: int, name: str) -> Sketch:
         return sketch
     properties = {key: value for key, value in declared.items() if key != name}
     return sketch.replace(labels={**sketch.labels, (layer, label): properties})
-
-
-def _frozen(image: LabelImage) -> LabelImage:
-    image.flags.writeable = False
-    return image
 
 
 WORLD = "sketch"

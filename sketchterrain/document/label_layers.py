@@ -42,13 +42,18 @@ _checked = LRUCache(16)
 """Images that were checked and frozen: the next sketch, which shares most of them, need not check them."""
 
 
+def label_areas(image: LabelImage) -> dict[int, int]:
+    """Return the pixel counts of the labels (1 to 255) that occur in an image."""
+    rows = max(1, _BLOCK_PIXELS // max(1, image.shape[1]))
+    counts = np.zeros(256, dtype=np.int64)
+    for top in range(0, image.shape[0], rows):  # bincount widens its input eightfold
+        counts += np.bincount(image[top : top + rows].ravel(), minlength=256)
+    return {int(label): int(counts[label]) for label in np.flatnonzero(counts) if label}
+
+
 def labels_in(image: LabelImage) -> tuple[int, ...]:
     """Return the labels in an image, 1 to 255, ascending."""
-    rows = max(1, _BLOCK_PIXELS // max(1, image.shape[1]))
-    present = np.zeros(256, dtype=bool)
-    for top in range(0, image.shape[0], rows):  # bincount widens its input eightfold
-        present |= np.bincount(image[top : top + rows].ravel(), minlength=256) > 0
-    return tuple(int(label) for label in np.flatnonzero(present) if label)
+    return tuple(label_areas(image))
 
 
 def image_digest(image: LabelImage) -> str:

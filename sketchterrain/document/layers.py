@@ -5,11 +5,8 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Final, Literal, NamedTuple
 
-from sketchterrain.document.materials import BUILT_IN, MATERIALS
+from sketchterrain.document.materials import BUILT_IN, MATERIALS, Colour
 from sketchterrain.document.parameters import Parameter, Sentinel, Value, parameter_table
-
-Colour = tuple[int, int, int]
-"""sRGB, 0 to 255."""
 
 
 class TagRule(NamedTuple):

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from sketchterrain.array_types import Bounds, Float64Array
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.materials import Colour
 from sketchterrain.errors import InputError
 from sketchterrain.look.objects import shore_lines, terrain_objects
 from sketchterrain.placement.feature_types import FEATURE_TYPES, ShapeField
@@ -22,7 +23,6 @@ from sketchterrain.tiles.tile_pool import DrawList
 if TYPE_CHECKING:
     from sketchterrain.render.ground_stream import TerrainStream
 
-    Colour = tuple[int, int, int]
 
 FEATURE_COLOURS: Final = {
     name: layer.overlay or layer.colour for name, layer in LAYERS.items() if layer.is_points or layer.is_water

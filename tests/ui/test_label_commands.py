@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from sketchterrain.document.label_layers import label_areas
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.parameters import SKETCH
 from sketchterrain.document.sketch import TABLES, Sketch
@@ -21,9 +22,9 @@ def sketch():
 
 
 def test_areas_count_painted_pixels_and_labels_are_painted_or_declared(sketch):
-    assert commands.label_areas(sketch.layers["mountain"]) == {1: 6, 3: 9}
+    assert label_areas(sketch.layers["mountain"]) == {1: 6, 3: 9}
     image = np.random.default_rng(3).integers(0, 9, (1500, 1100), dtype=np.uint8)  # several blocks of rows
-    assert commands.label_areas(image) == {label: int((image == label).sum()) for label in range(1, 9)}
+    assert label_areas(image) == {label: int((image == label).sum()) for label in range(1, 9)}
     assert commands.labels_of(sketch, "mountain") == (1, 2, 3)
     assert commands.labels_of(sketch, "hill") == ()
 
@@ -60,7 +61,7 @@ def test_properties_are_copied_set_and_reset(sketch):
 def test_deleting_a_label_and_clearing_a_layer_keep_other_paint_and_properties(sketch):
     before = sketch.layers["mountain"].copy()
     gone = commands.delete_label(sketch, "mountain", 3)
-    assert commands.label_areas(gone.layers["mountain"]) == {1: 6}
+    assert label_areas(gone.layers["mountain"]) == {1: 6}
     assert gone.labels == sketch.labels
     assert gone.layers["hill"] is sketch.layers["hill"]
     np.testing.assert_array_equal(sketch.layers["mountain"], before)

@@ -7,12 +7,13 @@ import pytest
 from PyQt6.QtCore import QPoint, Qt
 from PyQt6.QtTest import QTest
 
+from sketchterrain.document.label_layers import labels_in
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.parameters import SKETCH
 from sketchterrain.document.sketch import TABLES
 from sketchterrain.document.store import load_sketch
 from sketchterrain.render.overlays import OVERLAYS
-from sketchterrain.ui.commands import find_parent_river, is_locked, label_areas, set_property, width_of
+from sketchterrain.ui.commands import find_parent_river, is_locked, set_property, width_of
 from sketchterrain.ui.engine.protocol import ViewState
 from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.panels.layer_list import EYE, LOCK, NAME
@@ -76,7 +77,7 @@ def test_rows_list_the_declared_layers_and_used_labels(layers, document):
         seen.add(row.layer)
     for name in LAYERS:
         declared = {label for layer, label in document.sketch.labels if layer == name}
-        used = set(label_areas(document.sketch.layers[name])) | declared
+        used = set(labels_in(document.sketch.layers[name])) | declared
         assert {label for layer, label in places(layers) if layer == name} == (used or {1})
     document.do("Set height", set_property(document.sketch, "mountain", 1, "height", 1234.0))
     row = next(row for row in layers.list.rows if (row.layer, row.label) == ("mountain", 1))
@@ -125,7 +126,7 @@ def test_labels_are_added_deleted_and_cleared_unless_locked(layers, document, wo
     document.undo()
     workspace.use_label("hill", 2)
     layers.remove.click()
-    assert 2 not in label_areas(document.sketch.layers["hill"])
+    assert 2 not in labels_in(document.sketch.layers["hill"])
     assert (workspace.layer, workspace.label) == ("hill", 1)
     document.undo()
     workspace.use_label("forest", 1)

@@ -6,7 +6,7 @@ from functools import partial
 from PyQt6.QtCore import QObject, QPoint, QSignalBlocker, QSize, Qt, QTimer, pyqtSignal
 from PyQt6.QtWidgets import QLabel, QWidget
 
-from sketchterrain.document.label_layers import MAX_LABELS, LabelImage
+from sketchterrain.document.label_layers import MAX_LABELS, LabelImage, label_areas
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
@@ -15,7 +15,6 @@ from sketchterrain.ui.commands import (
     copy_label,
     delete_label,
     free_label,
-    label_areas,
     new_label,
 )
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, column, described, row, tabular, tool_button

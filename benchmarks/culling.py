@@ -16,7 +16,7 @@ from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, s
 from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES
 from sketchterrain.terrain.inputs import KernelInputs
 from sketchterrain.terrain.layers.points import PointFinder
-from sketchterrain.terrain.patch_layout import tile_patches
+from sketchterrain.terrain.patches import tile_patches
 from sketchterrain.terrain.terrain import Terrain
 
 DENSITY = 25.0

@@ -19,8 +19,7 @@ from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.look.texture_maker import emboss, paint_layer
 from sketchterrain.terrain.inputs import KernelInputs
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit
-from sketchterrain.terrain.patch_layout import Patches, sample_stride
-from sketchterrain.terrain.patches import PatchLauncher
+from sketchterrain.terrain.patches import Patches, PatchLauncher, sample_stride
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.surfaces import SurfaceStore, vertex_dtype
 from sketchterrain.terrain.terrain import Terrain

@@ -13,7 +13,7 @@ from sketchterrain.array_types import LatticeArray, UInt8Array
 from sketchterrain.compute.buffers import BufferPool, BufferSet
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.errors import InputError
-from sketchterrain.terrain.patch_layout import run_to_completion
+from sketchterrain.terrain.patches import run_to_completion
 from sketchterrain.vegetation.graded_poisson import (
     GREATEST_DENSITY,
     GROUP,

@@ -23,8 +23,7 @@ from sketchterrain.compute.device_check import is_usable
 from sketchterrain.document.materials import MATERIALS
 from sketchterrain.terrain.inputs import KernelInputs
 from sketchterrain.terrain.lattice import QUADS
-from sketchterrain.terrain.patch_layout import tile_patches
-from sketchterrain.terrain.patches import PatchLauncher
+from sketchterrain.terrain.patches import PatchLauncher, tile_patches
 from sketchterrain.terrain.surfaces import SurfaceStore
 
 OPERATIONS = 97

@@ -24,8 +24,7 @@ from sketchterrain.terrain.inputs import KernelInputs
 from sketchterrain.terrain.lattice import QUADS
 from sketchterrain.terrain.layers import corridors
 from sketchterrain.terrain.noise import FINEST_CELL
-from sketchterrain.terrain.patch_layout import tile_patches
-from sketchterrain.terrain.patches import PatchLauncher
+from sketchterrain.terrain.patches import PatchLauncher, tile_patches
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.surfaces import SurfaceStore
 from sketchterrain.tiles.quadtree import EAST, NORTH, SOUTH, WEST

@@ -16,8 +16,7 @@ from sketchterrain.terrain.detail_bounds import DetailBound
 from sketchterrain.terrain.inputs import KernelInputs
 from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS
 from sketchterrain.terrain.layers.layer import MASKS
-from sketchterrain.terrain.patch_layout import Batches, Patches, tile_patches
-from sketchterrain.terrain.patches import GROUP, PatchLauncher, rounded_up
+from sketchterrain.terrain.patches import GROUP, Batches, Patches, PatchLauncher, rounded_up, tile_patches
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.surfaces import Surface, SurfaceStore, require_finite
 from sketchterrain.terrain.vertex_writer import VertexWriter

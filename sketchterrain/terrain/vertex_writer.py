@@ -18,8 +18,14 @@ from sketchterrain.terrain.changes import touches
 from sketchterrain.terrain.inputs import KernelInputs
 from sketchterrain.terrain.lattice import LATTICE_BITS, finest_level
 from sketchterrain.terrain.noise import FINEST_CELL
-from sketchterrain.terrain.patch_layout import Batches, Patches, sample_stride, tile_patches, tile_samples
-from sketchterrain.terrain.patches import PatchLauncher
+from sketchterrain.terrain.patches import (
+    Batches,
+    Patches,
+    PatchLauncher,
+    sample_stride,
+    tile_patches,
+    tile_samples,
+)
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.surfaces import FACTS, VertexStore, non_finite
 

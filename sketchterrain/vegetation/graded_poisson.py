@@ -13,7 +13,7 @@ import numpy.typing as npt
 from sketchterrain.array_types import Float32Array, LatticeArray, StructuredArray
 from sketchterrain.errors import InputError
 from sketchterrain.placement.hashing import hash_keys
-from sketchterrain.terrain.patch_layout import run_to_completion
+from sketchterrain.terrain.patches import run_to_completion
 
 if TYPE_CHECKING:
     from sketchterrain.compute.buffers import BufferSet

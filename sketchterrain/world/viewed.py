@@ -30,7 +30,7 @@ from sketchterrain.render.quality import Quality
 from sketchterrain.render.views import check_view
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS, finest_level
-from sketchterrain.terrain.patch_layout import run_to_completion
+from sketchterrain.terrain.patches import run_to_completion
 from sketchterrain.terrain.surfaces import FACTS, TerrainFeatures, VertexMemory, VertexStore, vertex_dtype
 from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.terrain.vertex_writer import geometric_error

@@ -18,7 +18,7 @@ from sketchterrain.errors import DeviceFailedError, DeviceMemoryError
 from sketchterrain.io.system import ChildFailedError
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.layers.covers import CoversLayer
-from sketchterrain.terrain.patch_layout import Batches
+from sketchterrain.terrain.patches import Batches
 from sketchterrain.terrain.self_test import self_test
 
 from .conftest import tiers

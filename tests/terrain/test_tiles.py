@@ -19,7 +19,7 @@ from sketchterrain.terrain.inputs import KernelInputs
 from sketchterrain.terrain.lattice import QUADS
 from sketchterrain.terrain.layers.points import PointFinder
 from sketchterrain.terrain.noise import NOISE_PEAK, UNSKEW
-from sketchterrain.terrain.patch_layout import tile_patches
+from sketchterrain.terrain.patches import tile_patches
 from sketchterrain.terrain.terrain import Terrain
 
 from .conftest import CASES, LAKES, PLATEAUS, SEAS, assert_same, half_sums, launches, straight_river, tiers

@@ -133,6 +133,7 @@ _THUMBNAIL = QSize(320, 180)
 _PRESET_TIPS = {
     "alpine_range": "A serrated range, two valleys, a forest",
     "desert_mountains": "A desert with distant mountains",
+    "island_coast": "An island with mountains, a bay and beaches",
     "rolling_hills": "Hills, groves and a stream",
     "valley_river": "A valley with a river between hills and mountains",
 }

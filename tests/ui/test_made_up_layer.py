@@ -64,7 +64,7 @@ def main(kind: str, folder: Path) -> None:
     from sketchterrain.ui.actions import COMMANDS
     from sketchterrain.ui.canvas.compositing import hatches_of, paints_of
     from sketchterrain.ui.dialogs.trace import meaning_box
-    from sketchterrain.ui.look.layer_colours import HATCHES, hatch_colour, label_colour, swatch
+    from sketchterrain.ui.look.layer_colours import GLYPHS, HATCHES, hatch_colour, label_colour, swatch
     from sketchterrain.ui.models.document import Document
     from sketchterrain.ui.models.workspace import Workspace
     from sketchterrain.ui.panels.layers import LayersPanel, label_detail
@@ -126,7 +126,10 @@ def main(kind: str, folder: Path) -> None:
     workspace, document = Workspace(), Document(sketch)
     workspace.use_label("cave", 1)
     assert COMMANDS["layer-cave"].text.endswith("Caves")
-    assert LAYERS["cave"].hatch in HATCHES
+    assert len({layer.code for layer in LAYERS.values()}) == len(LAYERS)
+    for layer in LAYERS.values():
+        assert layer.hatch in HATCHES, layer.name
+        assert (layer.glyph in GLYPHS) == layer.is_points, layer.name
     assert label_colour("cave", 1).getRgb()[:3] == LAYERS["cave"].colour
     assert label_colour("cave", 2) != label_colour("cave", 1)
     assert hatch_colour("cave").alpha()

@@ -39,8 +39,8 @@ class State:
 Change = Callable[[Rng, State], Sketch]
 
 
-def random_sketch(rng: Rng) -> Sketch:
-    """Return a small sketch with shapes of two labels in every layer."""
+def random_sketch(rng: Rng, *, share: float = 0.8) -> Sketch:
+    """Return a small sketch with shapes of two labels in a share of the layers, features elsewhere or not."""
     extent, width = float(rng.choice(EXTENTS)), SIDE - int(rng.choice([0, 12]))
     sketch = Sketch(
         extent=extent,
@@ -48,9 +48,10 @@ def random_sketch(rng: Rng) -> Sketch:
         fidelity=float(rng.choice([0.3, 0.8, 1.0])),
         layers={name: np.zeros((SIDE, width), np.uint8) for name in LAYERS},
     )
-    density = {key: _random_value(rng, DENSITY[key], sketch) for key in DENSITY if rng.random() < 0.7}
+    often = rng.choice([0.0, 0.7])
+    density = {key: _random_value(rng, DENSITY[key], sketch) for key in DENSITY if rng.random() < often}
     for name in LAYERS:
-        for label in (1, 2):
+        for label in (1, 2) if rng.random() < share else ():
             sketch = _painted(sketch, name, _brush_stroke(rng, sketch, name), label)
     return sketch.replace(density=density)
 

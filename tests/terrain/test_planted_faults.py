@@ -1,0 +1,347 @@
+"""Planted faults: each part of a recipe is left out of what its changes are found by, and that is noticed.
+
+A part is a field of the world, of a layer's key, or of its items. A recipe with another value of this part
+alone must be updated right, and wrong as soon as the part is left out. Parts without any effect are listed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sketchterrain.document.layers import DENSITY
+from sketchterrain.placement import differences as row_differences
+from sketchterrain.placement.feature_types import FEATURE
+from sketchterrain.placement.fill import Fill
+from sketchterrain.terrain.building import build
+from sketchterrain.terrain.centrelines import PreparedCentreline
+from sketchterrain.terrain.changes import EVERYWHERE
+from sketchterrain.terrain.layers import corridors
+from sketchterrain.terrain.layers.corridors import CorridorsLayer
+from sketchterrain.terrain.layers.layer import TerrainLayer, WorldSettings
+from sketchterrain.terrain.layers.points import PointsLayer
+from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.terrain import Terrain
+
+from .sketch_edits import random_sketch
+from .terrain_samples import Samples, differences, samples_of
+
+Path = tuple[str, ...]
+Plant = Callable[[pytest.MonkeyPatch], None]
+CourseChange = Callable[[np.ndarray, PreparedCentreline], tuple[np.ndarray, PreparedCentreline]]
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A part of recipes: how to change it alone, and how to leave it out of the comparison of recipes."""
+
+    name: str
+    changed: Callable[[TerrainRecipe], TerrainRecipe]
+    left_out: Plant
+
+
+WITHOUT_EFFECT = {
+    *(f"{layer}.{name}" for layer in ("lakes.lakes", "covers.covers") for name in ("id", "label")),
+    *("fill.extent", "fill.size", "fill.near"),  # what is kept in memory
+    "fill.conifers",  # which its rules have, too
+}
+"""Parts that no height, normal or weight depends on by themselves."""
+
+
+def other_value(value: Any) -> Any:
+    """Return another value of the same type."""
+    if isinstance(value, bool | np.bool_):
+        return not value
+    if isinstance(value, int | np.integer):
+        return value - 1 if value > 0 else 1
+    if isinstance(value, float | np.floating):
+        return 0.8 * value if value else 0.5
+    if isinstance(value, np.ndarray):
+        return ~value if value.dtype == bool else (0.8 * value).astype(value.dtype)
+    if isinstance(value, tuple):
+        return value[:-1] if is_dataclass(value[0]) else tuple(other_value(each) for each in value)
+    raise TypeError(type(value))
+
+
+def constant(value: Any) -> Any:
+    """Return a value that depends on the type, and on the size of an array, only."""
+    if isinstance(value, np.ndarray):
+        return np.zeros_like(value)
+    return None if value is None else type(value)()
+
+
+def mapped(value: Any, path: Path, function: Callable[[Any], Any]) -> Any:
+    """Return a value with a function applied to the part at a path of fields and keys, of all items."""
+    if not path:
+        return function(value)
+    if isinstance(value, tuple):
+        return tuple(mapped(each, path, function) for each in value)
+    if value is None:
+        return None
+    if is_dataclass(value):
+        return replace(value, **{path[0]: mapped(getattr(value, path[0]), path[1:], function)})
+    return {**value, path[0]: mapped(value[path[0]], path[1:], function)}
+
+
+def paths(value: Any) -> Iterator[Path]:
+    """Return the paths of all values in dataclasses, mappings and tuples of these."""
+    if isinstance(value, tuple) and value and is_dataclass(value[0]):
+        yield from paths(value[0])
+    elif is_dataclass(value):
+        for each in fields(value):
+            yield from ((each.name, *rest) for rest in paths(getattr(value, each.name)))
+    elif isinstance(value, dict) or hasattr(value, "items"):
+        for key in value:
+            yield from ((key, *rest) for rest in paths(value[key]))
+    else:
+        yield ()
+
+
+def key_part(kind: type[TerrainLayer], name: str) -> Part:
+    """Return a field of a layer's key."""
+    key = kind.key
+
+    def plant(patch: pytest.MonkeyPatch) -> None:
+        patch.setattr(kind, "key", lambda layer: key(replace(layer, **{name: None})))
+
+    return Part(
+        f"{kind.name}.{name}",
+        lambda recipe: recipe.with_layers([mapped(recipe[kind], (name,), other_value)]),
+        plant,
+    )
+
+
+def global_part(path: Path) -> Part:
+    """Return a part of a recipe outside of its layers."""
+    key = TerrainRecipe.key
+
+    def plant(patch: pytest.MonkeyPatch) -> None:
+        patch.setattr(TerrainRecipe, "key", lambda recipe: key(mapped(recipe, path, constant)))
+
+    return Part(".".join(path), lambda recipe: mapped(recipe, path, other_value), plant)
+
+
+def materials_part() -> Part:
+    """Return the table of materials, changed by one more."""
+
+    def changed(recipe: TerrainRecipe) -> TerrainRecipe:
+        table = recipe.materials.materials
+        more = replace(table[-1], name="another")
+        return replace(recipe, materials=replace(recipe.materials, materials=(*table, more)))
+
+    return replace(global_part(("materials",)), changed=changed)
+
+
+def item_part(kind: type[TerrainLayer], names: Sequence[str], path: Path) -> Part:
+    """Return a part of items in some fields of a layer."""
+    items = kind.items
+
+    def mapped_items(layer: TerrainLayer, function: Callable[[Any], Any]) -> TerrainLayer:
+        return replace(layer, **{name: mapped(getattr(layer, name), path, function) for name in names})
+
+    def plant(patch: pytest.MonkeyPatch) -> None:
+        patch.setattr(kind, "items", lambda layer, world: items(mapped_items(layer, constant), world))
+
+    return Part(
+        ".".join((kind.name, *names, *path)),
+        lambda recipe: recipe.with_layers([mapped_items(recipe[kind], other_value)]),
+        plant,
+    )
+
+
+def item_parts(layer: TerrainLayer) -> Iterator[Part]:
+    """Return all parts of a layer's items; its fields of one kind share their grid."""
+    names = [each.name for each in fields(layer) if each.metadata.get("items")]
+    for path in paths(getattr(layer, names[0])) if names else ():
+        if path[-1] == "inside":
+            yield from (item_part(type(layer), [name], path) for name in names)
+        else:
+            yield item_part(type(layer), names, path)
+
+
+def feature_part(column: str) -> Part:
+    """Return a column of point features; one feature that has it gets another's value, or another one."""
+
+    def changed(recipe: TerrainRecipe) -> TerrainRecipe:
+        painted = recipe.points.painted.copy()
+        of_one = painted[painted["type"] == painted["type"][np.argmax(painted[column] > 0)]]
+        row = int(np.searchsorted(painted["id"], of_one["id"][0]))
+        others = of_one[column][of_one[column] != of_one[column][0]]
+        painted[column][row] = others[0] if len(others) else other_value(of_one[column][0])
+        return recipe.with_layers([replace(recipe.points, painted=painted)])
+
+    def plant(patch: pytest.MonkeyPatch) -> None:
+        words = row_differences._words
+
+        def without(rows: np.ndarray) -> np.ndarray:
+            rows = rows.copy()
+            rows[column] = 0
+            return words(rows)
+
+        patch.setattr(row_differences, "_words", without)
+
+    return Part(f"points.{column}", changed, plant)
+
+
+def fill_part(name: str) -> Part:
+    """Return a field of the features of unpainted areas."""
+    difference = Fill.difference
+
+    def changed(recipe: TerrainRecipe) -> TerrainRecipe:
+        fill = recipe.points.fill
+        values = {
+            "rules": {key: replace(rule, high=0.8 * rule.high) for key, rule in fill.rules.items()},
+            "painted": fill.painted[:0],
+            "images": {},
+            "replaced": fill.within(0.0, 0.0, *fill.size)[::2],
+            "near": None,
+        }
+        value = values[name] if name in values else other_value(getattr(fill, name))
+        return recipe.with_layers([replace(recipe.points, fill=replace(fill, **{"near": None, name: value}))])
+
+    def plant(patch: pytest.MonkeyPatch) -> None:
+        patch.setattr(
+            Fill, "difference", lambda old, new: difference(old, replace(new, **{name: getattr(old, name)}))
+        )
+
+    return Part(f"fill.{name}", changed, plant)
+
+
+def course_change(change: CourseChange) -> Callable[[TerrainRecipe], TerrainRecipe]:
+    return lambda recipe: recipe.with_layers(
+        [with_courses(recipe[CorridorsLayer], change, recipe.world.unit)]
+    )
+
+
+def with_courses(layer: CorridorsLayer, change: CourseChange, unit: float) -> CorridorsLayer:
+    """Return a layer with changed rivers, whose pieces are found again."""
+    courses = []
+    for course in layer.courses:
+        anchor, line = change(course.anchor, course.line)
+        pieces = corridors._pieces(anchor, line, unit)
+        courses.append(replace(course, anchor=anchor, line=line, pieces=pieces))
+    return replace(layer, courses=tuple(courses))
+
+
+def course_part(name: str, changed: CourseChange, without: CourseChange) -> Part:
+    """Return an input of the arcs of rivers."""
+    items = CorridorsLayer.items
+
+    def plant(patch: pytest.MonkeyPatch) -> None:
+        patch.setattr(
+            CorridorsLayer,
+            "items",
+            lambda layer, world: items(with_courses(layer, without, world.unit), world),
+        )
+
+    return Part(f"corridors.{name}", course_change(changed), plant)
+
+
+def line_part(path: Path, changed: Callable[[Any], Any], constant: Callable[[Any], Any]) -> Part:
+    """Return a field of prepared centrelines."""
+
+    def on_line(function: Callable[[Any], Any]) -> CourseChange:
+        return lambda anchor, line: (anchor, mapped(line, path, function))
+
+    return course_part(path[-1], on_line(changed), on_line(constant))
+
+
+def column_part(column: int) -> Part:
+    """Return a column of the samples of prepared centrelines."""
+
+    def with_column(function: Callable[[np.ndarray], Any]) -> CourseChange:
+        def change(anchor: np.ndarray, line: PreparedCentreline) -> tuple[np.ndarray, PreparedCentreline]:
+            samples = line.line.copy()
+            samples[:, column] = function(samples[:, column])
+            return anchor, replace(line, line=samples)
+
+        return change
+
+    # Positions stay next to the curve.
+    changed = (lambda position: position + 0.2) if column < 2 else other_value
+    return course_part(f"column {column}", with_column(changed), with_column(np.zeros_like))
+
+
+def parts_of(recipe: TerrainRecipe) -> list[Part]:
+    """Return all parts that the terrain of a recipe depends on."""
+    found = [global_part(("world", each.name)) for each in fields(WorldSettings)]
+    found += [global_part(("climate", key)) for key in recipe.climate]
+    found += [global_part(("material_rules",)), materials_part()]
+    for layer in recipe.layers:
+        own = [each.name for each in fields(layer) if not each.metadata.get("items")]
+        found += [key_part(type(layer), name) for name in own]
+        if not isinstance(layer, PointsLayer | CorridorsLayer):
+            found += item_parts(layer)
+    found += [feature_part(column) for column in FEATURE.names]
+    found += [fill_part(each.name) for each in fields(Fill)]
+    found += [
+        course_part(
+            "anchor", lambda anchor, line: (anchor + 40_000, line), lambda anchor, line: (0 * anchor, line)
+        ),
+        line_part(("curve",), lambda curve: curve + np.array([20.0, 0, 0, 0]), np.zeros_like),
+        line_part(
+            ("along",),
+            lambda along: along[-1] * (along / along[-1]) ** 1.01,
+            lambda along: np.linspace(0, along[-1], len(along)),
+        ),
+        line_part(("anchors",), np.ones_like, np.zeros_like),
+        line_part(("steep",), np.zeros_like, np.zeros_like),
+        line_part(("river", "centreline_width"), lambda width: 0.01 * width, np.zeros_like),
+        *(column_part(column) for column in range(6)),
+    ]
+    return found
+
+
+@pytest.fixture(scope="module")
+def terrain(context) -> Terrain:
+    """Return a terrain with shapes in every layer, features elsewhere, and dunes of several styles."""
+    sketch = random_sketch(np.random.default_rng(12), share=1.0)
+    labels, dunes = {}, np.array(sketch.layers["dune"])
+    for number, label in enumerate((1, 2, 3, 4)):
+        dunes[16 * number : 16 * number + 8, :8] = label
+        labels["dune", label] = {"wavelength": (90.0, 50.0)[number // 2], "wind": (20.0, 250.0)[number % 2]}
+    density = dict.fromkeys(DENSITY, 8000000.0 / sketch.extent**2)
+    climate = {"snow_line": 150.0, "tree_line": 80.0, "aridity": 0.5}
+    sketch = sketch.replace(
+        labels=labels, density=density, climate=climate, layers={**sketch.layers, "dune": dunes}
+    )
+    built = build(sketch, device=context)
+    # Rivers are so steep that arcs depend on it.
+    steep = course_change(lambda anchor, line: (anchor, replace(line, steep=np.ones_like(line.steep))))
+    return Terrain(sketch, steep(built.recipe), context)
+
+
+def wrong(terrain: Terrain, recipe: TerrainRecipe, expected: dict[str, Samples]) -> str:
+    """Return what is wrong with a terrain updated to a recipe; "" if nothing."""
+    old = Terrain(terrain.sketch, terrain.recipe, terrain.context)
+    before = samples_of(old)  # fills its caches
+    after, areas = old.updated(terrain.sketch, recipe)
+    if recipe.extent != old.extent and areas != [EVERYWHERE]:
+        return "another extent does not change everything"
+    return differences(samples_of(after), expected) or differences(before, expected, areas)
+
+
+@pytest.mark.parametrize("every", [10, pytest.param(1, marks=pytest.mark.slow)])
+def test_a_part_that_is_left_out_is_noticed(terrain, every) -> None:
+    parts = parts_of(terrain.recipe)
+    lines = []
+    for part in parts[::every]:
+        recipe = part.changed(terrain.recipe)
+        expected = samples_of(Terrain(terrain.sketch, recipe, terrain.context))
+        effect = bool(differences(samples_of(terrain), expected))
+        if effect == (part.name in WITHOUT_EFFECT):
+            lines.append(f"{part.name} has {'an' if effect else 'no'} effect")
+        if found := wrong(terrain, recipe, expected):
+            lines.append(f"{part.name} is not updated: {found}")
+        if effect:
+            with pytest.MonkeyPatch.context() as patch:
+                part.left_out(patch)
+                with suppress(ValueError, IndexError, KeyError):  # which would be noticed, too
+                    if not wrong(terrain, recipe, expected):
+                        lines.append(f"{part.name} can be left out")
+    assert not lines, "\n".join(lines)

@@ -1,7 +1,7 @@
 """Planted faults: each part of a recipe is left out of what its changes are found by, and that is noticed.
 
 A part is a field of the world, of a layer's key, or of its items. A recipe with another value of this part
-alone must be updated right, and wrong as soon as the part is left out. Parts without any effect are listed.
+alone must be updated right, and wrong as soon as the part is left out. Parts without any effect are named.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from sketchterrain.terrain.layers.points import PointsLayer
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.terrain import Terrain
 
+from .conftest import tiers
 from .sketch_edits import random_sketch
 from .terrain_samples import Samples, differences, samples_of
 
@@ -43,14 +44,15 @@ class Part:
     name: str
     changed: Callable[[TerrainRecipe], TerrainRecipe]
     left_out: Plant
+    has_effect: bool = True  # on any height, normal or weight
 
 
-WITHOUT_EFFECT = {
-    *(f"{layer}.{name}" for layer in ("lakes.lakes", "covers.covers") for name in ("id", "label")),
-    *("fill.extent", "fill.size", "fill.near"),  # what is kept in memory
-    "fill.conifers",  # which its rules have, too
-}
-"""Parts that no height, normal or weight depends on by themselves."""
+_NAMES = ("id", "label")
+"""Fields of items that only name them."""
+
+_SHARES = 10  # of the parts, one of them in the default tier
+_DERIVED = ("extent", "size", "near", "conifers")
+"""Fields of the fill that say what is kept in memory, or that its rules have, too."""
 
 
 def other_value(value: Any) -> Any:
@@ -151,6 +153,7 @@ def item_part(kind: type[TerrainLayer], names: Sequence[str], path: Path) -> Par
         ".".join((kind.name, *names, *path)),
         lambda recipe: recipe.with_layers([mapped_items(recipe[kind], other_value)]),
         plant,
+        path[-1] not in _NAMES,
     )
 
 
@@ -209,7 +212,7 @@ def fill_part(name: str) -> Part:
             Fill, "difference", lambda old, new: difference(old, replace(new, **{name: getattr(old, name)}))
         )
 
-    return Part(f"fill.{name}", changed, plant)
+    return Part(f"fill.{name}", changed, plant, name not in _DERIVED)
 
 
 def course_change(change: CourseChange) -> Callable[[TerrainRecipe], TerrainRecipe]:
@@ -326,15 +329,14 @@ def wrong(terrain: Terrain, recipe: TerrainRecipe, expected: dict[str, Samples])
     return differences(samples_of(after), expected) or differences(before, expected, areas)
 
 
-@pytest.mark.parametrize("every", [10, pytest.param(1, marks=pytest.mark.slow)])
-def test_a_part_that_is_left_out_is_noticed(terrain, every) -> None:
-    parts = parts_of(terrain.recipe)
+@tiers("share", [0], range(_SHARES))
+def test_a_part_that_is_left_out_is_noticed(terrain, share) -> None:
     lines = []
-    for part in parts[::every]:
+    for part in parts_of(terrain.recipe)[share::_SHARES]:
         recipe = part.changed(terrain.recipe)
         expected = samples_of(Terrain(terrain.sketch, recipe, terrain.context))
         effect = bool(differences(samples_of(terrain), expected))
-        if effect == (part.name in WITHOUT_EFFECT):
+        if effect != part.has_effect:
             lines.append(f"{part.name} has {'an' if effect else 'no'} effect")
         if found := wrong(terrain, recipe, expected):
             lines.append(f"{part.name} is not updated: {found}")

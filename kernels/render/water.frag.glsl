@@ -132,6 +132,7 @@ void main()
     // Foam: streaks along a stream, lines along a shore; both made of froth.
     vec2 grain_at = lake ? (position.xy + eye.xy) / 64.0 : vec2(flow.x / 23.0, (flow.y - stream.x * clock) / 140.0);
     grain_at += waves.slope * 0.008;
+    if (sea) grain_at += 0.25 * patches.zw; // or whitecaps would repeat
     float sized = log2(max(pixel * FOAM_TEXELS / (lake ? 64.0 : 23.0), 1e-3));
     vec4 grain = textureLod(noise_field, grain_at, sized);
     vec4 froth = textureLod(noise_field, grain_at * FROTH, sized + log2(FROTH));
@@ -143,7 +144,7 @@ void main()
     if (sea) {
         float passed = waves_to_shore(shallow, SURF_PERIOD) + clock / SURF_PERIOD + 0.6 * patches.y;
         float strength = length(wind), seen = 1.0 - smoothstep(0.5, 4.0, pixel);
-        amount = surf_foam(max(shallow, 0.0), surf_height(strength), passed, seen) * (0.7 + 0.6 * gust) + whitecaps(strength) * 2.0 * gust * (1.0 - smoothstep(0.5, 2.5, pixel));
+        amount = surf_foam(max(shallow, 0.0), surf_height(strength), passed, seen) * (0.7 + 0.6 * gust) + whitecaps(strength) * 8.0 * gust * max(patches.z, 0.0) * (1.0 - smoothstep(0.5, 2.5, pixel));
     }
 #if MATERIALS == 1
     float web = froth.y;

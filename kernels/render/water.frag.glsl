@@ -43,7 +43,7 @@ const float SOFT_SHORE = 0.07;       // m of depth over which alpha rises
 const float SOFT_PIXELS = 0.15;      // and in pixels on the sea, whose shore nothing else smooths
 const float SURF_PERIOD = 7.0;       // s, of the waves that break at a coast
 const float GUSTS = 6144.0;          // m, period of the sea's wide gusts
-const vec2 BLUR = vec2(0.05, 0.14);  // standard deviations of slope between which the sea stops to mirror single clouds
+const vec2 BLUR = vec2(0.03, 0.09);  // standard deviations of slope between which the sea stops to mirror single clouds
 const float UNSEEN = 0.9999999;      // depth buffer without ground
 
 // Slope² of waves under a wind (m/s), both axes together (Cox & Munk 1954).

@@ -1,6 +1,7 @@
 """Tiles and heights of a stored world: the store's own samples, and what a terrain itself would draw."""
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.materials import BEDROCK, MATERIALS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
+from sketchterrain.look.objects import terrain_objects
+from sketchterrain.render.scene import surface_heights
 from sketchterrain.terrain.building import build
 from sketchterrain.world.grid import CHUNK
 from sketchterrain.world.viewed import StoredPyramid, StoredTerrain
@@ -270,6 +273,17 @@ def test_plants_and_water_are_clipped_to_world(terrain, odd):
         line = river.centreline
         assert west <= line[:, 0].min() <= line[:, 0].max() <= east
         assert south <= line[:, 1].min() <= line[:, 1].max() <= north
+
+
+def test_the_sea_has_its_level_in_a_world(terrain, odd, monkeypatch):
+    assert StoredTerrain(odd, terrain.context, terrain).sea_level is None
+    monkeypatch.setattr(type(terrain), "features", replace(terrain.features, sea_level=7.0))
+    monkeypatch.setattr(type(terrain), "sea_level", 7.0)
+    view = StoredTerrain(odd, terrain.context, terrain)
+    assert (view.sea_level, view.features.sea_level) == (7.0, 7.0)
+    assert [each.kind for each in terrain_objects(view.features)][-1] == "sea"
+    low = np.argwhere(odd.data["height", 0] < 7.0)[0]
+    assert surface_heights(view, low[1] * CELL, -low[0] * CELL) == 7.0
 
 
 def test_foreign_materials_are_refused(terrain, odd):

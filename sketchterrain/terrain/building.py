@@ -65,7 +65,8 @@ class DryTerrain:
         self._name = name
         self._cell = recipe.extent / _CELLS_PER_EXTENT
         self._requested: LatticeArray = np.zeros(0, dtype=np.int64)
-        self._key, self._height = self._still_valid(memory.get(self._name))
+        self._key: LatticeArray | None = None  # until the first request
+        self._height = np.zeros(0)
 
     def __call__(self, x: Float64Array, y: Float64Array) -> Float64Array:
         """Return heights (m) at positions (m), shape (n,)."""
@@ -74,6 +75,8 @@ class DryTerrain:
             return np.zeros(0)
         if max(np.abs(east).max(), np.abs(north).max()) >= _MAX_CACHED:
             return self._terrain.heights(east, north, cell_size=self._cell)
+        if self._key is None:
+            self._key, self._height = self._still_valid(self._memory.get(self._name))
         key, inverse = np.unique((east << 32) + north, return_inverse=True)
         row = np.minimum(np.searchsorted(self._key, key), max(len(self._key) - 1, 0))
         cached = self._key[row] == key if len(self._key) else np.zeros(len(key), dtype=np.bool_)
@@ -91,6 +94,8 @@ class DryTerrain:
 
     def store(self) -> None:
         """Store the requested heights for the next recipe and drop all others."""
+        if self._key is None:
+            return
         row = np.searchsorted(self._key, self._requested)
         self._memory.store(self._name, _CachedHeights(self._recipe, self._requested, self._height[row]))
 

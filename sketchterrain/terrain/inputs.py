@@ -27,17 +27,16 @@ class KernelInputs:
     """A recipe on an open device: the arguments of its kernels, by name."""
 
     def __init__(
-        self, recipe: TerrainRecipe, context: ComputeContext, cullers: Mapping[str, Culler] | None = None
+        self,
+        recipe: TerrainRecipe,
+        context: ComputeContext,
+        cullers: Mapping[str, Culler] | None = None,
+        rules: list[Any] | None = None,
     ) -> None:
         self.recipe = recipe
         self.context = context
         self.defines = material_defines(recipe.materials)
-        rules = pack_rules(recipe)
-        # The arguments of ``RULE_ARGUMENTS`` in ``kernels/materials.clh``.
-        self.rules = [
-            np.int32(rules.count),
-            *upload_reals(context, {"form": rules.form, "cover": rules.cover, "ramp": rules.ramp}).values(),
-        ]
+        self.rules = _upload_rules(recipe, context) if rules is None else rules
         self.cullers = (
             {layer.name: layer.culler(context, recipe.world) for layer in recipe.layers}
             if cullers is None
@@ -51,7 +50,7 @@ class KernelInputs:
         for layer in change.recipe.layers:
             if layer.name in change.layers:
                 cullers[layer.name] = cullers[layer.name].updated(layer, change.layers[layer.name])
-        other = KernelInputs(change.recipe, self.context, cullers)
+        other = KernelInputs(change.recipe, self.context, cullers, self.rules)
         other._worlds = self._worlds
         return other
 
@@ -110,3 +109,10 @@ class KernelInputs:
             return sampling, upload_reals(self.context, self.recipe.pack_world(sampling))
 
         return self._worlds.get_or_compute(cell, compute)
+
+
+def _upload_rules(recipe: TerrainRecipe, context: ComputeContext) -> list[Any]:
+    """Return the arguments of ``RULE_ARGUMENTS`` in ``kernels/materials.clh``."""
+    rules = pack_rules(recipe)
+    arrays: dict[str, npt.NDArray[Any]] = {"form": rules.form, "cover": rules.cover, "ramp": rules.ramp}
+    return [np.int32(rules.count), *upload_reals(context, arrays).values()]

@@ -39,6 +39,7 @@ _LEAST: Final = 1024  # bytes of an array that is sent by its hash
 _CHUNK: Final = 1 << 14  # bytes that are sent again if one of them changes
 _DIGEST: Final = 16  # bytes of a hash
 _REMEMBERED: Final = 4  # messages with arrays
+_PLAIN: Final = frozenset({str, int, float, bool, bytes, tuple, list, dict, type(None), type})
 
 _Definition: TypeAlias = tuple[bytes, npt.DTypeLike | None, tuple[int, ...], tuple[bytes, ...]]
 """Hash of a new value, type and shape of an array (None: any other value), hashes of its chunks."""
@@ -136,7 +137,7 @@ class ContentPickler(pickle.Pickler):
 
     def persistent_id(self, value: Any) -> bytes | None:
         """Return the hash of a shared value; None if it is pickled in place."""
-        if value is self._whole or not _is_shared(value):
+        if type(value) in _PLAIN or value is self._whole or not _is_shared(value):
             return None
         digest = self._message.memory.digests.get(id(value)) or self._define(value)
         self._message.use(digest)
@@ -154,7 +155,7 @@ class ContentPickler(pickle.Pickler):
             content, parts = inner.dumps(value), tuple(inner.parts)
         chunks = _split(content)
         names = tuple(_digest(chunk) for chunk in chunks)
-        digest = _digest(repr((dtype, shape, names)).encode())
+        digest = _digest(b"".join([*names, repr((dtype, shape)).encode()]))
         if digest not in message.memory.shared and digest not in message.used:
             known = message.memory.chunks
             pairs = zip(names, chunks, strict=True)

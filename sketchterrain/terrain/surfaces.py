@@ -14,11 +14,11 @@ from sketchterrain.document.materials import weight_words
 from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.placement.feature_types import Lake, River
 from sketchterrain.terrain.lattice import QUADS
-from sketchterrain.terrain.recipe import TerrainRecipe
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.compute.device import Device
+    from sketchterrain.terrain.recipe import TerrainRecipe
 
 
 @dataclass(frozen=True)

@@ -102,7 +102,7 @@ BATCH = [
     ("SKETCH --sweep none.toml", 3, ("none.toml: cannot be read",)),
 ]
 TRACE = [
-    ("--colour sea=#0000ff", 3, ("unknown layer 'sea'",)),
+    ("--colour moor=#0000ff", 3, ("unknown layer 'moor'",)),
     ("--colour hill=#123456", 3, ("no colour of the legend in it",)),
     ("--colour hill=#123456 --colours x.toml", 2, ("expected one legend",)),
     ("--colours none.toml", 3, ("none.toml: cannot be read",)),

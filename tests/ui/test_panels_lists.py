@@ -122,7 +122,7 @@ def test_status_line_tells_the_depth_of_the_sea(line, link):
         (None, -3.0, "−3 m high"),
         (10.0, 12.0, "12 m high"),
         (10.0, 10.0, "sea"),
-        (10.0, -2.0, "sea, 12 m deep"),
+        (10.0, -2.0, "sea 12 m deep"),
     ):
         link.relief = msg.Relief(1, 1, flat, flat.astype(np.uint8), level)
         line.show_position((1.0, 2.0, elevation))

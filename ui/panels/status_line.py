@@ -193,7 +193,7 @@ def _peaks_text(peaks: Mapping[str, Any] | None) -> str:
 
 
 _INTERVAL: Final = 250  # ms between updates of the timings
-_LONGEST_PLACE: Final = "88888 E  88888 N   sea, 888 m deep"
+_LONGEST_PLACE: Final = "88888 E  88888 N   sea 888 m deep"
 _SHARING: Final = {
     "extension": "shared memory",
     "mapped": "mapped memory",
@@ -253,7 +253,7 @@ class StatusLine(QWidget):
         depth = -math.inf if relief is None or relief.sea_level is None else relief.sea_level - elevation
         if depth < -_AT_SEA:
             return f"{number(elevation, decimals=0)} m high"
-        return "sea" if depth < _AT_SEA else f"sea, {number(depth, decimals=0)} m deep"
+        return "sea" if depth < _AT_SEA else f"sea {number(depth, decimals=0)} m deep"
 
     def _show_timings_later(self, *_: object) -> None:
         if not self._timer.isActive():

@@ -25,6 +25,7 @@ _BLUR = (0.5, 4.0)  # samples, px: standard deviation of the blur at fidelity 1 
 _DEPTH_BLUR, _MAX_DEPTH_BLUR = 0.25, 24.0  # shelves, samples: the smaller one blurs borders of depths
 _RAGGED = (3.0, 10.0)  # px by which noise shifts the coast just below fidelity 1, and added at 0
 _RAGGED_FROM = 0.2  # below fidelity 1 the first of them grows over this much
+_WANDER = 1 / 8  # of the extent by which a coast wanders far beyond the sketch
 _CLIFF_BEACHES, _MIN_REACH = 8.0, 150.0  # widths of the beach, m; the larger one applies
 
 
@@ -37,6 +38,7 @@ class Sea:
     shelf: float  # m from the coast to the greatest depth
     reach: float  # m inland up to which a painted coast may lower the ground
     ragged: float  # m by which noise shifts a painted coast, at most
+    wander: float  # m by which it does far beyond the sketch
     coast: ShapeField | None  # distance inside the painted sea; None: it is where ground is below the level
     depth: ShapeField | None  # greatest depth of the painted sea, m
 
@@ -68,31 +70,38 @@ def _create(sketch: Sketch, level: float) -> Sea:
     ragged = min(loose / _RAGGED_FROM, 1.0) * _RAGGED[0] + loose * _RAGGED[1]
     ragged *= sketch.pixel_size
     reach = max(_CLIFF_BEACHES * beach, _MIN_REACH)
+    wander = _WANDER * sketch.extent
     painted = sketch.layers["sea"].any()
-    fields = _fields(sketch, inland=reach + ragged, seaward=shelf + ragged) if painted else (None, None)
-    return Sea(level, beach, shelf, reach, ragged, *fields)
+    fields = _fields(sketch, reach + ragged, shelf + ragged, wander) if painted else (None, None)
+    return Sea(level, beach, shelf, reach, ragged, wander, *fields)
 
 
 def _depth_of(sketch: Sketch, label: int) -> float:
     return float(sketch.properties("sea", label)["depth"])
 
 
-def _fields(sketch: Sketch, *, inland: float, seaward: float) -> tuple[ShapeField, ShapeField]:
+def _fields(sketch: Sketch, inland: float, seaward: float, wander: float) -> tuple[ShapeField, ShapeField]:
     """Return the signed distance to the painted coast, constant farther off than these (m), and the depth.
 
-    The fields end at the sketch's edge: what they are there continues outward without end.
+    The fields end at the sketch's edge: what they are there continues outward without end, where coasts
+    wander.
     """
     image, factor = _reduced(sketch.layers["sea"])
     mask = image > 0
     spacing = factor * sketch.pixel_size
-    overhang = min(int(np.ceil(max(inland, seaward) / spacing)) + 1, _MAX_OVERHANG)
+    overhang = min(int(np.ceil((max(inland, seaward) + wander) / spacing)) + 1, _MAX_OVERHANG)
     padded = np.pad(mask, overhang, mode="edge")
-    distance = np.full(padded.shape, seaward) if padded.all() else signed_distance(padded) * spacing
+    away = np.full(padded.shape, np.inf) if padded.all() else signed_distance(padded) * spacing
     # Constant parts before the blur, so that an edit changes the field only near it.
-    distance = np.clip(distance, -inland - 4 * spacing, seaward + 4 * spacing)
+    inland, seaward = inland + 4 * spacing, seaward + 4 * spacing
+    distance = np.clip(away, -inland, seaward)
     sharp, loose = _BLUR
     smooth = gaussian_filter(distance, sharp + loose * (1.0 - sketch.fidelity) / factor, axes=(0, 1))
-    fields = smooth[overhang:-overhang, overhang:-overhang], _depths(sketch, image, seaward / spacing)
+    inner = np.s_[overhang:-overhang, overhang:-overhang]
+    rim = np.ones(mask.shape, np.bool_)
+    rim[1:-1, 1:-1] = False
+    beyond = np.clip(away[inner], -inland - wander, seaward + wander) - np.clip(away[inner], -inland, seaward)
+    fields = smooth[inner] + np.where(rim, beyond, 0.0), _depths(sketch, image, seaward / spacing)
     coast, depth = (
         ShapeField(0.5 * spacing, 0.5 * spacing, spacing, np.ascontiguousarray(each[::-1], np.float32))
         for each in fields

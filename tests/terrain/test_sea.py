@@ -32,12 +32,12 @@ def straight_sea(*, ragged: float = 0.0) -> Sea:
     inside = np.broadcast_to((np.arange(count) + 0.5) * spacing - COAST, (count, count))
     coast = ShapeField(8.0, 8.0, spacing, np.clip(inside, -500, 900).astype(np.float32))
     depth = replace(coast, inside=np.full(inside.shape, DEPTH, np.float32))
-    return Sea(LEVEL, BEACH, SHELF, REACH, ragged, coast, depth)
+    return Sea(LEVEL, BEACH, SHELF, REACH, ragged, 0.0, coast, depth)
 
 
 def flood(level: float = LEVEL) -> Sea:
     """All ground below a level."""
-    return Sea(level, BEACH, SHELF, REACH, 0.0, None, None)
+    return Sea(level, BEACH, SHELF, REACH, 0.0, 0.0, None, None)
 
 
 def heights(recipe: TerrainRecipe, context: ComputeContext, x: Any, y: Any, cell: float = 0.0) -> Any:
@@ -197,3 +197,23 @@ def test_unpainted_features_keep_off_the_sea(context) -> None:
     inside = np.all([(points[axis] > 1024) & (points[axis] < 3072) for axis in ("x", "y")], axis=0)
     assert len(points) > 3
     assert inside.all()
+
+
+def test_coasts_continue_beyond_the_sketch(context) -> None:
+    """Without end and with the same bits in tiles and at points, and nowhere straight for long."""
+    image = np.zeros((64, 64), np.uint8)
+    image[:, 30:] = 1
+    terrain = build(square_sketch(layers={"sea": image}), device=context)
+    north = np.arange(2, 7) * EXTENT
+    across = np.arange(-2000.0, 6000.0, 20.0)
+    coasts = [across[np.argmax(terrain.heights(across, np.full(across.size, y)) < 0)] for y in north]
+    assert np.ptp(coasts) > 150
+    for key in ((2, 1, 5), (2, 7, -900), (1, 3_000_000, 5), (4, -70_000_000, 70_000_000)):
+        tile = terrain.tile(*key)
+        west, _, _, top = tile.bounds
+        at = tile.cell_size * np.arange(0, tile.height.shape[0], 13)
+        x, y = np.meshgrid(west + at, top - at)
+        found = terrain.heights(x, y, cell_size=tile.cell_size)
+        np.testing.assert_array_equal(found, tile.height[::13, ::13])
+    assert terrain.tile(1, 3_000_000, 5).height.max() < 0
+    assert terrain.tile(1, -3_000_000, 5).height.min() > 0

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import Float64Array, LatticeArray, StructuredArray
+from sketchterrain.array_types import BoolArray, Float64Array, LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.placement.feature_types import ShapeField, cubic
@@ -32,14 +32,14 @@ from sketchterrain.terrain.layers.layer import (
     mask_bits,
     smooth_rise,
 )
-from sketchterrain.terrain.noise import NOISE_PEAK, fbm, omitted_amplitudes
+from sketchterrain.terrain.noise import NOISE_PEAK, NoiseStack, fbm, omitted_amplitudes
 
 if TYPE_CHECKING:
     from sketchterrain.terrain.culler import Culled
 
 _HEADER: Final = "layers/sea.clh"
-_EASED, _LOWLAND, _CLIFF, _RAGGED, _OCTAVES, _BARS = kernel_constants(
-    _HEADER, "EASED", "LOWLAND", "CLIFF", "RAGGED", "COAST_OCTAVES", "BARS"
+_EASED, _LOWLAND, _CLIFF, _RAGGED, _OCTAVES, _WANDERING, _BARS = kernel_constants(
+    _HEADER, "EASED", "LOWLAND", "CLIFF", "RAGGED", "COAST_OCTAVES", "WANDERING", "BARS"
 )
 _INVERSE_LANDING, _INVERSE_DEEP, _WET_EDGE, _FOREST_END, _INVERSE_FOREST_FADE = kernel_constants(
     _HEADER, "INVERSE_LANDING", "INVERSE_DEEP", "WET_EDGE", "FOREST_END", "INVERSE_FOREST_FADE"
@@ -51,6 +51,13 @@ _OUTSIDE = 1 << 60  # lattice units: parts at the sketch's edge continue outward
 _MARGIN = 2  # samples that a part affects beyond its own
 # Greatest factor of a slope near an unpainted coast: at u² = 3/5, between the eased slope and the ground.
 _STEEPENED = 1 + 0.8 * _EASED
+_NOISE = "coast"
+_WAVE, _GAIN, _WAVES = (
+    0.5,
+    0.5,
+    3,
+)  # of the noise beyond the sketch: wavelength over the extent, gain, octaves
+_FAR = 0.6  # distance from the sketch, over its extent, where coasts wander fully
 _TURNS = 512  # samples of a cliff's profile
 
 
@@ -66,6 +73,7 @@ class SeaLayer(TerrainLayer):
     shore_slope: float = _SHORE_SLOPE
     reach: float = 1.0  # m inland up to which a painted coast may lower the ground
     ragged: float = 0.0  # m
+    wander: float = 0.0  # m by which a coast wanders far beyond the sketch
     painted: bool = False
     coast: ShapeField | None = field(default=None, metadata=ITEMS)  # m, positive in the sea
     depth: ShapeField | None = field(default=None, metadata=ITEMS)  # m, on the same grid
@@ -78,8 +86,12 @@ class SeaLayer(TerrainLayer):
         slope = _SHORE_SLOPE
         if sea.depth is not None:
             slope = min(slope, 1.5 * (1 - _BARS) * float(sea.depth.inside.min()) / sea.shelf)
-        shape = (sea.beach, sea.shelf, slope, sea.reach, sea.ragged)
+        shape = (sea.beach, sea.shelf, slope, sea.reach, sea.ragged, sea.wander)
         return cls(sea.level, *shape, sea.coast is not None, sea.coast, sea.depth)
+
+    def stacks(self, world: WorldSettings) -> tuple[NoiseStack, ...]:
+        """Return the noise that lets painted coasts wander beyond the sketch."""
+        return (NoiseStack(_NOISE, _WAVE * world.extent, _GAIN, most=_WAVES),) if self.painted else ()
 
     def items(self, world: WorldSettings) -> StructuredArray:
         """Return square parts of the painted coast by their contents; those at the edge have no outer end."""
@@ -94,31 +106,23 @@ class SeaLayer(TerrainLayer):
         sides = np.array(boxes, np.int64).reshape(-1, 4)
         return content_items(contents, sides[:, :2], sides[:, 2:])
 
-    def pack_key(self, cell: float) -> float:
-        """Return the same number for all cell sizes."""
-        del cell
-        return 0.0
-
     def pack(self, sampling: Sampling, cache: LRUCache) -> Packed:
         """Return the profile, and the coast with the parts of it that reach the sea or its cliffs."""
-        del cache
-        fields = self._fields(sampling.world)
-        shape = np.zeros((len(fields.scale), 4))
-        shape[:, 0] = fields.scale
-        ranges = self._ranges
+        fields, shape = cache.get_or_compute(self.name, lambda: self._fields(sampling.world))
         arrays: dict[str, npt.NDArray[Any]] = {
-            "sea_params": sampling.struct(_HEADER, "SeaParams", self._params),
+            "sea_params": sampling.struct(_HEADER, "SeaParams", self._params(sampling)),
             "sea_at": fields.at,
             "sea_form": fields.form,
             "sea_shape": shape,
             "sea_samples": fields.samples,
         }
-        visible = ranges[:, 1] > -self.reach - self.ragged
+        visible = self._ranges[:, 1] > -self.reach - self.ragged
         return Packed(arrays, self._boxes(sampling.world), "sea", visible)
 
-    @property
-    def _params(self) -> dict[str, float]:
-        return {
+    def _params(self, sampling: Sampling) -> dict[str, float]:
+        spacing = 1.0 if self.coast is None else self.coast.spacing
+        waves = sampling.ranges(_NOISE) if self.painted else {"coast_first": 0, "coast_last": 0}
+        return waves | {
             "level": 0.0 if self.level is None else self.level,
             "inverse_beach": 1 / self.beach,
             "inverse_swash": 1 / (_SWASH * self.beach),
@@ -127,12 +131,17 @@ class SeaLayer(TerrainLayer):
             "inverse_shelf": 1 / self.shelf,
             "reach": self.reach,
             "ragged": self.ragged,
+            "wander": self.wander,
+            "inverse_far": (spacing / (_FAR * sampling.world.extent)) ** 2,
             "mode": 0 if self.level is None else 1 + self.painted,
             "unused": 0,
         }
 
-    def _fields(self, world: WorldSettings) -> PackedFields:
-        """Return the coast and the depth; their samples are the spline's coefficients, which blurs them."""
+    def _fields(self, world: WorldSettings) -> tuple[PackedFields, Float64Array]:
+        """Return the coast and the depth, and ``Fields.shape``.
+
+        Their samples are the spline's coefficients, which blurs them: so an edit changes only what is near.
+        """
         fields = [each for each in (self.coast, self.depth) if each is not None]
         count, first = len(fields), 0
         at, far = np.zeros((2, count, 2), np.int64)
@@ -145,18 +154,24 @@ class SeaLayer(TerrainLayer):
             scale[i] = world.unit / each.spacing
             samples.append(coefficients.ravel())
             first += coefficients.size
-        return PackedFields(at, far, form, scale, np.zeros(count), np.zeros(count), np.concatenate(samples))
+        nothing = np.zeros(count)
+        fields = PackedFields(at, far, form, scale, nothing, nothing, np.concatenate(samples))
+        return fields, np.column_stack([scale, *np.zeros((3, count))])
 
     @cached_property
     def _ranges(self) -> Float64Array:
-        """Least and greatest distance inside the painted sea (m) on each part of the coast, shape (n, 2)."""
+        """Least and greatest distance inside the painted sea (m) on each part of the coast, shape (n, 2).
+
+        Parts at the sketch's edge include how far coasts wander beyond it.
+        """
         if self.coast is None:
             return np.zeros((0, 2))
         inside = np.pad(self.coast.inside, _MARGIN, mode="edge")
         found = []
         for rows, columns in _parts(self.coast.inside.shape):
             part = inside[rows.start : rows.stop + 2 * _MARGIN, columns.start : columns.stop + 2 * _MARGIN]
-            found.append((float(part.min()), float(part.max())))
+            beyond = self.wander * _is_at_edge(self.coast.inside.shape, rows, columns).any()
+            found.append((float(part.min()) - beyond, float(part.max()) + beyond))
         return np.array(found)
 
     def _boxes(self, world: WorldSettings) -> LatticeArray:
@@ -176,7 +191,7 @@ class SeaLayer(TerrainLayer):
         if not self.painted:
             state.bound *= _STEEPENED
             return
-        low, high = self._distances(state, culled, sampling.world)
+        low, high, at_edge = self._distances(state, sampling.world)
         full, left = omitted_amplitudes(sampling.all_octaves, sampling.octaves, COVER_NOISE)
         missing = float(np.sum((full - left)[: int(_OCTAVES)])) * NOISE_PEAK
         noise = min(1.5 * _RAGGED * COVER_NOISE_CONTRAST * missing, 2.0)
@@ -186,23 +201,30 @@ class SeaLayer(TerrainLayer):
         slope = np.where(is_sea, shelving, 0.0)
         slope[is_coast] = np.maximum(slope[is_coast], self._steepest(state.high[is_coast] - self.level))
         state.bound = np.where(low > self.ragged, 0.0, state.bound)  # the ground has no effect on the bed
-        state.bound += noise * (self.ragged * slope + np.where(is_sea, _BARS * deepest, 0.0))
+        moved = min(1.5 * _WANDERING * sampling.missing(_NOISE), 2.0) * self.wander * at_edge
+        moved += noise * self.ragged
+        state.bound += moved * slope + noise * np.where(is_sea, _BARS * deepest, 0.0)
         bottom = self.level - deepest * (1 + _BARS) - self.shore_slope * self.shelf
         state.low = np.where(is_sea, np.minimum(state.low, bottom), state.low)
         state.high = np.maximum(state.high, self.level + _LOWLAND)
         state.scale += abs(self.level) + deepest
 
     def _distances(
-        self, state: DetailState, culled: Culled, world: WorldSettings
-    ) -> tuple[Float64Array, Float64Array]:
-        """Return the least and the greatest distance inside the painted sea (m) on each block."""
-        del culled
+        self, state: DetailState, world: WorldSettings
+    ) -> tuple[Float64Array, Float64Array, BoolArray]:
+        """Return the range of distances inside the painted sea (m), and whether coasts wander, on blocks."""
+        if self.coast is None:
+            raise ValueError("a painted sea has a coast")
         index = state.cache.get_or_compute(self.name, lambda: BoxIndex(self._boxes(world)))
         block, part = index.touching(state.blocks)
         low, high = np.full(len(state.blocks), np.inf), np.full(len(state.blocks), -np.inf)
         np.minimum.at(low, block, self._ranges[part, 0])
         np.maximum.at(high, block, self._ranges[part, 1])
-        return low, high
+        shape = self.coast.inside.shape
+        edges = np.array([_is_at_edge(shape, *each).any() for each in _parts(shape)])
+        at_edge = np.zeros(len(state.blocks), np.bool_)
+        np.logical_or.at(at_edge, block, edges[part])
+        return low, high, at_edge
 
     def _steepest(self, ground: Float64Array) -> Float64Array:
         """Return the steepest slope of beaches and cliffs before ground of heights (m) over the level."""
@@ -242,15 +264,27 @@ class SeaLayer(TerrainLayer):
 
     def _coast_at(self, site: HostSite) -> tuple[Float64Array, Float64Array, Float64Array]:
         """Return the distance inside the shifted coast (m), the noise, and the greatest depth (m)."""
-        fields, octaves = self._fields(site.sampling.world), site.sampling.octaves
+        (fields, _), octaves = self._fields(site.sampling.world), site.sampling.octaves
         first, last = octaves.ranges[COVER_NOISE]
         few = replace(octaves, ranges={COVER_NOISE: (first, min(last, first + int(_OCTAVES)))})
         d, depth = (field_distance(fields, i, site.x, site.y) for i in (0, 1))
+        d += self._wandering(site, fields)
         near = d > -self.reach - self.ragged
         noise = np.zeros(len(d))
         raw = fbm(few, COVER_NOISE, site.x[near], site.y[near])
         noise[near] = softened(_RAGGED * COVER_NOISE_CONTRAST * raw)
         return d + self.ragged * noise, noise, depth
+
+    def _wandering(self, site: HostSite, fields: PackedFields) -> Float64Array:
+        """Return how far coasts are shifted beyond the sketch (m)."""
+        form, scale = fields.form[0], fields.scale[0]
+        u, v = (site.x - fields.at[0, 0]) * scale, (site.y - fields.at[0, 1]) * scale
+        away = (u - np.clip(u, 0, form[1] - 1)) ** 2 + (v - np.clip(v, 0, form[2] - 1)) ** 2
+        far = smooth_rise(away, 0, 1 / float(self._params(site.sampling)["inverse_far"]))
+        outside = far > 0
+        raw = fbm(site.sampling.octaves, _NOISE, site.x[outside], site.y[outside])
+        far[outside] *= self.wander * softened(_WANDERING * raw)
+        return far
 
     def below_cliff(self, z: Float64Array, x: Float64Array) -> Float64Array:
         """Return ground of a height z > 0 (m) over the level at x m from the coast, under the envelope."""
@@ -278,12 +312,16 @@ def _parts(shape: tuple[int, ...]) -> Iterator[tuple[slice, slice]]:
             yield slice(row, min(row + _SIDE, shape[0])), slice(column, min(column + _SIDE, shape[1]))
 
 
+def _is_at_edge(shape: tuple[int, ...], rows: slice, columns: slice) -> BoolArray:
+    """Return whether a part of a coast is at the sketch's west, south, east and north edge, shape (4,)."""
+    return np.array([columns.start == 0, rows.start == 0, columns.stop == shape[1], rows.stop == shape[0]])
+
+
 def _part_box(coast: ShapeField, rows: slice, columns: slice, world: WorldSettings) -> LatticeArray:
     """Return the box that a part of a coast affects, lattice units."""
     corner, step = np.array([coast.west, coast.south]), coast.spacing
     low = corner + (np.array([columns.start, rows.start]) - _MARGIN) * step
     high = corner + (np.array([columns.stop, rows.stop]) - 1 + _MARGIN) * step
     sides = np.concatenate([np.floor(low / world.unit), np.ceil(high / world.unit)]).astype(np.int64)
-    height, width = coast.inside.shape
-    at_edge = [columns.start == 0, rows.start == 0, columns.stop == width, rows.stop == height]
+    at_edge = _is_at_edge(coast.inside.shape, rows, columns)
     return np.where(at_edge, [-_OUTSIDE, -_OUTSIDE, _OUTSIDE, _OUTSIDE], sides)

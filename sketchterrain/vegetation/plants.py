@@ -12,11 +12,11 @@ from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Flo
 from sketchterrain.caching import LRUCache
 from sketchterrain.placement.hashing import hash_unit, value_noise
 from sketchterrain.terrain.lattice import metres_per_unit
-from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.vegetation.graded_poisson import SpacingRaster
 
 if TYPE_CHECKING:
     from sketchterrain.terrain.evaluator import Evaluator
+    from sketchterrain.terrain.recipe import TerrainRecipe
 
 STOREYS: Final = {
     "woody": ("spruce", "pine", "oak", "birch", "shrub"),

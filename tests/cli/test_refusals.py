@@ -106,7 +106,7 @@ TRACE = [
     ("--colour hill=#123456", 3, ("no colour of the legend in it",)),
     ("--colour hill=#123456 --colours x.toml", 2, ("expected one legend",)),
     ("--colours none.toml", 3, ("none.toml: cannot be read",)),
-    ("--layer sea", 3, ("layer 'sea'",)),
+    ("--layer moor", 3, ("layer 'moor'",)),
     ("--layer hill --specks 3", 2, ("--specks: not with --layer",)),
     ("--bounds 1,2,3,4", 2, ("--bounds: not with a picture, only with vectors",)),
     ("--bounds 1,2,3", 2, ("WEST,SOUTH,EAST,NORTH",)),

@@ -73,12 +73,13 @@ def rule_weights(rules, climate, site: Site) -> np.ndarray:
     inputs = {name: np.asarray(values, np.float64) for name, values in site.items()}
     for line in ("snow_line", "tree_line"):
         inputs[f"above_{line}"] = inputs["height"] - climate[line]
-    inputs["above_sea"] = np.full(inputs["height"].shape, np.inf)  # no sea
     inputs["aridity"] = np.full(inputs["height"].shape, climate["aridity"])
     inputs["wetness"] = np.maximum(inputs["water"] - 0.2, 0) / 0.8
     weights = np.zeros((*inputs["height"].shape, len(MATERIALS)))
     weights[..., MATERIALS.index("grass")] = 1
     for rule in rules:
+        if any(factor.above_sea for factor in rule.factors):  # there is no sea
+            continue
         cover = rule.cover * np.prod([ramp(factor, inputs) for factor in rule.factors], axis=0)
         weights *= 1 - np.asarray(cover)[..., None]
         weights[..., MATERIALS.index(rule.material)] += cover

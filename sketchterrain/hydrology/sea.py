@@ -34,6 +34,7 @@ class CoursesToSea(NamedTuple):
     courses: list[RiverCourse]  # parents first
     at_sea: frozenset[int] = frozenset()  # ids of those that end in the sea
     drowned: tuple[Float64Array, ...] = ()  # a position (m) of each course that lies in the sea altogether
+    beyond: frozenset[int] = frozenset()  # ids of those that were painted on beyond an arm of the sea
 
 
 def end_in_sea(
@@ -46,7 +47,7 @@ def end_in_sea(
     """
     # By old course: the new one, and the first and last point that are left.
     left: dict[int, tuple[RiverCourse | None, int, int]] = {}
-    at_sea, drowned = set(), []
+    at_sea, beyond, drowned = set(), set(), []
     for course, ground in zip(courses, grounds, strict=True):
         first, last, mouth = _dry_part(course, ground < level, extent)
         if last - first < 2:
@@ -66,9 +67,13 @@ def end_in_sea(
         if mouth:
             part = _widened(part)
             at_sea.add(course.id)
+            if (ground[last:] > level).any():
+                beyond.add(course.id)
         left[id(course)] = part, first, last
     kept = [left[id(course)][0] for course in courses]
-    return CoursesToSea([each for each in kept if each is not None], frozenset(at_sea), tuple(drowned))
+    return CoursesToSea(
+        [each for each in kept if each is not None], frozenset(at_sea), tuple(drowned), frozenset(beyond)
+    )
 
 
 def _dry_part(course: RiverCourse, wet: BoolArray, extent: float) -> tuple[int, int, bool]:
@@ -130,7 +135,8 @@ def sea_resolutions(
     for number, river in enumerate(rivers, 1):
         if river.id in to_sea.at_sea:
             x, y = (float(each) for each in river.centreline[-1, :2])
-            found.append(Resolution(f"river {number} ends in the sea: water at {level:.1f} m", x, y))
+            more = "; its course beyond it is ignored" if river.id in to_sea.beyond else ""
+            found.append(Resolution(f"river {number} ends in the sea: water at {level:.1f} m{more}", x, y))
     for x, y in to_sea.drowned:
         found.append(Resolution("a river painted in the sea is ignored", float(x), float(y)))
     laid = {lake.id for lake in lakes} | {edit.feature for edit in sketch.edits if edit.action == "delete"}

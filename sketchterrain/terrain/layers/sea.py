@@ -155,8 +155,8 @@ class SeaLayer(TerrainLayer):
             samples.append(coefficients.ravel())
             first += coefficients.size
         nothing = np.zeros(count)
-        fields = PackedFields(at, far, form, scale, nothing, nothing, np.concatenate(samples))
-        return fields, np.column_stack([scale, *np.zeros((3, count))])
+        packed = PackedFields(at, far, form, scale, nothing, nothing, np.concatenate(samples))
+        return packed, np.column_stack([scale, *np.zeros((3, count))])
 
     @cached_property
     def _ranges(self) -> Float64Array:

@@ -89,11 +89,11 @@ def _paint(name: str) -> Change:
 
 def _erase(name: str) -> Change:
     def erase(rng: Rng, state: State) -> Sketch:
-        """Erase a whole shape or a dab of one."""
-        sketch = state.sketch
-        shape = _random_shape(rng, sketch.layers[name])
+        """Erase all, a whole shape or a dab of one."""
+        sketch, part = state.sketch, rng.random()
+        shape = sketch.layers[name] > 0 if part < 0.2 else _random_shape(rng, sketch.layers[name])
         rows, columns = np.ogrid[: sketch.height_px, : sketch.width_px]
-        if rng.random() < 0.5 and shape.any():
+        if part > 0.6 and shape.any():
             row, column = rng.choice(np.argwhere(shape))
             shape = (rows - row) ** 2 + (columns - column) ** 2 <= rng.uniform(0.5, 4.0) ** 2
         return _painted(sketch, name, shape, 0)

@@ -6,9 +6,11 @@ alone must be updated right, and wrong as soon as the part is left out. Parts wi
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
+from itertools import chain, pairwise
 from typing import Any
 
 import numpy as np
@@ -31,6 +33,7 @@ from sketchterrain.terrain.terrain import Terrain
 from .conftest import tiers
 from .sketch_edits import random_sketch
 from .terrain_samples import Samples, differences, samples_of
+from .test_updates import SEQUENCES, random_sequence, sequence
 
 Path = tuple[str, ...]
 Plant = Callable[[pytest.MonkeyPatch], None]
@@ -45,6 +48,7 @@ class Part:
     changed: Callable[[TerrainRecipe], TerrainRecipe]
     left_out: Plant
     has_effect: bool = True  # on any height, normal or weight
+    value: Callable[[TerrainRecipe], Any] | None = None  # unless it is found from other parts
 
 
 _NAMES = ("id", "label")
@@ -90,6 +94,15 @@ def mapped(value: Any, path: Path, function: Callable[[Any], Any]) -> Any:
     return {**value, path[0]: mapped(value[path[0]], path[1:], function)}
 
 
+def at_path(value: Any, path: Path) -> Any:
+    """Return the part of a value at a path, a list of those of all items."""
+    if path and isinstance(value, tuple):
+        return [at_path(each, path) for each in value]
+    if not path or value is None:
+        return value
+    return at_path(getattr(value, path[0]) if is_dataclass(value) else value[path[0]], path[1:])
+
+
 def paths(value: Any) -> Iterator[Path]:
     """Return the paths of all values in dataclasses, mappings and tuples of these."""
     if isinstance(value, tuple) and value and is_dataclass(value[0]):
@@ -115,6 +128,7 @@ def key_part(kind: type[TerrainLayer], name: str) -> Part:
         f"{kind.name}.{name}",
         lambda recipe: recipe.with_layers([mapped(recipe[kind], (name,), other_value)]),
         plant,
+        value=lambda recipe: getattr(recipe[kind], name),
     )
 
 
@@ -125,7 +139,12 @@ def global_part(path: Path) -> Part:
     def plant(patch: pytest.MonkeyPatch) -> None:
         patch.setattr(TerrainRecipe, "key", lambda recipe: key(mapped(recipe, path, constant)))
 
-    return Part(".".join(path), lambda recipe: mapped(recipe, path, other_value), plant)
+    return Part(
+        ".".join(path),
+        lambda recipe: mapped(recipe, path, other_value),
+        plant,
+        value=lambda recipe: at_path(recipe, path),
+    )
 
 
 def materials_part() -> Part:
@@ -154,6 +173,7 @@ def item_part(kind: type[TerrainLayer], names: Sequence[str], path: Path) -> Par
         lambda recipe: recipe.with_layers([mapped_items(recipe[kind], other_value)]),
         plant,
         path[-1] not in _NAMES,
+        lambda recipe: [at_path(getattr(recipe[kind], name), path) for name in names],
     )
 
 
@@ -188,7 +208,7 @@ def feature_part(column: str) -> Part:
 
         patch.setattr(row_differences, "_words", without)
 
-    return Part(f"points.{column}", changed, plant)
+    return Part(f"points.{column}", changed, plant, value=lambda recipe: recipe.points.painted[column])
 
 
 def fill_part(name: str) -> Part:
@@ -212,7 +232,9 @@ def fill_part(name: str) -> Part:
             Fill, "difference", lambda old, new: difference(old, replace(new, **{name: getattr(old, name)}))
         )
 
-    return Part(f"fill.{name}", changed, plant, name not in _DERIVED)
+    return Part(
+        f"fill.{name}", changed, plant, name not in _DERIVED, lambda recipe: getattr(recipe.points.fill, name)
+    )
 
 
 def course_change(change: CourseChange) -> Callable[[TerrainRecipe], TerrainRecipe]:
@@ -347,3 +369,19 @@ def test_a_part_that_is_left_out_is_noticed(terrain, share) -> None:
                     if not wrong(terrain, recipe, expected):
                         lines.append(f"{part.name} can be left out")
     assert not lines, "\n".join(lines)
+
+
+@pytest.mark.slow
+def test_changes_of_sketches_reach_every_part(terrain) -> None:
+    sequences = chain(
+        (sequence(number, terrain.context) for number in range(SEQUENCES)),
+        (random_sequence(number, terrain.context) for number in range(100)),
+    )
+    missing = {part.name: part.value for part in parts_of(terrain.recipe) if part.value and part.has_effect}
+    del missing["materials"]  # a sketch declares none
+    while missing and (steps := next(sequences, None)):
+        for before, step in pairwise(each.new.recipe for each in steps):
+            for name, value in list(missing.items()):
+                if pickle.dumps(value(before)) != pickle.dumps(value(step)):
+                    del missing[name]
+    assert not missing

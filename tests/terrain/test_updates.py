@@ -126,6 +126,12 @@ def sequence(number: int, context: ComputeContext) -> list[Step]:
     return walk([20, number], hands()[number], context)
 
 
+def random_sequence(number: int, context: ComputeContext) -> list[Step]:
+    rng = np.random.default_rng([21, number])
+    changes = [rng.choice(list(CHANGES), rng.integers(1, 4)).tolist() for _ in range(rng.integers(1, 6))]
+    return walk([22, number], changes, context)
+
+
 @pytest.mark.parametrize("number", range(SEQUENCES))
 def test_updated_terrains_equal_new_ones(context, number) -> None:
     steps = sequence(number, context)
@@ -138,9 +144,7 @@ def test_updated_terrains_equal_new_ones(context, number) -> None:
 @pytest.mark.parametrize("first", range(0, RANDOM_SEQUENCES, 25))
 def test_random_sequences(context, first) -> None:
     for number in range(first, first + 25):
-        rng = np.random.default_rng([21, number])
-        changes = [rng.choice(list(CHANGES), rng.integers(1, 4)).tolist() for _ in range(rng.integers(1, 6))]
-        steps = walk([22, number], changes, context)
+        steps = random_sequence(number, context)
         last = check(steps, f"random sequence {number}")
         if number % 10 == 0:
             assert plants_of(last) == plants_of(steps[-1].new), number

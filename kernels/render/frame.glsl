@@ -97,6 +97,14 @@ vec4 ground_light(vec2 place)
 }
 
 const vec2 SHADED_AIR_AT = vec2(0.5, 0.85); // fractions of a line of sight at which shadow of the air is sampled
+const float SHADED_AIR_HEIGHT = 500.0;      // m over shaded ground at which the air is shaded by 1/e
+
+// Sunlight of the air at a relative position, 0 ... 1.
+float lit_air(vec3 place)
+{
+    vec4 light = ground_light(place.xy);
+    return 1.0 - (1.0 - light.r) * exp(-max(eye.z + place.z - light.b, 0.0) / SHADED_AIR_HEIGHT);
+}
 
 // Aerial perspective: extinction and in-scattering between the eye and a relative position. Radiance fades into air
 // light at the draw distance. With three light maps, air above shaded terrain is dimmer.
@@ -105,7 +113,7 @@ vec3 through_air(vec3 radiance, vec3 position)
     vec3 clear = clear_air(position) * (1.0 - smoothstep(0.75, 0.98, length(position.xy) / view_range.x));
     vec3 air = air_light(position * inversesqrt(max(dot(position, position), 1e-6)));
 #if LIGHT_MAPS > 2
-    float lit = ground_light(SHADED_AIR_AT.x * position.xy).r + ground_light(SHADED_AIR_AT.y * position.xy).r;
+    float lit = lit_air(SHADED_AIR_AT.x * position) + lit_air(SHADED_AIR_AT.y * position);
     air *= 1.0 - sun_light.w * (1.0 - 0.5 * lit);
 #endif
     return mix(air, radiance, clear);

@@ -1,18 +1,12 @@
 // The textures of materials, each square, tileable, its rows northward (look/texture_maker.py).
+//   TEXTURE_CASES  the function of each layer: case 0: return grass(u, v); …
 #include "material_layers.clh"
 
 inline REAL4 material_at(int layer, REAL u, REAL v)
 {
     switch (layer) {
-    case 0: return grass(u, v);
-    case 1: return soil(u, v);
-    case 2: return rock(u, v);
-    case 3: return scree(u, v);
-    case 4: return sand(u, v);
-    case 5: return snow(u, v);
-    case 6: return river_bed(u, v);
-    case 7: return forest_floor(u, v);
-    default: return canopy(u, v);
+        TEXTURE_CASES
+    default: return colour(R(0), R(0), R(0));
     }
 }
 

@@ -207,6 +207,25 @@ _DECLARED: Final = (
         undergrowth=1.0,
         stones=Stones(heaps=0.10),
     ),
+    Material(
+        "gravel",
+        "Gravel",
+        Texture("gravel", 2.5, 0.035, 0.95, 0.80, (0, 2)),
+        tint=(222, 217, 208),
+        colour=(165, 150, 140),
+        pen="rock",
+        spacing=3.6,
+        stones=Stones(0.12, colours=(0.3, 0.6)),
+        tags="gravel fine_gravel pebblestone compacted",
+    ),
+    Material(
+        "asphalt",
+        "Asphalt",
+        Texture("asphalt", 2.5, 0.006, 0.90, 0.70, (0, 2)),
+        tint=(196, 196, 200),
+        colour=(60, 60, 70),
+        tags="asphalt paved",
+    ),
 )
 
 MATERIALS: Final = tuple(material.name for material in _DECLARED)

@@ -17,6 +17,7 @@ from sketchterrain.errors import InputError, SketchterrainError, one_line
 from sketchterrain.io.files import cache_folder, write_atomic
 from sketchterrain.io.resources import source
 from sketchterrain.look.texture_maker import (
+    DEFINES,
     SOURCE,
     decode_level,
     emboss,
@@ -152,7 +153,7 @@ _FORMAT: Final = 1  # to be changed when `mipmaps` encodes the same textures dif
 def procedural_levels(size: int, open_context: ContextFactory) -> Levels:
     """Return the procedural textures, `size` (a power of two) texels a side, cached on disk."""
     shapes = [(len(BUILT_IN.layers), size >> level, size >> level, 4) for level in range(size.bit_length())]
-    recipe = f"{source(SOURCE)}\n{BUILT_IN.layers.values()}\n{size}\n{_FORMAT}"
+    recipe = f"{source(SOURCE, DEFINES)}\n{BUILT_IN.layers.values()}\n{size}\n{_FORMAT}"
     nbytes = 2 * sum(int(np.prod(shape)) for shape in shapes)
     flat = np.frombuffer(
         cached_bytes(f"materials-{size}", recipe, nbytes, lambda: _compute_levels(size, open_context())),

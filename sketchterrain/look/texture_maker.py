@@ -20,6 +20,13 @@ if TYPE_CHECKING:
 
 
 SOURCE: Final = "material_textures.cl"
+DEFINES: Final = (
+    (
+        "TEXTURE_CASES",
+        " ".join(f"case {index}: return {name}(u, v);" for index, name in enumerate(BUILT_IN.layers)),
+    ),
+)
+"""Macros of `SOURCE`: the function of each texture layer."""
 
 
 def paint_layer(context: ComputeContext, texture: str, size: int) -> Array:
@@ -27,7 +34,7 @@ def paint_layer(context: ComputeContext, texture: str, size: int) -> Array:
     painted = context.empty((size, size, 4), context.real_dtype)
     layer = np.int32(list(BUILT_IN.layers).index(texture))
     texel = context.real_dtype.type(1.0 / size)
-    context.launch(SOURCE, "material_paint", (size, size), layer, texel, painted)
+    context.launch(SOURCE, "material_paint", (size, size), layer, texel, painted, defines=DEFINES)
     return context.download(painted, (size, size, 4), context.real_dtype)
 
 
@@ -37,7 +44,7 @@ def emboss(context: ComputeContext, painted: Array, layer: Texture) -> Array:
     given = context.upload(painted.astype(context.real_dtype, copy=False))
     relief = context.empty(painted.shape, context.real_dtype)
     numbers = real(layer.bump), real(layer.low), real(layer.high)
-    context.launch(SOURCE, "material_relief", painted.shape[:2], given, *numbers, relief)
+    context.launch(SOURCE, "material_relief", painted.shape[:2], given, *numbers, relief, defines=DEFINES)
     return context.download(relief, painted.shape, context.real_dtype)
 
 

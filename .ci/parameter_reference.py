@@ -20,6 +20,7 @@ from sketchterrain.document.material_rules import (
     MaterialRule,
 )
 from sketchterrain.document.materials import MATERIALS
+from sketchterrain.document.own_materials import MAX_MATERIALS, OWN
 from sketchterrain.document.parameters import FORMAT, LOOK, SKETCH, Parameter, Value, format_number
 from sketchterrain.document.sketch import TABLES
 
@@ -40,7 +41,7 @@ def reference_table() -> str:
     for layer in LAYERS.values():
         text = f"{layer.title} (`{layer.name}.png`): {layer.help}. One table a label, 1 to 255."
         sections.append(_section(f"`[{layer.name}.1]`", text, layer.parameters))
-    return "\n".join([*sections, _look(), _rules(), _edits()])
+    return "\n".join([*sections, _own(), _look(), _rules(), _edits()])
 
 
 def rule_table(rules: Iterable[MaterialRule] = DEFAULT_RULES) -> str:
@@ -70,6 +71,14 @@ def _section(title: str, text: str, table: Mapping[str, Parameter]) -> str:
     ]
     head = ["| key | default | range | unit | meaning |", "|---|---|---|---|---|"]
     return "\n".join([f"### {title}", "", text, "", *head, *rows, ""])
+
+
+def _own() -> str:
+    text = (
+        f"A material of the sketch's own, at most {MAX_MATERIALS - len(MATERIALS)}: a pattern of the program "
+        "with other values, or a folder of pictures ([textures.md](textures.md))."
+    )
+    return _section("`[materials.NAME]`", text, OWN)
 
 
 def _look() -> str:

@@ -5,7 +5,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias, cast
 
-from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.parameters import Parameter, Value, check_items, parameter_table
 from sketchterrain.errors import InputError, did_you_mean, format_value, unknown_key
 
@@ -54,7 +53,7 @@ FACTOR: Mapping[str, Parameter] = parameter_table(
 
 RULE: Mapping[str, Parameter] = parameter_table(
     Parameter("name", str, "mine", 1, 40, "characters", "one of the table's rules to change, or a new name"),
-    Parameter("material", str, "rock", 0, 40, "", "the material that it applies", choices=MATERIALS),
+    Parameter("material", str, "rock", 0, 40, "", "the material that it applies"),
     Parameter("cover", float, 1.0, 0.0, 1.0, "", "maximum cover; 0 disables the rule"),
     Parameter("before", str, "", 0, 40, "characters", "the rule to insert it before; by default on top"),
 )
@@ -269,13 +268,18 @@ def resolved_rules(changes: Iterable[RuleChange]) -> tuple[MaterialRule, ...]:
     return tuple(rules)
 
 
-def check_rule_changes(changes: Iterable[RuleChange]) -> tuple[RuleChange, ...]:
+def check_rule_changes(changes: Iterable[RuleChange], materials: Sequence[str]) -> tuple[RuleChange, ...]:
     """Return changes as a tuple; raise InputError if one is not a `RuleChange` or cannot be applied."""
     checked = tuple(changes)
     for number, change in enumerate(checked, 1):
         if not isinstance(change, RuleChange):
             raise InputError(f"material_rules: expected RuleChange values, got {format_value(change)}")
         try:
+            if change.material is not None and change.material not in materials:
+                near = did_you_mean(change.material, materials)
+                raise InputError(
+                    f"material = {format_value(change.material)}: expected {', '.join(materials)}{near}"
+                )
             resolved_rules(checked[:number])
         except InputError as error:
             raise InputError(f"[[material_rule]] number {number}: {error}") from None

@@ -23,7 +23,8 @@ from sketchterrain.document.label_layers import (
 )
 from sketchterrain.document.layers import DENSITY, LAYERS, Layer
 from sketchterrain.document.material_rules import RuleChange, check_rule_changes
-from sketchterrain.document.materials import BUILT_IN, MaterialTable
+from sketchterrain.document.materials import MaterialTable
+from sketchterrain.document.own_materials import check_own_materials, material_table, with_materials
 from sketchterrain.document.parameters import (
     CLIMATE,
     COAST,
@@ -76,8 +77,10 @@ class Sketch:
         arrays of a sketch are read-only; a writeable array is copied.
     labels
         Properties by (layer name, label); missing ones have defaults.
+    materials
+        Materials of the sketch's own: values by the names in `OWN`, by name.
     look
-        Appearance of materials: values by the names in `LOOK`, by a name of `MATERIALS`.
+        Appearance of materials: values by the names in `LOOK`, by a material's name.
     edits
         Changes of generated features, applied in this order.
     material_rules
@@ -100,6 +103,7 @@ class Sketch:
     weather: Mapping[str, float] = field(default_factory=dict)
     layers: Mapping[str, LabelImage] = field(default_factory=dict)
     labels: Mapping[tuple[str, int], Properties] = field(default_factory=dict)
+    materials: Mapping[str, Properties] = field(default_factory=dict)
     look: Mapping[str, Properties] = field(default_factory=dict)
     edits: tuple[Edit, ...] = ()
     material_rules: tuple[RuleChange, ...] = ()
@@ -111,11 +115,13 @@ class Sketch:
         for key, table in TABLES.items():
             given = check_values(getattr(self, key), table, f"[{key}]", f"{key}.")
             checked[key] = MappingProxyType(defaults(table) | given)
+        checked["materials"] = check_own_materials(self.materials)
+        materials = material_table(self.materials)
         checked["layers"] = _check_layers(self.layers)
-        checked["labels"] = _check_labels(self.labels)
-        checked["look"] = _check_look(self.look, self.material_table)
+        checked["labels"] = _check_labels(self.labels, materials)
+        checked["look"] = _check_look(self.look, materials)
         checked["edits"] = check_items(Edit, self.edits, "edits", most=MAX_EDITS)
-        checked["material_rules"] = check_rule_changes(self.material_rules)
+        checked["material_rules"] = check_rule_changes(self.material_rules, materials.names)
         for key, value in checked.items():
             object.__setattr__(self, key, value)
 
@@ -125,6 +131,7 @@ class Sketch:
         for key in TABLES:
             state[key] = dict(state[key])
         state["labels"] = {key: dict(values) for key, values in self.labels.items()}
+        state["materials"] = {key: dict(values) for key, values in self.materials.items()}
         state["look"] = {key: dict(values) for key, values in self.look.items()}
         state["size_px"] = (self.height_px, self.width_px)
         state["layers"] = {
@@ -141,9 +148,9 @@ class Sketch:
             for name, packed in state["layers"].items()
         }
         state["layers"] = {name: layers.get(name, empty) for name in LAYERS}
-        for key in ("labels", "look"):
+        for key in ("labels", "materials", "look"):
             state[key] = {name: MappingProxyType(values) for name, values in state[key].items()}
-        for key in ("layers", "labels", "look", *TABLES):
+        for key in ("layers", "labels", "materials", "look", *TABLES):
             state[key] = MappingProxyType(state[key])
         for key, value in state.items():
             object.__setattr__(self, key, value)
@@ -190,7 +197,16 @@ class Sketch:
     @property
     def material_table(self) -> MaterialTable:
         """The materials that the sketch can use."""
-        return BUILT_IN
+        return material_table(self.materials)
+
+    @property
+    def looks(self) -> Mapping[str, Properties]:
+        """Appearance of materials, its own ones included, by the names in `LOOK`."""
+        own = {
+            name: {key: values[key] for key in LOOK if key in values}
+            for name, values in self.materials.items()
+        }
+        return own | {name: {**own.get(name, {}), **values} for name, values in self.look.items()}
 
     def replace(self, **changes: Any) -> Sketch:
         """Return a sketch with other values in the named fields, each replaced as a whole."""
@@ -239,7 +255,7 @@ def _check_label(layer: str, label: object) -> int:
 
 
 def _check_labels(
-    labels: Mapping[tuple[str, int], Properties],
+    labels: Mapping[tuple[str, int], Properties], materials: MaterialTable
 ) -> Mapping[tuple[str, int], Properties]:
     checked = {}
     order = {name: rank for rank, name in enumerate(LAYERS)}
@@ -248,7 +264,7 @@ def _check_labels(
         label = _check_label(name, given)
         where = f"{name}.{label}"
         checked[name, label] = MappingProxyType(
-            check_values(values, layer.parameters, f"[{where}]", f"{where}.")
+            check_values(values, with_materials(layer.parameters, materials), f"[{where}]", f"{where}.")
         )
     ordered = sorted(checked, key=lambda key: (order[key[0]], key[1]))
     return MappingProxyType({key: checked[key] for key in ordered})

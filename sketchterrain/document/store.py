@@ -14,6 +14,7 @@ from pathlib import Path, PurePosixPath
 from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document.label_layers import LabelImage, decode_layer, encode_layer
 from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.own_materials import relative_folders, resolved_folders
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.toml_format import parse_settings, settings_text, starter_sketch
 from sketchterrain.errors import InputError, did_you_mean, format_value, one_line
@@ -226,12 +227,12 @@ def load_sketch(path_or_preset: str | Path) -> Sketch:
     except OSError as error:
         raise InputError(f"{place}: cannot be read ({error.strerror})") from None
     if is_file:
-        return _decode(read_zip(path, place), place)
+        return _decode(read_zip(path, place), place, path.parent)
     if isinstance(path_or_preset, str) and not is_sketch and path_or_preset in preset_names():
         place = f"preset {path_or_preset}"
         return _decode(read_folder(preset(path_or_preset), place), place)
     if exists:
-        return _decode(read_saved_folder(path, place), place)
+        return _decode(read_saved_folder(path, place), place, path)
     names = preset_names()
     raise InputError(
         f"no sketch {format_value(str(path_or_preset))}: expected a folder, a {_ZIP_SUFFIX} file or a preset "
@@ -264,7 +265,7 @@ def save_sketch(sketch: Sketch, path: str | Path) -> None:
     if target.is_dir() or target.suffix.lower() != _ZIP_SUFFIX:
         _save_folder(sketch, target)
     else:
-        write_atomic(target, pack_sketch(sketch))
+        write_atomic(target, pack_sketch(sketch, base=target.parent))
 
 
 def new_sketch(folder: str | Path) -> None:
@@ -284,14 +285,19 @@ def new_sketch(folder: str | Path) -> None:
     _save_folder(starter_sketch(), target)
 
 
-def pack_sketch(sketch: Sketch, *, extra_files: Mapping[str, bytes] | None = None) -> bytes:
+def pack_sketch(
+    sketch: Sketch, *, extra_files: Mapping[str, bytes] | None = None, base: Path | None = None
+) -> bytes:
     """Return the content of a ``.sketch`` file, with extra files by name, which loading ignores."""
-    return pack_zip({**_encode(sketch), **(extra_files or {})})
+    return pack_zip({**_encode(sketch, base), **(extra_files or {})})
 
 
-def _decode(contents: Mapping[str, bytes], place: str) -> Sketch:
+def _decode(contents: Mapping[str, bytes], place: str, base: Path | None = None) -> Sketch:
+    """Return a sketch whose folders of pictures are relative to `base`."""
     with _prefix_errors(f"{place}/{SETTINGS}"):
         sketch = parse_settings(contents[SETTINGS])
+        if base is not None and sketch.materials:
+            sketch = sketch.replace(materials=resolved_folders(sketch.materials, base))
     images: dict[str, LabelImage] = {}
     for name in LAYERS:
         if f"{name}.png" in contents:
@@ -310,7 +316,9 @@ def _check_same_size(images: Mapping[str, LabelImage], name: str) -> None:
         )
 
 
-def _encode(sketch: Sketch) -> dict[str, bytes]:
+def _encode(sketch: Sketch, base: Path | None) -> dict[str, bytes]:
+    if base is not None and sketch.materials:
+        sketch = sketch.replace(materials=relative_folders(sketch.materials, base))
     files = {f"{name}.png": _encode_cached(name, sketch.layers[name]) for name in LAYERS}
     return files | {SETTINGS: settings_text(sketch).encode("utf-8")}
 
@@ -324,7 +332,7 @@ def _save_folder(sketch: Sketch, folder: Path) -> None:
     with wrap_os_errors(folder):
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{one_line(folder)}: expected a folder or a name that ends in {_ZIP_SUFFIX}")
-        replace_files(folder, _encode(sketch))
+        replace_files(folder, _encode(sketch, folder))
 
 
 @contextmanager

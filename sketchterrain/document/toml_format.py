@@ -12,11 +12,14 @@ from sketchterrain.document.edits import ACTIONS, parse_edit
 from sketchterrain.document.label_layers import LabelImage
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.material_rules import FACTOR, RULE, RuleChange, parse_rule_change
+from sketchterrain.document.materials import MATERIALS
+from sketchterrain.document.own_materials import OWN
 from sketchterrain.document.parameters import FORMAT, LOOK, SKETCH, Parameter, Properties, Value
 from sketchterrain.document.sketch import DEFAULT_SIDE, TABLES, Sketch
 from sketchterrain.errors import InputError, format_value, one_line, unknown_key
 
 _MAX_DOTS = 250
+_EXAMPLES = {"look": MATERIALS[0], "materials": "lava"}  # of a table's name
 
 
 def load_toml(data: bytes) -> dict[str, object]:
@@ -61,9 +64,11 @@ def parse_settings(data: bytes) -> Sketch:
             labels |= {(key, label): properties for label, properties in _label_tables(key, value)}
         elif key in TABLES:
             fields[key] = _as_table(f"[{key}]", value)
-        elif key == "look":
-            tables = _as_table("[look.grass]" if not isinstance(value, dict) else "[look]", value)
-            fields[key] = {name: _as_table(f"[look.{name}]", table) for name, table in tables.items()}
+        elif key in _EXAMPLES:
+            tables = _as_table(
+                f"[{key}.{_EXAMPLES[key]}]" if not isinstance(value, dict) else f"[{key}]", value
+            )
+            fields[key] = {name: _as_table(f"[{key}.{name}]", table) for name, table in tables.items()}
         elif key in SKETCH:
             fields[key] = value
         elif key == "edit":
@@ -71,7 +76,7 @@ def parse_settings(data: bytes) -> Sketch:
         elif key == "material_rule":
             fields["material_rules"] = _parse_tables(key, value, parse_rule_change)
         else:
-            known = ["format", *SKETCH, *TABLES, *LAYERS, "look", "material_rule", "edit"]
+            known = ["format", *SKETCH, *TABLES, *LAYERS, "materials", "look", "material_rule", "edit"]
             raise unknown_key(key, value, known)
     return Sketch(**fields, labels=labels)  # type: ignore[arg-type] # Sketch checks every value
 
@@ -82,6 +87,8 @@ def settings_text(sketch: Sketch) -> str:
     lines += _lines({key: getattr(sketch, key) for key in SKETCH}, SKETCH)
     for key, table in TABLES.items():
         lines += ["", f"[{key}]", *_lines(getattr(sketch, key), table)]
+    for name, values in sketch.materials.items():
+        lines += ["", f"[materials.{name}]", *_lines(values, OWN)]
     for name, look in sketch.look.items():
         lines += ["", f"[look.{name}]", *_lines(look, LOOK)]
     explained: set[str] = set()

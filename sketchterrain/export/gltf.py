@@ -30,7 +30,7 @@ from sketchterrain.export.mesh import (
 from sketchterrain.export.sampled import SampleGrid
 from sketchterrain.export.target import Export
 from sketchterrain.io.files import atomic_file
-from sketchterrain.look.texture_levels import customized_levels, procedural_levels
+from sketchterrain.look.texture_levels import customized_levels, own_material_images, procedural_levels
 
 if TYPE_CHECKING:  # load OpenCL
     from sketchterrain.compute.context import ComputeContext
@@ -224,8 +224,9 @@ def material_appearance(terrain: Terrain) -> MaterialAppearance:
     def open_context() -> ComputeContext:
         return ComputeContext(device if isinstance(device, Device) else None)
 
+    own = own_material_images(terrain.sketch.materials, _TEXELS)
     levels = customized_levels(
-        procedural_levels(_TEXELS, open_context), terrain.materials, terrain.sketch.look, {}, open_context
+        procedural_levels(_TEXELS, open_context), terrain.materials, terrain.sketch.looks, own, open_context
     )
     colour, relief = (part.reshape(-1, 4)[: len(terrain.materials)] / 255.0 for part in levels[-1])
     return MaterialAppearance(colour[:, :3] ** 2, relief[:, 2])

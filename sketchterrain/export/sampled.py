@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, UInt8Array
+from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.errors import InputError
 from sketchterrain.terrain.surfaces import Band
 
@@ -138,7 +139,7 @@ def _control_bits(weights: UInt8Array) -> npt.NDArray[np.uint32]:
     return bits
 
 
-BYTES_PER_VERTEX = 15  # height, normal and eight material weights
+BYTES_PER_VERTEX = 7 + len(BUILT_IN)  # height, normal and weights of the program's materials
 
 
 @dataclass(frozen=True)

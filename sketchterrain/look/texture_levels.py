@@ -13,6 +13,7 @@ from PIL import Image, UnidentifiedImageError
 
 from sketchterrain.array_types import UInt8Array
 from sketchterrain.document.materials import BUILT_IN, MaterialTable, Texture
+from sketchterrain.document.own_materials import picture_files
 from sketchterrain.errors import InputError, SketchterrainError, one_line
 from sketchterrain.io.files import cache_folder, write_atomic
 from sketchterrain.io.resources import source
@@ -113,6 +114,15 @@ def read_material_images(folder: Path, size: int, table: MaterialTable) -> dict[
             )
         found[material][field] = _read_image(path, field, size)
     return found
+
+
+def own_material_images(own: Mapping[str, Mapping[str, Any]], size: int) -> dict[str, MaterialImages]:
+    """Read the pictures of a sketch's own materials that have a folder, resized to `size` texels a side."""
+    folders = {name: values["folder"] for name, values in own.items() if values.get("folder")}
+    return {
+        name: {field: _read_image(path, field, size) for field, path in picture_files(folder, name).items()}
+        for name, folder in folders.items()
+    }
 
 
 def _read_image(path: Path, field: str, size: int) -> Array:

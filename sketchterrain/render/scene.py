@@ -26,8 +26,12 @@ class Sketch(Protocol):
         """Climate parameters by name."""
 
     @property
-    def look(self) -> Mapping[str, Mapping[str, Any]]:
-        """Settings of the ``[look]`` table by material."""
+    def looks(self) -> Mapping[str, Mapping[str, Any]]:
+        """Appearance of materials by name."""
+
+    @property
+    def materials(self) -> Mapping[str, Mapping[str, Any]]:
+        """The sketch's own materials."""
 
     @property
     def material_table(self) -> MaterialTable:

@@ -56,7 +56,7 @@ class Scenery:
         self._sun = sun
         self._weather = weather
         self._features = terrain.features
-        self._table, self._look = terrain.sketch.material_table, terrain.sketch.look
+        self._table, self._look = terrain.sketch.material_table, terrain.sketch.looks
         self._extent = terrain.extent
         self._quality = quality
         self._targets: dict[tuple[int, int], RenderTargets] = {}
@@ -66,7 +66,12 @@ class Scenery:
         with timed("textures"):
             self._materials = resources.get_or_create(
                 "materials",
-                (repr(terrain.sketch.look), textures, quality.material_texels, quality.hexes > 1),
+                (
+                    repr((terrain.sketch.looks, terrain.sketch.materials)),
+                    textures,
+                    quality.material_texels,
+                    quality.hexes > 1,
+                ),
                 lambda: MaterialTextures.for_terrain(context, terrain, quality, folder=textures),
             )
             self._noise = resources.get_or_create("noise", None, lambda: noise_texture(context))
@@ -124,7 +129,7 @@ class Scenery:
         return tile_stats
 
     def _update_materials(self, terrain: TerrainSource) -> None:
-        aridity, look = _aridity(terrain), terrain.sketch.look
+        aridity, look = _aridity(terrain), terrain.sketch.looks
         if look != self._look:
             self._materials = MaterialTextures.for_terrain(
                 self._context, terrain, self._quality, folder=self._textures

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final
 
 import moderngl
@@ -14,7 +15,12 @@ import numpy.typing as npt
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import Device
 from sketchterrain.document.materials import MaterialTable
-from sketchterrain.look.texture_levels import customized_levels, procedural_levels, read_material_images
+from sketchterrain.look.texture_levels import (
+    customized_levels,
+    own_material_images,
+    procedural_levels,
+    read_material_images,
+)
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.scene import TerrainSource
 from sketchterrain.render.vertex_memory import gl_function
@@ -73,9 +79,9 @@ class MaterialTextures:
     """Tileable texture arrays with one layer per material and mipmaps, `size` texels a side.
 
     `colour` has √albedo and height (RGBA8), `relief` normal x and y, roughness and openness,
-    `means` the mean albedo of each layer. `looks` are the sketch's settings by material, pictures in `folder`
-    replace textures (`texture_levels`); `smooth` blends mipmaps. Textures missing on disk are computed on
-    `device`.
+    `means` the mean albedo of each layer. `looks` are the sketch's settings by material; pictures of its
+    `own` materials, and those in `folder`, replace textures (`texture_levels`); `smooth` blends mipmaps.
+    Textures missing on disk are computed on `device`.
     """
 
     def __init__(
@@ -86,13 +92,16 @@ class MaterialTextures:
         *,
         size: int,
         looks: Mapping[str, Mapping[str, Any]],
+        own: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
         folder: Path | None = None,
         smooth: bool = True,
     ) -> None:
         def opened() -> ComputeContext:
             return ComputeContext(device)
 
-        pictures = {} if folder is None else read_material_images(folder, size, table)
+        pictures = own_material_images(own, size)
+        if folder is not None:
+            pictures |= read_material_images(folder, size, table)
         levels = customized_levels(procedural_levels(size, opened), table, looks, pictures, opened)
         layers = len(table.layers)
         # No anisotropic filter: Mesa's software driver hung in one.
@@ -117,7 +126,8 @@ class MaterialTextures:
             device if isinstance(device, Device) else None,
             terrain.sketch.material_table,
             size=quality.material_texels,
-            looks=terrain.sketch.look,
+            looks=terrain.sketch.looks,
+            own=terrain.sketch.materials,
             folder=folder,
             smooth=quality.hexes > 1,
         )

@@ -23,7 +23,6 @@ from rasterio.enums import Resampling
 from rasterio.errors import RasterioError
 from rasterio.io import MemoryFile
 
-from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.store import pack_sketch
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.export.files import prepare_folder
@@ -164,7 +163,7 @@ def _write_tile(
     path: Path, layer: str, shard: ShardData, georeference: Georeference, *, optimised: bool
 ) -> None:
     """Write a layer of a shard atomically; with overviews if it is optimised and large."""
-    spec, values = LAYER_SPECS[layer], getattr(shard, layer)
+    spec, values = georeference.job.specs[layer], getattr(shard, layer)
     values = values[None] if values.ndim == 2 else values
     level = georeference.job.world.levels[shard.shard.level]
     count, height, width = values.shape
@@ -203,7 +202,7 @@ def _write_vrts(folder: Path, georeference: Georeference, sketch: str | None = N
 
 def _vrt(layer: str, level: Level, georeference: Georeference, sketch: str | None) -> Iterator[str]:
     """Return the lines of a VRT, a few hundred bytes per tile and band; no tile is opened."""
-    spec = LAYER_SPECS[layer]
+    spec = georeference.job.specs[layer]
     kind = {"float32": "Float32", "uint8": "Byte"}[spec.dtype]
     yield f'<VRTDataset rasterXSize="{level.columns}" rasterYSize="{level.rows}">'
     yield f'  <SRS dataAxisToSRSAxisMapping="1,2">{escape(georeference.crs.to_wkt())}</SRS>'
@@ -213,7 +212,10 @@ def _vrt(layer: str, level: Level, georeference: Georeference, sketch: str | Non
     yield f"  <Metadata domain={quoteattr(TAGS)}>"
     world = georeference.job.world
     facts = {name: repr(float(getattr(world, name))) for name in ("west", "south", "east", "north", "cell")}
-    facts |= {"layers": ",".join(georeference.job.layers), "materials": ",".join(MATERIALS)}
+    facts |= {
+        "layers": ",".join(georeference.job.layers),
+        "materials": ",".join(georeference.job.specs["materials"].bands),
+    }
     for key, text in (facts if sketch is None else facts | {"sketch": sketch}).items():
         yield f"    <MDI key={quoteattr(key)}>{escape(text)}</MDI>"
     yield "  </Metadata>"

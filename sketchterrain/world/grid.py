@@ -142,17 +142,24 @@ _NORMAL: Final = {
 }
 _MATERIALS: Final = {
     "long_name": "share of each material, of 1 in all",
-    "materials": list(MATERIALS),
     "units": "1",
     "scale_factor": 1 / 255,
 }
-LAYER_SPECS: Final = {
-    "height": LayerSpec(("height",), "float32", "", "shuffle", 3, "FLOATING_POINT", _HEIGHT),
-    "normal": LayerSpec(("east", "north", "up"), "uint8", "axis", "bitshuffle", 1, "STANDARD", _NORMAL),
-    # Weights are mostly 0 or 255: a predictor does not help.
-    "materials": LayerSpec(MATERIALS, "uint8", "material", "noshuffle", 1, "NO", _MATERIALS),
-}
-"""Layers by name; see `ShardData` for their values."""
+
+
+def layer_specs(materials: tuple[str, ...]) -> dict[str, LayerSpec]:
+    """Return layers by name, for a world with some materials; see `ShardData` for their values."""
+    named = _MATERIALS | {"materials": list(materials)}
+    return {
+        "height": LayerSpec(("height",), "float32", "", "shuffle", 3, "FLOATING_POINT", _HEIGHT),
+        "normal": LayerSpec(("east", "north", "up"), "uint8", "axis", "bitshuffle", 1, "STANDARD", _NORMAL),
+        # Weights are mostly 0 or 255: a predictor does not help.
+        "materials": LayerSpec(materials, "uint8", "material", "noshuffle", 1, "NO", named),
+    }
+
+
+LAYER_SPECS: Final = layer_specs(MATERIALS)
+"""Layers of a world with the program's materials."""
 LAYERS: Final = tuple(LAYER_SPECS)
 
 

@@ -30,7 +30,7 @@ from sketchterrain.export.rasters import local_metres
 from sketchterrain.io.crs import parse_metric_crs
 from sketchterrain.io.files import hash_file, wrap_os_errors, write_atomic
 from sketchterrain.terrain.recipe import TerrainRecipe
-from sketchterrain.world.grid import SHARD, Level, Shard, ShardData, World
+from sketchterrain.world.grid import SHARD, LayerSpec, Level, Shard, ShardData, World, layer_specs
 
 if TYPE_CHECKING:  # it loads OpenCL
     from sketchterrain.world.plants import PlantStore
@@ -83,6 +83,11 @@ class Job:
     origin: tuple[float, float] = (0.0, 0.0)
     step: float = 0.0
     fast: bool = False
+
+    @property
+    def specs(self) -> dict[str, LayerSpec]:
+        """The layers that the world may have."""
+        return layer_specs(self.recipe.materials.names)
 
 
 def fingerprint(job: Job) -> str:

@@ -11,7 +11,7 @@ from base64 import b64decode
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -27,7 +27,7 @@ from sketchterrain.caching import LRUCache
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.world.grid import CHUNK, LAYER_SPECS, SHARD, Level, Shard, World
+from sketchterrain.world.grid import CHUNK, LAYER_SPECS, SHARD, Level, Shard, World, layer_specs
 from sketchterrain.world.job import SKETCH, TAGS, layer_file, require, tile_name, vrt_name
 from sketchterrain.world.zarr_store import BYTES, FORMAT, METADATA, OURS, shard_file
 from sketchterrain.world.zarr_store import SKETCH as ZARR_SKETCH
@@ -52,8 +52,7 @@ class StoredWorld(ABC):
         self.west, self.north, self.levels = world.west, world.north, world.levels
         self.layers, self.material_names = layers, material_names
         # A world of another version may have other materials.
-        materials = replace(LAYER_SPECS["materials"], bands=material_names)
-        self._specs = LAYER_SPECS | {"materials": materials}
+        self._specs = layer_specs(material_names)
         self._chunks = LRUCache(_CHUNKS)
 
     @abstractmethod
@@ -189,7 +188,7 @@ class _TiffWorld(StoredWorld):
             shard, overview = Shard(level, row // side, column // side), 0
             path, shape = self._path / tile_name(layer, shard), grid.size_of(shard)
             row, column = row % side, column % side
-        expected = (len(LAYER_SPECS[layer].bands), *shape)
+        expected = (len(self._specs[layer].bands), *shape)
         with _reading(path):
             file = self._files.open(path, overview)
             if (file.count, *file.shape) != expected:

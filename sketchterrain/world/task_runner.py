@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import Device, choose_device, fallback_device
-from sketchterrain.document.materials import MATERIALS
 from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.export.sampled import quantise_normals, quantise_weights
 from sketchterrain.terrain.rasters import QuantizedBand
@@ -75,7 +74,9 @@ class TaskRunner:
             shard,
             np.empty((rows, columns), np.float32),
             np.empty((3 if "normal" in layers else 0, rows, columns), np.uint8),
-            np.empty((len(MATERIALS) if "materials" in layers else 0, rows, columns), np.uint8),
+            np.empty(
+                (len(self.job.recipe.materials) if "materials" in layers else 0, rows, columns), np.uint8
+            ),
         )
         for band in self._window(
             world.west,

@@ -17,7 +17,7 @@ import numpy as np
 
 from sketchterrain.document.store import pack_sketch
 from sketchterrain.io.files import wrap_os_errors
-from sketchterrain.world.grid import CHUNK, LAYER_SPECS, SHARD, Level, Shard, ShardData
+from sketchterrain.world.grid import CHUNK, LAYER_SPECS, SHARD, LayerSpec, Level, Shard, ShardData
 from sketchterrain.world.job import (
     GRID_MAPPING,
     JOURNAL,
@@ -82,7 +82,9 @@ class ZarrStore:
         at, level = shard.shard, self._job.world.levels[shard.shard.level]
         for layer in self._job.layers:
             content: dict[str, Any] = {}
-            array = _create_layer(_root_group(content), f"{at.level}/{layer}", layer, level, {})
+            array = _create_layer(
+                _root_group(content), f"{at.level}/{layer}", self._job.specs[layer], level, {}
+            )
             rows, columns = shard.height.shape
             top, left = at.row * SHARD, at.column * SHARD
             array[..., top : top + rows, left : left + columns] = getattr(shard, layer)
@@ -126,7 +128,7 @@ class ZarrStore:
             for layer in job.layers:
                 # As a coordinate, xarray copies it with an array that is selected from its level.
                 own = {"grid_mapping": GRID_MAPPING, "coordinates": GRID_MAPPING}
-                _create_layer(group, layer, layer, level, LAYER_SPECS[layer].attributes | own)
+                _create_layer(group, layer, job.specs[layer], level, own)
             _consolidate(group)
         _write_bytes(root, SKETCH, pack_sketch(job.sketch), _SKETCH_NAME)
         _write_bytes(root, LEDGER, ledger or b"", _LEDGER_NAME)
@@ -143,7 +145,7 @@ class ZarrStore:
             "world": asdict(job.world),
             "origin": list(job.origin),
             "layers": list(job.layers),
-            "materials": list(LAYER_SPECS["materials"].bands),
+            "materials": list(job.specs["materials"].bands),
             "step": job.step,
             "fast": job.fast,
         }
@@ -174,16 +176,16 @@ def _create(group: zarr.Group, name: str, dtype: str, **options: Any) -> zarr.Ar
 
 
 def _create_layer(
-    group: zarr.Group, name: str, layer: str, level: Level, attributes: dict[str, Any]
+    group: zarr.Group, name: str, spec: LayerSpec, level: Level, own: dict[str, Any]
 ) -> zarr.Array[Any]:
-    spec, shape = LAYER_SPECS[layer], LAYER_SPECS[layer].shape
+    shape = spec.shape
     size = 4 if spec.dtype == "float32" else 1
     block = size * len(spec.bands) * CHUNK * CHUNK  # whole chunks are compressed together
     return _create(
         group,
         name,
         spec.dtype,
-        attributes=attributes,
+        attributes=spec.attributes | own,
         shape=shape(level.rows, level.columns),
         chunks=shape(CHUNK, CHUNK),
         shards=shape(SHARD, SHARD),

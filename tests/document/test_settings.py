@@ -209,7 +209,7 @@ _REFUSED = [
     ("material_rule = 3", r"material_rule = 3: expected tables, each with \[\[material_rule\]\]"),
     ("[[material_rule]]\ncover = 1", "number 1: no name: expected name, material, cover"),
     (f"{_ROW}covr = 3", r"number 1: unknown key 'covr' = 3: expected name, .*did you mean 'cover'"),
-    (f'{_ROW}material = "mud"', "number 1: material = 'mud': expected 'grass' or 'soil'"),
+    (f'{_ROW}material = "mud"', "number 1: material = 'mud': expected grass, soil"),
     (f"{_ROW}cover = 1.5", "number 1: cover = 1.5: expected a number from 0 to 1"),
     (f'{_ROW}before = "ice"', "number 1: before = 'ice': expected one of dry_soil, "),
     (f'{_ROW}before = "snow"', "number 1: before = 'snow': expected one of dry_soil, "),

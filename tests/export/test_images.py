@@ -106,7 +106,7 @@ def test_height_tif_is_bit_equal_with_vertices_at_their_positions(tmp_path, rast
 
 def test_material_files_hold_the_weights_padded_with_zeros(tmp_path, terrain, raster):
     *images, meaning = write_materials(tmp_path, raster, terrain.material_names)
-    assert [path.name for path in images] == ["materials.png", "materials-2.png"]
+    assert [path.name for path in images] == ["materials.png", "materials-2.png", "materials-3.png"]
     content = json.loads(meaning.read_text(encoding="utf-8"))["materials"]
     assert [entry["name"] for entry in content] == list(terrain.material_names)
     by_file = {path.name: np.asarray(Image.open(path)) for path in images}

@@ -90,7 +90,7 @@ def level_ground(height, scale=5000.0):
     """Return dry grassland of some heights (m) over a square of 1000 m."""
     height = np.asarray(height, np.float32)
     spacing = 1000.0 / (len(height) - 1)
-    cover = np.eye(1, 8, dtype=np.float32) * np.ones((*height.shape, 1), np.float32)
+    cover = np.eye(1, len(BUILT_IN), dtype=np.float32) * np.ones((*height.shape, 1), np.float32)
     frame = MapFrame(10.0, 20.0, 1000.0, 1000.0, scale)
     dry = np.full(height.shape, -1.0, np.float32)
     return MapSamples(frame, (spacing, spacing), height, height, spacing, dry, dry, cover, BUILT_IN)

@@ -28,7 +28,9 @@ class Waves:
     context = HostContext()
     extent = 1000.0
     size = (1000.0, 1000.0)
-    sketch = SimpleNamespace(climate={"aridity": 0.2}, weather={}, look={}, material_table=BUILT_IN)
+    sketch = SimpleNamespace(
+        climate={"aridity": 0.2}, weather={}, looks={}, materials={}, material_table=BUILT_IN
+    )
 
     def __init__(self, *, rivers=True, plants=True, sea_level=None):
         t = np.linspace(-200.0, 1200.0, 60)

@@ -132,28 +132,34 @@ def patches_of(plane: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return np.stack([plane[top : top + SIDE, left : left + SIDE] for top, left in starts])
 
 
-def weights_of(kind: str, shape: tuple[int, int]) -> npt.NDArray[np.float32]:
+def weights_of(kind: str, shape: tuple[int, int], count: int = 8) -> npt.NDArray[np.float32]:
     rng = np.random.default_rng(3)
     if kind == "one":
-        return np.eye(8, dtype=np.float32)[rng.integers(0, 8, shape)]
+        return np.eye(count, dtype=np.float32)[rng.integers(0, count, shape)]
     if kind == "equal":
-        return np.full((*shape, 8), 1 / 8, np.float32)
+        return np.full((*shape, count), 1 / count, np.float32)
     if kind == "ties":
-        return np.eye(8, dtype=np.float32)[rng.integers(0, 8, shape)] * 0.25 + np.float32(0.75 / 8)
+        return np.eye(count, dtype=np.float32)[rng.integers(0, count, shape)] * 0.25 + np.float32(
+            0.75 / count
+        )
     if kind == "tiny":
-        return np.where(rng.random((*shape, 8)) < 0.5, np.float32(1e-42), np.float32(0.2)).astype(np.float32)
-    return (rng.random((*shape, 8)) ** 4).astype(np.float32)
+        return np.where(rng.random((*shape, count)) < 0.5, np.float32(1e-42), np.float32(0.2)).astype(
+            np.float32
+        )
+    return (rng.random((*shape, count)) ** 4).astype(np.float32)
 
 
 @pytest.mark.parametrize("real", ["float", "double"])
 def test_weights_are_rounded_as_numpy_rounds_them(real) -> None:
     context = ComputeContext(WITH_DOUBLE[0], real=real)
-    for kind in ("one", "equal", "ties", "tiny", "random"):
-        plane = weights_of(kind, (4 * (SIDE - 1) + 1, ACROSS * (SIDE - 1) + 1)).astype(context.real_dtype)
+    cases = [(kind, 8) for kind in ("one", "equal", "ties", "tiny")] + [("random", n) for n in range(1, 17)]
+    for kind, count in cases:
+        shape = (4 * (SIDE - 1) + 1, ACROSS * (SIDE - 1) + 1)
+        plane = weights_of(kind, shape, count).astype(context.real_dtype)
         ground = np.zeros((*plane.shape[:2], 4), context.real_dtype)
         _, _, weight, nonfinite = launched(context, patches_of(ground), patches_of(plane))
         assert nonfinite == 0
-        np.testing.assert_array_equal(weight, quantise_weights(plane).transpose(2, 0, 1), err_msg=kind)
+        np.testing.assert_array_equal(weight, quantise_weights(plane).transpose(2, 0, 1), err_msg=f"{count}")
 
 
 def test_bytes_of_unit_vectors(with_double) -> None:

@@ -9,6 +9,7 @@ import pytest
 import sketchterrain as st
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
+from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import InputError
 from sketchterrain.io.resources import preset_names
@@ -157,7 +158,11 @@ def test_fill_tiles_writes_only_its_slots(valley) -> None:
     keys = [(6, 20, 31), (6, 21, 31), (2, 1, 2), (9, -4, 700), (6, 30, 30)]
     slots = [7, 0, 3, 6, 2]
     store = valley.tile_store(9)
-    buffers = {"ground": (store.ground, 4), "materials": (store.materials, 8), "parent": (store.parent, 4)}
+    buffers = {
+        "ground": (store.ground, 4),
+        "materials": (store.materials, len(MATERIALS)),
+        "parent": (store.parent, 4),
+    }
     for buffer, width in buffers.values():
         valley.context.write(buffer, np.full(9 * 65 * 65 * width, np.nan, np.float32)).wait()
     bounds = valley.fill_tiles(keys, store, slots)

@@ -144,7 +144,7 @@ def test_a_cover_has_its_weight(make_recipe, context) -> None:
     for strength in (1.0, 0.4):
         recipe = make_recipe(covers=(Cover(1, 1, field(120), snow, strength),))
         weights, distance = materials(recipe, context, 200.0)
-        under = bare[distance < 100] * (1 - strength) + strength * np.eye(8)[snow]
+        under = bare[distance < 100] * (1 - strength) + strength * np.eye(len(MATERIALS))[snow]
         np.testing.assert_allclose(weights.sum(axis=-1), 1, atol=1e-6)
         np.testing.assert_allclose(weights[distance < 100, snow], strength, atol=1e-5)
         np.testing.assert_allclose(weights[distance < 100], under, atol=1e-6)

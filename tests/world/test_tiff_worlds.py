@@ -11,6 +11,7 @@ import rasterio
 from numpy.typing import NDArray
 
 import sketchterrain as st
+from sketchterrain.document.materials import MATERIALS
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.world.geotiff_store import TiffStore, TileStore
 from sketchterrain.world.grid import Level, ShardData, World
@@ -43,7 +44,7 @@ def shards(world: World) -> Iterator[ShardData]:
         left, top = 2048 * shard.column, 2048 * shard.row
         height = height_at(x[left : left + columns], y[top : top + rows])
         normal = np.stack([np.full(height.shape, value, np.uint8) for value in (1, 2, shard.level)])
-        weights = np.zeros((8, *height.shape), np.uint8)
+        weights = np.zeros((len(MATERIALS), *height.shape), np.uint8)
         weights[0], weights[7] = 200, 55
         yield ShardData(shard, height, normal, weights)
 
@@ -123,7 +124,7 @@ def test_every_level_is_read_back(synthetic_world) -> None:
         read = world.read("height", level.number, top=0, left=0, rows=level.rows, columns=level.columns)
         np.testing.assert_array_equal(read, height_at(x, y))
     part = world.read("materials", 0, top=2046, left=2045, rows=6, columns=9)
-    assert part.shape == (8, 6, 9)
+    assert part.shape == (len(MATERIALS), 6, 9)
     assert np.all(part.sum(axis=0, dtype=int) == 255)
     assert np.all(world.read("normal", 1, top=1000, left=1000, rows=20, columns=20)[2] == 1)
 

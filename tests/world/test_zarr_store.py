@@ -16,6 +16,7 @@ from zarr.codecs import BloscCodec, Crc32cCodec
 
 import sketchterrain as st
 from sketchterrain.compute.context import ComputeContext
+from sketchterrain.document.materials import MATERIALS
 from sketchterrain.errors import InputError
 from sketchterrain.world.grid import ShardData, World
 from sketchterrain.world.job import Job
@@ -102,7 +103,7 @@ def test_layers_of_shards_round_trip(written, shards):
             part = array[..., top : top + rows, left : left + columns]
             np.testing.assert_array_equal(part, getattr(ground, layer))
     assert (group["0/materials"][:].sum(0, dtype=np.int64) == 255).all()
-    for layer, first in (("height", ()), ("normal", (3,)), ("materials", (8,))):
+    for layer, first in (("height", ()), ("normal", (3,)), ("materials", (len(MATERIALS),))):
         array = group[f"0/{layer}"]
         assert array.metadata.zarr_format == 3
         assert (array.shards, array.chunks) == ((*first, 2048, 2048), (*first, 256, 256))
@@ -113,7 +114,7 @@ def test_xarray_opens_levels_and_the_whole_tree(written, shards):
     fine = shards[-2]  # the last level's first shard
     with xarray.open_zarr(written, group="0") as level:
         assert set(level.coords) == {"x", "y", "spatial_ref"}
-        assert dict(level.sizes) == {"y": 301, "x": 2161, "axis": 3, "material": 8}
+        assert dict(level.sizes) == {"y": 301, "x": 2161, "axis": 3, "material": len(MATERIALS)}
         assert level["height"].sel(x=ORIGIN[0] + 3, y=ORIGIN[1] + 690).values == fine.height[10, 43]
         normal = level["normal"].isel(y=10, x=43).values
         assert np.linalg.norm(normal) == pytest.approx(1, abs=0.01)  # decoded to −1 … 1

@@ -76,7 +76,10 @@ class ViewRenderer:
     def set_terrain(self, terrain: TerrainSource, areas: list[Bounds], camera: Camera) -> str:
         """Display a terrain that differs from the previous one in areas (m); return a warning or nothing."""
         weather = Weather.from_sketch(terrain.sketch)
-        if self._terrain is not None and self._terrain.extent != terrain.extent:
+        kept = self._terrain
+        if kept is not None and (
+            kept.extent != terrain.extent or kept.sketch.materials != terrain.sketch.materials
+        ):
             self.clear()
         before, self._terrain = self._terrain, terrain
         if self._renderer is None or before is None:
@@ -86,7 +89,7 @@ class ViewRenderer:
             self._renderer = Renderer(self._context, terrain, sun=self.sun, weather=weather, quality=quality)
             return line
         line = ""
-        if areas or terrain.sketch.look != before.sketch.look:
+        if areas or terrain.sketch.looks != before.sketch.looks:
             self._renderer.set_terrain(terrain, areas)
             if self._overlay is not None:
                 self._overlay.set_terrain(terrain, areas)

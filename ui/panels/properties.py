@@ -1,6 +1,6 @@
 """Properties of the selection, or of the active label without one."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -10,7 +10,8 @@ from PyQt6.QtWidgets import QLabel, QPushButton, QVBoxLayout, QWidget
 
 from sketchterrain.document.edits import ACTIONS, ADDED_BIT
 from sketchterrain.document.layers import LAYERS, POINT_LAYERS, layer_of
-from sketchterrain.document.parameters import Value
+from sketchterrain.document.own_materials import with_materials
+from sketchterrain.document.parameters import Parameter, Value
 from sketchterrain.placement.feature_types import FILL_BIT, River
 from sketchterrain.ui.commands import (
     exists,
@@ -241,6 +242,7 @@ class LabelPage(QWidget):
         self._document, self._workspace = document, workspace
         self._head = PageHead()
         self.forms: dict[str, ParameterForm] = {}
+        self._declared: dict[str, Mapping[str, Parameter]] = {}
         self._shown: tuple[str, int] | None = None
         self._column: QVBoxLayout = column(self, self._head, spacing=MARGIN)
         workspace.label_changed.connect(self._show)
@@ -253,8 +255,12 @@ class LabelPage(QWidget):
             self.forms[self._shown[0]].finish()  # the text being typed is for the previous label
         self._shown = (layer, label)
         self._head.show_text(label_title(layer, label), LAYERS[layer].help, (layer, label))
+        parameters = with_materials(LAYERS[layer].parameters, self._document.sketch.material_table)
+        if self._declared.get(layer, parameters) != parameters:  # the sketch has other materials
+            self.forms.pop(layer).deleteLater()
         if layer not in self.forms:
-            form = self.forms[layer] = ParameterForm(LAYERS[layer].parameters.values())
+            self._declared[layer] = parameters
+            form = self.forms[layer] = ParameterForm(parameters.values())
             form.edited.connect(self._set)
             form.reset_requested.connect(self._reset)
             self._column.addWidget(form)

@@ -13,7 +13,6 @@ from sketchterrain.array_types import LatticeArray, UInt8Array
 from sketchterrain.compute.buffers import BufferPool, BufferSet
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.errors import InputError
-from sketchterrain.terrain.patches import run_to_completion
 from sketchterrain.vegetation.graded_poisson import (
     GREATEST_DENSITY,
     GROUP,
@@ -27,6 +26,7 @@ from sketchterrain.vegetation.graded_poisson import (
     count_points,
     hash_salt,
     rounded_up,
+    run_to_completion,
     schedule,
     throw_kernel,
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -41,16 +41,6 @@ _ANYWHERE, _WHOLE_STEPS = "terrain.cl", "tiles.cl"
 def rounded_up(count: int) -> int:
     """Return the number of work items in whole groups."""
     return -(-count // GROUP) * GROUP
-
-
-def run_to_completion(steps: Generator[None, None, T]) -> T:
-    """Run all steps and return the generator's result."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            result: T = end.value
-            return result
 
 
 class Batches:

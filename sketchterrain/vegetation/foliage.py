@@ -20,8 +20,7 @@ from sketchterrain.array_types import (
 from sketchterrain.errors import InputError
 from sketchterrain.placement.hashing import hash_keys
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
-from sketchterrain.terrain.patches import run_to_completion
-from sketchterrain.vegetation.graded_poisson import GREATEST_DENSITY, GradedPoisson
+from sketchterrain.vegetation.graded_poisson import GREATEST_DENSITY, GradedPoisson, run_to_completion
 from sketchterrain.vegetation.plants import (
     BLOCK,
     FILL,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -13,11 +13,12 @@ import numpy.typing as npt
 from sketchterrain.array_types import Float32Array, LatticeArray, StructuredArray
 from sketchterrain.errors import InputError
 from sketchterrain.placement.hashing import hash_keys
-from sketchterrain.terrain.patches import run_to_completion
 
 if TYPE_CHECKING:
     from sketchterrain.compute.buffers import BufferSet
     from sketchterrain.compute.context import ComputeContext
+
+_Result = TypeVar("_Result")
 
 MAX_POINTS: Final = 40_000_000
 """Most points returned at once."""
@@ -152,6 +153,16 @@ def throw_kernel(tries: int) -> str:
 def hash_salt(seed: int, stream: str, level: int) -> np.uint32:
     """Return the hash salt of a level's darts."""
     return np.uint32(hash_keys(seed, stream, level) & np.uint64(0xFFFFFFFF))
+
+
+def run_to_completion(steps: Generator[None, None, _Result]) -> _Result:
+    """Run all steps and return the generator's result."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            result: _Result = end.value
+            return result
 
 
 def rounded_up(count: int) -> int:

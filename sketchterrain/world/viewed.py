@@ -30,11 +30,11 @@ from sketchterrain.render.quality import Quality
 from sketchterrain.render.views import check_view
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS, finest_level
-from sketchterrain.terrain.patches import run_to_completion
 from sketchterrain.terrain.surfaces import FACTS, TerrainFeatures, VertexMemory, VertexStore, vertex_dtype
 from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.terrain.vertex_writer import geometric_error
 from sketchterrain.tiles.quadtree import code_of, intersects_bounds
+from sketchterrain.vegetation.graded_poisson import run_to_completion
 from sketchterrain.vegetation.plants import PLANT
 from sketchterrain.world.grid import CHUNK, LAYER_SPECS, Level
 from sketchterrain.world.statistics import StoredWorld, open_world

@@ -70,7 +70,6 @@ class Banner(QFrame):
         self._refresh()
 
     def withdraw(self, topic: str) -> None:
-        """Remove the message of a topic."""
         remaining = [each for each in self._messages if each.topic != topic]
         if len(remaining) != len(self._messages):
             self._messages = remaining

@@ -250,7 +250,6 @@ class PictureFile(QObject):
         self._background.do("picture", partial(_write_png, picture, path), partial(self.report, path))
 
     def report(self, path: Path, error: str = "") -> None:
-        """Report a written picture, or an error."""
         if error:
             self._banner.show_message(Message("error", error, "picture"))
         else:
@@ -338,7 +337,6 @@ class OpenDialogs(QObject):
         world.deleteLater()
 
     def trace(self) -> None:
-        """Ask for a picture and trace a new sketch from it."""
         start = str(self._preferences.last_folder)
         name, _ = QFileDialog.getOpenFileName(self._window, "New from a picture", start, _TRACE_FILTER)
         if name:

@@ -59,7 +59,6 @@ class Canvas(QWidget):
         self._sketch_view.stale.connect(self._on_stale)
 
     def sizeHint(self) -> QSize:
-        """Return the preferred size."""
         return QSize(720, 720)
 
     @property
@@ -68,15 +67,12 @@ class Canvas(QWidget):
         return self._context.viewport
 
     def fit(self) -> None:
-        """Show the whole sketch."""
         self.set_viewport(self.viewport.fitted(margin=round(_MARGIN * self._context.ratio)), fitted=True)
 
     def zoom_in(self) -> None:
-        """Zoom in about the centre."""
         self.zoom(_ZOOM, QPointF(self.rect().center()))
 
     def zoom_out(self) -> None:
-        """Zoom out about the centre."""
         self.zoom(1.0 / _ZOOM, QPointF(self.rect().center()))
 
     def actual_size(self) -> None:

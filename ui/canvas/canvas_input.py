@@ -110,13 +110,11 @@ class CanvasInput(QObject):
         ShortcutOverride(canvas, self._takes_key)
 
     def eventFilter(self, watched: QObject | None, event: QEvent | None) -> bool:
-        """Handle an event of the canvas; return whether it is consumed."""
         handler = None if event is None else self._handlers.get(event.type())
         return handler is not None and handler(event)
 
     @property
     def tool(self) -> Tool:
-        """The active tool."""
         return self._tools[self._name]
 
     def cancel(self) -> None:
@@ -236,7 +234,6 @@ class CanvasInput(QObject):
         return False
 
     def _finish(self, _: QEvent | None = None) -> bool:
-        """Finish the current operation."""
         self._pan_from = None
         self._space = False
         self.tool.finish()

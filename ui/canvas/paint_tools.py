@@ -39,11 +39,9 @@ class BrushTool(Tool):
 
     @property
     def is_busy(self) -> bool:
-        """Whether a stroke is in progress."""
         return self._draft is not None
 
     def press(self, pointer: Pointer) -> None:
-        """Start a stroke."""
         self._move_ring(pointer)
         if self._draft is not None or not self.context.may_paint():
             return
@@ -56,21 +54,17 @@ class BrushTool(Tool):
         self._extend(pointer)
 
     def move(self, pointer: Pointer) -> None:
-        """Extend the stroke, move the ring."""
         self._move_ring(pointer)
         self._extend(pointer)
 
     def release(self, pointer: Pointer) -> None:
-        """Finish the stroke."""
         self._extend(pointer)
         self.finish()
 
     def takes_key(self, key: int) -> bool:
-        """Take Escape during a stroke."""
         return self.is_busy and key == Qt.Key.Key_Escape
 
     def press_key(self, key: int) -> None:
-        """Cancel the stroke."""
         self.cancel()
 
     def finish(self) -> None:
@@ -85,19 +79,16 @@ class BrushTool(Tool):
         draft.commit(self._title)
 
     def cancel(self) -> None:
-        """Discard the stroke."""
         draft = self._draft
         self._draft = self._stroke = None
         if draft is not None and draft is self.context.document.draft:
             draft.cancel()
 
     def leave(self) -> None:
-        """Hide the ring."""
         self._redraw_ring()
         self._place = None
 
     def draw(self, painter: QPainter) -> None:
-        """Draw the ring, as large as the brush."""
         if self._place is not None:
             centre = self.context.screen_from_sketch(*self._place)
             _draw_ring(painter, centre, max(self._radius * self.context.scale, 1.0))
@@ -145,7 +136,6 @@ class FillTool(Tool):
     cursor = Qt.CursorShape.CrossCursor
 
     def press(self, pointer: Pointer) -> None:
-        """Fill the region under the mouse."""
         if not self.context.may_paint():
             return
         workspace = self.context.workspace
@@ -166,7 +156,6 @@ class PickTool(Tool):
     cursor = Qt.CursorShape.PointingHandCursor
 
     def press(self, pointer: Pointer) -> None:
-        """Pick the label under the mouse."""
         pick_label(self.context, pointer)
 
 
@@ -204,7 +193,6 @@ class LineTool(Tool):
 
     @property
     def is_busy(self) -> bool:
-        """Whether there are points."""
         return bool(self._points)
 
     @property
@@ -244,7 +232,6 @@ class LineTool(Tool):
         self.context.signals.redraw()
 
     def release(self, pointer: Pointer) -> None:
-        """Paint a freehand line."""
         self._pressed = None
         if self._freehand:
             self._freehand = False
@@ -253,15 +240,12 @@ class LineTool(Tool):
             self.finish()
 
     def double(self, pointer: Pointer) -> None:
-        """Paint the line."""
         self.finish()
 
     def takes_key(self, key: int) -> bool:
-        """Take Enter, Escape and Backspace while there are points."""
         return self.is_busy and key in (*_FINISH_KEYS, Qt.Key.Key_Escape, Qt.Key.Key_Backspace)
 
     def press_key(self, key: int) -> None:
-        """Paint or cancel the line, or remove its last point."""
         if key in _FINISH_KEYS:
             self.finish()
         elif key == Qt.Key.Key_Escape:
@@ -287,18 +271,15 @@ class LineTool(Tool):
         draft.commit(f"Draw a line of {LAYERS[layer].title.lower()}")
 
     def cancel(self) -> None:
-        """Discard the points."""
         self._points = []
         self._pressed, self._freehand = None, False
         self.context.signals.redraw()
 
     def leave(self) -> None:
-        """Hide the tip."""
         self._place = None
         self.context.signals.redraw()
 
     def draw(self, painter: QPainter) -> None:
-        """Draw the line in its width, its points and its tip."""
         context, points = self.context, list(self._points)
         wide = max(self.width * context.scale, 1.0)
         if points and self._place is not None and not self._freehand and self._place != points[-1]:

@@ -34,11 +34,9 @@ class SelectTool(Tool):
 
     @property
     def is_busy(self) -> bool:
-        """Whether a drag is in progress."""
         return self._drag is not None
 
     def press(self, pointer: Pointer) -> None:
-        """Select, or start dragging a handle."""
         placed = self.context.link.placed
         if placed is None or pointer.erases:
             return
@@ -95,7 +93,6 @@ class SelectTool(Tool):
             self.context.signals.redraw()
 
     def cancel(self) -> None:
-        """Revert the drag."""
         drag, self._drag = self._drag, None
         self._last_drag = self._pressed = None
         if drag is not None:
@@ -103,17 +100,14 @@ class SelectTool(Tool):
             self.context.signals.redraw()
 
     def leave(self) -> None:
-        """Remove the highlight."""
         self._hovered = None
         self.context.signals.redraw()
 
     def takes_key(self, key: int) -> bool:
-        """Take Escape during a drag, Escape and Delete while something is selected."""
         selected = self.context.workspace.selection is not None
         return (key == Qt.Key.Key_Escape and (self.is_busy or selected)) or (key in _DELETE_KEYS and selected)
 
     def press_key(self, key: int) -> None:
-        """Cancel the drag, deselect, or delete the selection."""
         workspace, placed = self.context.workspace, self.context.link.placed
         if key == Qt.Key.Key_Escape and self.is_busy:
             self.cancel()
@@ -130,7 +124,6 @@ class SelectTool(Tool):
         return None if placed is None else self._selection_at(placed, at)
 
     def cursor_at(self, place: QPointF) -> Qt.CursorShape:
-        """Return the cursor for a handle, a feature or empty space."""
         if self._drag is not None:
             return Qt.CursorShape.ClosedHandCursor
         placed = self.context.link.placed
@@ -139,7 +132,6 @@ class SelectTool(Tool):
         return Qt.CursorShape.PointingHandCursor if self._hovered else Qt.CursorShape.ArrowCursor
 
     def draw(self, painter: QPainter) -> None:
-        """Draw the selection with its handles, and the hovered object."""
         placed, selection, hovered = self.context.link.placed, self.context.workspace.selection, self._hovered
         if placed is None:
             return

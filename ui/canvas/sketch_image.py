@@ -171,7 +171,6 @@ class SketchView(QObject):
         self.refresh_overlays()
 
     def refresh_overlays(self, *_: object) -> None:
-        """Show or hide relief and adherence."""
         context, overlays = self._context, self._context.workspace.overlays
         relief = context.link.relief if "relief" in overlays else None
         if (relief is None) != (self._relief_image is None):

@@ -106,7 +106,6 @@ class ToolSignals(QObject):
     stale = pyqtSignal(object)  # rectangle (logical px) to redraw; None: everything
 
     def redraw(self, area: QRectF | None = None) -> None:
-        """Request a redraw of a tool's overlay."""
         self.stale.emit(area)
 
 

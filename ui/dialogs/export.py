@@ -82,7 +82,6 @@ class ExportOutcome(JobProgress):
         self._column.addStretch(0)
 
     def begin(self, *, is_target: bool) -> None:
-        """Start measuring time and progress."""
         self._stages = _TARGET_STAGES if is_target else _STAGES
         self._start = time.monotonic()
         self._clock.start()

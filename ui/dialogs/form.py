@@ -50,7 +50,6 @@ class Field:
     width: int = 88
 
     def control(self) -> Control:
-        """Return a new control with the default value."""
         if self.choices is not None:
             control: Control = _choice(self)
         elif isinstance(self.default, bool):
@@ -177,7 +176,6 @@ class Form(QWidget):
             self._controls[name].widget.setEnabled(enabled)
 
     def title_label(self, name: str) -> QLabel | None:
-        """Return the label before a line."""
         label = self._rows.labelForField(self._lines[name])
         return label if isinstance(label, QLabel) else None
 

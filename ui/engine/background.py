@@ -47,7 +47,6 @@ class JobQueue:
         return "" if self._running is None else _TITLES[type(self._running)]
 
     def add(self, job: _Job) -> None:
-        """Queue a job."""
         if isinstance(job, MeasureJob):
             self._pending = [each for each in self._pending if not isinstance(each, MeasureJob)]
         self._pending.append(job)
@@ -67,7 +66,6 @@ class JobQueue:
         return answer
 
     def close(self) -> None:
-        """Kill the process."""
         if self.channel is not None:
             self.channel.close()
         if self._child is not None:

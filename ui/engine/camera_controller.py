@@ -79,7 +79,6 @@ class CameraController:
             self._glide_to(motion)
 
     def set_camera(self, camera: Camera) -> None:
-        """Jump to a camera."""
         self._glide, self.restless = None, True
         if self._walk is None:
             self._start_orbit(camera)
@@ -112,7 +111,6 @@ class CameraController:
         return self._camera
 
     def pose(self) -> Pose:
-        """Return the camera's position, target and field of view."""
         camera = self.camera()
         return Pose(camera.eye, camera.target, camera.fov)
 
@@ -240,11 +238,9 @@ class _Glide:
 
     @property
     def done(self) -> bool:
-        """Whether it has arrived."""
         return self._spent >= self._seconds
 
     def advance(self, walk: WalkController, elapsed: float) -> None:
-        """Advance by `elapsed` s."""
         self._spent += elapsed
         share = min(self._spent / self._seconds, 1.0)
         x, y, z, heading, pitch = (self._start + share * share * (3.0 - 2.0 * share) * self._motion).tolist()

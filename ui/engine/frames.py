@@ -93,7 +93,6 @@ class FramePacer:
         self._pending_since: float | None = None
 
     def set_view(self, view: ViewState) -> None:
-        """Apply size, quality, mode and overlays."""
         self.renderer.set_view(view)
         self._view, self._stale, self.failed = view, True, False
 

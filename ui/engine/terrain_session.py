@@ -64,7 +64,6 @@ class ReliefBuilder:
 
     @property
     def busy(self) -> bool:
-        """Whether the relief is out of date."""
         return self._work is not None or bool(self._stale.any())
 
     def due(self, *, update_pending: bool) -> float | None:
@@ -156,7 +155,6 @@ class TerrainSession:
 
     @property
     def device(self) -> Device | None:
-        """The OpenCL device in use."""
         return None if self._context is None else self._context.device
 
     def apply(self, updates: list[RecipeUpdate]) -> None:

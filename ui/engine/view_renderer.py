@@ -61,7 +61,6 @@ class ViewRenderer:
         return "none" if self._renderer is None else self._renderer.stream.memory.kind
 
     def set_view(self, view: ViewState) -> None:
-        """Apply size, quality and overlays."""
         if view.quality != self._view.quality:
             self.clear()
         self._view = view

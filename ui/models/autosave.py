@@ -58,7 +58,6 @@ class Lock:
             raise
 
     def release(self) -> None:
-        """Release the lock."""
         self._file.close()
 
     def remove(self) -> None:

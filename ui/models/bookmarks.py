@@ -52,7 +52,6 @@ class Bookmarks(QObject):
         return next(name for number in range(1, len(names) + 2) if (name := f"View {number}") not in names)
 
     def add(self, bookmark: Bookmark) -> None:
-        """Append a bookmark."""
         self._set((*self.all, bookmark))
 
     def rename(self, index: int, name: str) -> None:
@@ -66,7 +65,6 @@ class Bookmarks(QObject):
         self._replace(index, replace(bookmark, name=self.all[index].name))
 
     def delete(self, index: int) -> None:
-        """Delete a bookmark."""
         self._set(self.all[:index] + self.all[index + 1 :])
 
     def _replace(self, index: int, bookmark: Bookmark) -> None:

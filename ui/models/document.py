@@ -46,7 +46,6 @@ class Draft:
         self._document.end_draft(self, title)
 
     def cancel(self) -> None:
-        """Discard the stroke."""
         self._document.end_draft(self, None)
 
 
@@ -90,11 +89,9 @@ class Document(QObject):
             self._do(title, sketch, merge=merge)
 
     def undo(self) -> None:
-        """Undo the last step."""
         self.go_to(max(self.history.position - 1, 0))
 
     def redo(self) -> None:
-        """Redo the last undone step."""
         self.go_to(min(self.history.position + 1, len(self.history.titles) - 1))
 
     def go_to(self, position: int) -> None:

@@ -149,7 +149,6 @@ class FeatureDrag:
             self.problem = str(error)
 
     def finish(self) -> None:
-        """End the drag."""
         self._last = None
 
     def cancel(self) -> None:

@@ -82,7 +82,6 @@ class Preferences(QObject):
 
     @property
     def export_folder(self) -> Path | None:
-        """Folder of the last export."""
         text = self._text("export_folder")
         return Path(text) if text else None
 
@@ -128,7 +127,6 @@ class Preferences(QObject):
         self._settings.setValue("window/state", layout[1])
 
     def save(self) -> None:
-        """Write to disk now."""
         self._settings.sync()
 
     def _text(self, key: str) -> str:
@@ -164,13 +162,11 @@ class RecentFiles(QObject):
         self._store([whole, *(each for each in self._paths if each != whole)][:_MAX_RECENT])
 
     def forget(self, path: Path) -> None:
-        """Remove a path."""
         self._read()
         whole = path.absolute()
         self._store([each for each in self._paths if each != whole])
 
     def clear(self) -> None:
-        """Remove all paths."""
         self._store([])
 
     def _read(self) -> None:
@@ -261,7 +257,6 @@ class Workspace(QObject):
 
     @property
     def layer(self) -> str:
-        """The active layer."""
         return self._layer
 
     @property
@@ -270,7 +265,6 @@ class Workspace(QObject):
         return self._label
 
     def use_label(self, layer: str, label: int) -> None:
-        """Activate a layer and a label."""
         if (layer, label) != (self._layer, self._label):
             self._layer, self._label = LAYERS[layer].name, label
             self.label_changed.emit(layer, label)
@@ -288,7 +282,6 @@ class Workspace(QObject):
             self.brush_changed.emit(radius)
 
     def look(self, layer: str) -> LayerLook:
-        """Return a layer's look."""
         return self._looks[layer]
 
     def set_look(self, layer: str, **changes: object) -> None:
@@ -300,7 +293,6 @@ class Workspace(QObject):
 
     @property
     def selection(self) -> Selection | None:
-        """The selected object."""
         return self._selection
 
     @selection.setter
@@ -315,7 +307,6 @@ class Workspace(QObject):
         return self._overlays
 
     def show_overlay(self, name: str, visible: bool) -> None:
-        """Show or hide an overlay."""
         if name not in OVERLAYS:
             raise ValueError(f"expected an overlay, one of {', '.join(OVERLAYS)}, got {name!r}")
         overlays = self._overlays | {name} if visible else self._overlays - {name}

@@ -128,7 +128,6 @@ class LayersPanel(QWidget):
         self._add_label(self._workspace.label)
 
     def delete_label(self) -> None:
-        """Delete the active label and its paint."""
         layer, label = self._workspace.layer, self._workspace.label
         title = label_title(layer, label).lower()
         changed = delete_label(self._document.sketch, layer, label)
@@ -140,7 +139,6 @@ class LayersPanel(QWidget):
             self._workspace.use_label(layer, min(others, key=lambda each: abs(each - label), default=1))
 
     def clear_layer(self) -> None:
-        """Erase all paint of the active layer."""
         layer = self._workspace.layer
         changed = clear_layer(self._document.sketch, layer)
         if changed is self._document.sketch:

@@ -303,7 +303,6 @@ class BookmarksPanel(Panel):
             self._list.setCurrentRow(len(self._bookmarks.all) - 1)
 
     def replace_current(self) -> None:
-        """Replace the selected bookmark's view with the current one."""
         index, bookmark = self._list.currentRow(), self._current_view("")
         if index >= 0 and bookmark is not None:
             self._bookmarks.renew(index, bookmark)

@@ -66,7 +66,6 @@ class HandleDrag:
 
     @property
     def state(self) -> tuple[Handle, float, float]:
-        """The handle and its position (m)."""
         return self._drag.handle, self._drag.x, self._drag.y
 
     @property

@@ -114,7 +114,7 @@ class PanelLayout(QObject):
     def __init__(self, window: QMainWindow, contents: Mapping[str, QWidget]) -> None:
         super().__init__(window)
         self._window = window
-        self._maximised = ""
+        self.maximised = ""  # ``canvas``, ``view`` or, usually, empty
         self._previous: QByteArray | None = None  # state before a part was maximised
         self.docks = {name: Dock(name, part.title, contents[name], window) for name, part in PANELS.items()}
         for corner in (Qt.Corner.TopLeftCorner, Qt.Corner.BottomLeftCorner):
@@ -126,11 +126,6 @@ class PanelLayout(QObject):
             for signal in (dock.dockLocationChanged, dock.topLevelChanged, dock.visibilityChanged):
                 signal.connect(self._update_titles_later)
         self.reset()
-
-    @property
-    def maximised(self) -> str:
-        """The maximised part: ``canvas``, ``view`` or, usually, empty."""
-        return self._maximised
 
     def add_toggles(self, menu: QMenu) -> None:
         """Add an action for each panel's visibility to a menu."""
@@ -176,7 +171,7 @@ class PanelLayout(QObject):
     def maximise(self, part: str) -> None:
         """Show only ``canvas`` or ``view``; restore everything for an empty name."""
         canvas = self._window.centralWidget()
-        if part == self._maximised or canvas is None:
+        if part == self.maximised or canvas is None:
             return
         if self._previous is None:
             self._previous = self._window.saveState(_VERSION)
@@ -190,7 +185,7 @@ class PanelLayout(QObject):
             canvas.show()
             self._window.restoreState(self._previous, _VERSION)
             self._previous = None
-        self._maximised = part
+        self.maximised = part
         (canvas if part != "view" else self.docks["view"].widget() or canvas).setFocus()
 
     def state(self) -> QByteArray:

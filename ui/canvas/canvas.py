@@ -3,7 +3,7 @@
 from typing import cast
 
 from PyQt6.QtCore import QPointF, QRect, QRectF, QSize, Qt, pyqtSignal
-from PyQt6.QtGui import QPainter, QPaintEvent, QPen, QResizeEvent
+from PyQt6.QtGui import QPainter, QPaintEvent, QResizeEvent
 from PyQt6.QtWidgets import QSizePolicy, QWidget
 
 from sketchterrain.ui.canvas.canvas_input import CanvasInput
@@ -13,7 +13,7 @@ from sketchterrain.ui.canvas.sketch_image import SketchView
 from sketchterrain.ui.canvas.tool_context import ToolContext, Viewport
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import FrameFacts
-from sketchterrain.ui.look.theme import theme
+from sketchterrain.ui.look.theme import draw_focus
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
 
@@ -27,10 +27,8 @@ class Canvas(QWidget):
     hovered = pyqtSignal(object)  # (x, y, height or None) under the mouse, m; None: outside the sketch
     message = pyqtSignal(str)  # a line for the user
 
-    def __init__(
-        self, document: Document, workspace: Workspace, link: EngineLink, parent: QWidget | None = None
-    ) -> None:
-        super().__init__(parent)
+    def __init__(self, document: Document, workspace: Workspace, link: EngineLink) -> None:
+        super().__init__()
         self._context = ToolContext(document, workspace, link)
         self._marks = FeatureMarks(self._context)
         self._sketch_view = SketchView(self._context, self)
@@ -155,7 +153,5 @@ class Canvas(QWidget):
         self._sketch_view.draw(painter, area)
         self._decorations.draw(painter, area, self._input.tool, self.width(), self.height())
         if self._input.shows_focus and self.hasFocus():
-            painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.setPen(QPen(theme().accent, 2.0))
-            painter.drawRect(QRectF(self.rect()).adjusted(1.0, 1.0, -1.0, -1.0))
+            draw_focus(painter, self)
         painter.end()

@@ -251,18 +251,13 @@ class HatchTable:
     def __init__(self, hatches: Sequence[LayerHatch], ratio: float) -> None:
         self._period = hatch_period(ratio)
         self._table = _table(hatches, self._period)
-        self._line = max(round(ratio), 1)
+        self.halo = max(round(ratio), 1)  # px around the target whose codes are needed: an outline's width
         red, green, blue = (round(part * _OUTLINE_OPACITY) for part in _OUTLINE)
         self._outline = np.uint32(round(255 * _OUTLINE_OPACITY) << 24 | red << 16 | green << 8 | blue)
 
-    @property
-    def halo(self) -> int:
-        """Pixels around the target whose codes are needed."""
-        return self._line
-
     def render(self, codes: Codes, x: int, y: int) -> Colours:
         """Return hatches and outlines of codes at a screen position (px, for the pattern's phase)."""
-        halo, period = self._line, self._period
+        halo, period = self.halo, self._period
         inner = codes[halo:-halo, halo:-halo]
         height, width = inner.shape
         across = (np.arange(x, x + width) % period).astype(np.uint32)

@@ -11,6 +11,7 @@ from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
+from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.placement.feature_types import FEATURE_TYPES, Lake, River, ShapeField
 from sketchterrain.ui.canvas.sketch_image import scroll_image
@@ -65,6 +66,7 @@ def draw_haloed(
     painter.drawPath(path)
 
 
+@lru_cache(maxsize=64)
 def shore_lines(field: ShapeField) -> Float64Array:
     """Return a shape's border as line segments, (n, 4) m."""
     step = max(-(-max(field.inside.shape) // _MAX_SAMPLES), 1)
@@ -82,8 +84,7 @@ class FeatureMarks:
         self._context = context
         self._image = QImage()
         self._key: tuple[Placement | None, Viewport | None, bool] = (None, None, False)
-        self._spacing: tuple[object, Float64Array] = (None, np.empty(0))
-        self._shores: dict[int, tuple[Lake, Float64Array]] = {}
+        self._spacings = LRUCache(1)
 
     def image(self, placed: Placement) -> QImage:
         """Return the image of the whole canvas, device pixels, premultiplied."""
@@ -148,20 +149,14 @@ class FeatureMarks:
         self._draw_points(painter, placed, visible)
         painter.end()
 
-    def shore(self, lake: Lake) -> Float64Array:
-        """Return the cached shore of a lake, (n, 4) m."""
-        cached = self._shores.get(lake.id)
-        if cached is None or cached[0].shape is not lake.shape:
-            cached = self._shores[lake.id] = (lake, shore_lines(lake.shape))
-        return cached[1]
-
     def _neighbour_distances(self, placed: Placement) -> Float64Array:
         """Return each feature's distance (m) from its nearest neighbour."""
-        if self._spacing[0] is not placed.points:
+
+        def compute() -> Float64Array:
             places = np.stack([placed.points["x"], placed.points["y"]], axis=-1)
-            away = np.asarray(cKDTree(places).query(places, k=2)[0])[:, 1] if len(places) else np.empty(0)
-            self._spacing = (placed.points, away)
-        return self._spacing[1]
+            return np.asarray(cKDTree(places).query(places, k=2)[0])[:, 1] if len(places) else np.empty(0)
+
+        return self._spacings.get_or_compute(IdentityKey(placed.points), compute)
 
     def _draw_points(self, painter: QPainter, placed: Placement, area: QRectF) -> None:
         context, points, rings = self._context, placed.points, self._key[2]
@@ -233,7 +228,7 @@ class FeatureMarks:
 
     def _draw_shore(self, painter: QPainter, lake: Lake, colour: QColor, width: float, area: QRectF) -> None:
         """Draw the part of a lake's shore in an area, with a light halo."""
-        context, segments = self._context, self.shore(lake)
+        context, segments = self._context, shore_lines(lake.shape)
         margin = 4.0 / context.px_per_metre
         west, north = context.world_from_sketch(*context.sketch_from_screen(area.topLeft()))
         east, south = context.world_from_sketch(*context.sketch_from_screen(area.bottomRight()))

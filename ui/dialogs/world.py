@@ -131,10 +131,8 @@ class WorldDialog(JobDialog):
         folder = preferences.export_folder
         stem = (preferences.last_folder if folder is None else folder.parent) / "world"
         self.path_field.setText(f"{stem}{ENDINGS[self.form.values['form']]}")
-        self.options_page, self.progress = (
-            QWidget(),
-            JobProgress("Writing the world", "Progress of the world"),
-        )
+        self.options_page = QWidget()
+        self.progress = JobProgress("Writing the world", "Progress of the world")
         path = titled("O&utput", self.path_field, "File or folder of the world", self._browse)
         column(self.options_page, self.form, path, self.hint, 1, spacing=MARGIN)
         for page in (self.options_page, self.progress):

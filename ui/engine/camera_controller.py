@@ -13,10 +13,7 @@ from sketchterrain.ui.engine.protocol import Fly, GoTo, Pan, Pose, Turn, Zoom
 
 _FOV: Final = 50.0  # degrees, vertical
 _RANGE: Final = 8.0  # of rays, in extents
-_START_VIEW: Final = (
-    0.74,
-    22.0,
-)  # distance in extents, elevation in degrees: most of the sketch, and the sky
+_START_VIEW: Final = 0.74, 22.0  # distance in extents, elevation in degrees: most of the sketch, and sky
 _LEAST_ASPECT: Final = 1.4  # narrowest image for which that holds
 _GLIDE: Final = 0.5  # s
 _STILLNESS: Final = 2e-5  # of the distance to the target; smaller motions are ignored
@@ -28,13 +25,11 @@ class CameraController:
     """Moves the camera by the user's motions, in any mode; independent of OpenGL."""
 
     def __init__(self, terrain: TerrainSource, *, aspect: float = _LEAST_ASPECT) -> None:
-        self._terrain = terrain
-        self._near_surface = LocalHeights(terrain)
+        self.set_terrain(terrain)
         self._motion = Fly()
         self._glide: _Glide | None = None
         self._camera: Camera | None = None
         self.mode = "orbit"
-        self.restless = True
         self.size = terrain.size
         west, south, east, north = visible_rectangle(terrain)
         x, y = (west + east) / 2, (south + north) / 2
@@ -59,10 +54,11 @@ class CameraController:
         self.mode, self._glide, self.restless = mode, None, True
         if mode == "orbit":
             self._start_orbit(camera)
-        elif self._walk is None:
-            self._walk = self._create_walk(camera)
-        else:
-            self._walk.on_foot = mode == "walk"
+            return
+        self._walk = self._walk or WalkController(
+            self._surface_height, camera.eye, heading=camera.heading, pitch=camera.pitch
+        )
+        self._walk.on_foot = mode == "walk"
 
     def handle(self, motion: Turn | Pan | Zoom | Fly | GoTo, *, aspect: float) -> None:
         """Apply a motion; `aspect` is the image's width over its height."""
@@ -218,11 +214,6 @@ class CameraController:
         self._orbit = self._create_orbit(
             place, distance=distance, heading=camera.heading, elevation=-camera.pitch, fov=camera.fov
         )
-
-    def _create_walk(self, camera: Camera) -> WalkController:
-        walk = WalkController(self._surface_height, camera.eye, heading=camera.heading, pitch=camera.pitch)
-        walk.on_foot = self.mode == "walk"
-        return walk
 
 
 class _Glide:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from sketchterrain.errors import DeviceError, DeviceFailedError, SketchterrainError, one_line
 from sketchterrain.io.system import lower_priority, resident_memory
@@ -22,11 +22,8 @@ from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.background import JobQueue
 from sketchterrain.ui.engine.camera_controller import CameraController
 from sketchterrain.ui.engine.channel import Channel, ready
-from sketchterrain.ui.engine.frames import FramePacer
-from sketchterrain.ui.engine.terrain_session import ReliefBuilder
-
-if TYPE_CHECKING:
-    from sketchterrain.ui.engine.terrain_session import TerrainSession
+from sketchterrain.ui.engine.frames import FrameMemory, FramePacer
+from sketchterrain.ui.engine.terrain_session import ReliefBuilder, TerrainSession, WorldSession
 
 _SLICE: Final = 0.008  # s of relief computation between two frames
 _IDLE_SLICE: Final = 0.03  # s at a time while no frame is due
@@ -303,9 +300,7 @@ def _main(options: dict[str, Any]) -> None:
 def _open(window: Channel, options: dict[str, Any]) -> dict[str, Any]:
     """Return the engine's session, pacer, jobs and facts."""
     from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.ui.engine.background import JobQueue
-    from sketchterrain.ui.engine.frames import FrameMemory, FramePacer
-    from sketchterrain.ui.engine.terrain_session import TerrainSession, WorldSession
+    from sketchterrain.render.sharing_probe import open_device
     from sketchterrain.ui.engine.view_renderer import ViewRenderer
 
     renderer, opengl_error = None, "OpenGL failed twice: start it again"
@@ -314,18 +309,18 @@ def _open(window: Channel, options: dict[str, Any]) -> dict[str, Any]:
             renderer, opengl_error = ViewRenderer(), ""
         except DeviceError as error:
             opengl_error = one_line(error)
-    open_device, selector = renderer.open_device if renderer else ComputeContext, options["device"]
+    open_context, selector = open_device if renderer else ComputeContext, options["device"]
     session: TerrainSession
     if options["world"]:
 
         def report(line: str) -> None:
             window.send(msg.ErrorReport("world", line))
 
-        session = WorldSession(Path(options["world"]), report, open_device, device=selector)
+        session = WorldSession(Path(options["world"]), report, open_context, device=selector)
         if session.world is not None:
             window.send(session.facts())
     else:
-        session = TerrainSession(open_device, device=selector)
+        session = TerrainSession(open_context, device=selector)
     device, jobs, pacer = session.device, JobQueue(), None
     facts = msg.EngineFacts(
         device=device.name if device else "",

@@ -67,9 +67,7 @@ def _anonymous_file() -> int:
 
 _FRAME_TIME: Final = 1.0 / 60.0  # least s between frames
 _ANIMATION_TIME: Final = 0.1  # … with a software renderer, while only water, plants and clouds move
-_SOFTWARE_FACTOR: Final = (
-    2.0  # … and at least this times the last frame's duration: half of the CPU stays free
-)
+_SOFTWARE_FACTOR: Final = 2.0  # … and at least this times the last frame's duration: half the CPU is free
 _LONGEST_STEP: Final = 0.1  # s by which a frame advances camera and clock at most: no jump after a pause
 _HOLD: Final = (0.12, 0.6)  # s for which refinement, and animation, wait for a pending terrain
 

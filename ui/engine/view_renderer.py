@@ -12,15 +12,12 @@ from sketchterrain.render.overlays import OVERLAYS, Overlay
 from sketchterrain.render.programs import open_context
 from sketchterrain.render.quality import CPU_DRIVERS, Quality
 from sketchterrain.render.renderer import Renderer
-from sketchterrain.render.sharing_probe import open_device
 from sketchterrain.render.sky import Weather, find_sun, sun_for_view
 from sketchterrain.render.targets import PictureTarget
 from sketchterrain.ui.engine.protocol import ViewState
 
 if TYPE_CHECKING:
     from sketchterrain.array_types import Bounds
-    from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.compute.device import Device
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.quality import FrameStats
     from sketchterrain.render.scene import TerrainSource
@@ -45,10 +42,6 @@ class ViewRenderer:
         self._terrain: TerrainSource | None = None
         self.sun: Sun | None = None  # None before the first terrain
         self._target = PictureTarget(self._context)
-
-    def open_device(self, device: Device) -> ComputeContext:
-        """Open a device so that it writes to this context's buffers."""
-        return open_device(device)
 
     @property
     def is_empty(self) -> bool:

@@ -19,6 +19,7 @@ from PyQt6.QtGui import (
     QPainterPath,
     QPaintEvent,
     QPalette,
+    QPen,
     QPixmap,
 )
 from PyQt6.QtSvg import QSvgRenderer
@@ -307,6 +308,13 @@ def described(widget: _Widget, name: str, tip: str) -> _Widget:
     widget.setAccessibleName(name)
     widget.setToolTip(tip)
     return widget
+
+
+def draw_focus(painter: QPainter, widget: QWidget) -> None:
+    """Draw the frame of a focused widget."""
+    painter.setBrush(Qt.BrushStyle.NoBrush)
+    painter.setPen(QPen(theme().accent, 2.0))
+    painter.drawRect(QRectF(widget.rect()).adjusted(1.0, 1.0, -1.0, -1.0))
 
 
 def tabular(font: QFont) -> QFont:

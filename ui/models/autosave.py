@@ -100,10 +100,8 @@ class Autosave(QObject):
 
     failed = pyqtSignal(str)  # error in one line, once until writing succeeds again
 
-    def __init__(
-        self, document: Document, folder: Path, *, interval_s: float = 20.0, parent: QObject | None = None
-    ) -> None:
-        super().__init__(parent)
+    def __init__(self, document: Document, folder: Path, *, interval_s: float = 20.0) -> None:
+        super().__init__()
         self._document = document
         self._folder = folder
         self.path = new_recovery_path(folder)

@@ -145,8 +145,8 @@ class SketchSaver(QObject):
     failed = pyqtSignal(str)  # error in one line; the previous file is intact
     busy_changed = pyqtSignal(bool)
 
-    def __init__(self, document: Document, parent: QObject | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, document: Document) -> None:
+        super().__init__()
         self._document = document
         self._background = BackgroundQueue(self)
         self._background.busy_changed.connect(self.busy_changed)

@@ -143,28 +143,23 @@ class RecentFiles(QObject):
 
     changed = pyqtSignal()
 
-    def __init__(self, file: Path, parent: QObject | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, file: Path) -> None:
+        super().__init__()
         self._file = file
-        self._paths: tuple[Path, ...] = ()
+        self.paths: tuple[Path, ...] = ()  # up to twelve, newest first; some may no longer exist
         self._is_stored = True
         self._read()
-
-    @property
-    def paths(self) -> tuple[Path, ...]:
-        """Up to twelve paths, newest first; some may no longer exist."""
-        return self._paths
 
     def add(self, path: Path) -> None:
         """Move a path to the front."""
         self._read()
         whole = path.absolute()
-        self._store([whole, *(each for each in self._paths if each != whole)][:_MAX_RECENT])
+        self._store([whole, *(each for each in self.paths if each != whole)][:_MAX_RECENT])
 
     def forget(self, path: Path) -> None:
         self._read()
         whole = path.absolute()
-        self._store([each for each in self._paths if each != whole])
+        self._store([each for each in self.paths if each != whole])
 
     def clear(self) -> None:
         self._store([])
@@ -177,12 +172,12 @@ class RecentFiles(QObject):
         except (OSError, ValueError):
             return
         if isinstance(found, list):
-            self._paths = tuple(Path(each) for each in found if isinstance(each, str))[:_MAX_RECENT]
+            self.paths = tuple(Path(each) for each in found if isinstance(each, str))[:_MAX_RECENT]
 
     def _store(self, paths: Sequence[Path]) -> None:
-        if tuple(paths) == self._paths:
+        if tuple(paths) == self.paths:
             return
-        self._paths = tuple(paths)
+        self.paths = tuple(paths)
         try:
             self._file.parent.mkdir(parents=True, exist_ok=True)
             write_atomic(self._file, json.dumps([str(path) for path in paths], indent=1).encode("utf-8"))

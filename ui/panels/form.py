@@ -34,9 +34,7 @@ class ParameterRow(QWidget):
     """The new value, and the merge key of the gesture."""
     reset_requested = pyqtSignal()
 
-    def __init__(
-        self, parameter: Parameter, *, title: str = "", has_help: bool = True, has_reset: bool = True
-    ) -> None:
+    def __init__(self, parameter: Parameter, *, title: str = "", has_reset: bool = True) -> None:
         super().__init__()
         self.parameter = parameter
         self.title = title or title_from_key(parameter.name)
@@ -51,7 +49,7 @@ class ParameterRow(QWidget):
         self.reset = self._reset_button() if has_reset else None
         if self.reset is not None:
             self._grid.addWidget(self.reset, 0, 2)
-        if has_help:
+        if parameter.name != "name":  # the title says it all
             self._grid.addWidget(faint_label(help_text(parameter)), 2, 0, 1, -1)
         self.setToolTip(tool_tip(parameter))
 
@@ -99,25 +97,17 @@ class NumberRow(ParameterRow):
     """
 
     def __init__(
-        self,
-        parameter: Parameter,
-        *,
-        title: str = "",
-        has_help: bool = True,
-        has_reset: bool = True,
-        decimals: int = 3,
+        self, parameter: Parameter, *, title: str = "", has_reset: bool = True, decimals: int = 3
     ) -> None:
-        super().__init__(parameter, title=title, has_help=has_help, has_reset=has_reset)
+        super().__init__(parameter, title=title, has_reset=has_reset)
         self._gesture = Gesture()
         low, high = slider_range(parameter)
         self._scale = Scale.suited(parameter, low, high)
         self._sentinel = parameter.sentinel
-        self._number = low if self._sentinel is None else self._sentinel.start
+        self.number = low if self._sentinel is None else self._sentinel.start  # displayed, not rounded
         self.box = self._number_box(0 if parameter.kind is int else decimals)
-        self.slider, self.check = (
-            slider(),
-            None if self._sentinel is None else QCheckBox(self._sentinel.title),
-        )
+        self.slider = slider()
+        self.check = None if self._sentinel is None else QCheckBox(self._sentinel.title)
         self._add(self.box)
         self._add(self.slider, below=True)
         if self.check is not None:
@@ -127,16 +117,11 @@ class NumberRow(ParameterRow):
             row(line, (self.slider, 1), self.check)
             self._grid.addWidget(line, 1, 0, 1, -1)
         self._set_tab_order(self.box, self.slider, *([self.check] if self.check else []))
-        self._show_number(self._number)
+        self._show_number(self.number)
         self.slider.sliderPressed.connect(self._gesture.begin)
         self.slider.sliderReleased.connect(self._gesture.end)
         self.slider.valueChanged.connect(lambda step: self._report(self._scale.value(step / SLIDER_STEPS)))
         self.box.valueChanged.connect(self._report)
-
-    @property
-    def number(self) -> float:
-        """The displayed number, not rounded."""
-        return self._number
 
     def finish(self) -> None:
         self.box.interpretText()
@@ -156,7 +141,7 @@ class NumberRow(ParameterRow):
             self._show_number(float(value))
 
     def _show_number(self, number: float) -> None:
-        self._number = number
+        self.number = number
         if self.box.value() != number:
             with QSignalBlocker(self.box):
                 self.box.setValue(number)
@@ -166,13 +151,13 @@ class NumberRow(ParameterRow):
                 self.slider.setValue(round(self._scale.fraction(number) * SLIDER_STEPS))
 
     def _report(self, number: float) -> None:
-        if number != self._number or not self.box.isEnabled():
-            self._number = number
+        if number != self.number or not self.box.isEnabled():
+            self.number = number
             self.edited.emit(int(number) if self.parameter.kind is int else number, self._gesture.key)
 
     def _report_sentinel(self, checked: bool) -> None:
         if self._sentinel is not None:
-            self.edited.emit(self._sentinel.value if checked else self._number, object())
+            self.edited.emit(self._sentinel.value if checked else self.number, object())
 
     def _number_box(self, decimals: int) -> NumberBox:
         parameter, sentinel = self.parameter, self._sentinel
@@ -187,8 +172,8 @@ class NumberRow(ParameterRow):
 class ChoiceRow(ParameterRow):
     """A parameter with a few allowed values."""
 
-    def __init__(self, parameter: Parameter, *, title: str = "", has_help: bool = True) -> None:
-        super().__init__(parameter, title=title, has_help=has_help)
+    def __init__(self, parameter: Parameter, *, title: str = "") -> None:
+        super().__init__(parameter, title=title)
         self.box = scroll_past(QComboBox())
         for choice in parameter.choices:
             self.box.addItem(str(choice).replace("_", " ").capitalize(), choice)
@@ -203,8 +188,8 @@ class ChoiceRow(ParameterRow):
 class TextRow(ParameterRow):
     """A text parameter."""
 
-    def __init__(self, parameter: Parameter, *, title: str = "", has_help: bool = True) -> None:
-        super().__init__(parameter, title=title, has_help=has_help)
+    def __init__(self, parameter: Parameter, *, title: str = "") -> None:
+        super().__init__(parameter, title=title)
         self.field = QLineEdit()
         self.field.setMaxLength(int(parameter.high))
         self.field.editingFinished.connect(self._report)
@@ -236,7 +221,7 @@ class ParameterForm(QWidget):
         for parameter in parameters:
             name = parameter.name
             kind = ChoiceRow if parameter.choices else TextRow if parameter.kind is str else NumberRow
-            field = kind(parameter, title=(titles or {}).get(name, ""), has_help=name != "name")
+            field = kind(parameter, title=(titles or {}).get(name, ""))
             field.edited.connect(partial(self.edited.emit, name))
             field.reset_requested.connect(partial(self.reset_requested.emit, name))
             self.rows[name] = field

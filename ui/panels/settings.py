@@ -39,7 +39,7 @@ class SeedRow(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self._seed = 0
-        self._used: list[int] = []
+        self.used: tuple[int, ...] = ()  # seeds that the sketch had, the newest first
         self.field = described(QLineEdit(), "Seed", tool_tip(_SEED))
         self.field.setFont(tabular(self.field.font()))
         self.field.setValidator(QRegularExpressionValidator(QRegularExpression("[0-9]{0,19}"), self.field))
@@ -56,27 +56,22 @@ class SeedRow(QWidget):
         line = row(None, title, (self.field, 1), self.dice, self.previous, spacing=SMALL)
         column(self, line, faint_label(help_text(_SEED)), spacing=SMALL)
 
-    @property
-    def used(self) -> tuple[int, ...]:
-        """Seeds that the sketch had, the newest first."""
-        return tuple(self._used)
-
     def show_seed(self, seed: int) -> None:
         """Show a seed and add it to the previous ones."""
         self._seed = seed
         if self.field.text() != str(seed):
             self.field.setText(str(seed))
-        if not self._used or self._used[0] != seed:
-            self._used = [seed, *(each for each in self._used if each != seed)][:_MAX_USED_SEEDS]
+        if self.used[:1] != (seed,):
+            self.used = (seed, *(each for each in self.used if each != seed))[:_MAX_USED_SEEDS]
             self._menu.clear()
-            for each in self._used[1:]:
+            for each in self.used[1:]:
                 action = self._menu.addAction(f"Seed {each}")
                 if action is not None:
                     action.triggered.connect(lambda _, seed=each: self.edited.emit(seed))
-            self.previous.setEnabled(len(self._used) > 1)
+            self.previous.setEnabled(len(self.used) > 1)
 
     def clear_used(self) -> None:
-        self._used = []
+        self.used = ()
 
     def _finish(self) -> None:
         try:

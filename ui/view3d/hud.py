@@ -135,7 +135,7 @@ class Placeholder(QFrame):
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
-        self._notice: Notice | None = None
+        self.notice: Notice | None = None  # what is shown
         self._seconds = 0
         self._symbol = Symbol(32)
         self._title, self._line = QLabel(), QLabel()
@@ -161,14 +161,10 @@ class Placeholder(QFrame):
         active_theme.changed.connect(self._show_symbol)
         self.hide()
 
-    @property
-    def notice(self) -> Notice | None:
-        return self._notice
-
     def show_notice(self, notice: Notice | None) -> None:
-        if notice == self._notice:
+        if notice == self.notice:
             return
-        before, self._notice = self._notice, notice
+        before, self.notice = self.notice, notice
         if notice is None:
             self._clock.stop()
             self.hide()
@@ -214,17 +210,17 @@ class Placeholder(QFrame):
         self._show_line()
 
     def _show_symbol(self) -> None:
-        icon, colours = "" if self._notice is None else self._notice.icon, theme()
+        icon, colours = "" if self.notice is None else self.notice.icon, theme()
         colour = {"error": colours.error, "warning": colours.warning}.get(icon, colours.text)
         self._symbol.show_icon(icon, colour)
         self._symbol.setVisible(bool(icon))
         self.update()
 
     def _show_line(self) -> None:
-        if self._notice is None:
+        if self.notice is None:
             return
-        line = self._notice.line
-        if not self._notice.icon:
+        line = self.notice.line
+        if not self.notice.icon:
             line = line.rstrip(" .…") + " …"
             line += f" {self._seconds} s" if self._seconds >= _TIME_DELAY else ""
         self._line.setText(line)

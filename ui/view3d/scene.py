@@ -203,11 +203,6 @@ class Scene:
             width_px = QFontMetricsF(painter.font()).horizontalAdvance(_REFINING)
             _draw_text(painter, _REFINING, size.right() - _EDGE - width_px, size.bottom() - _EDGE)
 
-    def paint_focus(self, painter: QPainter, size: QRectF) -> None:
-        painter.setBrush(Qt.BrushStyle.NoBrush)
-        painter.setPen(QPen(theme().accent, 2.0))
-        painter.drawRect(size.adjusted(1.0, 1.0, -1.0, -1.0))
-
     def _paint_label(self, painter: QPainter, marks: Marks, size: QRectF) -> None:
         """Label the selection at its first handle, a lake at its northern shore."""
         placed, selection = self._link.placed, self._workspace.selection

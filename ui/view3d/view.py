@@ -11,7 +11,7 @@ from PyQt6.QtWidgets import QSizePolicy, QWidget
 from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import MODES, ErrorReport, Look
-from sketchterrain.ui.look.theme import active_theme
+from sketchterrain.ui.look.theme import active_theme, draw_focus
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.selection import delete_or_reset
 from sketchterrain.ui.models.workspace import Workspace
@@ -223,7 +223,7 @@ class View3D(QWidget):
             is_refining=self._hud.is_refining and not self._mouse.is_pressed,
         )
         if self._shows_focus and self.hasFocus():
-            self._scene.paint_focus(painter, QRectF(self.rect()))
+            draw_focus(painter, self)
 
     def focusInEvent(self, event: QFocusEvent | None) -> None:
         by_key = (Qt.FocusReason.TabFocusReason, Qt.FocusReason.BacktabFocusReason)

@@ -208,6 +208,7 @@ _ALL: Final = (
         colour=(186, 104, 72),
         hatch="peaks",
         overlay=(200, 90, 50),
+        clearance=(1.00, 0.60, 0.90, 0.00),
         map_colours="#cd853f",
         tags=(TagRule("natural", "mesa butte plateau tableland"),),
     ),

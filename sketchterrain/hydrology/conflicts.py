@@ -1,7 +1,8 @@
 """Conflicts between painted layers and their resolution (Zaaijer 2013, section 4.3).
 
-Precedence of layers: mountains, hills and dunes add up; lakes lie in the result; rivers cut into all of it,
-and flow through lakes at the lakes' level. Covers change no height.
+Precedence of layers: mountains, hills and dunes add up, plateaus stand on them; lakes lie in the result;
+rivers cut into all of it, and flow through lakes at the lakes' level. Covers change no height. A plateau
+keeps clear of painted rivers: they flow in canyons, at the level of the ground below it.
 
 So a river painted across a mountain cuts a valley: its bed stays below the straight line from where it enters
 the mountain to where it leaves it. One that begins in a mountain has its spring there, one that ends in a
@@ -42,10 +43,12 @@ class Resolution(NamedTuple):
     y: float  # m
 
 
-def label_mountains(sketch: Sketch, regions: Sequence[Region] | None = None) -> Int64Array:
-    """Return the number of the mountain shape at each pixel, from 1; 0 for none."""
-    numbers = np.zeros(sketch.layers["mountain"].shape, dtype=np.int64)
-    found = find_regions(sketch.layers["mountain"]) if regions is None else regions
+def label_mountains(
+    sketch: Sketch, regions: Sequence[Region] | None = None, *, layer: str = "mountain"
+) -> Int64Array:
+    """Return the number of the mountain, or of another layer's shape, at each pixel, from 1; 0 for none."""
+    numbers = np.zeros(sketch.layers[layer].shape, dtype=np.int64)
+    found = find_regions(sketch.layers[layer]) if regions is None else regions
     for number, region in enumerate(found, 1):
         numbers[region.rows, region.columns][region.mask] = number
     return numbers
@@ -92,6 +95,20 @@ def resolve_conflicts(
         if mountain and lake.label:
             text = f"lake {number} lies in mountain {mountain}: a tarn at {lake.level:.0f} m"
             found.append(_resolution_at(text, centre))
+    return tuple(found)
+
+
+def canyon_resolutions(sketch: Sketch, rivers: Sequence[River]) -> tuple[Resolution, ...]:
+    """Describe the canyons that rivers cut through plateaus."""
+    if not (rivers and sketch.layers["plateau"].any()):
+        return ()
+    numbers = label_mountains(sketch, layer="plateau")
+    found = []
+    for number, river in enumerate(rivers, 1):
+        line = river.centreline[:, :2]
+        for run in mountain_crossings(sketch, numbers, line):
+            text = f"river {number} cuts a canyon through plateau {run.mountain}"
+            found.append(_resolution_at(text, line[_display_point(run.first, run.last, len(line))]))
     return tuple(found)
 
 

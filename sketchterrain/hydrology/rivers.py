@@ -16,6 +16,7 @@ from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document.edits import Edit
 from sketchterrain.hydrology.conflicts import (
     Resolution,
+    canyon_resolutions,
     label_mountains,
     mountain_crossings,
     resolve_conflicts,
@@ -208,6 +209,7 @@ def trace_hydrology(
     rivers, lakes, grounds = _solve_water(sketch, courses, lakes, ground, cache, checkpoint, level)
     checkpoint()
     resolutions = resolve_conflicts(sketch, _mountains(sketch, cache), rivers, grounds, lakes)
+    resolutions += canyon_resolutions(sketch, rivers)
     if level is not None:
         resolutions += sea_resolutions(sketch, level, to_sea, rivers, lakes)
     return Hydrology(tuple(rivers), tuple(lakes), resolutions, orphans + lake_orphans, tuple(grounds))

@@ -143,7 +143,7 @@ def create_plateaus(
     found = []
     for (plateau, border), end in zip(outlines, ends, strict=True):
         top = float(np.median(heights[end - len(border) : end])) + plateau.height
-        found.append(replace(plateau, top=_layer_top(top, plateau.layer_thickness)))
+        found.append(replace(plateau, top=layer_top(top, plateau.layer_thickness)))
     return tuple(found)
 
 
@@ -197,7 +197,7 @@ def _outline(sketch: Sketch, shape: Shape) -> tuple[Plateau, Float64Array]:
     return replace(plateau, shape=field), np.asarray(at)
 
 
-def _layer_top(elevation: float, thickness: float) -> float:
+def layer_top(elevation: float, thickness: float) -> float:
     """Return the top of a rock layer nearest to an elevation, m."""
     phase = round(float(layer_phase(np.array(elevation / thickness))))
     low, high = (elevation / thickness - 2.0, elevation / thickness + 2.0)

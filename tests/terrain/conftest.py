@@ -15,7 +15,7 @@ from sketchterrain.io import resources
 from sketchterrain.io.resources import Defines
 from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES, Cover, Lake, River, ShapeField
 from sketchterrain.placement.fill import Fill
-from sketchterrain.placement.plateaus import Plateau
+from sketchterrain.placement.plateaus import Plateau, layer_top
 from sketchterrain.placement.sea import Sea
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.layers import layer_stack
@@ -175,7 +175,8 @@ def plateau(
     """Return a round plateau that stands on ground at 0."""
     thickness = 2.0 ** round(np.log2(height / 8.0))
     field = round_field(x, y, radius, margin=2.0 * height + radius)
-    return Plateau(1, 1, field, height, height, cliffness, strata, foot, 0.25, thickness)
+    top = layer_top(height, thickness)
+    return Plateau(1, 1, field, top, height, cliffness, strata, foot, 0.25, thickness)
 
 
 def cover(x: float, y: float, radius: float, material: int, strength: float = 1.0) -> Cover:

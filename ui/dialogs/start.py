@@ -132,6 +132,7 @@ class PictureDialog(QDialog):
 _THUMBNAIL = QSize(320, 180)
 _PRESET_TIPS = {
     "alpine_range": "A serrated range, two valleys, a forest",
+    "canyon_mesa": "Mesas, buttes and a canyon with a river",
     "desert_mountains": "A desert with distant mountains",
     "island_coast": "An island with mountains, a bay and beaches",
     "rolling_hills": "Hills, groves and a stream",

@@ -23,7 +23,7 @@ _MAX_SAMPLES = 1024  # of the field along the sketch's longer side
 _MAX_OVERHANG = 256  # samples that paint at the edge is continued by before distances are measured
 _BLUR = (0.5, 4.0)  # samples, px: standard deviation of the blur at fidelity 1 and added at 0
 _DEPTH_BLUR, _MAX_DEPTH_BLUR = 0.25, 24.0  # shelves, samples: the smaller one blurs borders of depths
-_RAGGED = (3.0, 10.0)  # px by which noise shifts the coast just below fidelity 1, and added at 0
+_RAGGED = (3.0, 10.0)  # samples by which noise shifts the coast just below fidelity 1, and added at 0
 _RAGGED_FROM = 0.2  # below fidelity 1 the first of them grows over this much
 _WANDER = 1 / 8  # of the extent by which a coast wanders far beyond the sketch
 _CLIFF_BEACHES, _MIN_REACH = 8.0, 150.0  # widths of the beach, m; the larger one applies
@@ -36,11 +36,24 @@ class Sea:
     level: float  # m
     beach: float  # m: width of the beach
     shelf: float  # m from the coast to the greatest depth
-    reach: float  # m inland up to which a painted coast may lower the ground
-    ragged: float  # m by which noise shifts a painted coast, at most
-    wander: float  # m by which it does far beyond the sketch
     coast: ShapeField | None  # distance inside the painted sea; None: it is where ground is below the level
     depth: ShapeField | None  # greatest depth of the painted sea, m
+
+
+def cliff_reach(beach: float) -> float:
+    """Return the distance (m) inland up to which a painted coast may lower the ground."""
+    return max(_CLIFF_BEACHES * beach, _MIN_REACH)
+
+
+def raggedness(fidelity: float, spacing: float) -> float:
+    """Return by how much (m) noise shifts a painted coast at most, for the distance (m) of its samples."""
+    loose = 1.0 - fidelity
+    return spacing * (min(loose / _RAGGED_FROM, 1.0) * _RAGGED[0] + loose * _RAGGED[1])
+
+
+def wandering(extent: float) -> float:
+    """Return by how much (m) noise shifts a painted coast far beyond the sketch, at most."""
+    return _WANDER * extent
 
 
 def sea_level(sketch: Sketch) -> float | None:
@@ -65,30 +78,26 @@ def create_sea(sketch: Sketch, *, cache: LRUCache | None = None) -> Sea | None:
 
 
 def _create(sketch: Sketch, level: float) -> Sea:
-    beach, shelf = (float(sketch.coast[name]) for name in ("beach", "shelf"))
-    loose = 1.0 - sketch.fidelity
-    ragged = min(loose / _RAGGED_FROM, 1.0) * _RAGGED[0] + loose * _RAGGED[1]
-    ragged *= sketch.pixel_size
-    reach = max(_CLIFF_BEACHES * beach, _MIN_REACH)
-    wander = _WANDER * sketch.extent
-    painted = sketch.layers["sea"].any()
-    fields = _fields(sketch, reach + ragged, shelf + ragged, wander) if painted else (None, None)
-    return Sea(level, beach, shelf, reach, ragged, wander, *fields)
+    fields = _fields(sketch) if sketch.layers["sea"].any() else (None, None)
+    return Sea(level, float(sketch.coast["beach"]), float(sketch.coast["shelf"]), *fields)
 
 
 def _depth_of(sketch: Sketch, label: int) -> float:
     return float(sketch.properties("sea", label)["depth"])
 
 
-def _fields(sketch: Sketch, inland: float, seaward: float, wander: float) -> tuple[ShapeField, ShapeField]:
-    """Return the signed distance to the painted coast, constant farther off than these (m), and the depth.
+def _fields(sketch: Sketch) -> tuple[ShapeField, ShapeField]:
+    """Return the signed distance to the painted coast, constant where that is of no effect, and the depth.
 
     The fields end at the sketch's edge: what they are there continues outward without end, where coasts
     wander.
     """
     image, factor = _reduced(sketch.layers["sea"])
     mask = image > 0
-    spacing = factor * sketch.pixel_size
+    spacing, wander = factor * sketch.pixel_size, wandering(sketch.extent)
+    ragged = raggedness(sketch.fidelity, spacing)
+    inland = cliff_reach(float(sketch.coast["beach"])) + ragged
+    seaward = float(sketch.coast["shelf"]) + ragged
     overhang = min(int(np.ceil((max(inland, seaward) + wander) / spacing)) + 1, _MAX_OVERHANG)
     padded = np.pad(mask, overhang, mode="edge")
     away = np.full(padded.shape, np.inf) if padded.all() else signed_distance(padded) * spacing

@@ -164,9 +164,7 @@ def winding_sea(x: float = 2048.0, y: float = 2048.0, *, level: float = 2.0, wav
     inside = wave * np.sin(step[:, None] / 500) - step
     coast = ShapeField(x + step[0], y + step[0], spacing, np.clip(inside, -500, 900).astype(np.float32))
     depth = replace(coast, inside=np.full(inside.shape, 30.0, np.float32))
-    return Sea(
-        level, beach=40.0, shelf=700.0, reach=320.0, ragged=40.0, wander=300.0, coast=coast, depth=depth
-    )
+    return Sea(level, beach=40.0, shelf=700.0, coast=coast, depth=depth)
 
 
 def plateau(
@@ -236,7 +234,7 @@ CASES = {
     "sea": [feature("mountain", 2100, 2300, 900, 300), feature("forest", 2300, 1700, 500, 0.8)],
     "flood": [feature("hill", 2100, 2300, 900, 60)],
 }
-SEAS = {"sea": winding_sea(), "flood": Sea(2.0, 40.0, 700.0, 320.0, 40.0, 0.0, None, None)}
+SEAS = {"sea": winding_sea(), "flood": Sea(2.0, 40.0, 700.0, None, None)}
 LAKES = (
     lake(1800, 1900, 420, 3.0),
     lake(2270, 2300, 150, 9.0, margin=60.0, spacing=5.0),

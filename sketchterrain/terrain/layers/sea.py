@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
@@ -14,7 +13,7 @@ from sketchterrain.array_types import BoolArray, Float64Array, LatticeArray, Str
 from sketchterrain.caching import LRUCache
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.placement.feature_types import ShapeField, cubic
-from sketchterrain.placement.sea import Sea
+from sketchterrain.placement.sea import Sea, cliff_reach, raggedness, wandering
 from sketchterrain.terrain.index import BoxIndex
 from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.layers.fields import PackedFields, field_distance
@@ -71,9 +70,6 @@ class SeaLayer(TerrainLayer):
     beach: float = 1.0  # m
     shelf: float = 1.0  # m
     shore_slope: float = _SHORE_SLOPE
-    reach: float = 1.0  # m inland up to which a painted coast may lower the ground
-    ragged: float = 0.0  # m
-    wander: float = 0.0  # m by which a coast wanders far beyond the sketch
     painted: bool = False
     coast: ShapeField | None = field(default=None, metadata=ITEMS)  # m, positive in the sea
     depth: ShapeField | None = field(default=None, metadata=ITEMS)  # m, on the same grid
@@ -86,8 +82,16 @@ class SeaLayer(TerrainLayer):
         slope = _SHORE_SLOPE
         if sea.depth is not None:
             slope = min(slope, 1.5 * (1 - _BARS) * float(sea.depth.inside.min()) / sea.shelf)
-        shape = (sea.beach, sea.shelf, slope, sea.reach, sea.ragged, sea.wander)
-        return cls(sea.level, *shape, sea.coast is not None, sea.coast, sea.depth)
+        return cls(sea.level, sea.beach, sea.shelf, slope, sea.coast is not None, sea.coast, sea.depth)
+
+    @property
+    def reach(self) -> float:
+        """Distance (m) inland up to which a painted coast may lower the ground."""
+        return cliff_reach(self.beach)
+
+    def ragged(self, world: WorldSettings) -> float:
+        """Return by how much (m) noise shifts a painted coast, at most."""
+        return 0.0 if self.coast is None else raggedness(world.fidelity, self.coast.spacing)
 
     def stacks(self, world: WorldSettings) -> tuple[NoiseStack, ...]:
         """Return the noise that lets painted coasts wander beyond the sketch."""
@@ -116,7 +120,7 @@ class SeaLayer(TerrainLayer):
             "sea_shape": shape,
             "sea_samples": fields.samples,
         }
-        visible = self._ranges[:, 1] > -self.reach - self.ragged
+        visible = self._ranges(sampling.world)[:, 1] > -self.reach - self.ragged(sampling.world)
         return Packed(arrays, self._boxes(sampling.world), "sea", visible)
 
     def _params(self, sampling: Sampling) -> dict[str, float]:
@@ -130,8 +134,8 @@ class SeaLayer(TerrainLayer):
             "shelf": self.shelf,
             "inverse_shelf": 1 / self.shelf,
             "reach": self.reach,
-            "ragged": self.ragged,
-            "wander": self.wander,
+            "ragged": self.ragged(sampling.world),
+            "wander": wandering(sampling.world.extent),
             "inverse_far": (spacing / (_FAR * sampling.world.extent)) ** 2,
             "mode": 0 if self.level is None else 1 + self.painted,
             "unused": 0,
@@ -158,8 +162,7 @@ class SeaLayer(TerrainLayer):
         packed = PackedFields(at, far, form, scale, nothing, nothing, np.concatenate(samples))
         return packed, np.column_stack([scale, *np.zeros((3, count))])
 
-    @cached_property
-    def _ranges(self) -> Float64Array:
+    def _ranges(self, world: WorldSettings) -> Float64Array:
         """Least and greatest distance inside the painted sea (m) on each part of the coast, shape (n, 2).
 
         Parts at the sketch's edge include how far coasts wander beyond it.
@@ -170,7 +173,7 @@ class SeaLayer(TerrainLayer):
         found = []
         for rows, columns in _parts(self.coast.inside.shape):
             part = inside[rows.start : rows.stop + 2 * _MARGIN, columns.start : columns.stop + 2 * _MARGIN]
-            beyond = self.wander * _is_at_edge(self.coast.inside.shape, rows, columns).any()
+            beyond = wandering(world.extent) * _is_at_edge(self.coast.inside.shape, rows, columns).any()
             found.append((float(part.min()) - beyond, float(part.max()) + beyond))
         return np.array(found)
 
@@ -196,13 +199,16 @@ class SeaLayer(TerrainLayer):
         missing = float(np.sum((full - left)[: int(_OCTAVES)])) * NOISE_PEAK
         noise = min(1.5 * _RAGGED * COVER_NOISE_CONTRAST * missing, 2.0)
         deepest = 0.0 if self.depth is None else float(self.depth.inside.max())
-        is_sea, is_coast = high > -self.ragged, (low < self.ragged) & (high > -self.reach - self.ragged)
+        ragged = self.ragged(sampling.world)
+        is_sea, is_coast = high > -ragged, (low < ragged) & (high > -self.reach - ragged)
         shelving = self.shore_slope + 1.5 * deepest * (1 + _BARS) / self.shelf
         slope = np.where(is_sea, shelving, 0.0)
         slope[is_coast] = np.maximum(slope[is_coast], self._steepest(state.high[is_coast] - self.level))
-        state.bound = np.where(low > self.ragged, 0.0, state.bound)  # the ground has no effect on the bed
-        moved = min(1.5 * _WANDERING * sampling.missing(_NOISE), 2.0) * self.wander * at_edge
-        moved += noise * self.ragged
+        state.bound = np.where(low > ragged, 0.0, state.bound)  # the ground has no effect on the bed
+        moved = (
+            min(1.5 * _WANDERING * sampling.missing(_NOISE), 2.0) * wandering(sampling.world.extent) * at_edge
+        )
+        moved += noise * ragged
         state.bound += moved * slope + noise * np.where(is_sea, _BARS * deepest, 0.0)
         bottom = self.level - deepest * (1 + _BARS) - self.shore_slope * self.shelf
         state.low = np.where(is_sea, np.minimum(state.low, bottom), state.low)
@@ -215,11 +221,13 @@ class SeaLayer(TerrainLayer):
         """Return the range of distances inside the painted sea (m), and whether coasts wander, on blocks."""
         if self.coast is None:
             raise ValueError("a painted sea has a coast")
-        index = state.cache.get_or_compute(self.name, lambda: BoxIndex(self._boxes(world)))
+        index, ranges = state.cache.get_or_compute(
+            self.name, lambda: (BoxIndex(self._boxes(world)), self._ranges(world))
+        )
         block, part = index.touching(state.blocks)
         low, high = np.full(len(state.blocks), np.inf), np.full(len(state.blocks), -np.inf)
-        np.minimum.at(low, block, self._ranges[part, 0])
-        np.maximum.at(high, block, self._ranges[part, 1])
+        np.minimum.at(low, block, ranges[part, 0])
+        np.maximum.at(high, block, ranges[part, 1])
         shape = self.coast.inside.shape
         edges = np.array([_is_at_edge(shape, *each).any() for each in _parts(shape)])
         at_edge = np.zeros(len(state.blocks), np.bool_)
@@ -269,11 +277,12 @@ class SeaLayer(TerrainLayer):
         few = replace(octaves, ranges={COVER_NOISE: (first, min(last, first + int(_OCTAVES)))})
         d, depth = (field_distance(fields, i, site.x, site.y) for i in (0, 1))
         d += self._wandering(site, fields)
-        near = d > -self.reach - self.ragged
+        ragged = self.ragged(site.sampling.world)
+        near = d > -self.reach - ragged
         noise = np.zeros(len(d))
         raw = fbm(few, COVER_NOISE, site.x[near], site.y[near])
         noise[near] = softened(_RAGGED * COVER_NOISE_CONTRAST * raw)
-        return d + self.ragged * noise, noise, depth
+        return d + ragged * noise, noise, depth
 
     def _wandering(self, site: HostSite, fields: PackedFields) -> Float64Array:
         """Return how far coasts are shifted beyond the sketch (m)."""
@@ -283,7 +292,7 @@ class SeaLayer(TerrainLayer):
         far = smooth_rise(away, 0, 1 / float(self._params(site.sampling)["inverse_far"]))
         outside = far > 0
         raw = fbm(site.sampling.octaves, _NOISE, site.x[outside], site.y[outside])
-        far[outside] *= self.wander * softened(_WANDERING * raw)
+        far[outside] *= wandering(site.sampling.world.extent) * softened(_WANDERING * raw)
         return far
 
     def below_cliff(self, z: Float64Array, x: Float64Array) -> Float64Array:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from PyQt6.QtWidgets import QApplication
 
     from sketchterrain.ui.engine.link import EngineLink
-    from sketchterrain.ui.models.autosave import Autosave
+    from sketchterrain.ui.models.background import Autosave
     from sketchterrain.ui.models.document import Document
     from sketchterrain.ui.models.workspace import Preferences
     from sketchterrain.ui.window import MainWindow
@@ -74,7 +74,7 @@ def _run_editor(app: QApplication, sketch: Sketch, path: Path | None) -> int:
     link.start()  # its processes load their libraries while this one builds the window
     apply_theme(app, preferences.theme)
     from sketchterrain.ui.application import show_until_closed
-    from sketchterrain.ui.models.autosave import Autosave
+    from sketchterrain.ui.models.background import Autosave
 
     window = new_window(document, link, preferences, state_folder())
     if path is not None:

@@ -9,7 +9,7 @@ from PyQt6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QResizeEvent, 
 from PyQt6.QtWidgets import QLabel, QMainWindow, QMenu, QSizePolicy, QSlider, QTabWidget, QWidget
 
 from sketchterrain.document.layers import LAYERS
-from sketchterrain.ui.actions import Actions
+from sketchterrain.ui.actions import Actions, RecentMenu, add_menus, add_tool_bars
 from sketchterrain.ui.banner import Banner, ErrorReporter, Message, UncaughtExceptions
 from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.engine.link import EngineLink
@@ -18,7 +18,6 @@ from sketchterrain.ui.files import Files, OpenDialogs
 from sketchterrain.ui.layout import FullScreenActions, PanelLayout, fitting_size
 from sketchterrain.ui.look.layer_colours import swatch
 from sketchterrain.ui.look.theme import SMALL, SPACING, active_theme, app_icon, described, row, tabular
-from sketchterrain.ui.menus import RecentMenu, add_menus, add_tool_bars
 from sketchterrain.ui.models.background import SketchSaver
 from sketchterrain.ui.models.bookmarks import Bookmarks
 from sketchterrain.ui.models.document import Document

@@ -14,18 +14,9 @@ from PyQt6.QtWidgets import QFileDialog, QLabel, QMainWindow, QMenu
 
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.errors import InputError
-from sketchterrain.ui.actions import Actions
+from sketchterrain.ui import commands
+from sketchterrain.ui.actions import Actions, add_menus
 from sketchterrain.ui.banner import Banner, Message
-from sketchterrain.ui.commands import (
-    WORLD,
-    exists,
-    find_point,
-    is_edited,
-    is_locked,
-    labels_of,
-    random_seed,
-    set_setting,
-)
 from sketchterrain.ui.dialogs.help import KeysDialog
 from sketchterrain.ui.engine.link import EngineLink, EngineProcesses, ViewSource
 from sketchterrain.ui.engine.protocol import (
@@ -41,7 +32,6 @@ from sketchterrain.ui.engine.protocol import (
 from sketchterrain.ui.files import PictureFile
 from sketchterrain.ui.layout import Dock, FullScreenActions, fitting_size
 from sketchterrain.ui.look.theme import app_icon
-from sketchterrain.ui.menus import add_menus
 from sketchterrain.ui.models.bookmarks import Bookmarks
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.selection import delete, lock, reset, unlock
@@ -146,17 +136,18 @@ class SketchActions(QObject):
 
     def set_random_seed(self) -> None:
         sketch = self._document.sketch
-        seed = random_seed(sketch.seed)
-        self._try(lambda: self._document.do(f"Seed {seed}", set_setting(sketch, WORLD, "seed", seed)))
+        seed = commands.random_seed(sketch.seed)
+        change = partial(commands.set_setting, sketch, commands.WORLD, "seed", seed)
+        self._try(lambda: self._document.do(f"Seed {seed}", change()))
 
     def _refresh_selection(self) -> None:
         selection, placed, sketch = self._workspace.selection, self._link.placed, self._document.sketch
         is_placed = can_lock = locked = edited = False
-        if selection is not None and placed is not None and exists(placed, selection):
+        if selection is not None and placed is not None and commands.exists(placed, selection):
             is_placed = True
-            can_lock = find_point(placed, selection) is not None
-            locked = can_lock and is_locked(sketch, selection)
-            edited = is_edited(sketch, placed, selection)
+            can_lock = commands.find_point(placed, selection) is not None
+            locked = can_lock and commands.is_locked(sketch, selection)
+            edited = commands.is_edited(sketch, placed, selection)
         for name, enabled in (
             ("select-none", selection is not None),
             ("delete-selection", is_placed),
@@ -184,7 +175,7 @@ class SketchActions(QObject):
 
     def _use_layer(self, layer: str) -> None:
         if layer != self._workspace.layer:
-            labels = labels_of(self._document.sketch, layer)
+            labels = commands.labels_of(self._document.sketch, layer)
             self._workspace.use_label(layer, labels[0] if labels else 1)
 
     def _other_layers(self) -> list[str]:

@@ -18,8 +18,7 @@ from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.document.toml_format import settings_text
-from sketchterrain.ui.models.autosave import Autosave
-from sketchterrain.ui.models.background import SketchSaver
+from sketchterrain.ui.models.background import Autosave, SketchSaver
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.painting import Stroke
 

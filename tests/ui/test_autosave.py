@@ -12,8 +12,14 @@ import pytest
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
-from sketchterrain.ui.models.autosave import Autosave, Lock, new_recovery_path, write_recovery
-from sketchterrain.ui.models.background import BackgroundQueue, SketchSaver
+from sketchterrain.ui.models.background import (
+    Autosave,
+    BackgroundQueue,
+    Lock,
+    SketchSaver,
+    new_recovery_path,
+    write_recovery,
+)
 from sketchterrain.ui.models.workspace import RecentFiles
 
 
@@ -137,7 +143,7 @@ def test_recovery_files_belong_to_one_instance_at_a_time(document, folder):
     program = (
         "import sys, time; from pathlib import Path\n"
         "from sketchterrain.document.sketch import Sketch\n"
-        "from sketchterrain.ui.models.autosave import Lock, write_recovery\n"
+        "from sketchterrain.ui.models.background import Lock, write_recovery\n"
         "path = Path(sys.argv[1]); lock = Lock(path); write_recovery(path, Sketch(seed=3), None)\n"
         "print('written', flush=True); time.sleep(60)\n"
     )

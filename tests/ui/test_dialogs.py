@@ -22,7 +22,7 @@ from sketchterrain.ui.dialogs.start import NewSketchDialog, PictureDialog, Prese
 from sketchterrain.ui.dialogs.trace import TraceDialog
 from sketchterrain.ui.dialogs.world import WorldDialog
 from sketchterrain.ui.engine.protocol import EngineFacts
-from sketchterrain.ui.models.autosave import Recovery
+from sketchterrain.ui.models.background import Recovery
 from sketchterrain.ui.models.workspace import Preferences
 
 

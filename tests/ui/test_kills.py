@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from sketchterrain.document.store import JOURNAL, load_sketch
-from sketchterrain.ui.models.autosave import read_recovery
+from sketchterrain.ui.models.background import read_recovery
 
 PROGRAM = Path(__file__).with_name("paint_until_killed.py")
 INTERVAL = 0.5

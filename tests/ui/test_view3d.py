@@ -9,9 +9,9 @@ from PyQt6.QtGui import QColor, QFocusEvent, QImage
 from PyQt6.QtWidgets import QApplication, QLabel, QPushButton, QToolButton
 
 from sketchterrain.render.camera import Camera
+from sketchterrain.ui.actions import ContextMenu
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.protocol import Fly, GoTo, Look, Pan, Pick, PickResult, Turn, Zoom
-from sketchterrain.ui.menus import ContextMenu
 from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.view3d.camera import overview
 from sketchterrain.ui.view3d.hud import Compass, ModeBar, Placeholder

@@ -14,9 +14,9 @@ from PyQt6.QtWidgets import QApplication, QFileDialog, QMenu, QMessageBox
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
+from sketchterrain.ui.actions import MENUS
 from sketchterrain.ui.banner import Message
 from sketchterrain.ui.engine.protocol import ErrorReport, MeasureAdherence, RenderPicture
-from sketchterrain.ui.menus import MENUS
 from sketchterrain.ui.models.workspace import TOOLS, Preferences, Selection
 
 from .events import LEFT, NO_KEYS, paint, repeated_mnemonics

@@ -20,14 +20,13 @@ from PyQt6.QtGui import (
 from PyQt6.QtWidgets import QToolTip
 
 from sketchterrain.placement.feature_types import FEATURE_TYPES
-from sketchterrain.ui.actions import ShortcutOverride
+from sketchterrain.ui.actions import ContextMenu, ShortcutOverride, add_selection_commands
 from sketchterrain.ui.canvas.decorations import warning_at
 from sketchterrain.ui.canvas.marks import FeatureMarks
 from sketchterrain.ui.canvas.paint_tools import BrushTool, FillTool, LineTool, PickTool, pick_label
 from sketchterrain.ui.canvas.select_tool import SelectTool
 from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
 from sketchterrain.ui.engine.protocol import GoTo
-from sketchterrain.ui.menus import ContextMenu, add_selection_commands
 from sketchterrain.ui.models.selection import add
 
 if TYPE_CHECKING:

@@ -30,7 +30,7 @@ from sketchterrain.document.parameters import SKETCH
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.ui.engine.protocol import ExportRequest, TargetRequest, WorldRequest
 from sketchterrain.ui.export_job import ExportJob
-from sketchterrain.ui.look.theme import MARGIN, SPACING, column, row
+from sketchterrain.ui.look.theme import MARGIN, SPACING, LayoutItem, column, row
 from sketchterrain.ui.models.workspace import Preferences
 from sketchterrain.ui.panels.controls import NumberBox
 
@@ -196,11 +196,11 @@ class Form(QWidget):
             self.changed.emit()
 
 
-def dialog_column(dialog: QDialog, title: str) -> QVBoxLayout:
-    """Set a dialog's title and return its column of parts."""
+def dialog_column(dialog: QDialog, title: str, *items: LayoutItem) -> QVBoxLayout:
+    """Set a dialog's title and return its column of items."""
     dialog.setWindowTitle(title)
     margins = (2 * MARGIN, 2 * MARGIN, 2 * MARGIN, MARGIN + SPACING)
-    return column(dialog, margins=margins, spacing=MARGIN)
+    return column(dialog, *items, margins=margins, spacing=MARGIN)
 
 
 def form_layout() -> QFormLayout:
@@ -276,7 +276,7 @@ def button_row(
     dialog: QDialog, accept: str, *, cancel: str = "Cancel", on_accept: Callable[[], object] | None = None
 ) -> tuple[QDialogButtonBox, QPushButton]:
     """Return a dialog's buttons and the default one; without `accept` there is only one, to close."""
-    box = QDialogButtonBox(dialog)
+    box = QDialogButtonBox()  # comes last in the tab order, where the layout puts it
     default = add_button(box, accept or cancel, QDialogButtonBox.ButtonRole.AcceptRole)
     default.setDefault(True)
     if accept:

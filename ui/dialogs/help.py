@@ -51,7 +51,6 @@ class PreferencesDialog(QDialog):
     def __init__(self, preferences: Preferences, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._preferences = preferences
-        rows = dialog_column(self, "Preferences")
         devices = {"": "Automatic"}
         if preferences.device:
             devices[preferences.device] = preferences.device
@@ -61,9 +60,7 @@ class PreferencesDialog(QDialog):
             Field("device", "&Device", preferences.device or "", tip, choices=devices),
         )
         self.form.note.setText("Searching for devices …")
-        rows.addWidget(self.form)
-        rows.addStretch(1)
-        rows.addWidget(button_row(self, "Apply")[0])
+        dialog_column(self, "Preferences", self.form, 1, button_row(self, "Apply")[0])
         self.setMinimumWidth(440)
         self._process = QProcess(self)
         self._process.finished.connect(self._show_devices)
@@ -115,13 +112,11 @@ class AboutDialog(QDialog):
 
     def __init__(self, facts: EngineFacts, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        rows = dialog_column(self, "About Sketchterrain")
         picture = QLabel()
         picture.setPixmap(app_picture(72, self.devicePixelRatioF()))
         title = heading(f"Sketchterrain {_version()}")
         head = row(None, picture, spacing=MARGIN)
         head.addLayout(column(None, 1, title, note(_SUMMARY), 1, spacing=SMALL), 1)
-        rows.addLayout(head)
         environment = form_layout()
         for name, text in _environment(facts).items():
             label = QLabel(text)
@@ -130,17 +125,14 @@ class AboutDialog(QDialog):
             title = note(name)
             title.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignTop)
             environment.addRow(title, label)
-        rows.addLayout(environment)
-        rows.addWidget(
-            note(
-                "Free software under the GNU General Public License, version 3 or later. Its window uses "
-                "PyQt (GPL 3) and Qt (LGPL 3)."
-            )
+        licence = note(
+            "Free software under the GNU General Public License, version 3 or later. Its window uses "
+            "PyQt (GPL 3) and Qt (LGPL 3)."
         )
-        papers = "".join(f"<li>{paper}</li>" for paper in _PAPERS)
-        rows.addWidget(note(f"Based on<ul style='margin-left: -18px'>{papers}</ul>"))
-        rows.addStretch(1)
-        rows.addWidget(button_row(self, "", cancel="Close")[0])
+        items = "".join(f"<li>{paper}</li>" for paper in _PAPERS)
+        papers = note(f"Based on<ul style='margin-left: -18px'>{items}</ul>")
+        buttons = button_row(self, "", cancel="Close")[0]
+        dialog_column(self, "About Sketchterrain", head, environment, licence, papers, 1, buttons)
         fix_width(self, 520)
 
 
@@ -184,8 +176,6 @@ class FirstStepsDialog(QDialog):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        rows = dialog_column(self, "First steps")
-        rows.addWidget(heading("A terrain in a minute"))
         grid = QGridLayout()
         grid.setHorizontalSpacing(MARGIN)
         grid.setVerticalSpacing(2)
@@ -201,9 +191,8 @@ class FirstStepsDialog(QDialog):
             grid.addWidget(label, 3 * number, 1)
             grid.addWidget(note(text), 3 * number + 1, 1)
             grid.setRowMinimumHeight(3 * number + 2, MARGIN)
-        rows.addLayout(grid)
-        rows.addStretch(1)
-        rows.addWidget(button_row(self, "", cancel="Start")[0])
+        buttons = button_row(self, "", cancel="Start")[0]
+        dialog_column(self, "First steps", heading("A terrain in a minute"), grid, 1, buttons)
         fix_width(self, 500)
 
 
@@ -236,12 +225,10 @@ class KeysDialog(QDialog):
 
     def __init__(self, parent: QWidget | None = None, names: Collection[str] = COMMANDS) -> None:
         super().__init__(parent)
-        rows = dialog_column(self, "Keys")
         text = QTextBrowser()
         text.setAccessibleName("All keys")
         text.setHtml(_page(names))
-        rows.addWidget(text, 1)
-        rows.addWidget(button_row(self, "", cancel="Close")[0])
+        dialog_column(self, "Keys", (text, 1), button_row(self, "", cancel="Close")[0])
         self.resize(520, 620)
 
 

@@ -35,7 +35,7 @@ from sketchterrain.ui.dialogs.form import (
     note,
 )
 from sketchterrain.ui.look.theme import MARGIN, SMALL, rounded_picture
-from sketchterrain.ui.models.autosave import Recovery
+from sketchterrain.ui.models.background import Recovery
 
 _SIZES = {
     f"{width} × {height}": (width, height)
@@ -51,7 +51,6 @@ class NewSketchDialog(QDialog):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        rows = dialog_column(self, "New sketch")
         sizes = {title: title for title in (*_SIZES, _OTHER)}
         width_tip, height_tip = "Pixels from west to east", "Pixels from north to south"
         self.form = Form(
@@ -64,9 +63,7 @@ class NewSketchDialog(QDialog):
         )
         self.form["name"].setMaxLength(int(SKETCH["name"].high))
         self.form["name"].selectAll()
-        rows.addWidget(self.form)
-        rows.addStretch(1)
-        rows.addWidget(button_row(self, "Create")[0])
+        dialog_column(self, "New sketch", self.form, 1, button_row(self, "Create")[0])
         self.form.changed.connect(self._refresh)
         self.setMinimumWidth(420)
         self._refresh()
@@ -105,14 +102,12 @@ class PictureDialog(QDialog):
         super().__init__(parent)
         self._start = folder / f"{name}.png"
         self.path: Path | None = None
-        rows = dialog_column(self, "Save picture")
         sizes = {"": f"As it is shown, {view_size[0]} × {view_size[1]}"} if all(view_size) else {}
         sizes |= {f"{w} {h}": f"Best quality, {w} × {h}" for w, h in _PICTURES}
         self.form = Form(Field("size", "&Picture", next(iter(sizes)), choices=sizes))
         self.form.note.setText("Best quality is rendered from the current viewpoint in some seconds.")
-        rows.addWidget(self.form)
-        rows.addStretch(1)
-        rows.addWidget(button_row(self, "Save…", on_accept=self._ask_path)[0])
+        buttons = button_row(self, "Save…", on_accept=self._ask_path)[0]
+        dialog_column(self, "Save picture", self.form, 1, buttons)
         self.setMinimumWidth(420)
 
     @property
@@ -145,8 +140,6 @@ class PresetsDialog(QDialog):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        rows = dialog_column(self, "Presets")
-        rows.addWidget(note("Start from one of these and paint on it."))
         self.list = QListWidget()
         self.list.setViewMode(QListView.ViewMode.IconMode)
         self.list.setIconSize(_THUMBNAIL)
@@ -172,8 +165,8 @@ class PresetsDialog(QDialog):
             self.list.addItem(item)
         self.list.setCurrentRow(self.list.count() - 1)
         self.list.itemActivated.connect(self.accept)
-        rows.addWidget(self.list, 1)
-        rows.addWidget(button_row(self, "Open")[0])
+        line = note("Start from one of these and paint on it.")
+        dialog_column(self, "Presets", line, (self.list, 1), button_row(self, "Open")[0])
         self.resize(2 * _THUMBNAIL.width() + 160, 2 * _THUMBNAIL.height() + 260)
         self.list.setFocus()
 
@@ -190,9 +183,8 @@ class RecoveryDialog(QDialog):
         super().__init__(parent)
         self._recoveries = tuple(recoveries)
         self.discarded = False
-        rows = dialog_column(self, "Sketchterrain")
-        rows.addWidget(heading("Unsaved work was found"))
-        rows.addWidget(note("The program ended before this was saved. Recover it?"))
+        title = heading("Unsaved work was found")
+        line = note("The program ended before this was saved. Recover it?")
         self.list = QListWidget()
         self.list.setAccessibleName("Recoverable sketches")
         self.list.setSpacing(SMALL)
@@ -205,13 +197,11 @@ class RecoveryDialog(QDialog):
             self.list.addItem(f"{recovery.name}    {time}\n{where}")
         self.list.setCurrentRow(0)
         self.list.itemActivated.connect(self.accept)
-        rows.addWidget(self.list, 1)
         self._hint = note()
-        rows.addWidget(self._hint)
         box, self.recover = button_row(self, "Recover", cancel="Later")
         role = QDialogButtonBox.ButtonRole.DestructiveRole
         self.discard = add_button(box, "Delete it", role, self._discard)
-        rows.addWidget(box)
+        dialog_column(self, "Sketchterrain", title, line, (self.list, 1), self._hint, box)
         self.list.currentRowChanged.connect(self._refresh)
         self._refresh()
         self.resize(460, 300)

@@ -10,15 +10,9 @@ from sketchterrain.document.label_layers import MAX_LABELS, LabelImage, label_ar
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
-from sketchterrain.ui.commands import (
-    clear_layer,
-    copy_label,
-    delete_label,
-    free_label,
-    new_label,
-)
+from sketchterrain.ui import commands
+from sketchterrain.ui.actions import ContextMenu
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, column, described, row, tabular, tool_button
-from sketchterrain.ui.menus import ContextMenu
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.panels.controls import SLIDER_STEPS, label_title, number, slider, with_unit
@@ -130,7 +124,7 @@ class LayersPanel(QWidget):
     def delete_label(self) -> None:
         layer, label = self._workspace.layer, self._workspace.label
         title = label_title(layer, label).lower()
-        changed = delete_label(self._document.sketch, layer, label)
+        changed = commands.delete_label(self._document.sketch, layer, label)
         if changed is self._document.sketch:
             self.message.emit(f"No {title} to delete")
         elif self._check_unlocked(layer):
@@ -140,7 +134,7 @@ class LayersPanel(QWidget):
 
     def clear_layer(self) -> None:
         layer = self._workspace.layer
-        changed = clear_layer(self._document.sketch, layer)
+        changed = commands.clear_layer(self._document.sketch, layer)
         if changed is self._document.sketch:
             self.message.emit(f"No {LAYERS[layer].title.lower()} are painted")
         elif self._check_unlocked(layer):
@@ -187,15 +181,16 @@ class LayersPanel(QWidget):
     def _add_label(self, source: int | None) -> None:
         sketch, layer = self._document.sketch, self._workspace.layer
         try:
-            label = free_label(sketch, layer)
+            label = commands.free_label(sketch, layer)
         except InputError as error:
             self.message.emit(str(error))
             return
         if source is None:
-            title, changed = f"New {label_title(layer, label).lower()}", new_label(sketch, layer, label)
+            title = f"New {label_title(layer, label).lower()}"
+            changed = commands.new_label(sketch, layer, label)
         else:
             title = f"Copy {label_title(layer, source).lower()}"
-            changed = copy_label(sketch, layer, label, source=source)
+            changed = commands.copy_label(sketch, layer, label, source=source)
         self._document.do(title, changed)
         self._workspace.use_label(layer, label)
 

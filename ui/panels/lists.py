@@ -32,6 +32,7 @@ from PyQt6.QtWidgets import (
     QWidget,
 )
 
+from sketchterrain.ui.actions import ContextMenu
 from sketchterrain.ui.engine.link import EngineLink, ViewSource
 from sketchterrain.ui.engine.protocol import Look
 from sketchterrain.ui.look.theme import (
@@ -46,7 +47,6 @@ from sketchterrain.ui.look.theme import (
     row,
     tool_button,
 )
-from sketchterrain.ui.menus import ContextMenu
 from sketchterrain.ui.models.bookmarks import Bookmark, Bookmarks
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace

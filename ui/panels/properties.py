@@ -13,25 +13,7 @@ from sketchterrain.document.layers import LAYERS, POINT_LAYERS, layer_of
 from sketchterrain.document.own_materials import with_materials
 from sketchterrain.document.parameters import Parameter, Value
 from sketchterrain.placement.feature_types import FILL_BIT, River
-from sketchterrain.ui.commands import (
-    exists,
-    find_lake,
-    find_parent_river,
-    find_point,
-    find_river,
-    is_edited,
-    is_locked,
-    moved,
-    name_of,
-    point_moved,
-    reset_property,
-    resized,
-    set_property,
-    strength_of,
-    strengthened,
-    widened,
-    width_of,
-)
+from sketchterrain.ui import commands
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.look.theme import MARGIN, SMALL, column, described, icon, row
@@ -78,14 +60,14 @@ class FeatureForm(QWidget):
             field.edited.connect(partial(self._apply, name))
 
     def show_selection(self, placed: Placement, selection: Selection) -> None:
-        point = find_point(placed, selection)
+        point = commands.find_point(placed, selection)
         if point is None:
             return
         if self._shown is not None and self._shown[1] != selection:
             for field in self.rows.values():
                 field.finish()  # the text being typed is for the previous feature
         self._shown = placed, selection
-        self.layer, self.line = name_of(placed, selection), _origin(selection.id)
+        self.layer, self.line = commands.name_of(placed, selection), _origin(selection.id)
         east, north = self._document.sketch.size
         self.rows["x"].set_slider_range(0.0, east)
         self.rows["y"].set_slider_range(0.0, north)
@@ -101,21 +83,22 @@ class FeatureForm(QWidget):
         for edit in self._document.sketch.edits:
             if edit.feature == selection.id:
                 values |= {name: float(value) for name, value in edit.values.items() if name in values}
-        strength = strength_of(self._document.sketch, placed, selection)
+        strength = commands.strength_of(self._document.sketch, placed, selection)
         height = float(point["strength"]) if strength is None else strength
         return {**values, "height": height, "density": min(height, 1.0)}
 
     def _apply(self, name: str, value: float, key: object) -> None:
         if self._shown is None:
             return
-        sketch, kind = self._document.sketch, name_of(*self._shown)
+        sketch, kind = self._document.sketch, commands.name_of(*self._shown)
         if name in ("x", "y"):
-            position = {each: self.rows[each].number for each in ("x", "y")} | {name: float(value)}
-            changed, title = moved(sketch, *self._shown, position["x"], position["y"]), f"Move {kind}"
+            position = {each: self.rows[each].number for each in ("x", "y")} | {name: value}
+            changed = commands.moved(sketch, *self._shown, position["x"], position["y"])
+            title = f"Move {kind}"
         elif name == "radius":
-            changed, title = resized(sketch, *self._shown, float(value)), f"Resize {kind}"
+            changed, title = commands.resized(sketch, *self._shown, value), f"Resize {kind}"
         else:
-            changed, title = strengthened(sketch, *self._shown, float(value)), f"Set {name} of {kind}"
+            changed, title = commands.strengthened(sketch, *self._shown, value), f"Set {name} of {kind}"
         self._document.do(title, changed, merge=key)
 
 
@@ -154,7 +137,7 @@ class RiverForm(QWidget):
         self.north.edited.connect(lambda value, key: self._move(self.east.number, float(value), key))
 
     def show_selection(self, placed: Placement, selection: Selection) -> None:
-        river = find_river(placed, selection)
+        river = commands.find_river(placed, selection)
         if river is None:
             return
         if self._shown is not None and self._shown[1] != selection:
@@ -165,7 +148,7 @@ class RiverForm(QWidget):
         steps = np.diff(river.centreline[:, :2], axis=0)
         length = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
         self.line = f"{number(length / 1000, decimals=2)} km, painted with label {river.label}"
-        width = width_of(self._document.sketch, placed, selection) or float(np.median(river.width))
+        width = commands.width_of(self._document.sketch, placed, selection) or float(np.median(river.width))
         self.width_row.show_value(width)
         with QSignalBlocker(self.points):
             self.points.setSuffix(f" of {len(river.points)}")
@@ -176,7 +159,7 @@ class RiverForm(QWidget):
     def _show_point(self, placed: Placement, river: River, selection: Selection) -> None:
         index, count = selection.index, len(river.points)
         is_point = index is not None and 0 <= index < count
-        joins = is_point and index == count - 1 and find_parent_river(placed, river) is not None
+        joins = is_point and index == count - 1 and commands.find_parent_river(placed, river) is not None
         for field in (self.east, self.north):
             field.setEnabled(is_point and not joins)
         if index is None or not is_point:
@@ -203,14 +186,14 @@ class RiverForm(QWidget):
 
     def _set_width(self, width: float, key: object) -> None:
         if self._shown is not None:
-            changed = widened(self._document.sketch, self._shown[1], width)
-            self._document.do(f"Set the width of {name_of(*self._shown)}", changed, merge=key)
+            changed = commands.widened(self._document.sketch, self._shown[1], width)
+            self._document.do(f"Set the width of {commands.name_of(*self._shown)}", changed, merge=key)
 
     def _move(self, x: float, y: float, key: object) -> None:
         if self._shown is not None:
-            changed = point_moved(self._document.sketch, *self._shown, x, y)
+            changed = commands.point_moved(self._document.sketch, *self._shown, x, y)
             self._pending = (*self._shown, x, y)
-            self._document.do(f"Move a point of {name_of(*self._shown)}", changed, merge=key)
+            self._document.do(f"Move a point of {commands.name_of(*self._shown)}", changed, merge=key)
 
 
 class LakeForm(QWidget):
@@ -223,7 +206,7 @@ class LakeForm(QWidget):
         column(self, self._text)
 
     def show_selection(self, placed: Placement, selection: Selection) -> None:
-        lake = find_lake(placed, selection)
+        lake = commands.find_lake(placed, selection)
         if lake is None:
             return
         self.layer, self.label = layer_of(lake.id), max(lake.label, 1)  # 0: not painted but filled by a river
@@ -270,12 +253,12 @@ class LabelPage(QWidget):
 
     def _set(self, name: str, value: Value, key: object) -> None:
         if self._shown is not None:
-            changed = set_property(self._document.sketch, *self._shown, name, value)
+            changed = commands.set_property(self._document.sketch, *self._shown, name, value)
             self._document.do(f"Set {self._property_title(name)}", changed, merge=key)
 
     def _reset(self, name: str) -> None:
         if self._shown is not None:
-            changed = reset_property(self._document.sketch, *self._shown, name)
+            changed = commands.reset_property(self._document.sketch, *self._shown, name)
             self._document.do(f"Reset {self._property_title(name)}", changed)
 
     def _property_title(self, name: str) -> str:
@@ -324,22 +307,23 @@ class SelectionPage(QWidget):
             return
         form = self.forms[selection.kind]
         form.show_selection(placed, selection)
-        self._head.show_text(name_of(placed, selection).capitalize(), form.line, (form.layer, form.label))
+        title = commands.name_of(placed, selection).capitalize()
+        self._head.show_text(title, form.line, (form.layer, form.label))
         sketch, is_feature = self._document.sketch, selection.kind == "feature"
-        locked = is_feature and is_locked(sketch, selection)
+        locked = is_feature and commands.is_locked(sketch, selection)
         with QSignalBlocker(self.lock):
             self.lock.setChecked(locked)
         self.lock.setVisible(is_feature)
         self.lock.setText("Unloc&k" if locked else "Loc&k")
-        self.reset.setEnabled(is_edited(sketch, placed, selection))
+        self.reset.setEnabled(commands.is_edited(sketch, placed, selection))
         self._note.setVisible(locked)
 
     def _existing_selection(self) -> Selection | None:
         """Return the selection if it exists, without a control point that the river has no longer."""
         placed, selection = self._link.placed, self._workspace.selection
-        if placed is None or selection is None or not exists(placed, selection):
+        if placed is None or selection is None or not commands.exists(placed, selection):
             return None
-        river = find_river(placed, selection)
+        river = commands.find_river(placed, selection)
         is_gone = river is not None and selection.index is not None and selection.index >= len(river.points)
         return replace(selection, index=None) if is_gone else selection
 

@@ -10,11 +10,11 @@ from PyQt6.QtGui import QMouseEvent, QWheelEvent
 from PyQt6.QtWidgets import QWidget
 
 from sketchterrain.placement.feature_types import FEATURE_TYPES
+from sketchterrain.ui.actions import ContextMenu, add_selection_commands
 from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.commands import exists
 from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import GoTo, PickResult, Placement
-from sketchterrain.ui.menus import ContextMenu, add_selection_commands
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.selection import FeatureDrag, Handle, add, handles_of, select_at
 from sketchterrain.ui.models.workspace import Selection, Workspace

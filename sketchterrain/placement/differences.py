@@ -99,7 +99,7 @@ def repainted_boxes(old: LabelImage | None, new: LabelImage | None, pixel_size: 
 
 def merge_boxes(boxes: Iterable[Bounds]) -> list[Bounds]:
     """Merge rectangles whose common bounding box adds little area."""
-    every = np.array(list(boxes), dtype=np.float64).reshape(-1, 4)
+    every = np.array(list(dict.fromkeys(boxes)), dtype=np.float64).reshape(-1, 4)
     merged, count = np.zeros_like(every), 0
     for box in every:
         merging = True

@@ -232,7 +232,7 @@ def _change_rule(rng: Rng, state: State) -> Sketch:
     """Change the cover, the factors, the material or the place of a material rule, or add one."""
     name = str(rng.choice([rule.name for rule in DEFAULT_RULES]))
     factor = Factor(float(rng.uniform(-1, 0.3)), 0.6, steepness=1.0, mottle=float(rng.uniform(0.1, 1)))
-    material = str(rng.choice(MATERIALS))
+    material = str(rng.choice(state.sketch.material_table.names))
     change = (
         RuleChange(name, cover=float(rng.random())),
         RuleChange(name, factors=(factor,)),
@@ -241,6 +241,16 @@ def _change_rule(rng: Rng, state: State) -> Sketch:
         RuleChange(f"own {rng.integers(5)}", material=material, cover=0.8, factors=(factor,)),
     )[int(rng.integers(5))]
     return state.sketch.replace(material_rules=(*state.sketch.material_rules, change))
+
+
+def _own_material(rng: Rng, state: State) -> Sketch:
+    """Declare a material, or another pattern of it, and paint with it."""
+    sketch = state.sketch
+    cover = next(name for name, layer in LAYERS.items() if layer.kind == "cover")
+    return sketch.replace(
+        materials={"lava": {"like": str(rng.choice(MATERIALS))}},
+        labels={**sketch.labels, (cover, int(rng.choice(_LABELS))): {"material": "lava"}},
+    )
 
 
 def _undo(rng: Rng, state: State) -> Sketch:
@@ -254,6 +264,9 @@ COSMETIC = ("name", "weather", "look")
 
 SETTINGS = (*SKETCH, *(f"{table}.{key}" for table, values in TABLES.items() for key in values))
 """Changes of a setting of the whole sketch."""
+
+COMPILED = ("own material",)
+"""Changes after which kernels are compiled again, which takes seconds."""
 
 CHANGES: dict[str, Change] = {
     **{f"paint {name}": _paint(name) for name in LAYERS},
@@ -281,6 +294,7 @@ CHANGES: dict[str, Change] = {
     "delete lake": _edit_water("delete lake"),
     "withdraw edit": _withdraw_edit,
     **{f"material rule {number}": _change_rule for number in range(3)},
+    "own material": _own_material,
     **{f"undo {number}": _undo for number in range(3)},
 }
 """All kinds of changes by name: of labels ``layer.parameter``, of settings ``table.parameter``."""

@@ -16,7 +16,7 @@ from sketchterrain.terrain.building import build, rebuild
 from sketchterrain.terrain.changes import EVERYWHERE
 from sketchterrain.terrain.terrain import Terrain
 
-from .sketch_edits import CHANGES, COSMETIC, SETTINGS, State, random_sketch
+from .sketch_edits import CHANGES, COMPILED, COSMETIC, SETTINGS, State, random_sketch
 from .terrain_samples import Samples, differences, plants_of, samples_of
 
 SEQUENCES = 20
@@ -112,8 +112,9 @@ def walk(seed: Sequence[int], changes: Sequence[Sequence[str]], context: Compute
 
 
 def hands() -> list[list[list[str]]]:
-    """Return the changes of each sequence of the default tier: together all kinds, local ones by threes."""
-    names = np.random.default_rng(5).permutation(list(CHANGES)).tolist()
+    """Return the changes of the default tier's sequences: together all quick ones, local ones by threes."""
+    quick = [name for name in CHANGES if name not in COMPILED]
+    names = np.random.default_rng(5).permutation(quick).tolist()
     local = [name for name in names if name not in SETTINGS]
     steps = [[name] for name in names if name in SETTINGS] + [
         local[number : number + 3] for number in range(0, len(local), 3)

@@ -352,8 +352,7 @@ def reset_property(sketch: Sketch, layer: str, label: int, name: str) -> Sketch:
     return sketch.replace(labels={**sketch.labels, (layer, label): properties})
 
 
-WORLD = "sketch"
-"""Name of the table of top-level keys."""
+WORLD = "sketch"  # name of the table of top-level keys
 
 
 def declared(table: str) -> Mapping[str, Parameter]:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from functools import partial
 from itertools import pairwise
-from typing import Final, NamedTuple
+from typing import Final
 
 from PyQt6.QtCore import QByteArray, QObject, QSize, Qt
 from PyQt6.QtGui import QScreen
@@ -85,25 +85,18 @@ def _button(name: str, title: str) -> QToolButton:
 _VERSION = 1  # of the set of panels: layouts of other versions are not restored
 
 
-class Panel(NamedTuple):
-    """A panel's title and its initial group of tabs."""
-
-    title: str
-    group: str
-
-
 PANELS: Final = {
-    "layers": Panel("Layers", "left"),
-    "properties": Panel("Properties", "left below"),
-    "world": Panel("World", "left below"),
-    "light": Panel("Light", "left below"),
-    "view": Panel("3-D view", "right"),
-    "history": Panel("History", "right below"),
-    "adherence": Panel("Adherence", "right below"),
-    "contradictions": Panel("Contradictions", "right below"),
-    "bookmarks": Panel("Bookmarks", "right below"),
+    "layers": ("Layers", "left"),
+    "properties": ("Properties", "left below"),
+    "world": ("World", "left below"),
+    "light": ("Light", "left below"),
+    "view": ("3-D view", "right"),
+    "history": ("History", "right below"),
+    "adherence": ("Adherence", "right below"),
+    "contradictions": ("Contradictions", "right below"),
+    "bookmarks": ("Bookmarks", "right below"),
 }
-"""All panels in the order of their tabs."""
+"""Title and initial group of tabs of each panel, in the order of their tabs."""
 _LEFT_WIDTH = 300  # px
 _BOTTOM_HEIGHT = 190
 
@@ -116,7 +109,7 @@ class PanelLayout(QObject):
         self._window = window
         self.maximised = ""  # ``canvas``, ``view`` or, usually, empty
         self._previous: QByteArray | None = None  # state before a part was maximised
-        self.docks = {name: Dock(name, part.title, contents[name], window) for name, part in PANELS.items()}
+        self.docks = {name: Dock(name, title, contents[name], window) for name, (title, _) in PANELS.items()}
         for corner in (Qt.Corner.TopLeftCorner, Qt.Corner.BottomLeftCorner):
             window.setCorner(corner, Qt.DockWidgetArea.LeftDockWidgetArea)
         for corner in (Qt.Corner.TopRightCorner, Qt.Corner.BottomRightCorner):
@@ -144,7 +137,7 @@ class PanelLayout(QObject):
         for name, dock in self.docks.items():
             dock.setFloating(False)
             self._window.removeDockWidget(dock)
-            groups.setdefault(PANELS[name].group, []).append(dock)
+            groups.setdefault(PANELS[name][1], []).append(dock)
         areas = Qt.DockWidgetArea
         for area, side in ((areas.LeftDockWidgetArea, "left"), (areas.RightDockWidgetArea, "right")):
             first, below = groups[side][0], groups[f"{side} below"]

@@ -202,8 +202,7 @@ _ACTIONS: Final = (
 class WorldLink(ViewSource):
     """Renders a stored world; reports errors of the ``engine``, the ``view`` or a part of the ``world``."""
 
-    world_known = pyqtSignal(object)
-    """`WorldFacts`."""
+    world_known = pyqtSignal(object)  # `WorldFacts`
 
     def __init__(self, path: Path, *, device: str | None = None) -> None:
         super().__init__(ViewState(mode="fly"))

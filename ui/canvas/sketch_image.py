@@ -22,8 +22,7 @@ from sketchterrain.ui.canvas.tool_context import ToolContext, Viewport
 from sketchterrain.ui.engine.protocol import Adherence, Relief
 from sketchterrain.ui.look.theme import active_theme, theme
 
-PAPER = QColor(247, 245, 240)
-"""The unpainted sketch."""
+PAPER = QColor(247, 245, 240)  # the unpainted sketch
 AGREEMENT = {
     "as painted": QColor(0, 158, 115),
     "missing": QColor(230, 130, 0),

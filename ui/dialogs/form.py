@@ -296,8 +296,7 @@ def fix_width(dialog: QDialog, width: int) -> None:
 class JobProgress(QWidget):
     """Progress and outcome of an export job."""
 
-    UNITS = 1000
-    """Steps of the bar."""
+    UNITS = 1000  # steps of the bar
 
     def __init__(self, title: str, name: str) -> None:
         super().__init__()

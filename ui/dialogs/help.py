@@ -6,7 +6,7 @@ import json
 import sys
 from collections.abc import Collection, Iterable
 from html import escape
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 
 from PyQt6.QtCore import PYQT_VERSION_STR, QEvent, QObject, QProcess, QSize, Qt, qVersion
 from PyQt6.QtGui import QAction, QIcon, QKeyEvent, QKeySequence, QPixmap
@@ -114,7 +114,7 @@ class AboutDialog(QDialog):
         super().__init__(parent)
         picture = QLabel()
         picture.setPixmap(app_picture(72, self.devicePixelRatioF()))
-        title = heading(f"Sketchterrain {_version()}")
+        title = heading(f"Sketchterrain {version('sketchterrain')}")
         head = row(None, picture, spacing=MARGIN)
         head.addLayout(column(None, 1, title, note(_SUMMARY), 1, spacing=SMALL), 1)
         environment = form_layout()
@@ -152,13 +152,6 @@ def _environment(facts: EngineFacts) -> dict[str, str]:
         "Python, Qt": f"PyQt {PYQT_VERSION_STR}, Qt {qVersion()}",
     }
     return {title: text for title, text in texts.items() if text}
-
-
-def _version() -> str:
-    try:
-        return version("sketchterrain")
-    except PackageNotFoundError:  # not installed
-        return ""
 
 
 _STEPS = (

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from sketchterrain.ui.engine.camera_controller import CameraController
     from sketchterrain.ui.engine.view_renderer import ViewRenderer
 
-SLOTS: Final = 2
-"""Frames that the shared memory holds."""
+SLOTS: Final = 2  # frames that the shared memory holds
 _GRAIN: Final = 1 << 20  # bytes; sizes are rounded up to it, so that resizing the window rarely reallocates
 
 

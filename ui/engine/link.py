@@ -93,12 +93,10 @@ class ViewSource(QObject):
     view_changed = pyqtSignal(object)  # ViewState
     error_reported = pyqtSignal(object)  # ErrorReport
 
-    _received = pyqtSignal(
-        int, str, object
-    )  # from reader threads: start number, process name, message or how the process ended
+    # from reader threads: start number, process name, message or how the process ended
+    _received = pyqtSignal(int, str, object)
 
-    without_view = ""
-    """What still works without OpenGL, for the user."""
+    without_view = ""  # what still works without OpenGL, for the user
 
     def __init__(self, view: msg.ViewState) -> None:
         super().__init__()
@@ -132,9 +130,6 @@ class ViewSource(QObject):
 
     def stop(self) -> None:
         """Terminate the processes and wait for them briefly."""
-        self._terminate()
-
-    def _terminate(self) -> None:
         processes, self._processes = self._processes, None
         if processes is not None:
             processes.close()
@@ -163,7 +158,7 @@ class ViewSource(QObject):
         return self._token
 
     def _run(self, processes: EngineProcesses) -> None:
-        self._terminate()
+        self.stop()
         self._starts += 1
         self._processes = processes
         for name, channel in processes.channels.items():
@@ -199,7 +194,7 @@ class ViewSource(QObject):
         elif isinstance(message, msg.ErrorReport):
             self._report_error(message.source, message.line)
         elif isinstance(message, str):
-            self._terminate()
+            self.stop()
             self._handle_crash(message or f"the {name} closed its connection")
         elif isinstance(message, msg.Unchanged):
             self._revalidate(message)
@@ -291,13 +286,12 @@ class EngineLink(ViewSource):
         self._restart(draws=True)
 
     def stop(self) -> None:
-        """Terminate the processes and wait for them briefly."""
         self._timer.stop()
         self._updates.stop()
-        self._terminate()
+        super().stop()
 
     def _restart(self, *, draws: bool) -> None:
-        self._terminate()
+        self.stop()
         self._started_at = time.monotonic()
         self._run(EngineProcesses(device=self.device, draws=draws))
         self._updates.start(self._schedule)

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from sketchterrain.world.options import WorldOptions
 
 
-MODES = ("orbit", "fly", "walk")
-"""Camera modes."""
+MODES = ("orbit", "fly", "walk")  # camera modes
 
 
 @dataclass(frozen=True, eq=False)

@@ -59,8 +59,7 @@ def _hatch_image(layer: str, dpr: float) -> QImage:
     return image
 
 
-PERIOD: Final = 16
-"""Period of every hatch, px at a device pixel ratio of 1."""
+PERIOD: Final = 16  # period of every hatch, px at a device pixel ratio of 1
 
 _LINE = 1.15  # px, width of a hatch's lines
 
@@ -98,14 +97,6 @@ def _waves(x: Float32Array, y: Float32Array) -> tuple[Float32Array, float]:
     return _from_line(y + swing, 8.0) * np.float32(0.88), 0.5 * _LINE
 
 
-def _falling(x: Float32Array, y: Float32Array) -> tuple[Float32Array, float]:
-    return _from_line(x - y, 5.0 + 1.0 / 3.0) * np.float32(np.sqrt(0.5)), 0.45 * _LINE
-
-
-def _level(x: Float32Array, y: Float32Array) -> tuple[Float32Array, float]:
-    return _from_line(y + 0.0 * x, 5.0 + 1.0 / 3.0), 0.5 * _LINE
-
-
 def _crossed(x: Float32Array, y: Float32Array) -> tuple[Float32Array, float]:
     slope = np.float32(np.sqrt(0.5))
     return np.minimum(_from_line(x - y, 8.0), _from_line(x + y, 8.0)) * slope, 0.42 * _LINE
@@ -124,10 +115,6 @@ def _nearest(x: Float32Array, y: Float32Array) -> tuple[Float32Array, Float32Arr
     return east, south
 
 
-def _dots(x: Float32Array, y: Float32Array) -> tuple[Float32Array, float]:
-    return np.hypot(*_nearest(x, y)), 1.15
-
-
 def _trees(x: Float32Array, y: Float32Array) -> tuple[Float32Array, float]:
     dx, dy = _nearest(x, y)
     upright = np.maximum(np.abs(dx), np.abs(dy) - 2.0)
@@ -138,10 +125,10 @@ def _trees(x: Float32Array, y: Float32Array) -> tuple[Float32Array, float]:
 HATCHES: Final[dict[str, Callable[[Float32Array, Float32Array], tuple[Float32Array, float]]]] = {
     "peaks": _peaks,
     "waves": _waves,
-    "falling": _falling,
-    "level": _level,
+    "falling": lambda x, y: (_from_line(x - y, 5.0 + 1.0 / 3.0) * np.float32(np.sqrt(0.5)), 0.45 * _LINE),
+    "level": lambda x, y: (_from_line(y + 0.0 * x, 5.0 + 1.0 / 3.0), 0.5 * _LINE),
     "crossed": _crossed,
-    "dots": _dots,
+    "dots": lambda x, y: (np.hypot(*_nearest(x, y)), 1.15),
     "trees": _trees,
 }
 """Distance from a hatch's lines and half their width, px at a device pixel ratio of 1."""
@@ -155,8 +142,7 @@ GLYPHS: Final[dict[str, tuple[tuple[float, ...], ...]]] = {
 }
 """Symbols of point features around the origin (px), distinct without colour: points and cubic curves."""
 
-FILLED_GLYPHS: Final = ("triangle", "tree")
-"""Those that are filled in the sketch."""
+FILLED_GLYPHS: Final = ("triangle", "tree")  # those that are filled in the sketch
 
 
 @cache

@@ -167,12 +167,9 @@ class _Engine(QIconEngine):
         return picture
 
 
-SMALL: Final = 4
-"""px between parts of one control."""
-SPACING: Final = 8
-"""px between controls."""
-MARGIN: Final = 12
-"""px around a group of controls."""
+SMALL: Final = 4  # px between parts of one control
+SPACING: Final = 8  # px between controls
+MARGIN: Final = 12  # px around a group of controls
 CHOICES: Final = {"system": "As the system", "light": "Light", "dark": "Dark"}
 """Titles of the selectable themes."""
 _SCHEMES: Final = {

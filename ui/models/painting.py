@@ -78,8 +78,7 @@ def pick(layers: Iterable[tuple[str, LabelImage]], row: int, column: int) -> tup
 
 Dab = tuple[float, float, float]
 """Centre (px right, px down; pixel centres at +0.5) and radius (px) of a disc."""
-THINNEST = 0.5
-"""Radius (px) of the thinnest brush: a line one pixel wide."""
+THINNEST = 0.5  # radius (px) of the thinnest brush: a line one pixel wide
 
 _GRID = 1024.0
 _TOLERANCE = 1e-9  # px beyond an edge at which a pixel centre counts as covered

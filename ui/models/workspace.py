@@ -196,8 +196,7 @@ OVERLAYS: Final = {
     "eye": "position and direction of the 3-D camera",
 }
 """Overlays of the canvas and their descriptions."""
-BRUSHES: Final = (0.5, 512.0)
-"""Range of the brush radius, px of the sketch."""
+BRUSHES: Final = (0.5, 512.0)  # range of the brush radius, px of the sketch
 
 
 @dataclass(frozen=True)

@@ -30,8 +30,7 @@ from sketchterrain.ui.panels.controls import (
 class ParameterRow(QWidget):
     """A parameter's title and help; subclasses add its control."""
 
-    edited = pyqtSignal(object, object)
-    """The new value, and the merge key of the gesture."""
+    edited = pyqtSignal(object, object)  # the new value, and the merge key of the gesture
     reset_requested = pyqtSignal()
 
     def __init__(self, parameter: Parameter, *, title: str = "", has_reset: bool = True) -> None:

@@ -26,8 +26,7 @@ NAME, EYE, LOCK = range(3)
 """Columns."""
 _LABEL: Final = Qt.ItemDataRole.UserRole
 """Of the name: layer, label and whether it is the layer's first label."""
-_DETAIL: Final = Qt.ItemDataRole.UserRole + 1
-"""Of the name: the second line."""
+_DETAIL: Final = Qt.ItemDataRole.UserRole + 1  # of the name: the second line
 _STATE: Final = Qt.ItemDataRole.UserRole + 2
 """Of the eye and the lock: whether the layer is visible or locked; None for no symbol."""
 _SWATCH: Final = 24
@@ -114,8 +113,7 @@ class LayerList(QTreeWidget):
     eye_clicked = pyqtSignal(str)
     lock_clicked = pyqtSignal(str)
     delete_requested = pyqtSignal()
-    menu_requested = pyqtSignal(QPoint)
-    """A place on the screen."""
+    menu_requested = pyqtSignal(QPoint)  # a place on the screen
 
     def __init__(self) -> None:
         super().__init__()

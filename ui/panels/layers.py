@@ -24,8 +24,7 @@ _SLICE = 1 << 20  # px: a few ms
 class LabelAreaCounter(QObject):
     """Counts pixels of label images in slices between events; a newer image of a layer replaces the older."""
 
-    counted = pyqtSignal(str, object)
-    """A layer, and pixels by label."""
+    counted = pyqtSignal(str, object)  # a layer, and pixels by label
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -84,8 +83,7 @@ def label_detail(sketch: Sketch, layer: str, label: int, pixels: int) -> str:
 class LayersPanel(QWidget):
     """List of layers and labels, opacity of the active layer, and commands for labels."""
 
-    message = pyqtSignal(str)
-    """Why a command is refused, one line."""
+    message = pyqtSignal(str)  # why a command is refused, one line
 
     def __init__(self, document: Document, workspace: Workspace) -> None:
         super().__init__()

@@ -52,10 +52,8 @@ from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.panels.controls import Panel, draw_band, faint_label, size_text
 
-ICON: Final = Qt.ItemDataRole.UserRole + 1
-"""Name of an icon, or None."""
-PALE: Final = Qt.ItemDataRole.UserRole + 2
-"""Whether a row has secondary text."""
+ICON: Final = Qt.ItemDataRole.UserRole + 1  # name of an icon, or None
+PALE: Final = Qt.ItemDataRole.UserRole + 2  # whether a row has secondary text
 _PLACE: Final = Qt.ItemDataRole.UserRole + 9
 _ICON_SIZE: Final = 16
 
@@ -175,8 +173,7 @@ class _Steps(QAbstractListModel):
 class ContradictionsPanel(Panel):
     """List of resolved contradictions; a click on one shows its place."""
 
-    place_activated = pyqtSignal(float, float)
-    """A place (m)."""
+    place_activated = pyqtSignal(float, float)  # a place (m)
 
     def __init__(self, workspace: Workspace, link: EngineLink) -> None:
         super().__init__()

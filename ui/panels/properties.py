@@ -83,8 +83,7 @@ class FeatureForm(QWidget):
         for edit in self._document.sketch.edits:
             if edit.feature == selection.id:
                 values |= {name: float(value) for name, value in edit.values.items() if name in values}
-        strength = commands.strength_of(self._document.sketch, placed, selection)
-        height = float(point["strength"]) if strength is None else strength
+        height = commands.strength_of(self._document.sketch, placed, selection) or 0.0
         return {**values, "height": height, "density": min(height, 1.0)}
 
     def _apply(self, name: str, value: float, key: object) -> None:

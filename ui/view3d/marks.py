@@ -23,8 +23,7 @@ _DOT_SPACING = 13.0  # px; side of a square with one mark, that of the largest f
 _POINT_SPACING = 13.0  # px between a river's visible control points
 _WIDTH_ARM = 14.0  # px from a river's bank to the handle of its width, for rivers are thin
 
-Drag = tuple[Handle, float, float]
-"""A handle and where it has been dragged (m)."""
+Drag = tuple[Handle, float, float]  # a handle and where it has been dragged (m)
 
 
 @dataclass(frozen=True)

@@ -89,8 +89,7 @@ class HandleDrag:
 class ViewMouse(QObject):
     """Event filter of a view that handles the mouse."""
 
-    terrain_hovered = pyqtSignal(object)
-    """The terrain under the mouse: (x, y, height) in m, or None."""
+    terrain_hovered = pyqtSignal(object)  # the terrain under the mouse: (x, y, height) in m, or None
     message = pyqtSignal(str)
 
     def __init__(

@@ -103,8 +103,7 @@ class ViewKeyboard(QObject):
 class View3D(QWidget):
     """Shows the terrain of a document, or a stored world without one, where nothing can be selected."""
 
-    hovered = pyqtSignal(object)
-    """The terrain under the mouse: (x, y, height) in m, or None."""
+    hovered = pyqtSignal(object)  # the terrain under the mouse: (x, y, height) in m, or None
     message = pyqtSignal(str)
     picture_requested = pyqtSignal()
 

@@ -85,7 +85,6 @@ def _run_editor(app: QApplication, sketch: Sketch, path: Path | None) -> int:
     preferences.theme_changed.connect(partial(apply_theme, app))
 
     def change_device() -> None:
-        link.stop()
         link.device = preferences.device
         link.start()
 

@@ -49,7 +49,6 @@ class ExportJob(QObject):
         return self._process.state() != QProcess.ProcessState.NotRunning
 
     def start(self) -> None:
-        """Start the process and send it the request."""
         self.stage_changed.emit("Starting")
         self._process.start()
         self._reading.read(lambda: pickle.dumps((self._request, self._sketch), protocol=5), self._send)

@@ -352,13 +352,11 @@ class OpenDialogs(QObject):
             self._files.start_sketch(dialog.sketch(), modified=True)
 
     def export(self) -> None:
-        """Show the export dialog beside the window."""
         from sketchterrain.ui.dialogs.export import ExportDialog
 
         self._show_beside("export", ExportDialog)
 
     def write_world(self) -> None:
-        """Show the world dialog beside the window."""
         from sketchterrain.ui.dialogs.world import WorldDialog
 
         self._show_beside("world", partial(WorldDialog, view=self.show_world))

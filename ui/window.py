@@ -231,7 +231,7 @@ class MainWindow(QMainWindow):
                 "look-selection": self.view.see_selection,
                 "bookmark": self._bookmarks.add,
                 **{f"bookmark-{n + 1}": partial(self._bookmarks.go_to, n) for n in range(9)},
-                "restart": self._restart,
+                "restart": self._link.start,
             }
         )
 
@@ -289,10 +289,6 @@ class MainWindow(QMainWindow):
     def _show_place(self, x: float, y: float) -> None:
         self.canvas.show_place(x, y)
         self._link.send(GoTo(x, y))
-
-    def _restart(self) -> None:
-        self._link.stop()
-        self._link.start()
 
 
 def _stretch() -> QWidget:

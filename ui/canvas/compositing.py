@@ -54,19 +54,9 @@ class LayerCompositor:
 
     def __init__(self, layer: Callable[[str], LabelImage], paints: Sequence[LayerPaint] = ()) -> None:
         self._layer = layer
-        self._paints = tuple(paints)
+        self.paints = tuple(paints)  # of the visible layers from bottom to top
         self._empty_blocks: dict[tuple[str, int, int], bool] = {}
         self._tiles = LRUCache(_MAX_TILES)  # by level, row and column
-
-    @property
-    def paints(self) -> tuple[LayerPaint, ...]:
-        """Paints of the visible layers from bottom to top; setting them discards all tiles."""
-        return self._paints
-
-    @paints.setter
-    def paints(self, paints: Sequence[LayerPaint]) -> None:
-        self._paints = tuple(paints)
-        self.invalidate()
 
     def invalidate(self, box: Box | None = None) -> None:
         """Mark a box of the sketch as stale, or everything."""
@@ -130,7 +120,7 @@ class LayerCompositor:
         """Return colours and codes in a box of a level; None where nothing is painted."""
         area = np.s_[box[0] << level : box[2] << level, box[1] << level : box[3] << level]
         images, bits = [], []
-        for bit, paint in enumerate(self._paints):
+        for bit, paint in enumerate(self.paints):
             if self._is_empty(paint.layer, level, box):  # as most layers are in most places
                 continue
             image = self._layer(paint.layer)[area]
@@ -140,7 +130,7 @@ class LayerCompositor:
         if not images:
             return None
         mixture, labels = _label_mixtures(images)
-        colour, code = _blend([self._paints[bit] for bit in bits], bits, labels)
+        colour, code = _blend([self.paints[bit] for bit in bits], bits, labels)
         return colour[mixture], code[mixture]
 
     def _is_empty(self, layer: str, level: int, box: Box) -> bool:

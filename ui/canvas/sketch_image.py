@@ -163,7 +163,7 @@ class SketchView(QObject):
     def refresh(self, *_: object) -> None:
         """Compose everything again: another document, layer look or theme."""
         context = self._context
-        self._compositor.paints = paints_of(context.workspace)
+        self._compositor = LayerCompositor(context.document.layer, paints_of(context.workspace))
         self._hatches = HatchTable(hatches_of(context.workspace), context.ratio)
         self._ratio = context.ratio
         self._invalidate()

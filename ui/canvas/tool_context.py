@@ -41,11 +41,9 @@ class Viewport:
         return max(round(self.columns * self.scale), 1), max(round(self.rows * self.scale), 1)
 
     def to_sketch(self, x: float, y: float) -> tuple[float, float]:
-        """Return the sketch position at a screen position."""
         return (x - self.left) / self.scale, (y - self.top) / self.scale
 
     def to_screen(self, x: float, y: float) -> tuple[float, float]:
-        """Return the screen position of a sketch position."""
         return self.left + x * self.scale, self.top + y * self.scale
 
     def fitted(self, *, margin: int) -> Viewport:
@@ -131,16 +129,13 @@ class ToolContext:
         return self.scale / self.document.sketch.pixel_size
 
     def screen_from_sketch(self, x: float, y: float) -> QPointF:
-        """Return the screen position of a sketch position."""
         right, down = self.viewport.to_screen(x, y)
         return QPointF(right / self.ratio, down / self.ratio)
 
     def sketch_from_screen(self, place: QPointF) -> tuple[float, float]:
-        """Return the sketch position at a screen position."""
         return self.viewport.to_sketch(place.x() * self.ratio, place.y() * self.ratio)
 
     def world_from_sketch(self, x: float, y: float) -> tuple[float, float]:
-        """Return the world position of a sketch position."""
         sketch = self.document.sketch
         return x * sketch.pixel_size, (sketch.height_px - y) * sketch.pixel_size
 
@@ -154,11 +149,9 @@ class ToolContext:
         return x / sketch.pixel_size, sketch.height_px - y / sketch.pixel_size
 
     def screen_from_world(self, x: float, y: float) -> QPointF:
-        """Return the screen position of a world position."""
         return self.screen_from_sketch(*self.sketch_from_world(x, y))
 
     def screens_from_world(self, x: Float64Array, y: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Return the screen positions of world positions."""
         viewport, (columns, rows) = self.viewport, self.sketch_from_world(x, y)
         return (viewport.left + columns * viewport.scale) / self.ratio, (
             viewport.top + rows * viewport.scale

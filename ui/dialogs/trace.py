@@ -62,14 +62,6 @@ class TraceSource:
     preview: Rgba | None = None  # (height, width, 4), if it is a picture
 
 
-@dataclass(frozen=True, eq=False)
-class PreviewedTrace:
-    """A traced sketch and its preview, (height, width, 4)."""
-
-    traced: TraceResult
-    preview: Rgba
-
-
 def read_source(path: Path) -> TraceSource:
     """Read a file; slow for large pictures."""
     kind = detect_kind(path)
@@ -88,8 +80,8 @@ def trace_source(
     layer: str,
     specks: int,
     narrow: float,
-) -> PreviewedTrace:
-    """Trace a file."""
+) -> tuple[TraceResult, Rgba]:
+    """Trace a file; return the sketch and its preview, (height, width, 4)."""
     if source.map is not None:
         traced: TraceResult = source.map.traced(options, meanings=meanings, specks=specks, narrow=narrow)
     elif source.kind == "picture":
@@ -105,7 +97,7 @@ def trace_source(
         traced = sketch_from_vectors(source.path, name=options.name, size_px=size_px)
     opaque = np.full((traced.sketch.height_px, traced.sketch.width_px, 4), 255, dtype=np.uint8)
     opaque[..., :3] = sketch_picture(traced.sketch)
-    return PreviewedTrace(traced, _preview(opaque, Image.Resampling.NEAREST))
+    return traced, _preview(opaque, Image.Resampling.NEAREST)
 
 
 def _preview(rgba: Rgba, resampling: Image.Resampling) -> Rgba:
@@ -241,7 +233,7 @@ class TraceDialog(QDialog):
     def __init__(self, path: Path, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._source: TraceSource | None = None
-        self._result: PreviewedTrace | None = None
+        self._result: TraceResult | None = None
         self._reading = BackgroundReader(self)
         self._reading.failed.connect(self._show_error)
         self._timer = single_shot(self, _DELAY, self._trace)
@@ -261,7 +253,7 @@ class TraceDialog(QDialog):
     def sketch(self) -> Sketch:
         if self._result is None:
             raise RuntimeError("expected a traced sketch")
-        return self._result.traced.sketch
+        return self._result.sketch
 
     def done(self, result: int) -> None:
         self._cancel()
@@ -349,9 +341,10 @@ class TraceDialog(QDialog):
         self._reading.read(trace, self._show_result)
 
     def _show_result(self, result: object) -> None:
-        self._result = result = cast(PreviewedTrace, result)
-        self.after.show_pixels(result.preview)
-        sketch = result.traced.sketch
+        traced, preview = cast("tuple[TraceResult, Rgba]", result)
+        self._result = traced
+        self.after.show_pixels(preview)
+        sketch = traced.sketch
         if not self.form["extent"].isEnabled():  # vectors have a scale of their own
             with QSignalBlocker(self.form):
                 self.form["extent"].setValue(sketch.extent)
@@ -359,7 +352,7 @@ class TraceDialog(QDialog):
         size = f"{sketch.width_px} × {sketch.height_px} px"
         lines = [f"{size}, {east:.3g} km × {north:.3g} km, {sketch.pixel_size:.3g} m a pixel."]
         if self._source is not None and self._source.map is None:
-            lines += [f"{line}." for line in result.traced.notes[:_MAX_NOTES]]
+            lines += [f"{line}." for line in traced.notes[:_MAX_NOTES]]
         self.status.setText("\n".join(lines))
         self.create_button.setEnabled(True)
         self.create_button.setDefault(True)

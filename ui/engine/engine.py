@@ -146,7 +146,6 @@ class Engine:
         self._guarded("view", self._show_terrain)
 
     def _follow(self, updates: list[msg.RecipeUpdate]) -> None:
-        """Display the newest terrain."""
         received = time.monotonic()
         self._session.apply(updates)
         self._show_terrain()

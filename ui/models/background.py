@@ -51,7 +51,6 @@ class BackgroundReader(QObject):
 
     @property
     def is_busy(self) -> bool:
-        """Whether something is being read."""
         return self._then is not None
 
     def read(self, work: Callable[[], object], then: Callable[[object], None]) -> None:
@@ -90,7 +89,6 @@ _Job = tuple[Callable[[], object], Callable[[str], None]]
 class BackgroundQueue(QObject):
     """Runs work on a thread that lives while there is work."""
 
-    busy_changed = pyqtSignal(bool)
     _done = pyqtSignal()
 
     def __init__(self, parent: QObject | None = None) -> None:
@@ -110,15 +108,12 @@ class BackgroundQueue(QObject):
     def do(self, purpose: Hashable, work: Callable[[], object], then: Callable[[str], None]) -> None:
         """Queue work in place of pending work for the same purpose; `then` gets an error line or ""."""
         with self._changed:
-            starts = not self._open
             self._open += purpose not in self._pending
             self._pending.pop(purpose, None)
             self._pending[purpose] = work, then
             if self._thread is None:
                 self._thread = Thread(target=self._work, name="background", daemon=True)
                 self._thread.start()
-        if starts:
-            self.busy_changed.emit(True)
 
     def wait(self) -> None:
         """Block until all work is done and its callbacks have run."""
@@ -143,8 +138,6 @@ class BackgroundQueue(QObject):
             then, line = self._results.get()
             self._open -= 1
             then(line)
-            if not self._open:
-                self.busy_changed.emit(False)
 
 
 class SketchSaver(QObject):
@@ -152,18 +145,15 @@ class SketchSaver(QObject):
 
     saved = pyqtSignal(object)  # Path
     failed = pyqtSignal(str)  # error in one line; the previous file is intact
-    busy_changed = pyqtSignal(bool)
 
     def __init__(self, document: Document) -> None:
         super().__init__()
         self._document = document
         self._background = BackgroundQueue(self)
-        self._background.busy_changed.connect(self.busy_changed)
         self._succeeded = True
 
     @property
     def is_busy(self) -> bool:
-        """Whether a save is running."""
         return self._background.is_busy
 
     def save(self, path: Path) -> None:

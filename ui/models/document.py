@@ -74,7 +74,6 @@ class Document(QObject):
 
     @property
     def is_modified(self) -> bool:
-        """Whether there are unsaved changes."""
         return self.state != self._saved
 
     def layer(self, name: str) -> LabelImage:

@@ -9,7 +9,7 @@ from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.hydrology.lakes import distance_inside
-from sketchterrain.placement.feature_types import FEATURE_TYPES, Lake, River, height_profile
+from sketchterrain.placement.feature_types import FEATURE_TYPES, River, height_profile
 from sketchterrain.ui import commands
 from sketchterrain.ui.commands import drag_title, dragged, find_parent_river, find_point, find_river, name_of
 from sketchterrain.ui.engine.protocol import Placement
@@ -43,7 +43,8 @@ def select_at(placed: Placement, x: float, y: float, *, reach: float) -> Selecti
     rivers = [(_bank_distance(river, x, y), river.id) for river in placed.rivers]
     if rivers and min(rivers)[0] <= reach:
         return Selection("course", min(rivers)[1])
-    lake = next((each for each in placed.lakes if _contains(each, x, y)), None)
+    at = np.array([[x, y]])
+    lake = next((each for each in placed.lakes if distance_inside(each.shape, at)[0] > 0.0), None)
     if lake is not None:
         return Selection("water", lake.id)
     heights = _heights(points, distance)
@@ -92,10 +93,6 @@ def _bank_distance(river: River, x: float, y: float) -> float:
     along = np.clip((offset * segment).sum(axis=1) / np.maximum((segment**2).sum(axis=1), 1e-12), 0.0, 1.0)
     distance = np.hypot(*(offset - along[:, None] * segment).T) - 0.5 * river.centreline_width[:-1]
     return max(float(distance.min()), 0.0)
-
-
-def _contains(lake: Lake, x: float, y: float) -> bool:
-    return float(distance_inside(lake.shape, np.array([[x, y]]))[0]) > 0.0
 
 
 def _heights(points: StructuredArray, distance: Float64Array) -> Float64Array:

@@ -230,11 +230,11 @@ class Workspace(QObject):
     def __init__(self) -> None:
         super().__init__()
         self._tool = "brush"
-        self._layer, self._label = next(iter(LAYERS)), 1
+        self.layer, self.label = next(iter(LAYERS)), 1  # the active ones, changed by `use_label` only
         self._brush = 16.0
         self._looks = {name: LayerLook() for name in LAYERS}
         self._selection: Selection | None = None
-        self._overlays = frozenset({"relief", "features", "eye"})
+        self.overlays = frozenset({"relief", "features", "eye"})  # visible, changed by `show_overlay` only
 
     @property
     def tool(self) -> str:
@@ -249,18 +249,9 @@ class Workspace(QObject):
             self._tool = tool
             self.tool_changed.emit(tool)
 
-    @property
-    def layer(self) -> str:
-        return self._layer
-
-    @property
-    def label(self) -> int:
-        """The active label, 1 to 255."""
-        return self._label
-
     def use_label(self, layer: str, label: int) -> None:
-        if (layer, label) != (self._layer, self._label):
-            self._layer, self._label = LAYERS[layer].name, label
+        if (layer, label) != (self.layer, self.label):
+            self.layer, self.label = LAYERS[layer].name, label
             self.label_changed.emit(layer, label)
 
     @property
@@ -295,15 +286,10 @@ class Workspace(QObject):
             self._selection = selection
             self.selection_changed.emit(selection)
 
-    @property
-    def overlays(self) -> frozenset[str]:
-        """Names of the visible `OVERLAYS`."""
-        return self._overlays
-
     def show_overlay(self, name: str, visible: bool) -> None:
         if name not in OVERLAYS:
             raise ValueError(f"expected an overlay, one of {', '.join(OVERLAYS)}, got {name!r}")
-        overlays = self._overlays | {name} if visible else self._overlays - {name}
-        if overlays != self._overlays:
-            self._overlays = overlays
+        overlays = self.overlays | {name} if visible else self.overlays - {name}
+        if overlays != self.overlays:
+            self.overlays = overlays
             self.overlays_changed.emit()

@@ -389,7 +389,6 @@ class PageHead(QWidget):
         grid.setColumnStretch(1, 1)
 
     def show_text(self, title: str, line: str, label: tuple[str, int] | None = None) -> None:
-        """Show a title, a line and the swatch of a layer's label."""
         picture = QPixmap() if label is None else swatch(*label, _SWATCH, self.devicePixelRatioF())
         self._picture.setPixmap(picture)
         self._title.setText(title)

@@ -5,7 +5,6 @@ from functools import partial
 from typing import Any, Final
 
 from PyQt6.QtCore import (
-    QAbstractListModel,
     QBuffer,
     QByteArray,
     QIODevice,
@@ -15,6 +14,7 @@ from PyQt6.QtCore import (
     QRectF,
     QSignalBlocker,
     QSize,
+    QStringListModel,
     Qt,
     pyqtSignal,
 )
@@ -144,28 +144,22 @@ class HistoryPanel(Panel):
             self._document.go_to(index.row())
 
 
-class _Steps(QAbstractListModel):
+class _Steps(QStringListModel):
     """List model of a history's titles."""
 
     def __init__(self, document: Document, parent: QWidget) -> None:
         super().__init__(parent)
         self._document = document
-        self._titles: tuple[str, ...] = ()
-
-    def rowCount(self, parent: QModelIndex | None = None) -> int:
-        return 0 if parent is not None and parent.isValid() else len(self._titles)
 
     def data(self, index: QModelIndex, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
-        if role == Qt.ItemDataRole.DisplayRole:
-            return self._titles[index.row()]
-        return index.row() > self._document.history.position if role == PALE else None
+        if role == PALE:
+            return index.row() > self._document.history.position
+        return super().data(index, role)
 
     def refresh(self) -> None:
         titles = self._document.history.titles
-        if titles != self._titles:
-            self.beginResetModel()
-            self._titles = titles
-            self.endResetModel()
+        if titles != tuple(self.stringList()):
+            self.setStringList(titles)
         else:
             self.dataChanged.emit(self.index(0), self.index(len(titles) - 1), [PALE])
 

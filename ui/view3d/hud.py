@@ -185,7 +185,6 @@ class Placeholder(QFrame):
         self.update_position()
 
     def update_position(self) -> None:
-        """Centre the placeholder in its parent."""
         parent = self.parentWidget()
         if parent is None or self.isHidden():
             return

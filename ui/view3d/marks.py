@@ -1,7 +1,6 @@
 """Marks over the 3-D view: features, rivers and handles in pixels, and hit tests."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -155,7 +154,9 @@ class MarkBuilder:
         return Segments(pixels, (hidden[:-1] & hidden[1:])[visible])
 
     def _shore(self, lake: Lake) -> Segments:
-        segments = _shore_segments(lake)
+        segments = shore_lines(lake.shape)
+        if len(segments) > 2 * _MAX_SHORE_SEGMENTS:
+            segments = segments[:: len(segments) // _MAX_SHORE_SEGMENTS]
         level = np.full((len(segments), 1), lake.level)
         starts, ends = np.hstack([segments[:, :2], level]), np.hstack([segments[:, 2:], level])
         pixels, visible = self.projection.project_segments(starts, ends)
@@ -207,10 +208,3 @@ def _thinned(order: npt.NDArray[np.intp], pixels: Float64Array) -> npt.NDArray[n
     squares = np.floor(pixels[order] / _DOT_SPACING).astype(np.int64)
     _, first = np.unique(squares, axis=0, return_index=True)
     return order[np.sort(first)]
-
-
-@lru_cache(maxsize=4)
-def _shore_segments(lake: Lake) -> Float64Array:
-    segments = shore_lines(lake.shape)
-    limit = _MAX_SHORE_SEGMENTS
-    return segments[:: max(len(segments) // limit, 1)] if len(segments) > 2 * limit else segments

@@ -114,10 +114,10 @@ def octave_share(waves: npt.ArrayLike, depth: float, fidelity: float) -> tuple[F
 
 
 def noise_limit(extent: float, fidelity: float, depth: float) -> float:
-    """Return how far (m) noise moves a cliff at most; ``depth`` as in `octave_share`."""
+    """Return how far (m) noise may move a cliff, half of its bound; ``depth`` as in `octave_share`."""
     octave = np.arange(_OCTAVES)
     share, _ = octave_share(2.0**octave * 8 / extent, depth, fidelity)
-    return float(NOISE_REACH * CLIFF_NOISE * extent / 8 * np.sum(CLIFF_GAIN**octave * share))
+    return float(0.5 * NOISE_REACH * CLIFF_NOISE * extent / 8 * np.sum(CLIFF_GAIN**octave * share))
 
 
 def create_plateaus(

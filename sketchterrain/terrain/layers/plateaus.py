@@ -240,8 +240,10 @@ def _raised(
 ) -> tuple[Float64Array, Float64Array]:
     """Return the ground with one plateau (m), and how much of its cliff and talus is there."""
     wide, fine = _cliff_offset(r, site)
-    x = inside - r["cliff_start"] + wide
+    still = inside - r["cliff_start"]
+    x = still + wide
     x = x + fine * smooth_rise(x * r["inverse_talus"], -0.5, 0.5)
+    x = np.clip(x, still - r["noise_limit"], still + r["noise_limit"])
     q = _profile(r, x)
     lift = soft_positive(r["plateau_top"] - ground, _RIM_SOFTNESS)
     free = smooth_rise(lift * r["inverse_layer"], 0, 2)
@@ -304,6 +306,6 @@ def _moved(full: Float64Array, row: Float64Array, sampling: Sampling) -> tuple[f
     one, other = (_profile(each, inside - each["cliff_start"]) for each in (profile, resolved))
     steepest = float(np.abs(np.diff(one)).max()) / (inside[1] - inside[0])
     # Noise that moves the talus also fades the noise of the cliff alone.
-    faded = 1 + 3 * profile["noise_limit"] * profile["inverse_talus"]
+    faded = 1 + 6 * profile["noise_limit"] * profile["inverse_talus"]
     between = steepest * (inside[1] - inside[0]) if missing > 0 or (one != other).any() else 0.0
     return min(float(np.abs(one - other).max()) + steepest * faded * missing + between, 1.0), missing

@@ -102,8 +102,7 @@ def _run_editor(app: QApplication, sketch: Sketch, path: Path | None) -> int:
 def new_window(document: Document, link: EngineLink, preferences: Preferences, state: Path) -> MainWindow:
     """Return a main window that stores recent files and bookmarks in the folder `state`."""
     from sketchterrain.ui.models.background import SketchSaver
-    from sketchterrain.ui.models.bookmarks import Bookmarks
-    from sketchterrain.ui.models.workspace import RecentFiles, Workspace
+    from sketchterrain.ui.models.workspace import Bookmarks, RecentFiles, Workspace
     from sketchterrain.ui.window import MainWindow
 
     bookmarks = Bookmarks(document, state / "bookmarks")

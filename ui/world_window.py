@@ -32,10 +32,9 @@ from sketchterrain.ui.engine.protocol import (
 from sketchterrain.ui.files import PictureFile
 from sketchterrain.ui.layout import Dock, FullScreenActions, fitting_size
 from sketchterrain.ui.look.theme import app_icon
-from sketchterrain.ui.models.bookmarks import Bookmarks
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.selection import delete, lock, reset, unlock
-from sketchterrain.ui.models.workspace import OVERLAYS, TOOLS, Selection, Workspace, state_folder
+from sketchterrain.ui.models.workspace import OVERLAYS, TOOLS, Bookmarks, Selection, Workspace, state_folder
 from sketchterrain.ui.panels.lists import BookmarksPanel
 from sketchterrain.ui.view3d.camera import length_text
 from sketchterrain.ui.view3d.view import View3D

@@ -95,8 +95,7 @@ def open_window(qtbot, document, workspace, link, tmp_path):
     """Return a factory of main windows that share preferences and recent files."""
     # Imported late: most tests do not need the whole window.
     from sketchterrain.ui.models.background import SketchSaver
-    from sketchterrain.ui.models.bookmarks import Bookmarks
-    from sketchterrain.ui.models.workspace import RecentFiles
+    from sketchterrain.ui.models.workspace import Bookmarks, RecentFiles
     from sketchterrain.ui.window import MainWindow
 
     def open_():

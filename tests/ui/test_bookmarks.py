@@ -10,8 +10,8 @@ from PyQt6.QtWidgets import QListWidget, QToolButton
 
 from sketchterrain.document.store import load_sketch
 from sketchterrain.ui.engine.protocol import FrameFacts, Look, Pose
-from sketchterrain.ui.models.bookmarks import Bookmark, Bookmarks
 from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.workspace import Bookmark, Bookmarks
 from sketchterrain.ui.panels.lists import BookmarksPanel
 
 HERE, THERE = Pose((0.0, 1.0, 2.0), (3.0, 4.0, 5.0), 50.0), Pose((9.0, 8.0, 7.0), (3.0, 4.0, 5.0), 40.0)

@@ -1,7 +1,5 @@
 """The sketch editor: displays the sketch with its overlays, to paint and select on."""
 
-from typing import cast
-
 from PyQt6.QtCore import QPointF, QRect, QRectF, QSize, Qt, pyqtSignal
 from PyQt6.QtGui import QPainter, QPaintEvent, QResizeEvent
 from PyQt6.QtWidgets import QSizePolicy, QWidget
@@ -107,8 +105,8 @@ class Canvas(QWidget):
         else:
             self.update()
 
-    def _on_stale(self, area: object) -> None:
-        pixels, ratio = cast("QRect", area), self._context.ratio
+    def _on_stale(self, pixels: QRect) -> None:
+        ratio = self._context.ratio
         size = (pixels.width() / ratio, pixels.height() / ratio)
         self.update(QRectF(pixels.x() / ratio, pixels.y() / ratio, *size).toAlignedRect())
 
@@ -123,8 +121,8 @@ class Canvas(QWidget):
         self._sketch_view.refresh()
         self._resize(fitted=True)
 
-    def _on_frame(self, facts: object) -> None:
-        for area in self._decorations.camera_moved(cast("FrameFacts", facts)):
+    def _on_frame(self, facts: FrameFacts) -> None:
+        for area in self._decorations.camera_moved(facts):
             self._redraw(area)
 
     def _resize(self, *, fitted: bool) -> None:

@@ -3,7 +3,7 @@
 import math
 from functools import cache
 
-from PyQt6.QtCore import QPointF, QRect, QRectF, Qt
+from PyQt6.QtCore import QLineF, QPointF, QRect, QRectF, Qt
 from PyQt6.QtGui import QColor, QFontMetricsF, QPainter, QPainterPath, QPen, QPolygonF
 
 from sketchterrain.document.layers import LAYERS
@@ -130,12 +130,8 @@ def _warning_sign() -> QPainterPath:
 def warning_at(context: ToolContext, place: QPointF) -> str:
     """Return the resolved contradictions at a screen position, a line each."""
     placed = context.link.placed
-    lines = []
-    for line, x, y in placed.resolutions if placed is not None else ():
-        offset = context.screen_from_world(x, y) - place
-        if math.hypot(offset.x(), offset.y()) <= _WARNING:
-            lines.append(line)
-    return "\n".join(lines)
+    found = [(line, context.screen_from_world(x, y)) for line, x, y in placed.resolutions] if placed else []
+    return "\n".join(line for line, at in found if QLineF(place, at).length() <= _WARNING)
 
 
 def draw_agreement(painter: QPainter, context: ToolContext, width: float) -> None:

@@ -73,10 +73,7 @@ class BrushTool(Tool):
         self._draft = self._stroke = None
         if draft is None or stroke is None or draft is not self.context.document.draft:
             return
-        box = stroke.finish()
-        if box is not None:
-            draft.touch(box)
-        draft.commit(self._title)
+        draft.commit(self._title, stroke.finish())
 
     def cancel(self) -> None:
         draft = self._draft
@@ -142,12 +139,8 @@ class FillTool(Tool):
         draft = self.context.document.begin_draft(workspace.layer)
         label = 0 if pointer.erases else workspace.label
         box = flood_fill(draft.image, math.floor(pointer.y), math.floor(pointer.x), label)
-        if box is None:
-            draft.cancel()
-            return
-        draft.touch(box)
         verb = "Clear a shape of" if pointer.erases else "Fill"
-        draft.commit(f"{verb} {LAYERS[workspace.layer].title.lower()}")
+        draft.commit(f"{verb} {LAYERS[workspace.layer].title.lower()}", box)
 
 
 class PickTool(Tool):
@@ -264,11 +257,7 @@ class LineTool(Tool):
         width = line_width(self.context.document.sketch, layer, label, self.context.workspace.brush)
         draft = self.context.document.begin_draft(layer)
         box = draw_line(draft.image, points, width, label)
-        if box is None:
-            draft.cancel()
-            return
-        draft.touch(box)
-        draft.commit(f"Draw a line of {LAYERS[layer].title.lower()}")
+        draft.commit(f"Draw a line of {LAYERS[layer].title.lower()}", box)
 
     def cancel(self) -> None:
         self._points = []

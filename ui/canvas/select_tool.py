@@ -2,7 +2,7 @@
 
 import math
 
-from PyQt6.QtCore import QPointF, QRectF, Qt
+from PyQt6.QtCore import QLineF, QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QPainter, QPen
 
 from sketchterrain.ui.canvas.decorations import write_beside
@@ -192,10 +192,8 @@ class SelectTool(Tool):
         return select_at(placed, *at, reach=_TOLERANCE / self.context.px_per_metre)
 
     def _handle_at(self, placed: Placement, place: QPointF) -> Handle | None:
-        near = []
-        for handle in self._visible_handles(placed):
-            offset = self._handle_place(handle) - place
-            near.append((math.hypot(offset.x(), offset.y()), handle))
+        handles = self._visible_handles(placed)
+        near = [(QLineF(place, self._handle_place(each)).length(), each) for each in handles]
         best = min(near, key=lambda pair: pair[0], default=None)
         return best[1] if best is not None and best[0] <= _TOLERANCE else None
 
@@ -210,12 +208,10 @@ class SelectTool(Tool):
             key=lambda each: each.role == "point" and each.selection.index != index,
         ):
             place = self._handle_place(handle)
-            if handle.role == "point" and any(
-                math.hypot(place.x() - other.x(), place.y() - other.y()) < _LEAST_DISTANCE for other in places
-            ):
-                continue
-            handles.append(handle)
-            places.append(place)
+            is_clear = all(QLineF(place, other).length() >= _LEAST_DISTANCE for other in places)
+            if handle.role != "point" or is_clear:
+                handles.append(handle)
+                places.append(place)
         return handles
 
     def _handle_place(self, handle: Handle) -> QPointF:

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import reduce
-from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -222,10 +221,10 @@ class SketchView(QObject):
         self._relief = self._relief_image = None
         self._invalidate()
 
-    def _on_painted(self, layer: str, box: object) -> None:
+    def _on_painted(self, layer: str, box: Box) -> None:
         if any(paint.layer == layer for paint in self._compositor.paints):
-            self._compositor.invalidate(cast("Box", box))
-            area = self._area_of(cast("Box", box))
+            self._compositor.invalidate(box)
+            area = self._area_of(box)
             self._invalidate(area)
             self.stale.emit(area)
 

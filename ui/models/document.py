@@ -41,8 +41,10 @@ class Draft:
         self._document.painted.emit(self.layer, box)
         self._document.live_changed.emit()
 
-    def commit(self, title: str) -> None:
-        """Record the stroke as a history step; with too many labels cancel it and raise InputError."""
+    def commit(self, title: str, box: Box | None = None) -> None:
+        """Record the stroke as a history step, with a last box; raise InputError for too many labels."""
+        if box is not None:
+            self.touch(box)
         self._document.end_draft(self, title)
 
     def cancel(self) -> None:

@@ -12,6 +12,7 @@ from PyQt6.QtCore import QEvent, QLocale, QObject, QRectF, QSize, Qt
 from PyQt6.QtGui import QColor, QFont, QIcon, QPainter, QPalette, QPixmap, QValidator
 from PyQt6.QtWidgets import (
     QAbstractSpinBox,
+    QCheckBox,
     QDoubleSpinBox,
     QFrame,
     QGridLayout,
@@ -273,6 +274,11 @@ def faint_label(text: str = "") -> QLabel:
     label.setForegroundRole(QPalette.ColorRole.PlaceholderText)
     label.setWordWrap(True)
     return label
+
+
+def check_box(title: str, tip: str) -> QCheckBox:
+    """Return a check box, its title with ``&`` before its key."""
+    return described(QCheckBox(title), title.replace("&", ""), tip)
 
 
 def heading(text: str = "") -> QLabel:

@@ -21,7 +21,6 @@ from PyQt6.QtCore import (
 from PyQt6.QtGui import QAction, QIcon, QImage, QPainter, QPalette, QStandardItem, QStandardItemModel
 from PyQt6.QtWidgets import (
     QAbstractItemView,
-    QCheckBox,
     QLabel,
     QListView,
     QListWidget,
@@ -47,10 +46,9 @@ from sketchterrain.ui.look.theme import (
     row,
     tool_button,
 )
-from sketchterrain.ui.models.bookmarks import Bookmark, Bookmarks
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.workspace import Workspace
-from sketchterrain.ui.panels.controls import Panel, draw_band, faint_label, size_text
+from sketchterrain.ui.models.workspace import Bookmark, Bookmarks, Workspace
+from sketchterrain.ui.panels.controls import Panel, check_box, draw_band, faint_label, size_text
 
 ICON: Final = Qt.ItemDataRole.UserRole + 1  # name of an icon, or None
 PALE: Final = Qt.ItemDataRole.UserRole + 2  # whether a row has secondary text
@@ -177,11 +175,7 @@ class ContradictionsPanel(Panel):
         self.list = _list_view("Contradictions", "Click a line to see the place")
         self.list.setWordWrap(True)
         self.list.setModel(self._model)
-        self.mark = described(
-            QCheckBox("&Mark them in the sketch"),
-            "Mark them in the sketch",
-            "Marks where layers contradict each other",
-        )
+        self.mark = check_box("&Mark them in the sketch", "Marks where layers contradict each other")
         self._none = faint_label(
             "No layer contradicts another one. A river painted across a mountain would be listed here, "
             "with the valley that it cuts."

@@ -6,7 +6,7 @@ from typing import Final
 
 from PyQt6.QtCore import QRegularExpression, QSignalBlocker, pyqtSignal
 from PyQt6.QtGui import QRegularExpressionValidator
-from PyQt6.QtWidgets import QCheckBox, QLabel, QLineEdit, QMenu, QToolButton, QWidget
+from PyQt6.QtWidgets import QLabel, QLineEdit, QMenu, QToolButton, QWidget
 
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.parameters import SKETCH, Parameter, Sentinel, Value
@@ -19,6 +19,7 @@ from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.panels.controls import (
     CollapsibleGroup,
     ScrollingPanel,
+    check_box,
     faint_label,
     help_text,
     number,
@@ -187,8 +188,8 @@ class ViewPanel(ScrollingPanel):
         self._document, self._link = document, link
         self.weather = table_form(document, "weather")
         self.quality = NumberRow(_QUALITY, title="Picture quality", decimals=2)
-        self.plays = _check_box("Things &move", "Animate water, clouds and plants")
-        self.overlays = {name: _check_box(*texts) for name, texts in OVERLAY_TITLES.items()}
+        self.plays = check_box("Things &move", "Animate water, clouds and plants")
+        self.overlays = {name: check_box(*texts) for name, texts in OVERLAY_TITLES.items()}
         self._timer = single_shot(self, _QUALITY_DELAY, self._send_quality)
         picture, overlays = QWidget(), QWidget()
         column(picture, self.quality, self.plays)
@@ -235,7 +236,3 @@ class ViewPanel(ScrollingPanel):
         visible = {*self._link.view.overlays, name} if on else {*self._link.view.overlays} - {name}
         overlays = tuple(each for each in OVERLAY_TITLES if each in visible)
         self._link.set_view(replace(self._link.view, overlays=overlays))
-
-
-def _check_box(title: str, tip: str) -> QCheckBox:
-    return described(QCheckBox(title), title.replace("&", ""), tip)

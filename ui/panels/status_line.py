@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from PyQt6.QtCore import QPointF, QRectF, QSignalBlocker, QSize, Qt
 from PyQt6.QtGui import QPainter, QPaintEvent, QPalette
-from PyQt6.QtWidgets import QCheckBox, QProgressBar, QPushButton, QSizePolicy, QWidget
+from PyQt6.QtWidgets import QProgressBar, QPushButton, QSizePolicy, QWidget
 from superqt import QElidingLabel
 
 from sketchterrain.document.layers import LAYERS
@@ -22,6 +22,7 @@ from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.panels.controls import (
     ScrollingPanel,
+    check_box,
     faint_label,
     heading,
     label_title,
@@ -113,11 +114,8 @@ class AdherencePanel(ScrollingPanel):
         self._workspace, self._link = workspace, link
         self._is_measuring = False
         self.measure = described(QPushButton("&Measure"), "Measure", "Compare the terrain with the paint")
-        self.overlay = described(
-            QCheckBox("&Show in the sketch"),
-            "Show in the sketch",
-            "Show where the active layer is missing and where it spills over",
-        )
+        tip = "Show where the active layer is missing and where it spills over"
+        self.overlay = check_box("&Show in the sketch", tip)
         self._head, self._state, self._peaks = heading(), faint_label(), faint_label()
         self.bars = {name: AdherenceBar(name) for name, layer in LAYERS.items() if layer.kind != "cover"}
         self._timer = single_shot(self, _DELAY, self._measure)

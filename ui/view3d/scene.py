@@ -62,10 +62,8 @@ def _draw_segments(painter: QPainter, lines: Iterable[Segments], colour: QColor,
         for line in lines:
             _add_segments(path, line, hidden=hidden)
         for pen_colour, pen_width in ((_RIM, width + 2.2), (colour, width)):
-            pen = QPen(pen_colour, pen_width)
-            pen.setCapStyle(Qt.PenCapStyle.RoundCap)
-            pen.setJoinStyle(Qt.PenJoinStyle.RoundJoin)
-            painter.setPen(pen)
+            cap, join = Qt.PenCapStyle.RoundCap, Qt.PenJoinStyle.RoundJoin
+            painter.setPen(QPen(pen_colour, pen_width, cap=cap, join=join))
             painter.drawPath(path)
     painter.setOpacity(1.0)
 
@@ -257,9 +255,7 @@ class Scene:
             (QPointF(left + wide, below), QPointF(left + wide, below - 5.0)),
         ]
         for colour, thick in ((_TEXT_RIM, 3.4), (_TEXT_LIGHT, 1.4)):
-            pen = QPen(colour, thick)
-            pen.setCapStyle(Qt.PenCapStyle.SquareCap)
-            painter.setPen(pen)
+            painter.setPen(QPen(colour, thick, cap=Qt.PenCapStyle.SquareCap))
             for start, end in ticks:
                 painter.drawLine(start, end)
         _draw_text(painter, length_text(length), left + 1.0, below - 9.0)

@@ -140,8 +140,7 @@ class Actions(QObject):
         super().__init__(window)
         groups = {kind: QActionGroup(self) for kind in _GROUPS}
         self._actions: dict[str, QAction] = {}
-        self._callbacks: dict[str, Callable[[], object]] = {}
-        self._checked_callbacks: dict[str, Callable[[bool], object]] = {}
+        self._callbacks: dict[str, Callable[[bool], object]] = {}
         for name in names:
             command = COMMANDS[name]
             action = QAction(command.text, self)
@@ -170,21 +169,22 @@ class Actions(QObject):
 
     def bind(self, callbacks: Mapping[str, Callable[[], object]]) -> None:
         """Set the callbacks of actions by name."""
-        self._callbacks |= {self[name].objectName(): callback for name, callback in callbacks.items()}
+        self.bind_checked({name: partial(_call, callback) for name, callback in callbacks.items()})
 
     def bind_checked(self, callbacks: Mapping[str, Callable[[bool], object]]) -> None:
         """Set the callbacks of actions that can be on and off."""
-        checked = {self[name].objectName(): callback for name, callback in callbacks.items()}
-        self._checked_callbacks |= checked
+        self._callbacks |= {self[name].objectName(): callback for name, callback in callbacks.items()}
 
     def _run(self, on: bool) -> None:
         # One bound method for all is disconnected in order when the window is deleted.
         action = self.sender()
         name = "" if action is None else action.objectName()
         if name in self._callbacks:
-            self._callbacks[name]()
-        elif name in self._checked_callbacks:
-            self._checked_callbacks[name](on)
+            self._callbacks[name](on)
+
+
+def _call(callback: Callable[[], object], _: bool) -> None:
+    callback()
 
 
 def _tool_tip(text: str, tip: str, action: QAction) -> str:
@@ -338,7 +338,6 @@ def add_menus(window: QMainWindow, actions: Actions, submenus: Mapping[str, QMen
         if not any(name in actions for name in names):
             continue
         menu = QMenu(title, window)
-        menu.setToolTipsVisible(False)
         bar.addMenu(menu)
         for name in names:
             if name == _RULE:
@@ -362,7 +361,6 @@ def add_tool_bars(window: QMainWindow, actions: Actions, options: Iterable[QWidg
         bar.setObjectName(f"bar-{name}")
         bar.setIconSize(QSize(20, 20))
         bar.setMovable(False)
-        bar.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonIconOnly)
     window.addToolBar(Qt.ToolBarArea.TopToolBarArea, commands)
     window.addToolBar(Qt.ToolBarArea.LeftToolBarArea, tools)
     return commands

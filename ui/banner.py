@@ -103,7 +103,6 @@ class Banner(QFrame):
             self._line.setText(message.line)
             for index, (title, _) in enumerate(message.buttons):
                 button = QPushButton(title, self)
-                button.setAutoDefault(False)
                 button.clicked.connect(self._press)
                 self._row.insertWidget(2 + index, button)
                 self._buttons.append(button)

@@ -30,11 +30,6 @@ class Dock(QDockWidget):
         super().__init__(title, parent)
         self.setObjectName(f"dock-{name}")
         self.setWidget(content)
-        self.setFeatures(
-            QDockWidget.DockWidgetFeature.DockWidgetMovable
-            | QDockWidget.DockWidgetFeature.DockWidgetFloatable
-            | QDockWidget.DockWidgetFeature.DockWidgetClosable
-        )
         self.title_bar = _TitleBar(self)
         self.setTitleBarWidget(self.title_bar)
 

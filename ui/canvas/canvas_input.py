@@ -96,7 +96,7 @@ class CanvasInput(QObject):
             kinds.TabletMove: self._pen,
             kinds.TabletRelease: self._pen,
             kinds.ContextMenu: self._menu,
-            kinds.Enter: self._enter,
+            kinds.Enter: lambda _: self._show_cursor(),
             kinds.Leave: self._leave,
             kinds.KeyPress: self._press_key,
             kinds.KeyRelease: self._release_key,
@@ -217,9 +217,6 @@ class CanvasInput(QObject):
         menu.add_command("orbit", "Look here in 3-D", partial(context.link.send, GoTo(x, y)))
         menu.popup(event.globalPos())
         return True
-
-    def _enter(self, _: QEvent) -> bool:
-        return self._show_cursor()
 
     def _leave(self, _: QEvent) -> bool:
         self._place = None

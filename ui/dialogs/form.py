@@ -367,7 +367,6 @@ class JobDialog(QDialog):
         """Show that a running job is being cancelled."""
 
     def reject(self) -> None:
-        """Cancel a running job, else close."""
         if self.job is not None and self.job.is_running:
             self.close_button.setEnabled(False)
             self.show_cancelling()

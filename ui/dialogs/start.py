@@ -7,7 +7,6 @@ import numpy as np
 from PyQt6.QtCore import QDateTime, QLocale, QSize, Qt
 from PyQt6.QtGui import QIcon, QImage
 from PyQt6.QtWidgets import (
-    QAbstractItemView,
     QDialog,
     QDialogButtonBox,
     QFileDialog,
@@ -145,7 +144,6 @@ class PresetsDialog(QDialog):
         self.list.setIconSize(_THUMBNAIL)
         self.list.setMovement(QListView.Movement.Static)
         self.list.setResizeMode(QListView.ResizeMode.Adjust)
-        self.list.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
         self.list.setSpacing(MARGIN // 2)
         self.list.setUniformItemSizes(True)
         self.list.setWordWrap(True)

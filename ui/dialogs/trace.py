@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 from PyQt6.QtCore import QSignalBlocker, QSize, Qt, pyqtSignal
-from PyQt6.QtGui import QCloseEvent, QColor, QIcon, QImage, QPixmap, QResizeEvent
+from PyQt6.QtGui import QColor, QIcon, QImage, QPixmap, QResizeEvent
 from PyQt6.QtWidgets import (
     QComboBox,
     QDialog,
@@ -237,6 +237,7 @@ class TraceDialog(QDialog):
         self._reading = BackgroundReader(self)
         self._reading.failed.connect(self._show_error)
         self._timer = single_shot(self, _DELAY, self._trace)
+        self.finished.connect(self._cancel)
         self.before, self.after = ScaledPicture("The picture"), ScaledPicture("The sketch")
         self._picture_group = _framed("Picture", self.before)
         pictures = row(None, self._picture_group, _framed("Sketch", self.after), spacing=MARGIN)
@@ -255,15 +256,7 @@ class TraceDialog(QDialog):
             raise RuntimeError("expected a traced sketch")
         return self._result.sketch
 
-    def done(self, result: int) -> None:
-        self._cancel()
-        super().done(result)
-
-    def closeEvent(self, event: QCloseEvent | None) -> None:
-        self._cancel()
-        super().closeEvent(event)
-
-    def _cancel(self) -> None:
+    def _cancel(self, *_: object) -> None:
         self._timer.stop()
         self._reading.cancel()
 

@@ -117,7 +117,7 @@ class LayerList(QTreeWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self._rows: list[Row] = []
+        self.rows: tuple[Row, ...] = ()
         self.setColumnCount(3)
         self.setHeaderHidden(True)
         self.setRootIsDecorated(False)
@@ -128,7 +128,6 @@ class LayerList(QTreeWidget):
         self.setMouseTracking(True)
         self.setVerticalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
         self.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
         self.setAccessibleName("Layers")
         self.setToolTip("Layers and labels. 1 to 7 select a layer, Space shows or hides it")
@@ -144,10 +143,6 @@ class LayerList(QTreeWidget):
         self.currentItemChanged.connect(self._activate)
         self.customContextMenuRequested.connect(self._request_menu)
 
-    @property
-    def rows(self) -> tuple[Row, ...]:
-        return tuple(self._rows)
-
     def show_rows(self, rows: Sequence[Row], current: int) -> None:
         """Show rows without emitting a signal; `current` is the selected one."""
         with QSignalBlocker(self):
@@ -157,9 +152,9 @@ class LayerList(QTreeWidget):
                 self.addTopLevelItem(QTreeWidgetItem())
             for index, row in enumerate(rows):
                 item = self.topLevelItem(index)
-                if item is not None and (index >= len(self._rows) or self._rows[index] != row):
+                if item is not None and (index >= len(self.rows) or self.rows[index] != row):
                     _fill(item, row)
-            self._rows = list(rows)
+            self.rows = tuple(rows)
             item = self.topLevelItem(current)
             if item is not None and item is not self.currentItem():
                 self.setCurrentItem(item)
@@ -184,7 +179,7 @@ class LayerList(QTreeWidget):
         if index is None or not is_left or index.column() == NAME or index.data(_STATE) is None:
             super().mousePressEvent(e)
             return
-        row = self._rows[index.row()]
+        row = self.rows[index.row()]
         (self.eye_clicked if index.column() == EYE else self.lock_clicked).emit(row.layer)
 
     def sizeHint(self) -> QSize:
@@ -197,7 +192,7 @@ class LayerList(QTreeWidget):
 
     def _current(self) -> Row | None:
         index = self.indexOfTopLevelItem(self.currentItem())
-        return self._rows[index] if 0 <= index < len(self._rows) else None
+        return self.rows[index] if 0 <= index < len(self.rows) else None
 
     def _activate(self) -> None:
         row = self._current()

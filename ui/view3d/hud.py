@@ -5,7 +5,7 @@ import time
 from dataclasses import dataclass, replace
 from typing import Final
 
-from PyQt6.QtCore import QObject, QPointF, QRectF, QSize, Qt, QTimer, pyqtSignal
+from PyQt6.QtCore import QObject, QPointF, QRectF, Qt, QTimer, pyqtSignal
 from PyQt6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
 from PyQt6.QtWidgets import (
     QAbstractButton,
@@ -144,7 +144,6 @@ class Placeholder(QFrame):
         self._line.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self._line.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.MinimumExpanding)
         self._button = QPushButton()
-        self._button.setAutoDefault(False)
         self._button.clicked.connect(self.pressed)
         for label in (self._title, self._line):
             label.setAlignment(Qt.AlignmentFlag.AlignHCenter)
@@ -260,9 +259,6 @@ class Compass(QAbstractButton):
             self._heading = heading
             self._describe()
             self.update()
-
-    def sizeHint(self) -> QSize:
-        return QSize(_COMPASS_SIDE, _COMPASS_SIDE)
 
     def paintEvent(self, event: QPaintEvent | None) -> None:
         painter = QPainter(self)

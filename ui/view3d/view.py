@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Final
 
-from PyQt6.QtCore import QEvent, QObject, QPointF, QRectF, QSize, Qt, pyqtSignal
+from PyQt6.QtCore import QEvent, QObject, QPointF, QRectF, QSize, Qt
 from PyQt6.QtGui import QFocusEvent, QHideEvent, QKeyEvent, QPainter, QPaintEvent, QResizeEvent, QShowEvent
 from PyQt6.QtWidgets import QSizePolicy, QWidget
 
@@ -103,10 +103,6 @@ class ViewKeyboard(QObject):
 class View3D(QWidget):
     """Shows the terrain of a document, or a stored world without one, where nothing can be selected."""
 
-    hovered = pyqtSignal(object)  # the terrain under the mouse: (x, y, height) in m, or None
-    message = pyqtSignal(str)
-    picture_requested = pyqtSignal()
-
     def __init__(self, document: Document | None, workspace: Workspace, link: ViewSource) -> None:
         super().__init__()
         self._document, self._workspace, self._link = document, workspace, link
@@ -140,12 +136,11 @@ class View3D(QWidget):
             *(workspace.selection_changed, workspace.overlays_changed, workspace.tool_changed),
         ):
             signal.connect(self._refresh)
-        self._mouse.terrain_hovered.connect(self.hovered)
-        self._mouse.message.connect(self.message)
+        self.hovered, self.message = self._mouse.terrain_hovered, self._mouse.message
         self.bar = self._hud.bar
+        self.picture_requested = self.bar.picture_requested
         self.bar.see_all.connect(self.see_all)
         self.bar.see_best.connect(self.see_best)
-        self.bar.picture_requested.connect(self.picture_requested)
 
     def sizeHint(self) -> QSize:
         return QSize(640, 480)

@@ -9,7 +9,7 @@ from PyQt6.QtCore import QObject, QProcess, pyqtSignal
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.ui.application import single_shot
-from sketchterrain.ui.engine.protocol import ExportRequest, TargetRequest, WorldRequest
+from sketchterrain.ui.engine.protocol import Request, WorldRequest
 from sketchterrain.ui.models.background import BackgroundReader
 
 _GRACE = 5000  # ms from SIGTERM to SIGKILL
@@ -25,9 +25,7 @@ class ExportJob(QObject):
     finished = pyqtSignal(object)  # Summary, a dict: see `export_process`
     failed = pyqtSignal(str)  # Empty if cancelled
 
-    def __init__(
-        self, request: ExportRequest | TargetRequest | WorldRequest, sketch: Sketch, parent: QObject
-    ) -> None:
+    def __init__(self, request: Request, sketch: Sketch, parent: QObject) -> None:
         super().__init__(parent)
         self._request, self._sketch = request, sketch
         self._reading = BackgroundReader(self)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from sketchterrain.app.console import Stages
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.ui.engine.protocol import ExportRequest, TargetRequest, WorldRequest
+from sketchterrain.ui.engine.protocol import ExportRequest, Request, TargetRequest, WorldRequest
 
 if TYPE_CHECKING:
     from sketchterrain.world.job import Job
@@ -54,9 +54,7 @@ def _cancel(*_: object) -> None:
     raise KeyboardInterrupt
 
 
-def _export(
-    request: ExportRequest | TargetRequest | WorldRequest, sketch: Sketch, emit: Emit
-) -> dict[str, Any]:
+def _export(request: Request, sketch: Sketch, emit: Emit) -> dict[str, Any]:
     @contextmanager
     def show(title: str) -> Iterator[Callable[[float], None]]:
         emit({"stage": title})

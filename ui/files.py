@@ -304,14 +304,14 @@ class OpenDialogs(QObject):
         from sketchterrain.ui.dialogs.start import NewSketchDialog
 
         dialog = NewSketchDialog(self._window)
-        if _run(dialog):
+        if run_dialog(dialog):
             self._files.start_sketch(dialog.sketch())
 
     def presets(self) -> None:
         from sketchterrain.ui.dialogs.start import PresetsDialog
 
         dialog = PresetsDialog(self._window)
-        if _run(dialog):
+        if run_dialog(dialog):
             self._files.open_preset(dialog.name)
 
     def open_world(self) -> None:
@@ -347,7 +347,7 @@ class OpenDialogs(QObject):
         from sketchterrain.ui.dialogs.trace import TraceDialog
 
         dialog = TraceDialog(path, self._window)
-        if _run(dialog):
+        if run_dialog(dialog):
             self._preferences.last_folder = path.absolute().parent
             self._files.start_sketch(dialog.sketch(), modified=True)
 
@@ -388,7 +388,7 @@ class OpenDialogs(QObject):
         size = (0, 0) if picture is None else (picture.width(), picture.height())
         name = self._document.sketch.name or "terrain"
         dialog = PictureDialog(size, self._preferences.last_folder, name, self._window)
-        if not _run(dialog) or dialog.path is None:
+        if not run_dialog(dialog) or dialog.path is None:
             return
         if dialog.render_size is not None:
             self._banner.show_message(Message("info", "Drawing the picture …", "picture"))
@@ -399,13 +399,13 @@ class OpenDialogs(QObject):
     def preferences(self) -> None:
         from sketchterrain.ui.dialogs.help import PreferencesDialog
 
-        _run(PreferencesDialog(self._preferences, self._window))
+        run_dialog(PreferencesDialog(self._preferences, self._window))
 
     def find(self) -> None:
         from sketchterrain.ui.dialogs.help import FindDialog
 
         dialog = FindDialog(self._actions, self._window)
-        if _run(dialog) and dialog.selected is not None:
+        if run_dialog(dialog) and dialog.selected is not None:
             dialog.selected.trigger()
 
     def _show_help(self, name: str) -> None:
@@ -416,10 +416,11 @@ class OpenDialogs(QObject):
             "keys": KeysDialog,
             "about": partial(AboutDialog, self._link.facts),
         }
-        _run(dialogs[name](self._window))
+        run_dialog(dialogs[name](self._window))
 
 
-def _run(dialog: QDialog) -> bool:
+def run_dialog(dialog: QDialog) -> bool:
+    """Show a modal dialog and delete it; return whether it was accepted."""
     accepted = bool(dialog.exec())
     dialog.deleteLater()
     return accepted

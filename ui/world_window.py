@@ -29,7 +29,7 @@ from sketchterrain.ui.engine.protocol import (
     ViewState,
     WorldFacts,
 )
-from sketchterrain.ui.files import PictureFile
+from sketchterrain.ui.files import PictureFile, run_dialog
 from sketchterrain.ui.layout import Dock, FullScreenActions, fitting_size
 from sketchterrain.ui.look.theme import app_icon
 from sketchterrain.ui.models.document import Document
@@ -300,9 +300,7 @@ class WorldWindow(QMainWindow):
         self._dock.show()
 
     def _show_keys(self) -> None:
-        dialog = KeysDialog(self, _ACTIONS)
-        dialog.exec()
-        dialog.deleteLater()
+        run_dialog(KeysDialog(self, _ACTIONS))
 
     def _show_world(self, world: WorldFacts) -> None:
         west, south, east, north = world.bounds

@@ -74,15 +74,9 @@ class LayerCompositor:
         for (level, row, column), tile in self._tiles.items():
             step, side = 1 << level, _TILE << level
             top, left = row * side, column * side
-            tile.stale = union_box(
-                tile.stale,
-                _clip(
-                    (box[0] - top) // step,
-                    (box[1] - left) // step,
-                    -((top - box[2]) // step),
-                    -((left - box[3]) // step),
-                ),
-            )
+            first = (box[0] - top) // step, (box[1] - left) // step
+            last = -((top - box[2]) // step), -((left - box[3]) // step)
+            tile.stale = union_box(tile.stale, _clip(*first, *last))
 
     def read(self, level: int, box: Box) -> tuple[Colours, Codes]:
         """Return colours and codes of a level in a box of its rows and columns."""

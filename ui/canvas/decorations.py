@@ -67,12 +67,6 @@ def draw_scale_bar(painter: QPainter, context: ToolContext, height: float) -> No
     painter.drawPolyline(QPolygonF([QPointF(x, y) for x, y in ends]))
 
 
-def camera_area(context: ToolContext, pose: Pose) -> QRectF:
-    """Return the rectangle (logical px) of `draw_camera`."""
-    at, size = _camera_place(context, pose), _CONE + 4
-    return QRectF(at.x() - size, at.y() - size, 2 * size, 2 * size)
-
-
 def draw_camera(painter: QPainter, context: ToolContext, pose: Pose) -> None:
     """Draw position and direction of the 3-D camera, clamped to the canvas."""
     at = _camera_place(context, pose)
@@ -184,7 +178,9 @@ class Decorations:
         if pose == before or "eye" not in self._context.workspace.overlays:
             return ()
         self._pose = pose
-        return tuple(camera_area(self._context, each) for each in (before, pose) if each is not None)
+        places = [_camera_place(self._context, each) for each in (before, pose) if each is not None]
+        size = _CONE + 4
+        return tuple(QRectF(at.x() - size, at.y() - size, 2 * size, 2 * size) for at in places)
 
     def draw(self, painter: QPainter, area: QRect, tool: Tool, width: float, height: float) -> None:
         """Draw an area (logical px) of a canvas of a size."""

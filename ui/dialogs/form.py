@@ -28,7 +28,7 @@ from PyQt6.QtWidgets import (
 
 from sketchterrain.document.parameters import SKETCH
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.ui.engine.protocol import ExportRequest, TargetRequest, WorldRequest
+from sketchterrain.ui.engine.protocol import Request
 from sketchterrain.ui.export_job import ExportJob
 from sketchterrain.ui.look.theme import MARGIN, SPACING, LayoutItem, column, row
 from sketchterrain.ui.models.workspace import Preferences
@@ -338,7 +338,7 @@ class JobDialog(QDialog):
 
     def run(
         self,
-        request: ExportRequest | TargetRequest | WorldRequest,
+        request: Request,
         *,
         on_stage: Callable[[str], object],
         on_share: Callable[[float], object],

@@ -218,9 +218,8 @@ class ViewSource(QObject):
     def _report_error(self, source: str, line: str) -> None:
         """Emit an error as a sentence."""
         line = line[:1].upper() + line[1:]
-        self.error_reported.emit(
-            msg.ErrorReport(source, line if line.endswith((".", "!", "?")) else f"{line}.")
-        )
+        line = line if line.endswith((".", "!", "?")) else f"{line}."
+        self.error_reported.emit(msg.ErrorReport(source, line))
 
     def _set_activity(self, text: str) -> None:
         if text != self.activity:

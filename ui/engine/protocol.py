@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 if TYPE_CHECKING:
     import numpy as np
@@ -357,3 +357,6 @@ class WorldRequest:
     workers: int = 0  # Worker processes; 0: in this process
     device: str | None = None
     only_estimate: bool = False
+
+
+Request: TypeAlias = ExportRequest | TargetRequest | WorldRequest

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import re
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
 from functools import wraps
@@ -23,8 +22,6 @@ if TYPE_CHECKING:
     from sketchterrain.app.pictures import PictureOptions
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.export.target import ExportOptions
-    from sketchterrain.render.camera import Camera
-    from sketchterrain.render.scene import TerrainSource
 
 Point = tuple[float, float, float]
 
@@ -65,33 +62,28 @@ def _parse_hour(text: str) -> float:
     return hour
 
 
-def _parse_numbers(text: str, count: int, expected: str) -> tuple[float, ...]:
-    try:
-        numbers = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        numbers = ()
-    if len(numbers) != count or not all(math.isfinite(number) for number in numbers):
-        raise typer.BadParameter(f"expected {expected}, got {text!r}")
-    return numbers
+def _numbers(count: int, expected: str) -> Callable[[str], tuple[float, ...]]:
+    def parse(text: str) -> tuple[float, ...]:
+        try:
+            numbers = tuple(float(part) for part in text.split(","))
+        except ValueError:
+            numbers = ()
+        if len(numbers) != count or not all(math.isfinite(number) for number in numbers):
+            raise typer.BadParameter(f"expected {expected}, got {text!r}")
+        return numbers
+
+    return parse
 
 
 def _parse_point(text: str) -> tuple[float, ...]:
-    point = _parse_numbers(text, 3, "three numbers X,Y,Z in metres")
+    point = _numbers(3, "three numbers X,Y,Z in metres")(text)
     if max(abs(number) for number in point) > _MAX_COORDINATE:
         raise typer.BadParameter(f"expected numbers of at most {_MAX_COORDINATE:g} m, got {text!r}")
     return point
 
 
-def _parse_pair(text: str) -> tuple[float, ...]:
-    return _parse_numbers(text, 2, "two numbers with a comma between them")
-
-
-def _parse_metric_bounds(text: str) -> tuple[float, ...]:
-    return _parse_numbers(text, 4, "WEST,SOUTH,EAST,NORTH in metres")
-
-
 def _parse_source_bounds(text: str) -> tuple[float, ...]:
-    west, south, east, north = bounds = _parse_numbers(text, 4, "WEST,SOUTH,EAST,NORTH")
+    west, south, east, north = bounds = _numbers(4, "WEST,SOUTH,EAST,NORTH")(text)
     if not (west < east and south < north):
         raise typer.BadParameter(f"expected west < east and south < north, got {text!r}")
     return bounds
@@ -125,16 +117,13 @@ def _check_textures(folder: Path | None) -> Path | None:
     return folder
 
 
-def _check_foliage(kind: str) -> str:
-    if kind not in _FOLIAGE:
-        raise typer.BadParameter(f"expected {', '.join(_FOLIAGE[:-1])} or {_FOLIAGE[-1]}, got {kind!r}")
-    return kind
+def _one_of(*names: str) -> Callable[[str | None], str | None]:
+    def check(name: str | None) -> str | None:
+        if name not in (None, *names):
+            raise typer.BadParameter(f"expected {', '.join(names[:-1])} or {names[-1]}, got {name!r}")
+        return name
 
-
-def _check_map_kind(kind: str | None) -> str | None:
-    if kind not in (None, *_MAPS):
-        raise typer.BadParameter(f"expected {' or '.join(_MAPS)}, got {kind!r}")
-    return kind
+    return check
 
 
 def _check_seconds(seconds: float | None) -> float | None:
@@ -149,6 +138,7 @@ def _check_target(name: str) -> str:
     return name
 
 
+_parse_pair = _numbers(2, "two numbers with a comma between them")
 # Values with a parser are Any: typer would take a tuple for several options.
 
 # Sketches, devices, results
@@ -175,7 +165,7 @@ FoliageKind = Annotated[
     typer.Option(
         "--foliage",
         metavar="|".join(_FOLIAGE),
-        callback=_check_foliage,
+        callback=_one_of(*_FOLIAGE),
         help="Trees and shrubs as foliage.csv, as foliage.ply (binary, for millions), both, or none.",
     ),
 ]
@@ -254,7 +244,7 @@ OverlayNames = Annotated[
 MapFlag = Annotated[bool, typer.Option("--map", help="A topographic map instead, .png or .svg.")]
 MapKind = Annotated[
     str | None,
-    typer.Option("--map", metavar="png|svg", callback=_check_map_kind, help="Draw map.png or map.svg too."),
+    typer.Option("--map", metavar="png|svg", callback=_one_of(*_MAPS), help="Draw map.png or map.svg too."),
 ]
 FilmPlace = Annotated[
     Path | None,
@@ -344,7 +334,7 @@ WorldBounds = Annotated[
     Any,
     typer.Option(
         "--bounds",
-        parser=_parse_metric_bounds,
+        parser=_numbers(4, "WEST,SOUTH,EAST,NORTH in metres"),
         metavar="W,S,E,N",
         help="Metres; by default the sketch's rectangle.",
     ),
@@ -365,26 +355,6 @@ def reject_combination(option: str, others: dict[str, object], why: str) -> None
     for name, value in others.items():
         if value is not None and value is not False and value != []:
             raise typer.BadParameter(f"{name} with {option}: {why}")
-
-
-def camera_from_options(terrain: TerrainSource, eye: Point | None, target: Point | None) -> Camera | None:
-    """Return the camera of `--eye` and `--look-at`, None without an eye; print a note if it is underground.
-
-    The default target is the middle of the sketch, or north of it for an eye in the middle.
-    """
-    if eye is None:
-        return None
-    from sketchterrain.render.camera import Camera
-    from sketchterrain.render.scene import visible_rectangle
-
-    west, south, east, north = visible_rectangle(terrain)
-    x, y = (west + east) / 2, (south + north) / 2
-    if abs(eye[0] - x) + abs(eye[1] - y) < 0.02 * terrain.extent:
-        y += terrain.extent / 2
-    middle, ground = (float(z) for z in terrain.heights([x, eye[0]], [y, eye[1]]))
-    if eye[2] < ground:
-        sys.stderr.write(f"sketchterrain: note: the eye is {ground - eye[2]:.1f} m under the ground\n")
-    return Camera(eye, target or (x, y, middle))
 
 
 def read_sketch(name: str, seed: int | None, stages: Stages) -> Sketch:

@@ -230,7 +230,7 @@ def adherence(
     with Stages() as stages:
         document = args.read_sketch(sketch, seed, stages)
         with stages.stage("program", "Loading the program"):
-            from sketchterrain.app.export import run_with_fallback
+            from sketchterrain.app.export import DeviceFallback
             from sketchterrain.terrain.adherence import measure_adherence
             from sketchterrain.terrain.building import build
 
@@ -240,7 +240,7 @@ def adherence(
             with stages.stage("adherence", "Comparing with the sketch"):
                 return terrain, measure_adherence(terrain)
 
-        terrain, found = run_with_fallback(work, device=device, stages=stages)
+        terrain, found = DeviceFallback(device).run(work, stages=stages)
         if output is not None:
             from sketchterrain.export.files import prepare_folder
             from sketchterrain.export.sidecar import write_adherence_image

@@ -18,10 +18,11 @@ from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import Device, choose_device, fallback_device
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import DeviceFailedError, one_line
-from sketchterrain.export.files import move_files, prepare_folder, staging
+from sketchterrain.export.engines import requested_storeys
+from sketchterrain.export.files import move_files, prepare_folder, staging, stale_files
 from sketchterrain.export.planning import ExportPlan, checked_plan
 from sketchterrain.export.sampled import sample_terrain
-from sketchterrain.export.sidecar import stale_export_files, write_sidecar
+from sketchterrain.export.sidecar import SIDECAR, write_sidecar
 from sketchterrain.export.target import Export, ExportOptions, ProgressStages
 from sketchterrain.io.files import check_disk, wrap_os_errors
 from sketchterrain.terrain.building import build
@@ -29,17 +30,6 @@ from sketchterrain.terrain.self_test import self_test
 from sketchterrain.terrain.terrain import Terrain
 
 T = TypeVar("T")
-
-
-def run_with_fallback(
-    work: Callable[[ComputeContext, tuple[str, ...]], T],
-    *,
-    device: str | None,
-    fast: bool = False,
-    stages: Stages,
-) -> T:
-    """Run work on the device that a selector names, with a `DeviceFallback` of its own."""
-    return DeviceFallback(device, fast=fast).run(work, stages=stages)
 
 
 class DeviceFallback:
@@ -135,12 +125,11 @@ def export(
                 terrain = build(sketch, device=context)
             done = write_export(plan, terrain, hidden, stages=stages)
             report = done.report | {"restarts": list(restarts)} if restarts else done.report
-            stale = stale_export_files(
-                folder, report
-            )  # as tiles of another layout, which an import must not find
+            # As tiles of another layout, which an import must not find.
+            stale = stale_files(folder / SIDECAR, report, ("format", "target", "sketch"))
             return ExportResult(report, move_files(folder, done.files, stale=stale))
 
-    return run_with_fallback(work, device=device, fast=fast, stages=stages)
+    return DeviceFallback(device, fast=fast).run(work, stages=stages)
 
 
 def write_export(plan: ExportPlan, terrain: Terrain, folder: Path, *, stages: ProgressStages) -> ExportResult:
@@ -185,7 +174,7 @@ def _prepared(folder: Path) -> Iterator[None]:
 
 def _check_disk(plan: ExportPlan, terrain: Terrain, folder: Path) -> None:
     options, target = plan.options, plan.target
-    storeys = (("woody",) if options.plants else ()) + (("grass",) if options.grass else ())
+    storeys = requested_storeys(options)
     plants = sum(terrain.foliage_estimate(*plan.grid.bounds, storey=storey)[0] for storey in storeys)
     columns, rows = plan.tile_side
     needed = target.disk * columns * rows * plan.tiling.count + target.bytes_per_plant * plants

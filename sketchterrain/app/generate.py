@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -99,18 +98,6 @@ def run_statistics(stages: Stages, rendering: dict[str, float], files: Sequence[
     }
 
 
-def stale_report_files(folder: Path, report: dict[str, Any]) -> list[Path]:
-    """Return files of the previous run, of the same format and target, that a new report does not list."""
-    try:
-        before = json.loads((folder / REPORT).read_bytes())
-        if before["format"] != report["format"] or before.get("target") != report.get("target"):
-            return []
-        names = [str(name) for name in before["files"]]
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        return []  # there is no report, or not one of ours
-    return stale_files(folder, names, report["files"])
-
-
 def rounded(seconds: dict[str, float]) -> dict[str, float]:
     """Return times rounded to 0.1 ms."""
     return {name: round(value, 4) for name, value in seconds.items()}
@@ -172,7 +159,7 @@ def generate(
             done = _write_files(sketch, hidden, options, weather, context, use, stages)
             done.report["restarts"] = list(restarts)
             report = write_json(hidden / REPORT, done.report)
-            stale = stale_report_files(folder, done.report)
+            stale = stale_files(folder / REPORT, done.report, ("format", "target"))
             return replace(done, files=move_files(folder, (*done.files, report), stale=stale))
 
     return use.devices.run(work, stages=stages)
@@ -187,7 +174,6 @@ def _write_files(
     shared: SharedResources,
     stages: Stages,
 ) -> GenerateResult:
-    """Write all files except the report."""
     with _BackgroundWriter() as writer:
         with stages.stage("features", "Placing features"):
             terrain = build(sketch, device=context, memory=shared.memory)

@@ -18,11 +18,7 @@ if TYPE_CHECKING:
 
 
 _NAME_WIDTH = 10  # columns
-
-
 _MAX_FILES = 6  # names of an export's files in its text
-
-
 _GL_SHARING = {
     "extension": "shares buffers through cl_khr_gl_sharing",
     "mapped": "kernels write into mapped vertex buffers, no copy",

@@ -1,6 +1,7 @@
 """Commands `render` and `fly`: pictures, maps and films of a sketch's terrain."""
 
 import statistics
+import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
@@ -8,9 +9,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from sketchterrain.app.arguments import Point, camera_from_options
+from sketchterrain.app.arguments import Point
 from sketchterrain.app.console import Stages
-from sketchterrain.app.export import run_with_fallback
+from sketchterrain.app.export import DeviceFallback
 from sketchterrain.app.listings import device_entry
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.sketch import Sketch
@@ -19,6 +20,7 @@ from sketchterrain.export.film import check_film, film
 from sketchterrain.export.map.sheet import write_map
 from sketchterrain.export.rasters import write_picture
 from sketchterrain.render import scene
+from sketchterrain.render.camera import Camera
 from sketchterrain.render.flight import CameraStates, Flight
 from sketchterrain.render.offscreen import CapturedFrame, capture_frames, render_picture
 from sketchterrain.render.overlays import LegendEntry, check_overlays
@@ -58,35 +60,64 @@ def render_to_file(
     sketch: Sketch, path: Path, options: PictureOptions, *, device: str | None, fast: bool, stages: Stages
 ) -> list[LegendEntry]:
     """Render a sketch's terrain to a .png, or a map to an .svg too; return the legend of the overlays."""
-    check_overlays(options.overlays)
-    check_view(options.view)
-    quality = Quality.from_level(options.quality, without=options.without)
+    check_picture(options)
     weather = sketch_weather(sketch, options.hour, options.clouds)
 
     def work(context: ComputeContext, _: tuple[str, ...]) -> list[LegendEntry]:
         with stages.stage("features", "Placing features"):
             terrain = build(sketch, device=context)
-        legend: list[LegendEntry] = []
         with stages.stage("picture", "Drawing the map" if options.top_down else "Rendering"):
             prepare_folder(path.parent)
             if options.top_down:
                 write_map(path, terrain, size=options.size)
-                return legend
-            picture = render_picture(
-                terrain,
-                size=options.size or (1280, 720),
-                camera=camera_from_options(terrain, options.eye, options.look_at),
-                view=options.view,
-                weather=weather,
-                textures=options.textures,
-                quality=quality,
-                overlays=options.overlays,
-                legend=legend,
-            )
-            write_picture(path, picture)
-        return legend
+                return []
+            return draw_picture(path, terrain, options, weather)
 
-    return run_with_fallback(work, device=device, fast=fast, stages=stages)
+    return DeviceFallback(device, fast=fast).run(work, stages=stages)
+
+
+def check_picture(options: PictureOptions) -> Quality:
+    """Return the quality of a picture; raise InputError for unknown overlays, views or parts."""
+    check_overlays(options.overlays)
+    check_view(options.view)
+    return Quality.from_level(options.quality, without=options.without)
+
+
+def draw_picture(
+    path: Path, terrain: scene.TerrainSource, options: PictureOptions, weather: Weather
+) -> list[LegendEntry]:
+    """Render a terrain to a .png; return the legend of the overlays."""
+    legend: list[LegendEntry] = []
+    picture = render_picture(
+        terrain,
+        size=options.size or (1280, 720),
+        camera=_camera(terrain, options.eye, options.look_at),
+        view=options.view,
+        weather=weather,
+        textures=options.textures,
+        quality=check_picture(options),
+        overlays=options.overlays,
+        legend=legend,
+    )
+    write_picture(path, picture)
+    return legend
+
+
+def _camera(terrain: scene.TerrainSource, eye: Point | None, target: Point | None) -> Camera | None:
+    """Return the camera of `--eye` and `--look-at`, None without an eye; print a note if it is underground.
+
+    The default target is the middle of the sketch, or north of it for an eye in the middle.
+    """
+    if eye is None:
+        return None
+    west, south, east, north = scene.visible_rectangle(terrain)
+    x, y = (west + east) / 2, (south + north) / 2
+    if abs(eye[0] - x) + abs(eye[1] - y) < 0.02 * terrain.extent:
+        y += terrain.extent / 2
+    middle, ground = (float(z) for z in terrain.heights([x, eye[0]], [y, eye[1]]))
+    if eye[2] < ground:
+        sys.stderr.write(f"sketchterrain: note: the eye is {ground - eye[2]:.1f} m under the ground\n")
+    return Camera(eye, target or (x, y, middle))
 
 
 SECONDS = 20.0
@@ -155,7 +186,7 @@ def fly(
             "output": None if output is None else str(output),
         }
 
-    return run_with_fallback(work, device=device, fast=fast, stages=stages)
+    return DeviceFallback(device, fast=fast).run(work, stages=stages)
 
 
 def _capture(

@@ -28,7 +28,6 @@ from sketchterrain.app.generate import (
     report_header,
     rounded,
     run_statistics,
-    stale_report_files,
 )
 from sketchterrain.app.pictures import sketch_weather
 from sketchterrain.batch.plan import Item
@@ -50,7 +49,7 @@ from sketchterrain.batch.results import (
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, SketchterrainError, one_line
-from sketchterrain.export.files import move_files, prepare_folder, staging, write_json
+from sketchterrain.export.files import move_files, prepare_folder, staging, stale_files, write_json
 from sketchterrain.export.foliage_files import FoliageOptions
 from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.rasters import write_picture
@@ -162,8 +161,6 @@ def run_batch(
 
 
 class _Batch:
-    """The state of a running batch."""
-
     def __init__(
         self,
         items: Sequence[Item],
@@ -334,7 +331,7 @@ def _export(
             facts = report_header(terrain) | run_statistics(stages, rendering, files)
             facts |= {"target": target, "adherence": adherence.as_dict(), "restarts": list(restarts)}
             report = write_json(hidden / REPORT, facts)
-            outdated = stale_report_files(folder, facts)
+            outdated = stale_files(folder / REPORT, facts, ("format", "target"))
             return GenerateResult(facts, move_files(folder, (*files, report), stale=outdated), problem)
 
     return shared.devices.run(work, stages=stages)

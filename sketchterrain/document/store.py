@@ -18,7 +18,7 @@ from sketchterrain.document.own_materials import relative_folders, resolved_fold
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.toml_format import parse_settings, settings_text, starter_sketch
 from sketchterrain.errors import InputError, did_you_mean, format_value, one_line
-from sketchterrain.io.files import open_zip, too_large, wrap_os_errors, write_atomic
+from sketchterrain.io.files import open_zip, too_large, wrap_os_errors, wrap_read_errors, write_atomic
 from sketchterrain.io.resources import preset, preset_names
 
 SETTINGS = "sketch.toml"
@@ -221,11 +221,9 @@ def load_sketch(path_or_preset: str | Path) -> Sketch:
     """
     path = Path(path_or_preset)
     place = one_line(path)
-    try:
+    with wrap_read_errors(path):
         is_file, exists = path.is_file(), path.exists()
         is_sketch = (path / SETTINGS).is_file() or (path / JOURNAL).is_file()
-    except OSError as error:
-        raise InputError(f"{place}: cannot be read ({error.strerror})") from None
     if is_file:
         return _decode(read_zip(path, place), place, path.parent)
     if isinstance(path_or_preset, str) and not is_sketch and path_or_preset in preset_names():

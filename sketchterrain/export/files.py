@@ -70,12 +70,23 @@ def _remove_abandoned(folder: Path) -> None:
                 unlock_folder(lock)
 
 
-def stale_files(folder: Path, before: Iterable[str], now: Iterable[str]) -> list[Path]:
-    """Return the existing files of a folder that a previous run wrote and this one does not."""
-    names = (
-        name for name in {*before} - {*now} if name not in ("", ".", "..") and not set(name) & set("/\\\0")
-    )
-    return [folder / name for name in sorted(names) if (folder / name).is_file()]
+def stale_files(path: Path, report: dict[str, Any], same: Iterable[str]) -> list[Path]:
+    """Return the files of a previous run beside its report that the new report does not list.
+
+    There are none if there is no report at `path`, or one whose values of the keys `same` are different.
+    """
+    try:
+        before = json.loads(path.read_bytes())
+        if any(before.get(key) != report.get(key) for key in same):
+            return []
+        old, new = (
+            {str(entry["file"] if isinstance(entry, dict) else entry) for entry in each["files"]}
+            for each in (before, report)
+        )
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return []  # missing, or not ours
+    names = (name for name in old - new if name not in ("", ".", "..") and not set(name) & set("/\\\0"))
+    return [path.with_name(name) for name in sorted(names) if path.with_name(name).is_file()]
 
 
 def move_files(folder: Path, files: Iterable[Path], *, stale: Iterable[Path] = ()) -> tuple[Path, ...]:

@@ -270,11 +270,10 @@ def object_meshes(features: TerrainFeatures, samples: TerrainSamples) -> Iterato
     from sketchterrain.look.objects import terrain_objects  # SciPy: not for a list of targets
 
     grid = samples.grid
-    bounds = (grid.west, grid.south, grid.east, grid.north)
     for each in terrain_objects(features):
         if each.level is not None and not (samples.height < each.level).any():
             continue
-        surface = each.mesh(bounds)
+        surface = each.mesh(grid.bounds)
         triangles = surface.triangles.reshape(-1, 3)
         x, y = surface.position[:, 0], surface.position[:, 1]
         inside = (x >= grid.west) & (x <= grid.east) & (y >= grid.south) & (y <= grid.north)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from importlib.metadata import version
 from pathlib import Path
@@ -13,7 +12,7 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
 from sketchterrain.document.layers import LAYERS
-from sketchterrain.export.files import stale_files, write_json, write_png
+from sketchterrain.export.files import write_json, write_png
 from sketchterrain.export.rasters import ORIENTATION
 from sketchterrain.export.sampled import SampleGrid
 from sketchterrain.export.target import Export, ExportOutput
@@ -168,18 +167,6 @@ def write_sidecar(export: Export, output: ExportOutput, target: str) -> tuple[Pa
     """Write ``terrain.json`` into the export's folder, and return its path and content."""
     content = sidecar(export, output, target)
     return write_json(export.folder / SIDECAR, content), content
-
-
-def stale_export_files(folder: Path, content: dict[str, Any]) -> list[Path]:
-    """Return files of an earlier export of the same sketch to the same target that a new sidecar lacks."""
-    try:
-        before = json.loads((folder / SIDECAR).read_bytes())
-        if any(before[key] != content[key] for key in ("format", "target", "sketch")):
-            return []
-        names = {str(entry["file"]) for entry in before["files"]}
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return []  # missing, or not ours
-    return stale_files(folder, names, (entry["file"] for entry in content["files"]))
 
 
 def _grid_entry(grid: SampleGrid) -> dict[str, Any]:

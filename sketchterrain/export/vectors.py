@@ -10,6 +10,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import pyogrio
+import pyogrio.raw
+import shapely
+from pyogrio.errors import DataLayerError, DataSourceError
 from skimage.measure import find_contours
 
 from sketchterrain.array_types import StructuredArray
@@ -139,9 +143,6 @@ class GeoPackage:
 
     def add(self, layer: VectorLayer) -> None:
         """Append features to a layer, which is created even if empty."""
-        import pyogrio.raw
-        import shapely
-
         with plain_path(self._path) as path:
             pyogrio.raw.write(
                 path,
@@ -166,9 +167,6 @@ def geopackage(path: Path, crs: str) -> Iterator[GeoPackage]:
 
     A layer's first million points take 10 s, later ones 16 s.
     """
-    import pyogrio
-    from pyogrio.errors import DataLayerError, DataSourceError
-
     before = {key: pyogrio.get_gdal_config_option(key) for key in _FIXED_TIME}
     pyogrio.set_gdal_config_options(_FIXED_TIME)
     file = GeoPackage(path, crs)
@@ -222,8 +220,6 @@ def sea_layer(level: float, samples: TerrainSamples, origin: Origin) -> VectorLa
 
 def river_layer(rivers: Sequence[River], origin: Origin) -> VectorLayer:
     """Return the rivers' centrelines from the spring on, at the height of the water."""
-    import shapely
-
     ends = {"spring": 0, "mouth": -1}
     fields: dict[str, npt.NDArray[Any]] = {
         "id": _texts(river.id for river in rivers),
@@ -243,8 +239,6 @@ def river_layer(rivers: Sequence[River], origin: Origin) -> VectorLayer:
 
 def station_layer(rivers: Sequence[River], origin: Origin) -> VectorLayer:
     """Return every point of the centrelines with the river's width and depth."""
-    import shapely
-
     counts = [len(river.centreline) for river in rivers]
     widths, depths = (
         np.concatenate([np.zeros(0), *(getattr(river, name) for river in rivers)], dtype=np.float32)
@@ -266,8 +260,6 @@ def station_layer(rivers: Sequence[River], origin: Origin) -> VectorLayer:
 
 def feature_layer(points: StructuredArray, height: npt.NDArray[np.float32], origin: Origin) -> VectorLayer:
     """Return mountains, hills, dunes and forests as points with their parameters."""
-    import shapely
-
     names = np.array(FEATURE_TYPES, dtype=object)
     has_conifers = has_parameter(points, "conifers")
     columns = ("peakiness", "wavelength", "wind", "erosion", "gullies")
@@ -288,8 +280,6 @@ def plant_layer(
     name: str, plants: npt.NDArray[np.void], species: Sequence[str], origin: Origin
 ) -> VectorLayer:
     """Return plants as points."""
-    import shapely
-
     places = np.stack([plants["x"] + origin.east, plants["y"] + origin.north, plants["z"]], axis=-1)
     return VectorLayer(
         name,
@@ -323,8 +313,6 @@ def _moved(places: npt.NDArray[np.float64], origin: Origin) -> npt.NDArray[np.fl
 
 def _area(rings: Sequence[npt.NDArray[np.float64]], level: float) -> Any:
     """Return the area of rings (n, 2; m) by the even-odd rule, at a level (m)."""
-    import shapely
-
     # Rings do not cross, but one that touches itself is invalid.
     lines = shapely.multilinestrings([shapely.linestrings(ring) for ring in rings])
     area = shapely.make_valid(shapely.build_area(lines))

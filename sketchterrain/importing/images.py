@@ -38,6 +38,7 @@ from sketchterrain.importing.traced_layers import (
     split_water,
     unassign_thin_parts,
 )
+from sketchterrain.io.files import wrap_read_errors
 
 Kind = Literal["folder", "picture", "open raster", "vectors"]
 
@@ -77,7 +78,7 @@ class Picture:
 def detect_kind(path: Path) -> Kind:
     """Return the kind of a file by its first bytes; raise `InputError` if it cannot be traced."""
     location = one_line(path)
-    try:
+    with wrap_read_errors(path):
         if path.is_dir():
             return "folder"
         if not path.exists():
@@ -86,8 +87,6 @@ def detect_kind(path: Path) -> Kind:
             raise InputError(f"{location} is not a file: {_EXPECTED}")
         with path.open("rb") as stream:
             start = stream.read(_HEAD_BYTES)
-    except OSError as error:
-        raise InputError(f"{location}: cannot be read ({one_line(error.strerror or error)})") from None
     if detect_format(start):
         return "picture"
     if start.startswith(b"PK"):
@@ -123,12 +122,8 @@ def detect_format(start: bytes) -> str | None:
 
 def read_picture(path: Path) -> Picture:
     """Read a PNG, JPEG, TIFF or WebP image; raise `InputError` if it is invalid or too large."""
-    location = one_line(path)
-    try:
-        with path.open("rb") as stream:
-            return _read(stream, location)
-    except OSError as error:
-        raise InputError(f"{location}: cannot be read ({one_line(error.strerror or error)})") from None
+    with wrap_read_errors(path), path.open("rb") as stream:
+        return _read(stream, one_line(path))
 
 
 def decode_picture(data: bytes, location: str) -> Picture:

@@ -19,7 +19,7 @@ from sketchterrain.errors import InputError, format_value, one_line
 from sketchterrain.importing.images import Picture, check_size, decode_picture, detect_format, read_picture
 from sketchterrain.importing.legend import Meaning, parse_layer_name
 from sketchterrain.importing.traced_layers import TraceOptions, TraceResult, scale_labels
-from sketchterrain.io.files import open_zip
+from sketchterrain.io.files import open_zip, wrap_read_errors
 
 _SETTINGS = "sketch.toml"
 _MAX_FILES = 1000
@@ -178,7 +178,7 @@ def trace_folder(folder: Path, options: TraceOptions) -> TraceResult:
 def _named_files(folder: Path) -> tuple[list[tuple[Meaning, Path]], list[str], list[str]]:
     """Return pictures named as layers, the lowest label first; other pictures; other files so named."""
     location = one_line(folder)
-    try:
+    with wrap_read_errors(folder):
         paths = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
         if len(paths) > _MAX_FILES:
             raise InputError(f"{location}: {len(paths)} files: expected at most {_MAX_FILES}")
@@ -186,8 +186,6 @@ def _named_files(folder: Path) -> tuple[list[tuple[Meaning, Path]], list[str], l
             raise InputError(f"{location}: it is a sketch already, with a {_SETTINGS}")
         files = [path for path in paths if path.is_file()]
         pictures = [path for path in files if detect_format(_first_bytes(path))]
-    except OSError as error:
-        raise InputError(f"{location}: cannot be read ({one_line(error.strerror or error)})") from None
     candidates = [(parse_layer_name(path.stem), path) for path in pictures]
     named = [(meaning, path) for meaning, path in candidates if meaning is not None]
     order = tuple(LAYERS)

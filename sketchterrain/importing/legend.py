@@ -19,6 +19,7 @@ from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.parameters import Value
 from sketchterrain.document.toml_format import load_toml
 from sketchterrain.errors import InputError, did_you_mean, format_value, one_line
+from sketchterrain.io.files import wrap_read_errors
 
 Rgb = tuple[int, int, int]
 
@@ -90,11 +91,8 @@ class _LegendFile(msgspec.Struct, forbid_unknown_fields=True):
 def read_legend(path: Path, *, tolerance: float = TOLERANCE) -> Legend:
     """Read a legend from a TOML file: tables ``[[colour]]`` of ``rgb``, ``layer`` and ``label``, else 1."""
     location = one_line(path)
-    try:
-        with path.open("rb") as stream:
-            data = stream.read(_MAX_BYTES + 1)
-    except OSError as error:
-        raise InputError(f"{location}: cannot be read ({one_line(error.strerror or error)})") from None
+    with wrap_read_errors(path), path.open("rb") as stream:
+        data = stream.read(_MAX_BYTES + 1)
     if len(data) > _MAX_BYTES:
         raise InputError(f"{location}: too large for a legend: expected at most {_MAX_BYTES >> 20} MiB")
     try:

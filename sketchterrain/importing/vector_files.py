@@ -27,6 +27,7 @@ from sketchterrain.errors import InputError, format_value, one_line
 from sketchterrain.importing.images import vector_driver
 from sketchterrain.importing.legend import RELEVANT_TAGS
 from sketchterrain.io.crs import is_westward, parse_crs, plain_path
+from sketchterrain.io.files import wrap_read_errors
 
 Box = Sequence[float]  # west, south, east, north
 
@@ -163,12 +164,8 @@ class VectorLayer:
 def read_vector_layers(path: Path) -> list[VectorLayer]:
     """Read the layers of a vector file, known by its first bytes; raise `InputError` if it cannot be read."""
     location = one_line(path)
-    try:
-        with path.open("rb") as stream:
-            start = stream.read(4096)
-        size = path.stat().st_size
-    except OSError as error:
-        raise InputError(f"{location}: cannot be read ({one_line(error.strerror or error)})") from None
+    with wrap_read_errors(path), path.open("rb") as stream:
+        start, size = stream.read(4096), path.stat().st_size
     driver = vector_driver(start)
     if driver is None:
         raise InputError(f"{location}: expected a vector file, it begins with {format_value(start[:20])}")

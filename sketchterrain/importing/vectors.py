@@ -54,8 +54,6 @@ _KINDS = ("point", "line", "area")
 
 
 class _Features(NamedTuple):
-    """Features of a sketch."""
-
     shapes: Shapes
     labels: npt.NDArray[np.object_]  # `FeatureLabel`
     widths: npt.NDArray[np.float64]  # m, NaN if unknown
@@ -361,7 +359,6 @@ def paint_lines(size: tuple[int, int], shapes: Shapes, widths: npt.NDArray[np.fl
 
 
 def _guess_notes(features: _Features, area: SketchArea, width: float | None) -> list[str]:
-    """Return notes on missing and changed values."""
     notes = []
     no_area = features.dimensions != _AREA
     is_river = np.array([LAYERS[label.layer].kind == "course" for label in features.labels])

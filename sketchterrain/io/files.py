@@ -27,6 +27,15 @@ def wrap_os_errors(path: Path) -> Iterator[None]:
 
 
 @contextmanager
+def wrap_read_errors(path: Path) -> Iterator[None]:
+    """Raise an OSError as an InputError that `path` cannot be read."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{one_line(path)}: cannot be read ({one_line(error.strerror or error)})") from None
+
+
+@contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
     """Yield a temporary path to write to, which is flushed and renamed to `path` at the end.
 

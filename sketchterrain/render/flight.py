@@ -14,7 +14,7 @@ from sketchterrain.document.parameters import Parameter, check_items, parameter_
 from sketchterrain.document.toml_format import load_toml
 from sketchterrain.errors import InputError, did_you_mean, format_value, one_line
 from sketchterrain.hydrology.splines import catmull_rom
-from sketchterrain.io.files import write_atomic
+from sketchterrain.io.files import wrap_read_errors, write_atomic
 from sketchterrain.render.camera import Floats, HeightFunction, Vector
 
 _SAMPLES_PER_SEGMENT: Final = 64  # samples between two keyframes for the arc length
@@ -265,11 +265,8 @@ _HEAD = f"""\
 def load_flight(path: str | Path) -> Flight:
     """Read a flight file; raise InputError with file, key and value."""
     name = one_line(path)
-    try:
-        with Path(path).open("rb") as stream:
-            data = stream.read(_MAX_BYTES + 1)
-    except OSError as error:
-        raise InputError(f"{name}: cannot be read ({error.strerror})") from None
+    with wrap_read_errors(Path(path)), Path(path).open("rb") as stream:
+        data = stream.read(_MAX_BYTES + 1)
     if len(data) > _MAX_BYTES:
         raise InputError(f"{name}: expected at most {_MAX_BYTES >> 20} MiB")
     try:

@@ -158,8 +158,7 @@ class Storey:
         """Return an estimate, rarely exceeded, of the number of plants in an area (lattice units)."""
         if _lattice_units(area) == 0:
             return 0
-        side = BLOCK * self._rule.step
-        columns, rows = (range(low // side, -(-high // side)) for low, high in _spans(area))
+        columns, rows = _squares(area, BLOCK * self._rule.step)
         if len(columns) * len(rows) <= _SAMPLES**2:
             density = self._density(self._spacing.raster(*area).spacing)
         else:
@@ -183,7 +182,7 @@ class Storey:
         if _lattice_units(area) == 0:
             return
         per_square = self.bound((0, 0, self._square, self._square))
-        columns, rows = (range(low // self._square, -(-high // self._square)) for low, high in _spans(area))
+        columns, rows = _squares(area, self._square)
         wide = min(max(most // per_square, 1), len(columns))
         high = max(most // (per_square * wide), 1) if wide == len(columns) else 1
         for row in range(rows.start, rows.stop, high):
@@ -227,9 +226,9 @@ class Storey:
         return plants
 
 
-def _spans(area: Area) -> tuple[tuple[int, int], tuple[int, int]]:
+def _squares(area: Area, side: int) -> tuple[range, range]:
     west, south, east, north = area
-    return (west, east), (south, north)
+    return range(west // side, -(-east // side)), range(south // side, -(-north // side))
 
 
 def _sides(area: Area) -> tuple[int, int]:
@@ -238,7 +237,6 @@ def _sides(area: Area) -> tuple[int, int]:
 
 
 def _lattice_units(area: Area) -> int:
-    """Return the area in lattice units squared."""
     return math.prod(_sides(area))
 
 

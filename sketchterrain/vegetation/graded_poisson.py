@@ -349,7 +349,10 @@ class GradedPoisson:
         windows = [Cells.covering(area, self._side).wider(self._rim(0))]
         for number in range(1, len(self._salts)):
             windows.append(windows[-1].coarser().wider(_REACH + self._rim(number)))
-        raster = self._raster(_lattice_area(windows[-1], self._side << len(windows) - 1))
+        coarsest = self._side << len(windows) - 1
+        raster = self._raster_of(*(each * coarsest for each in windows[-1]))
+        if raster.step & (raster.step - 1):
+            raise InputError(f"expected a raster's step that is a power of two, got {raster.step}")
         raster_arguments, ranges = self._upload(raster), SpacingRanges.from_raster(raster)
         yield
         # The coarsest grid has no lists: any buffer, and a width of 0.
@@ -368,12 +371,6 @@ class GradedPoisson:
 
     def _rim(self, grid: int) -> int:
         return 2 * _REACH * len(self._rounds[grid])
-
-    def _raster(self, area: Area) -> SpacingRaster:
-        raster = self._raster_of(*area)
-        if raster.step & (raster.step - 1):
-            raise InputError(f"expected a raster's step that is a power of two, got {raster.step}")
-        return raster
 
     def _upload(self, raster: SpacingRaster) -> tuple[Any, ...]:
         """Return the distances over an area, as kernel arguments."""
@@ -403,7 +400,6 @@ class GradedPoisson:
     def _create_grid(
         self, buffers: BufferSet, cells: Cells, number: int, lists: tuple[Any, ...]
     ) -> _GradedGrid:
-        """Return an empty grid over a window."""
         own = [buffers.buffer(name, cells.shape, kind) for name, kind in _KINDS.items()]
         # Two sets of lists are enough: each is computed from the previous one.
         near = buffers.buffer(f"near {number % 2}", (*cells.shape, _LISTED, 4) if number else 1, np.float32)
@@ -470,9 +466,3 @@ class GradedPoisson:
 
 def _work_size(blocks: npt.NDArray[np.int32]) -> tuple[int, int]:
     return _BLOCK[1], _BLOCK[0] * len(blocks)
-
-
-def _lattice_area(cells: Cells, side: int) -> Area:
-    """Return the area in lattice units of cells of a side."""
-    west, south, east, north = (each * side for each in cells)
-    return west, south, east, north

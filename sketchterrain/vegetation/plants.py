@@ -218,13 +218,9 @@ class SpacingBlocks:
         rule = self._rule
         along = np.arange(BLOCK, dtype=np.int64)
         x, y = (rule.step * (BLOCK * each[:, None] + along) for each in np.array(keys, np.int64).T)
-        spacing = spacing_of(rule.densities(x, y)) / self._unit
+        density = np.maximum(rule.densities(x, y), 1e-12)
+        spacing = np.asarray(np.sqrt(FILL / density), np.float64) / self._unit
         return np.clip(spacing, rule.least, _BEYOND * rule.most).astype(np.float32)
-
-
-def spacing_of(density: FloatArray) -> Float64Array:
-    """Return the spacing (m) of plants at a density (per square metre)."""
-    return np.asarray(np.sqrt(FILL / np.maximum(density, 1e-12)), np.float64)
 
 
 def density_of(spacing: FloatArray | float) -> Float64Array:

@@ -68,7 +68,7 @@ class TileStore:
     A tile's own overviews, for readers of single tiles, are means of its vertices.
     """
 
-    shards_are_final = True
+    shards_are_final = True  # False: `join` replaces them
 
     def __init__(self, job: Job) -> None:
         self._job, self._georeference = job, Georeference(job)
@@ -81,26 +81,26 @@ class TileStore:
         return output, output, output / LEDGER
 
     def create(self) -> tuple[str, ...]:
-        """Create the folder of the tiles and write the sketch; see `Store.create`."""
+        """Create the folder of the tiles and write the sketch if changed; return names of final files."""
         prepare_folder(self._tiles)
         write_if_changed(self._tiles / SKETCH, pack_sketch(self._job.sketch))
         return (SKETCH,) if self.shards_are_final else ()
 
     def write(self, shard: ShardData) -> tuple[str, ...]:
-        """Write the tiles of a shard; see `Store.write`."""
+        """Write the tiles of a shard atomically and return their names; thread-safe."""
         paths = {layer: self._tiles / tile_name(layer, shard.shard) for layer in self._job.layers}
         for layer, path in paths.items():
             _write_tile(path, layer, shard, self._georeference, optimised=self.shards_are_final)
         return tuple(path.relative_to(self.folder).as_posix() for path in paths.values())
 
     def join(self, *, progress: Callable[[float], None]) -> tuple[str, ...]:
-        """Write the VRTs; see `Store.join`."""
+        """Write the files that combine all shards, the VRTs, and return their names."""
         names = _write_vrts(self._tiles, self._georeference)
         progress(1.0)
         return names
 
     def close(self, ledger: str) -> None:
-        """Write the ledger, then delete temporary files; see `Store.close`."""
+        """Write the ledger's text, then delete the journal and temporary files."""
         write_atomic(self._ledger, ledger.encode())
         with wrap_os_errors(self.journal):
             self.journal.unlink(missing_ok=True)
@@ -108,7 +108,7 @@ class TileStore:
                 shutil.rmtree(self._tiles)
 
     def ledger_text(self) -> str | None:
-        """Return the ledger of a finished world; see `Store.ledger_text`."""
+        """Return the ledger of a finished world, None if missing."""
         return read_text(self._ledger)
 
 
@@ -125,7 +125,7 @@ class TiffStore(TileStore):
         return output.parent, parts_folder(output), ledger_file(output)
 
     def join(self, *, progress: Callable[[float], None]) -> tuple[str, ...]:
-        """Write the files; see `Store.join`."""
+        """Write the files; see `TileStore.join`."""
         paths = [layer_file(self._job.output, layer) for layer in self._job.layers]
         sketch = b64encode((self._tiles / SKETCH).read_bytes()).decode()
         _write_vrts(self._tiles, self._georeference, sketch)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cache, cached_property
 from hashlib import sha256
@@ -14,7 +15,7 @@ from importlib.util import find_spec
 from itertools import product
 from math import prod
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -25,15 +26,19 @@ from rasterio.enums import WktVersion
 from sketchterrain.document.label_layers import image_digest
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.toml_format import settings_text
-from sketchterrain.errors import InputError, SketchterrainError, one_line
+from sketchterrain.errors import SketchterrainError
 from sketchterrain.export.rasters import local_metres
 from sketchterrain.io.crs import parse_metric_crs
-from sketchterrain.io.files import hash_file, wrap_os_errors, write_atomic
+from sketchterrain.io.files import hash_file, wrap_os_errors, wrap_read_errors, write_atomic
 from sketchterrain.terrain.recipe import TerrainRecipe
-from sketchterrain.world.grid import SHARD, LayerSpec, Level, Shard, ShardData, World, layer_specs
+from sketchterrain.world.grid import SHARD, LayerSpec, Level, Shard, World, layer_specs
 
-if TYPE_CHECKING:  # it loads OpenCL
+if TYPE_CHECKING:  # they load OpenCL, and libraries of the extra ``world``
+    from sketchterrain.world.geotiff_store import TileStore
     from sketchterrain.world.plants import PlantStore
+    from sketchterrain.world.zarr_store import ZarrStore
+
+    Store: TypeAlias = TileStore | ZarrStore
 
 Form = Literal["zarr", "tiles", "tif"]
 """A Zarr store; a folder of GeoTIFF tiles with VRTs; one GeoTIFF per layer."""
@@ -185,33 +190,6 @@ TAGS: Final = "sketchterrain"
 """GDAL metadata domain of the world's description."""
 
 
-class Store(Protocol):
-    """Writer of one output form, created in each process from the job alone; names are relative to `folder`.
-
-    The run writes `journal`; `close` deletes it. `shards_are_final` is False if `join` replaces the shards.
-    Methods raise SketchterrainError if a file cannot be written.
-    """
-
-    folder: Path
-    journal: Path
-    shards_are_final: bool
-
-    def create(self) -> tuple[str, ...]:
-        """Write everything that does not depend on shards, if changed; return the file names."""
-
-    def write(self, shard: ShardData) -> tuple[str, ...]:
-        """Write the files of a shard atomically and return their names; thread-safe."""
-
-    def join(self, *, progress: Callable[[float], None]) -> tuple[str, ...]:
-        """Write the files that combine all shards; return their names, if any."""
-
-    def close(self, ledger: str) -> None:
-        """Write the ledger's text, then delete the journal and temporary files."""
-
-    def ledger_text(self) -> str | None:
-        """Return the ledger of a finished world, None if missing."""
-
-
 def require(what: str, modules: Iterable[str]) -> None:
     """Raise SketchterrainError if a module of the extra ``world`` is not installed; import none."""
     missing = [module for module in modules if find_spec(module) is None]
@@ -223,7 +201,11 @@ def require(what: str, modules: Iterable[str]) -> None:
 
 
 def shard_store(job: Job) -> Store:
-    """Return the store of a job's shards; raise SketchterrainError if a library is missing."""
+    """Return the writer of a job's form, created in each process; raise SketchterrainError without a library.
+
+    Names are relative to its `folder`. The run writes its `journal`, which `close` deletes. Its methods raise
+    SketchterrainError if a file cannot be written.
+    """
     if job.form == "zarr":
         from sketchterrain.world.zarr_store import ZarrStore
 
@@ -284,12 +266,9 @@ def write_if_changed(path: Path, content: bytes) -> None:
 
 def read_text(path: Path) -> str | None:
     """Return the text of a file, None if it is missing."""
-    try:
+    with wrap_read_errors(path), suppress(FileNotFoundError, NotADirectoryError):
         return path.read_bytes().decode(errors="replace")
-    except (FileNotFoundError, NotADirectoryError):
-        return None
-    except OSError as error:
-        raise InputError(f"{one_line(path)}: cannot be read ({one_line(error.strerror or error)})") from None
+    return None
 
 
 GRID_MAPPING: Final = "spatial_ref"

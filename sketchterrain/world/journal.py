@@ -12,17 +12,16 @@ from glob import escape
 from importlib.metadata import version
 from itertools import chain, islice, product
 from pathlib import Path
-from typing import Final, Literal, NamedTuple
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple
 
 import msgspec
 
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.io.files import wrap_os_errors, write_atomic
+from sketchterrain.io.files import wrap_os_errors, wrap_read_errors, write_atomic
 from sketchterrain.world.job import (
     JOURNAL,
     LEDGER,
     Job,
-    Store,
     Task,
     WrittenFile,
     fingerprint,
@@ -34,6 +33,9 @@ from sketchterrain.world.job import (
     read_text,
     shard_store,
 )
+
+if TYPE_CHECKING:
+    from sketchterrain.world.job import Store
 
 PLANTS: Final = "plants/"
 """Prefix of the names of plant files in the ledger."""
@@ -211,7 +213,7 @@ def check_output_unused(job: Job, *, resume: bool) -> None:
     """
     store, output, name = shard_store(job), job.output, one_line(job.output)
     plant_store(job)
-    try:
+    with wrap_read_errors(output):
         parent = next(each for each in store.folder.parents if each.exists())
         if not parent.is_dir():
             raise InputError(f"{name}: expected a path to write to, {one_line(parent)} is a file")
@@ -227,8 +229,6 @@ def check_output_unused(job: Job, *, resume: bool) -> None:
         if job.plants != "none":
             outputs.append(plants_folder(output))
         used = next((each for each in outputs if _is_used(each)), None)
-    except OSError as error:
-        raise InputError(f"{name}: cannot be read ({error.strerror})") from None
     if used is not None:
         raise InputError(f"{one_line(used)}: holds other files; choose another output")
 

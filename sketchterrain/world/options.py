@@ -70,20 +70,9 @@ class WorldOptions:
 
     def job(self, sketch: Sketch, recipe: TerrainRecipe, output: Path, form: Form) -> Job:
         """Return the job of writing a sketch's world to an output; raise InputError as `check`."""
-        return Job(
-            sketch=sketch,
-            recipe=recipe,
-            world=self.check(sketch),
-            output=output.absolute(),
-            form=form,
-            layers=check_layers(self.layers),
-            plants=self.plants,
-            grass=self.grass,
-            crs=self.crs,
-            origin=self.origin,
-            step=self.step,
-            fast=self.fast,
-        )
+        own = {name: getattr(self, name) for name in ("plants", "grass", "crs", "origin", "step", "fast")}
+        layers = check_layers(self.layers)
+        return Job(sketch, recipe, self.check(sketch), output.absolute(), form, layers, **own)
 
 
 def output_form(output: str) -> Form:

@@ -165,8 +165,6 @@ def run_world(
 
 
 class _Run:
-    """The state of a run."""
-
     def __init__(self, job: Job, reporter: ProgressReporter, interrupts: Interrupts) -> None:
         self.job, self.reporter, self._interrupts = job, reporter, interrupts
         self._store = shard_store(job)

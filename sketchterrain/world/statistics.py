@@ -27,6 +27,7 @@ from sketchterrain.caching import LRUCache
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import InputError, one_line
+from sketchterrain.io.files import wrap_read_errors
 from sketchterrain.world.grid import CHUNK, LAYER_SPECS, SHARD, Level, Shard, World, layer_specs
 from sketchterrain.world.job import SKETCH, TAGS, layer_file, require, tile_name, vrt_name
 from sketchterrain.world.zarr_store import BYTES, FORMAT, METADATA, OURS, shard_file
@@ -207,7 +208,7 @@ class _TiffWorld(StoredWorld):
 def open_world(path: str | Path) -> StoredWorld:
     """Open a Zarr store, a folder of GeoTIFF tiles, or the GeoTIFF of the heights; raise InputError."""
     world, vrt = Path(path), vrt_name("height", 0)
-    try:
+    with wrap_read_errors(world):
         if not world.exists():
             raise InputError(f"{one_line(path)}: no such file or folder, expected a world")
         if (world / METADATA).is_file():
@@ -216,8 +217,6 @@ def open_world(path: str | Path) -> StoredWorld:
             if (world / SKETCH).exists():
                 raise InputError(f"{one_line(path)}: is not finished; world --resume completes it")
             raise InputError(f"{one_line(path)}: expected a world, with {METADATA} or {vrt}")
-    except OSError as error:
-        raise InputError(f"{one_line(path)}: cannot be read ({error.strerror})") from None
     return _TiffWorld(world)
 
 

@@ -12,22 +12,17 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.app.arguments import camera_from_options
 from sketchterrain.app.console import Stages
-from sketchterrain.app.export import run_with_fallback
-from sketchterrain.app.pictures import PictureOptions, sketch_weather
+from sketchterrain.app.export import DeviceFallback
+from sketchterrain.app.pictures import PictureOptions, check_picture, draw_picture, sketch_weather
 from sketchterrain.array_types import Bounds
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.materials import BEDROCK, BUILT_IN, MaterialTable, weight_words
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.export.files import prepare_folder
-from sketchterrain.export.rasters import write_picture
 from sketchterrain.placement.feature_types import FEATURE, Lake, River, ShapeField
-from sketchterrain.render.offscreen import render_picture
-from sketchterrain.render.overlays import LegendEntry, check_overlays
-from sketchterrain.render.quality import Quality
-from sketchterrain.render.views import check_view
+from sketchterrain.render.overlays import LegendEntry
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS, finest_level
 from sketchterrain.terrain.surfaces import FACTS, TerrainFeatures, VertexMemory, VertexStore, vertex_dtype
@@ -409,9 +404,7 @@ def draw_world(
 
     Positions of `still` are m from the sketch's south-west corner.
     """
-    check_overlays(still.overlays)
-    check_view(still.view)
-    quality = Quality.from_level(still.quality, without=still.without)
+    check_picture(still)
     with stages.stage("world", "Opening the world"):
         stored = open_world(store)
         sketch = stored.sketch()
@@ -420,23 +413,12 @@ def draw_world(
         with stages.stage("features", "Placing features"):
             terrain = None if sketch is None else build(sketch, device=context)
             world = StoredTerrain(stored, context, terrain)
-        legend: list[LegendEntry] = []
         with stages.stage("picture", "Rendering"):
             prepare_folder(path.parent)
             (x, y), positions = world.corner, (still.eye, still.look_at)
             eye, look_at = (each and (each[0] - x, each[1] - y, each[2]) for each in positions)
-            picture = render_picture(
-                world,
-                size=still.size or (1280, 720),
-                camera=camera_from_options(world, eye, look_at),
-                view=still.view,
-                weather=sketch_weather(world.sketch, still.hour, still.clouds),
-                textures=still.textures,
-                quality=quality,
-                overlays=still.overlays,
-                legend=legend,
-            )
-            write_picture(path, picture)
+            weather = sketch_weather(world.sketch, still.hour, still.clouds)
+            legend = draw_picture(path, world, replace(still, eye=eye, look_at=look_at), weather)
         return legend, world.missing_parts
 
-    return run_with_fallback(work, device=device, stages=stages)
+    return DeviceFallback(device).run(work, stages=stages)

@@ -56,7 +56,7 @@ def shard_file(layer: str, shard: Shard) -> str:
 
 
 class ZarrStore:
-    """Store of one Zarr hierarchy; see `Store`."""
+    """Store of one Zarr hierarchy; see `shard_store`."""
 
     shards_are_final = True
 
@@ -77,7 +77,7 @@ class ZarrStore:
         return tuple(names)
 
     def write(self, shard: ShardData) -> tuple[str, ...]:
-        """Write a shard of each layer; see `Store.write`."""
+        """Write a shard of each layer; see `TileStore.write`."""
         names = []
         at, level = shard.shard, self._job.world.levels[shard.shard.level]
         for layer in self._job.layers:
@@ -98,7 +98,7 @@ class ZarrStore:
         return ()
 
     def close(self, ledger: str) -> None:
-        """Write the ledger and delete the journal; see `Store.close`."""
+        """Write the ledger and delete the journal."""
         content = self._metadata(ledger.encode())
         for name in reversed(_CLOSING):
             write_if_changed(self.folder / name, content.get(name, b""))
@@ -106,7 +106,7 @@ class ZarrStore:
             self.journal.unlink(missing_ok=True)
 
     def ledger_text(self) -> str | None:
-        """Return the ledger; see `Store.ledger_text`."""
+        """Return the ledger of a finished world, None if missing."""
         return read_text(self.folder / LEDGER / BYTES)
 
     def _metadata(self, ledger: bytes | None) -> dict[str, bytes]:

@@ -22,7 +22,7 @@ from sketchterrain.export.files import (
     write_json_list,
     write_values_png,
 )
-from sketchterrain.export.sidecar import SIDECAR, SettingRow, setting_rows, stale_export_files
+from sketchterrain.export.sidecar import SIDECAR, SettingRow, setting_rows
 from sketchterrain.io.files import write_atomic
 
 
@@ -130,21 +130,25 @@ def test_stale_files_are_those_of_the_same_sketch_and_target(tmp_path):
     (tmp_path / "inner").mkdir()
     (tmp_path / "inner" / "d").write_bytes(b"")
     before = ["a", "b", "gone", "inner", "inner/d", "../" + tmp_path.name + "/c", "", "."]
-    assert stale_files(tmp_path, before, ["b", "new"]) == [tmp_path / "a"]
+    report = write_json(tmp_path / "report.json", {"format": 1, "files": before})
+    assert stale_files(report, {"format": 1, "files": ["b", "new"]}, ["format"]) == [tmp_path / "a"]
 
     def sidecar(*names, target="raw"):
         files = [{"file": name} for name in names]
         return {"format": 1, "target": target, "sketch": "a", "files": files}
 
+    def stale():
+        return stale_files(tmp_path / SIDECAR, current, ("format", "target", "sketch"))
+
     (tmp_path / "old").write_bytes(b"")
     (tmp_path / "common").write_bytes(b"")
     current = sidecar("common", "new")
-    assert stale_export_files(tmp_path, current) == []
+    assert stale() == []
     for content in ("[]", "{", json.dumps(sidecar("old", "common", target="png16"))):
         (tmp_path / SIDECAR).write_text(content)
-        assert stale_export_files(tmp_path, current) == [], content
+        assert stale() == [], content
     (tmp_path / SIDECAR).write_text(json.dumps(sidecar("old", "common")))
-    assert stale_export_files(tmp_path, current) == [tmp_path / "old"]
+    assert stale() == [tmp_path / "old"]
 
 
 def test_settings_become_rows_with_headings_and_limited_lists():

@@ -124,7 +124,10 @@ def trace(
             elif kind == "vectors":
                 done = _from_vectors(file, options, layer=layer, width=width, bounds=bounds, crs=crs)
             else:
-                done = _from_layers(kind, file, options, layer)
+                from sketchterrain.importing.layered import trace_folder, trace_mask, trace_open_raster
+
+                trace_layers = trace_folder if kind == "folder" else trace_open_raster
+                done = trace_layers(file, options) if layer is None else trace_mask(file, layer, options)
         with stages.stage("files", "Writing files"):
             save_sketch(done.sketch, output)
             if preview is not None:
@@ -187,14 +190,6 @@ def _from_map(
         legend = OWN_LEGEND if tolerance is None else Legend(OWN_LEGEND.colours, distance)
     image = read_map(file, legend)
     return image.traced(options, **settings), image.rgba
-
-
-def _from_layers(kind: str, file: Path, options: TraceOptions, layer: str | None) -> TraceResult:
-    from sketchterrain.importing.layered import trace_folder, trace_mask, trace_open_raster
-
-    if layer is not None:
-        return trace_mask(file, layer, options)
-    return trace_folder(file, options) if kind == "folder" else trace_open_raster(file, options)
 
 
 def _from_vectors(file: Path, options: TraceOptions, **settings: Any) -> TraceResult:

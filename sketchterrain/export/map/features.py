@@ -207,7 +207,6 @@ def flow_arrow(middle: Points, flow: Points) -> list[Shape]:
 
 
 def _arrows(path: Points, width: Points, dry: npt.NDArray[np.bool_], space: LabelSpace) -> list[Shape]:
-    """Return arrows beside a river where it is not in a lake."""
     arc = arc_lengths(path)
     shapes: list[Shape] = []
     for middle in np.arange(ARROWS[0], arc[-1], ARROWS[1]):

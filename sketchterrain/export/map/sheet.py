@@ -304,6 +304,5 @@ def map_sheet(terrain: Terrain) -> MapSheet:
 
 
 def _check_suffix(path: Path) -> None:
-    """Raise InputError for a path that ends neither in .png nor in .svg."""
     if path.suffix.lower() not in (".png", ".svg"):
         raise InputError(f"expected the name of a .png or .svg file for a map, got {path.name!r}")

@@ -50,12 +50,6 @@ def import_position(grid: SampleGrid) -> tuple[int, int]:
     return x, z
 
 
-def godot_axes(grid: SampleGrid) -> EngineAxes:
-    """Return Godot's axes, with the origin that follows from `import_position`."""
-    x, z = import_position(grid)
-    return EngineAxes("east", "up", "south", origin=(grid.west - x, grid.north + z, 0.0))
-
-
 def _write_godot(export: Export) -> ExportOutput:
     """Write the input of Terrain3D's importer ("Importing & Exporting Data" in its documentation).
 
@@ -66,7 +60,8 @@ def _write_godot(export: Export) -> ExportOutput:
     steps = None
     if export.options.format == "r16":
         steps = HeightQuantisation.from_heights(export.samples.height, export.options.heights)
-    axes = godot_axes(export.grid)
+    x, z = import_position(export.grid)
+    axes = EngineAxes("east", "up", "south", origin=(export.grid.west - x, export.grid.north + z, 0.0))
     files = write_tiles(export, "godot", "Heights and control map", partial(_write_images, export, steps))
     files |= write_plants_json(export, axes) | write_water_json(export, axes)
     facts: dict[str, Any] = {

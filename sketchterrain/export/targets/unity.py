@@ -41,11 +41,6 @@ _FILES: Final = {
 }
 
 
-def unity_axes(export: Export) -> EngineAxes:
-    """Return Unity's axes, with the south-west corner of all terrains at the origin."""
-    return EngineAxes("east", "up", "north", origin=(export.grid.west, export.grid.south, 0.0))
-
-
 def _write_unity(export: Export) -> ExportOutput:
     """Write the files of Unity's terrains.
 
@@ -55,7 +50,8 @@ def _write_unity(export: Export) -> ExportOutput:
     documentation), at the heights of these files.
     """
     steps = HeightQuantisation.from_heights(export.samples.height, export.options.heights)
-    axes = unity_axes(export)
+    # The south-west corner of all terrains is at the origin.
+    axes = EngineAxes("east", "up", "north", origin=(export.grid.west, export.grid.south, 0.0))
     files = write_tiles(export, "unity", "Heights and splat maps", partial(_write_images, export, steps))
     if requested_storeys(export.options):
         files |= write_tiles(export, "plants", "Plants", partial(_write_trees, export, steps))

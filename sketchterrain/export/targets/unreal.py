@@ -30,12 +30,6 @@ _FILES: Final = {
 }
 
 
-def unreal_axes(export: Export) -> EngineAxes:
-    """Return Unreal's axes, with the north-west corner of the landscape at the origin."""
-    origin = (export.grid.west, export.grid.north, 0.0)
-    return EngineAxes("east", "south", "up", unit="cm", per_metre=_CENTIMETRES, origin=origin)
-
-
 def _write_unreal(export: Export) -> ExportOutput:
     """Write the files of Unreal's landscapes.
 
@@ -44,7 +38,8 @@ def _write_unreal(export: Export) -> ExportOutput:
     100); so the Z scale is the range in m · 100 / 512.
     """
     steps = HeightQuantisation.from_heights(export.samples.height, export.options.heights)
-    axes = unreal_axes(export)
+    corner = (export.grid.west, export.grid.north, 0.0)  # north-west, at the landscape's origin
+    axes = EngineAxes("east", "south", "up", unit="cm", per_metre=_CENTIMETRES, origin=corner)
     files = write_tiles(export, "unreal", "Heights and weight maps", partial(_write_images, export, steps))
     files |= write_plants_json(export, axes, degrees=True) | write_water_json(export, axes)
     facts = {

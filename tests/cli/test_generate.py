@@ -18,7 +18,7 @@ from sketchterrain.export.foliage_files import VERTEX
 
 FILES = {
     *("height.tif", "height.png", "height.json", "normal.png", "materials.png", "materials-2.png"),
-    *("materials.json", "foliage.csv", "features.json", "report.json"),
+    *("materials-3.png", "materials.json", "foliage.csv", "features.json", "report.json"),
 }
 SIZE = 65
 

@@ -10,10 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import pyogrio
-import pyogrio.raw
 import shapely
-from pyogrio.errors import DataLayerError, DataSourceError
 from skimage.measure import find_contours
 
 from sketchterrain.array_types import StructuredArray
@@ -143,6 +140,8 @@ class GeoPackage:
 
     def add(self, layer: VectorLayer) -> None:
         """Append features to a layer, which is created even if empty."""
+        import pyogrio.raw  # loads GDAL
+
         with plain_path(self._path) as path:
             pyogrio.raw.write(
                 path,
@@ -167,6 +166,9 @@ def geopackage(path: Path, crs: str) -> Iterator[GeoPackage]:
 
     A layer's first million points take 10 s, later ones 16 s.
     """
+    import pyogrio
+    from pyogrio.errors import DataLayerError, DataSourceError
+
     before = {key: pyogrio.get_gdal_config_option(key) for key in _FIXED_TIME}
     pyogrio.set_gdal_config_options(_FIXED_TIME)
     file = GeoPackage(path, crs)

@@ -39,7 +39,7 @@ typedef struct {
     __global const float *spacing, int raster_width, int raster_bits, long raster_west, long raster_south, float most
 #define COLLECT_RASTER const Raster raster = {spacing, raster_width, raster_bits, raster_west, raster_south, most};
 
-inline float spacing_at(Raster r, long x, long y)
+INLINE float spacing_at(Raster r, long x, long y)
 {
     const long east = x - r.west;
     const long north = y - r.south;
@@ -56,7 +56,7 @@ inline float spacing_at(Raster r, long x, long y)
 // Half the distance of a dart and 2^level, or the level 0 if the grid at hand has none for its place.
 //   scale    shares of a cell's side in a lattice unit
 //   levels   the highest level there may be
-inline float2 grade_of(Raster raster, long x, long y, float scale, int levels)
+INLINE float2 grade_of(Raster raster, long x, long y, float scale, int levels)
 {
     const float spacing = spacing_at(raster, x, y);
     const float distance = (spacing + ROUNDING) * scale;
@@ -71,7 +71,7 @@ inline float2 grade_of(Raster raster, long x, long y, float scale, int levels)
     return (float2)(0.5f * distance, here ? times : 0.0f);
 }
 
-inline int conflict(float dx, float dy, float half_p, float times_p, float half_q, float times_q)
+INLINE int conflict(float dx, float dy, float half_p, float times_p, float half_q, float times_q)
 {
     const float distance = (times_p < times_q ? times_p : times_q) * (half_p + half_q);
     return dx * dx + dy * dy < distance * distance * MARGIN;
@@ -113,12 +113,12 @@ typedef struct {
 #define COLLECT_LISTS const Lists lists = {near, listed, list_width, list_height, list_west, list_south};
 
 // Index of a cell's list.
-inline int list_of(Lists lists, long column, long row)
+INLINE int list_of(Lists lists, long column, long row)
 {
     return (int)((row >> 1) - lists.south) * lists.width + (int)((column >> 1) - lists.west);
 }
 
-inline float4 listed_point(Lists lists, int list, int n)
+INLINE float4 listed_point(Lists lists, int list, int n)
 {
     const size_t plane = lists.width * lists.height;
     __global const float *first = lists.near + 4 * n * plane + list;

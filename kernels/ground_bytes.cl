@@ -6,7 +6,7 @@
 #define NORMAL 3
 
 // Whether a value is no number or infinite: by its bits, for compilers that may take all values for finite.
-inline int is_odd(REAL x)
+INLINE int is_odd(REAL x)
 {
 #ifdef cl_khr_fp64
     if (sizeof(REAL) == 8) return (as_int2((double)x).y & 0x7FF00000) == 0x7FF00000;
@@ -16,7 +16,7 @@ inline int is_odd(REAL x)
 
 #ifdef cl_khr_fp64
 // The sum in NumPy's order: up to 7 values one by one; else eight sums of every eighth, by pairs, then the others.
-inline double sum_of(const double *x)
+INLINE double sum_of(const double *x)
 {
     const int eighths = MATERIALS / 8 * 8;
     double sum = 0.0;
@@ -30,7 +30,7 @@ inline double sum_of(const double *x)
 }
 
 // Weights as bytes whose sum is 255, by the method of the largest remainder; the first of equal ones gets the step.
-inline void weight_bytes(const REAL *weights, int *bytes)
+INLINE void weight_bytes(const REAL *weights, int *bytes)
 {
     double exact[MATERIALS], rest[MATERIALS];
     for (int i = 0; i < MATERIALS; ++i) exact[i] = (double)weights[i];

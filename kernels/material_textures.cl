@@ -2,7 +2,7 @@
 //   TEXTURE_CASES  the function of each layer: case 0: return grass(u, v); …
 #include "material_layers.clh"
 
-inline REAL4 material_at(int layer, REAL u, REAL v)
+INLINE REAL4 material_at(int layer, REAL u, REAL v)
 {
     switch (layer) {
         TEXTURE_CASES
@@ -18,7 +18,7 @@ __kernel void material_paint(int layer, REAL texel, __global REAL4 *painted)
     painted[j * size + i] = material_at(layer, (R(i) + R(0.5)) * texel, (R(j) + R(0.5)) * texel);
 }
 
-inline REAL height_of(__global const REAL4 *painted, int size, int i, int j)
+INLINE REAL height_of(__global const REAL4 *painted, int size, int i, int j)
 {
     return painted[(j & (size - 1)) * size + (i & (size - 1))].w;
 }

@@ -7,7 +7,7 @@
 #define STEPS 32
 
 // A chain of products and sums: one that is contracted, reordered or approximated changes the end.
-inline REAL chain(REAL a, REAL b, REAL c)
+INLINE REAL chain(REAL a, REAL b, REAL c)
 {
     REAL x = a;
     REAL y = b;

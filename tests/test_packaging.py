@@ -66,8 +66,8 @@ def test_wheel_contains_kernels_and_presets(tmp_path: Path) -> None:
 def test_includes_are_expanded_once() -> None:
     text = resources.source("terrain.cl")
     assert '#include "' not in text
-    assert text.count("inline REAL simplex(") == 1
-    assert text.index("inline REAL simplex(") < text.index("inline TerrainSample terrain_at(")
+    assert text.count("INLINE REAL simplex(") == 1
+    assert text.index("INLINE REAL simplex(") < text.index("INLINE TerrainSample terrain_at(")
 
 
 def test_every_preset_has_a_small_picture() -> None:

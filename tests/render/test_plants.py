@@ -6,10 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.look.tree_levels import DETAILS
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.forest import BAND, GROW, PIXELS, Forest, detail_shares
 from sketchterrain.render.lit_ground import GroundLighting
+from sketchterrain.render.material_macros import material_macros
 from sketchterrain.render.plant_cells import (
     CELL,
     MAX_CELLS,
@@ -373,7 +375,8 @@ def forest_of(gl):
 
     def create(**changes):
         quality = replace(Quality(shade_maps=0, map_texels=64), **changes)
-        return Forest(gl, terrain, Sun(200.0, 35.0), quality=quality, defines={"SHADE_MAPS": 0}), lit
+        defines = {"SHADE_MAPS": 0, **material_macros(BUILT_IN)}
+        return Forest(gl, terrain, Sun(200.0, 35.0), quality=quality, defines=defines), lit
 
     return create
 

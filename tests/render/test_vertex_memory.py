@@ -11,6 +11,7 @@ from sketchterrain.compute import gl_interop
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
 from sketchterrain.compute.gl_interop import GLHandles, current_handles, sharing_methods
+from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import DeviceError, InputError
@@ -18,6 +19,7 @@ from sketchterrain.render import sharing_probe
 from sketchterrain.render.sharing_probe import Sharing, open_device, probe_sharing, shared_with_gl
 from sketchterrain.render.vertex_memory import open_vertex_memory
 from sketchterrain.terrain.building import build
+from sketchterrain.terrain.surfaces import vertex_dtype
 
 pytestmark = pytest.mark.gl
 
@@ -25,6 +27,7 @@ DEVICES = list_devices()
 KEYS = [(5, 15, 15), (6, 30, 30), (6, 31, 30), (6, 31, 31)]
 SLOTS, PARENTS = [4, 0, 1, 5], [-1, 4, 4, 4]
 COUNT = 7
+VERTEX_BYTES = vertex_dtype(len(BUILT_IN)).itemsize
 
 DRAWN = """
 #version 330
@@ -90,7 +93,9 @@ def test_drawn_vertices_equal_the_tile(terrain, gl):
     for kind in sharing_methods(terrain.context):
         memory, _ = write(terrain, gl, kind)
         store = terrain.vertex_store(COUNT, memory=memory)
-        array = gl.vertex_array(program, [(memory.vertices, "1f4 4x 2i2 4x 16x", "height", "slope")])
+        array = gl.vertex_array(
+            program, [(memory.vertices, f"1f4 4x 2i2 4x {VERTEX_BYTES - 16}x", "height", "slope")]
+        )
         program["range"].value = (0.0, 1.0)
         for key in (KEYS[1], (6, 12, 50)):
             terrain.write_tiles([key], [1], [-1], store)
@@ -111,7 +116,7 @@ def test_unavailable_methods_report_the_reason(terrain, gl, monkeypatch):
     memory = open_vertex_memory(gl, context, 1024)
     assert (memory.kind, memory.reason) == ("copy", "this machine's OpenGL has no GL_none")
     memory = open_vertex_memory(gl, terrain.context, 1024)
-    with pytest.raises(InputError, match="expected 270400 bytes for 2 tiles, got 1024"):
+    with pytest.raises(InputError, match=f"expected {2 * 65**2 * VERTEX_BYTES} bytes for 2 tiles, got 1024"):
         terrain.vertex_store(2, memory=memory)
 
 

@@ -246,7 +246,7 @@ def test_plants_fade_in_and_the_forest_settles(gl):
     lit = GroundLighting(gl, meadow, SUN, texels=64)
     lit.converge(CAMERA)
     quality = Quality.from_level(0.5)
-    forest = Forest(gl, meadow, SUN, quality=quality, defines={})
+    forest = Forest(gl, meadow, SUN, quality=quality, defines=material_macros(BUILT_IN))
     triangles, counts = [], []
     frames = 0
     while not forest.converged:
@@ -258,7 +258,7 @@ def test_plants_fade_in_and_the_forest_settles(gl):
         assert frames < 400
     assert triangles[0] == 0
     assert counts[-1] > 100
-    converged = Forest(gl, meadow, SUN, quality=quality, defines={})
+    converged = Forest(gl, meadow, SUN, quality=quality, defines=material_macros(BUILT_IN))
     converged.converge(CAMERA, SIZE, lit)
     assert converged.count == counts[-1]
     assert converged.converged

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import io
+import math
 import sys
 from collections.abc import Callable, Generator, Mapping, Sequence
 from pathlib import Path
@@ -115,8 +116,10 @@ def draw_materials(context: ComputeContext) -> Any:
     from matplotlib.patches import Patch
 
     colours = np.array([each.colour for each in BUILT_IN]) / 255.0
-    figure = new_figure(9.0, 9.6)
-    for axes, name in zip(figure.subplots(2, 2).flat, preset_names(), strict=True):
+    names = preset_names()
+    rows = math.ceil(len(names) / 2)
+    figure = new_figure(9.0, 4.8 * rows)
+    for axes, name in zip(figure.subplots(rows, 2).flat, names, strict=True):
         terrain = build(load_sketch(name), device=context)
         raster = terrain.raster(_RASTER_SIDE)
         shade = 0.35 + 0.75 * np.clip(raster.normal.astype(np.float64) @ _SUN, 0.0, 1.0)

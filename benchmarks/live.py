@@ -15,7 +15,7 @@ import numpy as np
 
 from sketchterrain.array_types import UInt8Array
 from sketchterrain.benchmarks.effort import Effort
-from sketchterrain.benchmarks.plotting import BLUE, GREEN, GREY, HUES, INK, ORANGE, PURPLE, new_figure
+from sketchterrain.benchmarks.plotting import BLUE, GREEN, GREY, HUES, INK, ORANGE, new_figure
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, samples_of, value_of
 from sketchterrain.benchmarks.timing import TimedContext, spread
 from sketchterrain.document.sketch import Sketch
@@ -261,7 +261,7 @@ def _paint_blob(image: UInt8Array, at: tuple[float, float], radius: float, rng: 
 
 GOAL = 150.0
 """ms, within which 95 % of strokes shall be there."""
-_STAGE_COLOURS = (GREY, BLUE, PURPLE, ORANGE, GREEN)
+_STAGE_COLOURS = (GREY, BLUE, ORANGE, GREEN)
 
 
 def draw_live(rows: Sequence[Row]) -> Any:

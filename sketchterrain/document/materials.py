@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from types import MappingProxyType
 from typing import Final
 
 Tint = tuple[float, float, float]
@@ -246,11 +245,11 @@ class MaterialTable:
         """Names of the materials."""
         return tuple(material.name for material in self.materials)
 
-    @cached_property
-    def layers(self) -> Mapping[str, Texture]:
+    @property
+    def layers(self) -> dict[str, Texture]:
         """Texture layers by name: a material's each, then those that are seen of them from afar."""
         distant = {texture.name: texture for each in self.materials if (texture := each.distant)}
-        return MappingProxyType({each.name: each.texture for each in self.materials} | distant)
+        return {each.name: each.texture for each in self.materials} | distant
 
     def __len__(self) -> int:
         return len(self.materials)

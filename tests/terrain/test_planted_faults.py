@@ -24,6 +24,7 @@ from sketchterrain.terrain.centrelines import PreparedCentreline
 from sketchterrain.terrain.changes import EVERYWHERE
 from sketchterrain.terrain.layers import corridors
 from sketchterrain.terrain.layers.corridors import CorridorsLayer
+from sketchterrain.terrain.layers.dunes import DunesLayer
 from sketchterrain.terrain.layers.layer import TerrainLayer, WorldSettings
 from sketchterrain.terrain.layers.points import PointsLayer
 from sketchterrain.terrain.recipe import TerrainRecipe
@@ -249,6 +250,21 @@ def fill_part(name: str) -> Part:
     )
 
 
+def style_part() -> Part:
+    """Return the styles of dunes, changed with those of the features that have them."""
+
+    def changed(recipe: TerrainRecipe) -> TerrainRecipe:
+        painted = recipe.points.painted.copy()
+        painted["wavelength"][painted["wavelength"] == painted["wavelength"].max()] *= 0.8
+        points = replace(recipe.points, painted=painted)
+        return recipe.with_layers([points, DunesLayer(points.dune_styles)])
+
+    def plant(patch: pytest.MonkeyPatch) -> None:
+        patch.setattr(DunesLayer, "items", TerrainLayer.items)
+
+    return Part("dunes.styles", changed, plant, value=lambda recipe: recipe[DunesLayer].styles)
+
+
 def course_change(change: CourseChange) -> Callable[[TerrainRecipe], TerrainRecipe]:
     return lambda recipe: recipe.with_layers(
         [with_courses(recipe[CorridorsLayer], change, recipe.world.unit)]
@@ -312,8 +328,9 @@ def parts_of(recipe: TerrainRecipe) -> list[Part]:
     for layer in recipe.layers:
         own = [each.name for each in fields(layer) if not each.metadata.get("items")]
         found += [key_part(type(layer), name) for name in own]
-        if not isinstance(layer, PointsLayer | CorridorsLayer):
+        if not isinstance(layer, PointsLayer | CorridorsLayer | DunesLayer):
             found += item_parts(layer)
+    found += [style_part()]
     found += [feature_part(column) for column in FEATURE.names]
     found += [fill_part(each.name) for each in fields(Fill)]
     found += [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
@@ -11,6 +11,7 @@ from sketchterrain.array_types import Float64Array, LatticeArray, StructuredArra
 from sketchterrain.caching import LRUCache
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.terrain.layers.layer import (
+    ITEMS,
     DetailState,
     HostSamples,
     HostSite,
@@ -18,6 +19,7 @@ from sketchterrain.terrain.layers.layer import (
     Sampling,
     TerrainLayer,
     WorldSettings,
+    content_items,
     smooth_rise,
 )
 from sketchterrain.terrain.layers.points import SLOT_DUNE, outline_warp
@@ -44,11 +46,22 @@ class DunesLayer(TerrainLayer):
 
     name: ClassVar[str] = "dunes"
 
-    styles: tuple[tuple[float, float], ...]  # (wavelength in m, wind in degrees)
+    styles: tuple[tuple[float, float], ...] = field(metadata=ITEMS)  # (wavelength in m, wind in degrees)
 
     def stacks(self, world: WorldSettings) -> tuple[NoiseStack, ...]:
         """Return the noise of the crests."""
         return (NoiseStack("crest", min(world.extent * _CREST_SHARE, _MAX_CREST), 0.42, most=4),)
+
+    def items(self, world: WorldSettings) -> StructuredArray:
+        """Return the styles."""
+        del world
+        nowhere = np.zeros((len(self.styles), 2), np.int64)
+        return content_items([np.array(style).tobytes() for style in self.styles], nowhere, nowhere)
+
+    def boxes(self, rows: StructuredArray, world: WorldSettings) -> LatticeArray:
+        """Return none: features of a style are items of the points' layer."""
+        del rows, world
+        return np.zeros((0, 4), np.int64)
 
     def pack(self, sampling: Sampling, cache: LRUCache) -> Packed:
         """Return the scalars and the styles."""

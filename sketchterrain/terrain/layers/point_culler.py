@@ -92,9 +92,11 @@ class PointCuller:
         other = PointCuller(layer, self._context, self._world, finder)
         if other._margin != self._margin or abs(other._bits - self._bits) > 1:
             return other
-        other._bits, other._worlds = self._bits, self._worlds
+        other._bits = self._bits
         other._squares = self._outside(self._squares, change.unbounded)
-        other._batches = self._outside(self._batches, change.boxes)
+        if layer.dune_styles == self._layer.dune_styles:  # which lists' numbers depend on
+            other._worlds = self._worlds
+            other._batches = self._outside(self._batches, change.boxes)
         return other
 
     def _outside(self, cache: LRUCache, areas: LatticeArray) -> LRUCache:

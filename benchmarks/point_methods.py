@@ -27,7 +27,7 @@ from sketchterrain.benchmarks.baselines.noise import Absent
 from sketchterrain.benchmarks.baselines.points import PhaseGroups
 from sketchterrain.benchmarks.poisson_disk import PoissonDisk
 from sketchterrain.benchmarks.timing import Lap, TimedContext
-from sketchterrain.vegetation.graded_poisson import GREATEST_DENSITY
+from sketchterrain.vegetation.poisson_grids import GREATEST_DENSITY
 
 if TYPE_CHECKING:
     Points = npt.NDArray[np.float64]

@@ -34,7 +34,7 @@ from sketchterrain.benchmarks.point_methods import (
 from sketchterrain.benchmarks.poisson_disk import TRIALS
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, samples_of, value_of
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, spread
-from sketchterrain.vegetation.graded_poisson import GREATEST_DENSITY
+from sketchterrain.vegetation.poisson_grids import GREATEST_DENSITY
 
 Key = TypeVar("Key")
 

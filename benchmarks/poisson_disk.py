@@ -13,7 +13,8 @@ from sketchterrain.array_types import LatticeArray, UInt8Array
 from sketchterrain.compute.buffers import BufferPool, BufferSet
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.errors import InputError
-from sketchterrain.vegetation.graded_poisson import (
+from sketchterrain.vegetation.graded_poisson import run_to_completion
+from sketchterrain.vegetation.poisson_grids import (
     GREATEST_DENSITY,
     GROUP,
     MAX_POINTS,
@@ -26,7 +27,6 @@ from sketchterrain.vegetation.graded_poisson import (
     count_points,
     hash_salt,
     rounded_up,
-    run_to_completion,
     schedule,
     throw_kernel,
 )

@@ -41,7 +41,7 @@ def run(name: str | None = None) -> int:
 def run_world(path: Path, *, device: str | None = None) -> int:
     """Show a stored world until its window is closed; return the exit code."""
     check_screen()
-    from sketchterrain.world.statistics import open_world
+    from sketchterrain.world.stored_world import open_world
 
     open_world(path)
     from sketchterrain.ui.application import named_application, show_until_closed

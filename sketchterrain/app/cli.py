@@ -34,6 +34,7 @@ from sketchterrain.app.listings import (
     print_lines,
     undescribed_labels,
 )
+from sketchterrain.app.option_groups import reject_combination, with_option_groups
 from sketchterrain.io.system import restore_default_sigterm, sigterm_as_interrupt
 
 if TYPE_CHECKING:
@@ -123,7 +124,7 @@ def generate(
         raise USAGE_ERROR(f"--grass with --foliage {foliage}: expected --foliage ply or both")
     if not preview:
         light = {"--view": view, "--time": time, "--clouds": clouds}
-        args.reject_combination("--no-preview", light, "it is the preview's")
+        reject_combination("--no-preview", light, "it is the preview's")
     with Stages() as stages:
         document = args.read_sketch(sketch, seed, stages)
         with stages.stage("program", "Loading the program"):
@@ -144,7 +145,7 @@ def generate(
 
 
 @app.command()
-@args.with_option_groups
+@with_option_groups
 def render(
     sketch: args.SketchName,
     output: args.RenderFile,
@@ -161,9 +162,9 @@ def render(
     if top_down:
         others = {f"--{name}": value for name, value in vars(picture).items()}
         size = others.pop("--size")
-        args.reject_combination("--map", others, "it is for pictures")
+        reject_combination("--map", others, "it is for pictures")
         if is_svg:
-            args.reject_combination("--map", {"--size": size}, "an .svg has no pixels")
+            reject_combination("--map", {"--size": size}, "an .svg has no pixels")
     elif is_svg:
         raise USAGE_ERROR(f"expected the name of a .png file, or --map, got {str(output)!r}")
     with Stages() as stages:

@@ -20,7 +20,7 @@ from sketchterrain.array_types import (
 from sketchterrain.errors import InputError
 from sketchterrain.placement.hashing import hash_keys
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
-from sketchterrain.vegetation.graded_poisson import GREATEST_DENSITY, GradedPoisson, run_to_completion
+from sketchterrain.vegetation.graded_poisson import GradedPoisson, run_to_completion
 from sketchterrain.vegetation.plants import (
     BLOCK,
     FILL,
@@ -35,6 +35,7 @@ from sketchterrain.vegetation.plants import (
     power_of_two_step,
     ramp,
 )
+from sketchterrain.vegetation.poisson_grids import GREATEST_DENSITY
 from sketchterrain.vegetation.woods import Woods
 
 if TYPE_CHECKING:

@@ -32,7 +32,7 @@ from sketchterrain.tiles.quadtree import code_of, intersects_bounds
 from sketchterrain.vegetation.graded_poisson import run_to_completion
 from sketchterrain.vegetation.plants import PLANT
 from sketchterrain.world.grid import CHUNK, LAYER_SPECS, Level
-from sketchterrain.world.statistics import StoredWorld, open_world
+from sketchterrain.world.stored_world import StoredWorld, open_world
 
 _LEAST_BITS: Final = 8
 _MOST_BITS: Final = LATTICE_BITS - 1

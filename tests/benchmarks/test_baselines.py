@@ -13,7 +13,7 @@ from sketchterrain.benchmarks.baselines.points import PhaseGroups
 from sketchterrain.benchmarks.baselines.thesis import Sampling, ThesisTiles
 from sketchterrain.benchmarks.noise import NoiseGrid, open_ground
 from sketchterrain.benchmarks.timing import TimedContext
-from sketchterrain.vegetation.graded_poisson import GREATEST_DENSITY
+from sketchterrain.vegetation.poisson_grids import GREATEST_DENSITY
 
 GRID_SIDE = 64
 

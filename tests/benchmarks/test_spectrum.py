@@ -12,7 +12,7 @@ from sketchterrain.benchmarks.baselines.points import throw_darts
 from sketchterrain.benchmarks.point_methods import HIGHEST, LOWEST, SETS, SIDE, fill_of, room_of, spectrum_of
 from sketchterrain.benchmarks.poisson_disk import TRIALS, PoissonDisk
 from sketchterrain.benchmarks.report import Outcome
-from sketchterrain.vegetation.graded_poisson import GREATEST_DENSITY
+from sketchterrain.vegetation.poisson_grids import GREATEST_DENSITY
 
 IDEAL = -10.0 * np.log10(SETS)
 RADIUS = 1 << 14  # lattice units

@@ -8,7 +8,7 @@ from PyQt6.QtWidgets import QAbstractButton, QLabel
 from sketchterrain.ui.dialogs.world import WorldDialog
 from sketchterrain.ui.models.workspace import Preferences
 from sketchterrain.world.options import WorldOptions
-from sketchterrain.world.statistics import open_world
+from sketchterrain.world.stored_world import open_world
 
 from .events import repeated_mnemonics
 

@@ -11,7 +11,8 @@ import pytest
 from sketchterrain.errors import InputError
 from sketchterrain.world import statistics as measured
 from sketchterrain.world.grid import World
-from sketchterrain.world.statistics import QUANTILES, compute_statistics, open_world
+from sketchterrain.world.statistics import QUANTILES, compute_statistics
+from sketchterrain.world.stored_world import open_world
 
 
 class ArrayWorld:

@@ -18,7 +18,7 @@ from sketchterrain.world.grid import Level, ShardData, World
 from sketchterrain.world.job import Job
 from sketchterrain.world.journal import check_world
 from sketchterrain.world.run import run_world
-from sketchterrain.world.statistics import open_world
+from sketchterrain.world.stored_world import open_world
 
 EAST, NORTH = 512_000.0, 5_403_000.0
 # Two shards each way, whose southern and eastern ones are a few vertices wide.

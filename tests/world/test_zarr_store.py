@@ -20,7 +20,7 @@ from sketchterrain.document.materials import MATERIALS
 from sketchterrain.errors import InputError
 from sketchterrain.world.grid import ShardData, World
 from sketchterrain.world.job import Job
-from sketchterrain.world.statistics import open_world
+from sketchterrain.world.stored_world import open_world
 from sketchterrain.world.task_runner import TaskRunner
 from sketchterrain.world.zarr_store import ZarrStore
 

@@ -209,7 +209,7 @@ class WorldSession(TerrainSession):
         *,
         device: str | None = None,
     ) -> None:
-        from sketchterrain.world.statistics import open_world
+        from sketchterrain.world.stored_world import open_world
 
         self._stored, self._report = open_world(path), report
         self.world: StoredTerrain | None = None

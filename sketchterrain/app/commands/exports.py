@@ -20,6 +20,7 @@ from sketchterrain.app.listings import (
     target_entry,
     target_lines,
 )
+from sketchterrain.app.option_groups import with_option_groups
 
 if TYPE_CHECKING:
     from sketchterrain.batch.plan import Item
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from sketchterrain.batch.run import BatchResult
 
 
-@args.with_option_groups
+@with_option_groups
 def export(
     sketch: args.SketchName,
     target: args.TargetName,
@@ -101,7 +102,7 @@ Preview = Annotated[
 ]
 
 
-@args.with_option_groups
+@with_option_groups
 def batch(
     output: args.Folder,
     *,

@@ -12,6 +12,7 @@ from sketchterrain.app import arguments as args
 from sketchterrain.app.console import PARTIAL, USAGE_ERROR, Stages, fail
 from sketchterrain.app.estimates import format_count, format_duration
 from sketchterrain.app.listings import legend_lines, pluralize, print_json, print_lines
+from sketchterrain.app.option_groups import with_option_groups
 from sketchterrain.io.files import format_bytes
 from sketchterrain.io.system import restore_default_sigterm
 
@@ -180,7 +181,8 @@ def stats(
         else:
             with stages.stage("open", "Opening the world"):
                 from sketchterrain.placement.sea import sea_level
-                from sketchterrain.world.statistics import compute_statistics, open_world
+                from sketchterrain.world.statistics import compute_statistics
+                from sketchterrain.world.stored_world import open_world
 
                 stored = open_world(store)
                 sketch = stored.sketch()
@@ -262,7 +264,7 @@ def _area(square_metres: float) -> str:
     return f"{square_metres / 1e6:.4g} km²" if square_metres >= 1e6 else f"{square_metres:.4g} m²"
 
 
-@args.with_option_groups
+@with_option_groups
 def view(
     store: args.WorldPath,
     output: args.PictureFile = None,

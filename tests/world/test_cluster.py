@@ -28,6 +28,12 @@ psutil = pytest.importorskip("psutil")
 
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")  # sockets of the library, closed late
 
+_IN_PROCESS = {
+    "processes": False,
+    "dashboard_address": None,
+    "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"},
+}
+
 DEVIATING = """
 from sketchterrain.compute import context
 context._OPTIONS = ("-cl-std=CL1.2", "-cl-fast-relaxed-math", "-DFAST")
@@ -128,9 +134,7 @@ def test_thread_workers_give_equal_bytes_after_errors(
         return finish(runner, pending)
 
     monkeypatch.setattr(running, "iter_tasks", shuffled)
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=2, processes=False, dashboard_address=None
-    ) as cluster:
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=2, **_IN_PROCESS) as cluster:
         with monkeypatch.context() as patch:
             patch.setattr(TaskRunner, "finish", failing)
             with pytest.raises((SketchterrainError, ZeroDivisionError), match="no space"):
@@ -153,9 +157,7 @@ def test_worker_with_failing_device_is_refused(job, finished_world, reporter, tr
         return evaluate(runner, task)
 
     monkeypatch.setattr(TaskRunner, "evaluate", failing)
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None
-    ) as cluster:
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, **_IN_PROCESS) as cluster:
         run_world(job, scheduler=cluster.scheduler_address, reporter=reporter)
     assert reporter.notes == ["worker 0 is refused: it gave up"]
     assert {made.worker for made in reporter.done} == {"worker 1"}

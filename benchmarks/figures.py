@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image
+from PIL import Image, ImageDraw, ImageFont
 
 from sketchterrain.benchmarks.noise import BARE, open_ground
 from sketchterrain.benchmarks.plotting import BLUE, GREEN, INK, VERMILION, new_figure
@@ -132,7 +132,9 @@ def draw_materials(context: ComputeContext) -> Any:
         Patch(facecolor=colour, edgecolor=INK, label=name)
         for colour, name in zip(colours, BUILT_IN.names, strict=True)
     ]
-    figure.legend(handles=patches, loc="outside lower center", ncols=len(BUILT_IN), frameon=False)
+    figure.legend(
+        handles=patches, loc="outside lower center", ncols=math.ceil(len(BUILT_IN) / 2), frameon=False
+    )
     return figure
 
 
@@ -232,7 +234,7 @@ def _slope_shade(height: Pixels, east: Pixels, north: Pixels) -> Pixels:
 
 
 _TEXTURE_SIDE = 1024  # texels
-_PANEL = 320  # px
+_PANEL, _CAPTION = 320, 30  # px
 _ACROSS = 3  # materials side by side
 _TILES = 3
 _TO_SUN = (-0.6, 0.5, 0.62)
@@ -241,19 +243,21 @@ _EXPOSURE = {"snow": 0.55, "sand": 0.9}  # 1.6 for the others
 
 
 def draw_textures(context: ComputeContext) -> Image.Image:
-    """Draw all materials, three a row: a third of the texture's width, and three times three of it."""
+    """Draw all textures, three a row: a third of the texture's width, and three times three of it."""
     rows = -(-len(BUILT_IN.layers) // _ACROSS)
-    picture = Image.new("RGB", (2 * _PANEL * _ACROSS, _PANEL * rows))
+    picture = Image.new("RGB", (2 * _PANEL * _ACROSS, (_PANEL + _CAPTION) * rows), "white")
+    draw, font = ImageDraw.Draw(picture), ImageFont.load_default(18)
     for index, (name, layer) in enumerate(BUILT_IN.layers.items()):
         painted = paint_layer(context, name, _TEXTURE_SIDE)
         light = _lit(painted, emboss(context, painted, layer))
         light *= _EXPOSURE.get(name, 1.6)
         near = light[: _TEXTURE_SIDE // 3, : _TEXTURE_SIDE // 3]
         tiled = np.tile(light, (_TILES, _TILES, 1))
-        left, top = 2 * _PANEL * (index % _ACROSS), _PANEL * (index // _ACROSS)
+        left, top = 2 * _PANEL * (index % _ACROSS), (_PANEL + _CAPTION) * (index // _ACROSS)
+        draw.text((left + 6, top + 4), name.replace("_", " "), fill=INK, font=font)
         for column, part in enumerate((near, tiled)):
             panel = _developed(part).resize((_PANEL, _PANEL), Image.Resampling.BOX)
-            picture.paste(panel, (left + column * _PANEL, top))
+            picture.paste(panel, (left + column * _PANEL, top + _CAPTION))
     return picture
 
 

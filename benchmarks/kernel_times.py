@@ -28,8 +28,8 @@ from sketchterrain.vegetation.graded_poisson import GradedPoisson, SpacingRaster
 SIZES = (16, 32, 64, 128)
 """Quads along a tile's side; tiles have 64."""
 
-# Bytes that each writes a vertex: height, four masks and mottle; height, normal and eight weights.
-_WRITTEN = {"patches": 24, "surfaces": 48}
+# Bytes that each writes a vertex: height, four masks and mottle; height, normal and weights.
+_WRITTEN = {"patches": 24, "surfaces": 16 + 4 * len(BUILT_IN)}
 
 _COLUMNS = (
     Column("device", "device"),
@@ -123,12 +123,12 @@ _POINT_SIDE = 400.0  # side of the square of points, in distances
 WRITTEN: Mapping[str, float] = {
     "patches": 6 * _REAL,  # height, four masks and the mottle
     "points": 5 * _REAL,
-    "surfaces": 12 * _REAL,  # height, normal and eight weights
+    "surfaces": (4 + len(BUILT_IN)) * _REAL,  # height, normal and weights
     "parents": 4
     * _REAL
     * (QUADS + 1) ** 2
     / (QUADS // 2 + 1) ** 2,  # height and normal of nearly four children
-    "ground_bytes": _REAL + 3 + 8,  # height; normal and eight weights as bytes
+    "ground_bytes": _REAL + 3 + len(BUILT_IN),  # height; normal and weights as bytes
     "vertices": vertex_dtype(len(BUILT_IN)).itemsize,
     "facts": 4 * _REAL + _REAL * QUADS / sample_stride(QUADS),  # low, high, whether finite; a strip of errors
     **dict.fromkeys(("throw_first", "throw_one", "throw_two", "throw_four"), 8),  # candidate and time

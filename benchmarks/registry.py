@@ -42,7 +42,7 @@ class Benchmark:
         return inspect.getdoc(self.measure) or ""
 
 
-_PRESETS = "the four presets"
+_PRESETS = "the presets"
 _OWN = "each preset's own"
 
 BENCHMARKS = {

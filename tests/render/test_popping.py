@@ -104,7 +104,7 @@ def test_in_flight_frames_differ_only_by_the_motion(gl, waves):
 
 
 CAMERAS = 75
-"""For each of four presets."""
+"""For each preset."""
 RANDOM_SIZE = (128, 72)
 RANDOM_REACH = 4.0
 FRAMES = 3

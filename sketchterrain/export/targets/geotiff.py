@@ -132,7 +132,7 @@ TARGETS = (
         summary="Cloud-Optimised GeoTIFF; rivers, lakes, plants and features as GeoPackage",
         write=_write,
         options=frozenset({"crs", "origin"}),
-        disk=24.0,  # 15 bytes, a third more for overviews, and temporary files
+        disk=24.0,  # 17 bytes, a third more for overviews, and temporary files
         memory=20.0,  # copies of the materials, and a file
         bytes_per_plant=160.0,
     ),

@@ -27,6 +27,12 @@ const float BRIGHTEST = 0.4;    // radiance of clouds over the sun's irradiance
 const vec3 GREEN = vec3(0.045, 0.055, 0.026); // albedos of ground outside the picture
 const vec3 STONY = vec3(0.20, 0.185, 0.165);
 
+// Whether the height map covers a place; beyond it would repeat its border.
+bool is_mapped(vec2 place)
+{
+    return all(lessThan(abs((place - near_map.xy) * near_map.z - 0.5), vec2(0.5)));
+}
+
 float relief_at(vec2 place)
 {
     return textureLod(near_heights, (place - near_map.xy) * near_map.z, 0.0).r - eye.z;
@@ -98,7 +104,8 @@ vec3 mirrored(vec3 from, vec3 direction, float blur)
 #else
         bool open = gone < 2.0 * near_map.w;
 #endif
-        if (!open && hit < 0.0 && seen_hit < 0.0 && p.z < relief_at(p.xy) - SUNK) hit = 0.5 * (before + gone);
+        bool below = is_mapped(p.xy) && p.z < relief_at(p.xy) - SUNK;
+        if (!open && hit < 0.0 && seen_hit < 0.0 && below) hit = 0.5 * (before + gone);
         if (seen_hit < 0.0 && hit < 0.0) before = gone;
         gone = gone * STRIDE + FIRST_STEP;
     }

@@ -355,6 +355,20 @@ def test_the_sea_covers_ground_below_its_level_and_nothing_else():
 
 
 @pytest.mark.gl
+def test_no_ground_is_mirrored_beyond_the_height_map(gl):
+    """The map's border repeated outwards would draw streaks on the sea."""
+    frame = FrameBlock(gl)
+    frame["near_map"] = (-100.0, -50.0, 1 / 200.0, 1.0)
+    frame.upload()
+    mirror = source("render/water_mirror.glsl", (("CLOUDS", "0"), ("MATERIALS", "2")))
+    places = np.random.default_rng(4).uniform(-300.0, 300.0, (500, 4)).astype(np.float32)
+    mapped = evaluate(gl, [mirror], "vec4(is_mapped(a.xy))", places)[:, 0]
+    expected = (np.abs(places[:, :2] - (0.0, 50.0)) < 100.0).all(axis=1)
+    assert expected.any()
+    np.testing.assert_array_equal(mapped, expected)
+
+
+@pytest.mark.gl
 def test_strips_are_widened_to_a_pixel_and_coverage_compensates(gl):
     rng = np.random.default_rng(3)
     width = np.exp(rng.uniform(np.log(0.01), np.log(20.0), 400))

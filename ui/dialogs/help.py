@@ -155,7 +155,7 @@ def _environment(facts: EngineFacts) -> dict[str, str]:
 
 
 _STEPS = (
-    ("layers", "Select a layer", "Mountains, hills, rivers and others, at the left or with 1 … 7."),
+    ("layers", "Select a layer", "Mountains, hills, rivers and others, at the left or with 1 … 9."),
     ("brush", "Paint where it should be", "The terrain follows at the right. Paint rivers as a line (L)."),
     ("settings", "Set its properties", "Height, sharpness, width. A new label has its own."),
     ("target", "Follow the sketch closely or loosely", "World: fidelity; another seed, another terrain."),

@@ -106,7 +106,7 @@ class Row(NamedTuple):
 
 
 class LayerList(QTreeWidget):
-    """Layers and their labels. Arrow keys or 1 to 7 select, Space toggles visibility."""
+    """Layers and their labels. Arrow keys or 1 to 9 select, Space toggles visibility."""
 
     label_activated = pyqtSignal(str, int)
     layer_activated = pyqtSignal(str)
@@ -130,7 +130,7 @@ class LayerList(QTreeWidget):
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
         self.setAccessibleName("Layers")
-        self.setToolTip("Layers and labels. 1 to 7 select a layer, Space shows or hides it")
+        self.setToolTip("Layers and labels. 1 to 9 select a layer, Space shows or hides it")
         header = self.header()
         if header is not None:
             header.setStretchLastSection(False)

@@ -129,6 +129,8 @@ class MainWindow(QMainWindow):
         self.actions_by_name = Actions(self)
         commands = add_tool_bars(self, self.actions_by_name, (ToolOptions(document, workspace), _stretch()))
         self.banner = Banner(self, below=commands)
+        # Qt raises the canvas after another tab is shown.
+        self.tabifiedDockWidgetActivated.connect(self.banner.raise_, Qt.ConnectionType.QueuedConnection)
         self.uncaught_exceptions = UncaughtExceptions(self.banner, self)
         self._add_panels(bookmarks)
         self.files = Files(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PyQt6.QtCore import QMimeData, QPointF, Qt, QUrl
 from PyQt6.QtGui import QDropEvent, QImage, QKeySequence
-from PyQt6.QtWidgets import QApplication, QFileDialog, QMenu, QMessageBox
+from PyQt6.QtWidgets import QApplication, QFileDialog, QMenu, QMessageBox, QTabBar
 
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
@@ -296,6 +296,14 @@ def test_layout_is_stored_and_can_be_reset(window, open_window, tmp_path):
     do(again, "leave")
     assert again.panel_layout.restore(Preferences(tmp_path / "desktop.ini").layout[1])
     assert not docks["view"].isHidden()
+
+
+def test_messages_stay_above_the_canvas_when_another_tab_is_shown(window, qtbot):
+    window.banner.show_message(Message("info", "one"))
+    (tabs,) = (bar for bar in window.findChildren(QTabBar) if "World" in map(bar.tabText, range(bar.count())))
+    tabs.setCurrentIndex((tabs.currentIndex() + 1) % tabs.count())
+    assert window.children().index(window.canvas) > window.children().index(window.banner), "Qt has changed"
+    qtbot.waitUntil(lambda: window.children().index(window.canvas) < window.children().index(window.banner))
 
 
 def test_errors_are_messages_that_queue(window, link, capsys):

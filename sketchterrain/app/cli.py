@@ -18,6 +18,7 @@ import typer
 
 from sketchterrain.app import arguments as args
 from sketchterrain.app.commands.exports import batch, export, targets
+from sketchterrain.app.commands.realism import realism
 from sketchterrain.app.commands.trace import trace
 from sketchterrain.app.commands.world import stats, view, world
 from sketchterrain.app.console import DEBUG, INTERRUPTED, PARTIAL, USAGE_ERROR, Stages, describe_error, fail
@@ -328,5 +329,5 @@ def presets(as_json: args.AsJson = False) -> None:
         print_lines(*preset_lines(entries))
 
 
-for _command in (batch, world, stats, view, export, targets, trace):
+for _command in (batch, world, stats, view, export, targets, realism, trace):
     app.command()(_command)

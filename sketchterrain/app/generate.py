@@ -39,6 +39,7 @@ from sketchterrain.render.sky import Weather
 from sketchterrain.render.views import check_view
 from sketchterrain.terrain.adherence import measure_adherence
 from sketchterrain.terrain.building import build
+from sketchterrain.terrain.realism import realism_entry
 from sketchterrain.terrain.surfaces import Raster
 from sketchterrain.terrain.terrain import Terrain
 
@@ -191,6 +192,8 @@ def _write_files(
             plants = write_foliage(folder, terrain, area, options.foliage, progress=progress)
         with stages.stage("adherence", "Comparing with the sketch"):
             adherence = measure_adherence(terrain)
+        with stages.stage("realism", "Comparing with real land"):
+            realism = realism_entry(terrain)
         problem, rendering = None, dict[str, float]()
         if options.map is not None:
             with stages.stage("map", "Drawing the map"):
@@ -203,7 +206,7 @@ def _write_files(
                     writer.add("preview.png", write_picture, folder / "preview.png", picture)
         with stages.stage("files", "Writing files"):
             files = writer.finish() + plants.files
-    report = terrain_report(terrain, raster, plants) | {"adherence": adherence.as_dict()}
+    report = terrain_report(terrain, raster, plants) | {"adherence": adherence.as_dict(), "realism": realism}
     report |= run_statistics(stages, rendering, files) | {"writing": rounded(writer.seconds)}
     return GenerateResult(report, files, problem)
 

@@ -223,6 +223,22 @@ def adherence_lines(entry: dict[str, Any]) -> list[str]:
     return [*lines, *(f"note: {line}" for line in entry["notes"])]
 
 
+def realism_lines(entry: dict[str, Any]) -> list[str]:
+    """Return a terrain's realism: distance, kind, and a line for each metric out of real land's range."""
+    from sketchterrain.terrain.realism import TITLES
+
+    name = f"{entry['sketch']}, seed {entry['seed']}" if "sketch" in entry else entry["file"]
+    lines = [
+        f"{name}: distance {entry['distance']:.2f} to {entry['kind']}; of "
+        f"{pluralize(entry['windows'], 'window')} of {entry['cell']:g} m cells {entry['passes']:.0%} pass"
+    ]
+    for metric, found in entry["out_of_range"].items():
+        value = "not measurable" if found["value"] is None else f"{found['value']:.3g}"
+        low, middle, high = found["real"]
+        lines.append(f"{TITLES[metric]}: {value}; real land {low:.3g} to {high:.3g}, median {middle:.3g}")
+    return lines + [f"failed gate: {TITLES[name]} ({count})" for name, count in entry["failed"].items()]
+
+
 def _layer_line(layer: dict[str, Any]) -> str:
     line = f"{pluralize(layer['shapes'], 'shape')}, {layer['lost']} lost"
     narrow = layer["shapes"] - layer["measured"]

@@ -60,6 +60,7 @@ class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     adherence: dict[str, Any] | None = None
     notes: tuple[str, ...] = ()
     error: str = ""
+    realism: dict[str, Any] | None = None
 
     def is_intact(self, folder: Path) -> bool:
         """Return whether all files exist in a folder with their hashes."""

@@ -60,6 +60,7 @@ from sketchterrain.render.offscreen import SnapshotRenderer
 from sketchterrain.render.views import check_view
 from sketchterrain.terrain.adherence import measure_adherence
 from sketchterrain.terrain.building import build
+from sketchterrain.terrain.realism import realism_entry
 from sketchterrain.terrain.terrain import Terrain
 
 _POLL: Final = 0.2  # s between two checks for Ctrl-C
@@ -241,6 +242,7 @@ class _Batch:
                 state="done" if done.problem is None else "partial",
                 files=tuple(File(path.name, *hash_file(path)) for path in done.files),
                 adherence={key: each for key, each in done.report["adherence"].items() if key != "shapes"},
+                realism=done.report.get("realism"),
                 notes=tuple(done.report["restarts"]),
                 error=one_line(done.problem or ""),
             )
@@ -322,6 +324,8 @@ def _export(
             done = write_export(export_plan, terrain, hidden, stages=stages)
             with stages.stage("adherence", "Comparing with the sketch"):
                 adherence = measure_adherence(terrain)
+            with stages.stage("realism", "Comparing with real land"):
+                realism = realism_entry(terrain)
             files, problem, rendering = list(done.files), None, dict[str, float]()
             if output.preview:
                 with stages.stage("preview", "Preview"):
@@ -329,7 +333,12 @@ def _export(
                     if picture is not None:
                         files += write_picture(hidden / "preview.png", picture)
             facts = report_header(terrain) | run_statistics(stages, rendering, files)
-            facts |= {"target": target, "adherence": adherence.as_dict(), "restarts": list(restarts)}
+            facts |= {
+                "target": target,
+                "adherence": adherence.as_dict(),
+                "realism": realism,
+                "restarts": list(restarts),
+            }
             report = write_json(hidden / REPORT, facts)
             outdated = stale_files(folder / REPORT, facts, ("format", "target"))
             return GenerateResult(facts, move_files(folder, (*files, report), stale=outdated), problem)

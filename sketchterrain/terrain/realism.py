@@ -21,7 +21,9 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from sketchterrain.array_types import BoolArray, Float64Array
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.errors import InputError
+from sketchterrain.terrain.adherence_rivers import standing_water
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.layers.layer import MASKS
@@ -117,6 +119,7 @@ class Realism:
     """Result of :func:`measure_realism`."""
 
     cell: float
+    height: Float64Array  # (rows, columns) as it was measured, m
     metrics: dict[str, float]  # medians over the windows
     comparison: Comparison  # of the medians
     windows: tuple[Window, ...]
@@ -130,6 +133,18 @@ class Realism:
     def kind(self) -> str:
         """The kind of land that most windows are nearest to."""
         return Counter(window.comparison.kind for window in self.windows).most_common(1)[0][0]
+
+    def fault_maps(self) -> dict[str, BoolArray]:
+        """Return maps (rows, columns) of hollows, rising channels, walls (steeper than real land's 95 %)."""
+        found = {name: np.zeros(self.height.shape, np.bool_) for name in ("hollow", "rising", "wall")}
+        steepest = kinds_of_land()[self.kind]["metrics"]["slope_p95"][2]
+        for window in self.windows:
+            rows, columns = window.maps.slope.shape
+            part = (slice(window.row, window.row + rows), slice(window.column, window.column + columns))
+            found["hollow"][part] |= window.maps.hollow
+            found["rising"][part] |= window.maps.rising
+            found["wall"][part] |= window.maps.slope > steepest
+        return found
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything but the maps, JSON-serialisable; None for what cannot be measured."""
@@ -245,7 +260,7 @@ def measure_realism(
             "no window can be judged: expected finite heights, over 1 m of relief, half of it dry"
         )
     medians = median_metrics(window.metrics for window in windows)
-    return Realism(cell, medians, nearest_land(medians, kinds), tuple(windows))
+    return Realism(cell, height, medians, nearest_land(medians, kinds), tuple(windows))
 
 
 def measure_terrain_realism(
@@ -253,7 +268,8 @@ def measure_terrain_realism(
 ) -> Realism:
     """Measure a terrain's sketch and its surroundings, of at least ``size``² cells around its middle.
 
-    Water and dunes are interpolated across; if most of the ground is dunes, it is compared with real dunes.
+    Lakes, the sea and dunes are interpolated across, rivers keep their beds; if most of the ground is dunes,
+    it is compared with real dunes.
     """
     columns, rows = (max(size, math.ceil(side / cell)) for side in terrain.size)
     x = terrain.size[0] / 2.0 + (np.arange(columns) - (columns - 1) / 2.0) * cell
@@ -264,15 +280,23 @@ def measure_terrain_realism(
     evaluator = Evaluator(terrain.recipe, terrain.context)
     height, masks = evaluator.points(east.ravel(), north.ravel(), cell_size=cell)
     z = np.asarray(height, np.float64).reshape(rows, columns)
-    water, dune = (
-        np.asarray(masks[:, MASKS.index(name)]).reshape(rows, columns) >= least
-        for name, least in (("water", 0.75), ("dune", 0.5))
-    )
-    if terrain.sea_level is not None:
-        water = water | (z < terrain.sea_level)
+    dune = np.asarray(masks[:, MASKS.index("dune")]).reshape(rows, columns) >= 0.5
+    water = np.zeros(z.shape, np.bool_)
+    place_x, place_y = np.broadcast_arrays(x[None, :], y[:, None])
+    for name, layer in LAYERS.items():
+        if layer.is_water and layer.kind != "course":
+            water |= standing_water(terrain.recipe, name, place_x, place_y, z.astype(np.float32))
     if dune.mean() > _MASKED:
         return measure_realism(z, cell, kinds=kinds or (DUNES,), masked=water)
     return measure_realism(z, cell, kinds=kinds, masked=water | dune)
+
+
+def realism_entry(terrain: Terrain) -> dict[str, Any] | None:
+    """Return the realism of a terrain for its report; None if no window can be judged, as of open sea."""
+    try:
+        return measure_terrain_realism(terrain).as_dict()
+    except InputError:
+        return None
 
 
 def interpolate_across(z: Float64Array, masked: BoolArray) -> Float64Array:

@@ -10,6 +10,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
+import rasterio
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -23,11 +24,11 @@ from sketchterrain.io.resources import preset_names
 from sketchterrain.render.overlays import LegendEntry
 from sketchterrain.render.quality import Quality
 
-COMMANDS = ("new", "generate", "render", "fly", "adherence", "edit", "bench", "devices", "presets")
+COMMANDS = ("new", "generate", "render", "fly", "adherence", "realism", "edit", "bench", "devices", "presets")
 
 
 def test_help_loads_no_heavy_library():
-    heavy = ["numpy", "scipy", "pyopencl", "moderngl", "PIL", "rasterio", "matplotlib", "PyQt6"]
+    heavy = ["numpy", "scipy", "pyopencl", "moderngl", "PIL", "rasterio", "matplotlib", "PyQt6", "numba"]
     code = (
         "import sys\n"
         "from sketchterrain.app.cli import main\n"
@@ -157,6 +158,39 @@ def test_adherence_reports_and_draws(call, sketch, tmp_path):
     assert sum(line.startswith("mountain ") for line in lines) == 1
     # Its forest and its river are painted, but not described.
     assert sum(line.startswith("note: ") for line in lines) == len(data["notes"]) == 2
+
+
+def test_realism_of_a_sketch_and_of_rasters(call, sketch, tmp_path):
+    done = call("realism", sketch, "--json", "--map", tmp_path / "where.png")
+    assert done.code == 0, done.err
+    data = json.loads(done.out)
+    assert (data["cell"], data["windows"]) == (30.0, 1)
+    assert data["distance"] > 0
+    with Image.open(tmp_path / "where.png") as picture:
+        assert picture.mode == "RGB"
+    y, x = np.mgrid[:100, :120]
+    heights = (300 * np.sin(x / 9.0) * np.cos(y / 11.0) + 5 * x).astype(np.float32)
+    np.save(tmp_path / "heights.npy", heights)
+    profile = {"driver": "GTiff", "width": 120, "height": 100, "count": 1, "dtype": "float32"}
+    transform = rasterio.Affine(30.0, 0.0, 0.0, 0.0, -30.0, 0.0)
+    with rasterio.open(tmp_path / "h.tif", "w", **profile, crs="EPSG:32611", transform=transform) as file:
+        file.write(heights, 1)
+    found = [
+        json.loads(call("realism", tmp_path / name, "--json", *more).out)
+        for name, more in (("heights.npy", ("--cell", "30")), ("h.tif", ()))
+    ]
+    assert found[0]["metrics"] == found[1]["metrics"]
+    lines = call("realism", tmp_path / "h.tif", "--kind", "karst 90 m").out.splitlines()
+    assert "to karst 90 m" in lines[0]
+    for arguments, code, message in (
+        (("h.tif", "--kind", "moon"), 3, "no kind of land 'moon'"),
+        (("heights.npy",), 3, "expected --cell"),
+        (("none.tif",), 3, "cannot be read"),
+        (("h.tif", "--map", "where.jpg"), 2, "expected the name of a .png file"),
+        (("h.tif", "--seed", "1"), 2, "are for sketches"),
+    ):
+        done = call("realism", tmp_path / arguments[0], *arguments[1:])
+        assert (done.code, message in done.error) == (code, True), done.err
 
 
 def run_stages() -> dict[str, float]:

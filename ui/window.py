@@ -4,7 +4,7 @@ import math
 from functools import partial
 from pathlib import Path
 
-from PyQt6.QtCore import QEvent, QSignalBlocker, QSize, Qt
+from PyQt6.QtCore import QEvent, QSignalBlocker, QSize, Qt, QTimer
 from PyQt6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QResizeEvent, QShowEvent
 from PyQt6.QtWidgets import QLabel, QMainWindow, QMenu, QSizePolicy, QSlider, QTabWidget, QWidget
 
@@ -130,7 +130,7 @@ class MainWindow(QMainWindow):
         commands = add_tool_bars(self, self.actions_by_name, (ToolOptions(document, workspace), _stretch()))
         self.banner = Banner(self, below=commands)
         # Qt raises the canvas after another tab is shown.
-        self.tabifiedDockWidgetActivated.connect(self.banner.raise_, Qt.ConnectionType.QueuedConnection)
+        self.tabifiedDockWidgetActivated.connect(lambda _: QTimer.singleShot(0, self.banner.raise_))
         self.uncaught_exceptions = UncaughtExceptions(self.banner, self)
         self._add_panels(bookmarks)
         self.files = Files(

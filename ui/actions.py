@@ -54,6 +54,7 @@ _OVERLAYS = {
     "features": ("Placed feat&ures and rivers", "target"),
     "contradictions": ("Co&ntradictions", "warning"),
     "adherence": ("&Adherence", "adherence"),
+    "realism": ("Realis&m", "adherence"),
     "eye": ("Viewpoint of the 3-D &view", "camera"),
 }
 

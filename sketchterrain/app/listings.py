@@ -232,10 +232,10 @@ def realism_lines(entry: dict[str, Any]) -> list[str]:
         f"{name}: distance {entry['distance']:.2f} to {entry['kind']}; of "
         f"{pluralize(entry['windows'], 'window')} of {entry['cell']:g} m cells {entry['passes']:.0%} pass"
     ]
-    for metric, found in entry["out_of_range"].items():
+    for found in entry["out_of_range"].values():
         value = "not measurable" if found["value"] is None else f"{found['value']:.3g}"
         low, middle, high = found["real"]
-        lines.append(f"{TITLES[metric]}: {value}; real land {low:.3g} to {high:.3g}, median {middle:.3g}")
+        lines.append(f"{found['title']}: {value}; real land {low:.3g} to {high:.3g}, median {middle:.3g}")
     return lines + [f"failed gate: {TITLES[name]} ({count})" for name, count in entry["failed"].items()]
 
 

@@ -11,7 +11,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, Final
@@ -20,7 +20,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
-from sketchterrain.array_types import BoolArray, Float64Array
+from sketchterrain.array_types import BoolArray, Float64Array, UInt8Array
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.errors import InputError
 from sketchterrain.terrain.adherence_rivers import standing_water
@@ -46,6 +46,9 @@ DEFAULT_CELL: Final = 30.0
 
 DUNES: Final = "dunes 90 m"
 """The kind of land that windows of dunes are compared with."""
+
+FAULTS: Final = ("", "wall", "hollow", "rising")
+"""Faults that maps show: ground steeper than real land, closed hollows, channels that rise."""
 
 TITLES: Final = {
     "slope_p95": "steepest 5 % of slopes, degrees",
@@ -123,6 +126,7 @@ class Realism:
     metrics: dict[str, float]  # medians over the windows
     comparison: Comparison  # of the medians
     windows: tuple[Window, ...]
+    corner: tuple[float, float] = (0.0, 0.0)  # x and y of the north-westernmost height, m
 
     @property
     def distance(self) -> float:
@@ -146,6 +150,17 @@ class Realism:
             found["wall"][part] |= window.maps.slope > steepest
         return found
 
+    def faults_at(self, x: Float64Array, y: Float64Array) -> UInt8Array:
+        """Return the fault, an index into `FAULTS`, at positions (m from the sketch's south-west corner)."""
+        west, north = self.corner
+        rows, columns = self.height.shape
+        row = np.clip(np.rint((north - y) / self.cell).astype(np.int64), 0, rows - 1)
+        column = np.clip(np.rint((x - west) / self.cell).astype(np.int64), 0, columns - 1)
+        maps, faults = self.fault_maps(), np.zeros(self.height.shape, np.uint8)
+        for code, name in enumerate(FAULTS[1:], start=1):
+            faults[maps[name]] = code
+        return faults[row, column]
+
     def as_dict(self) -> dict[str, Any]:
         """Return everything but the maps, JSON-serialisable; None for what cannot be measured."""
         ranges = kinds_of_land()[self.kind]["metrics"]
@@ -160,7 +175,11 @@ class Realism:
             "passes": passing / len(self.windows),
             "failed": dict(gates.most_common()),
             "out_of_range": {
-                name: {"value": _json_number(self.metrics[name]), "real": ranges[name]}
+                name: {
+                    "title": TITLES[name],
+                    "value": _json_number(self.metrics[name]),
+                    "real": ranges[name],
+                }
                 for name in beside.out_of_range
             },
             "metrics": {name: _json_number(value) for name, value in self.metrics.items()},
@@ -287,8 +306,10 @@ def measure_terrain_realism(
         if layer.is_water and layer.kind != "course":
             water |= standing_water(terrain.recipe, name, place_x, place_y, z.astype(np.float32))
     if dune.mean() > _MASKED:
-        return measure_realism(z, cell, kinds=kinds or (DUNES,), masked=water)
-    return measure_realism(z, cell, kinds=kinds, masked=water | dune)
+        found = measure_realism(z, cell, kinds=kinds or (DUNES,), masked=water)
+    else:
+        found = measure_realism(z, cell, kinds=kinds, masked=water | dune)
+    return replace(found, corner=(float(x[0]), float(y[0])))
 
 
 def realism_entry(terrain: Terrain) -> dict[str, Any] | None:

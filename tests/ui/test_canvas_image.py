@@ -207,7 +207,7 @@ def rgb(colour: QColor) -> np.ndarray:
 
 
 def hide_overlays(workspace):
-    for name in ("relief", "features", "eye", "contradictions", "adherence"):
+    for name in ("relief", "features", "eye", "contradictions", "adherence", "realism"):
         workspace.show_overlay(name, False)
 
 
@@ -318,6 +318,24 @@ def test_adherence_is_tinted_in_its_legends_colours(canvas, link, workspace):
     assert spill[1] < min(spill[0], spill[2])  # purple
     assert neither.min() > 200.0
     workspace.show_overlay("adherence", False)
+    assert np.array_equal(before, pixels(canvas))
+
+
+def test_faults_of_landforms_are_tinted_in_their_legends_colours(canvas, link, workspace):
+    hide_overlays(workspace)
+    for layer in ("mountain", "lake"):
+        workspace.set_look(layer, visible=False)
+    faults = np.repeat(np.arange(4, dtype=np.uint8), SIDE // 4)[:, None].repeat(SIDE, axis=1)
+    before = pixels(canvas)
+    workspace.show_overlay("realism", True)
+    link.adherence = Adherence(1, {}, realism={"distance": 1.0, "kind": "hills 90 m"}, faults=faults)
+    link.adherence_changed.emit(link.adherence)
+    nothing, wall, hollow, rising = (mean(canvas, 20.0, row, radius=4) for row in (8.0, 24.0, 40.0, 56.0))
+    assert nothing.min() > 200.0
+    assert wall[0] > wall[1] > wall[2]  # orange
+    assert hollow[2] > hollow[1] > hollow[0]  # blue
+    assert rising[0] > rising[2] > rising[1]  # pink
+    workspace.show_overlay("realism", False)
     assert np.array_equal(before, pixels(canvas))
 
 

@@ -172,6 +172,8 @@ def test_relief_picks_and_adherence_work_without_opengl(harness):
     assert np.array_equal(painted, blob(20) > 0)
     assert present.shape == painted.shape
     assert present[painted].mean() > 0.3
+    assert measured.realism["distance"] > 0.0
+    assert measured.faults.shape == painted.shape
 
 
 def test_a_missing_device_is_reported_and_the_engine_runs_on():

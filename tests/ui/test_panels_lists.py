@@ -57,6 +57,21 @@ def test_adherence_is_measured_on_request_and_again_after_an_error(show_widget, 
     panel.grab()
 
 
+def test_realism_is_shown_with_what_is_out_of_range(show_widget, workspace, link):
+    panel = show_widget(AdherencePanel(workspace, link))
+    assert not panel._realism.isVisible()
+    hollows = {"title": "closed hollows, share", "value": 0.0712, "real": [0.0, 0.004, 0.03]}
+    realism = {"distance": 1.913, "kind": "hills 90 m", "out_of_range": {"sink_share": hollows}}
+    link.adherence = msg.Adherence(1, FIGURES, realism=realism)
+    link.adherence_changed.emit(link.adherence)
+    assert panel._realism_head.text() == "Realism: 1.91 from hills 90 m"
+    assert "closed hollows, share: 0.0712, real land 0 to 0.03" in panel._realism.text()
+    panel.faults.click()
+    assert "realism" in workspace.overlays
+    workspace.show_overlay("realism", False)
+    assert not panel.faults.isChecked()
+
+
 def test_adherence_is_updated_while_its_overlay_is_on(qtbot, show_widget, workspace, link, placed):
     panel = show_widget(AdherencePanel(workspace, link))
     link.placed = placed

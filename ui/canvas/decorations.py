@@ -8,7 +8,7 @@ from PyQt6.QtGui import QColor, QFontMetricsF, QPainter, QPainterPath, QPen, QPo
 
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.ui.canvas.marks import DARK, SELECTED, FeatureMarks
-from sketchterrain.ui.canvas.sketch_image import AGREEMENT
+from sketchterrain.ui.canvas.sketch_image import AGREEMENT, FAULT_COLOURS
 from sketchterrain.ui.canvas.tool_context import Tool, ToolContext
 from sketchterrain.ui.engine.protocol import FrameFacts, Pose
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, tabular, theme
@@ -144,6 +144,25 @@ def draw_agreement(painter: QPainter, context: ToolContext, width: float) -> Non
         rows.append((AGREEMENT["spill"], "spill" if spill is None else f"spill {spill:.0%}"))
         if placed is not None and placed.version > adherence.version:
             rows.append((None, "before the last change"))
+    _draw_legend(painter, rows, width)
+
+
+def draw_realism(painter: QPainter, context: ToolContext, width: float) -> None:
+    """Draw the distance to real land and the legend of the faults in the upper right corner."""
+    measured, placed = context.link.adherence, context.link.placed
+    if measured is None or measured.realism is None:
+        rows: list[tuple[QColor | None, str]] = [
+            (None, f"Realism: {'measuring …' if measured is None else 'not measured'}")
+        ]
+    else:
+        rows = [(None, f"Realism: {measured.realism['distance']:.2f} from {measured.realism['kind']}")]
+        rows += [(colour, text) for text, colour in FAULT_COLOURS.items()]
+        if placed is not None and placed.version > measured.version:
+            rows.append((None, "before the last change"))
+    _draw_legend(painter, rows, width)
+
+
+def _draw_legend(painter: QPainter, rows: list[tuple[QColor | None, str]], width: float) -> None:
     painter.setFont(tabular(painter.font()))
     font = QFontMetricsF(painter.font())
     wide = max(font.horizontalAdvance(text) + (18.0 if colour else 0.0) for colour, text in rows)
@@ -196,5 +215,7 @@ class Decorations:
             draw_camera(painter, context, context.link.frame.pose)
         tool.draw(painter)
         draw_scale_bar(painter, context, height)
-        if "adherence" in overlays:
+        if "realism" in overlays:
+            draw_realism(painter, context, width)
+        elif "adherence" in overlays:
             draw_agreement(painter, context, width)

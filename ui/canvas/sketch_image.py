@@ -29,6 +29,13 @@ AGREEMENT = {
 }
 """Okabe and Ito's colours of painted and present, only painted, only present pixels."""
 
+FAULT_COLOURS = {
+    "steeper than real land": QColor(230, 130, 0),
+    "closed hollow": QColor(40, 110, 220),
+    "channel that rises": QColor(204, 40, 120),
+}
+"""Colours of walls, hollows and rising channels, in the order of `Adherence.faults`."""
+
 _SHADOW = 10  # logical px of the sketch's drop shadow
 _SHADOW_OFFSET = 2  # px down
 _BRIGHT_SHADE = 196.0  # from which the paper is not darkened; level terrain is a little below
@@ -104,12 +111,22 @@ def adherence_image(adherence: Adherence, layer: str) -> QImage | None:
     if layer not in adherence.images:
         return None
     painted, present = adherence.images[layer]
-    table = np.zeros(4, np.uint32)
-    for at, name in ((3, "as painted"), (1, "missing"), (2, "spill")):
-        colour = AGREEMENT[name]
+    colours = [AGREEMENT[name] for name in ("missing", "spill", "as painted")]
+    return _tinted(painted + np.uint8(2) * present, colours)
+
+
+def faults_image(adherence: Adherence) -> QImage | None:
+    """Return where landforms differ from real land in colour; None if it was not measured."""
+    return None if adherence.faults is None else _tinted(adherence.faults, [*FAULT_COLOURS.values()])
+
+
+def _tinted(codes: npt.NDArray[np.uint8], colours: list[QColor]) -> QImage:
+    """Return transparent colours of codes from 1 on; 0 is nothing."""
+    table = np.zeros(len(colours) + 1, np.uint32)
+    for at, colour in enumerate(colours, start=1):
         red, green, blue = (round(part * _TINT) for part in (colour.red(), colour.green(), colour.blue()))
         table[at] = round(255 * _TINT) << 24 | red << 16 | green << 8 | blue
-    return _view_image(table[painted.astype(np.uint8) | present.astype(np.uint8) << 1]).copy()
+    return _view_image(table[codes]).copy()
 
 
 def _view_image(pixels: Colours, form: QImage.Format = QImage.Format.Format_ARGB32_Premultiplied) -> QImage:
@@ -175,11 +192,20 @@ class SketchView(QObject):
             self._relief = self._relief_image = None
             self._update_relief()
             self._invalidate()
-        measured = context.link.adherence if "adherence" in overlays else None
-        tint = (measured, context.workspace.layer if measured is not None else "")
+        shows_faults = "realism" in overlays
+        measured = context.link.adherence if {"adherence", "realism"} & overlays else None
+        tint = (
+            measured,
+            "realism" if shows_faults else context.workspace.layer if measured is not None else "",
+        )
         if tint[0] is not self._tint[0] or tint[1] != self._tint[1]:
             self._tint = tint
-            self._tint_image = None if measured is None else adherence_image(measured, tint[1])
+            if measured is None:
+                self._tint_image = None
+            else:
+                self._tint_image = (
+                    faults_image(measured) if shows_faults else adherence_image(measured, tint[1])
+                )
             self._invalidate()
         self.stale.emit(QRect(0, 0, context.viewport.width, context.viewport.height))
 

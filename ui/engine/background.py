@@ -10,7 +10,7 @@ import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
-from sketchterrain.errors import SketchterrainError, one_line
+from sketchterrain.errors import InputError, SketchterrainError, one_line
 from sketchterrain.io.system import lower_priority
 from sketchterrain.ui.engine.channel import Channel, ContentChannel, start_process
 from sketchterrain.ui.engine.protocol import Adherence, ErrorReport, MeasureJob, PictureJob, PictureWritten
@@ -96,11 +96,18 @@ def run_job(job: _Job) -> _Answer:
 
 
 def _measure(job: MeasureJob) -> Adherence:
-    from sketchterrain.terrain.adherence import measure_adherence
+    from sketchterrain.terrain.adherence import measure_adherence, pixel_centres
+    from sketchterrain.terrain.realism import measure_terrain_realism
 
-    found = measure_adherence(_terrain(job.sketch, job.recipe))
+    terrain = _terrain(job.sketch, job.recipe)
+    found = measure_adherence(terrain)
     images = {name: (each.painted, each.affected) for name, each in found.images.items()}
-    return Adherence(job.version, found.as_dict(), images)
+    try:
+        realism = measure_terrain_realism(terrain)
+    except InputError:  # as of open sea
+        return Adherence(job.version, found.as_dict(), images)
+    faults = realism.faults_at(*pixel_centres(job.sketch))
+    return Adherence(job.version, found.as_dict(), images, realism.as_dict(), faults)
 
 
 def _render(job: PictureJob) -> PictureWritten:

@@ -276,12 +276,14 @@ class TerrainUpdated:
 
 @dataclass(frozen=True, eq=False)
 class Adherence:
-    """Agreement of the terrain with the sketch."""
+    """Agreement of the terrain with the sketch, and its realism."""
 
     version: int
     figures: Mapping[str, Any]  # `sketchterrain.terrain.adherence.Adherence.as_dict`
     # by layer: painted, visible; (rows, columns) bool
     images: Mapping[str, tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]] = field(default_factory=dict)
+    realism: Mapping[str, Any] | None = None  # `sketchterrain.terrain.realism.Realism.as_dict`
+    faults: npt.NDArray[np.uint8] | None = None  # (rows, columns) indices into `FAULTS`
 
 
 @dataclass(frozen=True)

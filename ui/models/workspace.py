@@ -321,6 +321,7 @@ OVERLAYS: Final = {
     "features": "placed features and rivers",
     "contradictions": "where layers contradict each other, and how it was resolved",
     "adherence": "where the terrain agrees with the sketch",
+    "realism": "where landforms differ from real land",
     "eye": "position and direction of the 3-D camera",
 }
 """Overlays of the canvas and their descriptions."""

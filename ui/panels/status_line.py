@@ -107,7 +107,7 @@ def _detail(figures: Mapping[str, Any]) -> str:
 
 
 class AdherencePanel(ScrollingPanel):
-    """Overlap of paint and terrain; measured on request, and after each change while its overlay is on."""
+    """Overlap of paint and terrain, and realism; measured on request, and while an overlay of them is on."""
 
     def __init__(self, workspace: Workspace, link: EngineLink) -> None:
         super().__init__()
@@ -118,14 +118,19 @@ class AdherencePanel(ScrollingPanel):
         self.overlay = check_box("&Show in the sketch", tip)
         self._head, self._state, self._peaks = heading(), faint_label(), faint_label()
         self.bars = {name: AdherenceBar(name) for name, layer in LAYERS.items() if layer.kind != "cover"}
+        tip = "Show hollows, channels that rise, and ground steeper than that of real land"
+        self.faults = check_box("Show &faults of landforms", tip)
+        self._realism_head, self._realism = heading(), faint_label()
         self._timer = single_shot(self, _DELAY, self._measure)
         page = QWidget()
         controls = row(None, self.measure, (self.overlay, 1))
         summary = column(None, self._head, self._state, spacing=0)
-        column(page, controls, summary, *self.bars.values(), self._peaks)
+        realism = column(None, self._realism_head, self._realism, self.faults, spacing=0)
+        column(page, controls, summary, *self.bars.values(), self._peaks, realism)
         self.add(page)
         self.measure.clicked.connect(self._measure)
         self.overlay.toggled.connect(lambda on: workspace.show_overlay("adherence", on))
+        self.faults.toggled.connect(lambda on: workspace.show_overlay("realism", on))
         workspace.overlays_changed.connect(self._show_overlay)
         link.placed_changed.connect(self._measure_later)
         link.adherence_changed.connect(self._finish)
@@ -144,15 +149,16 @@ class AdherencePanel(ScrollingPanel):
 
     def _measure_later(self, *_: object) -> None:
         # The engine abandons a measurement of an older sketch.
-        if self._is_measuring or self.overlay.isChecked():
+        if self._is_measuring or self.overlay.isChecked() or self.faults.isChecked():
             self._timer.start()
         self._refresh()
 
     def _show_overlay(self) -> None:
-        is_visible = "adherence" in self._workspace.overlays
-        with QSignalBlocker(self.overlay):
-            self.overlay.setChecked(is_visible)
-        if is_visible and not self._is_current():
+        visible = self._workspace.overlays
+        for box, name in ((self.overlay, "adherence"), (self.faults, "realism")):
+            with QSignalBlocker(box):
+                box.setChecked(name in visible)
+        if {"adherence", "realism"} & visible and not self._is_current():
             self._timer.start()
 
     def _is_current(self) -> bool:
@@ -177,6 +183,21 @@ class AdherencePanel(ScrollingPanel):
             bar.show_figures(layers.get(name))
         self._peaks.setText(_peaks_text(figures.get("peaks")))
         self._peaks.setHidden(not self._peaks.text())
+        realism = None if result is None else result.realism
+        self._realism_head.setHidden(realism is None)
+        self._realism.setHidden(realism is None)
+        if realism is not None:
+            self._realism_head.setText(f"Realism: {realism['distance']:.2f} from {realism['kind']}")
+            self._realism.setText(_realism_text(realism))
+
+
+def _realism_text(realism: Mapping[str, Any]) -> str:
+    lines = ["Distance to the nearest kind of real land, whose own windows have up to 1.63."]
+    for found in realism["out_of_range"].values():
+        value = "not measurable" if found["value"] is None else f"{found['value']:.3g}"
+        low, _, high = found["real"]
+        lines.append(f"{found['title']}: {value}, real land {low:.3g} to {high:.3g}")
+    return "\n".join(lines)
 
 
 def _peaks_text(peaks: Mapping[str, Any] | None) -> str:

@@ -220,8 +220,7 @@ def compare(metrics: dict[str, float], kind: str) -> Comparison:
     score = math.sqrt(np.mean([min(abs(each), _MOST) ** 2 for each in deviations.values()]))
     failed = [name for name in reference["gates"] if abs(deviations[name]) > reference["gate"]]
     failed += ["network"] * bool(connected < land["network_least"])
-    if land["usual"]:
-        failed += [name for name, most in reference["own_gates"].items() if metrics[name] > most]
+    failed += [name for name in land["own_gates"] if metrics[name] > reference["own_gates"][name]]
     distance = math.hypot(forms, score)
     passes = distance <= reference["bar"] and not failed
     return Comparison(kind, distance, forms, score, deviations, tuple(failed), passes)

@@ -245,7 +245,7 @@ def adherence(
         terrain, found = DeviceFallback(device).run(work, stages=stages)
         if output is not None:
             from sketchterrain.export.files import prepare_folder
-            from sketchterrain.export.sidecar import write_adherence_image
+            from sketchterrain.export.measured_maps import write_adherence_image
 
             prepare_folder(output.parent)
             write_adherence_image(output, terrain, found)

@@ -190,10 +190,7 @@ def _write_files(
         writer.add("features.json", write_features, folder, features)
         with stages.stage("plants", "Plants") as progress:
             plants = write_foliage(folder, terrain, area, options.foliage, progress=progress)
-        with stages.stage("adherence", "Comparing with the sketch"):
-            adherence = measure_adherence(terrain)
-        with stages.stage("realism", "Comparing with real land"):
-            realism = realism_entry(terrain)
+        measured = measure_terrain(terrain, stages)
         problem, rendering = None, dict[str, float]()
         if options.map is not None:
             with stages.stage("map", "Drawing the map"):
@@ -206,9 +203,17 @@ def _write_files(
                     writer.add("preview.png", write_picture, folder / "preview.png", picture)
         with stages.stage("files", "Writing files"):
             files = writer.finish() + plants.files
-    report = terrain_report(terrain, raster, plants) | {"adherence": adherence.as_dict(), "realism": realism}
+    report = terrain_report(terrain, raster, plants) | measured
     report |= run_statistics(stages, rendering, files) | {"writing": rounded(writer.seconds)}
     return GenerateResult(report, files, problem)
+
+
+def measure_terrain(terrain: Terrain, stages: Stages) -> dict[str, Any]:
+    """Return the entries of a report that compare a terrain with its sketch and with real land."""
+    with stages.stage("adherence", "Comparing with the sketch"):
+        adherence = measure_adherence(terrain).as_dict()
+    with stages.stage("realism", "Comparing with real land"):
+        return {"adherence": adherence, "realism": realism_entry(terrain)}
 
 
 class _BackgroundWriter:

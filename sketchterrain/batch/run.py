@@ -24,6 +24,7 @@ from sketchterrain.app.generate import (
     GenerateResult,
     SharedResources,
     generate,
+    measure_terrain,
     render_preview,
     report_header,
     rounded,
@@ -58,9 +59,7 @@ from sketchterrain.io.files import check_disk, hash_file
 from sketchterrain.io.system import Interrupts, exclusive_run
 from sketchterrain.render.offscreen import SnapshotRenderer
 from sketchterrain.render.views import check_view
-from sketchterrain.terrain.adherence import measure_adherence
 from sketchterrain.terrain.building import build
-from sketchterrain.terrain.realism import realism_entry
 from sketchterrain.terrain.terrain import Terrain
 
 _POLL: Final = 0.2  # s between two checks for Ctrl-C
@@ -322,10 +321,7 @@ def _export(
             with stages.stage("features", "Placing features"):
                 terrain = build(sketch, device=context, memory=shared.memory)
             done = write_export(export_plan, terrain, hidden, stages=stages)
-            with stages.stage("adherence", "Comparing with the sketch"):
-                adherence = measure_adherence(terrain)
-            with stages.stage("realism", "Comparing with real land"):
-                realism = realism_entry(terrain)
+            measured = measure_terrain(terrain, stages)
             files, problem, rendering = list(done.files), None, dict[str, float]()
             if output.preview:
                 with stages.stage("preview", "Preview"):
@@ -333,12 +329,7 @@ def _export(
                     if picture is not None:
                         files += write_picture(hidden / "preview.png", picture)
             facts = report_header(terrain) | run_statistics(stages, rendering, files)
-            facts |= {
-                "target": target,
-                "adherence": adherence.as_dict(),
-                "realism": realism,
-                "restarts": list(restarts),
-            }
+            facts |= {"target": target, **measured, "restarts": list(restarts)}
             report = write_json(hidden / REPORT, facts)
             outdated = stale_files(folder / REPORT, facts, ("format", "target"))
             return GenerateResult(facts, move_files(folder, (*files, report), stale=outdated), problem)

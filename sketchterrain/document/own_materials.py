@@ -23,15 +23,8 @@ OWN: Final = parameter_table(
     ),
     *LOOK.values(),
     Parameter(
-        *(
-            "folder",
-            str,
-            "",
-            0,
-            400,
-            "",
-            "folder of its pictures beside the sketch; empty is the pattern's own",
-        )
+        *("folder", str, "", 0, 400, ""),
+        "folder of its pictures beside the sketch; empty is the pattern's own",
     ),
 )
 """Keys of ``[materials.NAME]``."""
@@ -44,7 +37,7 @@ _WORDS: Final = {
     "slopes": ("normal", "normalgl", "nor", "nrm"),
     "roughness": ("roughness", "rough"),
 }
-"""Words of a file's name that tell what it holds, as in ``Bricks_Color.jpg`` and ``bricks_rough_1k.png``."""
+"""Words of file names by content, as in ``Bricks_Color.jpg`` and ``bricks_rough_1k.png``."""
 _PALE: Final = 0.55  # share of white in the colour on maps
 
 

@@ -20,12 +20,8 @@ if TYPE_CHECKING:
 
 
 SOURCE: Final = "material_textures.cl"
-DEFINES: Final = (
-    (
-        "TEXTURE_CASES",
-        " ".join(f"case {index}: return {name}(u, v);" for index, name in enumerate(BUILT_IN.layers)),
-    ),
-)
+_CASES = " ".join(f"case {index}: return {name}(u, v);" for index, name in enumerate(BUILT_IN.layers))
+DEFINES: Final = (("TEXTURE_CASES", _CASES),)
 """Macros of `SOURCE`: the function of each texture layer."""
 
 

@@ -20,7 +20,6 @@ from sketchterrain.document.layers import DRAW_ORDER, LAYERS, layer_of
 from sketchterrain.placement.feature_types import FEATURE_TYPES, TAN_70
 from sketchterrain.placement.shapes import Shape, label_shapes
 from sketchterrain.terrain.adherence_rivers import RiverAdherence, measure_river_adherence, standing_water
-from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.layers.layer import MASKS, TerrainLayer
 from sketchterrain.terrain.layers.points import support_radii
@@ -70,7 +69,6 @@ class SampledTerrain:
     """A terrain at its sketch's pixel centres in reading order: positions, heights (m), masks."""
 
     terrain: Terrain
-    evaluator: Evaluator
     x: LatticeArray
     y: LatticeArray
     height: Float32Array
@@ -80,9 +78,8 @@ class SampledTerrain:
     def evaluate(cls, terrain: Terrain) -> SampledTerrain:
         """Evaluate a terrain at full detail."""
         x, y = (to_lattice(axis, terrain.extent).ravel() for axis in pixel_centres(terrain.sketch))
-        evaluator = Evaluator(terrain.recipe, terrain.context)
-        height, masks = evaluator.points(x, y, cell_size=0.0)
-        return cls(terrain, evaluator, x, y, height.astype(np.float32), masks.astype(np.float32))
+        height, masks = terrain.evaluator.points(x, y, cell_size=0.0)
+        return cls(terrain, x, y, height.astype(np.float32), masks.astype(np.float32))
 
 
 def measure_layer(sampled: SampledTerrain, layer: str) -> tuple[tuple[ShapeAdherence, ...], AreaImages]:
@@ -185,7 +182,7 @@ def _effect(sampled: SampledTerrain, layer: str) -> Float32Array:
         return effect
     at = inside.ravel()
     changed = _without_points if is_points else _without_shapes
-    without, _ = sampled.evaluator.updated(terrain.recipe.with_layers(changed(terrain.recipe, layer)))
+    without, _ = sampled.terrain.evaluator.updated(terrain.recipe.with_layers(changed(terrain.recipe, layer)))
     height, masks = without.points(sampled.x[at], sampled.y[at], cell_size=0.0)
     if LAYERS[layer].is_share:
         mask = MASKS.index(layer)

@@ -24,7 +24,6 @@ from sketchterrain.array_types import BoolArray, Float64Array, UInt8Array
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.errors import InputError
 from sketchterrain.terrain.adherence_rivers import standing_water
-from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.layers.layer import MASKS
 from sketchterrain.terrain.realism_metrics import (
@@ -295,8 +294,7 @@ def measure_terrain_realism(
     east, north = np.broadcast_arrays(
         to_lattice(x[None, :], terrain.extent), to_lattice(y[:, None], terrain.extent)
     )
-    evaluator = Evaluator(terrain.recipe, terrain.context)
-    height, masks = evaluator.points(east.ravel(), north.ravel(), cell_size=cell)
+    height, masks = terrain.evaluator.points(east.ravel(), north.ravel(), cell_size=cell)
     z = np.asarray(height, np.float64).reshape(rows, columns)
     dune = np.asarray(masks[:, MASKS.index("dune")]).reshape(rows, columns) >= 0.5
     water = np.zeros(z.shape, np.bool_)

@@ -72,6 +72,11 @@ class Terrain:
         return Terrain(sketch, evaluator.recipe, self.context, memory=self.memory, evaluator=evaluator), areas
 
     @property
+    def evaluator(self) -> Evaluator:
+        """Kernel launches of the recipe, with its buffers on the device."""
+        return self._evaluator
+
+    @property
     def extent(self) -> float:
         """Metres along the sketch's longer side."""
         return self.recipe.extent

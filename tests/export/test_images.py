@@ -11,10 +11,10 @@ from hypothesis import strategies as some
 from PIL import Image
 
 from sketchterrain.errors import InputError
+from sketchterrain.export.measured_maps import _hillshade
 from sketchterrain.export.planning import HeightQuantisation
 from sketchterrain.export.rasters import write_height_png, write_height_tif, write_materials, write_normal_png
 from sketchterrain.export.sampled import control_map, quantise_weights, splat_weights
-from sketchterrain.export.sidecar import _hillshade
 from sketchterrain.terrain.surfaces import Raster
 
 CHANNELS = ("red", "green", "blue", "alpha")

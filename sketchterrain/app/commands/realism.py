@@ -59,7 +59,7 @@ def realism(
             found, header = _measure_sketch(source, cell, size, kinds, seed, device, stages)
     if map_file is not None:
         from sketchterrain.export.files import prepare_folder
-        from sketchterrain.export.realism_map import write_realism_map
+        from sketchterrain.export.measured_maps import write_realism_map
 
         prepare_folder(map_file.parent)
         write_realism_map(map_file, found)

@@ -51,11 +51,8 @@ _MARGIN = 2  # samples that a part affects beyond its own
 # Greatest factor of a slope near an unpainted coast: at u² = 3/5, between the eased slope and the ground.
 _STEEPENED = 1 + 0.8 * _EASED
 _NOISE = "coast"
-_WAVE, _GAIN, _WAVES = (
-    0.5,
-    0.5,
-    3,
-)  # of the noise beyond the sketch: wavelength over the extent, gain, octaves
+# Noise beyond the sketch: wavelength over the extent, gain, octaves.
+_WAVE, _GAIN, _WAVES = 0.5, 0.5, 3
 _FAR = 0.6  # distance from the sketch, over its extent, where coasts wander fully
 _TURNS = 512  # samples of a cliff's profile
 
@@ -124,7 +121,6 @@ class SeaLayer(TerrainLayer):
         return Packed(arrays, self._boxes(sampling.world), "sea", visible)
 
     def _params(self, sampling: Sampling) -> dict[str, float]:
-        spacing = 1.0 if self.coast is None else self.coast.spacing
         waves = sampling.ranges(_NOISE) if self.painted else {"coast_first": 0, "coast_last": 0}
         return waves | {
             "level": 0.0 if self.level is None else self.level,
@@ -136,10 +132,15 @@ class SeaLayer(TerrainLayer):
             "reach": self.reach,
             "ragged": self.ragged(sampling.world),
             "wander": wandering(sampling.world.extent),
-            "inverse_far": (spacing / (_FAR * sampling.world.extent)) ** 2,
+            "inverse_far": self._inverse_far(sampling.world),
             "mode": 0 if self.level is None else 1 + self.painted,
             "unused": 0,
         }
+
+    def _inverse_far(self, world: WorldSettings) -> float:
+        """Return 1 / (samples from the sketch to where coasts wander fully)²."""
+        spacing = 1.0 if self.coast is None else self.coast.spacing
+        return (spacing / (_FAR * world.extent)) ** 2
 
     def _fields(self, world: WorldSettings) -> tuple[PackedFields, Float64Array]:
         """Return the coast and the depth, and ``Fields.shape``.
@@ -221,15 +222,19 @@ class SeaLayer(TerrainLayer):
         """Return the range of distances inside the painted sea (m), and whether coasts wander, on blocks."""
         if self.coast is None:
             raise ValueError("a painted sea has a coast")
-        index, ranges = state.cache.get_or_compute(
-            self.name, lambda: (BoxIndex(self._boxes(world)), self._ranges(world))
+        shape = self.coast.inside.shape
+        index, ranges, edges = state.cache.get_or_compute(
+            self.name,
+            lambda: (
+                BoxIndex(self._boxes(world)),
+                self._ranges(world),
+                np.array([_is_at_edge(shape, *part).any() for part in _parts(shape)]),
+            ),
         )
         block, part = index.touching(state.blocks)
         low, high = np.full(len(state.blocks), np.inf), np.full(len(state.blocks), -np.inf)
         np.minimum.at(low, block, ranges[part, 0])
         np.maximum.at(high, block, ranges[part, 1])
-        shape = self.coast.inside.shape
-        edges = np.array([_is_at_edge(shape, *each).any() for each in _parts(shape)])
         at_edge = np.zeros(len(state.blocks), np.bool_)
         np.logical_or.at(at_edge, block, edges[part])
         return low, high, at_edge
@@ -289,7 +294,7 @@ class SeaLayer(TerrainLayer):
         form, scale = fields.form[0], fields.scale[0]
         u, v = (site.x - fields.at[0, 0]) * scale, (site.y - fields.at[0, 1]) * scale
         away = (u - np.clip(u, 0, form[1] - 1)) ** 2 + (v - np.clip(v, 0, form[2] - 1)) ** 2
-        far = smooth_rise(away, 0, 1 / float(self._params(site.sampling)["inverse_far"]))
+        far = smooth_rise(away, 0, 1 / self._inverse_far(site.sampling.world))
         outside = far > 0
         raw = fbm(site.sampling.octaves, _NOISE, site.x[outside], site.y[outside])
         far[outside] *= wandering(site.sampling.world.extent) * softened(_WANDERING * raw)

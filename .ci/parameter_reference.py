@@ -31,8 +31,8 @@ def reference_table() -> str:
     """Return every parameter as Markdown: one section per table of the sketch file."""
     sections = [_section("The sketch", f"`format = {FORMAT}` comes first.", SKETCH)]
     about = {
-        "density": "Features where nothing is painted.",
-        "ground": "The ground under and between the features.",
+        "density": "Features where nothing is painted; mountains and hills join to ranges.",
+        "ground": "The drained ground between mountains and hills.",
         "climate": "Snow and vegetation.",
         "coast": "The sea's level and its shores ([sea](kernels/sea.md)).",
         "weather": "Lighting and air of pictures ([light.md](light.md)); it does not change the terrain.",

@@ -88,10 +88,12 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     with the float64 kernels. Errors are the largest of all vertices, and the 99th percentile. Both builds
     store 24 bits of a position within a noise cell, NumPy all: that is the float64 kernels' remaining error.
 
+    "relief of" a preset is its drained relief alone, whose reference is `layers/relief.py`.
+
     Alternatives, one choice at a time, on a square of valley_river: octaves omitted for larger cells, against
     full detail; methods for the distance to a spline; normals of noise, analytic and by differences; float32,
-    float64 and `--fast`; quads of a tile, whose borders are evaluated twice; features culled at a share of
-    their support. Errors are the largest; times are of all launches together.
+    float64 and `--fast`; quads of a tile, whose borders are evaluated twice; on one of desert_mountains,
+    features culled at a share of their support. Errors are the largest; times are of all launches together.
     """
     exact = TimedContext(str(context.device.index), real="double") if context.device.has_double else None
     rows: list[Row] = []

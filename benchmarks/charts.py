@@ -11,6 +11,7 @@ from sketchterrain.benchmarks.choices import draw_choices
 from sketchterrain.benchmarks.culling import draw_culling
 from sketchterrain.benchmarks.erosion import draw_erosion, draw_normals
 from sketchterrain.benchmarks.flight_chart import draw_errors, draw_frames, draw_generation
+from sketchterrain.benchmarks.landforms import draw_stability, draw_terrains, draw_trade_offs
 from sketchterrain.benchmarks.live import draw_live
 from sketchterrain.benchmarks.pictures import draw_parts, draw_qualities
 from sketchterrain.benchmarks.plotting import (
@@ -213,6 +214,7 @@ CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
     "erosion": draw_erosion,
     "flight": draw_errors,
     "kernels": _kernels,
+    "landforms": draw_trade_offs,
     "live": draw_live,
     "pictures": draw_qualities,
     "points": draw_table_6_1,
@@ -226,6 +228,7 @@ MORE: dict[str, dict[str, Callable[[Sequence[Row]], Any]]] = {
     "accuracy": {"choices": draw_choices},
     "erosion": {"normals": draw_normals},
     "flight": {"generation": draw_generation, "frames": draw_frames},
+    "landforms": {"terrains": draw_terrains, "stability": draw_stability},
     "pictures": {"parts": draw_parts},
     "points": {"room": draw_room, "spectra": draw_spectra},
     "speed": {"tiles": draw_thesis},

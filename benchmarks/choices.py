@@ -31,7 +31,7 @@ from sketchterrain.terrain.recipe import TerrainRecipe
 if TYPE_CHECKING:
     Reals = npt.NDArray[np.floating[Any]]
 
-GROUND = "valley_river"
+GROUND, _DESERT = "valley_river", "desert_mountains"
 SUBJECTS: Mapping[str, str] = {
     "octaves": "octaves left out: heights at full detail, mm",
     "splines": "distance to a spline, mm",
@@ -46,7 +46,7 @@ CELLS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 """Cell sizes, m, that octaves are cut off for."""
 
 _LEVEL = 6
-_WIDE_LEVEL = 4  # of tiles that lie among hills and mountains too
+_WIDE_LEVEL = 4  # of tiles that lie among dunes too
 _RELIEF = 100.0  # m, of the noise whose normals are measured
 _FINER_BITS = (12, 10, 8)  # of the distance between differences' vertices, lattice units: 1, 1/4 and 1/16 m
 _SPLINE_CELL = 2.0
@@ -84,7 +84,7 @@ def table(context: TimedContext, effort: Effort) -> Table:
         ("normals", _normals(context, effort)),
         ("precision", _precisions(recipe, context, effort)),
         ("tile size", _tile_sizes(recipe, context, effort)),
-        ("culling", _shares(recipe, context, effort)),
+        ("culling", _shares(open_ground(_DESERT, context).recipe, context, effort)),
     ):
         rows += _rows(subject, list(methods), effort.rounds)
     rows += _splines(context, effort)

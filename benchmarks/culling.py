@@ -15,12 +15,14 @@ from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_o
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
 from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES
 from sketchterrain.terrain.inputs import KernelInputs
+from sketchterrain.terrain.layers.dunes import DunesLayer
 from sketchterrain.terrain.layers.points import PointFinder
 from sketchterrain.terrain.patches import tile_patches
+from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.terrain import Terrain
 
 DENSITY = 25.0
-"""Hills a square kilometre; about ten of them reach a tile."""
+"""Dunes a square kilometre; about ten of them reach a tile."""
 
 _LEVEL = 6
 _TILES = 16  # along a side of the square that is looked at
@@ -42,9 +44,9 @@ _COLUMNS = (
 def measure(context: TimedContext, effort: Effort) -> Outcome:
     """Microseconds a tile over the number of features in the world, at one density, by the clock.
 
-    Hills of 120 to 300 m radius lie anywhere in a square that grows with their number. Each round looks at
-    256 tiles of level 6 around another place of it: the time to list what reaches them, the same again, and
-    the time until the tiles stand in a store on the device. The index over all features is built once a
+    Dune fields of 120 to 300 m radius lie anywhere in a square that grows with their number. Each round looks
+    at 256 tiles of level 6 around another place of it: the time to list what reaches them, the same again,
+    and the time until the tiles stand in a store on the device. The index over all features is built once a
     recipe. Rounds alternate between the sizes.
     """
     worlds = {count: _World(count, context) for count in effort.culling_features}
@@ -52,15 +54,22 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     return Outcome((Table("Culling", _COLUMNS, tuple(_row(worlds[count], laps[count]) for count in worlds)),))
 
 
-def scattered_hills(count: int) -> tuple[StructuredArray, float]:
-    """Return so many hills with even ids, and the side of the square that they lie in (m)."""
+def scattered_dunes(count: int) -> tuple[StructuredArray, float]:
+    """Return so many dune fields with even ids, and the side of the square that they lie in (m)."""
     rng = np.random.default_rng([BARE_SEED, count])
     side = float(np.sqrt(count / DENSITY)) * 1000.0
-    hills = np.zeros(count, FEATURE)
-    hills["id"], hills["type"] = 2 * np.arange(count), FEATURE_TYPES.index("hill")
-    hills["x"], hills["y"] = rng.uniform(0, side, (2, count))
-    hills["radius"], hills["strength"] = rng.uniform(120, 300, count), rng.uniform(10, 60, count)
-    return hills, side
+    dunes = np.zeros(count, FEATURE)
+    dunes["id"], dunes["type"] = 2 * np.arange(count), FEATURE_TYPES.index("dune")
+    dunes["x"], dunes["y"] = rng.uniform(0, side, (2, count))
+    dunes["radius"], dunes["strength"] = rng.uniform(120, 300, count), rng.uniform(2, 12, count)
+    dunes["wavelength"], dunes["wind"] = 100.0, 270.0
+    return dunes, side
+
+
+def with_dunes(recipe: TerrainRecipe, dunes: StructuredArray) -> TerrainRecipe:
+    """Return a recipe with these as its only point features."""
+    points = replace(recipe.points, painted=dunes)
+    return recipe.with_layers([points, DunesLayer(points.dune_styles)])
 
 
 @dataclass(frozen=True)
@@ -73,18 +82,17 @@ class _Look:
 
 
 class _World:
-    """A recipe of so many hills, and looks at ever new places of it."""
+    """A recipe of so many dune fields, and looks at ever new places of it."""
 
     def __init__(self, count: int, context: TimedContext) -> None:
         bare = open_ground(BARE, context)
         self.count = count
-        painted, self.side = scattered_hills(count)
-        points = replace(bare.recipe.points, painted=painted)
-        recipe = bare.recipe.with_layers([points])
+        dunes, self.side = scattered_dunes(count)
+        recipe = with_dunes(bare.recipe, dunes)
         self._context = context
         self._rng = np.random.default_rng([BARE_SEED, count, 1])
         start = perf_counter()
-        PointFinder(points, recipe.world).painted_near(np.array([[0, 0, 1 << 20, 1 << 20]]))
+        PointFinder(recipe.points, recipe.world).painted_near(np.array([[0, 0, 1 << 20, 1 << 20]]))
         self.index = perf_counter() - start
         self._extent = recipe.extent
         self._inputs = KernelInputs(recipe, context)

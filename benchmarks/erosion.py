@@ -1,9 +1,10 @@
-"""Erosion: slopes, normals and their cost, beside a hydraulic simulation."""
+"""Erosion: slopes, normals and their cost, beside noise and a simulation of the stream power law."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import fields, replace
 from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
@@ -14,6 +15,7 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.benchmarks.effort import Effort
+from sketchterrain.benchmarks.noise import RELIEF, open_ground
 from sketchterrain.benchmarks.plotting import BLUE, GREEN, PURPLE, SMALL, VERMILION, new_figure
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, samples_of, value_of
 from sketchterrain.benchmarks.timing import TimedContext, lap, spread
@@ -22,8 +24,8 @@ from sketchterrain.terrain.building import make_recipe
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import host_heights, host_slope
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
-from sketchterrain.terrain.layers.corridors import CorridorsLayer
-from sketchterrain.terrain.layers.lakes import LakesLayer
+from sketchterrain.terrain.layers.layer import WorldSettings
+from sketchterrain.terrain.layers.relief import ReliefLayer, ReliefScale
 from sketchterrain.terrain.noise import NoiseStack, fbm, octave_table
 from sketchterrain.terrain.recipe import TerrainRecipe
 
@@ -33,7 +35,7 @@ if TYPE_CHECKING:
 PRESET = "alpine_range"
 
 _CELL = 8.0  # m
-_NOISE, _PLAIN, _ERODED, _PEER = "fBm", "no gullies", "gullies", "fastscapelib"
+_NOISE, _PLAIN, _ERODED, _PEER = "fBm", "drained", "drained, gullies", "fastscapelib"
 _PEER_STEPS = 20
 _PEER_YEARS = 2500.0
 _PEER_K, _PEER_AREA, _PEER_SLOPE = 2e-5, 0.4, 1.0  # m^0.2 a year; exponents of area and slope
@@ -47,6 +49,7 @@ _SHAPES = (
     Column("method", "ground"),
     Column("side", "side, cells"),
     Column("ms", "time, ms"),
+    Column("solve_ms", "drained before, ms"),
     Column("slope_50", "slope, median, °"),
     Column("slope_90", "90 %, °"),
     Column("slope_99", "99 %, °"),
@@ -65,19 +68,27 @@ _NORMALS = (
 
 
 def measure(context: TimedContext, effort: Effort) -> Outcome:
-    """Slopes, drainage and heights of mountains with gullies, beside plain noise and beside a simulation.
+    """Slopes, drainage and heights of drained mountains, beside plain noise and beside a simulation.
 
-    The ground is the middle of alpine_range in cells of 8 m, without rivers and lakes: with its gullies,
-    without them, as fBm of the same mean and deviation, and eroded by the stream power law (fastscapelib: 20
+    The ground is the middle of alpine_range in cells of 8 m, its relief alone: with its gullies, without
+    them, as fBm of the same mean and deviation, and that fBm eroded by the stream power law (fastscapelib: 20
     steps of 2500 years, K = 2e-5, m = 0.4, n = 1, sinks routed by a spanning tree, borders fixed). Water runs
     to the lowest of eight neighbours and ends in pits. Slopes are central differences; the exponent is fitted
     to the mean slopes of channels, catchments above 0.1 km², by quarters of a decade. Milliseconds are
-    medians of rounds: evaluating the ground (fBm in NumPy), and for fastscapelib, once, its steps alone.
-    Normals: the angle to the gradient of float64 heights over 0.02 m, of central differences over one cell
-    and of the slope that the filter steers by, which holds each wave's direction.
+    medians of rounds: evaluating the ground (fBm in NumPy), and for fastscapelib, once, its steps alone;
+    draining the whole sketch, once, comes before. Normals: the angle to the gradient of float64 heights over
+    0.02 m, of central differences over one cell and of the slope that the filter steers by, which holds each
+    wave's direction.
     """
     side = effort.noise_side // 2
-    eroded, plain = _recipe(), _recipe(erosion=0.0)
+    eroded = open_ground(f"{RELIEF}{PRESET}", context).recipe
+    smooth = _NoGullies(*(getattr(eroded[ReliefLayer], each.name) for each in fields(ReliefLayer)))
+    plain = replace(
+        eroded, layers=tuple(smooth if isinstance(each, ReliefLayer) else each for each in eroded.layers)
+    )
+    start = time.perf_counter()
+    make_recipe(load_sketch(PRESET))  # what drains is compiled by now
+    solved = 1e3 * (time.perf_counter() - start)
     axis: Float64Array = 0.5 * eroded.extent + _CELL * (np.arange(side, dtype=np.float64) - 0.5 * side)
     heights = {}
     rows: list[Row] = []
@@ -88,13 +99,13 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
         laps = [lap(evaluate) for _ in range(effort.rounds + 1)]
         height, _ = evaluate()
         heights[name] = height.reshape(side, side).astype(np.float64)
-        rows.append(_shape(name, heights[name], [each.wall for each in laps[1:]]))
+        rows.append({**_shape(name, heights[name], [each.wall for each in laps[1:]]), "solve_ms": solved})
     start = time.perf_counter()
     noise = _noise(eroded, axis)
     seconds = time.perf_counter() - start
     noise = (noise - noise.mean()) / noise.std() * heights[_PLAIN].std() + heights[_PLAIN].mean()
     rows.insert(0, _shape(_NOISE, noise, [seconds]))
-    rows.append(_simulated(heights[_PLAIN]))
+    rows.append(_simulated(noise))
     return Outcome(
         (
             Table("What comes out", _SHAPES, tuple(rows)),
@@ -103,13 +114,12 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     )
 
 
-def _recipe(**label: float) -> TerrainRecipe:
-    sketch = load_sketch(PRESET)
-    labels = {
-        key: {**values, **label} for key, values in sketch.labels.items() if key[0] in ("mountain", "hill")
-    }
-    recipe = make_recipe(sketch.replace(labels={**sketch.labels, **labels}))
-    return recipe.with_layers([CorridorsLayer(()), LakesLayer(())])
+class _NoGullies(ReliefLayer):
+    """The drained ground without gullies below its raster."""
+
+    def scale(self, world: WorldSettings) -> ReliefScale:
+        """Return the strengths of the noises."""
+        return replace(super().scale(world), gully_depth=0.0)
 
 
 def _noise(recipe: TerrainRecipe, axis: Float64Array) -> Float64Array:
@@ -251,7 +261,7 @@ def _angles(a: Float64Array, b: Float64Array) -> Float64Array:
     return np.asarray(np.degrees(np.arctan2(across, (one * other).sum(axis=0))))
 
 
-_COLOURS = {"fBm": PURPLE, "no gullies": GREEN, "gullies": VERMILION, "fastscapelib": BLUE}
+_COLOURS = {_NOISE: PURPLE, _PLAIN: GREEN, _ERODED: VERMILION, _PEER: BLUE}
 _BIN = 3.0  # degrees
 
 

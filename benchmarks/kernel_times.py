@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from sketchterrain.benchmarks.effort import Effort
-from sketchterrain.benchmarks.noise import BARE, NoiseGrid, central_keys, open_ground
+from sketchterrain.benchmarks.noise import BARE, RELIEF, NoiseGrid, central_keys, open_ground
 from sketchterrain.benchmarks.poisson_disk import PoissonDisk
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.spline_methods import KERNELS, SplineQueries, splines_and_places
@@ -199,7 +199,8 @@ class _Case:
 
 
 def _works(context: TimedContext, effort: Effort) -> Iterator[tuple[_Case, Callable[[], Lap]]]:
-    grounds = {name: open_ground(name, context) for name in (BARE, *effort.presets)}
+    names = (BARE, f"{RELIEF}{effort.presets[-1]}", *effort.presets)
+    grounds = {name: open_ground(name, context) for name in names}
     for name, terrain in grounds.items():
         for level in effort.kernel_levels:
             yield (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,11 @@ from sketchterrain.benchmarks.timing import TimedContext
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
+from sketchterrain.placement.fill import Fill
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.lattice import metres_per_unit
+from sketchterrain.terrain.layers import layer_stack
+from sketchterrain.terrain.layers.relief import ReliefLayer
 from sketchterrain.terrain.noise import NoiseStack, corner_table, fbm, fbm_slope, octave_table
 from sketchterrain.terrain.terrain import Terrain
 
@@ -102,16 +106,32 @@ class NoiseGrid:
 
 
 BARE = "bare"
-"""Ground of the default relief over 4096 m: octaves of noise and no feature at all."""
+"""Ground of the default relief over 4096 m, without paint."""
+RELIEF = "relief of "
+"""Before the name of a preset: its drained relief without all other layers."""
 BARE_SEED = 7
 
 TileKey = tuple[int, int, int]
 
 
 def open_ground(name: str, context: ComputeContext) -> Terrain:
-    """Return the terrain of a preset with its own seed, or of bare ground with :data:`BARE_SEED`."""
-    sketch = Sketch(name=BARE, seed=BARE_SEED) if name == BARE else load_sketch(name)
-    return build(sketch, device=context)
+    """Return the terrain of a preset with its own seed, or of bare ground with :data:`BARE_SEED`.
+
+    With `RELIEF` before its name, a preset has its relief alone.
+    """
+    if name == BARE:
+        return build(Sketch(name=BARE, seed=BARE_SEED), device=context)
+    terrain = build(load_sketch(name.removeprefix(RELIEF)), device=context)
+    if not name.startswith(RELIEF):
+        return terrain
+    recipe = terrain.recipe
+    layers = layer_stack(
+        extent=recipe.extent,
+        relief=recipe[ReliefLayer],
+        painted=recipe.points.painted[:0],
+        fill=Fill.from_sketch(Sketch(), recipe.points.painted[:0], seed=0),
+    )
+    return Terrain(terrain.sketch, replace(recipe, layers=layers), terrain.context)
 
 
 def central_keys(level: int, count: int) -> list[TileKey]:

@@ -11,6 +11,8 @@ from sketchterrain.benchmarks import (
     erosion,
     flight,
     kernel_times,
+    landform_grounds,
+    landforms,
     live,
     noise,
     pictures,
@@ -50,7 +52,7 @@ BENCHMARKS = {
     for benchmark in (
         Benchmark(
             "kernels",
-            f"{_PRESETS}, and bare ground: 4096 m of default relief without features",
+            f"{_PRESETS}, the last one's relief alone, and bare ground: 4096 m of default relief",
             f"{_OWN}; bare ground and noise: {BARE_SEED}",
             kernel_times.measure,
         ),
@@ -60,8 +62,8 @@ BENCHMARKS = {
             f"noise {noise.SEED}, bare ground {BARE_SEED}, presets their own",
             speed.measure,
         ),
-        Benchmark("culling", "hills at one density in worlds of any size", str(BARE_SEED), culling.measure),
-        Benchmark("updates", "hills as for culling", str(BARE_SEED), updates.measure),
+        Benchmark("culling", "dune fields at one density, in any world", str(BARE_SEED), culling.measure),
+        Benchmark("updates", "dune fields as for culling", str(BARE_SEED), updates.measure),
         Benchmark(
             "points",
             "a square, and its middle for spectra",
@@ -77,11 +79,17 @@ BENCHMARKS = {
             "pictures", "valley_river, from the ground; full run: from high above too", _OWN, pictures.measure
         ),
         Benchmark("erosion", "the middle of alpine_range, 8 km wide in a full run", _OWN, erosion.measure),
+        Benchmark(
+            "landforms",
+            "painted sketches of 7680 m; realism of the presets too (quick run: of one)",
+            f"{_OWN}; painted sketches 0 and on; paint: {landform_grounds.SEED}",
+            landforms.measure,
+        ),
         Benchmark("batch", "valley_river over 6144 m", "1 and on", batches.measure),
         Benchmark("world", "valley_river and what lies beyond it", _OWN, worlds.measure),
         Benchmark(
             "accuracy",
-            "tiles drawn from the whole of valley_river (full run: of desert_mountains too)",
+            "tiles drawn from all of valley_river and its relief alone (full run: of desert_mountains too)",
             f"{_OWN}; draw of tiles: {accuracy.TILE_SEED}",
             accuracy.measure,
         ),

@@ -28,6 +28,8 @@ from sketchterrain.terrain.surfaces import SurfaceStore
 
 OPERATIONS = 97
 """Of an octave of simplex noise at a point, whole and real, as a compiler counts them; loads are none."""
+GULLY_OPERATIONS, NODE_OPERATIONS = 290, 90
+"""Of an octave of gullies, and of reading the nodes, counted in the source."""
 
 _FILE = "baselines/roofline.cl"
 _CHAINS = 8  # of the kernels
@@ -56,7 +58,7 @@ def _roofline(context: TimedContext, effort: Effort) -> Table:
     """Measure the roof and what stands under it, in turn."""
     values, items, rounds = _SIZES.get(context.device.type, _SIZES["GPU"])
     grid = NoiseGrid(context, effort.noise_side)
-    tiles, octaves, vertices = _bare_tiles(context, min(_TILES, effort.thesis_tiles))
+    tiles, octaves, gullies, vertices = _bare_tiles(context, min(_TILES, effort.thesis_tiles))
     out = context.empty(values, context.real_dtype)
     operands = (context.real_dtype.type(0.999), np.int32(rounds), out)
     # Work, points, bytes and operations of each.
@@ -72,7 +74,12 @@ def _roofline(context: TimedContext, effort: Effort) -> Table:
             for what, kernel, width in _OPERATING
         },
         f"noise, {OCTAVES} octaves": (grid.launch, effort.noise_side**2, _REAL, OPERATIONS * OCTAVES),
-        f"tiles of bare ground, {octaves} octaves": (tiles, vertices, _VERTEX, OPERATIONS * octaves),
+        f"tiles of bare ground, {octaves} octaves, {gullies} of gullies": (
+            tiles,
+            vertices,
+            _VERTEX,
+            OPERATIONS * octaves + GULLY_OPERATIONS * gullies + NODE_OPERATIONS,
+        ),
     }
     laps = alternate(
         {name: partial(context.lap, work) for name, (work, *_) in works.items()}, rounds=effort.rounds
@@ -105,16 +112,19 @@ def _roofline(context: TimedContext, effort: Effort) -> Table:
     return Table("Share of the roofline", _COLUMNS, tuple(rows))
 
 
-def _bare_tiles(context: TimedContext, count: int) -> tuple[Callable[[], object], int, int]:
-    """Return what launches tiles without features, their octaves at a vertex, and their vertices."""
+def _bare_tiles(context: TimedContext, count: int) -> tuple[Callable[[], object], int, int, int]:
+    """Return what launches tiles of bare ground, its octaves of noise and of gullies, and their vertices."""
     recipe = open_ground(BARE, context).recipe
     inputs, keys = KernelInputs(recipe, context), central_keys(LEVEL, count)
     patches = tile_patches(LEVEL, [key[1:] for key in keys], recipe.extent, up=0)
     ranges = inputs.sampling(patches.cell_size).octaves.ranges
-    octaves = sum(last - first for first, last in (ranges["ground"], ranges["mottle"]))
+    octaves, gullies = (
+        sum(last - first for first, last in map(ranges.__getitem__, names))
+        for names in (("bend_u", "bend_v", "detail", "mottle"), ("gully",))
+    )
     launcher, store = PatchLauncher(inputs), SurfaceStore(context, QUADS + 1, count, len(recipe.materials))
     work = partial(launcher.surfaces, patches, store, np.arange(count))
-    return work, octaves, count * (QUADS + 1) ** 2
+    return work, octaves, gullies, count * (QUADS + 1) ** 2
 
 
 ASKED: Mapping[str, float] = {"FastNoise2": 1.0, "numba, a point": 8.0, "NumPy": 25.0}

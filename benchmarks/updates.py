@@ -1,14 +1,13 @@
 """Updates: time to find what changed between two recipes as the number of features grows."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import partial
 from typing import Final
 
 import numpy as np
 
 from sketchterrain.array_types import StructuredArray
-from sketchterrain.benchmarks.culling import scattered_hills
+from sketchterrain.benchmarks.culling import scattered_dunes, with_dunes
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import BARE, BARE_SEED, open_ground
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table
@@ -31,18 +30,18 @@ _COLUMNS = (
 def measure(context: TimedContext, effort: Effort) -> Outcome:
     """Milliseconds until the changed areas of two recipes are known, over features N and changes k.
 
-    Hills at one density as for culling; k of them, anywhere, get another strength, are added, or are left
-    out. Both recipes are made beforehand. Rounds alternate between all cases.
+    Dune fields as for culling; k of them, anywhere, get another strength, are added, or are left out. Both
+    recipes are made beforehand. Rounds alternate between all cases.
     """
     bare = open_ground(BARE, context).recipe
     cases: dict[tuple[int, int, str], tuple[TerrainRecipe, TerrainRecipe]] = {}
     for count in effort.update_features:
-        hills, _ = scattered_hills(count)
-        old = _with_points(bare, hills)
+        dunes, _ = scattered_dunes(count)
+        old = with_dunes(bare, dunes)
         for changes in effort.update_changes:
             for kind, change in _KINDS.items():
                 selected = np.random.default_rng([BARE_SEED, changes]).choice(count, changes, replace=False)
-                cases[count, changes, kind] = old, _with_points(bare, change(hills, np.sort(selected)))
+                cases[count, changes, kind] = old, with_dunes(bare, change(dunes, np.sort(selected)))
 
     def compare(old: TerrainRecipe, new: TerrainRecipe) -> Lap:
         return lap(lambda: changed_areas(old, new))
@@ -60,20 +59,16 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     return Outcome((Table("Changed areas", _COLUMNS, rows),))
 
 
-def _with_points(recipe: TerrainRecipe, painted: StructuredArray) -> TerrainRecipe:
-    return recipe.with_layers([replace(recipe.points, painted=painted)])
+def _edited(dunes: StructuredArray, selected: np.ndarray) -> StructuredArray:
+    dunes = dunes.copy()
+    dunes["strength"][selected] += 1.0
+    return dunes
 
 
-def _edited(hills: StructuredArray, selected: np.ndarray) -> StructuredArray:
-    hills = hills.copy()
-    hills["strength"][selected] += 1.0
-    return hills
-
-
-def _inserted(hills: StructuredArray, selected: np.ndarray) -> StructuredArray:
-    added = hills[selected].copy()
+def _inserted(dunes: StructuredArray, selected: np.ndarray) -> StructuredArray:
+    added = dunes[selected].copy()
     added["id"] += 1  # ids are even
-    return np.insert(hills, selected + 1, added)
+    return np.insert(dunes, selected + 1, added)
 
 
 _KINDS: Final[Mapping[str, Callable[[StructuredArray, np.ndarray], StructuredArray]]] = {

@@ -21,4 +21,5 @@ __kernel void points(TERRAIN_ARGUMENTS, __global const long *x, __global const l
     mask[MASK_DUNE] = g.dune;
     mask[MASK_FOREST] = g.forest;
     mask[MASK_WATER] = g.water;
+    mask[MASK_WETNESS] = g.wetness;
 }

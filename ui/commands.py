@@ -22,6 +22,7 @@ from sketchterrain.document.sketch import TABLES, Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.hydrology.rivers import move_edit
 from sketchterrain.placement.feature_types import FEATURE_TYPES, TYPES, Lake, River
+from sketchterrain.placement.heights import UNSET_HEIGHT
 from sketchterrain.terrain.edits import lock_edit
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.workspace import Selection
@@ -234,6 +235,8 @@ def added_at(sketch: Sketch, kind: str, x: float, y: float) -> Sketch:
     layer = LAYERS[kind]
     radius = layer.added_radius * sketch.extent
     strength = sketch.properties(kind, 1)[layer.main.name]
+    if layer.kind == "summits" and strength == 0.0:  # automatic
+        strength = UNSET_HEIGHT * radius
     return added(sketch, kind, x, y, radius, min(strength, TYPES[kind].fill_slope * radius))
 
 
@@ -274,10 +277,12 @@ def _edit_of_point(sketch: Sketch, river: River, index: int) -> int | None:
 
 
 def _declared_width(sketch: Sketch, river: River) -> float:
-    """Return a river's edited width (m) or its label's; 0 if neither is declared."""
+    """Return a river's edited width (m) or its label's; 0 if neither is declared, as for streams."""
     edited = [edit.width for edit in sketch.edits if edit.action == "width" and edit.feature == river.id]
     if edited and edited[-1] is not None:
         return edited[-1]
+    if river.label == 0:
+        return 0.0
     return cast(float, sketch.properties(layer_of(river.id), river.label)["width"])
 
 

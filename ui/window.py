@@ -147,6 +147,7 @@ class MainWindow(QMainWindow):
         document.saved_changed.connect(self._show_title)
         document.sketch_changed.connect(self._show_title)
         document.opened.connect(self._show_new_sketch)
+        self._open_brushes()
         self._show_title()
         if preferences.layout is not None:
             self.restoreGeometry(preferences.layout[0])
@@ -268,7 +269,12 @@ class MainWindow(QMainWindow):
 
     def _show_new_sketch(self) -> None:
         self._workspace.selection = None
+        self._open_brushes()
         self.canvas.fit()
+
+    def _open_brushes(self) -> None:
+        sketch = self._document.sketch
+        self._workspace.open_brushes(max(sketch.width_px, sketch.height_px))
 
     def _show_title(self) -> None:
         path = self._document.path

@@ -19,7 +19,6 @@ import numpy.typing as npt
 from sketchterrain.array_types import FloatArray
 from sketchterrain.placement.feature_types import FEATURE_TYPES
 from sketchterrain.terrain.lattice import QUADS
-from sketchterrain.terrain.layers.base import BaseLayer
 from sketchterrain.terrain.layers.corridors import CorridorsLayer
 from sketchterrain.terrain.noise import FINEST_WAVELENGTH
 from sketchterrain.terrain.recipe import TerrainRecipe
@@ -31,6 +30,7 @@ if TYPE_CHECKING:
 _FILE = "baselines/thesis.cl"
 _RISING = ("hill", "mountain")
 _DEPTH = 2.0  # m, of a river's bed
+_WAVELENGTH, _ROUGHNESS, _RELIEF = 1600.0, 0.45, 40.0  # of the ground's noise: m, ratio, m
 
 
 @dataclass(frozen=True)
@@ -56,15 +56,14 @@ class ThesisTiles:
         self._inner_side, self._side = quads + 1, quads + 3
         real = context.real_dtype
         width = recipe.extent / 2.0 ** keys[0][0]
-        ground = recipe[BaseLayer]
         self.spacing = width / quads
-        octaves = int(np.log2(ground.wavelength / FINEST_WAVELENGTH)) + 1
+        octaves = int(np.log2(_WAVELENGTH / FINEST_WAVELENGTH)) + 1
         permutation = np.random.default_rng(recipe.seed).permutation(256).astype(np.int32)
         self._noise = (
             context.upload(np.tile(permutation, 2)),
             np.int32(octaves),
-            *(real.type(each) for each in (ground.wavelength, ground.roughness)),
-            real.type(ground.relief / 2),
+            *(real.type(each) for each in (_WAVELENGTH, _ROUGHNESS)),
+            real.type(_RELIEF / 2),
         )
         (features, hill), segments = _rising(recipe), _segments(recipe)
         reach = _reaches(recipe)

@@ -26,6 +26,7 @@ from sketchterrain.export.files import move_files, prepare_folder, staging, stal
 from sketchterrain.export.foliage_files import FoliageOptions, FoliageResult, check_disk_space, write_foliage
 from sketchterrain.export.map.sheet import map_sheet, write_sheet
 from sketchterrain.export.rasters import (
+    write_drainage,
     write_height_png,
     write_height_tif,
     write_materials,
@@ -60,7 +61,8 @@ def terrain_report(terrain: Terrain, raster: Raster, plants: FoliageResult) -> d
         **({} if terrain.sea_level is None else {"sea_level": terrain.sea_level}),
         "counts": {
             "features": {name: kinds[name] for name in FEATURE_TYPES},
-            "rivers": len(features.rivers),
+            "rivers": sum(river.label > 0 for river in features.rivers),
+            "streams": sum(river.label == 0 for river in features.rivers),
             "lakes": len(features.lakes),
             "plants": plants.counts,
         },
@@ -187,6 +189,7 @@ def _write_files(
         writer.add("height.png", write_height_png, folder, raster)
         writer.add("normal.png", write_normal_png, folder, raster)
         writer.add("materials", write_materials, folder, raster, terrain.material_names)
+        writer.add("drainage", write_drainage, folder, terrain.drainage())
         writer.add("features.json", write_features, folder, features)
         with stages.stage("plants", "Plants") as progress:
             plants = write_foliage(folder, terrain, area, options.foliage, progress=progress)

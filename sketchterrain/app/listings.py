@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -218,6 +218,7 @@ def adherence_lines(entry: dict[str, Any]) -> list[str]:
     lines += [f"{name:<{_NAME_WIDTH}}{_layer_line(layer)}" for name, layer in entry["layers"].items()]
     if entry["peaks"]["measured"]:
         lines.append(f"{'peaks':<{_NAME_WIDTH}}{_peaks_line(entry['peaks'])}")
+    lines += [f"{'':<{_NAME_WIDTH}}{line}" for line in limited_lines(entry["shapes"])]
     for number, river in enumerate(entry["rivers"], start=1):
         lines.append(f"{f'course {number}':<{_NAME_WIDTH}}{_river_line(river)}")
     return [*lines, *(f"note: {line}" for line in entry["notes"])]
@@ -251,11 +252,26 @@ def _layer_line(layer: dict[str, Any]) -> str:
 
 
 def _peaks_line(peaks: dict[str, Any]) -> str:
-    line = (
-        f"{pluralize(peaks['measured'], 'mountain')}, actual over requested height: {peaks['least']:.2f} to "
-        f"{peaks['most']:.2f}, mean {peaks['mean']:.2f}"
+    return (
+        f"{pluralize(peaks['measured'], 'shape')}, reached over built height: {peaks['least']:.2f} to "
+        f"{peaks['most']:.2f}, median {peaks['median']:.2f}"
     )
-    return line + (f"; {peaks['capped']} capped, too small for the label's height" if peaks["capped"] else "")
+
+
+def limited_lines(shapes: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Return a line for each label with shapes too narrow for its height: asked and built."""
+    built: dict[tuple[str, int, float], list[float]] = {}
+    for shape in shapes:
+        if shape["limited"]:
+            key = shape["layer"], shape["label"], shape["asked"]
+            built.setdefault(key, []).append(shape["built"])
+    lines = []
+    for (layer, label, asked), heights in built.items():
+        least, most = (f"{each:.0f}" for each in (min(heights), max(heights)))
+        stands = f"{least} m" if least == most else f"{least} to {most} m"
+        many = pluralize(len(heights), "shape")
+        lines.append(f"{layer} {label}: {asked:.0f} m asked, {stands} built ({many} too narrow)")
+    return lines
 
 
 def _river_line(river: dict[str, Any]) -> str:

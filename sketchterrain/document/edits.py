@@ -104,7 +104,6 @@ class Edit:
     strength: float | None = None
     peakiness: float | None = None
     erosion: float | None = None
-    gullies: float | None = None
     wavelength: float | None = None
     wind: float | None = None
     conifers: float | None = None
@@ -125,7 +124,7 @@ class Edit:
         if self.type and LAYERS[self.type].is_share and (self.strength or 0.0) > 1.0:
             raise InputError(f"{where}.strength = {self.strength}: expected a share from 0 to 1")
         is_added = self.action == "add"
-        feature = _added_id(self.values) if is_added else _FEATURE.check(self.feature, f"{where}.feature")
+        feature = added_id(self.values) if is_added else _FEATURE.check(self.feature, f"{where}.feature")
         object.__setattr__(self, "feature", feature)
 
     @property
@@ -168,7 +167,8 @@ def _action(name: object) -> Action:
     return ACTIONS[name]
 
 
-def _added_id(values: Mapping[str, Value]) -> int:
+def added_id(values: Mapping[str, Value]) -> int:
+    """Return the id of the feature that an ``add`` of these values adds."""
     text = "\n".join(f"{name} = {value!r}" for name, value in sorted(values.items()))
     word = int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest(), "big")
     return ADDED_BIT | (word >> 2)

@@ -39,12 +39,13 @@ class Layer:
     hatch: str  # one of `ui.look.layer_colours.HATCHES`
     light_hatch: bool = False  # on a dark colour
     overlay: Colour | None = None  # of its lines in the overlay of features
-    # Of features of the fill from its paint, in their radii, by `POINT_LAYERS`; 0: only unpainted; none: any.
+    brush: float = 1.0 / 32.0  # radius that its brush opens with, over the sketch's longer side
+    # Of dunes and of forests of the fill from its paint, in their radii; 0: only unpainted; none: any.
     clearance: tuple[float, ...] = ()
     # Of point features:
     glyph: str = ""  # one of `ui.look.layer_colours.GLYPHS`
     added_radius: float = 0.05  # of a feature that the user adds, over the sketch's extent
-    fill: str = ""  # name of those that stand where nothing is painted
+    fill: str = ""  # name of what there is of it where nothing is painted
     # Of imports:
     map_colours: str = ""  # on common maps and in OpenStreetMap's standard style, separated by spaces
     tags: tuple[TagRule, ...] = ()
@@ -70,7 +71,7 @@ class Layer:
     def style(self) -> tuple[Parameter, ...]:
         """The parameters of each point feature besides its strength."""
         rest = (each for each in self.parameters.values() if each is not self.main)
-        return tuple(each for each in rest if each.name != "multitude")
+        return tuple(each for each in rest if each.name not in _OF_SHAPES)
 
     @property
     def is_share(self) -> bool:
@@ -78,16 +79,38 @@ class Layer:
         return not self.main.unit
 
 
-def _multitude(default: int, what: str) -> Parameter:
-    return Parameter("multitude", int, default, 1, 500, "", f"how many {what} a painted shape is broken into")
+HEIGHT_LIMIT = 1.33
+"""Height that 95 % of real summits stay below, over the radius of the largest circle in their outline."""
+
+_OF_SHAPES = ("multitude", "height_limit")  # parameters of whole shapes, not of their features
 
 
-def _erosion(default: float) -> tuple[Parameter, Parameter]:
+def _heights(start: float, high: float, top: str) -> tuple[Parameter, Parameter]:
     return (
         Parameter(
-            "erosion", float, default, 0.0, 1.0, "", "how deep water has cut its gullies; 0 is not at all"
+            *("height", float, 0.0, 0.0, high, "m"),
+            f"from foot to {top}; 0 is 0.7 of the shape's inradius, {start:g} m where nothing is painted",
+            sentinel=Sentinel(0.0, "Automatic", start),
+            soft_range=(1.0, high),
         ),
-        Parameter("gullies", float, 0.5, 0.02, 1.0, "", "width of the widest gullies, over the radius"),
+        Parameter(
+            *("height_limit", float, HEIGHT_LIMIT, 0.1, 20.0, ""),
+            "greatest height over the shape's inradius, up to a fidelity of 0.8; raise it for towers",
+            soft_range=(0.5, 4.0),
+        ),
+    )
+
+
+def _multitude(default: int, what: str) -> Parameter:
+    return Parameter(
+        "multitude", int, default, 1, 500, "", f"how many {what} a painted shape has, if it is large enough"
+    )
+
+
+def _erosion(default: float) -> Parameter:
+    return Parameter(
+        *("erosion", float, default, 0.0, 1.0, ""),
+        "how steep slopes may be: 0 is 35°, 1 is 42°; more where a shape is narrow for its height",
     )
 
 
@@ -95,15 +118,16 @@ _ALL: Final = (
     Layer(
         *("mountain", "Mountains", 0, "summits", "where mountains rise"),
         parameter_table(
-            Parameter("height", float, 600.0, 1.0, 9000.0, "m", "from foot to summit"),
-            Parameter("peakiness", float, 0.5, 0.0, 1.0, "", "0 is a broad dome, 1 is a sharp peak"),
-            *_erosion(0.7),
-            _multitude(1, "mountains"),
+            *_heights(600.0, 9000.0, "summit"),
+            Parameter("peakiness", float, 0.5, 0.0, 1.0, "", "0 is a broad top, 1 is a sharp peak"),
+            _erosion(0.7),
+            _multitude(1, "summits"),
         ),
         colour=(140, 92, 70),
         hatch="peaks",
-        clearance=(0.80, 0.40, 0.90, 0.00),
+        clearance=(0.90, 0.00),
         overlay=(230, 60, 40),
+        brush=1.0 / 20.0,
         glyph="triangle",
         added_radius=0.12,
         fill="mountains",
@@ -113,13 +137,13 @@ _ALL: Final = (
     Layer(
         *("hill", "Hills", 1, "summits", "where hills roll"),
         parameter_table(
-            Parameter("height", float, 80.0, 1.0, 2000.0, "m", "from foot to top"),
-            *_erosion(0.3),
-            _multitude(6, "hills"),
+            *_heights(80.0, 2000.0, "top"),
+            _erosion(0.3),
+            _multitude(6, "tops"),
         ),
         colour=(122, 160, 72),
         hatch="waves",
-        clearance=(0.80, 0.80, 0.90, 0.00),
+        clearance=(0.90, 0.00),
         overlay=(250, 190, 40),
         glyph="arch",
         fill="hills",
@@ -144,7 +168,7 @@ _ALL: Final = (
         ),
         colour=(56, 116, 196),
         hatch="falling",
-        clearance=(1.00, 0.90, 1.20, 0.00),
+        clearance=(1.20, 0.00),
         light_hatch=True,
         overlay=(40, 120, 255),
         map_colours="#0000ff #1f4e9c",
@@ -167,7 +191,7 @@ _ALL: Final = (
         ),
         colour=(222, 186, 108),
         hatch="dots",
-        clearance=(0.90, 0.90, 0.80, 1.00),
+        clearance=(0.80, 1.00),
         overlay=(225, 90, 220),
         glyph="crescent",
         added_radius=0.06,
@@ -188,7 +212,7 @@ _ALL: Final = (
         ),
         colour=(38, 104, 58),
         hatch="trees",
-        clearance=(0.60, 0.20, 1.00, 0.50),
+        clearance=(1.00, 0.50),
         light_hatch=True,
         overlay=(60, 200, 80),
         glyph="tree",
@@ -208,7 +232,7 @@ _ALL: Final = (
         colour=(186, 104, 72),
         hatch="peaks",
         overlay=(200, 90, 50),
-        clearance=(1.00, 0.60, 0.90, 0.00),
+        clearance=(0.90, 0.00),
         map_colours="#cd853f",
         tags=(TagRule("natural", "mesa butte plateau tableland"),),
     ),
@@ -236,7 +260,7 @@ _ALL: Final = (
         ),
         colour=(24, 52, 96),
         hatch="level",
-        clearance=(1.00, 0.90, 1.00, 0.00),
+        clearance=(1.00, 0.00),
         light_hatch=True,
         overlay=(20, 90, 190),
         map_colours="#14284b",
@@ -269,6 +293,9 @@ def layer_of(feature: int) -> str:
 
 POINT_LAYERS: Final = tuple(layer.name for layer in _ALL if layer.is_points)
 """Layers of point features: their types, which can be added and locked."""
+
+PATCH_LAYERS: Final = tuple(layer.name for layer in _ALL if layer.kind == "patches")
+"""Those whose features also fill unpainted ground."""
 
 DENSITY: Mapping[str, Parameter] = parameter_table(
     *(

@@ -31,7 +31,9 @@ INPUTS: Mapping[str, Parameter] = parameter_table(
     _weight("hollow", "", "weight of the curvature: change of slope over a cell, positive in hollows"),
     _weight("aridity", "", "weight of [climate] aridity"),
     _weight("water", "", "weight of water: 1 in the middle, 0.75 at its edge, 0 away from it"),
-    _weight("wetness", "", "weight of the wet ground beside water: 0.69 at its edge, 0 where the bank ends"),
+    _weight(
+        "wetness", "", "weight of the wetness: 0 on ridges and slopes, up to 1 on valley floors and in water"
+    ),
     _weight("mountain", "", "weight of mountains, 0 to 1"),
     _weight("dune", "", "weight of desert sand, 0 to 1"),
     _weight("forest", "", "weight of the tree cover, 0 to 1"),
@@ -150,8 +152,9 @@ MAX_RULES = 32
 """The most rules of a sketch, those of the default table included."""
 
 Weights: TypeAlias = dict[str, Any]  # floats by input; Any, since mypy checks ** against every argument
-_DRY: Weights = {"aridity": 1.0, "mottle": 0.12, "wetness": -0.28}
-# Grass thins out on crests and slopes, and holds in hollows and beside water.
+# Banks are green in deserts too, valley floors where there is some rain.
+_DRY: Weights = {"aridity": 1.0, "mottle": 0.12, "wetness": -0.16, "water": -0.15}
+# Grass thins out on crests and slopes, and holds in hollows, on valley floors and beside water.
 _BARE: Weights = {"mottle": 1.0, "hollow": -3.0, "steepness": 0.4, "wetness": -0.6}
 _ALPINE: Weights = {"above_tree_line": 1.0, "mottle": 90.0}
 # Noise frays the edges of rock; rock in mountains is harder, and gullies fill up.

@@ -135,8 +135,11 @@ def defaults(table: Mapping[str, Parameter]) -> dict[str, Value]:
     return {name: parameter.default for name, parameter in table.items()}
 
 
-FORMAT = 1
-"""Version of the sketch file format."""
+FORMAT = 2
+"""Version of the sketch file format.
+
+In format 1 mountains and hills without a height had a default one, and a width of gullies, ``gullies``.
+"""
 
 
 SKETCH: Mapping[str, Parameter] = parameter_table(
@@ -153,9 +156,12 @@ SKETCH: Mapping[str, Parameter] = parameter_table(
 """Keys at the top of the file."""
 
 GROUND: Mapping[str, Parameter] = parameter_table(
-    Parameter("relief", float, 40.0, 0.0, 2000.0, "m", "range of heights of the ground between features"),
-    Parameter("wavelength", float, 1600.0, 50.0, 20000.0, "m", "length of the ground's widest waves"),
-    Parameter("roughness", float, 0.45, 0.2, 0.7, "", "amplitude ratio of successive octaves"),
+    Parameter("relief", float, 40.0, 0.0, 2000.0, "m", "height of the ground's ridges above its valleys"),
+    Parameter(
+        *("wavelength", float, 1600.0, 50.0, 20000.0, "m"),
+        "distance over which the relief is greater and less",
+    ),
+    Parameter("roughness", float, 0.45, 0.2, 0.7, "", "how uneven the uplift of unpainted ground is"),
 )
 """Keys of ``[ground]``: the plain under and between the features."""
 

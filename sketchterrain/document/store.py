@@ -292,17 +292,17 @@ def pack_sketch(
 
 def _decode(contents: Mapping[str, bytes], place: str, base: Path | None = None) -> Sketch:
     """Return a sketch whose folders of pictures are relative to `base`."""
-    with _prefix_errors(f"{place}/{SETTINGS}"):
-        sketch = parse_settings(contents[SETTINGS])
-        if base is not None and sketch.materials:
-            sketch = sketch.replace(materials=resolved_folders(sketch.materials, base))
     images: dict[str, LabelImage] = {}
     for name in LAYERS:
         if f"{name}.png" in contents:
             with _prefix_errors(f"{place}/{name}.png"):
                 images[name] = decode_layer(contents[f"{name}.png"])
                 _check_same_size(images, name)
-    return sketch.replace(layers=images)
+    with _prefix_errors(f"{place}/{SETTINGS}"):
+        sketch = parse_settings(contents[SETTINGS], images)
+        if base is not None and sketch.materials:
+            sketch = sketch.replace(materials=resolved_folders(sketch.materials, base))
+        return sketch
 
 
 def _check_same_size(images: Mapping[str, LabelImage], name: str) -> None:

@@ -1,15 +1,17 @@
 """``sketch.toml``: reading, writing, the starter sketch and the generated reference tables."""
 
+import dataclasses
 import json
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
 
-from sketchterrain.document.edits import ACTIONS, parse_edit
-from sketchterrain.document.label_layers import LabelImage
+from sketchterrain.document.edits import ACTIONS, Edit, added_id, parse_edit
+from sketchterrain.document.label_layers import LabelImage, labels_in
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.material_rules import FACTOR, RULE, RuleChange, parse_rule_change
 from sketchterrain.document.materials import MATERIALS
@@ -46,6 +48,9 @@ def load_toml(data: bytes) -> dict[str, object]:
 _Parsed = TypeVar("_Parsed")
 
 _COMMENT_COLUMN = 28
+_UNPAINTED: Mapping[str, LabelImage] = MappingProxyType({})
+_FORMER_HEIGHTS = {"mountain": 600.0, "hill": 80.0}  # m, defaults in format 1
+_FORMER_WIDTH = "gullies"  # width of the widest gullies in format 1, of mountains and hills
 
 _HEAD = """\
 # A sketch of a terrain. Each layer is an 8-bit single-channel PNG in this folder: 0 is empty, other values
@@ -53,10 +58,13 @@ _HEAD = """\
 """
 
 
-def parse_settings(data: bytes) -> Sketch:
-    """Return the unpainted sketch in ``sketch.toml``; raise InputError for invalid TOML, keys or values."""
+def parse_settings(data: bytes, layers: Mapping[str, LabelImage] = _UNPAINTED) -> Sketch:
+    """Return the sketch in ``sketch.toml``; raise InputError for invalid TOML, keys or values.
+
+    Older formats are converted: the terrain stays as its settings and `layers` describe it.
+    """
     document = load_toml(data)
-    _check_format(document.pop("format", None))
+    version = _checked_format(document.pop("format", None))
     fields: dict[str, object] = {}
     labels: dict[tuple[str, int], object] = {}
     for key, value in document.items():
@@ -72,13 +80,15 @@ def parse_settings(data: bytes) -> Sketch:
         elif key in SKETCH:
             fields[key] = value
         elif key == "edit":
-            fields["edits"] = _parse_tables(key, value, parse_edit)
+            fields["edits"] = (_parse_former_edits if version == 1 else _parse_edits)(value)
         elif key == "material_rule":
             fields["material_rules"] = _parse_tables(key, value, parse_rule_change)
         else:
             known = ["format", *SKETCH, *TABLES, *LAYERS, "materials", "look", "material_rule", "edit"]
             raise unknown_key(key, value, known)
-    return Sketch(**fields, labels=labels)  # type: ignore[arg-type] # Sketch checks every value
+    if version == 1:
+        labels = _with_former_heights(_without_former_widths(labels), layers)
+    return Sketch(**fields, labels=labels, layers=layers)  # type: ignore[arg-type] # Sketch checks every value
 
 
 def settings_text(sketch: Sketch) -> str:
@@ -130,6 +140,34 @@ def _parse_tables(
     return tuple(rows)
 
 
+def _parse_edits(value: object) -> tuple[Edit, ...]:
+    return _parse_tables("edit", value, parse_edit)
+
+
+def _parse_former_edits(value: object) -> tuple[Edit, ...]:
+    """Return the edits of format 1 without the width of gullies.
+
+    The id of an added feature was a hash of that too: edits of the feature refer to its new id.
+    """
+    tables = value if isinstance(value, list) else []
+    widths = [
+        table.pop(_FORMER_WIDTH, None)
+        if isinstance(table, dict) and table.get("action") in ("lock", "add")
+        else None
+        for table in tables
+    ]
+    edits = _parse_edits(value)
+    ids = {
+        added_id({**edit.values, _FORMER_WIDTH: float(width)}): edit.feature
+        for edit, width in zip(edits, widths, strict=True)
+        if edit.action == "add" and isinstance(width, int | float) and abs(width) <= 1.0
+    }
+    return tuple(
+        dataclasses.replace(edit, feature=ids[edit.feature]) if edit.feature in ids else edit
+        for edit in edits
+    )
+
+
 def _rule_lines(change: RuleChange) -> list[str]:
     lines = ["", "[[material_rule]]", *_lines(change.values, RULE)]
     if change.factors == ():
@@ -139,10 +177,34 @@ def _rule_lines(change: RuleChange) -> list[str]:
     return lines
 
 
-def _check_format(given: object) -> None:
-    if isinstance(given, bool) or given != FORMAT or not isinstance(given, int):
+def _checked_format(given: object) -> int:
+    if isinstance(given, bool) or not isinstance(given, int) or not 1 <= given <= FORMAT:
         got = "no such key" if given is None else format_value(given)
-        raise InputError(f"format = {FORMAT} expected, got {got}")
+        expected = " or ".join(str(each) for each in range(1, FORMAT + 1))
+        raise InputError(f"format = {expected} expected, got {got}")
+    return given
+
+
+def _without_former_widths(labels: Mapping[tuple[str, int], object]) -> dict[tuple[str, int], object]:
+    """Return labels without the width of gullies, which mountains and hills had in format 1."""
+    return {
+        key: {name: each for name, each in table.items() if name != _FORMER_WIDTH}
+        if key[0] in _FORMER_HEIGHTS and isinstance(table, dict)
+        else table
+        for key, table in labels.items()
+    }
+
+
+def _with_former_heights(
+    labels: Mapping[tuple[str, int], object], layers: Mapping[str, LabelImage]
+) -> dict[tuple[str, int], object]:
+    """Return labels with the height that those without one had in format 1."""
+    explicit = dict(labels)
+    for layer, height in _FORMER_HEIGHTS.items():
+        painted = labels_in(layers[layer]) if layer in layers else ()
+        for key in {(layer, label) for label in painted} | {key for key in labels if key[0] == layer}:
+            explicit[key] = {"height": height, **_as_table(f"[{layer}.{key[1]}]", labels.get(key, {}))}
+    return explicit
 
 
 def _as_table(where: str, value: object) -> Mapping[str, object]:

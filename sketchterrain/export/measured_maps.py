@@ -85,6 +85,13 @@ def _title(adherence: Adherence, name: str) -> str:
     parts = [f"{name}: {shapes}", f"{layer.lost} lost"]
     if layer.iou_mean is not None:
         parts.append(f"overlap {layer.iou_mean:.0%}")
+    ratios = [
+        each.reached / each.built
+        for each in adherence.shapes
+        if each.layer == name and each.reached and each.built
+    ]
+    if ratios:
+        parts.append(f"heights {min(ratios):.0%} to {max(ratios):.0%}")
     courses = [river.mean_distance for river in adherence.rivers if river.mean_distance is not None]
     if LAYERS[name].kind == "course" and courses:
         # A stroke gives a river's course and its label the width: the overlap alone would mislead.

@@ -12,6 +12,7 @@ from rasterio.crs import CRS
 from rasterio.enums import ColorInterp
 from rasterio.io import MemoryFile
 
+from sketchterrain.array_types import Float32Array
 from sketchterrain.export.files import write_json, write_png, write_values_png
 from sketchterrain.export.sampled import (
     CHANNELS,
@@ -22,7 +23,7 @@ from sketchterrain.export.sampled import (
     rgba_weights,
 )
 from sketchterrain.io.files import atomic_file, atomic_path, wrap_os_errors, write_atomic
-from sketchterrain.terrain.surfaces import Raster
+from sketchterrain.terrain.surfaces import Drainage, Raster
 
 _STEPS = 65535
 ORIENTATION = {"row_0": "north", "column_0": "west", "samples": "vertices"}
@@ -204,17 +205,28 @@ class Georeference(NamedTuple):
 
 def write_height_tif(folder: Path, raster: Raster) -> tuple[Path, ...]:
     """Write ``height.tif``: float32 metres, north up, in local metres, samples at vertices (Point)."""
-    dx, dy = raster.spacing
-    corner = Affine(dx, 0.0, -0.5 * dx, 0.0, -dy, (len(raster.height) - 1) * dy + 0.5 * dy)
+    return (_write_float_tiff(folder / "height.tif", "height", raster.height, raster.spacing, "m"),)
+
+
+def write_drainage(folder: Path, drainage: Drainage) -> tuple[Path, ...]:
+    """Write ``drainage.tif``, float32 m² as ``height.tif``, and ``wetness.png``, 8-bit grey."""
+    spacing = (drainage.spacing, drainage.spacing)
+    area = _write_float_tiff(folder / "drainage.tif", "drainage_area", drainage.area, spacing, "m2")
+    return area, write_values_png(folder / "wetness.png", drainage.wetness)
+
+
+def _write_float_tiff(
+    path: Path, name: str, values: Float32Array, spacing: tuple[float, float], unit: str
+) -> Path:
+    dx, dy = spacing
+    corner = Affine(dx, 0.0, -0.5 * dx, 0.0, -dy, (len(values) - 1) * dy + 0.5 * dy)
     layout: dict[str, Any] = {
         "predictor": _FLOAT_PREDICTOR,
         "tiled": True,
         "blockxsize": _BLOCK,
         "blockysize": _BLOCK,
     }
-    path = folder / "height.tif"
-    bands = {"height": raster.height}
-    return (_write_tiff(path, bands, "GTiff", local_metres(), corner, unit="m", **layout),)
+    return _write_tiff(path, {name: values}, "GTiff", local_metres(), corner, unit=unit, **layout)
 
 
 def write_cloud_tiff(

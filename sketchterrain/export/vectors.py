@@ -264,7 +264,7 @@ def feature_layer(points: StructuredArray, height: npt.NDArray[np.float32], orig
     """Return mountains, hills, dunes and forests as points with their parameters."""
     names = np.array(FEATURE_TYPES, dtype=object)
     has_conifers = has_parameter(points, "conifers")
-    columns = ("peakiness", "wavelength", "wind", "erosion", "gullies")
+    columns = ("peakiness", "wavelength", "wind", "erosion")
     fields: dict[str, npt.NDArray[Any]] = {
         "id": _texts(points["id"]),
         "type": names[points["type"]],
@@ -315,9 +315,9 @@ def _moved(places: npt.NDArray[np.float64], origin: Origin) -> npt.NDArray[np.fl
 
 def _area(rings: Sequence[npt.NDArray[np.float64]], level: float) -> Any:
     """Return the area of rings (n, 2; m) by the even-odd rule, at a level (m)."""
-    # Rings do not cross, but one that touches itself is invalid.
+    # Rings do not cross, but may touch themselves and each other.
     lines = shapely.multilinestrings([shapely.linestrings(ring) for ring in rings])
-    area = shapely.make_valid(shapely.build_area(lines))
+    area = shapely.make_valid(shapely.build_area(shapely.node(lines)))
     parts = [part for part in shapely.get_parts(area) if part.geom_type == "Polygon"]
     return shapely.force_3d(shapely.multipolygons(parts), level)
 

@@ -282,16 +282,27 @@ def _extend_river(
 
 
 def course_through(
-    points: Float64Array, name: int, label: int, *, parent: RiverCourse | None, joint: int, taper: float
+    points: Float64Array,
+    name: int,
+    label: int,
+    *,
+    parent: RiverCourse | None,
+    joint: int,
+    taper: float,
+    resolved: float | None = None,
 ) -> RiverCourse:
-    """Sample the spline through points of x, y, width and depth."""
+    """Sample the spline through points of x, y, width and depth.
+
+    Samples are for rivers of the width `resolved` (m), by default the least one.
+    """
     points = drop_repeats(points, of=2)
-    step = float(np.clip(0.5 * points[:, 2].min(), 2.0, 12.0))
+    resolved = float(points[:, 2].min()) if resolved is None else resolved
+    step = float(np.clip(0.5 * resolved, 2.0, 12.0))
     # Large sketches have no more detail between two control points than small ones.
     spans = np.hypot(*np.diff(points[:, :2], axis=0).T)
     step = max(step, float(np.median(spans)) / _MAX_SAMPLES)
     # Finer in sharp bends: this deviation changes the bed by 0.4 ‰ of the depth.
-    sagitta = _SAGITTA_WIDTHS * float(points[:, 2].min())
+    sagitta = _SAGITTA_WIDTHS * resolved
     line, u = sample_catmull_rom(points[:, :2], step, sagitta=sagitta, most=_MAX_SAMPLES)
     number = np.arange(len(points))
     return RiverCourse(

@@ -97,7 +97,8 @@ def _lake_outlines(sketch: Sketch) -> list[_LakeOutline]:
     found = []
     for shape in label_shapes("lake", sketch.layers["lake"]):
         field = shape_field(sketch, shape, margin=margin)
-        found.append(_LakeOutline(LAYER_CODES["lake"] << 48 | shape.id, shape.label, field, _shore(field)))
+        name = LAYER_CODES["lake"] << 48 | shape.id
+        found.append(_LakeOutline(name, shape.label, field, shore_positions(field)))
     return found
 
 
@@ -106,7 +107,7 @@ def mouth_lakes(
 ) -> list[Lake]:
     """Return the lakes at the ends of rivers beyond the sketch, unless another river is too near.
 
-    Rivers that end in the sea, by their ids, have none.
+    Rivers that end in the sea, by their ids, have none, nor have streams.
 
     Their level is still infinite: it is that of the river.
     """
@@ -114,7 +115,7 @@ def mouth_lakes(
     for course in courses:
         end = course.line[-1]
         outside = float(np.hypot(*(end - np.clip(end, 0.0, np.array(sketch.size)))))
-        if course.parent is not None or outside <= 0.0 or course.id in at_sea:
+        if course.parent is not None or outside <= 0.0 or course.label == 0 or course.id in at_sea:
             continue
         low, high = (share * sketch.extent for share in _MOUTH_EXTENT)
         radius = float(np.clip(_MOUTH_WIDTHS * course.width[-1], low, high))
@@ -206,10 +207,10 @@ def solve_lake_levels(
     levels = solve_water_levels(network, grounds, tides)
     for _ in range(_ROUNDS):
         previous = water.copy()
-        for own, level in zip(runs, levels, strict=True):
+        for course, own, level in zip(network.courses, runs, levels, strict=True):
             for _, first, last, lake in own:
-                if last < first:
-                    continue  # the course only passes by
+                if last < first or course.label == 0:
+                    continue  # the course only passes by, or the ground was drained to the lake
                 inflow = level[first - 1] if first > 0 else level[min(last + 1, len(level) - 1)]
                 water[lake] = min(water[lake], inflow)
         still = [
@@ -236,7 +237,7 @@ def _distance(point: Float64Array, line: Float64Array) -> float:
     return float(np.sqrt(((line - point) ** 2).sum(axis=1)).min())
 
 
-def _shore(field: ShapeField) -> Float64Array:
+def shore_positions(field: ShapeField) -> Float64Array:
     """Return positions (m) of samples just outside a shape."""
     row, column = np.nonzero((field.inside <= 0.0) & (field.inside > -1.5 * field.spacing))
     thin = max(len(row) // _SHORE_POINTS, 1)

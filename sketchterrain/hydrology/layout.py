@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import partial
 from hashlib import blake2b
@@ -93,8 +93,71 @@ def _free(line: Float64Array, width: Float64Array, others: list[RiverCourse]) ->
     return free
 
 
+_MAX_SINK, _MAX_CUT = 3.0, 15.0  # m: beyond the sketch; see `ranges_beyond_edge`
+
+
+def ranges_beyond_edge(
+    courses: Sequence[RiverCourse],
+    grounds: Sequence[Float64Array],
+    size: tuple[float, float],
+    at_sea: Collection[int] = (),
+) -> list[tuple[int, int]]:
+    """Return the first point of each course and its last one, exclusive, that the ground (m) along it allows.
+
+    Beyond the sketch (`size`, m) a river springs at the divide, and ends before it would cut through rising
+    ground, unless it ends in the sea (`at_sea`: ids). Joints are left.
+    """
+    ranges = []
+    for course, ground in zip(courses, grounds, strict=True):
+        first, last = _allowed_range(ground, *_beyond(course.line, size))
+        if course.parent is not None or course.id in at_sea:
+            last = len(ground)
+        joints = [other.joint for other in courses if other.parent is course]
+        first, last = min([first, *joints]), max([last, *(joint + 1 for joint in joints)])
+        last = min(max(last, first + 2), len(ground))
+        ranges.append((min(first, last - 2), last))
+    return ranges
+
+
+def _allowed_range(ground: Float64Array, head: int, tail: int) -> tuple[int, int]:
+    """Return the range of points where the ground upstream of `head` rises and that from `tail` on falls."""
+    first, last = 0, len(ground)
+    if 0 < head < last:
+        upstream = ground[head::-1]
+        falls = np.flatnonzero(upstream < np.maximum.accumulate(upstream) - _MAX_SINK)
+        if len(falls):
+            first = head - int(np.argmax(upstream[: falls[0]]))
+    if 0 < tail < last:
+        downstream = ground[tail - 1 :]
+        rises = np.flatnonzero(downstream > np.minimum.accumulate(downstream) + _MAX_CUT)
+        if len(rises):
+            last = tail + int(np.argmin(downstream[: rises[0]]))
+    return first, last
+
+
+def shortened(courses: Sequence[RiverCourse], ranges: Sequence[tuple[int, int]]) -> list[RiverCourse]:
+    """Return the points of courses (parents first) in ranges that hold all joints.
+
+    Whole courses whose parents are unchanged are the identical objects.
+    """
+    left: dict[int, tuple[RiverCourse, int]] = {}
+    for course, (first, last) in zip(courses, ranges, strict=True):
+        part = part_of_course(course, first, last)
+        if course.parent is not None:
+            parent, removed = left[id(course.parent)]
+            if parent is not course.parent:
+                part = dataclasses.replace(part, parent=parent, joint=course.joint - removed)
+        left[id(course)] = part, first
+    return [left[id(course)][0] for course in courses]
+
+
 _EDGE_BONUS = (10.0, 0.02)
 """Preference for mouths at the sketch's edge: m, and m per metre of river."""
+
+_SURROUNDINGS = 1 / 16  # extents around an end whose mean height tells springs from mouths
+_RING = np.array(
+    [(0, 0), (1, 0), (0, 1), (-1, 0), (0, -1), (0.7, 0.7), (-0.7, 0.7), (-0.7, -0.7), (0.7, -0.7)]
+)
 
 _MAX_DAB = 2.0  # px; a shorter skeleton is a dab, however thin
 
@@ -120,9 +183,14 @@ def lay_out_rivers(sketch: Sketch, *, seed: int, ground: GroundHeight, cache: LR
     lakes = sketch.layers["lake"]
     lake = cache.get_or_compute(("lake pixels", IdentityKey(lakes)), lambda: lake_pixels(sketch))
     positions = [_end_positions(sketch, *each) for each in zip(skeletons, outlines, strict=True)]
+    around = [(each[:, None] + _RING * _SURROUNDINGS * sketch.extent).reshape(-1, 2) for each in positions]
+    found = heights_at(ground, [*positions, *around])
     courses: list[RiverCourse] = []
-    for skeleton, outline, heights in zip(skeletons, outlines, heights_at(ground, positions), strict=True):
-        courses.extend(_courses(sketch, skeleton, outline, heights, seed, lake, cache))
+    for skeleton, outline, heights, near in zip(
+        skeletons, outlines, found[: len(positions)], found[len(positions) :], strict=True
+    ):
+        means = near.reshape(len(heights), -1).mean(axis=1)
+        courses.extend(_courses(sketch, skeleton, outline, (heights, means), seed, lake, cache))
     return courses
 
 
@@ -217,9 +285,13 @@ def _mouth(
     skeleton: Skeleton,
     ends: tuple[RiverEnd, ...],
     heights: Float64Array,
+    means: Float64Array,
     lake: cKDTree | None,
 ) -> int:
-    """Return the end farthest along the label's flow, or the lowest: in the sea, else a lake or the edge."""
+    """Return the end farthest along the label's flow, or the lowest: in the sea, else a lake or the edge.
+
+    On land it is the one with the lowest surroundings (`means`, m): at the foot of mountains rivers spring.
+    """
     flow = _flow(sketch, skeleton)
     at = np.array([end.pixel for end in ends])
     if flow is not None:
@@ -234,7 +306,7 @@ def _mouth(
     if lake is not None:
         pixels = np.stack([skeleton.rows[at], skeleton.columns[at]], axis=-1)
         preferred |= lake.query(pixels)[0] <= skeleton.depth[at] + LAKE_GAP
-    return ends[int(np.argmin(heights - bonus * preferred))].pixel
+    return ends[int(np.argmin(means - bonus * preferred))].pixel
 
 
 def _flow(sketch: Sketch, skeleton: Skeleton) -> Float64Array | None:
@@ -249,19 +321,19 @@ def _courses(
     sketch: Sketch,
     skeleton: Skeleton,
     outline: RiverCourse | tuple[RiverEnd, ...],
-    heights: Float64Array,
+    heights: tuple[Float64Array, Float64Array],
     seed: int,
     lake: cKDTree | None,
     cache: LRUCache,
 ) -> list[RiverCourse]:
-    """Lay out one network, parents first."""
+    """Lay out one network, parents first; `heights` (m) are those of its ends and of their surroundings."""
     key = (IdentityKey(skeleton), _settings(sketch, seed))
     if isinstance(outline, RiverCourse):
         dab = outline
-        if heights[0] >= heights[1]:
+        if heights[0][0] >= heights[0][1]:
             return [dab]
         return [cache.get_or_compute(("turned", *key), lambda: reversed_course(dab))]
-    mouth = _mouth(sketch, skeleton, outline, heights, lake)
+    mouth = _mouth(sketch, skeleton, outline, *heights, lake)
 
     def compute() -> list[RiverCourse]:
         courses: list[RiverCourse] = []

@@ -1,6 +1,6 @@
 """River shape: widths, longitudinal profiles, confluences and bends."""
 
-import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
@@ -21,7 +22,8 @@ MIN_GRADIENT = 1e-4
 
 _MAX_GRADIENT, _MIN_MAX_GRADIENT, _GRADIENT_DEPTHS = 0.6, 0.03, 1.2
 _SPRING_WIDTH = 0.4  # of the label's width
-_BEND_ROUNDS = 60
+_BEND_ROUNDS, _BEND_REACH = 60, 4.0  # reach in widths
+_BANKS = (-1.6, -1.5, -1.0, 1.0, 1.5, 1.6)  # widths beside the river
 _MAX_WIDENING = 2.0  # times the label's width, at most, at confluences
 
 
@@ -78,6 +80,11 @@ def water_surface(
     return np.asarray(falling - MIN_GRADIENT * arc)
 
 
+def gradient_limit(width: Float64Array, depth: Float64Array) -> Float64Array:
+    """Return the greatest gradient (m/m) of rivers of some widths and depths (m)."""
+    return np.asarray(np.clip(_GRADIENT_DEPTHS * depth / width, _MIN_MAX_GRADIENT, _MAX_GRADIENT))
+
+
 def limit_gradient(
     level: Float64Array, arc: Float64Array, *, width: Float64Array, depth: Float64Array
 ) -> Float64Array:
@@ -86,7 +93,7 @@ def limit_gradient(
     At most 1.2 depths over a width, and 0.6 m per metre: beside a wide water surface that is steeper no bank
     is possible.
     """
-    limit_per_metre = np.clip(_GRADIENT_DEPTHS * depth / width, _MIN_MAX_GRADIENT, _MAX_GRADIENT)
+    limit_per_metre = gradient_limit(width, depth)
     steps = 0.5 * (limit_per_metre[1:] + limit_per_metre[:-1]) * np.diff(arc)
     most = np.concatenate([[0.0], np.cumsum(steps)])
     limit = np.minimum.accumulate((level + most)[::-1])[::-1] - most
@@ -231,26 +238,48 @@ def _bends(line: Float64Array, arc: Float64Array, width: Float64Array) -> Bends:
     """Return where the bank of a river, up to 1.6 widths away, is nearest to a point further down."""
     ahead = np.diff(line, axis=0)
     across = np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1) / np.hypot(*ahead.T)[:, None]
-    count = len(line)
-    fine = np.arange(4 * count - 3) / 4.0
-    tree = cKDTree(np.stack([np.interp(fine, np.arange(count), line[:, i]) for i in (0, 1)], axis=-1))
-    half = 0.5 * np.interp(fine, np.arange(count), width)
-    upper, lower, off = [], [], []
-    points = np.arange(count)
     # The normal at a point turns from the piece before it to the one after it.
-    for widths, normal in itertools.product(
-        (-1.6, -1.5, -1.0, 1.0, 1.5, 1.6),
-        (across[np.maximum(points - 1, 0)], across[np.minimum(points, count - 2)]),
-    ):
-        result: Any = tree.query(line + widths * width[:, None] * normal)
-        distance, found = (np.asarray(part) for part in result)
-        position = np.minimum((found + 1) / 4.0, count - 1.0)
-        run = np.interp(position, points, arc) - arc
-        below = np.flatnonzero((position > points + 0.25) & (run < 4.0 * width))
-        upper.append(below)
-        lower.append(position[below])
-        off.append((distance / half[found])[below])
-    return Bends(np.concatenate(upper), np.concatenate(lower), np.concatenate(off))
+    points = np.arange(len(line))
+    normals = np.stack([across[np.maximum(points - 1, 0)], across[np.minimum(points, len(line) - 2)]])
+    upper, lower, off = _nearest_below(line, arc, width.astype(np.float64), normals, np.array(_BANKS))
+    return Bends(upper, lower, off)
+
+
+@njit(cache=True, nogil=True)
+def _nearest_below(line, arc, width, normals, banks):  # type: ignore[no-untyped-def]
+    """Return points, the position further down that a bank of theirs is nearest to, and how far from it.
+
+    Only positions within four widths along the river are compared, four between two points.
+    """
+    count = len(line)
+    upper, lower, off = [np.int64(0) for _ in range(0)], [0.0 for _ in range(0)], [0.0 for _ in range(0)]
+    first, last = 0, 0
+    for p in range(count):
+        reach = _BEND_REACH * width[p]
+        while arc[p] - arc[first] > reach:
+            first += 1
+        while last < count - 1 and arc[last + 1] - arc[p] < reach:
+            last += 1
+        for bank in banks:
+            for normal in normals:
+                x = line[p, 0] + bank * width[p] * normal[p, 0]
+                y = line[p, 1] + bank * width[p] * normal[p, 1]
+                least, nearest = np.inf, 0
+                for f in range(4 * first, 4 * last + 1):
+                    i, t = f // 4, 0.25 * (f % 4)
+                    j = min(i + 1, count - 1)
+                    dx = line[i, 0] + t * (line[j, 0] - line[i, 0]) - x
+                    dy = line[i, 1] + t * (line[j, 1] - line[i, 1]) - y
+                    if dx * dx + dy * dy < least:
+                        least, nearest = dx * dx + dy * dy, f
+                position = min(0.25 * (nearest + 1), count - 1.0)
+                if position > p + 0.25:
+                    i = nearest // 4
+                    here = width[i] + 0.25 * (nearest % 4) * (width[min(i + 1, count - 1)] - width[i])
+                    upper.append(np.int64(p))
+                    lower.append(position)
+                    off.append(math.sqrt(least) / (0.5 * here))
+    return np.array(upper), np.array(lower), np.array(off)
 
 
 def _confluence_at(

@@ -23,9 +23,16 @@ from sketchterrain.hydrology.conflicts import (
 )
 from sketchterrain.hydrology.courses import RiverCourse, course_through
 from sketchterrain.hydrology.lakes import GroundHeight, mouth_lakes, painted_lakes, solve_lake_levels
-from sketchterrain.hydrology.layout import heights_at, lay_out_rivers, separate_beyond_edge
+from sketchterrain.hydrology.layout import (
+    heights_at,
+    lay_out_rivers,
+    ranges_beyond_edge,
+    separate_beyond_edge,
+    shortened,
+)
 from sketchterrain.hydrology.river_shape import build_network
 from sketchterrain.hydrology.sea import CoursesToSea, above_sea, end_in_sea, sea_resolutions, tidal_reaches
+from sketchterrain.hydrology.streams import is_stream
 from sketchterrain.hydrology.water_levels import build_rivers
 from sketchterrain.placement.feature_types import LAYER_CODES, Lake, River
 from sketchterrain.placement.sea import sea_level
@@ -165,6 +172,16 @@ def trace_rivers(sketch: Sketch, *, seed: int, ground: GroundHeight) -> tuple[Ri
 
 
 @dataclass(frozen=True, eq=False)
+class WaterLayout:
+    """Where rivers and lakes are, before the ground drains to them: courses and outlines without levels."""
+
+    courses: tuple[RiverCourse, ...]  # parents first
+    lakes: tuple[Lake, ...]  # painted ones in reading order, with provisional levels
+    crossings: tuple[tuple[tuple[int, int], ...], ...]  # first and last point of runs through mountains
+    orphans: tuple[str, ...]  # one line for each edit that could not be applied
+
+
+@dataclass(frozen=True, eq=False)
 class Hydrology:
     """Rivers and lakes of a sketch."""
 
@@ -177,42 +194,83 @@ class Hydrology:
 
 
 def trace_hydrology(
+    sketch: Sketch, *, seed: int, ground: GroundHeight, cache: LRUCache | None = None
+) -> Hydrology:
+    """Trace rivers as `trace_rivers` does, and the lakes that they flow through and end in.
+
+    `ground` is called once more, for the shores of all lakes. Results with and without a cache are bit-equal.
+    """
+    cache = LRUCache() if cache is None else cache
+    layout = lay_out_water(sketch, seed=seed, ground=ground, cache=cache)
+    return solve_water(sketch, layout, seed=seed, ground=ground, cache=cache)
+
+
+def lay_out_water(
     sketch: Sketch,
     *,
     seed: int,
     ground: GroundHeight,
-    cache: LRUCache | None = None,
+    cache: LRUCache,
     checkpoint: Callable[[], None] = lambda: None,
-) -> Hydrology:
-    """Trace rivers as `trace_rivers` does, and the lakes that they flow through and end in.
+) -> WaterLayout:
+    """Return the courses of rivers and the outlines of lakes.
 
-    `ground` is called once more, for the shores of all lakes. `checkpoint` is called between steps and may
-    raise to cancel. Results with and without a cache are bit-equal.
+    `ground` decides which end of a river is its mouth; a coarse one will do.
+    `checkpoint` is called between steps and may raise to cancel.
     """
-    cache = LRUCache() if cache is None else cache
     level = sea_level(sketch)
     lakes = painted_lakes(sketch, ground, cache, sea_level=level)
     checkpoint()
     painted = lay_out_rivers(sketch, seed=seed, ground=ground, cache=cache)
-    courses, orphans = apply_river_edits(painted, sketch.edits)
+    edits = [edit for edit in sketch.edits if not is_stream(edit.feature or 0)]
+    courses, orphans = apply_river_edits(painted, edits)
     checkpoint()
     courses = cache.get_or_compute(
         ("apart", sketch.size, *map(IdentityKey, courses)), lambda: separate_beyond_edge(courses, sketch.size)
     )
-    to_sea = CoursesToSea(courses)
-    if level is not None and courses:
-        to_sea = _end_in_sea(courses, ground, level, sketch.extent, cache)
-        courses = to_sea.courses
+    lakes, _ = apply_lake_edits(lakes, sketch.edits)
+    return WaterLayout(tuple(courses), tuple(lakes), _crossings(sketch, courses, cache), orphans)
+
+
+def solve_water(
+    sketch: Sketch,
+    layout: WaterLayout,
+    *,
+    seed: int,
+    ground: GroundHeight,
+    cache: LRUCache,
+    streams: Sequence[RiverCourse] = (),
+    checkpoint: Callable[[], None] = lambda: None,
+) -> Hydrology:
+    """Return rivers and lakes with their water levels on the `ground` that drains to them.
+
+    `streams` are unpainted, and join painted rivers or each other, parents first. `checkpoint` is called
+    between steps and may raise to cancel.
+    """
+    level = sea_level(sketch)
+    own = [edit for edit in sketch.edits if is_stream(edit.feature or 0)]
+    all_courses, orphans = apply_river_edits([*layout.courses, *streams], own)
+    to_sea = CoursesToSea(all_courses)
+    if level is not None and to_sea.courses:
+        to_sea = _end_in_sea(to_sea.courses, ground, level, sketch.extent, cache)
+    courses, grounds = _shortened(sketch, to_sea, ground, cache)
+    checkpoint()
+    lakes = painted_lakes(sketch, ground, cache, sea_level=level)
     mouths = mouth_lakes(sketch, courses, seed=seed, at_sea=to_sea.at_sea)
     lakes, lake_orphans = apply_lake_edits([*lakes, *mouths], sketch.edits)
     checkpoint()
-    rivers, lakes, grounds = _solve_water(sketch, courses, lakes, ground, cache, checkpoint, level)
+    cuts = _crossings(sketch, courses, cache)
+    rivers, lakes, grounds = _solve_levels(courses, grounds, cuts, lakes, cache, checkpoint, level)
     checkpoint()
-    resolutions = resolve_conflicts(sketch, _mountains(sketch, cache), rivers, grounds, lakes)
-    resolutions += canyon_resolutions(sketch, rivers)
+    painted = [river for river in rivers if river.label]  # they come first
+    resolutions = resolve_conflicts(
+        sketch, _mountains(sketch, cache), painted, grounds[: len(painted)], lakes
+    )
+    resolutions += canyon_resolutions(sketch, painted)
     if level is not None:
-        resolutions += sea_resolutions(sketch, level, to_sea, rivers, lakes)
-    return Hydrology(tuple(rivers), tuple(lakes), resolutions, orphans + lake_orphans, tuple(grounds))
+        resolutions += sea_resolutions(sketch, level, to_sea, painted, lakes)
+    orphans = layout.orphans + orphans + lake_orphans
+    return Hydrology(tuple(rivers), tuple(lakes), resolutions, orphans, tuple(grounds))
 
 
 def _end_in_sea(
@@ -231,11 +289,41 @@ def _mountains(sketch: Sketch, cache: LRUCache) -> npt.NDArray[np.int64]:
     return numbers
 
 
-def _solve_water(
-    sketch: Sketch,
+def _crossings(
+    sketch: Sketch, courses: Sequence[RiverCourse], cache: LRUCache
+) -> tuple[tuple[tuple[int, int], ...], ...]:
+    """Return the first and last points of the runs of each painted course through mountains."""
+    mountains = _mountains(sketch, cache)
+    return tuple(
+        tuple((run.first, run.last) for run in mountain_crossings(sketch, mountains, course.line))
+        if course.label
+        else ()
+        for course in courses
+    )
+
+
+def _shortened(
+    sketch: Sketch, to_sea: CoursesToSea, ground: GroundHeight, cache: LRUCache
+) -> tuple[list[RiverCourse], list[Float64Array]]:
+    """Return courses that end beyond the sketch where the ground does not let them on, and its heights."""
+    courses = to_sea.courses
+    if not courses:
+        return [], []
+    grounds = heights_at(ground, [course.line for course in courses])
+    level = sea_level(sketch)
+    dry = grounds if level is None else [np.maximum(each, level) for each in grounds]
+    ranges = ranges_beyond_edge(courses, dry, sketch.size, to_sea.at_sea)
+    short = cache.get_or_compute(
+        ("shortened", *ranges, *map(IdentityKey, courses)), lambda: shortened(courses, ranges)
+    )
+    return short, [each[slice(*part)] for each, part in zip(grounds, ranges, strict=True)]
+
+
+def _solve_levels(
     courses: list[RiverCourse],
+    grounds: list[Float64Array],
+    cuts: tuple[tuple[tuple[int, int], ...], ...],
     lakes: list[Lake],
-    ground: GroundHeight,
     cache: LRUCache,
     checkpoint: Callable[[], None],
     sea_level: float | None,
@@ -243,13 +331,6 @@ def _solve_water(
     """Solve water levels: return rivers sorted by id, lakes, and the terrain height along each river."""
     if not courses:
         return [], lakes, []
-    grounds = heights_at(ground, [course.line for course in courses])
-    checkpoint()
-    mountains = _mountains(sketch, cache)
-    cuts = tuple(
-        tuple((run.first, run.last) for run in mountain_crossings(sketch, mountains, course.line))
-        for course in courses
-    )
     shape = cache.get_or_compute(
         ("network", *map(IdentityKey, courses)), lambda: build_network(courses, [()] * len(courses), cache)
     )

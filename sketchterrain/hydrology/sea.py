@@ -33,7 +33,7 @@ class CoursesToSea(NamedTuple):
 
     courses: list[RiverCourse]  # parents first
     at_sea: frozenset[int] = frozenset()  # ids of those that end in the sea
-    drowned: tuple[Float64Array, ...] = ()  # a position (m) of each course that lies in the sea altogether
+    drowned: tuple[Float64Array, ...] = ()  # a position (m) of each painted course that lies in the sea
     beyond: frozenset[int] = frozenset()  # ids of those that were painted on beyond an arm of the sea
 
 
@@ -52,7 +52,8 @@ def end_in_sea(
         first, last, mouth = _dry_part(course, ground < level, extent)
         if last - first < 2:
             left[id(course)] = None, 0, 0
-            drowned.append(course.line[len(course.line) // 2])
+            if course.label:
+                drowned.append(course.line[len(course.line) // 2])
             continue
         part = part_of_course(course, first, last)
         parent, joint = course.parent, course.joint

@@ -1,4 +1,4 @@
-"""Feature types: record layout, height profiles, placement rules and crest lines."""
+"""Feature types: record layout, height profiles, placement and placement rules."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,9 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, StructuredArray
-from sketchterrain.document.layers import LAYERS, POINT_LAYERS
-from sketchterrain.io.resources import kernel_constants
-from sketchterrain.placement.hashing import hash_unit
+from sketchterrain.document.layers import LAYERS, PATCH_LAYERS, POINT_LAYERS
 
 FEATURE_TYPES: Final = POINT_LAYERS
 """Types of point feature; the index of a type is its code in ``FEATURE["type"]``."""
@@ -26,8 +24,7 @@ FEATURE: Final = np.dtype(
         ("peakiness", "f4"),  # mountain: 0 rounded .. 1 sharp; forest: see `conifer_code`; 0 for the others
         ("wavelength", "f4"),  # dune: m from crest to crest; 0 for the others
         ("wind", "f4"),  # dune: degrees the wind blows from; 0 for the others
-        ("erosion", "f4"),  # mountain, hill: 0 no gullies .. 1 deep ones
-        ("gullies", "f4"),  # mountain, hill: width of the widest gullies, in radii
+        ("erosion", "f4"),  # mountain, hill: 0 gentle flanks .. 1 steep ones
         ("painted", "?"),  # False for features of the fill
     ]
 )
@@ -125,9 +122,7 @@ VISIBLE_SHARE: Final = 0.25
 
 _STEEPEST = 0.6  # added to the flank at fidelity 1
 _LOOSE = 0.6  # fidelity up to which flanks are gentlest
-_HILL_FOOT, _HILL_FOOT_SLOPE, _PEAK_MIN, _PEAK_RANGE, _TIP = kernel_constants(
-    "layers/relief.clh", "HILL_FOOT", "HILL_FOOT_SLOPE", "PEAK_MIN", "PEAK_RANGE", "TIP"
-)
+_HILL_FOOT, _PEAK_MIN, _PEAK_RANGE, _TIP = 1.4, 0.1, 0.6, 0.12
 _CUT_IN = 0.2  # radius added to a mountain at fidelity 0, as valleys cut into its outline
 _HALVINGS = 30
 
@@ -154,15 +149,6 @@ def hill_profile(t: Float64Array, steepness: float | Float64Array) -> Float64Arr
     return np.asarray((1.0 - s) ** 2 * (1.0 + s * (2.0 + s * (_HILL_FOOT * s - 3.0))))
 
 
-def hill_slope(t: Float64Array, steepness: float | Float64Array) -> Float64Array:
-    """Return the derivative of a hill's profile."""
-    s = np.maximum(1.0 - steepness * (1.0 - np.minimum(t, 1.0)), 0.0)
-    swell = 1.0 + s * (2.0 + s * (_HILL_FOOT * s - 3.0))
-    return np.asarray(
-        steepness * (1.0 - s) * ((1.0 - s) * (2.0 + s * (_HILL_FOOT_SLOPE * s - 6.0)) - 2.0 * swell)
-    )
-
-
 def mountain_profile(
     t: Float64Array, peakiness: float | Float64Array, steepness: float | Float64Array
 ) -> Float64Array:
@@ -170,15 +156,6 @@ def mountain_profile(
     share = _PEAK_MIN + _PEAK_RANGE * peakiness
     tip = (1.0 - _rounded(t)) ** 2 / (1.0 - 0.5 * _TIP) ** 2
     return np.asarray((1.0 - share) * hill_profile(t, steepness) + share * tip)
-
-
-def mountain_slope(
-    t: Float64Array, peakiness: float | Float64Array, steepness: float | Float64Array
-) -> Float64Array:
-    """Return the derivative of a mountain's profile."""
-    share = _PEAK_MIN + _PEAK_RANGE * peakiness
-    tip = -2.0 * (1.0 - _rounded(t)) * np.minimum(t / _TIP, 1.0) / (1.0 - 0.5 * _TIP) ** 2
-    return np.asarray((1.0 - share) * hill_slope(t, steepness) + share * tip)
 
 
 def _rounded(t: Float64Array) -> Float64Array:
@@ -280,36 +257,17 @@ SUMMIT_REPULSION: Final = -1.5
 """Weight of the repulsion between summits of one type within two radii of the disc."""
 
 SPACING: Final[dict[tuple[str, str], float]] = {
-    ("mountain", "mountain"): 0.60,
-    ("mountain", "hill"): 0.50,
     ("mountain", "dune"): 0.80,
-    ("hill", "hill"): 0.45,
     ("hill", "dune"): 0.70,
     ("dune", "dune"): 0.50,
     ("dune", "forest"): 0.80,
     ("forest", "forest"): 0.40,
 }
-"""Two features of the fill conflict within this times the sum of their radii."""
+"""A placed or fill feature (first) and one of the fill conflict within this times the sum of their radii."""
 
 CLEARANCE: Final[dict[tuple[str, str], float]] = {
     (name, layer.name): clearance
     for layer in LAYERS.values()
-    for name, clearance in zip(POINT_LAYERS, layer.clearance, strict=False)
+    for name, clearance in zip(PATCH_LAYERS, layer.clearance, strict=False)
 }
 """Clearance of fill features (first) from pixels of a painted layer (second), in radii; 0: only unpainted."""
-
-
-_MIN, _MAX = 0.15, 0.45  # half the length of a crest, in ground radii
-
-
-def crest_offsets(points: StructuredArray) -> npt.NDArray[np.float64]:
-    """Return half the crest of each feature, eastward and northward, in its ground radii, (n, 2).
-
-    A function of the id, so that a moved feature keeps its crest; 0 for painted features and all but
-    mountains.
-    """
-    number = points["id"].astype(np.uint64).view(np.int64)
-    length = _MIN + (_MAX - _MIN) * hash_unit(0, "crest length", number)
-    length[points["painted"] | (points["type"] != FEATURE_TYPES.index("mountain"))] = 0.0
-    turn = np.pi * hash_unit(0, "crest direction", number)
-    return np.stack([length * np.cos(turn), length * np.sin(turn)], axis=-1)

@@ -1,4 +1,4 @@
-"""Fill: features of unpainted terrain by density, unbounded and independent of the query.
+"""Fill: dunes and forests of unpainted terrain by density, unbounded and independent of the query.
 
 Each type has its own cells, aligned to the world's origin. A cell proposes candidates from hashes of its
 index; a candidate survives unless one of an earlier type, or of its own type and of higher priority, is too
@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Bounds, Float64Array, StructuredArray
 from sketchterrain.caching import IdentityKey, LRUCache
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import LAYERS, PATCH_LAYERS
 from sketchterrain.errors import InputError
 from sketchterrain.placement.density import painted_distance
 from sketchterrain.placement.differences import merge_boxes, repainted_boxes, rows_only_in, widened
@@ -31,10 +31,10 @@ from sketchterrain.placement.feature_types import (
     FILL_BIT,
     SPACING,
     TYPES,
-    crest_offsets,
     stored_style,
 )
 from sketchterrain.placement.hashing import hash_keys, hash_unit
+from sketchterrain.placement.heights import unpainted_height
 
 if TYPE_CHECKING:
     from sketchterrain.document.label_layers import LabelImage
@@ -64,10 +64,11 @@ class CandidateRule:
 
 
 def candidate_rules(sketch: Sketch) -> dict[str, CandidateRule]:
-    """Return a rule for each type whose density is not 0, in order of precedence."""
+    """Return a rule for each type of patches whose density is not 0, in order of precedence."""
     rules: dict[str, CandidateRule] = {}
     preceding: dict[str, tuple[float, float, float]] = {}  # density (1/m²) and radii of preceding types
-    for name, rule in TYPES.items():
+    for name in PATCH_LAYERS:
+        rule = TYPES[name]
         density = float(sketch.density.get(name, 0.0)) / _KM2
         if density <= 0.0:
             continue
@@ -85,6 +86,8 @@ def candidate_rules(sketch: Sketch) -> dict[str, CandidateRule]:
         cell = 2.0 ** round(math.log2(1.0 / math.sqrt(rate)))
         cell = min(max(cell, _MIN_CELL), _MAX_CELL)
         properties = dict(sketch.properties(name, 1))
+        if LAYERS[name].kind == "summits":
+            properties[LAYERS[name].main.name] = unpainted_height(sketch, name)
         rules[name] = CandidateRule(name, low, high, cell, rate * cell * cell, properties)
         preceding[name] = (rate, low, high)
     return rules
@@ -137,7 +140,7 @@ def suppressed_by(
 
 @dataclass(frozen=True, eq=False)
 class Fill:
-    """Features of unpainted terrain: a pure function of position and seed, at the sketch's densities."""
+    """Dunes and forests of unpainted terrain: a pure function of position, seed and the densities."""
 
     seed: int
     extent: float  # m, the sketch's longer side
@@ -177,14 +180,6 @@ class Fill:
     def max_radius(self) -> float:
         """Radius that no feature exceeds, m; 0 if every density is 0."""
         return max((rule.high for rule in self.rules.values()), default=0.0)
-
-    def max_strength(self, name: str, radius: float) -> float:
-        """Return an upper bound of the strength of a type's features up to a ground radius (m); 0 if none."""
-        rule = self.rules.get(name)
-        if rule is None or radius <= rule.low:
-            return 0.0
-        strength = rule.properties[LAYERS[name].main.name]
-        return float(min(strength, TYPES[name].fill_slope * min(radius, rule.high)))
 
     def influence_radii(self, name: str, radius: float | None = None) -> dict[str, float]:
         """Return the invalidation radius (m) per type around a changed feature (or pixels: no `radius`).
@@ -375,9 +370,7 @@ class Fill:
             strength = strength * (0.7 + 0.3 * chance)
         else:
             strength = strength * (radius / rule.high) ** 0.8 * (0.8 + 0.2 * chance)
-        # A crest shortens the flanks.
-        flank = 1.0 - np.hypot(*crest_offsets(features).T)
-        features["strength"] = np.minimum(strength, TYPES[rule.name].fill_slope * radius) * flank
+        features["strength"] = np.minimum(strength, TYPES[rule.name].fill_slope * radius)
         for key, value in stored_style(rule.name, properties).items():
             features[key] = value
 

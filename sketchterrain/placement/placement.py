@@ -16,6 +16,7 @@ import numpy.typing as npt
 from sketchterrain.array_types import Float64Array, StructuredArray
 from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.parameters import Properties
 from sketchterrain.placement.density import FeatureSet, cubic, density_around, painted_distance
 from sketchterrain.placement.feature_types import (
     FEATURE,
@@ -28,6 +29,7 @@ from sketchterrain.placement.feature_types import (
     visible_radius,
 )
 from sketchterrain.placement.hashing import hash_unit
+from sketchterrain.placement.heights import shape_height
 from sketchterrain.placement.user_features import layer_user_features
 
 if TYPE_CHECKING:
@@ -183,8 +185,12 @@ def _features(
     for label in np.unique(users["label"]):
         of_label = users["label"] == label
         properties = sketch.properties(name, int(label))
-        strength = properties[LAYERS[name].main.name] * users["share"][of_label]
-        result["strength"][of_label] = np.minimum(strength, rule.max_slope * disc[of_label])
+        if LAYERS[name].kind == "summits":
+            strength = _summit_heights(name, properties, users[of_label], sketch)
+        else:
+            strength = properties[LAYERS[name].main.name] * users["share"][of_label]
+            strength = np.minimum(strength, rule.max_slope * disc[of_label])
+        result["strength"][of_label] = strength
         for field, value in stored_style(name, properties).items():
             result[field][of_label] = value
     if LAYERS[name].kind == "summits":
@@ -196,3 +202,19 @@ def _features(
     if LAYERS[name].is_share:
         result["strength"] = np.minimum(result["strength"], 1.0)
     return result
+
+
+def _summit_heights(
+    name: str, properties: Properties, users: npt.NDArray[np.void], sketch: Sketch
+) -> Float64Array:
+    """Return the built heights (m) of user features of one label: the highest of a shape has the shape's."""
+    _, first, shape = np.unique(users["shape"], return_index=True, return_inverse=True)
+    inradii = users["inradius"][first] * sketch.pixel_size
+    heights = [shape_height(properties, each, sketch.fidelity) for each in inradii.tolist()]
+    asked, built = np.array(heights).reshape(-1, 2).T
+    lowered = np.minimum(
+        asked[shape] * users["share"], TYPES[name].max_slope * users["disc"] * sketch.pixel_size
+    )
+    highest = np.zeros(len(first))
+    np.maximum.at(highest, shape, lowered)
+    return np.asarray(lowered * (built / highest)[shape])

@@ -205,6 +205,8 @@ USER_FEATURE = np.dtype(
         ("disc", "f8"),  # px, radius of the part of the shape that it represents
         ("share", "f8"),  # of the label's strength
         ("summit", "?"),
+        ("shape", "i8"),  # `Shape.id`
+        ("inradius", "f8"),  # px, of the shape
     ]
 )
 """A user feature; positions are pixels of the sketch."""
@@ -248,6 +250,7 @@ def user_features(shape: Shape, *, multitude: int, fidelity: float, seed: int) -
     result["type"], result["label"] = LAYER_CODES[shape.layer], shape.label
     result["disc"] = pixels.disc[selected]
     result["summit"][: len(summits)] = True
+    result["shape"], result["inradius"] = shape.id, shape.depth.max()
     result["share"] = _shares(shape, result, fidelity, seed)
     return result
 

@@ -1,13 +1,14 @@
 """Adherence: how closely a terrain follows its sketch, measured on the terrain's own heights.
 
-Areas and heights are measured by removing one layer's painted features and comparing heights; rivers by
-walking down their centrelines. Everything is sampled at full detail, areas at the sketch's pixel centres.
+Areas and heights are measured by removing one layer's painted features and comparing heights, those of
+mountains and hills on the same network of rivers and valleys; rivers by walking down their centrelines.
+Everything is sampled at full detail, areas at the sketch's pixel centres.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -16,10 +17,13 @@ from scipy import ndimage
 from skimage.morphology import skeletonize
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, LatticeArray
+from sketchterrain.caching import LRUCache
 from sketchterrain.document.layers import DRAW_ORDER, LAYERS, layer_of
 from sketchterrain.placement.feature_types import FEATURE_TYPES, TAN_70
+from sketchterrain.placement.heights import ShapeHeight, shape_height
 from sketchterrain.placement.shapes import Shape, label_shapes
 from sketchterrain.terrain.adherence_rivers import RiverAdherence, measure_river_adherence, standing_water
+from sketchterrain.terrain.building import relief_without
 from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.layers.layer import MASKS, TerrainLayer
 from sketchterrain.terrain.layers.points import support_radii
@@ -33,7 +37,7 @@ MIN_WIDTH = 6.0
 """Minimum width (px) of a shape for its area and height to be measured; narrower ones are only counted."""
 
 EFFECT_SHARE = 0.25
-"""Share of the requested height by which the terrain must differ for a pixel to count as affected."""
+"""Share of the built height by which the terrain must differ for a pixel to count as affected."""
 
 
 AREA_LAYERS = tuple(name for name in DRAW_ORDER if LAYERS[name].kind != "cover")
@@ -51,9 +55,10 @@ class ShapeAdherence:
     lost: bool  # no visible effect on the terrain
     iou: float | None  # of the painted area and the area of effect; None below six pixels' width
     spill: int  # px affected beyond the shape
-    asked: float | None  # requested height, m; None for layers without heights
+    asked: float | None  # height of its label, m; None for layers without heights
+    built: float | None  # height that is aimed at, m: less where the shape is too narrow for its label's
     reached: float | None  # greatest height above the terrain without the layer, m; None also if too narrow
-    capped: bool  # too small for its label's height: the target is inradius · tan 70°
+    limited: bool  # too narrow for the height of its label
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,36 +96,44 @@ def measure_layer(sampled: SampledTerrain, layer: str) -> tuple[tuple[ShapeAdher
     if declared.is_water:
         x, y = pixel_centres(sketch)
         wet = standing_water(terrain.recipe, layer, x, y, sampled.height.reshape(x.shape))
-        return agreement(sketch, shapes, wet.astype(np.float32), np.ones(len(shapes)))
+        return agreement(shapes, wet.astype(np.float32), np.ones(len(shapes)))
     effect = _effect(sampled, layer)
     if "wavelength" in declared.parameters:
         effect = _crest_to_crest(sketch, layer, effect)
-    requested = np.array([sketch.properties(layer, shape.label)[declared.main.name] for shape in shapes])
-    return agreement(sketch, shapes, effect, requested, has_height=not declared.is_share)
+    if declared.is_share:
+        requested = [sketch.properties(layer, shape.label)[declared.main.name] for shape in shapes]
+        return agreement(shapes, effect, np.array(requested))
+    heights = [_height(sketch, shape) for shape in shapes]
+    return agreement(shapes, effect, np.array([each.built for each in heights]), heights)
+
+
+def _height(sketch: Sketch, shape: Shape) -> ShapeHeight:
+    """Return the height (m) that a shape's label asks for, and the one that is built."""
+    properties = sketch.properties(shape.layer, shape.label)
+    inradius = float(shape.depth.max()) * sketch.pixel_size
+    if LAYERS[shape.layer].kind == "summits":
+        return shape_height(properties, inradius, sketch.fidelity)
+    asked = float(properties[LAYERS[shape.layer].main.name])
+    return ShapeHeight(asked, min(asked, inradius * TAN_70))
 
 
 def agreement(
-    sketch: Sketch,
     shapes: tuple[Shape, ...],
     effect: Float32Array,
-    requested: Float64Array,
-    *,
-    has_height: bool = False,
+    strengths: Float64Array,
+    heights: Sequence[ShapeHeight] | None = None,
 ) -> tuple[tuple[ShapeAdherence, ...], AreaImages]:
-    """Compare the effects ``requested`` (n,) by a layer's shapes with its ``effect`` (height, width).
+    """Compare the ``effect`` (height, width) of a layer with the ``strengths`` (n,) of its shapes.
 
-    With ``has_height`` the effect is a height: it is reported, and capped where a shape is too small for it.
+    Both are heights (m) if the ``heights`` of the shapes are given, to be reported with the greatest effect.
     """
-    inradius = np.array([shape.depth.max() for shape in shapes])
-    cap = inradius * sketch.pixel_size * TAN_70 if has_height else np.full(len(shapes), np.inf)
-    capped, requested = requested > cap, np.minimum(requested, cap)
     number = np.full(effect.shape, -1)
     for index, shape in enumerate(shapes):
         number[shape.pixels(shape.mask)] = index
     painted = number >= 0
     nearest = ndimage.distance_transform_edt(~painted, return_distances=False, return_indices=True)
     owner = number[tuple(nearest)]
-    affected = effect > EFFECT_SHARE * requested[owner]
+    affected = effect > EFFECT_SHARE * strengths[owner]
 
     count = len(shapes)
     both = np.bincount(owner[affected & painted], minlength=count)
@@ -138,9 +151,10 @@ def agreement(
                 lost=bool(both[index] + spill[index] == 0),
                 iou=float(both[index] / (shape.area + spill[index])) if wide else None,
                 spill=int(spill[index]),
-                asked=float(requested[index]) if has_height else None,
-                reached=float(most[index]) if has_height and wide else None,
-                capped=bool(capped[index]),
+                asked=None if heights is None else heights[index].asked,
+                built=None if heights is None else heights[index].built,
+                limited=heights is not None and heights[index].is_limited,
+                reached=None if heights is None or not wide else float(most[index]),
             )
         )
     return tuple(result), AreaImages(painted, affected)
@@ -176,21 +190,29 @@ def _effect(sampled: SampledTerrain, layer: str) -> Float32Array:
     """Return how much a layer's painted features change the terrain at each pixel of the sketch."""
     terrain, sketch = sampled.terrain, sampled.terrain.sketch
     effect = np.zeros((sketch.height_px, sketch.width_px), np.float32)
-    is_points = LAYERS[layer].is_points
+    is_points = LAYERS[layer].kind == "patches"
     inside = _support(sketch, terrain.recipe, layer) if is_points else np.ones(effect.shape, np.bool_)
     if not inside.any():
         return effect
     at = inside.ravel()
-    changed = _without_points if is_points else _without_shapes
-    without, _ = sampled.terrain.evaluator.updated(terrain.recipe.with_layers(changed(terrain.recipe, layer)))
+    without, _ = sampled.terrain.evaluator.updated(terrain.recipe.with_layers(_without(terrain, layer)))
     height, masks = without.points(sampled.x[at], sampled.y[at], cell_size=0.0)
     if LAYERS[layer].is_share:
         mask = MASKS.index(layer)
         effect[inside] = sampled.masks[at, mask] - masks[:, mask]
     else:
         change = sampled.height[at] - height
-        effect[inside] = change if is_points else np.abs(change)
+        effect[inside] = np.abs(change) if LAYERS[layer].kind == "landform" else change
     return effect
+
+
+def _without(terrain: Terrain, layer: str) -> list[TerrainLayer]:
+    """Return the changed layers of the terrain without a layer's painted features."""
+    kind = LAYERS[layer].kind
+    if kind == "summits":
+        memory = LRUCache() if terrain.memory is None else terrain.memory
+        return [relief_without(terrain.sketch, layer, memory)]
+    return (_without_points if kind == "patches" else _without_shapes)(terrain.recipe, layer)
 
 
 def _without_points(recipe: TerrainRecipe, layer: str) -> list[TerrainLayer]:
@@ -241,12 +263,13 @@ class LayerSummary:
 
 @dataclass(frozen=True)
 class PeakSummary:
-    """Ratio of reached to requested height of the measured mountains."""
+    """Ratio of reached to built height of the measured mountains and hills."""
 
     measured: int
-    capped: int  # mountains too small for their label's height: the target is inradius · tan 70°
+    limited: int  # too narrow for their labels' heights
     least: float | None
     mean: float | None
+    median: float | None
     most: float | None
 
 
@@ -287,10 +310,11 @@ def measure_adherence(terrain: Terrain) -> Adherence:
     """Measure how closely a terrain follows its sketch.
 
     The area of a layer with heights (mountain, hill, dune, plateau) is where the height with that layer's
-    painted shapes differs from the height without them by more than a quarter of its label's. Forests have no
-    height: theirs is where the tree cover differs by more than a quarter of the label's density. Troughs
-    between dune crests at most a wavelength apart count as dunes. Lakes and rivers are standing water.
-    Every pixel belongs to the nearest painted shape.
+    painted shapes differs from the height without them by more than a quarter of the height that is built for
+    them. Mountains and hills are removed on the same drainage network. Forests have no height: theirs is
+    where the tree cover differs by more than a quarter of the label's density. Troughs between dune crests at
+    most a wavelength apart count as dunes. Lakes and rivers are standing water. Every pixel belongs to the
+    nearest painted shape.
     """
     sampled = SampledTerrain.evaluate(terrain)
     measured = {
@@ -323,13 +347,14 @@ def _summary(shapes: tuple[ShapeAdherence, ...]) -> LayerSummary:
 
 def _peaks(shapes: Iterable[ShapeAdherence]) -> PeakSummary:
     measured = [shape for shape in shapes if shape.iou is not None]
-    mountains = [shape for shape in measured if "peakiness" in LAYERS[shape.layer].parameters]
-    ratios = [shape.reached / shape.asked for shape in mountains if shape.reached is not None and shape.asked]
+    summits = [shape for shape in measured if LAYERS[shape.layer].kind == "summits"]
+    ratios = [shape.reached / shape.built for shape in summits if shape.reached is not None and shape.built]
     return PeakSummary(
-        measured=len(mountains),
-        capped=sum(shape.capped for shape in mountains),
+        measured=len(summits),
+        limited=sum(shape.limited for shape in summits),
         least=min(ratios, default=None),
         mean=_mean(ratios),
+        median=float(np.median(ratios)) if ratios else None,
         most=max(ratios, default=None),
     )
 

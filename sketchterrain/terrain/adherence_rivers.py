@@ -39,7 +39,7 @@ def _lakes(lakes: Iterable[Lake], x: Float64Array, y: Float64Array, ground: Floa
 
 
 def _rivers(recipe: TerrainRecipe, x: Float64Array, y: Float64Array, ground: Float32Array) -> BoolArray:
-    rivers = recipe.rivers
+    rivers = [river for river in recipe.rivers if river.label]
     if not rivers:
         return np.zeros(x.shape, dtype=np.bool_)
     line = np.concatenate([river.centreline for river in rivers])
@@ -89,7 +89,8 @@ def measure_river_adherence(terrain: Terrain) -> tuple[RiverAdherence, ...]:
     """
     sketch = terrain.sketch
     painted = sketch.layers["river"] > 0
-    lines = [_inside(terrain, resample(river.centreline[:, :2])) for river in terrain.recipe.rivers]
+    rivers = [river for river in terrain.recipe.rivers if river.label]
+    lines = [_inside(terrain, resample(river.centreline[:, :2])) for river in rivers]
     beds = [_beds(terrain, line) for line in lines]
     bones = [
         (bone.rows[0] * sketch.width_px + bone.columns[0], _positions(terrain, bone.rows, bone.columns))

@@ -4,24 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sketchterrain.array_types import Bounds, Float64Array, LatticeArray, StructuredArray
-from sketchterrain.caching import LRUCache
+from sketchterrain.array_types import Bounds, Float64Array, StructuredArray
+from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.material_rules import resolved_rules
-from sketchterrain.hydrology.rivers import trace_hydrology
+from sketchterrain.hydrology.courses import RiverCourse
+from sketchterrain.hydrology.drainage_constraints import course_slopes, lake_outlets, valley_floors
+from sketchterrain.hydrology.lakes import GroundHeight
+from sketchterrain.hydrology.rivers import WaterLayout, lay_out_water, solve_water
+from sketchterrain.hydrology.streams import stream_courses
 from sketchterrain.placement.covers import create_covers
 from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.placement import place
 from sketchterrain.placement.plateaus import create_plateaus
 from sketchterrain.placement.sea import create_sea
-from sketchterrain.terrain.balance import solve_strengths
 from sketchterrain.terrain.centrelines import valley_radius
-from sketchterrain.terrain.changes import difference
-from sketchterrain.terrain.edits import EditedPoints, apply_fill_edits, apply_painted_edits
+from sketchterrain.terrain.edits import apply_fill_edits, apply_painted_edits
 from sketchterrain.terrain.host_heights import HostTerrain
 from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.layers import layer_stack
@@ -31,92 +34,25 @@ from sketchterrain.terrain.layers.dunes import DunesLayer
 from sketchterrain.terrain.layers.lakes import LakesLayer
 from sketchterrain.terrain.layers.layer import WorldSettings
 from sketchterrain.terrain.layers.plateaus import PlateausLayer
+from sketchterrain.terrain.layers.relief import ReliefLayer, UnpaintedNodes
+from sketchterrain.terrain.noise import FINEST_CELL
+from sketchterrain.terrain.painted_ground import (
+    COARSE_LEVEL,
+    PaintedLand,
+    PaintedWater,
+    ground_without,
+    painted_flow,
+    painted_ground,
+)
 from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.relief_fields import UnpaintedSettings
 from sketchterrain.terrain.terrain import Terrain
+from sketchterrain.terrain.uplift import Outline, painted_outline, uplift_features
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
 
-# Rivers follow the terrain at this coarse cell size, without its small features.
-_CELLS_PER_EXTENT = 256
-_MAX_CACHED = 2**31  # lattice units: farther positions are not cached
-
-
-@dataclass(frozen=True, eq=False)
-class _CachedHeights:
-    """Cached heights of one recipe."""
-
-    recipe: TerrainRecipe  # without rivers and lakes
-    key: LatticeArray  # (n,) positions, ascending
-    height: Float64Array  # (n,), m
-
-
-class DryTerrain:
-    """Heights of a recipe's terrain without rivers and lakes; each position is evaluated once.
-
-    Heights of positions that no change affects come from the cache, where the last recipe's have a name; the
-    bits are the same.
-    """
-
-    def __init__(self, recipe: TerrainRecipe, memory: LRUCache, name: str) -> None:
-        self._recipe = recipe
-        self._terrain = HostTerrain(recipe)
-        self._memory = memory
-        self._name = name
-        self._cell = recipe.extent / _CELLS_PER_EXTENT
-        self._requested: LatticeArray = np.zeros(0, dtype=np.int64)
-        self._key: LatticeArray | None = None  # until the first request
-        self._height = np.zeros(0)
-
-    def __call__(self, x: Float64Array, y: Float64Array) -> Float64Array:
-        """Return heights (m) at positions (m), shape (n,)."""
-        east, north = (to_lattice(each, self._recipe.extent) for each in (x, y))
-        if len(east) == 0:
-            return np.zeros(0)
-        if max(np.abs(east).max(), np.abs(north).max()) >= _MAX_CACHED:
-            return self._terrain.heights(east, north, cell_size=self._cell)
-        if self._key is None:
-            self._key, self._height = self._still_valid(self._memory.get(self._name))
-        key, inverse = np.unique((east << 32) + north, return_inverse=True)
-        row = np.minimum(np.searchsorted(self._key, key), max(len(self._key) - 1, 0))
-        cached = self._key[row] == key if len(self._key) else np.zeros(len(key), dtype=np.bool_)
-        height = np.zeros(len(key))
-        height[cached] = self._height[row[cached]]
-        if not cached.all():
-            at = _unpack_keys(key[~cached])
-            height[~cached] = self._terrain.heights(*at, cell_size=self._cell)
-            merged = np.concatenate([self._key, key[~cached]])
-            order = np.argsort(merged)
-            self._key = merged[order]
-            self._height = np.concatenate([self._height, height[~cached]])[order]
-        self._requested = np.union1d(self._requested, key)
-        return np.asarray(height[inverse])
-
-    def store(self) -> None:
-        """Store the requested heights for the next recipe and drop all others."""
-        if self._key is None:
-            return
-        row = np.searchsorted(self._key, self._requested)
-        self._memory.store(self._name, _CachedHeights(self._recipe, self._requested, self._height[row]))
-
-    def _still_valid(self, last: _CachedHeights | None) -> tuple[LatticeArray, Float64Array]:
-        """Return positions, ascending, and heights that no change affects."""
-        change = None if last is None else difference(last.recipe, self._recipe)
-        if last is None or change is None:
-            return np.zeros(0, dtype=np.int64), np.zeros(0)
-        valid = np.ones(len(last.key), dtype=np.bool_)
-        east, north = _unpack_keys(last.key)
-        unit = self._recipe.world.unit
-        for box in change.areas:
-            west, south, right, top = np.array(box) / unit + [-1, -1, 1, 1]
-            valid &= (east < west) | (east > right) | (north < south) | (north > top)
-        return last.key[valid], last.height[valid]
-
-
-def _unpack_keys(key: LatticeArray) -> tuple[LatticeArray, LatticeArray]:
-    """Return positions by their keys: x in the high half, signed y in the low half."""
-    north = (key & 0xFFFFFFFF).astype(np.uint32).view(np.int32).astype(np.int64)
-    return (key - north) >> 32, north
+_CELLS_PER_EXTENT = 256  # Rivers follow the terrain at this coarse cell size, without its small features.
 
 
 def build(
@@ -167,12 +103,76 @@ def make_recipe(
 ) -> TerrainRecipe:
     """Place the features of a sketch, in plain NumPy without a device.
 
-    Edits come between placing and filling, so that the fill avoids moved features. Rivers come last: they
-    follow the terrain that the other features form. ``memory`` caches earlier recipes, of any sketch; the
-    bits are the same. ``checkpoint`` is called between steps; it may raise to cancel, which leaves the cache
-    valid.
+    Edits come between placing and filling, so that the fill avoids moved features. Rivers and lakes are laid
+    out on coarse ground, the ground is drained to them, and their levels follow from it. ``memory`` caches
+    earlier recipes, of any sketch; the bits are the same. ``checkpoint`` is called between steps; it may
+    raise to cancel, which leaves the cache valid.
     """
     memory = LRUCache() if memory is None else memory
+    plan = _plan(sketch, memory, checkpoint)
+    relief = ReliefLayer(
+        UnpaintedNodes(plan.settings), painted_ground(plan.settings, plan.land, plan.water, memory)
+    )
+    dry, bare = (each.with_layers([relief]) for each in (plan.dry, plan.bare))
+    checkpoint()
+    plateaus = PlateausLayer(create_plateaus(sketch, _ground(bare), memory))
+    ground = _ground(bare.with_layers([plateaus]))
+    checkpoint()
+    waters = solve_water(
+        sketch,
+        plan.layout,
+        seed=sketch.seed,
+        ground=ground,
+        cache=memory,
+        streams=_streams(sketch, plan, bare, memory),
+        checkpoint=checkpoint,
+    )
+    radii = [valley_radius(*each) for each in zip(waters.rivers, waters.grounds, strict=True)]
+    corridors = CorridorsLayer.of(waters.rivers, radii, sketch.extent, memory)
+    return replace(
+        dry.with_layers([plateaus, LakesLayer(waters.lakes), corridors]),
+        resolutions=waters.resolutions,
+        orphans=(*plan.orphans, *waters.orphans),
+    )
+
+
+def _streams(sketch: Sketch, plan: _Plan, recipe: TerrainRecipe, memory: LRUCache) -> list[RiverCourse]:
+    """Return the courses of streams."""
+    octaves = recipe.sampling(FINEST_CELL).octaves
+    plateaus = _outline(sketch, "plateau", plan.settings.spacing, memory)
+    return stream_courses(
+        painted_flow(plan.settings, plan.land, plan.water, memory, plateaus),
+        plan.layout.courses,
+        size=sketch.size,
+        runoff=1.0 - float(sketch.climate["aridity"]),
+        seed=sketch.seed,
+        displaced=lambda at: recipe[ReliefLayer].displaced(at, recipe.world, octaves),
+        cache=memory,
+    )
+
+
+def relief_without(sketch: Sketch, layer: str, memory: LRUCache) -> ReliefLayer:
+    """Return the drained ground without the uplift of a layer's painted features, on the same network."""
+    plan = _plan(sketch, memory, lambda: None)
+    removed = plan.land.features.is_rock if layer == "mountain" else ~plan.land.features.is_rock
+    ground = ground_without(plan.settings, plan.land, plan.water, memory, removed)
+    return ReliefLayer(UnpaintedNodes(plan.settings), ground)
+
+
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    """What a terrain is drained from: placed features, and rivers and lakes laid out on coarse ground."""
+
+    dry: TerrainRecipe
+    bare: TerrainRecipe  # without covers and rules, on which heights do not depend
+    settings: UnpaintedSettings
+    land: PaintedLand
+    layout: WaterLayout
+    water: PaintedWater
+    orphans: tuple[Any, ...]
+
+
+def _plan(sketch: Sketch, memory: LRUCache, checkpoint: Callable[[], None]) -> _Plan:
     placed = place(sketch, seed=sketch.seed, cache=memory, checkpoint=checkpoint)
     painted = apply_painted_edits(placed, sketch.edits)
     fill = Fill.from_sketch(sketch, painted.points, seed=sketch.seed, cache=memory)
@@ -183,7 +183,7 @@ def make_recipe(
         sketch.climate,
         layer_stack(
             extent=sketch.extent,
-            ground=sketch.ground,
+            relief=ReliefLayer(UnpaintedNodes(UnpaintedSettings.from_sketch(sketch))),
             painted=painted.points,
             fill=replace(fill, replaced=adopted.replaced),
             covers=create_covers(sketch, cache=memory),
@@ -193,32 +193,54 @@ def make_recipe(
         resolved_rules(sketch.material_rules),
     )
     checkpoint()
-    solved = _solved_features(dry, painted, memory, checkpoint)
-    points = replace(dry.points, painted=np.concatenate([solved, adopted.points]))
+    points = replace(dry.points, painted=np.concatenate([painted.points, adopted.points]))
     dry = dry.with_layers([points, DunesLayer(points.dune_styles)])
-    # Heights depend on neither covers nor material rules.
     bare = replace(dry.with_layers([CoversLayer(())]), climate={}, material_rules=())
-    borders = DryTerrain(bare, memory, "heights at borders")
-    plateaus = PlateausLayer(create_plateaus(sketch, borders, memory))
-    borders.store()
-    terrain = DryTerrain(bare.with_layers([plateaus]), memory, "dry heights")
-    waters = trace_hydrology(sketch, seed=sketch.seed, ground=terrain, cache=memory, checkpoint=checkpoint)
-    terrain.store()
-    radii = [valley_radius(*each) for each in zip(waters.rivers, waters.grounds, strict=True)]
-    corridors = CorridorsLayer.of(waters.rivers, radii, sketch.extent, memory)
-    return replace(
-        dry.with_layers([plateaus, LakesLayer(waters.lakes), corridors]),
-        resolutions=waters.resolutions,
-        orphans=(*painted.orphans, *adopted.orphans, *waters.orphans),
+    settings = UnpaintedSettings.from_sketch(sketch)
+    land = _painted_land(sketch, points.painted, settings.spacing, memory)
+    sea = create_sea(sketch, cache=memory)
+    checkpoint()
+
+    coarse = painted_ground(settings, land, PaintedWater(sea=sea), memory, coarse=True)
+    first = _ground(bare.with_layers([ReliefLayer(UnpaintedNodes(settings), coarse)]), 1 << COARSE_LEVEL)
+    checkpoint()
+    layout = lay_out_water(sketch, seed=sketch.seed, ground=first, cache=memory, checkpoint=checkpoint)
+    lakes = tuple(lake for lake in layout.lakes if lake.label)
+    outlets = lake_outlets(lakes, layout.courses, first)
+    checkpoint()
+    bare_land = replace(land, features=land.features.of(np.zeros(0, np.int64)))
+    without = painted_ground(settings, bare_land, PaintedWater(sea=sea), memory, coarse=True)
+    grounds = (
+        first,
+        _ground(bare.with_layers([ReliefLayer(UnpaintedNodes(settings), without)]), 1 << COARSE_LEVEL),
     )
+    slopes, bare_slopes = (
+        tuple(course_slopes(layout.courses, layout.crossings, each)) if layout.courses else ()
+        for each in grounds
+    )
+    floors = tuple(valley_floors(layout.courses, layout.crossings, bare_slopes))
+    water = PaintedWater(layout.courses, slopes, floors, bare_slopes, lakes, outlets, sea)
+    orphans = (*painted.orphans, *adopted.orphans)
+    return _Plan(dry, bare, settings, land, layout, water, orphans)
 
 
-def _solved_features(
-    dry: TerrainRecipe, edited: EditedPoints, memory: LRUCache, checkpoint: Callable[[], None]
-) -> StructuredArray:
-    """Return the features with solved strengths, and locked ones with their own."""
-    requested = dry.with_layers([replace(dry.points, painted=edited.unlocked)])
-    solved = solve_strengths(requested, locked=edited.lock_only, memory=memory, checkpoint=checkpoint)
-    points = edited.points.copy()
-    points["strength"] = np.where(edited.locked, points["strength"], solved["strength"])
-    return points
+def _painted_land(sketch: Sketch, points: StructuredArray, cell: float, memory: LRUCache) -> PaintedLand:
+    outlines = {layer: _outline(sketch, layer, cell, memory) for layer in ("mountain", "hill")}
+    found = {layer: outline for layer, outline in outlines.items() if outline is not None}
+    return PaintedLand(uplift_features(sketch, points, memory), found)
+
+
+def _outline(sketch: Sketch, layer: str, cell: float, memory: LRUCache) -> Outline | None:
+    key = ("outline", IdentityKey(sketch.layers[layer]), cell, sketch.pixel_size, sketch.fidelity)
+    return memory.get_or_compute(key, partial(painted_outline, sketch, layer, cell))
+
+
+def _ground(recipe: TerrainRecipe, cells: int = 1) -> GroundHeight:
+    """Return the heights of a recipe without rivers and lakes, at `cells` of the raster."""
+    terrain = HostTerrain(recipe)
+
+    def heights(x: Float64Array, y: Float64Array) -> Float64Array:
+        at = (to_lattice(each, recipe.extent) for each in (x, y))
+        return terrain.heights(*at, cell_size=cells * recipe.extent / _CELLS_PER_EXTENT)
+
+    return heights

@@ -40,7 +40,7 @@ _STEEP_WIDTHS = 3.0
 _FLOODPLAIN_WIDTHS = 4.0
 _MIN_WIDTHS = 3.0  # takes precedence over _MAX_RADIUS
 _MIN_RADIUS = 30.0  # m
-_VALLEY_RUN_PER_DEPTH = 1.7  # about 30° for the steepest part of a valley's side
+VALLEY_RUN_PER_DEPTH = 1.7  # about 30° for the steepest part of a valley's side
 _MAX_RADIUS = 900.0  # m
 
 TOLERANCE_CELLS = tuple(FINEST_CELL * 2.0**doublings for doublings in range(_MAX_DOUBLINGS + 1))
@@ -145,11 +145,13 @@ def nearest_on_arc(
 def valley_radius(river: River, ground: Float64Array) -> Float64Array:
     """Return how far (m) a river shapes the terrain on each side, at each point of its centreline, (m,).
 
-    The deeper it lies below the terrain without rivers along the centreline, the wider the valley.
+    The deeper it lies below the terrain without rivers along the centreline, the wider the valley. A stream
+    lies in a valley of the ground.
     """
     cut = np.maximum(ground - river.centreline[:, 2], 0)
     width = river.centreline_width.astype(np.float64)
-    radius = np.maximum(_FLOODPLAIN_WIDTHS * width, _MIN_RADIUS) + _VALLEY_RUN_PER_DEPTH * cut
+    floor = _MIN_WIDTHS * width if river.label == 0 else np.maximum(_FLOODPLAIN_WIDTHS * width, _MIN_RADIUS)
+    radius = floor + VALLEY_RUN_PER_DEPTH * cut
     step = float(np.median(np.hypot(*np.diff(river.centreline[:, :2], axis=0).T)))
     sigma = max(float(np.median(radius)) / max(step, 1e-3) / 2, 1.0)
     smooth = rounded(gaussian_filter(radius, sigma, mode="reflect"))
@@ -231,16 +233,22 @@ def flatten_to_arcs(
 def _curve(river: River) -> tuple[Float64Array, Float64Array]:
     """Return the cubics of a river's spline, and the curve parameters of the centreline's points.
 
-    A centreline that is not the spline through its control points gets the spline through all of its points.
+    Where the centreline is not the spline through its control points, as at the ends of a shortened course,
+    it gets the spline through all of its points.
     """
     own = np.arange(len(river.centreline), dtype=np.float64)
     ends = {row.tobytes(): number for number, row in enumerate(river.centreline)}
     controls = np.array([ends.get(row.tobytes(), -1) for row in river.points])
-    if controls[0] == 0 and controls[-1] == own[-1] and (np.diff(controls) > 0).all():
-        u = np.interp(own, controls, np.arange(len(controls), dtype=np.float64))
-        if np.abs(catmull_rom(river.points[:, :2], u) - river.centreline[:, :2]).max() < _SAME:
-            return cubics(river.points[:, :2]), u
-    return cubics(river.centreline[:, :2]), own
+    if controls[0] != 0 or controls[-1] != own[-1] or (np.diff(controls) <= 0).any():
+        return cubics(river.centreline[:, :2]), own
+    u = np.interp(own, controls, np.arange(len(controls), dtype=np.float64))
+    off = np.abs(catmull_rom(river.points[:, :2], u) - river.centreline[:, :2]).max(axis=1) >= _SAME
+    other = np.isin(np.arange(len(controls) - 1), np.floor(u[off]))
+    knots = np.union1d(controls, np.flatnonzero(other[np.minimum(u.astype(np.intp), len(other) - 1)]))
+    number = np.searchsorted(controls, knots[:-1], side="right") - 1
+    spline, dense = cubics(river.points[:, :2]), cubics(river.centreline[:, :2])
+    curve = np.where(other[number][:, None, None], dense[knots[:-1]], spline[number])
+    return curve, np.interp(own, knots, np.arange(len(knots), dtype=np.float64))
 
 
 def _profile_anchors(river: River, line: Float64Array, anchors: npt.NDArray[np.intp]) -> BoolArray:

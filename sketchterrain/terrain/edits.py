@@ -26,10 +26,6 @@ class EditedPoints:
     """Point features after the user's edits."""
 
     points: StructuredArray  # sorted by id
-    # the same without locks, to solve the others' strengths: locking alone changes nothing
-    unlocked: StructuredArray
-    locked: npt.NDArray[np.bool_]  # (n,) features whose values, strength included, are fixed
-    lock_only: npt.NDArray[np.bool_]  # (n,) features that exist only through their lock
     replaced: StructuredArray  # original features that were removed or changed
     orphans: tuple[str, ...]  # one line for each edit whose feature is missing
 
@@ -70,7 +66,6 @@ def _targets_fill(edit: Edit) -> bool:
 
 def _edited(before: StructuredArray, edits: list[Edit]) -> EditedPoints:
     changed: dict[int, StructuredArray | None] = {}
-    unlocked: dict[int, StructuredArray | None] = {}
     locks = {edit.feature for edit in edits if edit.action == "lock"}
     orphans = []
     for edit in edits:
@@ -78,29 +73,15 @@ def _edited(before: StructuredArray, edits: list[Edit]) -> EditedPoints:
         row = changed[name] if name in changed else _row(before, name)
         if edit.action in ("lock", "add"):
             changed[name] = _stored(edit)
-            if edit.action == "lock":
-                unlocked.setdefault(name, row)
         elif row is None and name not in locks:
             orphans.append(f"{edit.action} of feature {name}: no such feature")
         elif row is not None:
             changed[name] = None if edit.action == "delete" else _with_values(row, edit)
     hidden = before[_has_id(before, changed)]
-    points = _sorted(
-        [before[~_has_id(before, changed)], *(row for row in changed.values() if row is not None)]
-    )
-    originals = _sorted([before[:0], *(row for row in unlocked.values() if row is not None)])
-    unlocked_points = _sorted(
-        [points[~_has_id(points, originals["id"])], originals[_has_id(originals, points["id"])]]
-    )
-    locked = _has_id(points, unlocked)
-    lock_only = locked & ~_has_id(points, originals["id"])
-    return EditedPoints(points, unlocked_points, locked, lock_only, hidden, tuple(orphans))
-
-
-def _sorted(parts: list[StructuredArray]) -> StructuredArray:
-    together = np.concatenate(parts)
-    ordered: StructuredArray = together[np.argsort(together["id"], kind="stable")]
-    return ordered
+    rows = [before[~_has_id(before, changed)], *(row for row in changed.values() if row is not None)]
+    points = np.concatenate(rows)
+    points = points[np.argsort(points["id"], kind="stable")]
+    return EditedPoints(points, hidden, tuple(orphans))
 
 
 def _has_id(points: StructuredArray, ids: Iterable[int]) -> npt.NDArray[np.bool_]:

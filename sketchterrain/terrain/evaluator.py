@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -14,8 +16,9 @@ from sketchterrain.terrain.changes import EVERYWHERE, difference
 from sketchterrain.terrain.culler import list_arrays
 from sketchterrain.terrain.detail_bounds import DetailBound
 from sketchterrain.terrain.inputs import KernelInputs
-from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS
+from sketchterrain.terrain.lattice import QUADS
 from sketchterrain.terrain.layers.layer import MASKS
+from sketchterrain.terrain.node_raster import NODE_BITS, node_level
 from sketchterrain.terrain.patches import GROUP, Batches, Patches, PatchLauncher, rounded_up, tile_patches
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.surfaces import Surface, SurfaceStore, require_finite
@@ -27,9 +30,10 @@ if TYPE_CHECKING:
 _FILE = "terrain.cl"
 _PATCHES_PER_LAUNCH = 256
 _POINTS_PER_LAUNCH = 1 << 21
-# Points are culled in square blocks: 2^5 along the sketch's longer side, fewer where points are far apart.
-_BLOCKS_PER_EXTENT_BITS = 5
-_MAX_BLOCKS_BITS = 6
+# Points are culled in square blocks of so many nodes, and launched in groups of near ones.
+_BLOCK_NODES_BITS = 3
+_BLOCKS_PER_LAUNCH = 2048
+_GROUP_BITS = 5
 
 
 class _Parts(NamedTuple):
@@ -182,10 +186,18 @@ class Evaluator:
         """
         context, real = self.context, self.context.real_dtype
         height, masks = np.empty(x.size, real), np.empty((x.size, len(MASKS)), real)
+        if not x.size:
+            return height, masks
+        bits = NODE_BITS + node_level(cell_size, self.recipe.extent) + _BLOCK_NODES_BITS
+        order, blocks, block = _blocks_of(x, y, bits)
+        # A launch has no more than so many blocks, wherever they are.
+        last_blocks = np.arange(_BLOCKS_PER_LAUNCH, len(blocks), _BLOCKS_PER_LAUNCH)
+        cuts = [0, *np.searchsorted(block, last_blocks).tolist(), x.size]
 
-        def evaluate(part: slice) -> None:
-            blocks, block = _blocks_of(x[part], y[part])
-            culled, count = self._inputs.cull(blocks, cell_size), part.stop - part.start
+        def evaluate(start: int, part: slice) -> None:
+            own = slice(start + part.start, start + part.stop)
+            at, first, last = order[own], int(block[own.start]), int(block[own.stop - 1]) + 1
+            culled, count = self._inputs.cull(blocks[first:last], cell_size), len(at)
             lists = self._staged.upload(list_arrays(culled))
             buffers = context.empty(count, real), context.empty(len(MASKS) * count, real)
             context.launch(
@@ -193,18 +205,19 @@ class Evaluator:
                 "points",
                 (rounded_up(count),),
                 *self._inputs.arguments("TERRAIN_ARGUMENTS", culled, cell_size, lists),
-                context.upload(x[part]),
-                context.upload(y[part]),
-                context.upload(block.astype(np.int32)),
+                context.upload(x[at]),
+                context.upload(y[at]),
+                context.upload((block[own] - first).astype(np.int32)),
                 np.int32(count),
                 *buffers,
                 group=(GROUP,),
                 defines=self._inputs.defines,
             )
             for buffer, array in zip(buffers, (height, masks), strict=True):
-                array[part] = context.download(buffer, array[part].shape, real)
+                array[at] = context.download(buffer, (count, *array.shape[1:]), real)
 
-        self._points_at_once.run(x.size, evaluate)
+        for start, stop in pairwise(cuts):
+            self._points_at_once.run(stop - start, partial(evaluate, start))
         require_finite(height, "heights", context.device)
         require_finite(masks, "masks", context.device)
         return height, masks
@@ -222,17 +235,16 @@ class Evaluator:
         self._launcher = PatchLauncher(self._inputs)
 
 
-def _blocks_of(x: LatticeArray, y: LatticeArray) -> tuple[LatticeArray, LatticeArray]:
-    """Return the square blocks (west, south, east, north) that hold the points, and each point's block."""
-    span = int(max(np.ptp(x), np.ptp(y)))
-    bits = max(LATTICE_BITS - _BLOCKS_PER_EXTENT_BITS, span.bit_length() - _MAX_BLOCKS_BITS)
+def _blocks_of(
+    x: LatticeArray, y: LatticeArray, bits: int
+) -> tuple[LatticeArray, LatticeArray, LatticeArray]:
+    """Return an order of points that has near ones together, blocks 2^bits wide in it, and each one's block.
+
+    Blocks are west, south, east, north.
+    """
     column, row = x >> bits, y >> bits
-    west, south = int(column.min()), int(row.min())
-    width, height = int(column.max()) - west + 1, int(row.max()) - south + 1
-    number = (row - south) * width + (column - west)
-    occupied = np.bincount(number, minlength=width * height) > 0
-    block = (np.cumsum(occupied) - 1)[number]
-    held_row, held_column = np.divmod(np.flatnonzero(occupied), width)
-    cells = np.stack([held_column + west, held_row + south], axis=-1)
-    corner = cells << bits
-    return np.concatenate([corner, corner + (1 << bits)], axis=1), block
+    order = np.lexsort((column, row, column >> _GROUP_BITS, row >> _GROUP_BITS))
+    column, row = column[order], row[order]
+    first = np.append(True, (np.diff(column) != 0) | (np.diff(row) != 0))
+    corner = np.stack([column[first], row[first]], axis=-1) << bits
+    return order, np.concatenate([corner, corner + (1 << bits)], axis=1), np.cumsum(first) - 1

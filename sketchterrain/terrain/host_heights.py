@@ -6,18 +6,20 @@ that results are the same on every machine.
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 
 from sketchterrain.array_types import Float64Array, LatticeArray
+from sketchterrain.io.resources import kernel_constants
 from sketchterrain.terrain.lattice import to_lattice
-from sketchterrain.terrain.layers.base import BaseLayer
 from sketchterrain.terrain.layers.layer import HostSamples, HostSite, effective_cell
 from sketchterrain.terrain.layers.points import PointFinder
 from sketchterrain.terrain.layers.relief import ReliefLayer
 from sketchterrain.terrain.noise import ValueSlope
 from sketchterrain.terrain.recipe import TerrainRecipe
+
+_DRY_WATER, _INVERSE_WET = kernel_constants("world.clh", "DRY_WATER", "INVERSE_WET")
 
 
 class HostTerrain:
@@ -26,6 +28,7 @@ class HostTerrain:
     def __init__(self, recipe: TerrainRecipe) -> None:
         self._recipe = recipe
         self._finder = PointFinder(recipe.points, recipe.world)
+        self._nodes = recipe[ReliefLayer].reader()
 
     def heights(self, x: LatticeArray, y: LatticeArray, *, cell_size: float = 0.0) -> Float64Array:
         """Return heights (m) at lattice positions of shape (n,)."""
@@ -39,22 +42,20 @@ class HostTerrain:
         ground = HostSamples(**{each.name: np.zeros(x.shape) for each in fields(HostSamples)})
         for layer in self._recipe.layers:
             ground = layer.heights(ground, site)
-        return ground
+        beside = _INVERSE_WET * (ground.water - _DRY_WATER)
+        return replace(ground, wetness=np.maximum(ground.wetness * (1 - ground.dune), beside))
 
     def slopes(self, x: LatticeArray, y: LatticeArray, *, cell_size: float = 0.0) -> ValueSlope:
-        """Return heights (m) and slopes of ground, hills and mountains with their gullies, without crags.
+        """Return heights (m) and slopes of the drained ground with its gullies, without roughness.
 
         Slopes of gullies are taken with the direction of each wave held constant, as the filter takes them.
         """
-        site = self._site(x, y, cell_size)
-        empty = HostSamples(*np.zeros((6, *x.shape)))
-        self._recipe.points.heights(empty, site)
-        eroded, _ = self._recipe[ReliefLayer].eroded(site)
-        ground = self._recipe[BaseLayer].slopes(site)
-        return ValueSlope(*(a + b for a, b in zip(eroded, ground, strict=True)))
+        return self._recipe[ReliefLayer].eroded(self._site(x, y, cell_size))[0]
 
     def _site(self, x: LatticeArray, y: LatticeArray, cell_size: float, *, masks: bool = False) -> HostSite:
-        return HostSite(self._recipe.sampling(effective_cell(cell_size)), x, y, masks, self._finder)
+        return HostSite(
+            self._recipe.sampling(effective_cell(cell_size)), x, y, masks, self._finder, self._nodes
+        )
 
 
 def host_heights(

@@ -17,11 +17,10 @@ from sketchterrain.io.resources import Defines
 from sketchterrain.terrain.layers.layer import MASKS
 from sketchterrain.terrain.recipe import TerrainRecipe
 
-_KERNEL_INPUTS = ("height", "steepness", "hollow", "mottle", *MASKS, "wetness")
+_KERNEL_INPUTS = ("height", "steepness", "hollow", "mottle", *MASKS)
 _ROUNDING = 1e-3
 # Ranges of a factor's inputs; the mottle's actual range is less than half of this.
-_RANGES = {"steepness": (0.0, np.inf), "mottle": (-4.0, 4.0), "wetness": (0.0, 1.0)}
-_RANGES |= dict.fromkeys(MASKS, (0.0, 1.0))
+_RANGES = {"steepness": (0.0, np.inf), "mottle": (-4.0, 4.0)} | dict.fromkeys(MASKS, (0.0, 1.0))
 
 
 def material_defines(table: MaterialTable) -> Defines:
@@ -37,7 +36,7 @@ class PackedRules:
     count: int
     form: npt.NDArray[np.int32]  # (rules, 4)
     cover: Float64Array  # (rules,)
-    ramp: Float64Array  # (factors, 8 + masks)
+    ramp: Float64Array  # (factors, 7 + masks)
 
 
 def pack_rules(recipe: TerrainRecipe) -> PackedRules:
@@ -80,8 +79,7 @@ def _required_masks(factor: list[float]) -> int:
     sign = np.sign(inverse)
     bits = 0
     for number, mask in enumerate(MASKS):
-        zero = {mask, "wetness"} if mask == "water" else {mask}
-        others = {name: w for name, w in zip(_KERNEL_INPUTS, weights, strict=True) if w and name not in zero}
+        others = {name: w for name, w in zip(_KERNEL_INPUTS, weights, strict=True) if w and name != mask}
         ends = {name: _RANGES.get(name, (-np.inf, np.inf)) for name in others}
         most = sum(max(sign * w * end for end in ends[name]) for name, w in others.items()) - sign * start
         # A sum of several may be rounded up.

@@ -281,16 +281,23 @@ def measure_realism(
 
 
 def measure_terrain_realism(
-    terrain: Terrain, *, cell: float = DEFAULT_CELL, size: int = WINDOW, kinds: Sequence[str] = ()
+    terrain: Terrain,
+    *,
+    cell: float = DEFAULT_CELL,
+    size: int = WINDOW,
+    kinds: Sequence[str] = (),
+    offset: tuple[float, float] = (0.0, 0.0),
 ) -> Realism:
     """Measure a terrain's sketch and its surroundings, of at least ``size``² cells around its middle.
+
+    With an ``offset`` (m, eastward and northward) ground away from the sketch is measured instead.
 
     Lakes, the sea and dunes are interpolated across, rivers keep their beds; if most of the ground is dunes,
     it is compared with real dunes.
     """
     columns, rows = (max(size, math.ceil(side / cell)) for side in terrain.size)
-    x = terrain.size[0] / 2.0 + (np.arange(columns) - (columns - 1) / 2.0) * cell
-    y = terrain.size[1] / 2.0 - (np.arange(rows) - (rows - 1) / 2.0) * cell
+    x = terrain.size[0] / 2.0 + offset[0] + (np.arange(columns) - (columns - 1) / 2.0) * cell
+    y = terrain.size[1] / 2.0 + offset[1] - (np.arange(rows) - (rows - 1) / 2.0) * cell
     east, north = np.broadcast_arrays(
         to_lattice(x[None, :], terrain.extent), to_lattice(y[:, None], terrain.extent)
     )

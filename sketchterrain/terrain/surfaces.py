@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, Self
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import Bounds, Float32Array, FloatArray, LatticeArray, StructuredArray
+from sketchterrain.array_types import (
+    Bounds,
+    Float32Array,
+    FloatArray,
+    LatticeArray,
+    StructuredArray,
+    UInt8Array,
+)
 from sketchterrain.document.materials import weight_words
 from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.placement.feature_types import Lake, River
@@ -67,6 +74,15 @@ class Raster:
     height: Float32Array  # as in `Tile`, for all vertices
     normal: Float32Array
     materials: Float32Array
+
+
+@dataclass(frozen=True)
+class Drainage:
+    """The sketch's nodes of drained ground, extent / 256 apart; row 0 is the northernmost."""
+
+    spacing: float  # m; the south-westernmost node is the sketch's corner
+    area: Float32Array  # (rows, columns), m² that drain through each node
+    wetness: UInt8Array  # (rows, columns), 0 … 255
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,14 @@ from sketchterrain.caching import LRUCache
 from sketchterrain.document.materials import MaterialTable
 from sketchterrain.errors import InputError
 from sketchterrain.terrain.evaluator import Evaluator
-from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit, to_lattice
+from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS, level_step, metres_per_unit, to_lattice
+from sketchterrain.terrain.layers.relief import ReliefLayer
+from sketchterrain.terrain.node_raster import NODE_BITS
 from sketchterrain.terrain.rasters import GridWindow, QuantizedBand, bands, quantized_bands, window_bands
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.surfaces import (
     Band,
+    Drainage,
     Raster,
     Surface,
     SurfaceStore,
@@ -231,6 +234,20 @@ class Terrain:
             for whole, part in zip(parts, (band.height, band.normal, band.materials), strict=True):
                 whole[band.top : band.top + len(part)] = part
         return Raster((east / (columns - 1), north / (rows - 1)), *parts)
+
+    def drainage(self) -> Drainage:
+        """Return drainage areas and wetness of the sketch, at the nodes that its ground is drained at.
+
+        Wetness is that of the ground, without that of water, which materials and plants know besides.
+        """
+        painted = self.recipe[ReliefLayer].painted
+        assert painted is not None  # noqa: S101 # as of every sketch
+        nodes, spacing = painted.levels[0], self.extent * 2.0 ** (NODE_BITS - LATTICE_BITS)
+        columns, rows = (int(length / spacing) + 1 for length in self.size)
+        west, south = -nodes.column, -nodes.row
+        inside = np.s_[south : south + rows, west : west + columns]
+        area, wetness = nodes.area[inside], nodes.wetness[inside]
+        return Drainage(spacing, np.ascontiguousarray(area[::-1]), np.ascontiguousarray(wetness[::-1]))
 
     def grid(
         self,

@@ -16,7 +16,8 @@ from sketchterrain.caching import LRUCache
 from sketchterrain.compute.buffers import BufferSet, StagingBuffer
 from sketchterrain.terrain.changes import touches
 from sketchterrain.terrain.inputs import KernelInputs
-from sketchterrain.terrain.lattice import LATTICE_BITS, finest_level
+from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS, finest_level
+from sketchterrain.terrain.node_raster import node_level
 from sketchterrain.terrain.noise import FINEST_CELL
 from sketchterrain.terrain.patches import (
     Batches,
@@ -45,11 +46,11 @@ _WORST = 1.5  # greatest error of a sample over δ, so that errors between sampl
 
 
 class WideTileErrors:
-    """Deviation of full detail from wide tiles, at 32 × 32 samples of a square of at most 17 km.
+    """Deviation of finer detail from wide tiles, at 32 × 32 samples of a square of at most 17 km.
 
     The square holds the tile's highest painted feature. Unpainted terrain is much the same everywhere, so one
     square beside the sketch gives the detail that a level omits of it. ``heights`` evaluates patches,
-    (patches, side, side).
+    (patches, side, side). Detail is that of `sample_cell` of a tile as wide as the square.
     """
 
     def __init__(self, recipe: TerrainRecipe, heights: Callable[[Patches], Float32Array]) -> None:
@@ -79,7 +80,7 @@ class WideTileErrors:
         return level < self._square_level
 
     def distances(self, level: int, column: int, row: int, height: Float32Array) -> Float32Array:
-        """Return how far (m) full detail is from a wide tile's triangles at the samples, shape (samples,).
+        """Return how far (m) finer detail is from a wide tile's triangles at the samples, shape (samples,).
 
         ``height`` is that of its vertices, m, (quads + 1, quads + 1).
         """
@@ -123,10 +124,12 @@ class WideTileErrors:
         return self._omitted.get_or_compute(cell_size, compute)
 
     def _samples(self, square: tuple[int, int]) -> _Samples:
-        """Return the lattice positions of the samples of a square, and full detail there; cached."""
+        """Return the lattice positions of the samples of a square, and the detail there; cached."""
 
         def compute() -> _Samples:
-            patches = tile_samples(self._square_level, [square], cell_size=FINEST_CELL)
+            extent = self._recipe.extent
+            cell = sample_cell(extent * 2.0**-self._square_level / QUADS, extent)
+            patches = tile_samples(self._square_level, [square], cell_size=cell)
             return patches.axis_x[0], patches.axis_y[0], self._heights(patches)[0]
 
         return self._sampled.get_or_compute(square, compute)
@@ -229,7 +232,8 @@ class VertexWriter:
         self._launcher.vertices(cut(patches), tile_slots, store.buffer)
         sample, sampled = extrema, False
         if level < finest_level(store.quads) and not self._wide_errors.is_wide(level):
-            samples = tile_samples(level, places, cell_size=FINEST_CELL, quads=store.quads)
+            cell = sample_cell(patches.cell_size, self._inputs.recipe.extent)
+            samples = tile_samples(level, places, cell_size=cell, quads=store.quads)
             sample, sampled = self._launcher.heights(cut(samples)), True
         slot = self._staged.upload({"slot": tile_slots[:, 0]})["slot"]
         self._context.launch(
@@ -259,8 +263,18 @@ class VertexWriter:
         self._launcher = PatchLauncher(self._inputs)
 
 
+def sample_cell(cell_size: float, extent: float) -> float:
+    """Return the cell size (m) of the samples that a tile of a cell size is compared with.
+
+    They are two levels finer, and one where tiles read coarser nodes of the drained ground: full detail of
+    far tiles would drain large areas that nobody sees from near.
+    """
+    finer = 4.0 if node_level(cell_size, extent) == 0 else 2.0
+    return max(cell_size / finer, FINEST_CELL)
+
+
 def geometric_error(deviations: Float32Array) -> Float64Array:
-    """Return δ of tiles from the deviations (m) of full detail from their triangles, shape (tiles, n).
+    """Return δ of tiles from the deviations (m) of finer detail from their triangles, shape (tiles, n).
 
     A hundredth of a tile may exceed it, but nothing by much: a rare crag does not decide.
     """

@@ -111,8 +111,8 @@ def _touched(codes: Int64Array, areas: Sequence[Bounds], extent: float, quads: i
 # Neighbours (quadtree.AROUND) that a control touches, row 0 north, column 0 west.
 _TOUCHED: Final = (((0, 1, 3), (1,), (1, 2, 4)), ((3,), (), (4,)), ((3, 5, 6), (6,), (4, 6, 7)))
 _BORDERS: Final = ((1, NORTH), (6, SOUTH), (3, WEST), (4, EAST))
-# Of each neighbour, a child (quadtree.children_of) that touches the tile.
-_NEAR_CHILD: Final = np.array([1, 0, 0, 1, 0, 3, 2, 2])
+# Of each neighbour, the children (quadtree.children_of) that touch the tile; at a corner one, twice.
+_NEAR_CHILDREN: Final = np.array([(1, 1), (0, 1), (0, 0), (1, 3), (0, 2), (3, 3), (2, 3), (2, 2)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,11 +243,12 @@ class DisplayedTree:
         around = neighbours_of(self.codes)
         same = contains(self.codes, around)
         self._coarser = ~same & contains(self.codes, parent_of(around))
-        near = children_of(around.ravel()).reshape(-1, 8, 4)[:, np.arange(8), _NEAR_CHILD]
-        self._finer = ~same & contains(self.codes, near)
+        near = children_of(around.ravel()).reshape(-1, 8, 4)[:, np.arange(8)[:, None], _NEAR_CHILDREN]
+        finer = contains(self.codes, near)
         if self._exists is not None:
             self._coarser &= self._exists(around)
-            self._finer &= self._exists(near)
+            finer &= self._exists(near)  # one of two may lie beyond the terrain's bounds
+        self._finer = ~same & finer.any(axis=-1)
         self._around = around
 
     def _border_cases(self) -> npt.NDArray[np.int64]:

@@ -58,6 +58,7 @@ _FERNS = 0.75  # greatest share of ferns on a moist forest floor
 _BLOOM = (48.0, 9.0)  # m: wavelengths of patches of flowers and of their ragged borders
 _FLOWERS = (0.02, 0.4)  # share of flowers between patches and in their centre
 _DAMP = (0.05, 0.5)  # water mask from which grass is taller, and at which it is tallest
+_MOIST = (0.3, 1.3)  # … and the same of the wetness
 _LOWER_UP = (-150.0, 200.0)  # m above the tree line, between which plants get lower
 _STEEPEST = 1.3  # rise over run at which tufts still hold
 _WATERSIDE = 0.72  # water mask from which it is too wet
@@ -123,7 +124,8 @@ class Meadow:
         flower = self._noise.draw("flower", x, y) < flowers
         plants["species"] = np.where(fern, _FERN, np.where(flower, _FLOWER, _GRASS))
         above = sites.z - self._climate["tree_line"]
-        lush = (1 + 0.5 * ramp(sites.water, *_DAMP)) * (1 - 0.4 * ramp(above, *_LOWER_UP)) * (1 - 0.35 * dry)
+        damp = np.maximum(ramp(sites.water, *_DAMP), ramp(sites.wetness, *_MOIST))
+        lush = (1 + 0.5 * damp) * (1 - 0.4 * ramp(above, *_LOWER_UP)) * (1 - 0.35 * dry)
         plants["scale"] = (0.6 + 0.7 * self._noise.draw("tuft scale", x, y)) * lush
 
 

@@ -120,6 +120,7 @@ class PlantSites(NamedTuple):
     dune: FloatArray  # masks, 0 … 1
     forest: FloatArray
     water: FloatArray
+    wetness: FloatArray
 
     @classmethod
     def evaluate(cls, evaluator: Evaluator, x: LatticeArray, y: LatticeArray) -> Self:
@@ -130,8 +131,8 @@ class PlantSites(NamedTuple):
         corners = np.concatenate([x, x + step, x]), np.concatenate([y, y, y + step])
         height, mask = evaluator.points(*corners, cell_size=0.0)
         z, east, north = height.reshape(3, -1).astype(np.float64)
-        run, (_, dune, forest, water) = step * unit, mask[: x.size].T
-        return cls(x, y, z, (east - z) / run, (north - z) / run, dune, forest, water)
+        run, (_, *masks) = step * unit, mask[: x.size].T
+        return cls(x, y, z, (east - z) / run, (north - z) / run, *masks)
 
     @property
     def steepness(self) -> FloatArray:

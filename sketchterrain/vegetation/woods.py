@@ -56,7 +56,9 @@ _BETWEEN, _IN_GROUP = 0.25, 7.0  # density between groups and in the centre of o
 _THIN, _THICK = 0.42, 0.86  # noise from which a group gets denser, and where it is densest
 _DRY_GAPS = 0.21  # widening of the gaps, in units of that noise, in a dry climate: few groups, but groups
 _RIPARIAN = 1.5  # increase on a bank
+_ON_FLOORS = 0.8  # … and on the floors of valleys
 _BANK = (0.05, 0.5)  # water mask where a bank begins, and where the increase is full
+_MOIST = (0.3, 0.9)  # wetness where it begins and is full on the floors of valleys
 _STEEPEST = 1.0  # rise over run at which trees still hold
 _LESS_STEEP = 0.75  # rise over run from which there are fewer
 _TREE_LINE = 60.0  # m below and above the tree line over which trees thin out
@@ -75,6 +77,7 @@ class SpeciesInputs(NamedTuple):
     steepness: FloatArray  # rise over run
     forest: FloatArray  # masks, 0 … 1
     water: FloatArray
+    wetness: FloatArray
     young: FloatArray  # share of self-seeded plants from a forest nearby
 
 
@@ -108,9 +111,11 @@ def species_mix(evaluator: Evaluator, site: SpeciesInputs) -> SpeciesMix:
     belt = ramp(site.z, climate["tree_line"] - 2 * _CONIFER_BELT, climate["tree_line"] - 0.3 * _CONIFER_BELT)
     conifers = _conifers(evaluator, site.x, site.y, 0.22 + 0.78 * belt)
     # Pines prefer dry and steep slopes; birches pioneer edges and tolerate wet soil.
-    dry = 0.7 * ramp(site.steepness, 0.25, 0.7) + 0.7 * climate["aridity"]
+    moist = ramp(site.wetness, *_MOIST)
+    dry = 0.7 * ramp(site.steepness, 0.25, 0.7) + 0.7 * climate["aridity"] - 0.3 * moist
     pines = _stands(site, "pine", dry - 0.45)
-    birches = _stands(site, "birch", 0.35 * (site.forest < EDGE) + 0.5 * (site.water > 0.02) - 0.3)
+    wet = np.maximum(site.water > 0.02, 0.6 * moist)
+    birches = _stands(site, "birch", 0.35 * (site.forest < EDGE) + 0.5 * wet - 0.3)
     # Shrubs grow in the open, at forest edges and in dry climates.
     open_ground = 0.3 * (site.forest < OUTSIDE) + 0.3 * site.young
     shrubs = np.clip(0.08 + 1.25 * climate["aridity"] ** 2 + open_ground, 0, 1)
@@ -193,17 +198,17 @@ class Woods:
         height, mask = self._evaluator.heights_and_masks(padded_x, padded_y[:, ::-1], cell_size=self._cell)
         height, mask = height[:, ::-1], mask[:, :, ::-1]
         inner = (slice(None), slice(rim, -rim), slice(rim, -rim))
-        _, dune, forest, water = (mask[:, kind][inner] for kind in range(4))
+        _, dune, forest, water, wet = (mask[:, kind][inner] for kind in range(5))
         z, steepness = height[inner], self._steepness(height)
         wide, narrow = (self._noise.over_blocks("group", width, x, y) for width in _GROUPS)
-        lone = self._lone(wide, narrow, dune, water)
+        lone = self._lone(wide, narrow, dune, water, wet)
         beside = _FRINGE * np.maximum(self._mean_around(mask[:, 2]) - forest, 0)
         young = beside / (beside + lone + 1e-9) * (forest < OUTSIDE)
         density = lone + beside
         some = forest.any(axis=(1, 2))
         if some.any():
             over = partial(self._noise.over_blocks, x=x[some], y=y[some])
-            ground = (part[some] for part in (z, steepness, forest, water, young))
+            ground = (part[some] for part in (z, steepness, forest, water, wet, young))
             site = SpeciesInputs(x[some, None, :], y[some, :, None], over, *ground)
             wood = forest[some] * species_mix(self._evaluator, site).full_density
             density[some] = np.maximum(wood, lone[some]) + beside[some]
@@ -219,22 +224,32 @@ class Woods:
         draw = partial(self._noise.draw, x=sites.x, y=sites.y)
         at = partial(self._noise.at, x=sites.x, y=sites.y)
         wide, narrow = (at("group", width) for width in _GROUPS)
-        lone = self._lone(wide, narrow, sites.dune, sites.water)
+        lone = self._lone(wide, narrow, sites.dune, sites.water, sites.wetness)
         # Plants in excess of isolated ones outside a forest have seeded themselves from it.
         young = (sites.forest < OUTSIDE) & (draw("seed") >= lone / density_of(spacing))
-        ground = (sites.z, sites.steepness, sites.forest, sites.water, young.astype(np.float64))
+        ground = (
+            sites.z,
+            sites.steepness,
+            sites.forest,
+            sites.water,
+            sites.wetness,
+            young.astype(np.float64),
+        )
         site = SpeciesInputs(sites.x, sites.y, at, *ground)
         plants["species"] = species_mix(self._evaluator, site).draw_species(draw)
         above = sites.z - self._recipe.climate["tree_line"]
         plants["scale"] = tree_size(draw, sites.forest, above, young, plants["species"] == SHRUB)
 
-    def _lone(self, wide: FloatArray, narrow: FloatArray, dune: FloatArray, water: FloatArray) -> FloatArray:
-        """Return isolated plants per square metre: in loose groups, few between them; more beside water."""
+    def _lone(
+        self, wide: FloatArray, narrow: FloatArray, dune: FloatArray, water: FloatArray, wet: FloatArray
+    ) -> FloatArray:
+        """Return isolated plants per square metre: in loose groups, few between them; more on wet ground."""
         dry = self._recipe.climate["aridity"]
         thick = ramp(0.65 * wide + 0.35 * narrow, _THIN + _DRY_GAPS * dry, _THICK) ** 2
         between = _BETWEEN * (1 - dry)
         share = np.sqrt(1 - dry) * (between + (_IN_GROUP - between) * thick)
-        return np.asarray(_LONE * share * (1 - dune) * (1 + _RIPARIAN * ramp(water, *_BANK)))
+        more = np.maximum(_RIPARIAN * ramp(water, *_BANK), _ON_FLOORS * ramp(wet, *_MOIST))
+        return np.asarray(_LONE * share * (1 - dune) * (1 + more))
 
     def _survival(self, z: FloatArray, steepness: FloatArray) -> FloatArray:
         """Return the share of plants, 0 … 1, that slope and height allow."""

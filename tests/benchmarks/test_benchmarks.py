@@ -87,9 +87,10 @@ def test_every_shown_value_is_there_and_finite(outcomes, name):
 def test_errors_of_float_exceed_those_of_double(outcomes):
     found = rows(outcomes["accuracy"])
     assert {row["method"] for row in found} == {FLOAT, DOUBLE, NUMPY}
-    for level in {row["level"] for row in found}:
+    for where in {(row["ground"], row["level"]) for row in found}:
         single, double = (
-            next(r for r in found if r["method"] == m and r["level"] == level) for m in (FLOAT, DOUBLE)
+            next(r for r in found if r["method"] == m and (r["ground"], r["level"]) == where)
+            for m in (FLOAT, DOUBLE)
         )
         assert 0 < single["height_p99_mm"] <= single["height_mm"] < 10.0
         assert double["normal_p99_deg"] < single["normal_p99_deg"] < 0.1

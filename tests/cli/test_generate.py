@@ -8,6 +8,7 @@ import pytest
 import rasterio
 from numpy.typing import NDArray
 from PIL import Image
+from scipy import ndimage
 
 import sketchterrain as st
 import sketchterrain.app.generate
@@ -19,6 +20,7 @@ from sketchterrain.export.foliage_files import VERTEX
 FILES = {
     *("height.tif", "height.png", "height.json", "normal.png", "materials.png", "materials-2.png"),
     *("materials-3.png", "materials.json", "foliage.csv", "features.json", "report.json"),
+    *("drainage.tif", "wetness.png"),
 }
 SIZE = 65
 
@@ -55,6 +57,23 @@ def test_images_have_one_size_and_north_up(generated):
     row, column = np.unravel_index(value.argmax(), value.shape)
     assert row < 0.4 * value.shape[0]
     assert column > 0.7 * value.shape[1]
+
+
+def test_drainage_is_at_the_nodes_of_the_drained_ground(generated, sketch):
+    terrain = st.build(st.load_sketch(sketch))
+    drainage = terrain.drainage()
+    with rasterio.open(generated / "drainage.tif") as file, Image.open(generated / "wetness.png") as image:
+        np.testing.assert_array_equal(file.read(1), drainage.area)
+        np.testing.assert_array_equal(image, drainage.wetness)
+        assert file.shape == (193, 257)
+        assert file.xy(192, 0) == (0.0, 0.0)
+        assert file.units == ("m2",)
+        assert drainage.area.min() >= drainage.spacing**2
+    # The wettest nodes lie low among their neighbours.
+    z = terrain.heights(*np.meshgrid(np.arange(257) * 2.0, np.arange(193)[::-1] * 2.0), cell_size=2.0)
+    wet = drainage.wetness > 200
+    around = ndimage.uniform_filter(z, 33)
+    assert (z < around)[wet].mean() > 0.8
 
 
 def test_report_matches_the_terrain(generated, sketch):

@@ -35,10 +35,10 @@ def grey(image):
 def folder(tmp_path):
     """A sketch folder with the given settings and files."""
 
-    def make(settings="", files=()):
+    def make(settings="", files=(), version=2):
         place = tmp_path / "valley"
         place.mkdir(exist_ok=True)
-        (place / "sketch.toml").write_text(f"format = 1\n{settings}")
+        (place / "sketch.toml").write_text(f"format = {version}\n{settings}")
         for name, content in dict(files).items():
             (place / name).write_bytes(content)
         return place

@@ -58,12 +58,12 @@ def test_properties_have_defaults():
     sketch = Sketch(labels={("mountain", 2): {"height": 900}, ("material", 2): {"material": "snow"}})
     assert sketch.properties("mountain", 2) == {
         "height": 900.0,
+        "height_limit": 1.33,
         "peakiness": 0.5,
         "erosion": 0.7,
-        "gullies": 0.5,
         "multitude": 1,
     }
-    assert sketch.properties("mountain", np.uint8(1))["height"] == 600.0
+    assert sketch.properties("mountain", np.uint8(1))["height"] == 0.0  # automatic
     assert isinstance(sketch.properties("mountain", 2)["multitude"], int)
     assert sketch.properties("material", 2) == {"material": "snow", "strength": 1.0}
     assert sketch.properties("material", 1)["material"] == "rock"

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from sketchterrain.document.edits import Edit
 from sketchterrain.document.label_layers import encode_layer
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
@@ -112,10 +113,50 @@ def test_missing_layers_and_unpainted_labels(folder):
     sketch = load_sketch(folder(files={"hill.png": grey(np.zeros((3, 7)))}))
     assert {image.shape for image in sketch.layers.values()} == {(3, 7)}
     sketch = load_sketch(folder("[hill.9]\nheight = 5", {"hill.png": grey([[0, 3]])}))
-    assert sketch.properties("hill", 3)["height"] == 80.0
+    assert sketch.properties("hill", 3)["height"] == 0.0
     assert sketch.properties("hill", 9)["height"] == 5.0
     sketch = load_sketch(folder(files={f"{name}.png": grey(np.full((8, 8), 1)) for name in LAYERS}))
     assert all((image == 1).all() for image in sketch.layers.values())
+
+
+def test_sketches_of_format_1_keep_the_heights_that_they_had_by_default(folder, tmp_path):
+    settings = "[mountain.2]\npeakiness = 1.0\n[hill.9]\nheight = 5\n[mountain.4]\nheight = 900\n"
+    files = {"hill.png": grey([[3, 0]]), "mountain.png": grey([[0, 7]])}
+    old = load_sketch(folder(settings, files, version=1))
+    expected = {("mountain", 2): 600, ("mountain", 4): 900, ("mountain", 7): 600}
+    expected |= {("hill", 3): 80, ("hill", 9): 5}
+    assert {key: values["height"] for key, values in old.labels.items()} == expected
+    assert old.labels["mountain", 2]["peakiness"] == 1.0
+    assert old.properties("mountain", 1)["height"] == 0.0
+    save_sketch(old, tmp_path / "new")
+    assert (tmp_path / "new/sketch.toml").read_text().count("format = 2") == 1
+    same(load_sketch(tmp_path / "new"), old)
+    assert load_sketch(folder(settings, files)).labels["mountain", 2] == {"peakiness": 1.0}
+
+
+def test_sketches_of_format_1_lose_the_width_of_their_gullies(folder, tmp_path):
+    width = "gullies = 0.25\n"
+    shape = 'type = "hill"\nx = 1.0\ny = 2\nradius = 30.0\nstrength = 4.0\nerosion = 0.5\n'
+    added = 8641500212530785465  # the id that format 1 gave it
+    edits = [
+        f'[[edit]]\naction = "add"\n{shape}{width}',
+        f'[[edit]]\naction = "move"\nfeature = {added}\nx = 5.0\ny = 6.0\n',
+        f'[[edit]]\naction = "lock"\nfeature = 7\n{shape}{width}',
+    ]
+    settings = f"[mountain.2]\n{width}[hill.3]\nheight = 5.0\n{width}" + "".join(edits)
+    old = load_sketch(folder(settings, version=1))
+    assert old.labels == {("mountain", 2): {"height": 600.0}, ("hill", 3): {"height": 5.0}}
+    values = {"type": "hill", "x": 1.0, "y": 2.0, "radius": 30.0, "strength": 4.0, "erosion": 0.5}
+    add, lock = Edit("add", **values), Edit("lock", 7, **values)
+    assert old.edits == (add, Edit("move", add.feature, x=5.0, y=6.0), lock)
+    save_sketch(old, tmp_path / "new")
+    assert "gullies" not in (tmp_path / "new/sketch.toml").read_text()
+    same(load_sketch(tmp_path / "new"), old)
+
+    for table in (f"[mountain.2]\n{width}", edits[0], edits[2]):
+        assert "gullies" in refusal(folder(table)), table  # format 2
+    for table in (f"[dune.2]\n{width}", f'[[edit]]\naction = "delete"\nfeature = 1\n{width}'):
+        assert "gullies" in refusal(folder(table, version=1)), table
 
 
 def test_refused_and_ignored_files(folder):
@@ -148,6 +189,7 @@ def test_refused_and_ignored_files(folder):
     (place / "hill.png").rmdir()
     folder(files={"mountain.png": grey(np.zeros((4, 6))), "river.png": grey(np.zeros((4, 5)))})
     assert refusal(place) == f"{place}/river.png: 5×4 px, but mountain.png is 6×4 px: expected one size"
+    (place / "river.png").unlink()
     for text, message in [
         ("extnt = 3", "unknown key 'extnt' = 3: expected format, name"),
         ("seed = ", "not TOML: Invalid value (at line 2"),
@@ -155,7 +197,6 @@ def test_refused_and_ignored_files(folder):
         assert refusal(folder(text)).startswith(f"{place}/sketch.toml: {message}"), text
     (place / "sketch.toml").unlink()
     assert refusal(place).startswith(f"{place}: no sketch.toml in it")
-    (place / "river.png").unlink()
 
     folder(files=dict.fromkeys(["hill.xcf", "README.md", ".hill.png.1.tmp", "._hill.png"], b"?"))
     (place / "sources").mkdir()

@@ -77,13 +77,16 @@ def metres(frame, path):
     return np.stack([x, frame.north - (path[:, 1] - frame.top) / frame.mm_per_metre], axis=-1)
 
 
-def around(terrain, ground, points, radius):
-    """Return the lowest and the highest ground (m) within a distance (mm of the sheet) of points (m)."""
-    angle = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
-    circle = np.concatenate([[[0.0, 0.0]], np.stack([np.cos(angle), np.sin(angle)], axis=-1)])
-    near = np.clip(points[:, None] + radius / ground.frame.mm_per_metre * circle, 0.0, terrain.size)
-    heights = terrain.heights(near[..., 0], near[..., 1], cell_size=ground.cell_size)
-    return np.stack([heights.min(axis=1), heights.max(axis=1)])
+def strays(terrain, ground, points, level, radius):
+    """Return the points (m) without ground at their level (m) within a distance (mm of the sheet)."""
+    for count in (8, 64):  # directions
+        angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+        circle = np.concatenate([[[0.0, 0.0]], np.stack([np.cos(angle), np.sin(angle)], axis=-1)])
+        near = np.clip(points[:, None] + radius / ground.frame.mm_per_metre * circle, 0.0, terrain.size)
+        heights = terrain.heights(near[..., 0], near[..., 1], cell_size=ground.cell_size)
+        off = (heights.min(axis=1) > level) | (heights.max(axis=1) < level)
+        points, level = points[off], level[off]
+    return points
 
 
 def level_ground(height, scale=5000.0):
@@ -134,9 +137,10 @@ def test_contours_follow_their_height(terrain, ground):
         assert (ends[0] == ends[1]).all() or on_border.any(axis=1).all()
     points = np.concatenate([contour.points for contour in contours])
     level = np.concatenate([np.full(len(contour.points), contour.height) for contour in contours])
-    # No more than a tenth of a millimetre off on the sheet; in the median nearly not at all.
-    low, high = around(terrain, ground, points, 0.1)
-    assert ((low <= level) & (level <= high)).all()
+    # No more than a tenth of a millimetre off on the sheet, but for notches; in the median nearly not at all.
+    far = strays(terrain, ground, points, level, 0.1)
+    assert len(far) <= 2e-5 * len(points)
+    assert not len(strays(terrain, ground, points, level, 0.15))
     height = terrain.heights(*points.T, cell_size=ground.cell_size)
     assert np.median(np.abs(height - level)) < 0.01 * interval
 
@@ -164,8 +168,7 @@ def test_drawn_contours_follow_their_height_and_avoid_lakes_and_labels(terrain, 
     height = terrain.heights(*points.T, cell_size=ground.cell_size)
     own = np.array([float(np.median(part)) for part in np.split(height, ends)])
     level = np.repeat(interval * np.rint(own / interval), [len(path) for path in courses])
-    low, high = around(terrain, ground, points, 0.15)
-    assert ((low <= level) & (level <= high)).all()
+    assert not len(strays(terrain, ground, points, level, 0.15))
     x, y = np.array([path[len(path) // 2] for path in courses]).T
     assert not standing_water(terrain.recipe, "lake", x, y, terrain.heights(x, y)).any()
 

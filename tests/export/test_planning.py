@@ -260,7 +260,7 @@ def test_features_json_is_exact(tmp_path, terrain):
     assert content["format"] == 1
 
     points = terrain.features.points
-    assert {"mountain", "hill", "forest"} <= {entry["type"] for entry in content["features"]}
+    assert {"mountain", "forest"} <= {entry["type"] for entry in content["features"]}
     assert [entry["id"] for entry in content["features"]] == points["id"].tolist()
     for entry, point in zip(content["features"], points, strict=True):
         assert entry["type"] == FEATURE_TYPES[point["type"]]
@@ -287,8 +287,8 @@ def test_features_json_has_columns_by_type_and_lake_outlines(tmp_path):
     content = json.loads(path.read_text(encoding="utf-8"))
     own = {entry["type"]: entry.keys() - COMMON for entry in content["features"]}
     assert own == {
-        "mountain": {"peakiness", "erosion", "gullies"},
-        "hill": {"erosion", "gullies"},
+        "mountain": {"peakiness", "erosion"},
+        "hill": {"erosion"},
         "dune": {"wavelength", "wind"},
         "forest": {"conifers"},
     }

@@ -143,7 +143,7 @@ def test_labels_are_merged_beyond_sixteen(written) -> None:
     assert np.abs(np.log(np.array(widths)[:, None] / merged)).min(axis=1).max() < 0.35
     assert any("some are merged; errors up to" in note for note in traced.notes)
 
-    keys = {"height": 300, "peakiness": 0.2, "erosion": 0.3, "gullies": 0.4, "multitude": 3}
+    keys = {"height": 300, "peakiness": 0.2, "erosion": 0.3, "height_limit": 2.0, "multitude": 3}
     ridges = []
     for number in range(32):
         subset = {key: value for bit, (key, value) in enumerate(keys.items()) if number >> bit & 1}
@@ -228,7 +228,9 @@ def test_summits_are_discs_and_ridges_are_bands(written) -> None:
     assert len(rows) == pytest.approx(math.pi * 100, rel=0.03)
     assert (rows.mean() + 0.5, columns.mean() + 0.5) == pytest.approx((50, 50), abs=0.2)
     assert (shapes[50] == shapes[50, 200]).sum() == 30
-    assert sketch.properties("mountain", 1)["height"] == 600  # an elevation is no height above the foot
+    assert (
+        sketch.properties("mountain", 1)["height"] == 0
+    )  # automatic: an elevation is no height above the foot
 
 
 def test_skipped_features_are_reported_by_reason(written) -> None:

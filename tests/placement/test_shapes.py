@@ -1,7 +1,6 @@
 """Painted shapes: depth, signed distance, covers, user features, placed features."""
 
 import itertools
-import math
 
 import numpy as np
 import pytest
@@ -230,9 +229,8 @@ def sketch(fidelity=0.8, **layers):
 
 def test_features_have_the_strength_and_properties_of_their_labels():
     painted = sketch(0.8, mountain=spot(60, 60, 30))
-    assert place(painted, seed=1)["strength"].max() == 600.0
-    steep = painted.replace(labels={("mountain", 1): {"height": 5000.0}})
-    assert place(steep, seed=1)["strength"].max() <= 300 * math.tan(math.radians(70)) * 1.001
+    high = painted.replace(labels={("mountain", 1): {"height": 250.0}})
+    assert place(high, seed=1)["strength"].max() == 250.0
 
     labels = {
         ("dune", 2): {"height": 9.0, "wavelength": 77.0, "wind": 30.0},

@@ -18,6 +18,7 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.hydrology.rivers import trace_rivers
 from sketchterrain.placement.feature_types import FEATURE_TYPES, LAYER_CODES, TYPES, River, visible_radius
 from sketchterrain.placement.fill import Fill
+from sketchterrain.placement.heights import shape_height
 from sketchterrain.placement.placement import MAX_DISPLACEMENT, place
 from sketchterrain.placement.shapes import Shape, label_shapes
 from sketchterrain.terrain.building import make_recipe
@@ -370,12 +371,16 @@ def check_points(sketch: Sketch, name: str, own: StructuredArray) -> None:
     )
     assert np.all(displacement <= MAX_DISPLACEMENT * (1 - sketch.fidelity) * disc + 1e-9 * sketch.extent)
 
-    key = "density" if name == "forest" else "height"
-    requested = np.zeros(256)
-    for label in np.unique(image[image > 0]):
-        requested[label] = sketch.properties(name, int(label))[key]
-    requested = requested[image[row, column]]
-    highest = np.minimum(requested * (1 + rule.variation), rule.max_slope * disc)
+    requested = np.zeros(image.shape)
+    for shape in shapes:
+        properties = sketch.properties(name, shape.label)
+        if name in ("mountain", "hill"):
+            most = shape_height(properties, shape.depth.max() * pixel, sketch.fidelity).built
+        else:
+            most = properties["density" if name == "forest" else "height"]
+        requested[shape.pixels(shape.mask)] = most
+    requested = requested[row, column]
+    highest = requested if name in ("mountain", "hill") else np.minimum(requested, rule.max_slope * disc)
     assert np.all(own["strength"] <= highest * ROUNDING)
     # A forest may have density 0.
     assert np.all((own["strength"] > 0) | (requested == 0))

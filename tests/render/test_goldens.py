@@ -35,8 +35,8 @@ SHARE = 0.01
 
 
 class Scene(NamedTuple):
-    eye: tuple[float, float, float]
-    target: tuple[float, float, float]
+    eye: tuple[float, float, float]  # m, z above the ground
+    target: tuple[float, float, float]  # m, z above the eye
     fov: float
     hour: float
     clouds: float
@@ -44,18 +44,18 @@ class Scene(NamedTuple):
 
 
 SCENES = {
-    "alpine_range-ground": Scene((10864, 2768, -18.5), (11549, -3750, -770), 44, 7.0, 0.25),
-    "alpine_range-hill": Scene((11264, 614, 14.7), (7412, 5916, -506), 40, 15.0, 0.3),
-    "alpine_range-air": Scene((10123, -176, 1052), (9438, 6342, -124), 40, 10.0, 1.0),
-    "desert_mountains-ground": Scene((5772, 3910, 40.5), (7410, 6748, -305), 44, 7.0, 0.25),
-    "desert_mountains-hill": Scene((2765, 2765, 35.7), (114, 4691, -399), 40, 15.0, 0.3),
-    "desert_mountains-air": Scene((6349, 3131, 596), (5668, 6336, -29), 40, 10.0, 1.0, 0.1),
-    "rolling_hills-ground": Scene((1569, 1023, -9.2), (2069, 2146, -95), 44, 7.0, 0.25),
-    "rolling_hills-hill": Scene((1498, 1267, 3.9), (1877, 99, -96), 40, 15.0, 0.3),
-    "rolling_hills-air": Scene((1415, -33, 244), (801, 1031, 4), 40, 10.0, 1.0, 0.5),
-    "valley_river-ground": Scene((3401, 1926, -17.7), (4401, 4171, -192), 44, 7.0, 0.25),
-    "valley_river-hill": Scene((3763, 1613, 60), (2319, 3601, -222), 40, 15.0, 0.3),
-    "valley_river-air": Scene((2831, 5244, 341), (4819, 3800, -99), 40, 10.0, 1.0, 0.1),
+    "alpine_range-ground": Scene((10864, 2768, 4), (11549, -3750, -752), 44, 7.0, 0.25),
+    "alpine_range-hill": Scene((11264, 614, 30), (7412, 5916, -521), 40, 15.0, 0.3),
+    "alpine_range-air": Scene((10123, -176, 450), (9438, 6342, -1176), 40, 10.0, 1.0),
+    "desert_mountains-ground": Scene((5772, 3910, 4), (7410, 6748, -346), 44, 7.0, 0.25),
+    "desert_mountains-hill": Scene((2765, 2765, 30), (114, 4691, -435), 40, 15.0, 0.3),
+    "desert_mountains-air": Scene((6349, 3131, 350), (5668, 6336, -625), 40, 10.0, 1.0, 0.1),
+    "rolling_hills-ground": Scene((1569, 1023, 4), (2069, 2146, -86), 44, 7.0, 0.25),
+    "rolling_hills-hill": Scene((1498, 1267, 30), (1877, 99, -100), 40, 15.0, 0.3),
+    "rolling_hills-air": Scene((1415, -33, 130), (801, 1031, -240), 40, 10.0, 1.0, 0.5),
+    "valley_river-ground": Scene((3401, 1926, 4), (4401, 4171, -174), 44, 7.0, 0.25),
+    "valley_river-hill": Scene((3763, 1613, 30), (2319, 3601, -282), 40, 15.0, 0.3),
+    "valley_river-air": Scene((2831, 5244, 220), (4819, 3800, -440), 40, 10.0, 1.0, 0.1),
 }
 
 
@@ -71,10 +71,13 @@ def terrain_of(preset):
 def drawn(name):
     scene = SCENES[name]
     terrain = terrain_of(name.partition("-")[0])
+    x, y, above = scene.eye
+    z = float(terrain.heights(x, y)) + above
+    target = (*scene.target[:2], z + scene.target[2])
     return render_picture(
         terrain,
         size=SIZE,
-        camera=Camera(scene.eye, scene.target, fov=scene.fov),
+        camera=Camera((x, y, z), target, fov=scene.fov),
         weather=Weather.from_sketch(terrain.sketch, hour=scene.hour, clouds=scene.clouds),
         quality=Quality.from_level(scene.quality),
     )

@@ -1,5 +1,5 @@
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,10 +20,12 @@ from sketchterrain.placement.sea import Sea
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.layers import layer_stack
 from sketchterrain.terrain.layers.layer import WorldSettings
+from sketchterrain.terrain.layers.relief import ReliefLayer
 from sketchterrain.terrain.materials import material_defines
 from sketchterrain.terrain.noise import corner_table
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.terrain import Terrain
+from sketchterrain.terrain.unpainted import Nodes
 
 if not list_devices():
     pytest.skip("no OpenCL device", allow_module_level=True)
@@ -31,6 +33,43 @@ if not list_devices():
 
 NO_FILL = Fill.from_sketch(Sketch(), np.zeros(0, FEATURE), seed=0)
 """Unpainted areas without features."""
+
+
+@dataclass(frozen=True)
+class Waves:
+    """Nodes of an extent of 4096 m on waves of a height (m): high ones are rocky, low ones wet."""
+
+    height: float = 40.0
+    spacing: float = 16.0
+
+    def window(
+        self, level: int, column: int, row: int, rows: int, columns: int, *, painted: bool = True
+    ) -> Nodes:
+        del painted
+        step = self.spacing * 2**level
+        x = (column + np.arange(columns)) * step
+        y = ((row + np.arange(rows)) * step)[:, None]
+        wave = np.sin(x / 190 + 0.5 * np.sin(y / 310)) * np.cos(y / 230) + 0.2 * np.sin((x + y) / 47)
+        rock, wet = (np.clip(each * (self.height > 0), 0, 1).astype(np.float32) for each in (wave, -wave))
+        return Nodes(self.height * wave, rock, np.full((rows, columns), step * step, np.float32), wet)
+
+
+@dataclass(frozen=True)
+class Cone(Waves):
+    """A rocky cone of a height (m) and a radius in the middle of a plain."""
+
+    radius: float = 500.0
+
+    def window(
+        self, level: int, column: int, row: int, rows: int, columns: int, *, painted: bool = True
+    ) -> Nodes:
+        nodes = super().window(level, column, row, rows, columns, painted=painted)
+        x, y = (
+            (first + np.arange(count)) * self.spacing * 2**level - 2000.0
+            for first, count in ((column, columns), (row, rows))
+        )
+        share = np.maximum(1 - np.hypot(x, y[:, None]) / self.radius, 0.0)
+        return nodes._replace(height=self.height * share, rock=(share > 0).astype(np.float32))
 
 
 def tiers(names, quick, slow=(), soak=()):
@@ -189,10 +228,11 @@ def make_recipe() -> Callable[..., TerrainRecipe]:
     def make(*features, rivers=(), fidelity=0.8, resolutions=(), material_rules=DEFAULT_RULES, **changes):
         painted = np.concatenate([np.zeros(0, FEATURE), *features])
         painted["id"] = np.arange(painted.size)
+        ground = changes.pop("ground", {"relief": 40.0})
         extent, seed = changes.pop("extent", 4096.0), changes.pop("seed", 5)
         climate = changes.pop("climate", {"snow_line": 600.0, "tree_line": 400.0, "aridity": 0.2})
         values: dict[str, Any] = {
-            "ground": {"relief": 40.0, "wavelength": 1600.0, "roughness": 0.45},
+            "relief": ReliefLayer(Waves(float(ground["relief"]), extent / 256)),
             "painted": painted,
             "fill": NO_FILL,
             "rivers": rivers,
@@ -213,14 +253,12 @@ CASES = {
         feature("mountain", 2900, 2300, 900, 700, peakiness=0.2),
     ],
     "eroded": [
-        feature("mountain", 2000, 2000, 1200, 1000, peakiness=0.6, erosion=0.7, gullies=0.5),
-        feature("mountain", 2900, 2300, 900, 700, peakiness=0.2, erosion=1.0, gullies=0.3),
-        feature("hill", 900, 2900, 700, 200, erosion=0.6, gullies=0.4),
+        feature("mountain", 2000, 2000, 1200, 1000, peakiness=0.6, erosion=0.7),
+        feature("mountain", 2900, 2300, 900, 700, peakiness=0.2, erosion=1.0),
+        feature("hill", 900, 2900, 700, 200, erosion=0.6),
     ],
     "crest": [
-        feature(
-            "mountain", 1700, 2000, 1300, 700, peakiness=0.6, erosion=0.5, gullies=0.4, painted=False, id=5
-        ),
+        feature("mountain", 1700, 2000, 1300, 700, peakiness=0.6, erosion=0.5, painted=False, id=5),
         feature("mountain", 3000, 2600, 900, 500, peakiness=0.3, painted=False),
     ],
     "dune": [

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sketchterrain.placement.feature_types import ShapeField, crest_offsets
+from sketchterrain.placement.feature_types import ShapeField
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import host_samples
 from sketchterrain.terrain.lattice import metres_per_unit
@@ -73,7 +73,8 @@ def test_float_kernel_agrees_with_numpy_float64(case, context) -> None:
     # Each case reaches its branch.
     _, masks = Evaluator(recipe, context).points(*places(), cell_size=4.0)
     reached = dict(zip(MASKS, (masks > 0.5).sum(axis=0) > 20, strict=True))
-    assert reached == {mask: mask in REACHED.get(name, name).split() for mask in MASKS}
+    expected = {"mountain", "wetness", *REACHED.get(name, name).split()}
+    assert {mask for mask, some in reached.items() if some} == expected & set(MASKS)
 
 
 def test_double_kernel_equals_host_evaluation(case, double_context) -> None:
@@ -97,24 +98,6 @@ def test_noise_is_continuous_across_cells(make_recipe, context) -> None:
     assert np.abs(np.diff(height)).max() < 2 * 4096 / 2**24 + 4e-6
 
 
-def test_a_mountain_with_a_crest_is_longer_than_wide_and_sags_to_its_ends(
-    make_recipe, double_context
-) -> None:
-    recipe = make_recipe(feature("mountain", 2000, 2000, 1200, 900, painted=False), fidelity=1.0)
-    direction = crest_offsets(recipe.points.painted)[0]
-    length = float(np.hypot(*direction))
-    unit, along = metres_per_unit(recipe.extent), np.arange(-1150, 1150, 2.0)
-
-    def heights(east: float, north: float) -> np.ndarray:
-        line = [np.rint((2000 + along * part / length) / unit).astype(np.int64) for part in (east, north)]
-        return Evaluator(recipe, double_context).points(*line, cell_size=0.0)[0]
-
-    lengthwise, across = heights(*direction), heights(-direction[1], direction[0])
-    assert (lengthwise > 300).sum() > 1.2 * (across > 300).sum()
-    ends = [np.argmin(np.abs(along - side * length * 1200)) for side in (-1, 1)]
-    assert all(0.4 * lengthwise.max() < lengthwise[end] < 0.95 * lengthwise.max() for end in ends)
-
-
 HEIGHT_M = 1e-3
 NORMAL_DEGREES = 0.1
 EXTENT = 32768.0
@@ -127,7 +110,7 @@ SIDE = 35
 def recipe_of(kind, corner, make_recipe) -> tuple[TerrainRecipe, np.ndarray[Any, Any]]:
     """Return one kind of feature, up to a kilometre high, in a far corner, and its centre (m)."""
     x, y = middle = np.array(corner) * (FARTHEST - 1500)
-    eroded = {"erosion": 0.8, "gullies": 0.5} if kind == "eroded" else {}
+    eroded = {"erosion": 0.8} if kind == "eroded" else {}
     ground = {"relief": 1000.0 if kind == "ground" else 60.0, "wavelength": 2400.0, "roughness": 0.48}
     changes: dict[str, Any] = {"extent": EXTENT, "ground": ground}
     features = {
@@ -274,6 +257,7 @@ def complete_recipe(make_recipe: Callable[..., TerrainRecipe], *names: str) -> T
         lakes=LAKES,
         plateaus=PLATEAUS,
         covers=(cover(1900.0, 2000.0, 60.0, 4, 0.8),),
+        ground={"relief": 0.0},  # nodes do not shift by less than their spacing
     )
     assert metres_per_unit(recipe.extent) == UNIT
     return snap_to_lattice(recipe)

@@ -74,7 +74,6 @@ def rule_weights(rules, climate, site: Site) -> np.ndarray:
     for line in ("snow_line", "tree_line"):
         inputs[f"above_{line}"] = inputs["height"] - climate[line]
     inputs["aridity"] = np.full(inputs["height"].shape, climate["aridity"])
-    inputs["wetness"] = np.maximum(inputs["water"] - 0.2, 0) / 0.8
     weights = np.zeros((*inputs["height"].shape, len(MATERIALS)))
     weights[..., MATERIALS.index("grass")] = 1
     for rule in rules:
@@ -113,7 +112,7 @@ def patch_weights(recipe: TerrainRecipe, x: np.ndarray, y: np.ndarray, cell_size
 def sites(count: int = 8_000, *, seed: int = 1, real: Any = np.float64) -> Site:
     """Points of all kinds, half of each mask 0 or 1."""
     rng = np.random.default_rng(seed)
-    masks = np.clip(rng.uniform(-0.5, 1.5, (4, count)), 0, 1)
+    masks = np.clip(rng.uniform(-0.5, 1.5, (len(MASKS), count)), 0, 1)
     heights, steepness = rng.uniform(-50, 1500, count), rng.gamma(1.5, 0.4, count)
     hollow, mottle = rng.normal(0, 0.3, count), rng.normal(0, 0.5, count)
     values = (heights, steepness, hollow, mottle, *masks)
@@ -247,7 +246,8 @@ SITES = [
 
 
 def material_at(name: str, climate: dict, rules=DEFAULT_RULES, **values: float) -> float:
-    """Return the weight of a material at one place; inputs not given are 0."""
+    """Return the weight of a material at one place; inputs not given are 0, but water is wet."""
+    values.setdefault("wetness", max(values.get("water", 0.0) - 0.2, 0.0) / 0.8)
     site = {name: np.full(1, values.get(name, 0.0)) for name in NAMES}
     return float(rule_weights(rules, climate, site)[0, MATERIALS.index(name)])
 
@@ -261,6 +261,7 @@ def test_default_rules_at_typical_sites() -> None:
     assert soil(hollow=-0.05) > soil() + 0.1 > soil(hollow=0.05) + 0.12
     assert soil(steepness=0.4) > soil() + 0.1
     assert soil(water=0.5) < soil() - 0.08
+    assert soil(wetness=0.8) < 0.1 * soil(), "valley floors are green"
     # The desert preset: slip faces are sand, flat open terrain is stony, hollows at feet have soil.
     for material, inputs in (
         ("sand", {"steepness": 1.3, "dune": 1.0}),

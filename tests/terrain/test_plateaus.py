@@ -14,8 +14,9 @@ from sketchterrain.terrain.building import build, make_recipe
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import host_heights
 from sketchterrain.terrain.layers.plateaus import PlateausLayer
+from sketchterrain.terrain.layers.relief import ReliefLayer
 
-from .conftest import PLATEAUS, feature, plateau
+from .conftest import PLATEAUS, Cone, plateau
 
 FLAT = {"relief": 0.0, "wavelength": 1600.0, "roughness": 0.45}
 SIZE = 128
@@ -46,6 +47,7 @@ def along(recipe: Any, distance: Any, *, cell: float = 0.0) -> np.ndarray:
 
 def test_a_smooth_plateau_has_talus_a_cliff_and_a_flat_top(make_recipe, monkeypatch) -> None:
     monkeypatch.setattr("sketchterrain.terrain.layers.plateaus.CLIFF_NOISE", 0.0)
+    monkeypatch.setattr("sketchterrain.terrain.layers.relief._LEVEL", 0.0)  # no roughness of level ground
     mesa = plateau(X, Y, RADIUS, HEIGHT, strata=0.0, foot=0.4)
     recipe = make_recipe(plateaus=(mesa,), ground=FLAT)
     start, cliff, talus = mesa.cliff_start, mesa.cliff_width, mesa.talus_width
@@ -75,8 +77,8 @@ def test_layers_are_ledges_at_the_same_elevations_all_around(make_recipe) -> Non
 
 
 def test_higher_ground_stays_and_nothing_beyond_the_talus_changes(make_recipe) -> None:
-    mesa, mountain = plateau(X, Y, 700.0, 100.0), feature("mountain", X, Y, 500, 600)
-    with_mesa, without = make_recipe(mountain, plateaus=(mesa,)), make_recipe(mountain)
+    mesa, mountain = plateau(X, Y, 700.0, 100.0), ReliefLayer(Cone(600.0))
+    with_mesa, without = make_recipe(relief=mountain, plateaus=(mesa,)), make_recipe(relief=mountain)
     assert along(with_mesa, [0.0, 30.0]) == pytest.approx(along(without, [0.0, 30.0]))
     far = 700.0 + mesa.talus_width - mesa.cliff_start + noise_limit(4096.0, 0.8, 700.0)
     beyond = np.arange(far, 2000.0, 10.0)

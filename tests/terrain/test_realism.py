@@ -7,13 +7,16 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
+from sketchterrain.terrain.building import build
 from sketchterrain.terrain.flow_routing import route_flow
 from sketchterrain.terrain.realism import (
     compare,
     interpolate_across,
     kinds_of_land,
     measure_realism,
+    measure_terrain_realism,
     nearest_land,
 )
 from sketchterrain.terrain.realism_metrics import (
@@ -243,3 +246,10 @@ def test_windows_cover_a_raster_and_water_is_interpolated() -> None:
             measure_realism(bad, CELL)
     with pytest.raises(InputError, match="no window"):
         measure_realism(z, CELL, masked=np.ones(z.shape, bool))
+
+
+def test_ground_away_from_the_sketch_is_measured_at_its_place(context) -> None:
+    terrain = build(Sketch(extent=2000.0), device=context)
+    here, away = (measure_terrain_realism(terrain, offset=(cells * 30.0, 0.0)) for cells in (0, 100))
+    assert away.corner[0] - here.corner[0] == pytest.approx(3000.0)
+    np.testing.assert_array_equal(here.height[:, 100:], away.height[:, :-100])

@@ -16,10 +16,11 @@ from sketchterrain.terrain.building import build
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.layers.layer import MASKS
+from sketchterrain.terrain.layers.relief import ReliefLayer
 from sketchterrain.terrain.layers.sea import SeaLayer, raised_lowland
 from sketchterrain.terrain.recipe import TerrainRecipe
 
-from .conftest import CASES, feature, winding_sea
+from .conftest import CASES, Waves, feature, winding_sea
 
 EXTENT, COAST = 4096.0, 2048.0
 LEVEL, SHELF, DEPTH, BEACH, REACH = 2.0, 700.0, 30.0, 40.0, 320.0
@@ -61,8 +62,8 @@ def test_a_painted_bed_follows_its_profile(make_recipe, context) -> None:
 
 def test_land_beside_a_painted_sea_is_above_it(make_recipe, context) -> None:
     """It begins at the level with the beach's slope, and from the reach on only lowland is raised."""
-    bare = make_recipe(*CASES["mountain"], fidelity=1.0)
-    recipe = make_recipe(*CASES["mountain"], sea=straight_sea(), fidelity=1.0)
+    ground = {"relief": ReliefLayer(Waves(120.0)), "fidelity": 1.0}
+    bare, recipe = make_recipe(**ground), make_recipe(sea=straight_sea(), **ground)
     y = np.linspace(0, EXTENT, 400)
     shore = [heights(recipe, context, COAST - x, y) - LEVEL for x in (0.25, 0.5)]
     np.testing.assert_allclose(shore[1] - shore[0], 0.25 * SLOPE, atol=0.004)
@@ -80,11 +81,12 @@ def test_land_beside_a_painted_sea_is_above_it(make_recipe, context) -> None:
 
 def test_slopes_are_continuous_across_coasts(make_recipe, context) -> None:
     """From step to step they change no more than without a sea, but for the cliffs' own curvature."""
-    relief = [feature("hill", 2100, 2000, 900, 60)]
     x = np.arange(1200.0, 2900.0, 0.5)
     for sea in (winding_sea(), straight_sea(), flood()):
         # Without the noise that is as fine as the steps.
-        ground = heights(make_recipe(*relief, sea=sea), context, x, np.array([[1700.0], [2050.0]]), 32.0)
+        ground = heights(
+            make_recipe(sea=sea, ground={"relief": 15.0}), context, x, np.array([[1700.0], [2050.0]]), 32.0
+        )
         slope = np.diff(ground, axis=1) / 0.5
         assert np.abs(np.diff(slope, axis=1)).max() < 0.04
 
@@ -190,7 +192,7 @@ def test_sand_covers_beaches_and_the_bed(context) -> None:
 
 
 def test_unpainted_features_keep_off_the_sea(context) -> None:
-    sketch = square_sketch(density={"hill": 4.0, "mountain": 1.0})
+    sketch = square_sketch(density={"forest": 4.0, "dune": 1.0})
     points = build(sketch, device=context).features.points
     inside = np.all([(points[axis] > 1024) & (points[axis] < 3072) for axis in ("x", "y")], axis=0)
     assert len(points) > 3

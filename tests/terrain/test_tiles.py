@@ -376,9 +376,14 @@ CLIFFS = ("canyon_mesa", "island_coast")
 
 
 def omitted_detail(terrain: Terrain, tile: st.Tile, rng: np.random.Generator) -> float:
-    """Return the largest difference between a tile's level and full detail at random points."""
+    """Return the largest difference between a tile's level and full detail at random points.
+
+    In wide tiles they are in a few places: each place far from the others is drained for itself.
+    """
     west, south, east, north = tile.bounds
-    x, y = rng.uniform(west, east, 400), rng.uniform(south, north, 400)
+    width = min(east - west, terrain.extent / 8)
+    place = rng.uniform([west, south], [east - width, north - width], (4, 2)).repeat(100, axis=0)
+    x, y = (place + rng.uniform(0, width, (400, 2))).T
     if terrain.recipe.rivers:
         line = np.concatenate([river.centreline[:, :2] for river in terrain.recipe.rivers])
         inside = np.all((line > [west, south]) & (line < [east, north]), axis=-1)

@@ -7,6 +7,7 @@ import pytest
 
 from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.terrain.surfaces import TILE_QUADS, vertex_dtype
+from sketchterrain.terrain.vertex_writer import sample_cell
 
 from .conftest import half_sums, launches, tiers
 
@@ -148,7 +149,7 @@ def test_invalid_slots_parents_stores_and_non_finite_heights(valley) -> None:
         valley.write_tiles([(5, 6, 6)], [1], [0], store)
 
 
-def test_the_error_bounds_full_detail(valley) -> None:
+def test_the_error_bounds_finer_detail(valley) -> None:
     """25,600 points per tile: 99 in 100 within δ, nine tiles in ten wholly within 4 δ.
 
     Features narrower than two quads can lie between samples: at banks a tile may differ more somewhere.
@@ -166,7 +167,8 @@ def test_the_error_bounds_full_detail(valley) -> None:
         flat = np.where(v > u, nw + v * (sw - nw) + u * (se - sw), nw + u * (ne - nw) + v * (se - ne))
         width = valley.extent / 2**level
         x, y = (column + (i + u) / 64) * width, (row + 1 - (j + v) / 64) * width
-        deviation = np.abs(valley.heights(x, y) - flat)
+        cell = sample_cell(width / 64, valley.extent)
+        deviation = np.abs(valley.heights(x, y, cell_size=cell) - flat)
         within.append(np.mean(deviation <= fact["error"]))
         worst.append(deviation.max() / fact["error"])
     assert np.mean(within) > 0.99
@@ -187,7 +189,7 @@ def test_culling_by_squares_changes_no_bit(valley, quads, monkeypatch) -> None:
 
 @pytest.mark.parametrize("quads", TILE_QUADS)
 def test_the_error_is_sampled_at_every_second_quads_centre(valley, quads) -> None:
-    """By single points at full detail, which use other kernels."""
+    """By single points of a finer cell size, which use other kernels."""
     keys = [(2, 1, 2), (6, 30, 31), (9, 250, 240)]
     for (level, column, row), vertex, fact in zip(keys, *written_at(valley, keys, quads=quads), strict=True):
         step = valley.extent / 2**level / quads
@@ -196,7 +198,9 @@ def test_the_error_is_sampled_at_every_second_quads_centre(valley, quads) -> Non
         x, y = np.meshgrid((column * quads + middle) * step, ((row + 1) * quads - middle) * step)
         z = vertex["height"]
         flat = np.float32(0.5) * (z[:-1:stride, :-1:stride] + z[1::stride, 1::stride])
-        deviation = np.sort(np.abs(valley.heights(x, y) - flat).ravel())
+        deviation = np.sort(
+            np.abs(valley.heights(x, y, cell_size=sample_cell(step, valley.extent)) - flat).ravel()
+        )
         usual = deviation[int(np.ceil(0.99 * deviation.size)) - 1]
         assert fact["error"] == max(usual, deviation[-1] / np.float32(1.5))
 

@@ -7,7 +7,10 @@ import pytest
 from PyQt6.QtCore import QEvent, QPoint, QPointF, Qt
 
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.placement.heights import built_height, shape_height
+from sketchterrain.placement.shapes import label_shapes
 from sketchterrain.ui.canvas.canvas import Canvas
+from sketchterrain.ui.canvas.paint_tools import height_text
 from sketchterrain.ui.engine.protocol import GoTo, Placement, Relief
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Selection
@@ -72,6 +75,55 @@ def test_a_stroke_is_one_step_and_a_click_a_disc(canvas, blank, workspace):
     workspace.brush = 8.0
     drag(canvas, (60.0, 60.0))
     assert (blank.sketch.layers["mountain"] > 0).sum() == pytest.approx(np.pi * 64, rel=0.08)
+
+
+def test_a_stroke_of_mountains_shows_the_height_asked_for_and_the_one_built(canvas, blank, workspace, qtbot):
+    # 10 m a pixel; 300 m are too high for 5 px to either side, not for 34.
+    blank.do("Set a height", blank.sketch.replace(labels={("mountain", 1): {"height": 300.0}}))
+    tool, radii = canvas._input.tool, (5.0, 34.0)
+    texts = []
+    for number, radius in enumerate(radii):
+        workspace.brush = radius
+        qtbot.mousePress(canvas, LEFT, pos=at(canvas, 32.0 + 60.0 * number, 40.0))
+        texts.append(height_text(tool._height))
+        canvas.grab()
+        qtbot.mouseRelease(canvas, LEFT, pos=at(canvas, 32.0 + 60.0 * number, 40.0))
+        assert tool._height is None
+    built = built_height(300.0, 50.0, 0.8)
+    assert texts == [f"300 m asked, {built:.0f} m built", "300 m high"]
+    # Beside other paint it is the height of the whole shape.
+    workspace.brush = 5.0
+    qtbot.mousePress(canvas, LEFT, pos=at(canvas, 92.0, 40.0))
+    assert height_text(tool._height) == "300 m high"
+    canvas._input._finish()
+    workspace.tool = "line"
+    drag(canvas, (20.0, 100.0))
+    assert height_text(canvas._input.tool._height()) == f"300 m asked, {built:.0f} m built"
+    workspace.use_label("river", 1)
+    assert canvas._input.tool._height() is None
+
+
+def test_default_brush_paints_mountains_without_a_warning(canvas, blank, workspace, qtbot):
+    blank.open(Sketch())
+    workspace.open_brushes(blank.sketch.width_px)
+    assert 2.0 * workspace.brush == pytest.approx(0.1 * blank.sketch.width_px)
+    drag(canvas, (256.0, 256.0))
+    (shape,) = label_shapes("mountain", blank.sketch.layers["mountain"])
+    inradius = shape.depth.max() * blank.sketch.pixel_size
+    height = shape_height(blank.sketch.properties("mountain", 1), inradius, blank.sketch.fidelity)
+    assert height.asked == height.built == pytest.approx(0.7 * 0.05 * blank.sketch.extent, rel=0.05)
+
+
+def test_each_layer_has_a_brush_of_its_own(workspace):
+    workspace.open_brushes(1024)
+    assert workspace.brush == 51.2
+    workspace.brush = 20.0
+    sizes = []
+    workspace.brush_changed.connect(sizes.append)
+    workspace.use_label("river", 1)
+    workspace.use_label("mountain", 2)
+    workspace.open_brushes(256)
+    assert sizes == [32.0, 20.0, 12.8]
 
 
 def test_eraser_and_right_button_erase(canvas, blank, workspace):

@@ -79,6 +79,7 @@ class Harness:
         """Return the next message of a kind, and those before it."""
         before = []
         while not isinstance(message := self.window.receive(), kind):
+            assert not isinstance(message, msg.ErrorReport), message.line
             before.append(message)
         return message, before
 

@@ -77,12 +77,14 @@ def test_every_control_has_name_tool_tip_and_keyboard_focus(panel, workspace, li
 
 def test_displaying_any_state_changes_nothing(panel, document, workspace, link, placed):
     before, looks = document.sketch, [workspace.look(name) for name in document.sketch.layers]
-    tool, brush, overlays, view = workspace.tool, workspace.brush, workspace.overlays, link.view
+    tool, overlays, view = workspace.tool, workspace.overlays, link.view
+    active, brush = (workspace.layer, workspace.label), workspace.brush
     for _ in display_states(workspace, link, placed):
         QCoreApplication.processEvents()
     assert document.sketch is before
     assert len(document.history.titles) == 1
     assert [workspace.look(name) for name in document.sketch.layers] == looks
+    workspace.use_label(*active)
     assert (workspace.tool, workspace.brush, workspace.overlays) == (tool, brush, overlays)
     assert link.view == view
     assert link.requests == []

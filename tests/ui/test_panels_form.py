@@ -13,7 +13,7 @@ from sketchterrain.ui.panels.form import ChoiceRow, NumberRow, TextRow
 
 from .events import wheel
 
-HEIGHT = LAYERS["mountain"].parameters["height"]
+HEIGHT = LAYERS["plateau"].parameters["height"]
 FLOW = LAYERS["river"].parameters["flow"]
 PARAMETERS = {
     **{f"sketch.{name}": each for name, each in SKETCH.items()},

@@ -13,7 +13,8 @@ from sketchterrain.ui.panels.lists import PALE, ContradictionsPanel, HistoryPane
 from sketchterrain.ui.panels.status_line import AdherencePanel, StatusLine
 
 LAYER = {"shapes": 3, "measured": 2, "lost": 1, "iou_mean": 0.912, "spill": 0.051}
-PEAKS = {"measured": 2, "capped": 1, "least": 0.9, "mean": 1.0, "most": 1.04}
+PEAKS = {"measured": 2, "limited": 1, "least": 0.9, "mean": 1.0, "median": 1.0, "most": 1.04}
+NARROW = {"layer": "mountain", "label": 1, "asked": 600.0, "built": 253.2, "limited": True}
 FIGURES = {"lost": 1, "mean_iou": 0.877, "layers": {"mountain": LAYER, "hill": {**LAYER, "shapes": 0}}}
 
 
@@ -46,10 +47,15 @@ def test_adherence_is_measured_on_request_and_again_after_an_error(show_widget, 
     link.error_reported.emit(msg.ErrorReport("engine", "it ended"))
     panel.measure.click()
     assert link.requests == [msg.MeasureAdherence()] * 2
-    link.adherence = msg.Adherence(1, {**FIGURES, "peaks": PEAKS})
+    wide = {**NARROW, "built": 600.0, "limited": False}
+    link.adherence = msg.Adherence(1, {**FIGURES, "peaks": PEAKS, "shapes": [NARROW, wide]})
     link.adherence_changed.emit(link.adherence)
     assert [name for name, bar in panel.bars.items() if bar.isVisible()] == ["mountain"]
     assert "91 % overlap. 3 shapes · 1 lost · spills over by 5 %" in panel.bars["mountain"].accessibleName()
+    assert panel._peaks.text().splitlines() == [
+        "Mountains and hills reach 90 to 104 % of the height built for them.",
+        "Mountain 1: 600 m asked, 253 m built (1 shape too narrow)",
+    ]
     thin = {**LAYER, "measured": 0, "iou_mean": None, "spill": None}
     link.adherence = msg.Adherence(1, {"mean_iou": None, "layers": {"hill": thin}, "peaks": None})
     link.adherence_changed.emit(link.adherence)

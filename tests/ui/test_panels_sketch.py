@@ -185,8 +185,12 @@ def test_an_edit_is_an_undo_step_and_reset_removes_the_key(properties, document,
     workspace.use_label("mountain", 1)
     row.reset.click()
     assert "height" not in document.sketch.labels["mountain", 1]
-    assert row.box.value() == 600.0
+    assert row.check.isChecked()
     assert not row.reset.isVisible()
+    row.check.click()
+    assert document.sketch.labels["mountain", 1]["height"] == 340.0, "the previous height"
+    row.check.click()
+    assert document.sketch.properties("mountain", 1)["height"] == 0.0
 
 
 def test_a_slider_drag_is_one_live_undo_step(properties, document, workspace):

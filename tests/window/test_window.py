@@ -13,7 +13,10 @@ from .user import HANDLES, centre_of, on_canvas, on_terrain, view_of, wait_for_t
 
 pytestmark = pytest.mark.window
 
-HEIGHT_AT = "(lambda r: float(r.height[{row} // r.step, {column} // r.step]))(window._link.relief)"
+HEIGHT_AT = (
+    "(lambda r: float(r.height[({row} - 20) // r.step : ({row} + 20) // r.step,"
+    " ({column} - 20) // r.step : ({column} + 20) // r.step].max()))(window._link.relief)"
+)
 POINT = "[p for p in window._link.placed.points if int(p['id']) == {}][0]"
 
 

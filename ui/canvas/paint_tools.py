@@ -2,18 +2,28 @@
 
 import math
 
-from PyQt6.QtCore import QPointF, QRectF, Qt
+from PyQt6.QtCore import QPointF, QRectF, QSizeF, Qt
 from PyQt6.QtGui import QColor, QPainter, QPen, QPolygonF
 
 from sketchterrain.document.layers import LAYERS
+from sketchterrain.placement.heights import ShapeHeight, shape_height
 from sketchterrain.ui.canvas.compositing import visible_layers
 from sketchterrain.ui.canvas.decorations import write_beside
 from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
 from sketchterrain.ui.look.layer_colours import label_colour
 from sketchterrain.ui.models.document import Draft
-from sketchterrain.ui.models.painting import Stroke, draw_line, flood_fill, line_path, line_width, pick
+from sketchterrain.ui.models.painting import (
+    Stroke,
+    draw_line,
+    flood_fill,
+    line_path,
+    line_width,
+    painted_height,
+    pick,
+)
 
 _LEAST_PRESSURE = 0.2  # fraction of the radius at the lightest touch
+_TEXT = QSizeF(260.0, 40.0)  # logical px around the text beside the ring
 
 
 def _draw_ring(painter: QPainter, centre: QPointF, radius: float) -> None:
@@ -21,6 +31,18 @@ def _draw_ring(painter: QPainter, centre: QPointF, radius: float) -> None:
     for colour, width in ((QColor(255, 255, 255, 190), 3.0), (QColor(20, 20, 20, 220), 1.2)):
         painter.setPen(QPen(colour, width))
         painter.drawEllipse(centre, radius, radius)
+
+
+def _beside(radius: float) -> QPointF:
+    """Return where a text begins beside a ring (logical px)."""
+    return QPointF(radius + 10.0, -radius - 8.0)
+
+
+def height_text(height: ShapeHeight) -> str:
+    """Return the height of a shape, with the one asked for if it is too small for that."""
+    built = f"{height.built:,.0f} m".replace(",", "\u202f")
+    asked = f"{height.asked:,.0f} m".replace(",", "\u202f")
+    return f"{asked} asked, {built} built" if height.is_limited else f"{built} high"
 
 
 class BrushTool(Tool):
@@ -36,6 +58,8 @@ class BrushTool(Tool):
         self._title = ""
         self._place: tuple[float, float] | None = None
         self._radius = 0.0
+        self._first: tuple[float, float] | None = None  # position of a stroke that paints
+        self._height: ShapeHeight | None = None  # of the shape that is painted
 
     @property
     def is_busy(self) -> bool:
@@ -51,6 +75,7 @@ class BrushTool(Tool):
         self._draft = self.context.document.begin_draft(workspace.layer)
         grain = 1.0 / max(self.context.scale, 1e-6)
         self._stroke = Stroke(self._draft.image, 0 if erases else workspace.label, grain=grain)
+        self._first = None if erases else (pointer.x, pointer.y)
         self._extend(pointer)
 
     def move(self, pointer: Pointer) -> None:
@@ -70,16 +95,20 @@ class BrushTool(Tool):
     def finish(self) -> None:
         """Record the stroke as a history step."""
         draft, stroke = self._draft, self._stroke
-        self._draft = self._stroke = None
+        self._end()
         if draft is None or stroke is None or draft is not self.context.document.draft:
             return
         draft.commit(self._title, stroke.finish())
 
     def cancel(self) -> None:
         draft = self._draft
-        self._draft = self._stroke = None
+        self._end()
         if draft is not None and draft is self.context.document.draft:
             draft.cancel()
+
+    def _end(self) -> None:
+        self._redraw_ring()
+        self._draft = self._stroke = self._height = None
 
     def leave(self) -> None:
         self._redraw_ring()
@@ -88,7 +117,10 @@ class BrushTool(Tool):
     def draw(self, painter: QPainter) -> None:
         if self._place is not None:
             centre = self.context.screen_from_sketch(*self._place)
-            _draw_ring(painter, centre, max(self._radius * self.context.scale, 1.0))
+            radius = max(self._radius * self.context.scale, 1.0)
+            _draw_ring(painter, centre, radius)
+            if self._height is not None:
+                write_beside(painter, centre + _beside(radius), height_text(self._height))
 
     def show_size(self, place: QPointF | None) -> None:
         """Resize the ring to the brush, at the mouse (logical px)."""
@@ -110,6 +142,11 @@ class BrushTool(Tool):
             radius = self._radius * self.context.scale + 3.0
             centre = self.context.screen_from_sketch(*self._place)
             area = QRectF(centre.x() - radius, centre.y() - radius, 2.0 * radius, 2.0 * radius)
+            if self._height is not None:
+                corner = centre + _beside(radius)
+                area = area.united(
+                    QRectF(corner.x(), corner.y() - _TEXT.height(), _TEXT.width(), _TEXT.height())
+                )
         self.context.signals.redraw(area)
 
     def _brush_radius(self, pointer: Pointer) -> float:
@@ -120,11 +157,19 @@ class BrushTool(Tool):
         if self._draft is None or self._stroke is None:
             return
         if self._draft is not self.context.document.draft:  # cancelled by an undo or another document
-            self._draft = self._stroke = None
+            self._end()
             return
-        box = self._stroke.to(pointer.x, pointer.y, self._brush_radius(pointer))
-        if box is not None:
-            self._draft.touch(box)
+        radius = self._brush_radius(pointer)
+        box = self._stroke.to(pointer.x, pointer.y, radius)
+        if box is None:
+            return
+        self._draft.touch(box)
+        if self._first is not None:
+            sketch, workspace = self.context.document.sketch, self.context.workspace
+            target = workspace.layer, workspace.label
+            self._redraw_ring()
+            self._height = painted_height(sketch, *target, self._draft.image, (*self._first, radius))
+            self._redraw_ring()
 
 
 class FillTool(Tool):
@@ -268,6 +313,14 @@ class LineTool(Tool):
         self._place = None
         self.context.signals.redraw()
 
+    def _height(self) -> ShapeHeight | None:
+        """Return the height of the line as a shape of its own."""
+        sketch, workspace = self.context.document.sketch, self.context.workspace
+        if LAYERS[workspace.layer].kind != "summits":
+            return None
+        properties = sketch.properties(workspace.layer, workspace.label)
+        return shape_height(properties, 0.5 * self.width * sketch.pixel_size, sketch.fidelity)
+
     def draw(self, painter: QPainter) -> None:
         context, points = self.context, list(self._points)
         wide = max(self.width * context.scale, 1.0)
@@ -286,7 +339,9 @@ class LineTool(Tool):
             _draw_ring(painter, tip, 0.5 * wide)
             metres = self.width * context.document.sketch.pixel_size
             text = f"{metres:.0f} m wide" if metres >= 9.5 else f"{metres:.1f} m wide"
-            write_beside(painter, tip + QPointF(0.5 * wide + 10.0, -0.5 * wide - 8.0), text)
+            height = self._height()
+            text += "" if height is None else f"; {height_text(height)}"
+            write_beside(painter, tip + _beside(0.5 * wide), text)
         for x, y in self._points if not self._freehand else []:
             at = context.screen_from_sketch(x, y)
             painter.setPen(QPen(QColor(20, 20, 20), 1.0))

@@ -13,7 +13,10 @@ from sketchterrain.document.label_layers import Box, LabelImage, union_box
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.hydrology.splines import cubics
+from sketchterrain.placement.heights import ShapeHeight, shape_height
+from sketchterrain.placement.shapes import find_regions, measure_shape
 
+_MEASURED = 256  # px along a side on which shapes are measured while they are painted
 _ROWS = 256  # scanned at once, so that they stay in the CPU's cache
 
 
@@ -293,6 +296,25 @@ def line_width(sketch: Sketch, layer: str, label: int, brush: float) -> float:
     width = sketch.properties(layer, label)["width"]
     assert isinstance(width, float)  # noqa: S101 # declared so
     return max(width / sketch.pixel_size, 2.0 * THINNEST)
+
+
+def painted_height(sketch: Sketch, layer: str, label: int, image: LabelImage, dab: Dab) -> ShapeHeight | None:
+    """Return the height of the painted shape that a dab is part of; None if its layer has no summits.
+
+    Large images are measured in steps of a few pixels.
+    """
+    if LAYERS[layer].kind != "summits":
+        return None
+    step = math.ceil(max(image.shape) / _MEASURED)
+    small, (x, y, inradius) = image[::step, ::step], dab
+    row, column = (
+        min(max(math.floor(at / step), 0), n - 1) for at, n in zip((y, x), small.shape, strict=True)
+    )
+    for region in find_regions(np.where(small == label, small, 0)):
+        top, left = row - region.rows.start, column - region.columns.start
+        if region.mask[max(top - 1, 0) : max(top + 2, 0), max(left - 1, 0) : max(left + 2, 0)].any():
+            inradius = max(inradius, step * float(measure_shape(layer, small, region).depth.max()))
+    return shape_height(sketch.properties(layer, label), inradius * sketch.pixel_size, sketch.fidelity)
 
 
 def line_path(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 from PyQt6.QtCore import QByteArray, QObject, QSettings, pyqtSignal
 
 from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.sketch import DEFAULT_SIDE
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.io.files import write_atomic
 from sketchterrain.ui.engine.protocol import MODES, Pose
@@ -360,7 +361,8 @@ class Workspace(QObject):
         super().__init__()
         self._tool = "brush"
         self.layer, self.label = next(iter(LAYERS)), 1  # the active ones, changed by `use_label` only
-        self._brush = 16.0
+        self._brushes: dict[str, float] = {}  # radii that were chosen, by layer
+        self._longer_side = DEFAULT_SIDE
         self._looks = {name: LayerLook() for name in LAYERS}
         self._selection: Selection | None = None
         self.overlays = frozenset({"relief", "features", "eye"})  # visible, changed by `show_overlay` only
@@ -382,18 +384,26 @@ class Workspace(QObject):
         if (layer, label) != (self.layer, self.label):
             self.layer, self.label = LAYERS[layer].name, label
             self.label_changed.emit(layer, label)
+            self.brush_changed.emit(self.brush)
 
     @property
     def brush(self) -> float:
-        """Brush radius, px of the sketch."""
-        return self._brush
+        """Radius of the active layer's brush, px of the sketch."""
+        opening = LAYERS[self.layer].brush * self._longer_side
+        return self._brushes.get(self.layer, min(max(opening, BRUSHES[0]), BRUSHES[1]))
 
     @brush.setter
     def brush(self, radius: float) -> None:
         radius = min(max(radius, BRUSHES[0]), BRUSHES[1])
-        if radius != self._brush:
-            self._brush = radius
+        if radius != self.brush:
+            self._brushes[self.layer] = radius
             self.brush_changed.emit(radius)
+
+    def open_brushes(self, longer_side: int) -> None:
+        """Open all brushes for a sketch with that many pixels along its longer side."""
+        self._brushes.clear()
+        self._longer_side = longer_side
+        self.brush_changed.emit(self.brush)
 
     def look(self, layer: str) -> LayerLook:
         return self._looks[layer]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 from PyQt6.QtCore import QPointF, QRectF, QSignalBlocker, QSize, Qt
@@ -11,6 +11,7 @@ from PyQt6.QtGui import QPainter, QPaintEvent, QPalette
 from PyQt6.QtWidgets import QProgressBar, QPushButton, QSizePolicy, QWidget
 from superqt import QElidingLabel
 
+from sketchterrain.app.listings import limited_lines
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.io.system import memory_in_use
 from sketchterrain.ui.application import single_shot
@@ -181,7 +182,7 @@ class AdherencePanel(ScrollingPanel):
         layers = figures.get("layers", {})
         for name, bar in self.bars.items():
             bar.show_figures(layers.get(name))
-        self._peaks.setText(_peaks_text(figures.get("peaks")))
+        self._peaks.setText(_heights_text(figures.get("peaks"), figures.get("shapes", ())))
         self._peaks.setHidden(not self._peaks.text())
         realism = None if result is None else result.realism
         self._realism_head.setHidden(realism is None)
@@ -200,15 +201,12 @@ def _realism_text(realism: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _peaks_text(peaks: Mapping[str, Any] | None) -> str:
+def _heights_text(peaks: Mapping[str, Any] | None, shapes: Iterable[Mapping[str, Any]]) -> str:
     if not peaks or not peaks.get("measured"):
         return ""
     least, most = round(100 * peaks["least"]), round(100 * peaks["most"])
-    text = f"Mountains reach {least} to {most} % of their target height."
-    if peaks.get("capped"):
-        count = peaks["capped"]
-        text += f" {count} {'is' if count == 1 else 'are'} too small for it."
-    return text
+    reached = f"Mountains and hills reach {least} to {most} % of the height built for them."
+    return "\n".join([reached, *(f"{line[:1].upper()}{line[1:]}" for line in limited_lines(shapes))])
 
 
 _INTERVAL: Final = 250  # ms between updates of the timings

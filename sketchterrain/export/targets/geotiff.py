@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from sketchterrain.export.engines import requested_storeys
 from sketchterrain.export.rasters import NO_DATA, Georeference, local_metres, write_cloud_tiff
+from sketchterrain.export.sampled import SampleGrid
 from sketchterrain.export.target import Export, ExportOutput, Target
 from sketchterrain.export.vectors import (
     GeoPackage,
@@ -83,10 +84,23 @@ def _write_rasters(export: Export, georeference: Georeference) -> dict[Path, str
     write_tiff(normal, {name: samples.normal[..., axis] for axis, name in components}, rgb=True)
     write_tiff(weights, {name: samples.weights[..., index] for index, name in enumerate(names)})
     return {
+        _write_drainage(export, georeference): "float32; bands drainage_area, m², and wetness, 0 to 1",
         height: "heights, float32, m",
         normal: "normals: 0 is -1, 255 is 1; bands east, north, up",
         weights: f"weights of the materials, with a sum of 255; bands {', '.join(names)}",
     }
+
+
+def _write_drainage(export: Export, georeference: Georeference) -> Path:
+    """Write drainage areas and wetness at the nodes of the drained ground."""
+    drainage = export.terrain.drainage()
+    rows, columns = drainage.area.shape
+    east, north = (columns - 1) * drainage.spacing, (rows - 1) * drainage.spacing
+    grid = SampleGrid(0.0, 0.0, east, north, columns, rows)
+    wetness = drainage.wetness.astype(np.float32) / np.float32(255)
+    bands = {"drainage_area": drainage.area, "wetness": wetness}
+    path = export.folder / f"{export.name}_drainage.tif"
+    return write_cloud_tiff(path, bands, grid=grid, georeference=georeference)
 
 
 def _write_vectors(

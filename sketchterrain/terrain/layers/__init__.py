@@ -1,7 +1,6 @@
 """The layers of the terrain, in the order in which they are laid: see ``kernels/height.clh``."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from sketchterrain.array_types import Float64Array, StructuredArray
 from sketchterrain.caching import LRUCache
@@ -9,7 +8,6 @@ from sketchterrain.placement.feature_types import Cover, Lake, River
 from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.plateaus import Plateau
 from sketchterrain.placement.sea import Sea
-from sketchterrain.terrain.layers.base import BaseLayer
 from sketchterrain.terrain.layers.corridors import CorridorsLayer
 from sketchterrain.terrain.layers.covers import CoversLayer
 from sketchterrain.terrain.layers.dunes import DunesLayer
@@ -25,7 +23,7 @@ from sketchterrain.terrain.layers.sea import SeaLayer
 def layer_stack(
     *,
     extent: float,
-    ground: Mapping[str, Any],
+    relief: ReliefLayer,
     painted: StructuredArray,
     fill: Fill,
     rivers: Sequence[River] = (),
@@ -38,14 +36,13 @@ def layer_stack(
 ) -> tuple[TerrainLayer, ...]:
     """Return all layers of a terrain.
 
-    ``ground`` are the sketch's [ground] parameters, ``painted`` and ``fill`` the point features,
-    ``valley_radii`` the radius of influence (m) of each river's valley at each point of its centreline.
+    ``relief`` is the drained ground, ``painted`` and ``fill`` are the point features, ``valley_radii`` the
+    radius of influence (m) of each river's valley at each point of its centreline.
     """
     points = PointsLayer(painted, fill)
     return (
-        BaseLayer(ground["relief"], ground["wavelength"], ground["roughness"]),
         points,
-        ReliefLayer(),
+        relief,
         ForestsLayer(),
         DunesLayer(points.dune_styles),
         PlateausLayer(tuple(plateaus)),

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, ClassVar, Final
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import Float64Array, LatticeArray, StructuredArray
+from sketchterrain.array_types import BoolArray, Float64Array, LatticeArray, StructuredArray
 from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.io.resources import kernel_columns, kernel_constants
 from sketchterrain.placement.feature_types import River, cubic
 from sketchterrain.terrain.centrelines import (
     MAX_TOLERANCE,
     TOLERANCE_CELLS,
+    VALLEY_RUN_PER_DEPTH,
     PreparedCentreline,
     flatten_to_arcs,
     meetings_on,
@@ -82,6 +83,14 @@ class PackedRivers:
         """Return a column of `SECTION` at the upstream and at the downstream ends, shape (n,) each."""
         return self.up[:, SECTION[name]], self.down[:, SECTION[name]]
 
+    def is_in(self, other: PackedRivers) -> BoolArray:
+        """Return which arcs are among those of other centrelines, shape (n,)."""
+        own, others = (
+            np.ascontiguousarray(np.column_stack([each.start, each.arc])).view("V80")[:, 0]
+            for each in (self, other)
+        )
+        return np.isin(own, others)
+
     @property
     def support(self) -> Float64Array:
         """Greatest distance (m) of any effect of an arc from the box around its two ends, shape (n,)."""
@@ -119,6 +128,16 @@ class Course:
         return cache.get_or_compute(
             ("course", IdentityKey(river), extent, valley_radius.tobytes(), own), compute
         )
+
+    def is_hidden(self, cell: float) -> bool:
+        """Return whether it is a stream that cells of at least this size (m) do not show."""
+        return self.river.label == 0 and self.river.centreline_width.max() <= _CHANNEL_CELLS * cell
+
+    @property
+    def change(self) -> float:
+        """Height (m) that a stream changes the ground by, at most."""
+        radius, deep = float(self.valley_radius.max()), float(self.river.centreline_depth.max())
+        return (1 + _BANK_RISE) * deep + radius / VALLEY_RUN_PER_DEPTH
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,17 +200,22 @@ class CorridorsLayer(TerrainLayer):
         end = rivers.start + np.rint(rivers.chord / unit).astype(np.int64)
         wide = np.ceil(rivers.support / unit * (1 + 1e-5) + 2).astype(np.int64)[:, None]
         low, high = np.minimum(rivers.start, end), np.maximum(rivers.start, end)
-        return Packed(arrays, np.concatenate([low - wide, high + wide], axis=1), "river", details=rivers)
+        box = np.concatenate([low - wide, high + wide], axis=1)
+        unchanged = rivers.is_in(self.arcs(sampling.world.extent))
+        return Packed(arrays, box, "river", details=(rivers, unchanged))
 
     def arcs(self, extent: float, cell_size: float = FINEST_CELL) -> PackedRivers:
         """Return the rivers' centrelines as arcs, within 1 % of the cell size of their splines.
 
         Where rivers meet, both have the same point. An arc's weight in a blend is its length, but at most
-        half a width: otherwise a straight river would dominate a winding one beside it.
+        half a width: otherwise a straight river would dominate a winding one beside it. Streams that the
+        cells do not show are left out.
         """
         cell, unit = tolerance_cell(cell_size), metres_per_unit(extent)
         courses, anchors = [], []
         for course in self.courses:
+            if course.is_hidden(cell):
+                continue
             courses.append(flatten_to_arcs(course.line, cell_size=cell, least=unit))
             anchors.append(np.tile(course.anchor, (len(courses[-1].bend), 1)))
         if not courses:
@@ -220,12 +244,20 @@ class CorridorsLayer(TerrainLayer):
     def masks(self, culled: Culled, blocks: int) -> npt.NDArray[np.int32]:
         """Return the water of blocks with rivers."""
         del blocks
-        return mask_bits(water=np.diff(culled.lists["river_starts"]) > 0)
+        water = np.diff(culled.lists["river_starts"]) > 0
+        return mask_bits(water=water, wetness=water)
 
     def omitted(self, state: DetailState, culled: Culled, sampling: Sampling) -> None:
         """Add the change by channels that fade out, and by arcs flattened for a coarser cell."""
+        for course in self.courses:
+            if course.is_hidden(tolerance_cell(sampling.cell)):
+                blocks = state.blocks[:, None]
+                beside = (blocks[..., :2] <= course.pieces["high"]) & (
+                    blocks[..., 2:] >= course.pieces["low"]
+                )
+                state.bound += course.change * beside.all(axis=-1).any(axis=-1)
         starts, member = culled.lists["river_starts"], culled.lists["river_list"]
-        rivers: PackedRivers = culled.details.details
+        rivers, unchanged = culled.details.details  # with the arcs that a finer cell has too
         cell = sampling.cell
         count = len(starts) - 1
         lost, depth, moved = np.zeros((3, count))
@@ -242,6 +274,7 @@ class CorridorsLayer(TerrainLayer):
             fall = np.abs(np.subtract(*rivers.ends("water_surface")))[member]
             steep = fall / np.maximum(np.hypot(*rivers.chord[member].T), 1e-3)
             off = _ARC_SLOPES * tolerance * 2 * deep / half_width + _ARC_WIDTHS * 2 * half_width * steep
+            off[unchanged[member]] = 0
             np.maximum.at(moved, block, off)
         state.bound += (1 + _BANK_RISE) * depth * lost + moved
 

@@ -116,7 +116,8 @@ class LakesLayer(TerrainLayer):
     def masks(self, culled: Culled, blocks: int) -> npt.NDArray[np.int32]:
         """Return the water of blocks with lakes."""
         del blocks
-        return mask_bits(water=np.diff(culled.lists["lake_starts"]) > 0)
+        water = np.diff(culled.lists["lake_starts"]) > 0
+        return mask_bits(water=water, wetness=water)
 
     def omitted(self, state: DetailState, culled: Culled, sampling: Sampling) -> None:
         """Add the greatest change by lakes that fade out: terrain up to their rims, or down to their beds."""

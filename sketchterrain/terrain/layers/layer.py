@@ -35,7 +35,7 @@ ITEM: Final = np.dtype([("id", "u8"), ("digest", "u8"), ("low", "i8", 2), ("high
 ITEMS: Final = {"items": True}
 """Metadata of dataclass fields that hold items, which a layer's key leaves out."""
 
-MASKS: Final = ("mountain", "dune", "forest", "water")
+MASKS: Final = ("mountain", "dune", "forest", "water", "wetness")
 """The masks of a point: see ``TerrainSample`` in ``kernels/world.clh``."""
 
 
@@ -114,6 +114,7 @@ class HostSite:
     y: LatticeArray
     masks: bool = True  # whether masks that change no height are needed
     finder: Any = None  # ``PointFinder`` of the recipe, if there is one already
+    nodes: Any = None  # ``NodeReader`` of the recipe, if there is one already
     points: Any = None  # ``PointSite``: what the layer of points leaves to those above it
 
 
@@ -125,6 +126,7 @@ class HostSamples:
     mountain: Float64Array
     dune: Float64Array
     forest: Float64Array
+    wetness: Float64Array
     water: Float64Array
     lake: Float64Array
 

@@ -38,7 +38,13 @@ from sketchterrain.terrain.layers.layer import (
     smooth_rise,
     soft_positive,
 )
-from sketchterrain.terrain.noise import FINEST_CELL, band_weight, octave_noise, omitted_amplitudes
+from sketchterrain.terrain.noise import (
+    FINEST_CELL,
+    NoiseStack,
+    band_weight,
+    octave_noise,
+    omitted_amplitudes,
+)
 
 if TYPE_CHECKING:
     from sketchterrain.terrain.culler import Culled
@@ -49,10 +55,10 @@ PLATEAU: Final = kernel_columns(_HEADER, "PlateauRow")
 _CLIFF_ROUND, _RISER, _HARDNESS_RATE, _SOFT_ROCK, _VARIETY, _TILTED, _CRUMBLED = kernel_constants(
     _HEADER, "CLIFF_ROUND", "RISER", "HARDNESS_RATE", "SOFT_ROCK", "VARIETY", "TILTED", "CRUMBLED"
 )
-_STRATA_START, _INVERSE_STRATA, _TOP_RELIEF, _RIM_SOFTNESS, _TOP_EDGE, _INVERSE_MASK = kernel_constants(
-    *(_HEADER, "STRATA_START", "INVERSE_STRATA", "TOP_RELIEF", "RIM_SOFTNESS", "TOP_EDGE"),
-    "INVERSE_CLIFF_MASK",
+_STRATA_START, _INVERSE_STRATA, _TOP_RELIEF, _RIM_SOFTNESS, _TOP_EDGE = kernel_constants(
+    _HEADER, "STRATA_START", "INVERSE_STRATA", "TOP_RELIEF", "RIM_SOFTNESS", "TOP_EDGE"
 )
+_INVERSE_MASK, _INVERSE_DRAINED = kernel_constants(_HEADER, "INVERSE_CLIFF_MASK", "INVERSE_DRAINED")
 _CLIFF_WAVES, _INVERSE_CLIFF_WAVES, _ALCOVE_MEAN, _ALCOVE_GAIN, _ALCOVE_ROUND = kernel_constants(
     _HEADER, "CLIFF_WAVES", "INVERSE_CLIFF_WAVES", "ALCOVE_MEAN", "ALCOVE_GAIN", "ALCOVE_ROUND"
 )
@@ -88,6 +94,10 @@ class PlateausLayer(TerrainLayer):
 
     plateaus: tuple[Plateau, ...] = field(metadata=ITEMS)
 
+    def stacks(self, world: WorldSettings) -> tuple[NoiseStack, ...]:
+        """Return the noise of cliffs."""
+        return (NoiseStack("cliff", world.extent / 8, 0.45, most=9),)
+
     def items(self, world: WorldSettings) -> StructuredArray:
         """Return the plateaus by their contents."""
         settings = [
@@ -102,7 +112,7 @@ class PlateausLayer(TerrainLayer):
         plateaus = self.profiles(fields, sampling)
         shape = np.zeros((len(plateaus.row), 4))
         shape[:, 0] = fields.scale
-        params = {"loose": cliff_looseness(sampling.world.fidelity)} | sampling.ranges("gully")
+        params = {"loose": cliff_looseness(sampling.world.fidelity)} | sampling.ranges("cliff")
         arrays: dict[str, npt.NDArray[np.generic]] = {
             "plateau_params": sampling.struct(_HEADER, "PlateauParams", params),
             "plateau_at": fields.at,
@@ -167,7 +177,7 @@ class PlateausLayer(TerrainLayer):
             return ground
         fields = self._fields(site.sampling.world)
         packed = self.profiles(fields, site.sampling)
-        height, mountain = ground.height.copy(), ground.mountain.copy()
+        height, mountain, wet = ground.height.copy(), ground.mountain.copy(), ground.wetness.copy()
         for i in np.flatnonzero(packed.visible):
             west, south, east, north = fields.boxes[i]
             near = (site.x >= west) & (site.x <= east) & (site.y >= south) & (site.y <= north)
@@ -177,7 +187,8 @@ class PlateausLayer(TerrainLayer):
             row = {name: float(packed.row[i, column]) for name, column in PLATEAU.items()}
             z, rock = _raised(row, field_distance(fields, int(i), at.x, at.y), ground.height[near], at)
             height[near], mountain[near] = np.maximum(height[near], z), np.maximum(mountain[near], rock)
-        return replace(ground, height=height, mountain=mountain)
+            wet[near] *= 1 - smooth_rise(z - ground.height[near], 0, 1 / _INVERSE_DRAINED)
+        return replace(ground, height=height, mountain=mountain, wetness=wet)
 
     def omitted(self, state: DetailState, culled: Culled, sampling: Sampling) -> None:
         """Add what the cell size changes of profiles, moves of cliffs and fades of rock layers."""
@@ -282,7 +293,7 @@ def _cliff_offset(r: dict[str, float], site: HostSite) -> tuple[Float64Array, Fl
     """Return by how much noise moves the cliff with its talus, and the cliff alone, m."""
     talus, cliff = np.zeros((2, *site.x.shape))
     octaves, world = site.sampling.octaves, site.sampling.world
-    for i in range(*octaves.ranges["gully"]):
+    for i in range(*octaves.ranges["cliff"]):
         waves = octaves.scale[i, 1] / world.unit
         share, fine = octave_share(waves, r["half_breadth"], world.fidelity)
         n = octave_noise(octaves, i, site.x, site.y).value
@@ -296,8 +307,8 @@ def _cliff_offset(r: dict[str, float], site: HostSite) -> tuple[Float64Array, Fl
 def _moved(full: Float64Array, row: Float64Array, sampling: Sampling) -> tuple[float, float]:
     """Return bounds of the change of a plateau's profile, and of the noise (m) that the cell size omits."""
     profile, resolved = (dict(zip(PLATEAU, each.tolist(), strict=True)) for each in (full, row))
-    amplitude, left = omitted_amplitudes(sampling.all_octaves, sampling.octaves, "gully")
-    waves = sampling.all_octaves.scale[slice(*sampling.all_octaves.ranges["gully"]), 1] / sampling.unit
+    amplitude, left = omitted_amplitudes(sampling.all_octaves, sampling.octaves, "cliff")
+    waves = sampling.all_octaves.scale[slice(*sampling.all_octaves.ranges["cliff"]), 1] / sampling.unit
     share, _ = octave_share(waves, profile["half_breadth"], sampling.world.fidelity)
     missing = float(NOISE_REACH * profile["cliff_noise"] * np.sum((amplitude - left) * share))
     low = min(each["cliff_start"] - each["talus_width"] for each in (profile, resolved))

@@ -10,35 +10,20 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sketchterrain.array_types import Float64Array, Int64Array, LatticeArray
+from sketchterrain.array_types import Float64Array, LatticeArray
 from sketchterrain.placement.feature_types import area_profile
-from sketchterrain.terrain.layers.layer import scaled_slope
-from sketchterrain.terrain.noise import OctaveTable, ValueSlope, fbm_slope
+from sketchterrain.terrain.noise import OctaveTable, fbm
 
 if TYPE_CHECKING:
     from sketchterrain.terrain.layers.points import PackedFeatures
 
 
-@dataclass(frozen=True)
-class OutlineNoise:
-    """Warp of outlines at points; slopes are per metre."""
-
-    swell: ValueSlope  # noise of the warp eastward, -1 … 1
-    bend: tuple[ValueSlope, ValueSlope]  # displacement of outlines eastward and northward, in radii
-
-    @classmethod
-    def at(
-        cls, octaves: OctaveTable, unit: float, x: LatticeArray, y: LatticeArray, *, warp: float
-    ) -> OutlineNoise:
-        """Return the noise at lattice positions of shape (n,)."""
-        east, north = (_warp(octaves, name, x, y, 1 / unit) for name in ("warp_u", "warp_v"))
-        return cls(east, (scaled_slope(east, warp), scaled_slope(north, warp)))
-
-
-def _warp(octaves: OctaveTable, name: str, x: LatticeArray, y: LatticeArray, per_metre: float) -> ValueSlope:
-    noise = fbm_slope(octaves, name, x, y)
-    inside = np.where(np.abs(noise.value) < 1, per_metre, 0)
-    return ValueSlope(np.clip(noise.value, -1, 1), noise.east * inside, noise.north * inside)
+def outline_bend(
+    octaves: OctaveTable, x: LatticeArray, y: LatticeArray, *, warp: float
+) -> tuple[Float64Array, Float64Array]:
+    """Return the displacement of outlines eastward and northward, in radii, at positions of shape (n,)."""
+    east, north = (warp * np.clip(fbm(octaves, name, x, y), -1, 1) for name in ("warp_u", "warp_v"))
+    return east, north
 
 
 @dataclass(frozen=True)
@@ -49,7 +34,7 @@ class PointSite:
     y: LatticeArray
     unit: float
     packed: PackedFeatures
-    noise: OutlineNoise
+    bend: tuple[Float64Array, Float64Array]  # displacement of outlines, in radii
 
     @cached_property
     def _metres(self) -> Float64Array:
@@ -73,17 +58,14 @@ class PointSite:
         point = np.fromiter(chain.from_iterable(found), dtype=np.int64, count=sum(count))
         return PointPairs(point, np.repeat(selected, count))
 
-    def distance_to_crests(self, pairs: PointPairs) -> tuple[ValueSlope, ValueSlope]:
-        """Return the distances to features, as `distance_to_crest` does."""
+    def distances(self, pairs: PointPairs) -> Float64Array:
+        """Return the distances of positions from features' centres, in radii."""
         packed, point, feature = self.packed, pairs.point, pairs.feature
-        offset = (
-            np.stack([self.x[point] - packed.at[feature, 0], self.y[point] - packed.at[feature, 1]])
-            * self.unit
-        )
-        east, north = (ValueSlope(*(part[point] for part in bend)) for bend in self.noise.bend)
-        return distance_to_crest(
-            offset, packed["inverse_radius"][feature], (east, north), crest=_crest(packed, feature)
-        )
+        scale = self.unit * packed["inverse_radius"][feature]
+        east, north = (bend[point] for bend in self.bend)
+        dx = (self.x[point] - packed.at[feature, 0]) * scale + east
+        dy = (self.y[point] - packed.at[feature, 1]) * scale + north
+        return np.asarray(np.hypot(dx, dy))
 
     def summed(self, pairs: PointPairs, values: Float64Array) -> Float64Array:
         """Sum values of pairs at each position, in the order of the features."""
@@ -92,17 +74,11 @@ class PointSite:
     def areas(self, slot: int) -> tuple[Float64Array, Float64Array]:
         """Return the cover of an area type, 0 … 1, and the cover-weighted mean of its strength."""
         pairs = self.pairs_within_support(slot)
-        cover = area_profile(self.distance_to_crests(pairs)[0].value)
+        cover = area_profile(self.distances(pairs))
         strength = self.packed["feature_strength"][pairs.feature]
         total, weights, strengths = (self.summed(pairs, each) for each in (cover**4, cover, cover * strength))
         mean = np.where(weights > 1e-6, strengths / np.maximum(weights, 1e-6), 0)
         return np.minimum(np.sqrt(np.sqrt(total)), 1), mean
-
-
-def _crest(packed: PackedFeatures, of: Int64Array) -> Float64Array:
-    """Return the crest of features: half of it eastward and northward, 1 / its length², its sag; (4, n)."""
-    names = ("crest_east", "crest_north", "inverse_crest_square", "crest_sag")
-    return np.stack([packed[name][of] for name in names])
 
 
 class PointPairs(NamedTuple):
@@ -110,34 +86,3 @@ class PointPairs(NamedTuple):
 
     point: LatticeArray
     feature: LatticeArray
-
-
-def distance_to_crest(
-    offset: Float64Array,
-    inverse_radius: float | Float64Array,
-    bend: tuple[ValueSlope, ValueSlope],
-    *,
-    crest: Float64Array | tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
-) -> tuple[ValueSlope, ValueSlope]:
-    """Return the distance (in radii) to a feature's crest at offsets (m), (2, n), and its share of height.
-
-    Slopes are per metre; the share is that of the nearest point of the crest, which sags towards its ends.
-    """
-    east, north = bend
-    dx, dy = offset[0] * inverse_radius + east.value, offset[1] * inverse_radius + north.value
-    u = np.clip((dx * crest[0] + dy * crest[1]) * crest[2], -1, 1)
-    dx, dy = dx - u * crest[0], dy - u * crest[1]
-    t = np.sqrt(dx * dx + dy * dy)
-
-    def per_metre(x: Float64Array, y: Float64Array) -> tuple[Float64Array, Float64Array]:
-        return (
-            x * (inverse_radius + east.east) + y * north.east,
-            x * east.north + y * (inverse_radius + north.north),
-        )
-
-    back = 1 / np.maximum(t, 1e-12)
-    sag = -4 * crest[3] * u * (1 - u * u) * crest[2]
-    crest_share = 1 - crest[3] * u * u * (2 - u * u)
-    return ValueSlope(t, *per_metre(dx * back, dy * back)), ValueSlope(
-        crest_share, *per_metre(sag * crest[0], sag * crest[1])
-    )

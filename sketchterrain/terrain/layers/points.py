@@ -18,10 +18,6 @@ from sketchterrain.placement.feature_types import (
     FEATURE_TYPES,
     area_profile,
     conifer_share,
-    crest_offsets,
-    flank,
-    hill_profile,
-    mountain_profile,
 )
 from sketchterrain.placement.fill import Fill
 from sketchterrain.terrain.changes import LayerChange
@@ -39,8 +35,8 @@ from sketchterrain.terrain.layers.layer import (
     effective_cell,
     mask_bits,
 )
-from sketchterrain.terrain.layers.point_site import OutlineNoise, PointSite
-from sketchterrain.terrain.noise import NOISE_PEAK, NoiseStack
+from sketchterrain.terrain.layers.point_site import PointSite, outline_bend
+from sketchterrain.terrain.noise import NoiseStack
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
@@ -48,22 +44,15 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.layers.point_culler import PointCuller
 
 _HEADER: Final = "layers/points.clh"
-SLOT_MOUNTAIN, SLOT_HILL, SLOT_FOREST, SLOT_DUNE = (
-    int(slot) for slot in kernel_constants(_HEADER, "SLOT_MOUNTAIN", "SLOT_HILL", "SLOT_FOREST", "SLOT_DUNE")
-)
+SLOT_FOREST, SLOT_DUNE = (int(slot) for slot in kernel_constants(_HEADER, "SLOT_FOREST", "SLOT_DUNE"))
 """Indices of a block's lists by kind of feature; dunes have one for each style from `SLOT_DUNE` on."""
 FEATURE_COLUMNS: Final = kernel_columns(_HEADER, "FeatureRow")
 """Columns of packed features."""
-_SLOTS = ("mountain", "hill", "forest")  # then the styles of dunes
+_SLOTS = ("forest",)  # then the styles of dunes
+_AREAS = [FEATURE_TYPES.index(name) for name in (*_SLOTS, "dune")]
 
 # Noises must not depend on placed features: an edit in one corner would reshape the whole world.
 _WARP_SHARE = 1 / 5  # of the extent
-_RIDGE_SHARE = 1 / 8  # of the extent: nearly the width of a typical mountain
-# Ridges move outlines further than the warp does; the noise stays within [-1, 1].
-_SPUR_WARPS = 1.0
-# Most features of a kind, omitted at a cell size, that overlap at their full height.
-_MAX_OVERLAP = 4.0
-_SAG = 0.5  # share of height lost at the ends of a crest whose half length equals the width of its flanks
 
 
 @dataclass(frozen=True)
@@ -71,7 +60,7 @@ class PackedFeatures:
     """Features that may affect the blocks of one launch, in the order of their ids."""
 
     at: LatticeArray  # (n, 2) centres, lattice units
-    row: Float64Array  # (n, 12) columns of `FEATURE_COLUMNS`
+    row: Float64Array  # (n, 4) columns of `FEATURE_COLUMNS`
     support: Float64Array  # (n,) radius of influence, m
     slot: LatticeArray  # (n,) kind of feature: the index of its list in a block
 
@@ -82,7 +71,7 @@ class PackedFeatures:
 
 @dataclass(frozen=True, eq=False)
 class PointsLayer(TerrainLayer):
-    """Point features, which relief, forests and dunes are made of, and the warp of their outlines."""
+    """Point features, which forests and dunes are made of, and the warp of their outlines."""
 
     name: ClassVar[str] = "points"
 
@@ -136,7 +125,7 @@ class PointsLayer(TerrainLayer):
             unique_by_id(parts)
             for parts in ([old.painted[removed], fills[0]], [self.painted[added], fills[1]])
         )
-        gone, came = rows_only_in(gone, came), rows_only_in(came, gone)
+        gone, came = (_areas(each) for each in (rows_only_in(gone, came), rows_only_in(came, gone)))
         boxes = np.concatenate([old.boxes(gone, world), self.boxes(came, world)])
         return LayerChange(removed, added, boxes, self.boxes(np.concatenate(fills), world))
 
@@ -174,7 +163,7 @@ class PointsLayer(TerrainLayer):
     def pack_features(
         self, features: StructuredArray, world: WorldSettings, cell_size: float
     ) -> PackedFeatures:
-        """Return features as kernels read them, without those too small for the cell size.
+        """Return forests and dunes as kernels read them, without those too small for the cell size.
 
         Features narrower than two cells fade out: strength × (0 at a radius of one cell … 1 at two).
         """
@@ -182,27 +171,11 @@ class PointsLayer(TerrainLayer):
         radius = features["radius"].astype(np.float64)
         fade = np.clip(radius / cell - 1, 0, 1)
         fade = fade * fade * (3 - 2 * fade)
-        visible = fade > 0
+        visible = (fade > 0) & np.isin(features["type"], _AREAS)
         features, radius, fade = features[visible], radius[visible], fade[visible]
-        row = np.zeros((features.size, 12))
-        crest = crest_offsets(features)
-        core = 1 - np.hypot(*crest.T)  # the crest and the flanks around it end where the feature does
-        half_crest = crest / core[:, None]
-        square = (half_crest**2).sum(axis=1)
-        for name, values in {
-            "inverse_radius": 1 / (core * radius),
-            "feature_strength": features["strength"] * fade,
-            "feature_peakiness": features["peakiness"],
-            "feature_flank": np.where(features["painted"], flank(world.fidelity), 1.0),
-            "feature_erosion": features["erosion"],
-            "widest_gully": features["gullies"] * radius,
-            "noise_weight": noise_weight(radius, world),
-            "crest_east": half_crest[:, 0],
-            "crest_north": half_crest[:, 1],
-            "inverse_crest_square": np.divide(1, square, out=np.zeros(len(square)), where=square > 0),
-            "crest_sag": _SAG * np.sqrt(square),
-        }.items():
-            row[:, FEATURE_COLUMNS[name]] = values
+        row = np.zeros((features.size, 4))
+        row[:, FEATURE_COLUMNS["inverse_radius"]] = 1 / radius
+        row[:, FEATURE_COLUMNS["feature_strength"]] = features["strength"] * fade
         return PackedFeatures(
             self._positions(features, world), row, self.support(radius, world), self._slots_of(features)
         )
@@ -228,22 +201,11 @@ class PointsLayer(TerrainLayer):
         del blocks
         some = np.diff(culled.lists["point_starts"], axis=-1) > 0
         dunes = np.asarray(some[:, SLOT_DUNE:].any(axis=-1))
-        return mask_bits(mountain=some[:, SLOT_MOUNTAIN], dune=dunes, forest=some[:, SLOT_FOREST])
+        return mask_bits(dune=dunes, forest=some[:, SLOT_FOREST])
 
     def omitted(self, state: DetailState, culled: Culled, sampling: Sampling) -> None:
         """Find the greatest effects of the features near each block, for the layers made of them."""
-        state.near = _near_points(self, state.blocks, culled, sampling.world)
-
-    def lost_height(self, kind: str, cell: float, power: float) -> float:
-        """Return the height (m) lost of features too small for a cell size, where several overlap."""
-        small = self.painted[self.painted["type"] == FEATURE_TYPES.index(kind)]
-        small = small[small["radius"] < 2 * cell]
-        lost = small["strength"] * _fade_loss(small["radius"] / cell)
-        # Strength and visibility both grow with the radius.
-        radii = np.linspace(0.0, 2.0, 21)
-        of_fill = [self.fill.max_strength(kind, radius * cell) for radius in radii[1:]]
-        lost = np.append(lost, of_fill * _fade_loss(radii[:-1]))
-        return float(lost.max(initial=0.0) * _MAX_OVERLAP**power)
+        state.near = _near_points(state.blocks, culled, sampling.world)
 
     def heights(self, ground: HostSamples, site: HostSite) -> HostSamples:
         """Find the features near the points, and the warp of outlines there."""
@@ -252,10 +214,9 @@ class PointsLayer(TerrainLayer):
         block = np.array([[site.x.min(), site.y.min(), site.x.max(), site.y.max()]])
         near = finder.near(block, min_radius=sampling.cell)
         packed = self.pack_features(near, sampling.world, sampling.cell)
-        noise = OutlineNoise.at(
-            sampling.octaves, sampling.unit, site.x, site.y, warp=outline_warp(sampling.world.fidelity)
-        )
-        site.points = PointSite(site.x, site.y, sampling.unit, packed, noise)
+        warp = outline_warp(sampling.world.fidelity)
+        bend = outline_bend(sampling.octaves, site.x, site.y, warp=warp)
+        site.points = PointSite(site.x, site.y, sampling.unit, packed, bend)
         return ground
 
 
@@ -264,30 +225,17 @@ def outline_warp(fidelity: float) -> float:
     return 0.34 - 0.2 * fidelity - 0.5 * max(fidelity - 0.8, 0.0)
 
 
-def spur_length(fidelity: float) -> float:
-    """Return the greatest distance that ridges carry the flanks of mountains outward, in radii."""
-    return _SPUR_WARPS * outline_warp(fidelity)
-
-
 def support_radii(fidelity: float) -> float:
     """Return the radius of influence of features over their radius.
 
-    The warp moves a point by up to its length in each direction, and a spur adds to that.
+    The warp moves a point by up to its length in each direction.
     """
-    return float(1 + (np.sqrt(2) + _SPUR_WARPS) * outline_warp(fidelity))
+    return float(1 + np.sqrt(2) * outline_warp(fidelity))
 
 
-def noise_weight(radius: Float64Array, world: WorldSettings) -> Float64Array:
-    """Return the weight of noise in mountains of a ground radius (m).
-
-    It is less in those wider than the noise, which would cover ridges with bumps.
-    """
-    return np.asarray(np.minimum((ridge_wavelength(world.extent) / radius) ** 2, 1.0))
-
-
-def ridge_wavelength(extent: float) -> float:
-    """Return the wavelength (m) of the mountains' main ridges."""
-    return extent * _RIDGE_SHARE
+def _areas(features: StructuredArray) -> StructuredArray:
+    """Return the forests and dunes among features; mountains and hills change the relief alone."""
+    return features[np.isin(features["type"], _AREAS)]
 
 
 class PointFinder:
@@ -338,66 +286,28 @@ def _merge_if_compact(areas: Float64Array) -> list[tuple[float, float, float, fl
 
 @dataclass(frozen=True)
 class NearPoints:
-    """Greatest effects of the features near each of n blocks."""
+    """Greatest effects of the dunes near each of n blocks."""
 
-    layer: PointsLayer
-
-    hill: Float64Array  # (n,) height without swell or gullies, m
-    mountain: Float64Array
-    hill_sum: Float64Array  # (n,) the same if all of them had their summit in the block, m
-    mountain_sum: Float64Array
-    erosion: Float64Array  # (n,) 0 … 1
-    widest: Float64Array  # (n,) width of the widest gullies, m
     cover: Float64Array  # (n, styles) 0 … 1
     dune: Float64Array  # (n, styles) height of the highest dunes, m
 
 
-def _near_points(
-    layer: PointsLayer, blocks: LatticeArray, culled: Culled, world: WorldSettings
-) -> NearPoints:
+def _near_points(blocks: LatticeArray, culled: Culled, world: WorldSettings) -> NearPoints:
     packed, lists = culled.details, culled.lists
     count = len(blocks)
     starts, member = lists["point_starts"], lists["point_list"]
     of_slot = np.diff(starts, axis=-1)
     slots = of_slot.shape[1]
     if not member.size:
-        zero = np.zeros(count)
         styles = np.zeros((count, slots - SLOT_DUNE))
-        return NearPoints(layer, zero, zero, zero, zero, zero, zero, styles, styles)
+        return NearPoints(styles, styles)
     block, slot = np.divmod(np.repeat(np.arange(count * slots), of_slot.ravel()), slots)
     at, column = packed.at[member], {name: packed[name][member] for name in FEATURE_COLUMNS}
-    strength, flank = column["feature_strength"], column["feature_flank"]
     outside = np.maximum(np.maximum(blocks[block, :2] - at, at - blocks[block, 2:]), 0) * world.unit
     radii = np.hypot(outside[:, 0], outside[:, 1]) * column["inverse_radius"]
-    radii = np.maximum(radii - np.hypot(column["crest_east"], column["crest_north"]), 0)
     bent = np.maximum(radii - np.sqrt(2) * outline_warp(world.fidelity), 0)
-    spur = spur_length(world.fidelity) * NOISE_PEAK
-
-    def power_mean(kind: int, heights: Float64Array, power: int) -> Float64Array:
-        sums = np.bincount(block, weights=np.where(slot == kind, heights, 0.0) ** power, minlength=count)
-        return np.asarray(sums ** (1 / power))
-
-    hill = power_mean(SLOT_HILL, strength * hill_profile(bent, flank), 2)
-    peaks = strength * mountain_profile(np.maximum(bent - spur, 0), column["feature_peakiness"], flank)
-    mountain = power_mean(SLOT_MOUNTAIN, peaks, 4)
-    # The same without profiles, to bound shifts of the profiles.
-    hill_sum, mountain_sum = (
-        power_mean(kind, strength, power) for kind, power in ((SLOT_HILL, 2), (SLOT_MOUNTAIN, 4))
-    )
-    cut = np.where(slot <= SLOT_HILL, column["feature_erosion"], 0.0)
-    erosion, widest = np.zeros(count), np.zeros(count)
-    np.maximum.at(erosion, block, cut)
-    np.maximum.at(widest, block, np.where(cut > 0, column["widest_gully"], 0.0))
     cover, dune = np.zeros((count, slots)), np.zeros((count, slots))
     np.add.at(cover, (block, slot), area_profile(bent) ** 4)
-    np.maximum.at(dune, (block, slot), strength)
+    np.maximum.at(dune, (block, slot), column["feature_strength"])
     cover = np.minimum(cover**0.25, 1.0)[:, SLOT_DUNE:]
-    return NearPoints(
-        layer, hill, mountain, hill_sum, mountain_sum, erosion, widest, cover, dune[:, SLOT_DUNE:]
-    )
-
-
-def _fade_loss(cells: Float64Array) -> Float64Array:
-    """Return the share that is lost of features of a radius in cells."""
-    left = np.clip(cells - 1.0, 0.0, 1.0)
-    return 1 - left * left * (3 - 2 * left)
+    return NearPoints(cover, dune[:, SLOT_DUNE:])

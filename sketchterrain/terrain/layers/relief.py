@@ -1,18 +1,20 @@
-"""Mountains and hills as noise shapes them and erosion cuts them."""
+"""The drained ground: nodes read by quadratic B-splines, gullies and roughness below their spacing."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
-from functools import cache
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
+import numpy.typing as npt
 
-from sketchterrain.array_types import Float64Array
+from sketchterrain.array_types import Float64Array, LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.io.resources import kernel_constants
-from sketchterrain.placement.feature_types import flank, hill_profile, mountain_profile
+from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.layers.layer import (
+    ITEM,
+    ITEMS,
     DetailState,
     HostSamples,
     HostSite,
@@ -20,181 +22,358 @@ from sketchterrain.terrain.layers.layer import (
     Sampling,
     TerrainLayer,
     WorldSettings,
-    smooth_rise,
+    mask_bits,
+    scaled_slope,
 )
-from sketchterrain.terrain.layers.points import (
-    NearPoints,
-    PointsLayer,
-    outline_warp,
-    ridge_wavelength,
-    spur_length,
+from sketchterrain.terrain.node_raster import (
+    APRON,
+    CHUNK,
+    NODE_BITS,
+    DrainedRaster,
+    NodeReader,
+    Nodes,
+    NodeSource,
+    node_level,
 )
-from sketchterrain.terrain.layers.relief_host import (
-    ErodibleHeight,
-    ReliefNoise,
-    ReliefScale,
-    crags,
-    gullies,
-    hills,
-    mountains,
-    stack_heights,
+from sketchterrain.terrain.noise import (
+    NOISE_PEAK,
+    UNSKEW,
+    NoiseStack,
+    OctaveTable,
+    ValueSlope,
+    fbm,
+    fbm_slope,
+    gradients,
+    omitted_amplitudes,
+    skewed,
 )
-from sketchterrain.terrain.noise import NOISE_PEAK, NoiseStack, ValueSlope, omitted_amplitudes
 
 if TYPE_CHECKING:
+    from sketchterrain.compute.context import ComputeContext
     from sketchterrain.terrain.culler import Culled
+    from sketchterrain.terrain.layers.relief_culler import NearNodes, ReliefCuller
+    from sketchterrain.terrain.relief_fields import UnpaintedSettings
 
 _HEADER: Final = "layers/relief.clh"
-_HILL_SWELL, _ROCK_HEIGHT, _INVERSE_ROCK_RANGE = kernel_constants(
-    _HEADER, "HILL_SWELL", "ROCK_HEIGHT", "INVERSE_ROCK_RANGE"
+_GENTLE_GULLIES, _SMOOTH, _LEVEL, _SLOPE_LIMIT, _PATCHY, _PATCHY_MEAN, _PATCHY_LEAST = kernel_constants(
+    _HEADER,
+    *("GENTLE_GULLIES", "SMOOTH_GROUND", "LEVEL_GROUND", "SLOPE_LIMIT"),
+    *("PATCHY", "PATCHY_MEAN", "PATCHY_LEAST"),
 )
-# How far gullies and the roughness of bare rock go up and down, in wavelengths of their own.
-_GULLY_DEPTH = 0.165
-_CRAG_DEPTH = 0.05
+_TALUS, _WAVES, _PIVOT, _FEED, _CALM, _SHARP, _GENTLE = kernel_constants(
+    "layers/erosion.clh", "TALUS", "WAVES", "PIVOT", "FEED", "CALM", "SHARP", "GENTLE"
+)
+_PIVOT *= 2.0**31  # the kernel multiplies gradients of 32-bit integers
+# Wavelengths of the noises and the greatest displacement of nodes, in the spacing r0 of the finest ones.
+_BEND_WAVES, _GULLY_WAVES, _DETAIL_WAVES = 8.0, 4.0, 2.0
+_BEND = 0.8
+_FIXED_POINT = 6  # iterations
+_BEND_STRETCH = 1.5  # bound of how much steeper displacement makes nodes
+# How far gullies and the roughness of ground as steep as 1 go up and down, in their own wavelengths.
+_GULLY_DEPTH = 0.1
+_DETAIL_DEPTH = 0.06
+_COARSE_STEEPER = 4.0  # bound of how much steeper the finest nodes are than coarser ones
 _GULLY_PEAK = 1.25  # bound of an octave of gullies, over its depth
 _GULLY_SLOPE = 13.0  # bound of its slope, over its depth and times its wavelength
-_ROCK_OVER_SLOPE = 0.78  # greatest derivative of slope^2 / (slope^2 + 0.7), the roughness of rock
-_TURNS = np.linspace(0.0, 1.0, 2049)
-
-_ZERO = np.zeros(1)
-_LEVEL = ErodibleHeight(ValueSlope(_ZERO, _ZERO, _ZERO), _ZERO, _ZERO)
 
 
 @dataclass(frozen=True)
-class _Omitted:
-    """Detail that one cell size omits anywhere; m unless noted."""
+class UnpaintedNodes:
+    """Nodes of unpainted ground with some settings."""
 
-    hills: float  # of hills that are too small
-    mountains: float
-    crags: float  # of the roughness of bare rock
-    crags_left: float  # resolved part of that roughness
-    moved: bool  # hills or mountains themselves differ
-    warp: float  # of multiplied noises, dimensionless
-    ridge: float
-    gullies: Float64Array  # (octaves,) at full erosion
-    wavelengths: Float64Array  # (octaves,) of the gullies
+    settings: UnpaintedSettings
+
+    def window(
+        self, level: int, column: int, row: int, rows: int, columns: int, *, painted: bool = True
+    ) -> Nodes:
+        """Return a window of nodes, without those of the painted region unless ``painted``."""
+        from sketchterrain.terrain.unpainted import unpainted_ground
+
+        ground = unpainted_ground(self.settings)
+        nodes: Nodes = ground.window(level, column, row, rows, columns, painted=painted)
+        return nodes
+
+
+@dataclass(frozen=True)
+class ReliefScale:
+    """Strengths of the noises below the raster."""
+
+    bend: float  # displacement of nodes, lattice units
+    gully_depth: float  # m, of an octave of gullies of bare rock, over its amplitude
+    detail_depth: float  # m, the same of its roughness, over its slope
 
 
 @dataclass(frozen=True, eq=False)
 class ReliefLayer(TerrainLayer):
-    """Mountains and hills among point features."""
+    """The drained ground: unpainted nodes without end, and the painted region."""
 
     name: ClassVar[str] = "relief"
 
+    unpainted: NodeSource
+    painted: DrainedRaster | None = field(default=None, metadata=ITEMS)
+
+    def reader(self) -> NodeReader:
+        """Return a reader of its nodes with an empty cache."""
+        return NodeReader(self.unpainted, self.painted)
+
     def stacks(self, world: WorldSettings) -> tuple[NoiseStack, ...]:
-        """Return the noises of ridges, gullies and bare rock."""
+        """Return the noises of displacement, gullies and roughness."""
+        spacing = world.unit * 2.0**NODE_BITS
         return (
-            NoiseStack("ridge", ridge_wavelength(world.extent), 0.42, most=2),
-            NoiseStack("gully", world.extent / 8, 0.45, most=9),
-            NoiseStack("crag", world.extent / 512, 0.5),
+            NoiseStack("bend_u", _BEND_WAVES * spacing, 0.5, most=2),
+            NoiseStack("bend_v", _BEND_WAVES * spacing, 0.5, most=2),
+            NoiseStack("gully", _GULLY_WAVES * spacing, 0.36, most=4),
+            NoiseStack("detail", _DETAIL_WAVES * spacing, 0.5),
         )
 
     def scale(self, world: WorldSettings) -> ReliefScale:
         """Return the strengths of the noises."""
         stacks = {stack.name: stack for stack in self.stacks(world)}
+        gully, detail = stacks["gully"], stacks["detail"]
         return ReliefScale(
-            ridge_depth=0.9 - 1.7 * max(world.fidelity - 0.8, 0.0),
-            spur=spur_length(world.fidelity),
-            gully_depth=_depth_scale(stacks["gully"], world.unit, _GULLY_DEPTH),
-            crag_depth=_depth_scale(stacks["crag"], world.unit, _CRAG_DEPTH),
-            units_per_metre=1 / world.unit,
+            bend=_BEND * 2.0**NODE_BITS,
+            gully_depth=_GULLY_DEPTH * gully.wavelength / (1 - gully.gain),
+            detail_depth=_DETAIL_DEPTH * detail.wavelength / (1 - detail.gain),
         )
+
+    def items(self, world: WorldSettings) -> StructuredArray:
+        """Return the blocks of the painted raster."""
+        del world
+        return np.zeros(0, ITEM) if self.painted is None else self.painted.items()
 
     def pack(self, sampling: Sampling, cache: LRUCache) -> Packed:
-        """Return the scalars."""
+        """Return the scalars; nodes near some blocks are packed for these."""
         del cache
-        scalars = asdict(self.scale(sampling.world)) | sampling.ranges("ridge", "gully", "crag")
-        del scalars["units_per_metre"]
+        scale, bits = self.scale(sampling.world), NODE_BITS + node_level(sampling.cell, sampling.world.extent)
+        scalars = sampling.ranges("bend_u", "bend_v", "gully", "detail") | {
+            "inverse_spacing": 2.0**-bits / sampling.unit,
+            "bend": scale.bend * 2.0**-bits,
+            "gully_depth": scale.gully_depth,
+            "detail_depth": scale.detail_depth,
+            "node_bits": bits,
+        }
         return Packed({"relief_params": sampling.struct(_HEADER, "ReliefParams", scalars)})
 
-    def heights(self, ground: HostSamples, site: HostSite) -> HostSamples:
-        """Return the ground with hills and mountains upon it."""
-        scale, octaves = self.scale(site.sampling.world), site.sampling.octaves
-        eroded, mountain = self.eroded(site)
-        rough = mountain * crags(scale, octaves, site.x, site.y, *eroded[1:])
-        return replace(ground, height=ground.height + eroded.value + rough, mountain=mountain)
+    def culler(self, context: ComputeContext, world: WorldSettings) -> ReliefCuller:
+        """Return the cache of nodes around evaluated blocks."""
+        from sketchterrain.terrain.layers.relief_culler import ReliefCuller
 
-    def eroded(self, site: HostSite) -> tuple[ValueSlope, Float64Array]:
-        """Return hills and mountains with their gullies, without crags, and the mask of mountains."""
-        scale, octaves, points = self.scale(site.sampling.world), site.sampling.octaves, site.points
-        noise = ReliefNoise.at(scale, octaves, points.noise, site.x, site.y)
-        massif, weight = mountains(points, noise.spur)
-        rise = stack_heights(
-            stack_heights(_LEVEL, hills(points), noise.swell), massif, noise.mountain_factor(weight)
-        )
-        cut = gullies(scale, octaves, site.x, site.y, rise)
-        height = ValueSlope(*(a + b for a, b in zip(rise.height, cut, strict=True)))
-        return height, smooth_rise(massif.height.value, _ROCK_HEIGHT, 1 / _INVERSE_ROCK_RANGE)
+        return ReliefCuller(self, context, world)
+
+    def masks(self, culled: Culled, blocks: int) -> npt.NDArray[np.int32]:
+        """Return the masks of rock and wetness."""
+        del blocks
+        near: NearNodes = culled.details
+        return mask_bits(mountain=near.extremes[:, 3] > 0, wetness=near.extremes[:, 4] > 0)
 
     def omitted(self, state: DetailState, culled: Culled, sampling: Sampling) -> None:
-        """Add features that are too small, and what omitted octaves move, swell and cut."""
-        del culled
-        near: NearPoints = state.near
-        omitted = state.cache.get_or_compute(
-            (self.name, sampling.cell), lambda: self._omitted(near.layer, sampling)
-        )
-        scale, warp = self.scale(sampling.world), outline_warp(sampling.world.fidelity)
-        hill_slope, mountain_slope = _steepest_slopes(flank(sampling.world.fidelity))
-        moved = near.hill_sum * hill_slope * np.sqrt(2) * warp * omitted.warp
-        hills = (1 + _HILL_SWELL) * (moved + omitted.hills) + _HILL_SWELL * near.hill * omitted.warp
-        depth = scale.ridge_depth
-        bent = np.sqrt(2) * warp * omitted.warp * (1 + 2 * scale.spur * NOISE_PEAK)
-        moved = near.mountain_sum * mountain_slope * (bent + scale.spur * omitted.ridge)
-        mountains = (1 + depth * NOISE_PEAK) * (
-            moved + omitted.mountains
-        ) + depth * near.mountain * omitted.ridge
-        # Octaves of gullies that features of such widths have, shape (n, octaves).
-        across = np.clip((near.widest[:, None] / omitted.wavelengths - 0.5) * 2, 0, 1)
-        resolved = across * across * (3 - 2 * across)
-        cut = near.erosion * (resolved @ omitted.gullies)
-        # The roughness that rock omits, and how far omitted gullies' slopes change the rest of it.
-        slopes = _GULLY_SLOPE * near.erosion * (resolved @ (omitted.gullies / omitted.wavelengths))
-        steeper = np.ones(len(slopes)) if omitted.moved else np.minimum(_ROCK_OVER_SLOPE * slopes, 1.0)
-        rocky = smooth_rise(near.mountain, _ROCK_HEIGHT, 1 / _INVERSE_ROCK_RANGE)
-        crags = rocky * (omitted.crags + steeper * omitted.crags_left)
-        state.bound += hills + mountains + cut + crags
-        state.low -= near.erosion * scale.gully_depth * _GULLY_PEAK
-        state.high += (1 + _HILL_SWELL) * near.hill + (1 + depth * NOISE_PEAK) * near.mountain
-        state.scale += near.hill + near.mountain
+        """Add omitted octaves at the steepest slope near each block.
 
-    def _omitted(self, points: PointsLayer, sampling: Sampling) -> _Omitted:
-        full, resolved, cell = sampling.all_octaves, sampling.octaves, sampling.cell
-        warp = max(sampling.missing("warp_u"), sampling.missing("warp_v"))
-        ridge, scale = sampling.missing("ridge"), self.scale(sampling.world)
-        hills, mountains = points.lost_height("hill", cell, 0.5), points.lost_height("mountain", cell, 0.25)
-        # An octave of gullies follows the slopes that coarser ones left: from the first that differs, or from
-        # the very first where the relief below differs, each counts once in full and once as resolved.
+        Coarser unpainted nodes are drained by themselves: their valleys lie elsewhere, so that they differ
+        from the finest by what the ground near a block goes up and down, and are less steep.
+        """
+        near: NearNodes = culled.details
+        scale, unit = self.scale(sampling.world), sampling.unit
+        low, high, step, rock, _ = near.extremes.T
+        low, high = self._with_faded_paint(state.blocks, near.level, low, high)
+        slope = np.sqrt(2) * step / (unit * 2.0 ** (NODE_BITS + near.level))
+        bend = max(sampling.missing("bend_u"), sampling.missing("bend_v"))
+        moved = np.sqrt(2) * slope * scale.bend * unit * bend
+        if near.level:
+            moved += high - low
+            slope *= _COARSE_STEEPER
+        full, resolved = sampling.all_octaves, sampling.octaves
+        per_metre = full.scale[slice(*full.ranges["gully"]), 1] / unit
         amplitude, left = omitted_amplitudes(full, resolved, "gully")
-        differs = amplitude > left
-        moved = warp + ridge + hills + mountains > 0
-        turned = (np.cumsum(differs) - differs > 0) | moved
-        start, end = full.ranges["gully"]
-        crag, crag_left = omitted_amplitudes(full, resolved, "crag")
-        return _Omitted(
-            hills=hills,
-            mountains=mountains,
-            crags=scale.crag_depth * float(np.sum(crag - crag_left)) * NOISE_PEAK,
-            crags_left=scale.crag_depth * NOISE_PEAK * float(np.sum(crag_left)),
-            moved=moved,
-            warp=warp,
-            ridge=ridge,
-            gullies=scale.gully_depth * _GULLY_PEAK * np.where(turned, amplitude + left, amplitude - left),
-            wavelengths=sampling.unit / full.scale[start:end, 1],
+        erosion = scale.gully_depth * (_GENTLE_GULLIES + (1 - _GENTLE_GULLIES) * rock / 255)
+        slope, cut, deepest = slope * _BEND_STRETCH, np.zeros(len(low)), np.zeros(len(low))
+        # An octave follows the slopes of coarser ones: from the first that differs, each counts twice.
+        turned = bend > 0 or near.level > 0
+        changed = slope * turned
+        for whole, part, inverse in zip(amplitude, left, per_metre, strict=True):
+            depth = erosion * _steepness(slope)
+            omitted = whole + part if turned else whole - part
+            cut += _GULLY_PEAK * depth * omitted
+            deepest += _GULLY_PEAK * depth * whole
+            steeper = _FEED * _GULLY_SLOPE * depth * inverse
+            slope, changed = slope + steeper * whole, changed + steeper * omitted
+            turned = turned or whole > part
+        rough, rough_left = omitted_amplitudes(full, resolved, "detail")
+        roughness = scale.detail_depth * (_SMOOTH + (1 - _SMOOTH) * rock / 255) * NOISE_PEAK
+        # Omitted octaves, and those left as deep as another slope asks.
+        depth = roughness * _depth(slope)
+        cut += depth * np.sum(rough - rough_left)
+        cut += np.minimum(depth, roughness * changed) * np.sum(rough_left)
+        state.bound += moved + cut
+        state.low += low - moved - deepest - depth
+        state.high += high + moved + deepest + depth
+        state.scale += np.maximum(np.abs(low), np.abs(high))
+
+    def _with_faded_paint(
+        self, blocks: LatticeArray, level: int, low: Float64Array, high: Float64Array
+    ) -> tuple[Float64Array, Float64Array]:
+        """Return extremes near blocks with those of the painted region where a level has none of it."""
+        if self.painted is None or level < len(self.painted.levels):
+            return low, high
+        coarsest = self.painted.levels[-1]
+        corner = np.array([coarsest.column, coarsest.row])
+        size = np.array(coarsest.height.shape[::-1])
+        bits = NODE_BITS + len(self.painted.levels) - 1
+        box = np.concatenate([corner - 1, corner + size + 1]) << bits
+        inside = ((blocks[:, :2] <= box[2:]) & (blocks[:, 2:] >= box[:2])).all(axis=1)
+        finest = next(each.height for each in self.painted.levels if not np.isnan(each.height).all())
+        return (
+            np.where(inside, np.minimum(low, np.nanmin(finest)), low),
+            np.where(inside, np.maximum(high, np.nanmax(finest)), high),
+        )
+
+    def heights(self, ground: HostSamples, site: HostSite) -> HostSamples:
+        """Return the ground with its gullies and roughness."""
+        scale, octaves = self.scale(site.sampling.world), site.sampling.octaves
+        rise, rock, wet = self.eroded(site)
+        steep = np.hypot(rise.east, rise.north)
+        depth = scale.detail_depth * (_SMOOTH + (1 - _SMOOTH) * rock) * _depth(steep)
+        rough = depth * fbm(octaves, "detail", site.x, site.y)
+        return replace(ground, height=rise.value + rough, mountain=rock, wetness=wet)
+
+    def eroded(self, site: HostSite) -> tuple[ValueSlope, Float64Array, Float64Array]:
+        """Return the splines with their gullies, without roughness, the share of rock, and the wetness."""
+        rise, rock, wet = self.smooth(site)
+        noise = fbm(site.sampling.octaves, "bend_u", site.x, site.y)
+        patches = np.clip(_PATCHY_MEAN + _PATCHY * noise, _PATCHY_LEAST, 1)
+        erosion = (_GENTLE_GULLIES + (1 - _GENTLE_GULLIES) * rock) * patches
+        cut = gullies(self.scale(site.sampling.world), site.sampling.octaves, site, rise, erosion)
+        return ValueSlope(*(a + b for a, b in zip(rise, cut, strict=True))), rock, wet
+
+    def displaced(self, at: Float64Array, world: WorldSettings, octaves: OctaveTable) -> Float64Array:
+        """Return where nodes at positions (n, 2), m, appear: nodes are read at displaced positions."""
+        bend, shown = self.scale(world).bend * world.unit, at
+        for _ in range(_FIXED_POINT):
+            x, y = (to_lattice(each, world.extent) for each in shown.T)
+            shown = at - bend * np.stack([fbm(octaves, name, x, y) for name in ("bend_u", "bend_v")], axis=-1)
+        return np.asarray(shown)
+
+    def smooth(self, site: HostSite) -> tuple[ValueSlope, Float64Array, Float64Array]:
+        """Return the nodes' splines with their slope per metre, the share of rock, and the wetness."""
+        world = site.sampling.world
+        level = node_level(site.sampling.cell, world.extent)
+        bits = NODE_BITS + level
+        bend = self.scale(world).bend * 2.0**-bits
+        bends = [
+            scaled_slope(fbm_slope(site.sampling.octaves, name, site.x, site.y), bend)
+            for name in ("bend_u", "bend_v")
+        ]
+        place = np.stack([site.x, site.y], axis=-1) >> bits
+        fraction = (np.stack([site.x, site.y], axis=-1) & ((1 << bits) - 1)) * 2.0**-bits
+        u, v = (np.asarray(fraction[:, i] + np.clip(bends[i].value, -1, 1), np.float64) for i in (0, 1))
+        if site.nodes is None:
+            site.nodes = self.reader()
+        value, east, north, rock, wet = np.zeros((5, *site.x.shape))
+        chunks, inverse = np.unique(place // CHUNK, axis=0, return_inverse=True)
+        order = np.argsort(inverse.ravel(), kind="stable")
+        ends = np.searchsorted(inverse.ravel()[order], np.arange(len(chunks) + 1))
+        for number in range(len(chunks)):
+            own = order[ends[number] : ends[number + 1]]
+            corner = place[own].min(axis=0) - APRON[0]
+            columns, rows = place[own].max(axis=0) + APRON[1] + 1 - corner
+            nodes = site.nodes.window(level, *(int(n) for n in (*corner, rows, columns)))
+            column, row = (place[own] - corner).T
+            value[own], east[own], north[own] = _spline(nodes.height, column, row, u[own], v[own])
+            for share, values in ((rock, nodes.rock), (wet, nodes.wetness)):
+                share[own] = _bilinear(values, column, row, u[own], v[own]) / 255
+        bu, bv = bends
+        across = 2.0**-bits
+        return (
+            ValueSlope(
+                value,
+                (east * (across + bu.east) + north * bv.east) / world.unit,
+                (east * bu.north + north * (across + bv.north)) / world.unit,
+            ),
+            rock,
+            wet,
         )
 
 
-def _depth_scale(noise: NoiseStack, unit: float, depth: float) -> float:
-    """Return metres per amplitude of a stack whose octaves are each ``depth`` of their wavelength deep."""
-    longest = 2.0 ** round(np.log2(noise.wavelength / unit)) * unit
-    return float(depth * longest / (1 - noise.gain))
+def _steepness(steep: Float64Array) -> Float64Array:
+    """Return a bound of how deep gullies are on slopes up to one."""
+    square = np.minimum(steep * steep, _GENTLE * _TALUS)  # where they are deepest
+    return np.asarray(square / ((square + _GENTLE**2) * (1 + square / _TALUS**2)))
 
 
-@cache
-def _steepest_slopes(steepness: float) -> tuple[float, float]:
-    """Return the steepest slopes of the profiles of hills and of mountains, over a radius."""
-    hill = _steepest(hill_profile(_TURNS, steepness))
-    return hill, max(_steepest(mountain_profile(_TURNS, peak, steepness)) for peak in (0.0, 1.0))
+def _depth(steep: Float64Array) -> Float64Array:
+    """Return how deep roughness is on a slope."""
+    steep = steep + _LEVEL
+    return np.asarray(steep / (1 + _SLOPE_LIMIT * steep))
 
 
-def _steepest(profile: Float64Array) -> float:
-    return float(np.abs(np.diff(profile)).max() * (len(_TURNS) - 1))
+def _spline(
+    height: npt.NDArray[np.float32], column: LatticeArray, row: LatticeArray, u: Float64Array, v: Float64Array
+) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Return values of quadratic B-splines at (u, v) beyond nodes, and their slopes per spacing."""
+    across, up = (np.floor(f + 0.5).astype(np.int64) for f in (u, v))
+    value, east, north = np.zeros((3, *u.shape))
+    weights_u, slopes_u = _spline_weights(u - across)
+    weights_v, slopes_v = _spline_weights(v - up)
+    for j in range(3):
+        for i in range(3):
+            z = height[row + up + j - 1, column + across + i - 1].astype(np.float64)
+            value += weights_v[j] * weights_u[i] * z
+            east += weights_v[j] * slopes_u[i] * z
+            north += slopes_v[j] * weights_u[i] * z
+    return value, east, north
+
+
+def _spline_weights(f: Float64Array) -> tuple[tuple[Float64Array, ...], tuple[Float64Array, ...]]:
+    return (0.5 * (0.5 - f) ** 2, 0.75 - f * f, 0.5 * (0.5 + f) ** 2), (f - 0.5, -2 * f, f + 0.5)
+
+
+def _bilinear(
+    share: npt.NDArray[np.uint8], column: LatticeArray, row: LatticeArray, u: Float64Array, v: Float64Array
+) -> Float64Array:
+    across, up = (np.floor(f).astype(np.int64) for f in (u, v))
+    fu, fv, column, row = u - across, v - up, column + across, row + up
+    below = share[row, column] * (1 - fu) + share[row, column + 1] * fu
+    above = share[row + 1, column] * (1 - fu) + share[row + 1, column + 1] * fu
+    return np.asarray(below * (1 - fv) + above * fv)
+
+
+def gullies(
+    scale: ReliefScale, octaves: OctaveTable, site: HostSite, rise: ValueSlope, erosion: Float64Array
+) -> ValueSlope:
+    """Return the height added by erosion, with its slope per metre for constant directions of the waves."""
+    value, east_sum, north_sum = np.zeros((3, *site.x.shape))
+    for i in range(*octaves.ranges["gully"]):
+        east = rise.east + _FEED * east_sum
+        north = rise.north + _FEED * north_sum
+        square = east * east + north * north
+        across = _WAVES / np.sqrt(np.maximum(square, 1e-12))
+        cosine, sine, weight = _waves(octaves, i, site.x, site.y, -north * across, east * across)
+        even = 1 / np.sqrt(cosine**2 + sine**2 + _CALM * weight**2)
+        wave = cosine * even
+        per_metre = octaves.scale[i, 1] / site.sampling.unit
+        steep = square / ((square + _GENTLE**2) * (1 + square / _TALUS**2))
+        depth = scale.gully_depth * octaves.scale[i, 0] * erosion * steep
+        value += depth * (wave + _SHARP * (wave * wave - 0.5))
+        lean = depth * (1 + 2 * _SHARP * wave) * -sine * even * 2 * np.pi * per_metre * across
+        east_sum -= lean * north
+        north_sum += lean * east
+    return ValueSlope(value, east_sum, north_sum)
+
+
+def _waves(
+    octaves: OctaveTable, i: int, x: LatticeArray, y: LatticeArray, east: Float64Array, north: Float64Array
+) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Sum an octave's waves (turns per cell eastward and northward) over the corners around each point."""
+    cell_u, cell_v, fu, fv = skewed(octaves, i, x, y)
+    if octaves.form[i, 2]:
+        east, north = north, -east
+    lower = fu > fv
+    sums = np.zeros((3, *x.shape))
+    for iu, iv in ((0, 0), (lower.astype(np.int64), (~lower).astype(np.int64)), (1, 1)):
+        du, dv = fu - iu, fv - iv
+        d = np.stack([du, dv]) - (du + dv) * UNSKEW
+        g = gradients(cell_u + iu, cell_v + iv, seed=int(octaves.form[i, 1]))
+        weight = np.maximum(0.5 - (d * d).sum(axis=0), 0) ** 2
+        angle = 2 * np.pi * (east * (d[0] - _PIVOT * g[0]) + north * (d[1] - _PIVOT * g[1]))
+        sums += weight * np.stack([np.cos(angle), np.sin(angle), np.ones(x.shape)])
+    return sums[0], sums[1], sums[2]

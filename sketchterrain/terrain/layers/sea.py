@@ -186,7 +186,8 @@ class SeaLayer(TerrainLayer):
     def masks(self, culled: Culled, blocks: int) -> npt.NDArray[np.int32]:
         """Return the water of blocks with sea; an unpainted one may be anywhere."""
         everywhere = np.full(blocks, self.level is not None and not self.painted)
-        return mask_bits(water=everywhere | (np.diff(culled.lists["sea_starts"]) > 0))
+        water = everywhere | (np.diff(culled.lists["sea_starts"]) > 0)
+        return mask_bits(water=water, wetness=water)
 
     def omitted(self, state: DetailState, culled: Culled, sampling: Sampling) -> None:
         """Add what the omitted noise moves painted coasts by; nothing below is steeper than it was."""

@@ -1,0 +1,67 @@
+"""Heights of mountains and hills by their width: real summits seldom rise higher than theirs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from sketchterrain.document.layers import HEIGHT_LIMIT, LAYERS
+from sketchterrain.document.parameters import Properties
+
+if TYPE_CHECKING:
+    from sketchterrain.document.sketch import Sketch
+
+UNSET_HEIGHT = 0.7
+"""Height of a label without one, in inradii: the median of real summits."""
+
+_FREE_HEIGHT = 1.0  # inradii, up to which heights are built unchanged
+_LOOSE = 0.8  # greatest fidelity at which heights saturate at their limit
+
+
+class ShapeHeight(NamedTuple):
+    """Height (m) of a painted shape: what its label asks for, and what is built."""
+
+    asked: float
+    built: float
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether the shape is too small for its height."""
+        return self.built < 0.99 * self.asked
+
+
+def shape_height(properties: Properties, inradius: float, fidelity: float) -> ShapeHeight:
+    """Return the height of a shape by its label's properties; `inradius` is its largest circle's (m)."""
+    asked = float(properties["height"]) or UNSET_HEIGHT * inradius
+    return ShapeHeight(asked, built_height(asked, inradius, fidelity, float(properties["height_limit"])))
+
+
+def unpainted_height(sketch: Sketch, layer: str) -> float:
+    """Return the height (m) of mountains or hills where nothing is painted: that of label 1."""
+    declared = float(sketch.properties(layer, 1)["height"])
+    unset = LAYERS[layer].main.sentinel
+    return unset.start if unset is not None and declared == unset.value else declared
+
+
+def built_height(asked: float, inradius: float, fidelity: float, limit: float = HEIGHT_LIMIT) -> float:
+    """Return the height (m) that is built for a shape.
+
+    Parameters
+    ----------
+    asked
+        Height of its label (m).
+    inradius
+        Radius of the largest circle within the shape (m).
+    fidelity
+        The sketch's, 0 … 1. Up to 0.8 heights above one inradius saturate smoothly towards the limit, above
+        it less and less so; at 1 they stand as asked.
+    limit
+        Greatest height in inradii at a fidelity up to 0.8.
+    """
+    free = min(_FREE_HEIGHT, limit) * inradius
+    excess, room = asked - free, limit * inradius - free
+    if excess <= 0.0:
+        return asked
+    saturated = free + (excess * room / (excess + room) if room > 0.0 else 0.0)
+    exact = min(max((fidelity - _LOOSE) / (1.0 - _LOOSE), 0.0), 1.0)
+    exact = exact * exact * (3.0 - 2.0 * exact)
+    return asked if exact == 1.0 else saturated + exact * (asked - saturated)

@@ -1,0 +1,64 @@
+"""Hashes of integer positions and noise made of them, compiled; the same bits wherever they are asked for."""
+# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
+
+from math import floor
+
+import numpy as np
+from numba import njit
+
+_compiled = njit(cache=True, nogil=True, error_model="numpy")
+
+
+@_compiled
+def mixed(state):
+    """Return the finalizer of splitmix64, as `hash_keys` folds its keys."""
+    state = state + np.uint64(0x9E3779B97F4A7C15)
+    state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return state ^ (state >> np.uint64(31))
+
+
+@_compiled
+def hashed(key, column, row):
+    """Return 64 hashed bits of a pair of integers."""
+    return mixed(mixed(key ^ mixed(np.uint64(column))) ^ np.uint64(row))
+
+
+@_compiled
+def unit(bits):
+    """Return hashed bits as a number in [0, 1)."""
+    return np.float64(bits >> np.uint64(11)) * 2.0**-53
+
+
+@_compiled
+def value_noise(key, x, y, bits):
+    """Return value noise in [−1, 1] at mesh units (integers) on cells of 2^bits units."""
+    column, row = x >> bits, y >> bits
+    scale = 1.0 / (1 << bits)
+    u, v = (x - (column << bits)) * scale, (y - (row << bits)) * scale
+    u, v = u * u * (3.0 - 2.0 * u), v * v * (3.0 - 2.0 * v)
+    a, b = unit(hashed(key, column, row)), unit(hashed(key, column + 1, row))
+    c, d = unit(hashed(key, column, row + 1)), unit(hashed(key, column + 1, row + 1))
+    south, north = a + u * (b - a), c + u * (d - c)
+    return 2.0 * (south + v * (north - south)) - 1.0
+
+
+@_compiled
+def _gradient(key, column, row, u, v):
+    """Return the height at (u, v) of the slope that is hashed to a lattice point."""
+    bits = hashed(key, column, row)
+    east = np.float64(bits & np.uint64(0xFFFF)) * 2.0**-15 - 1.0
+    north = np.float64((bits >> np.uint64(16)) & np.uint64(0xFFFF)) * 2.0**-15 - 1.0
+    return east * u + north * v
+
+
+@_compiled
+def gradient_noise(key, x, y):
+    """Return gradient noise at a point of the unit lattice, about −0.7 … 0.7."""
+    column, row = floor(x), floor(y)
+    u, v = x - column, y - row
+    a, b = _gradient(key, column, row, u, v), _gradient(key, column + 1, row, u - 1.0, v)
+    c, d = _gradient(key, column, row + 1, u, v - 1.0), _gradient(key, column + 1, row + 1, u - 1.0, v - 1.0)
+    s, t = u * u * u * (u * (6.0 * u - 15.0) + 10.0), v * v * v * (v * (6.0 * v - 15.0) + 10.0)
+    south, north = a + s * (b - a), c + s * (d - c)
+    return south + t * (north - south)

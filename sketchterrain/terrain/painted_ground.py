@@ -1,0 +1,322 @@
+"""The painted region of the drained ground.
+
+It is drained to rivers, lakes and the sea without features, then anew in zones around features, to the ground
+as it was. Barriers that are left where water leaves the zones are cut through.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from hashlib import blake2b
+
+import numpy as np
+from scipy.ndimage import maximum_filter
+
+from sketchterrain.array_types import BoolArray, Float32Array, Float64Array
+from sketchterrain.caching import IdentityKey, LRUCache
+from sketchterrain.hydrology.courses import RiverCourse
+from sketchterrain.hydrology.drainage_constraints import (
+    DrainageConstraints,
+    NodeRaster,
+    drainage_constraints,
+)
+from sketchterrain.hydrology.streams import Flow
+from sketchterrain.placement.feature_types import Lake
+from sketchterrain.placement.sea import Sea
+from sketchterrain.terrain.drainage import (
+    BARE_ROUNDS,
+    DrainageInput,
+    Drained,
+    carved,
+    coarsened,
+    confined,
+    drain,
+    ramped,
+)
+from sketchterrain.terrain.node_raster import DrainedRaster, PaintedNodes
+from sketchterrain.terrain.painted_uplift import (
+    PaintedUplift,
+    drain_painted,
+    height_without,
+    painted_uplift,
+)
+from sketchterrain.terrain.relief_fields import UnpaintedSettings
+from sketchterrain.terrain.unpainted import unpainted_ground
+from sketchterrain.terrain.uplift import Outline, UpliftFeatures
+from sketchterrain.terrain.wetness import wetness
+
+COARSE_LEVEL = 2
+"""The finest level of ground that is drained to lay out rivers and lakes."""
+_SHORE = 4  # nodes around lakes
+_DRY_NODE = np.zeros((1, 1), np.uint8)
+_NO_NODES = PaintedNodes(
+    0, 0, np.full((1, 1), np.nan, np.float32), _DRY_NODE, _DRY_NODE, np.zeros((1, 1), np.float32)
+)
+
+
+@dataclass(frozen=True, eq=False)
+class PaintedWater:
+    """Water that the painted region drains to."""
+
+    courses: tuple[RiverCourse, ...] = ()  # parents first
+    slopes: tuple[Float64Array, ...] = ()  # greatest slope at each point of each course
+    floors: tuple[Float64Array, ...] = ()  # half the width of the valley's floor there, m
+    bare_slopes: tuple[Float64Array, ...] = ()  # on ground without paint
+    lakes: tuple[Lake, ...] = ()
+    outlets: Float64Array | None = None  # (n, 2) where each lake overflows, m
+    sea: Sea | None = None
+
+    def bare(self) -> PaintedWater:
+        """Return it on ground without paint."""
+        return replace(self, slopes=self.bare_slopes, bare_slopes=())
+
+    def key(self) -> tuple[object, ...]:
+        """Return all that its constraints depend on."""
+        lakes = tuple((lake.id, IdentityKey(lake.shape)) for lake in self.lakes)
+        points = tuple(each.tobytes() for each in (*self.slopes, *self.floors))
+        outlets = None if self.outlets is None else self.outlets.tobytes()
+        return tuple(map(IdentityKey, self.courses)), points, lakes, outlets, IdentityKey(self.sea)
+
+
+@dataclass(frozen=True, eq=False)
+class PaintedGround:
+    """The painted region as it is drained; with its network of flow and its features' factors."""
+
+    raster: DrainedRaster
+    network: Drained
+    factors: Float64Array
+    finest: Drained  # with barriers cut through
+
+
+@dataclass(frozen=True, eq=False)
+class PaintedLand:
+    """Features that raise the painted region, and the outlines of their shapes by layer."""
+
+    features: UpliftFeatures
+    outlines: Mapping[str, Outline]
+    cache: LRUCache = field(init=False, default_factory=lambda: LRUCache(1))
+
+    def uplift(self, ground: DrainageInput, cell: float, rock: Float32Array) -> PaintedUplift:
+        """Return what they add to a region, which is the same each time."""
+        compute = partial(painted_uplift, self.features, ground, cell, rock, self.outlines)
+        return self.cache.get_or_compute((IdentityKey(ground), cell), compute)
+
+    def key(self) -> bytes:
+        """Return a digest of all that the ground depends on."""
+        parts = [np.ascontiguousarray(each).tobytes() for each in self.features]
+        for name, outline in self.outlines.items():
+            parts += [name.encode(), outline.depth.tobytes(), np.float64(outline.filling).tobytes()]
+        return blake2b(b"".join(parts)).digest()
+
+    def without(self, removed: BoolArray) -> PaintedLand:
+        """Return it with features that raise nothing."""
+        height = np.where(removed, 0.0, self.features.height)
+        return replace(self, features=self.features._replace(height=height))
+
+
+def painted_ground(
+    settings: UnpaintedSettings,
+    land: PaintedLand,
+    water: PaintedWater,
+    memory: LRUCache,
+    *,
+    coarse: bool = False,
+) -> DrainedRaster:
+    """Return the painted region as it is drained, or its coarse levels with empty finer ones."""
+    return _cached_ground(settings, land, water, memory, 4 - COARSE_LEVEL if coarse else 4).raster
+
+
+def painted_flow(
+    settings: UnpaintedSettings,
+    land: PaintedLand,
+    water: PaintedWater,
+    memory: LRUCache,
+    plateaus: Outline | None = None,
+) -> Flow:
+    """Return how the painted region drains, level 0; plateaus bar streams."""
+    finest = _cached_ground(settings, land, water, memory, 4).finest
+    source = _cached_levels(settings, memory)[0][-1]
+    constraints = _cached_constraints(source, settings, water, memory)
+    wet = (constraints.course >= 0) | (constraints.slope <= 0.0)
+    wet |= ~np.isnan(constraints.base) & np.isnan(source.base)
+    barred = np.zeros(wet.shape, np.bool_)
+    if plateaus is not None:
+        barred = plateaus.depth_at(source.origin, wet.shape) > -settings.spacing
+    shore = maximum_filter(constraints.slope <= 0.0, 2 * _SHORE + 1)
+    raster = _raster(source, settings.spacing)
+    return Flow(raster, finest.height, finest.area, finest.receiver, wet, barred, shore)
+
+
+def ground_without(
+    settings: UnpaintedSettings,
+    land: PaintedLand,
+    water: PaintedWater,
+    memory: LRUCache,
+    removed: BoolArray,
+) -> DrainedRaster:
+    """Return the painted region without the uplift of some features, on the network drained with all."""
+    ground = _cached_ground(settings, land, water, memory, 4)
+    bare = _cached_bare(settings, water, memory, 4)
+    uplift = _uplift(settings, land.without(removed), water, memory, bare)
+    height = height_without(uplift, ground.network, ground.factors, settings.spacing)
+    return DrainedRaster.from_drained(
+        [_nodes(replace(ground.network, height=height), uplift, 3, settings.spacing)]
+    )
+
+
+def _cached_ground(
+    settings: UnpaintedSettings, land: PaintedLand, water: PaintedWater, memory: LRUCache, count: int
+) -> PaintedGround:
+    key = ("painted ground", settings, land.key(), water.key(), count)
+    found: PaintedGround = memory.get_or_compute(key, lambda: _drained(settings, land, water, memory, count))
+    return found
+
+
+def _drained(
+    settings: UnpaintedSettings, land: PaintedLand, water: PaintedWater, memory: LRUCache, count: int
+) -> PaintedGround:
+    bare = _cached_bare(settings, water, memory, count)
+    uplift = _uplift(settings, land, water, memory, bare)
+    drained, factors = drain_painted(uplift, settings.spacing, bare)
+    finest = drained[-1]
+    if drained[-1] is not bare[-1]:
+        ground = _watered_ground(settings, water, memory, count)[-1]
+        repose = np.maximum(ground.repose, uplift.ground[count - 1].repose)
+        finest = carved(replace(ground, repose=repose), settings.spacing, finest.height)
+    nodes = _nodes(finest, uplift, count - 1, settings.spacing)
+    return PaintedGround(
+        DrainedRaster.from_drained([_NO_NODES] * (4 - count) + [nodes]), drained[-1], factors, finest
+    )
+
+
+def _uplift(
+    settings: UnpaintedSettings,
+    land: PaintedLand,
+    water: PaintedWater,
+    memory: LRUCache,
+    bare: Sequence[Drained],
+) -> PaintedUplift:
+    """Return the uplift of features on ground that is drained around them and to water."""
+    unpainted, rock = _cached_levels(settings, memory)
+    uplift = land.uplift(unpainted[-1], settings.spacing, rock)
+    levels = []
+    for k, (ground, before, drained) in enumerate(zip(uplift.ground, unpainted, bare, strict=False)):
+        constraints = _cached_constraints(ground, settings, water, memory)
+        built = np.any([layer.inside[k] > 0.0 for layer in uplift.layers], axis=0)
+        obeyed = _obeyed(replace(ground, least=before.least), constraints, built)
+        levels.append(confined(obeyed, drained, uplift.zone_of(k)))
+    return replace(uplift, ground=(*levels, *uplift.ground[len(bare) :]))
+
+
+def _cached_bare(
+    settings: UnpaintedSettings, water: PaintedWater, memory: LRUCache, count: int
+) -> list[Drained]:
+    """Return levels of the region with water but without features, coarsest first."""
+    water = water.bare()
+    key = ("bare ground", settings, water.key(), count)
+    found: list[Drained] = memory.get_or_compute(
+        key,
+        lambda: drain(_watered_ground(settings, water, memory, count), settings.spacing, BARE_ROUNDS[:count]),
+    )
+    return found
+
+
+def _watered_ground(
+    settings: UnpaintedSettings, water: PaintedWater, memory: LRUCache, count: int
+) -> list[DrainageInput]:
+    """Return levels of the region without features, obeying the constraints of water; coarsest first."""
+    return [
+        _obeyed(each, _cached_constraints(each, settings, water, memory))
+        for each in _cached_levels(settings, memory)[0][:count]
+    ]
+
+
+def _cached_levels(
+    settings: UnpaintedSettings, memory: LRUCache
+) -> tuple[tuple[DrainageInput, ...], Float32Array]:
+    """Return what levels of the painted region are drained from without paint, coarsest first; its rock."""
+
+    def compute() -> tuple[tuple[DrainageInput, ...], Float32Array]:
+        source, rock = _region(settings)
+        levels = [source]
+        while len(levels) < len(BARE_ROUNDS):
+            levels.append(coarsened(levels[-1]))
+        return tuple(ramped(each, settings.spacing) for each in levels[::-1]), rock
+
+    return memory.get_or_compute(("unpainted region", settings), compute)
+
+
+def _region(settings: UnpaintedSettings) -> tuple[DrainageInput, Float32Array]:
+    """Return what the painted region is drained from without paint, and its share of rock."""
+    ground = unpainted_ground(settings)
+    region = ground.painted_region(0)
+    shape = region.inside.shape
+    fields = ground.uplift(0, region.column, region.row, *shape)
+    rain = np.where(region.inside, settings.spacing**2, 0.0)
+    free = np.full(shape, -1, np.int32)
+    origin = (region.row, region.column)
+    source = DrainageInput(fields.uplift, fields.repose, rain, region.border, region.inside, free, origin, 0)
+    return source, fields.rock
+
+
+def _cached_constraints(
+    source: DrainageInput, settings: UnpaintedSettings, water: PaintedWater, memory: LRUCache
+) -> DrainageConstraints:
+    key = ("constraints", settings, water.key(), source.level)
+    found: DrainageConstraints = memory.get_or_compute(
+        key, lambda: _constraints(source, settings.spacing, water)
+    )
+    return found
+
+
+def _constraints(source: DrainageInput, cell: float, water: PaintedWater) -> DrainageConstraints:
+    sea = water.sea
+    return drainage_constraints(
+        _raster(source, cell),
+        source.base,
+        source.domain,
+        water.courses,
+        slopes=water.slopes,
+        floors=water.floors,
+        lakes=water.lakes,
+        outlets=water.outlets,
+        coast=None if sea is None else sea.coast,
+        sea_level=0.0 if sea is None else sea.level,
+    )
+
+
+def _raster(source: DrainageInput, cell: float) -> NodeRaster:
+    """Return where the nodes of a level are."""
+    spacing, (row, column) = cell * 2.0**source.level, source.origin
+    return NodeRaster(column * spacing, row * spacing, spacing, source.base.shape)
+
+
+def _obeyed(
+    source: DrainageInput, water: DrainageConstraints, built: BoolArray | None = None
+) -> DrainageInput:
+    """Return a level that obeys the constraints of water; features are `built` on valley floors, too."""
+    least = None if source.least is None else np.where(water.course < 0, source.least, -np.inf)
+    floor = water.floor if built is None else np.where(built, np.inf, water.floor)
+    repose = np.minimum(source.repose, np.minimum(water.slope, floor))
+    return replace(source, course=water.course, base=water.base, repose=repose, least=least)
+
+
+def _nodes(drained: Drained, uplift: PaintedUplift, number: int, cell: float) -> PaintedNodes:
+    """Return the nodes of a level; `cell` is the spacing (m) of level 0."""
+    source, finest = uplift.ground[number], uplift.ground[-1]
+    step = 1 << source.level
+    south, west = (step * a - b for a, b in zip(source.origin, finest.origin, strict=True))
+    rows, columns = drained.height.shape
+    rock = uplift.rock[south::step, west::step][:rows, :columns]
+    wet = wetness(drained.height, drained.area, cell * step, cell)
+    shares = [np.rint(255 * np.clip(each, 0.0, 1.0)).astype(np.uint8) for each in (rock, wet)]
+    return PaintedNodes(
+        source.origin[1],
+        source.origin[0],
+        drained.height.astype(np.float32),
+        shares[0],
+        shares[1],
+        drained.area.astype(np.float32),
+    )

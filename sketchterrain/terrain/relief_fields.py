@@ -1,0 +1,268 @@
+"""Fields of relief of unpainted ground: gentle swells, ranges of mountains and hills by their density.
+
+Relief is what the ground shall rise above its valleys (m); uplift, which the solver of `drainage` takes, is
+proportional to it.
+"""
+# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import exp, floor, pi, sqrt
+from statistics import NormalDist
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from sketchterrain.placement.feature_types import TYPES
+from sketchterrain.placement.hashing import hash_keys, rounded
+from sketchterrain.placement.heights import unpainted_height
+from sketchterrain.terrain.hashed_noise import gradient_noise, value_noise
+from sketchterrain.terrain.mesh import SIDE, UNIT_BITS, base_level
+
+if TYPE_CHECKING:
+    from sketchterrain.document.sketch import Sketch
+
+_KAPPA = 3.3  # height of ridges above valleys over uplift and r0, in cells of the mesh
+_STRETCH = 2.0  # length of ranges over their width
+_DEVIATION = 0.262  # of the noise of ranges
+_ACROSS = sqrt(0.75)
+
+_compiled = njit(cache=True, nogil=True, error_model="numpy")
+
+
+@dataclass(frozen=True)
+class UnpaintedSettings:
+    """What unpainted ground depends on: lengths and heights in m, densities in features per km²."""
+
+    extent: float
+    seed: int
+    relief: float = 40.0
+    wavelength: float = 1600.0
+    roughness: float = 0.45
+    mountain_density: float = 0.0
+    hill_density: float = 0.0
+    mountain_height: float = 600.0
+    hill_height: float = 80.0
+
+    @classmethod
+    def from_sketch(cls, sketch: Sketch) -> UnpaintedSettings:
+        """Return the settings of a sketch: its ground, densities, and heights of the layers' label 1."""
+        ground, density = sketch.ground, sketch.density
+        return cls(
+            sketch.extent,
+            sketch.seed,
+            *(float(ground[name]) for name in ("relief", "wavelength", "roughness")),
+            *(float(density.get(name, 0.0)) for name in ("mountain", "hill")),
+            *(unpainted_height(sketch, name) for name in ("mountain", "hill")),
+        )
+
+    @property
+    def spacing(self) -> float:
+        """Spacing r0 of the nodes of level 0 (m)."""
+        return self.extent / 256.0
+
+    @property
+    def ground_relief(self) -> float:
+        """Relief of the ground (m): less where the whole sketch is smaller than its wavelength."""
+        return self.relief * min(1.0, self.extent / self.wavelength)
+
+
+class UpliftFields(NamedTuple):
+    """Parameters of the fields of relief (m) that uplift is derived from; lengths in mesh units."""
+
+    key: np.uint64
+    roughness: float
+    ground: float  # relief (m)
+    ground_scale: float  # 1 / wavelength
+    mountain: float  # height (m), 0: none
+    mountain_scale: float
+    mountain_threshold: float
+    hill: float
+    hill_scale: float
+    hill_threshold: float
+    per_relief: float  # uplift per m of relief
+
+
+def _share(density: float, radius: float) -> float:
+    """Return the share of ground covered by features of a density (1/km²), of 0.4 … 1 of a radius (m)."""
+    mean_square = (1.0 - 0.16) / (2.0 * 0.9162907318741551) * radius * radius
+    return 1.0 - exp(-density * 1e-6 * pi * mean_square)
+
+
+def _threshold(share: float) -> float:
+    """Return the height of the noise of ranges that a share of the plane exceeds."""
+    if share <= 0.0:
+        return 1e9
+    share = min(share, 0.98)
+    return float(rounded(-_DEVIATION * NormalDist().inv_cdf(share), 2.0**-20))
+
+
+def uplift_fields(settings: UnpaintedSettings) -> UpliftFields:
+    """Return the parameters of the fields of relief."""
+    unit = settings.spacing / SIDE  # m
+    mountain, hill = TYPES["mountain"], TYPES["hill"]
+    wide = min(mountain.fill_radius, mountain.fill_extent * settings.extent)
+    small = min(hill.fill_radius, hill.fill_extent * settings.extent)
+    return UpliftFields(
+        np.uint64(hash_keys(settings.seed, "unpainted uplift")),
+        settings.roughness,
+        settings.ground_relief,
+        unit / settings.wavelength,
+        min(settings.mountain_height, mountain.fill_slope * wide),
+        unit / (2.6 * wide),
+        _threshold(_share(settings.mountain_density, wide)),
+        min(settings.hill_height, hill.fill_slope * small),
+        unit / (2.6 * small),
+        _threshold(_share(settings.hill_density, small)),
+        1.0 / (_KAPPA * settings.spacing),
+    )
+
+
+@_compiled
+def range_noise(key, x, y):
+    """Return noise of joined, elongated shapes, their direction varying over the land; a swing per unit."""
+    turn = 2.0 * gradient_noise(key, 0.11 * x, 0.11 * y)
+    total = squares = 0.0
+    for k in range(3):
+        weight = max(0.0, 1.0 - abs(1.5 * turn - (k - 1.0)))
+        if (k == 0 and turn < -2.0 / 3.0) or (k == 2 and turn > 2.0 / 3.0):
+            weight = 1.0
+        if weight == 0.0:
+            continue
+        if k == 0:
+            along, across = -0.5 * x + _ACROSS * y, -_ACROSS * x - 0.5 * y
+        elif k == 1:
+            along, across = x, y
+        else:
+            along, across = 0.5 * x + _ACROSS * y, -_ACROSS * x + 0.5 * y
+        own = key + np.uint64(101 * (k + 1))
+        total += weight * gradient_noise(own, along / _STRETCH, across)
+        squares += weight * weight
+    value = total / sqrt(squares)
+    return value + 0.35 * gradient_noise(key + np.uint64(7), 2.1 * x, 2.1 * y)
+
+
+@_compiled
+def _smooth(t):
+    t = min(max(t, 0.0), 1.0)
+    return t * t * (3.0 - 2.0 * t)
+
+
+@_compiled
+def relief_at(fields, x, y):
+    """Return the relief (m) of ground above its valleys at a point (mesh units), and the mountains' share."""
+    key = fields.key
+    u, v = x * fields.ground_scale, y * fields.ground_scale
+    swell = gradient_noise(key + np.uint64(11), 0.5 * u, 0.5 * v) + 0.5 * gradient_noise(
+        key + np.uint64(12), u, v
+    )
+    swell += 0.9 * gradient_noise(key + np.uint64(14), x * 2.0**-13, y * 2.0**-13)
+    ground = fields.ground * (0.6 + 0.7 * swell)
+    ground = max(ground, 0.12 * fields.ground)
+    square = ground * ground
+    share = 0.0
+    if fields.mountain_threshold < 1e8:
+        u, v = x * fields.mountain_scale, y * fields.mountain_scale
+        above = (range_noise(key + np.uint64(1000), u, v) - fields.mountain_threshold) / _DEVIATION
+        share = _smooth(0.5 + 0.42 * above)
+        height = (
+            share * fields.mountain * (0.85 + 0.4 * gradient_noise(key + np.uint64(13), 0.6 * u, 0.6 * v))
+        )
+        square += height * height
+    if fields.hill_threshold < 1e8:
+        u, v = x * fields.hill_scale, y * fields.hill_scale
+        above = (range_noise(key + np.uint64(2000), u, v) - fields.hill_threshold) / _DEVIATION
+        height = _smooth(0.5 + 0.7 * above) * fields.hill
+        square += height * height
+    return sqrt(square), share
+
+
+@_compiled
+def vertex_relief(fields, centre):
+    """Return the relief (m) at vertices, of shape (rows, columns, 2)."""
+    rows, columns = centre.shape[:2]
+    result = np.empty((rows, columns, 2))
+    for j in range(rows):
+        for i in range(columns):
+            for half in range(2):
+                result[j, i, half], _ = relief_at(fields, centre[j, i, half, 0], centre[j, i, half, 1])
+    return result
+
+
+@_compiled
+def site_relief(fields, column, row, x, y):
+    """Return the relief (m) at sites by their offsets (L)."""
+    relief = np.empty(x.shape)
+    for j in range(x.shape[0]):
+        for i in range(x.shape[1]):
+            east = ((column + i) << UNIT_BITS) + floor(x[j, i] * (1 << UNIT_BITS))
+            north = ((row + j) << UNIT_BITS) + floor(y[j, i] * (1 << UNIT_BITS))
+            relief[j, i], _ = relief_at(fields, east, north)
+    return relief
+
+
+@_compiled
+def _relief_nodes(fields, level, column, row, rows, columns):
+    """Return relief (m) and the mountains' share at nodes."""
+    relief, share = np.empty((rows, columns)), np.empty((rows, columns))
+    for j in range(rows):
+        for i in range(columns):
+            relief[j, i], share[j, i] = relief_at(
+                fields, ((column + i) << level) * SIDE, ((row + j) << level) * SIDE
+            )
+    return relief, share
+
+
+@_compiled
+def relief_raster(fields, level, column, row, rows, columns):
+    """Return relief (m) and the mountains' share at nodes, below level 3 interpolated between its nodes."""
+    if level >= 3:
+        return _relief_nodes(fields, level, column, row, rows, columns)
+    relief, share = np.empty((rows, columns)), np.empty((rows, columns))
+    bits = 3 - level
+    first_column, first_row = column >> bits, row >> bits
+    width = ((column + columns - 1) >> bits) - first_column + 2
+    height = ((row + rows - 1) >> bits) - first_row + 2
+    coarse, coarse_share = _relief_nodes(fields, 3, first_column, first_row, height, width)
+    scale = 1.0 / (1 << bits)
+    for j in range(rows):
+        q = (row + j) >> bits
+        v = (row + j - (q << bits)) * scale
+        q -= first_row
+        for i in range(columns):
+            p = (column + i) >> bits
+            u = (column + i - (p << bits)) * scale
+            p -= first_column
+            for source, target in ((coarse, relief), (coarse_share, share)):
+                south = source[q, p] + u * (source[q, p + 1] - source[q, p])
+                north = source[q + 1, p] + u * (source[q + 1, p + 1] - source[q + 1, p])
+                target[j, i] = south + v * (north - south)
+    return relief, share
+
+
+@_compiled
+def roughened(fields, relief, level, column, row):
+    """Return uplift at nodes, varied over 8 and 16 nodes of level 0."""
+    rows, columns = relief.shape
+    uplift = np.empty((rows, columns))
+    for j in range(rows):
+        for i in range(columns):
+            x, y = ((column + i) << level) * SIDE, ((row + j) << level) * SIDE
+            noise = value_noise(fields.key + np.uint64(21), x, y, 8)
+            noise += 0.9 * value_noise(fields.key + np.uint64(22), x, y, 7)
+            uplift[j, i] = relief[j, i] * fields.per_relief * max(1.0 + fields.roughness * noise, 0.15)
+    return uplift
+
+
+@_compiled
+def mean_ground(mesh, fields, level, column, row, rows, columns):
+    """Return heights (m) of the smooth mean of the ground, and the mountains' share."""
+    height, share = np.empty((rows, columns)), np.empty((rows, columns))
+    for j in range(rows):
+        for i in range(columns):
+            x, y = ((column + i) << level) * SIDE, ((row + j) << level) * SIDE
+            relief, share[j, i] = relief_at(fields, x, y)
+            height[j, i] = base_level(mesh, x, y) + 0.85 * relief
+    return height, share

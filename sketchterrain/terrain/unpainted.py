@@ -1,0 +1,334 @@
+"""Unpainted ground: an unbounded raster of drained relief, mesh cell by mesh cell.
+
+Node (i, j) of level k stands (i, j) · r0 · 2^k m east and north of the sketch's south-west corner, with r0 =
+extent / 256. Each cell of the `mesh` is drained alone, its border at the heights of the mesh's edges, so a
+node's value depends on the settings alone: on no window, no neighbour and no order. From level 4 on, nodes
+follow the mesh, then a smooth mean of the ground.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache, cached_property, lru_cache, partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy import typing as npt
+
+from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int64Array
+from sketchterrain.caching import LRUCache
+from sketchterrain.terrain import mesh as meshes
+from sketchterrain.terrain import mesh_nodes, mesh_vertices, relief_fields, wetness
+from sketchterrain.terrain.drainage import BARE_ROUNDS, DrainageInput, drain
+from sketchterrain.terrain.mesh import SIDE, SITE_BITS, MeshTable
+from sketchterrain.terrain.relief_fields import UnpaintedSettings
+
+Int32Array = npt.NDArray[np.int32]
+Site = tuple[int, int]  # column and row of a site of the mesh
+
+LEVELS = 4
+"""Levels that are drained: 0 … 3; the next two follow the mesh's crests and valleys, others a smooth mean."""
+_MESH_LEVELS = 6
+_CREST = 1.2  # height of a cell's crest above its lowest vertex, over the relief
+
+_SLOPE_CAP = 0.25  # of tributary valleys between mesh vertices
+_FALL = 0.13  # of a trunk valley along L, over the ground's relief
+_PASS_RISE, _PASS_LOW_RISE = 1.0, 1.8  # of passes, over the relief: see `PassRule`
+_PASS_SLOPE = 1.2  # … and over the slope of hillslopes
+_HEAD = 2.7  # (drainage area where channels begin, over r0²)^(3/8); slopes above are straight
+_TALUS = 1.5  # greatest slope below passes, over that of hillslopes
+_MOST_THREADS = 4
+_MAX_WINDOW_BYTES = 1 << 24  # of windows that were read
+_GROUP = 8  # cells along the side of a group that is drained together
+
+
+class Nodes(NamedTuple):
+    """A window of nodes, (rows, columns): heights (m), rock (0 … 1), drainage areas (m²), wetness (0 … 1)."""
+
+    height: Float64Array
+    rock: Float32Array
+    area: Float32Array
+    wetness: Float32Array
+
+
+class UpliftNodes(NamedTuple):
+    """What raises the ground at a window of nodes: uplift, greatest slope, and how much is rock (0 … 1)."""
+
+    uplift: Float64Array
+    repose: Float64Array
+    rock: Float32Array
+
+
+@dataclass(frozen=True, eq=False)
+class PaintedRegion:
+    """Nodes of a level that belong to the cells which overlap the sketch, drained as one raster.
+
+    Its size depends on the extent and the seed only. Rows run northward from node (column, row).
+    """
+
+    column: int
+    row: int
+    inside: BoolArray
+    border: Float64Array  # heights (m) of nodes with an 8-neighbour outside, NaN elsewhere
+
+
+@dataclass(frozen=True, eq=False)
+class _CellRasters:
+    """Rasters of one level around some cells; `owner` is a cell's number, −1 outside of them."""
+
+    level: int
+    column: int
+    row: int
+    spacing: float
+    owner: Int32Array
+    base: Float64Array
+    inflow: Float64Array  # m², of nodes on valleys between cells
+    fields: UpliftNodes
+    boxes: Int64Array
+
+    def inflow_of(self, number: int) -> Float64Array:
+        """Return the areas (m²) that drain into a cell's border from other cells."""
+        south, west, north, east = self.boxes[number].tolist()
+        return self.inflow[south:north, west:east]
+
+    def cell(self, number: int) -> DrainageInput:
+        """Return what a cell is drained from."""
+        south, west, north, east = self.boxes[number].tolist()
+        box = np.s_[south:north, west:east]
+        domain = self.owner[box] == number
+        return DrainageInput(
+            self.fields.uplift[box],
+            self.fields.repose[box],
+            np.full(domain.shape, self.spacing * self.spacing),
+            np.where(domain, self.base[box], np.nan),
+            domain,
+            np.full(domain.shape, -1, np.int32),
+            (self.row + south, self.column + west),
+            self.level,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Cell:
+    """A drained cell at one level: its rectangle of nodes, NaN outside of the cell."""
+
+    column: int
+    row: int
+    height: Float64Array
+    area: Float32Array
+    wetness: Float32Array
+
+
+class UnpaintedGround:
+    """Windows of the raster of unpainted ground, with a bounded cache of drained cells; thread-safe."""
+
+    def __init__(
+        self, settings: UnpaintedSettings, *, max_bytes: int = 1 << 25, executor: Executor | None = None
+    ) -> None:
+        self.settings = settings
+        self.mesh = meshes.mesh_parameters(settings.seed, _FALL * settings.ground_relief)
+        self.fields = relief_fields.uplift_fields(settings)
+        slope = _PASS_SLOPE * self.fields.per_relief / _HEAD
+        length = settings.spacing * 2**SITE_BITS
+        self._passes = meshes.PassRule(_PASS_RISE, _PASS_LOW_RISE, slope, length)
+        self._cells = LRUCache(max_bytes=max_bytes)
+        self._blocks = LRUCache(64)
+        self._windows = LRUCache(max_bytes=_MAX_WINDOW_BYTES)
+        self._executor = executor
+
+    def window(
+        self, level: int, column: int, row: int, rows: int, columns: int, *, painted: bool = True
+    ) -> Nodes:
+        """Return a window of nodes of a level; (column, row) is its south-western node.
+
+        Unless `painted`, nodes of the painted region are left out: their heights are NaN.
+        """
+        at = level, column, row, rows, columns
+        if level >= LEVELS:
+            return self._windows.get_or_compute(at, partial(self._coarse_window, *at))
+        return self._windows.get_or_compute((*at, painted), partial(self._drained_window, *at, painted))
+
+    def _drained_window(
+        self, level: int, column: int, row: int, rows: int, columns: int, painted: bool
+    ) -> Nodes:
+        """Return a window of nodes of a level that is drained, with those of the painted region or not."""
+        table = self.table(*mesh_nodes.quads_of_nodes(level, column, row, rows, columns))
+        place, _ = mesh_nodes.owners(self.mesh, table, level, column, row, rows, columns)
+        stride = table.site_x.shape[1]
+        owner = mesh_nodes.owner_index(place, stride)
+        sites = {(table.column + int(k) % stride, table.row + int(k) // stride): k for k in np.unique(owner)}
+        if not painted:
+            sites = {site: number for site, number in sites.items() if site not in self.painted_sites}
+        height = np.full((rows, columns), np.nan)
+        area, wet = np.zeros((2, rows, columns), np.float32)
+        for site, cell in self._drained(level, list(sites)).items():
+            corner = cell.row - row, cell.column - column
+            drained = cell.height, cell.area, cell.wetness
+            mesh_nodes.paste(owner, sites[site], (height, area, wet), drained, corner)
+        _, share = relief_fields.relief_raster(self.fields, level, column, row, rows, columns)
+        return Nodes(height, share.astype(np.float32), area, wet)
+
+    def _coarse_window(self, level: int, column: int, row: int, rows: int, columns: int) -> Nodes:
+        """Return a window of nodes of a level that is not drained."""
+        at = level, column, row, rows, columns
+        area = np.full((rows, columns), (self.settings.spacing * 2.0**level) ** 2, np.float32)
+        if level >= _MESH_LEVELS:
+            height, share = relief_fields.mean_ground(self.mesh, self.fields, *at)
+        else:
+            table = self.table(*mesh_nodes.quads_of_nodes(*at))
+            height = mesh_nodes.mesh_heights(self.mesh, table, *at, self._passes, _CREST)
+            _, share = relief_fields.relief_raster(self.fields, *at)
+        share = share.astype(np.float32)
+        return Nodes(height, share, area, wetness.mean_wetness(share))
+
+    def table(self, column: int, row: int, rows: int, columns: int) -> MeshTable:
+        """Return sites and vertices of a rectangle of quads."""
+        x, y, diagonal = meshes.lattice_sites(self.mesh, column, row, rows, columns)
+        height, relief = np.empty((2, rows, columns, 2))
+        receiver, upstream = np.empty((2, rows, columns, 2), np.int64)
+        size = mesh_vertices.BLOCK
+        for q in range(row // size, (row + rows - 1) // size + 1):
+            for p in range(column // size, (column + columns - 1) // size + 1):
+                block = self._blocks.get_or_compute((p, q), partial(self._block, p, q))
+                south, west = max(q * size, row), max(p * size, column)
+                north, east = min((q + 1) * size, row + rows), min((p + 1) * size, column + columns)
+                into = np.s_[south - row : north - row, west - column : east - column]
+                out = np.s_[south - q * size : north - q * size, west - p * size : east - p * size]
+                for target, source in zip((height, receiver, upstream, relief), block, strict=True):
+                    target[into] = source[out]
+        sites = relief_fields.site_relief(self.fields, column, row, x, y)
+        low = mesh_vertices.lowest_around_sites(diagonal, height)
+        return MeshTable(column, row, x, y, diagonal, height, receiver, upstream, relief, sites, low)
+
+    def _block(self, column: int, row: int) -> tuple[Float64Array, Int64Array, Int64Array, Float64Array]:
+        """Return heights, receivers, numbers upstream and relief of the vertices of a block."""
+        size, margin = mesh_vertices.BLOCK, mesh_vertices.MARGIN
+        first = column * size - margin, row * size - margin
+        count = size + 2 * margin
+        x, y, diagonal = meshes.lattice_sites(self.mesh, *first, count, count)
+        centre, probe = mesh_vertices.vertices(self.mesh, *first, x, y, diagonal)
+        relief = relief_fields.vertex_relief(self.fields, centre)
+        level, course = mesh_vertices.receivers(self.mesh, diagonal, probe, relief)
+        power = self.fields.per_relief, _SLOPE_CAP, self.settings.spacing / SIDE
+        vertices = diagonal, centre, level, course, relief, power
+        height, upstream = mesh_vertices.vertex_heights(self.mesh, *vertices)
+        # Captures reach less far than what drains through a vertex.
+        reach = mesh_vertices.CAPTURES + 1
+        near = slice(margin - reach, margin + size + reach)
+        sites = slice(near.start, near.stop + 1)
+        at_sites = first[0] + near.start, first[1] + near.start, x[sites, sites], y[sites, sites]
+        low, receiver = mesh_vertices.captured(
+            self.mesh,
+            *(each[near, near] for each in (diagonal, centre, height, relief)),
+            relief_fields.site_relief(self.fields, *at_sites),
+            power,
+        )
+        core, inner = slice(margin, margin + size), slice(reach, reach + size)
+        return (
+            low[inner, inner].copy(),
+            receiver[inner, inner].copy(),
+            upstream[core, core].copy(),
+            relief[core, core].copy(),
+        )
+
+    def _drained(self, level: int, sites: list[tuple[int, int]]) -> dict[tuple[int, int], _Cell]:
+        """Return the cells of sites at a level."""
+        result = {site: self._cells.get((level, *site)) for site in sites}
+        groups: dict[tuple[int, int], list[tuple[int, int]]] = {}
+        for site in sites:
+            if result[site] is None:
+                groups.setdefault((site[0] // _GROUP, site[1] // _GROUP), []).append(site)
+        run = map if self._executor is None or len(groups) == 1 else self._executor.map
+        for cells in run(lambda group: self._drain_group(level, group), groups.values()):
+            result |= cells
+        return result
+
+    def _drain_group(self, level: int, sites: list[Site]) -> dict[Site, _Cell]:
+        """Drain cells of neighbouring sites and cache them."""
+        inputs = [self._cells_of(k, sites) for k in range(LEVELS - 1, level - 1, -1)]
+        result = {}
+        for number, site in enumerate(sites):
+            levels = [each.cell(number) for each in inputs]
+            levels = [each for each in levels if each.domain.size]
+            drained = drain(levels, self.settings.spacing, BARE_ROUNDS[: len(levels)])[-1]
+            row, column = levels[-1].origin
+            step = _TALUS * self.settings.spacing * 2.0**level
+            mesh_nodes.pile_talus(drained.height, levels[-1].base, step * levels[-1].repose)
+            area = drained.area + inputs[-1].inflow_of(number)
+            wet = wetness.wetness(drained.height, area, inputs[-1].spacing, self.settings.spacing)
+            cell = _Cell(column, row, drained.height, area.astype(np.float32), wet)
+            result[site] = self._cells.store((level, *site), cell)
+        return result
+
+    def _cells_of(self, level: int, sites: Sequence[Site]) -> _CellRasters:
+        """Return the rasters around cells of neighbouring sites, from which these are drained."""
+        columns, rows = [site[0] for site in sites], [site[1] for site in sites]
+        west, south, east, north = min(columns), min(rows), max(columns), max(rows)
+        table = self.table(west - 5, south - 5, north - south + 10, east - west + 10)
+        side = 1 << (SITE_BITS - level)
+        reach = side * 11 // 8  # farther than any cell reaches from its lattice point
+        column, row = side * west - reach, side * south - reach
+        shape = side * (north - south) + 2 * reach + 1, side * (east - west) + 2 * reach + 1
+        place, third = mesh_nodes.owners(self.mesh, table, level, column, row, *shape)
+        owner = mesh_nodes.owner_index(place, table.site_x.shape[1])
+        # a node's cell as its place in the list of sites, −1 for others
+        number = np.full(table.site_x.size, -1, np.int32)
+        stride = table.site_x.shape[1]
+        number[[(j - table.row) * stride + i - table.column for i, j in sites]] = np.arange(len(sites))
+        owner = number[owner]
+        base, inflow = mesh_nodes.borders(table, place, third, owner, self._passes)
+        inflow *= (self.settings.spacing * 2**SITE_BITS) ** 2
+        fields = self.uplift(level, column, row, *shape)
+        spacing = self.settings.spacing * 2.0**level
+        boxes = mesh_nodes.boxes(owner, len(sites))
+        return _CellRasters(level, column, row, spacing, owner, base, inflow, fields, boxes)
+
+    def uplift(self, level: int, column: int, row: int, rows: int, columns: int) -> UpliftNodes:
+        """Return what raises unpainted ground at nodes of a level."""
+        fields = self.fields
+        relief, rock = relief_fields.relief_raster(fields, level, column, row, rows, columns)
+        uplift = relief_fields.roughened(fields, relief, level, column, row)
+        return UpliftNodes(uplift, uplift / (_HEAD + uplift), rock.astype(np.float32))
+
+    @cached_property
+    def painted_sites(self) -> tuple[Site, ...]:
+        """Sites of the cells that overlap the sketch's square, in ascending order: the painted region."""
+        table = self.table(-3, -3, 10, 10)
+        side = 256
+        place, _ = mesh_nodes.owners(self.mesh, table, 0, 0, 0, side + 1, side + 1)
+        stride = table.site_x.shape[1]
+        owner = np.unique(mesh_nodes.owner_index(place, stride))
+        return tuple(sorted((table.column + int(k) % stride, table.row + int(k) // stride) for k in owner))
+
+    def painted_region(self, level: int) -> PaintedRegion:
+        """Return the nodes of a level that belong to the painted region, and the heights of its border."""
+        cells = self._cells_of(level, self.painted_sites)
+        inside = cells.owner >= 0
+        outlets = mesh_nodes.outer_borders(inside, cells.base)
+        rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
+        box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+        return PaintedRegion(
+            cells.column + int(columns[0]), cells.row + int(rows[0]), inside[box].copy(), outlets[box].copy()
+        )
+
+    def base_level(self, east: npt.ArrayLike, north: npt.ArrayLike) -> Float64Array:
+        """Return the height (m) of trunk valleys at points (m)."""
+        unit = self.settings.spacing / SIDE
+        x, y = np.broadcast_arrays(np.asarray(east, np.float64), np.asarray(north, np.float64))
+        x, y = np.rint(x / unit).astype(np.int64), np.rint(y / unit).astype(np.int64)
+        return np.asarray(meshes.base_levels(self.mesh, x.ravel(), y.ravel()).reshape(x.shape))
+
+
+@cache
+def _threads() -> Executor:
+    """Return the threads that drain cells; compiled code does not hold Python's lock."""
+    return ThreadPoolExecutor(min(_MOST_THREADS, os.cpu_count() or 1), thread_name_prefix="drainage")
+
+
+@lru_cache(maxsize=4)
+def unpainted_ground(settings: UnpaintedSettings) -> UnpaintedGround:
+    """Return the ground of some settings, with its cache."""
+    return UnpaintedGround(settings, executor=_threads())

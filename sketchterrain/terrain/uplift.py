@@ -1,0 +1,154 @@
+"""Painted mountains and hills that raise ground: their radii, and heights as they are built."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy import ndimage
+
+from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int64Array, StructuredArray
+from sketchterrain.caching import IdentityKey, LRUCache
+from sketchterrain.document.layers import HEIGHT_LIMIT, LAYERS
+from sketchterrain.placement.feature_types import FEATURE_TYPES, TYPES, visible_radius
+from sketchterrain.placement.heights import built_height, shape_height
+from sketchterrain.placement.shapes import cached_regions, measure_shape
+
+if TYPE_CHECKING:
+    from sketchterrain.document.sketch import Sketch
+
+_FILLING = 0.9  # visible radii by which features grow within their painted shape, at a fidelity of 1
+_MIN_SHARE = 0.36  # of its shape's height: as in `placement`
+
+
+class UpliftFeatures(NamedTuple):
+    """Features that raise ground, sorted by id; arrays of shape (n,). Those without height calm it."""
+
+    x: Float64Array  # m
+    y: Float64Array
+    radius: Float64Array  # m, to a quarter of the shape's height
+    height: Float64Array  # m, as built
+    peakiness: Float64Array
+    erosion: Float64Array
+    is_rock: BoolArray  # mountains
+    shape: Int64Array  # number of the painted shape that a feature belongs to
+
+    def of(self, members: Int64Array) -> UpliftFeatures:
+        """Return some of the features."""
+        return UpliftFeatures(
+            *(self.x[members], self.y[members], self.radius[members], self.height[members]),
+            *(self.peakiness[members], self.erosion[members], self.is_rock[members], self.shape[members]),
+        )
+
+
+def uplift_features(sketch: Sketch, points: StructuredArray, cache: LRUCache | None = None) -> UpliftFeatures:
+    """Return the mountains and hills among placed features (``FEATURE``), with heights as they are built.
+
+    A feature belongs to the shape that its id names, wherever it was moved to; one that was added is a shape
+    of its own, with its radius as inradius.
+    """
+    cache = LRUCache() if cache is None else cache
+    points = points[np.isin(points["type"], [FEATURE_TYPES.index(name) for name in ("mountain", "hill")])]
+    radius, height = np.zeros(len(points)), points["strength"].astype(np.float64)
+    number, count = np.zeros(len(points), np.int64), 0
+    for name in ("mountain", "hill"):
+        of_type = np.flatnonzero(points["type"] == FEATURE_TYPES.index(name))
+        shape, inradius, built, limit = _shapes_of(sketch, name, points[of_type], cache)
+        number[of_type] = count + shape
+        count += len(inradius)
+        alone = inradius[shape] <= 0.0
+        own = height[of_type]
+        whole = np.where(alone, own, built[shape])
+        share = np.clip(own / np.maximum(whole, 1e-9), _MIN_SHARE, 1.0)
+        peakiness = points["peakiness"][of_type].astype(np.float64)
+        visible = visible_radius(name, share, peakiness, sketch.fidelity) / TYPES[name].radius_ratio
+        radius[of_type] = points["radius"][of_type] * visible
+        wide = np.where(alone, radius[of_type], inradius[shape])
+        # Only edits make features higher than their shapes.
+        for k in np.flatnonzero(alone | (own > (1.0 + 1e-6) * whole)).tolist():
+            highest = built_height(float(own[k]), float(wide[k]), sketch.fidelity, float(limit[shape[k]]))
+            own[k] = highest if alone[k] else max(highest, whole[k])
+        height[of_type] = own
+    return UpliftFeatures(
+        points["x"].astype(np.float64),
+        points["y"].astype(np.float64),
+        radius,
+        height,
+        points["peakiness"].astype(np.float64),
+        points["erosion"].astype(np.float64),
+        np.asarray(points["type"] == FEATURE_TYPES.index("mountain")),
+        number,
+    )
+
+
+def _shapes_of(
+    sketch: Sketch, name: str, points: StructuredArray, cache: LRUCache
+) -> tuple[Int64Array, Float64Array, Float64Array, Float64Array]:
+    """Return each feature's shape; inradii, built heights (m) and height limits of shapes.
+
+    Features that were added have shapes of their own, with inradius 0.
+    """
+    image = sketch.layers[name]
+    regions = cached_regions(image, cache)
+    number = np.full(image.shape, -1, np.int64)
+    inradii = cache.get_or_compute(
+        ("inradii", name, IdentityKey(image)),
+        lambda: [float(measure_shape(name, image, region).depth.max()) for region in regions],
+    )
+    measures = np.zeros((len(regions), 3))
+    for index, region in enumerate(regions):
+        number[region.rows, region.columns][region.mask] = index
+        inradius, properties = inradii[index] * sketch.pixel_size, sketch.properties(name, region.label)
+        built = shape_height(properties, inradius, sketch.fidelity).built
+        measures[index] = inradius, built, properties["height_limit"]
+    pixel = (points["id"] & np.uint64((1 << 48) - 1)).astype(np.int64)
+    painted = points["painted"] & (points["id"] >> np.uint64(48) == LAYERS[name].code) & (pixel < image.size)
+    shape = np.where(painted, number.ravel()[np.where(painted, pixel, 0)], -1)
+    alone = np.flatnonzero(shape < 0)
+    shape[alone] = len(regions) + np.arange(len(alone))
+    inradius, built, limit = np.concatenate([measures, np.tile([0.0, 0.0, HEIGHT_LIMIT], (len(alone), 1))]).T
+    return shape, inradius, built, limit
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """Distance inside a layer's painted shapes, at nodes of level 0 over the sketch."""
+
+    depth: Float32Array  # (rows, columns), m, from the sketch's south-west corner; negative outside
+    filling: float  # radii by which features grow within their shapes
+
+    def depth_at(self, origin: tuple[int, int], shape: tuple[int, ...]) -> Float64Array:
+        """Return the distance inside (m) at a raster of nodes; −inf beyond the sketch."""
+        rows, columns = self.depth.shape
+        found = np.full(shape, -np.inf)
+        south, west = max(-origin[0], 0), max(-origin[1], 0)
+        north, east = min(rows - origin[0], shape[0]), min(columns - origin[1], shape[1])
+        if south < north and west < east:
+            part = self.depth[south + origin[0] : north + origin[0], west + origin[1] : east + origin[1]]
+            found[south:north, west:east] = part
+        return found
+
+
+def painted_outline(sketch: Sketch, layer: str, cell: float) -> Outline | None:
+    """Return the outline of a layer's shapes at nodes of a spacing (m); None where nothing is painted.
+
+    Features fill their shapes as far as the sketch's fidelity asks.
+    """
+    painted = sketch.layers[layer] != 0
+    if not painted.any():
+        return None
+    stride = max(int(0.5 * cell / sketch.pixel_size), 1)
+    painted = painted[stride // 2 :: stride, stride // 2 :: stride]
+    side = stride * sketch.pixel_size
+    inset = ndimage.distance_transform_edt(np.pad(painted, 1))[1:-1, 1:-1]
+    inset -= ndimage.distance_transform_edt(~painted)
+    rows, columns = (
+        int(each / cell) + 1
+        for each in (sketch.height_px * sketch.pixel_size, sketch.width_px * sketch.pixel_size)
+    )
+    y = (sketch.height_px * sketch.pixel_size - np.arange(rows) * cell) / side - 0.5
+    x = np.arange(columns) * cell / side - 0.5
+    at = np.meshgrid(y, x, indexing="ij")
+    depth = side * ndimage.map_coordinates(inset, at, order=1, mode="nearest")
+    return Outline(depth.astype(np.float32), _FILLING * sketch.fidelity)

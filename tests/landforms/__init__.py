@@ -1,0 +1,1 @@
+"""Landforms of hand-painted sketches."""

@@ -1,0 +1,234 @@
+"""The mesh of drainage cells and unpainted ground: partition, bit equality of windows, valleys that fall."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.placement.hashing import hash_keys
+from sketchterrain.terrain import mesh as meshes
+from sketchterrain.terrain.hashed_noise import value_noise
+from sketchterrain.terrain.relief_fields import UnpaintedSettings
+from sketchterrain.terrain.unpainted import UnpaintedGround, unpainted_ground
+
+SETTINGS = UnpaintedSettings(7680.0, 3, mountain_density=0.04, hill_density=0.2)
+FAR = round(1e6 / SETTINGS.spacing)
+
+
+@pytest.fixture(scope="module")
+def ground():
+    return UnpaintedGround(SETTINGS)
+
+
+def test_value_noise_is_continuous_and_bounded():
+    key = np.uint64(hash_keys(9, "mesh sway"))
+    for start in (-70, 10**12):
+        values = [value_noise(key, start + x, 5, 5) for x in range(140)]
+        assert np.abs(values).max() <= 1.0
+        assert np.abs(np.diff(values)).max() <= 3.0 / 32 + 1e-9
+
+
+def test_cells_tile_the_plane_and_are_as_large_as_a_lattice_square(ground):
+    table = ground.table(-8, 40, 20, 20)
+    owners = {}
+    for y in range(44 << meshes.UNIT_BITS, 54 << meshes.UNIT_BITS, 32):
+        for x in range(-4 << meshes.UNIT_BITS, 6 << meshes.UNIT_BITS, 32):
+            row, column, _, first, second, third, _ = meshes.locate(ground.mesh, table, x, y)
+            assert row >= 0  # in some triangle
+            assert first != second
+            assert 0.0 <= third <= 1.0 / 3.0 + 1e-12
+            site = row + meshes.CORNER_Y[first], column + meshes.CORNER_X[first]
+            owners[site] = owners.get(site, 0) + 1
+    inner = [n for (j, i), n in owners.items() if 6 < j < 13 and 6 < i < 13]
+    assert len(inner) == 36
+    assert np.mean(inner) == pytest.approx(32**2, rel=0.1)
+
+
+def test_every_triangle_is_turned_the_same_way(ground):
+    x, y, diagonal = meshes.lattice_sites(ground.mesh, -100, 300, 60, 60)
+    for j in range(60):
+        for i in range(60):
+            for half in range(2):
+                corners = meshes.CORNERS[diagonal[j, i], half]
+                at = [
+                    (meshes.CORNER_X[c] + x[j + meshes.CORNER_Y[c], i + meshes.CORNER_X[c]],
+                     meshes.CORNER_Y[c] + y[j + meshes.CORNER_Y[c], i + meshes.CORNER_X[c]])
+                    for c in corners
+                ]  # fmt: skip
+                (ax, ay), (bx, by), (cx, cy) = at
+                assert (bx - ax) * (cy - ay) - (cx - ax) * (by - ay) > 0.0
+
+
+def test_vertex_tables_do_not_depend_on_their_rectangle(ground):
+    whole = ground.table(-40, -40, 80, 80)
+    other = UnpaintedGround(SETTINGS)
+    part = other.table(-7, 11, 13, 19)
+    for name in ("site_x", "site_y", "diagonal", "height", "receiver", "upstream", "relief"):
+        a, b = getattr(whole, name), getattr(part, name)
+        assert np.array_equal(a[51 : 51 + b.shape[0], 33 : 33 + b.shape[1]], b), name
+
+
+def test_valleys_fall_and_hardly_any_vertex_is_a_sink(ground):
+    table = ground.table(100, -60, 90, 90)
+    sinks = 0
+    for j in range(1, 89):
+        for i in range(1, 89):
+            for half in range(2):
+                side = table.receiver[j, i, half]
+                if side < 0:
+                    sinks += 1
+                    continue
+                q, p, other = meshes.neighbour(table.diagonal, j, i, half, side)
+                assert table.height[q, p, other] < table.height[j, i, half]
+    assert sinks <= 0.002 * 88 * 88 * 2
+
+
+def test_edges_are_monotone_in_valleys_and_rise_to_one_pass_elsewhere(ground):
+    table = ground.table(20, 20, 30, 30)
+    rule = meshes.PassRule(0.8, 1.5, 0.01, 1920.0)
+    valleys = 0
+    for j in range(2, 28):
+        for i in range(2, 28):
+            for half in range(2):
+                for side in (*meshes.triangle_sides(table.diagonal[j, i], half), 4):
+                    q, p, other = meshes.neighbour(table.diagonal, j, i, half, side)
+                    back = 4 if side == 4 else (side + 2) % 4
+                    ends, far_ends = (
+                        meshes.side_corners(table.diagonal[j, i], side),
+                        meshes.side_corners(table.diagonal[q, p], back),
+                    )
+                    thirds = np.linspace(1 / 3, 0, 20)
+                    here = [meshes.edge_height(table, (j, i, half), ends, t, rule) for t in thirds]
+                    there = [meshes.edge_height(table, (q, p, other), far_ends, t, rule) for t in thirds]
+                    assert here[0] == pytest.approx(table.height[j, i, half])
+                    assert here[-1] == pytest.approx(there[-1])  # both triangles agree on the middle
+                    profile = np.diff(here + there[-2::-1])
+                    valley = table.receiver[j, i, half] == side or table.receiver[q, p, other] == back
+                    valleys += valley
+                    if valley:
+                        assert (profile >= 0).all() or (profile <= 0).all()
+                    else:
+                        assert (np.diff(np.sign(profile)) > 0).sum() == 0  # no second rise
+    assert valleys > 1000
+
+
+def _pairs(count, level, seed):
+    """Yield two overlapping windows, half of them 1 000 km away."""
+    rng = np.random.default_rng(seed)
+    for number in range(count):
+        far = FAR >> level if number % 2 else 0
+        column, row = rng.integers(-300, 300, 2) + far * rng.choice([-1, 1], 2)
+        size = rng.integers(1, 40, (2, 2))
+        shift = rng.integers(-10, 10, 2)
+        yield (int(column), int(row), *map(int, size[0])), (
+            int(column + shift[0]), int(row + shift[1]), *map(int, size[1])
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize("level", [0, 1, 2, 3, 4, 5, 7])
+def test_overlapping_windows_are_bit_equal(level, ground):
+    for one, other in _pairs(15, level, level):
+        a = ground.window(level, *one)
+        b = UnpaintedGround(SETTINGS).window(level, *other)
+        west, south = max(one[0], other[0]), max(one[1], other[1])
+        east, north = min(one[0] + one[3], other[0] + other[3]), min(one[1] + one[2], other[1] + other[2])
+        if west >= east or south >= north:
+            continue
+        for x, y in zip(a, b, strict=True):
+            assert np.array_equal(
+                x[south - one[1] : north - one[1], west - one[0] : east - one[0]],
+                y[south - other[1] : north - other[1], west - other[0] : east - other[0]],
+            )
+            assert np.isfinite(x).all()
+
+
+def test_threads_and_evicted_cells_change_no_bit(ground):
+    expected = ground.window(1, 500, 500, 96, 96)
+    with ThreadPoolExecutor(2) as pool:
+        threaded = UnpaintedGround(SETTINGS, max_bytes=200_000, executor=pool).window(1, 500, 500, 96, 96)
+    for a, b in zip(expected, threaded, strict=True):
+        assert np.array_equal(a, b)
+    assert np.array_equal(unpainted_ground(SETTINGS).window(1, 500, 500, 96, 96).height, expected.height)
+
+
+@pytest.mark.parametrize("densities", [(0.0, 0.0), (0.04, 0.2)])
+def test_hardly_any_ground_lies_in_closed_hollows(densities):
+    from skimage.morphology import reconstruction
+
+    settings = UnpaintedSettings(7680.0, 5, mountain_density=densities[0], hill_density=densities[1])
+    height = UnpaintedGround(settings).window(0, 700, -600, 192, 192).height
+    seed = np.full_like(height, height.max())
+    seed[[0, -1]], seed[:, [0, -1]] = height[[0, -1]], height[:, [0, -1]]
+    filled = reconstruction(seed, height, method="erosion")
+    assert (filled - height > 0.05 * settings.spacing).mean() <= 0.01
+
+
+def test_the_painted_region_covers_the_sketch_and_no_more_than_its_cells():
+    bare = [
+        UnpaintedGround(UnpaintedSettings(e, 4, mountain_density=d)) for e, d in ((7680.0, 0.0), (960.0, 3.0))
+    ]
+    assert bare[0].painted_sites == bare[1].painted_sites  # of the seed alone
+    ground = bare[0]
+    for level in range(4):
+        region = ground.painted_region(level)
+        side = 256 >> level
+        south, west = -region.row, -region.column
+        assert region.inside[south : south + side + 1, west : west + side + 1].all()
+        assert region.inside.size < (side + 256 * 0.9 / 2**level + 4) ** 2
+        inner = region.inside[1:-1, 1:-1] & np.isnan(region.border[1:-1, 1:-1])
+        for b, a in ((0, 1), (1, 0), (1, 2), (2, 1)):  # an inner node has all its neighbours
+            assert region.inside[b : b + inner.shape[0], a : a + inner.shape[1]][inner].all()
+        outside = ground.window(level, region.column, region.row, *region.inside.shape, painted=False)
+        assert np.array_equal(np.isnan(outside.height), region.inside)
+
+
+def test_border_of_the_painted_region_meets_the_cells_outside():
+    ground = UnpaintedGround(SETTINGS)
+    region = ground.painted_region(0)
+    whole = ground.window(0, region.column, region.row, *region.inside.shape)
+    border = np.isfinite(region.border)
+    assert np.array_equal(whole.height[border], region.border[border])
+
+
+def test_valleys_between_cells_drain_what_lies_upstream(ground):
+    nodes = ground.window(1, 600, 600, 200, 200)
+    cell = (SETTINGS.extent / 4) ** 2
+    assert nodes.area.max() > 5 * cell
+    assert np.median(nodes.area) < 0.01 * cell
+    wet = nodes.area > 2 * cell
+    assert np.median(nodes.height[wet]) < np.percentile(nodes.height, 35)
+
+
+def test_levels_agree(ground):
+    finest = ground.window(0, 2048, 1024, 512, 512).height
+    relief = np.ptp(np.percentile(finest, (1, 99)))
+    for level, share in ((1, 0.04), (2, 0.08), (3, 0.12), (4, 0.14), (5, 0.15)):
+        coarse = ground.window(level, 2048 >> level, 1024 >> level, 512 >> level, 512 >> level).height
+        difference = coarse - finest[:: 1 << level, :: 1 << level]
+        assert np.sqrt((difference**2).mean()) <= share * relief
+        assert abs(difference.mean()) <= 0.08 * relief
+
+
+def test_flat_ground_without_features_is_flat():
+    height = UnpaintedGround(UnpaintedSettings(1000.0, 1, relief=0.0)).window(0, 0, 0, 64, 64).height
+    assert np.ptp(height) < 0.5
+
+
+def test_more_mountains_raise_more_ground():
+    share = [
+        UnpaintedGround(UnpaintedSettings(7680.0, 2, mountain_density=density))
+        .window(5, -200, -200, 400, 400)
+        .rock.mean()
+        for density in (0.0, 0.02, 0.1)
+    ]
+    assert share[0] == 0.0
+    assert 0.05 < share[1] < 0.25 < share[2] < 0.7
+
+
+def test_settings_are_those_of_a_sketch():
+    sketch = Sketch(extent=5000.0, seed=6, labels={("mountain", 1): {"height": 777.0}})
+    settings = UnpaintedSettings.from_sketch(sketch)
+    assert (settings.extent, settings.seed) == (5000.0, 6)
+    assert settings.relief == sketch.ground["relief"]
+    assert (settings.mountain_height, settings.hill_height) == (777.0, 80.0)  # automatic hills

@@ -1,0 +1,75 @@
+"""Wetness: a topographic index that spreads over level ground; level by level the same ground is as wet."""
+
+import numpy as np
+
+from sketchterrain.document.store import load_sketch
+from sketchterrain.terrain.building import make_recipe
+from sketchterrain.terrain.layers.relief import ReliefLayer
+from sketchterrain.terrain.relief_fields import UnpaintedSettings
+from sketchterrain.terrain.unpainted import unpainted_ground
+from sketchterrain.terrain.wetness import wetness
+
+CELL = 20.0
+
+
+def channel(slope: float, *, side: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Return heights and areas of a channel northward of 4,096 nodes, between sides of a slope."""
+    row, column = np.mgrid[0:31, -15:16].astype(np.float64)
+    area = np.where(column == 0, 4096.0, 1.0) * CELL * CELL
+    return CELL * (slope * row + side * np.abs(column)), area
+
+
+def test_steep_channels_and_valleys_are_drier() -> None:
+    slopes = ((0.02, 0.0), (0.02, 0.1), (0.02, 0.5), (0.5, 0.5))
+    across = [wetness(*channel(along, side=side), CELL, CELL)[15] for along, side in slopes]
+    level, gentle, steep, torrent = across
+    assert level[15] == 1.0
+    for wide, narrow in ((level, gentle), (gentle, steep)):
+        assert (narrow <= wide).all()
+        assert narrow.sum() < 0.8 * wide.sum()
+    assert torrent[15] < steep[15] == 1.0
+    for each in across:
+        assert (np.diff(each[15:]) <= 0).all()
+        np.testing.assert_array_equal(each, each[::-1])
+    assert steep[17] == 0.0
+    assert level[20] > 0.5
+
+
+def test_index_is_the_logarithm_of_area_over_slope() -> None:
+    """On a plane nothing spreads: 2ⁿ times the area or 2⁻ⁿ times the slope are n more."""
+    z = CELL * np.mgrid[0:9, 0:9][0] / 8
+    area = np.full(z.shape, CELL * CELL)
+    index = 7.0 + 6.0 * np.stack([wetness(z, 2.0**n * area, CELL, CELL)[4] for n in range(5, 8)])
+    np.testing.assert_allclose(index, np.array([[8.0], [9.0], [10.0]]) * np.ones(9), atol=1e-5)
+    gentle = 7.0 + 6.0 * wetness(z / 2, 2.0**6 * area, CELL, CELL)[4]
+    np.testing.assert_allclose(gentle, 10.0, atol=1e-5)
+
+
+def test_nodes_without_height_are_dry_and_change_nothing() -> None:
+    z, area = channel(0.05, side=0.2)
+    outside = np.pad(z, 3, constant_values=np.nan), np.pad(area, 3)
+    whole = wetness(*outside, CELL, CELL)
+    np.testing.assert_array_equal(whole[3:-3, 3:-3], wetness(z, area, CELL, CELL))
+    assert whole[:3].max() == whole[:, :3].max() == 0.0
+
+
+def test_levels_of_unpainted_ground_are_as_wet() -> None:
+    ground = unpainted_ground(UnpaintedSettings.from_sketch(load_sketch("rolling_hills")))
+    means = [float(ground.window(k, *[1024 >> k] * 2, *[256 >> k] * 2).wetness.mean()) for k in range(6)]
+    assert min(means) > 0.1
+    assert max(means) < 1.8 * means[0]
+    window = ground.window(0, 1024, 1024, 128, 128)
+    channels = window.area > 500 * ground.settings.spacing**2
+    assert np.median(window.wetness[channels]) > 0.7
+    assert np.median(window.wetness) < 0.2
+
+
+def test_painted_rivers_are_wet_and_mountains_dry() -> None:
+    recipe = make_recipe(load_sketch("valley_river"))
+    nodes = recipe[ReliefLayer].painted.levels[0]
+    spacing = recipe.extent / 256
+    line = np.concatenate([river.centreline[:, :2] for river in recipe.rivers])
+    column, row = (np.rint(line / spacing).astype(int) - (nodes.column, nodes.row)).T
+    inside = (line > 0).all(axis=1) & (line < recipe.extent).all(axis=1)
+    assert np.median(nodes.wetness[row[inside], column[inside]]) > 180
+    assert nodes.wetness[nodes.rock > 200].mean() < 40

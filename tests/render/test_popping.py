@@ -111,6 +111,13 @@ FRAMES = 3
 QUICK = Quality(tolerance=2.0, quads=32, tile_memory=128 << 20)
 
 
+def is_below_ground(view, stream, camera, ground, reach):
+    """Return whether coarse tiles stand above the camera: until they are refined, it sees their undersides."""
+    picture = view.draw(stream, camera_towards(camera.eye, ground, 0.0, -89.0, reach))
+    middle = picture[RANDOM_SIZE[1] // 2 - 2 :, RANDOM_SIZE[0] // 2 - 2 :][:4, :4, :3]
+    return bool((middle == MAGENTA).all())
+
+
 @pytest.fixture(scope="module", params=preset_names())
 def terrain(request):
     if not list_devices():
@@ -140,6 +147,8 @@ def test_random_cameras_see_no_holes(gl, terrain):
                 converged = True
             lowest = float(stream.tiles.pool.bottom.min())
             found = holes(eye.draw(stream, camera), camera, reach, lowest)
+            if found and not converged and is_below_ground(eye, stream, camera, ground, reach):
+                found = 0
             covered += must_be_covered(camera, RANDOM_SIZE, reach, lowest).mean() / (CAMERAS * FRAMES)
             if found:
                 bad.append((number, frame, found, round(height, 1), round(pitch), converged))

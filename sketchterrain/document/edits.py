@@ -104,6 +104,7 @@ class Edit:
     strength: float | None = None
     peakiness: float | None = None
     erosion: float | None = None
+    strata: float | None = None
     wavelength: float | None = None
     wind: float | None = None
     conifers: float | None = None

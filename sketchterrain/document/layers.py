@@ -114,6 +114,10 @@ def _erosion(default: float) -> Parameter:
     )
 
 
+def _strata(default: float) -> Parameter:
+    return Parameter("strata", float, default, 0.0, 1.0, "", "how far layers of rock stand out as ledges")
+
+
 _ALL: Final = (
     Layer(
         *("mountain", "Mountains", 0, "summits", "where mountains rise"),
@@ -121,6 +125,7 @@ _ALL: Final = (
             *_heights(600.0, 9000.0, "summit"),
             Parameter("peakiness", float, 0.5, 0.0, 1.0, "", "0 is a broad top, 1 is a sharp peak"),
             _erosion(0.7),
+            _strata(0.25),
             _multitude(1, "summits"),
         ),
         colour=(140, 92, 70),
@@ -226,7 +231,7 @@ _ALL: Final = (
         parameter_table(
             Parameter("height", float, 180.0, 1.0, 3000.0, "m", "from the ground around to the flat top"),
             Parameter("cliffness", float, 0.8, 0.0, 1.0, "", "0 is a slope, 1 a cliff of up to 75°"),
-            Parameter("strata", float, 0.6, 0.0, 1.0, "", "how far layers of rock stand out as ledges"),
+            _strata(0.6),
             Parameter("foot", float, 0.35, 0.1, 0.9, "", "share of the height that is talus"),
         ),
         colour=(186, 104, 72),

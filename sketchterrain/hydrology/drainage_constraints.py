@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,7 +32,6 @@ _FLOOR, _FLOOR_WAVE = 4.0, 14.0  # of valleys: half its width, and distance over
 _NARROWEST_FLOOR, _WIDEST_FLOOR = 0.3, 2.0  # of that
 _FLOOR_SLOPE, _FLOOR_EDGE = 0.02, 0.5  # across, and how much steeper at twice its half width
 _NO_FLOOR = 0.06  # slope of a river from which on its valley is a V
-_CROSSING_SLOPE = 0.01  # greatest slope of a river that crosses a mountain: it was there before
 
 
 @dataclass(frozen=True)
@@ -91,33 +90,30 @@ def lake_outlets(lakes: Sequence[Lake], courses: Sequence[RiverCourse], ground: 
 
 
 def course_slopes(
-    courses: Sequence[RiverCourse],
-    crossings: Sequence[Sequence[tuple[int, int]]],
-    ground: GroundHeight,
-) -> list[Float64Array]:
-    """Return the greatest slope of the ground along each course, at its points.
+    courses: Sequence[RiverCourse], ground: GroundHeight, raised: Callable[[Float64Array], BoolArray]
+) -> tuple[tuple[Float64Array, ...], tuple[Float64Array, ...]]:
+    """Return the greatest slope of the ground along each course, at its points: without features, and with.
 
-    It is nowhere steeper than water may be, and little steeper than the `ground` falls along the course: a
-    river must not lie above the land beside it. One that crosses a mountain was there before it: `crossings`
-    are first and last points of these runs.
+    It is nowhere steeper than water may be, and little steeper than the `ground` without features falls along
+    the course: a river must not lie above the land beside it, and it was there before the features that it
+    crosses. Only where its source stands on features may it be as steep as water.
+
+    Parameters
+    ----------
+    raised : whether positions (n, 2), m, are on features
     """
-    found = []
-    for course, runs, own in zip(
-        courses, crossings, heights_at(ground, [each.line for each in courses]), strict=True
-    ):
+    bare, found = [], []
+    for course, own in zip(courses, heights_at(ground, [each.line for each in courses]), strict=True):
         arc = arc_length(course.line)
         falling = np.minimum.accumulate(own)
         even = np.linspace(0.0, arc[-1], _PROFILE_POINTS)
         fall = -np.diff(smoothed(np.interp(even, arc, falling)[:, None], _PROFILE_BLUR)[:, 0])
         slope = np.interp(arc, 0.5 * (even[1:] + even[:-1]), fall / np.diff(even))
-        limit = np.minimum(
-            gradient_limit(course.width, course.depth), _LEAST_SLOPE + _STEEPER * np.maximum(slope, 0.0)
-        )
-        for first, last in runs:
-            if first > 0 and last < len(limit) - 1:
-                limit[first : last + 1] = np.minimum(limit[first : last + 1], _CROSSING_SLOPE)
-        found.append(limit)
-    return found
+        limit = gradient_limit(course.width, course.depth)
+        bare.append(np.minimum(limit, _LEAST_SLOPE + _STEEPER * np.maximum(slope, 0.0)))
+        is_source = np.minimum.accumulate(raised(course.line))
+        found.append(np.where(is_source, limit, bare[-1]))
+    return tuple(bare), tuple(found)
 
 
 def drainage_constraints(
@@ -182,22 +178,15 @@ def drainage_constraints(
     return DrainageConstraints(receiver, base, slope, floor)
 
 
-def valley_floors(
-    courses: Sequence[RiverCourse],
-    crossings: Sequence[Sequence[tuple[int, int]]],
-    slopes: Sequence[Float64Array],
-) -> list[Float64Array]:
+def valley_floors(courses: Sequence[RiverCourse], slopes: Sequence[Float64Array]) -> list[Float64Array]:
     """Return half the width (m) of the valley's floor at each point of each course.
 
-    It is wide beside wide and gentle rivers; steep ones, and those that cross mountains, have none.
+    It is wide beside wide and gentle rivers; steep ones have none.
     """
-    found = []
-    for course, runs, slope in zip(courses, crossings, slopes, strict=True):
-        floor = _FLOOR * course.width * np.clip(1.0 - slope / _NO_FLOOR, 0.0, 1.0)
-        for first, last in runs:
-            floor[first : last + 1] = 0.0
-        found.append(floor)
-    return found
+    return [
+        _FLOOR * course.width * np.clip(1.0 - slope / _NO_FLOOR, 0.0, 1.0)
+        for course, slope in zip(courses, slopes, strict=True)
+    ]
 
 
 def _level_floors(

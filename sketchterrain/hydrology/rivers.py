@@ -177,7 +177,6 @@ class WaterLayout:
 
     courses: tuple[RiverCourse, ...]  # parents first
     lakes: tuple[Lake, ...]  # painted ones in reading order, with provisional levels
-    crossings: tuple[tuple[tuple[int, int], ...], ...]  # first and last point of runs through mountains
     orphans: tuple[str, ...]  # one line for each edit that could not be applied
 
 
@@ -229,7 +228,7 @@ def lay_out_water(
         ("apart", sketch.size, *map(IdentityKey, courses)), lambda: separate_beyond_edge(courses, sketch.size)
     )
     lakes, _ = apply_lake_edits(lakes, sketch.edits)
-    return WaterLayout(tuple(courses), tuple(lakes), _crossings(sketch, courses, cache), orphans)
+    return WaterLayout(tuple(courses), tuple(lakes), orphans)
 
 
 def solve_water(

@@ -8,17 +8,14 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
+from sketchterrain.array_types import BoolArray, Float64Array, Int32Array, Int64Array
 from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.hydrology.courses import RiverCourse, arc_length, course_through, smoothed
 from sketchterrain.hydrology.drainage_constraints import NodeRaster
 from sketchterrain.placement.feature_types import LAYER_CODES
 from sketchterrain.placement.hashing import rounded, value_noise
-
-Int32Array = npt.NDArray[np.int32]
 
 _UNPAINTED_BIT = 1 << 47  # in the ids of streams
 _LEAST_AREA, _LEAST_SHARE = 0.5e6, 0.02  # m², and of the extent's square: what a spring drains

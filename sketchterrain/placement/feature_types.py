@@ -25,6 +25,7 @@ FEATURE: Final = np.dtype(
         ("wavelength", "f4"),  # dune: m from crest to crest; 0 for the others
         ("wind", "f4"),  # dune: degrees the wind blows from; 0 for the others
         ("erosion", "f4"),  # mountain, hill: 0 gentle flanks .. 1 steep ones
+        ("strata", "f4"),  # mountain: 0 even rock .. 1 cliffs and benches
         ("painted", "?"),  # False for features of the fill
     ]
 )

@@ -61,6 +61,14 @@ def cached_regions(image: npt.NDArray[np.uint8], cache: LRUCache) -> tuple[Regio
     return cache.get_or_compute(("regions", IdentityKey(image)), lambda: find_regions(image))
 
 
+def region_numbers(image: npt.NDArray[np.uint8], cache: LRUCache) -> npt.NDArray[np.int64]:
+    """Return the number of the region at each pixel, −1 where nothing is painted."""
+    number = np.full(image.shape, -1, np.int64)
+    for index, region in enumerate(cached_regions(image, cache)):
+        number[region.rows, region.columns][region.mask] = index
+    return number
+
+
 def find_regions(image: npt.NDArray[np.uint8]) -> tuple[Region, ...]:
     """Return the connected regions of a label image, in reading order of their first pixels.
 

@@ -206,19 +206,15 @@ def _plan(sketch: Sketch, memory: LRUCache, checkpoint: Callable[[], None]) -> _
     checkpoint()
     layout = lay_out_water(sketch, seed=sketch.seed, ground=first, cache=memory, checkpoint=checkpoint)
     lakes = tuple(lake for lake in layout.lakes if lake.label)
-    outlets = lake_outlets(lakes, layout.courses, first)
     checkpoint()
     bare_land = replace(land, features=land.features.of(np.zeros(0, np.int64)))
     without = painted_ground(settings, bare_land, PaintedWater(sea=sea), memory, coarse=True)
-    grounds = (
-        first,
-        _ground(bare.with_layers([ReliefLayer(UnpaintedNodes(settings), without)]), 1 << COARSE_LEVEL),
+    without_features = _ground(
+        bare.with_layers([ReliefLayer(UnpaintedNodes(settings), without)]), 1 << COARSE_LEVEL
     )
-    slopes, bare_slopes = (
-        tuple(course_slopes(layout.courses, layout.crossings, each)) if layout.courses else ()
-        for each in grounds
-    )
-    floors = tuple(valley_floors(layout.courses, layout.crossings, bare_slopes))
+    outlets = lake_outlets(lakes, layout.courses, without_features)
+    bare_slopes, slopes = course_slopes(layout.courses, without_features, land.features.cover)
+    floors = tuple(valley_floors(layout.courses, bare_slopes))
     water = PaintedWater(layout.courses, slopes, floors, bare_slopes, lakes, outlets, sea)
     orphans = (*painted.orphans, *adopted.orphans)
     return _Plan(dry, bare, settings, land, layout, water, orphans)
@@ -232,7 +228,7 @@ def _painted_land(sketch: Sketch, points: StructuredArray, cell: float, memory: 
 
 def _outline(sketch: Sketch, layer: str, cell: float, memory: LRUCache) -> Outline | None:
     key = ("outline", IdentityKey(sketch.layers[layer]), cell, sketch.pixel_size, sketch.fidelity)
-    return memory.get_or_compute(key, partial(painted_outline, sketch, layer, cell))
+    return memory.get_or_compute(key, partial(painted_outline, sketch, layer, cell, memory))
 
 
 def _ground(recipe: TerrainRecipe, cells: int = 1) -> GroundHeight:

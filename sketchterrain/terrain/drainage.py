@@ -2,8 +2,9 @@
 
 Every node drains to one of its eight neighbours. Its height is ``z = z_receiver + S d`` with the slope
 ``S = min(u / (A / r0²)^(3/8), repose)`` of the drainage area A at its middle, where u is the uplift over the
-erodibility and r0 the spacing of level 0. Routing and integrating alternate for a fixed number of rounds,
-coarse to fine, as in Tzathas et al. 2024, "Physically-based analytical erosion for fast terrain generation".
+erodibility and r0 the spacing of level 0; in layered rock it is steeper in hard layers than in soft ones.
+Routing and integrating alternate for a fixed number of rounds, coarse to fine, as in Tzathas et al. 2024,
+"Physically-based analytical erosion for fast terrain generation".
 Depressions are routed through their lowest pass, after Cordonnier et al. 2019, "A versatile, linear
 complexity algorithm for flow routing in topographies with depressions".
 
@@ -20,12 +21,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy import typing as npt
 
-from sketchterrain.array_types import BoolArray, Float64Array
+from sketchterrain.array_types import BoolArray, Float64Array, Int32Array
 from sketchterrain.terrain import drainage_levels, drainage_rounds
-
-Int32Array = npt.NDArray[np.int32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +42,7 @@ class DrainageInput:
     origin : global index (row, column) of the first node, at this level
     level : the spacing is r0 · 2^level
     least : heights (m) that nodes have at least
+    strata : how far layers of rock stand out as cliffs and benches, 0 … 1; coarser levels have none
     """
 
     uplift: Float64Array
@@ -55,6 +54,7 @@ class DrainageInput:
     origin: tuple[int, int] = (0, 0)
     level: int = 0
     least: Float64Array | None = None
+    strata: Float64Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,6 +187,7 @@ def coarsened(source: DrainageInput) -> DrainageInput:
         origin=(first_row, first_column),
         level=source.level + 1,
         least=None,
+        strata=None,
     )
 
 
@@ -228,10 +229,12 @@ class LevelSolver:
             (self._kind, self._forced),
         )
         self._topology = self._kind, self._forced
-        least = np.full(self._width, -np.inf)
+        least, strata = np.full(self._width, -np.inf), np.zeros(self._width)
         if source.least is not None:
             least[1:-1, 1:-1] = source.least
-        self._fields = self._uplift, self._repose, self._rain, least.ravel()
+        if source.strata is not None:
+            strata[1:-1, 1:-1] = source.strata
+        self._fields = self._uplift, self._repose, self._rain, least.ravel(), strata.ravel()
         self._state = (
             self._height,
             self._area,

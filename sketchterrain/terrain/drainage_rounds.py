@@ -5,7 +5,7 @@ Nodes are flat indices of rasters with a margin of one node outside of the domai
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators, disable-error-code=assignment
 
 from heapq import heappop, heappush
-from math import sqrt
+from math import floor, sqrt
 
 import numpy as np
 from numba import njit
@@ -14,6 +14,9 @@ LEAST_SLOPE = 2.0**-13  # of a node to its receiver, where nothing is uplifted
 SLOPE_SWEEPS = 2  # each there and back
 LEAST_RISE = 1e-6  # m
 BESIDE = 2  # nodes to each side of a course that are not to lie lower
+LAYERS = 5.0  # thickness of a pair of hard and soft layers of rock, spacings of level 0
+HARD = 0.5  # share of it that is hard
+CLIFF, BENCH = 1.7, 0.35  # slopes of full strata over those of even rock, in hard layers and in soft ones
 RELAXATION = 0.5  # share of the step to the built heights that every round but the last takes
 
 OUTSIDE, INNER, OUTLET, OPEN_END = 0, 1, 2, 3  # odd: drained; an open end is the last node of a course
@@ -83,7 +86,7 @@ def integrate(fields, state, geometry, count):
 
     The slope is that of the drainage area at the middle of a node, so that levels agree.
     """
-    uplift, repose, rain, least = fields
+    uplift, repose, rain, least, strata = fields
     height, area, receiver, order, _, rise, _ = state
     width, spacing, scale = geometry
     for at in range(height.size):
@@ -96,8 +99,18 @@ def integrate(fields, state, geometry, count):
         to = receiver[at]
         if to >= 0:
             step = abs(at - to)
-            z = height[to] + (rise[at] if step == 1 or step == width else diagonal * rise[at])
-            height[at] = max(z, least[at])
+            up = rise[at] if step == 1 or step == width else diagonal * rise[at]
+            if strata[at] > 0.0:
+                up *= _resistance((height[to] + 0.5 * up) * sqrt(scale) / LAYERS, strata[at])
+            height[at] = max(height[to] + up, least[at])
+
+
+@_compiled
+def _resistance(z, strata):
+    """Return the slope over that of even rock at a height, in pairs of layers; their mean slope is 1."""
+    cliff, bench = 1.0 + strata * (CLIFF - 1.0), 1.0 + strata * (BENCH - 1.0)
+    mean = HARD / cliff + (1.0 - HARD) / bench
+    return mean * (cliff if z - floor(z) < HARD else bench)
 
 
 @_compiled
@@ -108,7 +121,8 @@ def limit_slopes(topology, fields, state, geometry):
     round.
     """
     kinds, forced = topology
-    height, receiver, repose = state[0], state[2], fields[1]
+    height, receiver = state[0], state[2]
+    repose = fields[1] * (1.0 + (CLIFF - 1.0) * fields[4])
     width, spacing, _ = geometry
     for _ in range(SLOPE_SWEEPS):
         _limit_sweep(kinds, forced, height, receiver, repose, spacing, width, 1)

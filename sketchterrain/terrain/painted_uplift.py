@@ -21,7 +21,7 @@ from types import MappingProxyType
 import numpy as np
 from numba import njit
 
-from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int64Array
+from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array
 from sketchterrain.terrain.drainage import (
     ROUNDS,
     DrainageInput,
@@ -51,10 +51,13 @@ _REPOSE, _EROSION_REPOSE = 0.7, 0.2  # tangents
 _PEAK = 0.5  # share of the uplift that peakiness moves from the outline to the summit
 _UNEVEN = 0.35  # by how much uplift and slopes vary from place to place
 _FOREIGN = 1.5  # weight of drainage area from elsewhere: streams that come from there cut through features
+_NEIGHBOUR = 0.15  # weight of features of other shapes inside a shape
 _ROCK_DEPTH = 0.3  # visible radii inside the outline, where all is rock
 _LIFT, _GAIN_CLIP = 0.2, 1.5
 _LEAST_FACTOR, _MOST_FACTOR = 0.1, 8.0
-PASSES = 2  # adjustments of features between two routings, before one of shapes
+ADJUST_EVERY = 2  # routings between adjustments of features, which go …
+ADJUST_SHARE = 0.5  # … this part of the way; the last one goes all of it
+PASSES = 2  # adjustments of whole shapes, at the last routing
 
 _LEVELS = 4
 _OUTSIDE = -9.0
@@ -71,6 +74,7 @@ class FeatureLayer:
     core: tuple[Float64Array, ...]  # scaled by the features' factors
     inside: tuple[Float64Array, ...]  # 0 … 1: what drains from here is their own
     target: Float64Array  # (rows, columns) of level 0: height (m) of a crest there
+    region: Int32Array  # (rows, columns) of level 0: number of the painted shape, −1 outside
     owner: Int64Array  # the member nearest to its summit, −1 outside of all cores
     highest: Float64Array  # m, of each shape
 
@@ -122,6 +126,7 @@ def painted_uplift(
     radius = np.maximum(features.radius / cell, 1.0)
     rock = np.zeros(shape, np.float32) if rock is None else rock
     near = _nearness(centre, radius, shape)
+    strata = np.zeros(shape)
     calm = _smooth((near + _CLEARANCE) / _CLEARANCE)
     uplift = ground.uplift * (1.0 - calm * (_CALM + (1.0 - _CALM) * rock))
     uneven = 1.0 + _UNEVEN * _unevenness(ground.origin, shape)
@@ -134,18 +139,21 @@ def painted_uplift(
         if not len(members):
             continue
         part = features.of(members)
+        region = np.full(shape, -1, np.int32)
+        if name in outlines:
+            region = outlines[name].region_at(ground.origin, shape)
         position, owner, means = _features_at(
             (centre[0][members], centre[1][members]),
             radius[members],
-            np.stack([part.height, part.peakiness, part.erosion, part.radius], axis=-1),
-            shape,
+            np.stack([part.height, part.peakiness, part.erosion, part.radius, part.strata], axis=-1),
+            (part.region, region),
         )
         inside = position > _OUTSIDE
         if name in outlines:
             inset = outlines[name].depth_at(ground.origin, shape)
             within = np.minimum(inset / np.maximum(means[..., 3], cell), position + outlines[name].filling)
             position = np.where(inside, np.maximum(position, within), _OUTSIDE)
-        height, peakiness, erosion, wide = (means[..., k] for k in range(4))
+        height, peakiness, erosion, wide, layered = np.moveaxis(means, -1, 0)
         slope = np.where(inside, height / np.maximum(wide, 1e-9), 0.0)
         core = _smooth((position + _OUTSET + _EDGE) / (2.0 * _EDGE))
         collar = _smooth((position + COLLAR) / COLLAR) * (1.0 - core)
@@ -169,13 +177,15 @@ def painted_uplift(
                 _coarsened_fields(_CORE_UPLIFT * slope * core * peak * uneven, ground),
                 _coarsened_fields(np.where(inside, core, 0.0), ground),
                 height,
+                region,
                 owner,
                 _highest(part),
             )
         )
         if is_rock:
             rock = np.maximum(rock, np.where(inside, _smooth(position / _ROCK_DEPTH), 0.0)).astype(np.float32)
-    levels = _levels(replace(ground, uplift=uplift, repose=np.maximum(repose, 0.3 * uplift)))
+            strata = np.where(inside, layered * core, 0.0)
+    levels = _levels(replace(ground, uplift=uplift, repose=np.maximum(repose, 0.3 * uplift), strata=strata))
     return PaintedUplift(features, levels, tuple(layers), rock.astype(np.float32), near > -_ZONE)
 
 
@@ -221,8 +231,10 @@ def _coarsened_fields(values: Float64Array, finest: DrainageInput) -> tuple[Floa
 class HeightControl:
     """Uplift of painted features at each level, scaled until their crests reach their heights."""
 
-    def __init__(self, painted: PaintedUplift, cell: float, factors: Float64Array | None = None) -> None:
-        self._painted = painted
+    def __init__(
+        self, painted: PaintedUplift, cell: float, factors: Float64Array | None = None, routings: int = 0
+    ) -> None:
+        self._painted, self._routings = painted, routings
         features, finest = painted.features, painted.ground[-1]
         self._centre = _centres(features, finest, cell)
         self._radius = np.maximum(features.radius / cell, 1.0)
@@ -237,9 +249,12 @@ class HeightControl:
         """Return the uplift of a level on its present network, adjusted for features and then for shapes."""
         shares = self._shares(index, solver)
         parts = self._parts(index, shares)
-        for number in range(PASSES + 1):
-            self._adjust(index, solver, parts, whole=number == PASSES)
-            parts = self._parts(index, shares)
+        self._routings -= 1
+        if self._routings % ADJUST_EVERY == 0:
+            is_last = self._routings == 0
+            for number in range(1 + PASSES * is_last):
+                self._adjust(index, solver, parts, whole=number > 0, share=1.0 if is_last else ADJUST_SHARE)
+                parts = self._parts(index, shares)
         return np.asarray(self._painted.ground[index].uplift + sum(parts))
 
     def _shares(self, index: int, solver: LevelSolver) -> list[Float64Array]:
@@ -247,8 +262,10 @@ class HeightControl:
         own = [solver.shares_from(layer.inside[index]) for layer in self._painted.layers]
         return [each / (each + _FOREIGN * (1.0 - each) + 1e-9) for each in own]
 
-    def _adjust(self, index: int, solver: LevelSolver, parts: Sequence[Float64Array], *, whole: bool) -> None:
-        """Build the heights of a level and scale its features by them.
+    def _adjust(
+        self, index: int, solver: LevelSolver, parts: Sequence[Float64Array], *, whole: bool, share: float
+    ) -> None:
+        """Build the heights of a level and scale its features by a share of what they lack.
 
         Each feature is scaled on its own, or, as `whole`, all those of a shape together.
         """
@@ -261,9 +278,9 @@ class HeightControl:
             if whole:
                 shape = painted.features.shape[layer.members]
                 aims = layer.highest, shape, layer.owner
-                _adjust_shapes(effect, aims, start, step, factors)
+                _adjust_shapes(effect, aims, start, step, factors, share)
             else:
-                _adjust_factors(effect, (layer.target, layer.owner), start, step, factors)
+                _adjust_factors(effect, (layer.target, layer.owner), start, step, factors, share)
             self.factors[layer.members] = factors
 
     def _parts(self, index: int, shares: Sequence[Float64Array]) -> list[Float64Array]:
@@ -277,7 +294,11 @@ class HeightControl:
         rows, columns = level.base.shape
         centre = self._centre[0][layer.members], self._centre[1][layer.members]
         factors: Float64Array = _mean_factors(
-            centre, self._radius[layer.members], self.factors[layer.members], (start, step), (rows, columns)
+            centre,
+            self._radius[layer.members],
+            self.factors[layer.members],
+            (start, step, (rows, columns)),
+            (self._painted.features.region[layer.members], layer.region),
         )
         return np.asarray(layer.collar[index] + layer.core[index] * factors)
 
@@ -299,10 +320,10 @@ def drain_painted(
     ----------
     bare : levels of the region without features, coarsest first; levels that are missing are left out
     """
-    control = HeightControl(painted, cell)
+    levels = len(bare)
+    control = HeightControl(painted, cell, routings=sum(rounds[:levels]))
     if not painted.layers:
         return list(bare), control.factors
-    levels = len(bare)
     drained = drain(painted.ground[:levels], cell, rounds[:levels], onto=bare, raise_ground=control.adjusted)
     return drained, control.factors
 
@@ -365,17 +386,18 @@ def _nearness(centre, radius, shape):
 
 
 @_compiled
-def _features_at(centre, radius, values, shape):
+def _features_at(centre, radius, values, regions):
     """Return, at nodes, where they lie in features and weighted means of these.
 
     Depth inside the outline of any feature over its radius, negative outside; the deepest feature; means of
-    values (n, 4).
+    values (n, m).
     """
-    rows, columns = shape
+    belongs, region = regions
+    shape = rows, columns = region.shape
     depth = np.full((rows, columns), _OUTSIDE)
     deepest, owner = np.full((rows, columns), _OUTSIDE), np.full((rows, columns), -1, np.int64)
     weights, radii = np.zeros((rows, columns)), np.zeros((rows, columns))
-    means = np.zeros((rows, columns, 4))
+    means = np.zeros((rows, columns, values.shape[1]))
     for k in range(radius.size):
         x, y, own = centre[0][k], centre[1][k], radius[k]
         reach = own * (1.0 + _REACH) + 2.0
@@ -388,9 +410,11 @@ def _features_at(centre, radius, values, shape):
                 inside = own - away
                 t = 1.0 - away / reach
                 weight = t * t * t * own * own
+                if region[i, j] >= 0 and region[i, j] != belongs[k]:
+                    weight *= _NEIGHBOUR
                 weights[i, j] += weight
                 radii[i, j] += weight * own
-                for value in range(4):
+                for value in range(values.shape[1]):
                     means[i, j, value] += weight * values[k, value]
                 depth[i, j] = max(depth[i, j], inside) if depth[i, j] > _OUTSIDE else inside
                 if inside / own > deepest[i, j]:
@@ -400,7 +424,7 @@ def _features_at(centre, radius, values, shape):
         for j in range(columns):
             if weights[i, j] > 0.0:
                 depth[i, j] = max(depth[i, j] / (radii[i, j] / weights[i, j]), -1.0)
-                for value in range(4):
+                for value in range(values.shape[1]):
                     means[i, j, value] /= weights[i, j]
                 if deepest[i, j] <= _LIFT:
                     owner[i, j] = -1
@@ -408,9 +432,9 @@ def _features_at(centre, radius, values, shape):
 
 
 @_compiled
-def _mean_factors(centre, radius, factors, place, shape):
+def _mean_factors(centre, radius, factors, place, regions):
     """Return the weighted mean of the factors of features near nodes, 1 away from them."""
-    start, step = place
+    (start, step, shape), (belongs, region) = place, regions
     sums, weights = np.zeros(shape), np.zeros(shape)
     for k in range(radius.size):
         x, y, own = centre[0][k], centre[1][k], radius[k]
@@ -423,6 +447,8 @@ def _mean_factors(centre, radius, factors, place, shape):
                 if away < reach:
                     t = 1.0 - away / reach
                     weight = t * t * t * own * own
+                    if region[row, column] >= 0 and region[row, column] != belongs[k]:
+                        weight *= _NEIGHBOUR
                     weights[i, j] += weight
                     sums[i, j] += weight * factors[k]
     for i in range(shape[0]):
@@ -432,7 +458,7 @@ def _mean_factors(centre, radius, factors, place, shape):
 
 
 @_compiled
-def _adjust_factors(effect, aims, start, step, factors):
+def _adjust_factors(effect, aims, start, step, factors, share):
     """Scale each factor by how far the highest crest of its feature is from its aim."""
     target, owner = aims
     reached = np.zeros(factors.size)
@@ -442,11 +468,11 @@ def _adjust_factors(effect, aims, start, step, factors):
             k = owner[row, column]
             if k >= 0 and target[row, column] > 1e-3:
                 reached[k] = max(reached[k], effect[i, j] / target[row, column])
-    _scale(factors, reached)
+    _scale(factors, reached, share)
 
 
 @_compiled
-def _adjust_shapes(effect, aims, start, step, factors):
+def _adjust_shapes(effect, aims, start, step, factors, share):
     """Scale the factors of each shape by how far its highest crest is from its aim."""
     highest, shape, owner = aims
     reached = np.zeros(highest.size)
@@ -455,12 +481,13 @@ def _adjust_shapes(effect, aims, start, step, factors):
             k = owner[start[0] + i * step, start[1] + j * step]
             if k >= 0:
                 reached[shape[k]] = max(reached[shape[k]], effect[i, j] / highest[shape[k]])
-    _scale(factors, reached[shape])
+    _scale(factors, reached[shape], share)
 
 
 @_compiled
-def _scale(factors, reached):
+def _scale(factors, reached, share):
     for k in range(factors.size):
         if reached[k] > 0.0:
             change = min(max(1.0 / reached[k], 1.0 / _GAIN_CLIP), _GAIN_CLIP)
+            change = 1.0 + share * (change - 1.0)
             factors[k] = min(max(factors[k] * change, _LEAST_FACTOR), _MOST_FACTOR)

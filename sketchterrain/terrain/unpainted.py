@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import typing as npt
 
-from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int64Array
+from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array
 from sketchterrain.caching import LRUCache
 from sketchterrain.terrain import mesh as meshes
 from sketchterrain.terrain import mesh_nodes, mesh_vertices, relief_fields, wetness
@@ -26,7 +26,6 @@ from sketchterrain.terrain.drainage import BARE_ROUNDS, DrainageInput, drain
 from sketchterrain.terrain.mesh import SIDE, SITE_BITS, MeshTable
 from sketchterrain.terrain.relief_fields import UnpaintedSettings
 
-Int32Array = npt.NDArray[np.int32]
 Site = tuple[int, int]  # column and row of a site of the mesh
 
 LEVELS = 4

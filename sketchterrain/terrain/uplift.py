@@ -3,20 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 from scipy import ndimage
 
-from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int64Array, StructuredArray
+from sketchterrain.array_types import (
+    BoolArray,
+    Float32Array,
+    Float64Array,
+    Int32Array,
+    Int64Array,
+    StructuredArray,
+)
 from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document.layers import HEIGHT_LIMIT, LAYERS
 from sketchterrain.placement.feature_types import FEATURE_TYPES, TYPES, visible_radius
 from sketchterrain.placement.heights import built_height, shape_height
-from sketchterrain.placement.shapes import cached_regions, measure_shape
+from sketchterrain.placement.shapes import cached_regions, measure_shape, region_numbers
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
+
+Number = TypeVar("Number", bound=np.generic)
 
 _FILLING = 0.9  # visible radii by which features grow within their painted shape, at a fidelity of 1
 _MIN_SHARE = 0.36  # of its shape's height: as in `placement`
@@ -31,15 +41,19 @@ class UpliftFeatures(NamedTuple):
     height: Float64Array  # m, as built
     peakiness: Float64Array
     erosion: Float64Array
+    strata: Float64Array
     is_rock: BoolArray  # mountains
     shape: Int64Array  # number of the painted shape that a feature belongs to
+    region: Int64Array  # number of that shape within its layer, −1 for features that were added
 
     def of(self, members: Int64Array) -> UpliftFeatures:
         """Return some of the features."""
-        return UpliftFeatures(
-            *(self.x[members], self.y[members], self.radius[members], self.height[members]),
-            *(self.peakiness[members], self.erosion[members], self.is_rock[members], self.shape[members]),
-        )
+        return UpliftFeatures(*(each[members] for each in self))
+
+    def cover(self, at: Float64Array) -> BoolArray:
+        """Return whether positions (n, 2), m, are in the radius of any feature."""
+        away = np.hypot(at[:, :1] - self.x, at[:, 1:2] - self.y)
+        return np.asarray((away < self.radius).any(axis=1))
 
 
 def uplift_features(sketch: Sketch, points: StructuredArray, cache: LRUCache | None = None) -> UpliftFeatures:
@@ -52,12 +66,14 @@ def uplift_features(sketch: Sketch, points: StructuredArray, cache: LRUCache | N
     points = points[np.isin(points["type"], [FEATURE_TYPES.index(name) for name in ("mountain", "hill")])]
     radius, height = np.zeros(len(points)), points["strength"].astype(np.float64)
     number, count = np.zeros(len(points), np.int64), 0
+    region = np.zeros(len(points), np.int64)
     for name in ("mountain", "hill"):
         of_type = np.flatnonzero(points["type"] == FEATURE_TYPES.index(name))
         shape, inradius, built, limit = _shapes_of(sketch, name, points[of_type], cache)
         number[of_type] = count + shape
         count += len(inradius)
         alone = inradius[shape] <= 0.0
+        region[of_type] = np.where(alone, -1, shape)
         own = height[of_type]
         whole = np.where(alone, own, built[shape])
         share = np.clip(own / np.maximum(whole, 1e-9), _MIN_SHARE, 1.0)
@@ -77,8 +93,10 @@ def uplift_features(sketch: Sketch, points: StructuredArray, cache: LRUCache | N
         height,
         points["peakiness"].astype(np.float64),
         points["erosion"].astype(np.float64),
+        points["strata"].astype(np.float64),
         np.asarray(points["type"] == FEATURE_TYPES.index("mountain")),
         number,
+        region,
     )
 
 
@@ -91,14 +109,13 @@ def _shapes_of(
     """
     image = sketch.layers[name]
     regions = cached_regions(image, cache)
-    number = np.full(image.shape, -1, np.int64)
+    number = region_numbers(image, cache)
     inradii = cache.get_or_compute(
         ("inradii", name, IdentityKey(image)),
         lambda: [float(measure_shape(name, image, region).depth.max()) for region in regions],
     )
     measures = np.zeros((len(regions), 3))
     for index, region in enumerate(regions):
-        number[region.rows, region.columns][region.mask] = index
         inradius, properties = inradii[index] * sketch.pixel_size, sketch.properties(name, region.label)
         built = shape_height(properties, inradius, sketch.fidelity).built
         measures[index] = inradius, built, properties["height_limit"]
@@ -116,21 +133,32 @@ class Outline:
     """Distance inside a layer's painted shapes, at nodes of level 0 over the sketch."""
 
     depth: Float32Array  # (rows, columns), m, from the sketch's south-west corner; negative outside
+    region: Int32Array  # (rows, columns): numbers of shapes, −1 outside
     filling: float  # radii by which features grow within their shapes
 
     def depth_at(self, origin: tuple[int, int], shape: tuple[int, ...]) -> Float64Array:
         """Return the distance inside (m) at a raster of nodes; −inf beyond the sketch."""
-        rows, columns = self.depth.shape
-        found = np.full(shape, -np.inf)
-        south, west = max(-origin[0], 0), max(-origin[1], 0)
-        north, east = min(rows - origin[0], shape[0]), min(columns - origin[1], shape[1])
-        if south < north and west < east:
-            part = self.depth[south + origin[0] : north + origin[0], west + origin[1] : east + origin[1]]
-            found[south:north, west:east] = part
-        return found
+        return _window(self.depth, origin, np.full(shape, -np.inf))
+
+    def region_at(self, origin: tuple[int, int], shape: tuple[int, ...]) -> Int32Array:
+        """Return the numbers of shapes at a raster of nodes."""
+        return _window(self.region, origin, np.full(shape, -1, np.int32))
 
 
-def painted_outline(sketch: Sketch, layer: str, cell: float) -> Outline | None:
+def _window(
+    nodes: npt.NDArray[Number], origin: tuple[int, int], found: npt.NDArray[Number]
+) -> npt.NDArray[Number]:
+    """Copy those nodes over the sketch that lie in a raster of nodes into it."""
+    rows, columns = nodes.shape
+    south, west = max(-origin[0], 0), max(-origin[1], 0)
+    north, east = min(rows - origin[0], found.shape[0]), min(columns - origin[1], found.shape[1])
+    if south < north and west < east:
+        part = nodes[south + origin[0] : north + origin[0], west + origin[1] : east + origin[1]]
+        found[south:north, west:east] = part
+    return found
+
+
+def painted_outline(sketch: Sketch, layer: str, cell: float, cache: LRUCache) -> Outline | None:
     """Return the outline of a layer's shapes at nodes of a spacing (m); None where nothing is painted.
 
     Features fill their shapes as far as the sketch's fidelity asks.
@@ -151,4 +179,6 @@ def painted_outline(sketch: Sketch, layer: str, cell: float) -> Outline | None:
     x = np.arange(columns) * cell / side - 0.5
     at = np.meshgrid(y, x, indexing="ij")
     depth = side * ndimage.map_coordinates(inset, at, order=1, mode="nearest")
-    return Outline(depth.astype(np.float32), _FILLING * sketch.fidelity)
+    number = region_numbers(sketch.layers[layer], cache)[stride // 2 :: stride, stride // 2 :: stride]
+    region = ndimage.map_coordinates(number, at, order=0, mode="nearest")
+    return Outline(depth.astype(np.float32), region.astype(np.int32), _FILLING * sketch.fidelity)

@@ -112,7 +112,7 @@ QUICK = Quality(tolerance=2.0, quads=32, tile_memory=128 << 20)
 
 
 def is_below_ground(view, stream, camera, ground, reach):
-    """Return whether coarse tiles stand above the camera: until they are refined, it sees their undersides."""
+    """Return whether coarse tiles stand above the camera: until they are refined, it sees no ground."""
     picture = view.draw(stream, camera_towards(camera.eye, ground, 0.0, -89.0, reach))
     middle = picture[RANDOM_SIZE[1] // 2 - 2 :, RANDOM_SIZE[0] // 2 - 2 :][:4, :4, :3]
     return bool((middle == MAGENTA).all())

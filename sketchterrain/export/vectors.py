@@ -264,7 +264,7 @@ def feature_layer(points: StructuredArray, height: npt.NDArray[np.float32], orig
     """Return mountains, hills, dunes and forests as points with their parameters."""
     names = np.array(FEATURE_TYPES, dtype=object)
     has_conifers = has_parameter(points, "conifers")
-    columns = ("peakiness", "wavelength", "wind", "erosion")
+    columns = ("peakiness", "wavelength", "wind", "erosion", "strata")
     fields: dict[str, npt.NDArray[Any]] = {
         "id": _texts(points["id"]),
         "type": names[points["type"]],

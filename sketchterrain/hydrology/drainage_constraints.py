@@ -102,6 +102,8 @@ def course_slopes(
     ----------
     raised : whether positions (n, 2), m, are on features
     """
+    if not courses:
+        return (), ()
     bare, found = [], []
     for course, own in zip(courses, heights_at(ground, [each.line for each in courses]), strict=True):
         arc = arc_length(course.line)

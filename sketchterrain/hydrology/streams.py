@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int32Array, Int64Array
@@ -24,6 +25,7 @@ _WIDTH, _DEPTH = 2.2e-3, 0.22  # m: width = 0.0022 √A, depth = 0.22 width^¾ (
 _TORRENT = 1.1 / 1.2  # depths over a width that a slope asks for: see `gradient_limit`
 _DEEPEST = 0.6  # widths
 _LEAST_NODES = 8
+_SHORE = 4  # nodes around lakes
 _SMOOTH = 1.5  # nodes
 _SEEPING, _SEEPED = 12, 0.3  # nodes over which a stream without mouth narrows, to a share of its width
 _INTERVAL = 3.0  # nodes between control points where a stream runs straight
@@ -51,7 +53,7 @@ class Flow:
     receiver: Int32Array  # flat indices, −1 at outlets
     water: BoolArray  # nodes of painted rivers, of lakes and of the sea
     barred: BoolArray  # nodes where there is no stream
-    shore: BoolArray  # nodes in lakes or near them, where none begins
+    lake: BoolArray  # nodes of lakes: streams begin at their outlets, and none nearby
 
 
 def stream_courses(
@@ -76,7 +78,8 @@ def stream_courses(
     """
     runoff = max(runoff, _LEAST_RUNOFF)
     least = max(_LEAST_AREA, _LEAST_SHARE * max(size) ** 2) / runoff
-    raster, paths = flow.raster, _paths(flow, least)
+    outlets = _lake_outlets(flow) if runoff > _LEAST_RUNOFF else {}
+    raster, paths = flow.raster, _paths(flow, least, outlets)
     if not paths:
         return []
     at = raster.positions()
@@ -87,6 +90,7 @@ def stream_courses(
     nodes[used] = displaced(at[used])
     area, height = flow.area.ravel(), flow.height.ravel()
     wet, barred = flow.water.ravel(), flow.barred.ravel()
+    shore = maximum_filter(flow.lake, 2 * _SHORE + 1).ravel()
     rivers = cKDTree(np.concatenate([each.line for each in courses])) if courses else None
     owner = np.repeat(np.arange(len(courses)), [len(each.line) for each in courses])
     # No stream joins a river where that ends on land.
@@ -100,7 +104,8 @@ def stream_courses(
         if (number >= 0 and parent is None) or not inside[path].any():
             found.append(None)
             continue
-        path = path[int(np.argmin(flow.shore.ravel()[path[:-1]])) :]
+        if path[0] not in outlets.values():
+            path = path[int(np.argmin(shore[path[:-1]])) :]
         own = path[:-1] if path[-1] < 0 or barred[path[-1]] else path
         width = _WIDTH * np.sqrt(runoff * area[np.append(path[:-1], path[-2])])[: len(own)]
         line = np.column_stack([nodes[own], width, height[own]])
@@ -122,13 +127,26 @@ def stream_courses(
     return [each for each in found if each is not None]
 
 
-def _paths(flow: Flow, least: float) -> list[tuple[Int64Array, int]]:
+def _lake_outlets(flow: Flow) -> dict[int, int]:
+    """Return the first node below each lake that no painted river leaves, with the lake's last one."""
+    receiver, lake = flow.receiver.ravel(), flow.lake.ravel()
+    last = np.flatnonzero(lake & (receiver >= 0))
+    last = last[~(flow.water | flow.barred).ravel()[receiver[last]]]
+    return dict(zip(receiver[last].tolist(), last.tolist(), strict=True))
+
+
+def _paths(flow: Flow, least: float, outlets: Mapping[int, int]) -> list[tuple[Int64Array, int]]:
     """Return nodes of streams, upstream first, with the one that they drain to; and the stream they join.
 
-    Where streams meet, the one with the larger drainage area goes on.
+    Where streams meet, the one with the larger drainage area goes on. What flows out of lakes is a stream.
     """
     area, receiver = flow.area.ravel(), flow.receiver.ravel()
-    channel = (area > least) & ~(flow.water | flow.barred).ravel()
+    free = ~(flow.water | flow.barred).ravel()
+    channel = (area > least) & free
+    for node in outlets:
+        while node >= 0 and free[node] and not channel[node]:
+            channel[node] = True
+            node = int(receiver[node])
     nodes = np.flatnonzero(channel)
     nodes = nodes[np.lexsort((nodes, -area[nodes]))]
     main = np.full(area.size, -1, np.int64)
@@ -145,6 +163,8 @@ def _paths(flow: Flow, least: float) -> list[tuple[Int64Array, int]]:
         while main[path[-1]] >= 0:
             path.append(int(main[path[-1]]))
         stream[path[1:]] = len(paths)
+        if path[-1] in outlets:
+            path.append(outlets[path[-1]])
         paths.append((np.array(path[::-1]), int(stream[to]) if to >= 0 and channel[to] else -1))
     return paths
 

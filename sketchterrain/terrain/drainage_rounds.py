@@ -15,7 +15,7 @@ SLOPE_SWEEPS = 2  # each there and back
 LEAST_RISE = 1e-6  # m
 BESIDE = 2  # nodes to each side of a course that are not to lie lower
 LAYERS = 5.0  # thickness of a pair of hard and soft layers of rock, spacings of level 0
-HARD = 0.5  # share of it that is hard
+LAYER_EDGE = 2.0  # steepness of the change between them
 CLIFF, BENCH = 1.7, 0.35  # slopes of full strata over those of even rock, in hard layers and in soft ones
 RELAXATION = 0.5  # share of the step to the built heights that every round but the last takes
 
@@ -107,10 +107,10 @@ def integrate(fields, state, geometry, count):
 
 @_compiled
 def _resistance(z, strata):
-    """Return the slope over that of even rock at a height, in pairs of layers; their mean slope is 1."""
+    """Return the slope over that of even rock at a height, in pairs of layers."""
     cliff, bench = 1.0 + strata * (CLIFF - 1.0), 1.0 + strata * (BENCH - 1.0)
-    mean = HARD / cliff + (1.0 - HARD) / bench
-    return mean * (cliff if z - floor(z) < HARD else bench)
+    hard = min(max(0.5 + LAYER_EDGE * (abs(2.0 * (z - floor(z)) - 1.0) - 0.5), 0.0), 1.0)
+    return bench + (cliff - bench) * hard
 
 
 @_compiled

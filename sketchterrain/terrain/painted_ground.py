@@ -12,7 +12,6 @@ from functools import partial
 from hashlib import blake2b
 
 import numpy as np
-from scipy.ndimage import maximum_filter
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array
 from sketchterrain.caching import IdentityKey, LRUCache
@@ -49,7 +48,6 @@ from sketchterrain.terrain.wetness import wetness
 
 COARSE_LEVEL = 2
 """The finest level of ground that is drained to lay out rivers and lakes."""
-_SHORE = 4  # nodes around lakes
 _DRY_NODE = np.zeros((1, 1), np.uint8)
 _NO_NODES = PaintedNodes(
     0, 0, np.full((1, 1), np.nan, np.float32), _DRY_NODE, _DRY_NODE, np.zeros((1, 1), np.float32)
@@ -144,9 +142,10 @@ def painted_flow(
     barred = np.zeros(wet.shape, np.bool_)
     if plateaus is not None:
         barred = plateaus.depth_at(source.origin, wet.shape) > -settings.spacing
-    shore = maximum_filter(constraints.slope <= 0.0, 2 * _SHORE + 1)
     raster = _raster(source, settings.spacing)
-    return Flow(raster, finest.height, finest.area, finest.receiver, wet, barred, shore)
+    return Flow(
+        raster, finest.height, finest.area, finest.receiver, wet, barred, lake=constraints.slope <= 0.0
+    )
 
 
 def ground_without(

@@ -55,8 +55,7 @@ _NEIGHBOUR = 0.15  # weight of features of other shapes inside a shape
 _ROCK_DEPTH = 0.3  # visible radii inside the outline, where all is rock
 _LIFT, _GAIN_CLIP = 0.2, 1.5
 _LEAST_FACTOR, _MOST_FACTOR = 0.1, 8.0
-ADJUST_EVERY = 2  # routings between adjustments of features, which go …
-ADJUST_SHARE = 0.5  # … this part of the way; the last one goes all of it
+ADJUST_SHARE = 0.7  # of what features lack: what they gain at a routing; at the last one, all
 PASSES = 2  # adjustments of whole shapes, at the last routing
 
 _LEVELS = 4
@@ -250,11 +249,10 @@ class HeightControl:
         shares = self._shares(index, solver)
         parts = self._parts(index, shares)
         self._routings -= 1
-        if self._routings % ADJUST_EVERY == 0:
-            is_last = self._routings == 0
-            for number in range(1 + PASSES * is_last):
-                self._adjust(index, solver, parts, whole=number > 0, share=1.0 if is_last else ADJUST_SHARE)
-                parts = self._parts(index, shares)
+        is_last = self._routings == 0
+        for number in range(1 + PASSES * is_last):
+            self._adjust(index, solver, parts, whole=number > 0, share=1.0 if is_last else ADJUST_SHARE)
+            parts = self._parts(index, shares)
         return np.asarray(self._painted.ground[index].uplift + sum(parts))
 
     def _shares(self, index: int, solver: LevelSolver) -> list[Float64Array]:

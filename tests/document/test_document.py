@@ -61,6 +61,7 @@ def test_properties_have_defaults():
         "height_limit": 1.33,
         "peakiness": 0.5,
         "erosion": 0.7,
+        "strata": 0.25,
         "multitude": 1,
     }
     assert sketch.properties("mountain", np.uint8(1))["height"] == 0.0  # automatic

@@ -287,7 +287,7 @@ def test_features_json_has_columns_by_type_and_lake_outlines(tmp_path):
     content = json.loads(path.read_text(encoding="utf-8"))
     own = {entry["type"]: entry.keys() - COMMON for entry in content["features"]}
     assert own == {
-        "mountain": {"peakiness", "erosion"},
+        "mountain": {"peakiness", "erosion", "strata"},
         "hill": {"erosion"},
         "dune": {"wavelength", "wind"},
         "forest": {"conifers"},

@@ -152,7 +152,8 @@ def test_a_cone_is_affected_above_a_quarter_of_its_height() -> None:
 
 def test_mountains_are_removed_on_the_same_network_of_valleys(context) -> None:
     layers = {"mountain": disc(40, 40, 16).astype(np.uint8), "hill": disc(96, 96, 12).astype(np.uint8)}
-    terrain = build(Sketch(extent=4096.0, layers=layers), device=context)
+    even = {("mountain", 1): {"strata": 0.0}}  # layers of rock move with the ground below them
+    terrain = build(Sketch(extent=4096.0, layers=layers, labels=even), device=context)
     sampled = SampledTerrain.evaluate(terrain)
     for layer, row, reach in (("mountain", 40, 16), ("hill", 96, 12)):
         effect = measure_layer(sampled, layer)[1].affected

@@ -331,7 +331,7 @@ def test_a_pickled_recipe_gives_the_same_heights(valley, context) -> None:
     bare = valley.recipe.with_layers([replace(relief, painted=None)])
     painted = [course for course in bare[CorridorsLayer].courses if course.river.label]
     assert len(zlib.compress(pickle.dumps(bare.with_layers([CorridorsLayer(tuple(painted))])), 1)) < 400_000
-    assert len(zlib.compress(pickle.dumps(bare), 1)) < 1_000_000  # with streams
+    assert len(zlib.compress(pickle.dumps(bare), 1)) < 1_200_000  # with streams, and outlets of lakes
     assert len(zlib.compress(pickle.dumps(relief), 1)) < 800_000  # the nodes of the painted region
     features, other = valley.features, _pickled(valley.features)
     assert other.points.tobytes() == features.points.tobytes()

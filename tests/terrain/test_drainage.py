@@ -258,6 +258,23 @@ def test_no_walls_stand_at_divides():
     assert np.abs(np.diff(inner, axis=1)).max() <= steepest
 
 
+def test_layered_rock_has_cliffs_and_benches():
+    strata = np.ones((97, 97))
+    even = source_of((97, 97), uplift=np.full((97, 97), 9.0))
+    smooth, layered = (drained(each) for each in (even, replace(even, strata=strata)))
+    # A pair of layers rises 1 in 0.5 / 1.7 + 0.5 / 0.35, or more where one lies between nodes.
+    assert 0.55 < np.nanmax(layered.height) / np.nanmax(smooth.height) < 1.0
+
+    def slopes(result):
+        up, right = np.gradient(result.height, CELL)
+        return np.hypot(up, right)[8:-8, 8:-8]
+
+    # Slopes of even rock are one; hard and soft layers have their own.
+    assert slopes(smooth).std() < 0.5 * slopes(layered).std()
+    assert np.percentile(slopes(layered), 95) > 1.2 * np.percentile(slopes(smooth), 95)
+    assert np.percentile(slopes(layered), 20) < 0.8 * np.percentile(slopes(smooth), 20)
+
+
 def test_ground_on_its_own_network_has_its_own_heights():
     levels = levels_of(source_of((65, 65)))
     found = drain(levels, CELL, ROUNDS)[-1]

@@ -36,7 +36,8 @@ def _features(*rows):
     x, y, radius, height = (np.array(each, np.float64) for each in zip(*rows, strict=True))
     half = np.full(len(x), 0.5)
     return UpliftFeatures(
-        CELL * x, CELL * y, CELL * radius, height, half, half, np.ones(len(x), np.bool_), np.arange(len(x))
+        *(CELL * x, CELL * y, CELL * radius, height, half, half, 0.5 * half),
+        *(np.ones(len(x), np.bool_), np.arange(len(x)), np.full(len(x), -1)),
     )
 
 
@@ -102,7 +103,7 @@ def test_tiny_features_and_features_beyond_the_region_do_no_harm():
 
 
 def test_without_features_the_ground_is_drained_as_it_is():
-    nothing = UpliftFeatures(*(np.zeros(0) for _ in range(6)), np.zeros(0, np.bool_), np.zeros(0, np.int64))
+    nothing = _features((0.0, 0.0, 1.0, 1.0)).of(np.zeros(0, np.int64))
     _, height, _, bare = _drained(nothing)
     assert np.array_equal(painted_uplift(nothing, _ground(), CELL).ground[-1].uplift, _ground().uplift)
     assert np.array_equal(height, bare)

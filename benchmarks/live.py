@@ -37,6 +37,7 @@ class Painted(NamedTuple):
 
     # s of the monotonic clock: sketch, placing started, finished, recipe received, tiles written
     times: tuple[tuple[float, ...], ...]
+    drafts: tuple[float, ...]  # s until something of each sketch is shown: a draft, or the terrain
     stalls: tuple[float, ...]  # s that each beat of a timer in the event loop came too late
 
 
@@ -110,16 +111,19 @@ class LatencyProbe:
         self._heart.stop()
         stalls = np.diff(self._beats) - _HEARTBEAT * 1e-3
         self._wait(self._is_there)
-        times = []
+        times, drafts = [], []
         for version, created in sorted(self._created.items()):
-            at = next(each for each in self._followed if each.version >= version)
+            shown = next(each for each in self._followed if each.version >= version)
+            at = next(each for each in self._followed if each.version >= version and not each.draft)
             times.append((created, at.started, at.placed, at.received, at.displayed))
+            drafts.append(shown.displayed - created)
         self._document.undo()
         self._wait(self._is_there)
-        return Painted(tuple(times), tuple(stalls.tolist()))
+        return Painted(tuple(times), tuple(drafts), tuple(stalls.tolist()))
 
     def _is_there(self) -> bool:
-        return all(any(each.version >= version for each in self._followed) for version in self._created)
+        final = max((each.version for each in self._followed if not each.draft), default=-1)
+        return all(version <= final for version in self._created)
 
     def _pause(self, until: float) -> None:
         while (left := until - time.monotonic()) > 0.0:
@@ -148,7 +152,9 @@ _LAYERS: Final = ("mountain", "hill", "dune", "forest", "river", "lake")
 _COLUMNS = (
     Column("painting", "painting"),
     Column("updates", "sketches"),
-    Column("median_ms", "median, ms"),
+    Column("draft_ms", "first shown, median, ms"),
+    Column("draft_p95_ms", "95 %, ms"),
+    Column("median_ms", "final, median, ms"),
     Column("p95_ms", "95 %, ms"),
     Column("most_ms", "most, ms"),
     *(Column(f"{stage}_ms".replace(" ", "_"), f"{stage}, ms") for stage in STAGES),
@@ -165,10 +171,10 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     radii from 8 to 40 px: `strokes` of 60 to 120 places 8 ms apart, as a mouse tells them; `dabs`, each after
     the one before is there; each is undone after. The time begins when the window makes the sketch that it
     sends, and ends when the view's tiles hold the heights of that sketch or a newer one; drawing them comes
-    after. It is made of `waiting` (for what is being placed; on its way), `placing`, `handing
-    over` (packing the recipe; the engine ends a frame that it draws) and `tiles` (what changed, and computing
-    it): their means. A stall is how much later than 5 ms after the one before the window's event loop gets to
-    a timer, while one paints.
+    after. What is shown first may be a draft on coarse ground. The time is made of `waiting` (for what is
+    being placed; on its way), `placing`, `handing over` (packing the recipe; the engine ends a frame that it
+    draws) and `tiles` (what changed, and computing it): their means. A stall is how much later than 5 ms
+    after the one before the window's event loop gets to a timer, while one paints.
     """
     del context  # the processes open devices of their own
     probe = LatencyProbe(sketch_with_twenty_shapes())
@@ -194,13 +200,15 @@ def _row(probe: LatencyProbe, painting: str, count: int) -> Row:
     """Paint so many strokes or dabs, and return what was found."""
     rng = np.random.default_rng(SEED)
     times: list[tuple[float, ...]] = []
+    drafts: list[float] = []
     stalls: list[float] = []
     for number in range(count):
         places = int(rng.integers(60, 121)) if painting == "strokes" else 1
         seen = _stroke(probe, rng, _LAYERS[number % len(_LAYERS)], places=places)
         times += seen.times
+        drafts += seen.drafts
         stalls += seen.stalls
-    return _found(painting, times, stalls)
+    return _found(painting, times, drafts, stalls)
 
 
 def _stroke(probe: LatencyProbe, rng: np.random.Generator, layer: str, *, places: int) -> Painted:
@@ -211,13 +219,15 @@ def _stroke(probe: LatencyProbe, rng: np.random.Generator, layer: str, *, places
     return probe.paint(layer, label, [(x, y) for x, y in path.tolist()], radius)
 
 
-def _found(painting: str, times: list[tuple[float, ...]], stalls: list[float]) -> Row:
+def _found(painting: str, times: list[tuple[float, ...]], drafts: list[float], stalls: list[float]) -> Row:
     stages = np.diff(times, axis=1)
     samples = stages.sum(axis=1).tolist()
-    whole, means = spread(samples), stages.mean(axis=0)
+    whole, first, means = spread(samples), spread(drafts), stages.mean(axis=0)
     return {
         "painting": painting,
         "updates": len(samples),
+        "draft_ms": first.median * 1e3,
+        "draft_p95_ms": first.p95 * 1e3,
         "median_ms": whole.median * 1e3,
         "p95_ms": whole.p95 * 1e3,
         "most_ms": max(samples) * 1e3,

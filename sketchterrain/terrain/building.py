@@ -35,11 +35,14 @@ from sketchterrain.terrain.layers.lakes import LakesLayer
 from sketchterrain.terrain.layers.layer import WorldSettings
 from sketchterrain.terrain.layers.plateaus import PlateausLayer
 from sketchterrain.terrain.layers.relief import ReliefLayer, UnpaintedNodes
+from sketchterrain.terrain.layers.sea import SeaLayer
+from sketchterrain.terrain.node_raster import DrainedRaster
 from sketchterrain.terrain.noise import FINEST_CELL
 from sketchterrain.terrain.painted_ground import (
     COARSE_LEVEL,
     PaintedLand,
     PaintedWater,
+    drafted_ground,
     ground_without,
     painted_flow,
     painted_ground,
@@ -109,7 +112,13 @@ def make_recipe(
     raise to cancel, which leaves the cache valid.
     """
     memory = LRUCache() if memory is None else memory
-    plan = _plan(sketch, memory, checkpoint)
+    return recipe_of_plan(sketch, plan_terrain(sketch, memory, checkpoint), memory, checkpoint)
+
+
+def recipe_of_plan(
+    sketch: Sketch, plan: TerrainPlan, memory: LRUCache, checkpoint: Callable[[], None] = lambda: None
+) -> TerrainRecipe:
+    """Return the recipe of a sketch from its plan; see `make_recipe`."""
     relief = ReliefLayer(
         UnpaintedNodes(plan.settings), painted_ground(plan.settings, plan.land, plan.water, memory)
     )
@@ -136,7 +145,28 @@ def make_recipe(
     )
 
 
-def _streams(sketch: Sketch, plan: _Plan, recipe: TerrainRecipe, memory: LRUCache) -> list[RiverCourse]:
+def draft_recipe(plan: TerrainPlan, before: TerrainPlan, recipe: TerrainRecipe) -> TerrainRecipe | None:
+    """Return a quick recipe to show while a stroke goes on: coarse changes of the ground, water as it was.
+
+    None where the ground changes by nothing but water, or as a whole.
+
+    Parameters
+    ----------
+    before, recipe : an earlier terrain of the same sketch
+    """
+    ground = recipe[ReliefLayer].painted
+    same = plan.settings == before.settings and plan.dry.world == before.dry.world
+    if not same or ground is None or plan.land.key() == before.land.key():
+        return None
+    relief = ReliefLayer(
+        UnpaintedNodes(plan.settings), drafted_ground(ground, before.coarse_ground, plan.coarse_ground)
+    )
+    return plan.dry.with_layers(
+        [relief, recipe[PlateausLayer], recipe[LakesLayer], recipe[CorridorsLayer], recipe[SeaLayer]]
+    )
+
+
+def _streams(sketch: Sketch, plan: TerrainPlan, recipe: TerrainRecipe, memory: LRUCache) -> list[RiverCourse]:
     """Return the courses of streams."""
     octaves = recipe.sampling(FINEST_CELL).octaves
     plateaus = _outline(sketch, "plateau", plan.settings.spacing, memory)
@@ -153,26 +183,30 @@ def _streams(sketch: Sketch, plan: _Plan, recipe: TerrainRecipe, memory: LRUCach
 
 def relief_without(sketch: Sketch, layer: str, memory: LRUCache) -> ReliefLayer:
     """Return the drained ground without the uplift of a layer's painted features, on the same network."""
-    plan = _plan(sketch, memory, lambda: None)
+    plan = plan_terrain(sketch, memory)
     removed = plan.land.features.is_rock if layer == "mountain" else ~plan.land.features.is_rock
     ground = ground_without(plan.settings, plan.land, plan.water, memory, removed)
     return ReliefLayer(UnpaintedNodes(plan.settings), ground)
 
 
 @dataclass(frozen=True, eq=False)
-class _Plan:
+class TerrainPlan:
     """What a terrain is drained from: placed features, and rivers and lakes laid out on coarse ground."""
 
     dry: TerrainRecipe
     bare: TerrainRecipe  # without covers and rules, on which heights do not depend
     settings: UnpaintedSettings
     land: PaintedLand
+    coarse_ground: DrainedRaster
     layout: WaterLayout
     water: PaintedWater
     orphans: tuple[Any, ...]
 
 
-def _plan(sketch: Sketch, memory: LRUCache, checkpoint: Callable[[], None]) -> _Plan:
+def plan_terrain(
+    sketch: Sketch, memory: LRUCache, checkpoint: Callable[[], None] = lambda: None
+) -> TerrainPlan:
+    """Place the features of a sketch and lay out its water; see `make_recipe`."""
     placed = place(sketch, seed=sketch.seed, cache=memory, checkpoint=checkpoint)
     painted = apply_painted_edits(placed, sketch.edits)
     fill = Fill.from_sketch(sketch, painted.points, seed=sketch.seed, cache=memory)
@@ -217,7 +251,7 @@ def _plan(sketch: Sketch, memory: LRUCache, checkpoint: Callable[[], None]) -> _
     floors = tuple(valley_floors(layout.courses, bare_slopes))
     water = PaintedWater(layout.courses, slopes, floors, bare_slopes, lakes, outlets, sea)
     orphans = (*painted.orphans, *adopted.orphans)
-    return _Plan(dry, bare, settings, land, layout, water, orphans)
+    return TerrainPlan(dry, bare, settings, land, coarse, layout, water, orphans)
 
 
 def _painted_land(sketch: Sketch, points: StructuredArray, cell: float, memory: LRUCache) -> PaintedLand:

@@ -12,6 +12,7 @@ from functools import partial
 from hashlib import blake2b
 
 import numpy as np
+from scipy.ndimage import map_coordinates, maximum_filter
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array
 from sketchterrain.caching import IdentityKey, LRUCache
@@ -48,6 +49,8 @@ from sketchterrain.terrain.wetness import wetness
 
 COARSE_LEVEL = 2
 """The finest level of ground that is drained to lay out rivers and lakes."""
+_DRAFT_CHANGE, _LEAST_CHANGE = 8.0, 1.0  # m: changes that drafts show, and the least ones around them
+_DRAFT_MARGIN = 4  # coarse nodes around them
 _DRY_NODE = np.zeros((1, 1), np.uint8)
 _NO_NODES = PaintedNodes(
     0, 0, np.full((1, 1), np.nan, np.float32), _DRY_NODE, _DRY_NODE, np.zeros((1, 1), np.float32)
@@ -124,6 +127,29 @@ def painted_ground(
 ) -> DrainedRaster:
     """Return the painted region as it is drained, or its coarse levels with empty finer ones."""
     return _cached_ground(settings, land, water, memory, 4 - COARSE_LEVEL if coarse else 4).raster
+
+
+def drafted_ground(ground: DrainedRaster, before: DrainedRaster, after: DrainedRaster) -> DrainedRaster:
+    """Return the painted region with the changes from coarse ground `before` to that `after` added.
+
+    Small changes are left out: far from a stroke coarse valleys move, and no tile there is to be drawn again.
+    """
+    nodes, old, new = ground.levels[0], before.levels[COARSE_LEVEL], after.levels[COARSE_LEVEL]
+    change = np.nan_to_num(new.height.astype(np.float64) - old.height)
+    near = maximum_filter(np.abs(new.rock.astype(np.float64) - old.rock) > 0, 2 * _DRAFT_MARGIN + 1)
+    near |= maximum_filter(np.abs(change) > _DRAFT_CHANGE, 2 * _DRAFT_MARGIN + 1)
+    change[~near | (np.abs(change) < _LEAST_CHANGE)] = 0.0
+    rows, columns = (
+        (first + np.arange(count)) / (1 << COARSE_LEVEL) - start
+        for first, count, start in zip(
+            (nodes.row, nodes.column), nodes.height.shape, (old.row, old.column), strict=True
+        )
+    )
+    at = np.meshgrid(rows, columns, indexing="ij")
+    height = nodes.height + map_coordinates(change, at, order=1, mode="nearest")
+    harder = map_coordinates(new.rock.astype(np.float64) - old.rock, at, order=1, mode="nearest")
+    rock = np.clip(np.rint(nodes.rock + harder), 0, 255).astype(np.uint8)
+    return DrainedRaster.from_drained([replace(nodes, height=height.astype(np.float32), rock=rock)])
 
 
 def painted_flow(

@@ -48,7 +48,7 @@ class UpliftFeatures(NamedTuple):
 
     def of(self, members: Int64Array) -> UpliftFeatures:
         """Return some of the features."""
-        return UpliftFeatures(*(each[members] for each in self))
+        return UpliftFeatures._make(each[members] for each in self)
 
     def cover(self, at: Float64Array) -> BoolArray:
         """Return whether positions (n, 2), m, are in the radius of any feature."""

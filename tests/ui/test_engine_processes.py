@@ -406,6 +406,58 @@ def test_the_newest_of_many_sketches_is_placed_and_changes_accumulate(placer):
     assert plan.started <= plan.placed <= time.monotonic()
 
 
+def test_a_draft_comes_before_a_long_placement(placer):
+    placer.thread.start()
+    layers = {"mountain": blob(10)}
+    placer.placed(Sketch(extent=3000.0), layers)
+    assert not placer.other.receive().draft
+    placer.served._policy._expected = 10.0  # s
+    placer.placed(Sketch(extent=3000.0), {"mountain": np.maximum(blob(10), blob(14))})
+    draft, final = placer.other.receive(), placer.other.receive()
+    assert (draft.version, draft.draft, final.version, final.draft) == (2, True, 2, False)
+    assert draft.recipe is not None
+    placer.served._policy._expected = 10.0
+    placer.placed(Sketch(extent=3000.0), {"mountain": blob(11), "hill": blob(30)})  # another sketch
+    assert not placer.other.receive().draft
+
+
+def test_a_draft_is_shown_until_the_terrain_is_there():
+    session = TerrainSession(ComputeContext)
+    sketches = [Sketch(extent=3000.0, layers={"hill": blob(column)}) for column in (10, 14)]
+    first, second = (make_recipe(each) for each in sketches)
+    session.apply([msg.RecipeUpdate(1, sketches[0], first, 0.0, 0.0)])
+    session.apply([msg.RecipeUpdate(2, sketches[1], second, 0.0, 0.0, draft=True)])
+    assert (session.version, session.sketch, session.recipe) == (1, sketches[0], first)
+    assert session.terrain.sketch is sketches[1]
+    session.apply([msg.RecipeUpdate(3, sketches[0], None, 0.0, 0.0)])  # undone
+    assert (session.version, session.terrain.sketch) == (3, sketches[0])
+    np.testing.assert_array_equal(session.terrain.recipe.points.painted, first.points.painted)
+    session.apply(
+        [
+            msg.RecipeUpdate(4, sketches[1], second, 0.0, 0.0, draft=True),
+            msg.RecipeUpdate(4, sketches[1], second, 0.0, 0.0),
+        ]
+    )
+    assert (session.version, session.recipe) == (4, second)
+
+
+def test_a_newer_sketch_cancels_what_is_drafted():
+    waiting = False
+    policy = CancellationPolicy(lambda: waiting)
+    policy.start()
+    policy.drafted()
+    policy.checkpoint()
+    waiting = True
+    with pytest.raises(Superseded):
+        policy.checkpoint()
+    for _ in range(3):  # drafts follow the stroke
+        policy.start()
+        policy.checkpoint()
+        policy.drafted()
+        with pytest.raises(Superseded):
+            policy.checkpoint()
+
+
 def test_appearance_settings_do_not_place_again(placer):
     placer.thread.start()
     layers = {"mountain": blob(20)}
@@ -432,7 +484,7 @@ def test_an_invalid_sketch_and_a_defect_are_reported_and_the_next_sketch_is_plac
     placer.version = 1
     assert placer.placed(Sketch(), layers).version == 2
     with monkeypatch.context() as patched:
-        patched.setattr(from_sketch, "make_recipe", failing(ZeroDivisionError("oops")))
+        patched.setattr(from_sketch, "recipe_of_plan", failing(ZeroDivisionError("oops")))
         assert "oops" in placer.placed(Sketch(), {"mountain": blob(21)}).line
     assert "ZeroDivisionError" in capsys.readouterr().err
     assert isinstance(placer.placed(Sketch(), {"mountain": blob(22)}), msg.Placement)

@@ -151,7 +151,7 @@ class Engine:
         self._show_terrain()
         placed = next((each for each in reversed(updates) if each.recipe is not None), updates[-1])
         times = placed.started, placed.placed, received, time.monotonic()
-        self._window.send(msg.TerrainUpdated(self._session.version, *times))
+        self._window.send(msg.TerrainUpdated(updates[-1].version, *times, draft=updates[-1].draft))
 
     def _show_terrain(self) -> None:
         terrain, version, areas = self._session.terrain, self._session.version, self._session.dirty_areas

@@ -1,17 +1,23 @@
 """The placer process: turns the newest sketch into a terrain recipe for the engine."""
 
+import math
 import sys
 import time
 import traceback
 from collections.abc import Callable
 from dataclasses import fields
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.channel import Channel, ContentChannel, SketchMirror
 
+if TYPE_CHECKING:
+    from sketchterrain.terrain.building import TerrainPlan
+    from sketchterrain.terrain.recipe import TerrainRecipe
+
+_DRAFT_AFTER: Final = 0.2  # s; a placement expected to take longer is shown as a draft first
 _SHORT: Final = 0.1  # s; a placement expected to end sooner is finished in any case
 
 
@@ -45,6 +51,15 @@ class CancellationPolicy:
             self._cancelled_last = True
             raise Superseded
 
+    @property
+    def shows_drafts(self) -> bool:
+        """Whether placements take long enough for a draft."""
+        return self._expected > _DRAFT_AFTER
+
+    def drafted(self) -> None:
+        """Note that a draft is shown: from now on any newer sketch cancels the placement."""
+        self._expected, self._cancelled_last = math.inf, False
+
     def finish(self) -> float:
         """Record and return the duration of the finished placement, s."""
         self._expected = time.monotonic() - self._started
@@ -67,6 +82,7 @@ class Placer:
         self._memory = LRUCache()
         self._policy = CancellationPolicy(window.has_message)
         self._sketch: Sketch | None = None
+        self._last: tuple[TerrainPlan, TerrainRecipe] | None = None
         self._reported = False
         self._started = 0.0
 
@@ -118,22 +134,37 @@ class Placer:
         names = [each.name for each in fields(sketch) if each.name not in _APPEARANCE | {"layers"}]
         return any(getattr(sketch, name) != getattr(before, name) for name in names)
 
+    def _is_stroke(self, sketch: Sketch) -> bool:
+        """Return whether one layer was painted, instead of another sketch opened."""
+        before = self._sketch
+        return (
+            before is not None
+            and sum(sketch.layers[name] is not before.layers[name] for name in sketch.layers) == 1
+        )
+
     def _place(self, sketch: Sketch) -> None:
-        from sketchterrain.terrain.building import make_recipe
+        from sketchterrain.terrain.building import draft_recipe, plan_terrain, recipe_of_plan
         from sketchterrain.terrain.surfaces import TerrainFeatures
 
         version = self._mirror.version
         self._policy.start()
         self._started = started = time.monotonic()
         try:
-            recipe = make_recipe(sketch, memory=self._memory, checkpoint=self._checkpoint)
+            plan = plan_terrain(sketch, self._memory, self._checkpoint)
+            if self._last is not None and self._policy.shows_drafts and self._is_stroke(sketch):
+                draft = draft_recipe(plan, *self._last)
+                if draft is not None:
+                    update = msg.RecipeUpdate(version, sketch, draft, started, time.monotonic(), draft=True)
+                    self._engine.send(update)
+                    self._policy.drafted()
+            recipe = recipe_of_plan(sketch, plan, self._memory, self._checkpoint)
         finally:
             if self._reported:
                 self._reported = False
                 self._window.send(msg.Activity(""))
         placed = time.monotonic()
         self._engine.send(msg.RecipeUpdate(version, sketch, recipe, started, placed))
-        self._sketch = sketch
+        self._sketch, self._last = sketch, (plan, recipe)
         found = TerrainFeatures.from_recipe(recipe, sketch.size)
         self._window.send(
             msg.Placement(

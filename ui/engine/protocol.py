@@ -272,6 +272,7 @@ class TerrainUpdated:
     placed: float  # placement finished, recipe sent to the engine
     received: float
     displayed: float  # tiles written
+    draft: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -302,6 +303,7 @@ class RecipeUpdate:
     recipe: TerrainRecipe | None  # None: as before
     started: float
     placed: float
+    draft: bool = False  # coarse: the version's own recipe follows, unless a newer sketch is waiting
 
 
 @dataclass(frozen=True, eq=False)

@@ -142,7 +142,8 @@ class TerrainSession:
         self._open_device = open_device
         self.terrain: Terrain | None = None
         self.sketch: Sketch | None = None
-        self.recipe: TerrainRecipe | None = None
+        self.recipe: TerrainRecipe | None = None  # of the last version but drafts
+        self._shown: TerrainRecipe | None = None
         self.version = -1  # of the sketch
         self.device_error = ""  # one line, why there is no device
         self.dirty_areas: list[Bounds] = []  # m: where heights differ from the displayed ones
@@ -160,9 +161,10 @@ class TerrainSession:
     def apply(self, updates: list[RecipeUpdate]) -> None:
         """Apply updates; only the last one's terrain is created."""
         for update in updates:
-            self.recipe = update.recipe or self.recipe
-        self.version, self.sketch = updates[-1].version, updates[-1].sketch
-        self._update_terrain()
+            self._shown = update.recipe or self.recipe
+            if not update.draft:
+                self.recipe, self.version, self.sketch = self._shown, update.version, update.sketch
+        self._update_terrain(updates[-1].sketch)
 
     def switch_device(self) -> str:
         """Re-create the terrain on another device after a failure; return a line that reports which."""
@@ -184,11 +186,11 @@ class TerrainSession:
         self.device_error = "every OpenCL device failed: start the program again, or install another driver"
         return "there is no other device"
 
-    def _update_terrain(self) -> None:
+    def _update_terrain(self, sketch: Sketch | None = None) -> None:
         from sketchterrain.terrain.changes import EVERYWHERE
         from sketchterrain.terrain.terrain import Terrain
 
-        sketch, recipe = self.sketch, self.recipe
+        sketch, recipe = sketch or self.sketch, self._shown
         if self._context is None or sketch is None or recipe is None:
             return
         if self.terrain is None:
@@ -225,7 +227,7 @@ class WorldSession(TerrainSession):
         middle = float(world.heights((west + east) / 2, (south + north) / 2))
         return WorldFacts(world.corner, world.bounds, world.finest_cell, middle, tuple(world.missing_parts))
 
-    def _update_terrain(self) -> None:
+    def _update_terrain(self, _: Sketch | None = None) -> None:
         from sketchterrain.terrain.building import build
         from sketchterrain.world.viewed import StoredTerrain
 

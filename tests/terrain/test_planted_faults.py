@@ -228,7 +228,7 @@ def feature_part(column: str) -> Part:
 
         patch.setattr(row_differences, "_words", without)
 
-    has_effect = column not in {"painted", "peakiness", "erosion"}
+    has_effect = column not in {"painted", "peakiness", "erosion", "strata"}
     return Part(f"points.{column}", changed, plant, has_effect, lambda recipe: recipe.points.painted[column])
 
 

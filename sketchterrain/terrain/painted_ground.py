@@ -49,7 +49,7 @@ from sketchterrain.terrain.wetness import wetness
 
 COARSE_LEVEL = 2
 """The finest level of ground that is drained to lay out rivers and lakes."""
-_DRAFT_CHANGE, _LEAST_CHANGE = 8.0, 1.0  # m: changes that drafts show, and the least ones around them
+_DRAFT_CHANGE, _LEAST_CHANGE = 0.3, 0.04  # nodes: changes that drafts show, and the least ones around them
 _DRAFT_MARGIN = 4  # coarse nodes around them
 _DRY_NODE = np.zeros((1, 1), np.uint8)
 _NO_NODES = PaintedNodes(
@@ -129,16 +129,19 @@ def painted_ground(
     return _cached_ground(settings, land, water, memory, 4 - COARSE_LEVEL if coarse else 4).raster
 
 
-def drafted_ground(ground: DrainedRaster, before: DrainedRaster, after: DrainedRaster) -> DrainedRaster:
+def drafted_ground(
+    ground: DrainedRaster, before: DrainedRaster, after: DrainedRaster, cell: float
+) -> DrainedRaster:
     """Return the painted region with the changes from coarse ground `before` to that `after` added.
 
     Small changes are left out: far from a stroke coarse valleys move, and no tile there is to be drawn again.
+    `cell` is the spacing (m) of level 0.
     """
     nodes, old, new = ground.levels[0], before.levels[COARSE_LEVEL], after.levels[COARSE_LEVEL]
     change = np.nan_to_num(new.height.astype(np.float64) - old.height)
     near = maximum_filter(np.abs(new.rock.astype(np.float64) - old.rock) > 0, 2 * _DRAFT_MARGIN + 1)
-    near |= maximum_filter(np.abs(change) > _DRAFT_CHANGE, 2 * _DRAFT_MARGIN + 1)
-    change[~near | (np.abs(change) < _LEAST_CHANGE)] = 0.0
+    near |= maximum_filter(np.abs(change) > _DRAFT_CHANGE * cell, 2 * _DRAFT_MARGIN + 1)
+    change[~near | (np.abs(change) < _LEAST_CHANGE * cell)] = 0.0
     rows, columns = (
         (first + np.arange(count)) / (1 << COARSE_LEVEL) - start
         for first, count, start in zip(

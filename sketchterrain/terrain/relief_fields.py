@@ -10,11 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import exp, floor, pi, sqrt
 from statistics import NormalDist
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 from numba import njit
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.placement.feature_types import TYPES
 from sketchterrain.placement.hashing import hash_keys, rounded
 from sketchterrain.placement.heights import unpainted_height
@@ -24,7 +25,10 @@ from sketchterrain.terrain.mesh import SIDE, UNIT_BITS, base_level
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
 
+Number = TypeVar("Number", float, Float64Array)
+
 _KAPPA = 3.3  # height of ridges above valleys over uplift and r0, in cells of the mesh
+HEAD = 2.7  # (drainage area where channels begin, over r0²)^(3/8); slopes above are straight
 _STRETCH = 2.0  # length of ranges over their width
 _DEVIATION = 0.262  # of the noise of ranges
 _ACROSS = sqrt(0.75)
@@ -45,6 +49,7 @@ class UnpaintedSettings:
     hill_density: float = 0.0
     mountain_height: float = 600.0
     hill_height: float = 80.0
+    pediments: float = 0.0  # 0 … 1: how much of the ground is nearly level
 
     @classmethod
     def from_sketch(cls, sketch: Sketch) -> UnpaintedSettings:
@@ -56,6 +61,7 @@ class UnpaintedSettings:
             *(float(ground[name]) for name in ("relief", "wavelength", "roughness")),
             *(float(density.get(name, 0.0)) for name in ("mountain", "hill")),
             *(unpainted_height(sketch, name) for name in ("mountain", "hill")),
+            min(max(4.0 * (float(sketch.climate["aridity"]) - 0.5), 0.0), 1.0),
         )
 
     @property
@@ -76,6 +82,7 @@ class UpliftFields(NamedTuple):
     roughness: float
     ground: float  # relief (m)
     ground_scale: float  # 1 / wavelength
+    pediments: float  # 0 … 1: how much of the ground is nearly level
     mountain: float  # height (m), 0: none
     mountain_scale: float
     mountain_threshold: float
@@ -110,14 +117,25 @@ def uplift_fields(settings: UnpaintedSettings) -> UpliftFields:
         settings.roughness,
         settings.ground_relief,
         unit / settings.wavelength,
+        settings.pediments,
         min(settings.mountain_height, mountain.fill_slope * wide),
         unit / (2.6 * wide),
         _threshold(_share(settings.mountain_density, wide)),
         min(settings.hill_height, hill.fill_slope * small),
         unit / (2.6 * small),
         _threshold(_share(settings.hill_density, small)),
-        1.0 / (_KAPPA * settings.spacing),
+        uplift_of_relief(1.0, settings.spacing),
     )
+
+
+def uplift_of_relief(relief: Number, cell: float) -> Number:
+    """Return the uplift that raises ground by a relief (m) above its valleys; `cell` is r0 (m)."""
+    return relief * (1.0 / (_KAPPA * cell))
+
+
+def gentle_repose(uplift: Float64Array) -> Float64Array:
+    """Return the greatest slope of ground with an uplift, so that channels begin at the same area."""
+    return np.asarray(uplift / (HEAD + uplift))
 
 
 @_compiled
@@ -159,7 +177,7 @@ def relief_at(fields, x, y):
         key + np.uint64(12), u, v
     )
     swell += 0.9 * gradient_noise(key + np.uint64(14), x * 2.0**-13, y * 2.0**-13)
-    ground = fields.ground * (0.6 + 0.7 * swell)
+    ground = fields.ground * (0.6 - 0.35 * fields.pediments + (0.7 + 0.7 * fields.pediments) * swell)
     ground = max(ground, 0.12 * fields.ground)
     square = ground * ground
     share = 0.0

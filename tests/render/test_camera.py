@@ -83,7 +83,7 @@ def test_rays_pass_through_their_picture_position_and_heading_and_pitch_point_at
 
 
 def test_clip_planes_follow_clearance_and_draw_distance():
-    for clearance, near in ((0.0, 0.1), (1.7, 0.425), (80.0, 20.0), (400.0, 100.0), (2e4, 100.0)):
+    for clearance, near in ((0.0, 0.1), (1.7, 0.272), (80.0, 12.8), (625.0, 100.0), (2e4, 100.0)):
         assert clip_planes(clearance, 28_000.0) == pytest.approx((near, 30_800.0))
         near, far = clip_planes(clearance, 0.0)
         assert 0.0 < near < far

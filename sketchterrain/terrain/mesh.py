@@ -34,6 +34,9 @@ _WARP = (
     (9, 0.13),
     (7, 0.035),
 )  # bits of the cells (mesh units) and amplitudes (L) of the warp of cells' borders
+WARP = sum(amplitude for _, amplitude in _WARP)
+"""Greatest displacement (L) of a border along either axis."""
+
 _TILT_PERIOD = 256.0  # from crest to crest of the base level, in L
 _TILT_ACROSS = 0.6  # gradient across over gradient along
 _SHALLOW = 40.0  # height (in falls along L) below which troughs are shallow

@@ -7,8 +7,10 @@ from numba import njit
 from sketchterrain.terrain.mesh import (
     CORNER_X,
     CORNER_Y,
+    CORNERS,
     SIDE,
     SITE_BITS,
+    WARP,
     edge_height,
     edge_inflow,
     locate,
@@ -31,6 +33,38 @@ def owners(mesh, table, level, column, row, rows, columns):
             place[j, i, 3], place[j, i, 4] = first, second
             third[j, i] = rest
     return place, third
+
+
+@_compiled
+def cell_bounds(table):
+    """Return boxes (rows, columns, 4) of the cells of a table's inner sites: west, south, east, north, in L.
+
+    From the table's first lattice point; a cell's border is displaced by up to `WARP`.
+    """
+    rows, columns = table.diagonal.shape
+    bounds = np.zeros((rows, columns, 4))
+    for j in range(1, rows):
+        for i in range(1, columns):
+            west, south, east, north = np.inf, np.inf, -np.inf, -np.inf
+            for q in range(j - 1, j + 1):
+                for p in range(i - 1, i + 1):
+                    for half in range(2):
+                        x, y, own = np.empty(3), np.empty(3), -1
+                        for k in range(3):
+                            corner = CORNERS[table.diagonal[q, p], half, k]
+                            r, c = q + CORNER_Y[corner], p + CORNER_X[corner]
+                            x[k], y[k] = c + table.site_x[r, c], r + table.site_y[r, c]
+                            if r == j and c == i:
+                                own = k
+                        if own < 0:
+                            continue
+                        for k in range(3):  # the middles of sides at the site, and the centroid
+                            a = 0.5 * (x[own] + x[k]) if k != own else (x[0] + x[1] + x[2]) / 3.0
+                            b = 0.5 * (y[own] + y[k]) if k != own else (y[0] + y[1] + y[2]) / 3.0
+                            west, east = min(west, a), max(east, a)
+                            south, north = min(south, b), max(north, b)
+            bounds[j, i] = west - WARP, south - WARP, east + WARP, north + WARP
+    return bounds
 
 
 @_compiled
@@ -135,13 +169,13 @@ def pile_talus(height, base, step):
 
 
 @_compiled
-def paste(owner, number, window, cell, corner):
+def paste(window, cell, corner):
     """Copy the nodes of a cell into a window's heights, areas and wetness; its first is `corner` there."""
     rows, columns = cell[0].shape
     row, column = corner
-    for j in range(max(row, 0), min(row + rows, owner.shape[0])):
-        for i in range(max(column, 0), min(column + columns, owner.shape[1])):
-            if owner[j, i] == number:
+    for j in range(max(row, 0), min(row + rows, window[0].shape[0])):
+        for i in range(max(column, 0), min(column + columns, window[0].shape[1])):
+            if cell[0][j - row, i - column] == cell[0][j - row, i - column]:
                 window[0][j, i] = cell[0][j - row, i - column]
                 window[1][j, i] = cell[1][j - row, i - column]
                 window[2][j, i] = cell[2][j - row, i - column]

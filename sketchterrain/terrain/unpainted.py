@@ -154,20 +154,26 @@ class UnpaintedGround:
     ) -> Nodes:
         """Return a window of nodes of a level that is drained, with those of the painted region or not."""
         table = self.table(*mesh_nodes.quads_of_nodes(level, column, row, rows, columns))
-        place, _ = mesh_nodes.owners(self.mesh, table, level, column, row, rows, columns)
-        stride = table.site_x.shape[1]
-        owner = mesh_nodes.owner_index(place, stride)
-        sites = {(table.column + int(k) % stride, table.row + int(k) // stride): k for k in np.unique(owner)}
+        west, south, east, north = np.moveaxis(self._bounds(level, table)[1:, 1:], -1, 0)
+        near = (west < column + columns) & (south < row + rows) & (east >= column) & (north >= row)
+        sites = [(table.column + 1 + i, table.row + 1 + j) for j, i in np.argwhere(near).tolist()]
         if not painted:
-            sites = {site: number for site, number in sites.items() if site not in self.painted_sites}
+            sites = [site for site in sites if site not in self.painted_sites]
         height = np.full((rows, columns), np.nan)
         area, wet = np.zeros((2, rows, columns), np.float32)
-        for site, cell in self._drained(level, list(sites)).items():
+        for cell in self._drained(level, sites).values():
             corner = cell.row - row, cell.column - column
-            drained = cell.height, cell.area, cell.wetness
-            mesh_nodes.paste(owner, sites[site], (height, area, wet), drained, corner)
+            mesh_nodes.paste((height, area, wet), (cell.height, cell.area, cell.wetness), corner)
         _, share = relief_fields.relief_raster(self.fields, level, column, row, rows, columns)
         return Nodes(height, share.astype(np.float32), area, wet)
+
+    def _bounds(self, level: int, table: MeshTable) -> Int64Array:
+        """Return the first and last nodes (west, south, east, north) that cells of inner sites may have."""
+        side = 1 << (SITE_BITS - level)
+        at = mesh_nodes.cell_bounds(table)
+        first = np.floor(side * at[..., :2]).astype(np.int64) + [side * table.column, side * table.row]
+        last = np.ceil(side * at[..., 2:]).astype(np.int64) + [side * table.column, side * table.row]
+        return np.concatenate([first, last], axis=-1)
 
     def _coarse_window(self, level: int, column: int, row: int, rows: int, columns: int) -> Nodes:
         """Return a window of nodes of a level that is not drained."""
@@ -266,10 +272,10 @@ class UnpaintedGround:
         columns, rows = [site[0] for site in sites], [site[1] for site in sites]
         west, south, east, north = min(columns), min(rows), max(columns), max(rows)
         table = self.table(west - 5, south - 5, north - south + 10, east - west + 10)
-        side = 1 << (SITE_BITS - level)
-        reach = side * 11 // 8  # farther than any cell reaches from its lattice point
-        column, row = side * west - reach, side * south - reach
-        shape = side * (north - south) + 2 * reach + 1, side * (east - west) + 2 * reach + 1
+        at = [(j - table.row, i - table.column) for i, j in sites]
+        bounds = self._bounds(level, table)[tuple(np.transpose(at))]
+        column, row = (bounds[:, :2].min(axis=0) - 1).tolist()
+        shape = int(bounds[:, 3].max()) + 2 - row, int(bounds[:, 2].max()) + 2 - column
         place, third = mesh_nodes.owners(self.mesh, table, level, column, row, *shape)
         owner = mesh_nodes.owner_index(place, table.site_x.shape[1])
         # a node's cell as its place in the list of sites, −1 for others

@@ -176,7 +176,15 @@ CLIMATE: Mapping[str, Parameter] = parameter_table(
         sentinel=Sentinel(1e4, "No limit", 1800.0),
         soft_range=(0.0, 5000.0),
     ),
-    Parameter("aridity", float, 0.2, 0.0, 1.0, "", "0 is lush, 1 is a desert; from 0.5 on more of the ground is level"),
+    Parameter(
+        "aridity",
+        float,
+        0.2,
+        0.0,
+        1.0,
+        "",
+        "0 is lush, 1 is a desert; from 0.5 on more of the ground is level",
+    ),
 )
 """Keys of ``[climate]``: snow and vegetation."""
 

@@ -44,6 +44,27 @@ def value_noise(key, x, y, bits):
 
 
 @_compiled
+def value_noise_row(key, x, step, y, bits, amplitude, row):
+    """Add value noise times an amplitude to a row of points, `step` mesh units apart from (x, y) on."""
+    north = y >> bits
+    scale = 1.0 / (1 << bits)
+    v = (y - (north << bits)) * scale
+    v = v * v * (3.0 - 2.0 * v)
+    cell = (x >> bits) - 1
+    a = b = c = d = 0.0
+    for i in range(row.size):
+        column = (x + i * step) >> bits
+        if column != cell:  # else the corners are those of the point before
+            cell = column
+            a, b = unit(hashed(key, column, north)), unit(hashed(key, column + 1, north))
+            c, d = unit(hashed(key, column, north + 1)), unit(hashed(key, column + 1, north + 1))
+        u = (x + i * step - (column << bits)) * scale
+        u = u * u * (3.0 - 2.0 * u)
+        low, high = a + u * (b - a), c + u * (d - c)
+        row[i] += amplitude * (2.0 * (low + v * (high - low)) - 1.0)
+
+
+@_compiled
 def _gradient(key, column, row, u, v):
     """Return the height at (u, v) of the slope that is hashed to a lattice point."""
     bits = hashed(key, column, row)

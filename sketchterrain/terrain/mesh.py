@@ -20,7 +20,7 @@ from numba import njit
 
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.placement.hashing import hash_keys, hash_unit
-from sketchterrain.terrain.hashed_noise import hashed, value_noise
+from sketchterrain.terrain.hashed_noise import hashed, value_noise, value_noise_row
 
 UNIT_BITS = 10
 """Bits of the mesh units along the spacing of sites."""
@@ -242,14 +242,30 @@ def border_warp(mesh, x, y):
 
 
 @_compiled
+def border_warp_row(mesh, x, step, y, east, north):
+    """Write the displacements (L) of a row of points, `step` mesh units apart from (x, y) on."""
+    east[:] = 0.0
+    north[:] = 0.0
+    for bits, amplitude in _WARP:
+        value_noise_row(mesh.warp_x + np.uint64(bits), x, step, y, bits, amplitude, east)
+        value_noise_row(mesh.warp_y + np.uint64(bits), x, step, y, bits, amplitude, north)
+
+
+@_compiled
 def locate(mesh, table, x, y):
-    """Return the triangle of a point (mesh units) and the order of its corners.
+    """Return the triangle of a point (mesh units) and the order of its corners; see `locate_displaced`."""
+    east, north = border_warp(mesh, x, y)
+    return locate_displaced(table, x, y, east, north)
+
+
+@_compiled
+def locate_displaced(table, x, y, east, north):
+    """Return the triangle of a point (mesh units), displaced (L), and the order of its corners.
 
     Row, column (in the table) and half of the triangle; its corners (0 … 3) nearest and second; the third
     barycentric coordinate, 0 on the border's middle and 1/3 at a vertex; by how much the first exceeds the
     second, 0 on the border and 1 at the site.
     """
-    east, north = border_warp(mesh, x, y)
     scale = 1.0 / (1 << UNIT_BITS)
     column, row = x >> UNIT_BITS, y >> UNIT_BITS
     px, py = (x - (column << UNIT_BITS)) * scale + east, (y - (row << UNIT_BITS)) * scale + north

@@ -1,9 +1,15 @@
 """Mesh cells on the raster of nodes: owners of nodes, heights of borders, copying of drained cells."""
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
+from sketchterrain.array_types import Float64Array, Int32Array, Int64Array
+from sketchterrain.terrain.drainage import FIRST_ROUNDS, FIRST_UPLIFT
+from sketchterrain.terrain.drainage_levels import pack
+from sketchterrain.terrain.drainage_rounds import run
 from sketchterrain.terrain.mesh import (
     CORNER_X,
     CORNER_Y,
@@ -11,10 +17,30 @@ from sketchterrain.terrain.mesh import (
     SIDE,
     SITE_BITS,
     WARP,
+    border_warp_row,
     edge_height,
     edge_inflow,
     locate,
+    locate_displaced,
 )
+
+
+class CellNodes(NamedTuple):
+    """Rasters of one level around some cells, rows northward from node (column, row).
+
+    `owner` is a cell's number, −1 outside of them; `boxes` (n, 4) hold first row, first column, end row and
+    end column of each, 0 of one without nodes.
+    """
+
+    level: int
+    column: int
+    row: int
+    owner: Int32Array
+    base: Float64Array  # heights (m) of nodes on borders, NaN elsewhere
+    uplift: Float64Array
+    repose: Float64Array
+    boxes: Int64Array
+
 
 _compiled = njit(cache=True, nogil=True, error_model="numpy")
 
@@ -24,11 +50,13 @@ def owners(mesh, table, level, column, row, rows, columns):
     """Return the triangle, corners and third coordinate of each node; the corner 0 is its cell's site."""
     place = np.empty((rows, columns, 5), np.int32)
     third = np.empty((rows, columns))
+    east, north = np.empty(columns), np.empty(columns)
+    x, step = (column << level) * SIDE, SIDE << level
     for j in range(rows):
+        y = ((row + j) << level) * SIDE
+        border_warp_row(mesh, x, step, y, east, north)
         for i in range(columns):
-            q, p, half, first, second, rest, _ = locate(
-                mesh, table, ((column + i) << level) * SIDE, ((row + j) << level) * SIDE
-            )
+            q, p, half, first, second, rest, _ = locate_displaced(table, x + i * step, y, east[i], north[i])
             place[j, i, 0], place[j, i, 1], place[j, i, 2] = q, p, half
             place[j, i, 3], place[j, i, 4] = first, second
             third[j, i] = rest
@@ -146,6 +174,72 @@ def boxes(owner, count):
             boxes[k, 0], boxes[k, 1] = min(boxes[k, 0], j), min(boxes[k, 1], i)
             boxes[k, 2], boxes[k, 3] = max(boxes[k, 2], j + 1), max(boxes[k, 3], i + 1)
     return boxes
+
+
+@_compiled
+def drain_cells(cells, coarser, cell, rounds, index):
+    """Drain the cells of one level, each alone, as `drainage.drain` does; return heights (m) and areas (m²).
+
+    Parameters
+    ----------
+    cells : `CellNodes` of the level
+    coarser : `CellNodes` of the next coarser level with its drained heights as ``base``
+    cell : spacing of level 0, m
+    rounds : rounds of a cell's first, second … level
+    index : (n,) how many levels of each cell have been drained; raised by one (in place)
+    """
+    height, area = np.full(cells.owner.shape, np.nan), np.zeros(cells.owner.shape)
+    spacing = cell * 2.0**cells.level
+    for number in range(cells.boxes.shape[0]):
+        south, west, north, east = cells.boxes[number]
+        if north == 0:
+            continue
+        domain = cells.owner[south:north, west:east] == number
+        rows, columns = domain.shape
+        size = (rows + 2) * (columns + 2)
+        start, start_origin = np.empty((0, 0)), (0, 0)
+        if index[number] > 0:
+            a, b, c, d = coarser.boxes[number]
+            start = np.where(coarser.owner[a:c, b:d] == number, coarser.base[a:c, b:d], np.nan)
+            start_origin = coarser.row + a, coarser.column + b
+        kinds, forced = np.zeros(size, np.int8), np.full(size, -1, np.int32)
+        uplift, repose, rain = np.zeros(size), np.zeros(size), np.zeros(size)
+        z, areas = np.full(size, np.inf), np.zeros(size)
+        part = slice(south, north), slice(west, east)
+        pack(
+            (
+                cells.uplift[part],
+                cells.repose[part],
+                np.full(domain.shape, spacing * spacing),
+                np.where(domain, cells.base[part], np.nan),
+            ),
+            (
+                domain,
+                np.full(domain.shape, -1, np.int32),
+                (cells.row + south, cells.column + west),
+                cells.level,
+            ),
+            (start, start_origin, spacing, np.empty((0, 0))),
+            (uplift, repose, rain, z),
+            (kinds, forced),
+        )
+        fields = uplift, repose, rain, np.full(size, -np.inf), np.zeros(size)
+        receiver, order = np.full(size, -1, np.int32), np.empty(size, np.int32)
+        state = z, areas, receiver, order, np.zeros(size, np.int8), np.zeros(size), np.empty(size)
+        topology, geometry = (kinds, forced), (columns + 2, spacing, 1.0 / (cell * cell))
+        if index[number] == 0:
+            own = uplift.copy()
+            uplift[:] = FIRST_UPLIFT
+            run(topology, fields, state, geometry, FIRST_ROUNDS)
+            uplift[:] = own
+        run(topology, fields, state, geometry, rounds[index[number]])
+        index[number] += 1
+        for i in range(rows):
+            for j in range(columns):
+                if domain[i, j]:
+                    at = (i + 1) * (columns + 2) + j + 1
+                    height[south + i, west + j], area[south + i, west + j] = z[at], areas[at]
+    return height, area
 
 
 @_compiled

@@ -30,6 +30,7 @@ Number = TypeVar("Number", float, Float64Array)
 _KAPPA = 3.3  # height of ridges above valleys over uplift and r0, in cells of the mesh
 HEAD = 2.7  # (drainage area where channels begin, over r0²)^(3/8); slopes above are straight
 _STRETCH = 2.0  # length of ranges over their width
+_ARID, _PEDIMENTS = 0.5, 4.0  # aridity from which ground is more uneven and more level, and how fast
 _DEVIATION = 0.262  # of the noise of ranges
 _ACROSS = sqrt(0.75)
 
@@ -54,14 +55,17 @@ class UnpaintedSettings:
     @classmethod
     def from_sketch(cls, sketch: Sketch) -> UnpaintedSettings:
         """Return the settings of a sketch: its ground, densities, and heights of the layers' label 1."""
-        ground, density = sketch.ground, sketch.density
+        ground, density, aridity = sketch.ground, sketch.density, float(sketch.climate["aridity"])
+        mountain, hill = (unpainted_height(sketch, name) for name in ("mountain", "hill"))
         return cls(
             sketch.extent,
             sketch.seed,
             *(float(ground[name]) for name in ("relief", "wavelength", "roughness")),
-            *(float(density.get(name, 0.0)) for name in ("mountain", "hill")),
-            *(unpainted_height(sketch, name) for name in ("mountain", "hill")),
-            min(max(4.0 * (float(sketch.climate["aridity"]) - 0.5), 0.0), 1.0),
+            float(density.get("mountain", 0.0)),
+            float(density.get("hill", 0.0)),
+            mountain,
+            hill,
+            min(max(_PEDIMENTS * (aridity - _ARID), 0.0), 1.0),
         )
 
     @property

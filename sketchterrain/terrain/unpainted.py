@@ -18,12 +18,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy import typing as npt
 
-from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array
+from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int64Array
 from sketchterrain.caching import LRUCache
 from sketchterrain.terrain import mesh as meshes
 from sketchterrain.terrain import mesh_nodes, mesh_vertices, relief_fields, wetness
-from sketchterrain.terrain.drainage import BARE_ROUNDS, DrainageInput, drain
+from sketchterrain.terrain.drainage import BARE_ROUNDS
 from sketchterrain.terrain.mesh import SIDE, SITE_BITS, MeshTable
+from sketchterrain.terrain.mesh_nodes import CellNodes
 from sketchterrain.terrain.relief_fields import UnpaintedSettings
 
 Site = tuple[int, int]  # column and row of a site of the mesh
@@ -71,42 +72,6 @@ class PaintedRegion:
     row: int
     inside: BoolArray
     border: Float64Array  # heights (m) of nodes with an 8-neighbour outside, NaN elsewhere
-
-
-@dataclass(frozen=True, eq=False)
-class _CellRasters:
-    """Rasters of one level around some cells; `owner` is a cell's number, −1 outside of them."""
-
-    level: int
-    column: int
-    row: int
-    spacing: float
-    owner: Int32Array
-    base: Float64Array
-    inflow: Float64Array  # m², of nodes on valleys between cells
-    fields: UpliftNodes
-    boxes: Int64Array
-
-    def inflow_of(self, number: int) -> Float64Array:
-        """Return the areas (m²) that drain into a cell's border from other cells."""
-        south, west, north, east = self.boxes[number].tolist()
-        return self.inflow[south:north, west:east]
-
-    def cell(self, number: int) -> DrainageInput:
-        """Return what a cell is drained from."""
-        south, west, north, east = self.boxes[number].tolist()
-        box = np.s_[south:north, west:east]
-        domain = self.owner[box] == number
-        return DrainageInput(
-            self.fields.uplift[box],
-            self.fields.repose[box],
-            np.full(domain.shape, self.spacing * self.spacing),
-            np.where(domain, self.base[box], np.nan),
-            domain,
-            np.full(domain.shape, -1, np.int32),
-            (self.row + south, self.column + west),
-            self.level,
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,9 +136,9 @@ class UnpaintedGround:
         """Return the first and last nodes (west, south, east, north) that cells of inner sites may have."""
         side = 1 << (SITE_BITS - level)
         at = mesh_nodes.cell_bounds(table)
-        first = np.floor(side * at[..., :2]).astype(np.int64) + [side * table.column, side * table.row]
-        last = np.ceil(side * at[..., 2:]).astype(np.int64) + [side * table.column, side * table.row]
-        return np.concatenate([first, last], axis=-1)
+        corner = side * np.array([table.column, table.row])
+        first, last = corner + np.floor(side * at[..., :2]), corner + np.ceil(side * at[..., 2:])
+        return np.concatenate([first, last], axis=-1).astype(np.int64)
 
     def _coarse_window(self, level: int, column: int, row: int, rows: int, columns: int) -> Nodes:
         """Return a window of nodes of a level that is not drained."""
@@ -252,23 +217,29 @@ class UnpaintedGround:
 
     def _drain_group(self, level: int, sites: list[Site]) -> dict[Site, _Cell]:
         """Drain cells of neighbouring sites and cache them."""
-        inputs = [self._cells_of(k, sites) for k in range(LEVELS - 1, level - 1, -1)]
+        spacing, index = self.settings.spacing, np.zeros(len(sites), np.int64)
+        coarser = None
+        for k in range(LEVELS - 1, level - 1, -1):
+            nodes, inflow = self._cells_of(k, sites)
+            height, area = mesh_nodes.drain_cells(nodes, coarser or nodes, spacing, BARE_ROUNDS, index)
+            coarser = nodes._replace(base=height)
+        mesh_nodes.pile_talus(height, nodes.base, _TALUS * spacing * 2.0**level * nodes.repose)
         result = {}
         for number, site in enumerate(sites):
-            levels = [each.cell(number) for each in inputs]
-            levels = [each for each in levels if each.domain.size]
-            drained = drain(levels, self.settings.spacing, BARE_ROUNDS[: len(levels)])[-1]
-            row, column = levels[-1].origin
-            step = _TALUS * self.settings.spacing * 2.0**level
-            mesh_nodes.pile_talus(drained.height, levels[-1].base, step * levels[-1].repose)
-            area = drained.area + inputs[-1].inflow_of(number)
-            wet = wetness.wetness(drained.height, area, inputs[-1].spacing, self.settings.spacing)
-            cell = _Cell(column, row, drained.height, area.astype(np.float32), wet)
+            south, west, north, east = nodes.boxes[number].tolist()
+            part = np.s_[south:north, west:east]
+            inside = nodes.owner[part] == number
+            own, areas = np.where(inside, height[part], np.nan), area[part] * inside + inflow[part]
+            wet = wetness.wetness(own, areas, spacing * 2.0**level, spacing)
+            cell = _Cell(nodes.column + west, nodes.row + south, own, areas.astype(np.float32), wet)
             result[site] = self._cells.store((level, *site), cell)
         return result
 
-    def _cells_of(self, level: int, sites: Sequence[Site]) -> _CellRasters:
-        """Return the rasters around cells of neighbouring sites, from which these are drained."""
+    def _cells_of(self, level: int, sites: Sequence[Site]) -> tuple[CellNodes, Float64Array]:
+        """Return the rasters around cells of neighbouring sites, from which these are drained.
+
+        And the areas (m²) that drain from other cells into nodes on valleys between cells.
+        """
         columns, rows = [site[0] for site in sites], [site[1] for site in sites]
         west, south, east, north = min(columns), min(rows), max(columns), max(rows)
         table = self.table(west - 5, south - 5, north - south + 10, east - west + 10)
@@ -286,9 +257,8 @@ class UnpaintedGround:
         base, inflow = mesh_nodes.borders(table, place, third, owner, self._passes)
         inflow *= (self.settings.spacing * 2**SITE_BITS) ** 2
         fields = self.uplift(level, column, row, *shape)
-        spacing = self.settings.spacing * 2.0**level
         boxes = mesh_nodes.boxes(owner, len(sites))
-        return _CellRasters(level, column, row, spacing, owner, base, inflow, fields, boxes)
+        return CellNodes(level, column, row, owner, base, fields.uplift, fields.repose, boxes), inflow
 
     def uplift(self, level: int, column: int, row: int, rows: int, columns: int) -> UpliftNodes:
         """Return what raises unpainted ground at nodes of a level."""
@@ -309,7 +279,7 @@ class UnpaintedGround:
 
     def painted_region(self, level: int) -> PaintedRegion:
         """Return the nodes of a level that belong to the painted region, and the heights of its border."""
-        cells = self._cells_of(level, self.painted_sites)
+        cells, _ = self._cells_of(level, self.painted_sites)
         inside = cells.owner >= 0
         outlets = mesh_nodes.outer_borders(inside, cells.base)
         rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))

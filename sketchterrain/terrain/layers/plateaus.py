@@ -59,8 +59,7 @@ _STRATA_START, _INVERSE_STRATA, _TOP_RELIEF, _RIM_SOFTNESS, _TOP_EDGE = kernel_c
     _HEADER, "STRATA_START", "INVERSE_STRATA", "TOP_RELIEF", "RIM_SOFTNESS", "TOP_EDGE"
 )
 _HILL_START, _INVERSE_HILL_RANGE = kernel_constants(_HEADER, "HILL_START", "INVERSE_HILL_RANGE")
-# Greatest change of the relief on top over that of the ground: x (a + (1 - a) smooth((x - s) r)) is steepest near
-# (x - s) r = 0.8.
+# Greatest change of the relief on top over that of the ground, of x (a + (1 - a) smooth((x - s) r)).
 _HILL_SLOPE = 1.0 + 1.5 * (1.0 - _TOP_RELIEF) * (1.0 + _HILL_START * _INVERSE_HILL_RANGE)
 _INVERSE_MASK, _INVERSE_DRAINED = kernel_constants(_HEADER, "INVERSE_CLIFF_MASK", "INVERSE_DRAINED")
 _CLIFF_WAVES, _INVERSE_CLIFF_WAVES, _ALCOVE_MEAN, _ALCOVE_GAIN, _ALCOVE_ROUND = kernel_constants(

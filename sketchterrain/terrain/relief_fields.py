@@ -60,7 +60,9 @@ class UnpaintedSettings:
         return cls(
             sketch.extent,
             sketch.seed,
-            *(float(ground[name]) for name in ("relief", "wavelength", "roughness")),
+            float(ground["relief"]),
+            float(ground["wavelength"]),
+            float(ground["roughness"]),
             float(density.get("mountain", 0.0)),
             float(density.get("hill", 0.0)),
             mountain,

@@ -155,7 +155,10 @@ class Ground:
 
     def effect(self, layer: str) -> Float64Array:
         """Return how much a layer raises the ground (m) at the sketch's pixels, on the same network."""
-        lower = height_without(self.uplift, self.drained[-1], self.factors, self.spacing, layer)
+        removed = self.features.is_rock == (layer == "mountain")
+        rest = self.features._replace(height=np.where(removed, 0.0, self.features.height))
+        uplift = _uplift(self.sketch, rest, self.plain, self.bare, self.spacing)
+        lower = height_without(uplift, self.drained[-1], self.factors, self.spacing)
         return self.read(self.carved.height - lower, EXTENT / PIXELS)
 
 

@@ -183,7 +183,8 @@ def _streams(sketch: Sketch, plan: TerrainPlan, recipe: TerrainRecipe, memory: L
 def relief_without(sketch: Sketch, layer: str, memory: LRUCache) -> ReliefLayer:
     """Return the drained ground without the uplift of a layer's painted features, on the same network."""
     plan = plan_terrain(sketch, memory)
-    ground = ground_without(plan.settings, plan.land, plan.water, memory, layer)
+    removed = plan.land.features.is_rock if layer == "mountain" else ~plan.land.features.is_rock
+    ground = ground_without(plan.settings, plan.land, plan.water, memory, removed)
     return ReliefLayer(UnpaintedNodes(plan.settings), ground)
 
 

@@ -51,7 +51,6 @@ COARSE_LEVEL = 2
 """The finest level of ground that is drained to lay out rivers and lakes."""
 _DRAFT_CHANGE, _LEAST_CHANGE = 0.3, 0.04  # nodes: changes that drafts show, and the least ones around them
 _DRAFT_MARGIN = 4  # coarse nodes around them
-_DRAFT_SHARE = 0.3  # of the greatest change
 _DRY_NODE = np.zeros((1, 1), np.uint8)
 _NO_NODES = PaintedNodes(
     0, 0, np.full((1, 1), np.nan, np.float32), _DRY_NODE, _DRY_NODE, np.zeros((1, 1), np.float32)
@@ -112,6 +111,11 @@ class PaintedLand:
             parts += [name.encode(), outline.depth.tobytes(), np.float64(outline.filling).tobytes()]
         return blake2b(b"".join(parts)).digest()
 
+    def without(self, removed: BoolArray) -> PaintedLand:
+        """Return it with features that raise nothing."""
+        height = np.where(removed, 0.0, self.features.height)
+        return replace(self, features=self.features._replace(height=height))
+
 
 def painted_ground(
     settings: UnpaintedSettings,
@@ -130,15 +134,13 @@ def drafted_ground(
 ) -> DrainedRaster:
     """Return the painted region with the changes from coarse ground `before` to that `after` added.
 
-    Lesser changes elsewhere are left out: coarse valleys far from a stroke move, and no tile there is to be
-    drawn again.
+    Small changes are left out: far from a stroke coarse valleys move, and no tile there is to be drawn again.
     `cell` is the spacing (m) of level 0.
     """
     nodes, old, new = ground.levels[0], before.levels[COARSE_LEVEL], after.levels[COARSE_LEVEL]
     change = np.nan_to_num(new.height.astype(np.float64) - old.height)
     near = maximum_filter(np.abs(new.rock.astype(np.float64) - old.rock) > 0, 2 * _DRAFT_MARGIN + 1)
-    great = max(_DRAFT_CHANGE * cell, _DRAFT_SHARE * float(np.abs(change).max()))
-    near |= maximum_filter(np.abs(change) > great, 2 * _DRAFT_MARGIN + 1)
+    near |= maximum_filter(np.abs(change) > _DRAFT_CHANGE * cell, 2 * _DRAFT_MARGIN + 1)
     change[~near | (np.abs(change) < _LEAST_CHANGE * cell)] = 0.0
     rows, columns = (
         (first + np.arange(count)) / (1 << COARSE_LEVEL) - start
@@ -176,12 +178,17 @@ def painted_flow(
 
 
 def ground_without(
-    settings: UnpaintedSettings, land: PaintedLand, water: PaintedWater, memory: LRUCache, layer: str
+    settings: UnpaintedSettings,
+    land: PaintedLand,
+    water: PaintedWater,
+    memory: LRUCache,
+    removed: BoolArray,
 ) -> DrainedRaster:
-    """Return the painted region without the uplift of a layer, on the network drained with all of it."""
+    """Return the painted region without the uplift of some features, on the network drained with all."""
     ground = _cached_ground(settings, land, water, memory, 4)
-    uplift = _uplift(settings, land, water, memory, _cached_bare(settings, water, memory, 4))
-    height = height_without(uplift, ground.network, ground.factors, settings.spacing, layer)
+    bare = _cached_bare(settings, water, memory, 4)
+    uplift = _uplift(settings, land.without(removed), water, memory, bare)
+    height = height_without(uplift, ground.network, ground.factors, settings.spacing)
     return DrainedRaster.from_drained(
         [_nodes(replace(ground.network, height=height), uplift, 3, settings.spacing)]
     )

@@ -33,23 +33,21 @@ from sketchterrain.terrain.drainage import (
 )
 from sketchterrain.terrain.hashed_noise import value_noise
 from sketchterrain.terrain.mesh import SIDE
-from sketchterrain.terrain.relief_fields import gentle_repose, uplift_of_relief
 from sketchterrain.terrain.uplift import Outline, UpliftFeatures
 
 COLLAR = 0.5  # width of the collar, visible radii
 _ZONE = 1.2  # visible radii around features, beyond which the ground stays as it is
 _CLEARANCE = 0.9  # visible radii, within which unpainted ground is calmed
 _CALM = 0.7  # share of its uplift that it loses there, all of it on rock
-_EDGE = 0.06  # half the width of the step between core and collar, visible radii
-_FRONT = 0.2  # visible radii over which slopes grow from the collar's to the core's
-_OUTSET = 0.25  # of the step beyond the outline: spurs that reach beyond it make up for valleys inside
+_EDGE = 0.1  # half the width of the step between core and collar, visible radii
+_FRONT = 0.3  # visible radii over which slopes grow from the collar's to the core's
+_OUTSET = 0.18  # of the step beyond the outline: spurs that reach beyond it make up for valleys inside
 # Over the mean slope from a feature's outline to its summit:
 _CORE_UPLIFT, _COLLAR_UPLIFT = 2.0, 4.0
 _COLLAR_SLOPE = 0.9 * 0.25 / COLLAR
 _APRON, _APRON_RISE = 0.4, 0.9  # shares of it: at the collar's edge, and how much more at the core
 _STEEPNESS, _EROSION_STEEPNESS = 1.0, 0.3
-_REPOSE, _EROSION_REPOSE = 0.85, 0.2  # tangents
-_FOOTHILLS = 0.06  # relief of foothills beside mountains, over the height of these
+_REPOSE, _EROSION_REPOSE = 0.7, 0.2  # tangents
 _PEAK = 0.5  # share of the uplift that peakiness moves from the outline to the summit
 _UNEVEN = 0.35  # by how much uplift and slopes vary from place to place
 _FOREIGN = 1.5  # weight of drainage area from elsewhere: streams that come from there cut through features
@@ -70,9 +68,7 @@ _compiled = njit(cache=True, nogil=True, error_model="numpy")
 class FeatureLayer:
     """Features of one layer on a raster: what they add to the ground at all levels, coarsest first."""
 
-    name: str
     members: Int64Array  # numbers of the features
-    foothills: tuple[Float64Array, ...]  # raise streams from elsewhere, too
     collar: tuple[Float64Array, ...]
     core: tuple[Float64Array, ...]  # scaled by the features' factors
     inside: tuple[Float64Array, ...]  # 0 … 1: what drains from here is their own
@@ -130,7 +126,6 @@ def painted_uplift(
     rock = np.zeros(shape, np.float32) if rock is None else rock
     near = _nearness(centre, radius, shape)
     strata = np.zeros(shape)
-    beside = 1.0 - _smooth((near + _EDGE) / (2.0 * _EDGE))
     calm = _smooth((near + _CLEARANCE) / _CLEARANCE)
     uplift = ground.uplift * (1.0 - calm * (_CALM + (1.0 - _CALM) * rock))
     uneven = 1.0 + _UNEVEN * _unevenness(ground.origin, shape)
@@ -168,18 +163,15 @@ def painted_uplift(
         )
         if not is_rock:
             steep = np.minimum(steep, (1.3 + 0.8 * erosion) * slope + 0.05)
-        low = np.where(inside, _smooth((position + _REACH) / _REACH), 0.0) * (1.0 - core) * beside
-        foothills = uplift_of_relief(_FOOTHILLS * is_rock * height * low, cell)
+        foot = _smooth((position + COLLAR) / (0.6 * COLLAR))
         front = _smooth((position + _OUTSET + _EDGE) / _FRONT)
         apron = _COLLAR_SLOPE * slope * (_APRON + _APRON_RISE * _smooth((position + COLLAR) / COLLAR))
         ramp = np.minimum(uneven, 1.05) * (apron * (1.0 - front) + steep * front)
-        own = np.maximum(gentle_repose(ground.uplift + foothills) * (1.0 - core), ramp)
+        own = np.maximum(ground.repose * (1.0 - core) * (1.0 - foot), ramp)
         repose = np.where(inside, np.maximum(own, np.where(repose is ground.repose, 0.0, repose)), repose)
         layers.append(
             FeatureLayer(
-                name,
                 members,
-                _coarsened_fields(foothills, ground),
                 _coarsened_fields(_COLLAR_UPLIFT * slope * collar, ground),
                 _coarsened_fields(_CORE_UPLIFT * slope * core * peak * uneven, ground),
                 _coarsened_fields(np.where(inside, core, 0.0), ground),
@@ -247,12 +239,10 @@ class HeightControl:
         self._radius = np.maximum(features.radius / cell, 1.0)
         self.factors = np.ones(len(features.x)) if factors is None else factors
 
-    def uplift_without(self, layer: str, index: int, solver: LevelSolver) -> Float64Array:
-        """Return the uplift of a level on its present network, less that of a layer."""
+    def uplift(self, index: int, solver: LevelSolver) -> Float64Array:
+        """Return the uplift of a level on its present network."""
         parts = self._parts(index, self._shares(index, solver))
-        names = (each.name for each in self._painted.layers)
-        others = [part for part, name in zip(parts, names, strict=True) if name != layer]
-        return np.asarray(self._painted.ground[index].uplift + sum(others))
+        return np.asarray(self._painted.ground[index].uplift + sum(parts))
 
     def adjusted(self, index: int, solver: LevelSolver) -> Float64Array:
         """Return the uplift of a level on its present network, adjusted for features and then for shapes."""
@@ -281,8 +271,7 @@ class HeightControl:
         _, start, step = self._place(index)
         height = solver.heights(ground + sum(parts))
         for layer, part in zip(painted.layers, parts, strict=True):
-            others = (each for each in parts if each is not part)
-            without = solver.heights(ground + sum(others))
+            without = solver.heights(ground + np.maximum(sum(parts) - part, 0.0))
             factors, effect = self.factors[layer.members], _as_read(height - without)
             if whole:
                 shape = painted.features.shape[layer.members]
@@ -295,10 +284,7 @@ class HeightControl:
     def _parts(self, index: int, shares: Sequence[Float64Array]) -> list[Float64Array]:
         """Return what each layer adds to a level."""
         layers = self._painted.layers
-        return [
-            share * self._layer(layer, index) + layer.foothills[index]
-            for layer, share in zip(layers, shares, strict=True)
-        ]
+        return [share * self._layer(layer, index) for layer, share in zip(layers, shares, strict=True)]
 
     def _layer(self, layer: FeatureLayer, index: int) -> Float64Array:
         """Return what the features of a layer add to a level."""
@@ -341,18 +327,19 @@ def drain_painted(
 
 
 def height_without(
-    painted: PaintedUplift, drained: Drained, factors: Float64Array, cell: float, layer: str
+    painted: PaintedUplift, drained: Drained, factors: Float64Array, cell: float
 ) -> Float64Array:
-    """Return the heights (m) of level 0 without the uplift of a layer, on the network drained with all.
+    """Return the heights (m) of level 0 with the uplift of some features, on the network drained with all.
 
     Parameters
     ----------
-    drained, factors : level 0 and factors from `drain_painted`
-    layer : "mountain" or "hill"
+    painted : with the features that stay
+    drained, factors : level 0 and factors from `drain_painted` with all of them
     """
     solver = on_network(painted.ground[-1], cell, drained)
-    control = HeightControl(painted, cell, factors)
-    solver.set_uplift(control.uplift_without(layer, len(painted.ground) - 1, solver))
+    if painted.layers:
+        control = HeightControl(painted, cell, factors)
+        solver.set_uplift(control.uplift(len(painted.ground) - 1, solver))
     solver.settle()
     return solver.result().height
 

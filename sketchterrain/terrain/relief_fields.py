@@ -10,12 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import exp, floor, pi, sqrt
 from statistics import NormalDist
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
 
-from sketchterrain.array_types import Float64Array
 from sketchterrain.placement.feature_types import TYPES
 from sketchterrain.placement.hashing import hash_keys, rounded
 from sketchterrain.placement.heights import unpainted_height
@@ -25,10 +24,7 @@ from sketchterrain.terrain.mesh import SIDE, UNIT_BITS, base_level
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
 
-Number = TypeVar("Number", float, Float64Array)
-
 _KAPPA = 3.3  # height of ridges above valleys over uplift and r0, in cells of the mesh
-HEAD = 2.7  # (drainage area where channels begin, over r0²)^(3/8); slopes above are straight
 _STRETCH = 2.0  # length of ranges over their width
 _ARID, _PEDIMENTS = 0.5, 4.0  # aridity from which ground is more uneven and more level, and how fast
 _DEVIATION = 0.262  # of the noise of ranges
@@ -130,18 +126,8 @@ def uplift_fields(settings: UnpaintedSettings) -> UpliftFields:
         min(settings.hill_height, hill.fill_slope * small),
         unit / (2.6 * small),
         _threshold(_share(settings.hill_density, small)),
-        uplift_of_relief(1.0, settings.spacing),
+        1.0 / (_KAPPA * settings.spacing),
     )
-
-
-def uplift_of_relief(relief: Number, cell: float) -> Number:
-    """Return the uplift that raises ground by a relief (m) above its valleys; `cell` is r0 (m)."""
-    return relief * (1.0 / (_KAPPA * cell))
-
-
-def gentle_repose(uplift: Float64Array) -> Float64Array:
-    """Return the greatest slope of ground with an uplift, so that channels begin at the same area."""
-    return np.asarray(uplift / (HEAD + uplift))
 
 
 @_compiled

@@ -34,6 +34,7 @@ LEVELS = 4
 _MESH_LEVELS = 6
 _CREST = 1.2  # height of a cell's crest above its lowest vertex, over the relief
 
+_HEAD = 2.7  # (drainage area where channels begin, over r0²)^(3/8); slopes above are straight
 _SLOPE_CAP = 0.25  # of tributary valleys between mesh vertices
 _FALL = 0.13  # of a trunk valley along L, over the ground's relief
 _PASS_RISE, _PASS_LOW_RISE = 1.0, 1.8  # of passes, over the relief: see `PassRule`
@@ -94,7 +95,7 @@ class UnpaintedGround:
         self.settings = settings
         self.mesh = meshes.mesh_parameters(settings.seed, _FALL * settings.ground_relief)
         self.fields = relief_fields.uplift_fields(settings)
-        slope = _PASS_SLOPE * self.fields.per_relief / relief_fields.HEAD
+        slope = _PASS_SLOPE * self.fields.per_relief / _HEAD
         length = settings.spacing * 2**SITE_BITS
         self._passes = meshes.PassRule(_PASS_RISE, _PASS_LOW_RISE, slope, length)
         self._cells = LRUCache(max_bytes=max_bytes)
@@ -265,7 +266,7 @@ class UnpaintedGround:
         fields = self.fields
         relief, rock = relief_fields.relief_raster(fields, level, column, row, rows, columns)
         uplift = relief_fields.roughened(fields, relief, level, column, row)
-        return UpliftNodes(uplift, relief_fields.gentle_repose(uplift), rock.astype(np.float32))
+        return UpliftNodes(uplift, uplift / (_HEAD + uplift), rock.astype(np.float32))
 
     @cached_property
     def painted_sites(self) -> tuple[Site, ...]:

@@ -59,8 +59,8 @@ def _drained(features, ground=None):
 
     painted = uplift_of(features)
     drained, factors = drain_painted(painted, CELL, bare)
-    without = height_without(painted, drained[-1], factors, CELL, "mountain")
-    return painted, drained[-1].height, without, bare[-1].height
+    nothing = uplift_of(features._replace(height=np.zeros(len(features.x))))
+    return painted, drained[-1].height, height_without(nothing, drained[-1], factors, CELL), bare[-1].height
 
 
 def _effect(features, ground=None):

@@ -58,9 +58,6 @@ _CLIFF_ROUND, _RISER, _HARDNESS_RATE, _SOFT_ROCK, _VARIETY, _TILTED, _CRUMBLED =
 _STRATA_START, _INVERSE_STRATA, _TOP_RELIEF, _RIM_SOFTNESS, _TOP_EDGE = kernel_constants(
     _HEADER, "STRATA_START", "INVERSE_STRATA", "TOP_RELIEF", "RIM_SOFTNESS", "TOP_EDGE"
 )
-_HILL_START, _INVERSE_HILL_RANGE = kernel_constants(_HEADER, "HILL_START", "INVERSE_HILL_RANGE")
-# Greatest change of the relief on top over that of the ground, of x (a + (1 - a) smooth((x - s) r)).
-_HILL_SLOPE = 1.0 + 1.5 * (1.0 - _TOP_RELIEF) * (1.0 + _HILL_START * _INVERSE_HILL_RANGE)
 _INVERSE_MASK, _INVERSE_DRAINED = kernel_constants(_HEADER, "INVERSE_CLIFF_MASK", "INVERSE_DRAINED")
 _CLIFF_WAVES, _INVERSE_CLIFF_WAVES, _ALCOVE_MEAN, _ALCOVE_GAIN, _ALCOVE_ROUND = kernel_constants(
     _HEADER, "CLIFF_WAVES", "INVERSE_CLIFF_WAVES", "ALCOVE_MEAN", "ALCOVE_GAIN", "ALCOVE_ROUND"
@@ -221,9 +218,9 @@ class PlateausLayer(TerrainLayer):
         lost = (1 + _CRUMBLED) * (r["layer_steps"] - packed["layer_steps"][number])
         lost += r["third_steps"] - packed["third_steps"][number]
         steps = np.minimum(turned + share * most + lost, most) + _TOP_ROUNDING * lost
-        relief = np.minimum(lift * (4 * moved + 0.75 * layers) + _HILL_SLOPE * below, lift)
+        relief = _TOP_RELIEF * np.minimum(lift * (4 * moved + 0.75 * layers) + below, lift)
         np.maximum.at(state.bound, block, smooth + steps + relief)
-        np.maximum.at(state.high, block, 2 * lift + state.low[block])
+        np.maximum.at(state.high, block, (1 + _TOP_RELIEF) * lift + state.low[block])
         np.maximum.at(state.scale, block, r["plateau_top"] - r["plateau_foot"])
 
     def _near_cliffs(
@@ -268,9 +265,7 @@ def _raised(
     hardness = _SOFT_ROCK + (1 - _SOFT_ROCK) * even_wave(layers * _HARDNESS_RATE) - _CRUMBLED * vary
     steps = hardness * r["layer_steps"] * _step(layers) + r["third_steps"] * _step(3 * layers)
     shown = free * smooth_rise(q, _STRATA_START, 1 / _INVERSE_STRATA)
-    above = ground - r["plateau_foot"]
-    hill = smooth_rise(above * r["inverse_layer"], _HILL_START, 1 / _INVERSE_HILL_RANGE)
-    relief = free * q**4 * above * (_TOP_RELIEF + (1 - _TOP_RELIEF) * hill)
+    relief = free * _TOP_RELIEF * q**4 * (ground - r["plateau_foot"])
     height = smooth + shown * (steps - r["layer_sink"] * edge) + relief
     return height, free * smooth_rise(q - q * q, 0, 1 / _INVERSE_MASK)
 

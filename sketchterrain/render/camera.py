@@ -16,9 +16,8 @@ HeightFunction: TypeAlias = Callable[[npt.ArrayLike, npt.ArrayLike], npt.NDArray
 """Terrain heights (m) at x, y (m), which broadcast together."""
 
 _NEAR = (0.1, 100.0)  # m
-_NEAR_SHARE = (
-    0.16  # of the clearance: a cliff of 75° beside the eye is 0.26 of it away, 0.18 at a picture's corners
-)
+# Of the clearance: a cliff of 75° beside the eye is 0.26 of it away, 0.18 at a picture's corners.
+_NEAR_SHARE = 0.16
 
 
 def direction(heading: float, pitch: float) -> Floats:

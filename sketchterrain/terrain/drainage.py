@@ -215,8 +215,8 @@ class LevelSolver:
         self._kind = np.zeros(size, np.int8)
         self._forced = np.full(size, -1, np.int32)
         self._uplift, self._repose, self._rain = np.zeros(size), np.zeros(size), np.zeros(size)
-        self._height, self._area = np.full(size, np.inf), np.zeros(size)
-        self._receiver = np.full(size, -1, np.int32)
+        self._state = drainage_rounds.new_state(size)
+        self._height, self._area, self._receiver = self._state[:3]
         if drained is None or coarser is None:
             start, start_origin = np.empty((0, 0)), (0, 0)
         else:
@@ -235,15 +235,6 @@ class LevelSolver:
         if source.strata is not None:
             strata[1:-1, 1:-1] = source.strata
         self._fields = self._uplift, self._repose, self._rain, least.ravel(), strata.ravel()
-        self._state = (
-            self._height,
-            self._area,
-            self._receiver,
-            np.empty(size, np.int32),  # order of flow
-            np.zeros(size, np.int8),  # numbers of donors
-            np.zeros(size),  # rise of each node over its receiver
-            np.empty(size),  # heights before the last routing
-        )
         self._geometry = self._shape[1] + 2, self._spacing, 1.0 / (cell * cell)
         self._count = 0
 

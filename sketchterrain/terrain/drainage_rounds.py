@@ -26,6 +26,25 @@ _compiled = njit(cache=True, nogil=True, error_model="numpy")
 
 
 @_compiled
+def new_state(size):
+    """Return the state of nodes before a level is packed.
+
+    Heights, drainage areas, receivers, the order of flow, numbers of donors, the rise of each node over its
+    receiver, and heights before the last routing.
+    """
+    height, area, receiver = np.full(size, np.inf), np.zeros(size), np.full(size, -1, np.int32)
+    return (
+        height,
+        area,
+        receiver,
+        np.empty(size, np.int32),
+        np.zeros(size, np.int8),
+        np.zeros(size),
+        np.empty(size),
+    )
+
+
+@_compiled
 def run(topology, fields, state, geometry, rounds):
     """Route and integrate some times; every round but the last goes a part of the way."""
     height, previous = state[0], state[-1]

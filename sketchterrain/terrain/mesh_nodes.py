@@ -1,4 +1,4 @@
-"""Mesh cells on the raster of nodes: owners of nodes, heights of borders, copying of drained cells."""
+"""Mesh cells on the raster of nodes: owners of nodes, heights of borders, draining and copying of cells."""
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
 
 from typing import NamedTuple
@@ -9,7 +9,7 @@ from numba import njit
 from sketchterrain.array_types import Float64Array, Int32Array, Int64Array
 from sketchterrain.terrain.drainage import FIRST_ROUNDS, FIRST_UPLIFT
 from sketchterrain.terrain.drainage_levels import pack
-from sketchterrain.terrain.drainage_rounds import run
+from sketchterrain.terrain.drainage_rounds import new_state, run
 from sketchterrain.terrain.mesh import (
     CORNER_X,
     CORNER_Y,
@@ -204,7 +204,8 @@ def drain_cells(cells, coarser, cell, rounds, index):
             start_origin = coarser.row + a, coarser.column + b
         kinds, forced = np.zeros(size, np.int8), np.full(size, -1, np.int32)
         uplift, repose, rain = np.zeros(size), np.zeros(size), np.zeros(size)
-        z, areas = np.full(size, np.inf), np.zeros(size)
+        state = new_state(size)
+        z, areas = state[0], state[1]
         part = slice(south, north), slice(west, east)
         pack(
             (
@@ -224,8 +225,6 @@ def drain_cells(cells, coarser, cell, rounds, index):
             (kinds, forced),
         )
         fields = uplift, repose, rain, np.full(size, -np.inf), np.zeros(size)
-        receiver, order = np.full(size, -1, np.int32), np.empty(size, np.int32)
-        state = z, areas, receiver, order, np.zeros(size, np.int8), np.zeros(size), np.empty(size)
         topology, geometry = (kinds, forced), (columns + 2, spacing, 1.0 / (cell * cell))
         if index[number] == 0:
             own = uplift.copy()

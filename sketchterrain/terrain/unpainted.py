@@ -34,11 +34,11 @@ LEVELS = 4
 _MESH_LEVELS = 6
 _CREST = 1.2  # height of a cell's crest above its lowest vertex, over the relief
 
-_HEAD = 2.7  # (drainage area where channels begin, over r0²)^(3/8); slopes above are straight
 _SLOPE_CAP = 0.25  # of tributary valleys between mesh vertices
 _FALL = 0.13  # of a trunk valley along L, over the ground's relief
 _PASS_RISE, _PASS_LOW_RISE = 1.0, 1.8  # of passes, over the relief: see `PassRule`
 _PASS_SLOPE = 1.2  # … and over the slope of hillslopes
+_HEAD = 2.7  # (drainage area where channels begin, over r0²)^(3/8); slopes above are straight
 _TALUS = 1.5  # greatest slope below passes, over that of hillslopes
 _MOST_THREADS = 4
 _MAX_WINDOW_BYTES = 1 << 24  # of windows that were read
@@ -244,17 +244,16 @@ class UnpaintedGround:
         columns, rows = [site[0] for site in sites], [site[1] for site in sites]
         west, south, east, north = min(columns), min(rows), max(columns), max(rows)
         table = self.table(west - 5, south - 5, north - south + 10, east - west + 10)
-        at = [(j - table.row, i - table.column) for i, j in sites]
-        bounds = self._bounds(level, table)[tuple(np.transpose(at))]
+        at = tuple(np.transpose([(j - table.row, i - table.column) for i, j in sites]))
+        bounds = self._bounds(level, table)[at]
         column, row = (bounds[:, :2].min(axis=0) - 1).tolist()
         shape = int(bounds[:, 3].max()) + 2 - row, int(bounds[:, 2].max()) + 2 - column
         place, third = mesh_nodes.owners(self.mesh, table, level, column, row, *shape)
         owner = mesh_nodes.owner_index(place, table.site_x.shape[1])
         # a node's cell as its place in the list of sites, −1 for others
-        number = np.full(table.site_x.size, -1, np.int32)
-        stride = table.site_x.shape[1]
-        number[[(j - table.row) * stride + i - table.column for i, j in sites]] = np.arange(len(sites))
-        owner = number[owner]
+        number = np.full(table.site_x.shape, -1, np.int32)
+        number[at] = np.arange(len(sites))
+        owner = number.ravel()[owner]
         base, inflow = mesh_nodes.borders(table, place, third, owner, self._passes)
         inflow *= (self.settings.spacing * 2**SITE_BITS) ** 2
         fields = self.uplift(level, column, row, *shape)

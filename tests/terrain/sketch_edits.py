@@ -132,7 +132,9 @@ def _random_value(rng: Rng, parameter: Parameter, sketch: Sketch) -> Value:
     if parameter.sentinel is not None:
         low, high = parameter.soft_range or (parameter.low, parameter.high)
         return float(rng.choice([parameter.sentinel.value, *rng.uniform(max(low, 0), min(high, 400), 3)]))
-    span = (0.3 * float(default), 2.0 * float(default)) if default else (parameter.low, parameter.high)
+    span = (0.3 * float(default), 2.0 * float(default))
+    if not default or name == "aridity":  # ground differs from 0.5 on
+        span = parameter.low, parameter.high
     value = float(np.clip(rng.uniform(*span), parameter.low, parameter.high))
     return round(value) if parameter.kind is int else value
 

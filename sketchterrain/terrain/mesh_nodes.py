@@ -177,67 +177,47 @@ def boxes(owner, count):
 
 
 @_compiled
-def drain_cells(cells, coarser, cell, rounds, index):
-    """Drain the cells of one level, each alone, as `drainage.drain` does; return heights (m) and areas (m²).
+def drain_cell(cells, number, coarser, corner, cell, rounds):
+    """Drain a cell of one level alone, as `drainage.drain` does; return heights (m) and areas (m²) of its box.
 
     Parameters
     ----------
-    cells : `CellNodes` of the level
-    coarser : `CellNodes` of the next coarser level with its drained heights as ``base``
+    coarser : drained heights (m) of the next coarser level, NaN outside of the cell; empty at the first one
+    corner : row and column of its first node, in nodes of that level
     cell : spacing of level 0, m
-    rounds : rounds of a cell's first, second … level
-    index : (n,) how many levels of each cell have been drained; raised by one (in place)
+    rounds : rounds of routing and integrating
     """
-    height, area = np.full(cells.owner.shape, np.nan), np.zeros(cells.owner.shape)
+    south, west, north, east = cells.boxes[number]
+    part = slice(south, north), slice(west, east)
+    domain = cells.owner[part] == number
+    rows, columns = domain.shape
+    size = (rows + 2) * (columns + 2)
     spacing = cell * 2.0**cells.level
-    for number in range(cells.boxes.shape[0]):
-        south, west, north, east = cells.boxes[number]
-        if north == 0:
-            continue
-        domain = cells.owner[south:north, west:east] == number
-        rows, columns = domain.shape
-        size = (rows + 2) * (columns + 2)
-        start, start_origin = np.empty((0, 0)), (0, 0)
-        if index[number] > 0:
-            a, b, c, d = coarser.boxes[number]
-            start = np.where(coarser.owner[a:c, b:d] == number, coarser.base[a:c, b:d], np.nan)
-            start_origin = coarser.row + a, coarser.column + b
-        kinds, forced = np.zeros(size, np.int8), np.full(size, -1, np.int32)
-        uplift, repose, rain = np.zeros(size), np.zeros(size), np.zeros(size)
-        state = new_state(size)
-        z, areas = state[0], state[1]
-        part = slice(south, north), slice(west, east)
-        pack(
-            (
-                cells.uplift[part],
-                cells.repose[part],
-                np.full(domain.shape, spacing * spacing),
-                np.where(domain, cells.base[part], np.nan),
-            ),
-            (
-                domain,
-                np.full(domain.shape, -1, np.int32),
-                (cells.row + south, cells.column + west),
-                cells.level,
-            ),
-            (start, start_origin, spacing, np.empty((0, 0))),
-            (uplift, repose, rain, z),
-            (kinds, forced),
-        )
-        fields = uplift, repose, rain, np.full(size, -np.inf), np.zeros(size)
-        topology, geometry = (kinds, forced), (columns + 2, spacing, 1.0 / (cell * cell))
-        if index[number] == 0:
-            own = uplift.copy()
-            uplift[:] = FIRST_UPLIFT
-            run(topology, fields, state, geometry, FIRST_ROUNDS)
-            uplift[:] = own
-        run(topology, fields, state, geometry, rounds[index[number]])
-        index[number] += 1
-        for i in range(rows):
-            for j in range(columns):
-                if domain[i, j]:
-                    at = (i + 1) * (columns + 2) + j + 1
-                    height[south + i, west + j], area[south + i, west + j] = z[at], areas[at]
+    kinds, forced = np.zeros(size, np.int8), np.full(size, -1, np.int32)
+    uplift, repose, rain = np.zeros(size), np.zeros(size), np.zeros(size)
+    state = new_state(size)
+    base = np.where(domain, cells.base[part], np.nan)
+    pack(
+        (cells.uplift[part], cells.repose[part], np.full(domain.shape, spacing * spacing), base),
+        (domain, np.full(domain.shape, -1, np.int32), (cells.row + south, cells.column + west), cells.level),
+        (coarser, corner, spacing, np.empty((0, 0))),
+        (uplift, repose, rain, state[0]),
+        (kinds, forced),
+    )
+    fields = uplift, repose, rain, np.full(size, -np.inf), np.zeros(size)
+    topology, geometry = (kinds, forced), (columns + 2, spacing, 1.0 / (cell * cell))
+    if coarser.size == 0:
+        own = uplift.copy()
+        uplift[:] = FIRST_UPLIFT
+        run(topology, fields, state, geometry, FIRST_ROUNDS)
+        uplift[:] = own
+    run(topology, fields, state, geometry, rounds)
+    height, area = np.full(domain.shape, np.nan), np.zeros(domain.shape)
+    for i in range(rows):
+        for j in range(columns):
+            if domain[i, j]:
+                at = (i + 1) * (columns + 2) + j + 1
+                height[i, j], area[i, j] = state[0][at], state[1][at]
     return height, area
 
 

@@ -63,6 +63,12 @@ class NodeSource(Protocol):
         """
         ...
 
+    def prepare(
+        self, level: int, corners: LatticeArray, rows: int, columns: int, *, painted: bool = True
+    ) -> None:
+        """Compute what windows of one size need by their south-western nodes (n, 2), which is quicker at once."""
+        ...
+
 
 def node_level(cell: float, extent: float) -> int:
     """Return the level of the nodes that samples of a cell size (m) read."""
@@ -186,6 +192,9 @@ class NodeReader:
         if missing:
             low, high = places[missing].min(axis=0), places[missing].max(axis=0) + 1
             if np.prod(high - low) > 2 * len(missing):  # far apart
+                self._source.prepare(
+                    level, CHUNK * places[missing], CHUNK, CHUNK, painted=not self._painted_at(level)
+                )
                 return [
                     self._read(level, place, place + 1)[0] if chunk is None else chunk
                     for place, chunk in zip(places, found, strict=True)
@@ -211,8 +220,11 @@ class NodeReader:
                 chunks.append(self._chunks.store(key, own))
         return chunks
 
+    def _painted_at(self, level: int) -> tuple[PaintedNodes, ...]:
+        return self._painted.levels[level : level + 1] if self._painted is not None else ()
+
     def _window(self, level: int, column: int, row: int, rows: int, columns: int) -> NodeWindow:
-        painted = self._painted.levels[level : level + 1] if self._painted is not None else ()
+        painted = self._painted_at(level)
         nodes = self._source.window(level, column, row, rows, columns, painted=not painted)
         height = nodes.height.astype(np.float32)
         shares = [np.rint(np.clip(each, 0, 1) * 255).astype(np.uint8) for each in (nodes.rock, nodes.wetness)]

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache, partial
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -81,9 +82,14 @@ class _Cell:
 
     column: int
     row: int
-    height: Float64Array
+    levels: int  # that have been drained up to this one
+    drained: Float64Array  # heights (m), from which the next finer level starts
+    height: Float32Array  # (m) with talus
     area: Float32Array
     wetness: Float32Array
+
+
+_NOTHING = _Cell(0, 0, 0, np.empty((0, 0)), *np.empty((3, 0, 0), np.float32))
 
 
 class UnpaintedGround:
@@ -115,16 +121,39 @@ class UnpaintedGround:
             return self._windows.get_or_compute(at, partial(self._coarse_window, *at))
         return self._windows.get_or_compute((*at, painted), partial(self._drained_window, *at, painted))
 
+    def prepare(
+        self, level: int, corners: Int64Array, rows: int, columns: int, *, painted: bool = True
+    ) -> None:
+        """Drain what windows of one size need by their south-western nodes (n, 2), all cells at once."""
+        if level < LEVELS:
+            windows = ((level, column, row, rows, columns) for column, row in corners.tolist())
+            sites = (self._sites(*at, painted) for at in windows)
+            self._drained(level, list(dict.fromkeys(chain.from_iterable(sites))))
+
+    def _prepare_blocks(self, column: int, row: int, rows: int, columns: int) -> None:
+        """Compute the blocks of a rectangle of quads on all threads; not to be called on one of them."""
+        missing = [at for at in _blocks_of(column, row, rows, columns) if self._blocks.get(at) is None]
+        if self._executor is not None and len(missing) > 1:
+            for at, block in zip(
+                missing, self._executor.map(lambda at: self._block(*at), missing), strict=True
+            ):
+                self._blocks.store(at, block)
+
+    def _sites(self, level: int, column: int, row: int, rows: int, columns: int, painted: bool) -> list[Site]:
+        """Return the sites of the cells that may have nodes in a window."""
+        quads = mesh_nodes.quads_of_nodes(level, column, row, rows, columns)
+        self._prepare_blocks(*quads)
+        table = self.table(*quads)
+        west, south, east, north = np.moveaxis(self._bounds(level, table)[1:, 1:], -1, 0)
+        near = (west < column + columns) & (south < row + rows) & (east >= column) & (north >= row)
+        sites = [(table.column + 1 + i, table.row + 1 + j) for j, i in np.argwhere(near).tolist()]
+        return sites if painted else [site for site in sites if site not in self.painted_sites]
+
     def _drained_window(
         self, level: int, column: int, row: int, rows: int, columns: int, painted: bool
     ) -> Nodes:
         """Return a window of nodes of a level that is drained, with those of the painted region or not."""
-        table = self.table(*mesh_nodes.quads_of_nodes(level, column, row, rows, columns))
-        west, south, east, north = np.moveaxis(self._bounds(level, table)[1:, 1:], -1, 0)
-        near = (west < column + columns) & (south < row + rows) & (east >= column) & (north >= row)
-        sites = [(table.column + 1 + i, table.row + 1 + j) for j, i in np.argwhere(near).tolist()]
-        if not painted:
-            sites = [site for site in sites if site not in self.painted_sites]
+        sites = self._sites(level, column, row, rows, columns, painted)
         height = np.full((rows, columns), np.nan)
         area, wet = np.zeros((2, rows, columns), np.float32)
         for cell in self._drained(level, sites).values():
@@ -148,7 +177,9 @@ class UnpaintedGround:
         if level >= _MESH_LEVELS:
             height, share = relief_fields.mean_ground(self.mesh, self.fields, *at)
         else:
-            table = self.table(*mesh_nodes.quads_of_nodes(*at))
+            quads = mesh_nodes.quads_of_nodes(*at)
+            self._prepare_blocks(*quads)
+            table = self.table(*quads)
             height = mesh_nodes.mesh_heights(self.mesh, table, *at, self._passes, _CREST)
             _, share = relief_fields.relief_raster(self.fields, *at)
         share = share.astype(np.float32)
@@ -160,15 +191,14 @@ class UnpaintedGround:
         height, relief = np.empty((2, rows, columns, 2))
         receiver, upstream = np.empty((2, rows, columns, 2), np.int64)
         size = mesh_vertices.BLOCK
-        for q in range(row // size, (row + rows - 1) // size + 1):
-            for p in range(column // size, (column + columns - 1) // size + 1):
-                block = self._blocks.get_or_compute((p, q), partial(self._block, p, q))
-                south, west = max(q * size, row), max(p * size, column)
-                north, east = min((q + 1) * size, row + rows), min((p + 1) * size, column + columns)
-                into = np.s_[south - row : north - row, west - column : east - column]
-                out = np.s_[south - q * size : north - q * size, west - p * size : east - p * size]
-                for target, source in zip((height, receiver, upstream, relief), block, strict=True):
-                    target[into] = source[out]
+        for p, q in _blocks_of(column, row, rows, columns):
+            block = self._blocks.get_or_compute((p, q), partial(self._block, p, q))
+            south, west = max(q * size, row), max(p * size, column)
+            north, east = min((q + 1) * size, row + rows), min((p + 1) * size, column + columns)
+            into = np.s_[south - row : north - row, west - column : east - column]
+            out = np.s_[south - q * size : north - q * size, west - p * size : east - p * size]
+            for target, source in zip((height, receiver, upstream, relief), block, strict=True):
+                target[into] = source[out]
         sites = relief_fields.site_relief(self.fields, column, row, x, y)
         low = mesh_vertices.lowest_around_sites(diagonal, height)
         return MeshTable(column, row, x, y, diagonal, height, receiver, upstream, relief, sites, low)
@@ -204,35 +234,43 @@ class UnpaintedGround:
             relief[core, core].copy(),
         )
 
-    def _drained(self, level: int, sites: list[tuple[int, int]]) -> dict[tuple[int, int], _Cell]:
+    def _drained(self, level: int, sites: list[Site]) -> dict[Site, _Cell]:
         """Return the cells of sites at a level."""
         result = {site: self._cells.get((level, *site)) for site in sites}
-        groups: dict[tuple[int, int], list[tuple[int, int]]] = {}
-        for site in sites:
-            if result[site] is None:
-                groups.setdefault((site[0] // _GROUP, site[1] // _GROUP), []).append(site)
+        missing = [site for site in sites if result[site] is None]
+        coarser = self._drained(level + 1, missing) if missing and level < LEVELS - 1 else {}
+        groups: dict[Site, list[Site]] = {}
+        for site in missing:
+            groups.setdefault((site[0] // _GROUP, site[1] // _GROUP), []).append(site)
         run = map if self._executor is None or len(groups) == 1 else self._executor.map
-        for cells in run(lambda group: self._drain_group(level, group), groups.values()):
+        for cells in run(lambda group: self._drain_group(level, group, coarser), groups.values()):
             result |= cells
         return result
 
-    def _drain_group(self, level: int, sites: list[Site]) -> dict[Site, _Cell]:
-        """Drain cells of neighbouring sites and cache them."""
-        spacing, index = self.settings.spacing, np.zeros(len(sites), np.int64)
-        coarser = None
-        for k in range(LEVELS - 1, level - 1, -1):
-            nodes, inflow = self._cells_of(k, sites)
-            height, area = mesh_nodes.drain_cells(nodes, coarser or nodes, spacing, BARE_ROUNDS, index)
-            coarser = nodes._replace(base=height)
-        mesh_nodes.pile_talus(height, nodes.base, _TALUS * spacing * 2.0**level * nodes.repose)
+    def _drain_group(self, level: int, sites: list[Site], coarser: dict[Site, _Cell]) -> dict[Site, _Cell]:
+        """Drain cells of neighbouring sites, each from its next coarser level, and cache them."""
+        finest = self.settings.spacing
+        spacing = finest * 2.0**level
+        nodes, inflow = self._cells_of(level, sites)
         result = {}
         for number, site in enumerate(sites):
+            if not nodes.boxes[number].any():
+                result[site] = self._cells.store((level, *site), _NOTHING)
+                continue
+            start = coarser.get(site, _NOTHING)
+            height, area = mesh_nodes.drain_cell(
+                nodes, number, start.drained, (start.row, start.column), finest, BARE_ROUNDS[start.levels]
+            )
             south, west, north, east = nodes.boxes[number].tolist()
             part = np.s_[south:north, west:east]
-            inside = nodes.owner[part] == number
-            own, areas = np.where(inside, height[part], np.nan), area[part] * inside + inflow[part]
-            wet = wetness.wetness(own, areas, spacing * 2.0**level, spacing)
-            cell = _Cell(nodes.column + west, nodes.row + south, own, areas.astype(np.float32), wet)
+            piled = height.copy()
+            mesh_nodes.pile_talus(piled, nodes.base[part], _TALUS * spacing * nodes.repose[part])
+            area += np.where(np.isnan(height), 0.0, inflow[part])
+            wet = wetness.wetness(piled, area, spacing, finest)
+            corner = nodes.column + west, nodes.row + south
+            cell = _Cell(
+                *corner, start.levels + 1, height, piled.astype(np.float32), area.astype(np.float32), wet
+            )
             result[site] = self._cells.store((level, *site), cell)
         return result
 
@@ -294,6 +332,16 @@ class UnpaintedGround:
         x, y = np.broadcast_arrays(np.asarray(east, np.float64), np.asarray(north, np.float64))
         x, y = np.rint(x / unit).astype(np.int64), np.rint(y / unit).astype(np.int64)
         return np.asarray(meshes.base_levels(self.mesh, x.ravel(), y.ravel()).reshape(x.shape))
+
+
+def _blocks_of(column: int, row: int, rows: int, columns: int) -> list[tuple[int, int]]:
+    """Return columns and rows of the blocks of vertices in a rectangle of quads."""
+    size = mesh_vertices.BLOCK
+    return [
+        (p, q)
+        for q in range(row // size, (row + rows - 1) // size + 1)
+        for p in range(column // size, (column + columns - 1) // size + 1)
+    ]
 
 
 @cache

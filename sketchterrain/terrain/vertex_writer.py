@@ -42,6 +42,7 @@ _MAX_QUADS = 1 << 20  # of the tiles of a launch
 _MIN_SQUARE_VERTICES = 16
 _MIN_SQUARE = 200.0  # m
 _USUAL = 0.99  # share of a tile whose error is at most its δ
+_OTHER_NODES = 0.4  # share that counts of a deviation between nodes of two levels: see `deviation_weight`
 _WORST = 1.5  # greatest error of a sample over δ, so that errors between samples hardly exceed 2 δ
 
 
@@ -50,7 +51,7 @@ class WideTileErrors:
 
     The square holds the tile's highest painted feature. Unpainted terrain is much the same everywhere, so one
     square beside the sketch gives the detail that a level omits of it. ``heights`` evaluates patches,
-    (patches, side, side). Detail is that of `sample_cell` of a tile as wide as the square.
+    (patches, side, side). Detail is that of a tile as wide as the square.
     """
 
     def __init__(self, recipe: TerrainRecipe, heights: Callable[[Patches], Float32Array]) -> None:
@@ -128,7 +129,7 @@ class WideTileErrors:
 
         def compute() -> _Samples:
             extent = self._recipe.extent
-            cell = sample_cell(extent * 2.0**-self._square_level / QUADS, extent)
+            cell = extent * 2.0**-self._square_level / QUADS
             patches = tile_samples(self._square_level, [square], cell_size=cell)
             return patches.axis_x[0], patches.axis_y[0], self._heights(patches)[0]
 
@@ -201,11 +202,13 @@ class VertexWriter:
                 at_once.run(len(selected), enqueue, on_shrink=self._release_buffers)
             ranges = self._context.download(extrema, (len(keys), strips, 4), np.float32)
             deviations = self._context.download(errors, (len(keys), strips**2), np.float32)
+            cells = self._inputs.recipe.extent * 2.0 ** -keys[:, 0].astype(np.float64) / store.quads
             facts["error"][order] = geometric_error(deviations)
             for i in np.flatnonzero([self._wide_errors.is_wide(int(level)) for level in keys[:, 0]]):
                 level, column, row = (int(number) for number in keys[i])
                 deviations = self._wide_errors.distances(level, column, row, store.heights(int(slots[i])))
                 facts["error"][i] = geometric_error(deviations[None])[0]
+            facts["error"] *= [deviation_weight(cell, self._inputs.recipe.extent) for cell in cells.tolist()]
         finally:
             store.release(slots)
         if not np.isfinite(ranges[..., 2]).all():
@@ -266,11 +269,19 @@ class VertexWriter:
 def sample_cell(cell_size: float, extent: float) -> float:
     """Return the cell size (m) of the samples that a tile of a cell size is compared with.
 
-    They are two levels finer, and one where tiles read coarser nodes of the drained ground: full detail of
-    far tiles would drain large areas that nobody sees from near.
+    They are two levels finer, but one coarser where tiles read coarser nodes of the drained ground: finer ones
+    would be drained under all far tiles only to be compared with.
     """
-    finer = 4.0 if node_level(cell_size, extent) == 0 else 2.0
-    return max(cell_size / finer, FINEST_CELL)
+    return 2.0 * cell_size if node_level(cell_size, extent) else max(cell_size / 4.0, FINEST_CELL)
+
+
+def deviation_weight(cell_size: float, extent: float) -> float:
+    """Return the share of a deviation that counts as the error of a tile of a cell size (m).
+
+    Nodes of each level are drained by themselves: they differ by valleys that lie elsewhere, which looks no
+    worse, more than by missing detail.
+    """
+    return _OTHER_NODES if node_level(cell_size, extent) else 1.0
 
 
 def geometric_error(deviations: Float32Array) -> Float64Array:

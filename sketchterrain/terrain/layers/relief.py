@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.culler import Culled
     from sketchterrain.terrain.layers.relief_culler import NearNodes, ReliefCuller
     from sketchterrain.terrain.relief_fields import UnpaintedSettings
+    from sketchterrain.terrain.unpainted import UnpaintedGround
 
 _HEADER: Final = "layers/relief.clh"
 _GENTLE_GULLIES, _SMOOTH, _LEVEL, _SLOPE_LIMIT, _PATCHY, _PATCHY_MEAN, _PATCHY_LEAST = kernel_constants(
@@ -87,11 +88,20 @@ class UnpaintedNodes:
         self, level: int, column: int, row: int, rows: int, columns: int, *, painted: bool = True
     ) -> Nodes:
         """Return a window of nodes, without those of the painted region unless ``painted``."""
+        nodes: Nodes = self._ground.window(level, column, row, rows, columns, painted=painted)
+        return nodes
+
+    def prepare(
+        self, level: int, corners: LatticeArray, rows: int, columns: int, *, painted: bool = True
+    ) -> None:
+        """Drain what windows of one size need by their south-western nodes (n, 2)."""
+        self._ground.prepare(level, corners, rows, columns, painted=painted)
+
+    @property
+    def _ground(self) -> UnpaintedGround:
         from sketchterrain.terrain.unpainted import unpainted_ground
 
-        ground = unpainted_ground(self.settings)
-        nodes: Nodes = ground.window(level, column, row, rows, columns, painted=painted)
-        return nodes
+        return unpainted_ground(self.settings)
 
 
 @dataclass(frozen=True)

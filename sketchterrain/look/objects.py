@@ -229,14 +229,19 @@ def _outside_rivers(position: Float64Array, rivers: Sequence[River]) -> Float64A
     """Return how visible a river is at places: 1 at other rivers' banks, 0 halfway to their middle."""
     visible = np.ones(len(position))
     for river in rivers:
-        line = river.centreline
-        distance, nearest = cKDTree(line[:, :2]).query(position[:, :2])
+        line, reach = river.centreline, 0.5 * float(river.centreline_width.max())
+        low, high = line[:, :2].min(axis=0) - reach, line[:, :2].max(axis=0) + reach
+        near = np.flatnonzero(((position[:, :2] >= low) & (position[:, :2] <= high)).all(axis=1))
+        if not near.size:
+            continue
+        place = position[near]
+        distance, nearest = cKDTree(line[:, :2]).query(place[:, :2])
         half = 0.5 * river.centreline_width[nearest].astype(np.float64)
         share = np.clip(2.0 * (1.0 - distance / half), 0.0, 1.0)
-        beside = np.abs(position[:, 2] - line[nearest, 2]) < LEVEL
+        beside = np.abs(place[:, 2] - line[nearest, 2]) < LEVEL
         # Not before its start and beyond its end.
         for end, towards in ((0, 1), (len(line) - 1, len(line) - 2)):
-            inward = (position[:, :2] - line[end, :2]) @ (line[towards, :2] - line[end, :2])
+            inward = (place[:, :2] - line[end, :2]) @ (line[towards, :2] - line[end, :2])
             beside &= (nearest != end) | (inward > 0.0)
-        visible *= np.where(beside, 1.0 - share, 1.0)
+        visible[near] *= np.where(beside, 1.0 - share, 1.0)
     return visible

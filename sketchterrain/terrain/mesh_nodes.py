@@ -178,7 +178,7 @@ def boxes(owner, count):
 
 @_compiled
 def drain_cell(cells, number, coarser, corner, cell, rounds):
-    """Drain a cell of one level alone, as `drainage.drain` does; return heights (m) and areas (m²) of its box.
+    """Drain a cell alone, as `drainage.drain` does; return heights (m) and areas (m²) of its box.
 
     Parameters
     ----------

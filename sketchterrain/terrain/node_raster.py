@@ -66,7 +66,7 @@ class NodeSource(Protocol):
     def prepare(
         self, level: int, corners: LatticeArray, rows: int, columns: int, *, painted: bool = True
     ) -> None:
-        """Compute what windows of one size need by their south-western nodes (n, 2), which is quicker at once."""
+        """Compute at once what windows of a size need, by their south-western nodes (n, 2)."""
         ...
 
 

@@ -84,19 +84,19 @@ class _Cell:
     row: int
     levels: int  # that have been drained up to this one
     drained: Float64Array  # heights (m), from which the next finer level starts
-    height: Float32Array  # (m) with talus
+    height: Float64Array  # (m) with talus
     area: Float32Array
     wetness: Float32Array
 
 
-_NOTHING = _Cell(0, 0, 0, np.empty((0, 0)), *np.empty((3, 0, 0), np.float32))
+_NOTHING = _Cell(0, 0, 0, *np.empty((2, 0, 0)), *np.empty((2, 0, 0), np.float32))
 
 
 class UnpaintedGround:
     """Windows of the raster of unpainted ground, with a bounded cache of drained cells; thread-safe."""
 
     def __init__(
-        self, settings: UnpaintedSettings, *, max_bytes: int = 1 << 25, executor: Executor | None = None
+        self, settings: UnpaintedSettings, *, max_bytes: int = 3 << 24, executor: Executor | None = None
     ) -> None:
         self.settings = settings
         self.mesh = meshes.mesh_parameters(settings.seed, _FALL * settings.ground_relief)
@@ -124,7 +124,7 @@ class UnpaintedGround:
     def prepare(
         self, level: int, corners: Int64Array, rows: int, columns: int, *, painted: bool = True
     ) -> None:
-        """Drain what windows of one size need by their south-western nodes (n, 2), all cells at once."""
+        """Drain at once what windows of a size need, by their south-western nodes (n, 2)."""
         if level < LEVELS:
             windows = ((level, column, row, rows, columns) for column, row in corners.tolist())
             sites = (self._sites(*at, painted) for at in windows)
@@ -268,9 +268,7 @@ class UnpaintedGround:
             area += np.where(np.isnan(height), 0.0, inflow[part])
             wet = wetness.wetness(piled, area, spacing, finest)
             corner = nodes.column + west, nodes.row + south
-            cell = _Cell(
-                *corner, start.levels + 1, height, piled.astype(np.float32), area.astype(np.float32), wet
-            )
+            cell = _Cell(*corner, start.levels + 1, height, piled, area.astype(np.float32), wet)
             result[site] = self._cells.store((level, *site), cell)
         return result
 

@@ -269,8 +269,8 @@ class VertexWriter:
 def sample_cell(cell_size: float, extent: float) -> float:
     """Return the cell size (m) of the samples that a tile of a cell size is compared with.
 
-    They are two levels finer, but one coarser where tiles read coarser nodes of the drained ground: finer ones
-    would be drained under all far tiles only to be compared with.
+    They are two levels finer, but one coarser where tiles read coarser nodes of the drained ground: finer
+    ones would be drained under all far tiles only to be compared with.
     """
     return 2.0 * cell_size if node_level(cell_size, extent) else max(cell_size / 4.0, FINEST_CELL)
 

@@ -53,6 +53,9 @@ class Waves:
         rock, wet = (np.clip(each * (self.height > 0), 0, 1).astype(np.float32) for each in (wave, -wave))
         return Nodes(self.height * wave, rock, np.full((rows, columns), step * step, np.float32), wet)
 
+    def prepare(self, *_: Any, **__: Any) -> None:
+        pass
+
 
 @dataclass(frozen=True)
 class Cone(Waves):

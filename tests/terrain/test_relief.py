@@ -2,6 +2,7 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -169,6 +170,9 @@ class OwnNodes:
 
     def window(self, *at: int, painted: bool = True) -> Nodes:
         return self.ground.window(*at, painted=painted)
+
+    def prepare(self, *at: Any, painted: bool = True) -> None:
+        self.ground.prepare(*at, painted=painted)
 
 
 def overlapping_windows(pairs: int, far: int, seed: int):

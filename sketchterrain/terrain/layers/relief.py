@@ -94,7 +94,7 @@ class UnpaintedNodes:
     def prepare(
         self, level: int, corners: LatticeArray, rows: int, columns: int, *, painted: bool = True
     ) -> None:
-        """Drain what windows of one size need by their south-western nodes (n, 2)."""
+        """Drain at once what windows of a size need, by their south-western nodes (n, 2)."""
         self._ground.prepare(level, corners, rows, columns, painted=painted)
 
     @property

@@ -42,7 +42,7 @@ _MAX_QUADS = 1 << 20  # of the tiles of a launch
 _MIN_SQUARE_VERTICES = 16
 _MIN_SQUARE = 200.0  # m
 _USUAL = 0.99  # share of a tile whose error is at most its δ
-_OTHER_NODES = 0.4  # share that counts of a deviation between nodes of two levels: see `deviation_weight`
+_OTHER_NODES = 0.4  # share that counts of a deviation between nodes of two levels: see `deviation_weights`
 _WORST = 1.5  # greatest error of a sample over δ, so that errors between samples hardly exceed 2 δ
 
 
@@ -202,13 +202,12 @@ class VertexWriter:
                 at_once.run(len(selected), enqueue, on_shrink=self._release_buffers)
             ranges = self._context.download(extrema, (len(keys), strips, 4), np.float32)
             deviations = self._context.download(errors, (len(keys), strips**2), np.float32)
-            cells = self._inputs.recipe.extent * 2.0 ** -keys[:, 0].astype(np.float64) / store.quads
             facts["error"][order] = geometric_error(deviations)
             for i in np.flatnonzero([self._wide_errors.is_wide(int(level)) for level in keys[:, 0]]):
                 level, column, row = (int(number) for number in keys[i])
                 deviations = self._wide_errors.distances(level, column, row, store.heights(int(slots[i])))
                 facts["error"][i] = geometric_error(deviations[None])[0]
-            facts["error"] *= [deviation_weight(cell, self._inputs.recipe.extent) for cell in cells.tolist()]
+            facts["error"] *= deviation_weights(keys, self._inputs.recipe.extent, store.quads)
         finally:
             store.release(slots)
         if not np.isfinite(ranges[..., 2]).all():
@@ -275,13 +274,19 @@ def sample_cell(cell_size: float, extent: float) -> float:
     return 2.0 * cell_size if node_level(cell_size, extent) else max(cell_size / 4.0, FINEST_CELL)
 
 
-def deviation_weight(cell_size: float, extent: float) -> float:
-    """Return the share of a deviation that counts as the error of a tile of a cell size (m).
+def deviation_weights(keys: LatticeArray, extent: float, quads: int = QUADS) -> Float64Array:
+    """Return the shares of deviations that count as the errors of tiles (level, column, row), shape (n,).
 
-    Nodes of each level are drained by themselves: they differ by valleys that lie elsewhere, which looks no
-    worse, more than by missing detail.
+    Beyond the sketch the nodes of each level are drained by themselves. They differ less by missing detail
+    than by valleys that lie elsewhere, which looks no worse.
     """
-    return _OTHER_NODES if node_level(cell_size, extent) else 1.0
+    level, corner = keys[:, 0], keys[:, 1:]
+    coarse = np.array(
+        [node_level(extent * 2.0 ** -int(each) / quads, extent) > 0 for each in level], np.bool_
+    )
+    across = np.exp2(level.astype(np.float64))[:, None]  # tiles along the sketch
+    beyond = ((corner >= across) | (corner + 1 <= 0)).any(axis=1)
+    return np.where(coarse & beyond, _OTHER_NODES, 1.0)
 
 
 def geometric_error(deviations: Float32Array) -> Float64Array:

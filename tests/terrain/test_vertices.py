@@ -8,7 +8,7 @@ import pytest
 from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.terrain.node_raster import node_level
 from sketchterrain.terrain.surfaces import TILE_QUADS, vertex_dtype
-from sketchterrain.terrain.vertex_writer import deviation_weight, sample_cell
+from sketchterrain.terrain.vertex_writer import deviation_weights, sample_cell
 
 from .conftest import half_sums, launches, tiers
 
@@ -159,6 +159,7 @@ def test_the_error_bounds_finer_detail(valley) -> None:
     rng = np.random.default_rng(6)
     levels = [level for level in (1, 3, 4, 5, 6, 7) for _ in range(4)]
     keys = [(level, *(int(n) for n in rng.integers(0, 1 << level, 2))) for level in levels]
+    keys += [(1, -7, 3), (0, 4, -2), (-1, 3, 3)]
     within, worst = [], []
     for (level, column, row), vertex, fact in zip(keys, *written_at(valley, keys), strict=True):
         u, v = rng.uniform(0, 64, (2, 25_600))
@@ -169,7 +170,8 @@ def test_the_error_bounds_finer_detail(valley) -> None:
         flat = np.where(v > u, nw + v * (sw - nw) + u * (se - sw), nw + u * (ne - nw) + v * (se - ne))
         width = valley.extent / 2**level
         x, y = (column + (i + u) / 64) * width, (row + 1 - (j + v) / 64) * width
-        cell, weight = (of(width / 64, valley.extent) for of in (sample_cell, deviation_weight))
+        cell = sample_cell(width / 64, valley.extent)
+        (weight,) = deviation_weights(np.array([(level, column, row)]), valley.extent)
         deviation = weight * np.abs(valley.heights(x, y, cell_size=cell) - flat)
         if node_level(width / 64, valley.extent):
             finer = np.abs(valley.heights(x, y, cell_size=width / 128) - flat)
@@ -203,17 +205,17 @@ def test_the_error_is_sampled_at_every_second_quads_centre(valley, quads) -> Non
         x, y = np.meshgrid((column * quads + middle) * step, ((row + 1) * quads - middle) * step)
         z = vertex["height"]
         flat = np.float32(0.5) * (z[:-1:stride, :-1:stride] + z[1::stride, 1::stride])
-        cell, weight = (of(step, valley.extent) for of in (sample_cell, deviation_weight))
+        cell = sample_cell(step, valley.extent)
         deviation = np.sort(np.abs(valley.heights(x, y, cell_size=cell) - flat).ravel())
         usual = deviation[int(np.ceil(0.99 * deviation.size)) - 1]
-        assert fact["error"] == weight * float(max(usual, deviation[-1] / np.float32(1.5)))
+        assert fact["error"] == max(usual, deviation[-1] / np.float32(1.5))
 
 
 def test_every_level_has_an_error(valley) -> None:
     """Wide tiles from one square in them; 0 at the finest level."""
     _, facts = written_at(valley, [(level, 0, 0) for level in range(-12, 19)], [-1, *range(30)])
     assert np.isfinite(facts["error"]).all()
-    assert (facts["error"][:5] > 100 * deviation_weight(1e6, valley.extent)).all()
+    assert (facts["error"][:5] > 100).all()
     assert facts["error"][-1] == 0
     assert (facts["low"] <= facts["high"]).all()
     assert np.abs(facts["high"]).max() < 2000

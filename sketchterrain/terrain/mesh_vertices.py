@@ -25,7 +25,7 @@ from sketchterrain.terrain.mesh import (
 )
 
 TRUNK = 32  # vertices upstream from which on a valley is a trunk at the base level
-BLOCK = 96  # quads along a block of the vertex table
+BLOCK = 128  # quads along a block of the vertex table; the sketch is in the middle of one
 MARGIN = 2 * TRUNK + 12  # quads that can influence a vertex: upstream of its way down to the trunk
 _AVOIDANCE = 0.5  # share of the relief that valleys avoid
 _CEILING = 0.6  # greatest height of a vertex above the base level, over the relief upstream

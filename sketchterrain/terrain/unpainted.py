@@ -193,10 +193,11 @@ class UnpaintedGround:
         size = mesh_vertices.BLOCK
         for p, q in _blocks_of(column, row, rows, columns):
             block = self._blocks.get_or_compute((p, q), partial(self._block, p, q))
-            south, west = max(q * size, row), max(p * size, column)
-            north, east = min((q + 1) * size, row + rows), min((p + 1) * size, column + columns)
+            first_row, first_column = q * size - size // 2, p * size - size // 2
+            south, west = max(first_row, row), max(first_column, column)
+            north, east = min(first_row + size, row + rows), min(first_column + size, column + columns)
             into = np.s_[south - row : north - row, west - column : east - column]
-            out = np.s_[south - q * size : north - q * size, west - p * size : east - p * size]
+            out = np.s_[south - first_row : north - first_row, west - first_column : east - first_column]
             for target, source in zip((height, receiver, upstream, relief), block, strict=True):
                 target[into] = source[out]
         sites = relief_fields.site_relief(self.fields, column, row, x, y)
@@ -206,7 +207,7 @@ class UnpaintedGround:
     def _block(self, column: int, row: int) -> tuple[Float64Array, Int64Array, Int64Array, Float64Array]:
         """Return heights, receivers, numbers upstream and relief of the vertices of a block."""
         size, margin = mesh_vertices.BLOCK, mesh_vertices.MARGIN
-        first = column * size - margin, row * size - margin
+        first = column * size - size // 2 - margin, row * size - size // 2 - margin
         count = size + 2 * margin
         x, y, diagonal = meshes.lattice_sites(self.mesh, *first, count, count)
         centre, probe = mesh_vertices.vertices(self.mesh, *first, x, y, diagonal)
@@ -337,8 +338,8 @@ def _blocks_of(column: int, row: int, rows: int, columns: int) -> list[tuple[int
     size = mesh_vertices.BLOCK
     return [
         (p, q)
-        for q in range(row // size, (row + rows - 1) // size + 1)
-        for p in range(column // size, (column + columns - 1) // size + 1)
+        for q in range((row + size // 2) // size, (row + rows - 1 + size // 2) // size + 1)
+        for p in range((column + size // 2) // size, (column + columns - 1 + size // 2) // size + 1)
     ]
 
 

@@ -33,6 +33,7 @@ def manifest(folder: Path) -> Any:
     return json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
 
 
+@pytest.mark.slow
 def test_files_equal_those_of_generate(call, sketch, tmp_path):
     done = call("batch", sketch, "-o", tmp_path / "all", "--seeds", "3,1-2", *QUICK)
     assert (done.code, done.err.count("\n")) == (0, 3)
@@ -48,6 +49,7 @@ def test_files_equal_those_of_generate(call, sketch, tmp_path):
     assert data["items"][0]["timings"]["ground"] > 0
 
 
+@pytest.mark.slow
 def test_swept_settings_change_the_terrain(call, sketch, tmp_path):
     swept = ("--set", "mountain.1.height=100,300", "--set", "fidelity=1")
     assert call("batch", sketch, "-o", tmp_path, *swept, *QUICK).code == 0

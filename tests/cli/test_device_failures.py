@@ -125,7 +125,8 @@ def test_without_another_device_nothing_is_written(call, tiny, tmp_path, monkeyp
 
 
 @two_devices
-@pytest.mark.parametrize("foliage", [pytest.param("none", marks=pytest.mark.slow), "csv"])
+@pytest.mark.slow
+@pytest.mark.parametrize("foliage", ["none", "csv"])
 def test_nonfinite_values_restart_on_another_device(call, tiny, tmp_path, monkeypatch, foliage):
     real = ComputeContext.download_into
 
@@ -180,6 +181,7 @@ def test_exhausted_device_memory_is_an_error(call, tiny, tmp_path, monkeypatch):
     assert list((tmp_path / "out").iterdir()) == []
 
 
+@pytest.mark.slow
 def test_other_bits_print_a_note(call, tiny, tmp_path, monkeypatch):
     verdict = Verdict("other", "wrong in inverse_sqrt")
     monkeypatch.setattr(sketchterrain.app.export, "self_test", lambda device, *, compare: verdict)

@@ -59,7 +59,7 @@ SCENES = {
 }
 
 
-DEFAULT = ("desert_mountains-air", "rolling_hills-air", "valley_river-air")
+DEFAULT = ("desert_mountains-air", "valley_river-air")
 """Scenes of the default tier, which are cheap under an overcast sky."""
 
 

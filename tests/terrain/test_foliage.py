@@ -337,20 +337,20 @@ def test_invalid_areas_and_storeys_are_errors(valley, monkeypatch) -> None:
     assert len(next(pieces)) > 1000
 
 
-def test_a_forest_of_one_pixel_in_a_sketch_of_any_size(context) -> None:
+@tiers("extent", [4096.0], [1.0, 1e6])
+def test_a_forest_of_one_pixel_in_a_sketch_of_any_size(context, extent) -> None:
     """A pixel of 3 cm, of 128 m, of 31 km; lattice units from a fraction of a micrometre to 6 cm."""
     forest = np.zeros((32, 32), np.uint8)
     forest[16, 16] = 1
-    for extent in (1.0, 4096.0, 1e6):
-        sketch = Sketch(extent=extent, layers={"forest": forest}, density={"forest": 0.0})
-        terrain = build(sketch, device=context)
-        middle = extent * 16.5 / 32
-        for storey, half in (("woody", min(500.0, 250.0 * extent)), ("grass", min(20.0, 10.0 * extent))):
-            area = (middle - half, middle - half, middle + half, middle + half)
-            plants = terrain.foliage(*area, storey=storey)
-            assert len(plants) > 10, (extent, storey)
-            assert (np.abs(plants["x"] - middle) <= half + metres_per_unit(extent)).all()
-        assert terrain.foliage(middle, middle, middle, middle).size == 0
+    sketch = Sketch(extent=extent, layers={"forest": forest}, density={"forest": 0.0})
+    terrain = build(sketch, device=context)
+    middle = extent * 16.5 / 32
+    for storey, half in (("woody", min(500.0, 250.0 * extent)), ("grass", min(20.0, 10.0 * extent))):
+        area = (middle - half, middle - half, middle + half, middle + half)
+        plants = terrain.foliage(*area, storey=storey)
+        assert len(plants) > 10, storey
+        assert (np.abs(plants["x"] - middle) <= half + metres_per_unit(extent)).all()
+    assert terrain.foliage(middle, middle, middle, middle).size == 0
 
 
 def test_a_sparse_forest_is_as_even_as_a_dense_one(make_recipe, context) -> None:

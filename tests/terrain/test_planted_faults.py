@@ -55,7 +55,7 @@ class Part:
 _WITHOUT_EFFECT = ("id", "label", "area")
 """Fields of items that name them, or that are only exported."""
 
-_SHARES = 10  # of the parts, one of them in the default tier
+_SHARES = 20  # of the parts, one of them in the default tier
 _DERIVED = ("extent", "size", "near", "conifers")
 """Fields of the fill that say what is kept in memory, or that its rules have, too."""
 

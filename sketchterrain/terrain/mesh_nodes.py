@@ -182,6 +182,7 @@ def drain_cell(cells, number, coarser, corner, cell, rounds):
 
     Parameters
     ----------
+    cells, number : rasters of the level, and the cell's number in them
     coarser : drained heights (m) of the next coarser level, NaN outside of the cell; empty at the first one
     corner : row and column of its first node, in nodes of that level
     cell : spacing of level 0, m

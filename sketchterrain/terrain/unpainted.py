@@ -28,6 +28,7 @@ from sketchterrain.terrain.mesh import SIDE, SITE_BITS, MeshTable
 from sketchterrain.terrain.mesh_nodes import CellNodes
 from sketchterrain.terrain.relief_fields import UnpaintedSettings
 
+_Block = tuple[Float64Array, Int64Array, Int64Array, Float64Array]
 Site = tuple[int, int]  # column and row of a site of the mesh
 
 LEVELS = 4
@@ -130,20 +131,9 @@ class UnpaintedGround:
             sites = (self._sites(*at, painted) for at in windows)
             self._drained(level, list(dict.fromkeys(chain.from_iterable(sites))))
 
-    def _prepare_blocks(self, column: int, row: int, rows: int, columns: int) -> None:
-        """Compute the blocks of a rectangle of quads on all threads; not to be called on one of them."""
-        missing = [at for at in _blocks_of(column, row, rows, columns) if self._blocks.get(at) is None]
-        if self._executor is not None and len(missing) > 1:
-            for at, block in zip(
-                missing, self._executor.map(lambda at: self._block(*at), missing), strict=True
-            ):
-                self._blocks.store(at, block)
-
     def _sites(self, level: int, column: int, row: int, rows: int, columns: int, painted: bool) -> list[Site]:
         """Return the sites of the cells that may have nodes in a window."""
-        quads = mesh_nodes.quads_of_nodes(level, column, row, rows, columns)
-        self._prepare_blocks(*quads)
-        table = self.table(*quads)
+        table = self._table_of_nodes(level, column, row, rows, columns)
         west, south, east, north = np.moveaxis(self._bounds(level, table)[1:, 1:], -1, 0)
         near = (west < column + columns) & (south < row + rows) & (east >= column) & (north >= row)
         sites = [(table.column + 1 + i, table.row + 1 + j) for j, i in np.argwhere(near).tolist()]
@@ -177,13 +167,19 @@ class UnpaintedGround:
         if level >= _MESH_LEVELS:
             height, share = relief_fields.mean_ground(self.mesh, self.fields, *at)
         else:
-            quads = mesh_nodes.quads_of_nodes(*at)
-            self._prepare_blocks(*quads)
-            table = self.table(*quads)
+            table = self._table_of_nodes(*at)
             height = mesh_nodes.mesh_heights(self.mesh, table, *at, self._passes, _CREST)
             _, share = relief_fields.relief_raster(self.fields, *at)
         share = share.astype(np.float32)
         return Nodes(height, share, area, wetness.mean_wetness(share))
+
+    def _table_of_nodes(self, *window: int) -> MeshTable:
+        """Return sites and vertices around a window of nodes, from all threads; not to be called on one."""
+        quads = mesh_nodes.quads_of_nodes(*window)
+        missing = [at for at in _blocks_of(*quads) if at not in self._blocks]
+        if self._executor is not None and len(missing) > 1:
+            list(self._executor.map(self._cached_block, missing))
+        return self.table(*quads)
 
     def table(self, column: int, row: int, rows: int, columns: int) -> MeshTable:
         """Return sites and vertices of a rectangle of quads."""
@@ -191,9 +187,9 @@ class UnpaintedGround:
         height, relief = np.empty((2, rows, columns, 2))
         receiver, upstream = np.empty((2, rows, columns, 2), np.int64)
         size = mesh_vertices.BLOCK
-        for p, q in _blocks_of(column, row, rows, columns):
-            block = self._blocks.get_or_compute((p, q), partial(self._block, p, q))
-            first_row, first_column = q * size - size // 2, p * size - size // 2
+        for at in _blocks_of(column, row, rows, columns):
+            block = self._cached_block(at)
+            first_column, first_row = _first_quad(at)
             south, west = max(first_row, row), max(first_column, column)
             north, east = min(first_row + size, row + rows), min(first_column + size, column + columns)
             into = np.s_[south - row : north - row, west - column : east - column]
@@ -204,10 +200,14 @@ class UnpaintedGround:
         low = mesh_vertices.lowest_around_sites(diagonal, height)
         return MeshTable(column, row, x, y, diagonal, height, receiver, upstream, relief, sites, low)
 
-    def _block(self, column: int, row: int) -> tuple[Float64Array, Int64Array, Int64Array, Float64Array]:
+    def _cached_block(self, at: tuple[int, int]) -> _Block:
+        return self._blocks.get_or_compute(at, partial(self._block, at))
+
+    def _block(self, at: tuple[int, int]) -> _Block:
         """Return heights, receivers, numbers upstream and relief of the vertices of a block."""
         size, margin = mesh_vertices.BLOCK, mesh_vertices.MARGIN
-        first = column * size - size // 2 - margin, row * size - size // 2 - margin
+        column, row = _first_quad(at)
+        first = column - margin, row - margin
         count = size + 2 * margin
         x, y, diagonal = meshes.lattice_sites(self.mesh, *first, count, count)
         centre, probe = mesh_vertices.vertices(self.mesh, *first, x, y, diagonal)
@@ -335,12 +335,17 @@ class UnpaintedGround:
 
 def _blocks_of(column: int, row: int, rows: int, columns: int) -> list[tuple[int, int]]:
     """Return columns and rows of the blocks of vertices in a rectangle of quads."""
-    size = mesh_vertices.BLOCK
-    return [
-        (p, q)
-        for q in range((row + size // 2) // size, (row + rows - 1 + size // 2) // size + 1)
-        for p in range((column + size // 2) // size, (column + columns - 1 + size // 2) // size + 1)
-    ]
+    (west, south), (east, north) = (
+        [(quad + mesh_vertices.BLOCK // 2) // mesh_vertices.BLOCK for quad in corner]
+        for corner in ((column, row), (column + columns - 1, row + rows - 1))
+    )
+    return [(p, q) for q in range(south, north + 1) for p in range(west, east + 1)]
+
+
+def _first_quad(block: tuple[int, int]) -> tuple[int, int]:
+    """Return column and row of the first quad of a block, by its column and row."""
+    column, row = (number * mesh_vertices.BLOCK - mesh_vertices.BLOCK // 2 for number in block)
+    return column, row
 
 
 @cache

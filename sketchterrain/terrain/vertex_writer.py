@@ -50,8 +50,8 @@ class WideTileErrors:
     """Deviation of finer detail from wide tiles, at 32 × 32 samples of a square of at most 17 km.
 
     The square holds the tile's highest painted feature. Unpainted terrain is much the same everywhere, so one
-    square beside the sketch gives the detail that a level omits of it. ``heights`` evaluates patches,
-    (patches, side, side). Detail is that of a tile as wide as the square.
+    square beside the sketch gives the detail that a level omits of it. The samples have the cell size of a
+    tile as wide as the square, so they are finer. ``heights`` evaluates patches, (patches, side, side).
     """
 
     def __init__(self, recipe: TerrainRecipe, heights: Callable[[Patches], Float32Array]) -> None:
@@ -203,11 +203,11 @@ class VertexWriter:
             ranges = self._context.download(extrema, (len(keys), strips, 4), np.float32)
             deviations = self._context.download(errors, (len(keys), strips**2), np.float32)
             facts["error"][order] = geometric_error(deviations)
+            facts["error"] *= deviation_weights(keys, self._inputs.recipe.extent, store.quads)
             for i in np.flatnonzero([self._wide_errors.is_wide(int(level)) for level in keys[:, 0]]):
                 level, column, row = (int(number) for number in keys[i])
                 deviations = self._wide_errors.distances(level, column, row, store.heights(int(slots[i])))
                 facts["error"][i] = geometric_error(deviations[None])[0]
-            facts["error"] *= deviation_weights(keys, self._inputs.recipe.extent, store.quads)
         finally:
             store.release(slots)
         if not np.isfinite(ranges[..., 2]).all():

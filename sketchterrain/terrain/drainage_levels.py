@@ -86,7 +86,11 @@ def pack(fields, topology, coarse, packed_fields, packed_topology):
 def ramps(base, repose, domain, spacing):
     """Return heights from which the ground falls away from outlets at a share of repose."""
     rows, columns = base.shape
-    least = np.where(np.isnan(base), -np.inf, base)
+    least = base.copy()
+    for i in range(rows):
+        for j in range(columns):
+            if base[i, j] != base[i, j]:
+                least[i, j] = -np.inf
     for sweep in range(2 * RAMP_SWEEPS):
         back = sweep % 2
         for p in range(rows):

@@ -69,7 +69,8 @@ def route(topology, fields, state, geometry):
     kinds, forced = topology
     height, area, receiver, order, donors, _, previous = state
     width = geometry[0]
-    previous[:] = height
+    for at in range(height.size):
+        previous[at] = height[at]
     _find_lowest(height.reshape(-1, width), receiver.reshape(-1, width))
     roots = _apply_courses(kinds, forced, receiver, donors, order)
     if roots:
@@ -393,7 +394,8 @@ def _release(root, height, kinds, forced, steps, receiver):
 @_compiled
 def _accumulate(kinds, rain, receiver, donors, area, order):
     """Sum drainage areas; write nodes in an order in which donors come before their receivers."""
-    area[:] = rain
+    for at in range(area.size):
+        area[at] = rain[at]
     count = 0
     for start in range(kinds.size):
         if kinds[start] == OUTSIDE or donors[start] != 0:

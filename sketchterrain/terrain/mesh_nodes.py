@@ -91,7 +91,8 @@ def cell_bounds(table):
                             b = 0.5 * (y[own] + y[k]) if k != own else (y[0] + y[1] + y[2]) / 3.0
                             west, east = min(west, a), max(east, a)
                             south, north = min(south, b), max(north, b)
-            bounds[j, i] = west - WARP, south - WARP, east + WARP, north + WARP
+            bounds[j, i, 0], bounds[j, i, 1] = west - WARP, south - WARP
+            bounds[j, i, 2], bounds[j, i, 3] = east + WARP, north + WARP
     return bounds
 
 
@@ -190,30 +191,35 @@ def drain_cell(cells, number, coarser, corner, cell, rounds):
     """
     south, west, north, east = cells.boxes[number]
     part = slice(south, north), slice(west, east)
-    domain = cells.owner[part] == number
-    rows, columns = domain.shape
+    rows, columns = north - south, east - west
+    shape = rows, columns
+    domain, base = np.empty(shape, np.bool_), np.full(shape, np.nan)
+    for i in range(rows):
+        for j in range(columns):
+            domain[i, j] = cells.owner[south + i, west + j] == number
+            if domain[i, j]:
+                base[i, j] = cells.base[south + i, west + j]
     size = (rows + 2) * (columns + 2)
     spacing = cell * 2.0**cells.level
     kinds, forced = np.zeros(size, np.int8), np.full(size, -1, np.int32)
-    uplift, repose, rain = np.zeros(size), np.zeros(size), np.zeros(size)
+    uplift, repose, rains = np.zeros(size), np.zeros(size), np.zeros(size)
     state = new_state(size)
-    base = np.where(domain, cells.base[part], np.nan)
+    rain, free = np.full(shape, spacing * spacing), np.full(shape, -1, np.int32)
     pack(
-        (cells.uplift[part], cells.repose[part], np.full(domain.shape, spacing * spacing), base),
-        (domain, np.full(domain.shape, -1, np.int32), (cells.row + south, cells.column + west), cells.level),
+        (cells.uplift[part].copy(), cells.repose[part].copy(), rain, base),
+        (domain, free, (cells.row + south, cells.column + west), cells.level),
         (coarser, corner, spacing, np.empty((0, 0))),
-        (uplift, repose, rain, state[0]),
+        (uplift, repose, rains, state[0]),
         (kinds, forced),
     )
-    fields = uplift, repose, rain, np.full(size, -np.inf), np.zeros(size)
+    fields = uplift, repose, rains, np.full(size, -np.inf), np.zeros(size)
     topology, geometry = (kinds, forced), (columns + 2, spacing, 1.0 / (cell * cell))
-    if coarser.size == 0:
-        own = uplift.copy()
-        uplift[:] = FIRST_UPLIFT
-        run(topology, fields, state, geometry, FIRST_ROUNDS)
-        uplift[:] = own
-    run(topology, fields, state, geometry, rounds)
-    height, area = np.full(domain.shape, np.nan), np.zeros(domain.shape)
+    own = uplift.copy()
+    for turn in range(0 if coarser.size == 0 else 1, 2):
+        for at in range(size):
+            uplift[at] = FIRST_UPLIFT if turn == 0 else own[at]
+        run(topology, fields, state, geometry, FIRST_ROUNDS if turn == 0 else rounds)
+    height, area = np.full(shape, np.nan), np.zeros(shape)
     for i in range(rows):
         for j in range(columns):
             if domain[i, j]:

@@ -101,7 +101,7 @@ def receivers(mesh, diagonal, probe, relief):
 
 
 @_compiled
-def vertex_heights(mesh, diagonal, centre, level, receiver, relief, power):
+def vertex_heights(mesh, diagonal, centre, level, order, receiver, relief, power):
     """Return heights by stream power from the trunk upwards, and numbers of vertices upstream.
 
     Where a valley crosses a range that is higher than what drains through it, it is a gorge: no vertex stands
@@ -109,10 +109,10 @@ def vertex_heights(mesh, diagonal, centre, level, receiver, relief, power):
 
     Parameters
     ----------
+    order : flat indices of vertices, from the highest level down
     power : uplift over relief (1/m), greatest slope, metres in a mesh unit
     """
     columns = diagonal.shape[1]
-    order = np.argsort(-level.ravel(), kind="mergesort")
     upstream = np.ones(order.size, np.int64)
     below = np.full(order.size, -1, np.int64)
     length = np.zeros(order.size)

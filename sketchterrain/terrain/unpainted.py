@@ -214,7 +214,8 @@ class UnpaintedGround:
         relief = relief_fields.vertex_relief(self.fields, centre)
         level, course = mesh_vertices.receivers(self.mesh, diagonal, probe, relief)
         power = self.fields.per_relief, _SLOPE_CAP, self.settings.spacing / SIDE
-        vertices = diagonal, centre, level, course, relief, power
+        order = np.argsort(-level.ravel(), kind="stable")
+        vertices = diagonal, centre, level, order, course, relief, power
         height, upstream = mesh_vertices.vertex_heights(self.mesh, *vertices)
         # Captures reach less far than what drains through a vertex.
         reach = mesh_vertices.CAPTURES + 1

@@ -1,6 +1,7 @@
 """Compiled rounds of the drainage solver: routing, drainage areas, and heights.
 
 Nodes are flat indices of rasters with a margin of one node outside of the domain, where heights are infinite.
+Loops stand instead of array expressions, which take numba seconds to compile.
 """
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators, disable-error-code=assignment
 

@@ -1,4 +1,7 @@
-"""Mesh cells on the raster of nodes: owners of nodes, heights of borders, draining and copying of cells."""
+"""Mesh cells on the raster of nodes: owners of nodes, heights of borders, draining and copying of cells.
+
+Loops stand instead of array expressions, which take numba seconds to compile.
+"""
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
 
 from typing import NamedTuple
@@ -214,11 +217,10 @@ def drain_cell(cells, number, coarser, corner, cell, rounds):
     )
     fields = uplift, repose, rains, np.full(size, -np.inf), np.zeros(size)
     topology, geometry = (kinds, forced), (columns + 2, spacing, 1.0 / (cell * cell))
-    own = uplift.copy()
-    for turn in range(0 if coarser.size == 0 else 1, 2):
-        for at in range(size):
-            uplift[at] = FIRST_UPLIFT if turn == 0 else own[at]
-        run(topology, fields, state, geometry, FIRST_ROUNDS if turn == 0 else rounds)
+    if coarser.size == 0:
+        even = np.full(size, FIRST_UPLIFT), *fields[1:]
+        run(topology, even, state, geometry, np.int64(FIRST_ROUNDS))  # a literal would be compiled anew
+    run(topology, fields, state, geometry, rounds)
     height, area = np.full(shape, np.nan), np.zeros(shape)
     for i in range(rows):
         for j in range(columns):
